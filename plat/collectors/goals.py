@@ -1,0 +1,59 @@
+"""Privileged goal sequences, gathered when a batch is drawn."""
+
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.envs import Transform
+
+from plat.envs.goals import robot_centric_goal
+from plat.envs.motions.library import MotionLibrary
+
+__all__ = ["PrivilegedGoals", "strided_offsets"]
+
+
+class PrivilegedGoals(Transform):
+    """Adds the dense way to the goal ``G = {g_t .. g_{t+Delta}}``, every frame in the robot's **current** root frame.
+
+    A rollout or buffer holds only where to look: ``("motion", "frame")`` ``[B]``, ``("command", "steps_left")``
+    ``[B, 1]``, ``("state", "root_pos_w")`` and ``("state", "root_quat_w")``. Used as the transform of a replay
+    buffer, this fills in ``("privileged_goal", "frames")`` ``[B, L, F]``, padded with the last frame, and
+    ``("privileged_goal", "length")`` ``[B]``. The last frame of each sequence is the commanded keyframe itself.
+
+    Args:
+        library: motions.
+        stride: keep every ``stride``-th frame, and the last.
+    """
+
+    def __init__(self, library: MotionLibrary, stride: int = 1):
+        super().__init__()
+        if stride < 1:
+            raise ValueError(f"stride: {stride}, expected at least 1")
+        self._library = library
+        self._stride = stride
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Fill in the sequences of a batch ``[B]``."""
+        offset, length = strided_offsets(tensordict["command", "steps_left"].flatten(), self._stride)
+        target = self._library.poses(tensordict["motion", "frame"][:, None] + offset)
+        goal = robot_centric_goal(target, tensordict["state", "root_pos_w"], tensordict["state", "root_quat_w"])
+        tensordict["privileged_goal", "frames"] = torch.cat(list(goal.values()), -1)
+        tensordict["privileged_goal", "length"] = length
+        return tensordict
+
+
+def strided_offsets(steps: Tensor, stride: int) -> tuple[Tensor, Tensor]:
+    """Frames ``0, stride, 2 stride .. steps`` of each sequence, the last one always among them.
+
+    Args:
+        steps: ``Delta`` ``[B]``.
+
+    Returns:
+        Offsets ``[B, L]``, padded with ``Delta``, and the number of frames of each sequence ``[B]``.
+
+    >>> offsets, length = strided_offsets(torch.tensor([7, 1]), stride=3)
+    >>> offsets.tolist(), length.tolist()
+    ([[0, 3, 6, 7], [0, 1, 1, 1]], [4, 2])
+    """
+    length = torch.div(steps + stride - 1, stride, rounding_mode="floor") + 1
+    offset = stride * torch.arange(int(length.max()), device=steps.device)
+    return offset.expand(len(steps), -1).minimum(steps[:, None]), length

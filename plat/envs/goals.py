@@ -1,0 +1,47 @@
+"""A target pose as the robot sees it: the goal ``g`` of the paper, in the robot's root frame."""
+
+from tensordict import TensorDictBase
+from torch import Tensor
+
+from plat.rotations import matrix_to_sixd, quat_to_matrix
+
+__all__ = ["robot_centric_goal"]
+
+
+def robot_centric_goal(target: TensorDictBase, root_pos_w: Tensor, root_quat_w: Tensor) -> dict[str, Tensor]:
+    """Express target poses in the frame of the robot's root.
+
+    Moving and turning target and robot together changes nothing.
+
+    Args:
+        target: poses ``[*B]`` or ``[*B, L]`` as :meth:`plat.envs.MotionLibrary.poses` gives them.
+        root_pos_w: position of the robot's root ``[*B, 3]`` (m, world).
+        root_quat_w: its orientation ``[*B, 4]``, root to world.
+
+    Returns:
+        ``joint_pos`` ``[..., J]``: target angles (rad); ``root_pos_b`` ``[..., 3]``: from the robot's root to the
+        target's (m, root frame); ``root_rot6d_b`` ``[..., 6]``: orientation of the target's root in the robot's;
+        ``keypoint_pos_b`` ``[..., 3 K]``: from the robot's root to the target's keypoints (m, root frame).
+
+    Source: the paper's observation ``g``; the 6D rotation is that of arXiv 1812.07035.
+
+    >>> from plat.envs.motions import MotionLibrary, generate_motions
+    >>> library = MotionLibrary.from_clips(generate_motions("train", seconds=8))
+    >>> now, soon = library.poses(torch.tensor([0])), library.poses(torch.tensor([25]))
+    >>> goal = robot_centric_goal(soon, now["keypoint_pos"][:, 0], now["keypoint_quat"][:, 0])
+    >>> {key: tuple(value.shape) for key, value in goal.items()}
+    {'joint_pos': (1, 29), 'root_pos_b': (1, 3), 'root_rot6d_b': (1, 6), 'keypoint_pos_b': (1, 42)}
+    """
+    extra = target.ndim - (root_pos_w.ndim - 1)
+    root_to_world = quat_to_matrix(root_quat_w)
+    for _ in range(extra):
+        root_pos_w, root_to_world = root_pos_w.unsqueeze(-2), root_to_world.unsqueeze(-3)
+    # a row vector times the matrix is the inverse rotation: from the world into the root frame
+    keypoint_pos_b = (target["keypoint_pos"] - root_pos_w.unsqueeze(-2)) @ root_to_world
+    target_to_world = quat_to_matrix(target["keypoint_quat"][..., 0, :])
+    return {
+        "joint_pos": target["joint_pos"],
+        "root_pos_b": keypoint_pos_b[..., 0, :],
+        "root_rot6d_b": matrix_to_sixd(root_to_world.transpose(-1, -2) @ target_to_world),
+        "keypoint_pos_b": keypoint_pos_b.flatten(-2),
+    }

@@ -1,0 +1,199 @@
+"""The timed keyframe task for users of gymnasium.
+
+>>> import gymnasium
+>>> env = gymnasium.make("plat/G1TimedKeyframe-v0")
+>>> observation, info = env.reset(seed=0)
+>>> observation.shape
+(177,)
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import gymnasium
+import numpy as np
+import torch
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from tensordict import TensorDictBase
+
+from plat.envs.layout import COMMAND_KEYS, ROBOT_KEYS, goal_keys, observation_size
+from plat.envs.motions.library import MotionLibrary
+from plat.envs.tasks import TaskConfig, make_keyframe_env
+from plat.envs.transforms import HORIZONS
+
+__all__ = ["G1TimedKeyframeEnv", "G1TimedKeyframeVectorEnv"]
+
+_KEYS = ROBOT_KEYS + goal_keys() + COMMAND_KEYS
+# A target this many units of action away asks for several times a motor's torque; nothing beyond it makes sense.
+_ACTION_BOUND = 20.0
+
+
+class _Task:
+    """The TorchRL environment behind both gymnasium ones, with random numbers of its own."""
+
+    def __init__(self, num_envs: int, motions: str | Sequence[str], horizon: str, task: TaskConfig | None, device: str):
+        library = MotionLibrary.load(motions)
+        self.env = make_keyframe_env(library, num_envs, task, horizon=HORIZONS[horizon], device=device)
+        self.robot = library.robot
+        size = observation_size(_KEYS, self.robot)
+        self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float32)
+        bound = np.full(self.robot.num_joints, _ACTION_BOUND, np.float32)
+        self.action_space = gymnasium.spaces.Box(-bound, bound)
+        self._random_state = torch.random.get_rng_state()
+        self.current: TensorDictBase = self.env.reset()
+        """Entries that the next step begins from."""
+
+    @contextmanager
+    def _own_randomness(self, seed: int | None = None) -> Iterator[None]:
+        # transforms draw from torch's global generator: its state is swapped, so that seeding this environment
+        # neither disturbs nor depends on what its user draws
+        outside = torch.random.get_rng_state()
+        torch.random.set_rng_state(self._random_state)
+        if seed is not None:
+            torch.manual_seed(seed)
+        try:
+            yield
+        finally:
+            self._random_state = torch.random.get_rng_state()
+            torch.random.set_rng_state(outside)
+
+    def reset(self, seed: int | None) -> np.ndarray:
+        with self._own_randomness(seed):
+            self.current = self.env.reset()
+        return _flat(self.current)
+
+    def step(self, actions: np.ndarray, auto_reset: bool) -> tuple[TensorDictBase, TensorDictBase]:
+        """Entries after the step, and those that the next step begins from."""
+        clipped = np.clip(actions, -_ACTION_BOUND, _ACTION_BOUND).astype(np.float32)
+        with self._own_randomness():
+            self.current["action"] = torch.from_numpy(clipped).to(self.env.device)
+            if auto_reset:
+                stepped, self.current = self.env.step_and_maybe_reset(self.current)
+            else:
+                stepped = self.env.step(self.current)
+                self.current = stepped["next"].exclude("reward")
+        return stepped["next"], self.current
+
+
+class G1TimedKeyframeEnv(gymnasium.Env):
+    """One G1 that is told future keyframes and when to be there.
+
+    The observation ``[177]`` is the robot's state, the keyframe in its frame and the normalised horizon, in the order
+    of ``ROBOT_KEYS + goal_keys() + COMMAND_KEYS``; the action ``[29]`` offsets the joint targets from the default pose
+    in units of the action scale.
+
+    Args:
+        motions: motion files, folders or globs, or ``"generated:train"``.
+        horizon: lengths of the commands: a key of :data:`plat.envs.transforms.HORIZONS`.
+        task: rewards, terminations, noise.
+        render_mode: ``"rgb_array"`` for pictures by :meth:`render`.
+        device: where tensors live.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 50}
+
+    def __init__(
+        self,
+        motions: str | Sequence[str] = "generated:train",
+        horizon: str = "mixed",
+        task: TaskConfig | None = None,
+        render_mode: str | None = None,
+        device: str = "cpu",
+    ):
+        self._task = _Task(1, motions, horizon, task, device)
+        self.observation_space = self._task.observation_space
+        self.action_space = self._task.action_space
+        self.render_mode = render_mode
+        self._stage: Any = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Start somewhere in some motion."""
+        super().reset(seed=seed)
+        return self._task.reset(seed)[0], {}
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Hold the joint targets for one control step (20 ms)."""
+        after, _ = self._task.step(np.asarray(action)[None], auto_reset=False)
+        flags = (bool(after[key]) for key in ("terminated", "truncated"))
+        return _flat(after)[0], float(after["reward"]), *flags, {}
+
+    def render(self) -> np.ndarray | None:
+        """Picture of the robot and the ghost of its keyframe."""
+        if self.render_mode is None:
+            return None
+        from plat.rendering import Stage  # needs OpenGL, which training does not
+
+        if self._stage is None:
+            self._stage = Stage(self._task.robot)
+        base = self._task.env.base_env
+        target = base.library.poses(self._task.current["command", "target_frame"])[0]
+        ghost = torch.cat((target["keypoint_pos"][0], target["keypoint_quat"][0], target["joint_pos"]))
+        return self._stage.draw(base.physics.read("qpos")[0].cpu().numpy(), ghost.cpu().numpy())
+
+    def close(self) -> None:
+        """Give threads and graphics back."""
+        if self._stage is not None:
+            self._stage.close()
+            self._stage = None
+
+
+class G1TimedKeyframeVectorEnv(VectorEnv):
+    """Many G1s in one batch; finished ones start again within the same step (``AutoresetMode.SAME_STEP``).
+
+    Args:
+        num_envs: number of robots.
+        motions, horizon, task, device: as for :class:`G1TimedKeyframeEnv`.
+
+    >>> env = gymnasium.make_vec("plat/G1TimedKeyframe-v0", num_envs=4)
+    >>> env.reset(seed=0)[0].shape
+    (4, 177)
+    """
+
+    metadata = {"autoreset_mode": AutoresetMode.SAME_STEP}
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        motions: str | Sequence[str] = "generated:train",
+        horizon: str = "mixed",
+        task: TaskConfig | None = None,
+        device: str = "cpu",
+        **_: Any,
+    ):
+        self._task = _Task(num_envs, motions, horizon, task, device)
+        self.num_envs = num_envs
+        self.single_observation_space = self._task.observation_space
+        self.single_action_space = self._task.action_space
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Start every robot somewhere in some motion."""
+        super().reset(seed=seed)
+        return self._task.reset(seed), {}
+
+    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Hold the joint targets for one control step (20 ms)."""
+        after, following = self._task.step(actions, auto_reset=True)
+        reward, terminated, truncated = (
+            after[key][:, 0].cpu().numpy() for key in ("reward", "terminated", "truncated")
+        )
+        done = terminated | truncated
+        info: dict[str, Any] = {}
+        if done.any():
+            final = np.empty(self.num_envs, object)
+            observations = _flat(after)
+            for index in done.nonzero()[0]:
+                final[index] = observations[index]
+            info = {"final_obs": final, "_final_obs": done}
+        return _flat(following), reward.astype(np.float64), terminated, truncated, info
+
+
+def _flat(tensordict: TensorDictBase) -> np.ndarray:
+    return torch.cat([tensordict[key] for key in _KEYS], -1).cpu().numpy()

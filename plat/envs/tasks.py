@@ -1,0 +1,180 @@
+"""Environments put together: dense tracking (stage 1) and sparse timed keyframes (stages 2 and 3)."""
+
+from dataclasses import dataclass, field
+
+import torch
+from torchrl.envs import Compose, ExcludeTransform, Transform, TransformedEnv
+
+from plat.envs.motions.library import MotionLibrary
+from plat.envs.robot import FootContacts
+from plat.envs.tracking import MotionTrackingEnv, ResetNoise
+from plat.envs.transforms import (
+    HORIZONS,
+    DenseGoal,
+    DenseRewards,
+    DenseTrackingReward,
+    DomainRandomization,
+    FailureWeightedStarts,
+    Horizon,
+    KeyframeClock,
+    KeyframeCommand,
+    KeyframeReward,
+    KeyframeRewards,
+    KeyframeTermination,
+    NoiseLevels,
+    ObservationNoise,
+    PrivilegedState,
+    RandomizationRanges,
+    ReferenceMotion,
+    Regularisation,
+    RegularisationReward,
+    TerminationLimits,
+    TrackingTermination,
+)
+
+__all__ = ["TaskConfig", "make_keyframe_env", "make_tracking_env"]
+
+# What the policy, the critic or a collector may read. The rest is there for other transforms only; storing it would
+# fill most of a rollout.
+_KEPT_GROUPS = ("robot", "goal", "dense_goal", "command", "privileged", "motion")
+_KEPT_STATE = (("state", "root_pos_w"), ("state", "root_quat_w"))
+
+
+@dataclass(frozen=True)
+class TaskConfig:
+    """Everything about a training environment that is not its motions or its size."""
+
+    decimation: int = 4
+    """physics steps a control step"""
+    feet: FootContacts = "spheres"
+    """contact geometry of the soles"""
+    reset_noise: ResetNoise | None = field(default_factory=ResetNoise)
+    """noise on the starting state"""
+    dense: DenseRewards = DenseRewards()
+    """terms of the dense reward"""
+    sparse: KeyframeRewards = KeyframeRewards()
+    """terms of the keyframe reward"""
+    regularisation: Regularisation = Regularisation()
+    """penalties"""
+    dense_weight: float = 1.0
+    """factor on the dense reward, w_dense"""
+    sparse_weight: float = 5.0
+    """factor on the keyframe reward, w_sparse"""
+    regularisation_weight: float = 1.0
+    """factor on the penalties, w_reg"""
+    limits: TerminationLimits = TerminationLimits()
+    """when an episode has failed"""
+    uniform_starts: float = 0.5
+    """share of the episodes that start anywhere; the others start where failures are"""
+    noise: NoiseLevels | None = None
+    """observation noise; None switches it off"""
+    randomization: RandomizationRanges | None = None
+    """domain randomisation; None switches it off"""
+
+
+def _assemble(
+    env: MotionTrackingEnv, config: TaskConfig, task: list[Transform], after: list[Transform]
+) -> TransformedEnv:
+    transforms: list[Transform] = [ReferenceMotion(env.library), *task]
+    transforms.append(
+        FailureWeightedStarts(
+            env.library, env.num_envs, uniform=config.uniform_starts, min_frames_left=env.min_frames_left
+        )
+    )
+    transforms += after
+    if config.randomization is not None:
+        transforms.append(DomainRandomization(env, config.randomization))
+    if config.noise is not None:
+        transforms.append(ObservationNoise(env.robot, config.noise))
+    task_env = TransformedEnv(env, Compose(*transforms))
+    entries = task_env.observation_spec.keys(True, True)
+    task_env.append_transform(
+        ExcludeTransform(*(key for key in entries if key[0] not in _KEPT_GROUPS and key not in _KEPT_STATE))
+    )
+    return task_env
+
+
+def _rewards(env: MotionTrackingEnv, config: TaskConfig) -> list[Transform]:
+    """The rewards of stage 3; one whose factor is 0 is left out."""
+    robot, dt = env.robot, env.library.dt
+    rewards = (
+        (config.dense_weight, lambda weight: DenseTrackingReward(robot, dt, config.dense, weight)),
+        (config.sparse_weight, lambda weight: KeyframeReward(robot, dt, config.sparse, weight)),
+        (config.regularisation_weight, lambda weight: RegularisationReward(robot, dt, config.regularisation, weight)),
+    )
+    return [build(weight) for weight, build in rewards if weight]
+
+
+def make_tracking_env(
+    library: MotionLibrary,
+    num_envs: int,
+    config: TaskConfig | None = None,
+    *,
+    num_threads: int | None = None,
+    device: torch.device | str = "cpu",
+) -> TransformedEnv:
+    """Stage 1: follow the reference frame by frame.
+
+    Observations are ``("robot", ...)``, ``("goal", ...)`` (the next reference frame) and ``("privileged", ...)``.
+
+    >>> from plat.envs.motions import generate_motions
+    >>> env = make_tracking_env(MotionLibrary.from_clips(generate_motions("train", seconds=8)), num_envs=2)
+    >>> env.rollout(2)["next", "reward"].shape
+    torch.Size([2, 2, 1])
+    """
+    config = config or TaskConfig()
+    env = MotionTrackingEnv(
+        library,
+        num_envs,
+        decimation=config.decimation,
+        feet=config.feet,
+        reset_noise=config.reset_noise,
+        num_threads=num_threads,
+        device=device,
+    )
+    robot, dt = env.robot, library.dt
+    task = [
+        DenseTrackingReward(robot, dt, config.dense),
+        RegularisationReward(robot, dt, config.regularisation, config.regularisation_weight),
+        TrackingTermination(robot, config.limits),
+    ]
+    return _assemble(env, config, task, [DenseGoal(env.library), PrivilegedState(env.library)])
+
+
+def make_keyframe_env(
+    library: MotionLibrary,
+    num_envs: int,
+    config: TaskConfig | None = None,
+    *,
+    horizon: Horizon = HORIZONS["mixed"],
+    num_threads: int | None = None,
+    device: torch.device | str = "cpu",
+) -> TransformedEnv:
+    """Stages 2 and 3: be at one future keyframe on time, then at the next.
+
+    Observations are ``("robot", ...)``, ``("goal", ...)`` (the commanded keyframe), ``("command", ...)``,
+    ``("privileged", ...)`` and, for the expert that labels, ``("dense_goal", ...)`` (the next reference frame).
+
+    >>> from plat.envs.motions import generate_motions
+    >>> env = make_keyframe_env(MotionLibrary.from_clips(generate_motions("train", seconds=8)), num_envs=2)
+    >>> env.rollout(2)["command", "horizon"].shape
+    torch.Size([2, 2, 1])
+    """
+    config = config or TaskConfig()
+    env = MotionTrackingEnv(
+        library,
+        num_envs,
+        decimation=config.decimation,
+        feet=config.feet,
+        reset_noise=config.reset_noise,
+        min_frames_left=horizon.shortest,
+        num_threads=num_threads,
+        device=device,
+    )
+    task: list[Transform] = [
+        KeyframeClock(),
+        *_rewards(env, config),
+        KeyframeTermination(env.robot, config.limits),
+    ]
+    after = [KeyframeCommand(env.library, horizon), DenseGoal(env.library, "dense_goal"), PrivilegedState(env.library)]
+    return _assemble(env, config, task, after)

@@ -1,0 +1,296 @@
+"""The simulated robot on a motion: physics, joint-level control and reset onto the reference. No task yet."""
+
+from dataclasses import dataclass
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+from torchrl.data import Binary, Composite, Unbounded
+from torchrl.envs import EnvBase
+
+from plat.envs.motions.library import MotionLibrary
+from plat.envs.physics import BatchedPhysics
+from plat.envs.robot import FootContacts
+from plat.errors import MotionError
+from plat.rotations import quat_from_rotvec, quat_multiply, quat_rotate_inverse
+
+__all__ = ["MotionTrackingEnv", "ResetNoise"]
+
+_DONE_KEYS = ("done", "terminated", "truncated")
+
+
+@dataclass(frozen=True)
+class ResetNoise:
+    """Half widths of the uniform noise on the reference state that an episode starts from."""
+
+    root_pos_xy: float = 0.05
+    """m"""
+    root_pos_z: float = 0.01
+    """m"""
+    roll_pitch: float = 0.1
+    """rad"""
+    yaw: float = 0.2
+    """rad"""
+    root_lin_vel_xy: float = 0.5
+    """m/s"""
+    root_lin_vel_z: float = 0.2
+    """m/s"""
+    root_ang_vel_rp: float = 0.52
+    """rad/s"""
+    root_ang_vel_yaw: float = 0.78
+    """rad/s"""
+    joint_pos: float = 0.1
+    """rad"""
+
+
+class MotionTrackingEnv(EnvBase):
+    """N robots, each at a frame of a motion library, driven by joint position targets.
+
+    A step holds the targets ``q_default + action_scale * action`` for one control step and moves every robot one
+    frame on. Episodes start on the reference (reference state initialisation) and are truncated at the end of
+    the clip. Reward is 0 and nothing terminates: transforms (:mod:`plat.envs.transforms`) make a task of it.
+
+    Entries of the output, batch size ``[N]``, ``w`` for the world frame and ``b`` for the root frame:
+
+    ====================================  ==========  ==========================================================
+    ``("robot", "joint_pos")``            ``[J]``     measured angles minus the default pose (rad)
+    ``("robot", "joint_vel")``            ``[J]``     rad/s
+    ``("robot", "root_ang_vel_b")``       ``[3]``     rad/s
+    ``("robot", "root_lin_vel_b")``       ``[3]``     m/s
+    ``("robot", "gravity_b")``            ``[3]``     unit vector
+    ``("robot", "last_action")``          ``[J]``     action of the step before (0 after a reset)
+    ``("state", "root_pos_w")``           ``[3]``     m
+    ``("state", "root_quat_w")``          ``[4]``     ``wxyz``
+    ``("state", "joint_pos")``            ``[J]``     true angles (rad)
+    ``("state", "joint_vel")``            ``[J]``     rad/s
+    ``("state", "joint_torque")``         ``[J]``     N m
+    ``("state", "keypoint_pos_w")``       ``[K, 3]``  m
+    ``("state", "keypoint_quat_w")``      ``[K, 4]``  ``wxyz``
+    ``("state", "keypoint_lin_vel_w")``   ``[K, 3]``  m/s
+    ``("state", "keypoint_ang_vel_w")``   ``[K, 3]``  rad/s
+    ``("state", "foot_force")``           ``[2]``     ground reaction on the left and right foot (N)
+    ``("state", "stray_contacts")``       ``[1]``     contacts of the floor with other than feet, and self-contacts
+    ``("motion", "frame")``               ``[]``      row of the library that the robot is to be at now
+    ====================================  ==========  ==========================================================
+
+    Args:
+        library: motions; its ``dt`` is the control step.
+        num_envs: number of robots N.
+        decimation: physics steps per control step.
+        feet: contact geometry of the soles, see :meth:`plat.envs.Robot.spec`.
+        reset_noise: noise on the starting state; None starts exactly on the reference.
+        min_frames_left: episodes start at frames with at least this many frames of the clip to come.
+        num_threads: threads of the physics pool; None takes all CPUs.
+        device: where tensors live; physics always runs on the CPU.
+
+    Raises:
+        MotionError: when no frame of the library has ``min_frames_left`` frames to come.
+
+    >>> from plat.envs.motions import MotionLibrary, generate_motions
+    >>> env = MotionTrackingEnv(MotionLibrary.from_clips(generate_motions("train", seconds=8)), num_envs=2)
+    >>> env.rollout(3)["next", "robot", "joint_pos"].shape
+    torch.Size([2, 3, 29])
+    """
+
+    def __init__(
+        self,
+        library: MotionLibrary,
+        num_envs: int,
+        *,
+        decimation: int = 4,
+        feet: FootContacts = "spheres",
+        reset_noise: ResetNoise | None = None,
+        min_frames_left: int = 1,
+        num_threads: int | None = None,
+        device: torch.device | str = "cpu",
+    ):
+        super().__init__(device=torch.device(device), batch_size=torch.Size([num_envs]))
+        self.library = library.to(device)
+        self.robot = robot = library.robot
+        model = robot.model(feet)
+        model.opt.timestep = library.dt / decimation
+        self.physics = BatchedPhysics(model, num_envs, num_threads, device)
+        self.decimation = decimation
+        self.reset_noise = reset_noise
+        self.min_frames_left = min_frames_left
+        left = self.library.last_frame - torch.arange(len(self.library), device=self.device)
+        self._start_frames = (left >= min_frames_left).nonzero()[:, 0]
+        if len(self._start_frames) == 0:
+            longest = library.clip_names[int(library.clip_length.argmax())]
+            raise MotionError(
+                f"motion {longest!r} is the longest with {int(library.clip_length.max()) - 1} control steps, "
+                f"expected at least {min_frames_left}"
+            )
+        self._keypoint_ids = [model.body(name).id for name in robot.keypoints]
+        self._default_joint_pos = robot.default_joint_pos.to(self.device)
+        self._action_scale = robot.action_scale.to(self.device)
+        self.encoder_bias = torch.zeros(num_envs, robot.num_joints, device=self.device)
+        """Offset ``[N, J]`` (rad) of the measured joint angles, seen by observation and motor alike."""
+        self.delayed = torch.zeros(num_envs, dtype=torch.bool, device=self.device)
+        """Robots ``[N]`` whose targets reach the motors one control step late."""
+        self._frame = torch.zeros(num_envs, dtype=torch.int64, device=self.device)
+        self._last_action = torch.zeros(num_envs, robot.num_joints, device=self.device)
+        self._make_specs()
+        self._observe()  # binds every field that is read, so that no later step finds one unfilled
+
+    @property
+    def num_envs(self) -> int:
+        """Number of robots N."""
+        return self.batch_size[0]
+
+    def _make_specs(self) -> None:
+        count, joints, keypoints = self.num_envs, self.robot.num_joints, len(self.robot.keypoints)
+
+        def group(**shapes: tuple[int, ...]) -> Composite:
+            leaves = {key: Unbounded((count, *shape), device=self.device) for key, shape in shapes.items()}
+            return Composite(leaves, shape=(count,), device=self.device)
+
+        self.observation_spec = Composite(
+            robot=group(
+                joint_pos=(joints,),
+                joint_vel=(joints,),
+                root_ang_vel_b=(3,),
+                root_lin_vel_b=(3,),
+                gravity_b=(3,),
+                last_action=(joints,),
+            ),
+            state=group(
+                root_pos_w=(3,),
+                root_quat_w=(4,),
+                joint_pos=(joints,),
+                joint_vel=(joints,),
+                joint_torque=(joints,),
+                keypoint_pos_w=(keypoints, 3),
+                keypoint_quat_w=(keypoints, 4),
+                keypoint_lin_vel_w=(keypoints, 3),
+                keypoint_ang_vel_w=(keypoints, 3),
+                foot_force=(2,),
+                stray_contacts=(1,),
+            ),
+            motion=Composite(
+                frame=Unbounded((count,), dtype=torch.int64, device=self.device), shape=(count,), device=self.device
+            ),
+            shape=(count,),
+            device=self.device,
+        )
+        self.action_spec = Unbounded((count, joints), device=self.device)
+        self.reward_spec = Unbounded((count, 1), device=self.device)
+        self.full_done_spec = Composite(
+            {key: Binary(1, (count, 1), dtype=torch.bool, device=self.device) for key in _DONE_KEYS},
+            shape=(count,),
+            device=self.device,
+        )
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        action = tensordict["action"]
+        applied = torch.where(self.delayed[:, None], self._last_action, action)
+        target = self._default_joint_pos + self._action_scale * applied - self.encoder_bias
+        self.physics.step(target, self.decimation)
+        self._last_action = action
+        self._frame = self._frame + 1
+        truncated = (self._frame >= self.library.last_frame[self._frame])[:, None]
+        out = self._observe()
+        out["reward"] = torch.zeros(self.num_envs, 1, device=self.device)
+        out["terminated"] = torch.zeros_like(truncated)
+        out["truncated"] = truncated
+        out["done"] = truncated.clone()
+        return out
+
+    def _reset(self, tensordict: TensorDictBase | None = None, **_: object) -> TensorDictBase:
+        mask = None if tensordict is None else tensordict.get("_reset", None)
+        if mask is None:
+            ids = torch.arange(self.num_envs, device=self.device)
+        else:
+            ids = mask.view(self.num_envs).nonzero()[:, 0]
+        start = None if tensordict is None else tensordict.get(("motion", "start"), None)
+        if start is None:
+            choice = torch.randint(len(self._start_frames), (len(ids),), device=self.device)
+            self._frame = self._frame.index_copy(0, ids, self._start_frames[choice])
+        else:
+            self._frame = self._frame.index_copy(0, ids, start[ids])
+        self._last_action = self._last_action.index_fill(0, ids, 0.0)
+        qpos, qvel = self._start_state(self._frame[ids])
+        self.physics.set_state(ids, qpos, qvel)
+        out = self._observe()
+        for key in _DONE_KEYS:
+            out[key] = torch.zeros(self.num_envs, 1, dtype=torch.bool, device=self.device)
+        return out
+
+    def _start_state(self, frame: Tensor) -> tuple[Tensor, Tensor]:
+        """MuJoCo state (float64) on the reference at frames ``[n]``, with noise."""
+        reference = self.library.states(frame)
+        root_pos, root_quat = reference["keypoint_pos"][:, 0], reference["keypoint_quat"][:, 0]
+        root_lin_vel, root_ang_vel = reference["keypoint_lin_vel"][:, 0], reference["keypoint_ang_vel"][:, 0]
+        joint_pos, joint_vel = reference["joint_pos"], reference["joint_vel"]
+        if (noise := self.reset_noise) is not None:
+
+            def uniform(*half_widths: float) -> Tensor:
+                draw = 2 * torch.rand(len(frame), len(half_widths), device=self.device) - 1
+                return draw * torch.tensor(half_widths, device=self.device)
+
+            root_pos = root_pos + uniform(noise.root_pos_xy, noise.root_pos_xy, noise.root_pos_z)
+            turn = quat_from_rotvec(uniform(noise.roll_pitch, noise.roll_pitch, noise.yaw))
+            root_quat = quat_multiply(turn, root_quat)
+            root_lin_vel = root_lin_vel + uniform(noise.root_lin_vel_xy, noise.root_lin_vel_xy, noise.root_lin_vel_z)
+            root_ang_vel = root_ang_vel + uniform(noise.root_ang_vel_rp, noise.root_ang_vel_rp, noise.root_ang_vel_yaw)
+            limits = self.robot.joint_range.to(self.device)
+            joint_pos = joint_pos + uniform(*[noise.joint_pos] * self.robot.num_joints)
+            joint_pos = joint_pos.clamp(limits[:, 0], limits[:, 1])
+        # a free joint's angular velocity is in the body's frame
+        root_ang_vel_b = quat_rotate_inverse(root_quat, root_ang_vel)
+        qpos = torch.cat((root_pos, root_quat, joint_pos), -1).double()
+        return qpos, torch.cat((root_lin_vel, root_ang_vel_b, joint_vel), -1).double()
+
+    def _observe(self) -> TensorDict:
+        read = self.physics.read
+        qpos, qvel = read("qpos"), read("qvel")
+        root_pos, root_quat, joint_pos = qpos[:, :3], qpos[:, 3:7], qpos[:, 7:]
+        joint_vel = qvel[:, 6:]
+        keypoint_pos = read("xpos", self._keypoint_ids)
+        # MuJoCo's cvel is (angular, linear) about the centre of mass of the whole tree
+        spatial_vel = read("cvel", self._keypoint_ids)
+        lever = keypoint_pos - read("subtree_com", [1])
+        ang_vel = spatial_vel[..., :3]
+        lin_vel = spatial_vel[..., 3:] + torch.linalg.cross(ang_vel, lever)
+        down = torch.tensor([0.0, 0.0, -1.0], device=self.device).expand(self.num_envs, 3)
+        root_lin_vel_b, gravity_b = quat_rotate_inverse(root_quat[:, None], torch.stack((qvel[:, :3], down), 1)).unbind(
+            1
+        )
+        contacts = read("sensordata")  # (found, force xyz) left, the same right, contacts with floor, with itself
+        feet_found = contacts[:, 0] + contacts[:, 4]
+        foot_force = torch.linalg.vector_norm(contacts[:, :8].unflatten(-1, (2, 4))[..., 1:], dim=-1)
+        count = self.batch_size
+        robot = {
+            "joint_pos": joint_pos - self._default_joint_pos + self.encoder_bias,
+            "joint_vel": joint_vel,
+            "root_ang_vel_b": qvel[:, 3:6],
+            "root_lin_vel_b": root_lin_vel_b,
+            "gravity_b": gravity_b,
+            "last_action": self._last_action,
+        }
+        state = {
+            "root_pos_w": root_pos,
+            "root_quat_w": root_quat,
+            "joint_pos": joint_pos,
+            "joint_vel": joint_vel,
+            "joint_torque": read("actuator_force"),
+            "keypoint_pos_w": keypoint_pos,
+            "keypoint_quat_w": read("xquat", self._keypoint_ids),
+            "keypoint_lin_vel_w": lin_vel,
+            "keypoint_ang_vel_w": ang_vel,
+            "foot_force": foot_force,
+            "stray_contacts": (contacts[:, 8] - feet_found + contacts[:, 9])[:, None],
+        }
+        return TensorDict(
+            {
+                "robot": TensorDict(robot, count, device=self.device),
+                "state": TensorDict(state, count, device=self.device),
+                "motion": TensorDict({"frame": self._frame}, count, device=self.device),
+            },
+            count,
+            device=self.device,
+        )
+
+    def _set_seed(self, seed: int | None) -> None:
+        if seed is not None:
+            torch.manual_seed(seed)

@@ -1,0 +1,65 @@
+"""Transforms that turn the simulated robot into a task. They talk to each other through TensorDict entries only."""
+
+from plat.envs.transforms.base import ObservationTransform, Statistics, pop_statistics
+from plat.envs.transforms.command import (
+    HORIZONS,
+    MAX_STEPS,
+    WINDOW,
+    CommandSchedule,
+    Horizon,
+    KeyframeClock,
+    KeyframeCommand,
+)
+from plat.envs.transforms.goals import DenseGoal
+from plat.envs.transforms.metrics import METRIC_KEYS, KeyframeMetrics
+from plat.envs.transforms.noise import NoiseLevels, ObservationNoise
+from plat.envs.transforms.privileged import PrivilegedState
+from plat.envs.transforms.randomization import DomainRandomization, RandomizationRanges
+from plat.envs.transforms.reference import ReferenceMotion, align_to_anchor
+from plat.envs.transforms.rewards import (
+    DenseRewards,
+    DenseTrackingReward,
+    KeyframeReward,
+    KeyframeRewards,
+    Regularisation,
+    RegularisationReward,
+    Term,
+)
+from plat.envs.transforms.schedule import ScheduledStarts
+from plat.envs.transforms.starts import FailureWeightedStarts
+from plat.envs.transforms.terminations import KeyframeTermination, TerminationLimits, TrackingTermination
+
+__all__ = [
+    "HORIZONS",
+    "MAX_STEPS",
+    "METRIC_KEYS",
+    "WINDOW",
+    "CommandSchedule",
+    "DenseGoal",
+    "DenseRewards",
+    "DenseTrackingReward",
+    "DomainRandomization",
+    "FailureWeightedStarts",
+    "Horizon",
+    "KeyframeClock",
+    "KeyframeCommand",
+    "KeyframeMetrics",
+    "KeyframeReward",
+    "KeyframeRewards",
+    "KeyframeTermination",
+    "NoiseLevels",
+    "ObservationNoise",
+    "ObservationTransform",
+    "PrivilegedState",
+    "RandomizationRanges",
+    "ReferenceMotion",
+    "Regularisation",
+    "RegularisationReward",
+    "ScheduledStarts",
+    "Statistics",
+    "Term",
+    "TerminationLimits",
+    "TrackingTermination",
+    "align_to_anchor",
+    "pop_statistics",
+]

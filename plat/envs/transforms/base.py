@@ -1,0 +1,105 @@
+"""What plat's transforms share."""
+
+from collections.abc import Mapping, Sequence
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from torch import Tensor
+from torchrl.data import Composite, Unbounded
+from torchrl.envs import Transform, TransformedEnv
+
+__all__ = ["ObservationTransform", "Statistics", "pop_statistics"]
+
+
+class Statistics:
+    """Running means of named quantities, gathered inside transforms and collected once an iteration.
+
+    >>> statistics = Statistics()
+    >>> statistics.add("speed", torch.tensor([1.0, 3.0]))
+    >>> statistics.pop()
+    {'speed': 2.0}
+    """
+
+    def __init__(self) -> None:
+        self._sums: dict[str, Tensor] = {}
+        self._counts: dict[str, float] = {}
+
+    def add(self, name: str, values: Tensor) -> None:
+        """Average over all elements of ``values``."""
+        self._sums[name] = self._sums.get(name, 0.0) + values.detach().sum(dtype=torch.float64)
+        self._counts[name] = self._counts.get(name, 0) + values.numel()
+
+    def pop(self) -> dict[str, float]:
+        """Means since the last call."""
+        means = {name: float(total) / self._counts[name] for name, total in self._sums.items() if self._counts[name]}
+        self._sums.clear()
+        self._counts.clear()
+        return means
+
+
+def pop_statistics(env: TransformedEnv) -> dict[str, float]:
+    """Means that the transforms of an environment gathered since the last call."""
+    means: dict[str, float] = {}
+    for transform in env.transform:
+        statistics = getattr(transform, "statistics", None)
+        if isinstance(statistics, Statistics):
+            means.update(statistics.pop())
+    return means
+
+
+class ObservationTransform(Transform):
+    """Adds entries that depend on the entries of the same time step.
+
+    A subclass names what it reads and writes and overrides :meth:`compute`. After a partial reset only the robots
+    that were reset are computed.
+
+    Args:
+        in_keys: entries that :meth:`compute` reads.
+        out_shapes: for every entry that it writes, its shape without the batch.
+        out_dtypes: dtype of those that are not float32.
+    """
+
+    def __init__(
+        self,
+        in_keys: Sequence[NestedKey],
+        out_shapes: Mapping[NestedKey, tuple[int, ...]],
+        out_dtypes: Mapping[NestedKey, torch.dtype] | None = None,
+    ):
+        super().__init__(in_keys=list(in_keys), out_keys=list(out_shapes))
+        self._out_shapes = dict(out_shapes)
+        self._out_dtypes = dict(out_dtypes or {})
+        self.statistics = Statistics()
+
+    def compute(self, tensordict: TensorDictBase) -> dict[NestedKey, Tensor]:
+        """The new entries ``[n, ...]`` for a batch ``[n]`` of robots."""
+        raise NotImplementedError
+
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
+        for key, value in self.compute(next_tensordict).items():
+            next_tensordict.set(key, value)
+        return next_tensordict
+
+    def _reset(self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
+        mask = tensordict.get("_reset", None)
+        if mask is None:
+            return self._call(tensordict_reset)
+        rows = mask.view(-1).nonzero()[:, 0]
+        part = tensordict_reset.select(*self.in_keys)[rows]
+        for key, value in self.compute(part).items():
+            # the other rows are never looked at: the caller merges by the mask
+            full = value.new_zeros(len(mask), *value.shape[1:])
+            tensordict_reset.set(key, full.index_copy_(0, rows, value))
+        return tensordict_reset
+
+    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+        """Adds the new entries."""
+        count = observation_spec.shape
+        for key, shape in self._out_shapes.items():
+            dtype = self._out_dtypes.get(key, torch.float32)
+            spec = Unbounded((*count, *shape), dtype=dtype, device=observation_spec.device)
+            groups = key[:-1] if isinstance(key, tuple) else ()
+            for depth in range(1, len(groups) + 1):
+                if groups[:depth] not in observation_spec.keys(True):
+                    observation_spec[groups[:depth]] = Composite(shape=count, device=observation_spec.device)
+            observation_spec[key] = spec
+        return observation_spec

@@ -1,0 +1,221 @@
+"""Sparse timed keyframe commands: one future pose and the time to be there."""
+
+from dataclasses import dataclass
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from torch import Tensor
+from torchrl.data import Composite, Unbounded
+from torchrl.envs import Transform
+
+from plat.envs.goals import robot_centric_goal
+from plat.envs.layout import entry_shapes
+from plat.envs.motions.library import MotionLibrary
+from plat.envs.transforms.base import ObservationTransform
+from plat.errors import MotionError
+
+__all__ = ["HORIZONS", "MAX_STEPS", "WINDOW", "CommandSchedule", "Horizon", "KeyframeClock", "KeyframeCommand"]
+
+MAX_STEPS = 50
+"""``Delta_max``: the longest command, in control steps."""
+WINDOW = 3
+"""Control steps of an arrival window, the arrival step among them."""
+
+
+@dataclass(frozen=True)
+class Horizon:
+    """Range of control steps, both ends included, that commands are drawn from."""
+
+    shortest: int
+    longest: int
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.shortest <= self.longest <= MAX_STEPS:
+            raise ValueError(
+                f"horizon: {self.shortest} to {self.longest} steps, expected 1 <= shortest <= longest <= {MAX_STEPS}"
+            )
+
+
+HORIZONS = {
+    "single": Horizon(1, 1),
+    "short": Horizon(2, 10),
+    "medium": Horizon(11, 25),
+    "long": Horizon(26, MAX_STEPS),
+    "mixed": Horizon(1, MAX_STEPS),
+}
+"""The paper's horizon settings."""
+
+
+class CommandSchedule:
+    """A fixed sequence of commands along every clip: the same for every policy.
+
+    Commands follow each other from the first frame. The last one ends on the clip's last frame; a remainder that is
+    shorter than the horizon's shortest command is not commanded.
+
+    Args:
+        library: motions.
+        horizon: range that the lengths are drawn from.
+        seed: draws them; clip ``i`` has the same commands whatever the other clips.
+
+    Raises:
+        MotionError: when a clip is too short for a single command.
+
+    >>> from plat.envs.motions import MotionLibrary, generate_motions
+    >>> library = MotionLibrary.from_clips(generate_motions("train", seconds=8))
+    >>> schedule = CommandSchedule(library, HORIZONS["long"], seed=0)
+    >>> first = int(schedule.target_frame[0])
+    >>> 26 <= first <= 50, int(schedule.target_frame[first - 1]) == first
+    (True, True)
+    """
+
+    def __init__(self, library: MotionLibrary, horizon: Horizon, seed: int):
+        check_clip_lengths(library, horizon)
+        self.horizon = horizon
+        target = torch.full((len(library),), -1, dtype=torch.int64)
+        command = torch.full((len(library),), -1, dtype=torch.int64)
+        first_frames: list[int] = []
+        for clip, (start, length) in enumerate(
+            zip(library.clip_start.tolist(), library.clip_length.tolist(), strict=True)
+        ):
+            generator = torch.Generator().manual_seed(seed * 1_000_003 + clip)
+            last, frame = start + length - 1, start
+            while last - frame >= horizon.shortest:
+                steps = torch.randint(horizon.shortest, horizon.longest + 1, (), generator=generator)
+                end = min(frame + int(steps), last)
+                target[frame:end] = end
+                command[frame:end] = len(first_frames)
+                first_frames.append(frame)
+                frame = end
+        self.target_frame = target.to(library.device)
+        """Target of the command that is active at each frame ``[F]``; -1 where there is none."""
+        self.command_of_frame = command.to(library.device)
+        """Number of the command that is active at each frame ``[F]``; -1 where there is none."""
+        self.first_frame = torch.tensor(first_frames)
+        """Frame at which each command is issued, in the order of the library."""
+
+    @property
+    def num_commands(self) -> int:
+        """Number of commands over all clips."""
+        return len(self.first_frame)
+
+
+def check_clip_lengths(library: MotionLibrary, horizon: Horizon) -> None:
+    """Raise :class:`MotionError` naming the first clip that cannot hold the horizon's shortest command."""
+    too_short = (library.clip_length - 1 < horizon.shortest).nonzero()[:, 0].tolist()
+    if too_short:
+        clip = too_short[0]
+        steps = int(library.clip_length[clip]) - 1
+        raise MotionError(
+            f"motion {library.clip_names[clip]!r}: {steps} control steps ({steps * library.dt:.2f} s), shorter than "
+            f"the shortest command of {horizon.shortest} steps ({len(too_short)} of {library.num_clips} clips are): "
+            "drop it or choose a shorter horizon"
+        )
+
+
+class KeyframeClock(Transform):
+    """Counts the active command down after each step and marks its arrival window.
+
+    Put it before the transforms that ask for the window, and :class:`KeyframeCommand` after them. It carries
+    ``("command", "target_frame")`` over from the step before and writes ``("command", "steps_left")``, and of the
+    command that the step belonged to ``("command", "in_window")`` and ``("command", "arrived")``, each ``[1]``.
+    """
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        steps_left = tensordict["command", "steps_left"] - 1
+        next_tensordict["command", "target_frame"] = tensordict["command", "target_frame"]
+        next_tensordict["command", "steps_left"] = steps_left
+        next_tensordict["command", "in_window"] = steps_left < WINDOW
+        next_tensordict["command", "arrived"] = steps_left == 0
+        return next_tensordict
+
+    def _reset(self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
+        frame = tensordict_reset["motion", "frame"]
+        tensordict_reset["command", "target_frame"] = frame
+        tensordict_reset["command", "steps_left"] = torch.zeros_like(frame)[:, None]
+        for flag in ("in_window", "arrived"):
+            tensordict_reset["command", flag] = torch.zeros_like(frame, dtype=torch.bool)[:, None]
+        return tensordict_reset
+
+    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+        """Adds the command's entries."""
+        count, device = observation_spec.shape, observation_spec.device
+        observation_spec["command"] = Composite(
+            target_frame=Unbounded(count, dtype=torch.int64, device=device),
+            steps_left=Unbounded((*count, 1), dtype=torch.int64, device=device),
+            in_window=Unbounded((*count, 1), dtype=torch.bool, device=device),
+            arrived=Unbounded((*count, 1), dtype=torch.bool, device=device),
+            shape=count,
+            device=device,
+        )
+        return observation_spec
+
+
+class KeyframeCommand(ObservationTransform):
+    """Issues timed keyframe commands and shows the active one to the policy.
+
+    Where ``("command", "steps_left")`` is 0, a new target is set: from ``schedule``, or a uniform draw of the horizon
+    that is cut at the clip's end. Writes ``("command", "target_frame")`` ``[]``, ``("command", "steps_left")``
+    ``[1]``, ``("command", "horizon")`` ``[1]`` (``tau = steps_left / Delta_max``) and the goal group: the target in
+    the robot's frame, see :func:`plat.envs.robot_centric_goal`.
+
+    Args:
+        library: motions.
+        horizon: range of the commands' lengths.
+        schedule: fixed commands; None draws them.
+        group: name of the goal group.
+
+    Raises:
+        MotionError: when a clip is shorter than the horizon's shortest command.
+    """
+
+    def __init__(
+        self,
+        library: MotionLibrary,
+        horizon: Horizon,
+        schedule: CommandSchedule | None = None,
+        group: str = "goal",
+    ):
+        check_clip_lengths(library, horizon)
+        super().__init__(
+            in_keys=[
+                ("motion", "frame"),
+                ("command", "target_frame"),
+                ("command", "steps_left"),
+                ("state", "root_pos_w"),
+                ("state", "root_quat_w"),
+            ],
+            out_shapes={
+                ("command", "target_frame"): (),
+                ("command", "steps_left"): (1,),
+                ("command", "horizon"): (1,),
+                **{(group, key): shape for key, shape in entry_shapes("goal", library.robot).items()},
+            },
+            out_dtypes={("command", "target_frame"): torch.int64, ("command", "steps_left"): torch.int64},
+        )
+        self._library = library
+        self._horizon = horizon
+        self._schedule = schedule
+        self._group = group
+
+    def compute(self, tensordict: TensorDictBase) -> dict[NestedKey, Tensor]:
+        frame, steps_left = tensordict["motion", "frame"], tensordict["command", "steps_left"]
+        target_frame = tensordict["command", "target_frame"]
+        target_frame = torch.where(steps_left[:, 0] == 0, self._next_target(frame), target_frame)
+        # at the clip's end there is nothing to come: the episode is over, and the command is never acted on
+        steps_left = (target_frame - frame).clamp_min(1)[:, None]
+        goal = robot_centric_goal(
+            self._library.poses(target_frame), tensordict["state", "root_pos_w"], tensordict["state", "root_quat_w"]
+        )
+        return {
+            ("command", "target_frame"): target_frame,
+            ("command", "steps_left"): steps_left,
+            ("command", "horizon"): steps_left / MAX_STEPS,
+            **{(self._group, key): value for key, value in goal.items()},
+        }
+
+    def _next_target(self, frame: Tensor) -> Tensor:
+        if self._schedule is not None:
+            scheduled = self._schedule.target_frame[frame]
+            return torch.where(scheduled < 0, frame, scheduled)
+        steps = torch.randint_like(frame, self._horizon.shortest, self._horizon.longest + 1)
+        return (frame + steps).minimum(self._library.last_frame[frame])

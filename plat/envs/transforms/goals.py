@@ -1,0 +1,39 @@
+"""The dense goal: the reference a few frames ahead."""
+
+from tensordict import NestedKey, TensorDictBase
+from torch import Tensor
+
+from plat.envs.goals import robot_centric_goal
+from plat.envs.layout import entry_shapes
+from plat.envs.motions.library import MotionLibrary
+from plat.envs.transforms.base import ObservationTransform
+
+__all__ = ["DenseGoal"]
+
+
+class DenseGoal(ObservationTransform):
+    """Adds ``g_{t+k}``, the reference ``k`` frames ahead in the robot's frame; past the clip's end, its last frame.
+
+    Reads ``("motion", "frame")``, ``("state", "root_pos_w")`` and ``("state", "root_quat_w")``; writes the entries
+    of :func:`plat.envs.robot_centric_goal` in ``group``.
+
+    Args:
+        library: motions.
+        group: name of the group that is written.
+        ahead: number of frames k.
+    """
+
+    def __init__(self, library: MotionLibrary, group: str = "goal", ahead: int = 1):
+        super().__init__(
+            in_keys=[("motion", "frame"), ("state", "root_pos_w"), ("state", "root_quat_w")],
+            out_shapes={(group, key): shape for key, shape in entry_shapes("goal", library.robot).items()},
+        )
+        self._library = library
+        self._group = group
+        self._ahead = ahead
+
+    def compute(self, tensordict: TensorDictBase) -> dict[NestedKey, Tensor]:
+        frame = tensordict["motion", "frame"]
+        target = self._library.poses((frame + self._ahead).minimum(self._library.last_frame[frame]))
+        goal = robot_centric_goal(target, tensordict["state", "root_pos_w"], tensordict["state", "root_quat_w"])
+        return {(self._group, key): value for key, value in goal.items()}

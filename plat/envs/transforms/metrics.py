@@ -1,0 +1,98 @@
+"""Per-step errors of timed keyframe tracking."""
+
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.data import Composite, Unbounded
+from torchrl.envs import Transform
+
+from plat.envs.motions.library import MotionLibrary
+from plat.envs.transforms.terminations import TerminationLimits, fallen
+from plat.rotations import quat_to_matrix
+
+__all__ = ["METRIC_KEYS", "KeyframeMetrics"]
+
+METRIC_KEYS = (
+    "joint_error",
+    "keypoint_error",
+    "keypoint_error_root",
+    "action_change",
+    "joint_jerk",
+    "foot_slip",
+    "fallen",
+)
+"""Entries of the metrics group."""
+
+
+class KeyframeMetrics(Transform):
+    """Adds how far the robot is from the time-aligned reference, and how smoothly it moves.
+
+    Writes the group ``"metrics"``, each entry ``[1]``: ``joint_error``: mean absolute error of the joint angles (rad);
+    ``keypoint_error``: mean Euclidean error of the keypoints in the world (m); ``keypoint_error_root``: the same with
+    both in the frame of their own root (m); ``action_change``: mean absolute change of the action since the step
+    before; ``joint_jerk``: mean absolute jerk of the joints (rad/s^3, 0 in an episode's first steps); ``foot_slip``:
+    mean horizontal speed of the feet that bear load (m/s); ``fallen``: 1 where the root is at the wrong height or
+    tilt. Needs :class:`ReferenceMotion` before it.
+
+    Args:
+        library: motions; gives the robot and the control step.
+        limits: what counts as fallen.
+        loaded: ground reaction beyond which a foot bears load (N).
+    """
+
+    def __init__(self, library: MotionLibrary, limits: TerminationLimits | None = None, loaded: float = 5.0):
+        super().__init__(out_keys=[("metrics", key) for key in METRIC_KEYS])
+        self._dt = library.dt
+        self._limits = limits or TerminationLimits()
+        self._loaded = loaded
+        self._feet = [library.robot.keypoints.index(foot) for foot in library.robot.feet]
+        self._past_joint_vel: list[Tensor] = []
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        state, reference = next_tensordict["state"], next_tensordict["reference"]
+        pos, reference_pos = state["keypoint_pos_w"], reference["keypoint_pos_w"]
+        body = _in_own_root(pos, state["keypoint_quat_w"])
+        reference_body = _in_own_root(reference_pos, reference["keypoint_quat_w"])
+        loaded = state["foot_force"] > self._loaded
+        speed = torch.linalg.vector_norm(state["keypoint_lin_vel_w"][:, self._feet, :2], dim=-1)
+        values = {
+            "joint_error": (state["joint_pos"] - reference["joint_pos"]).abs().mean(-1),
+            "keypoint_error": torch.linalg.vector_norm(pos - reference_pos, dim=-1).mean(-1),
+            "keypoint_error_root": torch.linalg.vector_norm(body - reference_body, dim=-1).mean(-1),
+            "action_change": (tensordict["action"] - tensordict["robot", "last_action"]).abs().mean(-1),
+            "joint_jerk": self._jerk(state["joint_vel"]),
+            "foot_slip": (speed * loaded).sum(-1) / loaded.sum(-1).clamp_min(1),
+            "fallen": fallen(state, reference, self._limits).float(),
+        }
+        for key, value in values.items():
+            next_tensordict["metrics", key] = value[:, None]
+        return next_tensordict
+
+    def _jerk(self, joint_vel: Tensor) -> Tensor:
+        past = self._past_joint_vel
+        self._past_joint_vel = [*past[-1:], joint_vel]
+        if len(past) < 2:
+            return torch.zeros_like(joint_vel[:, 0])
+        jerk = (joint_vel - 2 * past[1] + past[0]).abs().mean(-1) / self._dt**2
+        return jerk.nan_to_num(0.0)  # the velocities before a reset are NaN
+
+    def _reset(self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
+        mask = tensordict.get("_reset", None)
+        if mask is not None:
+            self._past_joint_vel = [vel.masked_fill(mask.view(-1, 1), torch.nan) for vel in self._past_joint_vel]
+        frame = tensordict_reset["motion", "frame"]
+        for key in self.out_keys:
+            tensordict_reset[key] = torch.zeros(len(frame), 1, device=frame.device)
+        return tensordict_reset
+
+    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+        """Adds the metrics."""
+        count, device = observation_spec.shape, observation_spec.device
+        entries = {key: Unbounded((*count, 1), device=device) for key in METRIC_KEYS}
+        observation_spec["metrics"] = Composite(entries, shape=count, device=device)
+        return observation_spec
+
+
+def _in_own_root(keypoint_pos_w: Tensor, keypoint_quat_w: Tensor) -> Tensor:
+    """Keypoints ``[N, K, 3]`` relative to keypoint 0, in its frame."""
+    return (keypoint_pos_w - keypoint_pos_w[:, :1]) @ quat_to_matrix(keypoint_quat_w[:, 0])

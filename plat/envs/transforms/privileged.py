@@ -1,0 +1,53 @@
+"""What only the critic sees."""
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from torch import Tensor
+
+from plat.envs.layout import entry_shapes
+from plat.envs.motions.library import MotionLibrary
+from plat.envs.transforms.base import ObservationTransform
+from plat.rotations import quat_to_matrix
+
+__all__ = ["PrivilegedState"]
+
+
+class PrivilegedState(ObservationTransform):
+    """Adds the group ``"privileged"`` for an asymmetric critic; no noise ever touches it.
+
+    ``keypoint_pos_b`` ``[3 K]`` (m) and ``keypoint_lin_vel_b`` ``[3 K]`` (m/s): the robot's keypoints relative to its
+    root, in the root frame; ``root_height`` ``[1]`` (m); ``root_velocity_error_b`` ``[6]``: the next reference frame's
+    linear and angular root velocity minus the robot's, in the root frame; ``joint_vel_error`` ``[J]`` (rad/s): the
+    same for the joints; ``phase`` ``[1]``: seconds left in the clip, at most 1.
+    """
+
+    def __init__(self, library: MotionLibrary):
+        state = ("root_pos_w", "root_quat_w", "joint_vel", "keypoint_pos_w", "keypoint_lin_vel_w", "keypoint_ang_vel_w")
+        super().__init__(
+            in_keys=[("motion", "frame"), *(("state", key) for key in state)],
+            out_shapes={("privileged", key): shape for key, shape in entry_shapes("privileged", library.robot).items()},
+        )
+        self._library = library
+
+    def compute(self, tensordict: TensorDictBase) -> dict[NestedKey, Tensor]:
+        state, frame = tensordict["state"], tensordict["motion", "frame"]
+        last = self._library.last_frame[frame]
+        reference = self._library.states((frame + 1).minimum(last))
+        root_to_world = quat_to_matrix(state["root_quat_w"])
+        lin_vel, ang_vel = state["keypoint_lin_vel_w"], state["keypoint_ang_vel_w"]
+        velocity_error = torch.stack(
+            (
+                reference["keypoint_lin_vel"][:, 0] - lin_vel[:, 0],
+                reference["keypoint_ang_vel"][:, 0] - ang_vel[:, 0],
+            ),
+            1,
+        )
+        values = (
+            ((state["keypoint_pos_w"] - state["root_pos_w"][:, None]) @ root_to_world).flatten(1),
+            (lin_vel @ root_to_world).flatten(1),
+            state["root_pos_w"][:, 2:],
+            (velocity_error @ root_to_world).flatten(1),
+            reference["joint_vel"] - state["joint_vel"],
+            ((last - frame)[:, None] * self._library.dt).clamp_max(1.0),
+        )
+        return dict(zip(self.out_keys, values, strict=True))

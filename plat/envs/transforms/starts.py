@@ -1,0 +1,124 @@
+"""Where episodes start."""
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+from torchrl.envs import Transform
+
+from plat.envs.motions.library import MotionLibrary
+from plat.envs.transforms.base import Statistics
+
+__all__ = ["FailureWeightedStarts"]
+
+
+class FailureWeightedStarts(Transform):
+    """Starts episodes more often where the policy fails.
+
+    Motions are cut into bins of a second. A moving average of the failures in each bin, spread over the bins just
+    before it, weights the draw of the bin; a share of the draws stays uniform over all frames. Put it after the
+    termination transform.
+
+    Args:
+        library: motions.
+        num_envs: number of robots N.
+        uniform: share of the starts that are uniform over frames.
+        bin_seconds: length of a bin (s).
+        lead: number of bins, counted back from the one of the failure, that share its weight.
+        decay: weight of each bin relative to the one after it.
+        memory: the moving average forgets by ``1 / e`` in this many steps.
+        min_frames_left: as in :class:`plat.envs.MotionTrackingEnv`.
+
+    Source: adaptive sampling of BeyondMimic, arXiv 2508.08241.
+    """
+
+    def __init__(
+        self,
+        library: MotionLibrary,
+        num_envs: int,
+        *,
+        uniform: float = 0.5,
+        bin_seconds: float = 1.0,
+        lead: int = 3,
+        decay: float = 0.8,
+        memory: int = 1000,
+        min_frames_left: int = 1,
+    ):
+        super().__init__()
+        self.statistics = Statistics()
+        self._library = library
+        self._num_envs = num_envs
+        self._uniform = uniform
+        self._forget = 1.0 - 1.0 / memory
+        self._frames_per_bin = max(1, round(bin_seconds / library.dt))
+        kernel = decay ** torch.arange(lead, dtype=torch.float32)
+        self._kernel = kernel / kernel.sum()
+        usable = (library.clip_length - min_frames_left).clamp_min(0)
+        bins = (usable + self._frames_per_bin - 1) // self._frames_per_bin
+        first_bin = bins.cumsum(0) - bins
+        clip = torch.repeat_interleave(torch.arange(len(bins), device=bins.device), bins)
+        self._clip_first_bin = first_bin
+        self._clip_bins = bins
+        self._bin_start = (
+            library.clip_start[clip]
+            + (torch.arange(len(clip), device=bins.device) - first_bin[clip]) * self._frames_per_bin
+        )
+        self._bin_size = (library.clip_start[clip] + usable[clip] - self._bin_start).clamp_max(self._frames_per_bin)
+        self._uniform_cdf = _cdf(self._bin_size.float())
+        self.register_buffer("failures", torch.zeros(len(clip), device=clip.device))
+        self._failure_cdf: Tensor | None = None
+        self._scale = 1.0
+        self._steps_since_cdf = 0
+
+    def sample(self, count: int) -> Tensor:
+        """Frames ``[count]`` to start from."""
+        device = self._bin_start.device
+        draw = torch.rand(count, device=device)
+        chosen = torch.searchsorted(self._uniform_cdf, draw)
+        if self._failure_cdf is not None:
+            by_failure = torch.searchsorted(self._failure_cdf, draw)
+            chosen = torch.where(torch.rand(count, device=device) < self._uniform, chosen, by_failure)
+        chosen = chosen.clamp_max(len(self._bin_start) - 1)
+        within = torch.rand(count, device=device) * self._bin_size[chosen]
+        return self._bin_start[chosen] + within.long().minimum(self._bin_size[chosen] - 1)
+
+    def record(self, frame: Tensor) -> None:
+        """Count failures at frames ``[n]``."""
+        clip = self._library.clip_of_frame[frame]
+        offset = (frame - self._library.clip_start[clip]) // self._frames_per_bin
+        offset = offset.minimum(self._clip_bins[clip] - 1)
+        for back, share in enumerate(self._kernel.tolist()):
+            bins = self._clip_first_bin[clip] + (offset - back).clamp_min(0)
+            # newer failures count more instead of older ones being scaled down: constant cost a step
+            amount = torch.full((len(bins),), share * self._scale, device=bins.device)
+            self.failures.index_add_(0, bins, amount)
+
+    def _advance(self) -> None:
+        self._scale /= self._forget
+        self._steps_since_cdf += 1
+        # the one operation over all bins, and so a rare one
+        if self._steps_since_cdf >= 50:
+            self.failures /= self._scale
+            self._scale = 1.0
+            self._steps_since_cdf = 0
+            total = self.failures.sum()
+            self._failure_cdf = _cdf(self.failures) if total > 0 else None
+            if total > 0:
+                share = self.failures / total
+                self.statistics.add("starts/top_bin_share", share.max())
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        failed = next_tensordict["terminated"][:, 0]
+        if failed.any():
+            self.record(next_tensordict["motion", "frame"][failed])
+        self._advance()
+        return next_tensordict
+
+    def _reset_env_preprocess(self, tensordict: TensorDictBase | None) -> TensorDictBase:
+        if tensordict is None:
+            tensordict = TensorDict({}, [self._num_envs], device=self._bin_start.device)
+        tensordict["motion"] = TensorDict({"start": self.sample(self._num_envs)}, [self._num_envs])
+        return tensordict
+
+
+def _cdf(weights: Tensor) -> Tensor:
+    return weights.cumsum(0) / weights.sum()

@@ -1,0 +1,119 @@
+"""When an attempt has failed."""
+
+from dataclasses import dataclass
+
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.envs import Transform
+
+from plat.envs.robot import Robot
+from plat.envs.transforms.base import Statistics
+from plat.rotations import quat_angle, quat_rotate_inverse
+
+__all__ = ["KeyframeTermination", "TerminationLimits", "TrackingTermination", "fallen", "off_pose", "off_track"]
+
+
+@dataclass(frozen=True)
+class TerminationLimits:
+    """How far is too far."""
+
+    anchor_height: float = 0.25
+    """error of the anchor's height (m)"""
+    anchor_tilt: float = 0.8
+    """error of the vertical component of gravity in the anchor's frame, while tracking densely"""
+    anchor_rot_squared: float = 1.0
+    """squared error of the anchor's orientation (rad^2), in an arrival window"""
+    end_effector_height: float = 0.25
+    """error of the height of an ankle or wrist (m)"""
+    root_height: float = 0.25
+    """error of the root's height that counts as a fall (m)"""
+    root_tilt: float = 0.8
+    """error of the vertical component of gravity in the root's frame that counts as a fall"""
+
+
+class _Termination(Transform):
+    """Ends the episodes of robots for which :meth:`failed` holds."""
+
+    def __init__(self, robot: Robot, limits: TerminationLimits | None = None):
+        super().__init__()
+        self.statistics = Statistics()
+        self.robot = robot
+        self.limits = limits or TerminationLimits()
+
+    def failed(self, next_tensordict: TensorDictBase) -> Tensor:
+        """Mask ``[N]`` of the robots that have failed."""
+        raise NotImplementedError
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        failed = self.failed(next_tensordict)[:, None]
+        self.statistics.add("terminated", failed.float())
+        next_tensordict["terminated"] = next_tensordict["terminated"] | failed
+        next_tensordict["done"] = next_tensordict["terminated"] | next_tensordict["truncated"]
+        return next_tensordict
+
+
+class TrackingTermination(_Termination):
+    """Dense tracking has failed: the robot is :func:`off_track`. Needs :class:`ReferenceMotion` before it."""
+
+    def failed(self, next_tensordict: TensorDictBase) -> Tensor:
+        """Mask ``[N]``."""
+        return off_track(next_tensordict["state"], next_tensordict["reference"], self.robot, self.limits)
+
+
+class KeyframeTermination(_Termination):
+    """A command has failed: the robot is :func:`off_pose` in the arrival window or has :func:`fallen` before it.
+
+    Between keyframes the reference is not the goal, so there only a fall counts. Needs :class:`ReferenceMotion` and
+    :class:`KeyframeClock` before it. Source: the evaluation of the paper.
+    """
+
+    def failed(self, next_tensordict: TensorDictBase) -> Tensor:
+        """Mask ``[N]``."""
+        state, reference = next_tensordict["state"], next_tensordict["reference"]
+        in_window = next_tensordict["command", "in_window"][:, 0]
+        return torch.where(
+            in_window,
+            off_pose(state, reference, self.robot, self.limits),
+            fallen(state, reference, self.limits),
+        )
+
+
+def _height_error(state: TensorDictBase, reference: TensorDictBase, keypoints: list[int]) -> Tensor:
+    """Largest error of height ``[N]`` (m) among some keypoints."""
+    return (state["keypoint_pos_w"][:, keypoints, 2] - reference["keypoint_pos_w"][:, keypoints, 2]).abs().amax(-1)
+
+
+def _tilt_error(state: TensorDictBase, reference: TensorDictBase, keypoint: int) -> Tensor:
+    """Difference ``[N]`` of the vertical component of gravity in a body's frame."""
+    quats = torch.stack((state["keypoint_quat_w"][:, keypoint], reference["keypoint_quat_w"][:, keypoint]))
+    up = quats.new_tensor([0.0, 0.0, 1.0])
+    vertical = quat_rotate_inverse(quats, up)[..., 2]
+    return (vertical[0] - vertical[1]).abs()
+
+
+def off_track(state: TensorDictBase, reference: TensorDictBase, robot: Robot, limits: TerminationLimits) -> Tensor:
+    """Mask ``[N]``: anchor too high, too low or too tilted, or an ankle or wrist at the wrong height."""
+    return (
+        (_height_error(state, reference, [robot.anchor_index]) > limits.anchor_height)
+        | (_tilt_error(state, reference, robot.anchor_index) > limits.anchor_tilt)
+        | (_height_error(state, reference, robot.end_effector_indices) > limits.end_effector_height)
+    )
+
+
+def off_pose(state: TensorDictBase, reference: TensorDictBase, robot: Robot, limits: TerminationLimits) -> Tensor:
+    """Mask ``[N]``: thresholds of the arrival window (SPEC section 6) against the time-aligned reference."""
+    anchor = robot.anchor_index
+    turn = quat_angle(state["keypoint_quat_w"][:, anchor], reference["keypoint_quat_w"][:, anchor])
+    return (
+        (_height_error(state, reference, [anchor]) > limits.anchor_height)
+        | (turn.square() > limits.anchor_rot_squared)
+        | (_height_error(state, reference, robot.end_effector_indices) > limits.end_effector_height)
+    )
+
+
+def fallen(state: TensorDictBase, reference: TensorDictBase, limits: TerminationLimits) -> Tensor:
+    """Mask ``[N]``: the root is far from the reference's height or tilt."""
+    return (_height_error(state, reference, [0]) > limits.root_height) | (
+        _tilt_error(state, reference, 0) > limits.root_tilt
+    )

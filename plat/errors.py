@@ -1,0 +1,19 @@
+"""Errors that say what was wrong, where, and what would be right."""
+
+__all__ = ["CheckpointError", "MotionError", "PlatError", "RobotError"]
+
+
+class PlatError(ValueError):
+    """Base class of every error that plat raises about its input."""
+
+
+class MotionError(PlatError):
+    """A motion file or clip that cannot be used as it is."""
+
+
+class RobotError(PlatError):
+    """A robot description that does not have what plat needs."""
+
+
+class CheckpointError(PlatError):
+    """A run directory or checkpoint that cannot be read or does not fit."""

@@ -1,0 +1,16 @@
+"""Evaluation: run commands, record them, report figures."""
+
+from plat.evaluation.evaluate import evaluate, make_evaluation_env
+from plat.evaluation.records import CommandRecorder, CommandRecords
+from plat.evaluation.report import Estimate, Penalties, report, success_curve
+
+__all__ = [
+    "CommandRecorder",
+    "CommandRecords",
+    "Estimate",
+    "Penalties",
+    "evaluate",
+    "make_evaluation_env",
+    "report",
+    "success_curve",
+]

@@ -1,0 +1,135 @@
+"""Run a policy through every command of a schedule."""
+
+from collections.abc import Callable
+
+import torch
+from tensordict.nn import TensorDictModuleBase
+from torchrl.envs import Compose, Transform, TransformedEnv
+from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+from plat.envs.motions.library import MotionLibrary
+from plat.envs.robot import FootContacts
+from plat.envs.tracking import MotionTrackingEnv
+from plat.envs.transforms import (
+    CommandSchedule,
+    DenseGoal,
+    Horizon,
+    KeyframeClock,
+    KeyframeCommand,
+    KeyframeMetrics,
+    KeyframeTermination,
+    ReferenceMotion,
+    ScheduledStarts,
+    TerminationLimits,
+)
+from plat.evaluation.records import CommandRecorder, CommandRecords
+
+__all__ = ["evaluate", "make_evaluation_env"]
+
+
+def make_evaluation_env(
+    library: MotionLibrary,
+    schedule: CommandSchedule,
+    num_envs: int,
+    *,
+    dense: bool = False,
+    limits: TerminationLimits | None = None,
+    decimation: int = 4,
+    feet: FootContacts = "spheres",
+    num_threads: int | None = None,
+    device: torch.device | str = "cpu",
+) -> TransformedEnv:
+    """The environment of :func:`evaluate`: no noise, no randomisation, no reward; see there for the arguments."""
+    env = MotionTrackingEnv(library, num_envs, decimation=decimation, feet=feet, num_threads=num_threads, device=device)
+    transforms: list[Transform] = [
+        ReferenceMotion(env.library),
+        KeyframeClock(),
+        KeyframeTermination(env.robot, limits),
+        KeyframeMetrics(env.library, limits),
+        ScheduledStarts(env.library, schedule, num_envs),
+        KeyframeCommand(env.library, schedule.horizon, schedule, group="keyframe" if dense else "goal"),
+    ]
+    if dense:
+        transforms.append(DenseGoal(env.library))
+    return TransformedEnv(env, Compose(*transforms))
+
+
+@torch.no_grad()
+def evaluate(
+    policy: TensorDictModuleBase,
+    library: MotionLibrary,
+    horizon: Horizon,
+    *,
+    seed: int = 0,
+    dense: bool = False,
+    num_envs: int = 256,
+    limits: TerminationLimits | None = None,
+    decimation: int = 4,
+    feet: FootContacts = "spheres",
+    num_threads: int | None = None,
+    device: torch.device | str = "cpu",
+    progress: Callable[[float], None] | None = None,
+) -> CommandRecords:
+    """Timed keyframe tracking along every motion of a library (SPEC section 6).
+
+    Each motion is followed from its first frame. Commands come from a schedule that ``seed`` fixes: the same for
+    every policy. A failed command ends there; the robot is put back on the reference where the next one begins.
+
+    Args:
+        policy: deterministic policy that reads the groups ``"robot"``, ``"goal"`` and ``"command"`` and writes
+            ``action``.
+        library: motions.
+        horizon: range of the commands' lengths.
+        seed: draws the commands.
+        dense: show the policy the next reference frame in place of the keyframe; commands still set the windows in
+            which it is measured.
+        num_envs: robots at a time; the figures do not depend on it.
+        limits: when a command has failed.
+        decimation: physics steps a control step.
+        feet: contact geometry of the soles.
+        num_threads: threads of the physics pool.
+        device: where the policy and tensors live.
+        progress: called now and then with the share of the commands that is done.
+
+    Raises:
+        MotionError: when a motion is shorter than the horizon's shortest command.
+
+    >>> from plat.envs import G1
+    >>> from plat.envs.motions import generate_motions
+    >>> from plat.envs.transforms import HORIZONS
+    >>> from plat.modules import Expert
+    >>> library = MotionLibrary.from_clips(generate_motions("val", seconds=8))
+    >>> records = evaluate(Expert(G1).deployed(), library, HORIZONS["long"])
+    >>> len(records.failed) == CommandSchedule(library, HORIZONS["long"], seed=0).num_commands
+    True
+    """
+    library = library.to(device)
+    schedule = CommandSchedule(library, horizon, seed)
+    env = make_evaluation_env(
+        library,
+        schedule,
+        min(num_envs, library.num_clips),
+        dense=dense,
+        limits=limits,
+        decimation=decimation,
+        feet=feet,
+        num_threads=num_threads,
+        device=device,
+    )
+    starts = next(transform for transform in env.transform if isinstance(transform, ScheduledStarts))
+    recorder = CommandRecorder(library, schedule)
+    total_steps = int((schedule.target_frame >= 0).sum())
+    done_steps = 0
+    with set_exploration_type(ExplorationType.DETERMINISTIC):
+        tensordict = env.reset()
+        while not starts.finished:
+            active, frame = starts.active.clone(), tensordict["motion", "frame"]
+            tensordict = policy(tensordict)
+            tensordict, following = env.step_and_maybe_reset(tensordict)
+            recorder.add(frame, active, tensordict["next"])
+            tensordict = following
+            done_steps += int(active.sum())
+            if progress is not None:
+                progress(min(1.0, done_steps / total_steps))
+    env.close()
+    return recorder.records()

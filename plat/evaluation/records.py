@@ -1,0 +1,108 @@
+"""What happened to every command of an evaluation."""
+
+from dataclasses import dataclass
+
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+
+from plat.envs.motions.library import MotionLibrary
+from plat.envs.transforms.command import CommandSchedule
+
+__all__ = ["STEP_METRICS", "WINDOW_METRICS", "CommandRecorder", "CommandRecords"]
+
+WINDOW_METRICS = ("joint_error", "keypoint_error", "keypoint_error_root")
+"""Errors that are averaged over a command's arrival window."""
+STEP_METRICS = ("action_change", "joint_jerk", "foot_slip")
+"""Quantities that are averaged over all steps."""
+
+
+@dataclass
+class CommandRecords:
+    """One row for each of the M commands of a schedule.
+
+    Attributes:
+        clip: motion of each command ``[M]``.
+        length: its control steps ``[M]``.
+        steps: control steps that were taken for it ``[M]``.
+        failed: terminated before it was fulfilled ``[M]``.
+        fell: terminated with the root at the wrong height or tilt ``[M]``.
+        window_steps: steps taken in its arrival window ``[M]``.
+        window: for each of :data:`WINDOW_METRICS`, the mean over those steps ``[M]``; NaN where there were none.
+        arrival_error: world keypoint error at the arrival step ``[M]`` (m); infinite for a command that failed.
+        step: for each of :data:`STEP_METRICS`, the sum over all steps ``[M]``.
+    """
+
+    clip: Tensor
+    length: Tensor
+    steps: Tensor
+    failed: Tensor
+    fell: Tensor
+    window_steps: Tensor
+    window: dict[str, Tensor]
+    arrival_error: Tensor
+    step: dict[str, Tensor]
+
+
+class CommandRecorder:
+    """Gathers :class:`CommandRecords` step by step.
+
+    Args:
+        library: motions.
+        schedule: the commands.
+    """
+
+    def __init__(self, library: MotionLibrary, schedule: CommandSchedule):
+        self._library = library
+        self._schedule = schedule
+        count, device = schedule.num_commands, library.device
+
+        def zeros() -> Tensor:
+            return torch.zeros(count, dtype=torch.float64, device=device)
+
+        self._steps, self._window_steps = zeros(), zeros()
+        self._failed = torch.zeros(count, dtype=torch.bool, device=device)
+        self._fell = torch.zeros_like(self._failed)
+        self._window = {name: zeros() for name in WINDOW_METRICS}
+        self._step = {name: zeros() for name in STEP_METRICS}
+        self._arrival_error = torch.full((count,), torch.inf, dtype=torch.float64, device=device)
+
+    def add(self, frame: Tensor, active: Tensor, after: TensorDictBase) -> None:
+        """Take one step of the robots into the records.
+
+        Args:
+            frame: library frames before the step ``[N]``.
+            active: robots that are in the schedule ``[N]``.
+            after: the environment's entries after the step: ``"metrics"``, ``"terminated"``, and of the command
+                ``in_window`` and ``arrived``.
+        """
+        rows = self._schedule.command_of_frame[frame[active]]
+        after = after[active]
+        terminated = after["terminated"][:, 0]
+        in_window = after["command", "in_window"][:, 0]
+        arrived = after["command", "arrived"][:, 0] & ~terminated
+        metrics = after["metrics"]
+        self._steps.index_add_(0, rows, torch.ones_like(rows, dtype=torch.float64))
+        self._failed[rows[terminated]] = True
+        self._fell[rows[terminated & (metrics["fallen"][:, 0] > 0)]] = True
+        self._window_steps.index_add_(0, rows, in_window.double())
+        for name, total in self._window.items():
+            total.index_add_(0, rows, (metrics[name][:, 0] * in_window).double())
+        for name, total in self._step.items():
+            total.index_add_(0, rows, metrics[name][:, 0].double())
+        self._arrival_error[rows[arrived]] = metrics["keypoint_error"][:, 0][arrived].double()
+
+    def records(self) -> CommandRecords:
+        """All records, on the CPU."""
+        schedule, first = self._schedule, self._schedule.first_frame.to(self._library.device)
+        return CommandRecords(
+            clip=self._library.clip_of_frame[first].cpu(),
+            length=(schedule.target_frame[first] - first).cpu(),
+            steps=self._steps.cpu(),
+            failed=self._failed.cpu(),
+            fell=self._fell.cpu(),
+            window_steps=self._window_steps.cpu(),
+            window={name: (total / self._window_steps).cpu() for name, total in self._window.items()},
+            arrival_error=self._arrival_error.cpu(),
+            step={name: total.cpu() for name, total in self._step.items()},
+        )

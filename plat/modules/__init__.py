@@ -1,0 +1,48 @@
+"""Networks of PLAT, each a TensorDict module, and the policies composed of them."""
+
+from plat.modules.backbone import Backbone
+from plat.modules.decoder import ActionDecoder
+from plat.modules.expert import Critic, Expert, ExpertConfig
+from plat.modules.goal_encoder import GoalSequenceEncoder
+from plat.modules.heads import GaussianNoise, ReferenceOffset, gaussian_action
+from plat.modules.imitation import STUDENT_KEYS, LatentPolicy, LatentPolicyConfig, PlainPolicy, PlainPolicyConfig
+from plat.modules.latent import GaussianLatent, LatentPosterior, LatentPrior, sample_latent
+from plat.modules.networks import mlp
+from plat.modules.normalizer import ObservationNormalizer
+from plat.modules.refinement import (
+    FinetunedPolicy,
+    LatentNoisePolicy,
+    RefinementConfig,
+    ResidualActionPolicy,
+    ResidualLatentPolicy,
+)
+from plat.modules.residual import Residual
+
+__all__ = [
+    "STUDENT_KEYS",
+    "ActionDecoder",
+    "Backbone",
+    "Critic",
+    "Expert",
+    "ExpertConfig",
+    "FinetunedPolicy",
+    "GaussianLatent",
+    "GaussianNoise",
+    "GoalSequenceEncoder",
+    "LatentNoisePolicy",
+    "LatentPolicy",
+    "LatentPolicyConfig",
+    "LatentPosterior",
+    "LatentPrior",
+    "ObservationNormalizer",
+    "PlainPolicy",
+    "PlainPolicyConfig",
+    "ReferenceOffset",
+    "RefinementConfig",
+    "Residual",
+    "ResidualActionPolicy",
+    "ResidualLatentPolicy",
+    "gaussian_action",
+    "mlp",
+    "sample_latent",
+]

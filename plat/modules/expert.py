@@ -1,0 +1,106 @@
+"""Stage 1: the dense motion-tracking expert and its critic."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from tensordict import NestedKey
+from tensordict.nn import ProbabilisticTensorDictSequential, TensorDictModule, TensorDictSequential
+from torch import nn
+
+from plat.envs.layout import ROBOT_KEYS, goal_keys, observation_size, privileged_keys
+from plat.envs.robot import Robot
+from plat.modules.heads import GaussianNoise, ReferenceOffset, gaussian_action
+from plat.modules.networks import mlp
+from plat.modules.normalizer import ObservationNormalizer
+
+__all__ = ["Critic", "Expert", "ExpertConfig"]
+
+
+@dataclass(frozen=True)
+class ExpertConfig:
+    """Shape of the expert."""
+
+    hidden: tuple[int, ...] = (512, 256, 128)
+    """hidden layers"""
+    action: Literal["reference_residual", "default_offset"] = "reference_residual"
+    """what the network's output is added to: the joint angles of the goal, or the default pose"""
+    init_std: float = 0.6
+    """exploration noise at the start, in units of action"""
+
+
+class Expert(nn.Module):
+    """Dense tracker ``a = pi_E(s_t, g_{t+1})``.
+
+    Given a keyframe in place of the next reference frame, the same policy is the paper's Scratch RL baseline.
+
+    Args:
+        robot: the robot.
+        config: shape of the network.
+
+    >>> from plat.envs import G1
+    >>> expert = Expert(G1, ExpertConfig(hidden=(32,)))
+    >>> expert.deployed().out_keys
+    ['action']
+    """
+
+    def __init__(self, robot: Robot, config: ExpertConfig | None = None):
+        super().__init__()
+        self.robot = robot
+        self.config = config = config or ExpertConfig()
+        size = observation_size(ROBOT_KEYS + goal_keys(), robot)
+        self.normalizer = ObservationNormalizer(ROBOT_KEYS + goal_keys(), size)
+        self.network = mlp(size, config.hidden, robot.num_joints, out_scale=0.1)
+        self.noise = GaussianNoise(robot.num_joints, config.init_std)
+
+    def _mean(self, goal: str, out_key: str) -> list[TensorDictModule]:
+        """From the normalised observation to the mean action."""
+        if self.config.action == "default_offset":
+            return [TensorDictModule(self.network, in_keys=["observation"], out_keys=[out_key])]
+        return [
+            TensorDictModule(self.network, in_keys=["observation"], out_keys=["residual"]),
+            ReferenceOffset(self.robot, ("residual", (goal, "joint_pos")), out_key),
+        ]
+
+    def head(self) -> ProbabilisticTensorDictSequential:
+        """The part that learns, for PPO: reads the normalised observation that :meth:`actor` wrote while it acted."""
+        return ProbabilisticTensorDictSequential(*self._mean("goal", "loc"), self.noise, gaussian_action())
+
+    def actor(self) -> TensorDictSequential:
+        """The stochastic policy that collects; the rollout holds all that :meth:`head` reads."""
+        kept = ["observation", "loc", "scale", "action", "action_log_prob"]
+        return TensorDictSequential(self.normalizer.using(), self.head(), selected_out_keys=kept)
+
+    def deployed(self, goal: str = "goal", out_key: str = "action") -> TensorDictSequential:
+        """Deterministic policy: writes its mean action to ``out_key``.
+
+        Args:
+            goal: the group that holds the goal: ``"goal"``, or ``"dense_goal"`` to label states of another task.
+        """
+        normalizer = self.normalizer.using(ROBOT_KEYS + goal_keys(goal))
+        return TensorDictSequential(normalizer, *self._mean(goal, out_key), selected_out_keys=[out_key])
+
+
+class Critic(nn.Module):
+    """Value of the state, seen with privileged entries beside the policy's own.
+
+    Args:
+        robot: the robot.
+        keys: entries that the policy sees.
+        hidden: hidden layers.
+    """
+
+    def __init__(self, robot: Robot, keys: Sequence[NestedKey], hidden: tuple[int, ...] = (512, 256, 128)):
+        super().__init__()
+        keys = [*keys, *privileged_keys()]
+        size = observation_size(keys, robot)
+        self.normalizer = ObservationNormalizer(keys, size)
+        self.network = mlp(size, hidden, 1)
+
+    def observe(self) -> TensorDictModule:
+        """Module that writes the normalised ``critic_observation``."""
+        return self.normalizer.using(out_key="critic_observation")
+
+    def head(self) -> TensorDictModule:
+        """Module that writes ``state_value`` ``[*B, 1]`` of a ``critic_observation``."""
+        return TensorDictModule(self.network, in_keys=["critic_observation"], out_keys=["state_value"])

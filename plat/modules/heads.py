@@ -1,0 +1,96 @@
+"""From a network's output to an action distribution."""
+
+import math
+
+import torch
+from tensordict import NestedKey
+from tensordict.nn import (
+    AddStateIndependentNormalScale,
+    InteractionType,
+    ProbabilisticTensorDictModule,
+    TensorDictModule,
+)
+from torch import Tensor, nn
+from torchrl.modules import IndependentNormal
+
+from plat.envs.robot import Robot
+
+__all__ = ["GaussianNoise", "ReferenceOffset", "gaussian_action"]
+
+
+class ReferenceOffset(TensorDictModule):
+    """Adds the action that commands the goal's joint angles: the parametrisation ``reference_residual``.
+
+    The environment's actions are offsets from the default pose, ``q_target = q_default + scale * a``. With
+    ``a = r + (q_goal - q_default) / scale`` that is ``q_target = q_goal + scale * r``: the network's output ``r`` is
+    a residual on the reference. The shift does not depend on the network, so probabilities of ``a`` and of ``r``
+    agree, and labels of the expert need no conversion.
+
+    Args:
+        robot: gives default pose and action scale.
+        in_keys: residual ``[*B, J]`` and goal joint angles ``[*B, J]`` (rad).
+        out_key: action ``[*B, J]``.
+
+    >>> from plat.envs import G1
+    >>> offset = ReferenceOffset(G1, ("residual", ("goal", "joint_pos")), "loc")
+    >>> bool((offset(torch.zeros(29), G1.default_joint_pos) == 0).all())
+    True
+    """
+
+    def __init__(self, robot: Robot, in_keys: tuple[NestedKey, NestedKey], out_key: NestedKey):
+        super().__init__(_Offset(robot), in_keys=list(in_keys), out_keys=[out_key])
+
+
+class _Offset(nn.Module):
+    default_joint_pos: Tensor
+    action_scale: Tensor
+
+    def __init__(self, robot: Robot):
+        super().__init__()
+        self.register_buffer("default_joint_pos", robot.default_joint_pos.clone())
+        self.register_buffer("action_scale", robot.action_scale.clone())
+
+    def forward(self, residual: Tensor, goal_joint_pos: Tensor) -> Tensor:
+        return residual + (goal_joint_pos - self.default_joint_pos) / self.action_scale
+
+
+class GaussianNoise(TensorDictModule):
+    """Learned exploration noise: adds a standard deviation that does not depend on the state.
+
+    Args:
+        num_actions: size of the action.
+        init_std: standard deviation at the start.
+        min_std: lower bound.
+        in_key: mean ``[*B, num_actions]``.
+        out_keys: mean and standard deviation.
+    """
+
+    def __init__(
+        self,
+        num_actions: int,
+        init_std: float,
+        min_std: float = 0.02,
+        in_key: NestedKey = "loc",
+        out_keys: tuple[NestedKey, NestedKey] = ("loc", "scale"),
+    ):
+        scale = AddStateIndependentNormalScale(num_actions, init_value=math.log(init_std), scale_lb=min_std)
+        super().__init__(scale, in_keys=[in_key], out_keys=list(out_keys))
+
+    @torch.no_grad()
+    def set_std(self, std: float) -> None:
+        """Start again from another standard deviation."""
+        self.module.state_independent_scale.fill_(math.log(std))
+
+
+def gaussian_action(out_key: NestedKey = "action") -> ProbabilisticTensorDictModule:
+    """Module that draws the action from ``loc`` and ``scale`` and writes it with its log-probability.
+
+    Under ``ExplorationType.DETERMINISTIC`` it writes the mean.
+    """
+    return ProbabilisticTensorDictModule(
+        in_keys=["loc", "scale"],
+        out_keys=[out_key],
+        distribution_class=IndependentNormal,
+        default_interaction_type=InteractionType.RANDOM,
+        return_log_prob=True,
+    )

@@ -1,0 +1,67 @@
+"""Observations side by side, with zero mean and unit variance."""
+
+from collections.abc import Sequence
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from tensordict.nn import TensorDictModule
+from torch import Tensor, nn
+
+__all__ = ["ObservationNormalizer"]
+
+
+class ObservationNormalizer(nn.Module):
+    """Concatenates entries and normalises them by running statistics.
+
+    ``out = clip((x - mean) / (std + eps))``. The statistics are buffers: they are saved and exported with the policy,
+    and change only in :meth:`update`. Call that after the update that used the data, never before: statistics that
+    move between acting and learning look to PPO like a changed policy.
+
+    Args:
+        in_keys: entries ``[*B, n_i]`` that :meth:`update` reads, and :meth:`using` by default.
+        num_features: their total size F.
+        eps: added to the standard deviation; keeps nearly constant features from being blown up.
+        clip: bound on the result.
+
+    >>> from tensordict import TensorDict
+    >>> normalizer = ObservationNormalizer(["a", "b"], num_features=3)
+    >>> data = TensorDict({"a": torch.randn(64, 2), "b": 5 + torch.randn(64, 1)}, [64])
+    >>> normalizer.update(data)
+    >>> abs(normalizer.using()(data)["observation"].mean().item()) < 0.1
+    True
+    """
+
+    mean: Tensor
+    var: Tensor
+    count: Tensor
+
+    def __init__(self, in_keys: Sequence[NestedKey], num_features: int, eps: float = 1e-2, clip: float = 10.0):
+        super().__init__()
+        self.in_keys = list(in_keys)
+        self.eps = eps
+        self.clip = clip
+        self.register_buffer("mean", torch.zeros(num_features))
+        self.register_buffer("var", torch.ones(num_features))
+        self.register_buffer("count", torch.zeros((), dtype=torch.float64))
+
+    def forward(self, *entries: Tensor) -> Tensor:
+        """Normalised observation ``[*B, F]`` of entries ``[*B, n_i]``."""
+        values = (torch.cat(entries, -1) - self.mean) / (self.var.sqrt() + self.eps)
+        return values.clamp(-self.clip, self.clip)
+
+    def using(self, in_keys: Sequence[NestedKey] | None = None, out_key: NestedKey = "observation") -> TensorDictModule:
+        """This normaliser as a module; several may share its statistics and read different entries."""
+        return TensorDictModule(self, in_keys=list(in_keys or self.in_keys), out_keys=[out_key])
+
+    @torch.no_grad()
+    def update(self, tensordict: TensorDictBase) -> None:
+        """Take a batch ``[*B]`` into the statistics (Chan et al. 1979, parallel variance)."""
+        values = torch.cat([tensordict.get(key) for key in self.in_keys], -1).flatten(0, -2)
+        batch_var, batch_mean = torch.var_mean(values, 0, correction=0)
+        batch_var, batch_mean, batch_count = batch_var.double(), batch_mean.double(), len(values)
+        count = self.count + batch_count
+        delta = batch_mean - self.mean
+        square_sum = self.var * self.count + batch_var * batch_count + delta**2 * self.count * batch_count / count
+        self.mean += (delta * batch_count / count).to(self.mean)
+        self.var.copy_(square_sum / count)
+        self.count.copy_(count)

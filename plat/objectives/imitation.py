@@ -1,0 +1,135 @@
+"""Losses of stage 2."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import torch
+from tensordict import NestedKey, TensorDict, TensorDictBase
+from tensordict.nn import TensorDictModuleBase, dispatch
+from torchrl.envs.utils import ExplorationType
+from torchrl.objectives import BCLoss
+from torchrl.objectives.common import LossModule
+
+from plat.objectives.divergence import gaussian_kl
+
+__all__ = ["LatentImitationLoss", "plain_imitation_loss"]
+
+
+class LatentImitationLoss(LossModule):
+    r"""Imitation through a privileged posterior that teaches a deployable prior.
+
+    .. math::
+        L = \|\pi(h, z^q) - a^E\|^2 + \lambda_p \|\pi(h, z^p) - a^E\|^2 + \beta \, KL(q \| p)
+
+    with :math:`z^q \sim q` and :math:`z^p \sim p` both sampled, squared norms summed over the action, the divergence
+    summed over the latent, and everything averaged over the batch. The training signal of the prior is twofold: it
+    is drawn towards the posterior, and its own samples must decode to the expert's action.
+
+    Args:
+        policy: writes distributions, samples and actions of both latents, as
+            :meth:`plat.modules.LatentPolicy.training_graph` does.
+
+    Keyword Args:
+        prior_weight: :math:`\lambda_p`.
+        beta: :math:`\beta`, a buffer: set ``loss.beta`` to anneal it.
+        free_bits: divergence of each latent dimension that is not penalised (nats; Kingma et al., arXiv 1606.04934).
+
+    Returns ``loss_posterior``, ``loss_prior`` and ``loss_kl``, whose sum is the loss, and for the log ``kl``,
+    ``posterior_error`` and ``prior_error`` (root mean square over the action).
+
+    Source: the stage-2 objective of PLAT (SPEC section 3).
+
+    >>> from plat.envs import G1
+    >>> from plat.modules import LatentPolicy
+    >>> policy = LatentPolicy(G1)
+    >>> loss = LatentImitationLoss(policy.training_graph(), beta=0.01)
+    >>> loss.out_keys[:3]
+    ['loss_posterior', 'loss_prior', 'loss_kl']
+    """
+
+    @dataclass
+    class _AcceptedKeys:
+        expert_action: NestedKey = "expert_action"
+        prior_loc: NestedKey = ("prior", "loc")
+        prior_scale: NestedKey = ("prior", "scale")
+        prior_action: NestedKey = ("prior", "action")
+        posterior_loc: NestedKey = ("posterior", "loc")
+        posterior_scale: NestedKey = ("posterior", "scale")
+        posterior_action: NestedKey = ("posterior", "action")
+
+    tensor_keys: _AcceptedKeys
+    default_keys = _AcceptedKeys
+    out_keys: ClassVar[list[NestedKey]] = [
+        "loss_posterior",
+        "loss_prior",
+        "loss_kl",
+        "kl",
+        "posterior_error",
+        "prior_error",
+    ]
+    # TorchRL's losses make policies deterministic unless told otherwise; here the samples are the point.
+    deterministic_sampling_mode = ExplorationType.RANDOM
+
+    def __init__(
+        self,
+        policy: TensorDictModuleBase,
+        *,
+        prior_weight: float = 1.0,
+        beta: float = 0.01,
+        free_bits: float = 0.0,
+    ):
+        super().__init__()
+        self.policy = policy
+        self.prior_weight = prior_weight
+        self.free_bits = free_bits
+        self.register_buffer("beta", torch.tensor(float(beta)))
+
+    @property
+    def in_keys(self) -> list[NestedKey]:
+        """What the policy reads, and the expert's action."""
+        return [*self.policy.in_keys, self.tensor_keys.expert_action]
+
+    def _forward_value_estimator_keys(self, **_: object) -> None:
+        pass
+
+    @dispatch
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Losses of a batch ``[B]``."""
+        keys = self.tensor_keys
+        expert_action = tensordict.get(keys.expert_action)
+        out = self.policy(tensordict.select(*self.policy.in_keys))
+        posterior_error = (out.get(keys.posterior_action) - expert_action).square()
+        prior_error = (out.get(keys.prior_action) - expert_action).square()
+        kl = gaussian_kl(
+            out.get(keys.posterior_loc),
+            out.get(keys.posterior_scale),
+            out.get(keys.prior_loc),
+            out.get(keys.prior_scale),
+        )
+        penalised = kl.clamp_min(self.free_bits) if self.free_bits else kl
+        return TensorDict(
+            {
+                "loss_posterior": posterior_error.sum(-1).mean(),
+                "loss_prior": self.prior_weight * prior_error.sum(-1).mean(),
+                "loss_kl": self.beta * penalised.sum(-1).mean(),
+                "kl": kl.detach().sum(-1).mean(),
+                "posterior_error": posterior_error.detach().mean().sqrt(),
+                "prior_error": prior_error.detach().mean().sqrt(),
+            }
+        )
+
+
+def plain_imitation_loss(policy: TensorDictModuleBase) -> BCLoss:
+    """Behaviour cloning without a latent: ``L = |pi(h) - a_E|^2``, TorchRL's ``BCLoss``.
+
+    Args:
+        policy: writes its action to ``expert_action``, where the label is read from.
+
+    >>> from plat.envs import G1
+    >>> from plat.modules import PlainPolicy
+    >>> plain_imitation_loss(PlainPolicy(G1).training_graph()).out_keys
+    ['loss_bc']
+    """
+    loss = BCLoss(policy, loss_function=lambda action, label: (action - label).square().sum(-1))
+    loss.set_keys(action="expert_action")
+    return loss

@@ -1,0 +1,172 @@
+"""One PPO iteration on a rollout: advantages, then epochs of clipped updates with a KL-adaptive learning rate."""
+
+from dataclasses import dataclass
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from tensordict.nn import ProbabilisticTensorDictSequential, TensorDictModuleBase
+from torch import Tensor, nn
+from torchrl.envs.utils import ExplorationType, set_exploration_type
+from torchrl.objectives import ClipPPOLoss, KLAdaptiveLR
+from torchrl.objectives.value import GAE
+
+from plat.objectives.divergence import gaussian_kl
+
+__all__ = ["PPO", "PPOConfig"]
+
+
+@dataclass(frozen=True)
+class PPOConfig:
+    """Hyperparameters; the defaults are those of rsl_rl for whole-body tracking unless they say otherwise."""
+
+    gamma: float = 0.99
+    """discount a control step"""
+    lmbda: float = 0.95
+    """GAE's trade between bias and variance"""
+    clip: float = 0.2
+    """largest change of an action's probability ratio that is still rewarded"""
+    epochs: int = 5
+    """passes over a rollout"""
+    minibatches: int = 4
+    """parts that each pass is cut into"""
+    entropy: float = 0.005
+    """weight of the entropy bonus"""
+    critic: float = 1.0
+    """weight of the value loss"""
+    grad_norm: float = 1.0
+    """gradients are scaled down to this norm"""
+    lr: float = 1e-3
+    """learning rate at the start"""
+    min_lr: float = 3e-4
+    """lower end of the adaptive learning rate; without it one bad batch stops learning for good"""
+    max_lr: float = 1e-2
+    """upper end"""
+    target_kl: float = 0.02
+    """the learning rate is raised and lowered to keep the policy's change a pass near this (nats)"""
+
+
+class PPO:
+    """Proximal policy optimisation around TorchRL's ``ClipPPOLoss`` and ``GAE``.
+
+    The rollout must hold what the policy wrote while it acted: ``loc``, ``scale``, the sample and its log-probability,
+    and what ``actor`` reads. Features below ``actor`` (a normaliser, a frozen backbone) are thus computed once, and
+    nothing that moves between acting and learning can come between the two.
+
+    Args:
+        actor: the stochastic part that learns.
+        critic: writes ``state_value``.
+        observe: from a rollout's entries to what ``critic`` reads; run once a rollout.
+        config: hyperparameters.
+        action_key: the entry that the actor's distribution is over.
+
+    Source: Schulman et al., arXiv 1707.06347; Rudin et al., arXiv 2109.11978, for the learning rate.
+    """
+
+    def __init__(
+        self,
+        actor: ProbabilisticTensorDictSequential,
+        critic: TensorDictModuleBase,
+        observe: TensorDictModuleBase,
+        config: PPOConfig | None = None,
+        action_key: str = "action",
+    ):
+        self.config = config = config or PPOConfig()
+        self.actor = actor
+        self.critic = critic
+        self.observe = observe
+        self.loss = ClipPPOLoss(
+            actor,
+            critic,
+            clip_epsilon=config.clip,
+            entropy_coeff=config.entropy,
+            critic_coeff=config.critic,
+            loss_critic_type="l2",
+            normalize_advantage=True,
+        )
+        self._sample_keys = [action_key, f"{action_key}_log_prob"]
+        self.loss.set_keys(action=action_key, sample_log_prob=self._sample_keys[1])
+        self._gae = GAE(gamma=config.gamma, lmbda=config.lmbda, value_network=None)
+        self._parameters = [p for p in self.loss.parameters() if p.requires_grad]
+        self.optimizer = torch.optim.Adam(self._parameters, lr=config.lr, fused=True)
+        self._schedule = KLAdaptiveLR(self.optimizer, config.target_kl, min_lr=config.min_lr, max_lr=config.max_lr)
+
+    def step(self, rollout: TensorDictBase, learn_policy: bool = True) -> dict[str, float]:
+        """Learn from a rollout ``[N, T]``.
+
+        Args:
+            rollout: what the policy did.
+            learn_policy: False trains the critic alone.
+
+        Returns:
+            ``policy_loss``, ``value_loss``, ``entropy``, ``kl``, ``clip_fraction``, ``explained_variance``, ``lr``
+            and ``std``, averaged over the updates.
+        """
+        data = self.prepare(rollout)
+        batch_size = len(data) // self.config.minibatches
+        totals: dict[str, Tensor] = {}
+        updates = 0
+        for _ in range(self.config.epochs):
+            order = torch.randperm(len(data), device=data.device)
+            for rows in order[: batch_size * self.config.minibatches].split(batch_size):
+                losses = self.loss(data[rows])
+                loss = losses["loss_critic"]
+                if learn_policy:
+                    loss = loss + losses["loss_objective"] + losses["loss_entropy"]
+                self.optimizer.zero_grad()
+                loss.backward()
+                nn.utils.clip_grad_norm_(self._parameters, self.config.grad_norm)
+                self.optimizer.step()
+                updates += 1
+                for name in ("loss_objective", "loss_critic", "entropy", "clip_fraction"):
+                    totals[name] = totals.get(name, torch.zeros(())) + losses[name].detach()
+            kl = self._divergence(data[rows])
+            totals["kl"] = totals.get("kl", torch.zeros(())) + kl * self.config.minibatches
+            if learn_policy:
+                self._schedule.step(float(kl))
+        means = {name: float(total) / updates for name, total in totals.items()}
+        value, target = data["state_value"], data["value_target"]
+        return {
+            "policy_loss": means["loss_objective"],
+            "value_loss": means["loss_critic"],
+            "entropy": means["entropy"],
+            "kl": means["kl"],
+            "clip_fraction": means["clip_fraction"],
+            "explained_variance": float(1 - (target - value).var() / target.var().clamp_min(1e-8)),
+            "lr": self.optimizer.param_groups[0]["lr"],
+            "std": float(data["scale"][0].mean()),
+        }
+
+    @torch.no_grad()
+    def prepare(self, rollout: TensorDictBase) -> TensorDict:
+        """Values, advantages and targets of a rollout ``[N, T]``, flat and with nothing but what the loss reads."""
+        seen = self.observe(rollout.select(*self.observe.in_keys))
+        root = self.critic(seen)["state_value"]
+        # the state after a step is the state before the next one, except where an episode ended or the rollout
+        # did: only there is the critic asked again. A terminated state has no value to ask for.
+        next_value = torch.cat((root[:, 1:], torch.zeros_like(root[:, :1])), 1)
+        ask = rollout["next", "truncated"].squeeze(-1).clone()
+        ask[:, -1] = True
+        after = self.observe(rollout["next"].select(*self.observe.in_keys)[ask])
+        next_value[ask] = self.critic(after)["state_value"]
+        signals = TensorDict(
+            {
+                "state_value": root,
+                "next": {
+                    "state_value": next_value,
+                    **{key: rollout["next", key] for key in ("reward", "done", "terminated")},
+                },
+            },
+            rollout.batch_size,
+        )
+        signals = self._gae(signals)
+        data = rollout.select(*self.actor.in_keys, *self._sample_keys, "loc", "scale")
+        data.update(seen.select(*self.critic.in_keys))
+        for key in ("advantage", "value_target", "state_value"):
+            data[key] = signals[key]
+        return data.reshape(-1)
+
+    @torch.no_grad()
+    def _divergence(self, batch: TensorDictBase) -> Tensor:
+        with set_exploration_type(ExplorationType.DETERMINISTIC):
+            new = self.actor.get_dist(batch.select(*self.actor.in_keys)).base_dist
+        return gaussian_kl(batch["loc"], batch["scale"], new.loc, new.scale).sum(-1).mean()

@@ -1,0 +1,189 @@
+"""Pictures and videos of a robot that chases keyframes, the commanded pose drawn as a ghost."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from plat.envs.robot import Robot
+from plat.errors import PlatError
+from plat.rendering.playback import Playback
+
+__all__ = ["RenderingError", "Stage", "contact_sheet", "film", "write_picture", "write_video"]
+
+_GHOST = np.array([0.1, 0.75, 0.45, 0.35])
+_SKY_TOP, _SKY_BOTTOM = [0.55, 0.66, 0.78], [0.93, 0.95, 0.97]
+_TILE_DARK, _TILE_LIGHT = [0.30, 0.34, 0.38], [0.35, 0.39, 0.43]
+
+
+class RenderingError(PlatError):
+    """This machine cannot draw."""
+
+
+class Stage:
+    """Draws a robot and a ghost of it, the camera going along.
+
+    Args:
+        robot: the robot.
+        width, height: of a picture (pixels).
+
+    Raises:
+        RenderingError: where no OpenGL is to be had, with what to install.
+    """
+
+    def __init__(self, robot: Robot, width: int = 640, height: int = 480):
+        self._model = _decorated(robot, width, height)
+        self._data, self._ghost = mujoco.MjData(self._model), mujoco.MjData(self._model)
+        try:
+            self._renderer = mujoco.Renderer(self._model, height, width)
+        except Exception as error:  # each OpenGL backend raises its own kind
+            raise RenderingError(
+                f"no OpenGL ({type(error).__name__}: {error}); on Debian or Ubuntu: apt install libegl1 "
+                "libgl1-mesa-dri, then set MUJOCO_GL=egl"
+            ) from error
+        self._options = mujoco.MjvOption()
+        self._options.geomgroup[:] = 0
+        self._options.geomgroup[[0, 2]] = 1
+        self._camera = mujoco.MjvCamera()
+        self._camera.distance, self._camera.azimuth, self._camera.elevation = 2.6, 125.0, -10.0
+        self._camera.lookat[2] = 0.65
+
+    def draw(self, qpos: np.ndarray, ghost_qpos: np.ndarray | None = None) -> np.ndarray:
+        """Picture ``[height, width, 3]`` of a pose ``[7 + J]`` and a ghost."""
+        self._data.qpos[:] = qpos
+        mujoco.mj_forward(self._model, self._data)
+        # follow the robot slowly, so that its own motion shows
+        self._camera.lookat[:2] += 0.1 * (qpos[:2] - self._camera.lookat[:2])
+        self._renderer.update_scene(self._data, self._camera, self._options)
+        if ghost_qpos is not None:
+            scene = self._renderer.scene
+            before = scene.ngeom
+            self._ghost.qpos[:] = ghost_qpos
+            mujoco.mj_forward(self._model, self._ghost)
+            mujoco.mjv_addGeoms(
+                self._model,
+                self._ghost,
+                self._options,
+                mujoco.MjvPerturb(),
+                mujoco.mjtCatBit.mjCAT_DYNAMIC,
+                scene,
+            )
+            for geom in scene.geoms[before : scene.ngeom]:
+                geom.rgba[:] = _GHOST
+                geom.matid = -1
+        return self._renderer.render()
+
+    def look_at(self, position: np.ndarray) -> None:
+        """Put the camera's aim over a point of the floor at once."""
+        self._camera.lookat[:2] = position[:2]
+
+    def close(self) -> None:
+        """Give the OpenGL context back."""
+        self._renderer.close()
+
+
+def film(stage: Stage, playback: Playback, fps: float = 25.0) -> Iterator[np.ndarray]:
+    """Pictures of a playback, with a bar that shrinks as arrival comes near and turns red when a command fails."""
+    stage.look_at(playback.qpos[0])
+    failed_until = -1
+    for step in _steps(playback, fps):
+        span = range(step, min(len(playback.qpos), step + max(1, round(1 / (fps * playback.dt)))))
+        if any(playback.failed[index] for index in span):
+            failed_until = step + round(0.5 / playback.dt)
+        picture = stage.draw(playback.qpos[step], playback.target_qpos[step]).copy()
+        share = playback.steps_left[step] / max(playback.command_length[step], 1)
+        _bar(picture, share, failed=step < failed_until)
+        yield picture
+
+
+def contact_sheet(stage: Stage, playbacks: Sequence[Playback], columns: int = 6) -> np.ndarray:
+    """One row of pictures a playback, evenly spread over it: ``[rows * height, columns * width, 3]``."""
+    rows = []
+    for playback in playbacks:
+        pictures = []
+        for step in np.linspace(0, len(playback.qpos) - 1, columns).round().astype(int):
+            stage.look_at(playback.qpos[step])
+            pictures.append(stage.draw(playback.qpos[step], playback.target_qpos[step])[::2, ::2])
+        rows.append(np.concatenate(pictures, 1))
+    return np.concatenate(rows, 0)
+
+
+def write_video(path: Path, pictures: Iterator[np.ndarray], fps: float = 25.0) -> None:
+    """Write an MP4.
+
+    Raises:
+        RenderingError: when the extra ``plat-rl[video]`` is not installed.
+    """
+    imageio = _imageio()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with imageio.get_writer(path, fps=fps, codec="libx264", quality=7, macro_block_size=8) as writer:
+        for picture in pictures:
+            writer.append_data(picture)
+
+
+def write_picture(path: Path, picture: np.ndarray) -> None:
+    """Write a PNG; raises as :func:`write_video` does."""
+    imageio = _imageio()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    imageio.imwrite(path, picture)
+
+
+def _imageio() -> Any:
+    try:
+        import imageio.v2 as imageio
+        import imageio_ffmpeg  # noqa: F401  (the encoder that imageio looks for)
+    except ImportError as error:
+        raise RenderingError("pictures and videos need: pip install 'plat-rl[video]'") from error
+    return imageio
+
+
+def _steps(playback: Playback, fps: float) -> Iterator[int]:
+    count = int(len(playback.qpos) * playback.dt * fps)
+    return (min(round(index / (fps * playback.dt)), len(playback.qpos) - 1) for index in range(count))
+
+
+def _bar(picture: np.ndarray, share: float, failed: bool) -> None:
+    height, width = picture.shape[:2]
+    top, bottom = height - height // 40, height - height // 120
+    picture[top:bottom] = (picture[top:bottom] * 0.6).astype(np.uint8)
+    picture[top:bottom, : round(share * width)] = (220, 70, 60) if failed else (40, 190, 130)
+
+
+def _decorated(robot: Robot, width: int, height: int) -> mujoco.MjModel:
+    """The robot's model in a place that is good to look at."""
+    spec = robot.spec()
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=_SKY_BOTTOM,
+        rgb2=_SKY_TOP,
+        width=128,
+        height=768,
+    )
+    spec.add_texture(
+        name="tiles",
+        type=mujoco.mjtTexture.mjTEXTURE_2D,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+        rgb1=_TILE_DARK,
+        rgb2=_TILE_LIGHT,
+        width=256,
+        height=256,
+    )
+    tiles = spec.add_material(name="tiles", texrepeat=[1, 1], texuniform=True, reflectance=0.05)
+    tiles.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
+    floor = spec.geom("floor")
+    floor.material, floor.group = "tiles", 0
+    spec.worldbody.add_light(
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        pos=[2, -2, 4],
+        dir=[-0.4, 0.4, -1],
+        diffuse=[0.6, 0.6, 0.6],
+        castshadow=True,
+    )
+    spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
+    spec.visual.headlight.diffuse = [0.4, 0.4, 0.4]
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height
+    return spec.compile()

@@ -1,0 +1,82 @@
+"""What a policy does with the keyframes of one motion, step by step."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from tensordict.nn import TensorDictModuleBase
+from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+from plat.envs.motions.library import MotionLibrary
+from plat.envs.transforms import CommandSchedule, Horizon, ScheduledStarts
+from plat.evaluation.evaluate import make_evaluation_env
+
+__all__ = ["Playback", "play"]
+
+
+@dataclass(frozen=True)
+class Playback:
+    """One motion, T control steps.
+
+    Attributes:
+        qpos: the robot ``[T, 7 + J]``.
+        target_qpos: the commanded keyframe ``[T, 7 + J]``.
+        steps_left: control steps to its arrival ``[T]``.
+        command_length: control steps of the command in all ``[T]``.
+        failed: whether the command was failed at this step ``[T]``.
+        dt: seconds a step.
+    """
+
+    qpos: np.ndarray
+    target_qpos: np.ndarray
+    steps_left: np.ndarray
+    command_length: np.ndarray
+    failed: np.ndarray
+    dt: float
+
+
+@torch.no_grad()
+def play(
+    policy: TensorDictModuleBase,
+    library: MotionLibrary,
+    clip: int,
+    horizon: Horizon,
+    *,
+    seed: int = 0,
+    device: torch.device | str = "cpu",
+) -> Playback:
+    """Let a policy chase the keyframes of a clip, as in :func:`plat.evaluation.evaluate`.
+
+    Args:
+        policy: deterministic policy.
+        library: motions.
+        clip: number of the clip.
+        horizon: range of the commands' lengths.
+        seed: draws the commands.
+        device: where the policy lives.
+    """
+    library = library.only(clip).to(device)
+    env = make_evaluation_env(library, CommandSchedule(library, horizon, seed), 1, num_threads=1, device=device)
+    rows: list[tuple[np.ndarray, np.ndarray, int, int, bool]] = []
+    with set_exploration_type(ExplorationType.DETERMINISTIC):
+        tensordict = env.reset()
+        starts = next(transform for transform in env.transform if isinstance(transform, ScheduledStarts))
+        while not starts.finished:
+            target, steps_left = tensordict["command", "target_frame"], int(tensordict["command", "steps_left"])
+            length = steps_left if not rows or rows[-1][2] <= 1 or rows[-1][4] else rows[-1][3]
+            qpos = env.base_env.physics.read("qpos")[0].cpu().numpy()
+            tensordict, following = env.step_and_maybe_reset(policy(tensordict))
+            failed = bool(tensordict["next", "terminated"])
+            rows.append((qpos, _qpos(library, target), steps_left, length, failed))
+            tensordict = following
+    env.close()
+    qpos, targets, steps_left, lengths, failed = zip(*rows, strict=True)
+    return Playback(
+        np.stack(qpos), np.stack(targets), np.array(steps_left), np.array(lengths), np.array(failed), library.dt
+    )
+
+
+def _qpos(library: MotionLibrary, frame: torch.Tensor) -> np.ndarray:
+    pose = library.poses(frame)[0]
+    parts = (pose["keypoint_pos"][0], pose["keypoint_quat"][0], pose["joint_pos"])
+    return torch.cat(parts).cpu().numpy()

@@ -1,0 +1,130 @@
+r"""Rotations as unit quaternions in ``wxyz`` order, batched over leading dimensions.
+
+A quaternion named ``a_quat_w`` turns vectors of frame ``a`` into the world frame:
+``v_w = quat_rotate(a_quat_w, v_a)``.
+"""
+
+import torch
+from torch import Tensor
+
+__all__ = [
+    "matrix_to_sixd",
+    "quat_angle",
+    "quat_conjugate",
+    "quat_from_rotvec",
+    "quat_multiply",
+    "quat_rotate",
+    "quat_rotate_inverse",
+    "quat_slerp",
+    "quat_to_matrix",
+    "quat_to_rotvec",
+    "quat_yaw",
+]
+
+
+def quat_conjugate(quat: Tensor) -> Tensor:
+    """Inverse of unit quaternions ``[*B, 4]``."""
+    return torch.cat((quat[..., :1], -quat[..., 1:]), -1)
+
+
+def quat_multiply(a: Tensor, b: Tensor) -> Tensor:
+    """Hamilton product ``a * b`` of ``[*B, 4]``: first turn by ``b``, then by ``a``.
+
+    >>> half_turn = torch.tensor([0.0, 0.0, 0.0, 1.0])
+    >>> quat_multiply(half_turn, half_turn).tolist()
+    [-1.0, 0.0, 0.0, 0.0]
+    """
+    aw, ax, ay, az = a.unbind(-1)
+    bw, bx, by, bz = b.unbind(-1)
+    return torch.stack(
+        (
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ),
+        -1,
+    )
+
+
+def quat_rotate(quat: Tensor, vec: Tensor) -> Tensor:
+    """Turn vectors ``[*B, 3]`` by quaternions ``[*B, 4]`` (leading dimensions broadcast).
+
+    >>> quarter_turn_about_z = torch.tensor([0.5**0.5, 0.0, 0.0, 0.5**0.5])
+    >>> quat_rotate(quarter_turn_about_z, torch.tensor([1.0, 0.0, 0.0])).round(decimals=4).tolist()
+    [0.0, 1.0, 0.0]
+    """
+    axis = quat[..., 1:]
+    quat_w = quat[..., :1]
+    axis, vec = torch.broadcast_tensors(axis, vec)
+    twice_cross = 2.0 * torch.linalg.cross(axis, vec)
+    return vec + quat_w * twice_cross + torch.linalg.cross(axis, twice_cross)
+
+
+def quat_rotate_inverse(quat: Tensor, vec: Tensor) -> Tensor:
+    """Turn vectors ``[*B, 3]`` by the inverse of ``[*B, 4]``: from the world into a body's frame."""
+    return quat_rotate(quat_conjugate(quat), vec)
+
+
+def quat_to_matrix(quat: Tensor) -> Tensor:
+    """Rotation matrices ``[*B, 3, 3]`` of unit quaternions ``[*B, 4]``.
+
+    Row vectors go the other way: ``v_w @ quat_to_matrix(a_quat_w)`` is ``v_a``. That form turns many
+    points by one rotation in a single matrix product.
+    """
+    w, x, y, z = quat.unbind(-1)
+    xx, yy, zz = 2 * x * x, 2 * y * y, 2 * z * z
+    xy, xz, yz = 2 * x * y, 2 * x * z, 2 * y * z
+    wx, wy, wz = 2 * w * x, 2 * w * y, 2 * w * z
+    return torch.stack(
+        (1 - yy - zz, xy - wz, xz + wy, xy + wz, 1 - xx - zz, yz - wx, xz - wy, yz + wx, 1 - xx - yy), -1
+    ).unflatten(-1, (3, 3))
+
+
+def matrix_to_sixd(matrix: Tensor) -> Tensor:
+    """First two columns of ``[*B, 3, 3]`` as ``[*B, 6]``: the continuous 6D rotation.
+
+    Source: Zhou et al., "On the Continuity of Rotation Representations in Neural Networks",
+    arXiv 1812.07035.
+    """
+    return matrix[..., :2].transpose(-1, -2).flatten(-2)
+
+
+def quat_from_rotvec(rotvec: Tensor) -> Tensor:
+    """Unit quaternions ``[*B, 4]`` of rotation vectors ``[*B, 3]`` (axis times angle, rad)."""
+    half = 0.5 * torch.linalg.vector_norm(rotvec, dim=-1, keepdim=True)
+    # sinc keeps the small-angle limit exact: sin(half) / (2 half) -> 1/2
+    return torch.cat((half.cos(), 0.5 * torch.sinc(half / torch.pi) * rotvec), -1)
+
+
+def quat_to_rotvec(quat: Tensor) -> Tensor:
+    """Rotation vectors ``[*B, 3]`` (axis times angle in ``[0, pi]``, rad) of unit quaternions."""
+    quat = torch.where(quat[..., :1] < 0, -quat, quat)
+    sine = torch.linalg.vector_norm(quat[..., 1:], dim=-1, keepdim=True)
+    angle = 2.0 * torch.atan2(sine, quat[..., :1])
+    scale = torch.where(sine > 1e-7, angle / sine.clamp_min(1e-7), 2.0)
+    return scale * quat[..., 1:]
+
+
+def quat_angle(a: Tensor, b: Tensor) -> Tensor:
+    """Angle ``[*B]`` (rad, in ``[0, pi]``) of the rotation that takes ``a`` to ``b``.
+
+    >>> quat_angle(torch.tensor([1.0, 0, 0, 0]), torch.tensor([0.0, 0, 1, 0])).item()  # doctest: +ELLIPSIS
+    3.14159...
+    """
+    relative = quat_multiply(quat_conjugate(a), b)
+    return 2.0 * torch.atan2(torch.linalg.vector_norm(relative[..., 1:], dim=-1), relative[..., 0].abs())
+
+
+def quat_yaw(quat: Tensor) -> Tensor:
+    """The heading of ``[*B, 4]``: its rotation about the world's vertical, as a quaternion."""
+    w, x, y, z = quat.unbind(-1)
+    half_yaw = 0.5 * torch.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    zero = torch.zeros_like(half_yaw)
+    return torch.stack((half_yaw.cos(), zero, zero, half_yaw.sin()), -1)
+
+
+def quat_slerp(a: Tensor, b: Tensor, weight: Tensor) -> Tensor:
+    """Point between ``a`` and ``b`` ``[*B, 4]`` along the shorter arc; ``weight`` ``[*B]`` in 0..1."""
+    step = quat_to_rotvec(quat_multiply(quat_conjugate(a), b))
+    return quat_multiply(a, quat_from_rotvec(weight[..., None] * step))

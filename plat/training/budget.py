@@ -1,0 +1,86 @@
+"""How long a run goes on, and how long that will take."""
+
+import time
+
+from plat.errors import PlatError
+
+__all__ = ["Budget"]
+
+
+class Budget:
+    """Counts steps and seconds of training against a limit.
+
+    Args:
+        minutes: wall-clock minutes of training, counted over all resumed parts.
+        steps: environment steps, counted over all robots and resumed parts. The first limit that is reached counts.
+
+    Raises:
+        PlatError: when there is no limit or one is not positive.
+
+    >>> budget = Budget(steps=100)
+    >>> budget.add(60)
+    >>> budget.done, budget.fraction
+    (False, 0.6)
+    """
+
+    def __init__(self, minutes: float | None = None, steps: int | None = None):
+        limits = [limit for limit in (minutes, steps) if limit is not None]
+        if not limits or min(limits) <= 0:
+            raise PlatError(f"budget: --minutes {minutes}, --steps {steps}; expected a positive number for one of them")
+        self._minutes_limit = minutes
+        self._steps_limit = steps
+        self.steps = 0
+        """Environment steps so far."""
+        self._seconds_before = 0.0
+        self._started = time.monotonic()
+        self._steps_before = 0
+
+    @property
+    def seconds(self) -> float:
+        """Seconds of training so far."""
+        return self._seconds_before + time.monotonic() - self._started
+
+    @property
+    def rate(self) -> float:
+        """Environment steps a second since this process began."""
+        return (self.steps - self._steps_before) / max(time.monotonic() - self._started, 1e-9)
+
+    @property
+    def fraction(self) -> float:
+        """Share of the budget that is spent."""
+        shares = []
+        if self._minutes_limit is not None:
+            shares.append(self.seconds / (60 * self._minutes_limit))
+        if self._steps_limit is not None:
+            shares.append(self.steps / self._steps_limit)
+        return max(shares)
+
+    @property
+    def done(self) -> bool:
+        """Whether the budget is spent."""
+        return self.fraction >= 1
+
+    @property
+    def seconds_left(self) -> float:
+        """Estimate of the seconds to go, from the rate so far; infinite before the first step."""
+        estimates = []
+        if self._minutes_limit is not None:
+            estimates.append(60 * self._minutes_limit - self.seconds)
+        if self._steps_limit is not None:
+            left = self._steps_limit - self.steps
+            estimates.append(left / self.rate if self.rate > 0 else float("inf"))
+        return max(0.0, min(estimates))
+
+    def add(self, steps: int) -> None:
+        """Count environment steps."""
+        self.steps += steps
+
+    def state_dict(self) -> dict[str, float]:
+        """What a resumed run goes on from."""
+        return {"steps": self.steps, "seconds": self.seconds}
+
+    def load_state_dict(self, state: dict[str, float]) -> None:
+        """Go on from there."""
+        self.steps = self._steps_before = int(state["steps"])
+        self._seconds_before = float(state["seconds"])
+        self._started = time.monotonic()

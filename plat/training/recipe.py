@@ -1,0 +1,53 @@
+"""Settings that every training recipe has."""
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import torch
+
+from plat.errors import PlatError
+
+__all__ = ["RecipeConfig", "default_device", "report_errors"]
+
+
+def default_device() -> str:
+    """``"cuda"`` where there is one, else ``"cpu"``."""
+    return "cuda" if torch.cuda.is_available() else "cpu"
+
+
+@dataclass(kw_only=True)
+class RecipeConfig:
+    """What to train on, for how long, and where to write."""
+
+    motions: tuple[str, ...]
+    """motion files, folders or globs; "generated:train" for the motions that plat makes itself"""
+    out: Path
+    """folder to write the run to"""
+    minutes: float | None = None
+    """stop after this many minutes of training"""
+    steps: int | None = None
+    """stop after this many environment steps, all robots together"""
+    resume: bool = False
+    """go on from the last checkpoint in OUT"""
+    seed: int = 0
+    """seeds everything that is drawn"""
+    device: str = field(default_factory=default_device)
+    """where networks and tensors live; physics runs on the CPU"""
+    num_envs: int = 1024
+    """robots that are simulated at a time"""
+    wandb: bool = False
+    """log to wandb as well; offline unless you are logged in"""
+    save_every: float = 120.0
+    """seconds between checkpoints"""
+
+
+@contextmanager
+def report_errors() -> Iterator[None]:
+    """End a program on plat's own errors with their message and no traceback."""
+    try:
+        yield
+    except PlatError as error:
+        sys.exit(f"error: {error}")

@@ -1,0 +1,145 @@
+"""Stage 2: teach a student that sees only keyframes, by DAgger with a privileged latent.
+
+python recipes/distill.py --expert runs/expert --motions clips.npz --minutes 15 --out runs/dagger
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import torch
+import tyro
+from torch import nn
+from torchrl.collectors import Collector
+
+from plat.collectors import ExpertLabels, MixedPolicy, dagger_buffer
+from plat.envs import MotionLibrary, TaskConfig, make_keyframe_env
+from plat.envs.transforms import HORIZONS, pop_statistics
+from plat.modules import STUDENT_KEYS, LatentPolicy, LatentPolicyConfig, PlainPolicy
+from plat.objectives import LatentImitationLoss, plain_imitation_loss
+from plat.training import Budget, RecipeConfig, Run, load_policy, report_errors
+
+
+@dataclass(kw_only=True)
+class DistillRecipe(RecipeConfig):
+    """Teach a student by DAgger with a privileged latent."""
+
+    expert: Path
+    """run of stage 1"""
+    student: Literal["latent", "plain"] = "latent"
+    """with the privileged latent, or the ablation without"""
+    policy: LatentPolicyConfig = field(default_factory=LatentPolicyConfig)
+    task: TaskConfig = field(
+        default_factory=lambda: TaskConfig(dense_weight=0, sparse_weight=0, regularisation_weight=0)
+    )
+    horizon: Literal["single", "short", "medium", "long", "mixed"] = "mixed"
+    """lengths of the commands"""
+    rollout: int = 8
+    """control steps of each robot between updates"""
+    updates: int = 8
+    """gradient steps after each rollout"""
+    batch_size: int = 2048
+    """states a gradient step"""
+    buffer_size: int = 200_000
+    """states that are kept"""
+    stride: int = 5
+    """keep every so-many-th frame of the privileged goal sequence"""
+    prior_weight: float = 1.0
+    """lambda_p: weight of imitation through the prior"""
+    beta: float = 0.01
+    """weight of the divergence"""
+    beta_warmup: float = 0.2
+    """share of the budget over which beta rises from 0"""
+    free_bits: float = 0.0
+    """divergence of each latent dimension that is free (nats)"""
+    expert_share: float = 0.5
+    """share of the steps that the expert takes at the start"""
+    expert_until: float = 0.2
+    """share of the budget over which that falls to 0"""
+    lr: float = 1e-3
+    """learning rate at the start; it falls to a tenth along a cosine"""
+    grad_norm: float = 5.0
+    """gradients are scaled down to this norm"""
+
+
+def main(recipe: DistillRecipe) -> None:
+    """Run the recipe."""
+    torch.manual_seed(recipe.seed)
+    device = recipe.device
+    library = MotionLibrary.load(recipe.motions).to(device)
+    env = make_keyframe_env(library, recipe.num_envs, recipe.task, horizon=HORIZONS[recipe.horizon], device=device)
+    expert = load_policy(recipe.expert, device).deployed("dense_goal", out_key="expert_action")
+    student: Any
+    loss: Any
+    if recipe.student == "latent":
+        student = LatentPolicy(library.robot, recipe.policy).to(device)
+        loss = LatentImitationLoss(
+            student.training_graph(), prior_weight=recipe.prior_weight, beta=recipe.beta, free_bits=recipe.free_bits
+        )
+    else:
+        student = PlainPolicy(library.robot, recipe.policy).to(device)
+        loss = plain_imitation_loss(student.training_graph())
+    optimizer = torch.optim.Adam(student.parameters(), lr=recipe.lr, fused=True)
+    buffer = dagger_buffer(library, recipe.buffer_size, recipe.batch_size, recipe.stride, device)
+    policy = MixedPolicy(student.sampled(), expert, recipe.expert_share)
+    budget = Budget(recipe.minutes, recipe.steps)
+    run = Run(
+        recipe.out,
+        recipe=recipe,
+        policy=student,
+        budget=budget,
+        state={"optimizer": optimizer, "buffer": buffer, "env": env},
+        resume=recipe.resume,
+        save_every=recipe.save_every,
+        wandb=recipe.wandb,
+    )
+    collector = Collector(
+        env,
+        policy,
+        frames_per_batch=recipe.num_envs * recipe.rollout,
+        postproc=ExpertLabels(expert, STUDENT_KEYS),
+        track_traj_ids=False,
+        trust_policy=True,
+        auto_register_policy_transforms=False,
+    )
+    for states in collector:
+        budget.add(len(states))
+        buffer.extend(states)
+        student.update_normalizers(states)
+        policy.expert_share.fill_(recipe.expert_share * max(0.0, 1 - budget.fraction / recipe.expert_until))
+        if recipe.student == "latent":
+            loss.beta.fill_(recipe.beta * min(1.0, budget.fraction / recipe.beta_warmup))
+        for group in optimizer.param_groups:
+            group["lr"] = cosine(recipe.lr, 0.1 * recipe.lr, budget.fraction)
+        for _ in range(recipe.updates):
+            losses = loss(buffer.sample())
+            total = sum(value for name, value in losses.items() if name.startswith("loss_"))
+            optimizer.zero_grad()
+            total.backward()
+            nn.utils.clip_grad_norm_(student.parameters(), recipe.grad_norm)
+            optimizer.step()
+        statistics = pop_statistics(env)
+        terminations = statistics["terminated"] / library.dt
+        run.log(
+            {
+                **statistics,
+                **{name: float(value) for name, value in losses.items()},
+                "terminations_per_second": terminations,
+                "expert_share": float(policy.expert_share),
+            },
+            {"failures": f"{terminations:.2f}/s", "loss": f"{float(total):.2f}"},
+        )
+        if budget.done:
+            break
+    collector.shutdown()
+    run.finish()
+
+
+def cosine(start: float, end: float, fraction: float) -> float:
+    """From ``start`` to ``end`` along half a cosine."""
+    return end + 0.5 * (start - end) * (1 + torch.cos(torch.tensor(min(1.0, fraction) * torch.pi)).item())
+
+
+if __name__ == "__main__":
+    with report_errors():
+        main(tyro.cli(DistillRecipe))

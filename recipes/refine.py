@@ -1,0 +1,104 @@
+"""Stage 3: refine the student with PPO on a residual in its latent, or by one of the ablations.
+
+python recipes/refine.py --student runs/dagger --motions clips.npz --minutes 15 --out runs/plat
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import torch
+import tyro
+from torchrl.collectors import Collector
+
+from plat.envs import MotionLibrary, TaskConfig, make_keyframe_env
+from plat.envs.transforms import HORIZONS, pop_statistics
+from plat.modules import (
+    STUDENT_KEYS,
+    Critic,
+    FinetunedPolicy,
+    LatentNoisePolicy,
+    RefinementConfig,
+    ResidualActionPolicy,
+    ResidualLatentPolicy,
+)
+from plat.objectives import PPO, PPOConfig
+from plat.training import Budget, RecipeConfig, Run, load_policy, report_errors
+
+VARIANTS = {
+    "latent": ResidualLatentPolicy,
+    "latent-noise": LatentNoisePolicy,
+    "action": ResidualActionPolicy,
+    "finetune": FinetunedPolicy,
+}
+
+
+@dataclass(kw_only=True)
+class RefineRecipe(RecipeConfig):
+    """Refine a student with PPO."""
+
+    student: Path
+    """run of stage 2"""
+    variant: Literal["latent", "latent-noise", "action", "finetune"] = "latent"
+    """residual in the latent with noise on the action (PLAT) or on the latent; residual in the action; all weights"""
+    policy: RefinementConfig = field(default_factory=RefinementConfig)
+    task: TaskConfig = field(default_factory=TaskConfig)
+    ppo: PPOConfig = field(default_factory=lambda: PPOConfig(entropy=0.0, lr=3e-4, min_lr=5e-5, max_lr=1e-3))
+    horizon: Literal["single", "short", "medium", "long", "mixed"] = "mixed"
+    """lengths of the commands"""
+    rollout: int = 24
+    """control steps of each robot between updates"""
+    critic_warmup: int = 10
+    """rollouts from which only the critic learns: a critic that knows nothing would undo the student"""
+
+
+def main(recipe: RefineRecipe) -> None:
+    """Run the recipe."""
+    torch.manual_seed(recipe.seed)
+    device = recipe.device
+    library = MotionLibrary.load(recipe.motions).to(device)
+    env = make_keyframe_env(library, recipe.num_envs, recipe.task, horizon=HORIZONS[recipe.horizon], device=device)
+    policy = VARIANTS[recipe.variant](load_policy(recipe.student), recipe.policy).to(device)
+    critic = Critic(library.robot, STUDENT_KEYS).to(device)
+    ppo = PPO(policy.head(), critic.head(), critic.observe(), recipe.ppo, action_key=policy.sample_key)
+    budget = Budget(recipe.minutes, recipe.steps)
+    run = Run(
+        recipe.out,
+        recipe=recipe,
+        policy=policy,
+        budget=budget,
+        state={"critic": critic, "optimizer": ppo.optimizer, "env": env},
+        resume=recipe.resume,
+        save_every=recipe.save_every,
+        wandb=recipe.wandb,
+    )
+    frames = recipe.num_envs * recipe.rollout
+    collector = Collector(
+        env,
+        policy.actor(),
+        frames_per_batch=frames,
+        track_traj_ids=False,
+        trust_policy=True,
+        auto_register_policy_transforms=False,
+    )
+    for rollout in collector:
+        budget.add(frames)
+        statistics = pop_statistics(env)
+        warming = budget.steps <= recipe.critic_warmup * frames
+        losses = ppo.step(rollout, learn_policy=not warming) if critic.normalizer.count > 0 else {}
+        critic.normalizer.update(rollout)
+        terminations = statistics["terminated"] / library.dt
+        reward = float(rollout["next", "reward"].mean()) / library.dt
+        run.log(
+            {**statistics, **losses, "terminations_per_second": terminations, "reward_per_second": reward},
+            {"failures": f"{terminations:.2f}/s", "reward": f"{reward:.2f}/s"},
+        )
+        if budget.done:
+            break
+    collector.shutdown()
+    run.finish()
+
+
+if __name__ == "__main__":
+    with report_errors():
+        main(tyro.cli(RefineRecipe))
