@@ -123,7 +123,7 @@ def main(recipe: DistillRecipe) -> None:
         run.log(
             {
                 **statistics,
-                **{name: float(value) for name, value in losses.items()},
+                **{name: float(value) for name, value in losses.detach().items()},
                 "terminations_per_second": terminations,
                 "expert_share": float(policy.expert_share),
             },

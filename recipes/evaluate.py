@@ -1,6 +1,6 @@
 """Score policies on motions: timed keyframe tracking, the same commands for each.
 
-    python recipes/evaluate.py runs/plat runs/dagger runs/expert --motions clips.npz --horizon mixed
+python recipes/evaluate.py runs/plat runs/dagger runs/expert --motions clips.npz --horizon mixed
 """
 
 import csv

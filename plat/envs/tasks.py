@@ -1,6 +1,6 @@
 """Environments put together: dense tracking (stage 1) and sparse timed keyframes (stages 2 and 3)."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import torch
 from torchrl.envs import Compose, ExcludeTransform, Transform, TransformedEnv
@@ -48,7 +48,7 @@ class TaskConfig:
     """physics steps a control step"""
     feet: FootContacts = "spheres"
     """contact geometry of the soles"""
-    reset_noise: ResetNoise | None = field(default_factory=ResetNoise)
+    reset_noise: ResetNoise = ResetNoise()
     """noise on the starting state"""
     dense: DenseRewards = DenseRewards()
     """terms of the dense reward"""
@@ -66,10 +66,14 @@ class TaskConfig:
     """when an episode has failed"""
     uniform_starts: float = 0.5
     """share of the episodes that start anywhere; the others start where failures are"""
-    noise: NoiseLevels | None = None
-    """observation noise; None switches it off"""
-    randomization: RandomizationRanges | None = None
-    """domain randomisation; None switches it off"""
+    observation_noise: bool = False
+    """add noise to what the robot measures"""
+    noise: NoiseLevels = NoiseLevels()
+    """how much"""
+    domain_randomization: bool = False
+    """draw robot, motors and ground anew at each reset, and push the robots"""
+    randomization: RandomizationRanges = RandomizationRanges()
+    """from which ranges"""
 
 
 def _assemble(
@@ -82,9 +86,9 @@ def _assemble(
         )
     )
     transforms += after
-    if config.randomization is not None:
+    if config.domain_randomization:
         transforms.append(DomainRandomization(env, config.randomization))
-    if config.noise is not None:
+    if config.observation_noise:
         transforms.append(ObservationNoise(env.robot, config.noise))
     task_env = TransformedEnv(env, Compose(*transforms))
     entries = task_env.observation_spec.keys(True, True)

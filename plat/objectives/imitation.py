@@ -1,5 +1,6 @@
 """Losses of stage 2."""
 
+import warnings
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -130,6 +131,8 @@ def plain_imitation_loss(policy: TensorDictModuleBase) -> BCLoss:
     >>> plain_imitation_loss(PlainPolicy(G1).training_graph()).out_keys
     ['loss_bc']
     """
-    loss = BCLoss(policy, loss_function=lambda action, label: (action - label).square().sum(-1))
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "The name target_.* wasn't part of the annotations")  # TorchRL's own slip
+        loss = BCLoss(policy, loss_function=lambda action, label: (action - label).square().sum(-1))
     loss.set_keys(action="expert_action")
     return loss

@@ -1,5 +1,6 @@
 """Settings that every training recipe has."""
 
+import logging
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -36,7 +37,7 @@ class RecipeConfig:
     """seeds everything that is drawn"""
     device: str = field(default_factory=default_device)
     """where networks and tensors live; physics runs on the CPU"""
-    num_envs: int = 1024
+    num_envs: int = 512
     """robots that are simulated at a time"""
     wandb: bool = False
     """log to wandb as well; offline unless you are logged in"""
@@ -46,7 +47,8 @@ class RecipeConfig:
 
 @contextmanager
 def report_errors() -> Iterator[None]:
-    """End a program on plat's own errors with their message and no traceback."""
+    """End a program on plat's own errors with their message and no traceback; TorchRL says only what is wrong."""
+    logging.getLogger("torchrl").setLevel(logging.WARNING)
     try:
         yield
     except PlatError as error:

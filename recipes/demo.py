@@ -1,0 +1,141 @@
+"""All three stages and the evaluation at a small scale, on motions that plat makes itself.
+
+python recipes/demo.py
+
+Killed at any moment, it goes on where it was when it is started again.
+"""
+
+import os
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+# MuJoCo looks at this when it is imported; without a screen only EGL (or OSMesa) draws
+if sys.platform == "linux" and "DISPLAY" not in os.environ:
+    os.environ.setdefault("MUJOCO_GL", "egl")
+
+import distill
+import evaluate
+import expert
+import refine
+
+from plat.envs import MotionLibrary
+from plat.envs.transforms import HORIZONS
+from plat.evaluation import Estimate
+from plat.rendering import RenderingError, Stage, contact_sheet, film, play, write_picture, write_video
+from plat.training import load_policy, report_errors
+
+NAMES = {"expert": "expert as sparse policy", "dagger": "DAgger", "plat": "PLAT"}
+
+
+@dataclass(kw_only=True)
+class DemoRecipe:
+    """All three stages and the evaluation at a small scale."""
+
+    out: Path = Path("runs/demo")
+    """folder to write to"""
+    expert_minutes: float = 4.5
+    """training time of stage 1"""
+    distill_minutes: float = 2.0
+    """training time of stage 2"""
+    refine_minutes: float = 1.2
+    """training time of stage 3"""
+    num_envs: int = 512
+    """robots that are simulated at a time"""
+    seed: int = 0
+    """seeds everything that is drawn"""
+
+
+def main(recipe: DemoRecipe) -> None:
+    """Run the demo."""
+    began = time.monotonic()
+    motions, out = ("generated:train",), recipe.out
+    minutes = recipe.expert_minutes + recipe.distill_minutes + recipe.refine_minutes
+    print(f"plat demo: {minutes:.1f} minutes of training, then about two of evaluation and pictures; no network needed")
+
+    print("\n1/4  expert: PPO follows the reference frame by frame", flush=True)
+    expert.main(
+        expert.ExpertRecipe(
+            motions=motions,
+            out=out / "expert",
+            minutes=recipe.expert_minutes,
+            num_envs=recipe.num_envs,
+            seed=recipe.seed,
+            resume=True,
+        )
+    )
+    print("\n2/4  DAgger: a student that sees keyframes only learns from the expert", flush=True)
+    distill.main(
+        distill.DistillRecipe(
+            motions=motions,
+            expert=out / "expert",
+            out=out / "dagger",
+            minutes=recipe.distill_minutes,
+            num_envs=recipe.num_envs,
+            seed=recipe.seed,
+            resume=True,
+        )
+    )
+    print("\n3/4  PLAT: PPO on a residual in the student's latent", flush=True)
+    refine.main(
+        refine.RefineRecipe(
+            motions=motions,
+            student=out / "dagger",
+            out=out / "plat",
+            minutes=recipe.refine_minutes,
+            num_envs=recipe.num_envs,
+            seed=recipe.seed,
+            resume=True,
+        )
+    )
+    print("\n4/4  evaluation on generated motions that training did not see", flush=True)
+    rows = evaluate.main(
+        evaluate.EvaluateRecipe(
+            runs=tuple(out / name for name in NAMES), motions=("generated:val",), csv=out / "evaluation.csv"
+        )
+    )
+    pictures = draw(out)
+    print_table(rows)
+    print(f"\ncheckpoints and curves   {out}/{{expert,dagger,plat}}/ (model.safetensors, metrics.csv)")
+    print(f"all figures              {out / 'evaluation.csv'}")
+    print(pictures)
+    print(f"done in {(time.monotonic() - began) / 60:.1f} minutes; start it again to draw again, or remove {out} first")
+
+
+def draw(out: Path) -> str:
+    """Write contact sheet and video; where this machine cannot draw, say what to install."""
+    library = MotionLibrary.load("generated:val")
+    clips = [library.clip_names.index(f"{family}_val_000") for family in ("walk", "reach", "squat")]
+    policy = load_policy(out / "plat").deployed()
+    playbacks = [play(policy, library, clip, HORIZONS["long"]) for clip in clips]
+    sheet, video = out / "contact_sheet.png", out / "plat.mp4"
+    try:
+        stage = Stage(library.robot, width=480, height=360)
+        write_picture(sheet, contact_sheet(stage, playbacks))
+        write_video(video, (picture for playback in playbacks for picture in film(stage, playback)))
+        stage.close()
+    except RenderingError as error:
+        return f"no pictures: {error}"
+    return f"contact sheet            {sheet}\nvideo                    {video} (the ghost is the commanded keyframe)"
+
+
+def print_table(rows: list[dict[str, str | Estimate]]) -> None:
+    """TKS@3 (%) / MPJPE@3 (rad) / MPKPE@3 (m) of each policy at each horizon."""
+    cells = {(row["policy"], row["horizon"]): row for row in rows}
+    print(f"\n{'TKS@3 / MPJPE@3 / MPKPE@3':<26}" + "".join(f"{name:<22}" for name in HORIZONS))
+    for run, name in NAMES.items():
+        line = f"{name:<26}"
+        for horizon in HORIZONS:
+            figures = cells[run, horizon]
+            values = [figures[key] for key in ("tks", "mpjpe", "mpkpe")]
+            tks, mpjpe, mpkpe = (value.value if isinstance(value, Estimate) else float("nan") for value in values)
+            line += f"{f'{tks:.1f} / {mpjpe:.3f} / {mpkpe:.3f}':<22}"
+        print(line)
+
+
+if __name__ == "__main__":
+    with report_errors():
+        main(tyro.cli(DemoRecipe))

@@ -1,0 +1,88 @@
+import torch
+from torchrl.collectors import Collector
+
+from plat.collectors import LOOKUP_KEYS, ExpertLabels, MixedPolicy, dagger_buffer
+from plat.envs import G1, make_keyframe_env
+from plat.modules import STUDENT_KEYS, Expert, ExpertConfig, LatentPolicy
+from tests.modules.test_imitation import SMALL
+
+
+def labeller() -> tuple[torch.nn.Module, ExpertLabels]:
+    expert = Expert(G1, ExpertConfig(hidden=(16,))).deployed("dense_goal", out_key="expert_action")
+    return expert, ExpertLabels(expert, STUDENT_KEYS)
+
+
+def test_labels_are_the_experts_actions_at_visited_states(library):
+    expert, labels = labeller()
+    rollout = make_keyframe_env(library, 4).rollout(3, break_when_any_done=False)
+    states = labels(rollout)
+    assert states.shape == (12,)
+    expected = expert(rollout.select("robot", "dense_goal").reshape(-1))["expert_action"]
+    assert torch.equal(states["expert_action"], expected)
+
+
+def test_only_what_is_needed_is_kept(library):
+    _, labels = labeller()
+    states = labels(make_keyframe_env(library, 4).rollout(3, break_when_any_done=False))
+    assert set(states.keys(True, True)) == {*STUDENT_KEYS, *LOOKUP_KEYS, "expert_action"}
+    # a state takes less than a kilobyte; its dense goals would take sixteen
+    assert sum(value[0].numel() * value.element_size() for value in states.values(True, True)) < 1000
+
+
+def test_mixing(library):
+    expert, _ = labeller()
+    student = LatentPolicy(G1, SMALL)
+    state = make_keyframe_env(library, 200).reset()
+    label = expert(state.clone())["expert_action"]
+    own = student.deployed()(state.clone())["action"]
+    for share, low, high in ((0.0, 0.0, 0.0), (0.5, 0.35, 0.65), (1.0, 1.0, 1.0)):
+        action = MixedPolicy(student.deployed(), expert, share)(state.clone())["action"]
+        by_expert = (action == label).all(-1)
+        assert torch.equal(action[~by_expert], own[~by_expert])
+        assert low <= by_expert.float().mean() <= high
+
+
+def test_share_can_be_lowered_while_training(library):
+    expert, _ = labeller()
+    policy = MixedPolicy(LatentPolicy(G1, SMALL).deployed(), expert, 1.0)
+    policy.expert_share.fill_(0.0)
+    state = make_keyframe_env(library, 4).reset()
+    assert torch.equal(policy(state.clone())["action"], policy.student(state.clone())["action"])
+
+
+def test_collector_and_buffer_work_together(library):
+    expert, labels = labeller()
+    policy = MixedPolicy(LatentPolicy(G1, SMALL).sampled(), expert, 0.5)
+    collector = Collector(
+        make_keyframe_env(library, 8),
+        policy,
+        frames_per_batch=32,
+        total_frames=96,
+        postproc=labels,
+        track_traj_ids=False,
+        trust_policy=True,
+        auto_register_policy_transforms=False,
+    )
+    buffer = dagger_buffer(library, capacity=64, batch_size=16, stride=5)
+    for states in collector:
+        assert states.shape == (32,)
+        buffer.extend(states)
+    assert len(buffer) == 64  # a ring: the oldest have given way
+    batch = buffer.sample()
+    assert batch["privileged_goal", "frames"].shape[0] == 16
+    assert batch["expert_action"].shape == (16, 29)
+    collector.shutdown()
+
+
+def test_buffer_survives_a_checkpoint(library, tmp_path):
+    _, labels = labeller()
+    states = labels(make_keyframe_env(library, 8).rollout(4, break_when_any_done=False))
+    buffer = dagger_buffer(library, capacity=50, batch_size=16)
+    buffer.extend(states)
+    torch.save(buffer.state_dict(), tmp_path / "buffer.pt")
+    other = dagger_buffer(library, capacity=50, batch_size=16)
+    other.load_state_dict(torch.load(tmp_path / "buffer.pt", weights_only=True))
+    assert len(other) == len(states)
+    assert torch.equal(other[:]["expert_action"], buffer[:]["expert_action"])
+    other.extend(states)
+    assert len(other) == 50

@@ -1,0 +1,60 @@
+import pytest
+import torch
+from tensordict import TensorDict
+
+from plat.collectors import PrivilegedGoals, strided_offsets
+from plat.envs import MotionLibrary, make_keyframe_env, robot_centric_goal
+
+
+@pytest.mark.parametrize("stride", [1, 2, 5, 7, 60])
+def test_offsets(stride):
+    steps = torch.arange(1, 51)
+    offset, length = strided_offsets(steps, stride)
+    for row, count in enumerate(steps.tolist()):
+        frames = offset[row, : length[row]].tolist()
+        assert frames == sorted({*range(0, count, stride), count})
+        assert (offset[row, length[row] :] == count).all()
+
+
+def test_sequences_are_no_longer_than_needed():
+    offset, _ = strided_offsets(torch.tensor([3, 4]), 1)
+    assert offset.shape == (2, 5)
+
+
+@pytest.mark.parametrize("stride", [1, 5])
+def test_last_frame_is_the_commanded_keyframe(library: MotionLibrary, stride: int):
+    states = PrivilegedGoals(library, stride)(make_keyframe_env(library, 32).reset())
+    length = states["privileged_goal", "length"]
+    last = states["privileged_goal", "frames"][torch.arange(32), length - 1]
+    sparse = torch.cat(
+        [states["goal", key] for key in ("joint_pos", "root_pos_b", "root_rot6d_b", "keypoint_pos_b")], -1
+    )
+    torch.testing.assert_close(last, sparse)
+
+
+def test_every_frame_is_in_the_current_frame_of_the_robot(library: MotionLibrary):
+    states = PrivilegedGoals(library)(make_keyframe_env(library, 8).reset())
+    root = (states["state", "root_pos_w"], states["state", "root_quat_w"])
+    for offset in range(3):
+        frame = (states["motion", "frame"] + offset).minimum(states["command", "target_frame"])
+        goal = robot_centric_goal(library.poses(frame), *root)
+        torch.testing.assert_close(states["privileged_goal", "frames"][:, offset], torch.cat(list(goal.values()), -1))
+
+
+def test_lookup_needs_only_where_to_look(library: MotionLibrary):
+    lookup = TensorDict(
+        {
+            "motion": {"frame": torch.tensor([0, 5])},
+            "command": {"steps_left": torch.tensor([[4], [9]])},
+            "state": {"root_pos_w": torch.zeros(2, 3), "root_quat_w": torch.tensor([[1.0, 0, 0, 0]]).expand(2, 4)},
+        },
+        [2],
+    )
+    out = PrivilegedGoals(library, stride=3)(lookup)
+    assert out["privileged_goal", "length"].tolist() == [3, 4]
+    assert out["privileged_goal", "frames"].shape == (2, 4, 80)
+
+
+def test_stride_must_be_positive(library):
+    with pytest.raises(ValueError, match="stride: 0"):
+        PrivilegedGoals(library, 0)

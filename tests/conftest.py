@@ -1,0 +1,47 @@
+import os
+import tempfile
+from pathlib import Path
+
+# before torch is imported: tests run side by side, and threads that fight for cores slow all of them down
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("PLAT_CACHE_DIR", tempfile.mkdtemp(prefix="plat-cache-"))
+os.environ.setdefault("WANDB_MODE", "offline")
+if "DISPLAY" not in os.environ and os.uname().sysname == "Linux":
+    os.environ.setdefault("MUJOCO_GL", "egl")
+
+import numpy as np
+import pytest
+import torch
+
+from plat.envs import G1, MotionLibrary
+from plat.envs.motions import MotionClip, generate_motions
+
+SHARED = Path(__file__).parents[2] / "shared" / "data"
+
+
+@pytest.fixture(autouse=True)
+def _seed() -> None:
+    torch.manual_seed(0)
+
+
+@pytest.fixture(scope="session")
+def library() -> MotionLibrary:
+    """Seven short generated clips, one of each family."""
+    return MotionLibrary.from_clips(generate_motions("train", seconds=30))
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """Real motions and robot figures, where they are."""
+    if not SHARED.exists():
+        pytest.skip(f"development data is not at {SHARED}")
+    return SHARED
+
+
+def standing_clip(name: str = "standing", frames: int = 61, fps: float = 30.0) -> MotionClip:
+    """The default pose, sliding forward at 0.3 m/s and turning at 0.5 rad/s: every velocity is known."""
+    qpos = np.tile(G1.default_qpos, (frames, 1))
+    time = np.arange(frames) / fps
+    qpos[:, 0] = 0.3 * time
+    qpos[:, 3], qpos[:, 6] = np.cos(0.25 * time), np.sin(0.25 * time)
+    return MotionClip(name, qpos, fps)

@@ -1,0 +1,87 @@
+import numpy as np
+import pytest
+
+from plat.envs import G1
+from plat.envs.motions import MotionClip, load_motions, save_motions
+from plat.errors import MotionError
+
+
+@pytest.fixture
+def clip() -> MotionClip:
+    qpos = np.tile(G1.default_qpos, (6, 1)).astype(np.float32)
+    qpos[:, 7:] += np.linspace(0, 0.1, 29)
+    return MotionClip("a", qpos, 30.0)
+
+
+def test_round_trip(tmp_path, clip):
+    save_motions(tmp_path / "one.npz", [clip])
+    (loaded,) = load_motions(tmp_path / "one.npz")
+    assert (loaded.name, loaded.fps) == ("a", 30.0)
+    np.testing.assert_allclose(loaded.qpos, clip.qpos, atol=1e-6)
+
+
+def test_joints_are_matched_by_name(tmp_path, clip):
+    shuffled = np.random.default_rng(0).permutation(29)
+    names = [f"{G1.joint_names[i]}_joint" for i in shuffled]
+    qpos = np.concatenate((clip.qpos[:, :7], clip.qpos[:, 7 + shuffled]), 1)
+    np.savez(tmp_path / "one.npz", a=qpos, fps=30, joint_names=names)
+    np.testing.assert_allclose(load_motions(tmp_path / "one.npz")[0].qpos, clip.qpos, atol=1e-6)
+
+
+def test_folders_and_globs(tmp_path, clip):
+    (tmp_path / "deep").mkdir()
+    for name in ("x.npz", "y.npz", "deep/z.npz"):
+        save_motions(tmp_path / name, [clip])
+    assert len(load_motions(tmp_path)) == 3
+    assert len(load_motions(str(tmp_path / "?.npz"))) == 2
+    assert len(load_motions([tmp_path / "x.npz", tmp_path / "x.npz"])) == 1
+
+
+def write(path, **arrays) -> None:
+    np.savez(path, **arrays)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"a": np.zeros((5, 36))}, "no array 'fps'"),
+        ({"fps": 30}, "no clips"),
+        ({"a": np.zeros((5, 35)), "fps": 30}, "motion 'a': qpos has 35 columns"),
+        ({"a": np.zeros((5, 36)), "fps": np.array(["thirty"])}, "'fps' is"),
+        ({"a": np.zeros((5, 36)), "fps": 30}, "quaternion of frame 0"),
+        ({"a": np.zeros((5, 36)), "fps": 30, "joint_names": ["left_knee"]}, "'joint_names' lacks"),
+        ({"a": np.array([{}], dtype=object), "fps": 30}, "not a readable .npz file"),
+    ],
+)
+def test_errors_name_file_and_field(tmp_path, arrays, message):
+    write(tmp_path / "bad.npz", **arrays)
+    with pytest.raises(MotionError, match=f"bad.npz.*{message}"):
+        load_motions(tmp_path / "bad.npz")
+
+
+def test_missing_file():
+    with pytest.raises(MotionError, match="'nowhere/x.npz': no such"):
+        load_motions("nowhere/x.npz")
+
+
+@pytest.mark.parametrize("content", [b"", b"not a zip", b"PK\x03\x04broken"])
+def test_broken_file(tmp_path, content):
+    (tmp_path / "bad.npz").write_bytes(content)
+    with pytest.raises(MotionError, match="not a readable"):
+        load_motions(tmp_path / "bad.npz")
+
+
+def test_truncated_file(tmp_path, clip):
+    save_motions(tmp_path / "bad.npz", [clip])
+    content = (tmp_path / "bad.npz").read_bytes()
+    for length in range(10, len(content), len(content) // 20):
+        (tmp_path / "bad.npz").write_bytes(content[:length])
+        with pytest.raises(MotionError, match="not a readable"):
+            load_motions(tmp_path / "bad.npz")
+
+
+def test_reserved_and_repeated_names_are_refused(tmp_path, clip):
+    with pytest.raises(MotionError, match="clip names must differ"):
+        save_motions(tmp_path / "x.npz", [clip, clip])
+    with pytest.raises(MotionError, match="one rate"):
+        save_motions(tmp_path / "x.npz", [clip, MotionClip("b", clip.qpos, 50.0)])

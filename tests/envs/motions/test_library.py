@@ -1,0 +1,123 @@
+import os
+import resource
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import torch
+
+from plat.envs import MotionLibrary
+from plat.envs.motions import MotionClip, cache_dir, save_motions
+from plat.errors import MotionError
+from tests.conftest import standing_clip
+
+
+def test_velocities_of_a_known_motion():
+    library = MotionLibrary.from_clips([standing_clip()])
+    states = library.states(torch.arange(10, 40))
+    torch.testing.assert_close(
+        states["keypoint_lin_vel"][:, 0, :2], torch.tensor([0.3, 0.0]).expand(30, 2), atol=2e-3, rtol=0
+    )
+    torch.testing.assert_close(
+        states["keypoint_ang_vel"], torch.tensor([0, 0, 0.5]).expand(30, 14, 3), atol=2e-3, rtol=0
+    )
+    assert states["joint_vel"].abs().max() < 1e-4
+
+
+def test_a_clip_does_not_leak_into_the_next():
+    far = standing_clip("far")
+    far.qpos[:, 0] += 100
+    library = MotionLibrary.from_clips([standing_clip(), far])
+    assert library.frames["keypoint_lin_vel"].norm(dim=-1).max() < 1.0
+
+
+def test_clips_are_found_again(library):
+    for clip in range(library.num_clips):
+        start, length = int(library.clip_start[clip]), int(library.clip_length[clip])
+        assert (library.clip_of_frame[start : start + length] == clip).all()
+        assert (library.last_frame[start : start + length] == start + length - 1).all()
+    assert len(library) == int(library.clip_length.sum())
+
+
+def test_lookup_equals_the_table(library):
+    frame = torch.randint(len(library), (3, 4))
+    states = library.states(frame)
+    assert states.shape == (3, 4)
+    for name, value in states.items():
+        assert torch.equal(value, library.frames[name][frame])
+    for name, value in library.poses(frame).items():
+        assert torch.equal(value, states[name])
+
+
+def test_only_is_the_clip(library):
+    one = library.only(2)
+    assert one.clip_names == [library.clip_names[2]]
+    start = int(library.clip_start[2])
+    assert torch.equal(one.frames["joint_pos"], library.frames["joint_pos"][start : start + len(one)])
+
+
+def test_cache_gives_the_same_table(tmp_path, monkeypatch):
+    monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
+    save_motions(tmp_path / "a.npz", [standing_clip()])
+    first = MotionLibrary.load(tmp_path / "a.npz")
+    assert len(list((cache_dir() / "motions").glob("*.safetensors"))) == 1
+    monkeypatch.setattr("plat.envs.motions.library.load_motions", lambda *_: pytest.fail("the cache was not used"))
+    second = MotionLibrary.load(tmp_path / "a.npz")
+    assert torch.equal(first.frames["keypoint_pos"], second.frames["keypoint_pos"])
+    assert second.clip_names == ["standing"]
+
+
+def test_other_content_is_another_cache_entry(tmp_path, monkeypatch):
+    monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
+    save_motions(tmp_path / "a.npz", [standing_clip()])
+    MotionLibrary.load(tmp_path / "a.npz")
+    save_motions(tmp_path / "a.npz", [standing_clip("other")])
+    assert MotionLibrary.load(tmp_path / "a.npz").clip_names == ["other"]
+
+
+def test_a_broken_cache_is_made_again(tmp_path, monkeypatch):
+    monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
+    save_motions(tmp_path / "a.npz", [standing_clip()])
+    MotionLibrary.load(tmp_path / "a.npz")
+    (entry,) = (cache_dir() / "motions").glob("*.safetensors")
+    entry.write_bytes(entry.read_bytes()[:1000])
+    assert MotionLibrary.load(tmp_path / "a.npz").num_clips == 1
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs file size limits")
+def test_a_full_disk_only_costs_the_cache(tmp_path):
+    save_motions(tmp_path / "a.npz", [standing_clip()])
+    program = (
+        "import resource, signal, warnings\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        "from plat.envs import MotionLibrary\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000))\n"
+        "with warnings.catch_warnings(record=True) as caught:\n"
+        "    warnings.simplefilter('always')\n"
+        f"    print(MotionLibrary.load({str(tmp_path / 'a.npz')!r}).num_clips)\n"
+        "print(any('was not written' in str(w.message) for w in caught))\n"
+    )
+    environment = {**os.environ, "PLAT_CACHE_DIR": str(tmp_path / "cache")}
+    out = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=environment, check=True)
+    assert out.stdout.split() == ["1", "True"]
+    assert not list((tmp_path / "cache" / "motions").iterdir())
+    assert resource.getrlimit(resource.RLIMIT_FSIZE)[0] == resource.RLIM_INFINITY
+
+
+def test_bad_input():
+    with pytest.raises(MotionError, match="no clips"):
+        MotionLibrary.from_clips([])
+    blink = MotionClip("blink", standing_clip(frames=2, fps=300.0).qpos, 300.0)
+    with pytest.raises(MotionError, match="motion 'blink': 0.003 s, expected at least one control step"):
+        MotionLibrary.from_clips([blink])
+    with pytest.raises(MotionError, match="no set 'dev'"):
+        MotionLibrary.load("generated:dev")
+
+
+def test_real_motions_load(shared_data, tmp_path, monkeypatch):
+    monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path))
+    library = MotionLibrary.load(shared_data / "motions" / "bandai_val.npz")
+    assert library.num_clips == 272
+    assert library.duration == pytest.approx(1421, abs=10)
+    assert np.isfinite(library.frames["keypoint_ang_vel"].numpy()).all()

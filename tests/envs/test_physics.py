@@ -1,0 +1,91 @@
+import mujoco
+import numpy as np
+import pytest
+import torch
+
+from plat.envs import G1, BatchedPhysics
+
+
+def started(num_sims: int) -> BatchedPhysics:
+    physics = BatchedPhysics(G1.model(), num_sims, num_threads=1)
+    qpos = torch.as_tensor(G1.default_qpos).expand(num_sims, -1)
+    physics.set_state(torch.arange(num_sims), qpos, torch.zeros(num_sims, 35, dtype=torch.float64))
+    return physics
+
+
+def test_steps_equal_plain_mujoco():
+    physics = started(3)
+    model = G1.model()
+    data = mujoco.MjData(model)
+    data.qpos[:] = G1.default_qpos
+    target = G1.default_joint_pos + 0.1
+    for _ in range(10):
+        physics.step(target.expand(3, -1), nstep=4)
+        data.ctrl[:] = target
+        mujoco.mj_step(model, data, 4)
+    np.testing.assert_allclose(physics.read("qpos")[1], data.qpos, atol=1e-6)
+
+
+def test_a_push_acts_as_in_plain_mujoco():
+    # the batch goes on from stages that were computed before the push; it must notice the new velocity
+    physics = started(1)
+    model = G1.model()
+    data = mujoco.MjData(model)
+    data.qpos[:] = G1.default_qpos
+    delta = torch.zeros(1, 35, dtype=torch.float64)
+    delta[0, 0] = 0.5
+    for push in (False, True, False):
+        if push:
+            physics.add_velocity(torch.tensor([0]), delta)
+            data.qvel[:] += delta[0].numpy()
+        physics.step(G1.default_joint_pos[None], nstep=4)
+        data.ctrl[:] = G1.default_joint_pos
+        mujoco.mj_step(model, data, 4)
+    np.testing.assert_allclose(physics.read("qvel")[0], data.qvel, atol=1e-5)
+
+
+def test_reads_are_copies():
+    physics = started(1)
+    before = physics.read("qpos")
+    kept = before.clone()
+    physics.step(G1.default_joint_pos[None] + 0.5, nstep=4)
+    assert torch.equal(before, kept)
+    assert not torch.equal(physics.read("qpos"), kept)
+
+
+def test_state_of_some_leaves_the_others():
+    physics = started(3)
+    before = physics.read("qpos")
+    moved = torch.as_tensor(G1.default_qpos)[None].clone()
+    moved[:, 0] = 5.0
+    physics.set_state(torch.tensor([1]), moved, torch.zeros(1, 35, dtype=torch.float64))
+    after = physics.read("qpos")
+    assert after[1, 0] == 5.0
+    assert torch.equal(after[[0, 2]], before[[0, 2]])
+    # body poses are those of the new state at once
+    assert physics.read("xpos", [1])[1, 0, 0] == 5.0
+
+
+def test_model_fields_are_per_simulation():
+    physics = started(2)
+    physics.model_field("actuator_gainprm")[1, :, 0] = 0.0
+    physics.model_field("actuator_biasprm")[1, :, 1:3] = 0.0
+    for _ in range(25):
+        physics.step(G1.default_joint_pos.expand(2, -1), nstep=4)
+    height = physics.read("qpos")[:, 2]
+    assert height[0] > 0.7  # the one with motors stands
+    assert height[1] < 0.6
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_threads_do_not_change_the_numbers(threads):
+    physics = BatchedPhysics(G1.model(), 4, num_threads=threads)
+    qpos = torch.as_tensor(G1.default_qpos).expand(4, -1)
+    physics.set_state(torch.arange(4), qpos, torch.zeros(4, 35, dtype=torch.float64))
+    targets = G1.default_joint_pos + 0.2 * torch.randn(4, 29, generator=torch.Generator().manual_seed(0))
+    for _ in range(5):
+        physics.step(targets, nstep=4)
+    reference = started(4)
+    for _ in range(5):
+        reference.step(targets, nstep=4)
+    assert torch.equal(physics.read("qpos"), reference.read("qpos"))

@@ -1,0 +1,66 @@
+import pytest
+import torch
+from torchrl.envs.utils import check_env_specs
+
+from plat.envs import (
+    COMMAND_KEYS,
+    ROBOT_KEYS,
+    ResetNoise,
+    TaskConfig,
+    goal_keys,
+    make_keyframe_env,
+    make_tracking_env,
+    privileged_keys,
+)
+from plat.envs.transforms import pop_statistics
+
+EVERYTHING = TaskConfig(observation_noise=True, domain_randomization=True)
+
+
+@pytest.mark.parametrize("make", [make_tracking_env, make_keyframe_env])
+@pytest.mark.parametrize("config", [TaskConfig(), EVERYTHING], ids=["plain", "everything"])
+def test_specs(library, make, config):
+    check_env_specs(make(library, 3, config))
+
+
+def test_groups_that_networks_read(library):
+    tracking = set(make_tracking_env(library, 2).observation_spec.keys(True, True))
+    assert tracking >= {*ROBOT_KEYS, *goal_keys(), *privileged_keys()}
+    keyframe = set(make_keyframe_env(library, 2).observation_spec.keys(True, True))
+    assert keyframe >= {*ROBOT_KEYS, *goal_keys(), *goal_keys("dense_goal"), *COMMAND_KEYS, *privileged_keys()}
+
+
+def test_rollouts_hold_no_working_entries(library):
+    entries = set(make_keyframe_env(library, 2).observation_spec.keys(True, True))
+    assert not any(key[0] in ("reference", "metrics") for key in entries)
+    assert {key for key in entries if key[0] == "state"} == {("state", "root_pos_w"), ("state", "root_quat_w")}
+
+
+def test_partial_resets_agree_with_whole_ones(library):
+    # what transforms compute for a few rows after a mask reset is what they compute for all rows
+    env = make_keyframe_env(library, 8, TaskConfig(reset_noise=ResetNoise(*[0.0] * 9)))
+    state = env.reset()
+    mask = torch.zeros(8, 1, dtype=torch.bool)
+    mask[[1, 5]] = True
+    after = env.reset(state.clone().update({"_reset": mask}))
+    keep = ~mask[:, 0]
+    for key in state.keys(True, True):
+        assert torch.equal(after[key][keep], state[key][keep]), key
+    whole = env.transform[-2].compute(env.transform[-2]._reset(state.empty(), env.base_env._observe()))
+    for key, value in whole.items():
+        torch.testing.assert_close(after[key][~keep], value[~keep])
+
+
+def test_rewards_without_weight_are_left_out(library):
+    config = TaskConfig(dense_weight=0, sparse_weight=0, regularisation_weight=0)
+    env = make_keyframe_env(library, 2, config)
+    rollout = env.rollout(3)
+    assert (rollout["next", "reward"] == 0).all()
+
+
+def test_statistics_are_collected_and_cleared(library):
+    env = make_tracking_env(library, 4)
+    env.rollout(3, break_when_any_done=False)
+    statistics = pop_statistics(env)
+    assert {"terminated", "error/keypoint_aligned", "reward/anchor_pos", "reward/action_rate"} <= set(statistics)
+    assert pop_statistics(env) == {}

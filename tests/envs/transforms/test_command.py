@@ -1,0 +1,120 @@
+import pytest
+import torch
+from tensordict import TensorDict
+
+from plat.envs import MotionLibrary, make_keyframe_env, robot_centric_goal
+from plat.envs.transforms import HORIZONS, MAX_STEPS, WINDOW, CommandSchedule, Horizon, KeyframeClock, KeyframeCommand
+from plat.errors import MotionError
+from tests.conftest import standing_clip
+
+
+def test_horizons_are_the_papers():
+    assert {name: (h.shortest, h.longest) for name, h in HORIZONS.items()} == {
+        "single": (1, 1),
+        "short": (2, 10),
+        "medium": (11, 25),
+        "long": (26, 50),
+        "mixed": (1, 50),
+    }
+    assert (MAX_STEPS, WINDOW) == (50, 3)
+
+
+@pytest.mark.parametrize("bounds", [(0, 5), (5, 4), (1, 51)])
+def test_impossible_horizons(bounds):
+    with pytest.raises(ValueError, match="expected 1 <= shortest <= longest <= 50"):
+        Horizon(*bounds)
+
+
+@pytest.mark.parametrize("horizon", HORIZONS.values(), ids=HORIZONS)
+def test_schedules_follow_their_horizon(library, horizon):
+    schedule = CommandSchedule(library, horizon, seed=0)
+    for clip in range(library.num_clips):
+        frame = int(library.clip_start[clip])
+        last = frame + int(library.clip_length[clip]) - 1
+        while (target := int(schedule.target_frame[frame])) >= 0:
+            steps = target - frame
+            assert steps <= horizon.longest
+            assert steps >= horizon.shortest
+            assert (schedule.target_frame[frame:target] == target).all()
+            assert len(schedule.command_of_frame[frame:target].unique()) == 1
+            frame = target
+        # what is left at the end is too short for a command
+        assert last - frame < horizon.shortest
+
+
+def test_schedules_depend_on_the_seed_only(library):
+    first, second, other = (CommandSchedule(library, HORIZONS["mixed"], seed) for seed in (1, 1, 2))
+    assert torch.equal(first.target_frame, second.target_frame)
+    assert not torch.equal(first.target_frame, other.target_frame)
+
+
+def test_last_command_ends_on_the_clips_last_frame():
+    # 61 frames at 30 Hz are 101 at 50 Hz: 100 steps hold two commands of 50 and nothing else
+    library = MotionLibrary.from_clips([standing_clip()])
+    schedule = CommandSchedule(library, Horizon(50, 50), seed=0)
+    assert schedule.num_commands == 2
+    assert schedule.target_frame[[0, 49, 50, 99, 100]].tolist() == [50, 50, 100, 100, -1]
+    # with commands of 40, the third is cut to the 20 steps that are left, unless that is too short
+    assert CommandSchedule(library, Horizon(20, 40), seed=0).target_frame[99] == 100
+    assert CommandSchedule(library, Horizon(40, 40), seed=0).target_frame[[79, 80]].tolist() == [80, -1]
+
+
+def test_a_clip_shorter_than_the_horizon_is_named(library):
+    short = MotionLibrary.from_clips([standing_clip(), standing_clip("blink", frames=13)])
+    with pytest.raises(
+        MotionError, match=r"motion 'blink': 20 control steps \(0.40 s\), shorter than .* 26 steps \(1 of 2"
+    ):
+        CommandSchedule(short, HORIZONS["long"], seed=0)
+    with pytest.raises(MotionError, match="'blink'"):
+        make_keyframe_env(short, 2, horizon=HORIZONS["long"])
+
+
+def test_clock_counts_down_and_marks_the_window():
+    clock = KeyframeClock()
+    command = {"target_frame": torch.tensor([9]), "steps_left": torch.tensor([[5]])}
+    state = TensorDict({"command": TensorDict(command, [1])}, [1])
+    seen = []
+    for _ in range(5):
+        following = clock._step(state, TensorDict({"motion": {"frame": torch.zeros(1, dtype=torch.int64)}}, [1]))
+        command = following["command"]
+        seen.append((int(command["steps_left"]), bool(command["in_window"]), bool(command["arrived"])))
+        state = following
+    assert seen == [(4, False, False), (3, False, False), (2, True, False), (1, True, False), (0, True, True)]
+
+
+def test_commands_are_kept_until_arrival_and_then_replaced(library):
+    env = make_keyframe_env(library, 64, horizon=Horizon(3, 6))
+    state = env.reset()
+    for _ in range(20):
+        before = state["command"].clone()
+        state["action"] = torch.zeros(64, 29)
+        stepped, state = env.step_and_maybe_reset(state)
+        after, goes_on = stepped["next", "command"], ~stepped["next", "done"][:, 0]
+        arrived = (before["steps_left"] == 1)[:, 0]
+        kept = goes_on & ~arrived
+        assert torch.equal(after["target_frame"][kept], before["target_frame"][kept])
+        assert torch.equal(after["steps_left"][kept], before["steps_left"][kept] - 1)
+        fresh = after["steps_left"][goes_on & arrived]
+        left = (library.last_frame - torch.arange(len(library)))[stepped["next", "motion", "frame"][goes_on & arrived]]
+        assert ((fresh[:, 0] >= 3) | (fresh[:, 0] == left)).all()
+        assert (fresh <= 6).all()
+
+
+def test_goal_is_the_target_in_the_robots_frame(library):
+    env = make_keyframe_env(library, 8)
+    state = env.reset()
+    target = library.poses(state["command", "target_frame"])
+    goal = robot_centric_goal(target, state["state", "root_pos_w"], state["state", "root_quat_w"])
+    for key, value in goal.items():
+        torch.testing.assert_close(state["goal", key], value)
+    frames = state["command", "target_frame"] - state["motion", "frame"]
+    assert torch.equal(state["command", "steps_left"][:, 0], frames)
+    torch.testing.assert_close(state["command", "horizon"][:, 0], frames / 50)
+
+
+def test_drawn_commands_cover_the_horizon(library):
+    command = KeyframeCommand(library, HORIZONS["mixed"])
+    start = library.clip_start[torch.zeros(4000, dtype=torch.int64)]
+    steps = command._next_target(start) - start
+    assert (steps.min(), steps.max()) == (1, 50)
+    assert abs(steps.float().mean() - 25.5) < 1

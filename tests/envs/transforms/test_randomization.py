@@ -1,0 +1,78 @@
+import torch
+
+from plat.envs import G1, MotionTrackingEnv, ResetNoise, TaskConfig, make_tracking_env
+from plat.envs.transforms import DomainRandomization, RandomizationRanges
+
+STILL = ResetNoise(*[0.0] * 9)
+OFF = RandomizationRanges(
+    foot_friction=(0.8, 0.8),
+    torso_com=(0, 0, 0),
+    encoder_bias=0,
+    motor_gain=0,
+    control_delay=0,
+    push_lin_vel=(0, 0, 0),
+    push_ang_vel=(0, 0, 0),
+)
+
+
+def test_draws_are_within_their_ranges(library):
+    env = MotionTrackingEnv(library, 200)
+    ranges = RandomizationRanges()
+    DomainRandomization(env, ranges)._reset_env_preprocess(None)
+    model, physics = env.physics.model, env.physics
+    feet = [i for i in range(model.ngeom) if "_foot" in model.geom(i).name]
+    friction = physics.model_field("geom_friction")[:, feet, 0]
+    assert (friction >= 0.3).all()
+    assert (friction <= 1.2).all()
+    assert friction[:, 0].std() > 0.2
+    assert (friction == friction[:, :1]).all()  # one floor under both feet
+    gain = physics.model_field("actuator_gainprm")[:, :, 0] / G1.stiffness
+    assert ((gain > 0.899) & (gain < 1.101)).all()
+    torch.testing.assert_close(
+        physics.model_field("actuator_biasprm")[:, :, 1], -physics.model_field("actuator_gainprm")[:, :, 0]
+    )
+    torso = model.body("torso_link").id
+    shift = physics.model_field("body_ipos")[:, torso] - torch.from_numpy(model.body_ipos[torso])
+    assert (shift.abs() <= torch.tensor([0.025, 0.05, 0.05]) + 1e-9).all()
+    assert (env.encoder_bias.abs() <= 0.01 + 1e-9).all()
+    assert 0.3 < env.delayed.float().mean() < 0.7
+
+
+def test_switched_off_changes_nothing(library):
+    rollouts = []
+    for randomize in (False, True):
+        torch.manual_seed(0)
+        env = make_tracking_env(
+            library, 4, TaskConfig(reset_noise=STILL, domain_randomization=randomize, randomization=OFF)
+        )
+        starts = next(t for t in env.transform if hasattr(t, "sample"))
+        starts.sample = lambda count: torch.arange(count) * 10
+        rollouts.append(env.rollout(30, lambda td: td.set("action", torch.zeros(4, 29)), break_when_any_done=False))
+    torch.testing.assert_close(*(rollout["next", "robot", "joint_pos"] for rollout in rollouts))
+
+
+def test_only_reset_robots_are_drawn_anew(library):
+    env = make_tracking_env(library, 8, TaskConfig(domain_randomization=True))
+    state = env.reset()
+    bias = env.base_env.encoder_bias.clone()
+    mask = torch.zeros(8, 1, dtype=torch.bool)
+    mask[3] = True
+    env.reset(state.update({"_reset": mask}))
+    changed = (env.base_env.encoder_bias != bias).any(-1)
+    assert changed.tolist() == mask[:, 0].tolist()
+
+
+def test_pushes_come_at_their_interval(library):
+    env = MotionTrackingEnv(library, 100)
+    randomization = DomainRandomization(env, RandomizationRanges(push_interval=(0.1, 0.2)))
+    randomization._reset_env_preprocess(None)
+    env.reset()
+    pushes = torch.zeros(100)
+    for _ in range(50):
+        before = env.physics.read("qvel")
+        randomization._inv_call(None)
+        change = (env.physics.read("qvel") - before)[:, :6].abs()
+        assert (change <= torch.tensor([0.5, 0.5, 0.2, 0.52, 0.52, 0.78]) + 1e-5).all()
+        pushes += change.sum(-1) > 0
+    # a second has room for five to ten
+    assert 5 <= pushes.mean() <= 10

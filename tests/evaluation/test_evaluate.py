@@ -1,0 +1,184 @@
+import pytest
+import torch
+
+from plat.envs import G1, MotionLibrary
+from plat.envs.transforms import HORIZONS, CommandSchedule, Horizon
+from plat.errors import MotionError
+from plat.evaluation import evaluate, report
+from plat.modules import Expert
+from tests.conftest import standing_clip
+from tests.evaluation.puppet import evaluate_puppet, nowhere, still
+
+
+@pytest.fixture(scope="module")
+def two_clips() -> MotionLibrary:
+    """100 and 60 control steps."""
+    return MotionLibrary.from_clips([standing_clip("a", frames=61), standing_clip("b", frames=37)])
+
+
+@pytest.mark.parametrize("horizon", HORIZONS.values(), ids=HORIZONS)
+def test_a_perfect_robot_scores_perfectly(monkeypatch, two_clips, horizon):
+    records = evaluate_puppet(monkeypatch, two_clips, horizon, nowhere)
+    assert not records.failed.any()
+    assert torch.equal(records.steps, records.length.double())
+    assert torch.equal(records.window_steps, records.length.clamp_max(3).double())
+    figures = report(records)
+    assert figures["tks"].value == figures["success_area"].value == 100
+    for name in ("mpjpe", "mpkpe", "mpkpe_root", "mpjpe_all", "mpkpe_all", "fall_rate"):
+        assert figures[name].value == pytest.approx(0, abs=1e-5)
+
+
+def test_constant_offsets_are_measured(monkeypatch, two_clips):
+    def offset(frame):
+        out = nowhere(frame)
+        out[:, 0], out[:, 1] = 0.03, 0.04
+        out[:, 7] = 0.29
+        return out
+
+    figures = report(evaluate_puppet(monkeypatch, two_clips, HORIZONS["mixed"], offset))
+    assert figures["mpjpe"].value == pytest.approx(0.01, rel=1e-3)
+    # a hip turned by 0.29 rad moves its leg as well, so the world error exceeds the 5 cm of the displacement
+    assert 0.05 < figures["mpkpe"].value < 0.10
+    assert figures["tks"].value == 100
+
+
+def test_displacement_alone(monkeypatch, two_clips):
+    def offset(frame):
+        out = nowhere(frame)
+        out[:, 0] = 0.2
+        return out
+
+    records = evaluate_puppet(monkeypatch, two_clips, HORIZONS["mixed"], offset)
+    figures = report(records)
+    assert figures["mpkpe"].value == pytest.approx(0.2, rel=1e-4)
+    assert figures["mpkpe_root"].value == pytest.approx(0, abs=1e-5)
+    assert figures["success_area"].value == pytest.approx(60, rel=1e-3)  # in 0..0.5 m, from 0.2 m on
+    torch.testing.assert_close(records.arrival_error, torch.full_like(records.arrival_error, 0.2), atol=1e-5, rtol=0)
+
+
+def test_a_fall_fails_one_command_and_the_next_begins_on_the_reference(monkeypatch, two_clips):
+    horizon = Horizon(20, 20)  # five commands in the first clip, three in the second
+
+    def offset(frame):
+        out = nowhere(frame)
+        out[:, 2] = torch.where(frame == 47, -0.4, 0.0)  # in the third command of the first clip, before its window
+        return out
+
+    records = evaluate_puppet(monkeypatch, two_clips, horizon, offset)
+    assert records.failed.tolist() == [False, False, True, False, False, False, False, False]
+    assert records.fell.tolist() == records.failed.tolist()
+    assert records.steps.tolist() == [20, 20, 7, 20, 20, 20, 20, 20]
+    assert records.window_steps[2] == 0
+    figures = report(records)
+    assert figures["tks"].value == pytest.approx(100 * 7 / 8)
+    assert figures["mpjpe"].value == pytest.approx(0, abs=1e-5)  # over commands that reached their window
+    assert figures["mpjpe_all"].value == pytest.approx(0.5 / 8)  # the failed one counts in full
+    assert figures["mpkpe_all"].value == pytest.approx(1.0 / 8)
+    assert figures["success_area"].value == pytest.approx(100 * 7 / 8)
+
+
+def test_window_thresholds_fail_a_command_that_has_not_fallen(monkeypatch, two_clips):
+    wrist = 7 + G1.joint_names.index("left_shoulder_roll")
+
+    def offset(frame):
+        out = nowhere(frame)
+        out[:, wrist] = torch.where(frame == 19, 1.8, 0.0)  # an arm up, one step before the first arrival
+        return out
+
+    records = evaluate_puppet(monkeypatch, two_clips, Horizon(20, 20), offset)
+    assert records.failed.tolist() == [True] + [False] * 7
+    assert not records.fell.any()
+    assert records.window_steps[0] == 2
+    assert records.window["joint_error"][0] == pytest.approx(1.8 / 29 / 2, rel=1e-3)
+
+
+def test_the_same_offset_outside_the_window_is_free(monkeypatch, two_clips):
+    wrist = 7 + G1.joint_names.index("left_shoulder_roll")
+
+    def offset(frame):
+        out = nowhere(frame)
+        out[:, wrist] = torch.where(frame == 10, 1.8, 0.0)
+        return out
+
+    records = evaluate_puppet(monkeypatch, two_clips, Horizon(20, 20), offset)
+    assert not records.failed.any()
+    assert records.window["joint_error"].max() < 1e-5
+
+
+@pytest.mark.parametrize("steps", [1, 2])
+def test_commands_shorter_than_the_window(monkeypatch, two_clips, steps):
+    def offset(frame):
+        out = nowhere(frame)
+        out[:, 7] = torch.where(frame % 2 == 0, 0.29, 0.0)
+        return out
+
+    records = evaluate_puppet(monkeypatch, two_clips, Horizon(steps, steps), offset)
+    assert (records.window_steps == steps).all()
+    assert report(records)["mpjpe"].value == pytest.approx(0.005, rel=0.02)
+
+
+def test_a_command_that_the_clips_end_cuts_short(monkeypatch):
+    library = MotionLibrary.from_clips([standing_clip(frames=61)])  # 100 steps: 40, 40 and the 20 that are left
+    records = evaluate_puppet(monkeypatch, library, Horizon(20, 40), nowhere, seed=3)
+    assert int(records.length.sum()) == 100
+    assert records.length[-1] >= 20
+    records = evaluate_puppet(monkeypatch, library, Horizon(40, 40), nowhere)
+    assert records.length.tolist() == [40, 40]  # 20 steps are too few for a command of 40
+
+
+def test_a_fall_in_a_clips_last_command(monkeypatch, two_clips):
+    def offset(frame):
+        out = nowhere(frame)
+        out[:, 2] = torch.where(frame == 95, -0.4, 0.0)
+        return out
+
+    records = evaluate_puppet(monkeypatch, two_clips, Horizon(20, 20), offset, num_envs=1)
+    assert records.failed.tolist() == [False] * 4 + [True] + [False] * 3
+    assert records.steps.tolist() == [20, 20, 20, 20, 15, 20, 20, 20]
+
+
+def test_commands_do_not_depend_on_the_policy(library):
+    first = evaluate(Expert(G1).deployed(), library, HORIZONS["mixed"], seed=5)
+    second = evaluate(still, library, HORIZONS["mixed"], seed=5)
+    assert torch.equal(first.length, second.length)
+    assert torch.equal(first.clip, second.clip)
+    assert not torch.equal(first.steps, second.steps)
+
+
+def test_figures_do_not_depend_on_how_many_robots_there_are(library):
+    policy = Expert(G1).deployed()
+    few, many = (evaluate(policy, library, HORIZONS["medium"], num_envs=count) for count in (2, 7))
+    assert torch.equal(few.steps, many.steps)
+    torch.testing.assert_close(few.window["joint_error"], many.window["joint_error"], equal_nan=True)
+
+
+def test_evaluating_draws_no_random_numbers(library):
+    torch.manual_seed(0)
+    expected = torch.rand(1)
+    torch.manual_seed(0)
+    evaluate(still, library, HORIZONS["long"])
+    assert torch.rand(1) == expected
+
+
+def test_dense_reference_instead_of_the_keyframe(library):
+    # an untrained expert adds next to nothing to the goal's angles: with the next frame as goal it stays with the
+    # motion, with a keyframe half a second ahead it jumps there
+    expert = Expert(G1).deployed()
+    dense = report(evaluate(expert, library, HORIZONS["long"], dense=True))
+    sparse = report(evaluate(expert, library, HORIZONS["long"]))
+    assert dense["action_change"].value < 0.5 * sparse["action_change"].value
+
+
+def test_every_command_is_evaluated_once(library):
+    records = evaluate(still, library, HORIZONS["short"], num_envs=3)
+    schedule = CommandSchedule(library, HORIZONS["short"], seed=0)
+    assert len(records.steps) == schedule.num_commands
+    assert (records.steps >= 1).all()
+    assert (records.steps <= records.length).all()
+    assert (records.steps == records.length)[~records.failed].all()
+
+
+def test_a_motion_too_short_for_the_horizon_is_named(two_clips):
+    short = MotionLibrary.from_clips([standing_clip("blink", frames=13)])
+    with pytest.raises(MotionError, match="'blink'"):
+        evaluate(still, short, HORIZONS["long"])

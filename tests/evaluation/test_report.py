@@ -1,0 +1,105 @@
+import math
+
+import pytest
+import torch
+
+from plat.evaluation import CommandRecords, Penalties, report, success_curve
+
+
+def records(**changes) -> CommandRecords:
+    """Four commands of two clips; the last one failed before its window."""
+    base = {
+        "clip": torch.tensor([0, 0, 1, 1]),
+        "length": torch.tensor([10, 10, 10, 10]),
+        "steps": torch.tensor([10.0, 10, 10, 5], dtype=torch.float64),
+        "failed": torch.tensor([False, False, False, True]),
+        "fell": torch.tensor([False, False, False, True]),
+        "window_steps": torch.tensor([3.0, 3, 3, 0], dtype=torch.float64),
+        "window": {
+            "joint_error": torch.tensor([0.1, 0.2, 0.9, math.nan], dtype=torch.float64),
+            "keypoint_error": torch.tensor([0.1, 0.1, 0.4, math.nan], dtype=torch.float64),
+            "keypoint_error_root": torch.tensor([0.05, 0.05, 0.05, math.nan], dtype=torch.float64),
+        },
+        "arrival_error": torch.tensor([0.1, 0.1, 0.4, math.inf], dtype=torch.float64),
+        "step": {
+            name: torch.full((4,), 7.0, dtype=torch.float64) for name in ("action_change", "joint_jerk", "foot_slip")
+        },
+    }
+    return CommandRecords(**{**base, **changes})
+
+
+def test_figures_of_a_hand_made_table():
+    figures = report(records())
+    assert figures["tks"].value == 75
+    assert figures["fall_rate"].value == 25
+    assert figures["mpjpe"].value == pytest.approx(1.2 / 3)
+    assert figures["mpkpe"].value == pytest.approx(0.2)
+    assert figures["mpjpe_all"].value == pytest.approx((0.1 + 0.2 + 0.5 + 0.5) / 4)  # capped, and the failed one full
+    assert figures["mpkpe_all"].value == pytest.approx((0.1 + 0.1 + 0.4 + 1.0) / 4)
+    assert figures["action_change"].value == pytest.approx(28 / 35)
+    assert figures["success_area"].value == pytest.approx(100 * (0.8 + 0.8 + 0.2 + 0) / 4)
+
+
+def test_penalties_can_be_set():
+    assert report(records(), Penalties(joint_error=1.0))["mpjpe_all"].value == pytest.approx((0.1 + 0.2 + 0.9 + 1) / 4)
+
+
+def test_falling_never_looks_precise():
+    careful = report(records())
+    # the same, but the worst command is failed before its window: its error drops out of the paper's figure only
+    failed = torch.tensor([False, False, True, True])
+    reckless = report(records(failed=failed, window_steps=torch.tensor([3.0, 3, 0, 0], dtype=torch.float64)))
+    assert reckless["mpjpe"].value < careful["mpjpe"].value
+    assert reckless["mpjpe_all"].value >= careful["mpjpe_all"].value
+    assert reckless["tks"].value < careful["tks"].value
+
+
+def test_success_curve():
+    x, share = success_curve(records(), points=6)
+    torch.testing.assert_close(x, torch.tensor([0, 0.1, 0.2, 0.3, 0.4, 0.5], dtype=torch.float64))
+    assert share.tolist() == [0, 0.5, 0.5, 0.5, 0.75, 0.75]
+
+
+def test_intervals_come_from_motions():
+    # within a clip everything is alike, between two clips nothing: resampling clips swings between the two
+    split = records(failed=torch.tensor([False, False, True, True]))
+    tks = report(split)["tks"]
+    assert (tks.low, tks.value, tks.high) == (0, 50, 100)
+    same = records(failed=torch.tensor([False, True, False, True]))
+    tks = report(same)["tks"]
+    assert (tks.low, tks.value, tks.high) == (50, 50, 50)
+
+
+def test_interval_of_a_known_distribution():
+    count = 400
+    clip = torch.arange(count)
+    failed = torch.arange(count) % 4 == 0
+    many = CommandRecords(
+        clip=clip,
+        length=torch.full((count,), 10),
+        steps=torch.full((count,), 10.0, dtype=torch.float64),
+        failed=failed,
+        fell=failed,
+        window_steps=torch.full((count,), 3.0, dtype=torch.float64),
+        window={
+            name: torch.ones(count, dtype=torch.float64)
+            for name in ("joint_error", "keypoint_error", "keypoint_error_root")
+        },
+        arrival_error=torch.ones(count, dtype=torch.float64),
+        step={name: torch.ones(count, dtype=torch.float64) for name in ("action_change", "joint_jerk", "foot_slip")},
+    )
+    tks = report(many)["tks"]
+    half_width = 100 * 1.96 * math.sqrt(0.75 * 0.25 / count)
+    assert tks.high - tks.value == pytest.approx(half_width, rel=0.15)
+    assert tks.value - tks.low == pytest.approx(half_width, rel=0.15)
+
+
+def test_no_command_reached_its_window():
+    nothing = report(records(window_steps=torch.zeros(4, dtype=torch.float64), failed=torch.ones(4, dtype=torch.bool)))
+    assert math.isnan(nothing["mpjpe"].value)
+    assert nothing["mpjpe_all"].value == 0.5
+    assert nothing["tks"].value == 0
+
+
+def test_format():
+    assert f"{report(records())['tks']:.1f}".startswith("75.0 (")

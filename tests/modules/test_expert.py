@@ -1,0 +1,58 @@
+import torch
+from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+from plat.envs import G1, ROBOT_KEYS, goal_keys, make_keyframe_env, make_tracking_env
+from plat.modules import Critic, Expert, ExpertConfig
+
+
+def test_deployed_is_the_actors_mean(library):
+    expert = Expert(G1)
+    state = make_tracking_env(library, 4).reset()
+    with set_exploration_type(ExplorationType.DETERMINISTIC):
+        acted = expert.actor()(state.clone())
+    torch.testing.assert_close(expert.deployed()(state.clone())["action"], acted["action"])
+    torch.testing.assert_close(acted["action"], acted["loc"])
+
+
+def test_head_reads_what_the_actor_wrote(library):
+    expert = Expert(G1)
+    rollout = expert.actor()(make_tracking_env(library, 4).reset())
+    dist = expert.head().get_dist(rollout.select(*expert.head().in_keys))
+    torch.testing.assert_close(dist.log_prob(rollout["action"]), rollout["action_log_prob"])
+
+
+def test_untrained_expert_commands_the_reference(library):
+    expert = Expert(G1)
+    torch.nn.init.zeros_(expert.network[-1].weight)
+    torch.nn.init.zeros_(expert.network[-1].bias)
+    state = make_tracking_env(library, 4).reset()
+    action = expert.deployed()(state)["action"]
+    torch.testing.assert_close(G1.default_joint_pos + G1.action_scale * action, state["goal", "joint_pos"])
+
+
+def test_default_offset_ignores_the_goals_angles_outside_the_network(library):
+    expert = Expert(G1, ExpertConfig(action="default_offset"))
+    torch.nn.init.zeros_(expert.network[-1].weight)
+    torch.nn.init.zeros_(expert.network[-1].bias)
+    state = make_tracking_env(library, 4).reset()
+    assert (expert.deployed()(state)["action"] == 0).all()
+
+
+def test_labels_are_in_the_students_parametrisation(library):
+    # a label is an action of the environment: taken as it is, it does what the expert would have done
+    expert = Expert(G1)
+    keyframe = make_keyframe_env(library, 4).reset()
+    label = expert.deployed("dense_goal", out_key="expert_action")(keyframe)["expert_action"]
+    dense = keyframe.select("robot").update({"goal": keyframe["dense_goal"]})
+    torch.testing.assert_close(label, expert.deployed()(dense)["action"])
+
+
+def test_policy_sees_nothing_privileged():
+    assert set(Expert(G1).deployed().in_keys) == {*ROBOT_KEYS, *goal_keys()}
+
+
+def test_critic_sees_more_than_the_policy(library):
+    critic = Critic(G1, ROBOT_KEYS + goal_keys())
+    assert any(key[0] == "privileged" for key in critic.observe().in_keys)
+    state = make_tracking_env(library, 4).reset()
+    assert critic.head()(critic.observe()(state))["state_value"].shape == (4, 1)

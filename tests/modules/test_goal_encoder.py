@@ -1,0 +1,36 @@
+import pytest
+import torch
+
+from plat.modules import GoalSequenceEncoder
+
+
+@pytest.fixture
+def encoder() -> GoalSequenceEncoder:
+    return GoalSequenceEncoder(6, 5)
+
+
+def test_padding_equals_running_each_sequence_alone(encoder):
+    goals, length = torch.randn(8, 9, 6), torch.randint(1, 10, (8,))
+    together = encoder(goals, length)
+    for row in range(8):
+        alone = encoder(goals[row : row + 1, : length[row]], length[row : row + 1])
+        torch.testing.assert_close(together[row : row + 1], alone)
+
+
+def test_order_matters(encoder):
+    goals, length = torch.randn(1, 4, 6), torch.tensor([4])
+    assert not torch.allclose(encoder(goals, length), encoder(goals.flip(1), length))
+
+
+def test_batches_of_any_depth(encoder):
+    goals, length = torch.randn(2, 3, 4, 6), torch.randint(1, 5, (2, 3))
+    code = encoder(goals, length)
+    assert code.shape == (2, 3, 5)
+    torch.testing.assert_close(code.flatten(0, 1), encoder(goals.flatten(0, 1), length.flatten()))
+
+
+def test_gradients_reach_all_frames_of_the_sequence_and_no_padding(encoder):
+    goals = torch.randn(1, 5, 6, requires_grad=True)
+    encoder(goals, torch.tensor([3])).sum().backward()
+    used = goals.grad.abs().sum(-1)[0] > 0
+    assert used.tolist() == [True, True, True, False, False]

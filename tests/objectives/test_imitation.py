@@ -1,0 +1,146 @@
+import pytest
+import torch
+from tensordict import TensorDict
+from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+from plat.collectors import ExpertLabels, PrivilegedGoals
+from plat.envs import G1, make_keyframe_env
+from plat.modules import STUDENT_KEYS, Expert, LatentPolicy, PlainPolicy
+from plat.objectives import LatentImitationLoss, gaussian_kl, plain_imitation_loss
+from tests.modules.test_imitation import SMALL
+
+
+@pytest.fixture(scope="module")
+def batch(library) -> TensorDict:
+    env = make_keyframe_env(library, 64)
+    rollout = env.rollout(3, break_when_any_done=False)
+    states = ExpertLabels(Expert(G1).deployed("dense_goal", out_key="expert_action"), STUDENT_KEYS)(rollout)
+    return PrivilegedGoals(library, stride=5)(states)
+
+
+@pytest.fixture
+def policy() -> LatentPolicy:
+    return LatentPolicy(G1, SMALL)
+
+
+def parts_with_gradient(policy: torch.nn.Module, loss: torch.Tensor) -> set[str]:
+    policy.zero_grad()
+    loss.backward(retain_graph=True)
+    return {
+        name.split(".")[0]
+        for name, weight in policy.named_parameters()
+        if weight.grad is not None and weight.grad.abs().sum() > 0
+    }
+
+
+def test_each_term_teaches_exactly_its_parts(batch, policy):
+    losses = LatentImitationLoss(policy.training_graph())(batch)
+    assert parts_with_gradient(policy, losses["loss_posterior"]) == {"backbone", "encoder", "posterior", "decoder"}
+    assert parts_with_gradient(policy, losses["loss_prior"]) == {"backbone", "prior", "decoder"}
+    assert parts_with_gradient(policy, losses["loss_kl"]) == {"backbone", "encoder", "posterior", "prior"}
+
+
+def test_terms_are_the_equation(batch, policy):
+    torch.manual_seed(1)
+    losses = LatentImitationLoss(policy.training_graph(), prior_weight=0.7, beta=0.03)(batch)
+    torch.manual_seed(1)
+    with set_exploration_type(ExplorationType.RANDOM):
+        out = policy.training_graph()(batch.clone())
+    label = batch["expert_action"]
+    expected = (out["posterior", "action"] - label).square().sum(-1).mean()
+    torch.testing.assert_close(losses["loss_posterior"], expected)
+    expected = 0.7 * (out["prior", "action"] - label).square().sum(-1).mean()
+    torch.testing.assert_close(losses["loss_prior"], expected)
+    kl = (
+        gaussian_kl(out["posterior", "loc"], out["posterior", "scale"], out["prior", "loc"], out["prior", "scale"])
+        .sum(-1)
+        .mean()
+    )
+    torch.testing.assert_close(losses["loss_kl"], 0.03 * kl)
+    torch.testing.assert_close(losses["kl"], kl)
+
+
+@pytest.mark.parametrize("exploration", [ExplorationType.RANDOM, ExplorationType.DETERMINISTIC, ExplorationType.MEAN])
+def test_latents_are_sampled_whatever_the_exploration_type(batch, policy, exploration):
+    loss = LatentImitationLoss(policy.training_graph())
+    with set_exploration_type(exploration):
+        first, second = loss(batch), loss(batch)
+    assert first["loss_posterior"] != second["loss_posterior"]
+    assert first["loss_prior"] != second["loss_prior"]
+    assert first["loss_kl"] == second["loss_kl"]
+
+
+def test_samples_have_the_posteriors_spread(batch, policy):
+    latents = []
+    for _ in range(200):
+        with set_exploration_type(ExplorationType.RANDOM):
+            out = policy.training_graph()(batch[:8].clone())
+        latents.append(out["posterior", "latent"].detach())
+    spread = torch.stack(latents).std(0)
+    torch.testing.assert_close(spread, out["posterior", "scale"].detach(), rtol=0.35, atol=0)
+
+
+def test_free_bits_leave_small_divergences_alone(batch, policy):
+    plenty = LatentImitationLoss(policy.training_graph(), beta=1.0, free_bits=100.0)(batch)
+    assert plenty["loss_kl"].item() == pytest.approx(100.0 * SMALL.latent_size)
+    assert parts_with_gradient(policy, plenty["loss_kl"]) == set()
+
+
+def test_beta_can_be_annealed(batch, policy):
+    loss = LatentImitationLoss(policy.training_graph(), beta=0.5)
+    full = loss(batch)["loss_kl"]
+    loss.beta.fill_(0.25)
+    torch.testing.assert_close(loss(batch)["loss_kl"], 0.5 * full)
+
+
+def test_keys_can_be_set(batch, policy):
+    loss = LatentImitationLoss(policy.training_graph())
+    loss.set_keys(expert_action="label")
+    assert "label" in loss.in_keys
+    renamed = batch.clone().rename_key_("expert_action", "label")
+    assert loss(renamed)["loss_prior"].isfinite()
+
+
+def test_dispatch_without_a_tensordict(batch, policy):
+    loss = LatentImitationLoss(policy.training_graph())
+    values = {"_".join(key) if isinstance(key, tuple) else key: batch[key] for key in loss.in_keys}
+    losses = loss(**values)
+    assert len(losses) == len(loss.out_keys)
+
+
+def test_loss_does_not_write_into_the_batch(batch, policy):
+    before = set(batch.keys(True, True))
+    LatentImitationLoss(policy.training_graph())(batch)
+    assert set(batch.keys(True, True)) == before
+
+
+def test_plain_loss_is_the_squared_distance(batch):
+    plain = PlainPolicy(G1, SMALL)
+    loss = plain_imitation_loss(plain.training_graph())
+    action = plain.deployed()(batch.select(*STUDENT_KEYS))["action"]
+    expected = (action - batch["expert_action"]).square().sum(-1).mean()
+    torch.testing.assert_close(loss(batch)["loss_bc"], expected)
+
+
+@pytest.mark.parametrize("kind", ["latent", "plain"])
+def test_the_student_learns(batch, kind):
+    if kind == "latent":
+        student = LatentPolicy(G1, SMALL)
+        loss = LatentImitationLoss(student.training_graph())
+    else:
+        student = PlainPolicy(G1, SMALL)
+        loss = plain_imitation_loss(student.training_graph())
+    student.update_normalizers(batch)
+    optimizer = torch.optim.Adam(student.parameters(), lr=3e-3)
+
+    def error() -> float:
+        action = student.deployed()(batch.select(*STUDENT_KEYS))["action"]
+        return float((action - batch["expert_action"]).square().sum(-1).mean())
+
+    before = error()
+    for _ in range(150):
+        total = sum(value for name, value in loss(batch).items() if name.startswith("loss_"))
+        optimizer.zero_grad()
+        total.backward()
+        optimizer.step()
+    assert error() < 0.3 * before

@@ -1,0 +1,125 @@
+import pytest
+import torch
+from tensordict import TensorDict
+from tensordict.nn import ProbabilisticTensorDictSequential, TensorDictModule, TensorDictSequential
+from torch import nn
+
+from plat.envs import G1, make_keyframe_env
+from plat.modules import (
+    STUDENT_KEYS,
+    Critic,
+    GaussianNoise,
+    LatentNoisePolicy,
+    LatentPolicy,
+    ResidualActionPolicy,
+    ResidualLatentPolicy,
+    gaussian_action,
+    mlp,
+)
+from plat.objectives import PPO, PPOConfig
+from tests.modules.test_imitation import SMALL
+
+
+class Toy:
+    """A state is a number, the best action is its negative, every step is worth what it earns."""
+
+    def __init__(self) -> None:
+        mean = TensorDictModule(mlp(1, (16,), 1, out_scale=0.1), in_keys=["x"], out_keys=["loc"])
+        self.actor = ProbabilisticTensorDictSequential(mean, GaussianNoise(1, 0.5), gaussian_action())
+        self.critic = TensorDictModule(mlp(1, (16,), 1), in_keys=["seen"], out_keys=["state_value"])
+        self.observe = TensorDictModule(nn.Identity(), in_keys=["x"], out_keys=["seen"])
+        self.ppo = PPO(self.actor, self.critic, TensorDictSequential(self.observe), PPOConfig(lr=3e-3, entropy=0.0))
+
+    @torch.no_grad()
+    def rollout(self, envs: int = 64, steps: int = 8) -> TensorDict:
+        data = self.actor(TensorDict({"x": 2 * torch.rand(envs, steps, 1) - 1}, [envs, steps]))
+        reward = -(data["action"] + data["x"]).square()
+        done = torch.ones(envs, steps, 1, dtype=torch.bool)
+        data["next"] = TensorDict(
+            {"x": data["x"], "reward": reward, "done": done, "terminated": done, "truncated": ~done}, [envs, steps]
+        )
+        return data
+
+
+def test_it_learns():
+    toy = Toy()
+    first = toy.rollout()["next", "reward"].mean()
+    for _ in range(40):
+        toy.ppo.step(toy.rollout())
+    x = torch.linspace(-1, 1, 9)[:, None]
+    loc = toy.actor[0](TensorDict({"x": x}, [9]))["loc"]
+    assert (loc + x).abs().max() < 0.25
+    assert toy.rollout()["next", "reward"].mean() > 0.5 * first
+
+
+def test_values_against_the_definition():
+    # two robots, three steps; the first is cut off after the second step, the second falls there
+    toy = Toy()
+    data = toy.rollout(2, 3)
+    done = torch.zeros(2, 3, 1, dtype=torch.bool)
+    done[:, 1] = True
+    terminated = done.clone()
+    terminated[0] = False
+    after = torch.randn(2, 3, 1)
+    data["next"].update({"x": after, "done": done, "terminated": terminated, "truncated": done & ~terminated})
+    flat = toy.ppo.prepare(data).view(2, 3)
+    now = toy.critic(TensorDict({"seen": data["x"]}, [2, 3]))["state_value"].detach()
+    end = toy.critic(TensorDict({"seen": after}, [2, 3]))["state_value"].detach()
+    reward, gamma, lmbda = data["next", "reward"], 0.99, 0.95
+    delta_last = reward[:, 2] + gamma * end[:, 2] - now[:, 2]
+    torch.testing.assert_close(flat["advantage"][:, 2], delta_last)
+    bootstrap = torch.stack((end[0, 1], torch.zeros(1)))
+    delta_cut = reward[:, 1] + gamma * bootstrap - now[:, 1]
+    torch.testing.assert_close(flat["advantage"][:, 1], delta_cut)
+    delta_first = reward[:, 0] + gamma * now[:, 1] - now[:, 0]
+    torch.testing.assert_close(flat["advantage"][:, 0], delta_first + gamma * lmbda * delta_cut)
+    torch.testing.assert_close(flat["value_target"], flat["advantage"] + now)
+
+
+def test_critic_can_learn_alone():
+    toy = Toy()
+    actor = {name: weight.clone() for name, weight in toy.actor.state_dict().items()}
+    critic = {name: weight.clone() for name, weight in toy.critic.state_dict().items()}
+    toy.ppo.step(toy.rollout(), learn_policy=False)
+    assert all(torch.equal(weight, actor[name]) for name, weight in toy.actor.state_dict().items())
+    assert not all(torch.equal(weight, critic[name]) for name, weight in toy.critic.state_dict().items())
+
+
+def test_learning_rate_stays_within_its_bounds():
+    toy = Toy()
+    toy.ppo._schedule.target_kl = 1e-9
+    for _ in range(10):
+        metrics = toy.ppo.step(toy.rollout())
+    assert metrics["lr"] == pytest.approx(PPOConfig().min_lr)
+
+
+@pytest.mark.parametrize("variant", [ResidualLatentPolicy, LatentNoisePolicy, ResidualActionPolicy])
+def test_frozen_parts_stay_bit_identical(library, variant):
+    policy = variant(LatentPolicy(G1, SMALL))
+    student = {name: value.clone() for name, value in policy.student.state_dict().items()}
+    residual = {name: value.clone() for name, value in policy.residual.state_dict().items()}
+    critic = Critic(G1, STUDENT_KEYS, hidden=(16,))
+    ppo = PPO(policy.head(), critic.head(), critic.observe(), action_key=policy.sample_key)
+    env = make_keyframe_env(library, 8)
+    for _ in range(3):
+        rollout = env.rollout(6, policy.actor(), break_when_any_done=False)
+        metrics = ppo.step(rollout)
+        critic.normalizer.update(rollout)
+    assert all(torch.equal(value, student[name]) for name, value in policy.student.state_dict().items())
+    assert not all(torch.equal(value, residual[name]) for name, value in policy.residual.state_dict().items())
+    assert set(metrics) >= {"policy_loss", "value_loss", "entropy", "kl", "clip_fraction", "explained_variance", "lr"}
+
+
+def test_a_latent_residual_learns(library):
+    # reward for one joint's action to go up: the refined policy must raise it, through the frozen decoder
+    policy = ResidualLatentPolicy(LatentPolicy(G1, SMALL))
+    critic = Critic(G1, STUDENT_KEYS, hidden=(16,))
+    ppo = PPO(policy.head(), critic.head(), critic.observe(), PPOConfig(lr=3e-3, entropy=0.0))
+    env = make_keyframe_env(library, 32)
+    state = env.reset()
+    before = policy.deployed()(state.clone())["action"][:, 3].mean()
+    for _ in range(8):
+        rollout = env.rollout(4, policy.actor(), break_when_any_done=False)
+        rollout["next", "reward"] = rollout["action"][..., 3:4].clone()
+        ppo.step(rollout)
+    assert policy.deployed()(state.clone())["action"][:, 3].mean() > before + 0.02

@@ -1,0 +1,157 @@
+"""Every recipe as a user runs it: in a process of its own, killed in the middle, resumed, and twice with one seed."""
+
+import csv
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from safetensors.torch import load_file
+
+ROOT = Path(__file__).parents[2]
+# enough for a few iterations of each stage; small networks and few robots
+COMMON = ["--num-envs", "8", "--motions", "generated:val"]
+STAGES = {
+    "expert": ["--rollout", "8", "--policy.hidden", "16"],
+    "distill": ["--rollout", "8", "--batch-size", "32", "--buffer-size", "500", "--updates", "2"],
+    "refine": ["--rollout", "8", "--critic-warmup", "1", "--policy.hidden", "16"],
+}
+
+
+def command(recipe: str, *arguments: object) -> list[str]:
+    return [sys.executable, str(ROOT / "recipes" / f"{recipe}.py"), *map(str, arguments)]
+
+
+def run(recipe: str, *arguments: object) -> str:
+    out = subprocess.run(command(recipe, *arguments), capture_output=True, text=True, check=False, cwd=ROOT)
+    assert out.returncode == 0, out.stderr
+    return out.stdout
+
+
+@pytest.fixture(scope="module")
+def stages(tmp_path_factory) -> dict[str, list[object]]:
+    """Arguments of each stage, on top of a tiny run of the stages before it."""
+    folder = tmp_path_factory.mktemp("stages")
+    run("expert", *COMMON, *STAGES["expert"], "--steps", 200, "--out", folder / "expert")
+    distill = [*COMMON, *STAGES["distill"], "--expert", folder / "expert"]
+    run("distill", *distill, "--steps", 200, "--out", folder / "dagger")
+    return {
+        "expert": [*COMMON, *STAGES["expert"]],
+        "distill": distill,
+        "refine": [*COMMON, *STAGES["refine"], "--student", folder / "dagger"],
+    }
+
+
+def steps_in(folder: Path) -> list[int]:
+    with (folder / "metrics.csv").open(newline="") as file:
+        return [int(row["step"]) for row in csv.DictReader(file)]
+
+
+@pytest.mark.parametrize("recipe", STAGES)
+def test_killed_and_resumed(tmp_path, stages, recipe):
+    out = tmp_path / "run"
+    arguments = [*stages[recipe], "--out", out, "--save-every", 0]
+    process = subprocess.Popen(
+        command(recipe, *arguments, "--steps", 10**9), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, cwd=ROOT
+    )
+    deadline = time.monotonic() + 120
+    while not list(out.glob("checkpoints/checkpoint-*")) or len(steps_in(out)) < 6:
+        assert process.poll() is None, process.stderr.read().decode()
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    before = steps_in(out)
+    text = run(recipe, *arguments, "--steps", before[-1] + 500, "--resume")
+    resumed_at = int(re.search(r"resumed from .* at ([\d,]+) steps", text).group(1).replace(",", ""))
+    assert 0 < resumed_at <= before[-1]
+    after = steps_in(out)
+    assert after == sorted(set(after))
+    assert after[-1] >= before[-1] + 500
+    assert after[: before.index(resumed_at) + 1] == before[: before.index(resumed_at) + 1]
+    assert (out / "model.safetensors").exists()
+
+
+@pytest.mark.parametrize("recipe", STAGES)
+def test_one_seed_one_result(tmp_path, stages, recipe):
+    rows, weights = [], []
+    for name, seed in (("a", 3), ("b", 3), ("c", 4)):
+        run(recipe, *stages[recipe], "--out", tmp_path / name, "--steps", 300, "--seed", seed)
+        with (tmp_path / name / "metrics.csv").open(newline="") as file:
+            rows.append(
+                [{key: value for key, value in row.items() if key != "seconds"} for row in csv.DictReader(file)]
+            )
+        weights.append(load_file(tmp_path / name / "model.safetensors"))
+    assert rows[0] == rows[1]
+    assert all(weights[0][name].equal(weights[1][name]) for name in weights[0])
+    assert rows[0] != rows[2]
+
+
+@pytest.mark.parametrize("recipe", [*STAGES, "evaluate", "demo"])
+def test_help_explains_every_field(recipe):
+    text = run(recipe, "--help")
+    # tyro shows a field without a docstring as its bare type and default
+    for line in re.findall(r"│\s+--[\w.-]+ .*", text):
+        assert len(line) > 20
+    assert "--" in text
+
+
+@pytest.mark.parametrize("variant", ["latent-noise", "action", "finetune"])
+def test_variants_of_stage_three(tmp_path, stages, variant):
+    run("refine", *stages["refine"], "--variant", variant, "--steps", 200, "--out", tmp_path / variant)
+    assert len(steps_in(tmp_path / variant)) >= 3
+
+
+def test_evaluation_prints_and_writes_the_table(tmp_path, stages):
+    plain = [*stages["distill"], "--student", "plain"]
+    run("distill", *plain, "--steps", 100, "--out", tmp_path / "plain")
+    text = run(
+        "evaluate",
+        tmp_path / "plain",
+        "--motions",
+        "generated:val",
+        "--horizon",
+        "long",
+        "--csv",
+        tmp_path / "table.csv",
+    )
+    assert re.search(r"plain\s+long\s+[\d.]+ \([\d.]+-[\d.]+\)", text)
+    with (tmp_path / "table.csv").open(newline="") as file:
+        rows = {row["metric"]: row for row in csv.DictReader(file)}
+    assert {"tks", "mpjpe", "mpkpe", "mpkpe_all", "success_area"} <= set(rows)
+    assert float(rows["tks"]["low"]) <= float(rows["tks"]["value"]) <= float(rows["tks"]["high"])
+
+
+@pytest.mark.parametrize(
+    ("recipe", "arguments", "message"),
+    [
+        ("expert", ["--motions", "nowhere.npz", "--steps", "10"], "motion file 'nowhere.npz': no such"),
+        ("expert", ["--motions", "generated:val"], "expected a positive number"),
+        (
+            "distill",
+            ["--motions", "generated:val", "--steps", "10", "--expert", "nowhere"],
+            "nowhere/config.json': no such",
+        ),
+        (
+            "refine",
+            ["--motions", "generated:val", "--steps", "10", "--student", "nowhere"],
+            "nowhere/config.json': no such",
+        ),
+    ],
+)
+def test_bad_input_is_one_clear_line(tmp_path, recipe, arguments, message):
+    out = subprocess.run(
+        command(recipe, *arguments, "--out", tmp_path / "x"), capture_output=True, text=True, check=False, cwd=ROOT
+    )
+    assert out.returncode == 1
+    assert message in out.stderr
+    assert "Traceback" not in out.stderr
+
+
+def test_wandb_works_offline(tmp_path, stages):
+    run("expert", *stages["expert"], "--steps", 100, "--out", tmp_path / "run", "--wandb")
+    assert list((tmp_path / "run" / "wandb").glob("offline-run-*"))

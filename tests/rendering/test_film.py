@@ -1,0 +1,74 @@
+import numpy as np
+import pytest
+import torch
+
+from plat.envs import G1, MotionLibrary
+from plat.envs.transforms import HORIZONS
+from plat.modules import Expert
+from plat.rendering import RenderingError, Stage, contact_sheet, film, play, write_picture, write_video
+from tests.conftest import standing_clip
+
+
+@pytest.fixture(scope="module")
+def playback():
+    library = MotionLibrary.from_clips([standing_clip()])
+    return play(Expert(G1).deployed(), library, 0, HORIZONS["long"])
+
+
+@pytest.fixture(scope="module")
+def stage():
+    try:
+        stage = Stage(G1, width=160, height=120)
+    except RenderingError as error:
+        pytest.skip(str(error))
+    yield stage
+    stage.close()
+
+
+def test_playback_follows_the_commands(playback):
+    assert playback.qpos.shape == playback.target_qpos.shape == (len(playback.steps_left), 36)
+    # countdowns: each command's steps are its length, one less each step, down to 1
+    assert playback.steps_left[0] == playback.command_length[0]
+    inside = (playback.steps_left[:-1] > 1) & ~playback.failed[:-1]
+    assert (playback.steps_left[1:][inside] == playback.steps_left[:-1][inside] - 1).all()
+    assert (np.diff(playback.target_qpos, axis=0)[inside] == 0).all()
+    assert (playback.steps_left <= playback.command_length).all()
+
+
+def test_playback_begins_on_the_reference(playback):
+    library = MotionLibrary.from_clips([standing_clip()])
+    first = library.poses(torch.tensor([0]))
+    np.testing.assert_allclose(playback.qpos[0, 7:], first["joint_pos"][0], atol=1e-5)
+
+
+def test_the_ghost_is_seen(stage, playback):
+    alone = stage.draw(playback.qpos[0])
+    moved = playback.qpos[0].copy()
+    moved[1] += 0.5
+    haunted = stage.draw(playback.qpos[0], moved)
+    changed = (np.abs(alone.astype(int) - haunted).max(-1) > 20).mean()
+    assert 0.01 < changed < 0.3
+    # and it is green where it is
+    new = np.abs(alone.astype(int) - haunted).max(-1) > 60
+    assert haunted[new][:, 1].mean() > haunted[new][:, 0].mean()
+
+
+def test_film_and_sheet(stage, playback, tmp_path):
+    pictures = list(film(stage, playback, fps=5))
+    assert len(pictures) == int(len(playback.qpos) * 0.02 * 5)
+    assert pictures[0].shape == (120, 160, 3)
+    sheet = contact_sheet(stage, [playback, playback], columns=3)
+    assert sheet.shape == (2 * 60, 3 * 80, 3)
+    write_picture(tmp_path / "sheet.png", sheet)
+    write_video(tmp_path / "film.mp4", iter(pictures), fps=5)
+    assert (tmp_path / "sheet.png").stat().st_size > 1000
+    assert (tmp_path / "film.mp4").stat().st_size > 1000
+
+
+def test_no_opengl_is_said_in_one_line(monkeypatch):
+    def fail(*_):
+        raise AttributeError("'NoneType' object has no attribute 'eglQueryString'")
+
+    monkeypatch.setattr("plat.rendering.film.mujoco.Renderer", fail)
+    with pytest.raises(RenderingError, match="no OpenGL .*apt install libegl1 libgl1-mesa-dri"):
+        Stage(G1)

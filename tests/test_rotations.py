@@ -1,0 +1,73 @@
+import math
+
+import pytest
+import torch
+
+from plat.rotations import (
+    matrix_to_sixd,
+    quat_angle,
+    quat_conjugate,
+    quat_from_rotvec,
+    quat_multiply,
+    quat_rotate,
+    quat_rotate_inverse,
+    quat_slerp,
+    quat_to_matrix,
+    quat_to_rotvec,
+    quat_yaw,
+)
+
+
+@pytest.fixture
+def quats() -> torch.Tensor:
+    return torch.nn.functional.normalize(torch.randn(50, 4, dtype=torch.float64), dim=-1)
+
+
+def test_rotation_forms_agree(quats):
+    vec = torch.randn(50, 3, dtype=torch.float64)
+    turned = quat_rotate(quats, vec)
+    torch.testing.assert_close(turned, (quat_to_matrix(quats) @ vec[..., None])[..., 0])
+    torch.testing.assert_close(quat_rotate_inverse(quats, turned), vec)
+    torch.testing.assert_close((turned[:, None] @ quat_to_matrix(quats))[:, 0], vec)
+
+
+def test_product_is_composition(quats):
+    a, b = quats[:25], quats[25:]
+    torch.testing.assert_close(quat_to_matrix(quat_multiply(a, b)), quat_to_matrix(a) @ quat_to_matrix(b))
+    unit = quat_multiply(a, quat_conjugate(a))
+    torch.testing.assert_close(unit, torch.tensor([1.0, 0, 0, 0], dtype=torch.float64).expand(25, 4))
+
+
+def test_rotvec_round_trip():
+    axis = torch.nn.functional.normalize(torch.randn(60, 3, dtype=torch.float64), dim=-1)
+    angle = torch.linspace(0, math.pi - 1e-3, 60, dtype=torch.float64)[:, None]
+    torch.testing.assert_close(quat_to_rotvec(quat_from_rotvec(axis * angle)), axis * angle, atol=1e-7, rtol=1e-6)
+
+
+def test_rotvec_takes_the_short_way(quats):
+    torch.testing.assert_close(quat_to_rotvec(-quats), quat_to_rotvec(quats))
+
+
+def test_angle_of_known_turn():
+    a = quat_from_rotvec(torch.tensor([0.3, -0.2, 0.5]))
+    b = quat_multiply(a, quat_from_rotvec(torch.tensor([0.0, 0.7, 0.0])))
+    assert quat_angle(a, b).item() == pytest.approx(0.7, abs=1e-6)
+    assert quat_angle(a, -b).item() == pytest.approx(0.7, abs=1e-6)
+
+
+def test_yaw_ignores_tilt():
+    heading = quat_from_rotvec(torch.tensor([0.0, 0.0, 1.1]))
+    tilted = quat_multiply(heading, quat_from_rotvec(torch.tensor([0.0, 0.4, 0.0])))
+    torch.testing.assert_close(quat_yaw(tilted), heading)
+
+
+def test_slerp_halves_the_angle(quats):
+    a, b = quats[:25], quats[25:]
+    middle = quat_slerp(a, b, torch.full((25,), 0.5, dtype=torch.float64))
+    torch.testing.assert_close(quat_angle(a, middle), quat_angle(middle, b))
+    torch.testing.assert_close(quat_angle(a, middle) * 2, quat_angle(a, b))
+
+
+def test_sixd_is_the_first_two_columns(quats):
+    matrix = quat_to_matrix(quats)
+    torch.testing.assert_close(matrix_to_sixd(matrix), torch.cat((matrix[..., 0], matrix[..., 1]), -1))

@@ -1,0 +1,128 @@
+import json
+
+import pytest
+import torch
+from safetensors.torch import load_file, save_file
+
+from plat.envs import G1, make_keyframe_env
+from plat.errors import CheckpointError
+from plat.modules import (
+    Expert,
+    ExpertConfig,
+    FinetunedPolicy,
+    LatentNoisePolicy,
+    LatentPolicy,
+    PlainPolicy,
+    RefinementConfig,
+    ResidualActionPolicy,
+    ResidualLatentPolicy,
+)
+from plat.training import load_policy, policy_spec, save_weights, write_json
+from tests.modules.test_imitation import SMALL
+
+POLICIES = {
+    "expert": lambda: Expert(G1, ExpertConfig(hidden=(16, 8), action="default_offset")),
+    "latent": lambda: LatentPolicy(G1, SMALL),
+    "plain": lambda: PlainPolicy(G1, SMALL),
+    "residual_latent": lambda: ResidualLatentPolicy(LatentPolicy(G1, SMALL), RefinementConfig(hidden=(8,), alpha=0.3)),
+    "residual_latent_noise": lambda: LatentNoisePolicy(LatentPolicy(G1, SMALL)),
+    "residual_action": lambda: ResidualActionPolicy(LatentPolicy(G1, SMALL)),
+    "finetuned": lambda: FinetunedPolicy(LatentPolicy(G1, SMALL)),
+}
+
+
+def save(run, policy) -> None:
+    write_json(run / "config.json", {"policy": policy_spec(policy)})
+    save_weights(run / "model.safetensors", policy)
+
+
+@pytest.mark.parametrize("kind", POLICIES)
+def test_every_policy_comes_back_as_it_was(tmp_path, library, kind):
+    policy = POLICIES[kind]()
+    save(tmp_path, policy)
+    assert json.loads((tmp_path / "config.json").read_text())["policy"]["kind"] == kind
+    loaded = load_policy(tmp_path)
+    assert type(loaded) is type(policy)
+    assert policy_spec(loaded) == policy_spec(policy)
+    state = make_keyframe_env(library, 3).reset()
+    assert torch.equal(loaded.deployed()(state.clone())["action"], policy.deployed()(state.clone())["action"])
+
+
+@pytest.fixture
+def run(tmp_path):
+    save(tmp_path, Expert(G1, ExpertConfig(hidden=(8,))))
+    return tmp_path
+
+
+def edit(run, **changes) -> None:
+    config = json.loads((run / "config.json").read_text())
+    config["policy"].update(changes)
+    (run / "config.json").write_text(json.dumps(config))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"robot": "h1"}, "for robot 'h1', expected one of \\['g1'\\]"),
+        ({"kind": "oracle"}, "unknown kind of policy 'oracle'"),
+        ({"config": {"hidden": "wide"}}, "ExpertConfig.hidden"),
+        ({"config": {"layers": 3}}, "unknown fields \\['layers'\\] of ExpertConfig"),
+        ({"config": {"hidden": [16]}}, "has shape .* expected .* by the sizes in config.json"),
+        ({"config": {"hidden": [8, 8]}}, "lacks \\['network.4.bias'"),
+    ],
+)
+def test_a_config_that_does_not_fit(run, changes, message):
+    edit(run, **changes)
+    with pytest.raises(CheckpointError, match=message):
+        load_policy(run)
+
+
+def test_missing_files(tmp_path, run):
+    with pytest.raises(CheckpointError, match=r"nowhere/config.json'?: no such file"):
+        load_policy(tmp_path / "nowhere")
+    (run / "model.safetensors").unlink()
+    with pytest.raises(CheckpointError, match="model.safetensors'?: no such file; has the run saved"):
+        load_policy(run)
+
+
+def test_missing_and_unknown_weights(run):
+    weights = load_file(run / "model.safetensors")
+    weights["extra"] = weights.pop("normalizer.mean")
+    save_file(weights, run / "model.safetensors")
+    with pytest.raises(CheckpointError, match="lacks \\['normalizer.mean'\\] and has the unknown \\['extra'\\]"):
+        load_policy(run)
+
+
+@pytest.mark.parametrize("file", ["config.json", "model.safetensors"])
+@pytest.mark.parametrize("keep", [0, 7, 100])
+def test_truncated_files(run, file, keep):
+    (run / file).write_bytes((run / file).read_bytes()[:keep])
+    with pytest.raises(CheckpointError, match=f"{file}'?: not a readable"):
+        load_policy(run)
+
+
+def test_config_without_a_policy(run):
+    (run / "config.json").write_text("{}")
+    with pytest.raises(CheckpointError, match="'policy' is not an object with"):
+        load_policy(run)
+    (run / "config.json").write_text("[1]")
+    with pytest.raises(CheckpointError, match="holds a list, expected an object"):
+        load_policy(run)
+
+
+def test_a_write_that_fails_leaves_the_old_file(run, monkeypatch):
+    before = (run / "model.safetensors").read_bytes()
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("plat.training.saving.save_file", full)
+    with pytest.raises(CheckpointError, match="model.safetensors' could not be written .*No space left.* intact"):
+        save_weights(run / "model.safetensors", Expert(G1))
+    assert (run / "model.safetensors").read_bytes() == before
+    assert sorted(path.name for path in run.iterdir()) == ["config.json", "model.safetensors"]
+
+
+def test_other_modules_are_refused():
+    with pytest.raises(CheckpointError, match="Linear is none of the policies"):
+        policy_spec(torch.nn.Linear(1, 1))
