@@ -16,7 +16,7 @@ from plat.collectors import ExpertLabels, MixedPolicy, dagger_buffer
 from plat.envs import MotionLibrary, TaskConfig, make_keyframe_env
 from plat.envs.transforms import HORIZONS, pop_statistics
 from plat.modules import STUDENT_KEYS, LatentPolicy, LatentPolicyConfig, PlainPolicy
-from plat.objectives import LatentImitationLoss, plain_imitation_loss
+from plat.objectives import LatentImitationLoss, Precision, autocast, plain_imitation_loss
 from plat.training import Budget, RecipeConfig, Run, load_policy, report_errors
 
 
@@ -60,6 +60,8 @@ class DistillRecipe(RecipeConfig):
     """learning rate at the start; it falls to a tenth along a cosine"""
     grad_norm: float = 5.0
     """gradients are scaled down to this norm"""
+    precision: Precision = "auto"
+    """precision of the networks' hidden layers in updates"""
 
 
 def main(recipe: DistillRecipe) -> None:
@@ -112,7 +114,9 @@ def main(recipe: DistillRecipe) -> None:
         for group in optimizer.param_groups:
             group["lr"] = cosine(recipe.lr, 0.1 * recipe.lr, budget.fraction)
         for _ in range(recipe.updates):
-            losses = loss(buffer.sample())
+            batch = buffer.sample()
+            with autocast(device, recipe.precision):
+                losses = loss(batch)
             total = sum(value for name, value in losses.items() if name.startswith("loss_"))
             optimizer.zero_grad()
             total.backward()

@@ -1,6 +1,6 @@
 """The timed keyframe task for users of gymnasium.
 
->>> import gymnasium
+>>> import gymnasium, plat
 >>> env = gymnasium.make("plat/G1TimedKeyframe-v0")
 >>> observation, info = env.reset(seed=0)
 >>> observation.shape

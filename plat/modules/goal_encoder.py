@@ -18,6 +18,7 @@ class GoalSequenceEncoder(TensorDictModule):
         in_keys: goals ``[*B, L, in_features]``, padded at the end, and their lengths ``[*B]`` (at least 1).
         out_key: code ``[*B, hidden_size]``.
 
+    >>> import torch
     >>> encoder = GoalSequenceEncoder(80, 16)
     >>> goals = torch.randn(4, 11, 80)
     >>> code = encoder(goals, torch.tensor([11, 3, 1, 7]))

@@ -1,16 +1,16 @@
 """The multilayer perceptron that every part is made of."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import torch
-from torch import nn
-from torchrl.modules import MLP
+from torch import Tensor, nn
 
 __all__ = ["mlp"]
 
 
-def mlp(in_features: int, hidden: Sequence[int], out_features: int, out_scale: float = 1.0) -> MLP:
-    """ELU network.
+def mlp(in_features: int, hidden: Sequence[int], out_features: int, out_scale: float = 1.0) -> nn.Sequential:
+    """ELU network. Its last layer computes in float32 even under autocast.
 
     Args:
         in_features: size of the input.
@@ -22,8 +22,20 @@ def mlp(in_features: int, hidden: Sequence[int], out_features: int, out_scale: f
     >>> network(torch.ones(3)).tolist()
     [0.0, 0.0]
     """
-    network = MLP(in_features=in_features, out_features=out_features, num_cells=list(hidden), activation_class=nn.ELU)
+    sizes = [in_features, *hidden]
+    layers: list[nn.Module] = []
+    for before, after in pairwise(sizes):
+        layers += [nn.Linear(before, after), nn.ELU()]
+    last = _Float32Linear(sizes[-1], out_features)
     with torch.no_grad():
-        network[-1].weight.mul_(out_scale)
-        network[-1].bias.mul_(out_scale)
-    return network
+        last.weight.mul_(out_scale)
+        last.bias.mul_(out_scale)
+    return nn.Sequential(*layers, last)
+
+
+class _Float32Linear(nn.Linear):
+    """A linear layer that leaves half precision: what follows it is in float32."""
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        with torch.autocast(inputs.device.type, enabled=False):
+            return super().forward(inputs.float())

@@ -3,5 +3,15 @@
 from plat.objectives.divergence import gaussian_kl
 from plat.objectives.imitation import LatentImitationLoss, plain_imitation_loss
 from plat.objectives.ppo import PPO, PPOConfig
+from plat.objectives.precision import Precision, autocast, has_fast_bfloat16
 
-__all__ = ["PPO", "LatentImitationLoss", "PPOConfig", "gaussian_kl", "plain_imitation_loss"]
+__all__ = [
+    "PPO",
+    "LatentImitationLoss",
+    "PPOConfig",
+    "Precision",
+    "autocast",
+    "gaussian_kl",
+    "has_fast_bfloat16",
+    "plain_imitation_loss",
+]

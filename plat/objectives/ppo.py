@@ -1,5 +1,6 @@
 """One PPO iteration on a rollout: advantages, then epochs of clipped updates with a KL-adaptive learning rate."""
 
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 import torch
@@ -11,6 +12,7 @@ from torchrl.objectives import ClipPPOLoss, KLAdaptiveLR
 from torchrl.objectives.value import GAE
 
 from plat.objectives.divergence import gaussian_kl
+from plat.objectives.precision import Precision, autocast
 
 __all__ = ["PPO", "PPOConfig"]
 
@@ -41,6 +43,8 @@ class PPOConfig:
     """lower end of the adaptive learning rate; without it one bad batch stops learning for good"""
     max_lr: float = 1e-2
     """upper end"""
+    precision: Precision = "auto"
+    """precision of the networks' hidden layers in updates"""
     target_kl: float = 0.02
     """the learning rate is raised and lowered to keep the policy's change a pass near this (nats)"""
 
@@ -108,7 +112,9 @@ class PPO:
         for _ in range(self.config.epochs):
             order = torch.randperm(len(data), device=data.device)
             for rows in order[: batch_size * self.config.minibatches].split(batch_size):
-                losses = self.loss(data[rows])
+                # entered anew for each minibatch: autocast keeps its copies of the weights until it is left
+                with self._autocast(data):
+                    losses = self.loss(data[rows])
                 loss = losses["loss_critic"]
                 if learn_policy:
                     loss = loss + losses["loss_objective"] + losses["loss_entropy"]
@@ -140,7 +146,8 @@ class PPO:
     def prepare(self, rollout: TensorDictBase) -> TensorDict:
         """Values, advantages and targets of a rollout ``[N, T]``, flat and with nothing but what the loss reads."""
         seen = self.observe(rollout.select(*self.observe.in_keys))
-        root = self.critic(seen)["state_value"]
+        with self._autocast(rollout):
+            root = self.critic(seen)["state_value"]
         # the state after a step is the state before the next one, except where an episode ended or the rollout
         # did: only there is the critic asked again. A terminated state has no value to ask for.
         next_value = torch.cat((root[:, 1:], torch.zeros_like(root[:, :1])), 1)
@@ -164,6 +171,9 @@ class PPO:
         for key in ("advantage", "value_target", "state_value"):
             data[key] = signals[key]
         return data.reshape(-1)
+
+    def _autocast(self, data: TensorDictBase) -> AbstractContextManager:
+        return autocast(data.device or "cpu", self.config.precision)
 
     @torch.no_grad()
     def _divergence(self, batch: TensorDictBase) -> Tensor:

@@ -9,7 +9,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from plat.envs.motions.library import MotionLibrary
 from plat.envs.transforms import CommandSchedule, Horizon, ScheduledStarts
-from plat.evaluation.evaluate import make_evaluation_env
+from plat.evaluation.runner import make_evaluation_env
 
 __all__ = ["Playback", "play"]
 

@@ -35,7 +35,7 @@ def evaluate_puppet(
             flags = {"terminated": torch.zeros_like(truncated), "truncated": truncated, "done": truncated.clone()}
             return out.update({"reward": torch.zeros(self.num_envs, 1), **flags})
 
-    monkeypatch.setattr("plat.evaluation.evaluate.MotionTrackingEnv", Puppet)
+    monkeypatch.setattr("plat.evaluation.runner.MotionTrackingEnv", Puppet)
     return evaluate(still, library, horizon, **kwargs)
 
 

@@ -133,6 +133,7 @@ def test_the_student_learns(batch, kind):
     student.update_normalizers(batch)
     optimizer = torch.optim.Adam(student.parameters(), lr=3e-3)
 
+    @torch.no_grad()
     def error() -> float:
         action = student.deployed()(batch.select(*STUDENT_KEYS))["action"]
         return float((action - batch["expert_action"]).square().sum(-1).mean())

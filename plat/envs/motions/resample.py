@@ -22,8 +22,8 @@ def resample_qpos(qpos: Tensor, fps: float, dt: float) -> Tensor:
     >>> qpos = torch.zeros(4, 36)
     >>> qpos[:, 3] = 1.0
     >>> qpos[:, 0] = torch.arange(4.0)
-    >>> resample_qpos(qpos, fps=30.0, dt=0.02)[:, 0].round(decimals=3).tolist()
-    [0.0, 0.6, 1.2, 1.8, 2.4, 3.0]
+    >>> resample_qpos(qpos, fps=30.0, dt=0.02)[:, 0]
+    tensor([0.0000, 0.6000, 1.2000, 1.8000, 2.4000, 3.0000])
     """
     # the small margin keeps the last frame when (T - 1) / fps is a multiple of dt up to rounding
     count = int((len(qpos) - 1) / (fps * dt) + 1e-6) + 1

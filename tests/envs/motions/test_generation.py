@@ -50,7 +50,7 @@ def test_weight_is_over_the_feet(clips):
         com = body.center_of_mass(torch.from_numpy(clip.qpos).double())[:, :2]
         acceleration = torch.zeros_like(com)
         acceleration[1:-1] = (com[2:] - 2 * com[1:-1] + com[:-2]) * clip.fps**2
-        zmp = com - 0.69 / 9.81 * acceleration
+        zmp = com - 0.67 / 9.81 * acceleration
         low, high = pos[..., :2].amin(1), pos[..., :2].amax(1)
         # a box around both soles; in single support the walk's own plan keeps it over the standing foot
         outside = torch.maximum(low - torch.tensor([0.07, 0.05]) - zmp, zmp - high - torch.tensor([0.14, 0.05])).amax(

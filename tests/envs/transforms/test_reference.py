@@ -1,6 +1,6 @@
 import torch
 
-from plat.envs import make_tracking_env
+from plat.envs import MotionTrackingEnv
 from plat.envs.transforms import ReferenceMotion, align_to_anchor
 from plat.rotations import quat_angle, quat_from_rotvec, quat_multiply, quat_rotate, quat_yaw
 
@@ -33,8 +33,7 @@ def test_alignment_keeps_heights_and_tilts():
 
 
 def test_reference_is_the_librarys_frame(library):
-    env = make_tracking_env(library, 6)
-    state = env.base_env.reset()
+    state = MotionTrackingEnv(library, 6).reset()
     out = ReferenceMotion(library).compute(state)
     expected = library.states(state["motion", "frame"])
     assert torch.equal(out["reference", "joint_vel"], expected["joint_vel"])

@@ -10,6 +10,7 @@ __all__ = ["hold_and_move", "minimum_jerk"]
 def minimum_jerk(progress: Tensor) -> Tensor:
     """Position 0..1 of a minimum-jerk movement at ``progress`` 0..1 (clamped); Flash and Hogan, 1985.
 
+    >>> import torch
     >>> minimum_jerk(torch.tensor([0.0, 0.5, 1.0])).tolist()
     [0.0, 0.5, 1.0]
     """

@@ -24,7 +24,7 @@ class WholeBody:
     >>> from plat.envs import G1
     >>> body = WholeBody(G1)
     >>> round(float(body.center_of_mass(torch.as_tensor(G1.default_qpos)[None])[0, 2]), 2)
-    0.69
+    0.67
     """
 
     def __init__(self, robot: Robot):

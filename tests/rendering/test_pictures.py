@@ -69,6 +69,6 @@ def test_no_opengl_is_said_in_one_line(monkeypatch):
     def fail(*_):
         raise AttributeError("'NoneType' object has no attribute 'eglQueryString'")
 
-    monkeypatch.setattr("plat.rendering.film.mujoco.Renderer", fail)
+    monkeypatch.setattr("plat.rendering.pictures.mujoco.Renderer", fail)
     with pytest.raises(RenderingError, match="no OpenGL .*apt install libegl1 libgl1-mesa-dri"):
         Stage(G1)
