@@ -76,6 +76,26 @@ class TaskConfig:
     """from which ranges"""
 
 
+def _simulation(
+    library: MotionLibrary,
+    num_envs: int,
+    config: TaskConfig,
+    min_frames_left: int,
+    num_threads: int | None,
+    device: torch.device | str,
+) -> MotionTrackingEnv:
+    return MotionTrackingEnv(
+        library,
+        num_envs,
+        decimation=config.decimation,
+        feet=config.feet,
+        reset_noise=config.reset_noise,
+        min_frames_left=min_frames_left,
+        num_threads=num_threads,
+        device=device,
+    )
+
+
 def _assemble(
     env: MotionTrackingEnv, config: TaskConfig, task: list[Transform], after: list[Transform]
 ) -> TransformedEnv:
@@ -127,15 +147,7 @@ def make_tracking_env(
     torch.Size([2, 2, 1])
     """
     config = config or TaskConfig()
-    env = MotionTrackingEnv(
-        library,
-        num_envs,
-        decimation=config.decimation,
-        feet=config.feet,
-        reset_noise=config.reset_noise,
-        num_threads=num_threads,
-        device=device,
-    )
+    env = _simulation(library, num_envs, config, 1, num_threads, device)
     robot, dt = env.robot, library.dt
     task = [
         DenseTrackingReward(robot, dt, config.dense),
@@ -165,16 +177,7 @@ def make_keyframe_env(
     torch.Size([2, 2, 1])
     """
     config = config or TaskConfig()
-    env = MotionTrackingEnv(
-        library,
-        num_envs,
-        decimation=config.decimation,
-        feet=config.feet,
-        reset_noise=config.reset_noise,
-        min_frames_left=horizon.shortest,
-        num_threads=num_threads,
-        device=device,
-    )
+    env = _simulation(library, num_envs, config, horizon.shortest, num_threads, device)
     task: list[Transform] = [
         KeyframeClock(),
         *_rewards(env, config),

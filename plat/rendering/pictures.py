@@ -47,8 +47,8 @@ class Stage:
         self._options.geomgroup[:] = 0
         self._options.geomgroup[[0, 2]] = 1
         self._camera = mujoco.MjvCamera()
-        self._camera.distance, self._camera.azimuth, self._camera.elevation = 2.6, 125.0, -10.0
-        self._camera.lookat[2] = 0.65
+        self._camera.distance, self._camera.azimuth, self._camera.elevation = 2.1, 125.0, -10.0
+        self._camera.lookat[2] = 0.68
 
     def draw(self, qpos: np.ndarray, ghost_qpos: np.ndarray | None = None) -> np.ndarray:
         """Picture ``[height, width, 3]`` of a pose ``[7 + J]`` and a ghost."""

@@ -1,0 +1,70 @@
+"""Draw the learning curves of runs, from their metrics.csv.
+
+python recipes/curves.py runs/expert --metrics terminations_per_second error/keypoint_aligned --out curves.png
+"""
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from plat.errors import PlatError
+from plat.training import report_errors
+
+
+@dataclass(kw_only=True)
+class CurvesRecipe:
+    """Draw learning curves."""
+
+    runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """run directories, one line each"""
+    metrics: tuple[str, ...] = ("terminations_per_second", "error/keypoint_aligned")
+    """columns of metrics.csv, one panel each"""
+    out: Path = Path("curves.png")
+    """picture to write (PNG, PDF or SVG)"""
+    smooth: int = 5
+    """rows that are averaged"""
+
+
+def read(run: Path, metric: str) -> tuple[list[float], list[float]]:
+    """Minutes of training and values of a metric."""
+    path = run / "metrics.csv"
+    if not path.exists():
+        raise PlatError(f"{str(path)!r}: no such file, expected the metrics of a run")
+    with path.open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row.get(metric)]
+    if not rows:
+        raise PlatError(f"{str(path)!r}: no values in a column {metric!r}")
+    return [float(row["seconds"]) / 60 for row in rows], [float(row[metric]) for row in rows]
+
+
+def main(recipe: CurvesRecipe) -> None:
+    """Run the recipe."""
+    try:
+        import matplotlib
+
+        matplotlib.use("Agg")
+        import matplotlib.pyplot as plt
+    except ImportError as error:
+        raise PlatError("curves need: pip install 'plat-rl[figures]'") from error
+    figure, panels = plt.subplots(1, len(recipe.metrics), figsize=(4.5 * len(recipe.metrics), 3.2), squeeze=False)
+    for panel, metric in zip(panels[0], recipe.metrics, strict=True):
+        for run in recipe.runs:
+            minutes, values = read(run, metric)
+            width = recipe.smooth
+            smooth = [sum(values[max(0, i - width + 1) : i + 1]) / min(i + 1, width) for i in range(len(values))]
+            panel.plot(minutes, smooth, label=run.name)
+        panel.set(xlabel="minutes", title=metric.replace("_", " "), ylim=(0, None))
+        panel.grid(alpha=0.3)
+    panels[0][0].legend(frameon=False)
+    figure.tight_layout()
+    recipe.out.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(recipe.out, dpi=130)
+    print(f"wrote {recipe.out}")
+
+
+if __name__ == "__main__":
+    with report_errors():
+        main(tyro.cli(CurvesRecipe))
