@@ -46,7 +46,7 @@ def main(recipe: EvaluateRecipe) -> list[dict[str, str | Estimate]]:
     library = MotionLibrary.load(recipe.motions)
     policies = {run.name: load_policy(run, recipe.device).deployed() for run in recipe.runs}
     print(f"{library.num_clips} motions, {library.duration:.0f} s; 95 % intervals over motions in parentheses")
-    print(f"{'policy':<12}{'horizon':<9}{'TKS@3 %':<21}{'MPJPE@3 rad':<24}{'MPKPE@3 m':<24}{'falls %':<9}seconds")
+    print(f"{'policy':<14}{'horizon':<9}{'TKS@3 %':<21}{'MPJPE@3 rad':<22}{'MPKPE@3 m':<22}{'falls %':<9}seconds")
     rows: list[dict[str, str | Estimate]] = []
     for horizon in recipe.horizon:
         for name, policy in policies.items():
@@ -62,11 +62,9 @@ def main(recipe: EvaluateRecipe) -> list[dict[str, str | Estimate]]:
             )
             figures = report(records)
             rows.append({"policy": name, "horizon": horizon, **figures})
-            print(
-                f"{name:<12}{horizon:<9}{figures['tks']:.1f}    {figures['mpjpe']:.3f}    "
-                f"{figures['mpkpe']:.3f}    {figures['fall_rate'].value:<9.1f}{time.monotonic() - started:.0f}",
-                flush=True,
-            )
+            tks, mpjpe, mpkpe = f"{figures['tks']:.1f}", f"{figures['mpjpe']:.3f}", f"{figures['mpkpe']:.3f}"
+            falls, seconds = f"{figures['fall_rate'].value:.1f}", f"{time.monotonic() - started:.0f}"
+            print(f"{name:<14}{horizon:<9}{tks:<21}{mpjpe:<22}{mpkpe:<22}{falls:<9}{seconds}", flush=True)
     if recipe.csv is not None:
         write_table(recipe.csv, rows)
     return rows

@@ -110,22 +110,22 @@ def contact_sheet(stage: Stage, playbacks: Sequence[Playback], columns: int = 6)
     return np.concatenate(rows, 0)
 
 
-def write_video(path: Path, pictures: Iterator[np.ndarray], fps: float = 25.0) -> None:
+def write_video(path: str | Path, pictures: Iterator[np.ndarray], fps: float = 25.0) -> None:
     """Write an MP4.
 
     Raises:
         RenderingError: when the extra ``plat-rl[video]`` is not installed.
     """
-    imageio = _imageio()
+    imageio, path = _imageio(), Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     with imageio.get_writer(path, fps=fps, codec="libx264", quality=7, macro_block_size=8) as writer:
         for picture in pictures:
             writer.append_data(picture)
 
 
-def write_picture(path: Path, picture: np.ndarray) -> None:
+def write_picture(path: str | Path, picture: np.ndarray) -> None:
     """Write a PNG; raises as :func:`write_video` does."""
-    imageio = _imageio()
+    imageio, path = _imageio(), Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     imageio.imwrite(path, picture)
 

@@ -1,12 +1,12 @@
 """A run directory: what a training run writes, and how it goes on after it was killed.
 
-====================  ================================================================================
-``config.json``       the recipe with all its settings, and the policy's description
+====================  ====================================================================================
+``config.json``       the recipe with all its settings, the policy's description, and what earlier parts of the run had
 ``model.safetensors`` the policy's weights at the last checkpoint
 ``metrics.csv``       one row an iteration
 ``checkpoints/``      everything that a resumed run needs; the last two are kept
 ``wandb/``            with ``--wandb``
-====================  ================================================================================
+====================  ====================================================================================
 """
 
 import shutil
@@ -115,10 +115,13 @@ class Run:
         if latest is None:
             return  # killed before its first checkpoint
         try:
-            self._checkpoint.load(latest)
+            self._checkpoint.load(latest, map_location="cpu")
         except (TorchRLCheckpointError, OSError, RuntimeError, ValueError, KeyError) as error:
             raise CheckpointError(f"{str(latest)!r}: this checkpoint cannot be resumed from ({error})") from error
         print(f"resumed from {latest} at {self.budget.steps:,} steps", flush=True)
+        part = {key: before[key] for key in ("recipe", "made_with") if key in before}
+        earlier = [*before.get("earlier", []), {"until_step": self.budget.steps, **part}]
+        write_json(path, {**config, "earlier": earlier})
 
     def log(self, metrics: Mapping[str, float], headline: Mapping[str, str] | None = None) -> None:
         """Write a row of metrics; now and then a line on screen, and a checkpoint.

@@ -18,14 +18,14 @@ class Settings:
 
 
 def start(
-    folder, *, resume: bool = False, hidden: tuple[int, ...] = (8,)
+    folder, *, resume: bool = False, hidden: tuple[int, ...] = (8,), speed: float = 1.0
 ) -> tuple[Run, Expert, torch.optim.Adam, Budget]:
     policy = Expert(G1, ExpertConfig(hidden=hidden))
     optimizer = torch.optim.Adam(policy.parameters(), lr=1e-3)
     budget = Budget(steps=1000)
     run = Run(
         folder,
-        recipe=Settings(),
+        recipe=Settings(speed),
         policy=policy,
         budget=budget,
         state={"optimizer": optimizer},
@@ -72,6 +72,17 @@ def test_config_says_what_was_run(tmp_path):
     assert config["recipe"]["settings"] == {"speed": 1.0}
     assert config["policy"]["config"]["hidden"] == [8]
     assert set(config["made_with"]) == {"plat", "torch", "commit"}
+
+
+def test_config_says_what_earlier_parts_of_a_run_had(tmp_path):
+    run, _, _, budget = start(tmp_path / "a")
+    budget.add(10)
+    run.save()
+    start(tmp_path / "a", resume=True, speed=2.0)
+    config = read_json(tmp_path / "a" / "config.json")
+    assert config["recipe"]["settings"] == {"speed": 2.0}
+    assert [part["until_step"] for part in config["earlier"]] == [10]
+    assert config["earlier"][0]["recipe"]["settings"] == {"speed": 1.0}
 
 
 def test_a_run_is_not_overwritten_by_accident(tmp_path):
