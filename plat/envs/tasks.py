@@ -64,6 +64,8 @@ class TaskConfig:
     """factor on the penalties, w_reg"""
     limits: TerminationLimits = TerminationLimits()
     """when an episode has failed"""
+    max_displacement: float | None = 0.5
+    """horizontal error of the root that ends a training episode (m); None for no such end"""
     uniform_starts: float = 0.5
     """share of the episodes that start anywhere; the others start where failures are"""
     observation_noise: bool = False
@@ -152,7 +154,7 @@ def make_tracking_env(
     task = [
         DenseTrackingReward(robot, dt, config.dense),
         RegularisationReward(robot, dt, config.regularisation, config.regularisation_weight),
-        TrackingTermination(robot, config.limits),
+        TrackingTermination(robot, config.limits, max_displacement=config.max_displacement),
     ]
     return _assemble(env, config, task, [DenseGoal(env.library), PrivilegedState(env.library)])
 
@@ -181,7 +183,7 @@ def make_keyframe_env(
     task: list[Transform] = [
         KeyframeClock(),
         *_rewards(env, config),
-        KeyframeTermination(env.robot, config.limits),
+        KeyframeTermination(env.robot, config.limits, max_displacement=config.max_displacement),
     ]
     after = [KeyframeCommand(env.library, horizon), DenseGoal(env.library, "dense_goal"), PrivilegedState(env.library)]
     return _assemble(env, config, task, after)

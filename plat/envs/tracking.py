@@ -23,7 +23,7 @@ _DONE_KEYS = ("done", "terminated", "truncated")
 class ResetNoise:
     """Half widths of the uniform noise on the reference state that an episode starts from."""
 
-    root_pos_xy: float = 0.05
+    root_pos_xy: float = 0.2
     """m"""
     root_pos_z: float = 0.01
     """m"""

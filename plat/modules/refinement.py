@@ -39,7 +39,7 @@ class RefinementConfig:
     """hidden layers of the residual"""
     alpha: float = 0.5
     """scale of the residual"""
-    init_std: float = 0.1
+    init_std: float = 0.2
     """exploration noise at the start, in units of what it is added to"""
 
 

@@ -37,9 +37,9 @@ class Term:
 
 @dataclass(frozen=True)
 class DenseRewards:
-    """Frame-by-frame tracking. Source: the rewards of BeyondMimic, arXiv 2508.08241."""
+    """Frame-by-frame tracking. Source: the rewards of BeyondMimic, arXiv 2508.08241, with twice its ``anchor_pos``."""
 
-    anchor_pos: Term = Term(0.5, 0.3)
+    anchor_pos: Term = Term(1.0, 0.3)
     """m, world"""
     anchor_rot: Term = Term(0.5, 0.4)
     """rad"""

@@ -33,13 +33,23 @@ class TerminationLimits:
 
 
 class _Termination(Transform):
-    """Ends the episodes of robots for which :meth:`failed` holds."""
+    """Ends the episodes of robots for which :meth:`failed` holds, or that are too far from where they should be.
 
-    def __init__(self, robot: Robot, limits: TerminationLimits | None = None):
+    Args:
+        robot: names the bodies.
+        limits: when an attempt has failed.
+        max_displacement: horizontal error of the root (m) that ends an episode as well; None for no such end. It is
+            for training: a robot that lags behind by a metre gets no reward for catching up and learns to stroll.
+    """
+
+    def __init__(
+        self, robot: Robot, limits: TerminationLimits | None = None, *, max_displacement: float | None = None
+    ):
         super().__init__()
         self.statistics = Statistics()
         self.robot = robot
         self.limits = limits or TerminationLimits()
+        self.max_displacement = max_displacement
 
     def failed(self, next_tensordict: TensorDictBase) -> Tensor:
         """Mask ``[N]`` of the robots that have failed."""
@@ -47,6 +57,9 @@ class _Termination(Transform):
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         failed = self.failed(next_tensordict)[:, None]
+        if self.max_displacement is not None:
+            off = next_tensordict["state", "keypoint_pos_w"] - next_tensordict["reference", "keypoint_pos_w"]
+            failed = failed | (off[:, :1, :2].square().sum(-1) > self.max_displacement**2)
         self.statistics.add("terminated", failed.float())
         next_tensordict["terminated"] = next_tensordict["terminated"] | failed
         next_tensordict["done"] = next_tensordict["terminated"] | next_tensordict["truncated"]

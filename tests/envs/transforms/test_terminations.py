@@ -90,3 +90,15 @@ def test_between_keyframes_only_a_fall_counts():
     for group in ("state", "reference"):
         lying[group, "keypoint_quat_w"] = torch.tensor([1.0, 0, 0, 0]).expand(1, 14, 4).clone()
     assert terminated(KeyframeTermination(G1), tilt(lying, ROOT, [0, math.pi / 2, 0]))
+
+
+@pytest.mark.parametrize("kind", [TrackingTermination, KeyframeTermination])
+def test_displacement_ends_an_episode_where_training_asks_for_it(kind):
+    def moved(distance: float) -> TensorDict:
+        after = step(in_window=False)
+        after["state", "keypoint_pos_w"][:, :, :2] += distance * torch.tensor([0.6, -0.8])
+        return after
+
+    assert terminated(kind(G1, max_displacement=0.5), moved(0.51))
+    assert not terminated(kind(G1, max_displacement=0.5), moved(0.49))
+    assert not terminated(kind(G1), moved(5.0))
