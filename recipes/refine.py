@@ -43,7 +43,9 @@ class RefineRecipe(RecipeConfig):
     """residual in the latent with noise on the action (PLAT) or on the latent; residual in the action; all weights"""
     policy: RefinementConfig = field(default_factory=RefinementConfig)
     task: TaskConfig = field(default_factory=TaskConfig)
-    ppo: PPOConfig = field(default_factory=lambda: PPOConfig(entropy=0.0, lr=1e-4, min_lr=2e-5, max_lr=3e-4, target_kl=0.005))
+    ppo: PPOConfig = field(
+        default_factory=lambda: PPOConfig(entropy=0.0, lr=1e-4, min_lr=2e-5, max_lr=3e-4, target_kl=0.005)
+    )
     horizon: Literal["single", "short", "medium", "long", "mixed"] = "mixed"
     """lengths of the commands"""
     rollout: int = 24

@@ -42,9 +42,7 @@ class _Termination(Transform):
             for training: a robot that lags behind by a metre gets no reward for catching up and learns to stroll.
     """
 
-    def __init__(
-        self, robot: Robot, limits: TerminationLimits | None = None, *, max_displacement: float | None = None
-    ):
+    def __init__(self, robot: Robot, limits: TerminationLimits | None = None, *, max_displacement: float | None = None):
         super().__init__()
         self.statistics = Statistics()
         self.robot = robot
