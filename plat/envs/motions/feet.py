@@ -8,7 +8,7 @@ from plat.envs.kinematics import ForwardKinematics
 from plat.envs.robot import Robot
 from plat.rotations import quat_rotate
 
-__all__ = ["Soles", "lowest_step", "stance"]
+__all__ = ["Soles", "ground_level", "lowest_step", "stance"]
 
 # A foot that carries weight rests: slower than this for _REST_SECONDS to both sides. In free fall a point is that slow
 # for 2 * 0.25 / 9.81 = 0.05 s, so the top of a jump is not taken for a stance.
@@ -57,6 +57,16 @@ def stance(points: Tensor, fps: float) -> Tensor:
     # a frame rests when the steps around it are slow
     padded = torch.nn.functional.pad((~slow).float(), (reach, reach))
     return torch.nn.functional.max_pool1d(padded[None], 2 * reach, 1)[0] == 0
+
+
+def ground_level(points: Tensor, fps: float) -> float:
+    """Height of the lower foot while it rests, median (m): where a clip believes that the floor is.
+
+    A clip in which no foot ever rests is measured by its lowest frame.
+    """
+    low = points[..., 2].amin((-1, -2))
+    resting = stance(points, fps)
+    return float(low[resting].median() if resting.any() else low.min())
 
 
 def lowest_step(points: Tensor) -> tuple[Tensor, Tensor]:
