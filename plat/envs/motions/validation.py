@@ -44,9 +44,11 @@ class ValidationLimits:
     self_penetration: float = 0.08
     """how deep two links go into each other (m); more: drop, for it takes more than a limb's radius"""
     root_jump: float = 0.1
-    """break in the root's path (m); more: drop"""
+    """break in the root's path, as a second difference (m); more is a jump: repair (trim) near an end, else drop"""
     turn_jump: float = 0.5
-    """break in the root's turning (rad); more: drop"""
+    """break in the root's turning, the same way (rad)"""
+    trim_seconds: float = 0.5
+    """how near to an end (s) a jump is trimmed away"""
 
 
 @dataclass(frozen=True)
@@ -64,8 +66,7 @@ class MotionReport:
         slip: how fast the lowest point of the steadier foot goes sideways, mean over the frames with a foot in contact
             (m/s). In contact is a foot less than 2 cm above the level that the feet rest on, wherever the floor is.
         self_penetration: depth of the deepest contact of two links of the robot (m), looked for ten times a second.
-        root_jump: largest second difference of the root's position (m): a break in the path, however short.
-        turn_jump: largest second difference of the root's orientation (rad). A jump of a joint shows in ``joint_speed``.
+        jumps: when the root's path or turning breaks (s). A jump of a joint shows in ``joint_speed``.
         verdict: ``use`` as it is, ``repair`` first, or ``drop``.
         reasons: what speaks against using it as it is, a phrase each.
     """
@@ -78,8 +79,7 @@ class MotionReport:
     floating: float
     slip: float
     self_penetration: float
-    root_jump: float
-    turn_jump: float
+    jumps: tuple[float, ...]
     verdict: Verdict = "use"
     reasons: tuple[str, ...] = ()
 
@@ -104,16 +104,17 @@ def validate_motions(
     """
     limits = limits or ValidationLimits()
     soles, collisions = Soles(robot), _Collisions(robot)
-    return [_judged(_measure(clip.checked(robot), robot, soles, collisions), limits) for clip in clips]
+    return [_judged(_measure(clip.checked(robot), robot, limits, soles, collisions), limits) for clip in clips]
 
 
-def _measure(clip: MotionClip, robot: Robot, soles: Soles, collisions: "_Collisions") -> MotionReport:
+def _measure(
+    clip: MotionClip, robot: Robot, limits: ValidationLimits, soles: Soles, collisions: "_Collisions"
+) -> MotionReport:
     qpos = torch.from_numpy(clip.qpos).double()
     joint_pos = qpos[:, 7:]
     low, high = robot.joint_range.double().unbind(-1)
     points = soles.points(qpos)
     level = ground_level(points, clip.fps)
-    turn = quat_to_rotvec(quat_multiply(qpos[1:, 3:7], quat_conjugate(qpos[:-1, 3:7])))
     return MotionReport(
         name=clip.name,
         seconds=clip.duration,
@@ -123,8 +124,7 @@ def _measure(clip: MotionClip, robot: Robot, soles: Soles, collisions: "_Collisi
         floating=level,
         slip=_slip(points, level, clip.fps),
         self_penetration=collisions.deepest(clip),
-        root_jump=_largest(qpos[:, :3].diff(n=2, dim=0).norm(dim=-1)),
-        turn_jump=_largest(turn.diff(dim=0).norm(dim=-1)),
+        jumps=_jumps(qpos, clip.fps, limits),
     )
 
 
@@ -139,8 +139,12 @@ def _slip(points: torch.Tensor, level: float, fps: float) -> float:
     return float(speed[contact.any(0)].mean()) if contact.any() else 0.0
 
 
-def _largest(values: torch.Tensor) -> float:
-    return float(values.max()) if values.numel() else 0.0
+def _jumps(qpos: torch.Tensor, fps: float, limits: ValidationLimits) -> tuple[float, ...]:
+    turn = quat_to_rotvec(quat_multiply(qpos[1:, 3:7], quat_conjugate(qpos[:-1, 3:7])))
+    breaks = (qpos[:, :3].diff(n=2, dim=0).norm(dim=-1) > limits.root_jump) | (
+        turn.diff(dim=0).norm(dim=-1) > limits.turn_jump
+    )
+    return tuple(((breaks.nonzero()[:, 0] + 1) / fps).tolist())
 
 
 class _Collisions:
@@ -183,9 +187,8 @@ def _judged(report: MotionReport, limits: ValidationLimits) -> MotionReport:
         drop.append(f"feet slip at {report.slip:.1f} m/s")
     if report.self_penetration > limits.self_penetration:
         drop.append(f"links {100 * report.self_penetration:.1f} cm inside each other")
-    if report.root_jump > limits.root_jump:
-        drop.append(f"the root jumps by {100 * report.root_jump:.0f} cm")
-    if report.turn_jump > limits.turn_jump:
-        drop.append(f"the root turns by {report.turn_jump:.2f} rad at once")
+    if report.jumps:
+        inside = [time for time in report.jumps if limits.trim_seconds < time < report.seconds - limits.trim_seconds]
+        (drop if inside else repair).append(f"the root jumps at {(inside or report.jumps)[0]:.2f} s")
     verdict: Verdict = "drop" if drop else "repair" if repair else "use"
     return replace(report, verdict=verdict, reasons=(*drop, *repair))
