@@ -15,6 +15,10 @@ __all__ = ["MotionFile", "QuatOrder", "ReadOptions", "arrange_joints", "make_cli
 
 QuatOrder = Literal["wxyz", "xyzw"]
 
+# Further than any motion goes, and still less than its numbers are in another unit.
+_FARTHEST = 1000.0
+_WIDEST = 4 * np.pi
+
 
 @dataclass(frozen=True)
 class ReadOptions:
@@ -105,10 +109,21 @@ def make_clip(
     quat_order: QuatOrder,
     fields: tuple[str, str],
 ) -> MotionClip:
-    """A checked clip from the parts of a file; ``fields`` are what the file calls root position and quaternion."""
+    """A checked clip from the parts of a file; ``fields`` are what the file calls root position and quaternion.
+
+    Raises:
+        MotionError: for parts that do not fit together, or are not in metres and radians.
+    """
     for field, values, width in zip(fields, (root_pos, root_quat), (3, 4), strict=True):
         if values.shape != (len(joint_pos), width) or values.dtype.kind not in "fiu":
             raise MotionError(f"{field!r} has shape {values.shape}, expected {(len(joint_pos), width)} numbers")
+    for what, values, most, unit in (
+        (fields[0], root_pos, _FARTHEST, "metres"),
+        ("joint angles", joint_pos, _WIDEST, "radians"),
+    ):
+        largest = np.abs(values[np.isfinite(values)]).max(initial=0.0)
+        if largest > most:
+            raise MotionError(f"{what!r} has values up to {largest:.4g}, expected {unit}")
     if quat_order == "xyzw":
         root_quat = root_quat[:, [3, 0, 1, 2]]
     return MotionClip(name, np.concatenate((root_pos, root_quat, joint_pos), 1), fps).checked(robot)
