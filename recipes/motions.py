@@ -26,6 +26,7 @@ from plat.envs.motions import (
     MotionClip,
     MotionFile,
     MotionReport,
+    ValidationLimits,
     clip_to_limits,
     generate_motions,
     ground_feet,
@@ -64,7 +65,7 @@ class _Files:
         if paths := [name for name in self.files if name not in generated]:
             files += read_motion_files(paths, quat_order=self.quat_order, fps=self.fps)
         for file in files:
-            print(f"{file.path}: {len(file.clips)} clip{'s' * (len(file.clips) != 1)}, {file.facts}")
+            print(f"{file.path}: {counted(file.clips)}, {file.facts}")
         return files
 
 
@@ -115,13 +116,28 @@ class Convert(_Files):
 
     def run(self) -> list[Path]:
         """Write the files; return their paths."""
-        files = [replace(file, clips=[self.repair(clip) for clip in file.clips]) for file in self.read()]
-        if self.drop_bad:
-            files = [replace(file, clips=fit(file.clips)) for file in files]
+        files = [replace(file, clips=self.repaired(file.clips)) for file in self.read()]
         return write(self.out, [file for file in files if file.clips], self.format)
 
+    def repaired(self, clips: Sequence[MotionClip]) -> list[MotionClip]:
+        """The clips with the repairs that were asked for; prints those that are dropped."""
+        kept, shortest = [], ValidationLimits().min_seconds
+        for clip in clips:
+            left = clip.duration - sum(self.trim)
+            if self.drop_bad and left < shortest:
+                print(f"dropped {clip.name}: {max(left, 0):.2f} s left")
+            else:
+                kept.append(self.repair(clip))
+        if not self.drop_bad:
+            return kept
+        reports = validate_motions(kept)
+        for report in reports:
+            if report.verdict == "drop":
+                print(f"dropped {report.name}: {', '.join(report.reasons)}")
+        return [clip for clip, report in zip(kept, reports, strict=True) if report.verdict != "drop"]
+
     def repair(self, clip: MotionClip) -> MotionClip:
-        """The repairs that were asked for."""
+        """One clip with them."""
         if any(self.trim):
             clip = trim_motion(clip, *self.trim)
         if self.clip_limits:
@@ -147,15 +163,6 @@ class Mirror(_Files):
         return write(self.out, files, "npz")
 
 
-def fit(clips: Sequence[MotionClip]) -> list[MotionClip]:
-    """The clips that need not be dropped; prints the others."""
-    reports = validate_motions(clips)
-    for report in reports:
-        if report.verdict == "drop":
-            print(f"dropped {report.name}: {', '.join(report.reasons)}")
-    return [clip for clip, report in zip(clips, reports, strict=True) if report.verdict != "drop"]
-
-
 def write(out: Path, files: Sequence[MotionFile], form: str) -> list[Path]:
     """Write clips to one npz, or to a folder."""
     clips = distinct([clip for file in files for clip in file.clips])
@@ -177,8 +184,13 @@ def write(out: Path, files: Sequence[MotionFile], form: str) -> list[Path]:
             for path, file in zip(written, files, strict=True):
                 save_motions(path, distinct(file.clips))
     seconds = sum(clip.duration for clip in clips)
-    print(f"wrote {len(clips)} clips, {seconds:.0f} s, to {out}")
+    print(f"wrote {counted(clips)}, {seconds:.0f} s, to {out}")
     return written
+
+
+def counted(clips: Sequence[object]) -> str:
+    """``1 clip``, ``2 clips``."""
+    return f"{len(clips)} clip{'s' * (len(clips) != 1)}"
 
 
 def distinct(clips: Sequence[MotionClip]) -> list[MotionClip]:
@@ -209,8 +221,8 @@ def print_table(reports: Sequence[MotionReport]) -> None:
         )
     counts = Counter(report.verdict for report in reports)
     total = sum(report.seconds for report in reports)
-    verdicts = ", ".join(f"{counts[verdict]} {verdict}" for verdict in ("use", "repair", "drop"))  # type: ignore[index]
-    print(f"{len(reports)} clips, {total:.0f} s: {verdicts}")
+    verdicts = ", ".join(f"{counts[verdict]} {verdict}" for verdict in ("use", "repair", "drop"))
+    print(f"{counted(reports)}, {total:.0f} s: {verdicts}")
 
 
 def draw_sheet(path: Path, clips: Sequence[MotionClip]) -> None:
@@ -226,10 +238,19 @@ def draw_sheet(path: Path, clips: Sequence[MotionClip]) -> None:
         SHEET_COLUMNS,
         figsize=(inches * SHEET_COLUMNS, 1.3 * inches * len(clips)),
         squeeze=False,
-        gridspec_kw={"left": 0.005, "right": 0.995, "bottom": 0, "top": 1 - 0.25 / len(clips), "hspace": 0.3, "wspace": 0.03},
+        gridspec_kw={
+            "left": 0.005,
+            "right": 0.995,
+            "bottom": 0,
+            "top": 1 - 0.25 / len(clips),
+            "hspace": 0.3,
+            "wspace": 0.03,
+        },
     )
     for row, clip in zip(panels, clips, strict=True):
-        for panel, frame in zip(row, np.linspace(0, len(clip.qpos) - 1, SHEET_COLUMNS).round().astype(int), strict=True):
+        for panel, frame in zip(
+            row, np.linspace(0, len(clip.qpos) - 1, SHEET_COLUMNS).round().astype(int), strict=True
+        ):
             stage.look_at(clip.qpos[frame])
             panel.imshow(stage.draw(clip.qpos[frame]))
             panel.set_axis_off()
@@ -286,6 +307,8 @@ def file_name(name: str) -> str:
     return "".join(letter if letter.isalnum() or letter in "-_. " else "_" for letter in name)
 
 
+COMMANDS = Inspect | Convert | Mirror
+
 if __name__ == "__main__":
     with report_errors():
-        tyro.cli(Inspect | Convert | Mirror).run()
+        tyro.cli(COMMANDS).run()

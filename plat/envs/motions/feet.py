@@ -70,7 +70,7 @@ def ground_level(points: Tensor, fps: float) -> float:
 
 
 def lowest_step(points: Tensor) -> tuple[Tensor, Tensor]:
-    """The lowest point of all in frames 0 to T - 2, and the same point of the foot a frame later: ``[T - 1, 3]`` each."""
+    """The lowest of all points in all frames but the last, and the same point a frame later: ``[T - 1, 3]`` each."""
     flat = points.flatten(1, 2)
     lowest = flat[:-1, :, 2].argmin(-1)
     rows = torch.arange(len(flat) - 1)

@@ -41,7 +41,9 @@ def motion_paths(patterns: str | Path | Sequence[str | Path]) -> list[Path]:
         else:
             found = sorted(Path(name) for name in glob.glob(str(path), recursive=True))
         if not found:
-            raise MotionError(f"motion file {str(pattern)!r}: no such file, folder with motion files ({endings}) or glob")
+            raise MotionError(
+                f"motion file {str(pattern)!r}: no such file, folder with motion files ({endings}) or glob"
+            )
         for path in found:
             if path.suffix.lower() == ".bvh":
                 raise MotionError(

@@ -42,7 +42,9 @@ def _symmetry(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     swapped = {"left": "right", "right": "left"}
     names = ["_".join(swapped.get(word, word) for word in name.split("_")) for name in robot.joint_names]
     if set(names) != set(robot.joint_names):
-        raise RobotError(f"robot {robot.name!r}: joints without a partner {sorted(set(names) - set(robot.joint_names))}")
+        raise RobotError(
+            f"robot {robot.name!r}: joints without a partner {sorted(set(names) - set(robot.joint_names))}"
+        )
     partner = np.array([robot.joint_names.index(name) for name in names])
     model = robot.model()
     axis = model.jnt_axis[1:]

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from plat.envs.motions.clip import MotionClip
-from plat.envs.motions.feet import Soles, ground_level, stance
+from plat.envs.motions.feet import Soles, ground_level
 from plat.envs.robot import G1, Robot
 from plat.rotations import quat_conjugate, quat_multiply, quat_to_rotvec
 

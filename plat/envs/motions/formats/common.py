@@ -88,7 +88,9 @@ def arrange_joints(
         if unknown or set(missing) not in (set(), set(wrists)):
             raise MotionError(f"'joint_names' lacks {missing} and has the unknown {unknown}, expected the {expected}")
         if len(listed) != angles.shape[1] or len(set(listed)) != len(listed):
-            raise MotionError(f"'joint_names' has {len(listed)} names, expected one for each of {angles.shape[1]} joints")
+            raise MotionError(
+                f"'joint_names' has {len(listed)} names, expected one for each of {angles.shape[1]} joints"
+            )
     arranged = np.tile(robot.default_joint_pos.numpy(), (len(angles), 1)).astype(np.float64)
     arranged[:, [robot.joint_names.index(name) for name in listed]] = angles
     notes = []

@@ -118,13 +118,14 @@ def _find_joint_order(
         )
     frames = np.linspace(0, len(joint_pos) - 1, min(len(joint_pos), _CHECKED_FRAMES)).round().astype(int)
     quat = root_quat[frames][:, [3, 0, 1, 2]] if quat_order == "xyzw" else root_quat[frames]
-    root = [torch.from_numpy(part.astype(np.float64)) for part in (root_pos[frames], quat)]
-    recorded = torch.from_numpy(body_pos_w[frames].astype(np.float64))
+    root_pos_w, root_quat_w, recorded = (
+        torch.from_numpy(part.astype(np.float64)) for part in (root_pos[frames], quat, body_pos_w[frames])
+    )
     kinematics = ForwardKinematics(robot, robot.keypoints)
     fitting = []
     for label, names in candidates.items():
         arranged, _ = arrange_joints(joint_pos[frames], names, robot, "joint_pos")
-        pos_w, _ = kinematics(*root, torch.from_numpy(arranged))
+        pos_w, _ = kinematics(root_pos_w, root_quat_w, torch.from_numpy(arranged))
         # the nearest recorded body, whichever it is: files differ in which bodies they record
         error = torch.cdist(pos_w, recorded).amin(-1).mean(0).amax()
         if error < _SAME_PLACE:

@@ -21,10 +21,12 @@ def read_or_refuse(path, content: bytes) -> bool:
     path.write_bytes(content)
     try:
         load_motions(path)
-    except MotionError as error:
-        assert path.name in str(error)
-        return False
-    return True
+    except MotionError as caught:
+        error = str(caught)
+    else:
+        return True
+    assert path.name in error
+    return False
 
 
 def test_cut_short(good):

@@ -119,7 +119,9 @@ def test_bombs_are_refused(tmp_path, monkeypatch):
         load_motions(path)
     # a directory that says less than there is
     archive(path, content + bytes(1 << 20))
-    lying = path.read_bytes().replace((len(content) + (1 << 20)).to_bytes(4, "little"), len(content).to_bytes(4, "little"))
+    lying = path.read_bytes().replace(
+        (len(content) + (1 << 20)).to_bytes(4, "little"), len(content).to_bytes(4, "little")
+    )
     path.write_bytes(lying)
     with pytest.raises(MotionError, match="Bad CRC-32"):
         load_motions(path)

@@ -102,7 +102,7 @@ def asap_motions(clip: MotionClip, names: tuple[str, ...] = ("first", "second"))
         "dof": np.asfortranarray(np.float32(fields["dof_pos"])[:, WITHOUT_WRISTS]),
         "fps": int(clip.fps),
     }
-    return {name: motion for name in names}
+    return dict.fromkeys(names, motion)
 
 
 def write_asap(
