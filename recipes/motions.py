@@ -9,7 +9,7 @@ import os
 import sys
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -77,11 +77,12 @@ class Inspect(_Files):
     """folder for a contact sheet and a plot a clip"""
     pictures: int = 20
     """how many clips get them, those to drop or repair first"""
+    limits: ValidationLimits = field(default_factory=ValidationLimits)
 
     def run(self) -> list[MotionReport]:
         """Print the table, draw; return the reports."""
         clips = [clip for file in self.read() for clip in file.clips]
-        reports = validate_motions(clips)
+        reports = validate_motions(clips, limits=self.limits)
         print_table(reports)
         if self.out is not None:
             self.out.mkdir(parents=True, exist_ok=True)
@@ -113,6 +114,7 @@ class Convert(_Files):
     """frames a second to write, for files of different rates"""
     drop_bad: bool = False
     """leave out what is to be dropped, after the repairs"""
+    limits: ValidationLimits = field(default_factory=ValidationLimits)
 
     def run(self) -> list[Path]:
         """Write the files; return their paths."""
@@ -121,16 +123,16 @@ class Convert(_Files):
 
     def repaired(self, clips: Sequence[MotionClip]) -> list[MotionClip]:
         """The clips with the repairs that were asked for; prints those that are dropped."""
-        kept, shortest = [], ValidationLimits().min_seconds
+        kept = []
         for clip in clips:
             left = clip.duration - sum(self.trim)
-            if self.drop_bad and left < shortest:
+            if self.drop_bad and left < self.limits.min_seconds:
                 print(f"dropped {clip.name}: {max(left, 0):.2f} s left")
             else:
                 kept.append(self.repair(clip))
         if not self.drop_bad:
             return kept
-        reports = validate_motions(kept)
+        reports = validate_motions(kept, limits=self.limits)
         for report in reports:
             if report.verdict == "drop":
                 print(f"dropped {report.name}: {', '.join(report.reasons)}")

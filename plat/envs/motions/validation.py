@@ -153,7 +153,7 @@ class _Collisions:
     def __init__(self, robot: Robot):
         self._model = robot.model()
         self._data = mujoco.MjData(self._model)
-        self._world = set(np.flatnonzero(self._model.geom_bodyid == 0).tolist())
+        self._floor = np.flatnonzero(self._model.geom_bodyid == 0)
 
     def deepest(self, clip: MotionClip) -> float:
         """Depth of the deepest contact between links (m)."""
@@ -164,7 +164,7 @@ class _Collisions:
             mujoco.mj_collision(self._model, self._data)
             if self._data.ncon:
                 contact = self._data.contact
-                inside = ~np.isin(contact.geom, list(self._world)).any(-1)
+                inside = ~np.isin(contact.geom, self._floor).any(-1)
                 depth = max(depth, -float(contact.dist[inside].min(initial=0.0)))
         return depth
 

@@ -133,10 +133,11 @@ def make_clip(
 
 def number(value: Any, field: str) -> float:
     """A number from a scalar or an array that holds one."""
-    array = np.asarray(value)
-    if array.size != 1 or array.dtype.kind not in "fiu":
-        raise MotionError(f"{field!r} is {value!r:.40}, expected one number")
-    return float(array.item())
+    if isinstance(value, np.ndarray) and value.size == 1:
+        value = value.item()
+    if not isinstance(value, (int, float)):
+        raise MotionError(f"{field!r} is of type {type(value).__name__}, expected one number")
+    return float(value)
 
 
 def strings(value: Any, field: str) -> list[str]:

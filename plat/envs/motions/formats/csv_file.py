@@ -32,7 +32,7 @@ def read_csv(path: Path, options: ReadOptions) -> MotionFile:
         notes.append("fps from the file name")
     elif fps is None:
         fps = _USUAL_FPS
-        notes.append("fps assumed (state it with --fps)")
+        notes.append("fps assumed (another can stand in the file name: x_60fps.csv)")
     names = None
     if header and any(_joint(name) in robot.joint_names for name in header[7:]):
         names = [_joint(name) for name in header[7:]]

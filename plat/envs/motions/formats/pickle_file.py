@@ -53,7 +53,7 @@ def _read_motion(name: str, fields: dict[str, Any], options: ReadOptions) -> tup
     names = None if listed is None else strings(listed, "joint_names")
     arranged, notes = arrange_joints(joint_pos, names, robot, "/".join(_JOINT_POS))
     if options.fps is None and "fps" not in fields:
-        raise MotionError("no field 'fps', expected the frames a second (or state them with --fps)")
+        raise MotionError("no field 'fps', expected the frames a second (or convert it with --fps)")
     fps = number(_unwrap(fields["fps"]), "fps") if options.fps is None else options.fps
     order = options.quat_order or "xyzw"
     clip = make_clip(

@@ -44,7 +44,7 @@ def doubt_quat_order(clip: MotionClip, read_as: QuatOrder, robot: Robot) -> list
     found = detect_quat_order(qpos, clip.fps, robot)
     if found in (None, read_as):
         return []
-    return [f"{clip.name!r} looks right only with quaternion {found}: if so, state it with --quat-order"]
+    return [f"{clip.name!r} looks right only with quaternion {found}: if so, convert it with --quat-order"]
 
 
 def _strangeness(qpos: torch.Tensor, fps: float, soles: Soles) -> float:

@@ -2,8 +2,8 @@
 
 A pickle is a program for a small stack machine, and ``pickle.load`` lets that program import and call anything. Here it
 is interpreted by code that knows plain containers, numbers, strings and NumPy arrays, and to which a name such as
-``os.system`` is a string that it refuses. Nothing is imported or called on behalf of the file, and what is built takes
-no more memory than a small multiple of the file.
+``os.system`` is a string that it refuses. Nothing is imported or called on behalf of the file, what is built takes no
+more memory than a small multiple of the file, and nothing here walks through a container of containers.
 
 Source: the opcodes are those of ``pickletools``. joblib stores an array as a ``NumpyArrayWrapper`` that describes it,
 followed in the stream by padding and the array's bytes.
@@ -17,7 +17,9 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["PickledArray", "UnpicklingError", "unpickle"]
+from plat.errors import MotionError
+
+__all__ = ["PickledArray", "unpickle"]
 
 _INTEGERS = ("INT", "BININT", "BININT1", "BININT2", "LONG", "LONG1", "LONG4")
 _TEXTS = ("STRING", "BINSTRING", "SHORT_BINSTRING", "UNICODE", "SHORT_BINUNICODE", "BINUNICODE", "BINUNICODE8")
@@ -40,11 +42,10 @@ _KNOWN_NAMES = frozenset(
         ),
     }
 )
+# what makes a container, and about how many bytes an empty one takes
+_CONTAINERS = frozenset(("MARK", "EMPTY_LIST", "EMPTY_TUPLE", "EMPTY_DICT", "REDUCE", "NEWOBJ", *_SHORT_TUPLES))
+_CONTAINER_SIZE = 64
 _DTYPE = re.compile(r"b1|[iu][1248]|f[248]|[SU]\d{1,4}")
-
-
-class UnpicklingError(ValueError):
-    """A pickle that is broken or holds more than data."""
 
 
 class PickledArray:
@@ -59,8 +60,8 @@ class _Name(str):
 
 class _DType:
     def __init__(self, code: str):
-        if not isinstance(code, str) or not _DTYPE.fullmatch(code):
-            raise UnpicklingError(f"it holds an array of type {code!r}, expected numbers or strings")
+        if not _DTYPE.fullmatch(_expect(code, str)):
+            raise MotionError(f"it holds an array of type {code!r}, expected numbers or strings")
         self.code, self.order = code, "="
 
     @property
@@ -72,15 +73,15 @@ def unpickle(data: bytes) -> Any:
     """The object in a pickle (any protocol, plain or by joblib), its arrays as :class:`PickledArray`.
 
     Raises:
-        UnpicklingError: when the pickle names anything but arrays and plain data, with that name.
-        Exception: of many kinds, when the pickle is broken; the caller takes them all for that.
+        MotionError: when the pickle names anything but arrays and plain data, with that name.
+        Exception: of many kinds when the pickle is broken; the caller takes them all for that.
 
     >>> import pickle
     >>> unpickle(pickle.dumps({"fps": 30, "dof_pos": np.zeros((2, 29))}))["dof_pos"].value.shape
     (2, 29)
     >>> unpickle(pickle.dumps(print))
     Traceback (most recent call last):
-    plat.envs.motions.formats.unpickle.UnpicklingError: it names 'builtins.print', which is not data
+    plat.errors.MotionError: it names 'builtins.print', expected arrays, plain containers, numbers and strings alone
     """
     return _Machine(data).run()
 
@@ -89,8 +90,8 @@ class _Machine:
     def __init__(self, data: bytes):
         self._file = io.BytesIO(data)
         self._size = len(data)
-        # bytes that may still be made: without a limit a few opcodes could copy one long string for ever
-        self._spare = 4 * len(data)
+        # bytes that may still be made: without a limit one opcode could be a large object, or a copy of a long string
+        self._spare = 4 * len(data) + (1 << 16)
         self._stack: list[Any] = []
         self._marks: list[list[Any]] = []
         self._memo: dict[int, Any] = {}
@@ -100,10 +101,12 @@ class _Machine:
             if opcode.name == "STOP":
                 return self._stack.pop()
             self._do(opcode.name, argument)
-        raise UnpicklingError("it ends too early")
+        raise MotionError("it ends too early")
 
     def _do(self, opcode: str, argument: Any) -> None:
         stack = self._stack
+        if opcode in _CONTAINERS:
+            self._claim(_CONTAINER_SIZE)
         if opcode in _PUSH_ARGUMENT:
             stack.append(argument)
         elif opcode in _CONSTANTS:
@@ -142,7 +145,7 @@ class _Machine:
         elif opcode == "POP":
             stack.pop()
         elif opcode not in ("PROTO", "FRAME"):
-            raise UnpicklingError(f"it uses the opcode {opcode}, which data does not need")
+            raise MotionError(f"it uses the opcode {opcode}, which data does not need")
 
     def _close(self) -> list[Any]:
         """What stands above the last mark, which is taken away."""
@@ -170,7 +173,7 @@ class _Machine:
             array = PickledArray()
             array.value = self._array(dtype, shape, order, buffer)
             return array
-        raise UnpicklingError(f"it calls {str(name)!r} in a way that data does not need")
+        raise MotionError(f"it calls {str(name)!r} in a way that data does not need")
 
     def _set_state(self, made: Any, state: Any) -> None:
         if isinstance(made, _DType):
@@ -182,17 +185,18 @@ class _Machine:
             _, shape, dtype, fortran, raw = _expect(state, tuple)
             made.value = self._array(dtype, shape, "F" if fortran else "C", raw)
         else:
-            raise UnpicklingError(f"it sets the state of a {type(made).__name__}, which data does not need")
+            raise MotionError(f"it sets the state of a {type(made).__name__}, which data does not need")
 
     def _joblib_array(self, state: dict[str, Any]) -> np.ndarray:
         """The array that stands next in the stream."""
         dtype, shape = _expect(state["dtype"], _DType), _expect(state["shape"], tuple)
         if state.get("numpy_array_alignment_bytes") is not None:
             self._file.seek(self._file.read(1)[0], io.SEEK_CUR)
-        size = math.prod(_expect(length, int) for length in shape) * dtype.numpy.itemsize
-        if not 0 <= size <= self._size:
-            raise UnpicklingError(f"an array of shape {shape} does not fit into it")
-        return self._array(dtype, shape, state["order"], self._file.read(size))
+        fits = len(shape) <= 4 and all(isinstance(length, int) and 0 <= length <= self._size for length in shape)
+        size = math.prod(shape) * dtype.numpy.itemsize if fits else math.inf
+        if size > self._size:
+            raise MotionError("it has an array whose shape does not fit into it")
+        return self._array(dtype, shape, state["order"], self._file.read(int(size)))
 
     def _array(self, dtype: _DType, shape: tuple[int, ...], order: str, raw: bytes | bytearray | str) -> np.ndarray:
         if not isinstance(raw, (bytes, bytearray)):
@@ -208,18 +212,21 @@ class _Machine:
     def _claim(self, size: int) -> None:
         self._spare -= size
         if self._spare < 0:
-            raise UnpicklingError("what it makes is several times larger than it is")
+            raise MotionError("what it makes is several times larger than it is")
 
 
 def _expect(value: Any, kind: type) -> Any:
     if not isinstance(value, kind):
-        raise UnpicklingError(f"it has a {type(value).__name__} where a {kind.__name__.strip('_')} belongs")
+        raise MotionError(f"it has a {type(value).__name__} where a {kind.__name__.strip('_')} belongs")
     return value
 
 
 def _name(module: Any, name: Any) -> _Name:
-    if (module, name) not in _KNOWN_NAMES:
-        raise UnpicklingError(f"it names {f'{module}.{name}'!r}, which is not data")
+    # strings, or Python would walk through a tuple of tuples to compare it
+    if (_expect(module, str), _expect(name, str)) not in _KNOWN_NAMES:
+        raise MotionError(
+            f"it names {f'{module}.{name}'!r}, expected arrays, plain containers, numbers and strings alone"
+        )
     return _Name(name)
 
 
@@ -227,6 +234,6 @@ def _fill(target: dict[Any, Any], items: list[Any]) -> dict[Any, Any]:
     for key in items[::2]:
         # Python hashes large numbers to values that a file could choose to collide, strings not
         if not isinstance(key, str) and not (isinstance(key, int) and abs(key) < 2**31):
-            raise UnpicklingError(f"it has a dictionary key of type {type(key).__name__}, expected a string")
+            raise MotionError(f"it has a dictionary key of type {type(key).__name__}, expected a string")
     target.update(zip(items[::2], items[1::2], strict=True))
     return target

@@ -60,6 +60,11 @@ def test_joints_are_matched_by_name(tmp_path):
     np.testing.assert_allclose(load_motions(tmp_path / "bow.pkl")[0].qpos, bowing_clip().qpos, atol=1e-6)
 
 
+LAUGHS: list[object] = []
+for _ in range(20):  # 10^20 entries for whoever walks through them
+    LAUGHS = [LAUGHS] * 10
+
+
 def without(name: str) -> dict[str, object]:
     return {key: value for key, value in gmr_fields(bowing_clip()).items() if key != name}
 
@@ -67,14 +72,18 @@ def without(name: str) -> dict[str, object]:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (print, "names 'builtins.print', which is not data"),
+        (print, "names 'builtins.print', expected arrays"),
         ([1, 2], "holds a list, expected a dictionary"),
         ({}, "holds a dict, expected a dictionary of a motion"),
         ({"a": 1}, "entry 'a' is a int"),
         (without("fps"), "no field 'fps'"),
         (without("root_rot"), "no field 'root_rot', only"),
         ({"walk": without("dof_pos")}, "motion 'walk': no field 'dof_pos' or 'dof'"),
-        ({**without("fps"), "fps": "fast"}, "'fps' is 'fast'"),
+        ({**without("fps"), "fps": "fast"}, "'fps' is of type str, expected one number"),
+        ({**without("fps"), "fps": LAUGHS}, "'fps' is of type list, expected one number"),
+        ({**without(""), "dof_pos": LAUGHS}, "'dof_pos' is a list, expected an array"),
+        ({**without(""), "joint_names": LAUGHS}, "'joint_names' is not a list of names"),
+        ({"walk": LAUGHS}, "entry 'walk' is a list"),
         ({**without(""), "dof_pos": np.zeros((40, 27))}, "has 27 joints, expected the 29 joints of 'g1', or 23"),
         ({**without(""), "root_pos": np.zeros((39, 3))}, "has shape .39, 3., expected .40, 3."),
         ({**without(""), "root_rot": [0, 0, 0, 1]}, "'root_rot' is a list, expected an array"),
