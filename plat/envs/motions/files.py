@@ -31,7 +31,7 @@ def motion_paths(patterns: str | Path | Sequence[str | Path]) -> list[Path]:
         MotionError: when one of them names no motion file, or files of human motion that are to be retargeted first.
     """
     paths: list[Path] = []
-    endings = f"{', '.join(READERS)}"
+    endings = ", ".join(READERS)
     for pattern in [patterns] if isinstance(patterns, (str, Path)) else patterns:
         path = Path(pattern).expanduser()
         if path.is_dir():

@@ -28,10 +28,10 @@ def ground_feet(clip: MotionClip, how: Grounding = "clip", robot: Robot = G1) ->
             between, so that jumps stay jumps, smoothed, and lowered where a foot would still be under it.
         robot: the robot.
 
-    >>> from plat.envs.motions import generate_motions
-    >>> clip = generate_motions("val", seconds=8)[0]
-    >>> clip.qpos[:, 2] += 0.1
-    >>> round(float(ground_feet(clip).qpos[0, 2] - clip.qpos[0, 2]), 2)
+    >>> qpos = G1.default_qpos[None].repeat(60, 0)
+    >>> qpos[:, 2] += 0.1
+    >>> lowered = ground_feet(MotionClip("floating", qpos, 30.0)).qpos[0, 2] - qpos[0, 2]
+    >>> round(float(lowered), 2)
     -0.1
     """
     points = Soles(robot).points(torch.from_numpy(clip.qpos))

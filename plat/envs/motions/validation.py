@@ -87,8 +87,8 @@ class MotionReport:
 def validate_motion(clip: MotionClip, robot: Robot = G1, limits: ValidationLimits | None = None) -> MotionReport:
     """Measure a clip; see :func:`validate_motions`.
 
-    >>> from plat.envs.motions import generate_motions
-    >>> validate_motion(generate_motions("val", seconds=8)[0]).verdict
+    >>> standing = MotionClip("standing", G1.default_qpos[None].repeat(60, 0), 30.0)
+    >>> validate_motion(standing).verdict
     'use'
     """
     return validate_motions([clip], robot, limits)[0]

@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from plat.envs.motions.clip import MotionClip
+from plat.envs.motions.feet import Soles
 from plat.envs.robot import Robot
 from plat.errors import MotionError
 
@@ -18,6 +20,7 @@ QuatOrder = Literal["wxyz", "xyzw"]
 # Further than any motion goes, and still less than its numbers are in another unit.
 _FARTHEST = 1000.0
 _WIDEST = 4 * np.pi
+_FPS = (1.0, 1000.0)
 
 
 @dataclass(frozen=True)
@@ -33,6 +36,11 @@ class ReadOptions:
     robot: Robot
     quat_order: QuatOrder | None = None
     fps: float | None = None
+
+    @cached_property
+    def soles(self) -> Soles:
+        """Of the robot; made once for all files."""
+        return Soles(self.robot)
 
 
 @dataclass(frozen=True)
@@ -114,7 +122,7 @@ def make_clip(
     """A checked clip from the parts of a file; ``fields`` are what the file calls root position and quaternion.
 
     Raises:
-        MotionError: for parts that do not fit together, or are not in metres and radians.
+        MotionError: for parts that do not fit together, are not in metres and radians, or an impossible frame rate.
     """
     for field, values, width in zip(fields, (root_pos, root_quat), (3, 4), strict=True):
         if values.shape != (len(joint_pos), width) or values.dtype.kind not in "fiu":
@@ -126,6 +134,8 @@ def make_clip(
         largest = np.abs(values[np.isfinite(values)]).max(initial=0.0)
         if largest > most:
             raise MotionError(f"{what!r} has values up to {largest:.4g}, expected {unit}")
+    if not _FPS[0] <= fps <= _FPS[1]:
+        raise MotionError(f"fps is {fps:g}, expected {_FPS[0]:g} to {_FPS[1]:g} frames a second")
     if quat_order == "xyzw":
         root_quat = root_quat[:, [3, 0, 1, 2]]
     return MotionClip(name, np.concatenate((root_pos, root_quat, joint_pos), 1), fps).checked(robot)

@@ -45,7 +45,7 @@ def read_csv(path: Path, options: ReadOptions) -> MotionFile:
         order, how = _order_in_header(header), "as the header says"
     if order is None:
         plain: MotionClip = make_clip(*parts, "wxyz", fields)
-        order, how = detect_quat_order(plain.qpos, fps, robot), "detected"
+        order, how = detect_quat_order(plain.qpos, fps, options.soles), "detected"
     if order is None:
         raise MotionError(
             "the root quaternion (columns 4 to 7) makes a plausible motion as wxyz and as xyzw; state which it is: "

@@ -5,7 +5,6 @@ import zipfile
 from io import BytesIO
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import torch
 
@@ -84,7 +83,7 @@ def _tracker_file(
         notes.append(note)
     arranged, more = arrange_joints(joint_pos, names, robot, "joint_pos")
     clip = make_clip(path.stem, root_pos, root_quat, arranged, fps, robot, order, fields)
-    doubts = [] if options.quat_order else doubt_quat_order(clip, order, robot)
+    doubts = [] if options.quat_order else doubt_quat_order(clip, order, options.soles)
     return MotionFile(path, "tracker npz", [clip], (f"quaternion {order}", *doubts, *notes, *more))
 
 
@@ -142,14 +141,14 @@ def _find_joint_order(
 def _breadth_first(robot: Robot) -> list[str]:
     """Joint names by their distance from the root, ties as in the robot's own order."""
     model = robot.model()
-    depth = {}
-    for joint in range(1, model.njnt):
-        body = model.jnt_bodyid[joint]
-        steps = 0
+
+    def depth(name: str) -> int:
+        body, steps = model.joint(f"{name}_joint").bodyid.item(), 0
         while body > 1:
             body, steps = model.body_parentid[body], steps + 1
-        depth[mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, joint).removesuffix("_joint")] = steps
-    return sorted(depth, key=lambda name: depth[name])
+        return steps
+
+    return sorted(robot.joint_names, key=depth)
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:

@@ -31,10 +31,10 @@ def read_pickle(path: Path, options: ReadOptions) -> MotionFile:
     # a file may name one array a thousand times: what is read must not be larger than what is there
     spare = len(data)
     for name, fields in motions.items():
-        if not isinstance(name, str) or not isinstance(fields, dict):
+        if not isinstance(fields, dict):
             raise MotionError(f"entry {name!r:.60} is a {type(fields).__name__}, expected a dictionary of a motion")
         try:
-            clip, found = _read_motion(name, fields, options)
+            clip, found = _read_motion(str(name), fields, options)
         except MotionError as error:
             raise error if single else MotionError(f"motion {name!r}: {error}") from None
         spare -= clip.qpos.nbytes // 4
@@ -59,7 +59,7 @@ def _read_motion(name: str, fields: dict[str, Any], options: ReadOptions) -> tup
     clip = make_clip(
         name, root_pos, root_quat, arranged, fps, robot, order, ("/".join(_ROOT_POS), "/".join(_ROOT_QUAT))
     )
-    doubts = [] if options.quat_order else doubt_quat_order(clip, order, robot)
+    doubts = [] if options.quat_order else doubt_quat_order(clip, order, options.soles)
     return clip, [*doubts, *notes]
 
 

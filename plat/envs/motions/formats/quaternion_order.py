@@ -6,7 +6,6 @@ import torch
 from plat.envs.motions.clip import MotionClip
 from plat.envs.motions.feet import Soles, lowest_step
 from plat.envs.motions.formats.common import QuatOrder
-from plat.envs.robot import Robot
 from plat.rotations import quat_rotate
 
 __all__ = ["detect_quat_order", "doubt_quat_order"]
@@ -16,7 +15,7 @@ __all__ = ["detect_quat_order", "doubt_quat_order"]
 _MARGIN = 0.5
 
 
-def detect_quat_order(qpos: np.ndarray, fps: float, robot: Robot) -> QuatOrder | None:
+def detect_quat_order(qpos: np.ndarray, fps: float, soles: Soles) -> QuatOrder | None:
     """The order of columns 3 to 6, or None where both orders make a plausible motion.
 
     The largest component is no evidence: ``(0, 0, 0, 1)`` is no rotation in ``xyzw`` and a heading of 180 degrees in
@@ -25,8 +24,8 @@ def detect_quat_order(qpos: np.ndarray, fps: float, robot: Robot) -> QuatOrder |
     Args:
         qpos: ``[T, 7 + J]`` with quaternions of unit length in either order.
         fps: frames a second.
+        soles: of the robot.
     """
-    soles = Soles(robot)
     as_wxyz = torch.from_numpy(np.asarray(qpos, dtype=np.float64))
     as_xyzw = as_wxyz.clone()
     as_xyzw[:, 3:7] = as_wxyz[:, [6, 3, 4, 5]]
@@ -36,12 +35,12 @@ def detect_quat_order(qpos: np.ndarray, fps: float, robot: Robot) -> QuatOrder |
     return "wxyz" if evidence > 0 else "xyzw"
 
 
-def doubt_quat_order(clip: MotionClip, read_as: QuatOrder, robot: Robot) -> list[str]:
+def doubt_quat_order(clip: MotionClip, read_as: QuatOrder, soles: Soles) -> list[str]:
     """A note where a clip, read in the order that its format has, looks right only in the other one."""
     qpos = clip.qpos.copy()
     if read_as == "xyzw":
         qpos[:, 3:7] = clip.qpos[:, [4, 5, 6, 3]]  # as in the file
-    found = detect_quat_order(qpos, clip.fps, robot)
+    found = detect_quat_order(qpos, clip.fps, soles)
     if found in (None, read_as):
         return []
     return [f"{clip.name!r} looks right only with quaternion {found}: if so, convert it with --quat-order"]

@@ -98,7 +98,8 @@ def test_errors_name_file_and_field(tmp_path, text, message):
         load_motions(tmp_path / "bad.csv")
 
 
-def test_a_frame_rate_must_be_positive(tmp_path):
+def test_a_frame_rate_must_be_possible(tmp_path):
     write_csv(tmp_path / "a.csv", bowing_clip())
-    with pytest.raises(MotionError, match="fps is -1"):
-        load_motions(tmp_path / "a.csv", fps=-1)
+    for fps in (-1.0, 0.0, 5000.0, float("nan")):
+        with pytest.raises(MotionError, match=f"fps is {fps:g}, expected 1 to 1000"):
+            load_motions(tmp_path / "a.csv", fps=fps)

@@ -3,8 +3,11 @@ import pytest
 
 from plat.envs import G1
 from plat.envs.motions import MotionClip, load_motions
+from plat.envs.motions.feet import Soles
 from plat.envs.motions.formats.quaternion_order import detect_quat_order, doubt_quat_order
 from tests.envs.motions.formats.writers import bowing_clip, turned
+
+SOLES = Soles(G1)
 
 
 def as_xyzw(qpos: np.ndarray) -> np.ndarray:
@@ -14,25 +17,25 @@ def as_xyzw(qpos: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("heading", [0.0, 0.7, np.pi / 2, 3.0, np.pi, -np.pi / 2])
 def test_both_orders_are_told_apart_at_any_heading(heading):
     clip = bowing_clip(heading=heading)
-    assert detect_quat_order(clip.qpos, clip.fps, G1) == "wxyz"
-    assert detect_quat_order(as_xyzw(clip.qpos), clip.fps, G1) == "xyzw"
+    assert detect_quat_order(clip.qpos, clip.fps, SOLES) == "wxyz"
+    assert detect_quat_order(as_xyzw(clip.qpos), clip.fps, SOLES) == "xyzw"
 
 
 def test_standing_still_may_be_either():
     qpos = np.tile(G1.default_qpos, (30, 1))
     # no rotation written as xyzw is a heading of 180 degrees read as wxyz: nothing tells them apart
-    assert detect_quat_order(as_xyzw(qpos), 30.0, G1) is None
+    assert detect_quat_order(as_xyzw(qpos), 30.0, SOLES) is None
     # the other way round one of them stands on its head
-    assert detect_quat_order(qpos, 30.0, G1) == "wxyz"
+    assert detect_quat_order(qpos, 30.0, SOLES) == "wxyz"
 
 
 def test_a_format_whose_order_is_known_is_doubted_where_it_looks_wrong():
     clip = bowing_clip()
-    assert doubt_quat_order(clip, "xyzw", G1) == doubt_quat_order(clip, "wxyz", G1) == []
+    assert doubt_quat_order(clip, "xyzw", SOLES) == doubt_quat_order(clip, "wxyz", SOLES) == []
     # an xyzw file whose columns are really wxyz, as the reader sees it
     columns = clip.qpos
     misread = MotionClip("bow", columns[:, [0, 1, 2, 6, 3, 4, 5, *range(7, 36)]], clip.fps)
-    (note,) = doubt_quat_order(misread, "xyzw", G1)
+    (note,) = doubt_quat_order(misread, "xyzw", SOLES)
     assert "'bow' looks right only with quaternion wxyz" in note
 
 
@@ -45,7 +48,7 @@ def test_real_motions_are_never_mistaken(shared_data):
         for angle in (0.0, np.pi, rng.uniform(-np.pi, np.pi)):
             qpos = turned(clip, angle).qpos
             for order, columns in (("wxyz", qpos), ("xyzw", as_xyzw(qpos))):
-                found = detect_quat_order(columns, clip.fps, G1)
+                found = detect_quat_order(columns, clip.fps, SOLES)
                 assert found in (order, None), (clip.name, angle)
                 refused += found is None
     assert refused <= 0.01 * 6 * len(clips)
