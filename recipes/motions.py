@@ -146,7 +146,9 @@ class Convert(_Files):
             clip = clip_to_limits(clip)
         if self.ground:
             clip = ground_feet(clip, self.ground)
-        if self.resample:
+        if self.resample is not None:
+            if not 1 <= self.resample <= 1000:
+                raise PlatError(f"--resample {self.resample:g}: expected 1 to 1000 frames a second")
             qpos = resample_qpos(torch.from_numpy(clip.qpos), clip.fps, 1 / self.resample).numpy()
             clip = MotionClip(clip.name, qpos, self.resample)
         return clip
@@ -174,7 +176,7 @@ def write(out: Path, files: Sequence[MotionFile], form: str) -> list[Path]:
         out.parent.mkdir(parents=True, exist_ok=True)
         save_motions(out, clips)
         written = [out]
-    elif out.suffix:
+    elif out.suffix.lower() in (".npz", ".csv"):
         raise PlatError(f"--out {str(out)!r}: expected a file .npz, or a folder (for --format csv always a folder)")
     else:
         out.mkdir(parents=True, exist_ok=True)
@@ -197,11 +199,13 @@ def counted(clips: Sequence[object]) -> str:
 
 def distinct(clips: Sequence[MotionClip]) -> list[MotionClip]:
     """The clips with a number behind a name that was there before."""
-    seen: Counter[str] = Counter()
+    taken: set[str] = set()
     named = []
     for clip in clips:
-        seen[clip.name] += 1
-        named.append(clip if seen[clip.name] == 1 else replace(clip, name=f"{clip.name}_{seen[clip.name]}"))
+        candidates = (clip.name, *(f"{clip.name}_{number}" for number in range(2, len(clips) + 2)))
+        name = next(name for name in candidates if name not in taken)
+        taken.add(name)
+        named.append(replace(clip, name=name))
     return named
 
 

@@ -149,9 +149,17 @@ def test_generated_motions_are_read(recipe, monkeypatch, capsys):
     assert "generated_val: 1 clip, generated, 50 fps" in capsys.readouterr().out
 
 
+def test_names_are_made_distinct(recipe):
+    names = ["a", "a", "a_2", "b", "a"]
+    clips = recipe.distinct([MotionClip(name, np.empty(0), 30.0) for name in names])
+    assert [clip.name for clip in clips] == ["a", "a_2", "a_2_2", "b", "a_3"]
+
+
 def test_what_cannot_be_written_is_said(recipe, folder, tmp_path):
     with pytest.raises(PlatError, match="expected a file .npz, or a folder"):
         run(recipe, "convert", folder, "--out", tmp_path / "x.csv")
+    with pytest.raises(PlatError, match="--resample 0: expected 1 to 1000"):
+        run(recipe, "convert", folder, "--out", tmp_path / "x.npz", "--resample", 0)
     with pytest.raises(PlatError, match="no clips are left"):
         run(recipe, "convert", folder / "two.npz", "--trim", 1, 0, "--out", tmp_path / "x.npz", "--drop-bad")
 

@@ -20,7 +20,8 @@ from plat.errors import MotionError
 
 __all__ = ["load_motions", "motion_paths", "read_motion_files", "save_csv", "save_motions"]
 
-_RESERVED = ("fps", "joint_names")
+# names with a meaning in the file, and to the function that writes it
+_RESERVED = ("fps", "joint_names", "joint_pos", "file", "allow_pickle")
 _LOGGER = logging.getLogger("plat.motions")
 
 

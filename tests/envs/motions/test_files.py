@@ -148,5 +148,8 @@ def test_truncated_file(tmp_path, clip):
 def test_reserved_and_repeated_names_are_refused(tmp_path, clip):
     with pytest.raises(MotionError, match="clip names must differ"):
         save_motions(tmp_path / "x.npz", [clip, clip])
+    for name in ("fps", "joint_pos", "file"):
+        with pytest.raises(MotionError, match="clip names must differ"):
+            save_motions(tmp_path / "x.npz", [MotionClip(name, clip.qpos, 30.0)])
     with pytest.raises(MotionError, match="one rate"):
         save_motions(tmp_path / "x.npz", [clip, MotionClip("b", clip.qpos, 50.0)])
