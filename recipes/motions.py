@@ -5,6 +5,7 @@ python recipes/motions.py convert FILES --out motions.npz --ground smooth --drop
 python recipes/motions.py mirror  FILES --out mirrored.npz
 """
 
+import itertools
 import os
 import sys
 from collections import Counter
@@ -202,8 +203,8 @@ def distinct(clips: Sequence[MotionClip]) -> list[MotionClip]:
     taken: set[str] = set()
     named = []
     for clip in clips:
-        candidates = (clip.name, *(f"{clip.name}_{number}" for number in range(2, len(clips) + 2)))
-        name = next(name for name in candidates if name not in taken)
+        numbered = (f"{clip.name}_{number}" for number in itertools.count(2))
+        name = next(name for name in itertools.chain((clip.name,), numbered) if name not in taken)
         taken.add(name)
         named.append(replace(clip, name=name))
     return named
