@@ -68,7 +68,7 @@ def main(recipe: DistillRecipe) -> None:
     """Run the recipe."""
     torch.manual_seed(recipe.seed)
     device = recipe.device
-    library = MotionLibrary.load(recipe.motions).to(device)
+    library = MotionLibrary.load(recipe.motions, mirror=recipe.mirror).to(device)
     env = make_keyframe_env(library, recipe.num_envs, recipe.task, horizon=HORIZONS[recipe.horizon], device=device)
     expert = load_policy(recipe.expert, device).deployed("dense_goal", out_key="expert_action")
     student: Any

@@ -30,7 +30,7 @@ class ExpertRecipe(RecipeConfig):
 def main(recipe: ExpertRecipe) -> None:
     """Run the recipe."""
     torch.manual_seed(recipe.seed)
-    library = MotionLibrary.load(recipe.motions)
+    library = MotionLibrary.load(recipe.motions, mirror=recipe.mirror)
     env = make_tracking_env(library, recipe.num_envs, recipe.task, device=recipe.device)
     expert = Expert(library.robot, recipe.policy).to(recipe.device)
     critic = Critic(library.robot, expert.normalizer.in_keys).to(recipe.device)

@@ -58,7 +58,7 @@ def main(recipe: RefineRecipe) -> None:
     """Run the recipe."""
     torch.manual_seed(recipe.seed)
     device = recipe.device
-    library = MotionLibrary.load(recipe.motions).to(device)
+    library = MotionLibrary.load(recipe.motions, mirror=recipe.mirror).to(device)
     env = make_keyframe_env(library, recipe.num_envs, recipe.task, horizon=HORIZONS[recipe.horizon], device=device)
     policy = VARIANTS[recipe.variant](load_policy(recipe.student), recipe.policy).to(device)
     critic = Critic(library.robot, STUDENT_KEYS).to(device)

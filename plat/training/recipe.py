@@ -25,6 +25,8 @@ class RecipeConfig:
 
     motions: tuple[str, ...]
     """motion files, folders or globs; "generated:train" for the motions that plat makes itself"""
+    mirror: bool = False
+    """train on the mirror image of every motion as well"""
     out: Path
     """folder to write the run to"""
     minutes: float | None = None
@@ -47,8 +49,15 @@ class RecipeConfig:
 
 @contextmanager
 def report_errors() -> Iterator[None]:
-    """End a program on plat's own errors with their message and no traceback; TorchRL says only what is wrong."""
+    """End a program on plat's own errors with their message and no traceback; TorchRL says only what is wrong.
+
+    What plat took a motion file for is printed.
+    """
     logging.getLogger("torchrl").setLevel(logging.WARNING)
+    motions = logging.getLogger("plat.motions")
+    motions.setLevel(logging.INFO)
+    if not motions.handlers:
+        motions.addHandler(logging.StreamHandler(sys.stdout))
     try:
         yield
     except PlatError as error:

@@ -1,13 +1,12 @@
-"""Motion files in plat's own format.
+"""Motion files: finding, reading and writing them.
 
 A plat motion file is a NumPy ``.npz`` with one array a clip, named by the clip: ``qpos`` ``[T, 7 + J]`` (root position
 in m, root quaternion ``wxyz``, joint angles in rad), and the array ``fps``. If ``joint_names`` is there, the joint
-columns are brought into the robot's order by name.
+columns are brought into the robot's order by name. The other formats are in :mod:`plat.envs.motions.formats`.
 """
 
 import glob
-import zipfile
-import zlib
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -15,44 +14,84 @@ from typing import Any
 import numpy as np
 
 from plat.envs.motions.clip import MotionClip
+from plat.envs.motions.formats import READERS, MotionFile, QuatOrder, ReadOptions, csv_text
 from plat.envs.robot import G1, Robot
 from plat.errors import MotionError
 
-__all__ = ["load_motions", "motion_paths", "save_motions"]
+__all__ = ["load_motions", "motion_paths", "read_motion_files", "save_csv", "save_motions"]
 
-_RESERVED = ("fps", "joint_names")
+# names with a meaning in the file, and to the function that writes it
+_RESERVED = ("fps", "joint_names", "joint_pos", "file", "allow_pickle")
+_LOGGER = logging.getLogger("plat.motions")
 
 
 def motion_paths(patterns: str | Path | Sequence[str | Path]) -> list[Path]:
     """Files that paths, folders and globs name, without repeats, in sorted order for each.
 
     Raises:
-        MotionError: when one of them names no file.
+        MotionError: when one of them names no motion file, or files of human motion that are to be retargeted first.
     """
     paths: list[Path] = []
+    endings = ", ".join(READERS)
     for pattern in [patterns] if isinstance(patterns, (str, Path)) else patterns:
         path = Path(pattern).expanduser()
         if path.is_dir():
-            found = sorted(path.rglob("*.npz"))
+            found = sorted(path for path in path.rglob("*") if path.suffix.lower() in (*READERS, ".bvh"))
         elif path.exists():
             found = [path]
         else:
             found = sorted(Path(name) for name in glob.glob(str(path), recursive=True))
         if not found:
-            raise MotionError(f"motion file {str(pattern)!r}: no such .npz file, folder with .npz files or glob")
+            raise MotionError(
+                f"motion file {str(pattern)!r}: no such file, folder with motion files ({endings}) or glob"
+            )
+        for path in found:
+            if path.suffix.lower() == ".bvh":
+                raise MotionError(
+                    f"motion file {str(path)!r}: human motion; make robot motions of it first: "
+                    f"python recipes/motions.py retarget {path} --out FOLDER"
+                )
+            if path.suffix.lower() not in READERS or not path.is_file():
+                raise MotionError(f"motion file {str(path)!r}: not a motion file, expected one of {endings}")
         paths += [path for path in found if path not in paths]
     return paths
 
 
-def load_motions(patterns: str | Path | Sequence[str | Path], robot: Robot = G1) -> list[MotionClip]:
+def read_motion_files(
+    patterns: str | Path | Sequence[str | Path],
+    robot: Robot = G1,
+    *,
+    quat_order: QuatOrder | None = None,
+    fps: float | None = None,
+) -> list[MotionFile]:
+    """Read motion files, with what each was taken for; see :func:`load_motions`."""
+    options = ReadOptions(robot, quat_order, fps)
+    return [_read(path, options) for path in motion_paths(patterns)]
+
+
+def load_motions(
+    patterns: str | Path | Sequence[str | Path],
+    robot: Robot = G1,
+    *,
+    quat_order: QuatOrder | None = None,
+    fps: float | None = None,
+) -> list[MotionClip]:
     """Read every clip of some motion files.
+
+    Formats: plat ``.npz``; ``.csv`` with 36 columns (LAFAN1 retargeting, MuJoCo); the ``.npz`` of BeyondMimic, mjlab
+    and holosoma; the ``.pkl`` of GMR, TWIST2, ASAP and PBHC, of which no code is run. What was assumed or detected is
+    logged under ``plat.motions``.
 
     Args:
         patterns: a path, a folder, a glob, or several of these.
         robot: whose motions they are.
+        quat_order: order of the root quaternion in these files; by default what the format says, and for ``.csv`` what
+            the motion shows.
+        fps: frames a second of these files; by default what they say, and 30 for a ``.csv`` that does not.
 
     Raises:
-        MotionError: naming file, clip and field, when a file is missing or broken.
+        MotionError: naming file, clip and field, when a file is missing or broken, or does not tell which order its
+            quaternions or joints have.
 
     >>> import tempfile
     >>> from plat.envs.motions import generate_motions
@@ -61,7 +100,15 @@ def load_motions(patterns: str | Path | Sequence[str | Path], robot: Robot = G1)
     ...     len(load_motions(f"{folder}/*.npz"))
     2
     """
-    return [clip for path in motion_paths(patterns) for clip in _read_npz(path, robot)]
+    files = read_motion_files(patterns, robot, quat_order=quat_order, fps=fps)
+    alike: dict[str, list[MotionFile]] = {}
+    for file in files:
+        if file.notes:
+            alike.setdefault(file.facts, []).append(file)
+    for facts, group in alike.items():
+        more = f" and {len(group) - 1} more" if len(group) > 1 else ""
+        _LOGGER.info("%s%s: %s", group[0].path, more, facts)
+    return [clip for file in files for clip in file.clips]
 
 
 def save_motions(path: str | Path, clips: Sequence[MotionClip], robot: Robot = G1) -> None:
@@ -77,45 +124,18 @@ def save_motions(path: str | Path, clips: Sequence[MotionClip], robot: Robot = G
     np.savez_compressed(path, **described)
 
 
-def _read_npz(path: Path, robot: Robot) -> list[MotionClip]:
+def save_csv(folder: str | Path, clip: MotionClip, robot: Robot = G1) -> Path:
+    """Write a clip to ``NAME_30fps.csv``: MuJoCo's ``qpos`` under a header, quaternion ``wxyz``."""
+    path = Path(folder) / f"{clip.name.replace('/', '_')}_{clip.fps:.10g}fps.csv"
+    path.write_text(csv_text(clip, robot.joint_names))
+    return path
+
+
+def _read(path: Path, options: ReadOptions) -> MotionFile:
+    ending = path.suffix.lower()
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
-        raise MotionError(f"motion file {str(path)!r}: not a readable .npz file ({error})") from error
-    if "fps" not in arrays:
-        raise MotionError(f"motion file {str(path)!r}: no array 'fps', expected the frames a second")
-    fps = arrays.pop("fps")
-    if fps.size != 1 or fps.dtype.kind not in "fiu":
-        raise MotionError(f"motion file {str(path)!r}: 'fps' is {fps!r}, expected one number")
-    order = _joint_order(path, arrays.pop("joint_names", None), robot)
-    if not arrays:
-        raise MotionError(
-            f"motion file {str(path)!r}: no clips, expected one array (frames, {7 + robot.num_joints}) each"
-        )
-    clips = []
-    for name, qpos in arrays.items():
-        try:
-            clip = MotionClip(name, qpos, float(fps.item())).checked(robot)
-        except MotionError as error:
-            raise MotionError(f"motion file {str(path)!r}: {error}") from None
-        if order is not None:
-            clip = MotionClip(name, clip.qpos[:, order], clip.fps)
-        clips.append(clip)
-    return clips
-
-
-def _joint_order(path: Path, names: np.ndarray | None, robot: Robot) -> np.ndarray | None:
-    """Columns of the file in the robot's order; None where the file does not name its joints."""
-    if names is None:
-        return None
-    listed = [str(name).removesuffix("_joint") for name in names.ravel()]
-    if sorted(listed) != sorted(robot.joint_names):
-        missing = sorted(set(robot.joint_names) - set(listed))
-        unknown = sorted(set(listed) - set(robot.joint_names))
-        raise MotionError(
-            f"motion file {str(path)!r}: 'joint_names' lacks {missing} and has the unknown {unknown}, "
-            f"expected the {robot.num_joints} joints of {robot.name!r}"
-        )
-    columns = [7 + listed.index(name) for name in robot.joint_names]
-    return np.array([*range(7), *columns])
+        return READERS[ending](path, options)
+    except MotionError as error:
+        raise MotionError(f"motion file {str(path)!r}: {error}") from None
+    except Exception as error:  # whatever a parser stumbles over: the file is broken
+        raise MotionError(f"motion file {str(path)!r}: not a readable {ending} file ({error})") from error

@@ -19,6 +19,7 @@ from plat.envs.kinematics import ForwardKinematics
 from plat.envs.motions.clip import MotionClip
 from plat.envs.motions.files import load_motions, motion_paths
 from plat.envs.motions.generation import generate_motions
+from plat.envs.motions.mirror import mirror_motion
 from plat.envs.motions.resample import finite_difference, quat_finite_difference, resample_qpos
 from plat.envs.robot import G1, Robot
 from plat.errors import MotionError
@@ -28,7 +29,7 @@ __all__ = ["MotionLibrary", "cache_dir"]
 # Frames worked on at a time while the table is built: large enough for vector speed, small enough for the cache.
 _CHUNK = 16384
 # Part of the cache key: raise it when the table's content changes for the same input.
-_TABLE_VERSION = 1
+_TABLE_VERSION = 2
 
 
 class MotionLibrary:
@@ -137,14 +138,20 @@ class MotionLibrary:
 
     @classmethod
     def load(
-        cls, motions: str | Path | Sequence[str | Path], robot: Robot = G1, dt: float = 0.02, cache: bool = True
+        cls,
+        motions: str | Path | Sequence[str | Path],
+        robot: Robot = G1,
+        dt: float = 0.02,
+        cache: bool = True,
+        mirror: bool = False,
     ) -> "MotionLibrary":
         """Library of motion files, kept on disk for the next time.
 
         Args:
             motions: paths, folders, globs, or ``"generated:train"`` (``val``, ``test``) for the motions that plat
                 makes itself.
-            cache: keep the finished table under :func:`cache_dir`, named by the content of the files.
+            cache: keep the finished table under :func:`cache_dir`, named by names and content of the files.
+            mirror: add every clip's mirror image, left and right exchanged.
 
         Raises:
             MotionError: when a file is missing or broken.
@@ -158,12 +165,14 @@ class MotionLibrary:
             clips = [
                 clip for name in generated for clip in generate_motions(name.removeprefix("generated:"), robot=robot)
             ]
-            return cls.from_clips(clips + (load_motions(paths, robot) if paths else []), robot, dt)
+            clips += load_motions(paths, robot) if paths else []
+            mirrored = [mirror_motion(clip.checked(robot), robot) for clip in clips] if mirror else []
+            return cls.from_clips(clips + mirrored, robot, dt)
 
         # made motions come out of code, which no content hash covers
         if not cache or generated:
             return build()
-        cached = cache_dir() / "motions" / f"{_content_hash(paths, robot, dt)}.safetensors"
+        cached = cache_dir() / "motions" / f"{_content_hash(paths, robot, dt, mirror)}.safetensors"
         library = _read_table(cached, robot)
         if library is None:
             library = build()
@@ -221,12 +230,14 @@ def cache_dir() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "plat"
 
 
-def _content_hash(paths: Sequence[Path], robot: Robot, dt: float) -> str:
+def _content_hash(paths: Sequence[Path], robot: Robot, dt: float, mirror: bool) -> str:
     asset = (resources.files("plat.envs") / "assets" / robot.asset).read_bytes()
     digest = hashlib.blake2b(digest_size=16)
-    digest.update(json.dumps([_TABLE_VERSION, robot.name, robot.keypoints, dt]).encode())
+    digest.update(json.dumps([_TABLE_VERSION, robot.name, robot.keypoints, dt, mirror]).encode())
     digest.update(hashlib.blake2b(asset).digest())
     for path in paths:
+        # clips are named by their files, and a name may say the frame rate
+        digest.update(path.name.encode(errors="surrogateescape") + b"\0")
         with path.open("rb") as file:
             while block := file.read(1 << 20):
                 digest.update(block)

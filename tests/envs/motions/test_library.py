@@ -11,6 +11,7 @@ from plat.envs import MotionLibrary
 from plat.envs.motions import MotionClip, cache_dir, save_motions
 from plat.errors import MotionError
 from tests.conftest import standing_clip
+from tests.envs.motions.formats.writers import bowing_clip, write_csv
 
 
 def test_velocities_of_a_known_motion():
@@ -74,6 +75,26 @@ def test_other_content_is_another_cache_entry(tmp_path, monkeypatch):
     MotionLibrary.load(tmp_path / "a.npz")
     save_motions(tmp_path / "a.npz", [standing_clip("other")])
     assert MotionLibrary.load(tmp_path / "a.npz").clip_names == ["other"]
+
+
+def test_another_name_is_another_cache_entry(tmp_path, monkeypatch):
+    # a file's name names its clip and may say its frame rate
+    monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
+    write_csv(tmp_path / "a_30fps.csv", bowing_clip())
+    slow = MotionLibrary.load(tmp_path / "a_30fps.csv")
+    fast = MotionLibrary.load((tmp_path / "a_30fps.csv").rename(tmp_path / "b_60fps.csv"))
+    assert fast.duration == pytest.approx(slow.duration / 2, abs=0.04)
+    assert fast.clip_names == ["b"]
+
+
+def test_mirrored_clips_are_added_on_request(tmp_path, monkeypatch):
+    monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
+    save_motions(tmp_path / "a.npz", [standing_clip()])
+    plain = MotionLibrary.load(tmp_path / "a.npz")
+    both = MotionLibrary.load(tmp_path / "a.npz", mirror=True)
+    assert (plain.clip_names, both.clip_names) == (["standing"], ["standing", "standing_mirrored"])
+    turning = both.frames["keypoint_ang_vel"][:, 0, 2]
+    torch.testing.assert_close(turning[len(plain) :], -turning[: len(plain)])
 
 
 def test_a_broken_cache_is_made_again(tmp_path, monkeypatch):

@@ -1,0 +1,321 @@
+"""Look at motion files, convert them, mirror them.
+
+python recipes/motions.py inspect FILES --out pictures
+python recipes/motions.py convert FILES --out motions.npz --ground smooth --drop-bad
+python recipes/motions.py mirror  FILES --out mirrored.npz
+"""
+
+import itertools
+import os
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+# MuJoCo looks at this when it is imported; without a screen only EGL (or OSMesa) draws
+if sys.platform == "linux" and "DISPLAY" not in os.environ:
+    os.environ.setdefault("MUJOCO_GL", "egl")
+
+import numpy as np
+import torch
+import tyro
+
+from plat.envs import G1
+from plat.envs.motions import (
+    MotionClip,
+    MotionFile,
+    MotionReport,
+    ValidationLimits,
+    clip_to_limits,
+    generate_motions,
+    ground_feet,
+    mirror_motion,
+    read_motion_files,
+    save_csv,
+    save_motions,
+    trim_motion,
+    validate_motions,
+)
+from plat.envs.motions.feet import Soles
+from plat.envs.motions.resample import resample_qpos
+from plat.errors import PlatError
+from plat.rendering import RenderingError, Stage
+from plat.training import report_errors
+
+SHEET_COLUMNS = 8
+
+
+@dataclass(kw_only=True)
+class _Files:
+    files: Annotated[tuple[str, ...], tyro.conf.Positional]
+    """motion files, folders or globs; "generated:val" for the motions that plat makes itself"""
+    quat_order: Literal["wxyz", "xyzw"] | None = None
+    """order of the root quaternion in these files, where they do not show it"""
+    fps: float | None = None
+    """frames a second of these files, where they do not say it"""
+
+    def read(self) -> list[MotionFile]:
+        """The files; prints what each was taken for."""
+        generated = [name for name in self.files if name.startswith("generated:")]
+        files = [
+            MotionFile(Path(name.replace(":", "_")), "generated", generate_motions(name.removeprefix("generated:")))
+            for name in generated
+        ]
+        if paths := [name for name in self.files if name not in generated]:
+            files += read_motion_files(paths, quat_order=self.quat_order, fps=self.fps)
+        for file in files:
+            print(f"{file.path}: {counted(file.clips)}, {file.facts}")
+        return files
+
+
+@dataclass(kw_only=True)
+class Inspect(_Files):
+    """Measure clips and say whether they are fit to train on."""
+
+    out: Path | None = None
+    """folder for a contact sheet and a plot a clip"""
+    pictures: int = 20
+    """how many clips get them, those to drop or repair first"""
+    limits: ValidationLimits = field(default_factory=ValidationLimits)
+
+    def run(self) -> list[MotionReport]:
+        """Print the table, draw; return the reports."""
+        clips = [clip for file in self.read() for clip in file.clips]
+        reports = validate_motions(clips, limits=self.limits)
+        print_table(reports)
+        if self.out is not None:
+            self.out.mkdir(parents=True, exist_ok=True)
+            urgency = ("drop", "repair", "use")
+            order = sorted(range(len(clips)), key=lambda index: urgency.index(reports[index].verdict))
+            chosen = [clips[index] for index in order[: self.pictures]]
+            draw_sheet(self.out / "contact_sheet.png", chosen)
+            for clip in chosen:
+                plot(self.out / f"{file_name(clip.name)}.png", clip)
+            print(f"wrote {self.out}")
+        return reports
+
+
+@dataclass(kw_only=True)
+class Convert(_Files):
+    """Write clips as plat npz or csv, repaired where asked."""
+
+    out: Path
+    """a file .npz for all clips, or a folder"""
+    format: Literal["npz", "csv"] = "npz"
+    """in a folder: an .npz for each file, or a .csv (wxyz, with a header) for each clip"""
+    trim: tuple[float, float] = (0.0, 0.0)
+    """seconds to take off the start and the end"""
+    ground: Literal["clip", "smooth"] | None = None
+    """put the feet on the floor: all frames of a clip alike, or following a floor that drifts"""
+    clip_limits: bool = False
+    """bring joint angles into their limits"""
+    resample: float | None = None
+    """frames a second to write, for files of different rates"""
+    drop_bad: bool = False
+    """leave out what is to be dropped, after the repairs"""
+    limits: ValidationLimits = field(default_factory=ValidationLimits)
+
+    def run(self) -> list[Path]:
+        """Write the files; return their paths."""
+        files = [replace(file, clips=self.repaired(file.clips)) for file in self.read()]
+        return write(self.out, [file for file in files if file.clips], self.format)
+
+    def repaired(self, clips: Sequence[MotionClip]) -> list[MotionClip]:
+        """The clips with the repairs that were asked for; prints those that are dropped."""
+        kept = []
+        for clip in clips:
+            left = clip.duration - sum(self.trim)
+            if self.drop_bad and left < self.limits.min_seconds:
+                print(f"dropped {clip.name}: {max(left, 0):.2f} s left")
+            else:
+                kept.append(self.repair(clip))
+        if not self.drop_bad:
+            return kept
+        reports = validate_motions(kept, limits=self.limits)
+        for report in reports:
+            if report.verdict == "drop":
+                print(f"dropped {report.name}: {', '.join(report.reasons)}")
+        return [clip for clip, report in zip(kept, reports, strict=True) if report.verdict != "drop"]
+
+    def repair(self, clip: MotionClip) -> MotionClip:
+        """One clip with them."""
+        if any(self.trim):
+            clip = trim_motion(clip, *self.trim)
+        if self.clip_limits:
+            clip = clip_to_limits(clip)
+        if self.ground:
+            clip = ground_feet(clip, self.ground)
+        if self.resample is not None:
+            if not 1 <= self.resample <= 1000:
+                raise PlatError(f"--resample {self.resample:g}: expected 1 to 1000 frames a second")
+            qpos = resample_qpos(torch.from_numpy(clip.qpos), clip.fps, 1 / self.resample).numpy()
+            clip = MotionClip(clip.name, qpos, self.resample)
+        return clip
+
+
+@dataclass(kw_only=True)
+class Mirror(_Files):
+    """Write the mirror image of every clip, left and right exchanged."""
+
+    out: Path
+    """a file .npz for all clips, or a folder for an .npz for each file"""
+
+    def run(self) -> list[Path]:
+        """Write the files; return their paths."""
+        files = [replace(file, clips=[mirror_motion(clip) for clip in file.clips]) for file in self.read()]
+        return write(self.out, files, "npz")
+
+
+def write(out: Path, files: Sequence[MotionFile], form: str) -> list[Path]:
+    """Write clips to one npz, or to a folder."""
+    clips = distinct([clip for file in files for clip in file.clips])
+    if not clips:
+        raise PlatError("no clips are left to write")
+    if out.suffix.lower() == ".npz" and form == "npz":
+        out.parent.mkdir(parents=True, exist_ok=True)
+        save_motions(out, clips)
+        written = [out]
+    elif out.suffix.lower() in (".npz", ".csv"):
+        raise PlatError(f"--out {str(out)!r}: expected a file .npz, or a folder (for --format csv always a folder)")
+    else:
+        out.mkdir(parents=True, exist_ok=True)
+        if form == "csv":
+            written = [save_csv(out, clip) for clip in clips]
+        else:
+            stems = distinct([MotionClip(file.path.stem, np.empty(0), 0.0) for file in files])
+            written = [out / f"{stem.name}.npz" for stem in stems]
+            for path, file in zip(written, files, strict=True):
+                save_motions(path, distinct(file.clips))
+    seconds = sum(clip.duration for clip in clips)
+    print(f"wrote {counted(clips)}, {seconds:.0f} s, to {out}")
+    return written
+
+
+def counted(clips: Sequence[object]) -> str:
+    """``1 clip``, ``2 clips``."""
+    return f"{len(clips)} clip{'s' * (len(clips) != 1)}"
+
+
+def distinct(clips: Sequence[MotionClip]) -> list[MotionClip]:
+    """The clips with a number behind a name that was there before."""
+    taken: set[str] = set()
+    named = []
+    for clip in clips:
+        numbered = (f"{clip.name}_{number}" for number in itertools.count(2))
+        name = next(name for name in itertools.chain((clip.name,), numbered) if name not in taken)
+        taken.add(name)
+        named.append(replace(clip, name=name))
+    return named
+
+
+def print_table(reports: Sequence[MotionReport]) -> None:
+    """One row a clip, and a line about all."""
+    width = max(len("clip"), *(min(len(report.name), 44) for report in reports))
+    print(
+        f"\n{'clip':<{width}}  {'length':>7}  {'limits':>7}  {'speed':>6}  {'sunk':>5}  {'float':>5}  {'slip':>5}  "
+        f"{'self':>5}  {'jumps':>5}  verdict\n"
+        f"{'':<{width}}  {'s':>7}  {'rad':>7}  {'rad/s':>6}  {'cm':>5}  {'cm':>5}  {'m/s':>5}  {'cm':>5}"
+    )
+    for report in reports:
+        name = report.name if len(report.name) <= width else f"{report.name[: width - 1]}…"
+        print(
+            f"{name:<{width}}  {report.seconds:>7.2f}  {report.joint_excess:>7.3f}  {report.joint_speed:>6.1f}  "
+            f"{100 * report.penetration:>5.1f}  {100 * report.floating:>5.1f}  {report.slip:>5.2f}  "
+            f"{100 * report.self_penetration:>5.1f}  {len(report.jumps):>5}  "
+            + ": ".join(filter(None, (report.verdict, ", ".join(report.reasons))))
+        )
+    counts = Counter(report.verdict for report in reports)
+    total = sum(report.seconds for report in reports)
+    verdicts = ", ".join(f"{counts[verdict]} {verdict}" for verdict in ("use", "repair", "drop"))
+    print(f"{counted(reports)}, {total:.0f} s: {verdicts}")
+
+
+def draw_sheet(path: Path, clips: Sequence[MotionClip]) -> None:
+    """A row of pictures a clip."""
+    try:
+        stage = Stage(G1, width=240, height=240)
+    except RenderingError as error:
+        print(f"no contact sheet: {error}")
+        return
+    inches = 1.5
+    figure, panels = pyplot().subplots(
+        len(clips),
+        SHEET_COLUMNS,
+        figsize=(inches * SHEET_COLUMNS, 1.3 * inches * len(clips)),
+        squeeze=False,
+        gridspec_kw={
+            "left": 0.005,
+            "right": 0.995,
+            "bottom": 0,
+            "top": 1 - 0.25 / len(clips),
+            "hspace": 0.3,
+            "wspace": 0.03,
+        },
+    )
+    for row, clip in zip(panels, clips, strict=True):
+        for panel, frame in zip(
+            row, np.linspace(0, len(clip.qpos) - 1, SHEET_COLUMNS).round().astype(int), strict=True
+        ):
+            stage.look_at(clip.qpos[frame])
+            panel.imshow(stage.draw(clip.qpos[frame]))
+            panel.set_axis_off()
+            panel.set_title(f"{frame / clip.fps:.1f} s", fontsize=7, pad=2)
+        row[0].text(0, 1.16, clip.name, fontsize=8, transform=row[0].transAxes)
+    figure.savefig(path, dpi=110)
+    pyplot().close(figure)
+    stage.close()
+
+
+def plot(path: Path, clip: MotionClip) -> None:
+    """Joint angles within their limits, heights of the soles, and speeds over time."""
+    time = np.arange(len(clip.qpos)) / clip.fps
+    low, high = G1.joint_range.numpy().T
+    figure, panels = pyplot().subplots(3, 1, figsize=(9, 8), sharex=True, layout="constrained")
+    share = (clip.qpos[:, 7:] - low) / (high - low)
+    reach = np.abs(share - 0.5).max(0)
+    for joint, name in enumerate(G1.joint_names):
+        label = name.replace("_", " ") if joint in reach.argsort()[-5:] else None
+        panels[0].plot(time, share[:, joint], color=None if label else "0.8", label=label, zorder=2 if label else 1)
+    panels[0].axhspan(0, 1, color="0.95", zorder=0)
+    panels[0].set(ylabel="joint angle within its limits", ylim=(-0.15, 1.15), title=clip.name)
+    panels[0].legend(fontsize=7, ncols=5, loc="lower center", frameon=False)
+    height = Soles(G1).points(torch.from_numpy(clip.qpos))[..., 2].amin(-1).numpy()
+    for foot, side in enumerate(("left", "right")):
+        panels[1].plot(time, 100 * height[:, foot], label=side)
+    panels[1].axhline(0, color="0.3", linewidth=0.8)
+    panels[1].set(ylabel="lowest point of the sole (cm)")
+    panels[1].legend(fontsize=7, frameon=False)
+    steps = np.diff(clip.qpos, axis=0) * clip.fps
+    panels[2].plot(time[1:], np.abs(steps[:, 7:]).max(1), color="C2")
+    panels[2].set(ylabel="fastest joint (rad/s)", xlabel="s")
+    root = panels[2].twinx()
+    root.plot(time[1:], np.linalg.norm(steps[:, :3], axis=1), color="C3", linewidth=1)
+    root.set_ylabel("root (m/s)", color="C3")
+    figure.savefig(path, dpi=100)
+    pyplot().close(figure)
+
+
+def pyplot() -> Any:
+    """Matplotlib without a window."""
+    try:
+        import matplotlib
+    except ImportError as error:
+        raise PlatError("pictures of motions need: pip install 'plat-rl[figures]'") from error
+    matplotlib.use("Agg")
+    import matplotlib.pyplot
+
+    return matplotlib.pyplot
+
+
+def file_name(name: str) -> str:
+    """A clip's name without what a file system minds."""
+    return "".join(letter if letter.isalnum() or letter in "-_. " else "_" for letter in name)
+
+
+COMMANDS = Inspect | Convert | Mirror
+
+if __name__ == "__main__":
+    with report_errors():
+        tyro.cli(COMMANDS).run()
