@@ -235,7 +235,7 @@ def print_table(reports: Sequence[MotionReport]) -> None:
 def draw_sheet(path: Path, clips: Sequence[MotionClip]) -> None:
     """A row of pictures a clip."""
     try:
-        stage = Stage(G1, width=240, height=240)
+        stage = Stage(G1, width=240, height=240, distance=2.6)
     except RenderingError as error:
         print(f"no contact sheet: {error}")
         return

@@ -28,12 +28,13 @@ class Stage:
     Args:
         robot: the robot.
         width, height: of a picture (pixels).
+        distance: of the camera (m); 2.6 shows raised hands and jumps whole.
 
     Raises:
         RenderingError: where no OpenGL is to be had, with what to install.
     """
 
-    def __init__(self, robot: Robot, width: int = 640, height: int = 480):
+    def __init__(self, robot: Robot, width: int = 640, height: int = 480, distance: float = 2.1):
         self._model = _decorated(robot, width, height)
         self._data, self._ghost = mujoco.MjData(self._model), mujoco.MjData(self._model)
         try:
@@ -47,7 +48,7 @@ class Stage:
         self._options.geomgroup[:] = 0
         self._options.geomgroup[[0, 2]] = 1
         self._camera = mujoco.MjvCamera()
-        self._camera.distance, self._camera.azimuth, self._camera.elevation = 2.1, 125.0, -10.0
+        self._camera.distance, self._camera.azimuth, self._camera.elevation = distance, 125.0, -10.0
         self._camera.lookat[2] = 0.68
 
     def draw(self, qpos: np.ndarray, ghost_qpos: np.ndarray | None = None) -> np.ndarray:
