@@ -1,5 +1,7 @@
 """BVH files: a skeleton and its motion, as the world positions of its joints."""
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,7 +11,7 @@ from plat.errors import MotionError
 
 __all__ = ["Bvh", "read_bvh", "rotation_about"]
 
-_CHANNELS = tuple(f"{axis}{kind}" for kind in ("position", "rotation") for axis in "XYZ")
+_CHANNELS = ("xposition", "yposition", "zposition", "xrotation", "yrotation", "zrotation")
 
 
 @dataclass(frozen=True)
@@ -33,10 +35,11 @@ class Bvh:
 
 @dataclass
 class _Joint:
+    index: int
     name: str
     parent: int
-    offset: np.ndarray
-    channels: tuple[int, ...] = ()
+    offset: Sequence[float] = (0.0, 0.0, 0.0)
+    channels: Sequence[int] = ()
 
 
 def read_bvh(path: str | Path) -> Bvh:
@@ -88,32 +91,30 @@ class _Lines:
     def __init__(self, path: str | Path, text: str):
         self._path = path
         self._rows = [(number, row) for number, line in enumerate(text.splitlines(), 1) if (row := line.split())]
-        self._next = 0
+        self._taken = 0
+
+    def __bool__(self) -> bool:
+        return self._taken < len(self._rows)
 
     def take(self, expected: str) -> list[str]:
         """Next line; ``expected`` says what it should be when the file ends here."""
-        if self._next == len(self._rows):
+        if not self:
             raise MotionError(f"BVH file {str(self._path)!r}: ends where {expected} was expected")
-        self._next += 1
-        return self._rows[self._next - 1][1]
+        self._taken += 1
+        return self._rows[self._taken - 1][1]
 
-    def rest(self) -> list[tuple[int, list[str]]]:
-        """All that follow, with their line numbers."""
-        return self._rows[self._next :]
+    def wrong(self, expected: str) -> MotionError:
+        """The error for the line that was taken last."""
+        number, row = self._rows[self._taken - 1]
+        return MotionError(f"BVH file {str(self._path)!r}, line {number}: {' '.join(row)[:60]!r}, expected {expected}")
 
-    def wrong(self, expected: str, line: int | None = None) -> MotionError:
-        """The error for the line that was taken last, or another one."""
-        number, row = self._rows[self._next - 1]
-        shown = "" if line else f"{' '.join(row)[:60]!r}, "
-        return MotionError(f"BVH file {str(self._path)!r}, line {line or number}: {shown}expected {expected}")
-
-    def numbers(self, words: list[str], count: int, expected: str) -> np.ndarray:
-        """Words of the last line as finite numbers."""
+    def numbers(self, words: list[str], count: int, expected: str) -> list[float]:
+        """Words of the line that was taken last as ``count`` finite numbers."""
         try:
-            values = np.array([float(word) for word in words])
+            values = [float(word) for word in words]
         except ValueError:
-            raise self.wrong(expected) from None
-        if len(values) != count or not np.isfinite(values).all():
+            values = []
+        if len(values) != count or not all(map(math.isfinite, values)):
             raise self.wrong(expected)
         return values
 
@@ -121,44 +122,39 @@ class _Lines:
 def _hierarchy(lines: _Lines) -> list[_Joint]:
     if lines.take("HIERARCHY") != ["HIERARCHY"]:
         raise lines.wrong("HIERARCHY")
-    joints: list[_Joint] = []
-    open_joints: list[int] = []
+    joints: dict[str, _Joint] = {}
+    inside: list[_Joint] = []
     while True:
-        row = lines.take("the end of the hierarchy and MOTION")
-        parent = open_joints[-1] if open_joints else -1
-        if row[0] == "ROOT" or (row[0] == "JOINT" and open_joints):
-            if len(row) < 2:
-                raise lines.wrong("the name of a joint")
-            _open(lines, joints, open_joints, " ".join(row[1:]), parent)
-        elif row[:2] == ["End", "Site"] and open_joints:
-            _open(lines, joints, open_joints, f"{joints[parent].name}_end", parent)
-        elif row[0] == "OFFSET" and open_joints:
-            joints[parent].offset = lines.numbers(row[1:], 3, "OFFSET with three numbers")
-        elif row[0] == "CHANNELS" and open_joints:
-            joints[parent].channels = _channels(lines, row)
-        elif row == ["}"] and open_joints:
-            open_joints.pop()
-        elif row == ["MOTION"] and joints and not open_joints:
-            return joints
+        row = lines.take("the rest of the hierarchy, then MOTION")
+        if row == ["MOTION"] and joints and not inside:
+            return list(joints.values())
+        if row[0] == "ROOT" or (inside and row[0] == "JOINT"):
+            joint = _Joint(len(joints), " ".join(row[1:]), inside[-1].index if inside else -1)
+        elif inside and row[0] == "End":
+            joint = _Joint(len(joints), f"{inside[-1].name}_end", inside[-1].index)
         else:
-            raise lines.wrong("ROOT, JOINT, End Site, OFFSET, CHANNELS, a closing brace or, after the last, MOTION")
+            if inside and row[0] == "OFFSET":
+                inside[-1].offset = lines.numbers(row[1:], 3, "OFFSET with three numbers")
+            elif inside and row[0] == "CHANNELS":
+                inside[-1].channels = _channels(lines, row)
+            elif inside and row == ["}"]:
+                inside.pop()
+            else:
+                raise lines.wrong("ROOT, JOINT, End Site, OFFSET, CHANNELS, a closing brace or, after the last, MOTION")
+            continue
+        if not joint.name or joint.name in joints:
+            raise lines.wrong("a name that no other joint has")
+        if lines.take("an opening brace") != ["{"]:
+            raise lines.wrong("an opening brace")
+        joints[joint.name] = joint
+        inside.append(joint)
 
 
-def _open(lines: _Lines, joints: list[_Joint], open_joints: list[int], name: str, parent: int) -> None:
-    if any(joint.name == name for joint in joints):
-        raise lines.wrong(f"a name that differs from the others ({name!r} is there already)")
-    if lines.take("an opening brace") != ["{"]:
-        raise lines.wrong("an opening brace")
-    open_joints.append(len(joints))
-    joints.append(_Joint(name, parent, np.zeros(3)))
-
-
-def _channels(lines: _Lines, row: list[str]) -> tuple[int, ...]:
-    known = {name.lower(): index for index, name in enumerate(_CHANNELS)}
+def _channels(lines: _Lines, row: list[str]) -> list[int]:
     names = [name.lower() for name in row[2:]]
-    if row[1:2] != [str(len(names))] or not set(names) <= set(known):
+    if row[1:2] != [str(len(names))] or not set(names) <= set(_CHANNELS):
         raise lines.wrong(f"CHANNELS, their number, and as many of {', '.join(_CHANNELS)}")
-    return tuple(known[name] for name in names)
+    return [_CHANNELS.index(name) for name in names]
 
 
 def _motion(lines: _Lines, width: int) -> tuple[np.ndarray, float]:
@@ -168,34 +164,19 @@ def _motion(lines: _Lines, width: int) -> tuple[np.ndarray, float]:
         raise lines.wrong("'Frames:' and a positive number")
     frames = int(row[1])
     row = lines.take("'Frame Time:'")
-    if row[:2] != ["Frame", "Time:"]:
-        raise lines.wrong("'Frame Time:' and seconds")
-    seconds = float(lines.numbers(row[2:], 1, "'Frame Time:' and seconds")[0])
-    if seconds <= 0:
-        raise lines.wrong("a positive frame time")
-    rows = lines.rest()
-    for number, row in rows:
-        if len(row) != width:
-            raise lines.wrong(f"{width} numbers, one a channel, but there are {len(row)}", number)
-    if len(rows) != frames:
-        raise lines.wrong(f"{frames} frames as 'Frames:' says, but there are {len(rows)}", rows[-1][0] if rows else None)
-    try:
-        values = np.array([row for _, row in rows], dtype=np.float64)
-    except ValueError:
-        values = np.full((1, 1), np.nan)
-    if not np.isfinite(values).all():
-        number = next(number for number, row in rows if not _finite(row))
-        raise lines.wrong("finite numbers", number)
+    seconds = lines.numbers(row[2:], 1, "'Frame Time:' and seconds")[0]
+    if row[:2] != ["Frame", "Time:"] or seconds <= 0:
+        raise lines.wrong("'Frame Time:' and positive seconds")
+    values: list[list[float]] = []
+    while len(values) < frames:
+        row = lines.take(f"frame {len(values) + 1} of {frames}")
+        values.append(lines.numbers(row, width, f"{width} finite numbers, one a channel"))
+    if lines:
+        lines.take("")
+        raise lines.wrong(f"the end, for 'Frames:' says {frames}")
     # files round the frame time: 0.0333333 is 30 frames a second
     fps = 1.0 / seconds
-    return values, float(round(fps)) if abs(fps - round(fps)) < 1e-3 * fps else fps
-
-
-def _finite(row: list[str]) -> bool:
-    try:
-        return all(np.isfinite(float(word)) for word in row)
-    except ValueError:
-        return False
+    return np.array(values), float(round(fps)) if abs(fps - round(fps)) < 1e-3 * fps else fps
 
 
 def _forward_kinematics(joints: list[_Joint], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -203,7 +184,7 @@ def _forward_kinematics(joints: list[_Joint], values: np.ndarray) -> tuple[np.nd
     positions = np.empty((len(values), len(joints), 3))
     rotations = np.empty((len(values), len(joints), 3, 3))
     column = 0
-    for index, joint in enumerate(joints):
+    for joint in joints:
         offset = np.tile(joint.offset, (len(values), 1))
         rotation = np.broadcast_to(np.eye(3), (len(values), 3, 3))
         for channel in joint.channels:
@@ -216,7 +197,7 @@ def _forward_kinematics(joints: list[_Joint], values: np.ndarray) -> tuple[np.nd
             parent = rotations[:, joint.parent]
             offset = positions[:, joint.parent] + (parent @ offset[..., None])[..., 0]
             rotation = parent @ rotation
-        positions[:, index], rotations[:, index] = offset, rotation
+        positions[:, joint.index], rotations[:, joint.index] = offset, rotation
     return positions, rotations
 
 

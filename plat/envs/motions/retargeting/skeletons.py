@@ -1,5 +1,6 @@
 """Which joints of a BVH file are which joints of a human, and where its metres and its up are."""
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from functools import cache
@@ -22,7 +23,7 @@ ROLES = (
 )
 """Joints of a human that retargeting looks at."""
 
-_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}
+_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 _AXES = {"x": 0, "y": 1, "z": 2}
 # Thigh and shin together of any human, in m: tells the units apart.
 _LEG_LENGTH = (0.45, 1.3)
@@ -35,8 +36,8 @@ class SkeletonMap:
     Args:
         name: what reports call it.
         joints: one of :data:`ROLES` to the name of a joint, or of an end site (``<joint>_end``).
-        units: of the file's lengths, ``m``, ``cm``, ``mm`` or ``inch``; ``auto`` takes the one that makes the legs
-            as long as human legs are.
+        units: of the file's lengths, ``m``, ``cm``, ``mm`` or the metres that a unit has; ``auto`` takes the one of
+            the three that makes the legs as long as human legs are.
         up: axis of the file's world that points up, ``x``, ``y`` or ``z``; ``auto`` takes the one along which the
             hips are furthest above the ankles, on average.
         pelvis_pitch: degrees by which the line from ``hips`` to ``spine`` leans back in upright standing.
@@ -48,7 +49,7 @@ class SkeletonMap:
 
     name: str
     joints: dict[str, str]
-    units: str = "auto"
+    units: str | float = "auto"
     up: str = "auto"
     pelvis_pitch: float = 0.0
     torso_pitch: float = 0.0
@@ -60,11 +61,12 @@ class SkeletonMap:
             raise MotionError(
                 f"{where}: 'joints' lacks {sorted(set(ROLES) - given)} and has the unknown {sorted(given - set(ROLES))}"
             )
-        for field, known in (("units", _UNITS), ("up", _AXES)):
-            if getattr(self, field) not in ("auto", *known):
-                raise MotionError(f"{where}: {field!r} is {getattr(self, field)!r}, expected auto, {', '.join(known)}")
+        if self.units not in ("auto", *_UNITS) and not (_is_number(self.units) and float(self.units) > 0):
+            raise MotionError(f"{where}: 'units' is {self.units!r}, expected auto, m, cm, mm or metres a unit")
+        if self.up not in ("auto", *_AXES):
+            raise MotionError(f"{where}: 'up' is {self.up!r}, expected auto, x, y or z")
         for field in ("pelvis_pitch", "torso_pitch"):
-            if not isinstance(getattr(self, field), (int, float)):
+            if not _is_number(getattr(self, field)):
                 raise MotionError(f"{where}: {field!r} is {getattr(self, field)!r}, expected degrees")
 
 
@@ -144,25 +146,36 @@ def read_human(bvh: Bvh, skeleton: SkeletonMap, where: str) -> Human:
         raise MotionError(f"{where}: lacks the joints {missing} of skeleton map {skeleton.name!r}")
     indices = {role: bvh.names.index(name) for role, name in skeleton.joints.items()}
     raw = {role: bvh.positions[:, index] for role, index in indices.items()}
-    if skeleton.up == "auto":
-        above = np.mean([raw["hips"] - raw[f"{side}_ankle"] for side in SIDES], (0, 1))
-        up = int(np.argmax(above))
-        if above[up] < 2 * np.delete(abs(above), up).max():
-            raise MotionError(f"{where}: which axis is up is not to be told from the pose; state 'up' in a map")
-    else:
-        up = _AXES[skeleton.up]
-    bones = [(raw[f"{side}_{a}"], raw[f"{side}_{b}"]) for side in SIDES for a, b in (("hip", "knee"), ("knee", "ankle"))]
-    leg = float(sum(np.linalg.norm(end - start, axis=1).mean() for start, end in bones) / 2)
-    if skeleton.units == "auto":
-        fitting = [unit for unit in ("m", "cm", "mm") if _LEG_LENGTH[0] < leg * _UNITS[unit] < _LEG_LENGTH[1]]
-        if not fitting:
-            raise MotionError(f"{where}: legs of {leg:.4g} are human in neither m, cm nor mm; state 'units' in a map")
-        unit = _UNITS[fitting[0]]
-    else:
-        unit = _UNITS[skeleton.units]
+    up = _up(raw, where) if skeleton.up == "auto" else _AXES[skeleton.up]
+    joints = np.array([[raw[f"{side}_{joint}"] for joint in ("hip", "knee", "ankle")] for side in SIDES])
+    leg = float(2 * np.linalg.norm(np.diff(joints, axis=1), axis=-1).mean())
+    if leg == 0:
+        raise MotionError(f"{where}: legs without length; are hips, knees and ankles of the skeleton map right?")
+    unit = _unit(leg, where) if skeleton.units == "auto" else float(_UNITS.get(str(skeleton.units), skeleton.units))
     # a cyclic change of axes is a rotation, so that left stays left
     axes = [(up + 1) % 3, (up + 2) % 3, up]
     origin = np.append(raw["hips"][0, axes[:2]], 0.0)
     positions = {role: unit * (position[:, axes] - origin) for role, position in raw.items()}
     ankles = [f"{side}_ankle" for side in SIDES]
     return Human(positions, {role: bvh.rotations[:, indices[role]][:, axes] for role in ankles}, unit * leg)
+
+
+def _up(raw: dict[str, np.ndarray], where: str) -> int:
+    """The axis along which the hips are furthest above the ankles."""
+    above = np.mean([raw["hips"] - raw[f"{side}_ankle"] for side in SIDES], (0, 1))
+    up = int(np.argmax(above))
+    if above[up] < 2 * np.delete(abs(above), up).max():
+        raise MotionError(f"{where}: which axis is up is not to be told from the poses; state 'up' in a map")
+    return up
+
+
+def _unit(leg: float, where: str) -> float:
+    """Metres a unit that make a leg as long as a human's."""
+    for unit in _UNITS.values():
+        if _LEG_LENGTH[0] < unit * leg < _LEG_LENGTH[1]:
+            return unit
+    raise MotionError(f"{where}: legs of {leg:.4g} are human in neither m, cm nor mm; state 'units' in a map")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and math.isfinite(value)

@@ -9,20 +9,35 @@ import numpy as np
 from plat.envs.motions.retargeting.geometry import TRACKED
 from plat.envs.motions.retargeting.targets import Targets
 from plat.envs.robot import Robot
+from plat.errors import MotionError
 
 __all__ = ["SolverOptions", "solve"]
 
 # Weight of a metre of position error and of a radian of orientation error. Feet count most, so that they stay where
 # they are planned; the pelvis gives way.
 _POSITION_COST = {"pelvis": 4.0, "torso": 0.0, "knee": 2.0, "ankle": 2.0, "elbow": 2.0, "wrist": 2.0}
-# Added for a foot on the ground, less the higher it is, down to nothing at the second figure (m).
+# Added for a foot on the ground; for its position less the higher it is, down to nothing at the third figure (m).
 _GROUND_COST = 20.0
+_GROUND_ROTATION_COST = 2.0
 _GROUNDED = 0.15
-_ROTATION_COST = {"pelvis": 1.0, "torso": 1.0, "ankle": 2.0}
+_ROTATION_COST = {"pelvis": 1.0, "torso": 1.0, "ankle": 0.3}
 # Weight of a radian from the default pose: settles what no target asks for, such as the turn of a stretched arm.
 _POSTURE_COST = 0.02
 _WRIST_COST = 0.2
+# Weight of a radian from the frame before: calms arms near their singular poses.
+_STILL_COST = 0.05
 _DAMPING = 1e-3
+# Narrower than the robot's own limits (rad): beyond them lie poses in which a leg or an arm is turned inside out to
+# reach the same points. A human's hip turns no further; knee and elbow do not bend backward.
+_HUMAN_RANGE = {
+    "hip_roll": (-1.5, 1.5),
+    "hip_yaw": (-1.2, 1.2),
+    "knee": (0.0, 3.0),
+    "waist_yaw": (-1.2, 1.2),
+    "shoulder_pitch": (-3.2, 1.3),
+    "shoulder_roll": (-1.7, 1.7),
+    "elbow": (-1.1, 1.6),
+}
 
 
 @dataclass(frozen=True)
@@ -56,56 +71,70 @@ class _Positions(mink.Task):
         return jacobian
 
 
-def solve(targets: Targets, robot: Robot, fps: float, options: SolverOptions) -> tuple[np.ndarray, np.ndarray]:
+def solve(targets: Targets, robot: Robot, fps: float, options: SolverOptions) -> np.ndarray:
     """Poses of the robot that come near the targets, within joint and speed limits.
 
     Each frame starts from the one before. Joint limits and the distance that a joint may have moved since the last
     frame are the bounds of mink's quadratic programs, so they hold whatever the targets are.
 
     Returns:
-        ``qpos`` ``[T, 7 + J]`` and the positions of the tracked bodies ``[T, R, 3]`` in the order of
-        ``targets.positions``.
+        ``qpos`` ``[T, 7 + J]``.
+
+    Raises:
+        MotionError: when there is no pose at all within the limits, which only broken targets bring about.
     """
     model = robot.model()
     configuration = mink.Configuration(model, robot.default_qpos)
     roles = list(targets.positions)
-    kinds = [role.split("_")[-1] for role in roles]
-    positions = _Positions([model.body(TRACKED[role]).id for role in roles], [_POSITION_COST[kind] for kind in kinds])
+    positions = _Positions([model.body(TRACKED[role]).id for role in roles], [_cost(_POSITION_COST, r) for r in roles])
     rotations = {
-        role: mink.FrameTask(TRACKED[role], "body", 0.0, _ROTATION_COST[role.split("_")[-1]])
-        for role in targets.rotations
+        role: mink.FrameTask(TRACKED[role], "body", 0.0, _cost(_ROTATION_COST, role)) for role in targets.rotations
     }
-    posture_cost = np.full(model.nv, _POSTURE_COST)
-    posture_cost[[6 + index for index, name in enumerate(robot.joint_names) if "wrist" in name]] = _WRIST_COST
-    posture = mink.PostureTask(model, posture_cost)
+    is_wrist = np.array([False] * 6 + ["wrist" in name for name in robot.joint_names])
+    posture = mink.PostureTask(model, np.where(is_wrist, _WRIST_COST, _POSTURE_COST))
     posture.set_target(robot.default_qpos)
+    still = mink.PostureTask(model, _STILL_COST)
+    tasks = [positions, *rotations.values(), posture, still]
     limit = mink.ConfigurationLimit(model, gain=1.0)
-    lowest, highest = limit.lower[7:].copy(), limit.upper[7:].copy()
+    human = np.array([_range(name) for name in robot.joint_names])
+    lowest, highest = np.maximum(limit.lower[7:], human[:, 0]), np.minimum(limit.upper[7:], human[:, 1])
+    limit.lower[7:], limit.upper[7:] = lowest, highest
 
-    ankles = {role: roles.index(role) for role in targets.contact}
-    poses = np.stack([targets.positions[role] for role in roles], 1)
+    places = np.stack([targets.positions[role] for role in roles], 1)
     quats = {role: _quaternions(rotation) for role, rotation in targets.rotations.items()}
-    qpos = np.empty((len(poses), model.nq))
-    reached = np.empty_like(poses)
-    configuration.update(np.concatenate((poses[0, roles.index("pelvis")], quats["pelvis"][0], robot.default_qpos[7:])))
-    tasks = [positions, *rotations.values(), posture]
-    for frame, pose in enumerate(poses):
-        positions.target = pose
-        for role, index in ankles.items():
+    qpos = np.empty((len(places), model.nq))
+    configuration.update(np.concatenate((places[0, roles.index("pelvis")], quats["pelvis"][0], robot.default_qpos[7:])))
+    for frame in range(len(places)):
+        positions.target = places[frame]
+        still.set_target(configuration.q)
+        for role, contact in targets.contact.items():
             near = max(0.0, 1 - targets.clearance[role][frame] / _GROUNDED)
-            positions.cost[3 * index : 3 * index + 3] = _POSITION_COST["ankle"] + near * _GROUND_COST
+            row = 3 * roles.index(role)
+            positions.cost[row : row + 3] = _POSITION_COST["ankle"] + near * _GROUND_COST
+            rotations[role].set_orientation_cost(_ROTATION_COST["ankle"] + contact[frame] * _GROUND_ROTATION_COST)
         for role, task in rotations.items():
-            task.set_target(mink.SE3(np.concatenate((quats[role][frame], pose[0]))))
+            task.set_target(mink.SE3(np.concatenate((quats[role][frame], np.zeros(3)))))
         if frame > 0:
             reach = options.max_joint_speed / fps
             limit.lower[7:] = np.maximum(lowest, configuration.q[7:] - reach)
             limit.upper[7:] = np.minimum(highest, configuration.q[7:] + reach)
         for _ in range(options.iterations if frame > 0 else options.first_frame_iterations):
-            velocity = mink.solve_ik(configuration, tasks, 1.0, "daqp", damping=_DAMPING, limits=[limit])
+            try:
+                velocity = mink.solve_ik(configuration, tasks, 1.0, "daqp", damping=_DAMPING, limits=[limit])
+            except mink.NoSolutionFound as error:
+                raise MotionError(f"frame {frame}: inverse kinematics finds no pose; is the map right?") from error
             configuration.integrate_inplace(velocity, 1.0)
         qpos[frame] = configuration.q
-        reached[frame] = configuration.data.xpos[positions.bodies]
-    return qpos, reached
+    return qpos
+
+
+def _cost(costs: dict[str, float], role: str) -> float:
+    """Of a role whatever its side."""
+    return costs[role.removeprefix("left_").removeprefix("right_")]
+
+
+def _range(joint: str) -> tuple[float, float]:
+    return _HUMAN_RANGE.get(joint.removeprefix("left_").removeprefix("right_"), (-np.inf, np.inf))
 
 
 def _quaternions(rotations: np.ndarray) -> np.ndarray:
