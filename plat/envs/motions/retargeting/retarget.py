@@ -96,10 +96,7 @@ def retarget(
     skeleton = find_map(bvh.names, where) if skeleton is None else skeleton
     geometry = RobotGeometry.of(robot)
     targets = robot_targets(read_human(bvh, skeleton, where), skeleton, geometry, bvh.fps)
-    try:
-        qpos = solve(targets, robot, bvh.fps, options or SolverOptions())
-    except MotionError as error:
-        raise MotionError(f"{where}: {error}") from error
+    qpos = solve(targets, robot, bvh.fps, options or SolverOptions())
     below = (-_soles(qpos, robot, geometry)[..., 2].min((1, 2))).clip(0)
     window = 2 * round(0.5 * _LIFT_TIME * bvh.fps) + 1
     # the mean over a window of the largest in a window is nowhere less than what is needed there

@@ -9,7 +9,6 @@ import numpy as np
 from plat.envs.motions.retargeting.geometry import TRACKED
 from plat.envs.motions.retargeting.targets import Targets
 from plat.envs.robot import Robot
-from plat.errors import MotionError
 
 __all__ = ["SolverOptions", "solve"]
 
@@ -79,9 +78,6 @@ def solve(targets: Targets, robot: Robot, fps: float, options: SolverOptions) ->
 
     Returns:
         ``qpos`` ``[T, 7 + J]``.
-
-    Raises:
-        MotionError: when there is no pose at all within the limits, which only broken targets bring about.
     """
     model = robot.model()
     configuration = mink.Configuration(model, robot.default_qpos)
@@ -119,10 +115,7 @@ def solve(targets: Targets, robot: Robot, fps: float, options: SolverOptions) ->
             limit.lower[7:] = np.maximum(lowest, configuration.q[7:] - reach)
             limit.upper[7:] = np.minimum(highest, configuration.q[7:] + reach)
         for _ in range(options.iterations if frame > 0 else options.first_frame_iterations):
-            try:
-                velocity = mink.solve_ik(configuration, tasks, 1.0, "daqp", damping=_DAMPING, limits=[limit])
-            except mink.NoSolutionFound as error:
-                raise MotionError(f"frame {frame}: inverse kinematics finds no pose; is the map right?") from error
+            velocity = mink.solve_ik(configuration, tasks, 1.0, "daqp", damping=_DAMPING, limits=[limit])
             configuration.integrate_inplace(velocity, 1.0)
         qpos[frame] = configuration.q
     return qpos
