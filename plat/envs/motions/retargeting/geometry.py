@@ -18,7 +18,7 @@ TRACKED = {
         for role, body in (("knee", "knee"), ("ankle", "ankle_roll"), ("elbow", "elbow"), ("wrist", "wrist_yaw"))
     },
 }
-"""Role to the body of the robot that has a target."""
+"""Role to the body of the robot that has a target of position, orientation or both."""
 
 
 @dataclass(frozen=True)

@@ -38,8 +38,8 @@ class Retargeted:
 
     Attributes:
         clip: the motion.
-        error: mean distance of the tracked bodies from their targets, over bodies and frames (m). Tracked are
-            pelvis, knees, ankles, elbows and wrists; the torso is left out, for its place follows from the pelvis.
+        error: mean distance of pelvis, knees, ankles, elbows and wrists from their targets, over bodies and frames
+            (m). Bodies whose place follows from these, such as the torso, would only make it look better.
         penetration: deepest point of a sole below the ground (m).
         floating: highest that the lowest point of a foot in stance is above the ground (m).
         slip: mean speed of the toes of feet in stance (m/s).
@@ -140,9 +140,8 @@ def _attempt(
 
 
 def _measured(clip: MotionClip, targets: Targets, robot: Robot, geometry: RobotGeometry, began: float) -> Retargeted:
-    roles = [role for role in targets.positions if role != "torso"]
-    reached, _ = _bodies(clip.qpos, robot, tuple(TRACKED[role] for role in roles))
-    wanted = np.stack([targets.positions[role] for role in roles], 1)
+    reached, _ = _bodies(clip.qpos, robot, tuple(TRACKED[role] for role in targets.positions))
+    wanted = np.stack(list(targets.positions.values()), 1)
     soles = _soles(clip.qpos, robot, geometry)
     stance = np.stack([targets.contact[role] > 0.9 for role in ("left_ankle", "right_ankle")], 1)
     toes = soles[:, :, geometry.sole[:, 0] == geometry.sole[:, 0].max(), :2].mean(2)

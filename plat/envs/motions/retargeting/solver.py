@@ -14,7 +14,7 @@ __all__ = ["SolverOptions", "solve"]
 
 # Weight of a metre of position error and of a radian of orientation error. Feet count most, so that they stay where
 # they are planned; the pelvis gives way.
-_POSITION_COST = {"pelvis": 4.0, "torso": 0.0, "knee": 2.0, "ankle": 2.0, "elbow": 2.0, "wrist": 2.0}
+_POSITION_COST = {"pelvis": 4.0, "knee": 2.0, "ankle": 2.0, "elbow": 2.0, "wrist": 2.0}
 # Added for a foot on the ground; for its position less the higher it is, down to nothing at the third figure (m).
 _GROUND_COST = 20.0
 _GROUND_ROTATION_COST = 2.0
@@ -99,10 +99,18 @@ def solve(targets: Targets, robot: Robot, fps: float, options: SolverOptions) ->
     places = np.stack([targets.positions[role] for role in roles], 1)
     quats = {role: _quaternions(rotation) for role, rotation in targets.rotations.items()}
     qpos = np.empty((len(places), model.nq))
-    configuration.update(np.concatenate((places[0, roles.index("pelvis")], quats["pelvis"][0], robot.default_qpos[7:])))
+    led = {7 + robot.joint_names.index(name): angles for name, angles in targets.posture.items()}
+    start = np.concatenate((places[0, roles.index("pelvis")], quats["pelvis"][0], robot.default_qpos[7:]))
+    for column, angles in led.items():
+        start[column] = angles[0]
+    start[7:] = np.clip(start[7:], lowest, highest)
+    configuration.update(start)
     for frame in range(len(places)):
         positions.target = places[frame]
         still.set_target(configuration.q)
+        posture.set_target(
+            [led[column][frame] if column in led else angle for column, angle in enumerate(robot.default_qpos)]
+        )
         for role, contact in targets.contact.items():
             near = max(0.0, 1 - targets.clearance[role][frame] / _GROUNDED)
             row = 3 * roles.index(role)
@@ -111,6 +119,7 @@ def solve(targets: Targets, robot: Robot, fps: float, options: SolverOptions) ->
         for role, task in rotations.items():
             task.set_target(mink.SE3(np.concatenate((quats[role][frame], np.zeros(3)))))
         if frame > 0:
+            # mink's own speed limit would bound each iteration, not the frame
             reach = options.max_joint_speed / fps
             limit.lower[7:] = np.maximum(lowest, configuration.q[7:] - reach)
             limit.upper[7:] = np.minimum(highest, configuration.q[7:] + reach)

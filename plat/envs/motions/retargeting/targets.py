@@ -15,6 +15,8 @@ __all__ = ["Targets", "robot_targets"]
 _GROUND_PERCENTILE = 5.0
 # A foot that is nearly flat in contact is made flat: pitch below this is taken away (rad).
 _FLAT_PITCH = 0.09
+# No shoulder turns further back than this (rad).
+_BEHIND = 2.2
 
 
 @dataclass(frozen=True)
@@ -22,16 +24,19 @@ class Targets:
     """Where bodies of the robot should be over T frames, in a world with the ground at height 0.
 
     Attributes:
-        positions: role to ``[T, 3]`` (m), roles as in :data:`TRACKED`.
+        positions: of pelvis, knees, ankles, elbows and wrists, role to ``[T, 3]`` (m).
         rotations: of pelvis, torso and ankles, role to ``[T, 3, 3]`` (body to world; x forward, y left, z up).
         contact: role of an ankle to how sure it is that this foot stands ``[T]``, in 0..1.
         clearance: role of an ankle to the height of the lowest point of its sole ``[T]`` (m).
+        posture: name of a joint of the shoulders to its approximate angle ``[T]`` (rad): says which of the poses
+            that put the elbow in its place is meant.
     """
 
     positions: dict[str, np.ndarray] = field(default_factory=dict)
     rotations: dict[str, np.ndarray] = field(default_factory=dict)
     contact: dict[str, np.ndarray] = field(default_factory=dict)
     clearance: dict[str, np.ndarray] = field(default_factory=dict)
+    posture: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 def robot_targets(human: Human, skeleton: SkeletonMap, robot: RobotGeometry, fps: float) -> Targets:
@@ -57,10 +62,12 @@ def robot_targets(human: Human, skeleton: SkeletonMap, robot: RobotGeometry, fps
     hips = 0.5 * (at["left_hip"] + at["right_hip"]) - [0, 0, ground["ankle"]]
     pelvis = scale * hips + [0, 0, robot.ankle_height] - pelvis_rot @ (robot.hip * [1, 0, 1])
     torso = pelvis + pelvis_rot @ robot.torso
-    targets = Targets({"pelvis": pelvis, "torso": torso}, {"pelvis": pelvis_rot, "torso": torso_rot})
+    targets = Targets({"pelvis": pelvis}, {"pelvis": pelvis_rot, "torso": torso_rot})
     for side, mirror in zip(SIDES, ([1, 1, 1], [1, -1, 1]), strict=True):
         leg = _limb(human, side, ("hip", "knee", "ankle"), (robot.thigh, robot.shin))
         arm = _limb(human, side, ("shoulder", "elbow", "wrist"), (robot.upper_arm, robot.forearm))
+        pitch, roll = _shoulder_angles(np.swapaxes(torso_rot, 1, 2) @ _direction(arm[0])[..., None])
+        targets.posture.update({f"{side}_shoulder_pitch": pitch, f"{side}_shoulder_roll": roll})
         leg += pelvis + pelvis_rot @ (robot.hip * mirror)
         arm += torso + torso_rot @ (robot.shoulder * mirror)
         targets.positions.update({f"{side}_knee": leg[0], f"{side}_elbow": arm[0], f"{side}_wrist": arm[1]})
@@ -73,6 +80,14 @@ def _limb(human: Human, side: str, joints: tuple[str, str, str], lengths: tuple[
     start, middle, end = (human.positions[f"{side}_{joint}"] for joint in joints)
     first = lengths[0] * _direction(middle - start)
     return np.stack((first, first + lengths[1] * _direction(end - middle)))
+
+
+def _shoulder_angles(direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pitch and roll ``[T]`` that point a hanging arm in a direction ``[T, 3, 1]`` in the torso's frame."""
+    x, y, z = direction[..., 0].T
+    pitch = -np.arctan2(x, -z)
+    # an arm that is up and a little behind came up in front
+    return np.where(pitch > _BEHIND, pitch - 2 * np.pi, pitch), np.arcsin(np.clip(y, -1, 1))
 
 
 def _plant(
