@@ -58,7 +58,7 @@ def bvh_paths(patterns: Sequence[str | Path]) -> list[Path]:
     """BVH files that paths, folders and globs name.
 
     Raises:
-        MotionError: when one of them names no file, or two files have one name, for clips are named by them.
+        MotionError: when there are none, one of them names no file, or two files have the same name.
     """
     paths: list[Path] = []
     for pattern in patterns:
@@ -67,6 +67,8 @@ def bvh_paths(patterns: Sequence[str | Path]) -> list[Path]:
         if not found:
             raise MotionError(f"BVH file {str(pattern)!r}: no such file, folder with .bvh files or glob")
         paths += [path for path in found if path not in paths]
+    if not paths:
+        raise MotionError("BVH files: none given, expected files, folders or globs")
     by_name: dict[str, Path] = {}
     for path in paths:
         if by_name.setdefault(path.stem, path) != path:

@@ -79,6 +79,19 @@ def test_folders_globs_and_names(tmp_path):
     assert bvh_paths([tmp_path / "*.bvh", tmp_path / "b.bvh"]) == [tmp_path / "b.bvh"]
     with pytest.raises(MotionError, match=r"'nowhere/\*.bvh': no such file, folder"):
         bvh_paths(["nowhere/*.bvh"])
+    with pytest.raises(MotionError, match="BVH files: none given"):
+        bvh_paths([])
     (tmp_path / "deep" / "b.bvh").touch()
     with pytest.raises(MotionError, match="names must differ"):
         bvh_paths([Path(tmp_path)])
+
+
+def test_a_clip_may_begin_with_the_arms_up(tmp_path):
+    # seen from the default pose, raised arms lie behind poses with the shoulders turned inside out
+    up = {"LeftArm": (0, 150, 0), "RightArm": (0, -150, 0)}
+    path = write_human(tmp_path / "a.bvh", turns=up, frames=61)
+    lines = path.read_text().splitlines()
+    first = len(lines) - 61
+    lines[first:] = lines[first + 30 :]
+    path.write_text("\n".join(lines).replace("Frames: 61", "Frames: 31"))
+    assert retarget(path).error < 0.013

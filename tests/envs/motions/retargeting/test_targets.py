@@ -67,3 +67,11 @@ def test_a_pointed_foot_does_not_turn_about_itself(tmp_path):
     _, targets = make(tmp_path, turns=turns, frames=60)
     left = targets.rotations["left_ankle"][:, :, 1]
     assert (left @ left[0] > 0.95).all()
+
+
+def test_an_arm_that_is_up_came_up_in_front(tmp_path):
+    _, targets = make(tmp_path, turns={"LeftArm": (0, 160, 0)})
+    pitch, roll = targets.posture["left_shoulder_pitch"], targets.posture["left_shoulder_roll"]
+    assert abs(pitch[0]) < 0.2
+    assert pitch[15] == pytest.approx(-np.pi, abs=0.3)
+    assert (abs(roll) < np.pi / 2 + 1e-6).all()
