@@ -3,8 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-__all__ = ["contact_weight", "hold"]
+__all__ = ["contact_weight", "hold", "lift"]
 
 # A toe lower than the first height and slower than the first speed is on the ground, beyond the second it is not
 # (m above its lowest, m/s of the human).
@@ -12,6 +13,8 @@ _HEIGHTS = (0.02, 0.04)
 _SPEEDS = (0.3, 0.7)
 # Seconds in which a foot comes back to the human's path after it was held.
 _RETURN_TIME = 0.2
+# Seconds over which a correction of the robot's height is spread.
+_LIFT_TIME = 0.1
 # How much more a still foot counts in contact than a path that is followed outside.
 _STILLNESS = 1e4
 
@@ -64,3 +67,19 @@ def hold(path: np.ndarray, weight: np.ndarray, fps: float) -> np.ndarray:
     right[1:] += stiffness[:, None] * step
     right[:-1] -= stiffness[:, None] * step
     return np.asarray(solveh_banded(bands, right))
+
+
+def lift(depth: np.ndarray, fps: float) -> np.ndarray:
+    """Smooth height to raise a robot by so that nothing is below the ground.
+
+    Args:
+        depth: of the lowest point below the ground ``[T]`` (m), negative above it.
+        fps: frames a second.
+
+    >>> depth = np.array([-0.1, -0.1, -0.1, 0.03, -0.1, -0.1, -0.1])
+    >>> lift(depth, 20.0).round(3).tolist()
+    [0.0, 0.01, 0.02, 0.03, 0.02, 0.01, 0.0]
+    """
+    window = 2 * round(0.5 * _LIFT_TIME * fps) + 1
+    # the mean over a window of the largest in a window is nowhere less than what is needed there
+    return np.asarray(uniform_filter1d(maximum_filter1d(depth.clip(0), window), window))

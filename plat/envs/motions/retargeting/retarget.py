@@ -8,26 +8,26 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
-from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from plat.envs.kinematics import ForwardKinematics
 from plat.envs.motions.clip import MotionClip
 from plat.envs.motions.retargeting.bvh import read_bvh
 from plat.envs.motions.retargeting.geometry import TRACKED, RobotGeometry
+from plat.envs.motions.retargeting.options import SolverOptions
 from plat.envs.motions.retargeting.skeletons import SkeletonMap, find_map, read_human
-from plat.envs.motions.retargeting.solver import SolverOptions, solve
-from plat.envs.motions.retargeting.targets import Targets, robot_targets
 from plat.envs.robot import G1, Robot
 from plat.errors import MotionError
 from plat.rotations import quat_rotate
 
+if TYPE_CHECKING:
+    from plat.envs.motions.retargeting.targets import Targets
+
 __all__ = ["Retargeted", "bvh_paths", "retarget", "retarget_all"]
 
-# Seconds over which a correction of the robot's height is spread.
-_LIFT_TIME = 0.1
 # Files that a process must have to itself to be worth the seconds in which it starts.
 _FILES_PER_WORKER = 16
 
@@ -63,7 +63,12 @@ def bvh_paths(patterns: Sequence[str | Path]) -> list[Path]:
     paths: list[Path] = []
     for pattern in patterns:
         path = Path(pattern).expanduser()
-        found = sorted(path.rglob("*.bvh") if path.is_dir() else map(Path, glob.glob(str(path), recursive=True)))
+        if path.is_dir():
+            found = sorted(path.rglob("*.bvh"))
+        elif path.exists():
+            found = [path]
+        else:
+            found = sorted(Path(name) for name in glob.glob(str(path), recursive=True))
         if not found:
             raise MotionError(f"BVH file {str(pattern)!r}: no such file, folder with .bvh files or glob")
         paths += [path for path in found if path not in paths]
@@ -90,6 +95,12 @@ def retarget(
     Raises:
         MotionError: naming file and line or field, when it cannot be read or does not fit the map.
     """
+    try:
+        from plat.envs.motions.retargeting.feet import lift
+        from plat.envs.motions.retargeting.solver import solve
+        from plat.envs.motions.retargeting.targets import robot_targets
+    except ImportError as error:
+        raise MotionError("retargeting needs: pip install 'plat-rl[retarget]'") from error
     began = time.perf_counter()
     where = f"BVH file {str(path)!r}"
     bvh = read_bvh(path)
@@ -99,10 +110,7 @@ def retarget(
     geometry = RobotGeometry.of(robot)
     targets = robot_targets(read_human(bvh, skeleton, where), skeleton, geometry, bvh.fps)
     qpos = solve(targets, robot, bvh.fps, options or SolverOptions())
-    below = (-_soles(qpos, robot, geometry)[..., 2].min((1, 2))).clip(0)
-    window = 2 * round(0.5 * _LIFT_TIME * bvh.fps) + 1
-    # the mean over a window of the largest in a window is nowhere less than what is needed there
-    qpos[:, 2] += uniform_filter1d(maximum_filter1d(below, window), window)
+    qpos[:, 2] += lift(-_soles(qpos, robot, geometry)[..., 2].min((1, 2)), bvh.fps)
     clip = MotionClip(Path(path).stem, qpos, bvh.fps).checked(robot)
     return _measured(clip, targets, robot, geometry, began)
 
@@ -141,7 +149,7 @@ def _attempt(
         return error
 
 
-def _measured(clip: MotionClip, targets: Targets, robot: Robot, geometry: RobotGeometry, began: float) -> Retargeted:
+def _measured(clip: MotionClip, targets: "Targets", robot: Robot, geometry: RobotGeometry, began: float) -> Retargeted:
     reached, _ = _bodies(clip.qpos, robot, tuple(TRACKED[role] for role in targets.positions))
     wanted = np.stack(list(targets.positions.values()), 1)
     soles = _soles(clip.qpos, robot, geometry)

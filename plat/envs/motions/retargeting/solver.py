@@ -1,16 +1,15 @@
 """Inverse kinematics of a whole motion, frame after frame, with the library mink."""
 
-from dataclasses import dataclass
-
 import mink
 import mujoco
 import numpy as np
 
 from plat.envs.motions.retargeting.geometry import TRACKED
+from plat.envs.motions.retargeting.options import SolverOptions
 from plat.envs.motions.retargeting.targets import Targets
 from plat.envs.robot import Robot
 
-__all__ = ["SolverOptions", "solve"]
+__all__ = ["solve"]
 
 # Weight of a metre of position error and of a radian of orientation error. Feet count most, so that they stay where
 # they are planned; the pelvis gives way.
@@ -37,18 +36,6 @@ _HUMAN_RANGE = {
     "shoulder_roll": (-1.7, 1.7),
     "elbow": (-1.1, 1.6),
 }
-
-
-@dataclass(frozen=True)
-class SolverOptions:
-    """How inverse kinematics is done."""
-
-    iterations: int = 4
-    """steps of inverse kinematics a frame"""
-    first_frame_iterations: int = 60
-    """steps of it for the first frame, which starts from the default pose"""
-    max_joint_speed: float = 15.0
-    """fastest that a joint may turn (rad/s)"""
 
 
 class _Positions(mink.Task):

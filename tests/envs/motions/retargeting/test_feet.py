@@ -1,6 +1,6 @@
 import numpy as np
 
-from plat.envs.motions.retargeting.feet import contact_weight, hold
+from plat.envs.motions.retargeting.feet import contact_weight, hold, lift
 
 
 def test_contact_needs_a_foot_that_is_low_and_slow():
@@ -27,3 +27,11 @@ def test_steps_that_slide_stand_still_and_the_swing_between_is_kept():
     assert abs(np.diff(held)[stance]).max() < 2e-5
     assert abs(held - path).max() < 0.03
     assert abs(np.diff(held) - np.diff(path))[~stance].max() < 0.01
+
+
+def test_a_lift_is_enough_everywhere_and_has_no_jumps():
+    depth = np.random.default_rng(0).normal(size=200).cumsum() * 0.002
+    raised = lift(depth, 30.0)
+    assert (raised >= depth.clip(0) - 1e-12).all()
+    assert abs(np.diff(raised)).max() < abs(np.diff(depth.clip(0))).max() + 1e-12
+    assert (lift(np.full(50, -0.01), 30.0) == 0).all()

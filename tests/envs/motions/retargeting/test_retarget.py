@@ -1,4 +1,5 @@
 import importlib
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -95,3 +96,9 @@ def test_a_clip_may_begin_with_the_arms_up(tmp_path):
     lines[first:] = lines[first + 30 :]
     path.write_text("\n".join(lines).replace("Frames: 61", "Frames: 31"))
     assert retarget(path).error < 0.013
+
+
+def test_what_to_install_is_said(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "plat.envs.motions.retargeting.solver", None)
+    with pytest.raises(MotionError, match=r"pip install 'plat-rl\[retarget\]'"):
+        retarget(write_human(tmp_path / "a.bvh"))
