@@ -1,8 +1,9 @@
-"""Look at motion files, convert them, mirror them.
+"""Look at motion files, convert them, mirror them, and make them from human motion capture.
 
 python recipes/motions.py inspect FILES --out pictures
 python recipes/motions.py convert FILES --out motions.npz --ground smooth --drop-bad
 python recipes/motions.py mirror  FILES --out mirrored.npz
+python recipes/motions.py retarget BVH --out folder
 """
 
 import itertools
@@ -40,7 +41,8 @@ from plat.envs.motions import (
 )
 from plat.envs.motions.feet import Soles
 from plat.envs.motions.resample import resample_qpos
-from plat.errors import PlatError
+from plat.envs.motions.retargeting import Retargeted, SolverOptions, bvh_paths, load_map, retarget_all, split_of
+from plat.errors import MotionError, PlatError
 from plat.rendering import RenderingError, Stage
 from plat.training import report_errors
 
@@ -166,6 +168,62 @@ class Mirror(_Files):
         """Write the files; return their paths."""
         files = [replace(file, clips=[mirror_motion(clip) for clip in file.clips]) for file in self.read()]
         return write(self.out, files, "npz")
+
+
+@dataclass(kw_only=True)
+class Retarget:
+    """Turn human motion capture in BVH files into motions of the G1."""
+
+    files: Annotated[tuple[str, ...], tyro.conf.Positional]
+    """BVH files, folders or globs"""
+    out: Path
+    """folder to write to"""
+    map: Path | None = None
+    """skeleton map (YAML), see docs/retargeting.md; by default one that comes with plat"""
+    split: bool = False
+    """write train.npz, val.npz and test.npz by clip name instead of a file for each BVH file"""
+    workers: int = field(default_factory=lambda: os.cpu_count() or 1)
+    """processes to spread the files over, at most; a few files are done in one"""
+    solver: SolverOptions = SolverOptions()
+    """how inverse kinematics is done"""
+
+    def run(self) -> list[Retargeted]:
+        """Write the files, print a line a clip, return what was made.
+
+        Raises:
+            MotionError: at the end, when a file could not be used; the others are written.
+        """
+        paths = bvh_paths(self.files)
+        skeleton = None if self.map is None else load_map(self.map)
+        self.out.mkdir(parents=True, exist_ok=True)
+        made, failed = [], 0
+        print(
+            f"{'clip':<44}{'frames':>7}{'s':>7}{'error cm':>10}{'depth mm':>10}{'float mm':>10}{'slip cm/s':>11}{'f/s':>6}"
+        )
+        for result in retarget_all(paths, skeleton, options=self.solver, workers=self.workers):
+            if isinstance(result, MotionError):
+                print(f"skipped: {result}", flush=True)
+                failed += 1
+                continue
+            made.append(result)
+            clip, frames = result.clip, len(result.clip.qpos)
+            print(
+                f"{clip.name:<44}{frames:>7}{clip.duration:>7.1f}{100 * result.error:>10.2f}"
+                f"{1000 * result.penetration:>10.2f}{1000 * result.floating:>10.2f}{100 * result.slip:>11.2f}"
+                f"{frames / result.seconds:>6.0f}",
+                flush=True,
+            )
+            if not self.split:
+                save_motions(self.out / f"{clip.name}.npz", [clip])
+        if self.split:
+            for split in ("train", "val", "test"):
+                clips = [result.clip for result in made if split_of(result.clip.name) == split]
+                if clips:
+                    save_motions(self.out / f"{split}.npz", clips)
+                print(f"{split}: {len(clips)} clips, {sum(clip.duration for clip in clips):.0f} s")
+        if failed:
+            raise MotionError(f"{failed} of {len(paths)} BVH files could not be used; see above")
+        return made
 
 
 def write(out: Path, files: Sequence[MotionFile], form: str) -> list[Path]:
@@ -314,7 +372,7 @@ def file_name(name: str) -> str:
     return "".join(letter if letter.isalnum() or letter in "-_. " else "_" for letter in name)
 
 
-COMMANDS = Inspect | Convert | Mirror
+COMMANDS = Inspect | Convert | Mirror | Retarget
 
 if __name__ == "__main__":
     with report_errors():

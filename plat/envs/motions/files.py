@@ -7,7 +7,7 @@ columns are brought into the robot's order by name. The other formats are in :mo
 
 import glob
 import logging
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,34 +25,33 @@ _RESERVED = ("fps", "joint_names", "joint_pos", "file", "allow_pickle")
 _LOGGER = logging.getLogger("plat.motions")
 
 
-def motion_paths(patterns: str | Path | Sequence[str | Path]) -> list[Path]:
+def motion_paths(patterns: str | Path | Sequence[str | Path], endings: Collection[str] = tuple(READERS)) -> list[Path]:
     """Files that paths, folders and globs name, without repeats, in sorted order for each.
 
+    Args:
+        patterns: a path, a folder, a glob, or several of these.
+        endings: of the files to look for.
+
     Raises:
-        MotionError: when one of them names no motion file, or files of human motion that are to be retargeted first.
+        MotionError: when one of them names no such file, or another kind of file.
     """
     paths: list[Path] = []
-    endings = ", ".join(READERS)
+    expected = ", ".join(endings)
     for pattern in [patterns] if isinstance(patterns, (str, Path)) else patterns:
         path = Path(pattern).expanduser()
         if path.is_dir():
-            found = sorted(path for path in path.rglob("*") if path.suffix.lower() in (*READERS, ".bvh"))
+            found = sorted(path for path in path.rglob("*") if path.suffix.lower() in endings)
         elif path.exists():
             found = [path]
         else:
             found = sorted(Path(name) for name in glob.glob(str(path), recursive=True))
         if not found:
             raise MotionError(
-                f"motion file {str(pattern)!r}: no such file, folder with motion files ({endings}) or glob"
+                f"motion file {str(pattern)!r}: no such file, folder with motion files ({expected}) or glob"
             )
         for path in found:
-            if path.suffix.lower() == ".bvh":
-                raise MotionError(
-                    f"motion file {str(path)!r}: human motion; make robot motions of it first: "
-                    f"python recipes/motions.py retarget {path} --out FOLDER"
-                )
-            if path.suffix.lower() not in READERS or not path.is_file():
-                raise MotionError(f"motion file {str(path)!r}: not a motion file, expected one of {endings}")
+            if path.suffix.lower() not in endings or not path.is_file():
+                raise MotionError(f"motion file {str(path)!r}: not a motion file, expected one of {expected}")
         paths += [path for path in found if path not in paths]
     return paths
 
@@ -79,8 +78,8 @@ def load_motions(
     """Read every clip of some motion files.
 
     Formats: plat ``.npz``; ``.csv`` with 36 columns (LAFAN1 retargeting, MuJoCo); the ``.npz`` of BeyondMimic, mjlab
-    and holosoma; the ``.pkl`` of GMR, TWIST2, ASAP and PBHC, of which no code is run. What was assumed or detected is
-    logged under ``plat.motions``.
+    and holosoma; the ``.pkl`` of GMR, TWIST2, ASAP and PBHC, of which no code is run; human ``.bvh``, retargeted. What
+    was assumed or detected is logged under ``plat.motions``.
 
     Args:
         patterns: a path, a folder, a glob, or several of these.

@@ -81,14 +81,6 @@ def test_files_of_one_kind_are_told_in_one_line(tmp_path, caplog):
     assert "0.csv and 2 more: csv, 30 fps, quaternion wxyz detected, fps assumed" in line
 
 
-def test_human_motion_is_to_be_retargeted_first(tmp_path, clip):
-    save_motions(tmp_path / "robot.npz", [clip])
-    (tmp_path / "human.bvh").write_text("HIERARCHY")
-    for pattern in (tmp_path, tmp_path / "human.bvh", tmp_path / "*"):
-        with pytest.raises(MotionError, match=r"human.bvh.*recipes/motions.py retarget .*human.bvh"):
-            load_motions(pattern)
-
-
 def test_other_files_are_refused(tmp_path):
     (tmp_path / "notes.txt").write_text("hello")
     os.mkfifo(tmp_path / "pipe.csv")

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
+from plat.envs.motions.formats.bvh_file import read_bvh_motion
 from plat.envs.motions.formats.common import MotionFile, QuatOrder, ReadOptions
 from plat.envs.motions.formats.csv_file import csv_text, read_csv
 from plat.envs.motions.formats.npz_file import read_npz
@@ -16,5 +17,6 @@ READERS: dict[str, Callable[[Path, ReadOptions], MotionFile]] = {
     ".pkl": read_pickle,
     ".pickle": read_pickle,
     ".joblib": read_pickle,
+    ".bvh": read_bvh_motion,
 }
 """Reader of each file ending."""

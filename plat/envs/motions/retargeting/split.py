@@ -1,0 +1,22 @@
+"""Which clips of a data set are for training, which for tuning, and which are kept back: a rule on the name alone."""
+
+import hashlib
+from typing import Literal
+
+__all__ = ["Split", "split_of"]
+
+Split = Literal["train", "val", "test"]
+
+
+def split_of(name: str) -> Split:
+    """Split of a clip: SHA-256 of its name, as a number, modulo 100: 0 to 9 test, 10 to 19 val, the rest train.
+
+    The name is the motion capture file's without folder and ending, so that anyone who has the files has the split.
+
+    >>> [split_of(f"dataset-2_walk_normal_{take:03d}") for take in (1, 2, 3)]
+    ['train', 'train', 'train']
+    """
+    remainder = int.from_bytes(hashlib.sha256(name.encode()).digest(), "big") % 100
+    if remainder < 10:
+        return "test"
+    return "val" if remainder < 20 else "train"
