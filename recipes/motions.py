@@ -197,9 +197,8 @@ class Retarget:
         skeleton = None if self.map is None else load_map(self.map)
         self.out.mkdir(parents=True, exist_ok=True)
         made, failed = [], 0
-        print(
-            f"{'clip':<44}{'frames':>7}{'s':>7}{'error cm':>10}{'depth mm':>10}{'float mm':>10}{'slip cm/s':>11}{'f/s':>6}"
-        )
+        columns = f"{'error cm':>10}{'depth mm':>10}{'float mm':>10}{'slip cm/s':>11}{'f/s':>6}"
+        print(f"{'clip':<44}{'frames':>7}{'s':>7}{columns}")
         for result in retarget_all(paths, skeleton, options=self.solver, workers=self.workers):
             if isinstance(result, MotionError):
                 print(f"skipped: {result}", flush=True)
