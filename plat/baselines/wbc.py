@@ -37,7 +37,7 @@ def wbc_robot(robot: Robot = G1) -> Robot:
 class Wbc(Tracker):
     """The released policy ``policy_066ab15.onnx`` of wbc-mjlab.
 
-    It sees one reference frame (height of the root, velocities and gravity direction in its own frame, joint
+    It sees one reference frame (height of the torso, velocities and gravity direction in the root's frame, joint
     angles) and what the robot measures, without a history; its action is added to the reference's joint angles.
     The constants are those of the file ``config_066ab15.yaml`` that is released with it.
 
@@ -50,7 +50,9 @@ class Wbc(Tracker):
         super().__init__(robot or wbc_robot())
         names = self.robot.joint_names
         plain = [name.removeprefix("left_").removeprefix("right_") for name in names]
-        self._rest = torch.tensor([_REST_OUTWARD.get(name, _REST.get(joint, 0.0)) for name, joint in zip(names, plain, strict=True)])
+        self._rest = torch.tensor(
+            [_REST_OUTWARD.get(name, _REST.get(joint, 0.0)) for name, joint in zip(names, plain, strict=True)]
+        )
         self._scale = torch.tensor([_SCALE.get(joint, _SCALE_5020) for joint in plain])
         self._network = OnnxPolicy(path, 10 + 6 + 4 * self.robot.num_joints, self.robot.num_joints)
 
@@ -61,7 +63,7 @@ class Wbc(Tracker):
         quat = reference["root_quat_w"]
         observation = torch.cat(
             (
-                reference[HEIGHT][:, 2:],
+                reference["anchor_pos_w"][:, 2:],
                 quat_rotate_inverse(quat, reference["root_lin_vel_w"]),
                 quat_rotate_inverse(quat, reference["root_ang_vel_w"]),
                 quat_rotate_inverse(quat, down),
@@ -77,5 +79,3 @@ class Wbc(Tracker):
         action = self._network(observation)
         self.remember("action", action)
         return reference["joint_pos"] + self._scale.to(action) * action
-import os
-HEIGHT=os.environ.get("H","anchor_pos_w")

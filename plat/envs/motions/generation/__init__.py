@@ -1,5 +1,6 @@
 """Motions for the G1 from parameters and a seed, offline and with no data set behind them."""
 
+import logging
 import zlib
 
 import numpy as np
@@ -19,6 +20,7 @@ SPLITS = ("train", "val", "test")
 """Sets of motions that share no seed."""
 
 _ATTEMPTS = 20
+_LOG = logging.getLogger(__name__)
 
 
 def generate_motions(
@@ -28,7 +30,7 @@ def generate_motions(
 
     Each clip begins and ends at rest and is sound by :class:`~plat.envs.motions.generation.soundness.SoundnessLimits`:
     feet do not slip, the zero-moment point of all bodies is over the feet, no joint limit is broken, and nothing is
-    inside anything else. The same arguments give the same clips on every machine up to rounding.
+    inside anything else. Draws that are not are thrown away (and logged at level DEBUG). The same arguments give the same clips on every machine up to rounding.
 
     Args:
         split: ``"train"``, ``"val"`` or ``"test"``: sets that share no seed.
@@ -71,12 +73,12 @@ def _sound(name: str, family: Family, solver: Solver) -> np.ndarray:
         score.wait(0.4)
         try:
             qpos = solver.poses(score.draft(DT)).astype(np.float32)
+            faults = measure_soundness(solver.robot, qpos, DT).faults()
         except MotionError as error:
             faults = [str(error)]
-            continue
-        faults = measure_soundness(solver.robot, qpos, DT).faults()
         if not faults:
             return qpos
+        _LOG.debug("motion %r drawn anew: %s", name, "; ".join(faults))
     raise MotionError(f"motion {name!r}: {_ATTEMPTS} draws and none is sound; the last: {'; '.join(faults)}")
 
 

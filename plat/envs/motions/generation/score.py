@@ -106,7 +106,7 @@ class Score:
 
     def rest(self, seconds: float, delay: float = 0.0) -> None:
         """Take every channel back to its resting value."""
-        self.shift({name: 0.0 for name in self._value}, seconds, delay)
+        self.shift(dict.fromkeys(self._value, 0.0), seconds, delay)
 
     def wave(
         self, channel: str, amplitude: float, frequency: float, seconds: float, phase: float = 0.0, edge: float = 0.5

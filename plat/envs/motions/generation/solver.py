@@ -17,7 +17,9 @@ DT = 0.02
 
 _ANKLE_HEIGHT = 0.035  # m above the sole
 _TOE, _HEEL, _EDGE = 0.12, -0.05, -0.03  # m: where a tilted foot touches the floor, in the ankle's frame
-_LONGEST_LEG = 0.612  # m from the hip roll axis to the ankle, of the 0.622 m that a straight leg has: the knee stays bent
+_LONGEST_LEG = (
+    0.612  # m from the hip roll axis to the ankle, of the 0.622 m that a straight leg has: the knee stays bent
+)
 _SMOOTHING = 9  # frames to either side over which the pelvis gives way to a leg that would be too short
 _ROUNDS = 6
 _OUT_OF_REACH = 1e-3  # m and rad: a foot on the floor that stays further off cannot be put where it belongs
@@ -117,5 +119,3 @@ def _feet(draft: Draft) -> tuple[Tensor, Tensor]:
     pivot = torch.stack((torch.where(pitch > 0, _TOE, _HEEL).double(), zero, zero + _EDGE), -1)
     flat = torch.from_numpy(draft.foot_pos) + torch.tensor([0.0, 0.0, _ANKLE_HEIGHT], dtype=torch.float64)
     return flat + quat_rotate(turn, pivot - quat_rotate(tilt, pivot)), quat_multiply(turn, tilt)
-
-

@@ -12,7 +12,7 @@ __all__ = ["balance", "bow", "kick", "lunge", "squat", "weight_shift"]
 def squat(score: Score, rng: np.random.Generator) -> None:
     """Down, a moment there, up again; the arms come forward for balance."""
     for _ in range(rng.integers(1, 3)):
-        depth, seconds = rng.uniform(0.08, 0.26), rng.uniform(1.0, 1.7)
+        depth, seconds = rng.uniform(0.08, 0.32), rng.uniform(1.0, 1.7)
         lean = rng.uniform(0.8, 1.8) * depth
         down = {"pelvis_height": -depth, "pelvis_pitch": lean, "waist_pitch": rng.uniform(0.3, 0.9) * depth}
         forward = rng.uniform(1.5, 4.5) * depth
@@ -54,13 +54,21 @@ def lunge(score: Score, rng: np.random.Generator) -> None:
     """A long step forward or aside, down, up, and the foot comes back."""
     foot = int(rng.integers(2))
     home = score.feet[foot].copy()
-    aside = rng.random() < 0.35
-    out = _beside(score, foot, 0.0, rng.uniform(0.05, 0.1)) if aside else _beside(score, foot, rng.uniform(0.3, 0.45), 0.0)
-    gait = Gait(step_time=rng.uniform(0.9, 1.2), double_support=0.3, clearance=rng.uniform(0.04, 0.07), onset=0.8)
+    clearance = rng.uniform(0.04, 0.07)
+    if rng.random() < 0.65:
+        length, depth = rng.uniform(0.25, 0.42), rng.uniform(0.05, 0.18)
+        out = _beside(score, foot, length, -0.03)
+        gait = Gait(step_time=rng.uniform(0.55, 0.75), clearance=clearance, onset=rng.uniform(0.4, 0.5))
+        heel = rng.uniform(0.8, 1.2) * length + 1.5 * depth
+    else:
+        apart = np.linalg.norm(score.feet[LEFT, :2] - score.feet[RIGHT, :2])
+        out, depth, heel = _beside(score, foot, 0.0, rng.uniform(0.26, 0.3) - apart), rng.uniform(0.03, 0.08), 0.0
+        # quick, so that the weight stays near the middle: an ankle cannot tilt far sideways
+        gait = Gait(step_time=rng.uniform(0.45, 0.55), clearance=clearance, onset=rng.uniform(0.25, 0.35))
     take_steps(score, [(foot, out)], gait)
-    seconds, depth = rng.uniform(0.9, 1.4), rng.uniform(0.03, 0.08) if aside else rng.uniform(0.05, 0.18)
-    if not aside:
-        score.move({f"{SIDES[1 - foot]}_foot_pitch": rng.uniform(2.5, 3.5) * depth}, seconds)
+    seconds = rng.uniform(0.9, 1.4)
+    # the heel of the foot that stayed rises once the weight has passed its toes
+    score.move({f"{SIDES[1 - foot]}_foot_pitch": heel}, seconds, -0.6 * gait.onset)
     score.shift({"pelvis_height": -depth, "waist_pitch": rng.uniform(0, 0.25)}, seconds)
     score.shift(arm(LEFT, {"shoulder_pitch": -rng.uniform(0, 0.8)}) | arm(RIGHT, {"shoulder_pitch": 0.0}), seconds)
     score.wait(seconds + rng.uniform(0.2, 0.8))
@@ -79,7 +87,9 @@ def balance(score: Score, rng: np.random.Generator) -> None:
     score.shift(arm(LEFT, {"shoulder_roll": out}) | arm(RIGHT, {"shoulder_roll": out}), seconds)
     score.wait(0.8 * seconds)
     seconds = rng.uniform(0.8, 1.2)
-    _lift(score, foot, seconds, up=rng.uniform(0.06, 0.25), forward=rng.uniform(-0.15, 0.15), inward=rng.uniform(0, 0.04))
+    _lift(
+        score, foot, seconds, up=rng.uniform(0.06, 0.25), forward=rng.uniform(-0.15, 0.15), inward=rng.uniform(0, 0.04)
+    )
     score.wait(seconds + rng.uniform(0.8, 3.0))
     _down(score, foot, rng)
 
@@ -98,7 +108,7 @@ def kick(score: Score, rng: np.random.Generator) -> None:
         score.wait(chamber)
         out = rng.uniform(0.45, 0.65)
         if way == "front":
-            _lift(score, foot, out, up=rng.uniform(0.15, 0.35), forward=rng.uniform(0.25, 0.42))
+            _lift(score, foot, out, up=rng.uniform(0.15, 0.42), forward=rng.uniform(0.25, 0.45))
             score.shift({"waist_pitch": -0.1}, out)
         elif way == "back":
             _lift(score, foot, out, up=rng.uniform(0.12, 0.25), forward=-rng.uniform(0.2, 0.35))
@@ -129,7 +139,9 @@ def _lift(score: Score, foot: int, seconds: float, up: float, forward: float = 0
     side, sign = SIDES[foot], (-1 if foot == LEFT else 1)
     # the sole leaves the floor before it goes anywhere
     score.move({f"{side}_foot_up": up}, seconds)
-    score.move({f"{side}_foot_forward": forward, f"{side}_foot_sideways": sign * inward}, 0.85 * seconds, 0.15 * seconds)
+    score.move(
+        {f"{side}_foot_forward": forward, f"{side}_foot_sideways": sign * inward}, 0.85 * seconds, 0.15 * seconds
+    )
 
 
 def _down(score: Score, foot: int, rng: np.random.Generator) -> None:

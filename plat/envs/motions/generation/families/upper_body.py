@@ -29,8 +29,18 @@ _IN_FRONT = {
     "wrist_pitch": (-0.5, 0.5),
     "wrist_yaw": (-0.4, 0.4),
 }
-_GUARD = {"shoulder_pitch": (-0.5, -0.2), "shoulder_roll": (0.1, 0.25), "shoulder_yaw": (-0.3, 0.0), "elbow": (-0.7, -0.3)}
-_STRUCK = {"shoulder_pitch": (-1.6, -1.2), "shoulder_roll": (0.0, 0.15), "shoulder_yaw": (-0.1, 0.1), "elbow": (0.9, 1.3)}
+_GUARD = {
+    "shoulder_pitch": (-0.5, -0.2),
+    "shoulder_roll": (0.1, 0.25),
+    "shoulder_yaw": (-0.3, 0.0),
+    "elbow": (-0.7, -0.3),
+}
+_STRUCK = {
+    "shoulder_pitch": (-1.6, -1.2),
+    "shoulder_roll": (0.0, 0.15),
+    "shoulder_yaw": (-0.1, 0.1),
+    "elbow": (0.9, 1.3),
+}
 
 
 def arm(side: int, angles: dict[str, float]) -> dict[str, float]:

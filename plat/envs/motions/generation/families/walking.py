@@ -17,7 +17,7 @@ def walk(score: Score, rng: np.random.Generator) -> None:
     curve = rng.uniform(-0.25, 0.25) * step_time if rng.random() < 0.5 else 0.0
     gait = Gait(
         step_time=step_time,
-        double_support=rng.uniform(0.22, 0.3),
+        double_support=rng.uniform(0.2, 0.27),
         clearance=rng.uniform(0.04, 0.07),
         roll=0.05 * speed,
         heel_off=rng.uniform(0.3, 0.5) * speed,
@@ -59,7 +59,14 @@ def turn(score: Score, rng: np.random.Generator) -> None:
     way = rng.choice((-1.0, 1.0))
     gait = Gait(step_time=rng.uniform(0.5, 0.65), clearance=rng.uniform(0.04, 0.06))
     # the inner foot begins
-    _go(score, rng, gait, count=2 * int(rng.integers(2, 4)), first=LEFT if way > 0 else RIGHT, turn=way * rng.uniform(0.3, 0.55))
+    _go(
+        score,
+        rng,
+        gait,
+        count=2 * int(rng.integers(2, 4)),
+        first=LEFT if way > 0 else RIGHT,
+        turn=way * rng.uniform(0.3, 0.55),
+    )
 
 
 def step_in_place(score: Score, rng: np.random.Generator) -> None:
