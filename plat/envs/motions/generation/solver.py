@@ -5,7 +5,8 @@ import torch
 from torch import Tensor
 
 from plat.envs.motions.generation.balance import InvertedPendulum, zero_moment_point
-from plat.envs.motions.generation.score import SIDES, Draft
+from plat.envs.motions.generation.curves import minimum_jerk
+from plat.envs.motions.generation.score import SIDES, SOLE_CENTER, Draft
 from plat.envs.motions.generation.whole_body import WholeBody
 from plat.errors import MotionError
 from plat.rotations import quat_from_rotvec, quat_multiply, quat_rotate
@@ -17,6 +18,7 @@ DT = 0.02
 
 _ANKLE_HEIGHT = 0.035  # m above the sole
 _TOE, _HEEL, _EDGE = 0.12, -0.05, -0.03  # m: where a tilted foot touches the floor, in the ankle's frame
+_ALOFT = 0.05  # m: height of the sole from which on a foot is in the air
 _LONGEST_LEG = (
     0.612  # m from the hip roll axis to the ankle, of the 0.622 m that a straight leg has: the knee stays bent
 )
@@ -115,7 +117,10 @@ def _feet(draft: Draft) -> tuple[Tensor, Tensor]:
     zero = torch.zeros_like(pitch)
     turn = _yaw_quat(torch.from_numpy(draft.foot_yaw))
     tilt = quat_from_rotvec(torch.stack((zero, pitch, zero), -1))
-    # a foot that lifts its heel turns about the toe, one that lifts its toes about the heel
-    pivot = torch.stack((torch.where(pitch > 0, _TOE, _HEEL).double(), zero, zero + _EDGE), -1)
+    # a foot that lifts its heel turns about the toe, one that lifts its toes about the heel, and one in the air about
+    # its middle, for there the pitch goes through 0
+    edge = torch.where(pitch > 0, _TOE, _HEEL).double()
+    aloft = torch.from_numpy(minimum_jerk(draft.foot_pos[..., 2] / _ALOFT))
+    pivot = torch.stack((edge + aloft * (SOLE_CENTER - edge), zero, zero + _EDGE), -1)
     flat = torch.from_numpy(draft.foot_pos) + torch.tensor([0.0, 0.0, _ANKLE_HEIGHT], dtype=torch.float64)
     return flat + quat_rotate(turn, pivot - quat_rotate(tilt, pivot)), quat_multiply(turn, tilt)

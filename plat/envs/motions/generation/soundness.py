@@ -33,7 +33,7 @@ class SoundnessLimits:
     """share of the frames with the zero-moment point inside the support polygon"""
     joint_excess: float = 0.0
     """rad beyond a joint's range"""
-    speed: float = 0.6
+    speed: float = 0.7
     """largest joint speed, as a share of the motor's top speed"""
     self_penetration: float = 0.005
     """m that parts of the body are inside each other"""

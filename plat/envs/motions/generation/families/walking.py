@@ -13,11 +13,11 @@ __all__ = ["crouch_walk", "step_in_place", "turn", "walk", "walk_backward", "wal
 def walk(score: Score, rng: np.random.Generator) -> None:
     """Walking forward at 0.2 to 1.0 m/s, straight or in a curve, the arms swinging."""
     speed = rng.uniform(0.2, 1.0)
-    step_time = rng.uniform(0.62, 0.72) - 0.18 * speed
-    curve = rng.uniform(-0.25, 0.25) * step_time if rng.random() < 0.5 else 0.0
+    step_time = rng.uniform(0.62, 0.72) - 0.25 * speed
+    curve = rng.uniform(-0.6, 0.6) * step_time if rng.random() < 0.5 else 0.0
     gait = Gait(
         step_time=step_time,
-        double_support=rng.uniform(0.2, 0.27),
+        double_support=rng.uniform(0.23, 0.3),
         clearance=rng.uniform(0.04, 0.07),
         roll=0.05 * speed,
         heel_off=rng.uniform(0.3, 0.5) * speed,
@@ -48,9 +48,9 @@ def crouch_walk(score: Score, rng: np.random.Generator) -> None:
 
 def walk_sideways(score: Score, rng: np.random.Generator) -> None:
     """One foot steps aside, the other follows, at 0.2 to 0.4 m/s."""
-    lead, width = int(rng.integers(2)), rng.uniform(0.08, 0.16)
+    lead, width = int(rng.integers(2)), rng.uniform(0.1, 0.18)
     aside = width if lead == LEFT else -width
-    gait = Gait(step_time=rng.uniform(0.42, 0.55), clearance=rng.uniform(0.04, 0.06))
+    gait = Gait(step_time=rng.uniform(0.36, 0.5), clearance=rng.uniform(0.04, 0.06))
     _go(score, rng, gait, count=2 * int(rng.integers(2, 5)), first=lead, aside=aside)
 
 
