@@ -28,9 +28,10 @@ def generate_motions(
 ) -> list[MotionClip]:
     """Clips that go round the families until there is enough motion.
 
-    Each clip begins and ends at rest and is sound by :class:`~plat.envs.motions.generation.soundness.SoundnessLimits`:
+    Each clip begins and ends at rest and is sound by :class:`plat.envs.motions.generation.soundness.SoundnessLimits`:
     feet do not slip, the zero-moment point of all bodies is over the feet, no joint limit is broken, and nothing is
-    inside anything else. Draws that are not are thrown away (and logged at level DEBUG). The same arguments give the same clips on every machine up to rounding.
+    inside anything else. Draws that are not are thrown away (and logged at level DEBUG). The same arguments give the
+    same clips on every machine up to rounding.
 
     Args:
         split: ``"train"``, ``"val"`` or ``"test"``: sets that share no seed.

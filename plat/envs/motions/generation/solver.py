@@ -23,7 +23,7 @@ _LONGEST_LEG = (
     0.612  # m from the hip roll axis to the ankle, of the 0.622 m that a straight leg has: the knee stays bent
 )
 _SMOOTHING = 9  # frames to either side over which the pelvis gives way to a leg that would be too short
-_ROUNDS = 6
+_ROUNDS, _SETTLED = 6, 2  # from the second on the pelvis is nearly where it will be
 _OUT_OF_REACH = 1e-3  # m and rad: a foot on the floor that stays further off cannot be put where it belongs
 # Above this height (m) a foot may tilt where its ankle ends; then a radian counts as this much (m).
 _FREE, _LIFTED_WEIGHT = 0.03, 0.03
@@ -71,16 +71,16 @@ class Solver:
         pendulum = InvertedPendulum(len(draft.time), self._com_height, DT)
         com = pendulum.com(draft.zmp)
         root_pos = torch.from_numpy(np.column_stack((com, wanted_height)))
-        for round_ in range(_ROUNDS):
+        for number in range(_ROUNDS):
             root_pos[:, 2] = torch.from_numpy(self._height_in_reach(root_pos, root_quat, feet_pos, wanted_height))
             joint_pos, pos_off, rot_off = self._body.solve_legs(
                 root_pos, root_quat, feet_pos, feet_quat, weight, joint_pos
             )
             qpos = torch.cat((root_pos, root_quat, joint_pos), -1)
-            if round_ >= 2:
+            if number >= _SETTLED:
+                self._check_reach(joint_pos, lifted, pos_off, rot_off)
                 com += pendulum.com(draft.zmp - zero_moment_point(self._model, qpos.numpy(), DT))
             root_pos[:, :2] += torch.from_numpy(com) - self._body.center_of_mass(qpos)[:, :2]
-        self._check_reach(joint_pos, lifted, pos_off, rot_off)
         return qpos.numpy()
 
     def _check_reach(self, joint_pos: Tensor, lifted: Tensor, pos_off: Tensor, rot_off: Tensor) -> None:

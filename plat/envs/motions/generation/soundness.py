@@ -71,8 +71,10 @@ def measure_soundness(robot: Robot, qpos: np.ndarray, dt: float) -> Soundness:
     """Feet, balance, joints and self-contact of poses ``[F, 7 + J]``, ``dt`` seconds apart.
 
     >>> from plat.envs import G1
-    >>> measure_soundness(G1, np.tile(G1.default_qpos, (5, 1)), 0.02).faults()
-    []
+    >>> raised = np.tile(G1.default_qpos, (5, 1))
+    >>> raised[:, 2] += 0.1
+    >>> measure_soundness(G1, raised, 0.02).faults()
+    ['balanced 0.0000 (limit 0.99)']
     """
     qpos = qpos.astype(np.float64)
     model = robot.model()

@@ -12,7 +12,7 @@ __all__ = ["WholeBody"]
 
 _LEG = ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")
 _ITERATIONS = 40
-_CONVERGED = 1e-7  # rad: the search stops when no joint moves further
+_CONVERGED = 1e-7  # rad: the search stops at frames where no joint moves further
 _DAMPING = 1e-6
 _LARGEST_STEP = 0.3  # rad
 
@@ -100,26 +100,34 @@ class _Leg:
         joint_pos: Tensor,
     ) -> tuple[Tensor, Tensor]:
         low, high = self._range.unbind(-1)
-        weight = torch.cat((torch.ones(len(joint_pos), 3).to(joint_pos), orientation_weight[:, None].expand(-1, 3)), -1)
-        moved = torch.full((), torch.inf)
+        weight = torch.ones(len(joint_pos), 6, dtype=joint_pos.dtype)
+        weight[:, 3:] = orientation_weight[:, None]
+        rows = torch.arange(len(joint_pos))  # frames that still move
         for _ in range(_ITERATIONS):
-            pos, quat = self._kinematics(root_pos, root_quat, joint_pos)
-            turn = quat_to_rotvec(quat_multiply(foot_quat, quat_conjugate(quat[:, -1])))
-            error = torch.cat((foot_pos - pos[:, -1], turn), -1)  # (F, 6)
-            if moved < _CONVERGED:
-                break
-            axis = quat_rotate(quat, self._axis)  # (F, 6, 3), world
+            pos, quat, error = self._off(*(t[rows] for t in (root_pos, root_quat, foot_pos, foot_quat, joint_pos)))
+            axis = quat_rotate(quat, self._axis)  # (n, 6, 3), world
             lever = pos[:, -1:] - pos
-            jacobian = torch.cat((torch.linalg.cross(axis, lever), axis), -1).transpose(-1, -2)  # (F, 6, 6)
-            jacobian, residual = weight[..., None] * jacobian, weight * error
-            angle = joint_pos[:, self._joints]
-            downhill = (jacobian.transpose(-1, -2) @ residual[..., None])[..., 0]
+            jacobian = torch.cat((torch.linalg.cross(axis, lever), axis), -1).transpose(-1, -2)  # (n, 6, 6)
+            jacobian, error = weight[rows, :, None] * jacobian, weight[rows] * error
+            angle = joint_pos[rows][:, self._joints]
+            downhill = (jacobian.transpose(-1, -2) @ error[..., None])[..., 0]
             # a joint that is pushed against its limit stays there, and the others do what is left
             stuck = ((angle <= low) & (downhill < 0)) | ((angle >= high) & (downhill > 0))
             jacobian = jacobian.masked_fill(stuck[:, None], 0.0)
             normal = jacobian.transpose(-1, -2) @ jacobian + torch.diag_embed(_DAMPING + stuck.to(jacobian))
             step = torch.linalg.solve(normal, downhill.masked_fill(stuck, 0.0)).clamp(-_LARGEST_STEP, _LARGEST_STEP)
             following = (angle + step).clamp(low, high)
-            moved = (following - angle).abs().max()
-            joint_pos[:, self._joints] = following
+            joint_pos[rows[:, None], self._joints] = following
+            rows = rows[(following - angle).abs().amax(-1) > _CONVERGED]
+            if len(rows) == 0:
+                break
+        _, _, error = self._off(root_pos, root_quat, foot_pos, foot_quat, joint_pos)
         return torch.linalg.vector_norm(error[:, :3], dim=-1), torch.linalg.vector_norm(error[:, 3:], dim=-1)
+
+    def _off(
+        self, root_pos: Tensor, root_quat: Tensor, foot_pos: Tensor, foot_quat: Tensor, joint_pos: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Poses of the leg's six bodies, and what the foot is off by ``[n, 6]`` (m, rotation vector in rad)."""
+        pos, quat = self._kinematics(root_pos, root_quat, joint_pos)
+        turn = quat_to_rotvec(quat_multiply(foot_quat, quat_conjugate(quat[:, -1])))
+        return pos, quat, torch.cat((foot_pos - pos[:, -1], turn), -1)

@@ -17,7 +17,7 @@ def walk(score: Score, rng: np.random.Generator) -> None:
     curve = rng.uniform(-0.6, 0.6) * step_time if rng.random() < 0.5 else 0.0
     gait = Gait(
         step_time=step_time,
-        double_support=rng.uniform(0.23, 0.3),
+        double_support=rng.uniform(0.2, 0.27),
         clearance=rng.uniform(0.04, 0.07),
         roll=0.05 * speed,
         heel_off=rng.uniform(0.3, 0.5) * speed,
