@@ -5,7 +5,7 @@ from plat.baselines.onnx import OnnxPolicy
 from plat.baselines.reference import TrackerReference
 from plat.baselines.tracker import Tracker, tuned_robot
 from plat.baselines.twist2 import Twist2, twist2_robot
-from plat.baselines.wbc import Wbc, wbc_robot
+from plat.baselines.wbc import Wbc
 
 __all__ = [
     "OnnxPolicy",
@@ -16,5 +16,4 @@ __all__ = [
     "follow",
     "tuned_robot",
     "twist2_robot",
-    "wbc_robot",
 ]

@@ -11,7 +11,7 @@ from plat.baselines.tracker import Tracker
 from plat.envs.robot import G1, Robot
 from plat.rotations import quat_rotate_inverse
 
-__all__ = ["Wbc", "wbc_robot"]
+__all__ = ["Wbc"]
 
 # Default pose (rad) that the network's joint angles are relative to; joints that are not named are 0.
 _REST = {"hip_pitch": -0.1, "knee": 0.3, "ankle_pitch": -0.2, "shoulder_pitch": 0.35, "elbow": 0.87}
@@ -29,11 +29,6 @@ _SCALE = {
 _SCALE_5020 = 0.5596246525662165
 
 
-def wbc_robot(robot: Robot = G1) -> Robot:
-    """The robot with the motor settings that the policy was trained for: those of plat's G1."""
-    return robot
-
-
 class Wbc(Tracker):
     """The released policy ``policy_066ab15.onnx`` of wbc-mjlab.
 
@@ -43,11 +38,11 @@ class Wbc(Tracker):
 
     Args:
         path: the ``.onnx`` file.
-        robot: the robot, as :func:`wbc_robot` makes it.
+        robot: the robot; the policy was trained for the motor settings of plat's G1.
     """
 
-    def __init__(self, path: str | Path, robot: Robot | None = None):
-        super().__init__(robot or wbc_robot())
+    def __init__(self, path: str | Path, robot: Robot = G1):
+        super().__init__(robot)
         names = self.robot.joint_names
         plain = [name.removeprefix("left_").removeprefix("right_") for name in names]
         self._rest = torch.tensor(
