@@ -55,7 +55,7 @@ def walk_sideways(score: Score, rng: np.random.Generator) -> None:
 
 
 def turn(score: Score, rng: np.random.Generator) -> None:
-    """Turning on the spot, step by step, by up to half a circle."""
+    """Turning on the spot, step by step, by 0.6 to 1.6 rad."""
     way = rng.choice((-1.0, 1.0))
     gait = Gait(step_time=rng.uniform(0.5, 0.65), clearance=rng.uniform(0.04, 0.06))
     # the inner foot begins
