@@ -34,6 +34,10 @@ class Draft:
     foot_yaw: np.ndarray
     zmp: np.ndarray
 
+    def channel(self, name: str) -> np.ndarray:
+        """Value ``[F]`` of any channel."""
+        return self.channels.get(name, np.zeros(len(self.time)))
+
 
 @dataclass(frozen=True)
 class _Swing:

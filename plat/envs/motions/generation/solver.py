@@ -19,11 +19,9 @@ DT = 0.02
 _ANKLE_HEIGHT = 0.035  # m above the sole
 _TOE, _HEEL, _EDGE = 0.12, -0.05, -0.03  # m: where a tilted foot touches the floor, in the ankle's frame
 _ALOFT = 0.05  # m: height of the sole from which on a foot is in the air
-_LONGEST_LEG = (
-    0.612  # m from the hip roll axis to the ankle, of the 0.622 m that a straight leg has: the knee stays bent
-)
+_LONGEST_LEG = 0.612  # m from the hip roll axis to the ankle; straight it is 0.622, but knees stay bent
 _SMOOTHING = 9  # frames to either side over which the pelvis gives way to a leg that would be too short
-_ROUNDS, _SETTLED = 6, 2  # from the second on the pelvis is nearly where it will be
+_ROUNDS, _SETTLED = 6, 2  # of so many, after so many the pelvis is nearly where it will be
 _OUT_OF_REACH = 1e-3  # m and rad: a foot on the floor that stays further off cannot be put where it belongs
 # Above this height (m) a foot may tilt where its ankle ends; then a radian counts as this much (m).
 _FREE, _LIFTED_WEIGHT = 0.03, 0.03
@@ -62,11 +60,10 @@ class Solver:
         for index, name in enumerate(self.robot.joint_names):
             if name in draft.channels:
                 joint_pos[:, index] = torch.from_numpy(draft.channels[name])
-        pelvis = [draft.channels.get(f"pelvis_{axis}", np.zeros(len(draft.time))) for axis in ("roll", "pitch", "yaw")]
-        tilt = torch.from_numpy(np.stack((pelvis[0], pelvis[1], 0 * pelvis[2]), -1))
-        heading = torch.from_numpy(draft.foot_yaw.mean(-1) + pelvis[2])
-        root_quat = quat_multiply(_yaw_quat(heading), quat_from_rotvec(tilt))
-        wanted_height = self.robot.root_height + draft.channels.get("pelvis_height", np.zeros(len(draft.time)))
+        heading = _turned(2, draft.foot_yaw.mean(-1) + draft.channel("pelvis_yaw"))
+        tilt = quat_multiply(_turned(1, draft.channel("pelvis_pitch")), _turned(0, draft.channel("pelvis_roll")))
+        root_quat = quat_multiply(heading, tilt)
+        wanted_height = self.robot.root_height + draft.channel("pelvis_height")
 
         pendulum = InvertedPendulum(len(draft.time), self._com_height, DT)
         com = pendulum.com(draft.zmp)
@@ -105,22 +102,19 @@ class Solver:
         return np.convolve(np.pad(lowest, _SMOOTHING, mode="edge"), kernel / kernel.sum(), mode="valid")
 
 
-def _yaw_quat(yaw: Tensor) -> Tensor:
-    return quat_from_rotvec(torch.stack((torch.zeros_like(yaw), torch.zeros_like(yaw), yaw), -1))
+def _turned(axis: int, angle: np.ndarray) -> Tensor:
+    """Quaternions ``[*B, 4]`` of turns by ``[*B]`` (rad) about x, y or z."""
+    return quat_from_rotvec(torch.from_numpy(angle)[..., None] * torch.eye(3, dtype=torch.float64)[axis])
 
 
 def _feet(draft: Draft) -> tuple[Tensor, Tensor]:
     """Positions ``[F, 2, 3]`` and orientations ``[F, 2, 4]`` of the ankle bodies."""
-    pitch = torch.from_numpy(
-        np.stack([draft.channels.get(f"{side}_foot_pitch", np.zeros(len(draft.time))) for side in SIDES], -1)
-    )
-    zero = torch.zeros_like(pitch)
-    turn = _yaw_quat(torch.from_numpy(draft.foot_yaw))
-    tilt = quat_from_rotvec(torch.stack((zero, pitch, zero), -1))
+    pitch = np.stack([draft.channel(f"{side}_foot_pitch") for side in SIDES], -1)
+    turn, tilt = _turned(2, draft.foot_yaw), _turned(1, pitch)
     # a foot that lifts its heel turns about the toe, one that lifts its toes about the heel, and one in the air about
     # its middle, for there the pitch goes through 0
-    edge = torch.where(pitch > 0, _TOE, _HEEL).double()
-    aloft = torch.from_numpy(minimum_jerk(draft.foot_pos[..., 2] / _ALOFT))
-    pivot = torch.stack((edge + aloft * (SOLE_CENTER - edge), zero, zero + _EDGE), -1)
+    edge = np.where(pitch > 0, _TOE, _HEEL)
+    ahead = edge + minimum_jerk(draft.foot_pos[..., 2] / _ALOFT) * (SOLE_CENTER - edge)
+    pivot = torch.from_numpy(np.stack((ahead, 0 * ahead, np.full_like(ahead, _EDGE)), -1))
     flat = torch.from_numpy(draft.foot_pos) + torch.tensor([0.0, 0.0, _ANKLE_HEIGHT], dtype=torch.float64)
     return flat + quat_rotate(turn, pivot - quat_rotate(tilt, pivot)), quat_multiply(turn, tilt)

@@ -1,6 +1,6 @@
 """Going places on foot."""
 
-from collections.abc import Iterable
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -100,7 +100,7 @@ def _go(
 
 def _places(
     feet: np.ndarray, count: int, first: int, ahead: float, aside: float, turn: float
-) -> Iterable[tuple[int, np.ndarray]]:
+) -> Iterator[tuple[int, np.ndarray]]:
     middle, yaw = feet[:, :2].mean(0), feet[:, 2].mean()
     offset = (feet[:, :2] - middle) @ np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
     splay = feet[:, 2] - yaw
