@@ -21,7 +21,6 @@ if sys.platform == "linux" and "DISPLAY" not in os.environ:
 
 import numpy as np
 import tyro
-from torch import Tensor
 
 from plat.baselines import Tracker, Twist2, Wbc, follow
 from plat.envs import G1, MotionLibrary
@@ -87,15 +86,26 @@ def print_soundness(clips: list[MotionClip], redraws: Counter[str]) -> None:
         print(line + "".join(f"{value:>18.4f}" for value in worst))
 
 
-def print_followed(clips: list[MotionClip], shares: dict[str, Tensor]) -> None:
-    """Clips that each tracker followed to the end."""
-    print(f"\n{'followed':<12}" + "".join(f"{name:>12}" for name in shares))
-    for family, numbers in {**by_family(clips), "all": list(range(len(clips)))}.items():
-        done = [int((share[numbers] == 1).sum()) for share in shares.values()]
-        print(f"{family:<12}" + "".join(f"{f'{count}/{len(numbers)}':>12}" for count in done))
-    for name, share in shares.items():
-        for number in (share < 1).nonzero()[:, 0].tolist():
-            print(f"{name} lost {clips[number].name} after {share[number]:.0%}")
+def print_followed(clips: list[MotionClip], trackers: dict[str, Tracker]) -> None:
+    """Clips that each tracker followed to the end, family by family: those are of similar length."""
+    print(f"\n{'followed':<12}" + "".join(f"{name:>12}" for name in trackers))
+    total, lost = Counter[str](), []
+    for family, numbers in by_family(clips).items():
+        line = f"{family:<12}"
+        for name, tracker in trackers.items():
+            library = MotionLibrary.from_clips([clips[number] for number in numbers], tracker.robot)
+            shares = follow(tracker, library).tolist()
+            done = sum(share == 1 for share in shares)
+            total[name] += done
+            line += f"{f'{done}/{len(shares)}':>12}"
+            lost += [
+                f"{name} lost {clip} after {share:.0%}"
+                for clip, share in zip(library.clip_names, shares, strict=True)
+                if share < 1
+            ]
+        print(line, flush=True)
+    print(f"{'all':<12}" + "".join(f"{f'{total[name]}/{len(clips)}':>12}" for name in trackers))
+    print("\n".join(lost))
 
 
 def write_sheets(folder: Path, clips: list[MotionClip]) -> None:
@@ -122,18 +132,18 @@ def main(config: GeneratedBenchmark) -> None:
         logger = logging.getLogger("plat.envs.motions.generation")
         logger.setLevel(logging.DEBUG)
         logger.addHandler(redraws)
-        began = time.perf_counter()
+        began, cpu = time.perf_counter(), time.process_time()
         clips = generate_motions(config.split, config.seconds, config.families)
-        spent = time.perf_counter() - began
-        print(f"{len(clips)} clips, {sum(clip.duration for clip in clips):.0f} s of motion, made in {spent:.1f} s")
+        spent, cpu = time.perf_counter() - began, time.process_time() - cpu
+        length = sum(clip.duration for clip in clips)
+        print(f"{len(clips)} clips, {length:.0f} s of motion, made in {spent:.1f} s ({cpu:.1f} s of CPU)")
         print_soundness(clips, redraws.count)
     if config.trackers is not None:
         trackers: dict[str, Tracker] = {
             "TWIST2": Twist2(config.trackers / "twist2" / "twist2_1017_20k.onnx"),
             "wbc": Wbc(config.trackers / "wbc" / "policy_066ab15.onnx"),
         }
-        libraries = {name: MotionLibrary.from_clips(clips, tracker.robot) for name, tracker in trackers.items()}
-        print_followed(clips, {name: follow(tracker, libraries[name]) for name, tracker in trackers.items()})
+        print_followed(clips, trackers)
     if config.sheets is not None:
         write_sheets(config.sheets, clips)
 
