@@ -89,7 +89,8 @@ def print_soundness(clips: list[MotionClip], redraws: Counter[str]) -> None:
 def print_followed(clips: list[MotionClip], trackers: dict[str, Tracker]) -> None:
     """Clips that each tracker followed to the end, family by family: those are of similar length."""
     print(f"\n{'followed':<12}" + "".join(f"{name:>12}" for name in trackers))
-    total, lost = Counter[str](), []
+    total: Counter[str] = Counter()
+    lost: list[str] = []
     for family, numbers in by_family(clips).items():
         line = f"{family:<12}"
         for name, tracker in trackers.items():
