@@ -26,7 +26,7 @@ def _seed() -> None:
 
 @pytest.fixture(scope="session")
 def library() -> MotionLibrary:
-    """Seven short generated clips, one of each family."""
+    """Half a minute of generated clips, each of another family."""
     return MotionLibrary.from_clips(generate_motions("train", seconds=30))
 
 

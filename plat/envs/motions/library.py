@@ -19,6 +19,7 @@ from plat.envs.kinematics import ForwardKinematics
 from plat.envs.motions.clip import MotionClip
 from plat.envs.motions.files import load_motions, motion_paths
 from plat.envs.motions.generation import generate_motions
+from plat.envs.motions.generation.digest import generator_digest
 from plat.envs.motions.mirror import mirror_motion
 from plat.envs.motions.resample import finite_difference, quat_finite_difference, resample_qpos
 from plat.envs.robot import G1, Robot
@@ -150,7 +151,8 @@ class MotionLibrary:
         Args:
             motions: paths, folders, globs, or ``"generated:train"`` (``val``, ``test``) for the motions that plat
                 makes itself.
-            cache: keep the finished table under :func:`cache_dir`, named by names and content of the files.
+            cache: keep the finished table under :func:`cache_dir`, named by names and content of the files and, for
+                motions that plat makes itself, of the code that makes them.
             mirror: add every clip's mirror image, left and right exchanged.
 
         Raises:
@@ -169,10 +171,9 @@ class MotionLibrary:
             mirrored = [mirror_motion(clip.checked(robot), robot) for clip in clips] if mirror else []
             return cls.from_clips(clips + mirrored, robot, dt)
 
-        # made motions come out of code, which no content hash covers
-        if not cache or generated:
+        if not cache:
             return build()
-        cached = cache_dir() / "motions" / f"{_content_hash(paths, robot, dt, mirror)}.safetensors"
+        cached = cache_dir() / "motions" / f"{_content_hash(generated, paths, robot, dt, mirror)}.safetensors"
         library = _read_table(cached, robot)
         if library is None:
             library = build()
@@ -230,11 +231,13 @@ def cache_dir() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "plat"
 
 
-def _content_hash(paths: Sequence[Path], robot: Robot, dt: float, mirror: bool) -> str:
+def _content_hash(generated: Sequence[str], paths: Sequence[Path], robot: Robot, dt: float, mirror: bool) -> str:
     asset = (resources.files("plat.envs") / "assets" / robot.asset).read_bytes()
     digest = hashlib.blake2b(digest_size=16)
     digest.update(json.dumps([_TABLE_VERSION, robot.name, robot.keypoints, dt, mirror]).encode())
     digest.update(hashlib.blake2b(asset).digest())
+    if generated:
+        digest.update(json.dumps(generated).encode() + generator_digest())
     for path in paths:
         # clips are named by their files, and a name may say the frame rate
         digest.update(path.name.encode(errors="surrogateescape") + b"\0")

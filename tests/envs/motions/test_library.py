@@ -97,6 +97,22 @@ def test_mirrored_clips_are_added_on_request(tmp_path, monkeypatch):
     torch.testing.assert_close(turning[len(plain) :], -turning[: len(plain)])
 
 
+def test_generated_motions_are_cached_until_their_code_changes(tmp_path, monkeypatch):
+    monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
+    made = []
+
+    def make(split, robot):
+        made.append(split)
+        return [standing_clip(f"{split}{len(made)}")]
+
+    monkeypatch.setattr("plat.envs.motions.library.generate_motions", make)
+    for split in ("train", "val", "train", "val"):
+        MotionLibrary.load(f"generated:{split}")
+    assert made == ["train", "val"]
+    monkeypatch.setattr("plat.envs.motions.library.generator_digest", lambda: b"other code")
+    assert MotionLibrary.load("generated:train").clip_names == ["train3"]
+
+
 def test_a_broken_cache_is_made_again(tmp_path, monkeypatch):
     monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
     save_motions(tmp_path / "a.npz", [standing_clip()])

@@ -1,19 +1,26 @@
 """Motions for the G1 from parameters and a seed, offline and with no data set behind them."""
 
+import logging
 import zlib
 
 import numpy as np
 
 from plat.envs.motions.clip import MotionClip
-from plat.envs.motions.generation.families import DT, FAMILIES, Studio
+from plat.envs.motions.generation.families import FAMILIES, Family
+from plat.envs.motions.generation.score import Score
+from plat.envs.motions.generation.solver import DT, Solver
+from plat.envs.motions.generation.soundness import measure_soundness
 from plat.envs.motions.generation.whole_body import WholeBody
 from plat.envs.robot import G1, Robot
 from plat.errors import MotionError
 
-__all__ = ["SPLITS", "generate_motions"]
+__all__ = ["FAMILIES", "SPLITS", "generate_motions"]
 
 SPLITS = ("train", "val", "test")
 """Sets of motions that share no seed."""
+
+_ATTEMPTS = 20
+_LOG = logging.getLogger(__name__)
 
 
 def generate_motions(
@@ -21,9 +28,10 @@ def generate_motions(
 ) -> list[MotionClip]:
     """Clips that go round the families until there is enough motion.
 
-    Feet stand still where they stand, soles touch the floor, the centre of mass is where balance wants it (standing
-    still or by the zero-moment point of the steps), and no joint limit is broken. The same arguments give the same
-    clips on every machine up to rounding.
+    Each clip begins and ends at rest and is sound by :class:`plat.envs.motions.generation.soundness.SoundnessLimits`:
+    feet do not slip, the zero-moment point of all bodies is over the feet, no joint limit is broken, and nothing is
+    inside anything else. Draws that are not are thrown away (and logged at level DEBUG). The same arguments give the
+    same clips on every machine up to rounding.
 
     Args:
         split: ``"train"``, ``"val"`` or ``"test"``: sets that share no seed.
@@ -42,16 +50,46 @@ def generate_motions(
     unknown = sorted(set(families) - set(FAMILIES))
     if unknown:
         raise MotionError(f"generated motions: no family {unknown}, expected some of {sorted(FAMILIES)}")
-    studio = Studio(WholeBody(robot))
+    solver = Solver(WholeBody(robot))
     clips: list[MotionClip] = []
     total, number = 0.0, 0
     while True:
         for family in families or FAMILIES:
             name = f"{family}_{split}_{number:03d}"
-            # the name is the seed, so that a set of other size or families holds the same clips
-            rng = np.random.default_rng(zlib.crc32(name.encode()))
-            clips.append(MotionClip(name, FAMILIES[family](studio, rng), 1 / DT))
+            clips.append(MotionClip(name, _sound(name, FAMILIES[family], solver), 1 / DT))
             total += clips[-1].duration
             if total >= seconds:
                 return clips
         number += 1
+
+
+def _sound(name: str, family: Family, solver: Solver) -> np.ndarray:
+    """The first draw of a family that is a sound motion."""
+    # the name is the seed, so that a set of other size or families holds the same clips
+    rng = np.random.default_rng(zlib.crc32(name.encode()))
+    for _ in range(_ATTEMPTS):
+        score = Score(*_posture(rng))
+        score.wait(0.4)
+        family(score, rng)
+        score.wait(0.4)
+        try:
+            qpos = solver.poses(score.draft(DT)).astype(np.float32)
+            faults = measure_soundness(solver.robot, qpos, DT).faults()
+        except MotionError as error:
+            faults = [str(error)]
+        if not faults:
+            return qpos
+        _LOG.debug("motion %r drawn anew: %s", name, "; ".join(faults))
+    raise MotionError(f"motion {name!r}: {_ATTEMPTS} draws and none is sound; the last: {'; '.join(faults)}")
+
+
+def _posture(rng: np.random.Generator) -> tuple[np.ndarray, dict[str, float]]:
+    """A stance ``[2, 3]`` (m, m, rad) and resting values to start from."""
+    width, splay = rng.uniform(0.09, 0.125), rng.uniform(0.0, 0.12)
+    home = {"pelvis_height": -rng.uniform(0.0, 0.025), "waist_pitch": rng.uniform(0.0, 0.06)}
+    arms = {"shoulder_pitch": rng.uniform(0.1, 0.3), "elbow": rng.uniform(0.5, 1.1)}
+    outward = rng.uniform(0.15, 0.3)
+    for side, sign in (("left", 1), ("right", -1)):
+        home |= {f"{side}_{joint}": angle for joint, angle in arms.items()}
+        home[f"{side}_shoulder_roll"] = sign * outward
+    return np.array([[0.0, width, splay], [0.0, -width, -splay]]), home

@@ -2,35 +2,37 @@
 
 from collections.abc import Sequence
 
-from torch import Tensor
+import numpy as np
 
-__all__ = ["hold_and_move", "minimum_jerk"]
+__all__ = ["fade", "minimum_jerk", "moves"]
 
 
-def minimum_jerk(progress: Tensor) -> Tensor:
+def minimum_jerk(progress: np.ndarray) -> np.ndarray:
     """Position 0..1 of a minimum-jerk movement at ``progress`` 0..1 (clamped); Flash and Hogan, 1985.
 
-    >>> import torch
-    >>> minimum_jerk(torch.tensor([0.0, 0.5, 1.0])).tolist()
+    >>> minimum_jerk(np.array([-1.0, 0.5, 1.0])).tolist()
     [0.0, 0.5, 1.0]
     """
-    s = progress.clamp(0, 1)
+    s = progress.clip(0, 1)
     return s**3 * (10 - 15 * s + 6 * s**2)
 
 
-def hold_and_move(time: Tensor, points: Sequence[tuple[float, float, Tensor]], start: Tensor) -> Tensor:
-    """A value that moves to one point after another and holds there.
+def moves(time: np.ndarray, start: float, changes: Sequence[tuple[float, float, float]]) -> np.ndarray:
+    """A value ``[F]`` at times ``[F]`` (s) that begins at ``start`` and makes one minimum-jerk change after another.
 
     Args:
         time: ``[F]`` (s).
-        points: begin (s), duration (s) and target ``[n]`` of each movement, in order and not overlapping.
-        start: value ``[n]`` before the first movement.
+        start: value before the first change.
+        changes: begin (s), duration (s) and amount of each. Changes may overlap; they add up.
 
-    Returns:
-        ``[F, n]``.
+    >>> moves(np.array([0.0, 1.5, 9.0]), 1.0, [(1.0, 1.0, 2.0), (4.0, 1.0, -3.0)]).tolist()
+    [1.0, 2.0, 0.0]
     """
-    value, last = start.expand(len(time), -1).clone(), start
-    for begin, duration, target in points:
-        value += minimum_jerk((time - begin) / duration)[:, None] * (target - last)
-        last = target
-    return value
+    return start + sum(
+        (amount * minimum_jerk((time - begin) / duration) for begin, duration, amount in changes), np.zeros(len(time))
+    )
+
+
+def fade(time: np.ndarray, begin: float, end: float, edge: float) -> np.ndarray:
+    """A weight ``[F]`` that is 1 between ``begin`` and ``end`` (s) but for a soft edge (s) inside each, else 0."""
+    return minimum_jerk((time - begin) / edge) * minimum_jerk((end - time) / edge)

@@ -11,8 +11,10 @@ from plat.rotations import quat_conjugate, quat_multiply, quat_rotate, quat_to_r
 __all__ = ["WholeBody"]
 
 _LEG = ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")
-# The search stops when every foot is this close (m, and rad at a lever of 1 m).
-_CONVERGED = 5e-5
+_ITERATIONS = 40
+_CONVERGED = 1e-7  # rad: the search stops at frames where no joint moves further
+_DAMPING = 1e-6
+_LARGEST_STEP = 0.3  # rad
 
 
 class WholeBody:
@@ -37,8 +39,14 @@ class WholeBody:
         self._legs = [_Leg(robot, model, side) for side in ("left", "right")]
 
     def solve_legs(
-        self, root_pos: Tensor, root_quat: Tensor, feet_pos: Tensor, feet_quat: Tensor, joint_pos: Tensor
-    ) -> tuple[Tensor, Tensor]:
+        self,
+        root_pos: Tensor,
+        root_quat: Tensor,
+        feet_pos: Tensor,
+        feet_quat: Tensor,
+        orientation_weight: Tensor,
+        joint_pos: Tensor,
+    ) -> tuple[Tensor, Tensor, Tensor]:
         """Leg angles that put both feet where they are wanted.
 
         Args:
@@ -46,18 +54,23 @@ class WholeBody:
             root_quat: ``[F, 4]``.
             feet_pos: positions of the left and right foot body ``[F, 2, 3]`` (m, world).
             feet_quat: their orientations ``[F, 2, 4]``.
+            orientation_weight: metres that a radian of each foot's orientation counts as ``[F, 2]``, where joint
+                limits do not let a foot have both.
             joint_pos: all angles ``[F, J]`` (rad); those of the legs are where the search begins.
 
         Returns:
-            ``joint_pos`` with the legs solved as well as they can be, and how far each foot stays off ``[F, 2]`` (m,
-            and rad at a lever of 1 m).
+            ``joint_pos`` with the legs solved as well as they can be, and how far each foot stays off in position
+            ``[F, 2]`` (m) and orientation ``[F, 2]`` (rad).
         """
         joint_pos = joint_pos.clone()
-        errors = [
-            leg.solve(root_pos, root_quat, feet_pos[:, side], feet_quat[:, side], joint_pos)
+        off = [
+            leg.solve(
+                root_pos, root_quat, feet_pos[:, side], feet_quat[:, side], orientation_weight[:, side], joint_pos
+            )
             for side, leg in enumerate(self._legs)
         ]
-        return joint_pos, torch.stack(errors, -1)
+        pos_off, rot_off = (torch.stack(errors, -1) for errors in zip(*off, strict=True))
+        return joint_pos, pos_off, rot_off
 
     def center_of_mass(self, qpos: Tensor) -> Tensor:
         """Centre of mass ``[F, 3]`` (m, world) of poses ``[F, 7 + J]``."""
@@ -65,14 +78,9 @@ class WholeBody:
         body_com = pos + quat_rotate(quat, self._local_com)
         return (self._mass[:, None] * body_com).sum(-2) / self._mass.sum()
 
-    def feet(self, qpos: Tensor) -> tuple[Tensor, Tensor]:
-        """Positions ``[F, 2, 3]`` and orientations ``[F, 2, 4]`` of the feet of poses ``[F, 7 + J]``."""
-        kinematics = ForwardKinematics(self.robot, self.robot.feet)
-        return kinematics(*qpos.split((3, 4, self.robot.num_joints), -1))
-
 
 class _Leg:
-    """Damped Gauss-Newton on the six joints of a leg, with the geometric Jacobian."""
+    """Damped Gauss-Newton on the six joints of a leg, with the geometric Jacobian and the joints' limits."""
 
     def __init__(self, robot: Robot, model: mujoco.MjModel, side: str):
         self._joints = [robot.joint_names.index(f"{side}_{joint}") for joint in _LEG]
@@ -83,20 +91,43 @@ class _Leg:
         self._range = torch.from_numpy(model.jnt_range[[joint + 1 for joint in self._joints]])
 
     def solve(
-        self, root_pos: Tensor, root_quat: Tensor, foot_pos: Tensor, foot_quat: Tensor, joint_pos: Tensor
-    ) -> Tensor:
-        damping = 1e-6 * torch.eye(6, dtype=joint_pos.dtype)
-        for _ in range(30):
-            pos, quat = self._kinematics(root_pos, root_quat, joint_pos)
-            turn = quat_to_rotvec(quat_multiply(foot_quat, quat_conjugate(quat[:, -1])))
-            error = torch.cat((foot_pos - pos[:, -1], turn), -1)  # (F, 6)
-            if error.abs().max() < _CONVERGED:
-                break
-            axis = quat_rotate(quat, self._axis)  # (F, 6, 3), world
+        self,
+        root_pos: Tensor,
+        root_quat: Tensor,
+        foot_pos: Tensor,
+        foot_quat: Tensor,
+        orientation_weight: Tensor,
+        joint_pos: Tensor,
+    ) -> tuple[Tensor, Tensor]:
+        low, high = self._range.unbind(-1)
+        weight = torch.ones(len(joint_pos), 6, dtype=joint_pos.dtype)
+        weight[:, 3:] = orientation_weight[:, None]
+        rows = torch.arange(len(joint_pos))  # frames that still move
+        for _ in range(_ITERATIONS):
+            pos, quat, error = self._off(*(t[rows] for t in (root_pos, root_quat, foot_pos, foot_quat, joint_pos)))
+            axis = quat_rotate(quat, self._axis)  # (n, 6, 3), world
             lever = pos[:, -1:] - pos
-            jacobian = torch.cat((torch.linalg.cross(axis, lever), axis), -1).transpose(-1, -2)  # (F, 6, 6)
-            normal = jacobian.transpose(-1, -2) @ jacobian + damping
-            step = torch.linalg.solve(normal, (jacobian.transpose(-1, -2) @ error[..., None])[..., 0])
-            moved = joint_pos[:, self._joints] + step.clamp(-0.3, 0.3)
-            joint_pos[:, self._joints] = moved.clamp(self._range[:, 0], self._range[:, 1])
-        return error.abs().amax(-1)
+            jacobian = torch.cat((torch.linalg.cross(axis, lever), axis), -1).transpose(-1, -2)  # (n, 6, 6)
+            jacobian, error = weight[rows, :, None] * jacobian, weight[rows] * error
+            angle = joint_pos[rows][:, self._joints]
+            downhill = (jacobian.transpose(-1, -2) @ error[..., None])[..., 0]
+            # a joint that is pushed against its limit stays there, and the others do what is left
+            stuck = ((angle <= low) & (downhill < 0)) | ((angle >= high) & (downhill > 0))
+            jacobian = jacobian.masked_fill(stuck[:, None], 0.0)
+            normal = jacobian.transpose(-1, -2) @ jacobian + torch.diag_embed(_DAMPING + stuck.to(jacobian))
+            step = torch.linalg.solve(normal, downhill.masked_fill(stuck, 0.0)).clamp(-_LARGEST_STEP, _LARGEST_STEP)
+            following = (angle + step).clamp(low, high)
+            joint_pos[rows[:, None], self._joints] = following
+            rows = rows[(following - angle).abs().amax(-1) > _CONVERGED]
+            if len(rows) == 0:
+                break
+        _, _, error = self._off(root_pos, root_quat, foot_pos, foot_quat, joint_pos)
+        return torch.linalg.vector_norm(error[:, :3], dim=-1), torch.linalg.vector_norm(error[:, 3:], dim=-1)
+
+    def _off(
+        self, root_pos: Tensor, root_quat: Tensor, foot_pos: Tensor, foot_quat: Tensor, joint_pos: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Poses of the leg's six bodies, and what the foot is off by ``[n, 6]`` (m, rotation vector in rad)."""
+        pos, quat = self._kinematics(root_pos, root_quat, joint_pos)
+        turn = quat_to_rotvec(quat_multiply(foot_quat, quat_conjugate(quat[:, -1])))
+        return pos, quat, torch.cat((foot_pos - pos[:, -1], turn), -1)

@@ -1,0 +1,154 @@
+"""The generated set in figures: how fast it is made, how sound it is, and whether released trackers can follow it.
+
+python benchmarks/generated.py --trackers DIR
+
+DIR holds ``twist2/twist2_1017_20k.onnx`` and ``wbc/policy_066ab15.onnx``; without it only generation and soundness are
+measured. Trackers need the extra ``baselines``, and ``--sheets`` the extra ``video``.
+"""
+
+import logging
+import os
+import sys
+import time
+from collections import Counter
+from dataclasses import dataclass, fields
+from itertools import groupby
+from pathlib import Path
+
+# MuJoCo looks at this when it is imported; without a screen only EGL (or OSMesa) draws
+if sys.platform == "linux" and "DISPLAY" not in os.environ:
+    os.environ.setdefault("MUJOCO_GL", "egl")
+
+import numpy as np
+import tyro
+
+from plat.baselines import Tracker, Twist2, Wbc, follow
+from plat.envs import G1, MotionLibrary
+from plat.envs.motions import MotionClip, generate_motions, load_motions
+from plat.envs.motions.generation.soundness import Soundness, measure_soundness
+from plat.rendering import Stage, write_picture
+from plat.training import report_errors
+
+
+@dataclass(kw_only=True)
+class GeneratedBenchmark:
+    """Figures of the generated motion set."""
+
+    trackers: Path | None = None
+    """folder of the released trackers"""
+    split: str = "val"
+    """which generated set"""
+    seconds: float = 600.0
+    """how much of it"""
+    families: tuple[str, ...] = ()
+    """only these families; by default all"""
+    motions: tuple[str, ...] = ()
+    """let the trackers follow these motion files instead of the generated set (a check of the adapters)"""
+    every: int = 1
+    """of those files take every n-th clip"""
+    sheets: Path | None = None
+    """folder to write a contact sheet a family to"""
+
+
+class RedrawCounter(logging.Handler):
+    """Counts draws that were thrown away, by family."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.DEBUG)
+        self.count: Counter[str] = Counter()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Called once a draw that was thrown away."""
+        self.count[family_of(str(record.args[0] if isinstance(record.args, tuple) else record.args))] += 1
+
+
+def family_of(name: str) -> str:
+    """Generated clips are called by their family; others are taken together by what stands before the first _."""
+    return name.split("_")[0]
+
+
+def by_family(clips: list[MotionClip]) -> dict[str, list[int]]:
+    """Numbers of the clips of each family."""
+    numbers = sorted(range(len(clips)), key=lambda number: family_of(clips[number].name))
+    groups = groupby(numbers, key=lambda number: family_of(clips[number].name))
+    return {family: list(members) for family, members in groups}
+
+
+def print_soundness(clips: list[MotionClip], redraws: Counter[str]) -> None:
+    """The worst clip of each family, quantity by quantity."""
+    names = [field.name for field in fields(Soundness)]
+    print(f"\n{'family':<12}{'clips':>6}{'s':>7}{'redrawn':>9}" + "".join(f"{name:>18}" for name in names))
+    for family, numbers in by_family(clips).items():
+        found = [measure_soundness(G1, clips[number].qpos, 1 / clips[number].fps) for number in numbers]
+        seconds = sum(clips[number].duration for number in numbers)
+        worst = [(min if name == "balanced" else max)(getattr(one, name) for one in found) for name in names]
+        line = f"{family:<12}{len(numbers):>6}{seconds:>7.0f}{redraws[family]:>9}"
+        print(line + "".join(f"{value:>18.4f}" for value in worst))
+
+
+def print_followed(clips: list[MotionClip], trackers: dict[str, Tracker]) -> None:
+    """Clips that each tracker followed to the end, family by family: those are of similar length."""
+    print(f"\n{'followed':<12}" + "".join(f"{name:>12}" for name in trackers))
+    total: Counter[str] = Counter()
+    lost: list[str] = []
+    for family, numbers in by_family(clips).items():
+        line = f"{family:<12}"
+        for name, tracker in trackers.items():
+            library = MotionLibrary.from_clips([clips[number] for number in numbers], tracker.robot)
+            shares = follow(tracker, library).tolist()
+            done = sum(share == 1 for share in shares)
+            total[name] += done
+            line += f"{f'{done}/{len(shares)}':>12}"
+            lost += [
+                f"{name} lost {clip} after {share:.0%}"
+                for clip, share in zip(library.clip_names, shares, strict=True)
+                if share < 1
+            ]
+        print(line, flush=True)
+    print(f"{'all':<12}" + "".join(f"{f'{total[name]}/{len(clips)}':>12}" for name in trackers))
+    print("\n".join(lost))
+
+
+def write_sheets(folder: Path, clips: list[MotionClip]) -> None:
+    """Two clips of each family, eight pictures each."""
+    stage = Stage(G1, width=220, height=170)
+    for family, numbers in by_family(clips).items():
+        rows = []
+        for number in numbers[:2]:
+            pictures = []
+            for pose in clips[number].qpos[np.linspace(0, len(clips[number].qpos) - 1, 8).round().astype(int)]:
+                stage.look_at(pose)
+                pictures.append(stage.draw(pose)[:, 45:175])
+            rows.append(np.concatenate(pictures, 1))
+        write_picture(folder / f"generated_{family}.png", np.concatenate(rows))
+    stage.close()
+
+
+def main(config: GeneratedBenchmark) -> None:
+    """Measure and print."""
+    if config.motions:
+        clips = load_motions(config.motions)[:: config.every]
+    else:
+        redraws = RedrawCounter()
+        logger = logging.getLogger("plat.envs.motions.generation")
+        logger.setLevel(logging.DEBUG)
+        logger.addHandler(redraws)
+        began, cpu = time.perf_counter(), time.process_time()
+        clips = generate_motions(config.split, config.seconds, config.families)
+        spent, cpu = time.perf_counter() - began, time.process_time() - cpu
+        length = sum(clip.duration for clip in clips)
+        print(f"{len(clips)} clips, {length:.0f} s of motion, made in {spent:.1f} s ({cpu:.1f} s of CPU)")
+        print_soundness(clips, redraws.count)
+    if config.trackers is not None:
+        trackers: dict[str, Tracker] = {
+            "TWIST2": Twist2(config.trackers / "twist2" / "twist2_1017_20k.onnx"),
+            "wbc": Wbc(config.trackers / "wbc" / "policy_066ab15.onnx"),
+        }
+        print_followed(clips, trackers)
+    if config.sheets is not None:
+        write_sheets(config.sheets, clips)
+
+
+if __name__ == "__main__":
+    with report_errors():
+        main(tyro.cli(GeneratedBenchmark))

@@ -1,0 +1,19 @@
+"""Released dense trackers as policies of plat's environments, each with its own gains and its own view of the world."""
+
+from plat.baselines.follow import follow
+from plat.baselines.onnx import OnnxPolicy
+from plat.baselines.reference import TrackerReference
+from plat.baselines.tracker import Tracker, tuned_robot
+from plat.baselines.twist2 import Twist2, twist2_robot
+from plat.baselines.wbc import Wbc
+
+__all__ = [
+    "OnnxPolicy",
+    "Tracker",
+    "TrackerReference",
+    "Twist2",
+    "Wbc",
+    "follow",
+    "tuned_robot",
+    "twist2_robot",
+]

@@ -1,0 +1,53 @@
+"""A network out of an ONNX file."""
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from plat.errors import CheckpointError
+
+__all__ = ["OnnxPolicy"]
+
+
+class OnnxPolicy:
+    """Calls a network with one input ``[N, inputs]`` and one output ``[N, outputs]``, both float32.
+
+    A file that was exported for a single row is called row by row.
+
+    Args:
+        path: the ``.onnx`` file.
+        inputs: width of the input that the caller will give.
+        outputs: width of the output that the caller expects.
+
+    Raises:
+        CheckpointError: when the file cannot be read, or its widths are others; when onnxruntime is not installed.
+    """
+
+    def __init__(self, path: str | Path, inputs: int, outputs: int):
+        try:
+            import onnxruntime
+        except ImportError as error:
+            raise CheckpointError("ONNX policies need: pip install 'plat-rl[baselines]'") from error
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = 1  # small networks: threads cost more than they bring
+        try:
+            self._session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+        except Exception as error:  # onnxruntime has a class of its own for every kind of failure
+            raise CheckpointError(f"ONNX policy {str(path)!r}: not a readable .onnx file ({error})") from error
+        (entry,), (result,) = self._session.get_inputs(), self._session.get_outputs()
+        if (entry.shape[-1], result.shape[-1]) != (inputs, outputs):
+            raise CheckpointError(
+                f"ONNX policy {str(path)!r}: from {entry.shape[-1]} to {result.shape[-1]} numbers, "
+                f"expected from {inputs} to {outputs}"
+            )
+        self._entry = entry.name
+        self._single = entry.shape[0] == 1
+
+    def __call__(self, observation: Tensor) -> Tensor:
+        """Output ``[N, outputs]`` for ``[N, inputs]``."""
+        rows = observation.cpu().numpy().astype(np.float32)
+        batches = np.split(rows, len(rows)) if self._single else [rows]
+        results = [self._session.run(None, {self._entry: batch})[0] for batch in batches]
+        return torch.from_numpy(np.concatenate(results)).to(observation.device)

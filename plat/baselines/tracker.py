@@ -1,0 +1,90 @@
+"""What the adapters of released trackers share."""
+
+from dataclasses import dataclass, fields, replace
+
+import mujoco
+import torch
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torch import Tensor
+
+from plat.envs.robot import FootContacts, Robot
+
+__all__ = ["Tracker", "tuned_robot"]
+
+
+@dataclass(frozen=True)
+class _TunedRobot(Robot):
+    """A robot with motor settings of its own; see :func:`tuned_robot`."""
+
+    gains: tuple[tuple[float, float, float], ...] = ()
+
+    def spec(self, feet: FootContacts = "spheres") -> mujoco.MjSpec:
+        spec = super().spec(feet)
+        for actuator, (stiffness, damping, effort) in zip(spec.actuators, self.gains, strict=True):
+            actuator.gainprm[0] = stiffness
+            actuator.biasprm[1:3] = -stiffness, -damping
+            actuator.forcerange = [-effort, effort]
+        return spec
+
+
+def tuned_robot(robot: Robot, name: str, stiffness: Tensor, damping: Tensor, effort_limit: Tensor) -> Robot:
+    """A robot with the motor settings that a policy was trained for.
+
+    Args:
+        robot: the robot as it is.
+        name: what the new one is called.
+        stiffness: kp ``[J]`` (N m / rad).
+        damping: kd ``[J]`` (N m s / rad).
+        effort_limit: largest torque ``[J]`` (N m).
+
+    >>> from plat.envs import G1
+    >>> soft = tuned_robot(G1, "soft", 0.5 * G1.stiffness, G1.damping, G1.effort_limit)
+    >>> torch.allclose(soft.stiffness, 0.5 * G1.stiffness)
+    True
+    """
+    values = {field.name: getattr(robot, field.name) for field in fields(Robot)}
+    gains = tuple(zip(stiffness.tolist(), damping.tolist(), effort_limit.tolist(), strict=True))
+    return replace(_TunedRobot(**values, gains=gains), name=name)
+
+
+class Tracker(TensorDictModuleBase):
+    """A policy that remembers its own past actions, for robots that follow ``"tracker_reference"``.
+
+    Reads the group ``"robot"``, the group of :class:`TrackerReference` and ``is_init`` (TorchRL's ``InitTracker``),
+    and writes ``action`` in the parametrisation of :class:`plat.envs.MotionTrackingEnv`. A subclass says what its
+    network sees, and which joint targets its raw action stands for.
+
+    Args:
+        robot: the robot that it drives, as :func:`tuned_robot` made it.
+    """
+
+    def __init__(self, robot: Robot):
+        super().__init__()
+        self.in_keys = ["robot", "tracker_reference", "is_init"]
+        self.out_keys = ["action"]
+        self.robot = robot
+        self._memory: dict[str, Tensor] = {}
+
+    def remembered(self, name: str, like: Tensor, starting: Tensor) -> Tensor:
+        """What was kept under a name: zeros for robots that are ``starting`` ``[N]``, else a copy."""
+        kept = self._memory.get(name)
+        if kept is None or kept.shape != like.shape:
+            kept = torch.zeros_like(like)
+        return torch.where(starting.view(-1, *[1] * (like.ndim - 1)), 0.0, kept)
+
+    def remember(self, name: str, value: Tensor) -> None:
+        """Keep a value ``[N, ...]`` until the next step."""
+        self._memory[name] = value
+
+    def targets(self, tensordict: TensorDictBase, joint_pos: Tensor, starting: Tensor) -> Tensor:
+        """Joint targets ``[N, J]`` (rad) from measured angles ``joint_pos`` ``[N, J]`` (rad) and the other entries."""
+        raise NotImplementedError
+
+    @torch.no_grad()
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Write ``action``."""
+        default = self.robot.default_joint_pos.to(tensordict["robot", "joint_pos"])
+        targets = self.targets(tensordict, tensordict["robot", "joint_pos"] + default, tensordict["is_init"][:, 0])
+        tensordict["action"] = (targets - default) / self.robot.action_scale.to(targets)
+        return tensordict

@@ -1,0 +1,39 @@
+import torch
+from tensordict import TensorDict
+
+from plat.baselines import TrackerReference
+from plat.envs import MotionLibrary
+from tests.conftest import standing_clip
+
+
+def shown(frame: list[int], **kwargs) -> TensorDict:
+    library = MotionLibrary.from_clips([standing_clip()])
+    rows = torch.tensor(frame)
+    tensordict = TensorDict({"motion": TensorDict({"frame": rows}, [len(frame)])}, [len(frame)])
+    return TrackerReference(library, **kwargs)._call(tensordict)["tracker_reference"]
+
+
+def test_the_frame_ahead_is_shown():
+    reference = shown([10, 20], ahead=5)
+    torch.testing.assert_close(reference["root_pos_w"][:, 0], torch.tensor([0.3 * 15 * 0.02, 0.3 * 25 * 0.02]))
+    torch.testing.assert_close(reference["root_lin_vel_w"], torch.tensor([[0.3, 0, 0]] * 2), atol=2e-3, rtol=0)
+    torch.testing.assert_close(reference["root_ang_vel_w"], torch.tensor([[0, 0, 0.5]] * 2), atol=2e-3, rtol=0)
+
+
+def test_past_the_end_the_last_frame_is_shown():
+    reference = shown([99, 100], ahead=1)
+    assert torch.equal(reference["root_pos_w"][0], reference["root_pos_w"][1])
+
+
+def test_a_keyframe_has_no_velocity():
+    reference = shown([10], velocities=False)
+    assert (reference["root_lin_vel_w"] == 0).all()
+    assert (reference["root_ang_vel_w"] == 0).all()
+
+
+def test_any_entry_may_name_the_frame():
+    library = MotionLibrary.from_clips([standing_clip()])
+    tensordict = TensorDict({"command": TensorDict({"target_frame": torch.tensor([50])}, [1])}, [1])
+    shown = TrackerReference(library, ("command", "target_frame"), ahead=0)._call(tensordict)["tracker_reference"]
+    torch.testing.assert_close(shown["root_pos_w"][0], library.frames["keypoint_pos"][50, 0])
+    torch.testing.assert_close(shown["anchor_pos_w"][0], library.frames["keypoint_pos"][50, library.robot.anchor_index])
