@@ -8,6 +8,7 @@ python recipes/motions.py retarget BVH --out folder
 
 import itertools
 import os
+import re
 import sys
 from collections import Counter
 from collections.abc import Sequence
@@ -30,7 +31,6 @@ from plat.envs.motions import (
     MotionReport,
     ValidationLimits,
     clip_to_limits,
-    generate_motions,
     ground_feet,
     mirror_motion,
     read_motion_files,
@@ -40,6 +40,7 @@ from plat.envs.motions import (
     validate_motions,
 )
 from plat.envs.motions.feet import Soles
+from plat.envs.motions.generation import PREFIX, generate_named
 from plat.envs.motions.resample import resample_qpos
 from plat.envs.motions.retargeting import Retargeted, SolverOptions, bvh_paths, load_map, retarget_all, split_of
 from plat.errors import MotionError, PlatError
@@ -60,11 +61,8 @@ class _Files:
 
     def read(self) -> list[MotionFile]:
         """The files; prints what each was taken for."""
-        generated = [name for name in self.files if name.startswith("generated:")]
-        files = [
-            MotionFile(Path(name.replace(":", "_")), "generated", generate_motions(name.removeprefix("generated:")))
-            for name in generated
-        ]
+        generated = [name for name in self.files if name.startswith(PREFIX)]
+        files = [MotionFile(Path(re.sub(r"\W", "_", name)), "generated", generate_named(name)) for name in generated]
         if paths := [name for name in self.files if name not in generated]:
             files += read_motion_files(paths, quat_order=self.quat_order, fps=self.fps)
         for file in files:

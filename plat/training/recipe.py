@@ -24,7 +24,7 @@ class RecipeConfig:
     """What to train on, for how long, and where to write."""
 
     motions: tuple[str, ...]
-    """motion files, folders or globs; "generated:train" for the motions that plat makes itself"""
+    """motion files, folders or globs; "generated:train@600" for ten minutes of the motions that plat makes itself"""
     mirror: bool = False
     """train on the mirror image of every motion as well"""
     out: Path

@@ -18,7 +18,7 @@ from torch import Tensor
 from plat.envs.kinematics import ForwardKinematics
 from plat.envs.motions.clip import MotionClip
 from plat.envs.motions.files import load_motions, motion_paths
-from plat.envs.motions.generation import generate_motions
+from plat.envs.motions.generation import PREFIX, generate_named
 from plat.envs.motions.generation.digest import generator_digest
 from plat.envs.motions.mirror import mirror_motion
 from plat.envs.motions.resample import finite_difference, quat_finite_difference, resample_qpos
@@ -150,7 +150,7 @@ class MotionLibrary:
 
         Args:
             motions: paths, folders, globs, or ``"generated:train"`` (``val``, ``test``) for the motions that plat
-                makes itself.
+                makes itself; see :func:`plat.envs.motions.generation.generate_named`.
             cache: keep the finished table under :func:`cache_dir`, named by names and content of the files and, for
                 motions that plat makes itself, of the code that makes them.
             mirror: add every clip's mirror image, left and right exchanged.
@@ -159,14 +159,12 @@ class MotionLibrary:
             MotionError: when a file is missing or broken.
         """
         names = [str(name) for name in ([motions] if isinstance(motions, (str, Path)) else motions)]
-        generated = [name for name in names if name.startswith("generated:")]
-        files = [name for name in names if not name.startswith("generated:")]
+        generated = [name for name in names if name.startswith(PREFIX)]
+        files = [name for name in names if not name.startswith(PREFIX)]
         paths = motion_paths(files) if files else []
 
         def build() -> "MotionLibrary":
-            clips = [
-                clip for name in generated for clip in generate_motions(name.removeprefix("generated:"), robot=robot)
-            ]
+            clips = [clip for name in generated for clip in generate_named(name, robot)]
             clips += load_motions(paths, robot) if paths else []
             mirrored = [mirror_motion(clip.checked(robot), robot) for clip in clips] if mirror else []
             return cls.from_clips(clips + mirrored, robot, dt)

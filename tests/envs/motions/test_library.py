@@ -101,11 +101,11 @@ def test_generated_motions_are_cached_until_their_code_changes(tmp_path, monkeyp
     monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
     made = []
 
-    def make(split, robot):
-        made.append(split)
-        return [standing_clip(f"{split}{len(made)}")]
+    def make(name, robot):
+        made.append(name.removeprefix("generated:"))
+        return [standing_clip(f"{made[-1]}{len(made)}")]
 
-    monkeypatch.setattr("plat.envs.motions.library.generate_motions", make)
+    monkeypatch.setattr("plat.envs.motions.library.generate_named", make)
     for split in ("train", "val", "train", "val"):
         MotionLibrary.load(f"generated:{split}")
     assert made == ["train", "val"]

@@ -14,7 +14,10 @@ from plat.envs.motions.generation.whole_body import WholeBody
 from plat.envs.robot import G1, Robot
 from plat.errors import MotionError
 
-__all__ = ["FAMILIES", "SPLITS", "generate_motions"]
+__all__ = ["FAMILIES", "PREFIX", "SPLITS", "generate_motions", "generate_named"]
+
+PREFIX = "generated:"
+"""What the name of a generated set begins with, where motion files are asked for."""
 
 SPLITS = ("train", "val", "test")
 """Sets of motions that share no seed."""
@@ -61,6 +64,26 @@ def generate_motions(
             if total >= seconds:
                 return clips
         number += 1
+
+
+def generate_named(name: str, robot: Robot = G1) -> list[MotionClip]:
+    """The clips of ``generated:SPLIT``, ``generated:SPLIT@SECONDS``, or either with ``/FAMILY+FAMILY`` after the split.
+
+    Raises:
+        MotionError: for a name of another form, or a split or family that there is not.
+
+    >>> [clip.name for clip in generate_named("generated:train/bow+wave@8")]
+    ['bow_train_000', 'wave_train_000']
+    """
+    split, _, seconds = name.removeprefix(PREFIX).partition("@")
+    split, _, families = split.partition("/")
+    chosen = tuple(families.split("+")) if families else ()
+    if not seconds:
+        return generate_motions(split, families=chosen, robot=robot)
+    try:
+        return generate_motions(split, float(seconds), chosen, robot)
+    except ValueError:
+        raise MotionError(f"{name!r}: {seconds!r} after the @, expected seconds, as in generated:train@600") from None
 
 
 def _sound(name: str, family: Family, solver: Solver) -> np.ndarray:

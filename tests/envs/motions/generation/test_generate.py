@@ -5,7 +5,7 @@ import pytest
 
 from plat.envs import G1
 from plat.envs.motions import generate_motions, generation
-from plat.envs.motions.generation import DT, FAMILIES, Solver
+from plat.envs.motions.generation import DT, FAMILIES, Solver, generate_named
 from plat.envs.motions.generation.score import Score
 from plat.envs.motions.generation.soundness import measure_soundness
 from plat.envs.motions.generation.whole_body import WholeBody
@@ -98,3 +98,14 @@ def test_a_foot_that_cannot_get_there_names_the_joint():
     score.wait(0.6)
     with pytest.raises(MotionError, match="foot is out of reach at frame \\d+, with .*ankle_pitch.* at their limits"):
         Solver(WholeBody(G1)).poses(score.draft(DT))
+
+
+def test_names_choose_families_and_length():
+    clips = generate_named("generated:val/bow+stand@12")
+    assert [clip.name for clip in clips] == ["bow_val_000", "stand_val_000", "bow_val_001"]
+
+
+@pytest.mark.parametrize("name", ["generated:val@long", "generated:val/tango", "generated:"])
+def test_other_names_are_refused(name):
+    with pytest.raises(MotionError, match="expected"):
+        generate_named(name)
