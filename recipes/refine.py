@@ -26,8 +26,8 @@ from plat.objectives import PPO, PPOConfig
 from plat.training import Budget, RecipeConfig, Run, load_policy, report_errors
 
 VARIANTS = {
-    "latent": ResidualLatentPolicy,
     "latent-noise": LatentNoisePolicy,
+    "latent": ResidualLatentPolicy,
     "action": ResidualActionPolicy,
     "finetune": FinetunedPolicy,
 }
@@ -39,8 +39,8 @@ class RefineRecipe(RecipeConfig):
 
     student: Path
     """run of stage 2"""
-    variant: Literal["latent", "latent-noise", "action", "finetune"] = "latent"
-    """residual in the latent with noise on the action (PLAT) or on the latent; residual in the action; all weights"""
+    variant: Literal["latent-noise", "latent", "action", "finetune"] = "latent-noise"
+    """PLAT with noise on the latent or on the action; residual in the action; all weights"""
     policy: RefinementConfig = field(default_factory=RefinementConfig)
     task: TaskConfig = field(default_factory=TaskConfig)
     ppo: PPOConfig = field(

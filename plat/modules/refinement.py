@@ -90,7 +90,7 @@ class _Refinement(nn.Module):
 
 
 class ResidualLatentPolicy(_Refinement):
-    """PLAT: ``a = pi(h, mu_p + alpha R(h, mu_p))`` with backbone, prior and decoder frozen; noise on the action.
+    """PLAT with ``a = pi(h, mu_p + alpha R(h, mu_p))``, backbone, prior and decoder frozen, and noise on the action.
 
     Args:
         student: policy of stage 2; its weights are frozen here.

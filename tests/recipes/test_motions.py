@@ -143,7 +143,7 @@ def test_mirror(recipe, tmp_path):
 
 
 def test_generated_motions_are_read(recipe, monkeypatch, capsys):
-    monkeypatch.setattr(recipe, "generate_motions", lambda split: {"val": [bowing_clip(60)]}[split])
+    monkeypatch.setattr(recipe, "generate_named", lambda name: {"generated:val": [bowing_clip(60)]}[name])
     (report,) = run(recipe, "inspect", "generated:val")
     assert report.verdict == "use"
     assert "generated_val: 1 clip, generated, 50 fps" in capsys.readouterr().out

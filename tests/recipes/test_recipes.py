@@ -100,7 +100,7 @@ def test_help_explains_every_field(recipe):
     assert "--" in text
 
 
-@pytest.mark.parametrize("variant", ["latent-noise", "action", "finetune"])
+@pytest.mark.parametrize("variant", ["latent", "action", "finetune"])
 def test_variants_of_stage_three(tmp_path, stages, variant):
     run("refine", *stages["refine"], "--variant", variant, "--steps", 200, "--out", tmp_path / variant)
     assert len(steps_in(tmp_path / variant)) >= 3

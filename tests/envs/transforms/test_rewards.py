@@ -52,7 +52,7 @@ def reward(transform, after: TensorDict, action: float = 0.0) -> float:
 
 
 def test_perfect_tracking_earns_every_weight():
-    assert reward(DenseTrackingReward(G1, DT), perfect()) == pytest.approx(0.5 + 0.5 + 1 + 1 + 1 + 1)
+    assert reward(DenseTrackingReward(G1, DT), perfect()) == pytest.approx(1 + 0.5 + 1 + 1 + 1 + 1)
     assert reward(KeyframeReward(G1, DT), perfect()) == pytest.approx(2.5)
     assert reward(RegularisationReward(G1, DT), perfect()) == pytest.approx(0)
 
@@ -60,7 +60,7 @@ def test_perfect_tracking_earns_every_weight():
 @pytest.mark.parametrize(
     ("term", "key", "error", "weight", "scale"),
     [
-        ("anchor_pos", "keypoint_pos_w", [0.3, 0, 0], 0.5, 0.3),
+        ("anchor_pos", "keypoint_pos_w", [0.3, 0, 0], 1.0, 0.3),
         ("keypoint_pos", "keypoint_pos_aligned_w", [0, 0.15, 0], 1.0, 0.3),
         ("keypoint_lin_vel", "keypoint_lin_vel_w", [0, 0, 2.0], 1.0, 1.0),
         ("keypoint_ang_vel", "keypoint_ang_vel_w", [3.14, 0, 0], 1.0, 3.14),
@@ -138,4 +138,4 @@ def test_factor_scales_all_terms_and_rewards_add_up():
     after = perfect()
     DenseTrackingReward(G1, DT, weight=2.0)._step(before(), after)
     KeyframeReward(G1, DT, weight=3.0)._step(before(), after)
-    assert float(after["reward"][0]) / DT == pytest.approx(2 * 5 + 3 * 2.5)
+    assert float(after["reward"][0]) / DT == pytest.approx(2 * 5.5 + 3 * 2.5)
