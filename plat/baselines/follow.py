@@ -40,7 +40,7 @@ def follow(
     """How long a policy stays on every motion of a library when it is shown the dense reference.
 
     Every robot starts on the first frame of its motion; no noise, no randomisation; the terminations of dense
-    tracking (SPEC section 2).
+    tracking.
 
     Args:
         policy: reads ``"robot"``, ``"tracker_reference"`` and ``is_init``, writes ``action``.

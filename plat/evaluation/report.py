@@ -37,7 +37,7 @@ class Estimate:
 def report(
     records: CommandRecords, penalties: Penalties | None = None, resamples: int = 1000, seed: int = 0
 ) -> dict[str, Estimate]:
-    """Figures of SPEC section 6.
+    """Figures of timed keyframe tracking.
 
     Returns:
         ``tks`` (%): TKS@3, commands that were not terminated; ``mpjpe`` (rad), ``mpkpe`` and ``mpkpe_root`` (m):

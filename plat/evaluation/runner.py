@@ -70,7 +70,7 @@ def evaluate(
     device: torch.device | str = "cpu",
     progress: Callable[[float], None] | None = None,
 ) -> CommandRecords:
-    """Timed keyframe tracking along every motion of a library (SPEC section 6).
+    """Timed keyframe tracking along every motion of a library.
 
     Each motion is followed from its first frame. Commands come from a schedule that ``seed`` fixes: the same for
     every policy. A failed command ends there; the robot is put back on the reference where the next one begins.

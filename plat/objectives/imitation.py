@@ -38,7 +38,7 @@ class LatentImitationLoss(LossModule):
     Returns ``loss_posterior``, ``loss_prior`` and ``loss_kl``, whose sum is the loss, and for the log ``kl``,
     ``posterior_error`` and ``prior_error`` (root mean square over the action).
 
-    Source: the stage-2 objective of PLAT (SPEC section 3).
+    Source: the stage-2 objective of PLAT.
 
     >>> from plat.envs import G1
     >>> from plat.modules import LatentPolicy

@@ -9,7 +9,7 @@ import torch
 from plat.envs import G1, ForwardKinematics, Robot
 from plat.errors import RobotError
 
-# armature (kg m^2) and effort limit (N m) of each joint, from the motors of SPEC section 7
+# armature (kg m^2) and effort limit (N m) of each joint, from the motors
 MOTORS = {
     ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow", "wrist_roll"): (0.003609725, 25),
     ("hip_pitch", "hip_yaw", "waist_yaw"): (0.01017752, 88),

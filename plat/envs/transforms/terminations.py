@@ -113,7 +113,7 @@ def off_track(state: TensorDictBase, reference: TensorDictBase, robot: Robot, li
 
 
 def off_pose(state: TensorDictBase, reference: TensorDictBase, robot: Robot, limits: TerminationLimits) -> Tensor:
-    """Mask ``[N]``: thresholds of the arrival window (SPEC section 6) against the time-aligned reference."""
+    """Mask ``[N]``: thresholds of the arrival window against the time-aligned reference."""
     anchor = robot.anchor_index
     turn = quat_angle(state["keypoint_quat_w"][:, anchor], reference["keypoint_quat_w"][:, anchor])
     return (
