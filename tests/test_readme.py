@@ -15,6 +15,8 @@ def test_example(example):
 
 
 def test_files_that_are_named_exist():
-    named = re.findall(r"`((?:plat|recipes|benchmarks|docs)/[\w/.]*)`|\]\(((?:docs|weights)/[^)#]+)", README.read_text())
+    named = re.findall(
+        r"`((?:plat|recipes|benchmarks|docs)/[\w/.]*)`|\]\(((?:docs|weights)/[^)#]+)", README.read_text()
+    )
     missing = [path for pair in named for path in pair if path and not (README.parent / path).exists()]
     assert not missing
