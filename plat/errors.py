@@ -1,6 +1,6 @@
 """Errors that say what was wrong, where, and what would be right."""
 
-__all__ = ["CheckpointError", "MotionError", "PlatError", "RobotError"]
+__all__ = ["CheckpointError", "KeyframeError", "MotionError", "PlatError", "RobotError"]
 
 
 class PlatError(ValueError):
@@ -9,6 +9,10 @@ class PlatError(ValueError):
 
 class MotionError(PlatError):
     """A motion file or clip that cannot be used as it is."""
+
+
+class KeyframeError(PlatError):
+    """A keyframe file or sequence that cannot be used as it is."""
 
 
 class RobotError(PlatError):

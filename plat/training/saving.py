@@ -2,9 +2,7 @@
 
 import dataclasses
 import json
-import os
-import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -17,6 +15,7 @@ from torch import nn
 
 from plat.envs.robot import G1, Robot
 from plat.errors import CheckpointError
+from plat.files import replace_file
 from plat.modules.expert import Expert, ExpertConfig
 from plat.modules.imitation import LatentPolicy, LatentPolicyConfig, PlainPolicy, PlainPolicyConfig
 from plat.modules.refinement import (
@@ -129,21 +128,14 @@ def read_json(path: Path) -> dict[str, Any]:
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write a JSON object; the file is replaced in one step or not at all."""
     text = json.dumps(content, indent=2) + "\n"
-    _replace(path, lambda part: Path(part).write_text(text))
+    _replace(path, lambda part: part.write_text(text))
 
 
-def _replace(path: Path, write: Any) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    descriptor, part = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-", suffix=".part")
-    os.close(descriptor)
+def _replace(path: Path, write: Callable[[Path], object]) -> None:
     try:
-        write(part)
-        os.chmod(part, 0o644)
-        os.replace(part, path)
+        replace_file(path, write)
     except (OSError, SafetensorError) as error:
         raise CheckpointError(f"{str(path)!r} could not be written ({error}); the file before it is intact") from error
-    finally:
-        Path(part).unlink(missing_ok=True)
 
 
 def _build(spec: Any, path: Path) -> Any:

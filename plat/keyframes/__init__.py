@@ -1,0 +1,21 @@
+"""Timed keyframes: what a robot is told to do, in memory and in JSON files.
+
+Needs numpy only. This interface is stable: :class:`Keyframe`, :class:`KeyframeSequence` (``load``, ``save``,
+``from_motion``, ``sample``, ``command``), :class:`Command`, :func:`interpolate`, :func:`standing` and
+:func:`split_long_intervals`. The file format is described in ``docs/keyframes.md``.
+"""
+
+from plat.keyframes.keyframe import Keyframe, RobotJoints, interpolate, standing
+from plat.keyframes.sequence import CONTROL_DT, MAX_STEPS, Command, KeyframeSequence, split_long_intervals
+
+__all__ = [
+    "CONTROL_DT",
+    "MAX_STEPS",
+    "Command",
+    "Keyframe",
+    "KeyframeSequence",
+    "RobotJoints",
+    "interpolate",
+    "split_long_intervals",
+    "standing",
+]

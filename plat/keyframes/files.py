@@ -1,0 +1,160 @@
+"""Keyframes as JSON."""
+
+import json
+import math
+from collections.abc import Collection, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plat.errors import KeyframeError
+from plat.files import replace_file
+from plat.keyframes.keyframe import Keyframe, RobotJoints
+
+__all__ = ["read_keyframes", "write_keyframes"]
+
+_FORMAT, _VERSION = "plat-keyframes", 1
+_POSE_FIELDS = ("root_pos", "root_quat", "joint_pos")
+# where w, x, y, z stand in a quaternion of each order
+_QUATERNION_ORDERS = {"wxyz": [0, 1, 2, 3], "xyzw": [3, 0, 1, 2]}
+
+
+def read_keyframes(path: Path, robot: RobotJoints) -> tuple[Keyframe | None, tuple[Keyframe, ...]]:
+    """Start (None where there is none) and keyframes of a file, joints in the robot's order.
+
+    Raises:
+        KeyframeError: naming file, keyframe and field, for what is not in the format, no pose of the robot, or of
+            another robot. Times that do not fit each other are found by :class:`plat.keyframes.KeyframeSequence`.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=_unique)
+    except FileNotFoundError:
+        raise KeyframeError(f"keyframe file {str(path)!r}: no such file") from None
+    except KeyframeError as error:
+        raise KeyframeError(f"keyframe file {str(path)!r}: {error}") from None
+    except (OSError, ValueError) as error:
+        raise KeyframeError(f"keyframe file {str(path)!r}: not a readable JSON file ({error})") from None
+    try:
+        return _parse(content, robot)
+    except KeyframeError as error:
+        raise KeyframeError(f"keyframe file {str(path)!r}: {error}") from None
+
+
+def write_keyframes(path: Path, robot: RobotJoints, start: Keyframe, keyframes: Sequence[Keyframe]) -> None:
+    """Write a file; it is replaced in one step or not at all.
+
+    Raises:
+        KeyframeError: when the disk does not take it.
+    """
+    content = {
+        "format": _FORMAT,
+        "version": _VERSION,
+        "robot": robot.name,
+        "quaternion_order": "wxyz",
+        "start": _entry(start, robot),
+        "keyframes": [{"time": keyframe.time, **_entry(keyframe, robot)} for keyframe in keyframes],
+    }
+    try:
+        replace_file(path, lambda part: part.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8"))
+    except OSError as error:
+        raise KeyframeError(f"keyframe file {str(path)!r} could not be written ({error})") from error
+
+
+def _parse(content: Any, robot: RobotJoints) -> tuple[Keyframe | None, tuple[Keyframe, ...]]:
+    if not isinstance(content, dict) or content.get("format") != _FORMAT:
+        raise KeyframeError(f"not a keyframe file, expected an object with 'format': {_FORMAT!r}")
+    if content.get("version") != _VERSION:
+        raise KeyframeError(f"version is {content.get('version')!r}, expected {_VERSION}")
+    required = ("format", "version", "robot", "quaternion_order", "keyframes")
+    _check_fields(content, required, ("start",))
+    if content["robot"] != robot.name:
+        raise KeyframeError(f"robot is {content['robot']!r}, expected {robot.name!r}")
+    order = content["quaternion_order"]
+    if not isinstance(order, str) or order not in _QUATERNION_ORDERS:
+        raise KeyframeError(f"quaternion_order is {order!r}, expected 'wxyz' or 'xyzw'")
+    if not isinstance(content["keyframes"], list):
+        raise KeyframeError("keyframes: expected a list")
+    start = _keyframe(content["start"], "start", _POSE_FIELDS, order, robot) if "start" in content else None
+    return start, tuple(
+        _keyframe(entry, f"keyframe {index}", ("time", *_POSE_FIELDS), order, robot)
+        for index, entry in enumerate(content["keyframes"])
+    )
+
+
+def _keyframe(entry: Any, label: str, required: Sequence[str], order: str, robot: RobotJoints) -> Keyframe:
+    """A keyframe of its JSON object; one without a time is at 0."""
+    if not isinstance(entry, dict):
+        raise KeyframeError(f"{label} is {entry!r}, expected an object")
+    name = entry.get("name")
+    if isinstance(name, str):
+        label += f" ({name!r})"
+    try:
+        _check_fields(entry, required, ("name",))
+        if not isinstance(name, (str, type(None))):
+            raise KeyframeError(f"name is {name!r}, expected a text")
+        return Keyframe(
+            _number(entry.get("time", 0.0), "time"),
+            _numbers(entry["root_pos"], "root_pos", 3, "xyz"),
+            _numbers(entry["root_quat"], "root_quat", 4, order)[_QUATERNION_ORDERS[order]],
+            _joints(entry["joint_pos"], robot),
+            name,
+        ).checked(robot)
+    except KeyframeError as error:
+        raise KeyframeError(f"{label}: {error}") from None
+
+
+def _joints(content: Any, robot: RobotJoints) -> np.ndarray:
+    """Joint angles in the robot's order."""
+    if not isinstance(content, dict):
+        raise KeyframeError("joint_pos: expected an object of joint names and angles")
+    unknown = [name for name in content if name not in robot.joint_names]
+    missing = [name for name in robot.joint_names if name not in content]
+    if unknown or missing:
+        raise KeyframeError(
+            f"joint_pos: unknown joints {unknown[:3]} and missing joints {missing[:3]} ({len(unknown)} unknown, "
+            f"{len(missing)} missing), expected the {len(robot.joint_names)} of {robot.name!r}"
+        )
+    return np.array([_number(content[name], f"joint_pos: {name!r}") for name in robot.joint_names])
+
+
+def _numbers(content: Any, field: str, size: int, letters: str) -> np.ndarray:
+    if not isinstance(content, list) or len(content) != size:
+        raise KeyframeError(f"{field} is {content!r}, expected a list of {size} numbers ({', '.join(letters)})")
+    return np.array([_number(value, f"{field}[{index}]") for index, value in enumerate(content)])
+
+
+def _number(content: Any, field: str) -> float:
+    # JSON has no NaN, but Python's reader lets it through; true and false are numbers to Python only
+    if isinstance(content, bool) or not isinstance(content, (int, float)) or not math.isfinite(content):
+        raise KeyframeError(f"{field} is {content!r}, expected a finite number")
+    return float(content)
+
+
+def _check_fields(entry: dict[str, Any], required: Collection[str], optional: Collection[str] = ()) -> None:
+    missing = [field for field in required if field not in entry]
+    if missing:
+        raise KeyframeError(f"{missing[0]} is missing")
+    unknown = [field for field in entry if field not in (*required, *optional)]
+    if unknown:
+        raise KeyframeError(f"unknown field {unknown[0]!r}, expected {', '.join((*required, *optional))}")
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Object of a JSON parser; of a name that comes twice Python would silently take the last."""
+    content = dict(pairs)
+    if len(content) != len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise KeyframeError(f"field {twice!r} comes twice in one object")
+    return content
+
+
+def _entry(keyframe: Keyframe, robot: RobotJoints) -> dict[str, Any]:
+    """JSON object of a keyframe without its time."""
+    return {
+        **({} if keyframe.name is None else {"name": keyframe.name}),
+        "root_pos": keyframe.root_pos.tolist(),
+        "root_quat": keyframe.root_quat.tolist(),
+        "joint_pos": dict(zip(robot.joint_names, keyframe.joint_pos.tolist(), strict=True)),
+    }

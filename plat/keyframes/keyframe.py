@@ -1,0 +1,153 @@
+"""One whole-body pose and the time to be there."""
+
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from plat.errors import KeyframeError
+
+__all__ = ["Keyframe", "RobotJoints", "interpolate", "standing"]
+
+# A quaternion this far from unit length is a wrong order or a wrong number, not rounding.
+_UNIT_TOLERANCE = 1e-2
+# What rounding may add to an angle at its limit (rad).
+_RANGE_TOLERANCE = 1e-3
+
+
+class RobotJoints(Protocol):
+    """What keyframes need to know of a robot; :class:`plat.envs.Robot` has it."""
+
+    @property
+    def name(self) -> str:
+        """What keyframe files call the robot."""
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The J joints in the order of every joint vector."""
+
+    @property
+    def joint_range(self) -> Any:
+        """Lower and upper limits ``[J, 2]`` (rad), an array or a tensor."""
+
+    @property
+    def default_qpos(self) -> np.ndarray:
+        """The default pose standing at the origin ``[7 + J]``: root position, quaternion ``wxyz``, joint angles."""
+
+
+@dataclass(frozen=True, eq=False)
+class Keyframe:
+    """A pose of the whole body and when to be in it.
+
+    Args:
+        time: seconds since the start of the sequence.
+        root_pos: position of the root ``[3]`` (m, world).
+        root_quat: its orientation ``[4]``, ``wxyz``, root to world.
+        joint_pos: joint angles ``[J]`` (rad, the robot's joint order).
+        name: what tables and messages call it.
+
+    >>> from plat.envs import G1
+    >>> Keyframe.from_qpos(0.5, G1.default_qpos, name="stand").root_pos
+    array([0.  , 0.  , 0.76])
+    """
+
+    time: float
+    root_pos: np.ndarray
+    root_quat: np.ndarray
+    joint_pos: np.ndarray
+    name: str | None = None
+
+    @classmethod
+    def from_qpos(cls, time: float, qpos: np.ndarray, name: str | None = None) -> "Keyframe":
+        """The keyframe of a MuJoCo position vector ``[7 + J]``; its values are copied."""
+        values = np.array(qpos, dtype=np.float64)
+        return cls(time, values[:3], values[3:7], values[7:], name)
+
+    @property
+    def qpos(self) -> np.ndarray:
+        """MuJoCo position vector ``[7 + J]``."""
+        return np.concatenate((self.root_pos, self.root_quat, self.joint_pos))
+
+    def at(self, time: float) -> "Keyframe":
+        """The same pose at another time."""
+        return replace(self, time=time)
+
+    def checked(self, robot: RobotJoints) -> "Keyframe":
+        """This keyframe in float64 with a quaternion of exactly unit length.
+
+        Raises:
+            KeyframeError: naming the field, for a wrong shape, a value that is not finite, a quaternion that is not of
+                unit length, or a joint angle outside the joint's range.
+        """
+        if not np.isfinite(self.time):
+            raise KeyframeError(f"time is {self.time}, expected a finite number of seconds")
+        root_pos = _vector("root_pos", self.root_pos, 3, "x, y, z")
+        root_quat = _vector("root_quat", self.root_quat, 4, "w, x, y, z")
+        joint_pos = _vector("joint_pos", self.joint_pos, len(robot.joint_names), "one angle a joint")
+        length = float(np.linalg.norm(root_quat))
+        if abs(length - 1) > _UNIT_TOLERANCE:
+            raise KeyframeError(f"root_quat has length {length:.4g}, expected 1")
+        limits = np.asarray(robot.joint_range, dtype=np.float64)
+        excess = np.maximum(limits[:, 0] - joint_pos, joint_pos - limits[:, 1])
+        worst = int(excess.argmax())
+        if excess[worst] > _RANGE_TOLERANCE:
+            low, high = limits[worst]
+            raise KeyframeError(
+                f"joint_pos: {robot.joint_names[worst]!r} is {joint_pos[worst]:.4g} rad, "
+                f"expected {low:.4g} to {high:.4g} (its range)"
+            )
+        return Keyframe(float(self.time), root_pos, root_quat / length, joint_pos, self.name)
+
+
+def standing(robot: RobotJoints) -> Keyframe:
+    """The robot's default pose at the origin, looking along x, at time 0."""
+    return Keyframe.from_qpos(0.0, robot.default_qpos)
+
+
+def interpolate(before: Keyframe, after: Keyframe, time: float) -> Keyframe:
+    """The pose between two keyframes: linear in root position and joint angles, along the shorter arc in orientation.
+
+    It is a line between poses and knows nothing of contacts: the feet of two strides of a walk slide in between.
+
+    Args:
+        before, after: keyframes of different times.
+        time: seconds, from ``before.time`` to ``after.time``.
+
+    >>> from plat.envs import G1
+    >>> low = standing(G1)
+    >>> high = Keyframe(1.0, low.root_pos + [0, 0, 0.1], low.root_quat, low.joint_pos)
+    >>> interpolate(low, high, 0.25).root_pos
+    array([0.   , 0.   , 0.785])
+    """
+    weight = (time - before.time) / (after.time - before.time)
+    return Keyframe(
+        time,
+        before.root_pos + weight * (after.root_pos - before.root_pos),
+        _slerp(before.root_quat, after.root_quat, weight),
+        before.joint_pos + weight * (after.joint_pos - before.joint_pos),
+    )
+
+
+def _vector(field: str, value: np.ndarray, size: int, content: str) -> np.ndarray:
+    try:
+        vector = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise KeyframeError(f"{field} is {value!r}, expected {size} numbers ({content})") from None
+    if vector.shape != (size,):
+        raise KeyframeError(f"{field} has shape {vector.shape}, expected ({size},) ({content})")
+    if not np.isfinite(vector).all():
+        index = int(np.flatnonzero(~np.isfinite(vector))[0])
+        raise KeyframeError(f"{field}[{index}] is {vector[index]}, expected a finite number")
+    return vector
+
+
+def _slerp(a: np.ndarray, b: np.ndarray, weight: float) -> np.ndarray:
+    """Point between unit quaternions ``[4]`` along the shorter arc."""
+    cosine = float(a @ b)
+    if cosine < 0:
+        b, cosine = -b, -cosine
+    angle = np.arccos(min(cosine, 1.0))
+    # sinc, so that the limit of equal quaternions needs no case of its own
+    ends = np.sinc(np.array([1 - weight, weight]) * angle / np.pi) * [1 - weight, weight]
+    blend = ends[0] * a + ends[1] * b
+    return blend / np.linalg.norm(blend)

@@ -1,0 +1,245 @@
+"""Keyframes one after the other: which one is commanded when."""
+
+from __future__ import annotations  # the types of motions and robots bring torch with them
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from plat.errors import KeyframeError
+from plat.keyframes.files import read_keyframes, write_keyframes
+from plat.keyframes.keyframe import Keyframe, RobotJoints, interpolate, standing
+
+if TYPE_CHECKING:
+    from plat.envs.motions.clip import MotionClip
+    from plat.envs.robot import Robot
+
+__all__ = ["CONTROL_DT", "MAX_STEPS", "Command", "KeyframeSequence", "split_long_intervals"]
+
+CONTROL_DT = 0.02
+"""Seconds of a control step."""
+MAX_STEPS = 50
+"""``Delta_max``: the longest command, in control steps."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """What is asked of the robot at a moment.
+
+    Args:
+        index: number of the keyframe in its sequence.
+        keyframe: where to be.
+        steps_left: control steps to the arrival, at least 1.
+        length: control steps of the command in all.
+    """
+
+    index: int
+    keyframe: Keyframe
+    steps_left: int
+    length: int
+
+
+@dataclass(frozen=True, eq=False)
+class KeyframeSequence:
+    """Keyframes for one robot, in the order of their times.
+
+    A keyframe is commanded from the arrival of the one before until its own. Arrivals are on control steps: time
+    ``t`` is step ``round(t / CONTROL_DT)``.
+
+    Args:
+        robot: whose keyframes they are.
+        start: the pose at time 0, for simulations to begin in; see :func:`standing`.
+        keyframes: at least one, times strictly increasing, at least a control step and at most ``MAX_STEPS`` control
+            steps after the one before (the first: after time 0); see :func:`split_long_intervals`.
+
+    Raises:
+        KeyframeError: naming keyframe and field.
+
+    >>> from plat.envs import G1
+    >>> pose = standing(G1)
+    >>> sequence = KeyframeSequence(G1, pose, (pose.at(0.5), pose.at(1.5)))
+    >>> command = sequence.command(0.6)
+    >>> command.index, command.steps_left, command.length
+    (1, 45, 50)
+    """
+
+    robot: RobotJoints
+    start: Keyframe
+    keyframes: tuple[Keyframe, ...]
+
+    def __post_init__(self) -> None:
+        if not self.keyframes:
+            raise KeyframeError("keyframes: none, expected at least one")
+        checked = [_checked(self.start, "start", self.robot)]
+        if checked[0].time != 0:
+            raise KeyframeError(f"start: time is {checked[0].time:g} s, expected 0")
+        for index, keyframe in enumerate(self.keyframes):
+            label = _label(index, keyframe)
+            checked.append(_checked(keyframe, label, self.robot))
+            _check_order(checked[-2], checked[-1], label)
+            _check_length(checked[-2], checked[-1], label)
+        # frozen: the checked copies take the place of what was given
+        object.__setattr__(self, "start", checked[0])
+        object.__setattr__(self, "keyframes", tuple(checked[1:]))
+
+    def __len__(self) -> int:
+        return len(self.keyframes)
+
+    @property
+    def duration(self) -> float:
+        """Seconds to the last arrival."""
+        return self.keyframes[-1].time
+
+    @property
+    def arrival_steps(self) -> tuple[int, ...]:
+        """Control step of each keyframe's arrival, counted from time 0."""
+        return tuple(_step(keyframe.time) for keyframe in self.keyframes)
+
+    def command(self, time: float) -> Command | None:
+        """The command at a time (s), rounded to a control step; None once the last keyframe's arrival has come."""
+        step, arrivals = max(_step(time), 0), (0, *self.arrival_steps)
+        index = bisect_right(arrivals, step) - 1
+        if index == len(self):
+            return None
+        arrival = arrivals[index + 1]
+        return Command(index, self.keyframes[index], arrival - step, arrival - arrivals[index])
+
+    def sample(self, time: float) -> Keyframe:
+        """The pose at a time (s), see :func:`interpolate`; the first and last pose go on for ever at both ends."""
+        poses = (self.start, *self.keyframes)
+        after = bisect_right([pose.time for pose in poses], time)
+        if after in (0, len(poses)):
+            return poses[min(after, len(poses) - 1)].at(time)
+        return interpolate(poses[after - 1], poses[after], time)
+
+    def save(self, path: str | Path) -> None:
+        """Write the JSON file; it is replaced in one step or not at all.
+
+        Raises:
+            KeyframeError: when the disk does not take it.
+        """
+        write_keyframes(Path(path), self.robot, self.start, self.keyframes)
+
+    @classmethod
+    def load(cls, path: str | Path, robot: RobotJoints, *, split: bool = False) -> KeyframeSequence:
+        """Read a JSON file.
+
+        Args:
+            path: the file; its format is described in ``docs/keyframes.md``.
+            robot: whose keyframes are expected.
+            split: split intervals that are too long by :func:`split_long_intervals`; by default they are refused.
+
+        Raises:
+            KeyframeError: naming file, keyframe and field.
+        """
+        start, keyframes = read_keyframes(Path(path), robot)
+        try:
+            start = start or standing(robot)
+            return cls(robot, start, split_long_intervals(start, keyframes) if split else keyframes)
+        except KeyframeError as error:
+            raise KeyframeError(f"keyframe file {str(path)!r}: {error}") from None
+
+    @classmethod
+    def from_motion(
+        cls,
+        motion: MotionClip,
+        times: Sequence[float],
+        robot: Robot,
+        *,
+        begin: float = 0.0,
+        names: Sequence[str | None] | None = None,
+    ) -> KeyframeSequence:
+        """Keyframes out of a motion clip, in the clip's world frame.
+
+        Args:
+            motion: the clip.
+            times: seconds in the clip, strictly increasing, after ``begin``.
+            robot: whose motion it is.
+            begin: second of the clip that is time 0 of the sequence; its pose is the start.
+            names: of the keyframes.
+
+        Raises:
+            MotionError: when the clip is broken.
+            KeyframeError: naming keyframe and field; also for a time outside the clip.
+
+        >>> from plat.envs import G1
+        >>> from plat.envs.motions.generation import generate_named
+        >>> clip = generate_named("generated:val/wave@4")[0]
+        >>> len(KeyframeSequence.from_motion(clip, [0.5, 1.0, 2.0], G1))
+        3
+        """
+        clip = motion.checked(robot)
+
+        def pose(time: float, name: str | None) -> Keyframe:
+            # the small margin is for times that are the clip's end up to rounding
+            if not 0 <= time <= clip.duration + 1e-6:
+                raise KeyframeError(f"motion {clip.name!r}: no time {time:g} s, expected 0 to {clip.duration:g} s")
+            before = min(int(time * clip.fps), len(clip.qpos) - 2)
+            first, second = (Keyframe.from_qpos(row / clip.fps, clip.qpos[row]) for row in (before, before + 1))
+            return Keyframe.from_qpos(time - begin, interpolate(first, second, time).qpos, name)
+
+        given = [None] * len(times) if names is None else names
+        keyframes = tuple(pose(time, name) for time, name in zip(times, given, strict=True))
+        return cls(robot, pose(begin, None), keyframes)
+
+
+def split_long_intervals(start: Keyframe, keyframes: Sequence[Keyframe]) -> tuple[Keyframe, ...]:
+    """The same keyframes with others between those that are more than ``MAX_STEPS`` control steps apart.
+
+    Such an interval is split into as few equal parts (to a control step) as will do, at poses of
+    :func:`interpolate`. A keyframe that is added is called after the one that it leads to: ``wave 1/3``, ``wave 2/3``.
+
+    Raises:
+        KeyframeError: for times that do not increase.
+
+    >>> from plat.envs import G1
+    >>> pose = standing(G1)
+    >>> [keyframe.time for keyframe in split_long_intervals(pose, [pose.at(1.0), pose.at(3.5)])]
+    [1.0, 1.82, 2.66, 3.5]
+    """
+    result: list[Keyframe] = []
+    before = start
+    for index, keyframe in enumerate(keyframes):
+        _check_order(before, keyframe, _label(index, keyframe))
+        first, steps = _step(before.time), _step(keyframe.time) - _step(before.time)
+        parts = -(-steps // MAX_STEPS)
+        for part in range(1, parts):
+            time = round((first + part * steps // parts) * CONTROL_DT, 6)
+            name = keyframe.name and f"{keyframe.name} {part}/{parts}"
+            result.append(replace(interpolate(before, keyframe, time), name=name))
+        result.append(keyframe)
+        before = keyframe
+    return tuple(result)
+
+
+def _step(time: float) -> int:
+    return round(time / CONTROL_DT)
+
+
+def _label(index: int, keyframe: Keyframe) -> str:
+    return f"keyframe {index}" + (f" ({keyframe.name!r})" if keyframe.name else "")
+
+
+def _checked(keyframe: Keyframe, label: str, robot: RobotJoints) -> Keyframe:
+    try:
+        return keyframe.checked(robot)
+    except KeyframeError as error:
+        raise KeyframeError(f"{label}: {error}") from None
+
+
+def _check_order(before: Keyframe, keyframe: Keyframe, label: str) -> None:
+    if _step(keyframe.time) <= _step(before.time):
+        raise KeyframeError(
+            f"{label}: time is {keyframe.time:g} s, expected at least {CONTROL_DT} s after {before.time:g} s"
+        )
+
+
+def _check_length(before: Keyframe, keyframe: Keyframe, label: str) -> None:
+    steps = _step(keyframe.time) - _step(before.time)
+    if steps > MAX_STEPS:
+        raise KeyframeError(
+            f"{label}: time is {keyframe.time:g} s, {steps} control steps after {before.time:g} s, expected at most "
+            f"{MAX_STEPS} ({MAX_STEPS * CONTROL_DT:g} s): add a keyframe in between, or have the interval split"
+        )

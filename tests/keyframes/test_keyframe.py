@@ -1,0 +1,65 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from plat.envs import G1
+from plat.errors import KeyframeError
+from plat.keyframes import Keyframe, interpolate, standing
+from plat.rotations import quat_slerp
+
+
+def test_qpos_goes_there_and_back():
+    qpos = np.random.default_rng(0).normal(size=36)
+    keyframe = Keyframe.from_qpos(0.3, qpos, "any")
+    assert np.array_equal(keyframe.qpos, qpos)
+    qpos[:] = 0
+    assert keyframe.qpos.any()
+
+
+def test_interpolation_is_linear_and_takes_the_shorter_arc():
+    rng = np.random.default_rng(1)
+    for _ in range(50):
+        quats = rng.normal(size=(2, 4))
+        quats /= np.linalg.norm(quats, axis=1, keepdims=True)
+        before = Keyframe(1.0, rng.normal(size=3), quats[0], rng.normal(size=29))
+        after = Keyframe(3.0, rng.normal(size=3), quats[1], rng.normal(size=29))
+        weight = rng.uniform()
+        middle = interpolate(before, after, 1.0 + 2.0 * weight)
+        expected = quat_slerp(*torch.from_numpy(quats), torch.tensor(weight, dtype=torch.float64)).numpy()
+        # q and -q are one rotation
+        assert abs(middle.root_quat @ expected) == pytest.approx(1, abs=1e-12)
+        np.testing.assert_allclose(middle.joint_pos, before.joint_pos * (1 - weight) + after.joint_pos * weight)
+        np.testing.assert_allclose(middle.root_pos, before.root_pos * (1 - weight) + after.root_pos * weight)
+
+
+def test_equal_and_opposite_quaternions_interpolate_to_unit_length():
+    pose = standing(G1)
+    same = interpolate(pose, pose.at(1.0), 0.4)
+    np.testing.assert_allclose(same.root_quat, pose.root_quat, atol=1e-15)
+    turned = replace(pose.at(1.0), root_quat=np.array([0.0, 0.0, 0.0, 1.0]))
+    half = interpolate(pose, turned, 0.5).root_quat
+    np.testing.assert_allclose(half, [0.5**0.5, 0, 0, 0.5**0.5], atol=1e-12)
+
+
+def test_checked_makes_the_quaternion_exactly_unit():
+    pose = replace(standing(G1), root_quat=np.array([1.005, 0.0, 0.0, 0.0]))
+    assert np.linalg.norm(pose.checked(G1).root_quat) == 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"root_pos": np.zeros(2)}, r"root_pos has shape \(2,\), expected \(3,\)"),
+        ({"root_pos": np.array([0, np.nan, 0])}, r"root_pos\[1\] is nan"),
+        ({"root_pos": "abc"}, "root_pos is 'abc', expected 3 numbers"),
+        ({"root_quat": np.array([2.0, 0, 0, 0])}, "root_quat has length 2, expected 1"),
+        ({"joint_pos": np.zeros(12)}, r"joint_pos has shape \(12,\), expected \(29,\)"),
+        ({"joint_pos": np.full(29, 3.0)}, "joint_pos: 'left_ankle_roll' is 3 rad, expected -0.2618 to 0.2618"),
+        ({"time": np.inf}, "time is inf"),
+    ],
+)
+def test_what_is_wrong_is_named(changes, message):
+    with pytest.raises(KeyframeError, match=message):
+        replace(standing(G1), **changes).checked(G1)
