@@ -1,6 +1,14 @@
 """Errors that say what was wrong, where, and what would be right."""
 
-__all__ = ["CheckpointError", "KeyframeError", "MotionError", "PlatError", "RobotError"]
+__all__ = [
+    "BundleError",
+    "CheckpointError",
+    "KeyframeError",
+    "MotionError",
+    "PlatError",
+    "RobotError",
+    "StateError",
+]
 
 
 class PlatError(ValueError):
@@ -21,3 +29,11 @@ class RobotError(PlatError):
 
 class CheckpointError(PlatError):
     """A run directory or checkpoint that cannot be read or does not fit."""
+
+
+class BundleError(PlatError):
+    """An exported policy that cannot be made, read, or used with this robot."""
+
+
+class StateError(PlatError):
+    """A robot state or pose that no policy can act on."""

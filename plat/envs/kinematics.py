@@ -41,9 +41,10 @@ class ForwardKinematics:
                 needed.add(body)
                 body = int(model.body_parentid[body])
         # MuJoCo numbers parents before children; body 1 is the root; joint 0 is the free joint
-        self._chain = [
-            (body, int(model.body_parentid[body]), int(model.body_jntadr[body]) - 1) for body in sorted(needed)
+        self.chain = [
+            (body, int(model.body_parentid[body]), max(int(model.body_jntadr[body]) - 1, -1)) for body in sorted(needed)
         ]
+        """Bodies between the root and the wanted ones: MuJoCo's ids of body and parent, and the joint's index or -1."""
         self._body_pos = torch.from_numpy(model.body_pos).float()
         self._body_quat = torch.from_numpy(model.body_quat).float()
         self._axis = torch.from_numpy(model.jnt_axis[1:]).float()
@@ -64,7 +65,7 @@ class ForwardKinematics:
         joint_quat = torch.cat((half.cos(), half.sin() * axis), -1)  # (*B, J, 4)
         pos_w = {1: root_pos_w}
         quat_w = {1: root_quat_w}
-        for body, parent, joint in self._chain:
+        for body, parent, joint in self.chain:
             pos_w[body] = pos_w[parent] + quat_rotate(quat_w[parent], body_pos[body])
             local = body_quat[body]
             if joint >= 0:

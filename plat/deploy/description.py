@@ -1,0 +1,67 @@
+"""What a program needs to know of a robot in order to run a policy on it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Body", "RobotDescription"]
+
+
+@dataclass(frozen=True)
+class Body:
+    """A link of the kinematic tree and the hinge that moves it.
+
+    Args:
+        name: of the link.
+        parent: index of its parent in :attr:`RobotDescription.bodies`; -1 for the root.
+        joint: index of its joint in every joint vector; -1 where it has none.
+        axis: of the joint, in the link's frame, a unit vector. The joint passes through the link's origin.
+        pos: the link's origin in its parent's frame (m).
+        quat: the link's orientation in its parent's frame at joint angle 0, ``wxyz``.
+    """
+
+    name: str
+    parent: int
+    joint: int
+    axis: tuple[float, float, float]
+    pos: tuple[float, float, float]
+    quat: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class RobotDescription:
+    """A position-controlled humanoid as its policy knows it.
+
+    Args:
+        name: of the robot.
+        joint_names: in the order of every joint vector (J of them).
+        root_height: height of the root above the floor in the default pose (m).
+        default_joint_pos: angles that an action of 0 asks for ``[J]`` (rad).
+        joint_range: lower and upper joint limits ``[J, 2]`` (rad).
+        stiffness: proportional gains kp ``[J]`` (N m/rad).
+        damping: derivative gains kd ``[J]`` (N m s/rad).
+        effort_limit: largest joint torque ``[J]`` (N m).
+        action_scale: joint angle per unit of action ``[J]`` (rad).
+        control_dt: seconds from one action to the next.
+        keypoints: bodies whose positions a keyframe commands (K of them).
+        bodies: the kinematic tree down to the keypoints, the root first and parents before children.
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    root_height: float
+    default_joint_pos: NDArray[np.float64]
+    joint_range: NDArray[np.float64]
+    stiffness: NDArray[np.float64]
+    damping: NDArray[np.float64]
+    effort_limit: NDArray[np.float64]
+    action_scale: NDArray[np.float64]
+    control_dt: float
+    keypoints: tuple[str, ...]
+    bodies: tuple[Body, ...]
+
+    @property
+    def default_qpos(self) -> NDArray[np.float64]:
+        """The default pose standing at the origin ``[7 + J]``: root position, quaternion ``wxyz``, joint angles."""
+        return np.concatenate(([0.0, 0.0, self.root_height, 1.0, 0.0, 0.0, 0.0], self.default_joint_pos))

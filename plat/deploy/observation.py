@@ -1,0 +1,181 @@
+"""What a policy sees: a robot's state, its next keyframe and the time to it, as one vector."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plat.deploy.description import RobotDescription
+from plat.deploy.kinematics import KeypointKinematics, rotation_matrix
+from plat.deploy.state import Array, Pose, RobotState
+from plat.errors import StateError
+
+__all__ = ["ObservationBuilder", "Term", "observation_terms"]
+
+# What a float32 estimator may be off by; more is another order of numbers, or no orientation at all.
+_UNIT_TOLERANCE = 1e-2
+
+
+@dataclass(frozen=True)
+class Term:
+    """Features of an observation that belong together.
+
+    Args:
+        name: of the term.
+        start: its first feature.
+        stop: one past its last feature.
+        unit: of its values.
+        frame: that its values are in, or what they are relative to.
+    """
+
+    name: str
+    start: int
+    stop: int
+    unit: str
+    frame: str
+
+
+def observation_terms(num_joints: int, num_keypoints: int) -> tuple[Term, ...]:
+    """The terms of a policy's observation, in order: the robot's state, the goal, the normalised horizon.
+
+    >>> terms = observation_terms(num_joints=29, num_keypoints=14)
+    >>> terms[0]
+    Term(name='robot.joint_pos', start=0, stop=29, unit='rad', frame='relative to the default pose')
+    >>> terms[-1].name, terms[-1].stop
+    ('command.horizon', 177)
+    """
+    target = "from the robot's root to the target's, in the robot's root frame"
+    widths = (
+        ("robot.joint_pos", num_joints, "rad", "relative to the default pose"),
+        ("robot.joint_vel", num_joints, "rad/s", "joint"),
+        ("robot.root_ang_vel_b", 3, "rad/s", "root frame"),
+        ("robot.root_lin_vel_b", 3, "m/s", "root frame"),
+        ("robot.gravity_b", 3, "1", "direction of gravity, a unit vector, in the root frame"),
+        ("robot.last_action", num_joints, "action", "(joint position target - default pose) / action scale"),
+        ("goal.joint_pos", num_joints, "rad", "absolute joint angles of the target"),
+        ("goal.root_pos_b", 3, "m", target),
+        ("goal.root_rot6d_b", 6, "1", "first two columns of the matrix that turns target root into robot root frame"),
+        ("goal.keypoint_pos_b", 3 * num_keypoints, "m", "from the robot's root to the target's keypoints, root frame"),
+        ("command.horizon", 1, "1", "tau"),
+    )
+    terms, start = [], 0
+    for name, width, unit, frame in widths:
+        terms.append(Term(name, start, start + width, unit, frame))
+        start += width
+    return tuple(terms)
+
+
+class ObservationBuilder:
+    """Makes the observation of a policy that chases timed keyframes.
+
+    The keypoints of a keyframe are worked out when it first comes, and again only when one with other values does.
+
+    Args:
+        robot: the robot.
+        max_steps: ``Delta_max``, the longest command in control steps.
+
+    >>> from types import SimpleNamespace
+    >>> from plat.envs import G1
+    >>> from plat.export import describe_robot
+    >>> robot = describe_robot(G1, control_dt=0.02)
+    >>> state = RobotState(
+    ...     joint_pos=robot.default_joint_pos, joint_vel=np.zeros(29), root_pos_w=np.array([0, 0, 0.76]),
+    ...     root_quat_w=np.array([1.0, 0, 0, 0]), root_lin_vel_b=np.zeros(3), root_ang_vel_b=np.zeros(3))
+    >>> keyframe = SimpleNamespace(
+    ...     root_pos=np.array([0.5, 0, 0.76]), root_quat=state.root_quat_w, joint_pos=state.joint_pos)
+    >>> observation = ObservationBuilder(robot, max_steps=50)(state, keyframe, 25, np.zeros(29))
+    >>> observation.shape, float(observation[-1])
+    ((177,), 0.5)
+    """
+
+    def __init__(self, robot: RobotDescription, max_steps: int):
+        joints, keypoints = len(robot.joint_names), len(robot.keypoints)
+        self._kinematics = KeypointKinematics(robot)
+        self._default_joint_pos = robot.default_joint_pos
+        self._max_steps = max_steps
+        self._state_widths = {
+            "joint_pos": joints,
+            "joint_vel": joints,
+            "root_pos_w": 3,
+            "root_quat_w": 4,
+            "root_lin_vel_b": 3,
+            "root_ang_vel_b": 3,
+        }
+        self._pose_widths = {"root_pos": 3, "root_quat": 4, "joint_pos": joints}
+        self._target = np.full(3 + 4 + joints, np.nan)
+        self._target_keypoints_w = np.empty((keypoints, 3))
+        self._target_to_world = np.empty((3, 3))
+        self.terms = observation_terms(joints, keypoints)
+        """What lies where in an observation."""
+        self.size = self.terms[-1].stop
+        """Number of features F."""
+        self._values = np.empty(self.size)
+        self._part = {term.name: self._values[term.start : term.stop] for term in self.terms}
+
+    def __call__(self, state: RobotState, keyframe: Pose, steps_left: float, last_action: Array) -> NDArray[np.float32]:
+        """Observation ``[F]``.
+
+        Args:
+            state: of the robot.
+            keyframe: pose to be in when no step is left.
+            steps_left: control steps until then.
+            last_action: action of the step before ``[J]``, or zeros.
+
+        Raises:
+            StateError: naming the field of state or keyframe that is of another size, not finite, or no unit
+                quaternion.
+        """
+        _check_shapes("robot state", state, self._state_widths)
+        _check_shapes("keyframe", keyframe, self._pose_widths)
+        self._set_target(keyframe)
+        root_to_world = _unit_rotation("robot state: root_quat_w", state.root_quat_w)
+        # a row vector times the matrix is the inverse rotation: from the world into the root frame
+        keypoint_pos_b = (self._target_keypoints_w - state.root_pos_w) @ root_to_world
+        part = self._part
+        np.subtract(state.joint_pos, self._default_joint_pos, out=part["robot.joint_pos"])
+        part["robot.joint_vel"][:] = state.joint_vel
+        part["robot.root_ang_vel_b"][:] = state.root_ang_vel_b
+        part["robot.root_lin_vel_b"][:] = state.root_lin_vel_b
+        np.negative(root_to_world[2], out=part["robot.gravity_b"])
+        part["robot.last_action"][:] = last_action
+        part["goal.joint_pos"][:] = self._target[7:]
+        part["goal.root_pos_b"][:] = keypoint_pos_b[0]
+        part["goal.root_rot6d_b"][:] = (root_to_world.T @ self._target_to_world)[:, :2].T.ravel()
+        part["goal.keypoint_pos_b"][:] = keypoint_pos_b.ravel()
+        part["command.horizon"][0] = steps_left / self._max_steps
+        if not np.isfinite(self._values).all():
+            _check_finite("robot state", state, self._state_widths)
+            raise StateError("observation: last_action or steps_left is not finite, expected finite numbers")
+        return self._values.astype(np.float32)
+
+    def _set_target(self, keyframe: Pose) -> None:
+        target = np.concatenate((keyframe.root_pos, keyframe.root_quat, keyframe.joint_pos))
+        if np.array_equal(target, self._target):
+            return
+        _check_finite("keyframe", keyframe, self._pose_widths)
+        self._target_to_world = _unit_rotation("keyframe: root_quat", keyframe.root_quat)
+        self._target_keypoints_w = self._kinematics(target[:3], target[3:7], target[7:])
+        self._target = target
+
+
+def _check_shapes(what: str, source: RobotState | Pose, widths: dict[str, int]) -> None:
+    for name, width in widths.items():
+        shape = np.shape(getattr(source, name))
+        if shape != (width,):
+            raise StateError(f"{what}: {name} has shape {shape}, expected ({width},)")
+
+
+def _check_finite(what: str, source: RobotState | Pose, widths: dict[str, int]) -> None:
+    for name in widths:
+        wrong = np.flatnonzero(~np.isfinite(getattr(source, name)))
+        if len(wrong):
+            value = getattr(source, name)[wrong[0]]
+            raise StateError(f"{what}: {name}[{wrong[0]}] is {value}, expected a finite number")
+
+
+def _unit_rotation(what: str, quat: Array) -> NDArray[np.float64]:
+    length = math.hypot(*quat)
+    if abs(length - 1.0) > _UNIT_TOLERANCE:
+        raise StateError(f"{what} has length {length:.6g}, expected a unit quaternion wxyz")
+    return rotation_matrix(quat)

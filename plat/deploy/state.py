@@ -1,0 +1,45 @@
+"""What a robot measures, and the pose that it is told to be in."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Array", "Pose", "RobotState"]
+
+Array = NDArray[np.floating]
+
+
+@dataclass
+class RobotState:
+    """A robot at one moment. Joints are in the order of ``RobotDescription.joint_names``."""
+
+    joint_pos: Array
+    """joint angles ``[J]`` (rad)"""
+    joint_vel: Array
+    """joint velocities ``[J]`` (rad/s)"""
+    root_pos_w: Array
+    """position of the root body's origin ``[3]`` (m, world)"""
+    root_quat_w: Array
+    """its orientation ``[4]``: unit quaternion ``wxyz``, root to world"""
+    root_lin_vel_b: Array
+    """velocity of the root body's origin ``[3]`` (m/s, root frame)"""
+    root_ang_vel_b: Array
+    """angular velocity of the root ``[3]`` (rad/s, root frame): what a gyroscope at the root reads"""
+
+
+class Pose(Protocol):
+    """A whole-body pose in the world; a :class:`plat.keyframes.Keyframe` is one."""
+
+    @property
+    def root_pos(self) -> Array:
+        """Position of the root body's origin ``[3]`` (m, world)."""
+
+    @property
+    def root_quat(self) -> Array:
+        """Its orientation ``[4]``: unit quaternion ``wxyz``, root to world."""
+
+    @property
+    def joint_pos(self) -> Array:
+        """Joint angles ``[J]`` (rad)."""

@@ -1,0 +1,44 @@
+import mujoco
+import numpy as np
+import pytest
+import torch
+
+from plat.deploy import KeypointKinematics
+from plat.deploy.kinematics import rotation_matrix
+from plat.envs import G1, ForwardKinematics
+from plat.rotations import quat_to_matrix
+from tests.deploy.robots import describe_g1, random_qpos
+
+
+def test_keypoints_are_where_mujoco_puts_them():
+    model, kinematics = G1.model(), KeypointKinematics(describe_g1())
+    data = mujoco.MjData(model)
+    for qpos in random_qpos(20):
+        data.qpos[:] = qpos
+        mujoco.mj_kinematics(model, data)
+        expected = np.array([data.body(name).xpos for name in G1.keypoints])
+        np.testing.assert_allclose(kinematics(qpos[:3], qpos[3:7], qpos[7:]), expected, atol=1e-12)
+
+
+def test_agrees_with_the_kinematics_of_training():
+    qpos = random_qpos(20)
+    pos_w, _ = ForwardKinematics(G1)(*torch.from_numpy(qpos).float().split((3, 4, 29), -1))
+    kinematics = KeypointKinematics(describe_g1())
+    ours = np.array([kinematics(row[:3], row[3:7], row[7:]) for row in qpos])
+    np.testing.assert_allclose(ours, pos_w.numpy(), atol=2e-6)
+
+
+def test_results_are_not_overwritten_by_the_next_call():
+    kinematics = KeypointKinematics(describe_g1())
+    first, second = random_qpos(2)
+    before = kinematics(first[:3], first[3:7], first[7:])
+    kept = before.copy()
+    kinematics(second[:3], second[3:7], second[7:])
+    np.testing.assert_array_equal(before, kept)
+
+
+@pytest.mark.parametrize("length", [1.0, 1.3])
+def test_rotation_matrix_of_a_quaternion_of_any_length(length):
+    quat = random_qpos(1)[0, 3:7]
+    expected = quat_to_matrix(torch.from_numpy(quat)).numpy()
+    np.testing.assert_allclose(rotation_matrix(length * quat), expected, atol=1e-12)

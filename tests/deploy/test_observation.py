@@ -1,0 +1,91 @@
+import numpy as np
+import pytest
+import torch
+
+from plat.deploy import ObservationBuilder, RobotState, observation_terms
+from plat.envs import G1, make_keyframe_env
+from plat.envs.layout import entry_shapes
+from plat.envs.transforms.command import MAX_STEPS
+from plat.errors import StateError
+from plat.modules import STUDENT_KEYS
+from tests.deploy.robots import SomePose, describe_g1, random_qpos, state_at
+
+
+@pytest.fixture(scope="module")
+def build() -> ObservationBuilder:
+    return ObservationBuilder(describe_g1(), MAX_STEPS)
+
+
+def test_terms_are_what_students_are_trained_on():
+    terms = observation_terms(G1.num_joints, len(G1.keypoints))
+    assert [tuple(term.name.split(".")) for term in terms] == list(STUDENT_KEYS)
+    start = 0
+    for term, (group, name) in zip(terms, STUDENT_KEYS, strict=True):
+        assert (term.start, term.stop) == (start, start + entry_shapes(group, G1)[name][0])
+        start = term.stop
+
+
+def test_agrees_with_the_environment(build, library):
+    env = make_keyframe_env(library, num_envs=4)
+    rollout = env.rollout(
+        12, lambda tensordict: tensordict.set("action", torch.randn(4, 29)), break_when_any_done=False
+    )
+    for step in rollout.flatten():
+        pose = library.poses(step["command", "target_frame"])
+        target = torch.cat((pose["keypoint_pos"][0], pose["keypoint_quat"][0], pose["joint_pos"]))
+        robot, root = step["robot"], step["state"]
+        state = RobotState(
+            joint_pos=(robot["joint_pos"] + G1.default_joint_pos).numpy(),
+            joint_vel=robot["joint_vel"].numpy(),
+            root_pos_w=root["root_pos_w"].numpy(),
+            root_quat_w=root["root_quat_w"].numpy(),
+            root_lin_vel_b=robot["root_lin_vel_b"].numpy(),
+            root_ang_vel_b=robot["root_ang_vel_b"].numpy(),
+        )
+        ours = build(state, SomePose(target.numpy()), int(step["command", "steps_left"]), robot["last_action"].numpy())
+        expected = torch.cat([step[key] for key in STUDENT_KEYS])
+        np.testing.assert_allclose(ours, expected, atol=5e-6)
+
+
+def test_a_pose_that_is_changed_in_place_is_seen(build):
+    now, target = random_qpos(2)
+    state, pose = state_at(now), SomePose(target)
+    before = build(state, pose, 10, np.zeros(29))
+    pose.root_pos[2] += 0.1
+    after = build(state, pose, 10, np.zeros(29))
+    assert not np.allclose(before, after)
+    np.testing.assert_array_equal(after, ObservationBuilder(describe_g1(), MAX_STEPS)(state, pose, 10, np.zeros(29)))
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("joint_pos", np.zeros(28), r"robot state: joint_pos has shape \(28,\), expected \(29,\)"),
+        ("root_pos_w", np.array([0, np.nan, 0]), r"robot state: root_pos_w\[1\] is nan, expected a finite number"),
+        ("root_quat_w", np.full(4, np.nan), r"robot state: root_quat_w\[0\] is nan"),
+        ("root_quat_w", np.zeros(4), r"robot state: root_quat_w has length 0, expected a unit quaternion wxyz"),
+        ("joint_vel", np.full(29, np.inf), r"robot state: joint_vel\[0\] is inf"),
+    ],
+)
+def test_a_broken_state(build, field, value, message):
+    now, target = random_qpos(2)
+    state = state_at(now)
+    setattr(state, field, value)
+    with pytest.raises(StateError, match=message):
+        build(state, SomePose(target), 10, np.zeros(29))
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("joint_pos", np.zeros(30), r"keyframe: joint_pos has shape \(30,\), expected \(29,\)"),
+        ("root_pos", np.array([0, 0, np.nan]), r"keyframe: root_pos\[2\] is nan"),
+        ("root_quat", np.array([0.0, 0, 0, 2]), "keyframe: root_quat has length 2, expected a unit quaternion wxyz"),
+    ],
+)
+def test_a_broken_keyframe(build, field, value, message):
+    now, target = random_qpos(2)
+    pose = SomePose(target)
+    setattr(pose, field, value)
+    with pytest.raises(StateError, match=message):
+        build(state_at(now), pose, 10, np.zeros(29))
