@@ -3,6 +3,7 @@
 from plat.rendering.pictures import (
     RenderingError,
     Stage,
+    check_video,
     contact_sheet,
     film,
     stage_model,
@@ -17,6 +18,7 @@ __all__ = [
     "RenderingError",
     "Stage",
     "Viewer",
+    "check_video",
     "contact_sheet",
     "film",
     "play",

@@ -15,8 +15,10 @@ __all__ = [
     "RenderingError",
     "Stage",
     "add_ghost",
+    "check_video",
     "contact_sheet",
     "film",
+    "show_visible",
     "stage_model",
     "write_picture",
     "write_video",
@@ -124,21 +126,41 @@ def contact_sheet(stage: Stage, playbacks: Sequence[Playback], columns: int = 6)
     return np.concatenate(rows, 0)
 
 
+def check_video(path: str | Path) -> None:
+    """Find out before there is anything to write.
+
+    Raises:
+        RenderingError: when the extra ``plat-rl[video]`` is not installed, or the file is no ``.mp4``.
+    """
+    _imageio()
+    if Path(path).suffix != ".mp4":
+        raise RenderingError(f"video {str(path)!r}: expected a file name that ends in .mp4")
+
+
 def write_video(path: str | Path, pictures: Iterator[np.ndarray], fps: float = 25.0) -> None:
     """Write an MP4.
 
     Raises:
-        RenderingError: when the extra ``plat-rl[video]`` is not installed.
+        RenderingError: as :func:`check_video` does, and when the disk does not take it.
     """
+    check_video(path)
     imageio, path = _imageio(), Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with imageio.get_writer(path, fps=fps, codec="libx264", quality=7, macro_block_size=8) as writer:
-        for picture in pictures:
-            writer.append_data(picture)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with imageio.get_writer(path, fps=fps, codec="libx264", quality=7, macro_block_size=8) as writer:
+            for picture in pictures:
+                writer.append_data(picture)
+    except OSError as error:
+        reason = str(error).splitlines()[0]  # the encoder's whole command line follows
+        raise RenderingError(f"video {str(path)!r} could not be written ({reason})") from error
 
 
 def write_picture(path: str | Path, picture: np.ndarray) -> None:
-    """Write a PNG; raises as :func:`write_video` does."""
+    """Write a PNG.
+
+    Raises:
+        RenderingError: when the extra ``plat-rl[video]`` is not installed.
+    """
     imageio, path = _imageio(), Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     imageio.imwrite(path, picture)

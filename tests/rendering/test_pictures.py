@@ -1,3 +1,5 @@
+import sys
+
 import numpy as np
 import pytest
 import torch
@@ -5,7 +7,7 @@ import torch
 from plat.envs import G1, MotionLibrary
 from plat.envs.transforms import HORIZONS
 from plat.modules import Expert
-from plat.rendering import RenderingError, Stage, contact_sheet, film, play, write_picture, write_video
+from plat.rendering import RenderingError, Stage, check_video, contact_sheet, film, play, write_picture, write_video
 from tests.conftest import standing_clip
 
 
@@ -72,3 +74,18 @@ def test_no_opengl_is_said_in_one_line(monkeypatch):
     monkeypatch.setattr("plat.rendering.pictures.mujoco.Renderer", fail)
     with pytest.raises(RenderingError, match="no OpenGL .*apt install libegl1 libgl1-mesa-dri"):
         Stage(G1)
+
+
+def test_a_video_that_cannot_be_written_is_named(tmp_path):
+    with pytest.raises(RenderingError, match=r"video 'film.gif': expected a file name that ends in .mp4"):
+        write_video("film.gif", iter([]))
+    (tmp_path / "film.mp4").mkdir()
+    pictures = iter([np.zeros((64, 64, 3), np.uint8)] * 9)
+    with pytest.raises(RenderingError, match=r"film.mp4' could not be written \([^\n]*\)$"):
+        write_video(tmp_path / "film.mp4", pictures)
+
+
+def test_a_missing_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    with pytest.raises(RenderingError, match=r"pip install 'plat-rl\[video\]'"):
+        check_video("film.mp4")
