@@ -3,19 +3,17 @@
 python recipes/play.py --policy weights/plat --keyframes recipes/examples/bow.json --video bow.mp4
 """
 
-import os
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-# MuJoCo looks at this when it is imported; without a screen only EGL (or OSMesa) draws
-if sys.platform == "linux" and "DISPLAY" not in os.environ:
-    os.environ.setdefault("MUJOCO_GL", "egl")
-
 import numpy as np
 import torch
 import tyro
+
+import plat.headless  # noqa: F401
+
+# isort: split
 
 from plat.errors import KeyframeError
 from plat.keyframes import CONTROL_DT, KeyframeSequence

@@ -1,5 +1,6 @@
-"""Pictures, videos and a live view; needs OpenGL, and for files the extra ``plat-rl[video]``."""
+"""Pictures, videos and a live view (OpenGL; extra ``plat-rl[video]``), and figures (``plat-rl[figures]``)."""
 
+from plat.rendering.figures import pyplot
 from plat.rendering.pictures import (
     RenderingError,
     Stage,
@@ -7,6 +8,7 @@ from plat.rendering.pictures import (
     contact_sheet,
     film,
     stage_model,
+    stills,
     write_picture,
     write_video,
 )
@@ -22,8 +24,10 @@ __all__ = [
     "contact_sheet",
     "film",
     "play",
+    "pyplot",
     "record",
     "stage_model",
+    "stills",
     "write_picture",
     "write_video",
 ]

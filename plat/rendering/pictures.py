@@ -20,6 +20,7 @@ __all__ = [
     "film",
     "show_visible",
     "stage_model",
+    "stills",
     "write_picture",
     "write_video",
 ]
@@ -114,15 +115,34 @@ def film(stage: Stage, playback: Playback, fps: float = 25.0) -> Iterator[np.nda
         yield picture
 
 
+def stills(
+    stage: Stage, qpos: np.ndarray, count: int, ghost_qpos: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pictures from a motion, evenly spread over it, the robot in the middle of each.
+
+    Args:
+        stage: draws them.
+        qpos: the motion ``[T, 7 + J]``.
+        count: number of pictures N.
+        ghost_qpos: pose of the ghost in every frame ``[T, 7 + J]``.
+
+    Returns:
+        The frames that are shown ``[N]`` and the pictures ``[N, height, width, 3]``.
+    """
+    frames = np.linspace(0, len(qpos) - 1, count).round().astype(int)
+    pictures = []
+    for frame in frames:
+        stage.look_at(qpos[frame])
+        pictures.append(stage.draw(qpos[frame], None if ghost_qpos is None else ghost_qpos[frame]))
+    return frames, np.stack(pictures)
+
+
 def contact_sheet(stage: Stage, playbacks: Sequence[Playback], columns: int = 6) -> np.ndarray:
     """One row of pictures a playback, evenly spread over it: ``[rows * height, columns * width, 3]``."""
     rows = []
     for playback in playbacks:
-        pictures = []
-        for step in np.linspace(0, len(playback.qpos) - 1, columns).round().astype(int):
-            stage.look_at(playback.qpos[step])
-            pictures.append(stage.draw(playback.qpos[step], playback.target_qpos[step])[::2, ::2])
-        rows.append(np.concatenate(pictures, 1))
+        _, pictures = stills(stage, playback.qpos, columns, playback.target_qpos)
+        rows.append(np.concatenate(pictures[:, ::2, ::2], 1))
     return np.concatenate(rows, 0)
 
 

@@ -7,7 +7,17 @@ import torch
 from plat.envs import G1, MotionLibrary
 from plat.envs.transforms import HORIZONS
 from plat.modules import Expert
-from plat.rendering import RenderingError, Stage, check_video, contact_sheet, film, play, write_picture, write_video
+from plat.rendering import (
+    RenderingError,
+    Stage,
+    check_video,
+    contact_sheet,
+    film,
+    play,
+    stills,
+    write_picture,
+    write_video,
+)
 from tests.conftest import standing_clip
 
 
@@ -65,6 +75,16 @@ def test_film_and_sheet(stage, playback, tmp_path):
     write_video(tmp_path / "film.mp4", iter(pictures), fps=5)
     assert (tmp_path / "sheet.png").stat().st_size > 1000
     assert (tmp_path / "film.mp4").stat().st_size > 1000
+
+
+def test_stills_show_the_first_and_the_last_frame_and_some_between(stage, playback):
+    frames, pictures = stills(stage, playback.qpos, 3)
+    last = len(playback.qpos) - 1
+    assert frames.tolist() == [0, round(last / 2), last]
+    for frame, picture in zip(frames, pictures, strict=True):
+        stage.look_at(playback.qpos[frame])
+        np.testing.assert_array_equal(picture, stage.draw(playback.qpos[frame]))
+    assert (stills(stage, playback.qpos, 3, playback.target_qpos)[1] != pictures).any()
 
 
 def test_no_opengl_is_said_in_one_line(monkeypatch):
