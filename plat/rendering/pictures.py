@@ -9,6 +9,7 @@ import numpy as np
 
 from plat.envs.robot import Robot
 from plat.errors import PlatError
+from plat.files import replace_file
 from plat.rendering.playback import Playback
 
 __all__ = [
@@ -158,18 +159,21 @@ def check_video(path: str | Path) -> None:
 
 
 def write_video(path: str | Path, pictures: Iterator[np.ndarray], fps: float = 25.0) -> None:
-    """Write an MP4.
+    """Write an MP4; the file is replaced in one step or not at all.
 
     Raises:
         RenderingError: as :func:`check_video` does, and when the disk does not take it.
     """
     check_video(path)
-    imageio, path = _imageio(), Path(path)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with imageio.get_writer(path, fps=fps, codec="libx264", quality=7, macro_block_size=8) as writer:
+    imageio = _imageio()
+
+    def write(part: Path) -> None:
+        with imageio.get_writer(part, fps=fps, codec="libx264", quality=7, macro_block_size=8) as writer:
             for picture in pictures:
                 writer.append_data(picture)
+
+    try:
+        replace_file(Path(path), write)
     except OSError as error:
         reason = str(error).splitlines()[0]  # the encoder's whole command line follows
         raise RenderingError(f"video {str(path)!r} could not be written ({reason})") from error
