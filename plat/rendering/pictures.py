@@ -207,7 +207,7 @@ def _steps(playback: Playback, fps: float) -> Iterator[int]:
 def _bar(picture: np.ndarray, share: float, failed: bool) -> None:
     height, width = picture.shape[:2]
     top, bottom = height - height // 40, height - height // 120
-    picture[top:bottom] = (picture[top:bottom] * 0.6).astype(np.uint8)
+    picture[top:bottom] = (120, 40, 35) if failed else (picture[top:bottom] * 0.6).astype(np.uint8)
     picture[top:bottom, : round(share * width)] = (220, 70, 60) if failed else (40, 190, 130)
 
 

@@ -1,4 +1,5 @@
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -85,6 +86,22 @@ def test_stills_show_the_first_and_the_last_frame_and_some_between(stage, playba
         stage.look_at(playback.qpos[frame])
         np.testing.assert_array_equal(picture, stage.draw(playback.qpos[frame]))
     assert (stills(stage, playback.qpos, 3, playback.target_qpos)[1] != pictures).any()
+
+
+def test_the_bar_is_red_after_a_failure_though_no_time_is_left(stage, playback):
+    failed = np.zeros(5, bool)
+    failed[2] = True
+    empty = replace(
+        playback,
+        qpos=playback.qpos[:5],
+        target_qpos=playback.target_qpos[:5],
+        steps_left=np.zeros(5, int),
+        command_length=np.ones(5, int),
+        failed=failed,
+    )
+    colours = [picture[-2, 80].astype(int) for picture in film(stage, empty, fps=50)]
+    assert all(abs(red - green) < 30 for red, green, _ in colours[:2])
+    assert all(red > green + 50 for red, green, _ in colours[2:])
 
 
 def test_no_opengl_is_said_in_one_line(monkeypatch):
