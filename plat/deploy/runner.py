@@ -34,6 +34,8 @@ class JointCommand(NamedTuple):
 class PolicyRunner:
     """Runs the policy of a bundle on one robot. Call :meth:`reset` before the first step of every episode.
 
+    ``docs/deploy.md`` shows the control loop on a robot.
+
     Args:
         bundle: folder that ``recipes/export.py`` wrote, or the ``.onnx`` file alone.
         joint_names: the joints in the order of the caller's joint vectors; refused unless they are the policy's.

@@ -93,7 +93,8 @@ def test_a_controller_that_holds_the_reference_reaches_keyframes(library):
 
 
 def test_the_table(tmp_path, capsys):
-    pytest.importorskip("onnxscript")
+    for package in ("onnx", "onnxscript", "onnxruntime"):
+        pytest.importorskip(package)
     export_bundle(write_run(tmp_path / "run", small_policy("latent")), tmp_path / "bundle")
     pose = standing(G1)
     sequence = sim_to_sim.KeyframeSequence(G1, pose, (pose.at(0.1), pose.at(0.2)))
