@@ -17,12 +17,11 @@ from pathlib import Path
 import torch
 import tyro
 from torch import Tensor
-from torchrl.collectors import Collector
 
-from plat.collectors import ExpertLabels, dagger_buffer
+from plat.collectors import ExpertLabels, dagger_buffer, rollouts, simulation_threads
 from plat.envs import G1, BatchedPhysics, MotionLibrary, TaskConfig, make_keyframe_env, make_tracking_env
 from plat.modules import STUDENT_KEYS, Critic, Expert, LatentPolicy
-from plat.objectives import PPO, LatentImitationLoss
+from plat.objectives import PPO, LatentImitationLoss, autocast
 
 STEPS = 24
 
@@ -59,10 +58,11 @@ def bare_physics(library: MotionLibrary, count: int) -> Callable[[], None]:
         targets = [
             reference_targets(library, (frame + step).minimum(library.last_frame[frame])) for step in range(STEPS)
         ]
-        TIMER.start()
-        for target in targets:
-            physics.step(target, nstep=4)
-        TIMER.stop()
+        with simulation_threads(count):
+            TIMER.start()
+            for target in targets:
+                physics.step(target, nstep=4)
+            TIMER.stop()
 
     return measure
 
@@ -88,13 +88,14 @@ def environment(make: Callable, library: MotionLibrary, count: int) -> Callable[
     def measure() -> None:
         noise = [0.35 * torch.randn(count, 29) for _ in range(STEPS)]
         current = state[0]
-        TIMER.start()
-        for extra in noise:
-            frame = current["motion", "frame"]
-            target = library.poses((frame + 1).minimum(library.last_frame[frame]))["joint_pos"]
-            current["action"] = (target - G1.default_joint_pos) / G1.action_scale + extra
-            _, current = env.step_and_maybe_reset(current)
-        TIMER.stop()
+        with simulation_threads(count):
+            TIMER.start()
+            for extra in noise:
+                frame = current["motion", "frame"]
+                target = library.poses((frame + 1).minimum(library.last_frame[frame]))["joint_pos"]
+                current["action"] = (target - G1.default_joint_pos) / G1.action_scale + extra
+                _, current = env.step_and_maybe_reset(current)
+            TIMER.stop()
         state[0] = current
 
     return measure
@@ -106,20 +107,11 @@ def collection(library: MotionLibrary, count: int, learn: bool) -> Callable[[], 
     expert = Expert(G1)
     critic = Critic(G1, expert.normalizer.in_keys)
     ppo = PPO(expert.head(), critic.head(), critic.observe())
-    rollouts = iter(
-        Collector(
-            env,
-            expert.actor(),
-            frames_per_batch=count * STEPS,
-            track_traj_ids=False,
-            trust_policy=True,
-            auto_register_policy_transforms=False,
-        )
-    )
+    batches = rollouts(env, expert.actor(), STEPS)
 
     def measure() -> None:
         TIMER.start()
-        rollout = next(rollouts)
+        rollout = next(batches)
         if learn:
             ppo.step(rollout)
             expert.normalizer.update(rollout)
@@ -137,25 +129,17 @@ def distillation(library: MotionLibrary, count: int) -> Callable[[], None]:
     optimizer = torch.optim.Adam(student.parameters(), lr=1e-3, fused=True)
     buffer = dagger_buffer(library, 100_000, 2048, stride=5)
     task = TaskConfig(dense_weight=0, sparse_weight=0, regularisation_weight=0)
-    batches = iter(
-        Collector(
-            make_keyframe_env(library, count, task),
-            student.sampled(),
-            frames_per_batch=count * STEPS,
-            postproc=ExpertLabels(expert, STUDENT_KEYS),
-            track_traj_ids=False,
-            trust_policy=True,
-            auto_register_policy_transforms=False,
-        )
-    )
+    batches = rollouts(make_keyframe_env(library, count, task), student.sampled(), STEPS)
+    labelled = ExpertLabels(expert, STUDENT_KEYS)
 
     def measure() -> None:
         TIMER.start()
-        states = next(batches)
+        states = labelled(next(batches))
         buffer.extend(states)
         student.update_normalizers(states)
         for _ in range(count * STEPS // 1024):
-            losses = loss(buffer.sample())
+            with autocast("cpu", "auto"):
+                losses = loss(buffer.sample())
             optimizer.zero_grad()
             (losses["loss_posterior"] + losses["loss_prior"] + losses["loss_kl"]).backward()
             optimizer.step()

@@ -135,10 +135,7 @@ def make_model(robot: Robot, description: RobotDescription, physics: Physics) ->
     model.actuator_biasprm[:, 2] = -physics.gain * description.damping
     model.actuator_forcerange[:] = description.effort_limit[:, None] * (-1, 1)
     if physics.friction is not None:
-        for name in robot.feet:
-            body = model.body(name)
-            soles = slice(int(body.geomadr[0]), int(body.geomadr[0] + body.geomnum[0]))
-            model.geom_friction[soles, 0] = physics.friction
+        model.geom_friction[robot.sole_geoms(model), 0] = physics.friction
     return model
 
 

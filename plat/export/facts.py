@@ -5,10 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from plat.deploy.bundle import Bundle, PolicyFacts, Score, TrainingFacts
-from plat.envs.transforms import MAX_STEPS
 from plat.errors import BundleError
 from plat.export.robot import describe_robot
-from plat.keyframes import CONTROL_DT
+from plat.keyframes import CONTROL_DT, MAX_STEPS
 from plat.modules import PlainPolicy, ResidualActionPolicy, ResidualLatentPolicy
 from plat.training.saving import policy_spec, read_json
 

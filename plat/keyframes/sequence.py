@@ -16,12 +16,14 @@ if TYPE_CHECKING:
     from plat.envs.motions.clip import MotionClip
     from plat.envs.robot import Robot
 
-__all__ = ["CONTROL_DT", "MAX_STEPS", "Command", "KeyframeSequence", "split_long_intervals"]
+__all__ = ["CONTROL_DT", "MAX_STEPS", "WINDOW", "Command", "KeyframeSequence", "split_long_intervals"]
 
 CONTROL_DT = 0.02
 """Seconds of a control step."""
 MAX_STEPS = 50
 """``Delta_max``: the longest command, in control steps."""
+WINDOW = 3
+"""Control steps of an arrival window, the arrival step among them."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +174,9 @@ class KeyframeSequence:
         """
         poses = [Keyframe.from_motion(motion, time, robot) for time in times]
         labels = [None] * len(times) if names is None else names
-        keyframes = (replace(pose, time=pose.time - begin, name=name) for pose, name in zip(poses, labels, strict=True))
+        keyframes = (
+            replace(pose, time=round(pose.time - begin, 9), name=name) for pose, name in zip(poses, labels, strict=True)
+        )
         return cls(robot, Keyframe.from_motion(motion, begin, robot).at(0.0), tuple(keyframes))
 
 

@@ -11,7 +11,19 @@ from plat.envs.robot import Robot
 from plat.errors import PlatError
 from plat.rendering.playback import Playback
 
-__all__ = ["RenderingError", "Stage", "contact_sheet", "film", "write_picture", "write_video"]
+__all__ = [
+    "RenderingError",
+    "Stage",
+    "add_ghost",
+    "check_video",
+    "contact_sheet",
+    "film",
+    "show_visible",
+    "stage_model",
+    "stills",
+    "write_picture",
+    "write_video",
+]
 
 _GHOST = np.array([0.1, 0.75, 0.45, 0.35])
 _SKY_TOP, _SKY_BOTTOM = [0.55, 0.66, 0.78], [0.93, 0.95, 0.97]
@@ -35,7 +47,7 @@ class Stage:
     """
 
     def __init__(self, robot: Robot, width: int = 640, height: int = 480, distance: float = 2.1):
-        self._model = _decorated(robot, width, height)
+        self._model = stage_model(robot, width, height)
         self._data, self._ghost = mujoco.MjData(self._model), mujoco.MjData(self._model)
         try:
             self._renderer = mujoco.Renderer(self._model, height, width)
@@ -45,8 +57,7 @@ class Stage:
                 "libgl1-mesa-dri, then set MUJOCO_GL=egl"
             ) from error
         self._options = mujoco.MjvOption()
-        self._options.geomgroup[:] = 0
-        self._options.geomgroup[[0, 2]] = 1
+        show_visible(self._options)
         self._camera = mujoco.MjvCamera()
         self._camera.distance, self._camera.azimuth, self._camera.elevation = distance, 125.0, -10.0
         self._camera.lookat[2] = 0.68
@@ -59,21 +70,7 @@ class Stage:
         self._camera.lookat[:2] += 0.1 * (qpos[:2] - self._camera.lookat[:2])
         self._renderer.update_scene(self._data, self._camera, self._options)
         if ghost_qpos is not None:
-            scene = self._renderer.scene
-            before = scene.ngeom
-            self._ghost.qpos[:] = ghost_qpos
-            mujoco.mj_forward(self._model, self._ghost)
-            mujoco.mjv_addGeoms(
-                self._model,
-                self._ghost,
-                self._options,
-                mujoco.MjvPerturb(),
-                mujoco.mjtCatBit.mjCAT_DYNAMIC,
-                scene,
-            )
-            for geom in scene.geoms[before : scene.ngeom]:
-                geom.rgba[:] = _GHOST
-                geom.matid = -1
+            add_ghost(self._renderer.scene, self._model, self._ghost, self._options, ghost_qpos)
         return self._renderer.render()
 
     def look_at(self, position: np.ndarray) -> None:
@@ -83,6 +80,25 @@ class Stage:
     def close(self) -> None:
         """Give the OpenGL context back."""
         self._renderer.close()
+
+
+def show_visible(options: mujoco.MjvOption) -> None:
+    """Show the floor and what is made for the eye, not what is made for contact."""
+    options.geomgroup[:] = 0
+    options.geomgroup[[0, 2]] = 1
+
+
+def add_ghost(
+    scene: mujoco.MjvScene, model: mujoco.MjModel, data: mujoco.MjData, options: mujoco.MjvOption, qpos: np.ndarray
+) -> None:
+    """Add a robot in a pose ``[7 + J]`` to a scene, translucent; ``data`` is worked with."""
+    before = scene.ngeom
+    data.qpos[:] = qpos
+    mujoco.mj_kinematics(model, data)
+    mujoco.mjv_addGeoms(model, data, options, mujoco.MjvPerturb(), mujoco.mjtCatBit.mjCAT_DYNAMIC, scene)
+    for geom in scene.geoms[before : scene.ngeom]:
+        geom.rgba[:] = _GHOST
+        geom.matid = -1
 
 
 def film(stage: Stage, playback: Playback, fps: float = 25.0) -> Iterator[np.ndarray]:
@@ -99,33 +115,72 @@ def film(stage: Stage, playback: Playback, fps: float = 25.0) -> Iterator[np.nda
         yield picture
 
 
+def stills(
+    stage: Stage, qpos: np.ndarray, count: int, ghost_qpos: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pictures from a motion, evenly spread over it, the robot in the middle of each.
+
+    Args:
+        stage: draws them.
+        qpos: the motion ``[T, 7 + J]``.
+        count: number of pictures N.
+        ghost_qpos: pose of the ghost in every frame ``[T, 7 + J]``.
+
+    Returns:
+        The frames that are shown ``[N]`` and the pictures ``[N, height, width, 3]``.
+    """
+    frames = np.linspace(0, len(qpos) - 1, count).round().astype(int)
+    pictures = []
+    for frame in frames:
+        stage.look_at(qpos[frame])
+        pictures.append(stage.draw(qpos[frame], None if ghost_qpos is None else ghost_qpos[frame]))
+    return frames, np.stack(pictures)
+
+
 def contact_sheet(stage: Stage, playbacks: Sequence[Playback], columns: int = 6) -> np.ndarray:
     """One row of pictures a playback, evenly spread over it: ``[rows * height, columns * width, 3]``."""
     rows = []
     for playback in playbacks:
-        pictures = []
-        for step in np.linspace(0, len(playback.qpos) - 1, columns).round().astype(int):
-            stage.look_at(playback.qpos[step])
-            pictures.append(stage.draw(playback.qpos[step], playback.target_qpos[step])[::2, ::2])
-        rows.append(np.concatenate(pictures, 1))
+        _, pictures = stills(stage, playback.qpos, columns, playback.target_qpos)
+        rows.append(np.concatenate(pictures[:, ::2, ::2], 1))
     return np.concatenate(rows, 0)
+
+
+def check_video(path: str | Path) -> None:
+    """Find out before there is anything to write.
+
+    Raises:
+        RenderingError: when the extra ``plat-rl[video]`` is not installed, or the file is no ``.mp4``.
+    """
+    _imageio()
+    if Path(path).suffix != ".mp4":
+        raise RenderingError(f"video {str(path)!r}: expected a file name that ends in .mp4")
 
 
 def write_video(path: str | Path, pictures: Iterator[np.ndarray], fps: float = 25.0) -> None:
     """Write an MP4.
 
     Raises:
-        RenderingError: when the extra ``plat-rl[video]`` is not installed.
+        RenderingError: as :func:`check_video` does, and when the disk does not take it.
     """
+    check_video(path)
     imageio, path = _imageio(), Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with imageio.get_writer(path, fps=fps, codec="libx264", quality=7, macro_block_size=8) as writer:
-        for picture in pictures:
-            writer.append_data(picture)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with imageio.get_writer(path, fps=fps, codec="libx264", quality=7, macro_block_size=8) as writer:
+            for picture in pictures:
+                writer.append_data(picture)
+    except OSError as error:
+        reason = str(error).splitlines()[0]  # the encoder's whole command line follows
+        raise RenderingError(f"video {str(path)!r} could not be written ({reason})") from error
 
 
 def write_picture(path: str | Path, picture: np.ndarray) -> None:
-    """Write a PNG; raises as :func:`write_video` does."""
+    """Write a PNG.
+
+    Raises:
+        RenderingError: when the extra ``plat-rl[video]`` is not installed.
+    """
     imageio, path = _imageio(), Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     imageio.imwrite(path, picture)
@@ -152,8 +207,13 @@ def _bar(picture: np.ndarray, share: float, failed: bool) -> None:
     picture[top:bottom, : round(share * width)] = (220, 70, 60) if failed else (40, 190, 130)
 
 
-def _decorated(robot: Robot, width: int, height: int) -> mujoco.MjModel:
-    """The robot's model in a place that is good to look at."""
+def stage_model(robot: Robot, width: int = 640, height: int = 480) -> mujoco.MjModel:
+    """The robot's model in a place that is good to look at; it moves as the plain one does.
+
+    Args:
+        robot: the robot.
+        width, height: of the largest picture (pixels).
+    """
     spec = robot.spec()
     spec.add_texture(
         name="sky",

@@ -1,8 +1,8 @@
 import pytest
 
-from plat.envs.transforms import MAX_STEPS
 from plat.errors import BundleError
 from plat.export.facts import describe_policy
+from plat.keyframes import MAX_STEPS
 from tests.export.runs import KINDS, small_policy, write_run
 
 TABLE = """policy,horizon,metric,value,low,high

@@ -91,7 +91,7 @@ def test_one_seed_one_result(tmp_path, stages, recipe):
     assert rows[0] != rows[2]
 
 
-@pytest.mark.parametrize("recipe", [*STAGES, "evaluate", "demo", "export", "sim_to_sim"])
+@pytest.mark.parametrize("recipe", [*STAGES, "evaluate", "demo", "play", "export", "sim_to_sim"])
 def test_help_explains_every_field(recipe):
     text = run(recipe, "--help")
     # tyro shows a field without a docstring as its bare type and default

@@ -14,7 +14,7 @@ def generator_digest() -> bytes:
     """
     package = resources.files("plat.envs.motions.generation")
     files = [file for folder in (package, package / "families") for file in folder.iterdir() if file.is_file()]
-    files += [resources.files("plat.envs") / name for name in ("kinematics.py", "robot.py")]
+    files += [resources.files("plat.envs") / name for name in ("kinematics.py", "robot.py", "motions/collision.py")]
     files.append(resources.files("plat") / "rotations.py")
     digest = hashlib.blake2b(digest_size=16)
     for file in sorted(files, key=str):
