@@ -106,6 +106,17 @@ def test_variants_of_stage_three(tmp_path, stages, variant):
     assert len(steps_in(tmp_path / variant)) >= 3
 
 
+def test_an_expert_goes_on_with_other_settings(tmp_path, stages):
+    start = stages["distill"][-1]
+    new = [*stages["expert"], "--init", start, "--task.dense.joint-pos.weight", 3, "--critic-warmup", 1000]
+    run("expert", *new, "--steps", 200, "--out", tmp_path / "run")
+    before, after = (load_file(folder / "model.safetensors") for folder in (start, tmp_path / "run"))
+    networks = [name for name in before if "network" in name]
+    assert networks
+    assert all(before[name].equal(after[name]) for name in networks)  # only the critic has learned so far
+    assert after["normalizer.count"] > before["normalizer.count"]
+
+
 def test_evaluation_prints_and_writes_the_table(tmp_path, stages):
     plain = [*stages["distill"], "--student", "plain"]
     run("distill", *plain, "--steps", 100, "--out", tmp_path / "plain")
@@ -131,6 +142,11 @@ def test_evaluation_prints_and_writes_the_table(tmp_path, stages):
     [
         ("expert", ["--motions", "nowhere.npz", "--steps", "10"], "motion file 'nowhere.npz': no such"),
         ("expert", ["--motions", "generated:val"], "expected a positive number"),
+        (
+            "expert",
+            ["--motions", "generated:val", "--steps", "10", "--init", str(ROOT / "weights" / "dagger")],
+            "holds a LatentPolicy, expected an expert",
+        ),
         (
             "distill",
             ["--motions", "generated:val", "--steps", "10", "--expert", "nowhere"],
