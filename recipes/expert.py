@@ -23,7 +23,7 @@ class ExpertRecipe(RecipeConfig):
     """Train a dense motion-tracking expert."""
 
     init: Path | None = None
-    """run whose expert to go on from, with new motions, rewards or settings; --resume goes on with the same ones"""
+    """run whose expert to go on from, of the sizes that it has, with other motions, rewards or settings"""
     rollout: int = 24
     """control steps of each robot between updates"""
     critic_warmup: int = 10

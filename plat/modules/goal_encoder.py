@@ -54,16 +54,17 @@ class _LastState(nn.Module):
         going = (length[:, None] > torch.arange(num_frames, device=length.device)).sum(0)
         counts = (eighth * ((going + eighth - 1) // eighth)).tolist()
         weight_ih, weight_hh, bias_ih, bias_hh = self.gru.all_weights[0]
+        index = torch.cat([num_frames * order[:count] + step for step, count in enumerate(counts)])
+        embedded = self.embed(frames.flatten(0, 1).index_select(0, index))
+        from_frames = nn.functional.linear(embedded, weight_ih, bias_ih).split(counts)
         state = frames.new_zeros(len(frames), self.gru.hidden_size)
         over = []
-        for step, count in enumerate(counts):
-            rows = order[:count]
-            over.append(state[count:])
-            state = state[:count]
-            from_frame = nn.functional.linear(self.embed(frames[rows, step]), weight_ih, bias_ih)
+        for step, from_frame in enumerate(from_frames):
+            over.append(state[len(from_frame) :])
+            state = state[: len(from_frame)]
             from_state = nn.functional.linear(state, weight_hh, bias_hh)
             next_state = _gru_update(from_frame, from_state, state)
-            state = torch.where((length[rows] > step)[:, None], next_state, state)
+            state = torch.where((length[order[: len(state)]] > step)[:, None], next_state, state)
         last = torch.cat([state, *reversed(over)])
         return last[order.argsort()].unflatten(0, batch)
 
