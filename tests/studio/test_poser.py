@@ -35,7 +35,7 @@ def off(qpos: np.ndarray, handle: str, target: Frame) -> float:
         ("left hand", (0.1, 0.05, 0.3)),
         ("right hand", (0.05, -0.1, 0.25)),
         ("left foot", (0.2, 0.05, 0.15)),
-        ("right foot", (-0.15, 0.0, 0.2)),
+        ("right foot", (0.1, -0.1, 0.2)),
     ],
 )
 def test_a_handle_follows_and_held_ones_stay(handle: str, by: tuple[float, float, float]):
