@@ -1,11 +1,17 @@
 """One whole-body pose and the time to be there."""
 
+from __future__ import annotations  # the types of motions and robots bring torch with them
+
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from plat.errors import KeyframeError
+
+if TYPE_CHECKING:
+    from plat.envs.motions.clip import MotionClip
+    from plat.envs.robot import Robot
 
 __all__ = ["Keyframe", "RobotJoints", "interpolate", "standing"]
 
@@ -58,21 +64,37 @@ class Keyframe:
     name: str | None = None
 
     @classmethod
-    def from_qpos(cls, time: float, qpos: np.ndarray, name: str | None = None) -> "Keyframe":
+    def from_qpos(cls, time: float, qpos: np.ndarray, name: str | None = None) -> Keyframe:
         """The keyframe of a MuJoCo position vector ``[7 + J]``; its values are copied."""
         values = np.array(qpos, dtype=np.float64)
         return cls(time, values[:3], values[3:7], values[7:], name)
+
+    @classmethod
+    def from_motion(cls, motion: MotionClip, time: float, robot: Robot, name: str | None = None) -> Keyframe:
+        """The pose of a motion clip at a time (s), in the clip's world frame, see :func:`interpolate`.
+
+        Raises:
+            MotionError: when the clip is broken.
+            KeyframeError: for a time outside the clip.
+        """
+        clip = motion.checked(robot)
+        # the small margin is for times that are the clip's end up to rounding
+        if not 0 <= time <= clip.duration + 1e-6:
+            raise KeyframeError(f"motion {clip.name!r}: no time {time:g} s, expected 0 to {clip.duration:g} s")
+        row = min(int(time * clip.fps), len(clip.qpos) - 2)
+        first, second = (cls.from_qpos(index / clip.fps, clip.qpos[index]) for index in (row, row + 1))
+        return replace(interpolate(first, second, time), name=name)
 
     @property
     def qpos(self) -> np.ndarray:
         """MuJoCo position vector ``[7 + J]``."""
         return np.concatenate((self.root_pos, self.root_quat, self.joint_pos))
 
-    def at(self, time: float) -> "Keyframe":
+    def at(self, time: float) -> Keyframe:
         """The same pose at another time."""
         return replace(self, time=time)
 
-    def checked(self, robot: RobotJoints) -> "Keyframe":
+    def checked(self, robot: RobotJoints) -> Keyframe:
         """This keyframe in float64 with a quaternion of exactly unit length.
 
         Raises:

@@ -170,19 +170,10 @@ class KeyframeSequence:
         >>> len(KeyframeSequence.from_motion(clip, [0.5, 1.0, 2.0], G1))
         3
         """
-        clip = motion.checked(robot)
-
-        def pose(time: float, name: str | None) -> Keyframe:
-            # the small margin is for times that are the clip's end up to rounding
-            if not 0 <= time <= clip.duration + 1e-6:
-                raise KeyframeError(f"motion {clip.name!r}: no time {time:g} s, expected 0 to {clip.duration:g} s")
-            before = min(int(time * clip.fps), len(clip.qpos) - 2)
-            first, second = (Keyframe.from_qpos(row / clip.fps, clip.qpos[row]) for row in (before, before + 1))
-            return Keyframe.from_qpos(time - begin, interpolate(first, second, time).qpos, name)
-
-        given = [None] * len(times) if names is None else names
-        keyframes = tuple(pose(time, name) for time, name in zip(times, given, strict=True))
-        return cls(robot, pose(begin, None), keyframes)
+        poses = [Keyframe.from_motion(motion, time, robot) for time in times]
+        labels = [None] * len(times) if names is None else names
+        keyframes = (replace(pose, time=pose.time - begin, name=name) for pose, name in zip(poses, labels, strict=True))
+        return cls(robot, Keyframe.from_motion(motion, begin, robot).at(0.0), tuple(keyframes))
 
 
 def split_long_intervals(start: Keyframe, keyframes: Sequence[Keyframe]) -> tuple[Keyframe, ...]:

@@ -1,0 +1,30 @@
+"""One robot chases timed keyframes in plain MuJoCo, a control step at a time.
+
+The same loop plays a file of keyframes (``recipes/play.py``), runs live under a user's hands, and compares an exported
+policy with the one that it was exported from. This interface is stable::
+
+    simulator = Simulator(robot.model())
+    chase = Chase(PolicyController(policy, robot), sequence, simulator)
+    scorer = KeyframeScorer(robot)
+    for step in chase:
+        scorer.add(step)
+    scores = scorer.scores()
+"""
+
+from plat.playing.chase import Chase, ChaseStep, Controller
+from plat.playing.errors import PoseComparison, PoseErrors
+from plat.playing.policy import PolicyController
+from plat.playing.scores import KeyframeScore, KeyframeScorer
+from plat.playing.simulator import Simulator
+
+__all__ = [
+    "Chase",
+    "ChaseStep",
+    "Controller",
+    "KeyframeScore",
+    "KeyframeScorer",
+    "PolicyController",
+    "PoseComparison",
+    "PoseErrors",
+    "Simulator",
+]
