@@ -67,16 +67,10 @@ def play(
             qpos = env.base_env.physics.read("qpos")[0].cpu().numpy()
             tensordict, following = env.step_and_maybe_reset(policy(tensordict))
             failed = bool(tensordict["next", "terminated"])
-            rows.append((qpos, _qpos(library, target), steps_left, length, failed))
+            rows.append((qpos, library.qpos(target)[0].cpu().numpy(), steps_left, length, failed))
             tensordict = following
     env.close()
     qpos, targets, steps_left, lengths, failed = zip(*rows, strict=True)
     return Playback(
         np.stack(qpos), np.stack(targets), np.array(steps_left), np.array(lengths), np.array(failed), library.dt
     )
-
-
-def _qpos(library: MotionLibrary, frame: torch.Tensor) -> np.ndarray:
-    pose = library.poses(frame)[0]
-    parts = (pose["keypoint_pos"][0], pose["keypoint_quat"][0], pose["joint_pos"])
-    return torch.cat(parts).cpu().numpy()

@@ -15,25 +15,24 @@ __all__ = ["Ghosts", "RobotView", "set_the_stage"]
 _VISUAL_GROUP = 2
 
 
-def set_the_stage(server: viser.ViserServer) -> None:
-    """Floor, light and a camera that looks at a robot at the origin."""
-    server.scene.configure_environment_map(None)
-    server.scene.configure_fog(near=0.0, far=1.0, enabled=False)
+def set_the_stage(server: viser.ViserServer, world: str) -> None:
+    """Floor (under a node of the scene), light, and a camera that looks at a robot at the origin."""
+    server.scene.configure_environment_map("studio", environment_intensity=0.3)
     server.scene.set_background_image(np.full((2, 2, 3), (198, 209, 220), dtype=np.uint8), format="png")
     server.scene.add_grid(
-        "/floor",
+        f"{world}/floor",
         width=40.0,
         height=40.0,
         cell_size=0.5,
-        cell_color=(120, 130, 140),
-        section_color=(90, 100, 110),
-        plane_color=(150, 160, 170),
+        cell_color=(140, 150, 160),
+        section_color=(118, 128, 138),
+        plane_color=(158, 168, 178),
         plane_opacity=1.0,
         fade_distance=25.0,
         shadow_opacity=0.3,
     )
-    server.initial_camera.position = (2.5, -1.9, 1.4)
-    server.initial_camera.look_at = (0.0, 0.0, 0.7)
+    server.initial_camera.position = (2.2, -1.5, 1.25)
+    server.initial_camera.look_at = (0.0, 0.0, 0.45)
 
 
 class _Bodies:
@@ -92,9 +91,7 @@ class Ghosts:
         opacity: 0 to 1.
     """
 
-    def __init__(
-        self, server: viser.ViserServer, robot: Robot, name: str, color: tuple[int, int, int], opacity: float
-    ):
+    def __init__(self, server: viser.ViserServer, robot: Robot, name: str, color: tuple[int, int, int], opacity: float):
         self._server = server
         self._bodies = _Bodies(robot)
         self._look: dict[str, Any] = {"batched_colors": color, "opacity": opacity, "lod": "off", "cast_shadow": False}
