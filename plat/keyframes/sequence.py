@@ -16,12 +16,14 @@ if TYPE_CHECKING:
     from plat.envs.motions.clip import MotionClip
     from plat.envs.robot import Robot
 
-__all__ = ["CONTROL_DT", "MAX_STEPS", "Command", "KeyframeSequence", "split_long_intervals"]
+__all__ = ["CONTROL_DT", "MAX_STEPS", "WINDOW", "Command", "KeyframeSequence", "split_long_intervals"]
 
 CONTROL_DT = 0.02
 """Seconds of a control step."""
 MAX_STEPS = 50
 """``Delta_max``: the longest command, in control steps."""
+WINDOW = 3
+"""Control steps of an arrival window, the arrival step among them."""
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ policy with the one that it was exported from. This interface is stable::
 from plat.playing.chase import Chase, ChaseStep, Controller
 from plat.playing.errors import PoseComparison, PoseErrors
 from plat.playing.policy import PolicyController
-from plat.playing.scores import KeyframeScore, KeyframeScorer
+from plat.playing.scores import KeyframeScore, KeyframeScorer, StepErrors
 from plat.playing.simulator import Simulator
 
 __all__ = [
@@ -27,4 +27,5 @@ __all__ = [
     "PoseComparison",
     "PoseErrors",
     "Simulator",
+    "StepErrors",
 ]

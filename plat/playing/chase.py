@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plat.deploy import Pose, RobotState
-from plat.keyframes import CONTROL_DT, Command, Keyframe, KeyframeSequence
+from plat.keyframes import CONTROL_DT, WINDOW, Command, Keyframe, KeyframeSequence
 from plat.playing.simulator import Simulator
 
 __all__ = ["Chase", "ChaseStep", "Controller"]
@@ -47,6 +47,11 @@ class ChaseStep:
     """the robot at the end of the step"""
     reference: Keyframe
     """the sequence at the end of the step, see :meth:`plat.keyframes.KeyframeSequence.sample`"""
+
+    @property
+    def in_window(self) -> bool:
+        """Whether the end of the step is in the arrival window: the last :data:`plat.keyframes.WINDOW` steps."""
+        return self.command.steps_left <= WINDOW and not self.holding
 
 
 class Chase(Iterator[ChaseStep]):

@@ -11,7 +11,16 @@ from plat.envs.robot import Robot
 from plat.errors import PlatError
 from plat.rendering.playback import Playback
 
-__all__ = ["RenderingError", "Stage", "contact_sheet", "film", "write_picture", "write_video"]
+__all__ = [
+    "RenderingError",
+    "Stage",
+    "add_ghost",
+    "contact_sheet",
+    "film",
+    "stage_model",
+    "write_picture",
+    "write_video",
+]
 
 _GHOST = np.array([0.1, 0.75, 0.45, 0.35])
 _SKY_TOP, _SKY_BOTTOM = [0.55, 0.66, 0.78], [0.93, 0.95, 0.97]
@@ -35,7 +44,7 @@ class Stage:
     """
 
     def __init__(self, robot: Robot, width: int = 640, height: int = 480, distance: float = 2.1):
-        self._model = _decorated(robot, width, height)
+        self._model = stage_model(robot, width, height)
         self._data, self._ghost = mujoco.MjData(self._model), mujoco.MjData(self._model)
         try:
             self._renderer = mujoco.Renderer(self._model, height, width)
@@ -45,8 +54,7 @@ class Stage:
                 "libgl1-mesa-dri, then set MUJOCO_GL=egl"
             ) from error
         self._options = mujoco.MjvOption()
-        self._options.geomgroup[:] = 0
-        self._options.geomgroup[[0, 2]] = 1
+        show_visible(self._options)
         self._camera = mujoco.MjvCamera()
         self._camera.distance, self._camera.azimuth, self._camera.elevation = distance, 125.0, -10.0
         self._camera.lookat[2] = 0.68
@@ -59,21 +67,7 @@ class Stage:
         self._camera.lookat[:2] += 0.1 * (qpos[:2] - self._camera.lookat[:2])
         self._renderer.update_scene(self._data, self._camera, self._options)
         if ghost_qpos is not None:
-            scene = self._renderer.scene
-            before = scene.ngeom
-            self._ghost.qpos[:] = ghost_qpos
-            mujoco.mj_forward(self._model, self._ghost)
-            mujoco.mjv_addGeoms(
-                self._model,
-                self._ghost,
-                self._options,
-                mujoco.MjvPerturb(),
-                mujoco.mjtCatBit.mjCAT_DYNAMIC,
-                scene,
-            )
-            for geom in scene.geoms[before : scene.ngeom]:
-                geom.rgba[:] = _GHOST
-                geom.matid = -1
+            add_ghost(self._renderer.scene, self._model, self._ghost, self._options, ghost_qpos)
         return self._renderer.render()
 
     def look_at(self, position: np.ndarray) -> None:
@@ -83,6 +77,25 @@ class Stage:
     def close(self) -> None:
         """Give the OpenGL context back."""
         self._renderer.close()
+
+
+def show_visible(options: mujoco.MjvOption) -> None:
+    """Show the floor and what is made for the eye, not what is made for contact."""
+    options.geomgroup[:] = 0
+    options.geomgroup[[0, 2]] = 1
+
+
+def add_ghost(
+    scene: mujoco.MjvScene, model: mujoco.MjModel, data: mujoco.MjData, options: mujoco.MjvOption, qpos: np.ndarray
+) -> None:
+    """Add a robot in a pose ``[7 + J]`` to a scene, translucent; ``data`` is worked with."""
+    before = scene.ngeom
+    data.qpos[:] = qpos
+    mujoco.mj_kinematics(model, data)
+    mujoco.mjv_addGeoms(model, data, options, mujoco.MjvPerturb(), mujoco.mjtCatBit.mjCAT_DYNAMIC, scene)
+    for geom in scene.geoms[before : scene.ngeom]:
+        geom.rgba[:] = _GHOST
+        geom.matid = -1
 
 
 def film(stage: Stage, playback: Playback, fps: float = 25.0) -> Iterator[np.ndarray]:
@@ -152,8 +165,13 @@ def _bar(picture: np.ndarray, share: float, failed: bool) -> None:
     picture[top:bottom, : round(share * width)] = (220, 70, 60) if failed else (40, 190, 130)
 
 
-def _decorated(robot: Robot, width: int, height: int) -> mujoco.MjModel:
-    """The robot's model in a place that is good to look at."""
+def stage_model(robot: Robot, width: int = 640, height: int = 480) -> mujoco.MjModel:
+    """The robot's model in a place that is good to look at; it moves as the plain one does.
+
+    Args:
+        robot: the robot.
+        width, height: of the largest picture (pixels).
+    """
     spec = robot.spec()
     spec.add_texture(
         name="sky",

@@ -1,5 +1,6 @@
-"""What a policy does with the keyframes of one motion, step by step."""
+"""What a policy does with keyframes, step by step."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,13 +11,15 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 from plat.envs.motions.library import MotionLibrary
 from plat.envs.transforms import CommandSchedule, Horizon, ScheduledStarts
 from plat.evaluation.runner import make_evaluation_env
+from plat.keyframes import CONTROL_DT
+from plat.playing import ChaseStep, StepErrors
 
-__all__ = ["Playback", "play"]
+__all__ = ["Playback", "play", "record"]
 
 
 @dataclass(frozen=True)
 class Playback:
-    """One motion, T control steps.
+    """T control steps of one robot.
 
     Attributes:
         qpos: the robot ``[T, 7 + J]``.
@@ -74,3 +77,30 @@ def play(
     return Playback(
         np.stack(qpos), np.stack(targets), np.array(steps_left), np.array(lengths), np.array(failed), library.dt
     )
+
+
+def record(steps: Iterable[tuple[ChaseStep, StepErrors]]) -> Playback:
+    """Playback of a chase, with the errors that :class:`plat.playing.KeyframeScorer` found; no step is left in a hold.
+
+    >>> from plat.envs import G1
+    >>> from plat.keyframes import KeyframeSequence, standing
+    >>> from plat.modules import Expert
+    >>> from plat.playing import Chase, KeyframeScorer, PolicyController, Simulator
+    >>> sequence = KeyframeSequence(G1, standing(G1), (standing(G1).at(0.1),))
+    >>> chase = Chase(PolicyController(Expert(G1).deployed(), G1), sequence, Simulator(G1.model()))
+    >>> scorer = KeyframeScorer(G1)
+    >>> record((step, scorer.add(step)) for step in chase).steps_left
+    array([5, 4, 3, 2, 1])
+    """
+    rows = [
+        (
+            np.concatenate((step.before.root_pos_w, step.before.root_quat_w, step.before.joint_pos)),
+            step.command.keyframe.qpos,
+            0 if step.holding else step.command.steps_left,
+            step.command.length,
+            errors.failed,
+        )
+        for step, errors in steps
+    ]
+    qpos, targets, steps_left, lengths, failed = (np.array(column) for column in zip(*rows, strict=True))
+    return Playback(qpos, targets, steps_left, lengths, failed, CONTROL_DT)

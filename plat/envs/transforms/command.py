@@ -13,12 +13,10 @@ from plat.envs.layout import entry_shapes
 from plat.envs.motions.library import MotionLibrary
 from plat.envs.transforms.base import ObservationTransform
 from plat.errors import MotionError
-from plat.keyframes import MAX_STEPS
+from plat.keyframes import MAX_STEPS, WINDOW
 
 __all__ = ["HORIZONS", "MAX_STEPS", "WINDOW", "CommandSchedule", "Horizon", "KeyframeClock", "KeyframeCommand"]
 
-WINDOW = 3
-"""Control steps of an arrival window, the arrival step among them."""
 
 
 @dataclass(frozen=True)
