@@ -3,9 +3,15 @@
 python recipes/studio.py weights/plat weights/dagger weights/expert --motions generated:val
 """
 
+import os
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
+
+# MuJoCo looks at this when it is imported; without a screen only EGL (or OSMesa) draws
+if sys.platform == "linux" and "DISPLAY" not in os.environ:
+    os.environ.setdefault("MUJOCO_GL", "egl")
 
 import tyro
 
@@ -37,20 +43,16 @@ def main(recipe: StudioRecipe) -> None:
     """Run the recipe until it is interrupted."""
     try:
         from plat.studio.app import Studio
+        from plat.studio.session import Session
     except ImportError as error:
         raise StudioError("the studio needs: pip install 'plat-rl[studio]'") from error
     policies = {name: load_policy(run) for name, run in zip(_names(recipe.runs), recipe.runs, strict=True)}
     robot = next(iter(policies.values())).robot
-    studio = Studio(
-        robot,
-        {name: policy.deployed() for name, policy in policies.items()},
-        host=recipe.host,
-        port=recipe.port,
-        motions=recipe.motions,
-        path=str(recipe.keyframes or "keyframes.json"),
-    )
+    session = Session(robot, {name: policy.deployed() for name, policy in policies.items()})
     if recipe.keyframes is not None:
-        studio.session.load(recipe.keyframes)
+        session.load(recipe.keyframes)
+    path = str(recipe.keyframes or "keyframes.json")
+    studio = Studio(session, host=recipe.host, port=recipe.port, motions=recipe.motions, path=path)
     try:
         studio.run()
     except KeyboardInterrupt:

@@ -2,14 +2,11 @@
 
 import socket
 import time
-from collections.abc import Mapping
 
 import numpy as np
 import viser
-from tensordict.nn import TensorDictModuleBase
 
 from plat.envs.motions import MotionLibrary
-from plat.envs.robot import Robot
 from plat.errors import StudioError
 from plat.keyframes import CONTROL_DT
 from plat.studio.desk import Desk
@@ -29,8 +26,7 @@ class Studio:
     """A web page on which keyframes are made and played.
 
     Args:
-        robot: the robot.
-        policies: deterministic policies by name, at least one.
+        session: what the page shows.
         host: address to listen on.
         port: to listen on.
         motions: motion files that the page proposes to load.
@@ -42,8 +38,7 @@ class Studio:
 
     def __init__(
         self,
-        robot: Robot,
-        policies: Mapping[str, TensorDictModuleBase],
+        session: Session,
         *,
         host: str,
         port: int,
@@ -51,10 +46,10 @@ class Studio:
         path: str,
     ):
         _check_port(host, port)
-        self.session = Session(robot, policies)
+        self.session, robot = session, session.robot
         self.server = server = viser.ViserServer(host=host, port=port, verbose=False)
         self._desk = Desk(self._tick, self._show, self._report, interval=CONTROL_DT)
-        self._page = page = Page(server, self.session, self._desk)
+        self._page = page = Page(server, session, self._desk)
         set_the_stage(server, _WORLD)
         self._world = server.scene.add_frame(_WORLD, show_axes=False)
         self._robot = RobotView(server, robot, f"{_WORLD}/robot")

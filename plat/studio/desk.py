@@ -92,7 +92,7 @@ class Desk:
     def _guarded(self, work: Callable[[], Task | None]) -> Task | None:
         try:
             return work()
-        except PlatError as error:
+        except (PlatError, OSError) as error:
             self._report(str(error))
         except Exception as error:  # the page lives on, and the traceback goes where a developer looks
             _LOGGER.exception("the studio stumbled")

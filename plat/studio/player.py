@@ -81,10 +81,12 @@ class Player:
 
     def advance(self, seconds: float) -> None:
         """Let time pass: take the control steps that are due."""
-        self._ahead = min(self._ahead + seconds, _CATCH_UP * CONTROL_DT)
-        while self._ahead >= CONTROL_DT and not self.finished:
-            self._ahead -= CONTROL_DT
-            self._take_step()
+        self._ahead += seconds
+        due = int(self._ahead / CONTROL_DT + 1e-9)  # the margin is for rounding
+        self._ahead = self._ahead - due * CONTROL_DT if due <= _CATCH_UP else 0.0
+        for _ in range(min(due, _CATCH_UP)):
+            if not self.finished:
+                self._take_step()
 
     def _take_step(self) -> None:
         step = next(self._chase, None)

@@ -9,12 +9,13 @@ from tensordict.nn import TensorDictModuleBase
 
 from plat.envs.motions import MotionClip
 from plat.envs.robot import Robot
-from plat.errors import KeyframeError
+from plat.errors import KeyframeError, StudioError
 from plat.keyframes import Keyframe, KeyframeSequence
 from plat.keyframes.files import read_keyframes
-from plat.playing import KeyframeScore, PolicyController
+from plat.playing import Chase, KeyframeScore, KeyframeScorer, PolicyController, Simulator
+from plat.rendering import Stage, film, record, write_video
 from plat.studio.history import History
-from plat.studio.player import Player, score
+from plat.studio.player import HOLD, Player, score
 from plat.studio.poser import Frame, Poser
 from plat.studio.poses import Floor, mirrored, placed
 from plat.studio.timeline import Timeline
@@ -246,6 +247,26 @@ class Session:
         now = self.timeline
         if timeline.start is now.start and timeline.keyframes is now.keyframes:
             self.scores.update(scores)
+
+    def record(self, timeline: Timeline, policy: str, path: str | Path) -> None:
+        """Write a video of a policy that chases some keyframes; for another thread, as nothing here changes.
+
+        Raises:
+            StudioError: for a file that is no ``.mp4``.
+            KeyframeError: when there is no keyframe.
+            RenderingError: where there is no OpenGL, or the extra ``plat-rl[video]`` is not installed.
+        """
+        path = Path(path).expanduser()
+        if path.suffix.lower() != ".mp4":
+            raise StudioError(f"video file {str(path)!r}: expected a name that ends in .mp4")
+        sequence = timeline.sequence()
+        chase = Chase(self._controller(policy), sequence, Simulator(self.robot.model()), hold=HOLD)
+        scorer = KeyframeScorer(self.robot)
+        stage = Stage(self.robot, distance=2.6)
+        try:
+            write_video(path, film(stage, record((step, scorer.add(step)) for step in chase)))
+        finally:
+            stage.close()
 
     def _controller(self, policy: str) -> PolicyController:
         return PolicyController(self.policies[policy], self.robot)

@@ -108,7 +108,7 @@ class Timeline:
         return self._spaced(frames, steps, self.selected + 1)
 
     def removed(self) -> Timeline:
-        """Without the selected keyframe; the one before it is selected.
+        """Without the selected keyframe; the one that takes its place is selected.
 
         Raises:
             KeyframeError: for the start.
@@ -116,7 +116,7 @@ class Timeline:
         self._check_keyframe("removed")
         frames, steps = [*self.keyframes], self._steps()
         del frames[self.selected - 1], steps[self.selected - 1]
-        return self._spaced(frames, steps, self.selected - 1)
+        return self._spaced(frames, steps, min(self.selected, len(frames)))
 
     def moved(self, places: int) -> Timeline:
         """The selected keyframe later (or earlier) in the order, its interval going with it; it stays selected.

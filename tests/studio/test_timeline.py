@@ -60,7 +60,9 @@ def test_removing_closes_the_gap():
     timeline = three().select(2).removed()
     assert heights(timeline) == [0.1, 0.3]
     assert times(timeline) == [0.5, 1.4]
-    assert timeline.selected == 1
+    assert timeline.selected == 2
+    assert timeline.removed().selected == 1
+    assert timeline.removed().removed().selected == 0
 
 
 def test_moving_takes_the_interval_along():

@@ -18,7 +18,6 @@ from plat.keyframes import MAX_STEPS, WINDOW
 __all__ = ["HORIZONS", "MAX_STEPS", "WINDOW", "CommandSchedule", "Horizon", "KeyframeClock", "KeyframeCommand"]
 
 
-
 @dataclass(frozen=True)
 class Horizon:
     """Range of control steps, both ends included, that commands are drawn from."""

@@ -1,7 +1,10 @@
 """Keyframe files, and videos."""
 
+from pathlib import Path
+
 import viser
 
+from plat.studio.desk import Task
 from plat.studio.page import Page
 
 __all__ = ["FilePanel"]
@@ -22,6 +25,10 @@ class FilePanel:
         download = gui.add_button("Download", icon=viser.Icon.DOWNLOAD)
         upload = gui.add_upload_button("Upload", icon=viser.Icon.UPLOAD, mime_type="application/json")
 
+        with gui.add_folder("Video of the policy"):
+            self._video = gui.add_text("File", str(Path(path).with_suffix(".mp4")))
+            record = gui.add_button("Record", icon=viser.Icon.VIDEO, hint="May take a minute without a GPU.")
+
         async def download_clicked(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
             client = event.client
             if client is not None:
@@ -31,6 +38,10 @@ class FilePanel:
             file = event.target.value
             page.desk.ask(lambda: self._loaded(file.name, session.from_json(file.name, file.content)))
 
+        async def record_clicked(_: object) -> None:
+            page.desk.ask_elsewhere(self._record)
+
+        record.on_click(record_clicked)
         download.on_click(download_clicked)
         upload.on_upload(uploaded)
 
@@ -40,6 +51,12 @@ class FilePanel:
 
     def _load(self) -> None:
         self._loaded(self._path.value, self._page.session.load(self._path.value))
+
+    def _record(self) -> Task:
+        session, path = self._page.session, self._video.value
+        self._page.notify("Video", f"{session.policy} is being recorded")
+        session.record(session.timeline, session.policy, path)
+        return lambda: self._page.notify("Video", f"written to {path}", "green")
 
     def _loaded(self, name: str, added: int) -> None:
         count = len(self._page.session.timeline.keyframes)
