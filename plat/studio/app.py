@@ -79,6 +79,7 @@ class Studio:
         with bottom.add_tab("Timeline"):
             self._timeline = TimelinePanel(page)
         bottom.float(x=12, y=-12, width=720)
+        page.key("Look at the selected pose", "F", self._look)
 
     def run(self) -> None:
         """Serve until :meth:`stop`."""
@@ -128,6 +129,16 @@ class Studio:
             followed = session.playing and self._play.follow.value
             away = qpos[:2] - start.root_pos[:2] if followed else np.zeros(2)
             self._world.position = (-away[0], -away[1], 0.0)
+
+    def _look(self) -> None:
+        """Move every camera over to the selected pose."""
+        for client in self.server.get_clients().values():
+            camera = client.camera
+            away = self.session.timeline.pose.root_pos[:2] - camera.look_at[:2]
+            shift = np.array([*away, 0.0])
+            with client.atomic():
+                # to set the position moves the point that is looked at along
+                camera.position = camera.position + shift
 
     def _report(self, message: str) -> None:
         self._page.notify("That did not work", message, "red")

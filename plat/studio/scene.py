@@ -12,6 +12,9 @@ from plat.envs.robot import Robot
 
 __all__ = ["Ghosts", "RobotView", "set_the_stage"]
 
+CAMERA, LOOK_AT = (2.2, -1.5, 1.25), (0.0, 0.0, 0.45)
+"""Where the page looks from, and at which point (m)."""
+
 _VISUAL_GROUP = 2
 
 
@@ -31,8 +34,7 @@ def set_the_stage(server: viser.ViserServer, world: str) -> None:
         fade_distance=25.0,
         shadow_opacity=0.3,
     )
-    server.initial_camera.position = (2.2, -1.5, 1.25)
-    server.initial_camera.look_at = (0.0, 0.0, 0.45)
+    server.initial_camera.position, server.initial_camera.look_at = CAMERA, LOOK_AT
 
 
 class _Bodies:
@@ -97,13 +99,17 @@ class Ghosts:
         self._look: dict[str, Any] = {"batched_colors": color, "opacity": opacity, "lod": "off", "cast_shadow": False}
         self._name = name
         self._handles: list[viser.BatchedMeshHandle] = []
-        self._count = 0
+        self._poses = np.empty((0, len(robot.default_qpos)))
 
     def show(self, poses: Sequence[np.ndarray]) -> None:
         """Draw one robot for each pose ``[7 + J]``."""
+        asked = np.array(poses).reshape(-1, self._poses.shape[1])
+        if np.array_equal(asked, self._poses):
+            return
         with self._server.atomic():
-            if len(poses) != self._count:
-                self._remake(len(poses))
+            if len(asked) != len(self._poses):
+                self._remake(len(asked))
+            self._poses = asked
             if not poses:
                 return
             placed = [self._bodies.placed(qpos) for qpos in poses]
@@ -114,7 +120,7 @@ class Ghosts:
     def _remake(self, count: int) -> None:
         for handle in self._handles:
             handle.remove()
-        self._handles, self._count = [], count
+        self._handles = []
         if count == 0:
             return
         for body, mesh in zip(self._bodies.names, self._bodies.meshes, strict=True):

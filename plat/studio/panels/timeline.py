@@ -42,7 +42,7 @@ class TimelinePanel:
         play = {"Play": session.play, "Stop": session.stop, "Undo": session.undo, "Redo": session.redo}
         page.buttons("", {**play, "New": session.new})
         page.when_changed(self._arrivals, self._retime)
-        page.when_changed(self._selected, lambda: session.select(session.timeline.labels.index(self._selected.value)))
+        page.when_changed(self._selected, lambda: session.select(self._selected.options.index(self._selected.value)))
         page.when_changed(self._interval, self._stretch)
         page.when_changed(self._name, self._rename)
         page.key("Play", "space", lambda: session.stop() if session.playing else session.play())
