@@ -2,10 +2,13 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint types bench clean
+.PHONY: demo studio test lint types bench clean
 
 demo: $(VENV)/.installed
 	$(BIN)/python recipes/demo.py
+
+studio: $(VENV)/.installed-studio
+	$(BIN)/python recipes/studio.py
 
 test: $(VENV)/.installed-dev lint types
 	$(BIN)/python -m pytest -n 2
@@ -28,6 +31,10 @@ $(VENV)/.installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
 	$(BIN)/python -m pip install --quiet --editable '.[video]'
+	touch $@
+
+$(VENV)/.installed-studio: $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet --editable '.[studio]'
 	touch $@
 
 $(VENV)/.installed-dev: $(VENV)/.installed

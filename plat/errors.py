@@ -8,6 +8,7 @@ __all__ = [
     "PlatError",
     "RobotError",
     "StateError",
+    "StudioError",
 ]
 
 
@@ -37,3 +38,7 @@ class BundleError(PlatError):
 
 class StateError(PlatError):
     """A robot state or pose that no policy can act on."""
+
+
+class StudioError(PlatError):
+    """The keyframe studio cannot be opened."""

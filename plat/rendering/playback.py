@@ -70,7 +70,7 @@ def play(
             qpos = env.base_env.physics.read("qpos")[0].cpu().numpy()
             tensordict, following = env.step_and_maybe_reset(policy(tensordict))
             failed = bool(tensordict["next", "terminated"])
-            rows.append((qpos, _qpos(library, target), steps_left, length, failed))
+            rows.append((qpos, library.qpos(target)[0].cpu().numpy(), steps_left, length, failed))
             tensordict = following
     env.close()
     qpos, targets, steps_left, lengths, failed = zip(*rows, strict=True)
@@ -104,9 +104,3 @@ def record(steps: Iterable[tuple[ChaseStep, StepErrors]]) -> Playback:
     ]
     qpos, targets, steps_left, lengths, failed = (np.array(column) for column in zip(*rows, strict=True))
     return Playback(qpos, targets, steps_left, lengths, failed, CONTROL_DT)
-
-
-def _qpos(library: MotionLibrary, frame: torch.Tensor) -> np.ndarray:
-    pose = library.poses(frame)[0]
-    parts = (pose["keypoint_pos"][0], pose["keypoint_quat"][0], pose["joint_pos"])
-    return torch.cat(parts).cpu().numpy()

@@ -113,6 +113,23 @@ class MotionLibrary:
         rows = self._table.index_select(0, frame.flatten())
         return _unpack(rows.view(*frame.shape, -1), _POSE_FIELDS + _VELOCITY_FIELDS, self.robot)
 
+    def qpos(self, frame: Tensor) -> Tensor:
+        """MuJoCo position vectors ``[*B, 7 + J]`` of frames ``[*B]``."""
+        poses = self.poses(frame)
+        return torch.cat((poses["keypoint_pos"][..., 0, :], poses["keypoint_quat"][..., 0, :], poses["joint_pos"]), -1)
+
+    def clip(self, number: int) -> MotionClip:
+        """One of the clips, at the control rate.
+
+        >>> from plat.envs.motions import generate_motions
+        >>> library = MotionLibrary.from_clips(generate_motions("train", seconds=8))
+        >>> library.clip(0).name == library.clip_names[0], library.clip(0).qpos.shape[1]
+        (True, 36)
+        """
+        start, length = int(self.clip_start[number]), int(self.clip_length[number])
+        frames = torch.arange(start, start + length, device=self.device)
+        return MotionClip(self.clip_names[number], self.qpos(frames).cpu().numpy(), 1 / self.dt)
+
     @classmethod
     def from_clips(cls, clips: Sequence[MotionClip], robot: Robot = G1, dt: float = 0.02) -> "MotionLibrary":
         """Resample clips to the control rate and work out their kinematics.

@@ -61,6 +61,13 @@ def test_only_is_the_clip(library):
     assert torch.equal(one.frames["joint_pos"], library.frames["joint_pos"][start : start + len(one)])
 
 
+def test_a_clip_comes_back(library):
+    clip = library.clip(2)
+    assert (clip.name, clip.fps) == (library.clip_names[2], pytest.approx(50.0))
+    again = MotionLibrary.from_clips([clip])
+    torch.testing.assert_close(again.frames["keypoint_pos"], library.only(2).frames["keypoint_pos"], atol=1e-5, rtol=0)
+
+
 def test_cache_gives_the_same_table(tmp_path, monkeypatch):
     monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
     save_motions(tmp_path / "a.npz", [standing_clip()])

@@ -1,0 +1,100 @@
+"""One thread that does everything in order, whichever thread asks for it."""
+
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+
+from plat.errors import PlatError
+
+__all__ = ["Desk"]
+
+_LOGGER = logging.getLogger("plat.studio")
+
+Task = Callable[[], None]
+
+
+class Desk:
+    """A queue of tasks, and the loop that works through it while time passes.
+
+    Pages call back on threads of their own and in any number. Here their tasks are done one after the other.
+
+    Args:
+        tick: called again and again, with the seconds since the last time.
+        changed: called after tasks were done.
+        report: given the message of an error that a task ended in.
+        interval: seconds between ticks.
+    """
+
+    def __init__(
+        self,
+        tick: Callable[[float], None],
+        changed: Callable[[], None],
+        report: Callable[[str], None],
+        interval: float,
+    ):
+        self._tick, self._changed, self._report = tick, changed, report
+        self._interval = interval
+        self._tasks: deque[Task] = deque()
+        self._wake = threading.Condition()
+        self._stopped = False
+
+    def ask(self, task: Task, once: bool = False) -> None:
+        """Have a task done on the desk's thread; returns at once.
+
+        Args:
+            task: what is to be done.
+            once: not again while the same task is the last that waits: for tasks that read the latest value of what
+                a user drags, so that they do not fall behind.
+        """
+        with self._wake:
+            if not (once and self._tasks and self._tasks[-1] is task):
+                self._tasks.append(task)
+            self._wake.notify()
+
+    def ask_elsewhere(self, work: Callable[[], Task]) -> None:
+        """Have slow work done on a thread of its own, and what it returns done here."""
+
+        def run() -> None:
+            task = self._guarded(work)
+            if task is not None:
+                self.ask(task)
+
+        threading.Thread(target=run, daemon=True).start()
+
+    def stop(self) -> None:
+        """End :meth:`run` after the task that is being done."""
+        with self._wake:
+            self._stopped = True
+            self._wake.notify()
+
+    def run(self) -> None:
+        """Work until :meth:`stop`."""
+        last = time.monotonic()
+        while True:
+            with self._wake:
+                due = last + self._interval
+                while not self._tasks and not self._stopped and time.monotonic() < due:
+                    self._wake.wait(due - time.monotonic())
+                if self._stopped:
+                    return
+                tasks = [self._tasks.popleft() for _ in range(len(self._tasks))]
+            for task in tasks:
+                self._guarded(task)
+            now = time.monotonic()
+            if now >= due:
+                self._guarded(lambda seconds=now - last: self._tick(seconds))  # type: ignore[misc]
+                last = now
+            if tasks:
+                self._guarded(self._changed)
+
+    def _guarded(self, work: Callable[[], Task | None]) -> Task | None:
+        try:
+            return work()
+        except (PlatError, OSError) as error:
+            self._report(str(error))
+        except Exception as error:  # the page lives on, and the traceback goes where a developer looks
+            _LOGGER.exception("the studio stumbled")
+            self._report(f"unexpected {type(error).__name__}: {error}")
+        return None

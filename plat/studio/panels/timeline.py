@@ -1,0 +1,101 @@
+"""Keyframes over time."""
+
+from math import ceil
+
+from plat.keyframes import CONTROL_DT, MAX_STEPS
+from plat.studio.page import Page
+from plat.studio.strip import strip
+
+__all__ = ["TimelinePanel"]
+
+_LONGEST = CONTROL_DT * MAX_STEPS
+
+
+class TimelinePanel:
+    """Adds, moves, copies, mirrors, times and removes keyframes; plays them."""
+
+    def __init__(self, page: Page):
+        self._page, session = page, page.session
+        self._strip = page.gui.add_html("")
+        self._arrivals = page.gui.add_multi_slider(
+            "Arrivals (s)", min=0.0, max=1.0, step=CONTROL_DT, initial_value=(1.0,), visible=False,
+            hint="Drag a keyframe to another time; the others stay.",
+        )  # fmt: skip
+        self._selected = page.gui.add_dropdown("Selected", session.timeline.labels)
+        self._interval = page.gui.add_slider(
+            "Takes (s)", min=CONTROL_DT, max=_LONGEST, step=CONTROL_DT, initial_value=_LONGEST,
+            hint="From the pose before; later keyframes move along.",
+        )  # fmt: skip
+        self._name = page.gui.add_text("Name", "")
+        page.buttons(
+            "Keyframe",
+            {
+                "Add": session.add,
+                "Copy": session.copy,
+                "Paste": session.paste,
+                "Mirror": session.mirror,
+                "Earlier": lambda: session.edit(session.timeline.moved(-1)),
+                "Later": lambda: session.edit(session.timeline.moved(1)),
+                "Remove": lambda: session.edit(session.timeline.removed()),
+            },
+        )
+        play = {"Play": session.play, "Stop": session.stop, "Undo": session.undo, "Redo": session.redo}
+        page.buttons("", {**play, "New": session.new})
+        page.when_changed(self._arrivals, self._retime)
+        page.when_changed(self._selected, lambda: session.select(self._selected.options.index(self._selected.value)))
+        page.when_changed(self._interval, self._stretch)
+        page.when_changed(self._name, self._rename)
+        page.key("Play", "space", lambda: session.stop() if session.playing else session.play())
+        page.key("Undo", "Z", session.undo, "cmd/ctrl")
+        page.key("Redo", "Z", session.redo, "cmd/ctrl+shift")
+        page.key("Previous keyframe", "arrowleft", lambda: session.select(session.timeline.selected - 1))
+        page.key("Next keyframe", "arrowright", lambda: session.select(session.timeline.selected + 1))
+
+    def _retime(self) -> None:
+        session = self._page.session
+        timeline = session.timeline
+        asked = self._arrivals.value
+        if len(asked) != len(timeline.keyframes):
+            return  # of a slider that is no longer there
+        shifts = [abs(time - frame.time) for time, frame in zip(asked, timeline.keyframes, strict=True)]
+        number = shifts.index(max(shifts)) + 1
+        session.edit(timeline.select(number).retimed(number, asked[number - 1]), ("arrival", number))
+
+    def _stretch(self) -> None:
+        timeline = self._page.session.timeline
+        self._page.session.edit(timeline.stretched(self._interval.value), ("interval", timeline.selected))
+
+    def _rename(self) -> None:
+        timeline = self._page.session.timeline
+        self._page.session.edit(timeline.renamed(self._name.value), ("name", timeline.selected))
+
+    def show(self) -> None:
+        """Bring the inputs up to date."""
+        timeline = self._page.session.timeline
+        times = tuple(frame.time for frame in timeline.keyframes)
+        self._arrivals.visible = bool(times)
+        if times:
+            # the same while the last one is dragged, so that the scale does not change under the mouse
+            self._arrivals.max = self._end()
+            self._arrivals.value = times
+        if self._selected.options != timeline.labels:
+            self._selected.options = timeline.labels
+        self._selected.value = timeline.labels[timeline.selected]
+        self._interval.disabled = self._name.disabled = timeline.selected == 0
+        if timeline.selected:
+            self._interval.value = round(timeline.interval, 2)
+        self._name.value = timeline.pose.name or "" if timeline.selected else ""
+        self.show_time()
+
+    def show_time(self) -> None:
+        """Bring the picture of the timeline up to date."""
+        session = self._page.session
+        step = None if session.player is None else session.player.step
+        self._strip.content = strip(
+            session.timeline, self._end(), None if step is None else step.time, session.scores.get(session.policy)
+        )
+
+    def _end(self) -> float:
+        """Seconds that the timeline shows: as late as the last keyframe can be moved."""
+        frames = self._page.session.timeline.keyframes
+        return float(ceil(2 * (frames[-2].time + _LONGEST if len(frames) > 1 else _LONGEST)) / 2)

@@ -1,0 +1,102 @@
+"""What is done to whole poses: mirrored, put elsewhere, put on the floor."""
+
+import mujoco
+import numpy as np
+import torch
+
+from plat.envs.motions import MotionClip, mirror_motion
+from plat.envs.robot import Robot
+from plat.rotations import quat_conjugate, quat_from_rotvec, quat_multiply, quat_rotate, quat_yaw
+
+__all__ = ["Floor", "heading_pitch_roll", "mirrored", "placed", "quat_from_heading_pitch_roll"]
+
+
+def placed(qpos: np.ndarray, origin: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Poses shifted over the floor and turned about the vertical, all alike.
+
+    Args:
+        qpos: poses ``[*T, 7 + J]``.
+        origin: a pose ``[7 + J]`` that is to come to ``place``.
+        place: the pose whose horizontal position and heading it is to have ``[7 + J]``.
+
+    >>> from plat.envs import G1
+    >>> there = G1.default_qpos.copy()
+    >>> there[:2] = 2.0, 1.0
+    >>> placed(G1.default_qpos, G1.default_qpos, there)[:3].round(2)
+    array([2.  , 1.  , 0.76])
+    """
+    poses, first, last = (torch.from_numpy(np.asarray(pose, dtype=np.float64)) for pose in (qpos, origin, place))
+    turn = quat_multiply(quat_yaw(last[3:7]), quat_conjugate(quat_yaw(first[3:7])))
+    vertical = torch.tensor([1.0, 1.0, 0.0], dtype=torch.float64)
+    root_pos = quat_rotate(turn, poses[..., :3] - first[:3] * vertical) + last[:3] * vertical
+    root_quat = quat_multiply(turn.expand_as(poses[..., 3:7]), poses[..., 3:7])
+    return torch.cat((root_pos, root_quat, poses[..., 7:]), -1).numpy()
+
+
+def mirrored(qpos: np.ndarray, robot: Robot) -> np.ndarray:
+    """The pose ``[7 + J]`` with left and right exchanged, in place: position and heading of the root stay.
+
+    >>> from plat.envs import G1
+    >>> bool(np.allclose(mirrored(G1.default_qpos, G1), G1.default_qpos))
+    True
+    """
+    at_origin = placed(qpos, qpos, robot.default_qpos)
+    image = mirror_motion(MotionClip("pose", at_origin[None], fps=1.0), robot).qpos[0]
+    return placed(image, robot.default_qpos, qpos)
+
+
+class Floor:
+    """Tells how far a pose is above the floor, and puts it there.
+
+    Args:
+        robot: whose poses; what counts are its collision geoms, feet and others alike.
+
+    >>> from plat.envs import G1
+    >>> raised = G1.default_qpos + np.eye(36)[2]
+    >>> floor = Floor(G1)
+    >>> round(floor.clearance(raised), 3), round(floor.clearance(floor.dropped(raised)), 3)
+    (1.003, 0.0)
+    """
+
+    def __init__(self, robot: Robot):
+        self._model = robot.model()
+        self._data = mujoco.MjData(self._model)
+        self._floor = self._model.geom("floor").id
+        geoms = range(self._model.ngeom)
+        self._solid = [geom for geom in geoms if self._model.geom_contype[geom] and geom != self._floor]
+
+    def clearance(self, qpos: np.ndarray) -> float:
+        """Height of the lowest point of a pose ``[7 + J]`` (m); negative where it is in the floor."""
+        self._data.qpos[:] = qpos
+        mujoco.mj_kinematics(self._model, self._data)
+        beyond = 1e3  # distances are cut there
+        return min(
+            mujoco.mj_geomDistance(self._model, self._data, self._floor, geom, beyond, None) for geom in self._solid
+        )
+
+    def dropped(self, qpos: np.ndarray) -> np.ndarray:
+        """The pose with its lowest point on the floor."""
+        result = np.array(qpos, dtype=np.float64)
+        result[2] -= self.clearance(result)
+        return result
+
+
+def heading_pitch_roll(quat: np.ndarray) -> np.ndarray:
+    """Angles ``[3]`` (rad) of turns about the vertical, then the side, then the front, of ``wxyz`` ``[4]``.
+
+    >>> heading_pitch_roll(np.array([0.5**0.5, 0.0, 0.0, 0.5**0.5])).round(3).tolist()
+    [1.571, 0.0, 0.0]
+    """
+    w, x, y, z = quat
+    heading = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    pitch = np.arcsin(np.clip(2 * (w * y - x * z), -1.0, 1.0))
+    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    return np.array([heading, pitch, roll])
+
+
+def quat_from_heading_pitch_roll(angles: np.ndarray) -> np.ndarray:
+    """Inverse of :func:`heading_pitch_roll`."""
+    front, side, up = torch.eye(3, dtype=torch.float64)
+    heading, pitch, roll = torch.from_numpy(np.array(angles, dtype=np.float64))
+    tilt = quat_multiply(quat_from_rotvec(pitch * side), quat_from_rotvec(roll * front))
+    return quat_multiply(quat_from_rotvec(heading * up), tilt).numpy()

@@ -1,0 +1,54 @@
+"""Errors and scores as Markdown."""
+
+from collections.abc import Mapping, Sequence
+
+from plat.keyframes import CONTROL_DT
+from plat.playing import ChaseStep, KeyframeScore, PoseErrors
+from plat.studio.player import Summary
+from plat.studio.timeline import Timeline
+
+__all__ = ["keyframe_table", "live_line", "policy_table"]
+
+
+def live_line(step: ChaseStep, errors: PoseErrors) -> str:
+    """Where a robot is on its way: keyframe, time left, and how far from it.
+
+    Args:
+        step: the last step.
+        errors: of the robot against the commanded keyframe, at its end.
+    """
+    number, name = step.command.index + 1, step.command.keyframe.name
+    called = _plain(f"{number} {name or ''}".strip())
+    when = "held" if step.holding else f"in {(step.command.steps_left - 1) * CONTROL_DT:.2f} s"
+    fallen = " **fallen**" if errors.fallen else ""
+    away = f"{errors.keypoint:.2f} m and {errors.joint:.2f} rad away"
+    return f"{step.time:.1f} s: keyframe **{called}** {when}, {away}{fallen}"
+
+
+def keyframe_table(timeline: Timeline, scores: Sequence[KeyframeScore] | None) -> str:
+    """One row a keyframe: whether it was reached, and its errors. Empty without scores."""
+    if scores is None:
+        return ""
+    rows = ["| keyframe | at | reached | joints rad | keypoints m |", "|---|---|---|---|---|"]
+    for label, score in zip(timeline.labels[1:], scores, strict=True):
+        reached = "yes" if score.reached else "fell" if score.fell else "no"
+        errors = f"{score.joint_error:.3f} | {score.keypoint_error:.3f}"
+        rows.append(f"| {_plain(label)} | {score.time:.2f} s | {reached} | {errors} |")
+    return "\n".join(rows)
+
+
+def policy_table(scores: Mapping[str, Sequence[KeyframeScore]]) -> str:
+    """One row a policy: how many keyframes it reached, and mean errors. Empty without scores."""
+    if not scores:
+        return ""
+    rows = ["| policy | reached | joints rad | keypoints m |", "|---|---|---|---|"]
+    for policy, of_policy in scores.items():
+        mean = Summary.of(of_policy)
+        errors = f"{mean.joint_error:.3f} | {mean.keypoint_error:.3f}"
+        rows.append(f"| {_plain(policy)} | {mean.reached} of {mean.total} | {errors} |")
+    return "\n".join(rows)
+
+
+def _plain(text: str) -> str:
+    """Text that Markdown leaves alone."""
+    return "".join(f"\\{letter}" if letter in r"\`*_{}[]()#+-.!|<>" else letter for letter in text)

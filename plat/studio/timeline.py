@@ -1,0 +1,180 @@
+"""Keyframes while they are being made: poses, when to be in them, and which of them is selected."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from plat.errors import KeyframeError
+from plat.keyframes import CONTROL_DT, MAX_STEPS, Keyframe, KeyframeSequence, RobotJoints, standing
+
+__all__ = ["NEW_INTERVAL", "Timeline"]
+
+NEW_INTERVAL = 0.6
+"""Seconds that a new keyframe gives to arrive in it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Timeline:
+    """A start pose and keyframes after it, one of these poses selected. Every edit returns another timeline.
+
+    A keyframe keeps its interval from the pose before it: inserting, removing and stretching move all later
+    keyframes in time. Intervals are whole control steps and never longer than ``MAX_STEPS`` of them, so there is
+    nothing to split and, other than being empty, nothing that :class:`plat.keyframes.KeyframeSequence` refuses.
+
+    Args:
+        robot: whose keyframes they are.
+        start: the pose at time 0.
+        keyframes: in the order of their times.
+        selected: 0 for the start, else the number of a keyframe, counted from 1.
+
+    >>> from plat.envs import G1
+    >>> timeline = Timeline.empty(G1)
+    >>> for _ in range(3):
+    ...     timeline = timeline.inserted(timeline.pose.qpos, 0.5)
+    >>> [keyframe.time for keyframe in timeline.select(1).removed().keyframes]
+    [0.5, 1.0]
+    """
+
+    robot: RobotJoints
+    start: Keyframe
+    keyframes: tuple[Keyframe, ...] = ()
+    selected: int = 0
+
+    @classmethod
+    def empty(cls, robot: RobotJoints) -> Timeline:
+        """The robot standing, and no keyframe yet."""
+        return cls(robot, standing(robot))
+
+    @classmethod
+    def of(cls, sequence: KeyframeSequence) -> Timeline:
+        """The keyframes of a sequence, the first one selected."""
+        return cls(sequence.robot, sequence.start, sequence.keyframes, 1)
+
+    def sequence(self) -> KeyframeSequence:
+        """What is played and saved.
+
+        Raises:
+            KeyframeError: while there is no keyframe.
+        """
+        return KeyframeSequence(self.robot, self.start, self.keyframes)
+
+    @property
+    def poses(self) -> tuple[Keyframe, ...]:
+        """The start and all keyframes."""
+        return (self.start, *self.keyframes)
+
+    @property
+    def pose(self) -> Keyframe:
+        """The selected one."""
+        return self.poses[self.selected]
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What to call each pose: ``start``, then number and name."""
+        return ("start", *(f"{number} {frame.name or ''}".strip() for number, frame in enumerate(self.keyframes, 1)))
+
+    @property
+    def interval(self) -> float:
+        """Seconds from the pose before to the selected one; 0 for the start."""
+        return CONTROL_DT * self._steps()[self.selected - 1] if self.selected else 0.0
+
+    def select(self, number: int) -> Timeline:
+        """The same with another pose selected; numbers beyond the ends select the ends."""
+        return replace(self, selected=min(max(number, 0), len(self.keyframes)))
+
+    def posed(self, qpos: np.ndarray) -> Timeline:
+        """The selected pose replaced by ``[7 + J]``; its time and name stay."""
+        pose = Keyframe.from_qpos(self.pose.time, qpos, self.pose.name)
+        frames = [*self.poses]
+        frames[self.selected] = pose
+        return replace(self, start=frames[0], keyframes=tuple(frames[1:]))
+
+    def renamed(self, name: str) -> Timeline:
+        """The selected keyframe under another name; none for an empty one."""
+        self._check_keyframe("renamed")
+        frames = [*self.keyframes]
+        frames[self.selected - 1] = replace(self.pose, name=name.strip() or None)
+        return replace(self, keyframes=tuple(frames))
+
+    def inserted(self, qpos: np.ndarray, interval: float = NEW_INTERVAL, name: str | None = None) -> Timeline:
+        """A keyframe ``[7 + J]`` after the selected pose, ``interval`` seconds later; it is selected."""
+        frames, steps = [*self.keyframes], self._steps()
+        frames.insert(self.selected, Keyframe.from_qpos(0.0, qpos, name))
+        steps.insert(self.selected, _allowed(interval))
+        return self._spaced(frames, steps, self.selected + 1)
+
+    def removed(self) -> Timeline:
+        """Without the selected keyframe; the one that takes its place is selected.
+
+        Raises:
+            KeyframeError: for the start.
+        """
+        self._check_keyframe("removed")
+        frames, steps = [*self.keyframes], self._steps()
+        del frames[self.selected - 1], steps[self.selected - 1]
+        return self._spaced(frames, steps, min(self.selected, len(frames)))
+
+    def moved(self, places: int) -> Timeline:
+        """The selected keyframe later (or earlier) in the order, its interval going with it; it stays selected.
+
+        Raises:
+            KeyframeError: for the start.
+        """
+        self._check_keyframe("moved")
+        frames, steps = [*self.keyframes], self._steps()
+        here = self.selected - 1
+        there = min(max(here + places, 0), len(frames) - 1)
+        frames.insert(there, frames.pop(here))
+        steps.insert(there, steps.pop(here))
+        return self._spaced(frames, steps, there + 1)
+
+    def stretched(self, interval: float) -> Timeline:
+        """The selected keyframe ``interval`` seconds after the pose before it; later ones move with it.
+
+        Raises:
+            KeyframeError: for the start.
+        """
+        self._check_keyframe("moved in time")
+        steps = self._steps()
+        steps[self.selected - 1] = _allowed(interval)
+        return self._spaced(self.keyframes, steps, self.selected)
+
+    def retimed(self, number: int, time: float) -> Timeline:
+        """Keyframe ``number`` at a time (s), or as near to it as its neighbours let it come; no other one moves."""
+        steps = self._steps()
+        before = sum(steps[: number - 1])
+        if number < len(steps):
+            both = steps[number - 1] + steps[number]
+            span = range(max(1, both - MAX_STEPS), min(MAX_STEPS, both - 1) + 1)
+        else:
+            both = None
+            span = range(1, MAX_STEPS + 1)
+        steps[number - 1] = min(max(round(time / CONTROL_DT) - before, span[0]), span[-1])
+        if both is not None:
+            steps[number] = both - steps[number - 1]
+        return self._spaced(self.keyframes, steps, self.selected)
+
+    def _steps(self) -> list[int]:
+        """Control steps from each pose to the next."""
+        arrivals = [round(pose.time / CONTROL_DT) for pose in self.poses]
+        return [after - before for before, after in pairwise(arrivals)]
+
+    def _spaced(self, frames: Sequence[Keyframe], steps: Sequence[int], selected: int) -> Timeline:
+        arrivals = np.cumsum(steps).tolist()
+        timed = tuple(
+            frame.at(round(step * CONTROL_DT, 6)) for frame, step in zip(frames, arrivals, strict=True)
+        )  # rounded, so that files hold 0.6 and not 0.6000000000000001
+        return replace(self, keyframes=timed, selected=selected)
+
+    def _check_keyframe(self, what: str) -> None:
+        if self.selected == 0:
+            raise KeyframeError(f"the start pose cannot be {what}: select a keyframe")
+
+
+def _allowed(interval: float) -> int:
+    """Control steps nearest to an interval (s) that a command can be long."""
+    return min(max(round(interval / CONTROL_DT), 1), MAX_STEPS)

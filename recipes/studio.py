@@ -1,0 +1,72 @@
+"""Pose keyframes in the browser, and watch policies chase them.
+
+python recipes/studio.py weights/plat weights/dagger weights/expert --motions generated:val
+"""
+
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+# MuJoCo looks at this when it is imported; without a screen only EGL (or OSMesa) draws
+if sys.platform == "linux" and "DISPLAY" not in os.environ:
+    os.environ.setdefault("MUJOCO_GL", "egl")
+
+import tyro
+
+from plat.errors import StudioError
+from plat.training import load_policy, report_errors
+
+
+@dataclass(kw_only=True)
+class StudioRecipe:
+    """Open the keyframe studio, a web page."""
+
+    runs: Annotated[tuple[Path, ...], tyro.conf.Positional] = (
+        Path("weights/plat"),
+        Path("weights/dagger"),
+        Path("weights/expert"),
+    )
+    """run directories of policies; an expert is given keyframes in place of its next reference frame (Scratch RL)"""
+    motions: str = "generated:val"
+    """motion files, folders or globs that the page proposes to take poses from, with spaces between them"""
+    keyframes: Path | None = None
+    """keyframe file to open"""
+    host: str = "127.0.0.1"
+    """address to listen on; 0.0.0.0 lets other machines in, and with them everybody who can reach this one"""
+    port: int = 8080
+    """port to listen on"""
+
+
+def main(recipe: StudioRecipe) -> None:
+    """Run the recipe until it is interrupted."""
+    try:
+        from plat.studio.app import Studio
+        from plat.studio.session import Session
+    except ImportError as error:
+        raise StudioError("the studio needs: pip install 'plat-rl[studio]'") from error
+    policies = {name: load_policy(run) for name, run in zip(_names(recipe.runs), recipe.runs, strict=True)}
+    robot = next(iter(policies.values())).robot
+    session = Session(robot, {name: policy.deployed() for name, policy in policies.items()})
+    if recipe.keyframes is not None:
+        session.load(recipe.keyframes)
+    path = str(recipe.keyframes or "keyframes.json")
+    studio = Studio(session, host=recipe.host, port=recipe.port, motions=recipe.motions, path=path)
+    try:
+        studio.run()
+    except KeyboardInterrupt:
+        pass
+    finally:
+        studio.stop()
+
+
+def _names(runs: tuple[Path, ...]) -> list[str]:
+    """What to call each run: its folder, or its path where two folders have the same name."""
+    folders = [run.name for run in runs]
+    return [folder if folders.count(folder) == 1 else str(run) for folder, run in zip(folders, runs, strict=True)]
+
+
+if __name__ == "__main__":
+    with report_errors():
+        main(tyro.cli(StudioRecipe))

@@ -1,0 +1,90 @@
+import numpy as np
+import pytest
+
+from plat.envs import G1
+from plat.keyframes import CONTROL_DT
+from plat.playing import PolicyController
+from plat.studio.player import HOLD, Player, Summary, score
+from plat.studio.timeline import Timeline
+from tests.playing.puppets import Limp, Puppet
+
+
+def play(player: Player, frame: float = 0.03) -> Player:
+    while not player.finished:
+        player.advance(frame)
+    return player
+
+
+def test_steps_are_taken_as_time_passes(sequence):
+    player = Player(G1, Puppet(), sequence)
+    for _ in range(10):
+        player.advance(0.0301)
+    np.testing.assert_allclose(player.times, CONTROL_DT * np.arange(1, 16))
+    player.advance(0.009)
+    assert len(player.times) == 15
+    assert player.step.time == pytest.approx(0.3)
+
+
+def test_a_machine_that_is_too_slow_stretches_time(sequence):
+    player = Player(G1, Puppet(), sequence)
+    player.advance(10.0)
+    assert len(player.times) == 5
+
+
+def test_the_robot_holds_the_last_keyframe_and_is_finished(sequence):
+    player = play(Player(G1, Puppet(), sequence))
+    assert player.times[-1] == pytest.approx(sequence.duration + HOLD)
+    steps = len(player.errors)
+    player.advance(1.0)
+    assert len(player.errors) == steps
+
+
+@pytest.mark.parametrize("frame", [0.02, 0.033, 0.1])
+def test_scores_do_not_depend_on_the_frame_rate(sequence, policies, frame: float):
+    player = play(Player(G1, PolicyController(policies["plat"], G1), sequence), frame)
+    at_once = score(G1, PolicyController(policies["plat"], G1), sequence)
+    assert player.scores == at_once
+    assert [keyframe.name for keyframe in at_once] == ["squat", None]
+
+
+def test_the_committed_policy_gets_there_and_a_limp_robot_does_not(sequence, policies):
+    assert all(keyframe.reached for keyframe in score(G1, PolicyController(policies["plat"], G1), sequence))
+    assert not score(G1, Limp(), sequence)[-1].reached
+
+
+def test_errors_are_the_distance_to_the_commanded_keyframe():
+    ahead = G1.default_qpos + np.eye(36)[0]  # a metre
+    player = Player(G1, Puppet(), Timeline.empty(G1).inserted(ahead, 1.0).sequence())
+    player.advance(0.0201)
+    assert player.errors[0].keypoint == pytest.approx(1.0, abs=0.01)
+    assert player.errors[0].joint < 0.01
+
+
+def test_there_are_no_scores_of_what_was_exchanged_on_the_way(sequence):
+    player = Player(G1, Puppet(), sequence)
+    player.advance(0.1)
+    player.hand_over(Puppet())
+    assert play(player).scores is None
+    player.restart()
+    player.sequence = sequence
+    assert play(player).scores is None
+    player.restart()
+    assert play(player).scores is not None
+
+
+def test_a_restarted_robot_does_the_same_again(sequence):
+    player = play(Player(G1, Puppet(), sequence))
+    first, end = player.scores, player.qpos
+    player.restart()
+    assert player.step is None
+    np.testing.assert_array_equal(player.qpos, sequence.start.qpos)
+    assert play(player).scores == first
+    np.testing.assert_array_equal(player.qpos, end)
+
+
+def test_a_summary_counts_and_averages(sequence):
+    scores = score(G1, Limp(), sequence)
+    summary = Summary.of(scores)
+    assert (summary.reached, summary.total) == (sum(keyframe.reached for keyframe in scores), 2)
+    assert summary.joint_error == pytest.approx((scores[0].joint_error + scores[1].joint_error) / 2)
+    assert summary.keypoint_error == pytest.approx((scores[0].keypoint_error + scores[1].keypoint_error) / 2)

@@ -1,0 +1,273 @@
+import json
+
+import numpy as np
+import pytest
+
+from plat.envs import G1
+from plat.envs.motions import MotionClip, generate_motions
+from plat.errors import KeyframeError, MotionError, StudioError
+from plat.studio.timeline import NEW_INTERVAL
+from tests.studio.conftest import squat
+
+pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
+
+from plat.studio.poser import Frame
+from plat.studio.session import Session
+
+LEFT_ELBOW = G1.joint_names.index("left_elbow")
+LEFT_PITCH, RIGHT_PITCH = (7 + G1.joint_names.index(f"{side}_shoulder_pitch") for side in ("left", "right"))
+
+
+@pytest.fixture
+def session(policies) -> Session:
+    return Session(G1, policies)
+
+
+def with_squat(session: Session) -> Session:
+    session.add()
+    session.pose(squat())
+    session.add()
+    session.stand()
+    return session
+
+
+def play(session: Session) -> None:
+    session.play()
+    while session.playing:
+        session.tick(0.05)
+
+
+def test_a_slider_is_one_step_to_undo(session):
+    session.add()
+    for angle in (0.7, 0.8, 0.9):
+        session.set_joint(LEFT_ELBOW, angle)
+    session.set_joint(LEFT_ELBOW + 1, 0.1)
+    session.undo()
+    assert session.timeline.pose.joint_pos[LEFT_ELBOW] == 0.9
+    session.undo()
+    assert session.timeline.pose.joint_pos[LEFT_ELBOW] == pytest.approx(0.6)
+    session.redo()
+    assert session.timeline.pose.joint_pos[LEFT_ELBOW] == 0.9
+
+
+def test_a_slider_of_another_keyframe_is_another_step(session):
+    session.add()
+    session.set_joint(LEFT_ELBOW, 0.9)
+    session.select(0)
+    session.set_joint(LEFT_ELBOW, 0.1)
+    session.undo()
+    assert session.timeline.start.joint_pos[LEFT_ELBOW] == pytest.approx(0.6)
+    assert session.timeline.keyframes[0].joint_pos[LEFT_ELBOW] == 0.9
+
+
+def test_a_drag_is_one_step_to_undo_and_keeps_what_is_held(session):
+    session.add()
+    frames = session.poser.frames(session.timeline.pose.qpos)
+    hand, foot = frames["left hand"], frames["right foot"]
+    before = session.timeline.pose.qpos
+    for _ in range(2):
+        session.grab("left hand", ["left foot", "right foot"])
+        for height in (0.1, 0.2, 0.3):
+            session.drag(Frame(hand.pos + np.array([0.1, 0.0, height]), hand.quat))
+        session.release()
+    after = session.poser.frames(session.timeline.pose.qpos)
+    np.testing.assert_allclose(after["left hand"].pos, hand.pos + np.array([0.1, 0.0, 0.3]), atol=0.02)
+    np.testing.assert_allclose(after["right foot"].pos, foot.pos, atol=0.005)
+    session.undo()
+    session.undo()
+    np.testing.assert_array_equal(session.timeline.pose.qpos, before)
+
+
+def test_a_drag_without_a_grip_does_nothing(session):
+    session.add()
+    session.drag(Frame(np.ones(3), np.array([1.0, 0, 0, 0])))
+    np.testing.assert_array_equal(session.timeline.pose.qpos, G1.default_qpos)
+
+
+def test_copies_are_pasted_after_the_selected_pose(session):
+    with_squat(session)
+    session.select(1)
+    session.edit(session.timeline.renamed("down"))
+    session.copy()
+    session.select(2)
+    session.paste()
+    assert session.timeline.labels == ("start", "1 down", "2", "3 down")
+    np.testing.assert_array_equal(session.timeline.pose.qpos, session.timeline.keyframes[0].qpos)
+    assert session.timeline.pose.time == pytest.approx(3 * NEW_INTERVAL)
+
+
+def test_there_is_nothing_to_paste_at_first(session):
+    with pytest.raises(KeyframeError, match="copy a keyframe first"):
+        session.paste()
+
+
+def test_poses_are_mirrored_dropped_and_flattened(session):
+    with_squat(session)
+    session.select(1)
+    session.mirror()
+    assert session.timeline.pose.qpos[RIGHT_PITCH] == pytest.approx(-1.0)
+    assert session.timeline.pose.qpos[LEFT_PITCH] == pytest.approx(0.2)
+    session.set_root(np.array([0.3, 0.1, 1.5, 1.0, 0.0, 0.0, 0.0]), "root")
+    session.drop()
+    assert 0.6 < session.timeline.pose.qpos[2] < 0.75
+    session.flatten_feet()
+    feet = session.poser.frames(session.timeline.pose.qpos)
+    assert abs(feet["left foot"].quat[2]) < 0.01
+    session.stand()
+    np.testing.assert_allclose(session.timeline.pose.qpos[7:], G1.default_qpos[7:])
+    np.testing.assert_allclose(session.timeline.pose.qpos[:2], [0.3, 0.1], atol=0.02)
+
+
+def test_playing_ends_with_scores(session):
+    with_squat(session)
+    play(session)
+    assert [keyframe.reached for keyframe in session.scores["plat"]] == [True, True]
+    session.choose("expert")
+    play(session)
+    assert set(session.scores) == {"plat", "expert"}
+
+
+def test_edits_throw_scores_away(session):
+    with_squat(session)
+    play(session)
+    session.select(1)
+    assert session.scores
+    session.set_joint(LEFT_ELBOW, 0.0)
+    assert not session.scores
+    assert session.player is None, "what it played is no more"
+
+
+def test_edits_are_obeyed_while_playing(session):
+    with_squat(session)
+    session.play()
+    session.tick(0.1)
+    session.select(2)
+    session.set_joint(LEFT_ELBOW, 0.0)
+    assert session.playing
+    assert session.player.sequence.keyframes[1].joint_pos[LEFT_ELBOW] == 0.0
+    while session.playing:
+        session.tick(0.05)
+    assert not session.scores, "half of it was played with other keyframes"
+    session.play()
+    session.new()
+    assert not session.playing
+
+
+def test_another_policy_takes_over(session):
+    with_squat(session)
+    session.play()
+    session.tick(0.1)
+    session.choose("expert")
+    while session.playing:
+        session.tick(0.05)
+    assert session.player.times[-1] > 1.0
+    assert not session.scores
+
+
+def test_nothing_to_play(session):
+    with pytest.raises(KeyframeError, match="expected at least one"):
+        session.play()
+
+
+def test_all_policies_are_compared_as_if_played(session):
+    with_squat(session)
+    play(session)
+    played = session.scores["plat"]
+    scores = session.compare(session.timeline)
+    assert list(scores) == ["plat", "expert"]
+    assert scores["plat"] == played
+    compared = session.timeline
+    session.select(1)
+    session.take_scores(compared, scores)
+    assert set(session.scores) == {"plat", "expert"}
+    session.set_joint(LEFT_ELBOW, 0.0)
+    session.take_scores(compared, scores)
+    assert not session.scores, "they are of other keyframes"
+
+
+def test_files_come_back_with_the_same_scores(session, policies, tmp_path):
+    with_squat(session)
+    play(session)
+    session.save(tmp_path / "squat.json")
+    other = Session(G1, policies)
+    assert other.load(tmp_path / "squat.json") == 0
+    assert other.timeline.selected == 1
+    play(other)
+    assert other.scores == session.scores
+    other.undo()
+    assert other.timeline.labels == ("start",)
+    assert other.from_json("mine.json", session.to_json()) == 0
+    assert [frame.time for frame in other.timeline.keyframes] == [frame.time for frame in session.timeline.keyframes]
+
+
+def test_keyframes_too_far_apart_are_split(session):
+    with_squat(session)
+    content = json.loads(session.to_json())
+    content["keyframes"][1]["time"] = 3.2
+    assert session.from_json("far.json", json.dumps(content).encode()) == 2
+    assert len(session.timeline.keyframes) == 4
+
+
+@pytest.mark.parametrize("content", [b"", b"{}", b"\xff\xfe", b'{"format": "plat-keyframes", "version": 7}'])
+def test_bad_files_are_named_and_change_nothing(session, content: bytes):
+    with_squat(session)
+    before = session.timeline
+    with pytest.raises(KeyframeError, match=r"keyframe file 'mine.json': ") as caught:
+        session.from_json("mine.json", content)
+    assert "\n" not in str(caught.value)
+    assert session.timeline is before
+
+
+def test_poses_are_taken_out_of_clips(session):
+    clip = generate_motions("val", seconds=8)[1]
+    session.add()
+    session.set_root(np.array([1.0, 2.0, 0.7, 1.0, 0.0, 0.0, 0.0]), "root")
+    session.take_pose(clip, 2.0, insert=False)
+    frame = clip.qpos[100]
+    np.testing.assert_allclose(session.timeline.pose.qpos[7:], frame[7:], atol=1e-5)
+    np.testing.assert_allclose(session.timeline.pose.qpos[:3], [1.0, 2.0, frame[2]], atol=1e-5)
+    session.take_pose(clip, 2.0, insert=True)
+    assert len(session.timeline.keyframes) == 2
+
+
+def test_a_stretch_of_a_clip_becomes_keyframes_where_the_start_stands(session):
+    clip = generate_motions("val", seconds=8)[1]
+    session.set_root(np.array([1.0, 2.0, 0.76, 1.0, 0.0, 0.0, 0.0]), "root")
+    session.take_stretch(clip, begin=1.0, seconds=2.0, interval=0.5)
+    assert [frame.time for frame in session.timeline.keyframes] == pytest.approx([0.5, 1.0, 1.5, 2.0])
+    np.testing.assert_allclose(session.timeline.start.qpos[:2], [1.0, 2.0], atol=1e-6)
+    np.testing.assert_allclose(session.timeline.keyframes[1].joint_pos, clip.qpos[100, 7:], atol=1e-5)
+
+
+def test_clips_beyond_the_joint_limits_can_be_taken(session):
+    qpos = np.tile(G1.default_qpos, (60, 1))
+    qpos[:, 7 + LEFT_ELBOW] = 9.0
+    clip = MotionClip("beyond", qpos, 30.0)
+    session.take_stretch(clip, begin=0.0, seconds=1.0, interval=0.5)
+    session.take_pose(clip, 1.0, insert=True)
+    assert session.timeline.sequence().keyframes[0].joint_pos[LEFT_ELBOW] == pytest.approx(
+        float(G1.joint_range[LEFT_ELBOW, 1])
+    )
+
+
+def test_a_broken_or_short_clip_is_refused(session):
+    with pytest.raises(MotionError, match="not finite|finite number"):
+        session.take_pose(MotionClip("bad", np.full((5, 36), np.nan), 30.0), 0.0, insert=False)
+    short = MotionClip("short", np.tile(G1.default_qpos, (5, 1)), 30.0)
+    with pytest.raises(KeyframeError, match="at least one"):
+        session.take_stretch(short, begin=0.0, seconds=5.0, interval=0.5)
+
+
+def test_a_video_is_an_mp4(session, tmp_path):
+    with_squat(session)
+    with pytest.raises(StudioError, match=r"ends in \.mp4"):
+        session.record(session.timeline, "plat", tmp_path / "video.txt")
+
+
+def test_a_video_is_recorded(session, tmp_path, monkeypatch):
+    pytest.importorskip("imageio_ffmpeg", reason="the extra plat-rl[video] is not installed")
+    monkeypatch.setattr("plat.studio.session.HOLD", 0.0)
+    session.add()
+    session.edit(session.timeline.stretched(0.1))
+    session.record(session.timeline, "plat", tmp_path / "new" / "video.mp4")
+    assert (tmp_path / "new" / "video.mp4").stat().st_size > 1000

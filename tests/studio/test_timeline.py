@@ -1,0 +1,142 @@
+import numpy as np
+import pytest
+
+from plat.envs import G1
+from plat.errors import KeyframeError
+from plat.keyframes import MAX_STEPS
+from plat.studio.timeline import NEW_INTERVAL, Timeline
+
+
+def pose(height: float) -> np.ndarray:
+    qpos = G1.default_qpos.copy()
+    qpos[2] = height
+    return qpos
+
+
+def three() -> Timeline:
+    """Keyframes at 0.5, 0.9 and 1.8 s, told apart by their heights, the last one selected."""
+    timeline = Timeline.empty(G1)
+    for height, interval in ((0.1, 0.5), (0.2, 0.4), (0.3, 0.9)):
+        timeline = timeline.inserted(pose(height), interval)
+    return timeline
+
+
+def times(timeline: Timeline) -> list[float]:
+    return [keyframe.time for keyframe in timeline.keyframes]
+
+
+def heights(timeline: Timeline) -> list[float]:
+    return [float(keyframe.root_pos[2]) for keyframe in timeline.keyframes]
+
+
+def test_an_empty_timeline_has_a_start_and_nothing_to_play():
+    timeline = Timeline.empty(G1)
+    assert timeline.labels == ("start",)
+    with pytest.raises(KeyframeError, match="expected at least one"):
+        timeline.sequence()
+
+
+def test_keyframes_are_added_one_after_the_other():
+    timeline = three()
+    assert times(timeline) == [0.5, 0.9, 1.8]
+    assert timeline.selected == 3
+    assert timeline.interval == pytest.approx(0.9)
+    assert len(timeline.sequence()) == 3
+
+
+def test_an_added_keyframe_moves_later_ones():
+    timeline = three().select(1).inserted(pose(0.7))
+    assert heights(timeline) == [0.1, 0.7, 0.2, 0.3]
+    assert times(timeline) == pytest.approx([0.5, 0.5 + NEW_INTERVAL, 0.9 + NEW_INTERVAL, 1.8 + NEW_INTERVAL])
+    assert timeline.selected == 2
+
+
+def test_intervals_are_kept_within_what_a_command_can_be():
+    timeline = Timeline.empty(G1).inserted(pose(0.1), 7.0).inserted(pose(0.2), 0.0)
+    assert times(timeline) == [1.0, 1.02]
+
+
+def test_removing_closes_the_gap():
+    timeline = three().select(2).removed()
+    assert heights(timeline) == [0.1, 0.3]
+    assert times(timeline) == [0.5, 1.4]
+    assert timeline.selected == 2
+    assert timeline.removed().selected == 1
+    assert timeline.removed().removed().selected == 0
+
+
+def test_moving_takes_the_interval_along():
+    timeline = three().moved(-2)
+    assert heights(timeline) == [0.3, 0.1, 0.2]
+    assert times(timeline) == [0.9, 1.4, 1.8]
+    assert timeline.selected == 1
+    assert heights(timeline.moved(-1)) == heights(timeline)
+
+
+def test_stretching_moves_later_keyframes():
+    timeline = three().select(2).stretched(0.6)
+    assert times(timeline) == [0.5, 1.1, 2.0]
+    assert times(timeline.stretched(30.0)) == [0.5, 1.5, 2.4]
+
+
+@pytest.mark.parametrize(
+    ("number", "asked", "expected"),
+    [
+        (2, 1.2, [0.5, 1.2, 1.8]),
+        (2, 0.1, [0.5, 0.8, 1.8]),  # not more than a second before the next
+        (2, 1.9, [0.5, 1.5, 1.8]),  # not more than a second after the one before
+        (1, 5.0, [0.88, 0.9, 1.8]),  # a control step before the next
+        (3, 9.0, [0.5, 0.9, 1.9]),
+        (3, 0.0, [0.5, 0.9, 0.92]),
+    ],
+)
+def test_retiming_moves_one_keyframe_between_its_neighbours(number: int, asked: float, expected: list[float]):
+    timeline = three().retimed(number, asked)
+    assert times(timeline) == pytest.approx(expected)
+    timeline.sequence()
+
+
+def test_a_random_walk_of_edits_can_always_be_played():
+    rng = np.random.default_rng(0)
+    timeline = three()
+    for _ in range(500):
+        edit = rng.integers(6)
+        timeline = timeline.select(int(rng.integers(1, len(timeline.poses))))
+        if edit == 0 or len(timeline.keyframes) < 2:
+            timeline = timeline.inserted(pose(0.5), rng.uniform(-1, 3))
+        elif edit == 1:
+            timeline = timeline.removed()
+        elif edit == 2:
+            timeline = timeline.moved(int(rng.integers(-3, 4)))
+        elif edit == 3:
+            timeline = timeline.stretched(rng.uniform(-1, 3))
+        else:
+            timeline = timeline.retimed(timeline.selected, rng.uniform(-1, 30))
+        arrivals = np.array([0, *timeline.sequence().arrival_steps])
+        assert np.diff(arrivals).min() >= 1
+        assert np.diff(arrivals).max() <= MAX_STEPS
+
+
+def test_posing_and_naming_change_the_selected_pose_only():
+    timeline = three().select(2).posed(pose(0.9)).renamed(" wave ")
+    assert heights(timeline) == [0.1, 0.9, 0.3]
+    assert times(timeline) == [0.5, 0.9, 1.8]
+    assert timeline.labels == ("start", "1", "2 wave", "3")
+    assert timeline.renamed("").labels[2] == "2"
+    assert timeline.select(0).posed(pose(0.8)).start.root_pos[2] == 0.8
+
+
+@pytest.mark.parametrize(
+    "edit", [Timeline.removed, lambda t: t.moved(1), lambda t: t.stretched(1), lambda t: t.renamed("a")]
+)
+def test_the_start_stays_where_it_is(edit):
+    with pytest.raises(KeyframeError, match="select a keyframe"):
+        edit(three().select(0))
+
+
+def test_a_sequence_comes_back_as_it_went():
+    sequence = three().sequence()
+    again = Timeline.of(sequence)
+    assert again.selected == 1
+    assert times(again) == [0.5, 0.9, 1.8]
+    assert heights(again) == [0.1, 0.2, 0.3]
