@@ -38,7 +38,7 @@ class Figure:
             return f"{self.value:,.0f} steps/s, {self.ratio:.1%} of bare physics"
         if self.unit == "MB":
             return f"{self.value:,.0f} MB"
-        return f"{self.value:.3g} {self.unit}, the time of {self.ratio:,.0f} bare steps"
+        return f"{self.value:.3g} {self.unit}, the time of {self.ratio:,.{0 if self.ratio > 100 else 1}f} bare steps"
 
 
 @dataclass(frozen=True)
