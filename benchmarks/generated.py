@@ -7,26 +7,24 @@ measured. Trackers need the extra ``baselines``, and ``--sheets`` the extra ``vi
 """
 
 import logging
-import os
-import sys
 import time
 from collections import Counter
 from dataclasses import dataclass, fields
 from itertools import groupby
 from pathlib import Path
 
-# MuJoCo looks at this when it is imported; without a screen only EGL (or OSMesa) draws
-if sys.platform == "linux" and "DISPLAY" not in os.environ:
-    os.environ.setdefault("MUJOCO_GL", "egl")
-
 import numpy as np
 import tyro
+
+import plat.headless  # noqa: F401
+
+# isort: split
 
 from plat.baselines import Tracker, Twist2, Wbc, follow
 from plat.envs import G1, MotionLibrary
 from plat.envs.motions import MotionClip, generate_motions, load_motions
 from plat.envs.motions.generation.soundness import Soundness, measure_soundness
-from plat.rendering import Stage, write_picture
+from plat.rendering import Stage, stills, write_picture
 from plat.training import report_errors
 
 
@@ -115,11 +113,8 @@ def write_sheets(folder: Path, clips: list[MotionClip]) -> None:
     for family, numbers in by_family(clips).items():
         rows = []
         for number in numbers[:2]:
-            pictures = []
-            for pose in clips[number].qpos[np.linspace(0, len(clips[number].qpos) - 1, 8).round().astype(int)]:
-                stage.look_at(pose)
-                pictures.append(stage.draw(pose)[:, 45:175])
-            rows.append(np.concatenate(pictures, 1))
+            _, pictures = stills(stage, clips[number].qpos, 8)
+            rows.append(np.concatenate(pictures[:, :, 45:175], 1))
         write_picture(folder / f"generated_{family}.png", np.concatenate(rows))
     stage.close()
 

@@ -1,30 +1,38 @@
 """Cost of each layer over bare physics, as ratios in one run.
 
-python benchmarks/run.py
+python benchmarks/run.py            # the table
+python benchmarks/run.py --check    # has anything become slower?
 
 Every layer is timed in turn, several rounds over, and each round's rate is divided by the bare physics of the same
-round: what else the machine does at the time hits both. Medians over rounds are printed.
+round: what else the machine does at the time hits both. Medians over rounds are printed; docs/speed.md says what
+each row is. ``--json benchmarks/expected.json`` writes what ``--check`` compares with.
 """
 
-import json
-import platform
-import statistics
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import torch
 import tyro
+from costs import Cost, costs
+from guard import TOLERANCE, Figures, compared, figure, read_figures, write_figures
+from rounds import in_rounds, machine
 from torch import Tensor
-from torchrl.collectors import Collector
+from torchrl.envs import TransformedEnv
 
-from plat.collectors import ExpertLabels, dagger_buffer
+from plat.collectors import ExpertLabels, dagger_buffer, rollouts, simulation_threads
 from plat.envs import G1, BatchedPhysics, MotionLibrary, TaskConfig, make_keyframe_env, make_tracking_env
 from plat.modules import STUDENT_KEYS, Critic, Expert, LatentPolicy
-from plat.objectives import PPO, LatentImitationLoss
+from plat.objectives import PPO, LatentImitationLoss, autocast
+from plat.training import report_errors
 
 STEPS = 24
+BARE = "bare physics"
+EXPECTED = Path(__file__).parent / "expected.json"
 
 
 @dataclass(kw_only=True)
@@ -37,8 +45,14 @@ class BenchmarkConfig:
     """robots that are simulated at a time"""
     rounds: int = 5
     """times that everything is measured"""
+    costs: bool = True
+    """measure a loss step, the deployed policy, imports and the motion library as well"""
+    library_seconds: float = 10_000.0
+    """length of that library (s)"""
     json: Path | None = None
     """file to write the figures to"""
+    check: bool = False
+    """hold the figures against benchmarks/expected.json, and fail when one is more than 15 % worse"""
 
 
 def reference_targets(library: MotionLibrary, frame: Tensor) -> Tensor:
@@ -59,10 +73,11 @@ def bare_physics(library: MotionLibrary, count: int) -> Callable[[], None]:
         targets = [
             reference_targets(library, (frame + step).minimum(library.last_frame[frame])) for step in range(STEPS)
         ]
-        TIMER.start()
-        for target in targets:
-            physics.step(target, nstep=4)
-        TIMER.stop()
+        with simulation_threads(count):
+            TIMER.start()
+            for target in targets:
+                physics.step(target, nstep=4)
+            TIMER.stop()
 
     return measure
 
@@ -88,38 +103,29 @@ def environment(make: Callable, library: MotionLibrary, count: int) -> Callable[
     def measure() -> None:
         noise = [0.35 * torch.randn(count, 29) for _ in range(STEPS)]
         current = state[0]
-        TIMER.start()
-        for extra in noise:
-            frame = current["motion", "frame"]
-            target = library.poses((frame + 1).minimum(library.last_frame[frame]))["joint_pos"]
-            current["action"] = (target - G1.default_joint_pos) / G1.action_scale + extra
-            _, current = env.step_and_maybe_reset(current)
-        TIMER.stop()
+        with simulation_threads(count):
+            TIMER.start()
+            for extra in noise:
+                frame = current["motion", "frame"]
+                target = library.poses((frame + 1).minimum(library.last_frame[frame]))["joint_pos"]
+                current["action"] = (target - G1.default_joint_pos) / G1.action_scale + extra
+                _, current = env.step_and_maybe_reset(current)
+            TIMER.stop()
         state[0] = current
 
     return measure
 
 
-def collection(library: MotionLibrary, count: int, learn: bool) -> Callable[[], None]:
+def collection(env: TransformedEnv, learn: bool, steps: int = STEPS) -> Callable[[], None]:
     """TorchRL's collector with the expert acting; and with ``learn`` a whole PPO iteration."""
-    env = make_tracking_env(library, count, TaskConfig(observation_noise=True, domain_randomization=True))
     expert = Expert(G1)
     critic = Critic(G1, expert.normalizer.in_keys)
     ppo = PPO(expert.head(), critic.head(), critic.observe())
-    rollouts = iter(
-        Collector(
-            env,
-            expert.actor(),
-            frames_per_batch=count * STEPS,
-            track_traj_ids=False,
-            trust_policy=True,
-            auto_register_policy_transforms=False,
-        )
-    )
+    batches = rollouts(env, expert.actor(), steps)
 
     def measure() -> None:
         TIMER.start()
-        rollout = next(rollouts)
+        rollout = next(batches)
         if learn:
             ppo.step(rollout)
             expert.normalizer.update(rollout)
@@ -129,33 +135,24 @@ def collection(library: MotionLibrary, count: int, learn: bool) -> Callable[[], 
     return measure
 
 
-def distillation(library: MotionLibrary, count: int) -> Callable[[], None]:
+def distillation(env: TransformedEnv) -> Callable[[], None]:
     """Stage 2: states collected and labelled, and four gradient steps of 2048 for every 4096 of them."""
     expert = Expert(G1).deployed("dense_goal", out_key="expert_action")
     student = LatentPolicy(G1)
     loss = LatentImitationLoss(student.training_graph())
     optimizer = torch.optim.Adam(student.parameters(), lr=1e-3, fused=True)
-    buffer = dagger_buffer(library, 100_000, 2048, stride=5)
-    task = TaskConfig(dense_weight=0, sparse_weight=0, regularisation_weight=0)
-    batches = iter(
-        Collector(
-            make_keyframe_env(library, count, task),
-            student.sampled(),
-            frames_per_batch=count * STEPS,
-            postproc=ExpertLabels(expert, STUDENT_KEYS),
-            track_traj_ids=False,
-            trust_policy=True,
-            auto_register_policy_transforms=False,
-        )
-    )
+    buffer = dagger_buffer(env.library, 100_000, 2048, stride=5)
+    batches = rollouts(env, student.sampled(), STEPS)
+    labelled = ExpertLabels(expert, STUDENT_KEYS)
 
     def measure() -> None:
         TIMER.start()
-        states = next(batches)
+        states = labelled(next(batches))
         buffer.extend(states)
         student.update_normalizers(states)
-        for _ in range(count * STEPS // 1024):
-            losses = loss(buffer.sample())
+        for _ in range(env.num_envs * STEPS // 1024):
+            with autocast("cpu", "auto"):
+                losses = loss(buffer.sample())
             optimizer.zero_grad()
             (losses["loss_posterior"] + losses["loss_prior"] + losses["loss_kl"]).backward()
             optimizer.step()
@@ -164,35 +161,48 @@ def distillation(library: MotionLibrary, count: int) -> Callable[[], None]:
     return measure
 
 
+def steps_per_second(measure: Callable[[], None], steps: int) -> float:
+    """Rate of a layer that does so many steps."""
+    measure()
+    return steps / TIMER.seconds
+
+
 def main(config: BenchmarkConfig) -> None:
     """Measure and print."""
     torch.manual_seed(0)
     library = MotionLibrary.load(config.motions)
     count = config.num_envs
+    noisy = TaskConfig(observation_noise=True, domain_randomization=True)
+    unrewarded = TaskConfig(dense_weight=0, sparse_weight=0, regularisation_weight=0)
     layers = {
-        "bare physics": bare_physics(library, count),
+        BARE: bare_physics(library, count),
         "environment, dense tracking": environment(make_tracking_env, library, count),
         "environment, timed keyframes": environment(make_keyframe_env, library, count),
-        "+ policy and collector": collection(library, count, learn=False),
-        "whole PPO iteration": collection(library, count, learn=True),
-        "whole DAgger iteration": distillation(library, count),
+        "+ policy and collector": collection(make_tracking_env(library, count, noisy), learn=False),
+        "whole PPO iteration": collection(make_tracking_env(library, count, noisy), learn=True),
+        "whole DAgger iteration": distillation(make_keyframe_env(library, count, unrewarded)),
     }
-    rates: dict[str, list[float]] = {name: [] for name in layers}
-    for number in range(config.rounds + 1):
-        for name, measure in layers.items():
-            measure()
-            if number > 0:  # the first round warms up
-                rates[name].append(count * STEPS / TIMER.seconds)
-    print(f"{platform.processor() or platform.machine()}, {torch.get_num_threads()} threads, {count} robots")
-    print(f"{'':<32}{'steps/s':>10}{'of bare physics':>18}")
-    figures = {}
-    for name, values in rates.items():
-        ratio = statistics.median(value / bare for value, bare in zip(values, rates["bare physics"], strict=True))
-        figures[name] = {"steps_per_second": statistics.median(values), "ratio": ratio}
-        print(f"{name:<32}{statistics.median(values):>10,.0f}{ratio:>17.0%}")
+    with TemporaryDirectory() as folder:
+        steps = count * STEPS
+        rows = {name: Cost("steps/s", partial(steps_per_second, layer, steps)) for name, layer in layers.items()}
+        if config.costs:
+            rows |= costs(library, Path(folder), config.library_seconds)
+        values = in_rounds({name: row.measure for name, row in rows.items()}, config.rounds)
+    figures = {name: figure(values[name], row.unit, values[BARE]) for name, row in rows.items()}
+    measured = Figures(torch.get_num_threads(), count, figures)
+    print(f"{machine()}, {count} robots")
+    for name, row in figures.items():
+        print(f"{name:<52}{row}")
     if config.json is not None:
-        config.json.write_text(json.dumps(figures, indent=2) + "\n")
+        write_figures(config.json, measured)
+    if config.check:
+        regressions, remarks = compared(measured, read_figures(EXPECTED))
+        print("\n".join(["", *remarks]))
+        if regressions:
+            sys.exit("\n".join(["slower than committed:", *regressions]))
+        print(f"nothing is more than {TOLERANCE:.0%} worse than committed")
 
 
 if __name__ == "__main__":
-    main(tyro.cli(BenchmarkConfig))
+    with report_errors():
+        main(tyro.cli(BenchmarkConfig))

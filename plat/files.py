@@ -11,7 +11,8 @@ __all__ = ["replace_file"]
 def replace_file(path: Path, write: Callable[[Path], object]) -> None:
     """Replace the file at ``path`` in one step by what ``write`` puts into a file beside it.
 
-    Folders that are missing are made. Whatever ``write`` raises goes through, and the file that was there is intact.
+    The file beside it ends in the same suffix. Folders that are missing are made. Whatever ``write`` raises goes
+    through, and the file that was there is intact.
 
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -20,7 +21,7 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
     'whole'
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-", suffix=".part")
+    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-", suffix=f".part{path.suffix}")
     os.close(descriptor)
     part = Path(name)
     try:

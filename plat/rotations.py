@@ -19,6 +19,8 @@ __all__ = [
     "quat_to_matrix",
     "quat_to_rotvec",
     "quat_yaw",
+    "yaw_multiply",
+    "yaw_rotate",
 ]
 
 
@@ -112,8 +114,16 @@ def quat_angle(a: Tensor, b: Tensor) -> Tensor:
     >>> quat_angle(torch.tensor([1.0, 0, 0, 0]), torch.tensor([0.0, 0, 1, 0])).item()  # doctest: +ELLIPSIS
     3.14159...
     """
-    relative = quat_multiply(quat_conjugate(a), b)
-    return 2.0 * torch.atan2(torch.linalg.vector_norm(relative[..., 1:], dim=-1), relative[..., 0].abs())
+    # The chord between unit quaternions is 2 sin(angle / 4); b and -b are the same rotation. Accurate at small angles,
+    # where the arc cosine of the dot product is not, and a quarter of the cost of the relative rotation.
+    squared_chord = torch.minimum(_squared_norm(a - b), _squared_norm(a + b))
+    return 4.0 * torch.asin(0.5 * squared_chord.sqrt())
+
+
+def _squared_norm(quat: Tensor) -> Tensor:
+    # component by component: reducing over a last dimension of 4 is several times slower
+    w, x, y, z = quat.square().unbind(-1)
+    return w + x + y + z
 
 
 def quat_yaw(quat: Tensor) -> Tensor:
@@ -122,6 +132,21 @@ def quat_yaw(quat: Tensor) -> Tensor:
     half_yaw = 0.5 * torch.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     zero = torch.zeros_like(half_yaw)
     return torch.stack((half_yaw.cos(), zero, zero, half_yaw.sin()), -1)
+
+
+def yaw_multiply(yaw: Tensor, quat: Tensor) -> Tensor:
+    """``quat_multiply(yaw, quat)`` for a rotation about the vertical ``[*B, 4]``, at a third of the cost."""
+    w, x, y, z = quat.unbind(-1)
+    cosine, sine = yaw[..., 0], yaw[..., 3]
+    return torch.stack((cosine * w - sine * z, cosine * x - sine * y, cosine * y + sine * x, cosine * z + sine * w), -1)
+
+
+def yaw_rotate(yaw: Tensor, vec: Tensor) -> Tensor:
+    """``quat_rotate(yaw, vec)`` for a rotation about the vertical ``[*B, 4]``, at a third of the cost."""
+    x, y, z = vec.unbind(-1)
+    half_cosine, half_sine = yaw[..., 0], yaw[..., 3]
+    cosine, sine = half_cosine.square() - half_sine.square(), 2 * half_cosine * half_sine
+    return torch.stack((cosine * x - sine * y, sine * x + cosine * y, z.expand_as(cosine * x)), -1)
 
 
 def quat_slerp(a: Tensor, b: Tensor, weight: Tensor) -> Tensor:

@@ -11,6 +11,7 @@ from typing import Annotated
 import tyro
 
 from plat.errors import PlatError
+from plat.rendering import pyplot
 from plat.training import report_errors
 
 
@@ -42,14 +43,8 @@ def read(run: Path, metric: str) -> tuple[list[float], list[float]]:
 
 def main(recipe: CurvesRecipe) -> None:
     """Run the recipe."""
-    try:
-        import matplotlib
-
-        matplotlib.use("Agg")
-        import matplotlib.pyplot as plt
-    except ImportError as error:
-        raise PlatError("curves need: pip install 'plat-rl[figures]'") from error
-    figure, panels = plt.subplots(1, len(recipe.metrics), figsize=(4.5 * len(recipe.metrics), 3.2), squeeze=False)
+    size = (4.5 * len(recipe.metrics), 3.2)
+    figure, panels = pyplot().subplots(1, len(recipe.metrics), figsize=size, squeeze=False)
     for panel, metric in zip(panels[0], recipe.metrics, strict=True):
         for run in recipe.runs:
             minutes, values = read(run, metric)

@@ -5,18 +5,15 @@ python recipes/demo.py
 Killed at any moment, it goes on where it was when it is started again.
 """
 
-import os
-import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
 
-# MuJoCo looks at this when it is imported; without a screen only EGL (or OSMesa) draws
-if sys.platform == "linux" and "DISPLAY" not in os.environ:
-    os.environ.setdefault("MUJOCO_GL", "egl")
+import plat.headless  # noqa: F401
 
+# isort: split
 import distill
 import evaluate
 import expert

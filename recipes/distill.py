@@ -10,9 +10,8 @@ from typing import Any, Literal
 import torch
 import tyro
 from torch import nn
-from torchrl.collectors import Collector
 
-from plat.collectors import ExpertLabels, MixedPolicy, dagger_buffer
+from plat.collectors import ExpertLabels, MixedPolicy, dagger_buffer, rollouts
 from plat.envs import MotionLibrary, TaskConfig, make_keyframe_env
 from plat.envs.transforms import HORIZONS, pop_statistics
 from plat.modules import STUDENT_KEYS, LatentPolicy, LatentPolicyConfig, PlainPolicy
@@ -95,16 +94,9 @@ def main(recipe: DistillRecipe) -> None:
         save_every=recipe.save_every,
         wandb=recipe.wandb,
     )
-    collector = Collector(
-        env,
-        policy,
-        frames_per_batch=recipe.num_envs * recipe.rollout,
-        postproc=ExpertLabels(expert, STUDENT_KEYS),
-        track_traj_ids=False,
-        trust_policy=True,
-        auto_register_policy_transforms=False,
-    )
-    for states in collector:
+    labelled = ExpertLabels(expert, STUDENT_KEYS)
+    for rollout in rollouts(env, policy, recipe.rollout, recipe.precision):
+        states = labelled(rollout)
         budget.add(len(states))
         buffer.extend(states)
         student.update_normalizers(states)
@@ -135,7 +127,6 @@ def main(recipe: DistillRecipe) -> None:
         )
         if budget.done:
             break
-    collector.shutdown()
     run.finish()
 
 

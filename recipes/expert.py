@@ -4,24 +4,30 @@ python recipes/expert.py --motions clips.npz --minutes 30 --out runs/expert
 """
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import torch
 import tyro
-from torchrl.collectors import Collector
 
+from plat.collectors import rollouts
 from plat.envs import MotionLibrary, TaskConfig, make_tracking_env
 from plat.envs.transforms import pop_statistics
+from plat.errors import CheckpointError
 from plat.modules import Critic, Expert, ExpertConfig
 from plat.objectives import PPO, PPOConfig
-from plat.training import Budget, RecipeConfig, Run, report_errors
+from plat.training import Budget, RecipeConfig, Run, load_policy, report_errors
 
 
 @dataclass(kw_only=True)
 class ExpertRecipe(RecipeConfig):
     """Train a dense motion-tracking expert."""
 
+    init: Path | None = None
+    """run whose expert to go on from, of the sizes that it has, with other motions, rewards or settings"""
     rollout: int = 24
     """control steps of each robot between updates"""
+    critic_warmup: int = 10
+    """rollouts from which only the critic learns after --init: a critic that knows nothing would undo the expert"""
     policy: ExpertConfig = field(default_factory=ExpertConfig)
     task: TaskConfig = field(default_factory=TaskConfig)
     ppo: PPOConfig = field(default_factory=PPOConfig)
@@ -32,7 +38,7 @@ def main(recipe: ExpertRecipe) -> None:
     torch.manual_seed(recipe.seed)
     library = MotionLibrary.load(recipe.motions, mirror=recipe.mirror)
     env = make_tracking_env(library, recipe.num_envs, recipe.task, device=recipe.device)
-    expert = Expert(library.robot, recipe.policy).to(recipe.device)
+    expert = (load_expert(recipe.init) if recipe.init else Expert(library.robot, recipe.policy)).to(recipe.device)
     critic = Critic(library.robot, expert.normalizer.in_keys).to(recipe.device)
     ppo = PPO(expert.head(), critic.head(), critic.observe(), recipe.ppo)
     budget = Budget(recipe.minutes, recipe.steps)
@@ -46,19 +52,13 @@ def main(recipe: ExpertRecipe) -> None:
         save_every=recipe.save_every,
         wandb=recipe.wandb,
     )
-    collector = Collector(
-        env,
-        expert.actor(),
-        frames_per_batch=recipe.num_envs * recipe.rollout,
-        track_traj_ids=False,
-        trust_policy=True,
-        auto_register_policy_transforms=False,
-    )
-    for rollout in collector:
+    warmup_steps = recipe.critic_warmup * recipe.num_envs * recipe.rollout if recipe.init else 0
+    for rollout in rollouts(env, expert.actor(), recipe.rollout, recipe.ppo.precision):
         budget.add(rollout.numel())
         statistics = pop_statistics(env)
         # the first rollout of a run only fills the normalisers: learning from raw observations would be wasted
-        losses = ppo.step(rollout) if expert.normalizer.count > 0 else {}
+        warming = budget.steps <= warmup_steps
+        losses = ppo.step(rollout, learn_policy=not warming) if critic.normalizer.count > 0 else {}
         expert.normalizer.update(rollout)
         critic.normalizer.update(rollout)
         terminations = statistics["terminated"] / library.dt
@@ -69,8 +69,19 @@ def main(recipe: ExpertRecipe) -> None:
         )
         if budget.done:
             break
-    collector.shutdown()
     run.finish()
+
+
+def load_expert(folder: Path) -> Expert:
+    """The expert of a run.
+
+    Raises:
+        CheckpointError: when the run holds something else.
+    """
+    policy = load_policy(folder)
+    if not isinstance(policy, Expert):
+        raise CheckpointError(f"{str(folder)!r} holds a {type(policy).__name__}, expected an expert (--init)")
+    return policy
 
 
 if __name__ == "__main__":

@@ -9,20 +9,19 @@ python recipes/motions.py retarget BVH --out folder
 import itertools
 import os
 import re
-import sys
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
-
-# MuJoCo looks at this when it is imported; without a screen only EGL (or OSMesa) draws
-if sys.platform == "linux" and "DISPLAY" not in os.environ:
-    os.environ.setdefault("MUJOCO_GL", "egl")
+from typing import Annotated, Literal
 
 import numpy as np
 import torch
 import tyro
+
+import plat.headless  # noqa: F401
+
+# isort: split
 
 from plat.envs import G1
 from plat.envs.motions import (
@@ -44,7 +43,7 @@ from plat.envs.motions.generation import PREFIX, generate_named
 from plat.envs.motions.resample import resample_qpos
 from plat.envs.motions.retargeting import Retargeted, SolverOptions, bvh_paths, load_map, retarget_all, split_of
 from plat.errors import MotionError, PlatError
-from plat.rendering import RenderingError, Stage
+from plat.rendering import RenderingError, Stage, pyplot, stills
 from plat.training import report_errors
 
 SHEET_COLUMNS = 8
@@ -310,11 +309,8 @@ def draw_sheet(path: Path, clips: Sequence[MotionClip]) -> None:
         },
     )
     for row, clip in zip(panels, clips, strict=True):
-        for panel, frame in zip(
-            row, np.linspace(0, len(clip.qpos) - 1, SHEET_COLUMNS).round().astype(int), strict=True
-        ):
-            stage.look_at(clip.qpos[frame])
-            panel.imshow(stage.draw(clip.qpos[frame]))
+        for panel, frame, picture in zip(row, *stills(stage, clip.qpos, SHEET_COLUMNS), strict=True):
+            panel.imshow(picture)
             panel.set_axis_off()
             panel.set_title(f"{frame / clip.fps:.1f} s", fontsize=7, pad=2)
         row[0].text(0, 1.16, clip.name, fontsize=8, transform=row[0].transAxes)
@@ -350,18 +346,6 @@ def plot(path: Path, clip: MotionClip) -> None:
     root.set_ylabel("root (m/s)", color="C3")
     figure.savefig(path, dpi=100)
     pyplot().close(figure)
-
-
-def pyplot() -> Any:
-    """Matplotlib without a window."""
-    try:
-        import matplotlib
-    except ImportError as error:
-        raise PlatError("pictures of motions need: pip install 'plat-rl[figures]'") from error
-    matplotlib.use("Agg")
-    import matplotlib.pyplot
-
-    return matplotlib.pyplot
 
 
 def file_name(name: str) -> str:

@@ -9,8 +9,8 @@ from typing import Literal
 
 import torch
 import tyro
-from torchrl.collectors import Collector
 
+from plat.collectors import rollouts
 from plat.envs import MotionLibrary, TaskConfig, make_keyframe_env
 from plat.envs.transforms import HORIZONS, pop_statistics
 from plat.modules import (
@@ -74,19 +74,11 @@ def main(recipe: RefineRecipe) -> None:
         save_every=recipe.save_every,
         wandb=recipe.wandb,
     )
-    frames = recipe.num_envs * recipe.rollout
-    collector = Collector(
-        env,
-        policy.actor(),
-        frames_per_batch=frames,
-        track_traj_ids=False,
-        trust_policy=True,
-        auto_register_policy_transforms=False,
-    )
-    for rollout in collector:
-        budget.add(frames)
+    warmup_steps = recipe.critic_warmup * recipe.num_envs * recipe.rollout
+    for rollout in rollouts(env, policy.actor(), recipe.rollout, recipe.ppo.precision):
+        budget.add(rollout.numel())
         statistics = pop_statistics(env)
-        warming = budget.steps <= recipe.critic_warmup * frames
+        warming = budget.steps <= warmup_steps
         losses = ppo.step(rollout, learn_policy=not warming) if critic.normalizer.count > 0 else {}
         critic.normalizer.update(rollout)
         terminations = statistics["terminated"] / library.dt
@@ -97,7 +89,6 @@ def main(recipe: RefineRecipe) -> None:
         )
         if budget.done:
             break
-    collector.shutdown()
     run.finish()
 
 

@@ -6,12 +6,14 @@ from pathlib import Path
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("PLAT_CACHE_DIR", tempfile.mkdtemp(prefix="plat-cache-"))
 os.environ.setdefault("WANDB_MODE", "offline")
-if "DISPLAY" not in os.environ and os.uname().sysname == "Linux":
-    os.environ.setdefault("MUJOCO_GL", "egl")
 
 import numpy as np
 import pytest
 import torch
+
+import plat.headless  # noqa: F401
+
+# isort: split
 
 from plat.envs import G1, MotionLibrary
 from plat.envs.motions import MotionClip, generate_motions

@@ -15,6 +15,8 @@ from plat.rotations import (
     quat_to_matrix,
     quat_to_rotvec,
     quat_yaw,
+    yaw_multiply,
+    yaw_rotate,
 )
 
 
@@ -71,3 +73,18 @@ def test_slerp_halves_the_angle(quats):
 def test_sixd_is_the_first_two_columns(quats):
     matrix = quat_to_matrix(quats)
     torch.testing.assert_close(matrix_to_sixd(matrix), torch.cat((matrix[..., 0], matrix[..., 1]), -1))
+
+
+def test_rotations_about_the_vertical_are_the_general_ones(quats):
+    quat, vec = quats[:45].view(5, 9, 4), torch.randn(5, 9, 3, dtype=torch.float64)
+    yaw = quat_yaw(quats[45:, None])
+    torch.testing.assert_close(yaw_multiply(yaw, quat), quat_multiply(yaw.expand_as(quat), quat))
+    torch.testing.assert_close(yaw_rotate(yaw, vec), quat_rotate(yaw, vec))
+
+
+def test_small_and_large_angles_are_exact(quats):
+    start, axis = quats[0].float(), torch.tensor([0.6, 0.0, -0.8])
+    for angle in (0.0, 1e-5, 1e-3, 1.0, 3.0):
+        turned = quat_multiply(start, quat_from_rotvec(angle * axis))
+        assert quat_angle(start, turned).item() == pytest.approx(angle, abs=1e-6)
+        assert quat_angle(start, -turned).item() == pytest.approx(angle, abs=1e-6)

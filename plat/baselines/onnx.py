@@ -6,6 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from plat.deploy.session import open_session
 from plat.errors import CheckpointError
 
 __all__ = ["OnnxPolicy"]
@@ -22,20 +23,12 @@ class OnnxPolicy:
         outputs: width of the output that the caller expects.
 
     Raises:
-        CheckpointError: when the file cannot be read, or its widths are others; when onnxruntime is not installed.
+        BundleError: when the file cannot be read; when onnxruntime is not installed.
+        CheckpointError: when its widths are others.
     """
 
     def __init__(self, path: str | Path, inputs: int, outputs: int):
-        try:
-            import onnxruntime
-        except ImportError as error:
-            raise CheckpointError("ONNX policies need: pip install 'plat-rl[baselines]'") from error
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = 1  # small networks: threads cost more than they bring
-        try:
-            self._session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # onnxruntime has a class of its own for every kind of failure
-            raise CheckpointError(f"ONNX policy {str(path)!r}: not a readable .onnx file ({error})") from error
+        self._session = open_session(Path(path))
         (entry,), (result,) = self._session.get_inputs(), self._session.get_outputs()
         if (entry.shape[-1], result.shape[-1]) != (inputs, outputs):
             raise CheckpointError(

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from plat.baselines.onnx import OnnxPolicy
 from plat.baselines.tracker import Tracker
-from plat.envs.robot import G1, Robot
+from plat.envs.robot import G1, Robot, without_side
 from plat.rotations import quat_rotate_inverse
 
 __all__ = ["Wbc"]
@@ -44,7 +44,7 @@ class Wbc(Tracker):
     def __init__(self, path: str | Path, robot: Robot = G1):
         super().__init__(robot)
         names = self.robot.joint_names
-        plain = [name.removeprefix("left_").removeprefix("right_") for name in names]
+        plain = [without_side(name) for name in names]
         self._rest = torch.tensor(
             [_REST_OUTWARD.get(name, _REST.get(joint, 0.0)) for name, joint in zip(names, plain, strict=True)]
         )

@@ -1,6 +1,16 @@
-"""Data collection for DAgger on TorchRL's collectors and replay buffers."""
+"""Data collection: rollouts, and DAgger on TorchRL's replay buffers."""
 
 from plat.collectors.dagger import LOOKUP_KEYS, ExpertLabels, MixedPolicy, dagger_buffer
 from plat.collectors.goals import PrivilegedGoals, strided_offsets
+from plat.collectors.rollouts import rollouts, simulation_threads
 
-__all__ = ["LOOKUP_KEYS", "ExpertLabels", "MixedPolicy", "PrivilegedGoals", "dagger_buffer", "strided_offsets"]
+__all__ = [
+    "LOOKUP_KEYS",
+    "ExpertLabels",
+    "MixedPolicy",
+    "PrivilegedGoals",
+    "dagger_buffer",
+    "rollouts",
+    "simulation_threads",
+    "strided_offsets",
+]

@@ -18,7 +18,7 @@ LOOKUP_KEYS = (("motion", "frame"), ("command", "steps_left"), ("state", "root_p
 
 
 class ExpertLabels:
-    """Labels a rollout with the expert's actions and flattens it: the ``postproc`` of a TorchRL collector.
+    """Labels a rollout with the expert's actions and flattens it; also fits as ``postproc`` of a TorchRL collector.
 
     Args:
         expert: deterministic policy that writes its action to ``expert_action``, such as

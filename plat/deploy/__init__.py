@@ -1,17 +1,25 @@
 """Running an exported policy on a robot or in another simulator: needs numpy, and onnxruntime for the network."""
 
+from plat.deploy.bundle import Bundle, PolicyFacts, Score, TrainingFacts
 from plat.deploy.description import Body, RobotDescription
 from plat.deploy.kinematics import KeypointKinematics
 from plat.deploy.observation import ObservationBuilder, Term, observation_terms
+from plat.deploy.runner import JointCommand, PolicyRunner
 from plat.deploy.state import Pose, RobotState
 
 __all__ = [
     "Body",
+    "Bundle",
+    "JointCommand",
     "KeypointKinematics",
     "ObservationBuilder",
+    "PolicyFacts",
+    "PolicyRunner",
     "Pose",
     "RobotDescription",
     "RobotState",
+    "Score",
     "Term",
+    "TrainingFacts",
     "observation_terms",
 ]

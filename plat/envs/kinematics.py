@@ -30,7 +30,7 @@ class ForwardKinematics:
     """
 
     def __init__(self, robot: Robot, bodies: tuple[str, ...] | None = None):
-        model = robot.model()
+        model = robot.shared_model
         if abs(model.jnt_pos[1:]).max() > 0:
             raise RobotError(f"robot {robot.name!r}: a joint is off its body's origin; set its pos to 0 0 0")
         names = robot.keypoints if bodies is None else bodies

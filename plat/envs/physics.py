@@ -62,17 +62,21 @@ class BatchedPhysics:
         """Number of threads that step them."""
         return self.batch.nthread
 
-    def read(self, field: str, index: Sequence[int] | None = None) -> Tensor:
+    def read(self, field: str, index: Sequence[int] | None = None, ids: Tensor | None = None) -> Tensor:
         """Copy of an ``MjData`` field ``[N, ...]``, float32, on ``device``.
 
         Args:
             field: a name that ``mujoco.batch.Batch.bind`` accepts. A field that is read for the first time
                 holds zeros until the next :meth:`step` or :meth:`set_state`.
             index: picks rows of the field's first own dimension (body ids, say).
+            ids: simulations ``[n]``, in which case the result is ``[n, ...]``; None for all.
         """
         array = self.batch.bind(field)
-        rows = array if index is None else array[:, index]
-        return torch.from_numpy(rows.astype(np.float32)).to(self.device)
+        if ids is not None:
+            array = array[ids.cpu().numpy()]
+        if index is not None:
+            array = np.take(array, index, axis=1)
+        return torch.from_numpy(array.astype(np.float32)).to(self.device)
 
     def step(self, ctrl: Tensor, nstep: int) -> None:
         """Hold the controls ``[N, nu]`` for ``nstep`` physics steps."""

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from plat.errors import RobotError
 
-__all__ = ["G1", "FootContacts", "Robot"]
+__all__ = ["G1", "FootContacts", "Robot", "without_side"]
 
 FootContacts = Literal["spheres", "capsules"]
 
@@ -79,7 +79,7 @@ class Robot:
         return spec
 
     def model(self, feet: FootContacts = "spheres") -> mujoco.MjModel:
-        """Compiled model; see :meth:`spec`."""
+        """Compiled model of the caller's own; see :meth:`spec`."""
         model = self.spec(feet).compile()
         for body in (*self.keypoints, *self.feet):
             if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body) < 0:
@@ -87,13 +87,26 @@ class Robot:
         return model
 
     @cached_property
-    def _model(self) -> mujoco.MjModel:
+    def shared_model(self) -> mujoco.MjModel:
+        """:meth:`model`, compiled once for all who only read it."""
         return self.model()
+
+    def sole_geoms(self, model: mujoco.MjModel) -> np.ndarray:
+        """Numbers of the geoms that the left and right foot touch the floor with ``[2, P]``.
+
+        Args:
+            model: of this robot.
+
+        >>> G1.sole_geoms(G1.model("capsules")).shape
+        (2, 7)
+        """
+        touches = model.geom_contype != 0
+        return np.stack([np.flatnonzero(touches & (model.geom_bodyid == model.body(foot).id)) for foot in self.feet])
 
     @cached_property
     def joint_names(self) -> tuple[str, ...]:
         """Hinge joints in the order of every joint vector, without the ``_joint`` ending."""
-        model = self._model
+        model = self.shared_model
         return tuple(model.joint(i).name.removesuffix("_joint") for i in range(1, model.njnt))
 
     @property
@@ -118,22 +131,22 @@ class Robot:
     @cached_property
     def stiffness(self) -> Tensor:
         """Proportional gains kp ``[J]`` (N m / rad)."""
-        return torch.from_numpy(self._model.actuator_gainprm[:, 0]).float()
+        return torch.from_numpy(self.shared_model.actuator_gainprm[:, 0]).float()
 
     @cached_property
     def damping(self) -> Tensor:
         """Derivative gains kd ``[J]`` (N m s / rad)."""
-        return torch.from_numpy(-self._model.actuator_biasprm[:, 2]).float()
+        return torch.from_numpy(-self.shared_model.actuator_biasprm[:, 2]).float()
 
     @cached_property
     def effort_limit(self) -> Tensor:
         """Largest joint torque ``[J]`` (N m)."""
-        return torch.from_numpy(self._model.actuator_forcerange[:, 1]).float()
+        return torch.from_numpy(self.shared_model.actuator_forcerange[:, 1]).float()
 
     @cached_property
     def joint_range(self) -> Tensor:
         """Lower and upper joint limits ``[J, 2]`` (rad)."""
-        return torch.from_numpy(self._model.jnt_range[1:]).float()
+        return torch.from_numpy(self.shared_model.jnt_range[1:]).float()
 
     @cached_property
     def action_scale(self) -> Tensor:
@@ -152,6 +165,15 @@ class Robot:
     def end_effector_indices(self) -> list[int]:
         """Indices of the end effectors among the keypoints."""
         return [self.keypoints.index(body) for body in self.end_effectors]
+
+
+def without_side(name: str) -> str:
+    """Name of a joint without ``left_`` or ``right_``.
+
+    >>> without_side("left_knee"), without_side("waist_yaw")
+    ('knee', 'waist_yaw')
+    """
+    return name.removeprefix("left_").removeprefix("right_")
 
 
 def _replace_sole(spec: mujoco.MjSpec, body_name: str) -> None:

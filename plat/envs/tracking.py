@@ -1,5 +1,6 @@
 """The simulated robot on a motion: physics, joint-level control and reset onto the reference. No task yet."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -121,6 +122,7 @@ class MotionTrackingEnv(EnvBase):
                 f"motion {longest!r} is the longest with {int(library.clip_length.max()) - 1} control steps, "
                 f"expected at least {min_frames_left}"
             )
+        self._down = torch.tensor([0.0, 0.0, -1.0], device=self.device)
         self._keypoint_ids = [model.body(name).id for name in robot.keypoints]
         self._default_joint_pos = robot.default_joint_pos.to(self.device)
         self._action_scale = robot.action_scale.to(self.device)
@@ -211,7 +213,9 @@ class MotionTrackingEnv(EnvBase):
         self._last_action = self._last_action.index_fill(0, ids, 0.0)
         qpos, qvel = self._start_state(self._frame[ids])
         self.physics.set_state(ids, qpos, qvel)
-        out = self._observe()
+        observed = self._observe(ids)
+        out = observed.new_zeros(self.batch_size)  # the other robots' rows are never looked at
+        out[ids] = observed
         for key in _DONE_KEYS:
             out[key] = torch.zeros(self.num_envs, 1, dtype=torch.bool, device=self.device)
         return out
@@ -241,8 +245,15 @@ class MotionTrackingEnv(EnvBase):
         qpos = torch.cat((root_pos, root_quat, joint_pos), -1).double()
         return qpos, torch.cat((root_lin_vel, root_ang_vel_b, joint_vel), -1).double()
 
-    def _observe(self) -> TensorDict:
-        read = self.physics.read
+    def _observe(self, ids: Tensor | None = None) -> TensorDict:
+        """Entries of robots ``ids`` ``[n]``; of all when None."""
+        encoder_bias, last_action, frame = (
+            values if ids is None else values[ids] for values in (self.encoder_bias, self._last_action, self._frame)
+        )
+
+        def read(field: str, index: Sequence[int] | None = None) -> Tensor:
+            return self.physics.read(field, index, ids)
+
         qpos, qvel = read("qpos"), read("qvel")
         root_pos, root_quat, joint_pos = qpos[:, :3], qpos[:, 3:7], qpos[:, 7:]
         joint_vel = qvel[:, 6:]
@@ -252,21 +263,21 @@ class MotionTrackingEnv(EnvBase):
         lever = keypoint_pos - read("subtree_com", [1])
         ang_vel = spatial_vel[..., :3]
         lin_vel = spatial_vel[..., 3:] + torch.linalg.cross(ang_vel, lever)
-        down = torch.tensor([0.0, 0.0, -1.0], device=self.device).expand(self.num_envs, 3)
+        down = self._down.expand(len(qpos), 3)
         root_lin_vel_b, gravity_b = quat_rotate_inverse(root_quat[:, None], torch.stack((qvel[:, :3], down), 1)).unbind(
             1
         )
         contacts = read("sensordata")  # (found, force xyz) left, the same right, contacts with floor, with itself
         feet_found = contacts[:, 0] + contacts[:, 4]
         foot_force = torch.linalg.vector_norm(contacts[:, :8].unflatten(-1, (2, 4))[..., 1:], dim=-1)
-        count = self.batch_size
+        count = (len(qpos),)
         robot = {
-            "joint_pos": joint_pos - self._default_joint_pos + self.encoder_bias,
+            "joint_pos": joint_pos - self._default_joint_pos + encoder_bias,
             "joint_vel": joint_vel,
             "root_ang_vel_b": qvel[:, 3:6],
             "root_lin_vel_b": root_lin_vel_b,
             "gravity_b": gravity_b,
-            "last_action": self._last_action,
+            "last_action": last_action,
         }
         state = {
             "root_pos_w": root_pos,
@@ -285,7 +296,7 @@ class MotionTrackingEnv(EnvBase):
             {
                 "robot": TensorDict(robot, count, device=self.device),
                 "state": TensorDict(state, count, device=self.device),
-                "motion": TensorDict({"frame": self._frame}, count, device=self.device),
+                "motion": TensorDict({"frame": frame}, count, device=self.device),
             },
             count,
             device=self.device,

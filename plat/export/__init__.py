@@ -1,5 +1,7 @@
 """From a trained policy to a bundle that :mod:`plat.deploy` runs without torch."""
 
+from plat.export.bundle import ExportCheck, export_bundle
+from plat.export.network import JointTargetNetwork
 from plat.export.robot import describe_robot
 
-__all__ = ["describe_robot"]
+__all__ = ["ExportCheck", "JointTargetNetwork", "describe_robot", "export_bundle"]

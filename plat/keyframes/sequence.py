@@ -174,7 +174,9 @@ class KeyframeSequence:
         """
         poses = [Keyframe.from_motion(motion, time, robot) for time in times]
         labels = [None] * len(times) if names is None else names
-        keyframes = (replace(pose, time=pose.time - begin, name=name) for pose, name in zip(poses, labels, strict=True))
+        keyframes = (
+            replace(pose, time=round(pose.time - begin, 9), name=name) for pose, name in zip(poses, labels, strict=True)
+        )
         return cls(robot, Keyframe.from_motion(motion, begin, robot).at(0.0), tuple(keyframes))
 
 

@@ -25,7 +25,7 @@ def mlp(in_features: int, hidden: Sequence[int], out_features: int, out_scale: f
     sizes = [in_features, *hidden]
     layers: list[nn.Module] = []
     for before, after in pairwise(sizes):
-        layers += [nn.Linear(before, after), nn.ELU()]
+        layers += [nn.Linear(before, after), nn.ELU(inplace=True)]
     last = _Float32Linear(sizes[-1], out_features)
     with torch.no_grad():
         last.weight.mul_(out_scale)

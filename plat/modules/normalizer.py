@@ -46,8 +46,10 @@ class ObservationNormalizer(nn.Module):
 
     def forward(self, *entries: Tensor) -> Tensor:
         """Normalised observation ``[*B, F]`` of entries ``[*B, n_i]``."""
-        values = (torch.cat(entries, -1) - self.mean) / (self.var.sqrt() + self.eps)
-        return values.clamp(-self.clip, self.clip)
+        # one pass and one buffer: at the sizes of a goal sequence fresh memory costs more than arithmetic
+        factor = 1 / (self.var.sqrt() + self.eps)
+        values = torch.addcmul(-self.mean * factor, torch.cat(entries, -1), factor)
+        return values.clamp_(-self.clip, self.clip)
 
     def using(self, in_keys: Sequence[NestedKey] | None = None, out_key: NestedKey = "observation") -> TensorDictModule:
         """This normaliser as a module; several may share its statistics and read different entries."""

@@ -109,12 +109,13 @@ class PPO:
         batch_size = len(data) // self.config.minibatches
         totals: dict[str, Tensor] = {}
         updates = 0
+        # shuffled once: the same minibatches in every epoch, and no copy of any of them
+        data = data[torch.randperm(len(data), device=data.device)]
         for _ in range(self.config.epochs):
-            order = torch.randperm(len(data), device=data.device)
-            for rows in order[: batch_size * self.config.minibatches].split(batch_size):
+            for batch in data[: batch_size * self.config.minibatches].split(batch_size):
                 # entered anew for each minibatch: autocast keeps its copies of the weights until it is left
                 with self._autocast(data):
-                    losses = self.loss(data[rows])
+                    losses = self.loss(batch)
                 loss = losses["loss_critic"]
                 if learn_policy:
                     loss = loss + losses["loss_objective"] + losses["loss_entropy"]
@@ -125,7 +126,7 @@ class PPO:
                 updates += 1
                 for name in ("loss_objective", "loss_critic", "entropy", "clip_fraction"):
                     totals[name] = totals.get(name, torch.zeros(())) + losses[name].detach()
-            kl = self._divergence(data[rows])
+            kl = self._divergence(batch)
             totals["kl"] = totals.get("kl", torch.zeros(())) + kl * self.config.minibatches
             if learn_policy:
                 self._schedule.step(float(kl))
@@ -177,6 +178,6 @@ class PPO:
 
     @torch.no_grad()
     def _divergence(self, batch: TensorDictBase) -> Tensor:
-        with set_exploration_type(ExplorationType.DETERMINISTIC):
+        with set_exploration_type(ExplorationType.DETERMINISTIC), self._autocast(batch):
             new = self.actor.get_dist(batch.select(*self.actor.in_keys)).base_dist
         return gaussian_kl(batch["loc"], batch["scale"], new.loc, new.scale).sum(-1).mean()

@@ -1,11 +1,14 @@
-"""Pictures, videos and a live view; needs OpenGL, and for files the extra ``plat-rl[video]``."""
+"""Pictures, videos and a live view (OpenGL; extra ``plat-rl[video]``), and figures (``plat-rl[figures]``)."""
 
+from plat.rendering.figures import pyplot
 from plat.rendering.pictures import (
     RenderingError,
     Stage,
+    check_video,
     contact_sheet,
     film,
     stage_model,
+    stills,
     write_picture,
     write_video,
 )
@@ -17,11 +20,14 @@ __all__ = [
     "RenderingError",
     "Stage",
     "Viewer",
+    "check_video",
     "contact_sheet",
     "film",
     "play",
+    "pyplot",
     "record",
     "stage_model",
+    "stills",
     "write_picture",
     "write_video",
 ]

@@ -9,15 +9,19 @@ import numpy as np
 
 from plat.envs.robot import Robot
 from plat.errors import PlatError
+from plat.files import replace_file
 from plat.rendering.playback import Playback
 
 __all__ = [
     "RenderingError",
     "Stage",
     "add_ghost",
+    "check_video",
     "contact_sheet",
     "film",
+    "show_visible",
     "stage_model",
+    "stills",
     "write_picture",
     "write_video",
 ]
@@ -112,33 +116,75 @@ def film(stage: Stage, playback: Playback, fps: float = 25.0) -> Iterator[np.nda
         yield picture
 
 
+def stills(
+    stage: Stage, qpos: np.ndarray, count: int, ghost_qpos: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pictures from a motion, evenly spread over it, the robot in the middle of each.
+
+    Args:
+        stage: draws them.
+        qpos: the motion ``[T, 7 + J]``.
+        count: number of pictures N.
+        ghost_qpos: pose of the ghost in every frame ``[T, 7 + J]``.
+
+    Returns:
+        The frames that are shown ``[N]`` and the pictures ``[N, height, width, 3]``.
+    """
+    frames = np.linspace(0, len(qpos) - 1, count).round().astype(int)
+    pictures = []
+    for frame in frames:
+        stage.look_at(qpos[frame])
+        pictures.append(stage.draw(qpos[frame], None if ghost_qpos is None else ghost_qpos[frame]))
+    return frames, np.stack(pictures)
+
+
 def contact_sheet(stage: Stage, playbacks: Sequence[Playback], columns: int = 6) -> np.ndarray:
     """One row of pictures a playback, evenly spread over it: ``[rows * height, columns * width, 3]``."""
     rows = []
     for playback in playbacks:
-        pictures = []
-        for step in np.linspace(0, len(playback.qpos) - 1, columns).round().astype(int):
-            stage.look_at(playback.qpos[step])
-            pictures.append(stage.draw(playback.qpos[step], playback.target_qpos[step])[::2, ::2])
-        rows.append(np.concatenate(pictures, 1))
+        _, pictures = stills(stage, playback.qpos, columns, playback.target_qpos)
+        rows.append(np.concatenate(pictures[:, ::2, ::2], 1))
     return np.concatenate(rows, 0)
 
 
+def check_video(path: str | Path) -> None:
+    """Find out before there is anything to write.
+
+    Raises:
+        RenderingError: when the extra ``plat-rl[video]`` is not installed, or the file is no ``.mp4``.
+    """
+    _imageio()
+    if Path(path).suffix != ".mp4":
+        raise RenderingError(f"video {str(path)!r}: expected a file name that ends in .mp4")
+
+
 def write_video(path: str | Path, pictures: Iterator[np.ndarray], fps: float = 25.0) -> None:
-    """Write an MP4.
+    """Write an MP4; the file is replaced in one step or not at all.
+
+    Raises:
+        RenderingError: as :func:`check_video` does, and when the disk does not take it.
+    """
+    check_video(path)
+    imageio = _imageio()
+
+    def write(part: Path) -> None:
+        with imageio.get_writer(part, fps=fps, codec="libx264", quality=7, macro_block_size=8) as writer:
+            for picture in pictures:
+                writer.append_data(picture)
+
+    try:
+        replace_file(Path(path), write)
+    except OSError as error:
+        reason = str(error).splitlines()[0]  # the encoder's whole command line follows
+        raise RenderingError(f"video {str(path)!r} could not be written ({reason})") from error
+
+
+def write_picture(path: str | Path, picture: np.ndarray) -> None:
+    """Write a PNG.
 
     Raises:
         RenderingError: when the extra ``plat-rl[video]`` is not installed.
     """
-    imageio, path = _imageio(), Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with imageio.get_writer(path, fps=fps, codec="libx264", quality=7, macro_block_size=8) as writer:
-        for picture in pictures:
-            writer.append_data(picture)
-
-
-def write_picture(path: str | Path, picture: np.ndarray) -> None:
-    """Write a PNG; raises as :func:`write_video` does."""
     imageio, path = _imageio(), Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     imageio.imwrite(path, picture)
@@ -161,7 +207,7 @@ def _steps(playback: Playback, fps: float) -> Iterator[int]:
 def _bar(picture: np.ndarray, share: float, failed: bool) -> None:
     height, width = picture.shape[:2]
     top, bottom = height - height // 40, height - height // 120
-    picture[top:bottom] = (picture[top:bottom] * 0.6).astype(np.uint8)
+    picture[top:bottom] = (120, 40, 35) if failed else (picture[top:bottom] * 0.6).astype(np.uint8)
     picture[top:bottom, : round(share * width)] = (220, 70, 60) if failed else (40, 190, 130)
 
 

@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from plat.baselines import OnnxPolicy
-from plat.errors import CheckpointError
+from plat.errors import BundleError, CheckpointError
 
 pytest.importorskip("onnxruntime")
 
@@ -18,7 +18,7 @@ def test_rows_do_not_depend_on_each_other(shared_data):
 
 def test_a_file_that_is_no_network(tmp_path):
     (tmp_path / "a.onnx").write_bytes(b"nothing")
-    with pytest.raises(CheckpointError, match="a.onnx': not a readable .onnx file"):
+    with pytest.raises(BundleError, match="a.onnx': not a readable .onnx file"):
         OnnxPolicy(tmp_path / "a.onnx", 3, 2)
 
 

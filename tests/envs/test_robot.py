@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from plat.envs import G1, ForwardKinematics, Robot
+from plat.envs.robot import without_side
 from plat.errors import RobotError
 
 # armature (kg m^2) and effort limit (N m) of each joint, from the motors
@@ -104,6 +105,28 @@ def test_soles_touch_the_same_ground():
         assert len(soles) == count
         lowest[feet] = min(model.geom_pos[i, 2] - model.geom_size[i, 0] for i in soles)
     assert lowest["spheres"] == pytest.approx(lowest["capsules"], abs=1e-6)
+
+
+@pytest.mark.parametrize(("feet", "count"), [("spheres", 4), ("capsules", 7)])
+def test_sole_geoms_are_the_collision_geoms_of_the_feet(feet, count):
+    model = G1.model(feet)
+    soles = G1.sole_geoms(model)
+    for side, geoms in zip(("left", "right"), soles, strict=True):
+        assert [model.geom(i).name for i in geoms] == [f"{side}_foot{n}_collision" for n in range(1, count + 1)]
+
+
+def test_only_shared_models_are_shared():
+    assert G1.shared_model is G1.shared_model
+    assert G1.model() is not G1.model()
+
+
+def test_names_without_their_side():
+    assert [without_side(name) for name in ("left_knee", "right_hip_roll", "waist_roll", "upright_x")] == [
+        "knee",
+        "hip_roll",
+        "waist_roll",
+        "upright_x",
+    ]
 
 
 def test_default_pose_has_no_self_contact():

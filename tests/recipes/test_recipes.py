@@ -91,7 +91,7 @@ def test_one_seed_one_result(tmp_path, stages, recipe):
     assert rows[0] != rows[2]
 
 
-@pytest.mark.parametrize("recipe", [*STAGES, "evaluate", "demo"])
+@pytest.mark.parametrize("recipe", [*STAGES, "evaluate", "demo", "play", "export", "sim_to_sim"])
 def test_help_explains_every_field(recipe):
     text = run(recipe, "--help")
     # tyro shows a field without a docstring as its bare type and default
@@ -104,6 +104,17 @@ def test_help_explains_every_field(recipe):
 def test_variants_of_stage_three(tmp_path, stages, variant):
     run("refine", *stages["refine"], "--variant", variant, "--steps", 200, "--out", tmp_path / variant)
     assert len(steps_in(tmp_path / variant)) >= 3
+
+
+def test_an_expert_goes_on_with_other_settings(tmp_path, stages):
+    start = stages["distill"][-1]
+    new = [*stages["expert"], "--init", start, "--task.dense.joint-pos.weight", 3, "--critic-warmup", 1000]
+    run("expert", *new, "--steps", 200, "--out", tmp_path / "run")
+    before, after = (load_file(folder / "model.safetensors") for folder in (start, tmp_path / "run"))
+    networks = [name for name in before if "network" in name]
+    assert networks
+    assert all(before[name].equal(after[name]) for name in networks)  # only the critic has learned so far
+    assert after["normalizer.count"] > before["normalizer.count"]
 
 
 def test_evaluation_prints_and_writes_the_table(tmp_path, stages):
@@ -131,6 +142,11 @@ def test_evaluation_prints_and_writes_the_table(tmp_path, stages):
     [
         ("expert", ["--motions", "nowhere.npz", "--steps", "10"], "motion file 'nowhere.npz': no such"),
         ("expert", ["--motions", "generated:val"], "expected a positive number"),
+        (
+            "expert",
+            ["--motions", "generated:val", "--steps", "10", "--init", str(ROOT / "weights" / "dagger")],
+            "holds a LatentPolicy, expected an expert",
+        ),
         (
             "distill",
             ["--motions", "generated:val", "--steps", "10", "--expert", "nowhere"],

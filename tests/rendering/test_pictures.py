@@ -1,3 +1,6 @@
+import sys
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -5,7 +8,17 @@ import torch
 from plat.envs import G1, MotionLibrary
 from plat.envs.transforms import HORIZONS
 from plat.modules import Expert
-from plat.rendering import RenderingError, Stage, contact_sheet, film, play, write_picture, write_video
+from plat.rendering import (
+    RenderingError,
+    Stage,
+    check_video,
+    contact_sheet,
+    film,
+    play,
+    stills,
+    write_picture,
+    write_video,
+)
 from tests.conftest import standing_clip
 
 
@@ -65,6 +78,32 @@ def test_film_and_sheet(stage, playback, tmp_path):
     assert (tmp_path / "film.mp4").stat().st_size > 1000
 
 
+def test_stills_show_the_first_and_the_last_frame_and_some_between(stage, playback):
+    frames, pictures = stills(stage, playback.qpos, 3)
+    last = len(playback.qpos) - 1
+    assert frames.tolist() == [0, round(last / 2), last]
+    for frame, picture in zip(frames, pictures, strict=True):
+        stage.look_at(playback.qpos[frame])
+        np.testing.assert_array_equal(picture, stage.draw(playback.qpos[frame]))
+    assert (stills(stage, playback.qpos, 3, playback.target_qpos)[1] != pictures).any()
+
+
+def test_the_bar_is_red_after_a_failure_though_no_time_is_left(stage, playback):
+    failed = np.zeros(5, bool)
+    failed[2] = True
+    empty = replace(
+        playback,
+        qpos=playback.qpos[:5],
+        target_qpos=playback.target_qpos[:5],
+        steps_left=np.zeros(5, int),
+        command_length=np.ones(5, int),
+        failed=failed,
+    )
+    colours = [picture[-2, 80].astype(int) for picture in film(stage, empty, fps=50)]
+    assert all(abs(red - green) < 30 for red, green, _ in colours[:2])
+    assert all(red > green + 50 for red, green, _ in colours[2:])
+
+
 def test_no_opengl_is_said_in_one_line(monkeypatch):
     def fail(*_):
         raise AttributeError("'NoneType' object has no attribute 'eglQueryString'")
@@ -72,3 +111,18 @@ def test_no_opengl_is_said_in_one_line(monkeypatch):
     monkeypatch.setattr("plat.rendering.pictures.mujoco.Renderer", fail)
     with pytest.raises(RenderingError, match="no OpenGL .*apt install libegl1 libgl1-mesa-dri"):
         Stage(G1)
+
+
+def test_a_video_that_cannot_be_written_is_named(tmp_path):
+    with pytest.raises(RenderingError, match=r"video 'film.gif': expected a file name that ends in .mp4"):
+        write_video("film.gif", iter([]))
+    (tmp_path / "film.mp4").mkdir()
+    pictures = iter([np.zeros((64, 64, 3), np.uint8)] * 9)
+    with pytest.raises(RenderingError, match=r"film.mp4' could not be written .*directory"):
+        write_video(tmp_path / "film.mp4", pictures)
+
+
+def test_a_missing_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    with pytest.raises(RenderingError, match=r"pip install 'plat-rl\[video\]'"):
+        check_video("film.mp4")

@@ -1,6 +1,5 @@
 """Where the soles of a motion are: what order detection, checks and repairs are measured by."""
 
-import mujoco
 import torch
 from torch import Tensor
 
@@ -29,10 +28,8 @@ class Soles:
     """
 
     def __init__(self, robot: Robot):
-        model = robot.model()
-        bodies = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, foot) for foot in robot.feet]
-        geoms = [[geom for geom in range(model.ngeom) if model.geom_bodyid[geom] == body] for body in bodies]
-        soles = [[geom for geom in foot if model.geom_contype[geom]] for foot in geoms]
+        model = robot.shared_model
+        soles = robot.sole_geoms(model)
         self._points_b = torch.from_numpy(model.geom_pos[soles])  # (2, P, 3)
         self._radius = torch.from_numpy(model.geom_size[soles][..., 0])  # (2, P)
         self._kinematics = ForwardKinematics(robot, robot.feet)

@@ -5,6 +5,7 @@ import json
 import os
 import tempfile
 import warnings
+import zlib
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
@@ -17,9 +18,9 @@ from torch import Tensor
 
 from plat.envs.kinematics import ForwardKinematics
 from plat.envs.motions.clip import MotionClip
+from plat.envs.motions.digest import motion_code_digest
 from plat.envs.motions.files import load_motions, motion_paths
 from plat.envs.motions.generation import PREFIX, generate_named
-from plat.envs.motions.generation.digest import generator_digest
 from plat.envs.motions.mirror import mirror_motion
 from plat.envs.motions.resample import finite_difference, quat_finite_difference, resample_qpos
 from plat.envs.robot import G1, Robot
@@ -29,8 +30,6 @@ __all__ = ["MotionLibrary", "cache_dir"]
 
 # Frames worked on at a time while the table is built: large enough for vector speed, small enough for the cache.
 _CHUNK = 16384
-# Part of the cache key: raise it when the table's content changes for the same input.
-_TABLE_VERSION = 2
 
 
 class MotionLibrary:
@@ -168,8 +167,8 @@ class MotionLibrary:
         Args:
             motions: paths, folders, globs, or ``"generated:train"`` (``val``, ``test``) for the motions that plat
                 makes itself; see :func:`plat.envs.motions.generation.generate_named`.
-            cache: keep the finished table under :func:`cache_dir`, named by names and content of the files and, for
-                motions that plat makes itself, of the code that makes them.
+            cache: keep the finished table under :func:`cache_dir`, named by names and content of the files and of the
+                code that reads or makes motions.
             mirror: add every clip's mirror image, left and right exchanged.
 
         Raises:
@@ -223,7 +222,8 @@ def _build_table(qpos: Tensor, start: Tensor, length: Tensor, dt: float, robot: 
     table = torch.empty(total, _width(_POSE_FIELDS + _VELOCITY_FIELDS, robot))
     frames = _unpack(table, _POSE_FIELDS + _VELOCITY_FIELDS, robot)
     kinematics = ForwardKinematics(robot)
-    for chunk in torch.arange(total).split(_CHUNK):
+    for begin in range(0, total, _CHUNK):
+        chunk = slice(begin, begin + _CHUNK)
         root_pos, root_quat, joint_pos = qpos[chunk].split((3, 4, robot.num_joints), -1)
         keypoint_pos, keypoint_quat = kinematics(root_pos, root_quat, joint_pos)
         frames["joint_pos"][chunk] = joint_pos
@@ -249,10 +249,8 @@ def cache_dir() -> Path:
 def _content_hash(generated: Sequence[str], paths: Sequence[Path], robot: Robot, dt: float, mirror: bool) -> str:
     asset = (resources.files("plat.envs") / "assets" / robot.asset).read_bytes()
     digest = hashlib.blake2b(digest_size=16)
-    digest.update(json.dumps([_TABLE_VERSION, robot.name, robot.keypoints, dt, mirror]).encode())
-    digest.update(hashlib.blake2b(asset).digest())
-    if generated:
-        digest.update(json.dumps(generated).encode() + generator_digest())
+    digest.update(json.dumps([generated, robot.name, robot.keypoints, dt, mirror]).encode())
+    digest.update(hashlib.blake2b(asset).digest() + motion_code_digest())
     for path in paths:
         # clips are named by their files, and a name may say the frame rate
         digest.update(path.name.encode(errors="surrogateescape") + b"\0")
@@ -266,7 +264,11 @@ def _content_hash(generated: Sequence[str], paths: Sequence[Path], robot: Robot,
 def _write_table(path: Path, library: MotionLibrary) -> None:
     """Keep a table for the next run; a disk that cannot take it is no reason to stop this one."""
     tensors = {"table": library._table, "clip_start": library.clip_start, "clip_length": library.clip_length}
-    metadata = {"clip_names": json.dumps(library.clip_names), "dt": repr(library.dt)}
+    metadata = {
+        "clip_names": json.dumps(library.clip_names),
+        "dt": repr(library.dt),
+        "checksum": _checksum(*tensors.values()),
+    }
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as part:
@@ -281,13 +283,22 @@ def _write_table(path: Path, library: MotionLibrary) -> None:
 
 
 def _read_table(path: Path, robot: Robot) -> MotionLibrary | None:
-    """The cached library, or None where there is none that can be read."""
+    """The cached library, or None where there is none, or one that is damaged."""
     if not path.exists():
         return None
     try:
         with safe_open(path, "pt") as file:
             metadata = file.metadata()
             table, start, length = (file.get_tensor(name) for name in ("table", "clip_start", "clip_length"))
+        if metadata["checksum"] != _checksum(table, start, length):
+            return None
         return MotionLibrary(table, start, length, json.loads(metadata["clip_names"]), float(metadata["dt"]), robot)
-    except (OSError, SafetensorError, KeyError, ValueError):
+    except (OSError, SafetensorError, KeyError, ValueError, TypeError):
         return None
+
+
+def _checksum(*tensors: Tensor) -> str:
+    checksum = 0
+    for tensor in tensors:
+        checksum = zlib.crc32(tensor.numpy().data, checksum)
+    return f"{checksum:08x}"

@@ -46,7 +46,7 @@ def _symmetry(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
             f"robot {robot.name!r}: joints without a partner {sorted(set(names) - set(robot.joint_names))}"
         )
     partner = np.array([robot.joint_names.index(name) for name in names])
-    model = robot.model()
+    model = robot.shared_model
     axis = model.jnt_axis[1:]
     body = model.jnt_bodyid[1:]
     if not np.allclose(model.body_pos[body][partner] * [1, -1, 1], model.body_pos[body], atol=1e-3):

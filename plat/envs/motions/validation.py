@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import mujoco
-import numpy as np
 import torch
 
 from plat.envs.motions.clip import MotionClip
+from plat.envs.motions.collision import self_penetration
 from plat.envs.motions.feet import Soles, ground_level
 from plat.envs.robot import G1, Robot
 from plat.rotations import quat_conjugate, quat_multiply, quat_to_rotvec
@@ -103,13 +103,11 @@ def validate_motions(
         MotionError: when a clip is broken; see :meth:`MotionClip.checked`.
     """
     limits = limits or ValidationLimits()
-    soles, collisions = Soles(robot), _Collisions(robot)
-    return [_judged(_measure(clip.checked(robot), robot, limits, soles, collisions), limits) for clip in clips]
+    soles = Soles(robot)
+    return [_judged(_measure(clip.checked(robot), robot, limits, soles), limits) for clip in clips]
 
 
-def _measure(
-    clip: MotionClip, robot: Robot, limits: ValidationLimits, soles: Soles, collisions: "_Collisions"
-) -> MotionReport:
+def _measure(clip: MotionClip, robot: Robot, limits: ValidationLimits, soles: Soles) -> MotionReport:
     qpos = torch.from_numpy(clip.qpos).double()
     joint_pos = qpos[:, 7:]
     low, high = robot.joint_range.double().unbind(-1)
@@ -123,7 +121,7 @@ def _measure(
         penetration=max(0.0, -float(points[..., 2].min())),
         floating=level,
         slip=_slip(points, level, clip.fps),
-        self_penetration=collisions.deepest(clip),
+        self_penetration=_self_penetration(clip, robot),
         jumps=_jumps(qpos, clip.fps, limits),
     )
 
@@ -147,26 +145,10 @@ def _jumps(qpos: torch.Tensor, fps: float, limits: ValidationLimits) -> tuple[fl
     return tuple(((breaks.nonzero()[:, 0] + 1) / fps).tolist())
 
 
-class _Collisions:
-    """Looks for contacts of the robot with itself."""
-
-    def __init__(self, robot: Robot):
-        self._model = robot.model()
-        self._data = mujoco.MjData(self._model)
-        self._floor = np.flatnonzero(self._model.geom_bodyid == 0)
-
-    def deepest(self, clip: MotionClip) -> float:
-        """Depth of the deepest contact between links (m)."""
-        depth = 0.0
-        for qpos in clip.qpos[:: max(1, round(clip.fps / _COLLISION_RATE))]:
-            self._data.qpos[:] = qpos
-            mujoco.mj_kinematics(self._model, self._data)
-            mujoco.mj_collision(self._model, self._data)
-            if self._data.ncon:
-                contact = self._data.contact
-                inside = ~np.isin(contact.geom, self._floor).any(-1)
-                depth = max(depth, -float(contact.dist[inside].min(initial=0.0)))
-        return depth
+def _self_penetration(clip: MotionClip, robot: Robot) -> float:
+    model, data = robot.shared_model, mujoco.MjData(robot.shared_model)
+    poses = clip.qpos[:: max(1, round(clip.fps / _COLLISION_RATE))]
+    return max(self_penetration(model, pose, data) for pose in poses)
 
 
 def _judged(report: MotionReport, limits: ValidationLimits) -> MotionReport:

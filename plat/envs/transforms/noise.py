@@ -1,6 +1,6 @@
 """Observation noise."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import torch
 from tensordict import NestedKey, TensorDictBase
@@ -36,14 +36,15 @@ class ObservationNoise(ObservationTransform):
     """
 
     def __init__(self, robot: Robot, levels: NoiseLevels | None = None):
-        self._levels = levels or NoiseLevels()
-        self._names = ("joint_pos", "joint_vel", "root_ang_vel_b", "root_lin_vel_b", "gravity_b")
-        shapes = {("robot", name): (robot.num_joints if name.startswith("joint") else 3,) for name in self._names}
+        half_widths = asdict(levels or NoiseLevels())
+        sizes = {name: robot.num_joints if name.startswith("joint") else 3 for name in half_widths}
+        shapes: dict[NestedKey, tuple[int, ...]] = {("robot", name): (size,) for name, size in sizes.items()}
         super().__init__(in_keys=list(shapes), out_shapes=shapes)
+        self._sizes = list(sizes.values())
+        every = torch.cat([torch.full((size,), half_widths[name]) for name, size in sizes.items()])
+        self.register_buffer("_half_widths", every, persistent=False)
 
     def compute(self, tensordict: TensorDictBase) -> dict[NestedKey, Tensor]:
-        return {
-            ("robot", name): value + getattr(self._levels, name) * (2 * torch.rand_like(value) - 1)
-            for name in self._names
-            for value in (tensordict["robot", name],)
-        }
+        values = torch.cat([tensordict[key] for key in self.in_keys], -1)
+        noisy = values + self._half_widths * (2 * torch.rand_like(values) - 1)
+        return dict(zip(self.out_keys, noisy.split(self._sizes, -1), strict=True))

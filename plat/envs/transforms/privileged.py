@@ -35,18 +35,20 @@ class PrivilegedState(ObservationTransform):
         reference = self._library.states((frame + 1).minimum(last))
         root_to_world = quat_to_matrix(state["root_quat_w"])
         lin_vel, ang_vel = state["keypoint_lin_vel_w"], state["keypoint_ang_vel_w"]
-        velocity_error = torch.stack(
-            (
-                reference["keypoint_lin_vel"][:, 0] - lin_vel[:, 0],
-                reference["keypoint_ang_vel"][:, 0] - ang_vel[:, 0],
-            ),
-            1,
+        vectors_w = (
+            state["keypoint_pos_w"] - state["root_pos_w"][:, None],
+            lin_vel,
+            reference["keypoint_lin_vel"][:, :1] - lin_vel[:, :1],
+            reference["keypoint_ang_vel"][:, :1] - ang_vel[:, :1],
         )
+        vectors_b = (torch.cat(vectors_w, 1) @ root_to_world).flatten(1)
+        points = lin_vel.shape[1] * 3
+        keypoint_pos_b, keypoint_lin_vel_b, root_velocity_error_b = vectors_b.split((points, points, 6), -1)
         values = (
-            ((state["keypoint_pos_w"] - state["root_pos_w"][:, None]) @ root_to_world).flatten(1),
-            (lin_vel @ root_to_world).flatten(1),
+            keypoint_pos_b,
+            keypoint_lin_vel_b,
             state["root_pos_w"][:, 2:],
-            (velocity_error @ root_to_world).flatten(1),
+            root_velocity_error_b,
             reference["joint_vel"] - state["joint_vel"],
             ((last - frame)[:, None] * self._library.dt).clamp_max(1.0),
         )

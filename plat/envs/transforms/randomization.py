@@ -73,10 +73,7 @@ class DomainRandomization(Transform):
         joints = env.robot.num_joints
         low, high = ranges.foot_friction
         friction = env.physics.model_field("geom_friction")
-        for geom in self._foot_geoms[:1]:
-            friction[ids, geom, 0] = low + (high - low) * torch.rand(count, dtype=torch.float64)
-        for geom in self._foot_geoms[1:]:
-            friction[ids, geom, 0] = friction[ids, self._foot_geoms[0], 0]
+        friction[ids[:, None], self._foot_geoms, 0] = low + (high - low) * torch.rand(count, 1, dtype=torch.float64)
         if any(ranges.torso_com):
             shift = torch.tensor(ranges.torso_com, dtype=torch.float64) * _uniform(count, 3)
             env.physics.model_field("body_ipos")[ids, self._anchor] = self._anchor_com + shift

@@ -6,7 +6,7 @@ from torch import Tensor
 
 from plat.envs.motions.library import MotionLibrary
 from plat.envs.transforms.base import ObservationTransform
-from plat.rotations import quat_conjugate, quat_multiply, quat_rotate, quat_yaw
+from plat.rotations import quat_conjugate, quat_multiply, quat_yaw, yaw_multiply, yaw_rotate
 
 __all__ = ["ReferenceMotion", "align_to_anchor"]
 
@@ -77,5 +77,5 @@ def align_to_anchor(
     reference_pos = keypoint_pos_w[..., anchor, :]
     turn = quat_yaw(quat_multiply(anchor_quat_w, quat_conjugate(keypoint_quat_w[..., anchor, :])))[..., None, :]
     origin = torch.cat((anchor_pos_w[..., :2], reference_pos[..., 2:]), -1)
-    pos = origin[..., None, :] + quat_rotate(turn, keypoint_pos_w - reference_pos[..., None, :])
-    return pos, quat_multiply(turn.expand_as(keypoint_quat_w), keypoint_quat_w)
+    pos = origin[..., None, :] + yaw_rotate(turn, keypoint_pos_w - reference_pos[..., None, :])
+    return pos, yaw_multiply(turn, keypoint_quat_w)

@@ -9,7 +9,7 @@ from torchrl.envs import Transform
 
 from plat.envs.robot import Robot
 from plat.envs.transforms.base import Statistics
-from plat.rotations import quat_angle, quat_rotate_inverse
+from plat.rotations import quat_angle
 
 __all__ = ["KeyframeTermination", "TerminationLimits", "TrackingTermination", "fallen", "off_pose", "off_track"]
 
@@ -56,8 +56,8 @@ class _Termination(Transform):
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         failed = self.failed(next_tensordict)[:, None]
         if self.max_displacement is not None:
-            off = next_tensordict["state", "keypoint_pos_w"] - next_tensordict["reference", "keypoint_pos_w"]
-            failed = failed | (off[:, :1, :2].square().sum(-1) > self.max_displacement**2)
+            root, wanted = (next_tensordict[group, "keypoint_pos_w"][:, 0, :2] for group in ("state", "reference"))
+            failed = failed | ((root - wanted).square().sum(-1, keepdim=True) > self.max_displacement**2)
         self.statistics.add("terminated", failed.float())
         next_tensordict["terminated"] = next_tensordict["terminated"] | failed
         next_tensordict["done"] = next_tensordict["terminated"] | next_tensordict["truncated"]
@@ -97,10 +97,9 @@ def _height_error(state: TensorDictBase, reference: TensorDictBase, keypoints: l
 
 def _tilt_error(state: TensorDictBase, reference: TensorDictBase, keypoint: int) -> Tensor:
     """Difference ``[N]`` of the vertical component of gravity in a body's frame."""
-    quats = torch.stack((state["keypoint_quat_w"][:, keypoint], reference["keypoint_quat_w"][:, keypoint]))
-    up = quats.new_tensor([0.0, 0.0, 1.0])
-    vertical = quat_rotate_inverse(quats, up)[..., 2]
-    return (vertical[0] - vertical[1]).abs()
+    # that component is 1 - 2 (x^2 + y^2)
+    lean = [group["keypoint_quat_w"][:, keypoint, 1:3].square().sum(-1) for group in (state, reference)]
+    return 2 * (lean[0] - lean[1]).abs()
 
 
 def off_track(state: TensorDictBase, reference: TensorDictBase, robot: Robot, limits: TerminationLimits) -> Tensor:

@@ -2,10 +2,13 @@ import os
 import resource
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier
 
 import numpy as np
 import pytest
 import torch
+from safetensors.torch import save
 
 from plat.envs import MotionLibrary
 from plat.envs.motions import MotionClip, cache_dir, save_motions
@@ -116,16 +119,49 @@ def test_generated_motions_are_cached_until_their_code_changes(tmp_path, monkeyp
     for split in ("train", "val", "train", "val"):
         MotionLibrary.load(f"generated:{split}")
     assert made == ["train", "val"]
-    monkeypatch.setattr("plat.envs.motions.library.generator_digest", lambda: b"other code")
+    monkeypatch.setattr("plat.envs.motions.library.motion_code_digest", lambda: b"other code")
     assert MotionLibrary.load("generated:train").clip_names == ["train3"]
 
 
-def test_a_broken_cache_is_made_again(tmp_path, monkeypatch):
+def cut_short(content: bytes) -> bytes:
+    return content[:1000]
+
+
+def zero_a_page(content: bytes) -> bytes:
+    return content[:8192] + bytes(4096) + content[12288:]
+
+
+def forget_the_metadata(content: bytes) -> bytes:
+    return save({"table": torch.zeros(2, 3)})
+
+
+@pytest.mark.parametrize("damage", [cut_short, zero_a_page, forget_the_metadata])
+def test_a_damaged_cache_is_made_again(tmp_path, monkeypatch, damage):
     monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
     save_motions(tmp_path / "a.npz", [standing_clip()])
-    MotionLibrary.load(tmp_path / "a.npz")
+    first = MotionLibrary.load(tmp_path / "a.npz")
     (entry,) = (cache_dir() / "motions").glob("*.safetensors")
-    entry.write_bytes(entry.read_bytes()[:1000])
+    entry.write_bytes(damage(entry.read_bytes()))
+    second = MotionLibrary.load(tmp_path / "a.npz")
+    assert torch.equal(first.frames["keypoint_pos"], second.frames["keypoint_pos"])
+    monkeypatch.setattr("plat.envs.motions.library.load_motions", lambda *_: pytest.fail("it was not made again"))
+    assert MotionLibrary.load(tmp_path / "a.npz").clip_names == ["standing"]
+
+
+def test_loads_at_the_same_time_share_one_whole_cache_entry(tmp_path, monkeypatch):
+    monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
+    save_motions(tmp_path / "a.npz", [standing_clip()])
+    ready = Barrier(4)
+
+    def load_together() -> MotionLibrary:
+        ready.wait()
+        return MotionLibrary.load(tmp_path / "a.npz")
+
+    with ThreadPoolExecutor(4) as pool:
+        libraries = [future.result() for future in [pool.submit(load_together) for _ in range(4)]]
+    assert all(torch.equal(one.frames["joint_vel"], libraries[0].frames["joint_vel"]) for one in libraries)
+    assert len(list((cache_dir() / "motions").iterdir())) == 1
+    monkeypatch.setattr("plat.envs.motions.library.load_motions", lambda *_: pytest.fail("the cache was not used"))
     assert MotionLibrary.load(tmp_path / "a.npz").num_clips == 1
 
 

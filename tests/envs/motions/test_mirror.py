@@ -55,6 +55,14 @@ def test_a_mirrored_clip_is_as_good():
     assert mirrored.slip == pytest.approx(report.slip, abs=1e-3)
 
 
+def test_the_robot_is_compiled_once_for_all_clips(monkeypatch):
+    robot, compiled, compile_model = replace(G1), [], type(G1).model
+    monkeypatch.setattr(type(G1), "model", lambda *args: compiled.append(args) or compile_model(*args))
+    for _ in range(3):
+        mirror_motion(random_clip(), robot)
+    assert len(compiled) == 1
+
+
 def test_a_robot_without_symmetry_is_refused(monkeypatch):
     lopsided = replace(G1, name="lopsided")
     model = G1.model()

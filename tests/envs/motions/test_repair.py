@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -54,6 +56,14 @@ def test_a_jump_stays_a_jump():
     height = grounded.qpos[:, 2] - grounded.qpos[0, 2]
     assert height.max() == pytest.approx(hop.max(), abs=0.02)
     assert validate_motion(grounded).penetration < 0.005
+
+
+def test_the_robot_is_compiled_once_for_all_clips(monkeypatch):
+    robot, compiled, compile_model = replace(G1), [], type(G1).model
+    monkeypatch.setattr(type(G1), "model", lambda *args: compiled.append(args) or compile_model(*args))
+    for _ in range(3):
+        ground_feet(bowing_clip(), robot=robot)
+    assert len(compiled) == 1
 
 
 def test_joint_limits_are_kept():

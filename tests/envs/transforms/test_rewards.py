@@ -52,7 +52,7 @@ def reward(transform, after: TensorDict, action: float = 0.0) -> float:
 
 
 def test_perfect_tracking_earns_every_weight():
-    assert reward(DenseTrackingReward(G1, DT), perfect()) == pytest.approx(1 + 0.5 + 1 + 1 + 1 + 1)
+    assert reward(DenseTrackingReward(G1, DT), perfect()) == pytest.approx(1 + 0.5 + 1 + 1 + 1 + 1 + 1.5)
     assert reward(KeyframeReward(G1, DT), perfect()) == pytest.approx(2.5)
     assert reward(RegularisationReward(G1, DT), perfect()) == pytest.approx(0)
 
@@ -138,4 +138,4 @@ def test_factor_scales_all_terms_and_rewards_add_up():
     after = perfect()
     DenseTrackingReward(G1, DT, weight=2.0)._step(before(), after)
     KeyframeReward(G1, DT, weight=3.0)._step(before(), after)
-    assert float(after["reward"][0]) / DT == pytest.approx(2 * 5.5 + 3 * 2.5)
+    assert float(after["reward"][0]) / DT == pytest.approx(2 * 7.0 + 3 * 2.5)

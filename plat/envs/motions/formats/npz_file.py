@@ -140,7 +140,7 @@ def _find_joint_order(
 
 def _breadth_first(robot: Robot) -> list[str]:
     """Joint names by their distance from the root, ties as in the robot's own order."""
-    model = robot.model()
+    model = robot.shared_model
 
     def depth(name: str) -> int:
         body, steps = model.joint(f"{name}_joint").bodyid.item(), 0

@@ -6,8 +6,9 @@ from itertools import combinations
 import mujoco
 import numpy as np
 
+from plat.envs.motions.collision import self_penetration
 from plat.envs.motions.generation.balance import zero_moment_point
-from plat.envs.robot import Robot
+from plat.envs.robot import Robot, without_side
 
 __all__ = ["Soundness", "SoundnessLimits", "measure_soundness", "speed_limits"]
 
@@ -63,8 +64,7 @@ class Soundness:
 
 def speed_limits(robot: Robot) -> np.ndarray:
     """Top speed of every joint's motor ``[J]`` (rad/s)."""
-    plain = [name.removeprefix("left_").removeprefix("right_") for name in robot.joint_names]
-    return np.array([_MOTOR_SPEED.get(name, _MOTOR_SPEED_5020) for name in plain])
+    return np.array([_MOTOR_SPEED.get(without_side(name), _MOTOR_SPEED_5020) for name in robot.joint_names])
 
 
 def measure_soundness(robot: Robot, qpos: np.ndarray, dt: float) -> Soundness:
@@ -98,24 +98,14 @@ def measure_soundness(robot: Robot, qpos: np.ndarray, dt: float) -> Soundness:
 def _contacts(robot: Robot, model: mujoco.MjModel, qpos: np.ndarray) -> tuple[np.ndarray, float]:
     """Lowest points of the soles ``[F, 2, P, 3]`` (m, world) and how deep parts of the body are in each other (m)."""
     data = mujoco.MjData(model)
-    feet = [model.body(name).id for name in robot.feet]
-    soles = [
-        [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] == foot and model.geom_contype[geom]]
-        for foot in feet
-    ]
-    radius = model.geom_size[soles, 0]
+    soles = robot.sole_geoms(model)
     points, depth = [], 0.0
     for pose in qpos:
-        data.qpos[:] = pose
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_collision(model, data)
+        depth = max(depth, self_penetration(model, pose, data))
         points.append(data.geom_xpos[soles])
-        geoms = model.geom_bodyid[data.contact.geom]
-        inside = data.contact.dist[(geoms > 0).all(-1)]
-        depth = max(depth, -inside.min(initial=0.0))
     lowest = np.stack(points)
-    lowest[..., 2] -= radius
-    return lowest, float(depth)
+    lowest[..., 2] -= model.geom_size[soles, 0]
+    return lowest, depth
 
 
 def _slip(points: np.ndarray, down: np.ndarray) -> float:

@@ -61,7 +61,7 @@ class RobotGeometry:
         >>> round(geometry.leg, 3), round(geometry.ankle_height, 3)
         (0.624, 0.035)
         """
-        model = robot.model()
+        model = robot.shared_model
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
 
@@ -75,10 +75,8 @@ class RobotGeometry:
         axis = data.body("left_shoulder_pitch_link").xmat.reshape(3, 3)[:, 1]
         to_roll = at("left_shoulder_roll_link") - at("left_shoulder_pitch_link")
         shoulder = at("left_shoulder_pitch_link") + axis * (axis @ to_roll)
-        foot = model.body(robot.feet[0])
-        spheres = slice(foot.geomadr[0], foot.geomadr[0] + foot.geomnum[0])
-        touching = model.geom_contype[spheres] > 0
-        sole = model.geom_pos[spheres][touching] - [0, 0, 1] * model.geom_size[spheres][touching, :1]
+        spheres = robot.sole_geoms(model)[0]
+        sole = model.geom_pos[spheres] - [0, 0, 1] * model.geom_size[spheres, :1]
         return cls(
             hip=at("left_hip_roll_link"),
             shoulder=shoulder - at("torso_link"),

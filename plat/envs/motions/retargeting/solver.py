@@ -7,7 +7,7 @@ import numpy as np
 from plat.envs.motions.retargeting.geometry import TRACKED
 from plat.envs.motions.retargeting.options import SolverOptions
 from plat.envs.motions.retargeting.targets import Targets
-from plat.envs.robot import Robot
+from plat.envs.robot import Robot, without_side
 
 __all__ = ["solve"]
 
@@ -119,11 +119,11 @@ def solve(targets: Targets, robot: Robot, fps: float, options: SolverOptions) ->
 
 def _cost(costs: dict[str, float], role: str) -> float:
     """Of a role whatever its side."""
-    return costs[role.removeprefix("left_").removeprefix("right_")]
+    return costs[without_side(role)]
 
 
 def _range(joint: str) -> tuple[float, float]:
-    return _HUMAN_RANGE.get(joint.removeprefix("left_").removeprefix("right_"), (-np.inf, np.inf))
+    return _HUMAN_RANGE.get(without_side(joint), (-np.inf, np.inf))
 
 
 def _quaternions(rotations: np.ndarray) -> np.ndarray:

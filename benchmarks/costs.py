@@ -1,0 +1,156 @@
+"""Costs that are times or sizes: a loss step, the deployed policy, imports, the motion library."""
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+
+from plat.collectors import PrivilegedGoals
+from plat.envs import G1, MotionLibrary, make_keyframe_env
+from plat.envs.motions import MotionClip, save_motions
+from plat.modules import LatentPolicy
+from plat.objectives import LatentImitationLoss, autocast
+
+__all__ = ["Cost", "costs", "write_motions"]
+
+_WINDOWS = 2048
+_CALLS = 200
+_IMPORT = "import time; began = time.perf_counter(); import {}; print(time.perf_counter() - began)"
+_LOAD = """
+import resource, sys, time
+from plat.envs import MotionLibrary
+peak = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
+before, began = peak(), time.perf_counter()
+MotionLibrary.load(sys.argv[1])
+print(time.perf_counter() - began, peak() - before)
+"""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Something to measure, and the unit of what it gives."""
+
+    unit: str
+    measure: Callable[[], float]
+
+
+def costs(library: MotionLibrary, folder: Path, library_seconds: float) -> dict[str, Cost]:
+    """Every cost by its name.
+
+    Args:
+        library: motions.
+        folder: an empty one, for files.
+        library_seconds: length of the motion library that is loaded.
+    """
+    loads = LibraryLoads(library, folder, library_seconds)
+    size = f"library of {library_seconds:,.0f} s"
+    return {
+        f"stage-2 loss step, {_WINDOWS} windows, every frame": Cost("ms", loss_step(library, stride=1)),
+        f"stage-2 loss step, {_WINDOWS} windows, every 5th frame": Cost("ms", loss_step(library, stride=5)),
+        "deployed policy, one robot, one core": Cost("ms", deployed_policy(library)),
+        "import plat": Cost("s", lambda: import_time("plat")),
+        "import plat.envs": Cost("s", lambda: import_time("plat.envs")),
+        f"{size}, first load": Cost("s", loads.first),
+        f"{size}, cached load": Cost("s", loads.cached),
+        f"{size}, memory": Cost("MB", lambda: loads.megabytes),
+    }
+
+
+def loss_step(library: MotionLibrary, stride: int) -> Callable[[], float]:
+    """Forward and backward of stage 2's loss on windows of up to 51 frames, less where the stride leaves some out."""
+    states = PrivilegedGoals(library, stride)(make_keyframe_env(library, _WINDOWS).reset())
+    states["expert_action"] = torch.randn(_WINDOWS, G1.num_joints)
+    student = LatentPolicy(G1)
+    loss = LatentImitationLoss(student.training_graph())
+
+    def measure() -> float:
+        student.zero_grad()
+        began = time.perf_counter()
+        with autocast("cpu", "auto"):
+            losses = loss(states)
+        (losses["loss_posterior"] + losses["loss_prior"] + losses["loss_kl"]).backward()
+        return 1e3 * (time.perf_counter() - began)
+
+    return measure
+
+
+def deployed_policy(library: MotionLibrary) -> Callable[[], float]:
+    """From the entries of one robot's observation to its joint targets."""
+    policy = LatentPolicy(G1).deployed()
+    state = make_keyframe_env(library, 1).reset().select(*policy.in_keys)
+
+    @torch.inference_mode()
+    def measure() -> float:
+        threads = torch.get_num_threads()
+        torch.set_num_threads(1)
+        began = time.perf_counter()
+        for _ in range(_CALLS):
+            G1.default_joint_pos + G1.action_scale * policy(state.copy())["action"]
+        spent = time.perf_counter() - began
+        torch.set_num_threads(threads)
+        return 1e3 * spent / _CALLS
+
+    return measure
+
+
+def import_time(module: str) -> float:
+    """Seconds that an import takes in a new interpreter."""
+    return _in_new_process(_IMPORT.format(module))[0]
+
+
+class LibraryLoads:
+    """Loads a long library in processes of their own, with a cache that is theirs."""
+
+    def __init__(self, library: MotionLibrary, folder: Path, seconds: float):
+        self._motions, self._cache = folder / "motions", folder / "cache"
+        write_motions(self._motions, library, seconds)
+        self.megabytes = 0.0
+        """How far the last :meth:`first` raised the peak of its process's memory."""
+
+    def first(self) -> float:
+        """Seconds of a load when nothing is cached."""
+        shutil.rmtree(self._cache, ignore_errors=True)
+        seconds, self.megabytes = self._load()
+        return seconds
+
+    def cached(self) -> float:
+        """Seconds of a load after another."""
+        return self._load()[0]
+
+    def _load(self) -> list[float]:
+        return _in_new_process(_LOAD, str(self._motions), PLAT_CACHE_DIR=str(self._cache))
+
+
+def write_motions(folder: Path, library: MotionLibrary, seconds: float) -> None:
+    """Fill a folder with motion files that repeat a library's clips until they last long enough."""
+    frames = library.frames
+    qpos = torch.cat((frames["keypoint_pos"][:, 0], frames["keypoint_quat"][:, 0], frames["joint_pos"]), -1).numpy()
+    clips = [
+        MotionClip(name, qpos[start : start + length], 1 / library.dt)
+        for name, start, length in zip(
+            library.clip_names, library.clip_start.tolist(), library.clip_length.tolist(), strict=True
+        )
+    ]
+    folder.mkdir()
+    total, number = 0.0, 0
+    while total < seconds:
+        part: list[MotionClip] = []
+        for clip in clips:
+            if total < seconds:
+                part.append(clip)
+                total += clip.duration
+        save_motions(folder / f"{number:05d}.npz", part)
+        number += 1
+
+
+def _in_new_process(program: str, *arguments: str, **environment: str) -> list[float]:
+    """The numbers that a Python program prints."""
+    command = [sys.executable, "-c", program, *arguments]
+    out = subprocess.run(command, env=os.environ | environment, stdout=subprocess.PIPE, text=True, check=True)
+    return [float(number) for number in out.stdout.split()]

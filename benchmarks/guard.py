@@ -1,0 +1,109 @@
+"""Figures of the benchmark that can be held against those of another run.
+
+A figure's ratio is what is compared: for a rate its share of bare physics; for a time the control steps of bare physics
+that would fit in it; memory as it is. Ratios of one machine with a given number of threads are comparable, whatever
+else it was doing.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from statistics import median
+
+from pydantic import TypeAdapter, ValidationError
+from rounds import median_ratio
+
+from plat.errors import PlatError
+
+__all__ = ["TOLERANCE", "Figure", "Figures", "compared", "figure", "read_figures", "write_figures"]
+
+TOLERANCE = 0.15
+"""Relative change for the worse that is a regression."""
+_PER_SECOND = {"ms": 1e-3, "s": 1.0}
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A row of the benchmark."""
+
+    value: float
+    unit: str
+    """``"steps/s"``, ``"ms"``, ``"s"`` or ``"MB"``"""
+    ratio: float
+    """what is compared"""
+
+    def __str__(self) -> str:
+        if self.unit == "steps/s":
+            return f"{self.value:,.0f} steps/s, {self.ratio:.1%} of bare physics"
+        if self.unit == "MB":
+            return f"{self.value:,.0f} MB"
+        return f"{self.value:.3g} {self.unit}, the time of {self.ratio:,.0f} bare steps"
+
+
+@dataclass(frozen=True)
+class Figures:
+    """A run of the benchmark."""
+
+    threads: int
+    num_envs: int
+    rows: dict[str, Figure]
+
+
+def figure(values: Sequence[float], unit: str, bare: Sequence[float]) -> Figure:
+    """Of what was measured in each round and bare physics' steps a second in the same rounds."""
+    if unit == "steps/s":
+        return Figure(median(values), unit, median_ratio(values, bare))
+    if unit == "MB":
+        return Figure(median(values), unit, median(values))
+    steps = [value * _PER_SECOND[unit] * rate for value, rate in zip(values, bare, strict=True)]
+    return Figure(median(values), unit, median(steps))
+
+
+def compared(measured: Figures, committed: Figures) -> tuple[list[str], list[str]]:
+    """Regressions beyond :data:`TOLERANCE`, one line each, and remarks that are none.
+
+    Raises:
+        PlatError: when the runs have other numbers of threads or robots.
+    """
+    for name in ("threads", "num_envs"):
+        ours, theirs = getattr(measured, name), getattr(committed, name)
+        if ours != theirs:
+            raise PlatError(f"{name}: {ours} in this run, {theirs} in the committed one; ratios cannot be compared")
+    regressions, remarks = [], []
+    for name in [*committed.rows, *(name for name in measured.rows if name not in committed.rows)]:
+        if name not in measured.rows:
+            remarks.append(f"{name}: committed, not measured")
+        elif name not in committed.rows:
+            remarks.append(f"{name}: measured, not committed")
+        else:
+            now, before = measured.rows[name], committed.rows[name]
+            change = now.ratio / before.ratio - 1 if before.ratio else 0.0
+            gain = change if now.unit == "steps/s" else -change
+            line = f"{name}: {now}; committed {before} ({change:+.0%})"
+            if gain < -TOLERANCE:
+                regressions.append(line)
+            elif gain > TOLERANCE:
+                remarks.append(f"{line}: better, commit it")
+    return regressions, remarks
+
+
+def write_figures(path: Path, figures: Figures) -> None:
+    """Write a run to a file that :func:`read_figures` reads."""
+    path.write_text(json.dumps(asdict(figures), indent=2) + "\n")
+
+
+def read_figures(path: Path) -> Figures:
+    """Read what :func:`write_figures` wrote.
+
+    Raises:
+        PlatError: when there is no such file, or it holds something else.
+    """
+    try:
+        return TypeAdapter(Figures).validate_json(path.read_bytes())
+    except OSError as error:
+        raise PlatError(f"benchmark figures {str(path)!r}: not readable ({error.strerror})") from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join(map(str, first["loc"]))
+        raise PlatError(f"benchmark figures {str(path)!r}: {field}: {first['msg']}") from None

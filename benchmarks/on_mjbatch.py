@@ -1,0 +1,56 @@
+"""plat's environment with mjbatch in place of MuJoCo's own batch: ``python on_mjbatch.py ROBOTS current|old MOTIONS``.
+
+Reads lines; collects a rollout for each and answers with its number of steps. For ``benchmarks/compare.py``.
+"""
+
+import sys
+from types import ModuleType
+from typing import Any
+
+import mjbatch
+import mujoco
+import numpy as np
+
+_CURRENT = sys.argv[2] == "current"
+
+
+class Batch(mjbatch.Batch):
+    """``mjbatch.Batch`` with the calls of ``mujoco.batch.Batch`` that plat makes."""
+
+    def __init__(self, model: mujoco.MjModel, nsim: int, nthread: int, persistent: bool):
+        # forward makes body poses and velocities current with the new state, as MuJoCo's own batch does
+        super().__init__(model, nsim, nthread, forward=_CURRENT)
+        self.nsim, self.nthread = nsim, nthread
+        self._bound: dict[str, np.ndarray] = {}
+
+    def bind(self, name: str) -> np.ndarray:
+        """The live array of a field."""
+        if name not in self._bound:
+            self._bound[name] = super().bind(name)
+        return self._bound[name]
+
+    def step(self, nstep: int, stage: Any) -> None:
+        """Step every simulation."""
+        super().step(nstep=nstep)
+
+    def reset(self, ids: np.ndarray, stage: Any) -> None:
+        """Put simulations back."""
+        super().reset(ids=ids)
+
+    def forward(self, ids: np.ndarray, stage: Any) -> None:
+        """Make outputs current."""
+        super().forward(ids=ids)
+
+
+if __name__ == "__main__":
+    # MuJoCo's own batch came with a later version than mjbatch runs on
+    batch_module: Any = ModuleType("mujoco.batch")
+    batch_module.Batch = Batch
+    sys.modules["mujoco.batch"] = batch_module
+
+    from rivals import Setup, work_with_plat
+
+    setup = Setup(motions=tuple(sys.argv[3:]), num_envs=int(sys.argv[1]), num_singles=1)
+    collect = work_with_plat(setup, learn=False)
+    for _ in sys.stdin:
+        print(collect(), flush=True)

@@ -1,0 +1,44 @@
+"""Measuring side by side: everything is measured once a round, and ratios are taken within rounds.
+
+What else the machine does at the time hits all that is compared.
+"""
+
+import platform
+import statistics
+import time
+from collections.abc import Callable, Mapping, Sequence
+
+import torch
+
+__all__ = ["in_rounds", "machine", "median_ratio", "rate"]
+
+
+def in_rounds(measures: Mapping[str, Callable[[], float]], rounds: int) -> dict[str, list[float]]:
+    """What each measure gave in each round, after one round that only warms up."""
+    values: dict[str, list[float]] = {name: [] for name in measures}
+    for number in range(rounds + 1):
+        for name, measure in measures.items():
+            value = measure()
+            if number > 0:
+                values[name].append(value)
+    return values
+
+
+def median_ratio(values: Sequence[float], reference: Sequence[float]) -> float:
+    """Median over rounds of one measure over another."""
+    return statistics.median(value / other for value, other in zip(values, reference, strict=True))
+
+
+def rate(work: Callable[[], int], seconds: float = 0.0) -> float:
+    """How much a second gets done by work that says how much it did; it is repeated until some time has passed."""
+    began, done = time.perf_counter(), 0
+    while True:
+        done += work()
+        spent = time.perf_counter() - began
+        if spent >= seconds:
+            return done / spent
+
+
+def machine() -> str:
+    """What the figures were measured on."""
+    return f"{platform.processor() or platform.machine()}, {torch.get_num_threads()} threads"

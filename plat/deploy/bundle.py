@@ -1,0 +1,295 @@
+"""What an exported policy says about itself: the content of ``bundle.json``, see ``docs/deploy.md``."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plat.deploy.description import Body, RobotDescription
+from plat.deploy.observation import Term, observation_terms
+from plat.errors import BundleError
+
+__all__ = ["INPUT", "METADATA_KEY", "OUTPUT", "Bundle", "PolicyFacts", "Score", "TrainingFacts", "readable_json"]
+
+_FORMAT, _VERSION = "plat-bundle", 1
+_TAU = "control steps left until the keyframe / max_steps"
+METADATA_KEY = _FORMAT
+"""Under this name the same JSON is in the ONNX file's ``metadata_props``."""
+INPUT = "observation"
+"""The network's input ``[batch, F]``, float32."""
+OUTPUT = "joint_position_target"
+"""The network's output ``[batch, J]`` (rad), float32."""
+
+
+@dataclass(frozen=True)
+class PolicyFacts:
+    """What kind of policy it is."""
+
+    kind: str
+    """as in a run's ``config.json``"""
+    latent_size: int | None
+    """size of the latent z; None for a policy without one"""
+    residual_alpha: float | None
+    """factor alpha on the residual; None for a policy without one"""
+
+
+@dataclass(frozen=True)
+class TrainingFacts:
+    """Where the policy comes from."""
+
+    run: str
+    """name of the run directory"""
+    recipe: str | None
+    """script that made it"""
+    plat: str | None
+    """version of plat that it was trained with"""
+    torch: str | None
+    """version of torch"""
+    commit: str | None
+    """commit of plat's sources"""
+
+
+@dataclass(frozen=True)
+class Score:
+    """A figure of ``recipes/evaluate.py`` and its 95 % bootstrap interval over motions."""
+
+    horizon: str
+    metric: str
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """All that a program needs to know in order to run the network.
+
+    Args:
+        robot: the robot that the policy drives.
+        max_steps: ``Delta_max``, the longest command in control steps.
+        policy: what kind of policy it is.
+        training: where it comes from.
+        scores: None when it has not been scored.
+    """
+
+    robot: RobotDescription
+    max_steps: int
+    policy: PolicyFacts
+    training: TrainingFacts
+    scores: tuple[Score, ...] | None
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """What lies where in an observation."""
+        return observation_terms(len(self.robot.joint_names), len(self.robot.keypoints))
+
+    def to_json(self) -> str:
+        """The content of ``bundle.json``. Numbers are written so that reading gives the same ones."""
+        robot = asdict(self.robot)
+        control_dt = robot.pop("control_dt")
+        content = {
+            "format": _FORMAT,
+            "version": _VERSION,
+            "robot": {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in robot.items()},
+            "quaternion_order": "wxyz",
+            "control_dt": control_dt,
+            "command": {"max_steps": self.max_steps, "tau": _TAU},
+            "observation": {"name": INPUT, "terms": [asdict(term) for term in self.terms]},
+            "action": {"name": OUTPUT, "unit": "rad"},
+            "policy": asdict(self.policy),
+            "training": asdict(self.training),
+            "scores": None if self.scores is None else [asdict(score) for score in self.scores],
+        }
+        return readable_json(content)
+
+    @classmethod
+    def from_json(cls, text: str, where: str) -> Bundle:
+        """What :meth:`to_json` wrote.
+
+        Args:
+            text: JSON.
+            where: what error messages call it.
+
+        Raises:
+            BundleError: naming the field that is missing, broken, or of another version of the format.
+        """
+        try:
+            content = _Object(json.loads(text), "", where)
+        except ValueError as error:
+            raise BundleError(f"{where}: not readable as JSON ({error})") from None
+        content.expect("format", _FORMAT)
+        content.expect("version", _VERSION)
+        content.expect("quaternion_order", "wxyz")
+        content.object("action").expect("name", OUTPUT)
+        command = content.object("command")
+        max_steps = command.value("max_steps", int)
+        if max_steps < 1:
+            raise command.fault("max_steps", f"is {max_steps}, expected at least 1")
+        bundle = cls(
+            robot=_robot(content),
+            max_steps=max_steps,
+            policy=_policy(content.object("policy")),
+            training=_training(content.object("training")),
+            scores=None if content.content.get("scores") is None else tuple(map(_score, content.objects("scores"))),
+        )
+        _check_terms(content.object("observation"), bundle.terms)
+        return bundle
+
+
+def readable_json(content: Any) -> str:
+    """JSON with a field a line, and lists of numbers or names on one.
+
+    >>> print(readable_json({"gains": [1.5, 2.0]}), end="")
+    {
+     "gains": [1.5, 2.0]
+    }
+    """
+    text = json.dumps(content, indent=1, allow_nan=False)
+    # a text holds no line break, so what follows "[" and a line break is never inside one
+    return re.sub(r"\[\n([^][{}]*)\n\s*\]", _on_one_line, text) + "\n"
+
+
+def _on_one_line(entries: re.Match[str]) -> str:
+    return "[" + re.sub(r"\s*\n\s*", " ", entries[1].strip()) + "]"
+
+
+def _robot(content: _Object) -> RobotDescription:
+    robot = content.object("robot")
+    joints = len(joint_names := robot.names("joint_names"))
+    control_dt = content.value("control_dt", float)
+    if control_dt <= 0:
+        raise content.fault("control_dt", f"is {control_dt}, expected a positive number of seconds")
+    bodies = tuple(_body(entry, index, joints) for index, entry in enumerate(robot.objects("bodies")))
+    keypoints = robot.names("keypoints")
+    unknown = sorted(set(keypoints) - {body.name for body in bodies})
+    if unknown:
+        raise robot.fault("keypoints", f"{unknown[0]!r} is not the name of a body")
+    if bodies[0].name != keypoints[0]:
+        raise robot.fault("keypoints", f"the first is {keypoints[0]!r}, expected the root {bodies[0].name!r}")
+    return RobotDescription(
+        name=robot.value("name", str),
+        joint_names=joint_names,
+        root_height=robot.value("root_height", float),
+        control_dt=control_dt,
+        keypoints=keypoints,
+        bodies=bodies,
+        default_joint_pos=robot.numbers("default_joint_pos", joints),
+        joint_range=robot.numbers("joint_range", joints, 2),
+        stiffness=robot.numbers("stiffness", joints),
+        damping=robot.numbers("damping", joints),
+        effort_limit=robot.numbers("effort_limit", joints),
+        action_scale=robot.numbers("action_scale", joints),
+    )
+
+
+def _body(entry: _Object, index: int, joints: int) -> Body:
+    parent, joint = entry.value("parent", int), entry.value("joint", int)
+    if (parent != -1) if index == 0 else not 0 <= parent < index:
+        raise entry.fault("parent", f"is {parent}, expected the index of an earlier body, and -1 for the first alone")
+    if not -1 <= joint < joints:
+        raise entry.fault("joint", f"is {joint}, expected the index of a joint or -1")
+    x, y, z = entry.numbers("pos", 3).tolist()
+    qw, qx, qy, qz = entry.numbers("quat", 4).tolist()
+    ax, ay, az = entry.numbers("axis", 3).tolist()
+    return Body(entry.value("name", str), parent, joint, (ax, ay, az), (x, y, z), (qw, qx, qy, qz))
+
+
+def _policy(entry: _Object) -> PolicyFacts:
+    return PolicyFacts(
+        entry.value("kind", str),
+        entry.optional("latent_size", int),
+        entry.optional("residual_alpha", float),
+    )
+
+
+def _training(entry: _Object) -> TrainingFacts:
+    made_with = (entry.optional(name, str) for name in ("recipe", "plat", "torch", "commit"))
+    return TrainingFacts(entry.value("run", str), *made_with)
+
+
+def _score(entry: _Object) -> Score:
+    figures = (entry.value(name, float) for name in ("value", "low", "high"))
+    return Score(entry.value("horizon", str), entry.value("metric", str), *figures)
+
+
+def _check_terms(observation: _Object, known: tuple[Term, ...]) -> None:
+    observation.expect("name", INPUT)
+    terms = [
+        (entry.value("name", str), entry.value("start", int), entry.value("stop", int))
+        for entry in observation.objects("terms")
+    ]
+    expected = [(term.name, term.start, term.stop) for term in known]
+    if terms != expected:
+        different = next((pair for pair in zip(terms, expected, strict=False) if pair[0] != pair[1]), None)
+        found, right = different or (f"{len(terms)} of them", f"{len(expected)}")
+        raise observation.fault("terms", f"{found}, expected {right}: this version of plat builds no other observation")
+
+
+class _Object:
+    """An object of a JSON file, whose fields are asked for by name and checked."""
+
+    def __init__(self, content: Any, path: str, where: str):
+        self._path, self._where = path, where
+        if not isinstance(content, dict):
+            raise BundleError(f"{where}: {path or 'it'} is a {type(content).__name__}, expected an object")
+        self.content = content
+
+    def _name(self, field: str) -> str:
+        return f"{self._path}.{field}" if self._path else field
+
+    def fault(self, field: str, what: str) -> BundleError:
+        return BundleError(f"{self._where}: {self._name(field)}: {what}")
+
+    def expect(self, field: str, expected: str | int) -> None:
+        found = self.content.get(field)
+        if found != expected:
+            raise self.fault(field, f"is {found!r}, expected {expected!r}")
+
+    def value(self, field: str, kind: type) -> Any:
+        if field not in self.content:
+            raise self.fault(field, "is missing")
+        value = self.content[field]
+        if kind is float and type(value) is int:
+            value = float(value)
+        fits = type(value) is kind
+        if not fits or (kind is float and not math.isfinite(value)):
+            raise self.fault(field, f"is {value!r}, expected {_KINDS[kind]}")
+        return value
+
+    def optional(self, field: str, kind: type) -> Any:
+        return None if self.content.get(field) is None else self.value(field, kind)
+
+    def object(self, field: str) -> _Object:
+        return _Object(self.content.get(field), self._name(field), self._where)
+
+    def objects(self, field: str) -> list[_Object]:
+        entries = self.value(field, list)
+        if not entries:
+            raise self.fault(field, "is empty")
+        return [_Object(entry, f"{self._name(field)}[{index}]", self._where) for index, entry in enumerate(entries)]
+
+    def names(self, field: str) -> tuple[str, ...]:
+        names = self.value(field, list)
+        if not names or not all(isinstance(name, str) for name in names) or len(set(names)) != len(names):
+            raise self.fault(field, "expected a list of different names")
+        return tuple(names)
+
+    def numbers(self, field: str, *shape: int) -> NDArray[np.float64]:
+        try:
+            values = np.array(self.value(field, list), dtype=np.float64)
+        except (TypeError, ValueError):
+            raise self.fault(field, "expected numbers only") from None
+        if values.shape != shape:
+            raise self.fault(field, f"has shape {values.shape}, expected {shape}")
+        if not np.isfinite(values).all():
+            raise self.fault(field, "expected finite numbers")
+        return values
+
+
+_KINDS = {str: "a text", int: "a whole number", float: "a finite number", list: "a list"}

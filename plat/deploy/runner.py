@@ -1,0 +1,135 @@
+"""An exported policy at work."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plat.deploy.bundle import INPUT, METADATA_KEY, OUTPUT, Bundle
+from plat.deploy.observation import ObservationBuilder
+from plat.deploy.session import open_session
+from plat.deploy.state import Array, Pose, RobotState
+from plat.errors import BundleError, StateError
+
+__all__ = ["BUNDLE_FILE", "NETWORK_FILE", "JointCommand", "PolicyRunner"]
+
+BUNDLE_FILE, NETWORK_FILE = "bundle.json", "policy.onnx"
+# what rounding of times may add to the longest command, in control steps
+_TIME_TOLERANCE = 1e-3
+
+
+class JointCommand(NamedTuple):
+    """What the motors are told: ``torque = stiffness * (position - joint_pos) - damping * joint_vel``."""
+
+    position: NDArray[np.float64]
+    """joint position targets ``[J]`` (rad)"""
+    stiffness: NDArray[np.float64]
+    """kp ``[J]`` (N m/rad)"""
+    damping: NDArray[np.float64]
+    """kd ``[J]`` (N m s/rad)"""
+
+
+class PolicyRunner:
+    """Runs the policy of a bundle on one robot. Call :meth:`reset` before the first step of every episode.
+
+    ``docs/deploy.md`` shows the control loop on a robot.
+
+    Args:
+        bundle: folder that ``recipes/export.py`` wrote, or the ``.onnx`` file alone.
+        joint_names: the joints in the order of the caller's joint vectors; refused unless they are the policy's.
+
+    Raises:
+        BundleError: when a file is missing, broken, without metadata, of another version or of another robot; when
+            onnxruntime is not installed.
+    """
+
+    def __init__(self, bundle: str | Path, joint_names: Sequence[str] | None = None):
+        path = Path(bundle)
+        network = path if path.suffix == ".onnx" else path / NETWORK_FILE
+        self._session = open_session(network)
+        self.bundle = _metadata(self._session, network)
+        """What the policy says about itself."""
+        robot = self.robot = self.bundle.robot
+        """The robot that it drives."""
+        if joint_names is not None:
+            _check_joints(f"bundle {str(path)!r}", robot.joint_names, tuple(joint_names))
+        self._observe = ObservationBuilder(robot, self.bundle.max_steps)
+        _check_widths(f"ONNX policy {str(network)!r}", self._session, self._observe.size, len(robot.joint_names))
+        self.reset()
+
+    def reset(self, joint_target: Array | None = None) -> None:
+        """Begin anew.
+
+        Args:
+            joint_target: what the motors were told last ``[J]`` (rad); None for the default pose.
+        """
+        robot = self.robot
+        target = robot.default_joint_pos if joint_target is None else joint_target
+        self._last_action = (target - robot.default_joint_pos) / robot.action_scale
+
+    def __call__(self, state: RobotState, keyframe: Pose, steps_left: float) -> NDArray[np.float64]:
+        """Joint position targets ``[J]`` (rad); call it once a control step.
+
+        Args:
+            state: of the robot now.
+            keyframe: pose to be in.
+            steps_left: control steps until then, more than 0 and at most ``bundle.max_steps``.
+
+        Raises:
+            StateError: naming what is wrong with state, keyframe or time. The motors should then keep what they were
+                told last.
+        """
+        if not 0 < steps_left <= self.bundle.max_steps + _TIME_TOLERANCE:
+            longest, dt = self.bundle.max_steps, self.robot.control_dt
+            raise StateError(
+                f"time to the keyframe is {steps_left:g} control steps ({steps_left * dt:g} s), "
+                f"expected more than 0 and at most {longest} ({longest * dt:g} s)"
+            )
+        observation = self._observe(state, keyframe, steps_left, self._last_action)
+        (target,) = self._session.run([OUTPUT], {INPUT: observation[None]})[0].astype(np.float64)
+        self._last_action = (target - self.robot.default_joint_pos) / self.robot.action_scale
+        return target
+
+    def step(self, state: RobotState, keyframe: Pose, time_left: float) -> JointCommand:
+        """The same for a time in seconds, with the gains that the targets are meant for."""
+        target = self(state, keyframe, time_left / self.robot.control_dt)
+        return JointCommand(target, self.robot.stiffness, self.robot.damping)
+
+
+def _metadata(session: Any, network: Path) -> Bundle:
+    """From inside the network's file and from beside it: one is enough, two have to agree."""
+    inside = session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
+    path = network.with_name(BUNDLE_FILE)
+    if not path.exists():
+        if inside is None:
+            raise BundleError(
+                f"ONNX policy {str(network)!r}: no metadata in it and no {BUNDLE_FILE} beside it, "
+                "expected a file that recipes/export.py wrote"
+            )
+        return Bundle.from_json(inside, f"metadata in {str(network)!r}")
+    try:
+        beside = path.read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        raise BundleError(f"{str(path)!r}: not readable ({error})") from None
+    bundle = Bundle.from_json(beside, repr(str(path)))
+    if inside is not None and inside != beside:
+        raise BundleError(f"{str(path)!r} is not what {str(network)!r} says about itself: files of two exports?")
+    return bundle
+
+
+def _check_joints(where: str, ours: tuple[str, ...], given: tuple[str, ...]) -> None:
+    if ours == given:
+        return
+    for index, (expected, found) in enumerate(zip(ours, given, strict=False)):
+        if expected != found:
+            raise BundleError(f"{where}: joint {index} is {expected!r} in the bundle and {found!r} on this robot")
+    raise BundleError(f"{where}: {len(ours)} joints in the bundle, {len(given)} on this robot")
+
+
+def _check_widths(where: str, session: Any, features: int, joints: int) -> None:
+    found = [(entry.name, entry.shape[-1]) for entry in (*session.get_inputs(), *session.get_outputs())]
+    expected = [(INPUT, features), (OUTPUT, joints)]
+    if found != expected:
+        raise BundleError(f"{where}: input and output {found}, expected {expected}")

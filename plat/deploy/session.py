@@ -1,0 +1,29 @@
+"""ONNX files."""
+
+from pathlib import Path
+from typing import Any
+
+from plat.errors import BundleError
+
+__all__ = ["open_session"]
+
+
+def open_session(path: Path) -> Any:
+    """An onnxruntime session on one thread of the CPU: for networks this small, threads cost more than they bring.
+
+    Raises:
+        BundleError: when there is no such file, it cannot be read, or onnxruntime is not installed.
+    """
+    try:
+        import onnxruntime
+    except ImportError as error:
+        raise BundleError("ONNX policies need: pip install onnxruntime") from error
+    if not path.exists():
+        raise BundleError(f"ONNX policy {str(path)!r}: no such file")
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    try:
+        return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime has a class of its own for every kind of failure
+        line = str(error).strip().splitlines()[0]
+        raise BundleError(f"ONNX policy {str(path)!r}: not a readable .onnx file ({line})") from error

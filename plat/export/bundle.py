@@ -1,0 +1,153 @@
+"""From a run directory to a bundle: network, metadata, model card and a worked example."""
+
+import os
+import shutil
+import tempfile
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from plat.deploy import PolicyRunner, RobotDescription, RobotState
+from plat.deploy.bundle import INPUT, METADATA_KEY, OUTPUT, Bundle, readable_json
+from plat.deploy.observation import ObservationBuilder
+from plat.deploy.runner import BUNDLE_FILE, NETWORK_FILE
+from plat.deploy.session import open_session
+from plat.errors import BundleError
+from plat.export.card import model_card
+from plat.export.facts import describe_policy
+from plat.export.network import JointTargetNetwork
+from plat.export.onnx_file import onnx_model
+from plat.keyframes import Keyframe
+from plat.modules import Expert, ObservationNormalizer
+from plat.training.saving import load_policy, read_json
+
+__all__ = ["EXAMPLE_FILE", "TOLERANCE", "ExportCheck", "export_bundle"]
+
+CARD_FILE, EXAMPLE_FILE = "README.md", "example.json"
+TOLERANCE = 1e-4
+"""Largest difference between exported and torch policy that is let through (rad)."""
+_CHECKED_ROWS = 1024
+
+
+@dataclass(frozen=True)
+class ExportCheck:
+    """The exported network against the torch policy."""
+
+    rows: int
+    """observations compared"""
+    max_difference: float
+    """largest absolute difference of a joint position target (rad)"""
+
+
+def export_bundle(run: str | Path, out: str | Path) -> ExportCheck:
+    """Write the deployed policy of a run as a bundle that :class:`plat.deploy.PolicyRunner` runs.
+
+    The files are checked after they are written; the folder appears when all of them are right, or not at all.
+
+    Args:
+        run: run directory of ``recipes/distill.py`` or ``recipes/refine.py``.
+        out: folder to make.
+
+    Raises:
+        CheckpointError: when the run cannot be read.
+        BundleError: when ``out`` is there already, the run holds an expert, the disk does not take the files, a package
+            is missing, or the exported network and torch differ by more than :data:`TOLERANCE`.
+    """
+    run, out = Path(run), Path(out)
+    if out.exists():
+        raise BundleError(f"{str(out)!r} is there already: choose another --out or remove it")
+    policy = load_policy(run)
+    if isinstance(policy, Expert):
+        raise BundleError(
+            f"{str(run)!r} holds an expert, which follows dense reference motion, expected a policy that chases "
+            "keyframes: a run of recipes/distill.py or recipes/refine.py"
+        )
+    network = JointTargetNetwork(policy).eval()
+    bundle = describe_policy(policy, run)
+    content = bundle.to_json()
+    model = onnx_model(network, network.num_features, {METADATA_KEY: content})
+    part: Path | None = None
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        part = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}-"))
+        (part / NETWORK_FILE).write_bytes(model.SerializeToString())
+        (part / BUNDLE_FILE).write_text(content, encoding="utf-8")
+        check = _check(part / NETWORK_FILE, network)
+        card = model_card(bundle, read_json(run / "config.json"), check.max_difference)
+        (part / CARD_FILE).write_text(card, encoding="utf-8")
+        example = _example(part, network, bundle)
+        (part / EXAMPLE_FILE).write_text(readable_json(example), encoding="utf-8")
+        part.chmod(0o755)
+        os.rename(part, out)
+    except OSError as error:
+        raise BundleError(f"{str(out)!r} could not be written ({error})") from error
+    finally:
+        if part is not None:
+            shutil.rmtree(part, ignore_errors=True)
+    return check
+
+
+@torch.no_grad()
+def _check(path: Path, network: JointTargetNetwork) -> ExportCheck:
+    """Compare on observations as they come in training, one by one and all at once."""
+    normalizer = next(part for part in network.parts if isinstance(part, ObservationNormalizer))
+    noise = torch.randn(_CHECKED_ROWS, network.num_features, generator=torch.Generator().manual_seed(0))
+    observation = normalizer.mean + normalizer.var.sqrt() * noise
+    session = open_session(path)
+    batch = session.run([OUTPUT], {INPUT: observation.numpy()})[0]
+    single = np.concatenate([session.run([OUTPUT], {INPUT: row[None].numpy()})[0] for row in observation])
+    expected = network(observation).numpy()
+    difference = float(max(np.abs(batch - expected).max(), np.abs(single - expected).max()))
+    if not difference <= TOLERANCE:  # not >, which NaN would pass
+        raise BundleError(
+            f"exported and torch policy differ by {difference:.3g} rad, expected at most {TOLERANCE:g}: nothing written"
+        )
+    return ExportCheck(_CHECKED_ROWS, difference)
+
+
+@torch.no_grad()
+def _example(folder: Path, network: JointTargetNetwork, bundle: Bundle) -> dict[str, Any]:
+    """One step from state and keyframe to joint targets, for other programs to check themselves against."""
+    robot = bundle.robot
+    state, keyframe, last_action = _some_step(robot)
+    steps_left = 20
+    observation = ObservationBuilder(robot, bundle.max_steps)(state, keyframe, steps_left, last_action)
+    target = network(torch.from_numpy(observation)).numpy()
+    runner = PolicyRunner(folder, robot.joint_names)
+    runner.reset(robot.default_joint_pos + robot.action_scale * last_action)
+    difference = float(np.abs(runner(state, keyframe, steps_left) - target).max())
+    if not difference <= TOLERANCE:
+        raise BundleError(f"runner and torch policy differ by {difference:.3g} rad, expected at most {TOLERANCE:g}")
+    return {
+        "state": {name: values.tolist() for name, values in asdict(state).items()},
+        "keyframe": {name: getattr(keyframe, name).tolist() for name in ("root_pos", "root_quat", "joint_pos")},
+        "steps_left": steps_left,
+        "last_action": last_action.tolist(),
+        INPUT: observation.tolist(),
+        OUTPUT: target.tolist(),
+    }
+
+
+def _some_step(robot: RobotDescription) -> tuple[RobotState, Keyframe, np.ndarray]:
+    """A robot that moves near its default pose, a pose nearby, and its last action."""
+    random = np.random.default_rng(0)
+    low, high = robot.joint_range.T
+
+    def joint_pos() -> np.ndarray:
+        return np.clip(robot.default_joint_pos + random.normal(0, 0.2, len(low)), low, high)
+
+    def quat() -> np.ndarray:
+        values = np.array([1.0, 0, 0, 0]) + random.normal(0, 0.1, 4)
+        return values / np.linalg.norm(values)
+
+    def vector(scale: float) -> np.ndarray:
+        return random.normal(0, scale, 3)
+
+    # away from the origin, where mixing up frames shows
+    root_pos = robot.default_qpos[:3] + np.array((1.0, 2.0, 0.0))
+    state = RobotState(joint_pos(), random.normal(0, 0.5, len(low)), root_pos, quat(), vector(0.3), vector(0.3))
+    keyframe = Keyframe(0.4, root_pos + vector(0.1), quat(), joint_pos())
+    return state, keyframe, random.normal(0, 0.5, len(low))

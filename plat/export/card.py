@@ -1,0 +1,76 @@
+"""The model card of a bundle."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from plat.deploy.bundle import Bundle, Score
+
+__all__ = ["model_card"]
+
+# Columns of the table of scores: metric, title, digits.
+_COLUMNS = (("tks", "TKS@3 (%)", 1), ("mpjpe", "MPJPE@3 (rad)", 3), ("mpkpe", "MPKPE@3 (m)", 3))
+_USE = """```python
+from plat.deploy import PolicyRunner, RobotState
+
+runner = PolicyRunner("path/to/this/folder", joint_names=names_of_your_joints)
+runner.reset()
+command = runner.step(state, keyframe, time_left=0.4)  # once every {dt:g} s; a RobotState, a pose in the world, seconds
+send(command.position, command.stiffness, command.damping)
+```"""
+
+
+def model_card(bundle: Bundle, config: Mapping[str, Any], max_difference: float) -> str:
+    """Markdown that says what the policy is, how it was made, how well it does, and what it was not made for.
+
+    Args:
+        bundle: what the bundle says about itself.
+        config: content of the run's ``config.json``.
+        max_difference: of a joint target between exported and torch policy (rad).
+    """
+    robot, training = bundle.robot, bundle.training
+    settings = config.get("recipe", {}).get("settings", {})
+    motions = ", ".join(f"`{name}`" for name in settings.get("motions", ())) or "unknown"
+    made_by = "an unknown recipe" if training.recipe is None else f"`recipes/{training.recipe}.py`"
+    parts = [
+        f"# {training.run}: timed keyframes on the {robot.name}",
+        f"A policy that takes a {robot.name} ({len(robot.joint_names)} joints) to one future whole-body pose, at most "
+        f"{bundle.max_steps * robot.control_dt:g} s ahead, and arrives on time. It asks for joint position targets "
+        f"every {robot.control_dt:g} s.",
+        "`policy.onnx` is the network with its metadata inside, `bundle.json` the same metadata, `example.json` a step "
+        "to check another program against. plat's `docs/deploy.md` explains every field.",
+        "## Use\n\nNeeds numpy and onnxruntime.\n\n" + _USE.format(dt=robot.control_dt),
+        f"## Training\n\nA `{bundle.policy.kind}` policy, made by {made_by} in the run `{training.run}` (plat "
+        f"{training.plat}, torch {training.torch}, commit {training.commit}). Motions of that run: {motions}; "
+        "their licence binds what the policy may be used for.",
+        "## Scores\n\n" + _score_table(bundle.scores),
+        f"## Limits\n\n{_limits(settings.get('task', {}))} Exported and torch policy differ by at most "
+        f"{max_difference:.2g} rad.",
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _score_table(scores: tuple[Score, ...] | None) -> str:
+    if scores is None:
+        return "None: the run directory held no `evaluation.csv`."
+    figures = {(score.horizon, score.metric): score for score in scores}
+    lines = ["| commands | " + " | ".join(title for _, title, _ in _COLUMNS) + " |", "|---|" + "---|" * len(_COLUMNS)]
+    for horizon in dict.fromkeys(score.horizon for score in scores):
+        cells = (_cell(figures.get((horizon, metric)), digits) for metric, _, digits in _COLUMNS)
+        lines.append(f"| {horizon} | " + " | ".join(cells) + " |")
+    return "Timed keyframes in simulation, with 95 % intervals over motions:\n\n" + "\n".join(lines)
+
+
+def _cell(score: Score | None, digits: int) -> str:
+    if score is None:
+        return "-"
+    return f"{score.value:.{digits}f} ({score.low:.{digits}f}-{score.high:.{digits}f})"
+
+
+def _limits(task: Mapping[str, Any]) -> str:
+    """What the training did not cover, as far as the run's settings say."""
+    absent = [
+        name.replace("_", " ") for name in ("observation_noise", "domain_randomization") if task.get(name) is False
+    ]
+    if absent:
+        return f"Trained without {' and '.join(absent)}: a policy for simulation, not for a robot."
+    return "Scored in simulation only."

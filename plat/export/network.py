@@ -1,0 +1,74 @@
+"""A policy as one function of one vector."""
+
+from collections.abc import Iterator
+
+from tensordict import NestedKey
+from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequential
+from torch import Tensor, nn
+
+from plat.envs.layout import entry_shapes
+from plat.modules import STUDENT_KEYS, ObservationNormalizer
+from plat.training.saving import Policy
+
+__all__ = ["JointTargetNetwork"]
+
+
+class JointTargetNetwork(nn.Module):
+    """A deterministic policy from a flat observation to joint position targets, with no TensorDict on the way.
+
+    ``q_target = q_default + scale * a``. It calls the policy's own modules, with their weights, and hands what
+    TensorDict keys carry from one to the next over in a dictionary. So it is fast for a single robot, and exports.
+
+    Args:
+        policy: any policy that plat saves. An expert takes the keyframe for its next reference frame and does not
+            look at the time to it.
+
+    >>> import torch
+    >>> from plat.envs import G1
+    >>> from plat.modules import LatentPolicy
+    >>> JointTargetNetwork(LatentPolicy(G1))(torch.zeros(2, 177)).shape
+    torch.Size([2, 29])
+    """
+
+    default_joint_pos: Tensor
+    action_scale: Tensor
+
+    def __init__(self, policy: Policy):
+        super().__init__()
+        robot = policy.robot
+        self._slices: dict[NestedKey, slice] = {}
+        self.num_features = 0
+        """Size of an observation F."""
+        for group, name in STUDENT_KEYS:
+            start, (width,) = self.num_features, entry_shapes(group, robot)[name]
+            self.num_features = start + width
+            self._slices[group, name] = slice(start, self.num_features)
+        steps = list(_steps(policy.deployed()))
+        self._keys = [(step.in_keys, step.out_keys) for step in steps]
+        self.parts = nn.ModuleList(step.module for step in steps)
+        self.register_buffer("default_joint_pos", robot.default_joint_pos.clone())
+        self.register_buffer("action_scale", robot.action_scale.clone())
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """Joint position targets ``[*B, J]`` (rad) for observations ``[*B, F]`` in the order of ``STUDENT_KEYS``."""
+        values: dict[NestedKey, Tensor] = {}
+        for part, (in_keys, out_keys) in zip(self.parts, self._keys, strict=True):
+            if isinstance(part, ObservationNormalizer):
+                # it puts its entries side by side, and in the observation they are
+                first, last = self._slices[in_keys[0]], self._slices[in_keys[-1]]
+                results = part(observation[..., first.start : last.stop])
+            else:
+                results = part(
+                    *(values[key] if key in values else observation[..., self._slices[key]] for key in in_keys)
+                )
+            values.update(zip(out_keys, results if isinstance(results, tuple) else (results,), strict=True))
+        return self.default_joint_pos + self.action_scale * values["action"]
+
+
+def _steps(module: TensorDictModuleBase) -> Iterator[TensorDictModule]:
+    """The modules of a sequence of sequences, in the order in which they run."""
+    if isinstance(module, TensorDictSequential):
+        for part in module.module:
+            yield from _steps(part)
+    else:
+        yield module

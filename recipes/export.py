@@ -1,0 +1,37 @@
+"""Write the policy of a run as a bundle for robots and other simulators: ONNX, metadata, model card, example.
+
+python recipes/export.py runs/plat --out bundle
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from plat.export import export_bundle
+from plat.training import report_errors
+
+
+@dataclass(kw_only=True)
+class ExportRecipe:
+    """Write the policy of a run as a bundle for robots and other simulators."""
+
+    run: Annotated[Path, tyro.conf.Positional]
+    """run directory of distill.py or refine.py; its scores are taken along if it holds evaluation.csv"""
+    out: Path
+    """folder to make"""
+
+
+def main(recipe: ExportRecipe) -> None:
+    """Run the recipe."""
+    check = export_bundle(recipe.run, recipe.out)
+    print(f"wrote {recipe.out}: {', '.join(sorted(path.name for path in recipe.out.iterdir()))}")
+    print(
+        f"largest difference from torch over {check.rows} observations: {check.max_difference:.2g} rad of joint target"
+    )
+
+
+if __name__ == "__main__":
+    with report_errors():
+        main(tyro.cli(ExportRecipe))

@@ -1,0 +1,128 @@
+"""Let a policy chase the keyframes of a file: one robot, plain MuJoCo, 50 Hz.
+
+python recipes/play.py --policy weights/plat --keyframes recipes/examples/bow.json --video bow.mp4
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+import tyro
+
+import plat.headless  # noqa: F401
+
+# isort: split
+
+from plat.errors import KeyframeError
+from plat.keyframes import CONTROL_DT, KeyframeSequence
+from plat.playing import Chase, ChaseStep, KeyframeScore, KeyframeScorer, PolicyController, Simulator, StepErrors
+from plat.rendering import Stage, Viewer, check_video, film, record, stage_model, write_video
+from plat.training import load_policy, report_errors
+
+
+@dataclass(kw_only=True)
+class PlayRecipe:
+    """Let a policy chase the keyframes of a file."""
+
+    policy: Path
+    """run directory; an expert is given keyframes in place of its next reference frame (Scratch RL)"""
+    keyframes: Path
+    """keyframe file, see docs/keyframes.md; recipes/keyframes.py makes them out of motions"""
+    split: bool = False
+    """split intervals of more than a second into equal parts; else they are refused"""
+    hold: float = 1.0
+    """seconds to go on after the last arrival, told to be in the last keyframe by the next step; "inf" with --viewer"""
+    push: float = 0.0
+    """shove the robot: change of its horizontal velocity (m/s), in a random direction"""
+    push_every: float = 1.5
+    """seconds from shove to shove"""
+    seed: int = 0
+    """draws the directions"""
+    video: Path | None = None
+    """MP4 to write: the commanded keyframe as a ghost, below it the time to arrival as a bar, red after a failure"""
+    viewer: bool = False
+    """watch it live in MuJoCo's viewer; needs a display"""
+
+
+class Shoves:
+    """Shoves a robot every now and then.
+
+    Args:
+        speed: change of velocity (m/s).
+        every: seconds in between.
+        seed: draws the directions, uniform in the horizontal plane.
+    """
+
+    def __init__(self, speed: float, every: float, seed: int):
+        self._speed, self._steps = speed, max(1, round(every / CONTROL_DT))
+        self._random = np.random.default_rng(seed)
+        self._count = 0
+
+    def after_step(self, simulator: Simulator) -> None:
+        """Count a control step, and shove if it is time."""
+        self._count += 1
+        if self._speed and self._count % self._steps == 0:
+            angle = self._random.uniform(-np.pi, np.pi)
+            simulator.push(self._speed * np.array([np.cos(angle), np.sin(angle), 0.0]))
+            towards = f"{np.degrees(angle):.0f} degrees from the world's x"
+            print(f"shove of {self._speed:g} m/s at {self._count * CONTROL_DT:.2f} s, {towards}")
+
+
+def main(recipe: PlayRecipe) -> list[KeyframeScore]:
+    """Run the recipe: print a table, return its rows."""
+    # networks for one robot are so small that more threads only get in each other's way
+    torch.set_num_threads(1)
+    policy = load_policy(recipe.policy)
+    robot = policy.robot
+    sequence = KeyframeSequence.load(recipe.keyframes, robot, split=recipe.split)
+    if not recipe.viewer and not np.isfinite(recipe.hold):
+        raise KeyframeError(f"hold is {recipe.hold} s, expected a finite number without --viewer")
+    stage = None
+    if recipe.video is not None:  # what is missing for it shows before the robot runs
+        check_video(recipe.video)
+        stage = Stage(robot)
+    simulator = Simulator(stage_model(robot) if recipe.viewer else robot.model())
+    chase = Chase(PolicyController(policy.deployed(), robot), sequence, simulator, hold=recipe.hold)
+    scorer, shoves = KeyframeScorer(robot), Shoves(recipe.push, recipe.push_every, recipe.seed)
+    viewer = Viewer(simulator) if recipe.viewer else None
+    steps: list[tuple[ChaseStep, StepErrors]] = []
+    for step in chase:
+        steps.append((step, scorer.add(step)))
+        shoves.after_step(simulator)
+        if viewer is not None:
+            if not viewer.running:
+                break
+            viewer.show(step)
+    if viewer is not None:
+        viewer.close()
+    print_table(scorer.scores())
+    if stage is not None and recipe.video is not None:
+        write_video(recipe.video, film(stage, record(steps)))
+        stage.close()
+        print(f"wrote {recipe.video}")
+    return scorer.scores()
+
+
+def print_table(scores: Sequence[KeyframeScore]) -> None:
+    """A row a keyframe, and what they come to."""
+    print(f"{'':>3}  {'keyframe':<20}  {'time s':>6}  {'reached':<7}  {'MPJPE@3 rad':>11}  {'MPKPE@3 m':>9}")
+    for score in scores:
+        outcome = "yes" if score.reached else "fell" if score.fell else "no"
+        print(
+            f"{score.index:>3}  {score.name or '':<20.20}  {score.time:>6.2f}  {outcome:<7}  "
+            f"{score.joint_error:>11.3f}  {score.keypoint_error:>9.3f}"
+        )
+    reached = [score for score in scores if score.reached]
+    summary = f"{len(reached)} of {len(scores)} reached"
+    if reached:
+        joint = np.mean([score.joint_error for score in reached])
+        keypoint = np.mean([score.keypoint_error for score in reached])
+        summary += f"; these with MPJPE@3 {joint:.3f} rad, MPKPE@3 {keypoint:.3f} m"
+    print(summary)
+
+
+if __name__ == "__main__":
+    with report_errors():
+        main(tyro.cli(PlayRecipe))

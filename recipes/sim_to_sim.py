@@ -1,0 +1,165 @@
+"""Run a bundle in MuJoCo at other physics than it was trained in, and see how the score holds up.
+
+python recipes/sim_to_sim.py bundle --motions generated:val@60 --keyframes wave.json
+
+The policy sees what a robot would give it and nothing else: it runs in onnxruntime, and motors have the gains of its
+bundle. The robot begins at rest in the first pose and is never put back, so a fall costs every keyframe after it.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import fmean
+from typing import Annotated
+
+import mujoco
+import numpy as np
+import torch
+import tyro
+from numpy.typing import NDArray
+
+from plat.deploy import PolicyRunner, Pose, RobotDescription, RobotState
+from plat.envs import G1, FootContacts, MotionLibrary, Robot
+from plat.envs.transforms import HORIZONS, CommandSchedule
+from plat.errors import KeyframeError
+from plat.keyframes import CONTROL_DT, Keyframe, KeyframeSequence
+from plat.playing import Chase, Controller, KeyframeScore, KeyframeScorer, Simulator
+from plat.training import report_errors
+
+
+@dataclass(frozen=True)
+class Physics:
+    """What differs from the simulation that policies are trained in."""
+
+    name: str
+    timestep: float = 0.005
+    """seconds of a physics step"""
+    feet: FootContacts = "spheres"
+    """contact geometry of the soles"""
+    friction: float | None = None
+    """sliding friction of the soles; None for the model's own"""
+    delay: int = 0
+    """control steps that joint targets arrive late"""
+    gain: float = 1.0
+    """factor on stiffness and damping of every motor"""
+
+
+SETTINGS = (
+    Physics("as in training"),
+    Physics("1 ms physics steps", timestep=0.001),
+    Physics("capsule feet", feet="capsules"),
+    Physics("friction 0.3", friction=0.3),
+    Physics("friction 1.2", friction=1.2),
+    Physics("20 ms control delay", delay=1),
+    Physics("gains -10 %", gain=0.9),
+    Physics("gains +10 %", gain=1.1),
+    Physics("all: 1 ms, capsules, 0.3, delay, -10 %", 0.001, "capsules", 0.3, 1, 0.9),
+)
+
+
+@dataclass(kw_only=True)
+class SimToSimRecipe:
+    """Run a bundle in MuJoCo at other physics than it was trained in."""
+
+    bundle: Annotated[Path, tyro.conf.Positional]
+    """folder that export.py wrote"""
+    motions: tuple[str, ...] = ("generated:val@60",)
+    """motion files, folders or globs to take keyframes from, or the motions that plat makes itself; may be empty"""
+    keyframes: tuple[Path, ...] = ()
+    """keyframe files to run as well"""
+    seed: int = 0
+    """draws the keyframes' times in each motion, 0.02 to 1 s apart"""
+
+
+def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
+    """Run the recipe: print a table, return the scores of every keyframe by setting."""
+    torch.set_num_threads(1)  # only the scores are torch's, one robot at a time
+    runner = PolicyRunner(recipe.bundle, G1.joint_names)
+    sequences = [KeyframeSequence.load(path, G1) for path in recipe.keyframes]
+    if recipe.motions:
+        sequences += motion_keyframes(MotionLibrary.load(recipe.motions), recipe.seed)
+    if not sequences:
+        raise KeyframeError("nothing to run: give --motions or --keyframes")
+    seconds = sum(sequence.duration for sequence in sequences)
+    print(f"{len(sequences)} sequences, {sum(map(len, sequences))} keyframes, {seconds:.0f} s")
+    print(f"{'':<40}{'reached %':>10}{'falls %':>9}{'MPJPE@3 rad':>13}{'MPKPE@3 m':>11}")
+    results = {}
+    for physics in SETTINGS:
+        simulator = Simulator(make_model(G1, runner.robot, physics))
+        controller = Delayed(runner, runner.robot, physics.delay)
+        scores = [score for sequence in sequences for score in run(controller, sequence, simulator)]
+        results[physics.name] = scores
+        reached = [score for score in scores if score.reached]
+        joint, keypoint = (
+            fmean(getattr(score, error) for score in reached) if reached else float("nan")
+            for error in ("joint_error", "keypoint_error")
+        )
+        share, falls = len(reached) / len(scores), fmean(score.fell for score in scores)
+        print(f"{physics.name:<40}{100 * share:>10.1f}{100 * falls:>9.1f}{joint:>13.3f}{keypoint:>11.3f}", flush=True)
+    print("errors are means over the keyframes that were reached")
+    return results
+
+
+def motion_keyframes(library: MotionLibrary, seed: int) -> list[KeyframeSequence]:
+    """The commands that recipes/evaluate.py gives along every motion, as keyframes."""
+    schedule = CommandSchedule(library, HORIZONS["mixed"], seed)
+    issued = schedule.first_frame
+    sequences = []
+    for clip, start in enumerate(library.clip_start.tolist()):
+        targets = schedule.target_frame[issued[library.clip_of_frame[issued] == clip]]
+        keyframes = [_keyframe(library, frame, (frame - start) * CONTROL_DT) for frame in targets.tolist()]
+        sequences.append(KeyframeSequence(library.robot, _keyframe(library, start, 0.0), tuple(keyframes)))
+    return sequences
+
+
+def _keyframe(library: MotionLibrary, frame: int, time: float) -> Keyframe:
+    pose = library.poses(torch.tensor(frame)).double()
+    qpos = torch.cat((pose["keypoint_pos"][0], pose["keypoint_quat"][0], pose["joint_pos"]))
+    return Keyframe.from_qpos(time, qpos.numpy())
+
+
+def run(controller: Controller, sequence: KeyframeSequence, simulator: Simulator) -> list[KeyframeScore]:
+    """Scores of a sequence of keyframes."""
+    scorer = KeyframeScorer(G1)
+    for step in Chase(controller, sequence, simulator):
+        scorer.add(step)
+    return scorer.scores()
+
+
+def make_model(robot: Robot, description: RobotDescription, physics: Physics) -> mujoco.MjModel:
+    """A robot whose motors are those of the bundle, at some physics."""
+    model = robot.model(physics.feet)
+    model.opt.timestep = physics.timestep
+    model.actuator_gainprm[:, 0] = physics.gain * description.stiffness
+    model.actuator_biasprm[:, 1] = -physics.gain * description.stiffness
+    model.actuator_biasprm[:, 2] = -physics.gain * description.damping
+    model.actuator_forcerange[:] = description.effort_limit[:, None] * (-1, 1)
+    if physics.friction is not None:
+        model.geom_friction[robot.sole_geoms(model), 0] = physics.friction
+    return model
+
+
+class Delayed:
+    """A controller whose targets come ``delay`` control steps late; before the first, the default pose."""
+
+    def __init__(self, controller: Controller, robot: RobotDescription, delay: int):
+        self._controller = controller
+        self._first = robot.default_joint_pos
+        self._delay = delay
+        self.reset()
+
+    def reset(self, joint_target: NDArray[np.floating] | None = None) -> None:
+        """See :class:`plat.playing.Controller`."""
+        self._controller.reset(joint_target)
+        first = self._first if joint_target is None else joint_target
+        self._coming = deque([first] * self._delay)
+
+    def __call__(self, state: RobotState, keyframe: Pose, steps_left: int) -> NDArray[np.floating]:
+        """See :class:`plat.playing.Controller`."""
+        self._coming.append(self._controller(state, keyframe, steps_left))
+        return self._coming.popleft()
+
+
+if __name__ == "__main__":
+    with report_errors():
+        main(tyro.cli(SimToSimRecipe))

@@ -1,0 +1,38 @@
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+from rounds import in_rounds, median_ratio, rate
+
+
+def test_everything_is_measured_in_turn_and_the_first_round_is_dropped():
+    order = []
+
+    def measure(name: str) -> float:
+        order.append(name)
+        return float(len(order))
+
+    values = in_rounds({"a": lambda: measure("a"), "b": lambda: measure("b")}, rounds=2)
+    assert order == ["a", "b"] * 3
+    assert values == {"a": [3.0, 5.0], "b": [4.0, 6.0]}
+
+
+def test_ratios_are_taken_within_rounds():
+    # a machine that is half as fast in the second round
+    assert median_ratio([8.0, 4.0, 9.0], [10.0, 5.0, 10.0]) == pytest.approx(0.8)
+
+
+def test_work_is_repeated_until_the_time_has_passed(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr("rounds.time.perf_counter", lambda: now[0])
+
+    def work() -> int:
+        now[0] += 2.0
+        return 3
+
+    assert rate(work, seconds=5.0) == pytest.approx(9 / 6)
+    assert now == [6.0]
+    assert rate(work) == pytest.approx(3 / 2)
+    assert now == [8.0]

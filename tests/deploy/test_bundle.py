@@ -1,0 +1,107 @@
+import json
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+
+from plat.deploy import Bundle, PolicyFacts, Score, TrainingFacts
+from plat.errors import BundleError
+from tests.deploy.robots import describe_g1
+
+
+@pytest.fixture(scope="module")
+def bundle() -> Bundle:
+    return Bundle(
+        robot=describe_g1(),
+        max_steps=50,
+        policy=PolicyFacts("residual_latent", 32, 0.1 + 0.2),
+        training=TrainingFacts("plat", "refine", "0.1.0", None, None),
+        scores=(Score("long", "tks", 99.1, 98.0, 100.0),),
+    )
+
+
+def test_reading_gives_back_what_was_written(bundle):
+    for original in (bundle, replace(bundle, scores=None)):
+        copy = Bundle.from_json(original.to_json(), "here")
+        assert (copy.max_steps, copy.policy, copy.training, copy.scores, copy.terms) == (
+            original.max_steps,
+            original.policy,
+            original.training,
+            original.scores,
+            original.terms,
+        )
+        ours, theirs = asdict(copy.robot), asdict(original.robot)
+        assert set(ours) == set(theirs)
+        for name, value in theirs.items():
+            np.testing.assert_array_equal(ours[name], value)
+
+
+def test_lists_of_numbers_are_on_one_line_and_unchanged(bundle):
+    text = bundle.to_json()
+    assert '"default_joint_pos": [-0.312' in text
+    names = ("a  b", "c]\n[", 'd"', *bundle.robot.joint_names[3:])
+    odd = replace(bundle, robot=replace(bundle.robot, joint_names=names))
+    assert Bundle.from_json(odd.to_json(), "here").robot.joint_names == names
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"format": "plat-run"}, "format: is 'plat-run', expected 'plat-bundle'"),
+        ({"version": 2}, "version: is 2, expected 1"),
+        ({"quaternion_order": "xyzw"}, "quaternion_order: is 'xyzw', expected 'wxyz'"),
+        ({"control_dt": 0}, "control_dt: is 0.0, expected a positive number"),
+        ({"control_dt": None}, "control_dt: is None, expected a finite number"),
+        ({"command.max_steps": 0}, "command.max_steps: is 0, expected at least 1"),
+        ({"command": 3}, "command is a int, expected an object"),
+        ({"robot.stiffness": [1.0]}, r"robot.stiffness: has shape \(1,\), expected \(29,\)"),
+        ({"robot.stiffness": ["a"] * 29}, "robot.stiffness: expected numbers only"),
+        ({"robot.damping": [float("nan")] * 29}, "robot.damping: expected finite numbers"),
+        ({"robot.joint_names": ["a", "a"]}, "robot.joint_names: expected a list of different names"),
+        ({"robot.keypoints": ["tail"]}, "robot.keypoints: 'tail' is not the name of a body"),
+        ({"robot.keypoints": ["torso_link"]}, "robot.keypoints: the first is 'torso_link', expected the root 'pelvis'"),
+        ({"robot.bodies": []}, "robot.bodies: is empty"),
+        ({"robot.bodies.1.parent": 1}, r"robot.bodies\[1\].parent: is 1, expected the index of an earlier body"),
+        ({"robot.bodies.0.parent": 0}, r"robot.bodies\[0\].parent: is 0"),
+        ({"robot.bodies.2.joint": 29}, r"robot.bodies\[2\].joint: is 29, expected the index of a joint or -1"),
+        ({"observation.terms.1.stop": 57}, r"observation.terms: \('robot.joint_vel', 29, 57\), expected"),
+        ({"action.name": "torque"}, "action.name: is 'torque', expected 'joint_position_target'"),
+        ({"policy.latent_size": "big"}, "policy.latent_size: is 'big', expected a whole number"),
+        ({"training.run": 3}, "training.run: is 3, expected a text"),
+        ({"scores": [{"horizon": "long", "metric": "tks"}]}, r"scores\[0\].value: is missing"),
+    ],
+)
+def test_what_is_wrong_is_named(bundle, change, message):
+    content = json.loads(bundle.to_json())
+    ((path, value),) = change.items()
+    *parents, field = [int(key) if key.isdigit() else key for key in path.split(".")]
+    entry = content
+    for key in parents:
+        entry = entry[key]
+    entry[field] = value
+    with pytest.raises(BundleError, match=f"here: {message}"):
+        Bundle.from_json(json.dumps(content), "here")
+
+
+def test_every_field_is_asked_for(bundle):
+    for field in json.loads(bundle.to_json()):
+        content = json.loads(bundle.to_json())
+        del content[field]
+        if field == "scores":  # absent is as good as null
+            assert Bundle.from_json(json.dumps(content), "here").scores is None
+            continue
+        with pytest.raises(BundleError, match=f"here: {field}"):
+            Bundle.from_json(json.dumps(content), "here")
+
+
+def test_a_term_too_few(bundle):
+    content = json.loads(bundle.to_json())
+    content["observation"]["terms"].pop()
+    with pytest.raises(BundleError, match="observation.terms: 10 of them, expected 11"):
+        Bundle.from_json(json.dumps(content), "here")
+
+
+@pytest.mark.parametrize("text", ["", "{", "[1]", "3"])
+def test_what_is_no_object(text):
+    with pytest.raises(BundleError, match="here: "):
+        Bundle.from_json(text, "here")

@@ -1,0 +1,154 @@
+import json
+import shutil
+
+import numpy as np
+import pytest
+import torch
+
+from plat.deploy import ObservationBuilder, PolicyRunner
+from plat.envs import G1
+from plat.errors import BundleError, StateError
+from plat.export import JointTargetNetwork
+from plat.training import load_policy
+from tests.deploy.robots import SomePose, random_qpos, state_at
+from tests.deploy.test_import import HEAVY
+from tests.deploy.test_import import run as run_program
+
+
+@pytest.fixture
+def copy(bundle, tmp_path):
+    """The bundle, to be spoilt."""
+    return shutil.copytree(bundle, tmp_path / "bundle")
+
+
+def test_agrees_with_torch_and_remembers_its_last_action(bundle, run):
+    runner, network = PolicyRunner(bundle, G1.joint_names), JointTargetNetwork(load_policy(run))
+    observe = ObservationBuilder(runner.robot, runner.bundle.max_steps)
+    last_action = np.zeros(29)
+    for steps_left, (now, goal) in zip((30, 29, 1), random_qpos(6).reshape(3, 2, -1), strict=True):
+        state, pose = state_at(now), SomePose(goal)
+        observation = torch.from_numpy(observe(state, pose, steps_left, last_action))
+        expected = network(observation).detach().numpy()
+        np.testing.assert_allclose(runner(state, pose, steps_left), expected, atol=1e-5)
+        last_action = (expected - G1.default_joint_pos.numpy()) / G1.action_scale.numpy()
+
+
+def test_reset_forgets_the_last_action(bundle):
+    runner, (now, goal) = PolicyRunner(bundle), random_qpos(2)
+    first = runner(state_at(now), SomePose(goal), 10)
+    assert not np.allclose(first, runner(state_at(now), SomePose(goal), 10), atol=1e-4)
+    runner.reset()
+    np.testing.assert_array_equal(first, runner(state_at(now), SomePose(goal), 10))
+    runner.reset(runner.robot.default_joint_pos + 0.3)
+    assert not np.allclose(first, runner(state_at(now), SomePose(goal), 10), atol=1e-4)
+
+
+def test_a_time_in_seconds_and_the_gains(bundle):
+    by_steps, by_time, (now, goal) = PolicyRunner(bundle), PolicyRunner(bundle), random_qpos(2)
+    command = by_time.step(state_at(now), SomePose(goal), time_left=0.5)
+    np.testing.assert_array_equal(command.position, by_steps(state_at(now), SomePose(goal), 25))
+    np.testing.assert_allclose(command.stiffness, G1.stiffness)
+    np.testing.assert_allclose(command.damping, G1.damping)
+
+
+@pytest.mark.parametrize("time_left", [0.0, -0.02, 1.02, float("nan")])
+def test_a_time_that_the_policy_was_not_made_for(bundle, time_left):
+    runner, (now, goal) = PolicyRunner(bundle), random_qpos(2)
+    with pytest.raises(StateError, match=r"time to the keyframe is .*, expected more than 0 and at most 50 \(1 s\)"):
+        runner.step(state_at(now), SomePose(goal), time_left)
+
+
+def test_a_state_that_is_not_finite(bundle):
+    runner, (now, goal) = PolicyRunner(bundle), random_qpos(2)
+    now[10] = np.nan
+    with pytest.raises(StateError, match=r"robot state: joint_pos\[3\] is nan, expected a finite number"):
+        runner(state_at(now), SomePose(goal), 10)
+
+
+def test_either_of_the_two_copies_of_the_metadata_is_enough(copy):
+    import onnx
+
+    PolicyRunner(copy / "policy.onnx")
+    model = onnx.load(copy / "policy.onnx")
+    model.ClearField("metadata_props")
+    onnx.save(model, copy / "policy.onnx")
+    PolicyRunner(copy)
+    (copy / "bundle.json").unlink()
+    with pytest.raises(BundleError, match=r"policy.onnx': no metadata in it and no bundle.json beside it"):
+        PolicyRunner(copy)
+
+
+def test_the_network_alone_is_enough(copy):
+    (copy / "bundle.json").unlink()
+    assert PolicyRunner(copy).bundle.training.run == "plat"
+
+
+def test_files_of_two_exports(copy):
+    content = json.loads((copy / "bundle.json").read_text())
+    content["training"]["run"] = "other"
+    (copy / "bundle.json").write_text(json.dumps(content))
+    with pytest.raises(BundleError, match="bundle.json' is not what .*policy.onnx' says about itself"):
+        PolicyRunner(copy)
+
+
+def test_of_another_version(copy):
+    text = (copy / "bundle.json").read_text()
+    (copy / "bundle.json").write_text(text.replace('"version": 1', '"version": 2'))
+    with pytest.raises(BundleError, match="bundle.json': version: is 2, expected 1"):
+        PolicyRunner(copy)
+
+
+def test_a_network_of_other_widths(copy):
+    import onnx
+
+    model = onnx.load(copy / "policy.onnx")
+    model.graph.output[0].name = model.graph.node[-1].output[0] = "action"
+    model.ClearField("metadata_props")
+    onnx.save(model, copy / "policy.onnx")
+    with pytest.raises(BundleError, match=r"policy.onnx': input and output .*'action', 29.*, expected "):
+        PolicyRunner(copy)
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (G1.joint_names[:-1], "29 joints in the bundle, 28 on this robot"),
+        (("spine", *G1.joint_names[1:]), "joint 0 is 'left_hip_pitch' in the bundle and 'spine' on this robot"),
+        (G1.joint_names[::-1], "joint 0 is 'left_hip_pitch' in the bundle and 'right_wrist_yaw' on this robot"),
+    ],
+)
+def test_another_robot(bundle, names, message):
+    with pytest.raises(BundleError, match=message):
+        PolicyRunner(bundle, names)
+
+
+@pytest.mark.parametrize("name", ["nowhere", "nowhere.onnx"])
+def test_a_bundle_that_is_not_there(tmp_path, name):
+    with pytest.raises(BundleError, match="onnx': no such file"):
+        PolicyRunner(tmp_path / name)
+
+
+def test_without_torch_and_mujoco(bundle):
+    """The worked example, in a process that has numpy and onnxruntime only."""
+    program = f"""
+import json
+from types import SimpleNamespace
+import numpy as np
+from plat.deploy import PolicyRunner, RobotState
+example = json.load(open({str(bundle / "example.json")!r}))
+runner = PolicyRunner({str(bundle)!r})
+runner.reset(runner.robot.default_joint_pos + runner.robot.action_scale * example["last_action"])
+state = RobotState(**{{name: np.array(values) for name, values in example["state"].items()}})
+keyframe = SimpleNamespace(**{{name: np.array(values) for name, values in example["keyframe"].items()}})
+target = runner(state, keyframe, example["steps_left"])
+print(abs(target - example["joint_position_target"]).max())
+"""
+    result = run_program(program, HEAVY)
+    assert result.returncode == 0, result.stderr
+    assert float(result.stdout) < 1e-5
+
+
+def test_without_onnxruntime(bundle):
+    program = f"import plat.deploy; plat.deploy.PolicyRunner({str(bundle)!r})"
+    result = run_program(program, ("onnxruntime",))
+    assert "BundleError: ONNX policies need: pip install onnxruntime" in result.stderr

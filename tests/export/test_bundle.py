@@ -1,0 +1,77 @@
+import json
+
+import numpy as np
+import pytest
+import torch
+
+from plat.deploy import PolicyRunner, RobotState
+from plat.errors import BundleError
+from plat.export import JointTargetNetwork, export_bundle
+from tests.export.runs import KINDS, small_policy, write_run
+
+pytest.importorskip("onnx")
+pytest.importorskip("onnxscript")
+pytest.importorskip("onnxruntime")
+
+
+class Keyframe:
+    def __init__(self, root_pos, root_quat, joint_pos):
+        self.root_pos, self.root_quat, self.joint_pos = map(np.array, (root_pos, root_quat, joint_pos))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_kind_of_policy(tmp_path, kind):
+    policy = small_policy(kind)
+    check = export_bundle(write_run(tmp_path / "run", policy), tmp_path / "bundle")
+    assert 0 < check.max_difference < 1e-5
+    names = sorted(path.name for path in (tmp_path / "bundle").iterdir())
+    assert names == ["README.md", "bundle.json", "example.json", "policy.onnx"]
+    example = json.loads((tmp_path / "bundle" / "example.json").read_text())
+    expected = JointTargetNetwork(policy)(torch.tensor(example["observation"]))
+    np.testing.assert_allclose(example["joint_position_target"], expected.detach(), atol=1e-6)
+    runner = PolicyRunner(tmp_path / "bundle")
+    runner.reset(runner.robot.default_joint_pos + runner.robot.action_scale * example["last_action"])
+    state = RobotState(**{name: np.array(values) for name, values in example["state"].items()})
+    target = runner(state, Keyframe(**example["keyframe"]), example["steps_left"])
+    np.testing.assert_allclose(target, example["joint_position_target"], atol=1e-5)
+
+
+def test_the_same_run_gives_the_same_files(tmp_path):
+    run = write_run(tmp_path / "run", small_policy("residual_latent"))
+    for name in ("a", "b"):
+        export_bundle(run, tmp_path / name)
+    for path in (tmp_path / "a").iterdir():
+        assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
+
+
+def test_an_expert_is_refused(tmp_path):
+    run = write_run(tmp_path / "run", small_policy("expert"))
+    with pytest.raises(BundleError, match="holds an expert, which follows dense reference motion"):
+        export_bundle(run, tmp_path / "bundle")
+
+
+def test_a_folder_that_is_there_is_not_touched(tmp_path):
+    run = write_run(tmp_path / "run", small_policy("plain"))
+    (tmp_path / "bundle").mkdir()
+    with pytest.raises(BundleError, match="bundle' is there already"):
+        export_bundle(run, tmp_path / "bundle")
+
+
+def test_a_network_that_differs_is_not_let_through(tmp_path, monkeypatch):
+    run = write_run(tmp_path / "run", small_policy("plain"))
+    monkeypatch.setattr("plat.export.bundle.TOLERANCE", 1e-12)
+    with pytest.raises(BundleError, match="exported and torch policy differ by .* rad, expected at most 1e-12"):
+        export_bundle(run, tmp_path / "bundle")
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def test_nothing_is_left_behind_when_the_disk_is_full(tmp_path, monkeypatch):
+    run = write_run(tmp_path / "run", small_policy("plain"))
+
+    def full(*_: object) -> str:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("plat.export.bundle.model_card", full)
+    with pytest.raises(BundleError, match=r"bundle' could not be written \(.*No space left"):
+        export_bundle(run, tmp_path / "bundle")
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]

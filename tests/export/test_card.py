@@ -1,0 +1,51 @@
+import dataclasses
+
+import pytest
+
+from plat.deploy import Bundle, Score
+from plat.export.card import model_card
+from plat.export.facts import describe_policy
+from tests.export.runs import small_policy, write_run
+
+
+@pytest.fixture
+def bundle(tmp_path) -> Bundle:
+    policy = small_policy("residual_latent")
+    return describe_policy(policy, write_run(tmp_path / "chaser", policy))
+
+
+def card(bundle: Bundle, **task: bool) -> str:
+    return model_card(bundle, {"recipe": {"settings": {"motions": ["clips.npz"], "task": task}}}, 3e-7)
+
+
+def test_says_what_it_is_and_where_it_comes_from(bundle):
+    text = card(bundle)
+    for part in (
+        "# chaser",
+        "g1 (29 joints)",
+        "at most 1 s",
+        "`recipes/refine.py`",
+        "commit abc",
+        "`clips.npz`",
+        "3e-07",
+    ):
+        assert part in text
+
+
+def test_a_table_of_scores(bundle):
+    scores = (Score("long", "tks", 99.5, 99.25, 99.75), Score("long", "mpjpe", 0.1, 0.09, 0.11))
+    text = card(dataclasses.replace(bundle, scores=scores))
+    assert "| long | 99.5 (99.2-99.8) | 0.100 (0.090-0.110) | - |" in text
+    assert "held no `evaluation.csv`" in card(bundle)
+
+
+@pytest.mark.parametrize(
+    ("task", "sentence"),
+    [
+        ({"observation_noise": False, "domain_randomization": False}, "without observation noise and domain random"),
+        ({"observation_noise": True, "domain_randomization": False}, "Trained without domain randomization:"),
+        ({"observation_noise": True, "domain_randomization": True}, "Scored in simulation only."),
+    ],
+)
+def test_limits_follow_from_the_training(bundle, task, sentence):
+    assert sentence in card(bundle, **task)

@@ -1,0 +1,45 @@
+"""docs/keyframes.md is true."""
+
+import json
+import re
+from pathlib import Path
+
+from plat.envs import G1
+from plat.keyframes import KeyframeSequence
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "keyframes.md").read_text()
+
+
+def fields(content: object) -> set[str]:
+    if isinstance(content, list):
+        return set().union(*map(fields, content))
+    if isinstance(content, dict):
+        return set(content).union(*map(fields, content.values()))
+    return set()
+
+
+def test_the_schema_is_that_of_the_files():
+    written = fields(json.loads((ROOT / "recipes" / "examples" / "bow.json").read_text())) - set(G1.joint_names)
+    explained = set(re.findall(r"^\| `(\w+)` \| (?:text|integer|number|list|object|\d numbers)", PAGE, re.MULTILINE))
+    assert written == explained
+
+
+def test_the_example_file_is_one_once_its_dots_are_filled_in(tmp_path):
+    (text,) = re.findall(r"```json\n(.*?)```", PAGE, re.DOTALL)
+    content = json.loads(text)
+    for pose in (content["start"], *content["keyframes"]):
+        del pose["joint_pos"]["..."]
+        pose["joint_pos"] = dict.fromkeys(G1.joint_names, 0.0) | pose["joint_pos"]
+    (tmp_path / "example.json").write_text(json.dumps(content))
+    assert KeyframeSequence.load(tmp_path / "example.json", G1).keyframes[0].name == "hand up"
+
+
+def test_the_python_examples_run_one_after_the_other(tmp_path, monkeypatch, capsys):
+    (tmp_path / "weights").symlink_to(ROOT / "weights")
+    monkeypatch.chdir(tmp_path)
+    names: dict = {}
+    for example in re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL):
+        exec(example, names)
+    assert (names["command"].keyframe.name, names["command"].steps_left) == ("wave", 20)
+    assert capsys.readouterr().out.startswith("[True, ")

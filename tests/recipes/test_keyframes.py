@@ -1,0 +1,76 @@
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from plat.envs import G1
+from plat.envs.motions import generate_motions, save_motions
+from plat.errors import KeyframeError, MotionError
+from plat.keyframes import KeyframeSequence
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "recipes"))
+import keyframes
+
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / "recipes" / "examples" / "bow.json"
+
+
+def test_the_example_is_what_the_recipe_makes(tmp_path):
+    names = ("lean", "bow", "stay", "rise", "stand")
+    made = keyframes.FromMotion(motion="generated:val/bow@1", every=0.71, names=names, out=tmp_path / "a.json").run()
+    example = KeyframeSequence.load(EXAMPLE, G1)
+    assert [keyframe.name for keyframe in example.keyframes] == list(names)
+    for ours, theirs in zip((made.start, *made.keyframes), (example.start, *example.keyframes), strict=True):
+        assert ours.time == theirs.time
+        np.testing.assert_allclose(ours.qpos, theirs.qpos, atol=1e-3)
+
+
+def test_keyframes_are_spread_evenly_to_the_end_of_the_clip(tmp_path):
+    made = keyframes.FromMotion(motion="generated:val/bow@1", every=0.5, begin=0.3, out=tmp_path / "a.json").run()
+    clip = generate_motions("val", seconds=1, families=("bow",))[0]
+    assert made.duration == pytest.approx(clip.duration - 0.3)
+    steps = np.diff((0, *made.arrival_steps))
+    assert steps.max() <= 25
+    assert np.ptp(steps) <= 1
+    np.testing.assert_allclose(made.keyframes[-1].joint_pos, clip.qpos[-1, 7:], atol=1e-6)
+
+
+def test_times_and_a_clip_of_a_file_are_chosen(tmp_path):
+    clips = generate_motions("val", seconds=8)
+    save_motions(tmp_path / "two.npz", clips)
+    recipe = {"motion": str(tmp_path / "two.npz"), "out": tmp_path / "a.json"}
+    made = keyframes.FromMotion(**recipe, clip=clips[1].name, times=(0.5, 1.0)).run()
+    np.testing.assert_allclose(made.start.qpos, clips[1].qpos[0], atol=1e-6)
+    assert [keyframe.time for keyframe in made.keyframes] == [0.5, 1.0]
+    with pytest.raises(KeyframeError, match=f"expected --clip .* one of 2: {clips[0].name}, {clips[1].name}$"):
+        keyframes.FromMotion(**recipe, times=(0.5,)).run()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({}, "expected either --times or --every"),
+        ({"times": (0.5,), "every": 0.5}, "expected either --times or --every"),
+        ({"every": 2.0}, "every is 2 s, expected 0.02 to 1"),
+        ({"times": (0.5,), "names": ("a", "b")}, "names: 2 for 1 keyframes"),
+        ({"times": (0.5, 1.9)}, "keyframe 1: time is 1.9 s, 70 control steps after 0.5 s"),
+    ],
+)
+def test_what_makes_no_sequence_is_refused(tmp_path, arguments, message):
+    with pytest.raises(KeyframeError, match=message):
+        keyframes.FromMotion(motion="generated:val/bow@1", out=tmp_path / "a.json", **arguments).run()
+    assert not (tmp_path / "a.json").exists()
+
+
+def test_a_motion_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(MotionError, match="nowhere.npz"):
+        keyframes.FromMotion(motion="nowhere.npz", every=0.5, out=tmp_path / "a.json").run()
+
+
+def test_show_prints_a_row_a_keyframe(capsys):
+    keyframes.Show(file=EXAMPLE).run()
+    rows = capsys.readouterr().out.splitlines()
+    assert len(rows) == 2 + 5
+    assert "bow" in rows[3]
+    assert "left_hip_pitch" in rows[3]

@@ -1,0 +1,109 @@
+import dataclasses
+import math
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from plat.envs import G1
+from plat.errors import CheckpointError, KeyframeError
+from plat.keyframes import KeyframeSequence, standing
+from plat.rendering import RenderingError, Stage
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "recipes"))
+import play
+
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / "recipes" / "examples" / "bow.json"
+PLAT = ROOT / "weights" / "plat"
+
+
+@pytest.mark.parametrize("policy", ["plat", "dagger", "expert"])
+def test_the_committed_policies_reach_every_keyframe_of_the_example(policy, capsys):
+    scores = play.main(play.PlayRecipe(policy=ROOT / "weights" / policy, keyframes=EXAMPLE))
+    assert [score.reached for score in scores] == [True] * 5
+    assert all(score.keypoint_error < 0.25 for score in scores)
+    lines = capsys.readouterr().out.splitlines()
+    assert re.match(r"  1  bow +1.42  yes +0\.\d{3} +0\.\d{3}$", lines[2])
+    assert re.match(r"5 of 5 reached; these with MPJPE@3 0\.\d{3} rad, MPKPE@3 0\.\d{3} m$", lines[-1])
+
+
+def test_shoves_are_felt_and_a_seed_repeats_them(capsys):
+    recipe = play.PlayRecipe(policy=PLAT, keyframes=EXAMPLE, push=0.4, push_every=1.0, hold=0.0)
+    calm = play.main(dataclasses.replace(recipe, push=0.0))
+    assert "shove" not in capsys.readouterr().out
+    first, again, other = (play.main(dataclasses.replace(recipe, seed=seed)) for seed in (1, 1, 2))
+    assert first == again
+    assert first != other
+    assert first != calm
+    assert first[0] == calm[0]  # it arrives before the first shove
+    shoves = re.findall(r"shove of 0.4 m/s at (\d\.\d\d) s", capsys.readouterr().out)
+    assert shoves == ["1.00", "2.00", "3.00"] * 3
+
+
+def test_a_keyframe_that_is_out_of_reach_is_said_to_be_missed(tmp_path, capsys):
+    pose = standing(G1)
+    up = dataclasses.replace(pose, root_pos=pose.root_pos + np.array([0.0, 0.0, 0.4]), name="fly")
+    KeyframeSequence(G1, pose, (up.at(0.4),)).save(tmp_path / "fly.json")
+    (score,) = play.main(play.PlayRecipe(policy=PLAT, keyframes=tmp_path / "fly.json", hold=0.0))
+    assert not score.reached
+    assert capsys.readouterr().out.splitlines()[-1] == "0 of 1 reached"
+
+
+def test_a_video_is_written(tmp_path):
+    try:
+        Stage(G1, width=64, height=64).close()
+    except RenderingError as error:
+        pytest.skip(str(error))
+    imageio = pytest.importorskip("imageio.v2")
+    KeyframeSequence(G1, standing(G1), (standing(G1).at(0.2),)).save(tmp_path / "stand.json")
+    video = tmp_path / "new" / "film.mp4"
+    play.main(play.PlayRecipe(policy=PLAT, keyframes=tmp_path / "stand.json", hold=0.12, video=video))
+    pictures = imageio.mimread(video)
+    assert len(pictures) == 8
+    assert pictures[0].shape == (480, 640, 3)
+    # the bar is full of green at the beginning and empty in the hold
+    bar = [picture[-8, 320].astype(int) for picture in (pictures[0], pictures[-1])]
+    assert bar[0][1] > bar[0][0] + 50
+    assert abs(bar[1][1] - bar[1][0]) < 30
+
+
+def test_long_intervals_are_split_where_that_is_asked_for(tmp_path):
+    content = EXAMPLE.read_text().replace('"time": 3.54', '"time": 5.0')
+    (tmp_path / "slow.json").write_text(content)
+    recipe = play.PlayRecipe(policy=PLAT, keyframes=tmp_path / "slow.json", hold=0.0)
+    with pytest.raises(KeyframeError, match=r"slow.json': keyframe 4 \('stand'\): time is 5 s, 108 control steps"):
+        play.main(recipe)
+    scores = play.main(dataclasses.replace(recipe, split=True))
+    assert [score.name for score in scores[-3:]] == ["stand 1/3", "stand 2/3", "stand"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"policy": Path("nowhere")}, CheckpointError, "nowhere/config.json': no such file"),
+        ({"keyframes": Path("nowhere.json")}, KeyframeError, "nowhere.json': no such file"),
+        ({"hold": math.inf}, KeyframeError, "hold is inf s, expected a finite number"),
+        ({"video": Path("film.avi")}, RenderingError, "film.avi': expected a file name that ends in .mp4"),
+    ],
+)
+def test_what_is_wrong_shows_before_the_robot_runs(changes, error, message, monkeypatch):
+    monkeypatch.setattr(play, "Chase", None)
+    recipe = dataclasses.replace(play.PlayRecipe(policy=PLAT, keyframes=EXAMPLE), **changes)
+    with pytest.raises(error, match=message):
+        play.main(recipe)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems always have a display")
+def test_the_viewer_without_a_display_is_one_line():
+    environment = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    arguments = ["--policy", str(PLAT), "--keyframes", str(EXAMPLE), "--viewer"]
+    command = [sys.executable, str(ROOT / "recipes" / "play.py"), *arguments]
+    out = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT, env=environment)
+    assert out.returncode == 1
+    assert out.stderr.strip().splitlines()[-1].startswith("error: no window for the viewer")
+    assert "Traceback" not in out.stderr

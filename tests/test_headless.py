@@ -1,0 +1,30 @@
+import importlib
+import os
+import subprocess
+import sys
+
+import pytest
+
+import plat.headless
+
+
+@pytest.mark.parametrize(
+    ("platform", "before", "after"),
+    [
+        ("linux", {}, {"MUJOCO_GL": "egl"}),
+        ("linux", {"MUJOCO_GL": "osmesa"}, {"MUJOCO_GL": "osmesa"}),
+        ("linux", {"DISPLAY": ":0"}, {"DISPLAY": ":0"}),
+        ("darwin", {}, {}),
+    ],
+)
+def test_egl_is_chosen_only_where_nothing_else_is(monkeypatch, platform, before, after):
+    environment = dict(before)
+    monkeypatch.setattr(os, "environ", environment)
+    monkeypatch.setattr(sys, "platform", platform)
+    importlib.reload(plat.headless)
+    assert environment == after
+
+
+def test_it_comes_before_mujoco():
+    code = "import sys, plat.headless; sys.exit('mujoco' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
