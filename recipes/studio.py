@@ -3,17 +3,16 @@
 python recipes/studio.py weights/plat weights/dagger weights/expert --motions generated:val
 """
 
-import os
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-# MuJoCo looks at this when it is imported; without a screen only EGL (or OSMesa) draws
-if sys.platform == "linux" and "DISPLAY" not in os.environ:
-    os.environ.setdefault("MUJOCO_GL", "egl")
-
+import torch
 import tyro
+
+import plat.headless  # noqa: F401
+
+# isort: split
 
 from plat.errors import StudioError
 from plat.training import load_policy, report_errors
@@ -46,6 +45,8 @@ def main(recipe: StudioRecipe) -> None:
         from plat.studio.session import Session
     except ImportError as error:
         raise StudioError("the studio needs: pip install 'plat-rl[studio]'") from error
+    # networks for one robot are so small that more threads only get in each other's way
+    torch.set_num_threads(1)
     policies = {name: load_policy(run) for name, run in zip(_names(recipe.runs), recipe.runs, strict=True)}
     robot = next(iter(policies.values())).robot
     session = Session(robot, {name: policy.deployed() for name, policy in policies.items()})

@@ -41,7 +41,7 @@ class Player:
     def __init__(self, robot: Robot, controller: Controller, sequence: KeyframeSequence):
         self._robot = robot
         self._compare = PoseComparison(robot)
-        self._chase = Chase(controller, sequence, Simulator(robot.model()), hold=HOLD)
+        self._chase = Chase(controller, sequence, Simulator(robot.shared_model), hold=HOLD)
         self.restart()
 
     def restart(self) -> None:
@@ -107,7 +107,7 @@ class Player:
 def score(robot: Robot, controller: Controller, sequence: KeyframeSequence) -> list[KeyframeScore]:
     """Scores of a chase at full speed: the same as those of a :class:`Player`."""
     scorer = KeyframeScorer(robot)
-    for step in Chase(controller, sequence, Simulator(robot.model())):
+    for step in Chase(controller, sequence, Simulator(robot.shared_model)):
         scorer.add(step)
     return scorer.scores()
 

@@ -63,7 +63,7 @@ class Poser:
     """
 
     def __init__(self, robot: Robot):
-        self._model = robot.model()
+        self._model = robot.shared_model
         self._data = mujoco.MjData(self._model)
         self._bodies = {handle: TRACKED[role] for handle, role in HANDLES.items()}
         self._limit = mink.ConfigurationLimit(self._model, gain=1.0)

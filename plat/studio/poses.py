@@ -6,7 +6,7 @@ import torch
 
 from plat.envs.motions import MotionClip, mirror_motion
 from plat.envs.robot import Robot
-from plat.rotations import quat_conjugate, quat_from_rotvec, quat_multiply, quat_rotate, quat_yaw
+from plat.rotations import quat_conjugate, quat_from_rotvec, quat_multiply, quat_yaw, yaw_multiply, yaw_rotate
 
 __all__ = ["Floor", "heading_pitch_roll", "mirrored", "placed", "quat_from_heading_pitch_roll"]
 
@@ -28,8 +28,8 @@ def placed(qpos: np.ndarray, origin: np.ndarray, place: np.ndarray) -> np.ndarra
     poses, first, last = (torch.from_numpy(np.asarray(pose, dtype=np.float64)) for pose in (qpos, origin, place))
     turn = quat_multiply(quat_yaw(last[3:7]), quat_conjugate(quat_yaw(first[3:7])))
     vertical = torch.tensor([1.0, 1.0, 0.0], dtype=torch.float64)
-    root_pos = quat_rotate(turn, poses[..., :3] - first[:3] * vertical) + last[:3] * vertical
-    root_quat = quat_multiply(turn.expand_as(poses[..., 3:7]), poses[..., 3:7])
+    root_pos = yaw_rotate(turn, poses[..., :3] - first[:3] * vertical) + last[:3] * vertical
+    root_quat = yaw_multiply(turn, poses[..., 3:7])
     return torch.cat((root_pos, root_quat, poses[..., 7:]), -1).numpy()
 
 
@@ -59,7 +59,7 @@ class Floor:
     """
 
     def __init__(self, robot: Robot):
-        self._model = robot.model()
+        self._model = robot.shared_model
         self._data = mujoco.MjData(self._model)
         self._floor = self._model.geom("floor").id
         geoms = range(self._model.ngeom)

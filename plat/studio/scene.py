@@ -41,7 +41,7 @@ class _Bodies:
     """Shapes of a robot's bodies, and where a pose puts them."""
 
     def __init__(self, robot: Robot):
-        self._model = robot.model()
+        self._model = robot.shared_model
         self._data = mujoco.MjData(self._model)
         geoms: dict[int, list[int]] = {}
         for geom in range(self._model.ngeom):

@@ -9,11 +9,11 @@ from tensordict.nn import TensorDictModuleBase
 
 from plat.envs.motions import MotionClip
 from plat.envs.robot import Robot
-from plat.errors import KeyframeError, StudioError
+from plat.errors import KeyframeError
 from plat.keyframes import Keyframe, KeyframeSequence
 from plat.keyframes.files import read_keyframes
 from plat.playing import Chase, KeyframeScore, KeyframeScorer, PolicyController, Simulator
-from plat.rendering import Stage, film, record, write_video
+from plat.rendering import Stage, check_video, film, record, write_video
 from plat.studio.history import History
 from plat.studio.player import HOLD, Player, score
 from plat.studio.poser import Frame, Poser
@@ -252,15 +252,14 @@ class Session:
         """Write a video of a policy that chases some keyframes; for another thread, as nothing here changes.
 
         Raises:
-            StudioError: for a file that is no ``.mp4``.
             KeyframeError: when there is no keyframe.
-            RenderingError: where there is no OpenGL, or the extra ``plat-rl[video]`` is not installed.
+            RenderingError: where there is no OpenGL, the extra ``plat-rl[video]`` is not installed, or the file is no
+                ``.mp4`` or cannot be written.
         """
         path = Path(path).expanduser()
-        if path.suffix.lower() != ".mp4":
-            raise StudioError(f"video file {str(path)!r}: expected a name that ends in .mp4")
+        check_video(path)
         sequence = timeline.sequence()
-        chase = Chase(self._controller(policy), sequence, Simulator(self.robot.model()), hold=HOLD)
+        chase = Chase(self._controller(policy), sequence, Simulator(self.robot.shared_model), hold=HOLD)
         scorer = KeyframeScorer(self.robot)
         stage = Stage(self.robot, distance=2.6)
         try:

@@ -9,9 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from plat.envs import G1
 from plat.errors import StudioError
+from plat.rotations import quat_rotate
 
 pytest.importorskip("viser", reason="the extra plat-rl[studio] is not installed")
 pytest.importorskip("mjviser", reason="the extra plat-rl[studio] is not installed")
@@ -21,6 +23,7 @@ pytest.importorskip("playwright.sync_api", reason="playwright is not installed (
 from playwright.sync_api import Browser, sync_playwright
 
 from plat.studio.app import Studio
+from plat.studio.scene import CAMERA, LOOK_AT
 from plat.studio.session import Session
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -61,7 +64,7 @@ class User:
 
     def __init__(self, studio: Studio, browser: Browser):
         self.session = studio.session
-        self.page = browser.new_page(viewport={"width": 1100, "height": 700})
+        self.page = browser.new_page(viewport={"width": 960, "height": 640})
         self.page.set_default_timeout(_PATIENCE)
         self.open(studio)
 
@@ -71,10 +74,11 @@ class User:
 
     def press(self, *buttons: str) -> None:
         for button in buttons:
-            self.page.get_by_role("button", name=button, exact=True).first.click()
+            # forced: not after the button has stood still for two frames, which can take seconds to draw
+            self.page.get_by_role("button", name=button, exact=True).first.click(force=True)
 
     def tab(self, name: str) -> None:
-        self.page.get_by_role("tab", name=name, exact=True).click()
+        self.page.get_by_role("tab", name=name, exact=True).click(force=True)
 
     def enter(self, label: str, text: str) -> None:
         """Type into the box beside a label."""
@@ -87,8 +91,20 @@ class User:
     def sees(self, text: str) -> None:
         self.page.get_by_text(text).first.wait_for()
 
+    def pixel(self, point: np.ndarray) -> np.ndarray:
+        """Where a point of the world is on the screen, for the camera that the page begins with."""
+        box = self.page.locator("canvas").first.bounding_box()
+        forward = np.subtract(LOOK_AT, CAMERA) / np.linalg.norm(np.subtract(LOOK_AT, CAMERA))
+        right = np.cross(forward, [0.0, 0.0, 1.0])
+        right /= np.linalg.norm(right)
+        ray = point - np.array(CAMERA)
+        scale = 0.5 * box["height"] / np.tan(np.radians(75 / 2)) / (ray @ forward)  # viser's field of view
+        offset = scale * np.array([ray @ right, -ray @ np.cross(right, forward)])
+        return np.array([box["x"] + box["width"] / 2, box["y"] + box["height"] / 2]) + offset
+
     def table(self) -> list[str]:
-        return self.page.locator("table").first.locator("tr").all_inner_texts()
+        """The rows of the keyframes' scores."""
+        return self.page.locator("table", has_text="keyframe").locator("tr").all_inner_texts()
 
     def until(self, done) -> None:
         deadline = time.monotonic() + _PATIENCE / 1000
@@ -106,7 +122,7 @@ def user(studio, browser) -> Iterator[User]:
 
 def test_keyframes_are_made_played_saved_and_loaded(user, studio, tmp_path):
     session, joint = user.session, G1.joint_names.index("left_shoulder_pitch")
-    user.page.get_by_text("Left arm").click()
+    user.page.get_by_text("Left arm").click(force=True)
     for count, angle in enumerate((-0.5, -1.0, -1.5), 1):
         user.press("Add")
         user.until(lambda count=count: len(session.timeline.keyframes) == count)
@@ -148,35 +164,25 @@ def test_a_hand_is_dragged_and_the_drag_undone(user):
     user.press("Add")
     user.until(lambda: session.timeline.keyframes)
     before = session.poser.frames(session.timeline.pose.qpos)
-    box = user.page.locator("canvas").first.bounding_box()
-    x, y = on_screen(before["left hand"].pos, box)
+    hand = before["left hand"]
+    # the arrow that points away from the hand's upper side
+    up = quat_rotate(torch.from_numpy(hand.quat), torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)).numpy()
+    begin, end = user.pixel(hand.pos + 0.16 * up), user.pixel(hand.pos + 0.36 * up)
     mouse = user.page.mouse
-    mouse.move(x, y)
-    user.page.wait_for_timeout(1000)
+    mouse.move(*begin)
+    user.page.wait_for_timeout(1500)  # until the page has found out what is under the mouse
     mouse.down()
-    for step in range(1, 11):
-        mouse.move(x + 3 * step, y - 6 * step)
-        user.page.wait_for_timeout(50)
+    for share in np.linspace(0, 1, 8):
+        mouse.move(*(begin + share * (end - begin)))
+        user.page.wait_for_timeout(150)
     mouse.up()
-    user.until(lambda: session.history.can_undo and np.abs(session.timeline.pose.qpos - G1.default_qpos).max() > 0.1)
+    user.until(lambda: not np.allclose(session.timeline.pose.qpos, G1.default_qpos, atol=0.1))
+    user.page.wait_for_timeout(1000)
     after = session.poser.frames(session.timeline.pose.qpos)
-    assert after["left hand"].pos[2] > before["left hand"].pos[2] + 0.05
+    np.testing.assert_allclose(after["left hand"].pos, hand.pos + 0.2 * up, atol=0.04)
     np.testing.assert_allclose(after["left foot"].pos, before["left foot"].pos, atol=0.01)
     user.press("Undo")
     user.until(lambda: np.allclose(session.timeline.pose.qpos, G1.default_qpos))
-
-
-def on_screen(point: np.ndarray, box: dict[str, float]) -> tuple[float, float]:
-    """Pixel of a point in the world, for the camera that the page begins with."""
-    from plat.studio.scene import CAMERA, LOOK_AT
-
-    forward = np.subtract(LOOK_AT, CAMERA) / np.linalg.norm(np.subtract(LOOK_AT, CAMERA))
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    up = np.cross(right, forward)
-    ray = point - np.array(CAMERA)
-    scale = 0.5 * box["height"] / np.tan(0.5 * np.radians(75)) / (ray @ forward)
-    return box["x"] + box["width"] / 2 + scale * (ray @ right), box["y"] + box["height"] / 2 - scale * (ray @ up)
 
 
 def test_poses_come_out_of_motions(user):

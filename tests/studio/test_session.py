@@ -5,7 +5,8 @@ import pytest
 
 from plat.envs import G1
 from plat.envs.motions import MotionClip, generate_motions
-from plat.errors import KeyframeError, MotionError, StudioError
+from plat.errors import KeyframeError, MotionError
+from plat.rendering import RenderingError
 from plat.studio.timeline import NEW_INTERVAL
 from tests.studio.conftest import squat
 
@@ -260,7 +261,7 @@ def test_a_broken_or_short_clip_is_refused(session):
 
 def test_a_video_is_an_mp4(session, tmp_path):
     with_squat(session)
-    with pytest.raises(StudioError, match=r"ends in \.mp4"):
+    with pytest.raises(RenderingError, match=r"ends in \.mp4"):
         session.record(session.timeline, "plat", tmp_path / "video.txt")
 
 

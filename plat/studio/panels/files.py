@@ -25,8 +25,8 @@ class FilePanel:
         download = gui.add_button("Download", icon=viser.Icon.DOWNLOAD)
         upload = gui.add_upload_button("Upload", icon=viser.Icon.UPLOAD, mime_type="application/json")
 
-        with gui.add_folder("Video of the policy"):
-            self._video = gui.add_text("File", str(Path(path).with_suffix(".mp4")))
+        with gui.add_folder("Video of the policy that is chosen"):
+            self._video = gui.add_text("Video file", str(Path(path).with_suffix(".mp4")))
             record = gui.add_button("Record", icon=viser.Icon.VIDEO, hint="May take a minute without a GPU.")
 
         async def download_clicked(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
