@@ -181,7 +181,7 @@ def draw_strips(
         print(f"no film strip: motion {library.clip_names[0]!r} is shorter than a long command; choose another --clip")
         return []
     try:
-        stage = Stage(library.robot, width=400, height=480, distance=2.6)
+        stage = Stage(library.robot, width=400, height=440, distance=2.2)
         playbacks = {name: entrant.play(library, horizon, seed, device) for name, entrant in entrants.items()}
         written = save_figure(film_strip(stage, playbacks), folder / "film_strip")
         stage.close()
