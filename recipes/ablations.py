@@ -136,7 +136,7 @@ TRACKERS = ("SONIC", "SONIC-style", "TWIST2", "wbc", "Scratch RL")
 
 @dataclass(frozen=True)
 class Candidate:
-    """A policy of a row: its name in files, what it is made of, and how to load it (with whether it tracks densely)."""
+    """A policy of a row: its name in files, what it is made of, and how to load it, densely or sparsely evaluated."""
 
     slug: str
     files: tuple[Path, ...]
@@ -154,6 +154,7 @@ def main(recipe: AblationsRecipe) -> dict[str, list[Score]]:
     if not rows:
         raise PlatError(f"--runs {str(recipe.runs)!r}: holds none of the runs {[row.folder for row in ROWS]}")
     library = MotionLibrary.load(recipe.motions)
+    shown = evaluate.first_named(library, recipe.clip)
     print(f"{library.num_clips} motions, {library.duration:.0f} s; 95 % intervals over motions and training seeds")
     evaluate.print_head()
     scores = score(rows, library, recipe.horizon, recipe)
@@ -174,9 +175,8 @@ def main(recipe: AblationsRecipe) -> dict[str, list[Score]]:
     for split, of_split in splits.items():
         if of_split:
             pictures[split] = write(recipe.out / split, of_split, rows)
-    clip = 0 if recipe.clip is None else library.named(recipe.clip)[0]
     first = {name: candidates[0].load(False) for name, candidates in rows.items()}
-    pictures["all"] += evaluate.draw_strips(recipe.out / "all", first, library.only(clip), recipe.seed, recipe.device)
+    pictures["all"] += evaluate.draw_strips(recipe.out / "all", first, shown, recipe.seed, recipe.device)
     if recipe.wandb:
         with wandb_run("ablations", recipe.out, {"motions": recipe.motions, "runs": str(recipe.runs)}) as run:
             log_scores(run, scores, pictures["all"])
@@ -225,13 +225,8 @@ def released_rows(trackers: ReleasedTrackers) -> dict[str, list[Candidate]]:
             print(f"{name}: left out, give --trackers.{name.lower()}")
             continue
         files = tuple(sorted(path.glob("*.onnx"))) if path.is_dir() else (path,)
-        rows[name] = [Candidate(name.lower(), files, always(Entrant.of_tracker(loaded[name])))]
+        rows[name] = [Candidate(name.lower(), files, partial(Entrant.of_tracker, loaded[name]))]
     return rows
-
-
-def always(entrant: Entrant) -> Callable[[bool], Entrant]:
-    """A tracker is shown keyframes and the dense reference alike."""
-    return lambda dense: entrant
 
 
 def trained_rows(recipe: AblationsRecipe) -> dict[str, list[Candidate]]:
@@ -294,8 +289,9 @@ def records_of(
         else:
             if known == about:
                 return records
-    settings = {"dense": dense, "seed": recipe.seed, "num_envs": recipe.num_envs, "device": recipe.device}
-    records = candidate.load(dense).evaluate(library, horizon, **settings)
+    records = candidate.load(dense).evaluate(
+        library, horizon, seed=recipe.seed, num_envs=recipe.num_envs, device=recipe.device
+    )
     records.save(path, about)
     return records
 

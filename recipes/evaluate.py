@@ -71,35 +71,45 @@ class EvaluateRecipe:
 
 @dataclass(frozen=True)
 class Entrant:
-    """A policy, and what it takes to evaluate it: its robot, and what it is shown beside the usual observations."""
+    """A policy, and what it takes to evaluate it.
+
+    Attributes:
+        policy: deterministic policy.
+        robot: which it drives.
+        dense: whether it is shown the dense reference.
+        goals, observe: how it is shown what it reads, see :func:`plat.evaluation.evaluate`.
+    """
 
     policy: TensorDictModuleBase
     robot: Robot
+    dense: bool
     goals: Mapping[str, int] = field(default_factory=lambda: NEXT_FRAME)
     observe: Observe | None = None
 
     @classmethod
-    def of_run(cls, run: Path, device: str, dense: bool = False) -> "Entrant":
+    def of_run(cls, run: Path, device: str, dense: bool) -> "Entrant":
         """The policy of a run; an expert that is shown the dense reference sees all the frames that it asks for."""
         policy = load_policy(run, device)
         if dense and isinstance(policy, Expert):
-            return cls(policy.deployed(tuple(policy.goals)), policy.robot, policy.goals)
-        return cls(policy.deployed(), policy.robot)
+            return cls(policy.deployed(tuple(policy.goals)), policy.robot, dense, policy.goals)
+        return cls(policy.deployed(), policy.robot, dense)
 
     @classmethod
-    def of_tracker(cls, tracker: Tracker) -> "Entrant":
+    def of_tracker(cls, tracker: Tracker, dense: bool) -> "Entrant":
         """A released tracker."""
-        return cls(tracker, tracker.robot, observe=tracker.observe)
+        return cls(tracker, tracker.robot, dense, observe=tracker.observe)
 
     def evaluate(self, library: MotionLibrary, horizon: str, **settings: Any) -> CommandRecords:
         """What it does with the commands of every motion; settings are those of :func:`plat.evaluation.evaluate`."""
         motions = library.for_robot(self.robot)
-        return evaluate(self.policy, motions, HORIZONS[horizon], goals=self.goals, observe=self.observe, **settings)
+        return evaluate(self.policy, motions, HORIZONS[horizon], **self._shown(), **settings)
 
-    def play(self, library: MotionLibrary, horizon: Horizon, seed: int, device: str) -> Playback:
+    def play(self, library: MotionLibrary, horizon: Horizon, **settings: Any) -> Playback:
         """What it does with the commands of a library's first motion."""
-        motions = library.for_robot(self.robot)
-        return play(self.policy, motions, 0, horizon, seed=seed, observe=self.observe, device=device)
+        return play(self.policy, library.for_robot(self.robot), 0, horizon, **self._shown(), **settings)
+
+    def _shown(self) -> dict[str, Any]:
+        return {"dense": self.dense, "goals": self.goals, "observe": self.observe}
 
 
 def main(recipe: EvaluateRecipe) -> list[Score]:
@@ -109,12 +119,13 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
     library = MotionLibrary.load(recipe.motions)
     if recipe.only is not None:
         library = library.only(*library.named(recipe.only))
+    shown = first_named(library, recipe.clip)
     names = [run.name for run in recipe.runs]
     entrants = {
         run.name if names.count(run.name) == 1 else str(run): Entrant.of_run(run, recipe.device, recipe.dense)
         for run in recipe.runs
     }
-    entrants |= {name: Entrant.of_tracker(tracker) for name, tracker in recipe.trackers.load().items()}
+    entrants |= {name: Entrant.of_tracker(tracker, recipe.dense) for name, tracker in recipe.trackers.load().items()}
     if not entrants:
         raise PlatError("nothing to evaluate: give run directories, or files of released trackers (--trackers.twist2)")
     print(f"{library.num_clips} motions, {library.duration:.0f} s; 95 % intervals over motions in parentheses")
@@ -124,12 +135,7 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
         for name, entrant in entrants.items():
             started = time.monotonic()
             records = entrant.evaluate(
-                library,
-                horizon,
-                dense=recipe.dense,
-                seed=recipe.seed,
-                num_envs=recipe.num_envs,
-                device=recipe.device,
+                library, horizon, seed=recipe.seed, num_envs=recipe.num_envs, device=recipe.device
             )
             scores.append(Score.of(name, horizon, [records]))
             print_score(scores[-1], time.monotonic() - started)
@@ -137,14 +143,18 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
         write_csv(recipe.csv, scores)
     pictures: list[Path] = []
     if recipe.figures is not None:
-        clip = 0 if recipe.clip is None else library.named(recipe.clip)[0]
         pictures = draw_scores(recipe.figures, scores)
-        pictures += draw_strips(recipe.figures, entrants, library.only(clip), recipe.seed, recipe.device)
+        pictures += draw_strips(recipe.figures, entrants, shown, recipe.seed, recipe.device)
     if recipe.wandb:
         settings = {"runs": [str(run) for run in recipe.runs], "motions": recipe.motions, "dense": recipe.dense}
         with wandb_run("evaluation", Path(), settings) as run:
             log_scores(run, scores, pictures)
     return scores
+
+
+def first_named(library: MotionLibrary, pattern: str | None) -> MotionLibrary:
+    """The first motion, or the first one whose name a regular expression is found in."""
+    return library.only(0 if pattern is None else library.named(pattern)[0])
 
 
 def print_head() -> None:
@@ -182,7 +192,9 @@ def draw_strips(
         return []
     try:
         stage = Stage(library.robot, width=400, height=440, distance=2.2)
-        playbacks = {name: entrant.play(library, horizon, seed, device) for name, entrant in entrants.items()}
+        playbacks = {
+            name: entrant.play(library, horizon, seed=seed, device=device) for name, entrant in entrants.items()
+        }
         written = save_figure(film_strip(stage, playbacks), folder / "film_strip")
         stage.close()
     except RenderingError as error:

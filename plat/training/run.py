@@ -73,7 +73,7 @@ class Run:
         save_every: float = 120.0,
         wandb: bool = False,
         play: Callable[[], Playback] | None = None,
-        video_every: float = 900.0,
+        video_every: float = 0.0,
     ):
         self.folder = folder
         self.policy = policy

@@ -44,7 +44,7 @@ def evaluated(monkeypatch) -> list[tuple[str, bool]]:
     original = evaluate.Entrant.evaluate
 
     def record(self, library, horizon, **settings):
-        calls.append((horizon, settings["dense"]))
+        calls.append((horizon, self.dense))
         return original(self, library, horizon, **settings)
 
     monkeypatch.setattr(evaluate.Entrant, "evaluate", record)

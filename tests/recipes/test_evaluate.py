@@ -4,7 +4,8 @@ import pytest
 
 from plat.baselines import ReleasedTrackers
 from plat.envs import G1
-from plat.errors import PlatError
+from plat.envs.transforms import HORIZONS
+from plat.errors import MotionError, PlatError
 from plat.modules import Expert, ExpertConfig, PlainPolicy
 from tests.modules.test_imitation import SMALL
 from tests.recipes.runs import save_run, write_motions
@@ -54,9 +55,12 @@ def test_dense_goals_of_an_expert_that_sees_several_frames(runs, monkeypatch):
     original = evaluate.evaluate
     monkeypatch.setattr(evaluate, "evaluate", record)
     evaluate.main(recipe(runs, "far-sighted", dense=True))
-    assert seen["dense"]
+    assert seen["dense"] is True
     assert seen["goals"] == {"goal": 1, "goal_6": 6}
     assert ("goal_6", "joint_pos") in seen["keys"]
+    motion = evaluate.MotionLibrary.load(write_motions(runs)).only(0)
+    dense = evaluate.Entrant.of_run(runs / "far-sighted", "cpu", dense=True)
+    assert len(dense.play(motion, HORIZONS["long"]).qpos) > 10  # a film strip shows the same
     evaluate.main(recipe(runs, "far-sighted"))
     assert ("goal_6", "joint_pos") not in seen["keys"]
 
@@ -97,6 +101,13 @@ def test_a_missing_extra_is_said_before_the_evaluation(runs, monkeypatch):
     monkeypatch.setattr(evaluate, "evaluate", lambda *_, **__: pytest.fail("evaluated first"))
     with pytest.raises(PlatError, match=r"pip install 'plat-rl\[figures\]'"):
         evaluate.main(recipe(runs, "plain", figures=runs / "figures"))
+
+
+def test_a_clip_that_is_not_there_is_named_before_the_evaluation(runs, monkeypatch):
+    pytest.importorskip("matplotlib")
+    monkeypatch.setattr(evaluate, "evaluate", lambda *_, **__: pytest.fail("evaluated first"))
+    with pytest.raises(MotionError, match="'jump' is in none of the 2"):
+        evaluate.main(recipe(runs, "plain", figures=runs / "figures", clip="jump"))
 
 
 def test_released_trackers_take_part(runs, shared_data):

@@ -169,7 +169,7 @@ def test_bad_input_is_one_clear_line(tmp_path, recipe, arguments, message):
 
 
 def test_wandb_works_offline(tmp_path, stages):
-    out = run("expert", *stages["expert"], "--steps", 100, "--out", tmp_path / "run", "--wandb", "--video-every", 0.001)
+    out = run("expert", *stages["expert"], "--steps", 50, "--out", tmp_path / "run", "--wandb", "--video-every", 0.001)
     assert list((tmp_path / "run" / "wandb").glob("offline-run-*"))
     # a machine without OpenGL says so and goes on
     assert list((tmp_path / "run" / "videos").glob("*.mp4")) or "no videos for wandb" in out
