@@ -1,6 +1,7 @@
 """plat: sparse timed keyframe control of humanoids, from composable TorchRL components."""
 
 from importlib.metadata import PackageNotFoundError, version
+from typing import Any
 
 try:
     __version__ = version("plat-rl")
@@ -18,3 +19,22 @@ else:
         entry_point="plat.envs.gym:G1TimedKeyframeEnv",
         vector_entry_point="plat.envs.gym:G1TimedKeyframeVectorEnv",
     )
+
+
+def load(name: str, device: str = "cpu") -> Any:
+    """A trained policy that comes with plat, as :func:`plat.training.load_policy` loads one of your own.
+
+    Args:
+        name: ``"plat-g1"``, ``"dagger-g1"`` or ``"expert-g1"``; see ``weights/README.md`` for their data, licence and
+            scores.
+        device: where its weights go.
+
+    Raises:
+        CheckpointError: for another name, listing those that there are.
+
+    >>> load("plat-g1").deployed().out_keys
+    ['action']
+    """
+    from plat.training.shipped import load_shipped  # torch: importing plat alone must not import it
+
+    return load_shipped(name, device)

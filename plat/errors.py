@@ -6,6 +6,7 @@ __all__ = [
     "KeyframeError",
     "MotionError",
     "PlatError",
+    "RecordsError",
     "RobotError",
     "StateError",
     "StudioError",
@@ -42,3 +43,7 @@ class StateError(PlatError):
 
 class StudioError(PlatError):
     """The keyframe studio cannot be opened."""
+
+
+class RecordsError(PlatError):
+    """Records of an evaluation that cannot be read."""

@@ -21,7 +21,7 @@ import refine
 
 from plat.envs import MotionLibrary
 from plat.envs.transforms import HORIZONS
-from plat.evaluation import Estimate
+from plat.evaluation import HEADLINE, Score
 from plat.rendering import RenderingError, Stage, contact_sheet, film, play, write_picture, write_video
 from plat.training import load_policy, report_errors
 
@@ -121,16 +121,14 @@ def draw(out: Path) -> str:
     return f"contact sheet            {sheet}\nvideo                    {video} (the ghost is the commanded keyframe)"
 
 
-def print_table(rows: list[dict[str, str | Estimate]]) -> None:
+def print_table(scores: list[Score]) -> None:
     """TKS@3 (%) / MPJPE@3 (rad) / MPKPE@3 (m) of each policy at each horizon."""
-    cells = {(row["policy"], row["horizon"]): row for row in rows}
+    cells = {(score.policy, score.horizon): score.figures for score in scores}
     print(f"\n{'TKS@3 / MPJPE@3 / MPKPE@3':<26}" + "".join(f"{name:<22}" for name in HORIZONS))
     for run, name in NAMES.items():
         line = f"{name:<26}"
         for horizon in HORIZONS:
-            figures = cells[run, horizon]
-            values = [figures[key] for key in ("tks", "mpjpe", "mpkpe")]
-            tks, mpjpe, mpkpe = (value.value if isinstance(value, Estimate) else float("nan") for value in values)
+            tks, mpjpe, mpkpe = (cells[run, horizon][key].value for key in HEADLINE)
             line += f"{f'{tks:.1f} / {mpjpe:.3f} / {mpkpe:.3f}':<22}"
         print(line)
 

@@ -14,8 +14,10 @@ from torch import nn
 from plat.collectors import ExpertLabels, MixedPolicy, dagger_buffer, rollouts
 from plat.envs import MotionLibrary, TaskConfig, make_keyframe_env
 from plat.envs.transforms import HORIZONS, pop_statistics
-from plat.modules import STUDENT_KEYS, LatentPolicy, LatentPolicyConfig, PlainPolicy
+from plat.errors import PlatError
+from plat.modules import STUDENT_KEYS, Expert, LatentPolicy, LatentPolicyConfig, PlainPolicy
 from plat.objectives import LatentImitationLoss, Precision, autocast, plain_imitation_loss
+from plat.rendering import play
 from plat.training import Budget, RecipeConfig, Run, load_policy, report_errors
 
 
@@ -69,7 +71,10 @@ def main(recipe: DistillRecipe) -> None:
     device = recipe.device
     library = MotionLibrary.load(recipe.motions, mirror=recipe.mirror).to(device)
     env = make_keyframe_env(library, recipe.num_envs, recipe.task, horizon=HORIZONS[recipe.horizon], device=device)
-    expert = load_policy(recipe.expert, device).deployed("dense_goal", out_key="expert_action")
+    teacher = load_policy(recipe.expert, device)
+    if not isinstance(teacher, Expert) or len(teacher.goals) > 1:
+        raise PlatError(f"--expert {str(recipe.expert)!r}: expected the run of an expert that sees one reference frame")
+    expert = teacher.deployed("dense_goal", out_key="expert_action")
     student: Any
     loss: Any
     if recipe.student == "latent":
@@ -93,6 +98,8 @@ def main(recipe: DistillRecipe) -> None:
         resume=recipe.resume,
         save_every=recipe.save_every,
         wandb=recipe.wandb,
+        play=lambda: play(student.deployed(), library, 0, HORIZONS["long"], device=device),
+        video_every=recipe.video_every,
     )
     labelled = ExpertLabels(expert, STUDENT_KEYS)
     for rollout in rollouts(env, policy, recipe.rollout, recipe.precision):

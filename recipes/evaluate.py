@@ -3,18 +3,37 @@
 python recipes/evaluate.py runs/plat runs/dagger runs/expert --motions clips.npz --horizon mixed
 """
 
-import csv
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
+from tensordict.nn import TensorDictModuleBase
 
-from plat.envs import MotionLibrary
-from plat.envs.transforms import HORIZONS
-from plat.evaluation import Estimate, evaluate, report
-from plat.training import default_device, load_policy, report_errors
+import plat.headless  # noqa: F401
+
+# isort: split
+from plat.baselines import ReleasedTrackers, Tracker
+from plat.envs import MotionLibrary, Robot
+from plat.envs.transforms import HORIZONS, NEXT_FRAME, Horizon
+from plat.errors import PlatError
+from plat.evaluation import HEADLINE, METRICS, CommandRecords, Observe, Score, evaluate, write_csv
+from plat.modules import Expert
+from plat.rendering import (
+    Playback,
+    RenderingError,
+    Stage,
+    ablation_bars,
+    film_strip,
+    play,
+    pyplot,
+    radar_plot,
+    save_figure,
+    success_plot,
+)
+from plat.training import default_device, load_policy, log_scores, report_errors, wandb_run
 
 HorizonName = Literal["single", "short", "medium", "long", "mixed"]
 
@@ -23,64 +42,165 @@ HorizonName = Literal["single", "short", "medium", "long", "mixed"]
 class EvaluateRecipe:
     """Score policies on motions."""
 
-    runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    runs: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
     """run directories; an expert is given keyframes in place of its next reference frame (Scratch RL)"""
+    trackers: ReleasedTrackers = field(default_factory=ReleasedTrackers)
     motions: tuple[str, ...]
     """motion files, folders or globs; "generated:val" or "generated:test" for the motions that plat makes itself"""
+    only: str | None = None
+    """motions whose names this regular expression is found in, as in "run|kick"; they get commands of their own"""
     horizon: tuple[HorizonName, ...] = ("single", "short", "medium", "long", "mixed")
     """lengths of the commands"""
     dense: bool = False
-    """show policies the next reference frame instead of the keyframe: how well a dense tracker tracks"""
+    """show policies the reference instead of the keyframe: how well a dense tracker tracks"""
     seed: int = 0
     """draws the commands"""
     num_envs: int = 256
     """robots that are simulated at a time; the figures do not depend on it"""
     csv: Path | None = None
     """file to write every figure to, with its interval"""
+    figures: Path | None = None
+    """folder to draw radar plot, bars, success curves and film strips into, as PDF and PNG"""
+    clip: str | None = None
+    """the film strips show the first motion whose name this is found in; by default the first of all"""
+    wandb: bool = False
+    """log table and figures to wandb as well; offline unless you are logged in"""
     device: str = field(default_factory=default_device)
     """where networks and tensors live"""
 
 
-def main(recipe: EvaluateRecipe) -> list[dict[str, str | Estimate]]:
+@dataclass(frozen=True)
+class Entrant:
+    """A policy, and what it takes to evaluate it.
+
+    Attributes:
+        policy: deterministic policy.
+        robot: which it drives.
+        dense: whether it is shown the dense reference.
+        goals, observe: how it is shown what it reads, see :func:`plat.evaluation.evaluate`.
+    """
+
+    policy: TensorDictModuleBase
+    robot: Robot
+    dense: bool
+    goals: Mapping[str, int] = field(default_factory=lambda: NEXT_FRAME)
+    observe: Observe | None = None
+
+    @classmethod
+    def of_run(cls, run: Path, device: str, dense: bool) -> "Entrant":
+        """The policy of a run; an expert that is shown the dense reference sees all the frames that it asks for."""
+        policy = load_policy(run, device)
+        if dense and isinstance(policy, Expert):
+            return cls(policy.deployed(tuple(policy.goals)), policy.robot, dense, policy.goals)
+        return cls(policy.deployed(), policy.robot, dense)
+
+    @classmethod
+    def of_tracker(cls, tracker: Tracker, dense: bool) -> "Entrant":
+        """A released tracker."""
+        return cls(tracker, tracker.robot, dense, observe=tracker.observe)
+
+    def evaluate(self, library: MotionLibrary, horizon: str, **settings: Any) -> CommandRecords:
+        """What it does with the commands of every motion; settings are those of :func:`plat.evaluation.evaluate`."""
+        motions = library.for_robot(self.robot)
+        return evaluate(self.policy, motions, HORIZONS[horizon], **self._shown(), **settings)
+
+    def play(self, library: MotionLibrary, horizon: Horizon, **settings: Any) -> Playback:
+        """What it does with the commands of a library's first motion."""
+        return play(self.policy, library.for_robot(self.robot), 0, horizon, **self._shown(), **settings)
+
+    def _shown(self) -> dict[str, Any]:
+        return {"dense": self.dense, "goals": self.goals, "observe": self.observe}
+
+
+def main(recipe: EvaluateRecipe) -> list[Score]:
     """Run the recipe: print a table, return its rows."""
+    if recipe.figures is not None:
+        pyplot()  # what is missing had better be said before the evaluation
     library = MotionLibrary.load(recipe.motions)
-    policies = {run.name: load_policy(run, recipe.device).deployed() for run in recipe.runs}
+    if recipe.only is not None:
+        library = library.only(*library.named(recipe.only))
+    shown = first_named(library, recipe.clip)
+    names = [run.name for run in recipe.runs]
+    entrants = {
+        run.name if names.count(run.name) == 1 else str(run): Entrant.of_run(run, recipe.device, recipe.dense)
+        for run in recipe.runs
+    }
+    entrants |= {name: Entrant.of_tracker(tracker, recipe.dense) for name, tracker in recipe.trackers.load().items()}
+    if not entrants:
+        raise PlatError("nothing to evaluate: give run directories, or files of released trackers (--trackers.twist2)")
     print(f"{library.num_clips} motions, {library.duration:.0f} s; 95 % intervals over motions in parentheses")
-    print(f"{'policy':<14}{'horizon':<9}{'TKS@3 %':<21}{'MPJPE@3 rad':<22}{'MPKPE@3 m':<22}{'falls %':<9}seconds")
-    rows: list[dict[str, str | Estimate]] = []
+    print_head()
+    scores = []
     for horizon in recipe.horizon:
-        for name, policy in policies.items():
+        for name, entrant in entrants.items():
             started = time.monotonic()
-            records = evaluate(
-                policy,
-                library,
-                HORIZONS[horizon],
-                seed=recipe.seed,
-                dense=recipe.dense,
-                num_envs=recipe.num_envs,
-                device=recipe.device,
+            records = entrant.evaluate(
+                library, horizon, seed=recipe.seed, num_envs=recipe.num_envs, device=recipe.device
             )
-            figures = report(records)
-            rows.append({"policy": name, "horizon": horizon, **figures})
-            tks, mpjpe, mpkpe = f"{figures['tks']:.1f}", f"{figures['mpjpe']:.3f}", f"{figures['mpkpe']:.3f}"
-            falls, seconds = f"{figures['fall_rate'].value:.1f}", f"{time.monotonic() - started:.0f}"
-            print(f"{name:<14}{horizon:<9}{tks:<21}{mpjpe:<22}{mpkpe:<22}{falls:<9}{seconds}", flush=True)
+            scores.append(Score.of(name, horizon, [records]))
+            print_score(scores[-1], time.monotonic() - started)
     if recipe.csv is not None:
-        write_table(recipe.csv, rows)
-    return rows
+        write_csv(recipe.csv, scores)
+    pictures: list[Path] = []
+    if recipe.figures is not None:
+        pictures = draw_scores(recipe.figures, scores)
+        pictures += draw_strips(recipe.figures, entrants, shown, recipe.seed, recipe.device)
+    if recipe.wandb:
+        settings = {"runs": [str(run) for run in recipe.runs], "motions": recipe.motions, "dense": recipe.dense}
+        with wandb_run("evaluation", Path(), settings) as run:
+            log_scores(run, scores, pictures)
+    return scores
 
 
-def write_table(path: Path, rows: list[dict[str, str | Estimate]]) -> None:
-    """One line a policy, horizon and metric."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["policy", "horizon", "metric", "value", "low", "high"])
-        for row in rows:
-            for metric, figure in row.items():
-                if isinstance(figure, Estimate):
-                    values = (f"{value:.6g}" for value in (figure.value, figure.low, figure.high))
-                    writer.writerow([row["policy"], row["horizon"], metric, *values])
+def first_named(library: MotionLibrary, pattern: str | None) -> MotionLibrary:
+    """The first motion, or the first one whose name a regular expression is found in."""
+    return library.only(0 if pattern is None else library.named(pattern)[0])
+
+
+def print_head() -> None:
+    """Headings of the lines that :func:`print_score` prints."""
+    print(f"{'policy':<22}{'horizon':<9}{'TKS@3 %':<21}{'MPJPE@3 rad':<22}{'MPKPE@3 m':<22}{'falls %':<9}seconds")
+
+
+def print_score(score: Score, seconds: float) -> None:
+    """A line of the table."""
+    cells = (f"{score.figures[name]:.{METRICS[name].digits}f}" for name in HEADLINE)
+    falls = f"{score.figures['fall_rate'].value:.1f}"
+    tks, mpjpe, mpkpe = cells
+    print(f"{score.policy:<22}{score.horizon:<9}{tks:<21}{mpjpe:<22}{mpkpe:<22}{falls:<9}{seconds:.0f}", flush=True)
+
+
+def draw_scores(folder: Path, scores: Sequence[Score]) -> list[Path]:
+    """Draw radar plot (of three horizons or more), bars and success curves; what was written."""
+    horizons = list(dict.fromkeys(score.horizon for score in scores))
+    written = []
+    if len(horizons) >= 3:
+        written += save_figure(radar_plot(scores), folder / "radar")
+    for horizon in horizons:
+        written += save_figure(ablation_bars(scores, horizon), folder / f"bars_{horizon}")
+    shown = [horizon for horizon in horizons if horizon in ("long", "mixed")] or horizons
+    return written + save_figure(success_plot(scores, shown), folder / "success")
+
+
+def draw_strips(
+    folder: Path, entrants: Mapping[str, Entrant], library: MotionLibrary, seed: int, device: str
+) -> list[Path]:
+    """Draw a film strip of each policy on a library's only motion; where this machine cannot, say what to install."""
+    horizon = HORIZONS["long"]
+    if int(library.clip_length[0]) <= horizon.shortest:
+        print(f"no film strip: motion {library.clip_names[0]!r} is shorter than a long command; choose another --clip")
+        return []
+    try:
+        stage = Stage(library.robot, width=400, height=440, distance=2.2)
+        playbacks = {
+            name: entrant.play(library, horizon, seed=seed, device=device) for name, entrant in entrants.items()
+        }
+        written = save_figure(film_strip(stage, playbacks), folder / "film_strip")
+        stage.close()
+    except RenderingError as error:
+        print(f"no film strip: {error}")
+        return []
+    return written
 
 
 if __name__ == "__main__":

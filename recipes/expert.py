@@ -11,10 +11,11 @@ import tyro
 
 from plat.collectors import rollouts
 from plat.envs import MotionLibrary, TaskConfig, make_tracking_env
-from plat.envs.transforms import pop_statistics
+from plat.envs.transforms import HORIZONS, pop_statistics
 from plat.errors import CheckpointError
 from plat.modules import Critic, Expert, ExpertConfig
 from plat.objectives import PPO, PPOConfig
+from plat.rendering import play
 from plat.training import Budget, RecipeConfig, Run, load_policy, report_errors
 
 
@@ -37,8 +38,8 @@ def main(recipe: ExpertRecipe) -> None:
     """Run the recipe."""
     torch.manual_seed(recipe.seed)
     library = MotionLibrary.load(recipe.motions, mirror=recipe.mirror)
-    env = make_tracking_env(library, recipe.num_envs, recipe.task, device=recipe.device)
     expert = (load_expert(recipe.init) if recipe.init else Expert(library.robot, recipe.policy)).to(recipe.device)
+    env = make_tracking_env(library, recipe.num_envs, recipe.task, goals=expert.goals, device=recipe.device)
     critic = Critic(library.robot, expert.normalizer.in_keys).to(recipe.device)
     ppo = PPO(expert.head(), critic.head(), critic.observe(), recipe.ppo)
     budget = Budget(recipe.minutes, recipe.steps)
@@ -51,6 +52,16 @@ def main(recipe: ExpertRecipe) -> None:
         resume=recipe.resume,
         save_every=recipe.save_every,
         wandb=recipe.wandb,
+        play=lambda: play(
+            expert.deployed(tuple(expert.goals)),
+            library,
+            0,
+            HORIZONS["long"],
+            dense=True,
+            goals=expert.goals,
+            device=recipe.device,
+        ),
+        video_every=recipe.video_every,
     )
     warmup_steps = recipe.critic_warmup * recipe.num_envs * recipe.rollout if recipe.init else 0
     for rollout in rollouts(env, expert.actor(), recipe.rollout, recipe.ppo.precision):

@@ -23,6 +23,7 @@ from plat.modules import (
     ResidualLatentPolicy,
 )
 from plat.objectives import PPO, PPOConfig
+from plat.rendering import play
 from plat.training import Budget, RecipeConfig, Run, load_policy, report_errors
 
 VARIANTS = {
@@ -73,6 +74,8 @@ def main(recipe: RefineRecipe) -> None:
         resume=recipe.resume,
         save_every=recipe.save_every,
         wandb=recipe.wandb,
+        play=lambda: play(policy.deployed(), library, 0, HORIZONS["long"], device=device),
+        video_every=recipe.video_every,
     )
     warmup_steps = recipe.critic_warmup * recipe.num_envs * recipe.rollout
     for rollout in rollouts(env, policy.actor(), recipe.rollout, recipe.ppo.precision):

@@ -3,17 +3,22 @@
 from plat.baselines.follow import follow
 from plat.baselines.onnx import OnnxPolicy
 from plat.baselines.reference import TrackerReference
+from plat.baselines.released import ReleasedTrackers
+from plat.baselines.sonic import Sonic, sonic_robot
 from plat.baselines.tracker import Tracker, tuned_robot
 from plat.baselines.twist2 import Twist2, twist2_robot
 from plat.baselines.wbc import Wbc
 
 __all__ = [
     "OnnxPolicy",
+    "ReleasedTrackers",
+    "Sonic",
     "Tracker",
     "TrackerReference",
     "Twist2",
     "Wbc",
     "follow",
+    "sonic_robot",
     "tuned_robot",
     "twist2_robot",
 ]

@@ -1,4 +1,4 @@
-"""The one reference frame that a dense tracker is shown."""
+"""The reference frames that a dense tracker is shown."""
 
 import torch
 from tensordict import NestedKey, TensorDictBase
@@ -11,16 +11,17 @@ __all__ = ["TrackerReference"]
 
 
 class TrackerReference(ObservationTransform):
-    """Adds the group ``"tracker_reference"``: the frame that the tracker takes for its next one, in the clip's world.
+    """Adds the group ``"tracker_reference"``: what the tracker takes for its next reference, in the clip's world.
 
-    Entries: ``joint_pos`` ``[J]`` (rad), ``root_pos_w`` ``[3]`` (m), ``root_quat_w`` ``[4]``, ``root_lin_vel_w``
-    ``[3]`` (m/s), ``root_ang_vel_w`` ``[3]`` (rad/s), ``anchor_pos_w`` ``[3]`` (m).
+    Entries: ``joint_pos`` ``[J]`` (rad), ``joint_vel`` ``[J]`` (rad/s), ``root_pos_w`` ``[3]`` (m), ``root_quat_w``
+    ``[4]``, ``root_lin_vel_w`` ``[3]`` (m/s), ``root_ang_vel_w`` ``[3]`` (rad/s), ``anchor_pos_w`` ``[3]`` (m). For a
+    tracker that is shown F frames at once, each has F rows: ``[F, J]`` and so on.
 
     Args:
         library: motions.
         frame: entry with the library row to start from: ``("motion", "frame")`` for dense tracking, or
             ``("command", "target_frame")`` to show a commanded keyframe as if it were the next frame.
-        ahead: frames from there; past the clip's end its last frame.
+        ahead: frames from there, or F of them; past the clip's end its last frame.
         velocities: show the reference's velocities; a keyframe has none, and then they are 0.
     """
 
@@ -28,29 +29,36 @@ class TrackerReference(ObservationTransform):
         self,
         library: MotionLibrary,
         frame: NestedKey = ("motion", "frame"),
-        ahead: int = 1,
+        ahead: int | tuple[int, ...] = 1,
         velocities: bool = True,
     ):
-        shapes = {"root_pos_w": 3, "root_quat_w": 4, "root_lin_vel_w": 3, "root_ang_vel_w": 3, "anchor_pos_w": 3}
-        shapes["joint_pos"] = library.robot.num_joints
+        joints = library.robot.num_joints
+        widths = {"joint_pos": joints, "joint_vel": joints, "root_pos_w": 3, "root_quat_w": 4}
+        widths |= {"root_lin_vel_w": 3, "root_ang_vel_w": 3, "anchor_pos_w": 3}
+        self._ahead = torch.tensor(ahead, device=library.device)  # [] or [F]
         super().__init__(
-            in_keys=[frame], out_shapes={("tracker_reference", key): (width,) for key, width in shapes.items()}
+            in_keys=[frame],
+            out_shapes={("tracker_reference", key): (*self._ahead.shape, width) for key, width in widths.items()},
         )
         self._library = library
         self._frame = frame
-        self._ahead = ahead
         self._velocities = velocities
 
     def compute(self, tensordict: TensorDictBase) -> dict[NestedKey, Tensor]:
-        frame = tensordict[self._frame]
+        frame = tensordict[self._frame].view(-1, *[1] * self._ahead.ndim)
         states = self._library.states((frame + self._ahead).minimum(self._library.last_frame[frame]))
-        lin_vel, ang_vel = states["keypoint_lin_vel"][:, 0], states["keypoint_ang_vel"][:, 0]
+        velocities = {
+            "joint_vel": states["joint_vel"],
+            "root_lin_vel_w": states["keypoint_lin_vel"][..., 0, :],
+            "root_ang_vel_w": states["keypoint_ang_vel"][..., 0, :],
+        }
+        if not self._velocities:
+            velocities = {key: torch.zeros_like(value) for key, value in velocities.items()}
         entries = {
             "joint_pos": states["joint_pos"],
-            "root_pos_w": states["keypoint_pos"][:, 0],
-            "root_quat_w": states["keypoint_quat"][:, 0],
-            "root_lin_vel_w": lin_vel if self._velocities else torch.zeros_like(lin_vel),
-            "root_ang_vel_w": ang_vel if self._velocities else torch.zeros_like(ang_vel),
-            "anchor_pos_w": states["keypoint_pos"][:, self._library.robot.anchor_index],
+            "root_pos_w": states["keypoint_pos"][..., 0, :],
+            "root_quat_w": states["keypoint_quat"][..., 0, :],
+            "anchor_pos_w": states["keypoint_pos"][..., self._library.robot.anchor_index, :],
+            **velocities,
         }
         return {("tracker_reference", key): value for key, value in entries.items()}

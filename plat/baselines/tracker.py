@@ -4,10 +4,13 @@ from dataclasses import dataclass, fields, replace
 
 import mujoco
 import torch
-from tensordict import TensorDictBase
+from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
+from torchrl.envs import InitTracker, Transform
 
+from plat.baselines.reference import TrackerReference
+from plat.envs.motions.library import MotionLibrary
 from plat.envs.robot import FootContacts, Robot
 
 __all__ = ["Tracker", "tuned_robot"]
@@ -59,12 +62,30 @@ class Tracker(TensorDictModuleBase):
         robot: the robot that it drives, as :func:`tuned_robot` made it.
     """
 
+    ahead: int | tuple[int, ...] = 1
+    """Frames of a dense reference that it is shown, counted from the current one."""
+
     def __init__(self, robot: Robot):
         super().__init__()
-        self.in_keys = ["robot", "tracker_reference", "is_init"]
+        self.in_keys: list[NestedKey] = ["robot", "tracker_reference", "is_init"]
         self.out_keys = ["action"]
         self.robot = robot
         self._memory: dict[str, Tensor] = {}
+
+    def observe(self, library: MotionLibrary, dense: bool) -> list[Transform]:
+        """Transforms that show it what it reads, see :func:`plat.evaluation.evaluate`.
+
+        Args:
+            library: motions of its :attr:`robot`.
+            dense: show the reference itself; otherwise the commanded keyframe, at rest, in the place of every
+                reference frame.
+        """
+        if dense:
+            reference = TrackerReference(library, ahead=self.ahead)
+        else:
+            instead = 0 if isinstance(self.ahead, int) else (0,) * len(self.ahead)
+            reference = TrackerReference(library, ("command", "target_frame"), instead, velocities=False)
+        return [reference, InitTracker()]
 
     def remembered(self, name: str, like: Tensor, starting: Tensor) -> Tensor:
         """What was kept under a name: zeros for robots that are ``starting`` ``[N]``, else a copy."""

@@ -1,5 +1,6 @@
 """Environments put together: dense tracking (stage 1) and sparse timed keyframes (stages 2 and 3)."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import torch
@@ -10,6 +11,7 @@ from plat.envs.robot import FootContacts
 from plat.envs.tracking import MotionTrackingEnv, ResetNoise
 from plat.envs.transforms import (
     HORIZONS,
+    NEXT_FRAME,
     DenseGoal,
     DenseRewards,
     DenseTrackingReward,
@@ -36,7 +38,7 @@ __all__ = ["TaskConfig", "make_keyframe_env", "make_tracking_env"]
 
 # What the policy, the critic or a collector may read. The rest is there for other transforms only; storing it would
 # fill most of a rollout.
-_KEPT_GROUPS = ("robot", "goal", "dense_goal", "command", "privileged", "motion")
+_KEPT_GROUPS = ("robot", "dense_goal", "command", "privileged", "motion")
 _KEPT_STATE = (("state", "root_pos_w"), ("state", "root_quat_w"))
 
 
@@ -114,10 +116,12 @@ def _assemble(
         transforms.append(ObservationNoise(env.robot, config.noise))
     task_env = TransformedEnv(env, Compose(*transforms))
     entries = task_env.observation_spec.keys(True, True)
-    task_env.append_transform(
-        ExcludeTransform(*(key for key in entries if key[0] not in _KEPT_GROUPS and key not in _KEPT_STATE))
-    )
+    task_env.append_transform(ExcludeTransform(*(key for key in entries if not _kept(key))))
     return task_env
+
+
+def _kept(key: tuple[str, ...]) -> bool:
+    return key[0] in _KEPT_GROUPS or key[0].startswith("goal") or key in _KEPT_STATE
 
 
 def _rewards(env: MotionTrackingEnv, config: TaskConfig) -> list[Transform]:
@@ -136,12 +140,14 @@ def make_tracking_env(
     num_envs: int,
     config: TaskConfig | None = None,
     *,
+    goals: Mapping[str, int] = NEXT_FRAME,
     num_threads: int | None = None,
     device: torch.device | str = "cpu",
 ) -> TransformedEnv:
     """Stage 1: follow the reference frame by frame.
 
-    Observations are ``("robot", ...)``, ``("goal", ...)`` (the next reference frame) and ``("privileged", ...)``.
+    Observations are ``("robot", ...)``, ``("goal", ...)`` (the next reference frame) and ``("privileged", ...)``;
+    other ``goals`` are those of a :class:`plat.modules.Expert` that sees several frames.
 
     >>> from plat.envs.motions import generate_motions
     >>> env = make_tracking_env(MotionLibrary.from_clips(generate_motions("train", seconds=8)), num_envs=2)
@@ -156,7 +162,8 @@ def make_tracking_env(
         RegularisationReward(robot, dt, config.regularisation, config.regularisation_weight),
         TrackingTermination(robot, config.limits, max_displacement=config.max_displacement),
     ]
-    return _assemble(env, config, task, [DenseGoal(env.library), PrivilegedState(env.library)])
+    references = [DenseGoal(env.library, group, ahead) for group, ahead in goals.items()]
+    return _assemble(env, config, task, [*references, PrivilegedState(env.library)])
 
 
 def make_keyframe_env(

@@ -2,15 +2,23 @@
 
 from plat.evaluation.records import CommandRecorder, CommandRecords
 from plat.evaluation.report import Estimate, Penalties, report, success_curve
-from plat.evaluation.runner import evaluate, make_evaluation_env
+from plat.evaluation.runner import Observe, evaluate, make_evaluation_env
+from plat.evaluation.table import HEADLINE, METRICS, Metric, Score, markdown, write_csv
 
 __all__ = [
+    "HEADLINE",
+    "METRICS",
     "CommandRecorder",
     "CommandRecords",
     "Estimate",
+    "Metric",
+    "Observe",
     "Penalties",
+    "Score",
     "evaluate",
     "make_evaluation_env",
+    "markdown",
     "report",
     "success_curve",
+    "write_csv",
 ]

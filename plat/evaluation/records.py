@@ -1,13 +1,21 @@
 """What happened to every command of an evaluation."""
 
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
 from tensordict import TensorDictBase
 from torch import Tensor
 
 from plat.envs.motions.library import MotionLibrary
 from plat.envs.transforms.command import CommandSchedule
+from plat.errors import RecordsError
+from plat.files import replace_file
 
 __all__ = ["STEP_METRICS", "WINDOW_METRICS", "CommandRecorder", "CommandRecords"]
 
@@ -42,6 +50,37 @@ class CommandRecords:
     window: dict[str, Tensor]
     arrival_error: Tensor
     step: dict[str, Tensor]
+
+    def of_clips(self, clips: Sequence[int]) -> "CommandRecords":
+        """The rows of some motions."""
+        rows = torch.isin(self.clip, torch.tensor(clips))
+        columns = {name: value[rows] for name, value in vars(self).items() if isinstance(value, Tensor)}
+        window = {name: column[rows] for name, column in self.window.items()}
+        return CommandRecords(**columns, window=window, step={name: column[rows] for name, column in self.step.items()})
+
+    def save(self, path: Path, about: Mapping[str, Any]) -> None:
+        """Write the table and what it is about (JSON values) to a ``.safetensors`` file."""
+        columns = {name: value for name, value in vars(self).items() if isinstance(value, Tensor)}
+        for group in ("window", "step"):
+            columns |= {f"{group}.{name}": column for name, column in getattr(self, group).items()}
+        replace_file(path, lambda part: save_file(columns, part, {"about": json.dumps(dict(about))}))
+
+    @classmethod
+    def load(cls, path: Path) -> "tuple[CommandRecords, dict[str, Any]]":
+        """The table of a file, and what it is about.
+
+        Raises:
+            RecordsError: when the file cannot be read or is another kind of file.
+        """
+        try:
+            with safe_open(path, "pt") as file:
+                columns = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
+                about = json.loads(file.metadata()["about"])
+            window = {name: columns.pop(f"window.{name}") for name in WINDOW_METRICS}
+            step = {name: columns.pop(f"step.{name}") for name in STEP_METRICS}
+            return cls(**columns, window=window, step=step), about
+        except (OSError, SafetensorError, KeyError, TypeError, ValueError) as error:
+            raise RecordsError(f"{str(path)!r}: not a readable file of evaluation records ({error})") from error
 
 
 class CommandRecorder:

@@ -1,5 +1,6 @@
 """From records of commands to the figures of a table, with intervals."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -35,18 +36,60 @@ class Estimate:
 
 
 def report(
-    records: CommandRecords, penalties: Penalties | None = None, resamples: int = 1000, seed: int = 0
+    records: CommandRecords | Sequence[CommandRecords],
+    penalties: Penalties | None = None,
+    resamples: int = 1000,
+    seed: int = 0,
 ) -> dict[str, Estimate]:
     """Figures of timed keyframe tracking.
+
+    Args:
+        records: of a policy, or of several that differ in their training seed, of the same commands.
+        penalties: what a failed command counts as in the figures over all commands.
+        resamples: number of draws behind an interval.
+        seed: draws them.
 
     Returns:
         ``tks`` (%): TKS@3, commands that were not terminated; ``mpjpe`` (rad), ``mpkpe`` and ``mpkpe_root`` (m):
         errors over the commands that reached their window; ``mpjpe_all``, ``mpkpe_all``, ``mpkpe_root_all``: the same
         over all commands, each capped, and a failed one at its cap; ``fall_rate`` (%); ``success_area`` (%): area
         under :func:`success_curve`; ``action_change``, ``joint_jerk`` (rad/s^3), ``foot_slip`` (m/s): means over
-        steps. The intervals come from drawing motions with replacement.
+        steps. The intervals come from drawing motions with replacement, and training seeds as well.
     """
     penalties = penalties or Penalties()
+    runs = [records] if isinstance(records, CommandRecords) else list(records)
+    clips, clip = torch.unique(runs[0].clip, return_inverse=True)
+    if any(not torch.equal(run.clip, runs[0].clip) for run in runs):
+        raise ValueError("records of different commands, expected the same commands for every training seed")
+    ratios = [_ratios(run, penalties) for run in runs]
+    generator = torch.Generator().manual_seed(seed)
+    clip_weights = _draws(len(clips), resamples, generator)
+    run_weights = _draws(len(runs), resamples, generator)
+
+    def per_clip(name: str, part: int) -> Tensor:  # [runs, clips]
+        sums = torch.zeros(len(runs), len(clips), dtype=torch.float64)
+        return sums.index_add_(1, clip, torch.stack([ratio[name][part].double() for ratio in ratios]))
+
+    return {name: _estimate(per_clip(name, 0), per_clip(name, 1), run_weights, clip_weights) for name in ratios[0]}
+
+
+_LARGEST = 0.5  # m: right end of the success curve
+
+
+def success_curve(records: CommandRecords | Sequence[CommandRecords], points: int = 51) -> tuple[Tensor, Tensor]:
+    """Share of commands whose world keypoint error at arrival is at most x, for x from 0 to 0.5 m.
+
+    Returns:
+        x ``[points]`` (m) and shares ``[points]`` in 0..1. A failed command is at no x.
+    """
+    runs = [records] if isinstance(records, CommandRecords) else records
+    error = torch.cat([run.arrival_error for run in runs])
+    thresholds = torch.linspace(0, _LARGEST, points, dtype=torch.float64)
+    return thresholds, (error <= thresholds[:, None]).double().mean(-1)
+
+
+def _ratios(records: CommandRecords, penalties: Penalties) -> dict[str, tuple[Tensor, Tensor]]:
+    """Each figure's numerator and denominator ``[M]``."""
     every = torch.ones_like(records.steps)
     reached = records.window_steps > 0
     ratios: dict[str, tuple[Tensor, Tensor]] = {
@@ -61,36 +104,25 @@ def report(
         ratios[f"{short}_all"] = (capped, every)
     for name in STEP_METRICS:
         ratios[name] = (records.step[name], records.steps)
-    clips, clip = torch.unique(records.clip, return_inverse=True)
-    generator = torch.Generator().manual_seed(seed)
-    draws = torch.randint(len(clips), (resamples, len(clips)), generator=generator)
-    weights = torch.zeros(resamples, len(clips), dtype=torch.float64).scatter_add_(
-        1, draws, torch.ones_like(draws, dtype=torch.float64)
-    )
-    return {name: _estimate(top.double(), bottom.double(), clip, weights) for name, (top, bottom) in ratios.items()}
+    return ratios
 
 
-_LARGEST = 0.5  # m: right end of the success curve
+def _draws(count: int, resamples: int, generator: torch.Generator) -> Tensor:
+    """How often each of ``count`` things is drawn ``[resamples, count]``."""
+    draws = torch.randint(count, (resamples, count), generator=generator)
+    ones = torch.ones_like(draws, dtype=torch.float64)
+    return torch.zeros(resamples, count, dtype=torch.float64).scatter_add_(1, draws, ones)
 
 
-def success_curve(records: CommandRecords, points: int = 51) -> tuple[Tensor, Tensor]:
-    """Share of commands whose world keypoint error at arrival is at most x, for x from 0 to 0.5 m.
-
-    Returns:
-        x ``[points]`` (m) and shares ``[points]`` in 0..1. A failed command is at no x.
-    """
-    thresholds = torch.linspace(0, _LARGEST, points, dtype=torch.float64)
-    return thresholds, (records.arrival_error <= thresholds[:, None]).double().mean(-1)
-
-
-def _estimate(top: Tensor, bottom: Tensor, clip: Tensor, weights: Tensor) -> Estimate:
-    """``sum(top) / sum(bottom)`` and its interval when whole clips are drawn with ``weights`` ``[R, C]``."""
-    count = weights.shape[1]
-    top_of_clip = torch.zeros(count, dtype=torch.float64).index_add_(0, clip, top)
-    bottom_of_clip = torch.zeros(count, dtype=torch.float64).index_add_(0, clip, bottom)
-    resampled = (weights @ top_of_clip) / (weights @ bottom_of_clip)
+def _estimate(top: Tensor, bottom: Tensor, run_weights: Tensor, clip_weights: Tensor) -> Estimate:
+    """``sum(top) / sum(bottom)`` of ``[runs, clips]``, and its interval when both are drawn with weights."""
+    resampled = _weighted(top, run_weights, clip_weights) / _weighted(bottom, run_weights, clip_weights)
     resampled = resampled[resampled.isfinite()]
     if len(resampled) == 0:
         return Estimate(float("nan"), float("nan"), float("nan"))
     low, high = torch.quantile(resampled, torch.tensor([0.025, 0.975], dtype=torch.float64)).tolist()
     return Estimate(float(top.sum() / bottom.sum()), low, high)
+
+
+def _weighted(values: Tensor, run_weights: Tensor, clip_weights: Tensor) -> Tensor:
+    return ((run_weights @ values) * clip_weights).sum(-1)

@@ -1,6 +1,6 @@
 """Run a policy through every command of a schedule."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 
 import torch
 from tensordict.nn import TensorDictModuleBase
@@ -11,6 +11,7 @@ from plat.envs.motions.library import MotionLibrary
 from plat.envs.robot import FootContacts
 from plat.envs.tracking import MotionTrackingEnv
 from plat.envs.transforms import (
+    NEXT_FRAME,
     CommandSchedule,
     DenseGoal,
     Horizon,
@@ -24,7 +25,11 @@ from plat.envs.transforms import (
 )
 from plat.evaluation.records import CommandRecorder, CommandRecords
 
-__all__ = ["evaluate", "make_evaluation_env"]
+__all__ = ["Observe", "evaluate", "make_evaluation_env"]
+
+Observe = Callable[[MotionLibrary, bool], Sequence[Transform]]
+"""Makes the transforms that show a policy what it reads beside the usual groups, of the motions and of whether it is
+shown the dense reference."""
 
 
 def make_evaluation_env(
@@ -33,6 +38,8 @@ def make_evaluation_env(
     num_envs: int,
     *,
     dense: bool = False,
+    goals: Mapping[str, int] = NEXT_FRAME,
+    observe: Observe | None = None,
     limits: TerminationLimits | None = None,
     decimation: int = 4,
     feet: FootContacts = "spheres",
@@ -50,7 +57,9 @@ def make_evaluation_env(
         KeyframeCommand(env.library, schedule.horizon, schedule, group="keyframe" if dense else "goal"),
     ]
     if dense:
-        transforms.append(DenseGoal(env.library))
+        transforms += [DenseGoal(env.library, group, ahead) for group, ahead in goals.items()]
+    if observe is not None:
+        transforms += observe(env.library, dense)
     return TransformedEnv(env, Compose(*transforms))
 
 
@@ -62,6 +71,8 @@ def evaluate(
     *,
     seed: int = 0,
     dense: bool = False,
+    goals: Mapping[str, int] = NEXT_FRAME,
+    observe: Observe | None = None,
     num_envs: int = 256,
     limits: TerminationLimits | None = None,
     decimation: int = 4,
@@ -78,11 +89,13 @@ def evaluate(
     Args:
         policy: deterministic policy that reads the groups ``"robot"``, ``"goal"`` and ``"command"`` and writes
             ``action``.
-        library: motions.
+        library: motions, of the robot that the policy drives.
         horizon: range of the commands' lengths.
         seed: draws the commands.
         dense: show the policy the next reference frame in place of the keyframe; commands still set the windows in
             which it is measured.
+        goals: with ``dense``, the groups in which it is shown the reference, and how many frames ahead each is.
+        observe: shows a policy what it reads beside those groups, as :meth:`plat.baselines.Tracker.observe` does.
         num_envs: robots at a time; the figures do not depend on it.
         limits: when a command has failed.
         decimation: physics steps a control step.
@@ -110,6 +123,8 @@ def evaluate(
         schedule,
         min(num_envs, library.num_clips),
         dense=dense,
+        goals=goals,
+        observe=observe,
         limits=limits,
         decimation=decimation,
         feet=feet,

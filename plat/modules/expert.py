@@ -25,6 +25,8 @@ class ExpertConfig:
     """hidden layers"""
     action: Literal["reference_residual", "default_offset"] = "reference_residual"
     """what the network's output is added to: the joint angles of the goal, or the default pose"""
+    ahead: tuple[int, ...] = (1,)
+    """reference frames that it sees, counted from the current one; ten of them, 0.1 s apart, make it SONIC's kind"""
     init_std: float = 0.6
     """exploration noise at the start, in units of action"""
 
@@ -38,6 +40,9 @@ class Expert(nn.Module):
         robot: the robot.
         config: shape of the network.
 
+    Attributes:
+        goals: the groups that hold the reference, and how many frames ahead each is; the first one is ``"goal"``.
+
     >>> from plat.envs import G1
     >>> expert = Expert(G1, ExpertConfig(hidden=(32,)))
     >>> expert.deployed().out_keys
@@ -48,10 +53,16 @@ class Expert(nn.Module):
         super().__init__()
         self.robot = robot
         self.config = config = config or ExpertConfig()
-        size = observation_size(ROBOT_KEYS + goal_keys(), robot)
-        self.normalizer = ObservationNormalizer(ROBOT_KEYS + goal_keys(), size)
+        self.goals = {"goal" if number == 0 else f"goal_{ahead}": ahead for number, ahead in enumerate(config.ahead)}
+        keys = self._keys(tuple(self.goals))
+        size = observation_size(keys, robot)
+        self.normalizer = ObservationNormalizer(keys, size)
         self.network = mlp(size, config.hidden, robot.num_joints, out_scale=0.1)
         self.noise = GaussianNoise(robot.num_joints, config.init_std)
+
+    @staticmethod
+    def _keys(goals: Sequence[str]) -> tuple[tuple[str, str], ...]:
+        return sum((goal_keys(goal) for goal in goals), ROBOT_KEYS)
 
     def _mean(self, goal: str, out_key: str) -> list[TensorDictModule]:
         """From the normalised observation to the mean action."""
@@ -71,14 +82,18 @@ class Expert(nn.Module):
         kept = ["observation", "loc", "scale", "action", "action_log_prob"]
         return TensorDictSequential(self.normalizer.using(), self.head(), selected_out_keys=kept)
 
-    def deployed(self, goal: str = "goal", out_key: str = "action") -> TensorDictSequential:
+    def deployed(self, goal: str | Sequence[str] = "goal", out_key: str = "action") -> TensorDictSequential:
         """Deterministic policy: writes its mean action to ``out_key``.
 
         Args:
-            goal: the group that holds the goal: ``"goal"``, or ``"dense_goal"`` to label states of another task.
+            goal: the group that holds the goal: ``"goal"``, or ``"dense_goal"`` to label states of another task. For
+                an expert that sees several frames it stands in the place of each, as a keyframe does; the names in
+                ``goals`` give it the reference.
+            out_key: where the action goes.
         """
-        normalizer = self.normalizer.using(ROBOT_KEYS + goal_keys(goal))
-        return TensorDictSequential(normalizer, *self._mean(goal, out_key), selected_out_keys=[out_key])
+        goals = [goal] * len(self.goals) if isinstance(goal, str) else list(goal)
+        normalizer = self.normalizer.using(self._keys(goals))
+        return TensorDictSequential(normalizer, *self._mean(goals[0], out_key), selected_out_keys=[out_key])
 
 
 class Critic(nn.Module):

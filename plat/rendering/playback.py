@@ -1,6 +1,6 @@
 """What a policy does with keyframes, step by step."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,8 +9,9 @@ from tensordict.nn import TensorDictModuleBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from plat.envs.motions.library import MotionLibrary
-from plat.envs.transforms import CommandSchedule, Horizon, ScheduledStarts
-from plat.evaluation.runner import make_evaluation_env
+from plat.deploy import RobotState
+from plat.envs.transforms import NEXT_FRAME, CommandSchedule, Horizon, ScheduledStarts
+from plat.evaluation.runner import Observe, make_evaluation_env
 from plat.keyframes import CONTROL_DT
 from plat.playing import ChaseStep, StepErrors
 
@@ -27,6 +28,7 @@ class Playback:
         steps_left: control steps to its arrival ``[T]``.
         command_length: control steps of the command in all ``[T]``.
         failed: whether the command was failed at this step ``[T]``.
+        reached_qpos: the robot at the end of the step ``[T, 7 + J]``.
         dt: seconds a step.
     """
 
@@ -35,6 +37,7 @@ class Playback:
     steps_left: np.ndarray
     command_length: np.ndarray
     failed: np.ndarray
+    reached_qpos: np.ndarray
     dt: float
 
 
@@ -46,6 +49,9 @@ def play(
     horizon: Horizon,
     *,
     seed: int = 0,
+    dense: bool = False,
+    goals: Mapping[str, int] = NEXT_FRAME,
+    observe: Observe | None = None,
     device: torch.device | str = "cpu",
 ) -> Playback:
     """Let a policy chase the keyframes of a clip, as in :func:`plat.evaluation.evaluate`.
@@ -56,11 +62,15 @@ def play(
         clip: number of the clip.
         horizon: range of the commands' lengths.
         seed: draws the commands.
+        dense, goals, observe: as for :func:`plat.evaluation.evaluate`.
         device: where the policy lives.
     """
     library = library.only(clip).to(device)
-    env = make_evaluation_env(library, CommandSchedule(library, horizon, seed), 1, num_threads=1, device=device)
-    rows: list[tuple[np.ndarray, np.ndarray, int, int, bool]] = []
+    schedule = CommandSchedule(library, horizon, seed)
+    env = make_evaluation_env(
+        library, schedule, 1, dense=dense, goals=goals, observe=observe, num_threads=1, device=device
+    )
+    rows: list[tuple[np.ndarray, np.ndarray, int, int, bool, np.ndarray]] = []
     with set_exploration_type(ExplorationType.DETERMINISTIC):
         tensordict = env.reset()
         starts = next(transform for transform in env.transform if isinstance(transform, ScheduledStarts))
@@ -68,15 +78,14 @@ def play(
             target, steps_left = tensordict["command", "target_frame"], int(tensordict["command", "steps_left"])
             length = steps_left if not rows or rows[-1][2] <= 1 or rows[-1][4] else rows[-1][3]
             qpos = env.base_env.physics.read("qpos")[0].cpu().numpy()
-            tensordict, following = env.step_and_maybe_reset(policy(tensordict))
+            tensordict = env.step(policy(tensordict))
+            reached_qpos = env.base_env.physics.read("qpos")[0].cpu().numpy()
             failed = bool(tensordict["next", "terminated"])
-            rows.append((qpos, library.qpos(target)[0].cpu().numpy(), steps_left, length, failed))
-            tensordict = following
+            rows.append((qpos, library.qpos(target)[0].cpu().numpy(), steps_left, length, failed, reached_qpos))
+            tensordict = env.maybe_reset(env.step_mdp(tensordict))
     env.close()
-    qpos, targets, steps_left, lengths, failed = zip(*rows, strict=True)
-    return Playback(
-        np.stack(qpos), np.stack(targets), np.array(steps_left), np.array(lengths), np.array(failed), library.dt
-    )
+    qpos, targets, steps, lengths, failures, reached = (np.array(column) for column in zip(*rows, strict=True))
+    return Playback(qpos, targets, steps, lengths, failures, reached, library.dt)
 
 
 def record(steps: Iterable[tuple[ChaseStep, StepErrors]]) -> Playback:
@@ -94,13 +103,18 @@ def record(steps: Iterable[tuple[ChaseStep, StepErrors]]) -> Playback:
     """
     rows = [
         (
-            np.concatenate((step.before.root_pos_w, step.before.root_quat_w, step.before.joint_pos)),
+            _qpos(step.before),
             step.command.keyframe.qpos,
             0 if step.holding else step.command.steps_left,
             step.command.length,
             errors.failed,
+            _qpos(step.after),
         )
         for step, errors in steps
     ]
-    qpos, targets, steps_left, lengths, failed = (np.array(column) for column in zip(*rows, strict=True))
-    return Playback(qpos, targets, steps_left, lengths, failed, CONTROL_DT)
+    qpos, targets, steps_left, lengths, failed, reached = (np.array(column) for column in zip(*rows, strict=True))
+    return Playback(qpos, targets, steps_left, lengths, failed, reached, CONTROL_DT)
+
+
+def _qpos(state: RobotState) -> np.ndarray:
+    return np.concatenate((state.root_pos_w, state.root_quat_w, state.joint_pos))

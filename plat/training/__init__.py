@@ -1,10 +1,11 @@
 """What the recipes share: run directories, budgets, metrics files, saved policies."""
 
 from plat.training.budget import Budget
-from plat.training.metrics import MetricsFile
+from plat.training.metrics import MetricsFile, wandb_run
 from plat.training.recipe import RecipeConfig, default_device, report_errors
 from plat.training.run import Run
 from plat.training.saving import load_policy, policy_spec, read_json, save_weights, write_json
+from plat.training.wandb_media import log_scores, log_video
 
 __all__ = [
     "Budget",
@@ -13,9 +14,12 @@ __all__ = [
     "Run",
     "default_device",
     "load_policy",
+    "log_scores",
+    "log_video",
     "policy_spec",
     "read_json",
     "report_errors",
     "save_weights",
+    "wandb_run",
     "write_json",
 ]

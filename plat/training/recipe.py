@@ -43,6 +43,8 @@ class RecipeConfig:
     """robots that are simulated at a time"""
     wandb: bool = False
     """log to wandb as well; offline unless you are logged in"""
+    video_every: float = 900.0
+    """with wandb: seconds between videos of the policy on the first of the motions; 0 for none"""
     save_every: float = 120.0
     """seconds between checkpoints"""
 

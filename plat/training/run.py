@@ -5,7 +5,7 @@
 ``model.safetensors`` the policy's weights at the last checkpoint
 ``metrics.csv``       one row an iteration
 ``checkpoints/``      everything that a resumed run needs; the last two are kept
-``wandb/``            with ``--wandb``
+``wandb/``            with ``--wandb``, and ``videos/``
 ====================  ====================================================================================
 """
 
@@ -13,9 +13,9 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import torch
 from pydantic import TypeAdapter
@@ -30,9 +30,12 @@ from torchrl.checkpoint import CheckpointError as TorchRLCheckpointError
 
 import plat
 from plat.errors import CheckpointError
+from plat.rendering.playback import Playback
 from plat.training.budget import Budget
+from plat.training.films import Films
 from plat.training.metrics import MetricsFile, wandb_run
-from plat.training.saving import policy_spec, read_json, save_weights, write_json
+from plat.training.saving import Policy, complete_spec, policy_spec, read_json, save_weights, write_json
+from plat.training.wandb_media import log_video
 
 __all__ = ["Run"]
 
@@ -50,6 +53,8 @@ class Run:
         resume: go on from the last checkpoint in ``folder``.
         save_every: seconds between checkpoints.
         wandb: log to wandb as well.
+        play: lets the policy as it is now chase keyframes, to be filmed for wandb.
+        video_every: seconds between those films; 0 for none.
 
     Raises:
         CheckpointError: when the directory already holds a run and ``resume`` is False, or the run in it was of
@@ -67,6 +72,8 @@ class Run:
         resume: bool = False,
         save_every: float = 120.0,
         wandb: bool = False,
+        play: Callable[[], Playback] | None = None,
+        video_every: float = 0.0,
     ):
         self.folder = folder
         self.policy = policy
@@ -100,13 +107,18 @@ class Run:
             shutil.rmtree(leftover, ignore_errors=True)
         self._metrics = MetricsFile(folder / "metrics.csv", keep_until=budget.steps)
         self._wandb = wandb_run(folder.name, folder, config) if wandb else None
+        self._films = (
+            Films(folder / "videos", cast(Policy, policy).robot, play, video_every)
+            if wandb and play and video_every
+            else None
+        )
         self._last_save = time.monotonic()
         self._last_line = 0.0
 
     def _restore(self, config: Mapping[str, Any]) -> None:
         path = self.folder / "config.json"
         before = read_json(path)
-        if before.get("policy") != config["policy"]:
+        if complete_spec(before.get("policy"), path) != config["policy"]:
             raise CheckpointError(
                 f"{str(path)!r}: the run was of another policy ({before.get('policy')}), "
                 f"which does not fit {config['policy']}; resume with the settings it was started with"
@@ -133,6 +145,8 @@ class Run:
         self._metrics.write(self.budget.steps, {"seconds": self.budget.seconds, **metrics})
         if self._wandb is not None:
             self._wandb.log(dict(metrics), step=self.budget.steps)
+        if self._films is not None and (video := self._films.take(self.budget.steps)) is not None:
+            log_video(self._wandb, video, self.budget.steps)
         now = time.monotonic()
         if now - self._last_line >= 5 or self.budget.done:
             self._last_line = now
@@ -162,8 +176,10 @@ class Run:
         self._last_save = time.monotonic()
 
     def finish(self) -> None:
-        """Last checkpoint, and the end of the logs."""
+        """Last checkpoint, a note in ``config.json`` of how far training went, and the end of the logs."""
         self.save()
+        path = self.folder / "config.json"
+        write_json(path, {**read_json(path), "finished": self.budget.state_dict()})
         if self._wandb is not None:
             self._wandb.finish()
 

@@ -26,7 +26,7 @@ from plat.modules.refinement import (
     ResidualLatentPolicy,
 )
 
-__all__ = ["Policy", "load_policy", "policy_spec", "read_json", "save_weights", "write_json"]
+__all__ = ["Policy", "complete_spec", "load_policy", "policy_spec", "read_json", "save_weights", "write_json"]
 
 ROBOTS = {G1.name: G1}
 
@@ -67,6 +67,16 @@ def policy_spec(policy: Any) -> dict[str, Any]:
             student = policy_spec(policy.student)
             return {"kind": kind, "robot": policy.robot.name, "config": config, "student": student}
     raise CheckpointError(f"a {found.__name__} is none of the policies that plat saves")
+
+
+def complete_spec(spec: Any, path: Path) -> dict[str, Any]:
+    """A description with every field: those that an older plat did not know yet have their defaults.
+
+    Raises:
+        CheckpointError: naming ``path``, the file that it is from, when it describes no policy.
+    """
+    with torch.random.fork_rng(devices=[]):  # the weights that are drawn here are of no use
+        return policy_spec(_build(spec, path))
 
 
 def load_policy(run: str | Path, device: torch.device | str = "cpu") -> Any:

@@ -37,3 +37,14 @@ def test_any_entry_may_name_the_frame():
     shown = TrackerReference(library, ("command", "target_frame"), ahead=0)._call(tensordict)["tracker_reference"]
     torch.testing.assert_close(shown["root_pos_w"][0], library.frames["keypoint_pos"][50, 0])
     torch.testing.assert_close(shown["anchor_pos_w"][0], library.frames["keypoint_pos"][50, library.robot.anchor_index])
+
+
+def test_several_frames_at_once():
+    together = shown([10, 98], ahead=(0, 5, 1))
+    assert together.shape == (2,)
+    assert together["joint_pos"].shape == together["joint_vel"].shape == (2, 3, 29)
+    for number, ahead in enumerate((0, 5, 1)):
+        alone = shown([10, 98], ahead=ahead)
+        for key, value in alone.items():
+            assert torch.equal(together[key][:, number], value)
+    assert torch.equal(together["root_pos_w"][1, 1], shown([100], ahead=0)["root_pos_w"][0])  # the clip's last frame

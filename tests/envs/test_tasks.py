@@ -64,3 +64,13 @@ def test_statistics_are_collected_and_cleared(library):
     statistics = pop_statistics(env)
     assert {"terminated", "error/keypoint_aligned", "reward/anchor_pos", "reward/action_rate"} <= set(statistics)
     assert pop_statistics(env) == {}
+
+
+def test_a_tracker_may_be_shown_several_frames(library):
+    env = make_tracking_env(library, 3, goals={"goal": 1, "goal_6": 6})
+    state = env.reset()
+    frame = state["motion", "frame"]
+    for group, ahead in (("goal", 1), ("goal_6", 6)):
+        wanted = library.poses((frame + ahead).minimum(library.last_frame[frame]))
+        assert torch.equal(state[group, "joint_pos"], wanted["joint_pos"])
+        assert state[group, "keypoint_pos_b"].shape == (3, 42)

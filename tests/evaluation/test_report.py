@@ -103,3 +103,24 @@ def test_no_command_reached_its_window():
 
 def test_format():
     assert f"{report(records())['tks']:.1f}".startswith("75.0 (")
+
+
+def test_training_seeds_are_averaged_and_drawn():
+    # motions agree, seeds do not: one fails a command in each motion and the other none
+    never = records(failed=torch.tensor([False, False, False, False]))
+    half = records(failed=torch.tensor([False, True, False, True]))
+    tks = report([never, half])["tks"]
+    assert (tks.low, tks.value, tks.high) == (50, 75, 100)
+    assert report([never, never])["tks"] == report(never)["tks"]
+    assert report([records()]) == report(records())
+
+
+def test_a_success_curve_of_several_seeds():
+    near = records(arrival_error=torch.full((4,), 0.1, dtype=torch.float64))
+    far = records(arrival_error=torch.full((4,), 0.3, dtype=torch.float64))
+    assert success_curve([near, far], points=6)[1].tolist() == [0, 0.5, 0.5, 1, 1, 1]
+
+
+def test_seeds_of_different_commands_are_refused():
+    with pytest.raises(ValueError, match="the same commands for every training seed"):
+        report([records(), records(clip=torch.tensor([0, 0, 0, 1]))])

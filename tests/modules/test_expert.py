@@ -56,3 +56,19 @@ def test_critic_sees_more_than_the_policy(library):
     assert any(key[0] == "privileged" for key in critic.observe().in_keys)
     state = make_tracking_env(library, 4).reset()
     assert critic.head()(critic.observe()(state))["state_value"].shape == (4, 1)
+
+
+def test_an_expert_that_sees_several_frames(library):
+    expert = Expert(G1, ExpertConfig(ahead=(1, 6, 11)))
+    assert expert.goals == {"goal": 1, "goal_6": 6, "goal_11": 11}
+    state = make_tracking_env(library, 4, goals=expert.goals).reset()
+    with set_exploration_type(ExplorationType.DETERMINISTIC):
+        acted = expert.actor()(state.clone())["action"]
+    shown = expert.deployed(tuple(expert.goals))(state.clone())["action"]
+    torch.testing.assert_close(shown, acted)
+    # a keyframe stands in the place of every frame
+    alone = state.exclude("goal_6", "goal_11")
+    instead = state.clone().update({"goal_6": state["goal"], "goal_11": state["goal"]})
+    keyframe = expert.deployed()(alone)["action"]
+    torch.testing.assert_close(keyframe, expert.deployed(tuple(expert.goals))(instead)["action"])
+    assert not torch.allclose(keyframe, shown)

@@ -91,7 +91,7 @@ def test_one_seed_one_result(tmp_path, stages, recipe):
     assert rows[0] != rows[2]
 
 
-@pytest.mark.parametrize("recipe", [*STAGES, "evaluate", "demo", "play", "export", "sim_to_sim"])
+@pytest.mark.parametrize("recipe", [*STAGES, "evaluate", "ablations", "demo", "play", "export", "sim_to_sim"])
 def test_help_explains_every_field(recipe):
     text = run(recipe, "--help")
     # tyro shows a field without a docstring as its bare type and default
@@ -169,5 +169,17 @@ def test_bad_input_is_one_clear_line(tmp_path, recipe, arguments, message):
 
 
 def test_wandb_works_offline(tmp_path, stages):
-    run("expert", *stages["expert"], "--steps", 100, "--out", tmp_path / "run", "--wandb")
+    out = run("expert", *stages["expert"], "--steps", 50, "--out", tmp_path / "run", "--wandb", "--video-every", 0.001)
     assert list((tmp_path / "run" / "wandb").glob("offline-run-*"))
+    # a machine without OpenGL says so and goes on
+    assert list((tmp_path / "run" / "videos").glob("*.mp4")) or "no videos for wandb" in out
+
+
+def test_only_an_expert_that_sees_one_frame_can_label(tmp_path, stages):
+    far_sighted = tmp_path / "far-sighted"
+    run("expert", *stages["expert"], "--policy.ahead", 1, 6, "--steps", 100, "--out", far_sighted)
+    for folder in (far_sighted, stages["refine"][-1]):
+        arguments = [*COMMON, *STAGES["distill"], "--expert", folder, "--steps", 100, "--out", tmp_path / "student"]
+        out = subprocess.run(command("distill", *arguments), capture_output=True, text=True, check=False, cwd=ROOT)
+        assert out.returncode == 1
+        assert "expected the run of an expert that sees one reference frame" in out.stderr

@@ -9,7 +9,7 @@ import torch
 from plat.envs import G1
 from plat.errors import CheckpointError
 from plat.modules import Expert, ExpertConfig
-from plat.training import Budget, Run, load_policy, read_json
+from plat.training import Budget, Run, load_policy, read_json, write_json
 
 
 @dataclass
@@ -169,3 +169,28 @@ def test_a_full_disk_leaves_the_last_checkpoint(tmp_path):
     _, _, _, budget = start(tmp_path / "a", resume=True)
     assert budget.steps == 10
     load_policy(tmp_path / "a")
+
+
+def test_a_run_of_an_older_plat_is_resumed(tmp_path):
+    run, *_ = start(tmp_path / "a")
+    run.save()
+    config = read_json(tmp_path / "a" / "config.json")
+    del config["policy"]["config"]["ahead"]  # which it did not know
+    write_json(tmp_path / "a" / "config.json", config)
+    start(tmp_path / "a", resume=True)
+    config["policy"]["config"]["hidden"] = [9]
+    write_json(tmp_path / "a" / "config.json", config)
+    with pytest.raises(CheckpointError, match="another policy"):
+        start(tmp_path / "a", resume=True)
+
+
+def test_a_finished_run_says_how_far_it_went(tmp_path):
+    run, _, _, budget = start(tmp_path / "a")
+    budget.add(70)
+    assert "finished" not in read_json(tmp_path / "a" / "config.json")
+    run.finish()
+    finished = read_json(tmp_path / "a" / "config.json")["finished"]
+    assert finished["steps"] == 70
+    assert finished["seconds"] > 0
+    start(tmp_path / "a", resume=True)  # and one that goes on is not finished
+    assert "finished" not in read_json(tmp_path / "a" / "config.json")

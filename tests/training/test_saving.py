@@ -18,6 +18,7 @@ from plat.modules import (
     ResidualLatentPolicy,
 )
 from plat.training import load_policy, policy_spec, save_weights, write_json
+from plat.training.saving import complete_spec
 from tests.modules.test_imitation import SMALL
 
 POLICIES = {
@@ -126,3 +127,14 @@ def test_a_write_that_fails_leaves_the_old_file(run, monkeypatch):
 def test_other_modules_are_refused():
     with pytest.raises(CheckpointError, match="Linear is none of the policies"):
         policy_spec(torch.nn.Linear(1, 1))
+
+
+def test_a_description_is_completed_and_draws_nothing(run):
+    spec = json.loads((run / "config.json").read_text())["policy"]
+    whole = json.loads(json.dumps(spec))
+    del spec["config"]["init_std"], spec["config"]["ahead"]
+    state = torch.random.get_rng_state()
+    assert complete_spec(spec, run / "config.json") == whole
+    assert torch.equal(torch.random.get_rng_state(), state)
+    with pytest.raises(CheckpointError, match="config.json': 'policy' is not an object"):
+        complete_spec(None, run / "config.json")

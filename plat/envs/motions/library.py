@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import re
 import tempfile
 import warnings
 import zlib
@@ -94,14 +95,46 @@ class MotionLibrary:
         table, start, length = (t.to(device) for t in (self._table, self.clip_start, self.clip_length))
         return MotionLibrary(table, start, length, self.clip_names, self.dt, self.robot)
 
-    def only(self, clip: int) -> "MotionLibrary":
-        """A library of a single clip."""
-        start, length = int(self.clip_start[clip]), int(self.clip_length[clip])
-        table = self._table[start : start + length]
-        first = torch.zeros(1, dtype=torch.int64, device=self.device)
-        return MotionLibrary(
-            table, first, self.clip_length[clip : clip + 1], [self.clip_names[clip]], self.dt, self.robot
-        )
+    def only(self, *clips: int) -> "MotionLibrary":
+        """A library of some of the clips, in the order given."""
+        length = self.clip_length[list(clips)]
+        starts = (int(self.clip_start[clip]) for clip in clips)
+        parts = [self._table[start : start + count] for start, count in zip(starts, length.tolist(), strict=True)]
+        names = [self.clip_names[clip] for clip in clips]
+        return MotionLibrary(torch.cat(parts), length.cumsum(0) - length, length, names, self.dt, self.robot)
+
+    def named(self, pattern: str) -> list[int]:
+        """Numbers of the clips whose names a regular expression is found in, large or small letters alike.
+
+        Raises:
+            MotionError: when the expression is broken, or is found in no name.
+
+        >>> from plat.envs.motions import generate_motions
+        >>> library = MotionLibrary.from_clips(generate_motions("train", seconds=8))
+        >>> library.only(*library.named("reach|walk")).clip_names
+        ['reach_train_000']
+        """
+        try:
+            expression = re.compile(pattern, re.IGNORECASE)
+        except re.error as error:
+            raise MotionError(f"clip names: {pattern!r} is not a regular expression ({error})") from error
+        found = [clip for clip, name in enumerate(self.clip_names) if expression.search(name)]
+        if not found:
+            shown = ", ".join(repr(name) for name in self.clip_names[:3])
+            raise MotionError(
+                f"clip names: {pattern!r} is in none of the {self.num_clips}, which are called {shown} and so on"
+            )
+        return found
+
+    def for_robot(self, robot: Robot) -> "MotionLibrary":
+        """The same motions for a robot that differs in nothing but its motors.
+
+        Raises:
+            MotionError: when it has another description or other keypoints.
+        """
+        if (robot.asset, robot.keypoints) != (self.robot.asset, self.robot.keypoints):
+            raise MotionError(f"motions of robot {self.robot.name!r}: robot {robot.name!r} has another body")
+        return MotionLibrary(self._table, self.clip_start, self.clip_length, self.clip_names, self.dt, robot)
 
     def poses(self, frame: Tensor) -> TensorDict:
         """``joint_pos``, ``keypoint_pos`` and ``keypoint_quat`` of frames ``[*B]``."""

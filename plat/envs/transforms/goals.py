@@ -1,5 +1,8 @@
 """The dense goal: the reference a few frames ahead."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
@@ -8,7 +11,10 @@ from plat.envs.layout import entry_shapes
 from plat.envs.motions.library import MotionLibrary
 from plat.envs.transforms.base import ObservationTransform
 
-__all__ = ["DenseGoal"]
+__all__ = ["NEXT_FRAME", "DenseGoal"]
+
+NEXT_FRAME: Mapping[str, int] = MappingProxyType({"goal": 1})
+"""What a dense tracker is shown by default: groups by name, and how many frames ahead each is."""
 
 
 class DenseGoal(ObservationTransform):

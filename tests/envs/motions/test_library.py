@@ -1,3 +1,4 @@
+import dataclasses
 import os
 import resource
 import subprocess
@@ -10,7 +11,8 @@ import pytest
 import torch
 from safetensors.torch import save
 
-from plat.envs import MotionLibrary
+from plat.baselines import tuned_robot
+from plat.envs import G1, MotionLibrary
 from plat.envs.motions import MotionClip, cache_dir, save_motions
 from plat.errors import MotionError
 from tests.conftest import standing_clip
@@ -201,3 +203,34 @@ def test_real_motions_load(shared_data, tmp_path, monkeypatch):
     assert library.num_clips == 272
     assert library.duration == pytest.approx(1411, abs=3)  # from each clip's first to its last frame
     assert np.isfinite(library.frames["keypoint_ang_vel"].numpy()).all()
+
+
+def test_some_clips_in_the_order_given():
+    library = MotionLibrary.from_clips([standing_clip("a", 31), standing_clip("b", 61), standing_clip("c", 46)])
+    some = library.only(2, 0)
+    assert some.clip_names == ["c", "a"]
+    assert some.clip_length.tolist() == library.clip_length[[2, 0]].tolist()
+    for number, clip in enumerate((2, 0)):
+        alone = library.only(clip)
+        start, length = int(some.clip_start[number]), int(some.clip_length[number])
+        torch.testing.assert_close(some.frames[start : start + length], alone.frames, rtol=0, atol=0)
+
+
+def test_clips_are_found_by_name():
+    library = MotionLibrary.from_clips([standing_clip(name) for name in ("run_old_001", "walk_001", "Dance_run")])
+    assert library.named("run|kick") == [0, 2]
+    assert library.named("dance|^walk") == [1, 2]
+    with pytest.raises(MotionError, match="'jump' is in none of the 3, which are called 'run_old_001'"):
+        library.named("jump")
+    with pytest.raises(MotionError, match=r"'run\(' is not a regular expression"):
+        library.named("run(")
+
+
+def test_the_same_motions_for_other_motors():
+    library = MotionLibrary.from_clips([standing_clip()])
+    soft = tuned_robot(G1, "soft", 0.5 * G1.stiffness, G1.damping, G1.effort_limit)
+    other = library.for_robot(soft)
+    assert other.robot is soft
+    assert other.frames["keypoint_pos"].equal(library.frames["keypoint_pos"])
+    with pytest.raises(MotionError, match="motions of robot 'g1': robot 'short' has another body"):
+        library.for_robot(dataclasses.replace(G1, name="short", keypoints=G1.keypoints[:5]))

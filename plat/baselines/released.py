@@ -1,0 +1,32 @@
+"""The released trackers whose files a user has."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from plat.baselines.sonic import Sonic
+from plat.baselines.tracker import Tracker
+from plat.baselines.twist2 import Twist2
+from plat.baselines.wbc import Wbc
+
+__all__ = ["ReleasedTrackers"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReleasedTrackers:
+    """Files of released dense trackers, which plat does not ship."""
+
+    sonic: Path | None = None
+    """folder with SONIC's model_encoder.onnx and model_decoder.onnx"""
+    twist2: Path | None = None
+    """TWIST2's .onnx"""
+    wbc: Path | None = None
+    """the .onnx of wbc-mjlab"""
+
+    def load(self) -> dict[str, Tracker]:
+        """Those that were given, by their names in tables.
+
+        Raises:
+            CheckpointError: when a file cannot be read or is another network.
+        """
+        kinds = {"SONIC": (Sonic, self.sonic), "TWIST2": (Twist2, self.twist2), "wbc": (Wbc, self.wbc)}
+        return {name: kind(path) for name, (kind, path) in kinds.items() if path is not None}

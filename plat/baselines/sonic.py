@@ -1,0 +1,113 @@
+"""SONIC: its observation, action and motors. Not yet run with the released weights."""
+
+from pathlib import Path
+
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+
+from plat.baselines.onnx import OnnxPolicy
+from plat.baselines.tracker import Tracker, tuned_robot
+from plat.envs.robot import G1, Robot
+from plat.rotations import quat_conjugate, quat_multiply, quat_to_matrix
+
+__all__ = ["Sonic", "sonic_robot"]
+
+_FRAMES = 10  # of the reference, 0.1 s apart, and of the history, a control step apart
+_TOKEN = 64
+# Entries of the encoder's observation that other inputs than a robot's motion fill (VR trackers, human bodies); for
+# a robot's motion they are 0: between joint velocities and orientations, and after those.
+_UNUSED_BETWEEN, _UNUSED_AFTER = 10 + 1 + 6, 240 + 9 + 12 + 720 + 60 + 60
+
+
+def sonic_robot(robot: Robot = G1) -> Robot:
+    """The robot with the motor settings that SONIC was trained for: hip pitch has the motor of hip roll."""
+    settings = torch.stack((robot.stiffness, robot.damping, robot.effort_limit))
+    for side in ("left", "right"):
+        pitch, roll = (robot.joint_names.index(f"{side}_hip_{axis}") for axis in ("pitch", "roll"))
+        settings[:, pitch] = settings[:, roll]
+    return tuned_robot(robot, f"{robot.name}-sonic", *settings)
+
+
+class Sonic(Tracker):
+    """The released SONIC policy: an encoder of ten reference frames into a token, and a decoder that acts on it.
+
+    **Unverified**: the layout is that of the published deployment code, and the adapter is tested with networks of the
+    same shapes only, not with the released weights. Compare dense tracking before you quote its figures.
+
+    The encoder (``model_encoder.onnx``, 1762 to 64) sees a mode (0: a robot's motion, four numbers), joint angles
+    (rad) and velocities (rad/s) of the frames now, 0.1 s ahead, and so on to 0.9 s, and the orientation of their root
+    in the robot's root (the first two columns of the matrix, row by row); what belongs to other modes is 0. The decoder
+    (``model_decoder.onnx``, 994 to 29) sees the token and ten control steps up to now, oldest first, each quantity by
+    itself: angular velocity, joint angles from the default pose, joint velocities, last raw actions and gravity
+    direction; in the first steps the first measurement stands in for what is missing. Joints are in order of their
+    depth in the kinematic tree.
+
+    Args:
+        folder: holds the two files.
+        robot: the robot, as :func:`sonic_robot` makes it.
+
+    Source: Luo et al., "SONIC: Supersizing Motion Tracking for Natural Humanoid Whole-Body Control", arXiv 2511.07820;
+    ``observation_config.yaml`` of its release and the deployment code beside it, NVlabs/GR00T-WholeBodyControl.
+    """
+
+    ahead = tuple(range(0, 5 * _FRAMES, 5))
+
+    def __init__(self, folder: str | Path, robot: Robot | None = None):
+        super().__init__(robot or sonic_robot())
+        self.in_keys = [*self.in_keys, ("state", "root_quat_w")]
+        joints = self.robot.num_joints
+        encoder_size = 4 + _FRAMES * (2 * joints + 6) + _UNUSED_BETWEEN + _UNUSED_AFTER
+        decoder_size = _TOKEN + _FRAMES * (6 + 3 * joints)
+        self._encoder = OnnxPolicy(Path(folder) / "model_encoder.onnx", encoder_size, _TOKEN)
+        self._decoder = OnnxPolicy(Path(folder) / "model_decoder.onnx", decoder_size, joints)
+        self._order = _by_depth(self.robot)
+        self._back = self._order.argsort()
+
+    def targets(self, tensordict: TensorDictBase, joint_pos: Tensor, starting: Tensor) -> Tensor:
+        measured, order = tensordict["robot"], self._order.to(joint_pos.device)
+        last = self.remembered("action", joint_pos, starting)
+        quantities = {
+            "root_ang_vel_b": measured["root_ang_vel_b"],
+            "joint_pos": measured["joint_pos"][:, order],
+            "joint_vel": measured["joint_vel"][:, order],
+            "last_action": last,
+            "gravity_b": measured["gravity_b"],
+        }
+        past = [self._with_past(name, now, starting).flatten(1) for name, now in quantities.items()]
+        token = self._encoder(self._reference(tensordict["tracker_reference"], tensordict["state", "root_quat_w"]))
+        action = self._decoder(torch.cat((token, *past), -1))
+        self.remember("action", action)
+        scale = self.robot.action_scale.to(action)
+        return self.robot.default_joint_pos.to(action) + scale * action[:, self._back.to(action.device)]
+
+    def _reference(self, reference: TensorDictBase, root_quat_w: Tensor) -> Tensor:
+        order = self._order.to(root_quat_w.device)
+        turn = quat_multiply(quat_conjugate(root_quat_w)[:, None], reference["root_quat_w"])
+        parts = (
+            root_quat_w.new_zeros(len(root_quat_w), 4),
+            reference["joint_pos"][..., order].flatten(1),
+            reference["joint_vel"][..., order].flatten(1),
+            root_quat_w.new_zeros(len(root_quat_w), _UNUSED_BETWEEN),
+            quat_to_matrix(turn)[..., :2].flatten(1),
+            root_quat_w.new_zeros(len(root_quat_w), _UNUSED_AFTER),
+        )
+        return torch.cat(parts, -1)
+
+    def _with_past(self, name: str, now: Tensor, starting: Tensor) -> Tensor:
+        """The last ten values ``[N, 10, n]`` of a quantity ``[N, n]``, oldest first, with the one of now."""
+        repeated = now[:, None].expand(-1, _FRAMES, -1)
+        past = torch.cat((self.remembered(f"past {name}", repeated, starting)[:, 1:], now[:, None]), 1)
+        past = torch.where(starting[:, None, None], repeated, past)
+        self.remember(f"past {name}", past)
+        return past
+
+
+def _by_depth(robot: Robot) -> Tensor:
+    """Joints ``[J]`` in the order of their depth in the kinematic tree."""
+    model = robot.model()
+    depth = [0] * model.nbody
+    for body in range(1, model.nbody):
+        depth[body] = depth[model.body_parentid[body]] + 1
+    joints = [depth[body] for body in model.jnt_bodyid[1:]]
+    return torch.tensor(joints).argsort(stable=True)

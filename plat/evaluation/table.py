@@ -1,0 +1,111 @@
+"""Scores of several policies as tables."""
+
+import csv
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from plat.evaluation.records import CommandRecords
+from plat.evaluation.report import Estimate, report
+from plat.files import replace_file
+
+__all__ = ["HEADLINE", "METRICS", "Metric", "Score", "markdown", "write_csv"]
+
+
+@dataclass(frozen=True)
+class Metric:
+    """How a figure of :func:`plat.evaluation.report` is written."""
+
+    title: str
+    unit: str
+    digits: int
+    higher_is_better: bool = False
+
+    @property
+    def heading(self) -> str:
+        """Title and unit."""
+        return f"{self.title} ({self.unit})" if self.unit else self.title
+
+
+METRICS = {
+    "tks": Metric("TKS@3", "%", 1, higher_is_better=True),
+    "mpjpe": Metric("MPJPE@3", "rad", 3),
+    "mpkpe": Metric("MPKPE@3", "m", 3),
+    "mpkpe_root": Metric("MPKPE@3 in the root frame", "m", 3),
+    "mpjpe_all": Metric("MPJPE@3, all commands", "rad", 3),
+    "mpkpe_all": Metric("MPKPE@3, all commands", "m", 3),
+    "mpkpe_root_all": Metric("MPKPE@3 in the root frame, all commands", "m", 3),
+    "success_area": Metric("area under the success curve", "%", 1, higher_is_better=True),
+    "fall_rate": Metric("falls", "%", 1),
+    "action_change": Metric("change of action", "", 3),
+    "joint_jerk": Metric("joint jerk", "rad/s³", 0),
+    "foot_slip": Metric("foot slip", "m/s", 3),
+}
+"""Every figure, in the order of the tables."""
+HEADLINE = ("tks", "mpjpe", "mpkpe")
+"""The paper's three."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """What a policy scored at one horizon.
+
+    Attributes:
+        policy: its name in tables and figures.
+        horizon: name of the horizon.
+        records: the commands' records, one table a training seed.
+        figures: their :func:`plat.evaluation.report`.
+    """
+
+    policy: str
+    horizon: str
+    records: tuple[CommandRecords, ...]
+    figures: dict[str, Estimate]
+
+    @classmethod
+    def of(cls, policy: str, horizon: str, records: Sequence[CommandRecords]) -> "Score":
+        """The score that records amount to."""
+        return cls(policy, horizon, tuple(records), report(records))
+
+
+def write_csv(path: Path, scores: Iterable[Score]) -> None:
+    """One line a policy, horizon and figure: its value, its 95 % interval, and how many training seeds it is of."""
+    lines = []
+    for score in scores:
+        for name, figure in score.figures.items():
+            values = [f"{value:.6g}" for value in (figure.value, figure.low, figure.high)]
+            lines.append([score.policy, score.horizon, len(score.records), name, *values])
+
+    def write(part: Path) -> None:
+        with part.open("w", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(["policy", "horizon", "seeds", "metric", "value", "low", "high"])
+            writer.writerows(lines)
+
+    replace_file(path, write)
+
+
+def markdown(scores: Sequence[Score]) -> str:
+    """The paper's table, horizons side by side, and below it one table a horizon: every figure with its interval."""
+    cells = {(score.policy, score.horizon): _headline(score) for score in scores}
+    horizons = list(dict.fromkeys(score.horizon for score in scores))
+    overview = [[" / ".join(METRICS[name].heading for name in HEADLINE), *horizons]]
+    for policy in dict.fromkeys(score.policy for score in scores):
+        overview.append([policy, *(cells.get((policy, horizon), "") for horizon in horizons)])
+    parts = [_table(overview)]
+    for horizon in horizons:
+        columns = [score for score in scores if score.horizon == horizon]
+        rows = [["", *(score.policy for score in columns)]]
+        for name, metric in METRICS.items():
+            rows.append([metric.heading, *(f"{score.figures[name]:.{metric.digits}f}" for score in columns)])
+        parts.append(f"**{horizon}**\n\n{_table(rows)}")
+    return "\n\n".join(parts) + "\n"
+
+
+def _headline(score: Score) -> str:
+    return " / ".join(f"{score.figures[name].value:.{METRICS[name].digits}f}" for name in HEADLINE)
+
+
+def _table(rows: Sequence[Sequence[str]]) -> str:
+    head, *body = (f"| {' | '.join(row)} |" for row in rows)
+    return "\n".join([head, "|" + "---|" * len(rows[0]), *body])

@@ -1,0 +1,325 @@
+"""The paper's ablation: every row at every horizon, by the same commands, as tables and figures.
+
+python recipes/ablations.py --runs runs/ablations --motions test.npz --out runs/ablations/scores
+
+``--runs`` holds one run a row: sonic-style, expert (Scratch RL), plain (without the privileged latent), dagger,
+finetune, action and plat; of rows with several training seeds plat-seed0, plat-seed1 and so on. A row whose run is not
+there is left out. ``--train`` trains what is missing or unfinished first. Everything that is done is kept: started
+again after it was killed, the recipe goes on where it was.
+"""
+
+import hashlib
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+import evaluate
+import tyro
+from evaluate import Entrant, HorizonName
+
+# isort: split
+import distill
+import expert
+import refine
+
+import plat
+from plat.baselines import ReleasedTrackers
+from plat.envs import MotionLibrary
+from plat.errors import MotionError, PlatError, RecordsError
+from plat.evaluation import CommandRecords, Score, markdown, write_csv
+from plat.files import replace_file
+from plat.modules import ExpertConfig
+from plat.rendering import pyplot
+from plat.training import default_device, log_scores, read_json, report_errors, wandb_run
+
+
+@dataclass(frozen=True, kw_only=True)
+class Training:
+    """How rows are trained: the same steps and settings for all rows of a stage."""
+
+    motions: tuple[str, ...] = ()
+    """motion files, folders or globs to train on"""
+    mirror: bool = False
+    """train on the mirror image of every motion as well"""
+    expert_steps: int = 12_000_000
+    """environment steps of each tracker (stage 1)"""
+    student_steps: int = 3_000_000
+    """environment steps of each student (stage 2)"""
+    refine_steps: int = 3_000_000
+    """environment steps of each refined policy (stage 3)"""
+    seeds: tuple[int, ...] = (0, 1, 2)
+    """training seeds of the refined policies; trackers and students are trained with the first"""
+    num_envs: int = 512
+    """robots that are simulated at a time"""
+
+
+@dataclass(kw_only=True)
+class AblationsRecipe:
+    """Score every row of the ablation, and train it first if asked."""
+
+    runs: Path
+    """folder with one run a row"""
+    motions: tuple[str, ...]
+    """motion files, folders or globs to score on; "generated:test" for the motions that plat makes itself"""
+    out: Path
+    """folder for tables, figures and records"""
+    train: bool = False
+    """train the rows that RUNS lacks or that are unfinished"""
+    training: Training = field(default_factory=Training)
+    trackers: ReleasedTrackers = field(default_factory=ReleasedTrackers)
+    hard: str = "run|dance|kick|punch|slash"
+    """motions whose names this regular expression is found in get tables and figures of their own"""
+    horizon: tuple[HorizonName, ...] = ("single", "short", "medium", "long", "mixed")
+    """lengths of the commands"""
+    clip: str | None = None
+    """the film strips show the first motion whose name this is found in; by default the first of all"""
+    seed: int = 0
+    """draws the commands"""
+    num_envs: int = 256
+    """robots that are simulated at a time while scoring; the figures do not depend on it"""
+    wandb: bool = False
+    """log table and figures to wandb as well; offline unless you are logged in"""
+    device: str = field(default_factory=default_device)
+    """where networks and tensors live"""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row that plat trains.
+
+    Attributes:
+        name: in tables and figures.
+        folder: of its run.
+        steps: the setting that says how long it is trained.
+        train: trains it into a folder.
+        seeds: whether it is trained with every seed.
+    """
+
+    name: str
+    folder: str
+    steps: Literal["expert_steps", "student_steps", "refine_steps"]
+    train: Callable[[Path, dict[str, Any]], None]
+    seeds: bool = False
+
+
+def train_expert(runs: Path, settings: dict[str, Any], **policy: Any) -> None:
+    """Stage 1."""
+    expert.main(expert.ExpertRecipe(policy=ExpertConfig(**policy), **settings))
+
+
+def train_student(runs: Path, settings: dict[str, Any], student: Literal["latent", "plain"]) -> None:
+    """Stage 2."""
+    distill.main(distill.DistillRecipe(expert=runs / "expert", student=student, **settings))
+
+
+def train_refined(runs: Path, settings: dict[str, Any], variant: Literal["latent-noise", "action", "finetune"]) -> None:
+    """Stage 3."""
+    refine.main(refine.RefineRecipe(student=runs / "dagger", variant=variant, **settings))
+
+
+# in the order of the paper's table; a row is trained after those above it, which it may need
+ROWS = (
+    Row("SONIC-style", "sonic-style", "expert_steps", partial(train_expert, ahead=tuple(range(1, 50, 5)))),
+    Row("Scratch RL", "expert", "expert_steps", train_expert),
+    Row("w/o privileged latent", "plain", "student_steps", partial(train_student, student="plain")),
+    Row("DAgger", "dagger", "student_steps", partial(train_student, student="latent")),
+    Row("Direct RL fine-tune", "finetune", "refine_steps", partial(train_refined, variant="finetune"), True),
+    Row("Residual action", "action", "refine_steps", partial(train_refined, variant="action"), True),
+    Row("PLAT", "plat", "refine_steps", partial(train_refined, variant="latent-noise"), True),
+)
+ORDER = ("SONIC", "SONIC-style", "TWIST2", "wbc", *(row.name for row in ROWS[1:]))
+TRACKERS = ("SONIC", "SONIC-style", "TWIST2", "wbc", "Scratch RL")
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A policy of a row: its name in files, what it is made of, and how to load it, densely or sparsely evaluated."""
+
+    slug: str
+    files: tuple[Path, ...]
+    load: Callable[[bool], Entrant]
+
+
+def main(recipe: AblationsRecipe) -> dict[str, list[Score]]:
+    """Run the recipe: the scores of each split."""
+    pyplot()  # what is missing had better be said before hours of work
+    released = released_rows(recipe.trackers)
+    if recipe.train:
+        train(recipe)
+    rows = released | trained_rows(recipe)
+    rows = {name: rows[name] for name in ORDER if name in rows}
+    if not rows:
+        raise PlatError(f"--runs {str(recipe.runs)!r}: holds none of the runs {[row.folder for row in ROWS]}")
+    library = MotionLibrary.load(recipe.motions)
+    shown = evaluate.first_named(library, recipe.clip)
+    print(f"{library.num_clips} motions, {library.duration:.0f} s; 95 % intervals over motions and training seeds")
+    evaluate.print_head()
+    scores = score(rows, library, recipe.horizon, recipe)
+    splits = {"all": scores}
+    try:
+        hard = library.named(recipe.hard)
+        splits["hard"] = [
+            Score.of(s.policy, s.horizon, [records.of_clips(hard) for records in s.records]) for s in scores
+        ]
+        print(f"hard: {len(hard)} of the motions")
+    except MotionError as error:
+        print(f"no hard split: {error}")
+    print("\nwith the dense reference, for comparison")
+    trackers = {name: candidates for name, candidates in rows.items() if name in TRACKERS}
+    dense_horizon: HorizonName = "mixed" if "mixed" in recipe.horizon else recipe.horizon[0]
+    splits["dense"] = score(trackers, library, (dense_horizon,), recipe, dense=True)
+    pictures: dict[str, list[Path]] = {}
+    for split, of_split in splits.items():
+        if of_split:
+            pictures[split] = write(recipe.out / split, of_split, rows)
+    first = {name: candidates[0].load(False) for name, candidates in rows.items()}
+    pictures["all"] += evaluate.draw_strips(recipe.out / "all", first, shown, recipe.seed, recipe.device)
+    if recipe.wandb:
+        with wandb_run("ablations", recipe.out, {"motions": recipe.motions, "runs": str(recipe.runs)}) as run:
+            log_scores(run, scores, pictures["all"])
+    print(f"\ntables and figures: {recipe.out}/{{{','.join(pictures)}}}")
+    return splits
+
+
+def train(recipe: AblationsRecipe) -> None:
+    """Train every run that is not there or not finished."""
+    if not recipe.training.motions:
+        raise PlatError("--train needs motions to train on: --training.motions")
+    for row in ROWS:
+        steps = getattr(recipe.training, row.steps)
+        for seed in recipe.training.seeds if row.seeds else recipe.training.seeds[:1]:
+            out = recipe.runs / (f"{row.folder}-seed{seed}" if row.seeds else row.folder)
+            if steps_of(out) >= steps:
+                print(f"{row.name}: {out} is done")
+                continue
+            print(f"\n{row.name}: {out}", flush=True)
+            settings = {
+                "motions": recipe.training.motions,
+                "mirror": recipe.training.mirror,
+                "num_envs": recipe.training.num_envs,
+                "out": out,
+                "steps": steps,
+                "seed": seed,
+                "resume": True,
+                "wandb": recipe.wandb,
+                "device": recipe.device,
+            }
+            row.train(recipe.runs, settings)
+
+
+def steps_of(run: Path) -> int:
+    """Steps of a finished run; 0 where there is none."""
+    config = run / "config.json"
+    return int(read_json(config).get("finished", {}).get("steps", 0)) if config.exists() else 0
+
+
+def released_rows(trackers: ReleasedTrackers) -> dict[str, list[Candidate]]:
+    """Rows of the released trackers whose files were given."""
+    loaded = trackers.load()
+    rows = {}
+    for name, path in {"SONIC": trackers.sonic, "TWIST2": trackers.twist2, "wbc": trackers.wbc}.items():
+        if path is None:
+            print(f"{name}: left out, give --trackers.{name.lower()}")
+            continue
+        files = tuple(sorted(path.glob("*.onnx"))) if path.is_dir() else (path,)
+        rows[name] = [Candidate(name.lower(), files, partial(Entrant.of_tracker, loaded[name]))]
+    return rows
+
+
+def trained_rows(recipe: AblationsRecipe) -> dict[str, list[Candidate]]:
+    """Rows whose runs are there."""
+    rows = {}
+    for row in ROWS:
+        places = (recipe.runs / row.folder, *sorted(recipe.runs.glob(f"{row.folder}-seed*")))
+        runs = [run for run in places if (run / "model.safetensors").exists()]
+        if not runs:
+            print(f"{row.name}: left out, no run {recipe.runs / row.folder} (or {row.folder}-seed0 and so on)")
+            continue
+        rows[row.name] = [
+            Candidate(
+                run.name,
+                (run / "config.json", run / "model.safetensors"),
+                partial(Entrant.of_run, run, recipe.device),
+            )
+            for run in runs
+        ]
+    return rows
+
+
+def score(
+    rows: dict[str, list[Candidate]],
+    library: MotionLibrary,
+    horizons: Sequence[str],
+    recipe: AblationsRecipe,
+    dense: bool = False,
+) -> list[Score]:
+    """Scores of every row, from records that are there or made now."""
+    motions = digest(library.frames[entry].cpu().numpy().tobytes() for entry in ("joint_pos", "keypoint_pos"))
+    scores = []
+    for horizon in horizons:
+        for name, candidates in rows.items():
+            started = time.monotonic()
+            records = [records_of(candidate, library, motions, horizon, dense, recipe) for candidate in candidates]
+            scores.append(Score.of(name, horizon, records))
+            evaluate.print_score(scores[-1], time.monotonic() - started)
+    return scores
+
+
+def records_of(
+    candidate: Candidate, library: MotionLibrary, motions: str, horizon: str, dense: bool, recipe: AblationsRecipe
+) -> CommandRecords:
+    """What a policy did with the commands: read, if it is known of these very weights and motions, else found out."""
+    about = {
+        "policy": digest(path.read_bytes() for path in candidate.files),
+        "motions": motions,
+        "horizon": horizon,
+        "seed": recipe.seed,
+        "dense": dense,
+        "plat": plat.__version__,
+    }
+    path = recipe.out / "records" / f"{candidate.slug}-{horizon}{'-dense' if dense else ''}.safetensors"
+    if path.exists():
+        try:
+            records, known = CommandRecords.load(path)
+        except RecordsError as error:
+            print(f"evaluated again: {error}")
+        else:
+            if known == about:
+                return records
+    records = candidate.load(dense).evaluate(
+        library, horizon, seed=recipe.seed, num_envs=recipe.num_envs, device=recipe.device
+    )
+    records.save(path, about)
+    return records
+
+
+def digest(parts: Iterable[bytes]) -> str:
+    """Fingerprint of some bytes."""
+    total = hashlib.blake2b(digest_size=16)
+    for part in parts:
+        total.update(hashlib.blake2b(part).digest())
+    return total.hexdigest()
+
+
+def write(folder: Path, scores: Sequence[Score], rows: dict[str, list[Candidate]]) -> list[Path]:
+    """Write ``scores.md``, ``scores.csv`` and the figures of a split; the figures."""
+    write_csv(folder / "scores.csv", scores)
+    made_of = ["| row | runs |", "|---|---|"]
+    made_of += [f"| {name} | {', '.join(map(described, candidates))} |" for name, candidates in rows.items()]
+    text = f"{markdown(scores)}\n" + "\n".join(made_of) + "\n"
+    replace_file(folder / "scores.md", lambda part: part.write_text(text, encoding="utf-8"))
+    return evaluate.draw_scores(folder, scores)
+
+
+def described(candidate: Candidate) -> str:
+    """Name of a policy, and how long it was trained where that is known."""
+    steps = steps_of(candidate.files[0].parent) if candidate.files[0].name == "config.json" else 0
+    return f"{candidate.slug} ({steps:,} steps)" if steps else candidate.slug
+
+
+if __name__ == "__main__":
+    with report_errors():
+        main(tyro.cli(AblationsRecipe))

@@ -1,0 +1,54 @@
+import dataclasses
+
+import pytest
+import torch
+
+from plat.errors import RecordsError
+from plat.evaluation import CommandRecords, report
+from tests.evaluation.test_report import records
+
+
+def assert_same(a: CommandRecords, b: CommandRecords) -> None:
+    torch.testing.assert_close(dataclasses.asdict(a), dataclasses.asdict(b), rtol=0, atol=0, equal_nan=True)
+
+
+def test_a_table_comes_back_with_what_it_is_about(tmp_path):
+    written = records(window={key: torch.tensor([0.1, 0.2, 0.3, 0.4]).double() for key in records().window})
+    written.save(tmp_path / "new" / "a.safetensors", {"horizon": "long", "seed": 3})
+    read, about = CommandRecords.load(tmp_path / "new" / "a.safetensors")
+    assert_same(read, written)
+    assert about == {"horizon": "long", "seed": 3}
+
+
+def test_missing_values_survive_the_file(tmp_path):
+    records().save(tmp_path / "a.safetensors", {})
+    read, _ = CommandRecords.load(tmp_path / "a.safetensors")
+    assert report(read) == report(records())
+    assert read.window["joint_error"].isnan().tolist() == [False, False, False, True]
+    assert read.arrival_error[3] == torch.inf
+
+
+def test_rows_of_some_motions():
+    part = records().of_clips([1])
+    assert part.clip.tolist() == [1, 1]
+    assert part.failed.tolist() == [False, True]
+    assert part.window["keypoint_error"][0] == 0.4
+    assert len(part.step["foot_slip"]) == 2
+    assert_same(records().of_clips([0, 1]), records())
+
+
+@pytest.mark.parametrize("content", [b"", b"nothing of the kind", None])
+def test_another_file_is_named(tmp_path, content):
+    path = tmp_path / "a.safetensors"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(RecordsError, match="a.safetensors': not a readable file of evaluation records"):
+        CommandRecords.load(path)
+
+
+def test_a_safetensors_file_of_something_else_is_named(tmp_path):
+    from safetensors.torch import save_file
+
+    save_file({"weight": torch.zeros(2)}, tmp_path / "model.safetensors")
+    with pytest.raises(RecordsError, match="not a readable file of evaluation records"):
+        CommandRecords.load(tmp_path / "model.safetensors")

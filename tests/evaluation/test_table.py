@@ -1,0 +1,46 @@
+import csv
+
+import pytest
+
+from plat.evaluation import METRICS, Score, markdown, report, write_csv
+from tests.evaluation.test_report import records
+
+
+@pytest.fixture
+def scores() -> list[Score]:
+    return [
+        Score.of("TWIST2", "long", [records()]),
+        Score.of("PLAT", "long", [records(), records(failed=records().fell)]),
+        Score.of("PLAT", "mixed", [records()]),
+    ]
+
+
+def test_every_figure_of_the_report_has_a_name(scores):
+    assert set(METRICS) == set(report(records()))
+    assert scores[0].figures == report(records())
+
+
+def test_csv_has_a_line_a_figure(tmp_path, scores):
+    write_csv(tmp_path / "new" / "scores.csv", scores)
+    with (tmp_path / "new" / "scores.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 3 * len(METRICS)
+    found = {(row["policy"], row["horizon"], row["metric"]): row for row in rows}
+    assert float(found["TWIST2", "long", "tks"]["value"]) == 75
+    assert found["PLAT", "long", "tks"]["seeds"] == "2"
+    assert found["PLAT", "mixed", "mpkpe"]["value"] == "0.2"
+
+
+def test_markdown_has_the_papers_table_and_one_a_horizon(scores):
+    text = markdown(scores)
+    overview, *rest = text.split("\n\n")
+    lines = overview.splitlines()
+    assert lines[0] == "| TKS@3 (%) / MPJPE@3 (rad) / MPKPE@3 (m) | long | mixed |"
+    assert lines[2] == "| TWIST2 | 75.0 / 0.400 / 0.200 |  |"  # not scored at mixed
+    assert lines[3].startswith("| PLAT | 75.0 / 0.400 / 0.200 | 75.0")
+    assert rest[0] == "**long**"
+    assert rest[1].splitlines()[0] == "|  | TWIST2 | PLAT |"
+    tks = scores[0].figures["tks"]
+    assert f"| TKS@3 (%) | 75.0 ({tks.low:.1f}-{tks.high:.1f}) |" in rest[1]
+    assert rest[1].count("\n") == len(METRICS) + 1
+    assert all(line.count("|") == lines[0].count("|") for line in lines)

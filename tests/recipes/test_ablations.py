@@ -1,0 +1,179 @@
+import dataclasses
+import sys
+
+import pytest
+
+from plat.envs import G1
+from plat.errors import PlatError
+from plat.modules import Expert, ExpertConfig, LatentNoisePolicy, LatentPolicy, RefinementConfig
+from tests.modules.test_imitation import SMALL
+from tests.recipes.runs import save_run, write_motions
+
+import ablations  # isort: skip
+import evaluate  # isort: skip
+
+pytest.importorskip("matplotlib")
+
+
+def refined() -> LatentNoisePolicy:
+    return LatentNoisePolicy(LatentPolicy(G1, SMALL), RefinementConfig(hidden=(8,)))
+
+
+@pytest.fixture
+def recipe(tmp_path, monkeypatch) -> ablations.AblationsRecipe:
+    """Three rows, PLAT with two seeds."""
+    save_run(tmp_path / "runs" / "expert", Expert(G1, ExpertConfig(hidden=(8,))), steps=100)
+    save_run(tmp_path / "runs" / "dagger", LatentPolicy(G1, SMALL))
+    for seed in (0, 1):
+        save_run(tmp_path / "runs" / f"plat-seed{seed}", refined(), steps=50)
+    for name in ("draw_scores", "draw_strips"):  # their own tests draw them
+        monkeypatch.setattr(evaluate, name, lambda folder, *_, name=name: [folder / f"{name}.png"])
+    return ablations.AblationsRecipe(
+        runs=tmp_path / "runs",
+        motions=(write_motions(tmp_path, frames=21),),
+        out=tmp_path / "out",
+        horizon=("long", "mixed"),
+        device="cpu",
+    )
+
+
+@pytest.fixture
+def evaluated(monkeypatch) -> list[tuple[str, bool]]:
+    """Horizon and density of every evaluation that is run."""
+    calls: list[tuple[str, bool]] = []
+    original = evaluate.Entrant.evaluate
+
+    def record(self, library, horizon, **settings):
+        calls.append((horizon, self.dense))
+        return original(self, library, horizon, **settings)
+
+    monkeypatch.setattr(evaluate.Entrant, "evaluate", record)
+    return calls
+
+
+def test_rows_that_are_there_are_scored_in_the_papers_order(recipe, evaluated, capsys):
+    splits = ablations.main(recipe)
+    assert list(splits) == ["all", "hard", "dense"]
+    rows = ["Scratch RL", "DAgger", "PLAT"]
+    cells = [(name, horizon) for horizon in ("long", "mixed") for name in rows]
+    assert [(score.policy, score.horizon) for score in splits["all"]] == cells
+    assert [len(score.records) for score in splits["all"][:3]] == [1, 1, 2]
+    assert [(score.policy, score.horizon) for score in splits["dense"]] == [("Scratch RL", "mixed")]
+    # hard motions are those called so, of the same evaluation
+    assert splits["hard"][0].records[0].clip.unique().tolist() == [0]
+    assert evaluated.count(("long", False)) == evaluated.count(("mixed", False)) == 4
+    assert evaluated.count(("mixed", True)) == 1
+    said = capsys.readouterr().out
+    assert "Residual action: left out, no run" in said
+    assert "TWIST2: left out, give --trackers.twist2" in said
+    for split in splits:
+        assert {path.name for path in (recipe.out / split).iterdir()} == {"scores.md", "scores.csv"}
+    text = (recipe.out / "all" / "scores.md").read_text(encoding="utf-8")
+    assert "| PLAT | plat-seed0 (50 steps), plat-seed1 (50 steps) |" in text
+    assert "| DAgger | dagger |" in text
+
+
+def test_figures_of_every_split_and_strips_of_one(recipe, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(evaluate, "draw_scores", lambda folder, scores: drawn.append((folder.name, scores)) or [])
+    monkeypatch.setattr(evaluate, "draw_strips", lambda *arguments: drawn.append(("strips", arguments)) or [])
+    splits = ablations.main(dataclasses.replace(recipe, clip="walk"))
+    *figures, (_, (folder, entrants, library, _, _)) = drawn
+    assert dict(figures) == splits
+    assert folder == recipe.out / "all"
+    assert list(entrants) == ["Scratch RL", "DAgger", "PLAT"]
+    assert library.clip_names == ["walk_b"]
+
+
+def test_what_is_known_is_not_evaluated_again(recipe, evaluated):
+    first = ablations.main(recipe)
+    evaluated.clear()
+    again = ablations.main(recipe)
+    assert evaluated == []
+    assert [score.figures for score in again["hard"]] == [score.figures for score in first["hard"]]
+    save_run(recipe.runs / "plat-seed1", refined(), steps=60)  # trained further
+    ablations.main(recipe)
+    assert sorted(evaluated) == [("long", False), ("mixed", False)]
+    evaluated.clear()
+    ablations.main(dataclasses.replace(recipe, seed=1))  # other commands
+    assert len(evaluated) == 2 * 4 + 1
+
+
+def test_a_broken_record_is_made_again(recipe, evaluated, capsys):
+    ablations.main(recipe)
+    evaluated.clear()
+    (recipe.out / "records" / "dagger-long.safetensors").write_bytes(b"half a file")
+    ablations.main(recipe)
+    assert evaluated == [("long", False)]
+    assert "evaluated again" in capsys.readouterr().out
+
+
+def test_without_hard_motions_there_is_no_hard_split(recipe, capsys):
+    assert list(ablations.main(dataclasses.replace(recipe, hard="somersault"))) == ["all", "dense"]
+    assert "no hard split: clip names: 'somersault' is in none of the 2" in capsys.readouterr().out
+
+
+def test_an_empty_folder_is_named(recipe, tmp_path):
+    with pytest.raises(PlatError, match="holds none of the runs"):
+        ablations.main(dataclasses.replace(recipe, runs=tmp_path / "nowhere"))
+
+
+@pytest.fixture
+def trained(monkeypatch) -> list:
+    """Recipes that would have been trained; they leave a finished run."""
+    made = []
+
+    def train(recipe):
+        made.append(recipe)
+        policy = (
+            Expert(G1, ExpertConfig(hidden=(8,))) if "ExpertRecipe" in str(type(recipe)) else LatentPolicy(G1, SMALL)
+        )
+        save_run(recipe.out, policy, steps=recipe.steps)
+
+    for name in ("expert", "distill", "refine"):
+        monkeypatch.setattr(sys.modules[name], "main", train)
+    return made
+
+
+def test_every_row_is_trained_with_the_budget_of_its_stage(recipe, trained, tmp_path):
+    training = ablations.Training(motions=("train.npz",), expert_steps=9, student_steps=6, refine_steps=3, seeds=(4, 5))
+    recipe = dataclasses.replace(recipe, runs=tmp_path / "new", training=training)
+    ablations.train(recipe)
+    names = ["sonic-style", "expert", "plain", "dagger"]
+    names += [f"{name}-seed{seed}" for name in ("finetune", "action", "plat") for seed in (4, 5)]
+    assert [made.out.name for made in trained] == names
+    assert [made.steps for made in trained] == [9, 9, 6, 6] + [3] * 6
+    assert [made.seed for made in trained] == [4, 4, 4, 4] + [4, 5] * 3
+    assert all(made.motions == ("train.npz",) and made.resume for made in trained)
+    assert trained[0].policy.ahead == (1, 6, 11, 16, 21, 26, 31, 36, 41, 46)
+    assert trained[1].policy == ExpertConfig()
+    assert [made.student for made in trained[2:4]] == ["plain", "latent"]
+    assert trained[2].expert == trained[3].expert == tmp_path / "new" / "expert"
+    assert [made.variant for made in trained[4::2]] == ["finetune", "action", "latent-noise"]
+    # within a stage nothing differs but what the row is about
+    about = {"student", "variant", "out", "seed", "policy"}
+    for stage in (trained[:2], trained[2:4], trained[4:]):
+        settings = [
+            {field.name: getattr(made, field.name) for field in dataclasses.fields(made) if field.name not in about}
+            for made in stage
+        ]
+        assert all(other == settings[0] for other in settings)
+
+
+def test_rows_that_are_done_are_not_trained_again(recipe, trained, tmp_path, capsys):
+    training = ablations.Training(motions=("train.npz",), expert_steps=9, student_steps=6, refine_steps=3, seeds=(0,))
+    recipe = dataclasses.replace(recipe, runs=tmp_path / "new", training=training)
+    ablations.train(recipe)
+    trained.clear()
+    ablations.train(recipe)
+    assert trained == []
+    assert "PLAT: " in capsys.readouterr().out
+    save_run(tmp_path / "new" / "plat-seed0", refined())  # never finished
+    further = dataclasses.replace(recipe, training=dataclasses.replace(training, student_steps=7))
+    ablations.train(further)
+    assert [made.out.name for made in trained] == ["plain", "dagger", "plat-seed0"]
+
+
+def test_training_needs_motions(recipe):
+    with pytest.raises(PlatError, match="--training.motions"):
+        ablations.main(dataclasses.replace(recipe, train=True))

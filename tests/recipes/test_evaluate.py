@@ -1,0 +1,131 @@
+import csv
+
+import pytest
+
+from plat.baselines import ReleasedTrackers
+from plat.envs import G1
+from plat.envs.transforms import HORIZONS
+from plat.errors import MotionError, PlatError
+from plat.modules import Expert, ExpertConfig, PlainPolicy
+from tests.modules.test_imitation import SMALL
+from tests.recipes.runs import save_run, write_motions
+
+import evaluate  # isort: skip
+
+
+@pytest.fixture
+def runs(tmp_path):
+    save_run(tmp_path / "expert", Expert(G1, ExpertConfig(hidden=(8,))))
+    save_run(tmp_path / "far-sighted", Expert(G1, ExpertConfig(hidden=(8,), ahead=(1, 6))))
+    save_run(tmp_path / "plain", PlainPolicy(G1, SMALL))
+    return tmp_path
+
+
+def recipe(folder, *names, **settings) -> evaluate.EvaluateRecipe:
+    settings = {"horizon": ("long",), **settings}
+    runs = tuple(folder / name for name in names)
+    return evaluate.EvaluateRecipe(runs=runs, motions=(write_motions(folder),), device="cpu", **settings)
+
+
+def test_every_policy_at_every_horizon(runs, capsys):
+    scores = evaluate.main(recipe(runs, "plain", "far-sighted", horizon=("long", "single"), csv=runs / "scores.csv"))
+    cells = [("plain", "long"), ("far-sighted", "long"), ("plain", "single"), ("far-sighted", "single")]
+    assert [(score.policy, score.horizon) for score in scores] == cells
+    assert [len(score.records[0].clip) for score in scores[::2]] == [4, 200]
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[0].startswith("2 motions, 4 s")
+    assert len(printed) == 2 + 4
+    with (runs / "scores.csv").open(newline="") as file:
+        assert {(row["policy"], row["horizon"]) for row in csv.DictReader(file)} == set(cells)
+
+
+def test_only_some_motions(runs, capsys):
+    (score,) = evaluate.main(recipe(runs, "plain", only="run"))
+    assert score.records[0].clip.unique().tolist() == [0]
+    assert capsys.readouterr().out.startswith("1 motions, 2 s")
+
+
+def test_dense_goals_of_an_expert_that_sees_several_frames(runs, monkeypatch):
+    seen = {}
+
+    def record(policy, library, horizon, **settings):
+        seen.update(settings, keys=set(policy.in_keys))
+        return original(policy, library, horizon, **settings)
+
+    original = evaluate.evaluate
+    monkeypatch.setattr(evaluate, "evaluate", record)
+    evaluate.main(recipe(runs, "far-sighted", dense=True))
+    assert seen["dense"] is True
+    assert seen["goals"] == {"goal": 1, "goal_6": 6}
+    assert ("goal_6", "joint_pos") in seen["keys"]
+    motion = evaluate.MotionLibrary.load(write_motions(runs)).only(0)
+    dense = evaluate.Entrant.of_run(runs / "far-sighted", "cpu", dense=True)
+    assert len(dense.play(motion, HORIZONS["long"]).qpos) > 10  # a film strip shows the same
+    evaluate.main(recipe(runs, "far-sighted"))
+    assert ("goal_6", "joint_pos") not in seen["keys"]
+
+
+def test_runs_of_the_same_name_are_told_apart(runs):
+    save_run(runs / "other" / "plain", PlainPolicy(G1, SMALL))
+    scores = evaluate.main(recipe(runs, "plain", "other/plain"))
+    assert [score.policy for score in scores] == [str(runs / "plain"), str(runs / "other" / "plain")]
+
+
+def test_figures_are_drawn(runs, capsys):
+    pytest.importorskip("matplotlib")
+    folder = runs / "figures"
+    evaluate.main(recipe(runs, "plain", "expert", horizon=("short", "long", "mixed"), figures=folder, clip="walk"))
+    drawn = {path.name for path in folder.iterdir()}
+    stems = {"radar", "bars_short", "bars_long", "bars_mixed", "success"}
+    if "no film strip" not in capsys.readouterr().out:  # a machine without OpenGL says so
+        stems.add("film_strip")
+    assert drawn == {f"{stem}.{kind}" for stem in stems for kind in ("pdf", "png")}
+
+
+def test_two_horizons_make_no_radar_plot(runs):
+    pytest.importorskip("matplotlib")
+    scores = evaluate.main(recipe(runs, "plain", horizon=("single",)))
+    assert {path.stem for path in evaluate.draw_scores(runs / "figures", scores)} == {"bars_single", "success"}
+
+
+def test_a_motion_too_short_for_a_strip_is_named(runs, capsys):
+    short = recipe(runs, "plain", horizon=("single",))
+    library = evaluate.MotionLibrary.load(short.motions).only(0)
+    library.clip_length[0] = 20
+    assert evaluate.draw_strips(runs, {}, library, 0, "cpu") == []
+    assert "no film strip: motion 'run_a' is shorter than a long command" in capsys.readouterr().out
+
+
+def test_a_missing_extra_is_said_before_the_evaluation(runs, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "matplotlib", None)
+    monkeypatch.setattr(evaluate, "evaluate", lambda *_, **__: pytest.fail("evaluated first"))
+    with pytest.raises(PlatError, match=r"pip install 'plat-rl\[figures\]'"):
+        evaluate.main(recipe(runs, "plain", figures=runs / "figures"))
+
+
+def test_a_clip_that_is_not_there_is_named_before_the_evaluation(runs, monkeypatch):
+    pytest.importorskip("matplotlib")
+    monkeypatch.setattr(evaluate, "evaluate", lambda *_, **__: pytest.fail("evaluated first"))
+    with pytest.raises(MotionError, match="'jump' is in none of the 2"):
+        evaluate.main(recipe(runs, "plain", figures=runs / "figures", clip="jump"))
+
+
+def test_released_trackers_take_part(runs, shared_data):
+    pytest.importorskip("onnxruntime")
+    trackers = ReleasedTrackers(twist2=shared_data / "baselines" / "twist2" / "twist2_1017_20k.onnx")
+    plain, twist2 = evaluate.main(recipe(runs, "plain", trackers=trackers))
+    assert twist2.policy == "TWIST2"
+    assert plain.records[0].length.equal(twist2.records[0].length)  # the same commands
+    assert twist2.figures["tks"].value > 50
+
+
+def test_nothing_to_evaluate(tmp_path):
+    with pytest.raises(PlatError, match="nothing to evaluate"):
+        evaluate.main(recipe(tmp_path))
+
+
+def test_the_table_goes_to_wandb(runs, monkeypatch):
+    pytest.importorskip("wandb")
+    monkeypatch.chdir(runs)
+    evaluate.main(recipe(runs, "plain", wandb=True))
+    assert list((runs / "wandb").glob("offline-run-*"))

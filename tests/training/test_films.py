@@ -1,0 +1,76 @@
+import time
+
+import numpy as np
+import pytest
+import torch
+
+from plat.envs import G1, MotionLibrary
+from plat.envs.transforms import HORIZONS
+from plat.errors import MotionError
+from plat.modules import Expert
+from plat.rendering import Playback, RenderingError, play
+from plat.training.films import Films
+from tests.conftest import standing_clip
+
+
+class Stage:
+    """Draws nothing."""
+
+    def __init__(self, robot, width, height):
+        self.size = (height, width, 3)
+
+    def look_at(self, position):
+        pass
+
+    def draw(self, qpos, ghost_qpos):
+        return np.zeros(self.size, dtype=np.uint8)
+
+    def close(self):
+        pass
+
+
+@pytest.fixture
+def written(monkeypatch) -> list[tuple[str, int]]:
+    """Name and number of pictures of every film."""
+    films: list[tuple[str, int]] = []
+    monkeypatch.setattr("plat.training.films.Stage", Stage)
+    monkeypatch.setattr(
+        "plat.training.films.write_video", lambda path, pictures, fps: films.append((path.name, len(list(pictures))))
+    )
+    return films
+
+
+def playback() -> Playback:
+    library = MotionLibrary.from_clips([standing_clip()])
+    return play(Expert(G1).deployed(), library, 0, HORIZONS["long"])
+
+
+def test_films_are_taken_when_they_are_due(tmp_path, written):
+    films = Films(tmp_path, G1, playback, every=0.2, seconds=0.4, fps=5)
+    assert films.take(1) is None
+    time.sleep(0.2)
+    assert films.take(2) == tmp_path / "2.mp4"
+    assert films.take(3) is None
+    assert written == [("2.mp4", 2)]
+
+
+def test_playing_draws_no_random_numbers(tmp_path, written):
+    torch.manual_seed(0)
+    films = Films(tmp_path, G1, playback, every=0.0)
+    expert = Expert(G1)  # playback makes one as well, which draws
+    state = torch.random.get_rng_state()
+    library = MotionLibrary.from_clips([standing_clip()])
+    films = Films(tmp_path, G1, lambda: play(expert.deployed(), library, 0, HORIZONS["long"]), every=0.0)
+    assert films.take(1) is not None
+    assert torch.equal(torch.random.get_rng_state(), state)
+
+
+@pytest.mark.parametrize("error", [RenderingError("no OpenGL"), MotionError("motion 'blink': too short")])
+def test_what_cannot_be_filmed_is_said_once_and_stops_nothing(tmp_path, capsys, error):
+    def fail():
+        raise error
+
+    films = Films(tmp_path, G1, fail, every=0.0)
+    assert films.take(1) is None
+    assert films.take(2) is None
+    assert capsys.readouterr().out == f"no videos for wandb: {error}\n"
