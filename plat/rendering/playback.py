@@ -8,8 +8,8 @@ import torch
 from tensordict.nn import TensorDictModuleBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
-from plat.envs.motions.library import MotionLibrary
 from plat.deploy import RobotState
+from plat.envs.motions.library import MotionLibrary
 from plat.envs.transforms import NEXT_FRAME, CommandSchedule, Horizon, ScheduledStarts
 from plat.evaluation.runner import Observe, make_evaluation_env
 from plat.keyframes import CONTROL_DT
