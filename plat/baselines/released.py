@@ -26,7 +26,8 @@ class ReleasedTrackers:
         """Those that were given, by their names in tables.
 
         Raises:
-            CheckpointError: when a file cannot be read or is another network.
+            BundleError: when a file cannot be read.
+            CheckpointError: when it is another network.
         """
         kinds = {"SONIC": (Sonic, self.sonic), "TWIST2": (Twist2, self.twist2), "wbc": (Wbc, self.wbc)}
         return {name: kind(path) for name, (kind, path) in kinds.items() if path is not None}

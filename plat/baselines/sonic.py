@@ -105,7 +105,7 @@ class Sonic(Tracker):
 
 def _by_depth(robot: Robot) -> Tensor:
     """Joints ``[J]`` in the order of their depth in the kinematic tree."""
-    model = robot.model()
+    model = robot.shared_model
     depth = [0] * model.nbody
     for body in range(1, model.nbody):
         depth[body] = depth[model.body_parentid[body]] + 1

@@ -8,7 +8,7 @@ from tensordict import TensorDict
 from plat.baselines import Sonic, sonic_robot
 from plat.envs import G1, MotionLibrary
 from plat.envs.transforms import HORIZONS
-from plat.errors import CheckpointError
+from plat.errors import BundleError
 from plat.evaluation import evaluate
 from plat.rotations import quat_from_rotvec, quat_multiply
 from tests.conftest import standing_clip
@@ -167,5 +167,5 @@ def test_stand_in_networks_of_the_released_shapes_are_evaluated(tmp_path, dense)
 
 def test_a_folder_without_the_networks_is_named(tmp_path):
     pytest.importorskip("onnxruntime")
-    with pytest.raises(CheckpointError, match="model_encoder.onnx': not a readable"):
+    with pytest.raises(BundleError, match="model_encoder.onnx': no such file"):
         Sonic(tmp_path)
