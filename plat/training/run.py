@@ -15,7 +15,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import torch
 from pydantic import TypeAdapter
@@ -30,12 +30,13 @@ from torchrl.checkpoint import CheckpointError as TorchRLCheckpointError
 
 import plat
 from plat.errors import CheckpointError
-from plat.rendering.playback import Playback
 from plat.training.budget import Budget
-from plat.training.films import Films
 from plat.training.metrics import MetricsFile, wandb_run
 from plat.training.saving import Policy, complete_spec, policy_spec, read_json, save_weights, write_json
 from plat.training.wandb_media import log_video
+
+if TYPE_CHECKING:
+    from plat.rendering.playback import Playback
 
 __all__ = ["Run"]
 
@@ -72,7 +73,7 @@ class Run:
         resume: bool = False,
         save_every: float = 120.0,
         wandb: bool = False,
-        play: Callable[[], Playback] | None = None,
+        play: "Callable[[], Playback] | None" = None,
         video_every: float = 0.0,
     ):
         self.folder = folder
@@ -107,11 +108,11 @@ class Run:
             shutil.rmtree(leftover, ignore_errors=True)
         self._metrics = MetricsFile(folder / "metrics.csv", keep_until=budget.steps)
         self._wandb = wandb_run(folder.name, folder, config) if wandb else None
-        self._films = (
-            Films(folder / "videos", cast(Policy, policy).robot, play, video_every)
-            if wandb and play and video_every
-            else None
-        )
+        self._films = None
+        if wandb and play and video_every:
+            from plat.training.films import Films  # plat.rendering needs plat.training to load what it plays
+
+            self._films = Films(folder / "videos", cast(Policy, policy).robot, play, video_every)
         self._last_save = time.monotonic()
         self._last_line = 0.0
 
