@@ -29,12 +29,12 @@ _CALLS = 1000
 _WEIGHTS = Path(__file__).parents[1] / "weights" / "plat"
 _IMPORT = "import time; began = time.perf_counter(); import {}; print(time.perf_counter() - began)"
 _LOAD = """
-import resource, sys, time
+import sys, time
 from plat.envs import MotionLibrary
-peak = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
-before, began = peak(), time.perf_counter()
+from rounds import peak_memory
+before, began = peak_memory(), time.perf_counter()
 MotionLibrary.load(sys.argv[1])
-print(time.perf_counter() - began, peak() - before)
+print(time.perf_counter() - began, peak_memory() - before)
 """
 
 
@@ -163,7 +163,9 @@ def write_motions(folder: Path, library: MotionLibrary, seconds: float) -> None:
 
 
 def _in_new_process(program: str, *arguments: str, **environment: str) -> list[float]:
-    """The numbers that a Python program prints."""
+    """The numbers that a Python program prints; it can import what is in this folder."""
+    paths = [str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")]
+    environment["PYTHONPATH"] = os.pathsep.join(path for path in paths if path)
     command = [sys.executable, "-c", program, *arguments]
     out = subprocess.run(command, env=os.environ | environment, stdout=subprocess.PIPE, text=True, check=True)
     return [float(number) for number in out.stdout.split()]

@@ -219,8 +219,9 @@ def _batch_of_plat(setup: Setup) -> object:
 def _envpool(setup: Setup, stack: ExitStack) -> Work:
     import envpool
 
+    # few robots: each holds a model of its own, of some 85 MB
     env = envpool.make_gymnasium(
-        "G1JoystickFlatTerrain-v1", num_envs=setup.num_envs, num_threads=available_cpus(), sim_dt=0.005
+        "G1JoystickFlatTerrain-v1", num_envs=setup.num_singles, num_threads=available_cpus(), sim_dt=0.005
     )
     stack.callback(env.close)
     policy = GaussianPolicy(env.observation_space["state"].shape[0], env.action_space.shape[0])
@@ -228,10 +229,10 @@ def _envpool(setup: Setup, stack: ExitStack) -> Work:
 
     def collect() -> int:
         nonlocal observation
-        with simulation_threads(setup.num_envs):
+        with simulation_threads(setup.num_singles):
             for _ in range(STEPS):
                 observation = env.step(policy.act(observation))[0]["state"]
-        return setup.samples
+        return STEPS * setup.num_singles
 
     return Work(collect)
 

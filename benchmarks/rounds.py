@@ -4,13 +4,16 @@ What else the machine does at the time hits all that is compared.
 """
 
 import platform
+import re
+import resource
 import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 
 import torch
 
-__all__ = ["in_rounds", "machine", "median_ratio", "rate"]
+__all__ = ["in_rounds", "machine", "median_ratio", "peak_memory", "rate"]
 
 
 def in_rounds(measures: Mapping[str, Callable[[], float]], rounds: int) -> dict[str, list[float]]:
@@ -42,3 +45,12 @@ def rate(work: Callable[[], int], seconds: float = 0.0) -> float:
 def machine() -> str:
     """What the figures were measured on."""
     return f"{platform.processor() or platform.machine()}, {torch.get_num_threads()} threads"
+
+
+def peak_memory() -> float:
+    """The most memory that this process has held so far (MB)."""
+    # not getrusage where there is better: on Linux a process inherits the peak of the one that started it
+    status = Path("/proc/self/status")
+    if status.exists() and (found := re.search(r"VmHWM:\s+(\d+) kB", status.read_text())):
+        return int(found[1]) / 2**10
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20  # bytes on macOS

@@ -11,9 +11,7 @@ import itertools
 import logging
 import multiprocessing
 import os
-import resource
 import statistics
-import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -25,7 +23,7 @@ from typing import Any
 import torch
 import tyro
 from costs import write_motions
-from rounds import in_rounds, machine
+from rounds import in_rounds, machine, peak_memory
 from run import BARE, STEPS, bare_physics, collection, distillation, steps_per_second
 
 from plat.collectors import PrivilegedGoals, simulation_threads
@@ -151,8 +149,7 @@ def measure(point: Point) -> list[Row]:
         Row(point.axis, point.value, name, unit, statistics.median(values[name]))
         for name, (unit, _) in measures.items()
     ]
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
-    return [*rows, Row(point.axis, point.value, "peak memory", "MB", peak)]
+    return [*rows, Row(point.axis, point.value, "peak memory", "MB", peak_memory())]
 
 
 def without_physics(library: MotionLibrary, count: int) -> Callable[[], float]:
@@ -238,7 +235,7 @@ def main(config: ScalingConfig) -> None:
             for found in pool.imap(measure, points(config, Path(folder)), chunksize=1):
                 rows += found
                 print(f"{found[0].axis} {found[0].value:g}: {', '.join(map(str, found))}", flush=True)
-    write_table(rows, config.table)
+                write_table(rows, config.table)  # after each point: a run is long
     draw(rows, config.picture)
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-from rounds import in_rounds, median_ratio, rate
+from rounds import in_rounds, median_ratio, peak_memory, rate
 
 
 def test_everything_is_measured_in_turn_and_the_first_round_is_dropped():
@@ -36,3 +36,12 @@ def test_work_is_repeated_until_the_time_has_passed(monkeypatch):
     assert now == [6.0]
     assert rate(work) == pytest.approx(3 / 2)
     assert now == [8.0]
+
+
+def test_the_peak_of_memory_stays_when_memory_is_given_back():
+    # more than whatever the tests held before
+    block = bytearray(b"x") * int((peak_memory() + 50) * 2**20)
+    held = peak_memory()
+    assert held >= 0.99 * len(block) / 2**20
+    del block
+    assert peak_memory() >= 0.99 * held  # the kernel counts by batches
