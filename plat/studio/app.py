@@ -109,7 +109,8 @@ class Studio:
     def _show(self) -> None:
         for panel in (self._timeline, self._pose, self._play):
             panel.show()
-        self._others.show([pose.qpos for pose in self.session.timeline.poses[1:]])
+        shown = self._pose.all_keyframes.value and not self.session.playing
+        self._others.show([pose.qpos for pose in self.session.timeline.keyframes] if shown else [])
         self._taken.show(self._motion.preview())
         self._show_robots()
 

@@ -126,7 +126,7 @@ def test_keyframes_are_made_played_saved_and_loaded(user, studio, tmp_path):
     for count, angle in enumerate((-0.5, -1.0, -1.5), 1):
         user.press("Add")
         user.until(lambda count=count: len(session.timeline.keyframes) == count)
-        user.enter("left_shoulder_pitch", str(angle))
+        user.enter("shoulder_pitch", str(angle))
         user.until(lambda angle=angle: np.isclose(session.timeline.pose.joint_pos[joint], angle))
 
     user.tab("Play")

@@ -5,6 +5,7 @@ from math import ceil, floor
 import numpy as np
 import viser
 
+from plat.envs.robot import without_side
 from plat.studio.page import Page
 from plat.studio.poser import HANDLES, Frame
 from plat.studio.poses import heading_pitch_roll, quat_from_heading_pitch_roll
@@ -34,12 +35,14 @@ class PosePanel:
         self._handle = gui.add_dropdown(
             "Drag by", tuple(HANDLES), initial_value="left hand", hint="Or click on one of the orange balls."
         )
-        page.when_changed(self._handle, lambda: None)  # what follows every task shows the gizmo there
+        page.when_changed(self._handle, _nothing)  # what follows every task shows the gizmo there
         with gui.add_folder("Hold while dragging"):
             self._hold = {
                 part: gui.add_checkbox(part, initial_value=part != "hands") for part in ("feet", "pelvis", "hands")
             }
         page.buttons("Put", {"On floor": session.drop, "Feet flat": session.flatten_feet, "Standing": session.stand})
+        self.all_keyframes = gui.add_checkbox("Show all keyframes", initial_value=True)
+        page.when_changed(self.all_keyframes, _nothing)  # what follows every task shows them
         with gui.add_folder("Pelvis", expand_by_default=False):
             self._position = gui.add_vector3("x, y, z (m)", (0.0, 0.0, 0.0), step=0.01)
             self._angles = gui.add_vector3("heading, pitch, roll (deg)", (0.0, 0.0, 0.0), step=1.0)
@@ -59,7 +62,12 @@ class PosePanel:
     def _slider(self, joint: int, name: str) -> viser.GuiSliderHandle[float]:
         low, high = self._page.session.robot.joint_range[joint].tolist()
         slider = self._page.gui.add_slider(
-            name, min=ceil(100 * low) / 100, max=floor(100 * high) / 100, step=0.01, initial_value=0.0
+            without_side(name),
+            min=ceil(100 * low) / 100,
+            max=floor(100 * high) / 100,
+            step=0.01,
+            initial_value=0.0,
+            hint=name,
         )
         self._page.when_changed(slider, lambda: self._page.session.set_joint(joint, slider.value))
         return slider
@@ -115,3 +123,7 @@ class PosePanel:
         self._gizmo.visible = not session.playing
         if not self._dragging:  # the mouse has it
             self._gizmo.position, self._gizmo.wxyz = frames[self._handle.value]
+
+
+def _nothing() -> None:
+    """A task for what only has to be shown."""
