@@ -20,6 +20,8 @@ __all__ = ["Studio"]
 _WORLD = "/world"
 # Texts and plots are for reading: to draw them anew for every step would only keep browsers busy.
 _READING_INTERVAL = 0.12
+# Seconds after which a slider that is touched again makes another step to undo.
+_PAUSE = 1.0
 
 
 class Studio:
@@ -92,6 +94,8 @@ class Studio:
 
     def _tick(self, seconds: float) -> None:
         session = self.session
+        if time.monotonic() >= self._rest_at:
+            session.rest()
         if not session.playing:
             return
         session.tick(seconds)
@@ -107,6 +111,7 @@ class Studio:
             self._play.show_time()
 
     def _show(self) -> None:
+        self._rest_at = time.monotonic() + _PAUSE
         for panel in (self._timeline, self._pose, self._play):
             panel.show()
         shown = self._pose.all_keyframes.value and not self.session.playing
