@@ -158,5 +158,5 @@ def _check_port(host: str, port: int) -> None:
             probe.bind((host, port))
         except (OSError, OverflowError) as error:
             raise StudioError(
-                f"port {port} of {host!r} cannot be opened ({error}): choose another with --port"
+                f"port {port} of {host!r} cannot be opened ({error}): choose another --port (or --host)"
             ) from error
