@@ -52,7 +52,7 @@ class _LastState(nn.Module):
         order = length.argsort(descending=True)
         eighth = -(-len(length) // 8)
         going = (length[:, None] > torch.arange(num_frames, device=length.device)).sum(0)
-        counts = (eighth * ((going + eighth - 1) // eighth)).tolist()
+        counts = (eighth * ((going + eighth - 1) // eighth)).clamp(max=len(length)).tolist()
         weight_ih, weight_hh, bias_ih, bias_hh = self.gru.all_weights[0]
         index = torch.cat([num_frames * order[:count] + step for step, count in enumerate(counts)])
         embedded = self.embed(frames.flatten(0, 1).index_select(0, index))

@@ -1,5 +1,6 @@
 """Pictures and videos of a robot that chases keyframes, the commanded pose drawn as a ghost."""
 
+import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -196,6 +197,9 @@ def _imageio() -> Any:
         import imageio_ffmpeg  # noqa: F401  (the encoder that imageio looks for)
     except ImportError as error:
         raise RenderingError("pictures and videos need: pip install 'plat-rl[video]'") from error
+    # imageio_ffmpeg would fork this whole process to start its encoder: it can hang beside threads, and fails where
+    # memory is scarce.
+    os.environ.setdefault("IMAGEIO_FFMPEG_NO_PREVENT_SIGINT", "1")
     return imageio
 
 

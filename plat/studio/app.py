@@ -20,6 +20,8 @@ __all__ = ["Studio"]
 _WORLD = "/world"
 # Texts and plots are for reading: to draw them anew for every step would only keep browsers busy.
 _READING_INTERVAL = 0.12
+# Seconds after which a slider that is touched again makes another step to undo.
+_PAUSE = 1.0
 
 
 class Studio:
@@ -92,6 +94,8 @@ class Studio:
 
     def _tick(self, seconds: float) -> None:
         session = self.session
+        if time.monotonic() >= self._rest_at:
+            session.rest()
         if not session.playing:
             return
         session.tick(seconds)
@@ -107,9 +111,11 @@ class Studio:
             self._play.show_time()
 
     def _show(self) -> None:
+        self._rest_at = time.monotonic() + _PAUSE
         for panel in (self._timeline, self._pose, self._play):
             panel.show()
-        self._others.show([pose.qpos for pose in self.session.timeline.poses[1:]])
+        shown = self._pose.all_keyframes.value and not self.session.playing
+        self._others.show([pose.qpos for pose in self.session.timeline.keyframes] if shown else [])
         self._taken.show(self._motion.preview())
         self._show_robots()
 
@@ -152,5 +158,5 @@ def _check_port(host: str, port: int) -> None:
             probe.bind((host, port))
         except (OSError, OverflowError) as error:
             raise StudioError(
-                f"port {port} of {host!r} cannot be opened ({error}): choose another with --port"
+                f"port {port} of {host!r} cannot be opened ({error}): choose another --port (or --host)"
             ) from error

@@ -5,6 +5,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 
 from plat.errors import PlatError
 
@@ -49,7 +50,7 @@ class Desk:
                 a user drags, so that they do not fall behind.
         """
         with self._wake:
-            if not (once and self._tasks and self._tasks[-1] is task):
+            if not (once and self._tasks and self._tasks[-1] == task):
                 self._tasks.append(task)
             self._wake.notify()
 
@@ -84,7 +85,7 @@ class Desk:
                 self._guarded(task)
             now = time.monotonic()
             if now >= due:
-                self._guarded(lambda seconds=now - last: self._tick(seconds))  # type: ignore[misc]
+                self._guarded(partial(self._tick, now - last))
                 last = now
             if tasks:
                 self._guarded(self._changed)

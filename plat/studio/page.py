@@ -26,8 +26,14 @@ class Page:
         self.session = session
         self.desk = desk
 
-    def when_changed(self, handle: viser.GuiInputHandle[Any], task: Task) -> None:
-        """Have a task done when a user has changed an input; it reads the value that the input then has."""
+    def when_changed(self, handle: viser.GuiInputHandle[Any], task: Task | None = None) -> None:
+        """Have a task done, and the page brought up to date, when a user has changed an input.
+
+        Args:
+            handle: the input.
+            task: reads the value that the input then has; None where the page is all that changes.
+        """
+        task = task or _nothing
 
         # asynchronous callbacks come in the order of the events, others do not
         async def called(event: viser.GuiEvent[Any]) -> None:
@@ -57,3 +63,7 @@ class Page:
         """Show a message to everybody who has the page open."""
         for client in self.server.get_clients().values():
             client.add_notification(title, text, auto_close_seconds=8.0, color=color)
+
+
+def _nothing() -> None:
+    """A task for what only has to be shown."""

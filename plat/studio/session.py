@@ -68,6 +68,11 @@ class Session:
         self.history.do(timeline, gesture)
         self._keyframes_changed()
 
+    def rest(self) -> None:
+        """Nothing was done for a while: what is done next is a step of its own to undo, except within a drag."""
+        if self._grip is None:
+            self.history.end_gesture()
+
     def select(self, number: int) -> None:
         """Select another pose, which is no step to undo."""
         self.history.end_gesture()

@@ -34,3 +34,10 @@ def test_gradients_reach_all_frames_of_the_sequence_and_no_padding(encoder):
     encoder(goals, torch.tensor([3])).sum().backward()
     used = goals.grad.abs().sum(-1)[0] > 0
     assert used.tolist() == [True, True, True, False, False]
+
+
+@pytest.mark.parametrize("rows", [1, 7, 20, 33])
+def test_any_number_of_sequences_that_all_go_on(encoder, rows):
+    length = torch.full((rows,), 4)
+    goals = torch.randn(rows, 4, 6)
+    torch.testing.assert_close(encoder(goals, length)[:1], encoder(goals[:1], length[:1]))

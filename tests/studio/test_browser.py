@@ -20,14 +20,14 @@ pytest.importorskip("mjviser", reason="the extra plat-rl[studio] is not installe
 pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
 
-from playwright.sync_api import Browser, sync_playwright
+from playwright.sync_api import Browser, Locator, sync_playwright
 
 from plat.studio.app import Studio
 from plat.studio.scene import CAMERA, LOOK_AT
 from plat.studio.session import Session
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-_PATIENCE = 60_000  # ms: a browser that draws in software, on a machine that has other things to do
+_PATIENCE = 180_000  # ms: a browser that draws in software, on a machine that has other things to do
 
 
 def free_port() -> int:
@@ -80,11 +80,13 @@ class User:
     def tab(self, name: str) -> None:
         self.page.get_by_role("tab", name=name, exact=True).click(force=True)
 
+    def box(self, label: str) -> Locator:
+        """The box to type into beside a label."""
+        after_label = f'//label[normalize-space()="{label}"]/following::input'
+        return self.page.locator(f'xpath=({after_label}[@type="text" or not(@type)])[1]')
+
     def enter(self, label: str, text: str) -> None:
-        """Type into the box beside a label."""
-        box = self.page.locator(
-            f'xpath=//label[normalize-space()="{label}"]/following::input[@type="text" or not(@type)][1]'
-        )
+        box = self.box(label)
         box.fill(text)
         box.press("Enter")
 
@@ -126,8 +128,11 @@ def test_keyframes_are_made_played_saved_and_loaded(user, studio, tmp_path):
     for count, angle in enumerate((-0.5, -1.0, -1.5), 1):
         user.press("Add")
         user.until(lambda count=count: len(session.timeline.keyframes) == count)
-        user.enter("left_shoulder_pitch", str(angle))
+        user.enter("shoulder_pitch", str(angle))
         user.until(lambda angle=angle: np.isclose(session.timeline.pose.joint_pos[joint], angle))
+
+    user.box("Name").press_sequentially("arm up")
+    user.until(lambda: session.timeline.labels[3] == "3 arm up")
 
     user.tab("Play")
     user.press("Play")
@@ -181,8 +186,10 @@ def test_a_hand_is_dragged_and_the_drag_undone(user):
     after = session.poser.frames(session.timeline.pose.qpos)
     np.testing.assert_allclose(after["left hand"].pos, hand.pos + 0.2 * up, atol=0.04)
     np.testing.assert_allclose(after["left foot"].pos, before["left foot"].pos, atol=0.01)
-    user.press("Undo")
+    user.page.keyboard.press("Control+z")
     user.until(lambda: np.allclose(session.timeline.pose.qpos, G1.default_qpos))
+    user.press("Redo")
+    user.until(lambda: not np.allclose(session.timeline.pose.qpos, G1.default_qpos, atol=0.1))
 
 
 def test_poses_come_out_of_motions(user):

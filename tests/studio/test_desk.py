@@ -26,6 +26,9 @@ class Office:
         self.thread.join(5)
         assert not self.thread.is_alive()
 
+    def record(self) -> None:
+        self.done.append("recorded")
+
     def task(self, name: str):
         return lambda: self.done.append(name)
 
@@ -46,6 +49,15 @@ def test_only_what_waits_last_is_not_asked_for_twice():
     office.desk.ask(slide)
     office.work()
     assert office.done[:4] == ["slide", "other", "slide", "slide"]
+
+
+def test_a_method_is_the_same_task_every_time():
+    office = Office()
+    for _ in range(3):
+        office.desk.ask(office.record, once=True)
+    office.desk.ask(office.task("end"))
+    office.work()
+    assert office.done[:2] == ["recorded", "end"]
 
 
 def test_time_passes_between_tasks():

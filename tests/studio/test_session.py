@@ -51,6 +51,27 @@ def test_a_slider_is_one_step_to_undo(session):
     assert session.timeline.pose.joint_pos[LEFT_ELBOW] == 0.9
 
 
+def test_a_slider_after_a_pause_is_another_step(session):
+    session.add()
+    session.set_joint(LEFT_ELBOW, 0.8)
+    session.rest()
+    session.set_joint(LEFT_ELBOW, 0.9)
+    session.undo()
+    assert session.timeline.pose.joint_pos[LEFT_ELBOW] == 0.8
+
+
+def test_a_pause_within_a_drag_does_not_divide_it(session):
+    session.add()
+    hand = session.poser.frames(session.timeline.pose.qpos)["left hand"]
+    session.grab("left hand", [])
+    for height in (0.1, 0.2):
+        session.drag(Frame(hand.pos + np.array([0.0, 0.0, height]), hand.quat))
+        session.rest()
+    session.release()
+    session.undo()
+    np.testing.assert_array_equal(session.timeline.pose.qpos, G1.default_qpos)
+
+
 def test_a_slider_of_another_keyframe_is_another_step(session):
     session.add()
     session.set_joint(LEFT_ELBOW, 0.9)

@@ -51,7 +51,7 @@ class MotionPanel:
         stretch.on_click(stretch_clicked)
         page.when_changed(self._names, self._choose)
         for handle in (self._time, self._preview):
-            page.when_changed(handle, lambda: None)  # what follows every task shows the preview
+            page.when_changed(handle)
 
     def _read(self) -> Task:
         self._page.notify("Motions", f"reading {self._motions.value}")

@@ -5,6 +5,7 @@ from math import ceil, floor
 import numpy as np
 import viser
 
+from plat.envs.robot import without_side
 from plat.studio.page import Page
 from plat.studio.poser import HANDLES, Frame
 from plat.studio.poses import heading_pitch_roll, quat_from_heading_pitch_roll
@@ -18,6 +19,7 @@ _LIMBS = {
     "Left leg": ("left_hip", "left_knee", "left_ankle"),
     "Right leg": ("right_hip", "right_knee", "right_ankle"),
 }
+_POSITION_DIGITS = 3
 _HANDLE_COLOR, _CHOSEN_COLOR = (240, 140, 0), (28, 126, 214)
 
 
@@ -34,17 +36,19 @@ class PosePanel:
         self._handle = gui.add_dropdown(
             "Drag by", tuple(HANDLES), initial_value="left hand", hint="Or click on one of the orange balls."
         )
-        page.when_changed(self._handle, lambda: None)  # what follows every task shows the gizmo there
+        page.when_changed(self._handle)
         with gui.add_folder("Hold while dragging"):
             self._hold = {
                 part: gui.add_checkbox(part, initial_value=part != "hands") for part in ("feet", "pelvis", "hands")
             }
         page.buttons("Put", {"On floor": session.drop, "Feet flat": session.flatten_feet, "Standing": session.stand})
+        self.all_keyframes = gui.add_checkbox("Show all keyframes", initial_value=True)
+        page.when_changed(self.all_keyframes)
         with gui.add_folder("Pelvis", expand_by_default=False):
             self._position = gui.add_vector3("x, y, z (m)", (0.0, 0.0, 0.0), step=0.01)
             self._angles = gui.add_vector3("heading, pitch, roll (deg)", (0.0, 0.0, 0.0), step=1.0)
-        for handle in (self._position, self._angles):
-            page.when_changed(handle, self._root_changed)
+        page.when_changed(self._position, self._move)
+        page.when_changed(self._angles, self._turn)
         self._sliders: dict[int, viser.GuiSliderHandle[float]] = {}
         for limb, starts in _LIMBS.items():
             with gui.add_folder(limb, expand_by_default=False):
@@ -59,7 +63,12 @@ class PosePanel:
     def _slider(self, joint: int, name: str) -> viser.GuiSliderHandle[float]:
         low, high = self._page.session.robot.joint_range[joint].tolist()
         slider = self._page.gui.add_slider(
-            name, min=ceil(100 * low) / 100, max=floor(100 * high) / 100, step=0.01, initial_value=0.0
+            without_side(name),
+            min=ceil(100 * low) / 100,
+            max=floor(100 * high) / 100,
+            step=0.01,
+            initial_value=0.0,
+            hint=name,
         )
         self._page.when_changed(slider, lambda: self._page.session.set_joint(joint, slider.value))
         return slider
@@ -77,9 +86,16 @@ class PosePanel:
         ball.on_click(clicked)
         return ball
 
-    def _root_changed(self) -> None:
-        quat = quat_from_heading_pitch_roll(np.radians(self._angles.value))
-        self._page.session.set_root(np.concatenate((self._position.value, quat)), gesture="root")
+    def _move(self) -> None:
+        root = self._page.session.timeline.pose.qpos[:7]
+        shown = root[:3].round(_POSITION_DIGITS)
+        root[:3] += np.subtract(self._position.value, shown)  # what was not touched keeps all its digits
+        self._page.session.set_root(root, gesture="position")
+
+    def _turn(self) -> None:
+        root = self._page.session.timeline.pose.qpos[:7]
+        root[3:] = quat_from_heading_pitch_roll(np.radians(self._angles.value))
+        self._page.session.set_root(root, gesture="angles")
 
     async def _dragged(self, event: viser.TransformControlsEvent) -> None:
         tasks = {"start": self._grab, "update": self._drag, "end": self._release}
@@ -105,7 +121,7 @@ class PosePanel:
         qpos = session.timeline.pose.qpos
         for joint, slider in self._sliders.items():
             slider.value = min(max(round(float(qpos[7 + joint]), 2), slider.min), slider.max)
-        self._position.value = tuple(qpos[:3].round(3).tolist())
+        self._position.value = tuple(qpos[:3].round(_POSITION_DIGITS).tolist())
         self._angles.value = tuple(np.degrees(heading_pitch_roll(qpos[3:7])).round(1).tolist())
         frames = session.poser.frames(qpos)
         for name, ball in self._balls.items():

@@ -18,14 +18,22 @@ class TimelinePanel:
         self._page, session = page, page.session
         self._strip = page.gui.add_html("")
         self._arrivals = page.gui.add_multi_slider(
-            "Arrivals (s)", min=0.0, max=1.0, step=CONTROL_DT, initial_value=(1.0,), visible=False,
+            "Arrivals (s)",
+            min=0.0,
+            max=_LONGEST,
+            step=CONTROL_DT,
+            initial_value=(_LONGEST,),
             hint="Drag a keyframe to another time; the others stay.",
-        )  # fmt: skip
+        )
         self._selected = page.gui.add_dropdown("Selected", session.timeline.labels)
         self._interval = page.gui.add_slider(
-            "Takes (s)", min=CONTROL_DT, max=_LONGEST, step=CONTROL_DT, initial_value=_LONGEST,
+            "Takes (s)",
+            min=CONTROL_DT,
+            max=_LONGEST,
+            step=CONTROL_DT,
+            initial_value=_LONGEST,
             hint="From the pose before; later keyframes move along.",
-        )  # fmt: skip
+        )
         self._name = page.gui.add_text("Name", "")
         page.buttons(
             "Keyframe",
@@ -84,7 +92,9 @@ class TimelinePanel:
         self._interval.disabled = self._name.disabled = timeline.selected == 0
         if timeline.selected:
             self._interval.value = round(timeline.interval, 2)
-        self._name.value = timeline.pose.name or "" if timeline.selected else ""
+        name = timeline.pose.name or "" if timeline.selected else ""
+        if self._name.value.strip() != name:  # a space that is being typed stays
+            self._name.value = name
         self.show_time()
 
     def show_time(self) -> None:

@@ -1,0 +1,49 @@
+import socket
+import sys
+from pathlib import Path
+
+import pytest
+
+from plat.errors import CheckpointError, KeyframeError, StudioError
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "recipes"))
+import studio
+
+PLAT = Path(__file__).parents[2] / "weights" / "plat"
+
+
+def test_without_the_extra_there_is_one_line(monkeypatch):
+    monkeypatch.setitem(sys.modules, "viser", None)
+    for name in [name for name in sys.modules if name.startswith("plat.studio")]:
+        monkeypatch.delitem(sys.modules, name)
+    with pytest.raises(StudioError, match=r"pip install 'plat-rl\[studio\]'"):
+        studio.main(studio.StudioRecipe(runs=(PLAT,)))
+
+
+@pytest.fixture
+def _extra() -> None:
+    for package in ("viser", "mjviser", "mink"):
+        pytest.importorskip(package, reason="the extra plat-rl[studio] is not installed")
+
+
+@pytest.mark.usefixtures("_extra")
+def test_missing_files_are_named(tmp_path):
+    with pytest.raises(CheckpointError, match="nowhere"):
+        studio.main(studio.StudioRecipe(runs=(tmp_path / "nowhere",)))
+    with pytest.raises(KeyframeError, match=r"wave\.json"):
+        studio.main(studio.StudioRecipe(runs=(PLAT,), keyframes=tmp_path / "wave.json"))
+
+
+@pytest.mark.usefixtures("_extra")
+def test_a_port_in_use_is_named():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(StudioError, match=f"port {port}"):
+            studio.main(studio.StudioRecipe(runs=(PLAT,), port=port))
+
+
+def test_runs_in_folders_of_the_same_name_are_told_apart():
+    runs = Path("a/plat"), Path("b/plat"), Path("b/expert")
+    assert studio._names(runs) == ["a/plat", "b/plat", "expert"]
