@@ -4,6 +4,7 @@ python recipes/distill.py --expert runs/expert --motions clips.npz --minutes 15 
 """
 
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,7 +18,7 @@ from plat.envs.transforms import HORIZONS, pop_statistics
 from plat.errors import PlatError
 from plat.modules import STUDENT_KEYS, Expert, LatentPolicy, LatentPolicyConfig, PlainPolicy
 from plat.objectives import LatentImitationLoss, Precision, autocast, plain_imitation_loss
-from plat.rendering import play
+from plat.rendering import Films, play
 from plat.training import Budget, RecipeConfig, Run, load_policy, report_errors
 
 
@@ -89,6 +90,8 @@ def main(recipe: DistillRecipe) -> None:
     buffer = dagger_buffer(library, recipe.buffer_size, recipe.batch_size, recipe.stride, device)
     policy = MixedPolicy(student.sampled(), expert, recipe.expert_share)
     budget = Budget(recipe.minutes, recipe.steps)
+    watch = partial(play, student.deployed(), library, 0, HORIZONS["long"], device=device)
+    films = Films(recipe.out / "videos", library.robot, watch, recipe.video_every)
     run = Run(
         recipe.out,
         recipe=recipe,
@@ -98,8 +101,7 @@ def main(recipe: DistillRecipe) -> None:
         resume=recipe.resume,
         save_every=recipe.save_every,
         wandb=recipe.wandb,
-        play=lambda: play(student.deployed(), library, 0, HORIZONS["long"], device=device),
-        video_every=recipe.video_every,
+        film=films.take,
     )
     labelled = ExpertLabels(expert, STUDENT_KEYS)
     for rollout in rollouts(env, policy, recipe.rollout, recipe.precision):

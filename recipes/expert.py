@@ -4,6 +4,7 @@ python recipes/expert.py --motions clips.npz --minutes 30 --out runs/expert
 """
 
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -15,7 +16,7 @@ from plat.envs.transforms import HORIZONS, pop_statistics
 from plat.errors import CheckpointError
 from plat.modules import Critic, Expert, ExpertConfig
 from plat.objectives import PPO, PPOConfig
-from plat.rendering import play
+from plat.rendering import Films, play
 from plat.training import Budget, RecipeConfig, Run, load_policy, report_errors
 
 
@@ -43,6 +44,10 @@ def main(recipe: ExpertRecipe) -> None:
     critic = Critic(library.robot, expert.normalizer.in_keys).to(recipe.device)
     ppo = PPO(expert.head(), critic.head(), critic.observe(), recipe.ppo)
     budget = Budget(recipe.minutes, recipe.steps)
+    watch = partial(play, expert.deployed(tuple(expert.goals)), library, 0, HORIZONS["long"], device=recipe.device)
+    films = Films(
+        recipe.out / "videos", library.robot, partial(watch, dense=True, goals=expert.goals), recipe.video_every
+    )
     run = Run(
         recipe.out,
         recipe=recipe,
@@ -52,16 +57,7 @@ def main(recipe: ExpertRecipe) -> None:
         resume=recipe.resume,
         save_every=recipe.save_every,
         wandb=recipe.wandb,
-        play=lambda: play(
-            expert.deployed(tuple(expert.goals)),
-            library,
-            0,
-            HORIZONS["long"],
-            dense=True,
-            goals=expert.goals,
-            device=recipe.device,
-        ),
-        video_every=recipe.video_every,
+        film=films.take,
     )
     warmup_steps = recipe.critic_warmup * recipe.num_envs * recipe.rollout if recipe.init else 0
     for rollout in rollouts(env, expert.actor(), recipe.rollout, recipe.ppo.precision):

@@ -4,6 +4,7 @@ python recipes/refine.py --student runs/dagger --motions clips.npz --minutes 15 
 """
 
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -23,7 +24,7 @@ from plat.modules import (
     ResidualLatentPolicy,
 )
 from plat.objectives import PPO, PPOConfig
-from plat.rendering import play
+from plat.rendering import Films, play
 from plat.training import Budget, RecipeConfig, Run, load_policy, report_errors
 
 VARIANTS = {
@@ -65,6 +66,8 @@ def main(recipe: RefineRecipe) -> None:
     critic = Critic(library.robot, STUDENT_KEYS).to(device)
     ppo = PPO(policy.head(), critic.head(), critic.observe(), recipe.ppo, action_key=policy.sample_key)
     budget = Budget(recipe.minutes, recipe.steps)
+    watch = partial(play, policy.deployed(), library, 0, HORIZONS["long"], device=device)
+    films = Films(recipe.out / "videos", library.robot, watch, recipe.video_every)
     run = Run(
         recipe.out,
         recipe=recipe,
@@ -74,8 +77,7 @@ def main(recipe: RefineRecipe) -> None:
         resume=recipe.resume,
         save_every=recipe.save_every,
         wandb=recipe.wandb,
-        play=lambda: play(policy.deployed(), library, 0, HORIZONS["long"], device=device),
-        video_every=recipe.video_every,
+        film=films.take,
     )
     warmup_steps = recipe.critic_warmup * recipe.num_envs * recipe.rollout
     for rollout in rollouts(env, policy.actor(), recipe.rollout, recipe.ppo.precision):

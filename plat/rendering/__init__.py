@@ -2,6 +2,7 @@
 
 from plat.rendering.bars import ablation_bars
 from plat.rendering.figures import pyplot
+from plat.rendering.films import Films
 from plat.rendering.pictures import (
     RenderingError,
     Stage,
@@ -21,6 +22,7 @@ from plat.rendering.success import success_plot
 from plat.rendering.viewer import Viewer
 
 __all__ = [
+    "Films",
     "Playback",
     "RenderingError",
     "Stage",

@@ -74,13 +74,15 @@ _RING_LABEL: dict[str, Any] = {
 
 
 def _range(values: Sequence[float], metric: str) -> tuple[float, float, list[float]]:
-    """Value at the centre, value at the rim, and the rings: round numbers around the values, none at the centre."""
+    """Value at the centre, value at the rim, and the rings: round numbers around the values, none below 0."""
     finite = [value for value in values if math.isfinite(value)] or [0.0]
     low, high = min(finite), max(finite)
     spread = max(high - low, 10.0 ** -METRICS[metric].digits)
     power = 10.0 ** math.floor(math.log10(spread / 2))
     step = next(power * factor for factor in (1, 2, 5, 10) if spread <= 3 * power * factor)
     first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)
+    rings = [ring * step for ring in range(first, last + 1)]
+    # a ring's width beyond the worst value, so that no outline shrinks to a point
     if METRICS[metric].higher_is_better:
-        return (first - 1) * step, last * step, [ring * step for ring in range(first, last + 1)]
-    return (last + 1) * step, first * step, [ring * step for ring in range(first, last + 1)]
+        return max(rings[0] - step, 0.0), rings[-1], [ring for ring in rings if ring > 0]
+    return rings[-1] + step, rings[0], rings

@@ -66,8 +66,14 @@ def _strip(stage: Stage, playback: Playback, commands: int) -> list[tuple[np.nda
         halfway = start + playback.command_length[start] // 2
         target = playback.target_qpos[start]
         for pose, at_arrival in ((playback.qpos[min(halfway, end)], False), (playback.reached_qpos[end], True)):
-            stage.look_at(0.5 * (pose + target))
+            stage.look_at(_between(pose, target))
             failed = playback.failed[end] and (at_arrival or halfway > end)
             colour = _FAILED if failed else _REACHED if at_arrival else None
             pictures.append((stage.draw(pose, target).copy(), colour))
     return pictures
+
+
+def _between(pose: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """A point of the floor halfway to the target, but no farther from the robot than where it is still well seen."""
+    way = 0.5 * (target[:2] - pose[:2])
+    return pose[:2] + way * min(1.0, 0.4 / max(float(np.linalg.norm(way)), 1e-9))

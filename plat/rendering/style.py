@@ -65,12 +65,13 @@ _OTHERS = [
 
 
 def looks(names: Sequence[str]) -> dict[str, Look]:
-    """One look a policy: its own for a row of the ablation; other names take what is left, in their order.
+    """One look a policy: its own for a row of the ablation, also in small letters; others take what is left.
 
     >>> looks(["DAgger", "mine"])["DAgger"].colour
     '#0072B2'
     """
-    known = {name: _KNOWN[name] for name in names if name in _KNOWN}
+    rows = {name.lower(): look for name, look in _KNOWN.items()}
+    known = {name: rows[name.lower()] for name in names if name.lower() in rows}
     taken = {(look.colour, look.marker) for look in known.values()}
     spare = cycle(look for look in _OTHERS if (look.colour, look.marker) not in taken)
     return {name: known.get(name) or next(spare) for name in names}

@@ -15,7 +15,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any
 
 import torch
 from pydantic import TypeAdapter
@@ -32,11 +32,8 @@ import plat
 from plat.errors import CheckpointError
 from plat.training.budget import Budget
 from plat.training.metrics import MetricsFile, wandb_run
-from plat.training.saving import Policy, complete_spec, policy_spec, read_json, save_weights, write_json
+from plat.training.saving import complete_spec, policy_spec, read_json, save_weights, write_json
 from plat.training.wandb_media import log_video
-
-if TYPE_CHECKING:
-    from plat.rendering.playback import Playback
 
 __all__ = ["Run"]
 
@@ -54,8 +51,7 @@ class Run:
         resume: go on from the last checkpoint in ``folder``.
         save_every: seconds between checkpoints.
         wandb: log to wandb as well.
-        play: lets the policy as it is now chase keyframes, to be filmed for wandb.
-        video_every: seconds between those films; 0 for none.
+        film: makes a video of the policy as it is at a step, when one is due, for wandb.
 
     Raises:
         CheckpointError: when the directory already holds a run and ``resume`` is False, or the run in it was of
@@ -73,8 +69,7 @@ class Run:
         resume: bool = False,
         save_every: float = 120.0,
         wandb: bool = False,
-        play: "Callable[[], Playback] | None" = None,
-        video_every: float = 0.0,
+        film: Callable[[int], Path | None] | None = None,
     ):
         self.folder = folder
         self.policy = policy
@@ -108,11 +103,7 @@ class Run:
             shutil.rmtree(leftover, ignore_errors=True)
         self._metrics = MetricsFile(folder / "metrics.csv", keep_until=budget.steps)
         self._wandb = wandb_run(folder.name, folder, config) if wandb else None
-        self._films = None
-        if wandb and play and video_every:
-            from plat.training.films import Films  # plat.rendering needs plat.training to load what it plays
-
-            self._films = Films(folder / "videos", cast(Policy, policy).robot, play, video_every)
+        self._film = film
         self._last_save = time.monotonic()
         self._last_line = 0.0
 
@@ -146,8 +137,8 @@ class Run:
         self._metrics.write(self.budget.steps, {"seconds": self.budget.seconds, **metrics})
         if self._wandb is not None:
             self._wandb.log(dict(metrics), step=self.budget.steps)
-        if self._films is not None and (video := self._films.take(self.budget.steps)) is not None:
-            log_video(self._wandb, video, self.budget.steps)
+            if self._film is not None and (video := self._film(self.budget.steps)) is not None:
+                log_video(self._wandb, video, self.budget.steps)
         now = time.monotonic()
         if now - self._last_line >= 5 or self.budget.done:
             self._last_line = now

@@ -1,7 +1,8 @@
 import pytest
 
+from plat.evaluation import Score
 from plat.rendering import radar_plot
-from tests.rendering.scores import made_up
+from tests.rendering.scores import made_up, records
 
 pytest.importorskip("matplotlib")
 
@@ -38,6 +39,14 @@ def test_rings_are_round_numbers_around_the_values(policies):
         assert 1 <= len(rings) <= 6
         labels = [float(text.get_text()) for text in panel.texts]
         assert labels == pytest.approx(list(rings))
+
+
+def test_nothing_is_drawn_below_zero():
+    scores = [Score.of("expert", horizon, [records(1.0, 0.1, 0.2)]) for horizon in ("short", "long")]
+    panel = radar_plot([*scores, *made_up("expert", horizons=("mixed",))]).axes[0]
+    assert panel.get_ylim()[0] == 0
+    assert panel.get_yticks()[0] > 0
+    assert outline(panel, "expert")[0] == 0
 
 
 def test_equal_figures_make_a_plot():

@@ -18,9 +18,10 @@ class Painter:
 
     def __init__(self):
         self.seen: list[tuple[np.ndarray, np.ndarray]] = []
+        self.aims: list[np.ndarray] = []
 
     def look_at(self, position):
-        pass
+        self.aims.append(position[:2])
 
     def draw(self, qpos, ghost_qpos):
         self.seen.append((qpos, ghost_qpos))
@@ -86,6 +87,15 @@ def test_a_failed_command_shows_where_it_failed(well):
 
     assert [edge and to_hex(edge).upper() for edge in edges(figure)] == [None, GREEN] * 2 + [RED, RED, None, GREEN]
     assert [panel.get_ylabel() for panel in figure.axes[::4]] == ["PLAT", "wbc"]
+
+
+def test_the_robot_is_seen_however_far_the_keyframe_is(well):
+    near = dataclasses.replace(well, qpos=0 * well.qpos, reached_qpos=0 * well.qpos, target_qpos=0 * well.qpos + 0.2)
+    far = dataclasses.replace(near, target_qpos=0 * well.qpos + 20.0)
+    for playback, aim in ((near, [0.1, 0.1]), (far, [0.4 * 0.5**0.5] * 2)):
+        painter = Painter()
+        film_strip(painter, {"PLAT": playback}, commands=1)
+        np.testing.assert_allclose(painter.aims[0], aim)
 
 
 def test_no_more_keyframes_than_there_are(playback):

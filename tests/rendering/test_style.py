@@ -10,6 +10,7 @@ ROWS += ["Direct RL fine-tune", "Residual action", "PLAT"]
 
 def test_a_row_looks_the_same_in_whatever_company():
     assert looks(ROWS)["PLAT"] == looks(["PLAT"])["PLAT"] == looks(["mine", "PLAT"])["PLAT"]
+    assert looks(["dagger", "plat"])["plat"] == looks(["PLAT"])["PLAT"]  # a run's folder
 
 
 def test_no_two_policies_look_alike():

@@ -8,8 +8,7 @@ from plat.envs import G1, MotionLibrary
 from plat.envs.transforms import HORIZONS
 from plat.errors import MotionError
 from plat.modules import Expert
-from plat.rendering import Playback, RenderingError, play
-from plat.training.films import Films
+from plat.rendering import Films, Playback, RenderingError, play
 from tests.conftest import standing_clip
 
 
@@ -33,9 +32,9 @@ class Stage:
 def written(monkeypatch) -> list[tuple[str, int]]:
     """Name and number of pictures of every film."""
     films: list[tuple[str, int]] = []
-    monkeypatch.setattr("plat.training.films.Stage", Stage)
+    monkeypatch.setattr("plat.rendering.films.Stage", Stage)
     monkeypatch.setattr(
-        "plat.training.films.write_video", lambda path, pictures, fps: films.append((path.name, len(list(pictures))))
+        "plat.rendering.films.write_video", lambda path, pictures, fps: films.append((path.name, len(list(pictures))))
     )
     return films
 
@@ -56,11 +55,11 @@ def test_films_are_taken_when_they_are_due(tmp_path, written):
 
 def test_playing_draws_no_random_numbers(tmp_path, written):
     torch.manual_seed(0)
-    films = Films(tmp_path, G1, playback, every=0.0)
+    films = Films(tmp_path, G1, playback, every=1e-9)
     expert = Expert(G1)  # playback makes one as well, which draws
     state = torch.random.get_rng_state()
     library = MotionLibrary.from_clips([standing_clip()])
-    films = Films(tmp_path, G1, lambda: play(expert.deployed(), library, 0, HORIZONS["long"]), every=0.0)
+    films = Films(tmp_path, G1, lambda: play(expert.deployed(), library, 0, HORIZONS["long"]), every=1e-9)
     assert films.take(1) is not None
     assert torch.equal(torch.random.get_rng_state(), state)
 
@@ -70,7 +69,12 @@ def test_what_cannot_be_filmed_is_said_once_and_stops_nothing(tmp_path, capsys, 
     def fail():
         raise error
 
-    films = Films(tmp_path, G1, fail, every=0.0)
+    films = Films(tmp_path, G1, fail, every=1e-9)
     assert films.take(1) is None
     assert films.take(2) is None
     assert capsys.readouterr().out == f"no videos for wandb: {error}\n"
+
+
+def test_no_films_on_request(tmp_path, written):
+    assert Films(tmp_path, G1, playback, every=0.0).take(1) is None
+    assert written == []

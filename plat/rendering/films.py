@@ -20,7 +20,7 @@ class Films:
         folder: the videos go here, named by the step.
         robot: who is seen.
         play: lets the policy as it is now chase keyframes.
-        every: seconds from film to film, and to the first.
+        every: seconds from film to film, and to the first; 0 for none.
         seconds: of motion that a film shows at most.
         fps: pictures a second.
     """
@@ -40,7 +40,7 @@ class Films:
         self._every = every
         self._pictures = round(seconds * fps)
         self._fps = fps
-        self._due = time.monotonic() + every
+        self._due = time.monotonic() + (every or float("inf"))
 
     def take(self, step: int) -> Path | None:
         """The next film, when it is due: ``FOLDER/STEP.mp4``."""
