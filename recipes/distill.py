@@ -71,11 +71,12 @@ def main(recipe: DistillRecipe) -> None:
     torch.manual_seed(recipe.seed)
     device = recipe.device
     library = MotionLibrary.load(recipe.motions, mirror=recipe.mirror).to(device)
-    env = make_keyframe_env(library, recipe.num_envs, recipe.task, horizon=HORIZONS[recipe.horizon], device=device)
     teacher = load_policy(recipe.expert, device)
-    if not isinstance(teacher, Expert) or len(teacher.goals) > 1:
-        raise PlatError(f"--expert {str(recipe.expert)!r}: expected the run of an expert that sees one reference frame")
-    expert = teacher.deployed("dense_goal", out_key="expert_action")
+    if not isinstance(teacher, Expert):
+        raise PlatError(f"--expert {str(recipe.expert)!r}: expected the run of an expert")
+    expert = teacher.deployed(tuple(teacher.dense_goals), out_key="expert_action")
+    horizon, goals = HORIZONS[recipe.horizon], teacher.dense_goals
+    env = make_keyframe_env(library, recipe.num_envs, recipe.task, horizon=horizon, dense_goals=goals, device=device)
     student: Any
     loss: Any
     if recipe.student == "latent":

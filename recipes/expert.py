@@ -25,7 +25,7 @@ class ExpertRecipe(RecipeConfig):
     """Train a dense motion-tracking expert."""
 
     init: Path | None = None
-    """run whose expert to go on from, of the sizes that it has, with other motions, rewards or settings"""
+    """run whose expert to go on from, with other motions, rewards or settings; it may see more frames than it did"""
     rollout: int = 24
     """control steps of each robot between updates"""
     critic_warmup: int = 10
@@ -39,7 +39,10 @@ def main(recipe: ExpertRecipe) -> None:
     """Run the recipe."""
     torch.manual_seed(recipe.seed)
     library = MotionLibrary.load(recipe.motions, mirror=recipe.mirror)
-    expert = (load_expert(recipe.init) if recipe.init else Expert(library.robot, recipe.policy)).to(recipe.device)
+    expert = Expert(library.robot, recipe.policy)
+    if recipe.init:
+        start_from(expert, recipe.init)
+    expert = expert.to(recipe.device)
     env = make_tracking_env(library, recipe.num_envs, recipe.task, goals=expert.goals, device=recipe.device)
     critic = Critic(library.robot, expert.normalizer.in_keys).to(recipe.device)
     ppo = PPO(expert.head(), critic.head(), critic.observe(), recipe.ppo)
@@ -79,16 +82,19 @@ def main(recipe: ExpertRecipe) -> None:
     run.finish()
 
 
-def load_expert(folder: Path) -> Expert:
-    """The expert of a run.
+def start_from(expert: Expert, folder: Path) -> None:
+    """Give the expert the weights of a run.
 
     Raises:
-        CheckpointError: when the run holds something else.
+        CheckpointError: when the run holds something else, or an expert of other sizes.
     """
     policy = load_policy(folder)
     if not isinstance(policy, Expert):
         raise CheckpointError(f"{str(folder)!r} holds a {type(policy).__name__}, expected an expert (--init)")
-    return policy
+    try:
+        expert.start_from(policy)
+    except ValueError as error:
+        raise CheckpointError(f"--init {str(folder)!r}: {error} (--policy.ahead, --policy.hidden)") from error
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from plat.envs.robot import FootContacts
 from plat.envs.tracking import MotionTrackingEnv, ResetNoise
 from plat.envs.transforms import (
     HORIZONS,
+    NEXT_DENSE_FRAME,
     NEXT_FRAME,
     DenseGoal,
     DenseRewards,
@@ -38,7 +39,7 @@ __all__ = ["TaskConfig", "make_keyframe_env", "make_tracking_env"]
 
 # What the policy, the critic or a collector may read. The rest is there for other transforms only; storing it would
 # fill most of a rollout.
-_KEPT_GROUPS = ("robot", "dense_goal", "command", "privileged", "motion")
+_KEPT_GROUPS = ("robot", "command", "privileged", "motion")
 _KEPT_STATE = (("state", "root_pos_w"), ("state", "root_quat_w"))
 
 
@@ -121,7 +122,7 @@ def _assemble(
 
 
 def _kept(key: tuple[str, ...]) -> bool:
-    return key[0] in _KEPT_GROUPS or key[0].startswith("goal") or key in _KEPT_STATE
+    return key[0] in _KEPT_GROUPS or key[0].startswith(("goal", "dense_goal")) or key in _KEPT_STATE
 
 
 def _rewards(env: MotionTrackingEnv, config: TaskConfig) -> list[Transform]:
@@ -172,13 +173,15 @@ def make_keyframe_env(
     config: TaskConfig | None = None,
     *,
     horizon: Horizon = HORIZONS["mixed"],
+    dense_goals: Mapping[str, int] = NEXT_DENSE_FRAME,
     num_threads: int | None = None,
     device: torch.device | str = "cpu",
 ) -> TransformedEnv:
     """Stages 2 and 3: be at one future keyframe on time, then at the next.
 
     Observations are ``("robot", ...)``, ``("goal", ...)`` (the commanded keyframe), ``("command", ...)``,
-    ``("privileged", ...)`` and, for the expert that labels, ``("dense_goal", ...)`` (the next reference frame).
+    ``("privileged", ...)`` and, for the expert that labels, ``("dense_goal", ...)`` (the next reference frame) or
+    whatever :attr:`plat.modules.Expert.dense_goals` says.
 
     >>> from plat.envs.motions import generate_motions
     >>> env = make_keyframe_env(MotionLibrary.from_clips(generate_motions("train", seconds=8)), num_envs=2)
@@ -192,5 +195,6 @@ def make_keyframe_env(
         *_rewards(env, config),
         KeyframeTermination(env.robot, config.limits, max_displacement=config.max_displacement),
     ]
-    after = [KeyframeCommand(env.library, horizon), DenseGoal(env.library, "dense_goal"), PrivilegedState(env.library)]
+    references = [DenseGoal(env.library, group, ahead) for group, ahead in dense_goals.items()]
+    after = [KeyframeCommand(env.library, horizon), *references, PrivilegedState(env.library)]
     return _assemble(env, config, task, after)

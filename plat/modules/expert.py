@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+import torch
 from tensordict import NestedKey
 from tensordict.nn import ProbabilisticTensorDictSequential, TensorDictModule, TensorDictSequential
 from torch import nn
@@ -23,10 +24,13 @@ class ExpertConfig:
 
     hidden: tuple[int, ...] = (512, 256, 128)
     """hidden layers"""
-    action: Literal["reference_residual", "default_offset"] = "reference_residual"
-    """what the network's output is added to: the joint angles of the goal, or the default pose"""
+    action: Literal["reference_residual", "reference_velocity", "default_offset"] = "reference_residual"
+    """what the network's output is added to: the joint angles of the goal, those and what the motors need to follow
+    the velocity from the first to the second frame of ``ahead``, or the default pose"""
     ahead: tuple[int, ...] = (1,)
     """reference frames that it sees, counted from the current one; ten of them, 0.1 s apart, make it SONIC's kind"""
+    control_dt: float = 0.02
+    """seconds from frame to frame"""
     init_std: float = 0.6
     """exploration noise at the start, in units of action"""
 
@@ -42,6 +46,10 @@ class Expert(nn.Module):
 
     Attributes:
         goals: the groups that hold the reference, and how many frames ahead each is; the first one is ``"goal"``.
+        dense_goals: the same for labels in another task, where ``"goal"`` is a keyframe.
+
+    Raises:
+        ValueError: when ``config`` asks for the reference's velocity and sees one frame.
 
     >>> from plat.envs import G1
     >>> expert = Expert(G1, ExpertConfig(hidden=(32,)))
@@ -53,7 +61,10 @@ class Expert(nn.Module):
         super().__init__()
         self.robot = robot
         self.config = config = config or ExpertConfig()
+        if config.action == "reference_velocity" and len(config.ahead) < 2:
+            raise ValueError(f"ahead {config.ahead}: the action 'reference_velocity' needs two frames, such as 1 2")
         self.goals = {"goal" if number == 0 else f"goal_{ahead}": ahead for number, ahead in enumerate(config.ahead)}
+        self.dense_goals = {f"dense_{group}": ahead for group, ahead in self.goals.items()}
         keys = self._keys(tuple(self.goals))
         size = observation_size(keys, robot)
         self.normalizer = ObservationNormalizer(keys, size)
@@ -64,18 +75,46 @@ class Expert(nn.Module):
     def _keys(goals: Sequence[str]) -> tuple[tuple[str, str], ...]:
         return sum((goal_keys(goal) for goal in goals), ROBOT_KEYS)
 
-    def _mean(self, goal: str, out_key: str) -> list[TensorDictModule]:
+    def _mean(self, goals: Sequence[str], out_key: str) -> list[TensorDictModule]:
         """From the normalised observation to the mean action."""
         if self.config.action == "default_offset":
             return [TensorDictModule(self.network, in_keys=["observation"], out_keys=[out_key])]
-        return [
-            TensorDictModule(self.network, in_keys=["observation"], out_keys=["residual"]),
-            ReferenceOffset(self.robot, ("residual", (goal, "joint_pos")), out_key),
-        ]
+        network = TensorDictModule(self.network, in_keys=["observation"], out_keys=["residual"])
+        in_keys: list[NestedKey] = ["residual", (goals[0], "joint_pos")]
+        if self.config.action == "reference_residual":
+            return [network, ReferenceOffset(self.robot, in_keys, out_key)]
+        first, second, *_ = self.config.ahead
+        interval = (second - first) * self.config.control_dt
+        return [network, ReferenceOffset(self.robot, [*in_keys, (goals[1], "joint_pos")], out_key, interval)]
+
+    @torch.no_grad()
+    def start_from(self, trained: "Expert") -> None:
+        """Take over the weights of an expert with the same hidden layers that sees the first of the same frames.
+
+        The further frames count for nothing at first. Their statistics are those of the last frame that both see.
+
+        Raises:
+            ValueError: saying what differs.
+        """
+        frames, hidden = trained.config.ahead, trained.config.hidden
+        if self.config.ahead[: len(frames)] != frames or self.config.hidden != hidden:
+            raise ValueError(
+                f"it sees frames {frames} with hidden layers {hidden}; an expert that goes on from it has those layers "
+                f"and sees these frames first, not {self.config.ahead} with {self.config.hidden}"
+            )
+        weights = trained.state_dict()
+        frame_size = observation_size(goal_keys(), self.robot)
+        further = (len(self.config.ahead) - len(frames)) * frame_size
+        first_layer = weights["network.0.weight"]
+        weights["network.0.weight"] = torch.cat((first_layer, first_layer.new_zeros(len(first_layer), further)), 1)
+        for name in ("normalizer.mean", "normalizer.var"):
+            last = weights[name][-frame_size:]
+            weights[name] = torch.cat((weights[name], last.repeat(further // frame_size)))
+        self.load_state_dict(weights)
 
     def head(self) -> ProbabilisticTensorDictSequential:
         """The part that learns, for PPO: reads the normalised observation that :meth:`actor` wrote while it acted."""
-        return ProbabilisticTensorDictSequential(*self._mean("goal", "loc"), self.noise, gaussian_action())
+        return ProbabilisticTensorDictSequential(*self._mean(tuple(self.goals), "loc"), self.noise, gaussian_action())
 
     def actor(self) -> TensorDictSequential:
         """The stochastic policy that collects; the rollout holds all that :meth:`head` reads."""
@@ -93,7 +132,7 @@ class Expert(nn.Module):
         """
         goals = [goal] * len(self.goals) if isinstance(goal, str) else list(goal)
         normalizer = self.normalizer.using(self._keys(goals))
-        return TensorDictSequential(normalizer, *self._mean(goals[0], out_key), selected_out_keys=[out_key])
+        return TensorDictSequential(normalizer, *self._mean(goals, out_key), selected_out_keys=[out_key])
 
 
 class Critic(nn.Module):

@@ -1,6 +1,7 @@
 """From a network's output to an action distribution."""
 
 import math
+from collections.abc import Sequence
 
 import torch
 from tensordict import NestedKey
@@ -26,10 +27,15 @@ class ReferenceOffset(TensorDictModule):
     a residual on the reference. The shift does not depend on the network, so probabilities of ``a`` and of ``r``
     agree, and labels of the expert need no conversion.
 
+    Given a later goal as well, it commands ``q_target = q_goal + kd/kp * (q_later - q_goal) / interval + scale * r``:
+    the motor's damping, which pulls its velocity to zero, then pulls it to the reference's (``reference_velocity``).
+    Two goals that are the same keyframe have no velocity.
+
     Args:
-        robot: gives default pose and action scale.
-        in_keys: residual ``[*B, J]`` and goal joint angles ``[*B, J]`` (rad).
+        robot: gives default pose, action scale and gains.
+        in_keys: residual ``[*B, J]``, goal joint angles ``[*B, J]`` (rad), and joint angles of the later goal.
         out_key: action ``[*B, J]``.
+        interval: time from the goal to the later goal (s).
 
     >>> from plat.envs import G1
     >>> offset = ReferenceOffset(G1, ("residual", ("goal", "joint_pos")), "loc")
@@ -37,21 +43,27 @@ class ReferenceOffset(TensorDictModule):
     True
     """
 
-    def __init__(self, robot: Robot, in_keys: tuple[NestedKey, NestedKey], out_key: NestedKey):
-        super().__init__(_Offset(robot), in_keys=list(in_keys), out_keys=[out_key])
+    def __init__(self, robot: Robot, in_keys: Sequence[NestedKey], out_key: NestedKey, interval: float = 1.0):
+        super().__init__(_Offset(robot, interval), in_keys=list(in_keys), out_keys=[out_key])
 
 
 class _Offset(nn.Module):
     default_joint_pos: Tensor
     action_scale: Tensor
+    lead: Tensor
 
-    def __init__(self, robot: Robot):
+    def __init__(self, robot: Robot, interval: float):
         super().__init__()
         self.register_buffer("default_joint_pos", robot.default_joint_pos.clone())
         self.register_buffer("action_scale", robot.action_scale.clone())
 
-    def forward(self, residual: Tensor, goal_joint_pos: Tensor) -> Tensor:
-        return residual + (goal_joint_pos - self.default_joint_pos) / self.action_scale
+        self.register_buffer("lead", robot.damping / robot.stiffness / interval)
+
+    def forward(self, residual: Tensor, goal_joint_pos: Tensor, later_joint_pos: Tensor | None = None) -> Tensor:
+        target = goal_joint_pos
+        if later_joint_pos is not None:
+            target = target + self.lead * (later_joint_pos - goal_joint_pos)
+        return residual + (target - self.default_joint_pos) / self.action_scale
 
 
 class GaussianNoise(TensorDictModule):

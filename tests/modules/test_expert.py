@@ -1,3 +1,4 @@
+import pytest
 import torch
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
@@ -72,3 +73,50 @@ def test_an_expert_that_sees_several_frames(library):
     keyframe = expert.deployed()(alone)["action"]
     torch.testing.assert_close(keyframe, expert.deployed(tuple(expert.goals))(instead)["action"])
     assert not torch.allclose(keyframe, shown)
+
+
+def untrained(config: ExpertConfig) -> Expert:
+    expert = Expert(G1, config)
+    torch.nn.init.zeros_(expert.network[-1].weight)
+    torch.nn.init.zeros_(expert.network[-1].bias)
+    return expert
+
+
+def test_reference_velocity_is_what_the_damping_would_take(library):
+    expert = untrained(ExpertConfig(action="reference_velocity", ahead=(1, 3)))
+    state = make_tracking_env(library, 4, goals=expert.goals).reset()
+    target = G1.default_joint_pos + G1.action_scale * expert.deployed(tuple(expert.goals))(state)["action"]
+    first, later = state["goal", "joint_pos"], state["goal_3", "joint_pos"]
+    torque = G1.stiffness * (target - first) - G1.damping * (later - first) / 0.04  # on the reference, at its velocity
+    torch.testing.assert_close(torque, torch.zeros(4, 29), atol=1e-4, rtol=0)
+
+
+def test_a_keyframe_has_no_velocity(library):
+    expert = untrained(ExpertConfig(action="reference_velocity", ahead=(1, 2)))
+    state = make_tracking_env(library, 4).reset()
+    action = expert.deployed()(state)["action"]
+    torch.testing.assert_close(G1.default_joint_pos + G1.action_scale * action, state["goal", "joint_pos"])
+
+
+def test_reference_velocity_needs_two_frames():
+    with pytest.raises(ValueError, match=r"ahead \(1,\): the action 'reference_velocity' needs two frames"):
+        Expert(G1, ExpertConfig(action="reference_velocity"))
+
+
+def test_labels_of_an_expert_that_sees_several_frames(library):
+    expert = Expert(G1, ExpertConfig(ahead=(1, 2)))
+    assert expert.dense_goals == {"dense_goal": 1, "dense_goal_2": 2}
+    keyframe = make_keyframe_env(library, 4, dense_goals=expert.dense_goals).reset()
+    label = expert.deployed(tuple(expert.dense_goals))(keyframe)["action"]
+    dense = keyframe.select("robot").update({"goal": keyframe["dense_goal"], "goal_2": keyframe["dense_goal_2"]})
+    torch.testing.assert_close(label, expert.deployed(tuple(expert.goals))(dense)["action"])
+
+
+def test_starting_from_an_expert_that_saw_less_changes_no_action(library):
+    less, more = Expert(G1, ExpertConfig(hidden=(16,))), Expert(G1, ExpertConfig(hidden=(16,), ahead=(1, 2, 5)))
+    state = make_tracking_env(library, 4, goals=more.goals).reset()
+    less.normalizer.update(state)
+    more.start_from(less)
+    torch.testing.assert_close(more.deployed(tuple(more.goals))(state)["action"], less.deployed()(state)["action"])
+    with pytest.raises(ValueError, match=r"it sees frames \(1, 2, 5\)"):
+        less.start_from(more)

@@ -175,11 +175,21 @@ def test_wandb_works_offline(tmp_path, stages):
     assert list((tmp_path / "run" / "videos").glob("*.mp4")) or "no videos for wandb" in out
 
 
-def test_only_an_expert_that_sees_one_frame_can_label(tmp_path, stages):
-    far_sighted = tmp_path / "far-sighted"
-    run("expert", *stages["expert"], "--policy.ahead", 1, 6, "--steps", 100, "--out", far_sighted)
-    for folder in (far_sighted, stages["refine"][-1]):
-        arguments = [*COMMON, *STAGES["distill"], "--expert", folder, "--steps", 100, "--out", tmp_path / "student"]
-        out = subprocess.run(command("distill", *arguments), capture_output=True, text=True, check=False, cwd=ROOT)
-        assert out.returncode == 1
-        assert "expected the run of an expert that sees one reference frame" in out.stderr
+def test_an_expert_goes_on_with_more_frames_and_labels(tmp_path, stages):
+    far_sighted, before = tmp_path / "far-sighted", stages["distill"][-1]
+    frames = ["--policy.ahead", 1, 2, "--policy.action", "reference_velocity"]
+    run("expert", *stages["expert"], *frames, "--init", before, "--steps", 100, "--out", far_sighted)
+    run("distill", *COMMON, *STAGES["distill"], "--expert", far_sighted, "--steps", 100, "--out", tmp_path / "student")
+    assert len(steps_in(tmp_path / "student")) >= 1
+    back = [*stages["expert"], "--init", far_sighted, "--steps", 100, "--out", tmp_path / "back"]
+    out = subprocess.run(command("expert", *back), capture_output=True, text=True, check=False, cwd=ROOT)
+    assert out.returncode == 1
+    assert "it sees frames (1, 2)" in out.stderr
+
+
+def test_only_an_expert_labels(tmp_path, stages):
+    student = stages["refine"][-1]
+    arguments = [*COMMON, *STAGES["distill"], "--expert", student, "--steps", 100, "--out", tmp_path / "student"]
+    out = subprocess.run(command("distill", *arguments), capture_output=True, text=True, check=False, cwd=ROOT)
+    assert out.returncode == 1
+    assert "expected the run of an expert" in out.stderr

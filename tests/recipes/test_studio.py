@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+import plat
 from plat.errors import CheckpointError, KeyframeError, StudioError
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "recipes"))
@@ -16,6 +17,7 @@ def test_without_the_extra_there_is_one_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
     for name in [name for name in sys.modules if name.startswith("plat.studio")]:
         monkeypatch.delitem(sys.modules, name)
+    monkeypatch.delattr(plat, "studio", raising=False)  # put back with the modules: other tests patch them by name
     with pytest.raises(StudioError, match=r"pip install 'plat-rl\[studio\]'"):
         studio.main(studio.StudioRecipe(runs=(PLAT,)))
 

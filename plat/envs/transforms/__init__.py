@@ -10,7 +10,7 @@ from plat.envs.transforms.command import (
     KeyframeClock,
     KeyframeCommand,
 )
-from plat.envs.transforms.goals import NEXT_FRAME, DenseGoal
+from plat.envs.transforms.goals import NEXT_DENSE_FRAME, NEXT_FRAME, DenseGoal
 from plat.envs.transforms.metrics import METRIC_KEYS, KeyframeMetrics
 from plat.envs.transforms.noise import NoiseLevels, ObservationNoise
 from plat.envs.transforms.privileged import PrivilegedState
@@ -33,6 +33,7 @@ __all__ = [
     "HORIZONS",
     "MAX_STEPS",
     "METRIC_KEYS",
+    "NEXT_DENSE_FRAME",
     "NEXT_FRAME",
     "WINDOW",
     "CommandSchedule",

@@ -11,10 +11,13 @@ from plat.envs.layout import entry_shapes
 from plat.envs.motions.library import MotionLibrary
 from plat.envs.transforms.base import ObservationTransform
 
-__all__ = ["NEXT_FRAME", "DenseGoal"]
+__all__ = ["NEXT_DENSE_FRAME", "NEXT_FRAME", "DenseGoal"]
 
 NEXT_FRAME: Mapping[str, int] = MappingProxyType({"goal": 1})
 """What a dense tracker is shown by default: groups by name, and how many frames ahead each is."""
+
+NEXT_DENSE_FRAME: Mapping[str, int] = MappingProxyType({"dense_goal": 1})
+"""The same beside a keyframe, for the expert that labels."""
 
 
 class DenseGoal(ObservationTransform):
