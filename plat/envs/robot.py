@@ -156,6 +156,23 @@ class Robot:
         """
         return 0.25 * self.effort_limit / self.stiffness
 
+    @cached_property
+    def leg_joints(self) -> list[int]:
+        """Indices of the joints between the root and the feet.
+
+        >>> [G1.joint_names[joint] for joint in G1.leg_joints[:3]], len(G1.leg_joints)
+        (['left_hip_pitch', 'left_hip_roll', 'left_hip_yaw'], 12)
+        """
+        model = self.shared_model
+        joints = []
+        for foot in self.feet:
+            body = model.body(foot).id
+            while body != model.body(self.keypoints[0]).id:
+                first, count = model.body_jntadr[body], model.body_jntnum[body]
+                joints += [int(joint) - 1 for joint in range(first, first + count)]  # joint 0 is the free one
+                body = model.body_parentid[body]
+        return sorted(joints)
+
     @property
     def anchor_index(self) -> int:
         """Index of the anchor among the keypoints."""

@@ -2,6 +2,7 @@
 
 from plat.objectives.divergence import gaussian_kl
 from plat.objectives.imitation import LatentImitationLoss, plain_imitation_loss
+from plat.objectives.motor_gradient import motor_gradient
 from plat.objectives.ppo import PPO, PPOConfig
 from plat.objectives.precision import Precision, autocast, has_fast_bfloat16
 
@@ -13,5 +14,6 @@ __all__ = [
     "autocast",
     "gaussian_kl",
     "has_fast_bfloat16",
+    "motor_gradient",
     "plain_imitation_loss",
 ]

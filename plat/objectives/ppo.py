@@ -94,18 +94,24 @@ class PPO:
         self.optimizer = torch.optim.Adam(self._parameters, lr=config.lr, fused=True)
         self._schedule = KLAdaptiveLR(self.optimizer, config.target_kl, min_lr=config.min_lr, max_lr=config.max_lr)
 
-    def step(self, rollout: TensorDictBase, learn_policy: bool = True) -> dict[str, float]:
+    def step(
+        self, rollout: TensorDictBase, learn_policy: bool = True, gradient: Tensor | None = None
+    ) -> dict[str, float]:
         """Learn from a rollout ``[N, T]``.
 
         Args:
             rollout: what the policy did.
             learn_policy: False trains the critic alone.
+            gradient: of something else to be lowered with respect to the distribution's mean ``[N, T, A]``, such as
+                :func:`plat.objectives.motor_gradient` times a weight; added to PPO's own.
 
         Returns:
             ``policy_loss``, ``value_loss``, ``entropy``, ``kl``, ``clip_fraction``, ``explained_variance``, ``lr``
             and ``std``, averaged over the updates.
         """
         data = self.prepare(rollout)
+        if gradient is not None:
+            data["gradient"] = gradient.flatten(0, 1)
         batch_size = len(data) // self.config.minibatches
         totals: dict[str, Tensor] = {}
         updates = 0
@@ -119,6 +125,8 @@ class PPO:
                 loss = losses["loss_critic"]
                 if learn_policy:
                     loss = loss + losses["loss_objective"] + losses["loss_entropy"]
+                    if gradient is not None:
+                        loss = loss + self._along(batch)
                 self.optimizer.zero_grad()
                 loss.backward()
                 nn.utils.clip_grad_norm_(self._parameters, self.config.grad_norm)
@@ -142,6 +150,12 @@ class PPO:
             "lr": self.optimizer.param_groups[0]["lr"],
             "std": float(data["scale"][0].mean()),
         }
+
+    def _along(self, batch: TensorDictBase) -> Tensor:
+        """A scalar whose gradient with respect to each sample's mean is ``batch["gradient"]`` over their number."""
+        with self._autocast(batch):
+            mean = self.actor.get_dist(batch).mean
+        return (batch["gradient"] * mean).sum(-1).mean()
 
     @torch.no_grad()
     def prepare(self, rollout: TensorDictBase) -> TensorDict:

@@ -138,3 +138,15 @@ def test_a_latent_residual_learns(library):
             rollout["next", key] = torch.ones_like(rollout["next", key])
         ppo.step(rollout)
     assert distances[-1] < 0.6 * distances[0]
+
+
+def test_an_outside_gradient_moves_the_mean_against_it():
+    toys = Toy(), Toy()
+    toys[1].actor.load_state_dict(toys[0].actor.state_dict())
+    rollout = toys[0].rollout()
+    before = rollout["loc"].mean()
+    toys[0].ppo.step(rollout.clone(), gradient=torch.full_like(rollout["loc"], 5.0))
+    toys[1].ppo.step(rollout.clone(), gradient=torch.full_like(rollout["loc"], -5.0))
+    down, up = (toy.actor[0](rollout.clone())["loc"].mean() for toy in toys)
+    assert down < before - 0.01
+    assert up > before + 0.01
