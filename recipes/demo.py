@@ -1,4 +1,4 @@
-"""All three stages and the evaluation at a small scale, on motions that plat makes itself.
+"""All three stages and the evaluation at a small scale, on motions that plat makes itself; then the committed PLAT.
 
 python recipes/demo.py
 
@@ -6,7 +6,7 @@ Killed at any moment, it goes on where it was when it is started again.
 """
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import tyro
@@ -17,6 +17,7 @@ import plat.headless  # noqa: F401
 import distill
 import evaluate
 import expert
+import play as play_recipe
 import refine
 
 from plat.envs import MotionLibrary
@@ -24,9 +25,11 @@ from plat.envs.transforms import HORIZONS
 from plat.evaluation import HEADLINE, Score
 from plat.rendering import RenderingError, Stage, contact_sheet, film, play, write_picture, write_video
 from plat.training import load_policy, report_errors
+from plat.training.shipped import shipped_runs
 
 # what can be learned in a few minutes
 FAMILIES = "stand+reach+walk+squat+wave+bow+step"
+EXAMPLE = Path(__file__).parent / "examples" / "bow.json"
 NAMES = {"expert": "expert as sparse policy", "dagger": "DAgger", "plat": "PLAT"}
 
 
@@ -55,7 +58,7 @@ def main(recipe: DemoRecipe) -> None:
     minutes = recipe.expert_minutes + recipe.distill_minutes + recipe.refine_minutes
     print(f"plat demo: {minutes:.1f} minutes of training, then about two of evaluation and pictures; no network needed")
 
-    print("\n1/4  expert: PPO follows the reference frame by frame", flush=True)
+    print("\n1/5  expert: PPO follows the reference frame by frame", flush=True)
     expert.main(
         expert.ExpertRecipe(
             motions=motions,
@@ -66,7 +69,7 @@ def main(recipe: DemoRecipe) -> None:
             resume=True,
         )
     )
-    print("\n2/4  DAgger: a student that sees keyframes only learns from the expert", flush=True)
+    print("\n2/5  DAgger: a student that sees keyframes only learns from the expert", flush=True)
     distill.main(
         distill.DistillRecipe(
             motions=motions,
@@ -78,7 +81,7 @@ def main(recipe: DemoRecipe) -> None:
             resume=True,
         )
     )
-    print("\n3/4  PLAT: PPO on a residual in the student's latent", flush=True)
+    print("\n3/5  PLAT: PPO on a residual in the student's latent", flush=True)
     refine.main(
         refine.RefineRecipe(
             motions=motions,
@@ -90,7 +93,7 @@ def main(recipe: DemoRecipe) -> None:
             resume=True,
         )
     )
-    print("\n4/4  evaluation on generated motions that training did not see", flush=True)
+    print("\n4/5  evaluation on generated motions that training did not see", flush=True)
     rows = evaluate.main(
         evaluate.EvaluateRecipe(
             runs=tuple(out / name for name in NAMES), motions=(f"generated:val/{FAMILIES}",), csv=out / "evaluation.csv"
@@ -98,9 +101,12 @@ def main(recipe: DemoRecipe) -> None:
     )
     pictures = draw(out)
     print_table(rows)
+    print("\n5/5  the PLAT that comes with plat, trained for hours, chases a file of keyframes", flush=True)
+    film_of_shipped = play_shipped(out)
     print(f"\ncheckpoints and curves   {out}/{{expert,dagger,plat}}/ (model.safetensors, metrics.csv)")
     print(f"all figures              {out / 'evaluation.csv'}")
     print(pictures)
+    print(film_of_shipped)
     print(f"done in {(time.monotonic() - began) / 60:.1f} minutes; start it again to draw again, or remove {out} first")
 
 
@@ -119,6 +125,17 @@ def draw(out: Path) -> str:
     except RenderingError as error:
         return f"no pictures: {error}"
     return f"contact sheet            {sheet}\nvideo                    {video} (the ghost is the commanded keyframe)"
+
+
+def play_shipped(out: Path) -> str:
+    """Let the committed PLAT chase the keyframes of an example, and print its scores, with a video if one can be drawn."""
+    recipe = play_recipe.PlayRecipe(policy=shipped_runs()["plat-g1"], keyframes=EXAMPLE, video=out / "shipped_plat.mp4")
+    try:
+        play_recipe.main(recipe)
+    except RenderingError:  # the reason stands in the line before
+        play_recipe.main(replace(recipe, video=None))
+        return f"shipped PLAT             no video; its keyframes are {EXAMPLE}"
+    return f"video of shipped PLAT    {recipe.video}"
 
 
 def print_table(scores: list[Score]) -> None:

@@ -15,21 +15,9 @@ from plat.envs import MotionLibrary, TaskConfig, make_tracking_env
 from plat.envs.transforms import HORIZONS, pop_statistics
 from plat.errors import CheckpointError
 from plat.modules import Critic, Expert, ExpertConfig
-from plat.objectives import PPO, PPOConfig, motor_gradient
+from plat.objectives import PPO, MotorGradientConfig, PPOConfig, motor_gradient
 from plat.rendering import Films, play
 from plat.training import Budget, RecipeConfig, Run, load_policy, report_errors
-
-
-@dataclass(frozen=True, kw_only=True)
-class MotorGradient:
-    """Gradient of joint tracking through the motors, beside PPO's, see :func:`plat.objectives.motor_gradient`."""
-
-    weight: float = 0.15
-    """factor on it; 0 for PPO alone"""
-    legs: float = 0.2
-    """further factor on the joints of the legs"""
-    steps: int = 4
-    """control steps from an action to the joint error that it answers for"""
 
 
 @dataclass(kw_only=True)
@@ -45,7 +33,7 @@ class ExpertRecipe(RecipeConfig):
     policy: ExpertConfig = field(default_factory=ExpertConfig)
     task: TaskConfig = field(default_factory=TaskConfig)
     ppo: PPOConfig = field(default_factory=PPOConfig)
-    motor: MotorGradient = field(default_factory=MotorGradient)
+    motor: MotorGradientConfig = field(default_factory=MotorGradientConfig)
 
 
 def main(recipe: ExpertRecipe) -> None:
@@ -83,10 +71,7 @@ def main(recipe: ExpertRecipe) -> None:
         warming = budget.steps <= warmup_steps
         gradient = None
         if recipe.motor.weight:
-            ahead, legs = recipe.policy.ahead[0], recipe.motor.legs
-            gradient = recipe.motor.weight * motor_gradient(
-                rollout, expert.robot, recipe.motor.steps, ahead=ahead, legs=legs
-            )
+            gradient = motor_gradient(rollout, expert.robot, recipe.motor, ahead=expert.goals["goal"])
         losses = ppo.step(rollout, not warming, gradient) if critic.normalizer.count > 0 else {}
         expert.normalizer.update(rollout)
         critic.normalizer.update(rollout)

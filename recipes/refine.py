@@ -23,7 +23,7 @@ from plat.modules import (
     ResidualActionPolicy,
     ResidualLatentPolicy,
 )
-from plat.objectives import PPO, PPOConfig
+from plat.objectives import PPO, MotorGradientConfig, PPOConfig, motor_gradient
 from plat.rendering import Films, play
 from plat.training import Budget, RecipeConfig, Run, load_policy, report_errors
 
@@ -48,6 +48,7 @@ class RefineRecipe(RecipeConfig):
     ppo: PPOConfig = field(
         default_factory=lambda: PPOConfig(entropy=0.0, lr=1e-4, min_lr=2e-5, max_lr=3e-4, target_kl=0.005)
     )
+    motor: MotorGradientConfig = field(default_factory=MotorGradientConfig)
     horizon: Literal["single", "short", "medium", "long", "mixed"] = "mixed"
     """lengths of the commands"""
     rollout: int = 24
@@ -84,7 +85,10 @@ def main(recipe: RefineRecipe) -> None:
         budget.add(rollout.numel())
         statistics = pop_statistics(env)
         warming = budget.steps <= warmup_steps
-        losses = ppo.step(rollout, learn_policy=not warming) if critic.normalizer.count > 0 else {}
+        gradient = None
+        if recipe.motor.weight and policy.sample_key == "action":
+            gradient = motor_gradient(rollout, library.robot, recipe.motor, goal="dense_goal")
+        losses = ppo.step(rollout, not warming, gradient) if critic.normalizer.count > 0 else {}
         critic.normalizer.update(rollout)
         terminations = statistics["terminated"] / library.dt
         reward = float(rollout["next", "reward"].mean()) / library.dt

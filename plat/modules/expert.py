@@ -11,6 +11,7 @@ from torch import nn
 
 from plat.envs.layout import ROBOT_KEYS, goal_keys, observation_size, privileged_keys
 from plat.envs.robot import Robot
+from plat.keyframes import CONTROL_DT
 from plat.modules.heads import GaussianNoise, ReferenceOffset, gaussian_action
 from plat.modules.networks import mlp
 from plat.modules.normalizer import ObservationNormalizer
@@ -29,8 +30,6 @@ class ExpertConfig:
     the velocity from the first to the second frame of ``ahead``, or the default pose"""
     ahead: tuple[int, ...] = (1,)
     """reference frames that it sees, counted from the current one; ten of them, 0.1 s apart, make it SONIC's kind"""
-    control_dt: float = 0.02
-    """seconds from frame to frame"""
     init_std: float = 0.6
     """exploration noise at the start, in units of action"""
 
@@ -84,7 +83,7 @@ class Expert(nn.Module):
         if self.config.action == "reference_residual":
             return [network, ReferenceOffset(self.robot, in_keys, out_key)]
         first, second, *_ = self.config.ahead
-        interval = (second - first) * self.config.control_dt
+        interval = (second - first) * CONTROL_DT
         return [network, ReferenceOffset(self.robot, [*in_keys, (goals[1], "joint_pos")], out_key, interval)]
 
     @torch.no_grad()

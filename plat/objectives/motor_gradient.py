@@ -1,45 +1,63 @@
 """The gradient of joint tracking through the motors, which PPO's noise hides."""
 
+from dataclasses import dataclass
+
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
 from plat.envs.robot import Robot
 
-__all__ = ["motor_gradient"]
+__all__ = ["MotorGradientConfig", "motor_gradient"]
+
+
+@dataclass(frozen=True)
+class MotorGradientConfig:
+    """How much the gradient through the motors counts."""
+
+    weight: float = 0.15
+    """factor on it; 0 leaves PPO alone"""
+    legs: float = 0.2
+    """further factor on the joints of the legs, whose errors may be what balance asks for"""
+    steps: int = 4
+    """control steps from an action to the joint error that it answers for"""
 
 
 def motor_gradient(
-    rollout: TensorDictBase, robot: Robot, steps: int = 4, ahead: int = 1, goal: str = "goal", legs: float = 1.0
+    rollout: TensorDictBase,
+    robot: Robot,
+    config: MotorGradientConfig | None = None,
+    *,
+    ahead: int = 1,
+    goal: str = "goal",
 ) -> Tensor:
     """Which way each joint's action was wrong, by where the joint was a moment later.
 
     A position-controlled joint goes where its target goes, with a lag of ``kd/kp`` (64 ms on the G1). So the joint's
     error ``e = q - q_ref``, ``steps`` after an action, falls when that action's target is lowered by ``e``:
 
-    ``gradient_t = e_{t+steps} / action_scale``
+    ``gradient_t = weight * e_{t+steps} / action_scale``
 
     is a gradient on the mean action, with the motor's answer taken as the identity. It is 0 where the episode or the
     rollout ended before. The sign is right for joints that move freely, whatever gravity and inertia do; a leg that
-    stands is also loaded through the other one, and its errors may be what balance asks for, hence ``legs``. The
-    reward of a mean over all joints says little on any one of them, and PPO hears it through its own noise: on the
-    G1 it leaves arms a tenth of a radian off in the same direction all the time. This removes such errors within
-    minutes, and PPO keeps the robot on its feet.
+    stands is also loaded through the other one, and its errors may be what balance asks for. A reward that is a mean
+    over all joints says little on any one of them, and PPO hears it through its own noise: on the G1 that leaves arms
+    a tenth of a radian off, in the same direction, all the time. This removes such errors within minutes, while PPO
+    keeps the robot on its feet.
 
     Args:
         rollout: ``[N, T]`` with ``("robot", "joint_pos")`` (rad, from the default pose), the joint angles of the
             reference in ``goal`` and ``("next", "done")``.
         robot: gives default pose and action scale.
-        steps: control steps from the action to the error.
-        ahead: how many frames ahead the goal is.
+        config: weight and delay.
+        ahead: how many frames ahead the reference's group is.
         goal: group of the reference.
-        legs: factor on the joints of the legs.
 
     Returns:
         ``[N, T, J]``, for :meth:`plat.objectives.PPO.step`.
 
     Raises:
-        ValueError: when ``steps`` is less than ``ahead``.
+        ValueError: when the delay is less than ``ahead``.
 
     >>> from plat.envs import G1, MotionLibrary, make_tracking_env
     >>> from plat.envs.motions import generate_motions
@@ -47,6 +65,8 @@ def motor_gradient(
     >>> motor_gradient(env.rollout(6, break_when_any_done=False), G1).shape
     torch.Size([2, 6, 29])
     """
+    config = config or MotorGradientConfig()
+    steps = config.steps
     if steps < ahead:
         raise ValueError(
             f"steps is {steps}: the reference of fewer than {ahead} steps after an action is not in the rollout"
@@ -61,6 +81,6 @@ def motor_gradient(
     # the goal that was shown ``ahead`` steps before a state is the reference of that state
     error = joint_pos[:, steps:] - reference[:, steps - ahead : steps - ahead + kept]
     ended = done.unfold(1, steps, 1)[:, :kept].any(-1)
-    gradient[:, :kept] = torch.where(ended, 0.0, error / robot.action_scale.to(error))
-    gradient[..., robot.leg_joints] *= legs
+    gradient[:, :kept] = torch.where(ended, 0.0, config.weight * error / robot.action_scale.to(error))
+    gradient[..., robot.leg_joints] *= config.legs
     return gradient
