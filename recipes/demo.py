@@ -128,7 +128,7 @@ def draw(out: Path) -> str:
 
 
 def play_shipped(out: Path) -> str:
-    """Let the committed PLAT chase the keyframes of an example, and print its scores, with a video if one can be drawn."""
+    """Let the committed PLAT chase an example and print its scores, film it if one can."""
     recipe = play_recipe.PlayRecipe(policy=shipped_runs()["plat-g1"], keyframes=EXAMPLE, video=out / "shipped_plat.mp4")
     try:
         play_recipe.main(recipe)
