@@ -40,7 +40,6 @@ def entry_shapes(group: str, robot: Robot) -> dict[str, tuple[int, ...]]:
             "root_height": (1,),
             "root_velocity_error_b": (6,),
             "joint_vel_error": joints,
-            "phase": (1,),
         },
     }
     return groups[group]

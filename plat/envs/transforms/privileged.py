@@ -18,7 +18,8 @@ class PrivilegedState(ObservationTransform):
     ``keypoint_pos_b`` ``[3 K]`` (m) and ``keypoint_lin_vel_b`` ``[3 K]`` (m/s): the robot's keypoints relative to its
     root, in the root frame; ``root_height`` ``[1]`` (m); ``root_velocity_error_b`` ``[6]``: the next reference frame's
     linear and angular root velocity minus the robot's, in the root frame; ``joint_vel_error`` ``[J]`` (rad/s): the
-    same for the joints; ``phase`` ``[1]``: seconds left in the clip, at most 1.
+    same for the joints. The end of the clip is kept from the critic: an episode that is cut off there is bootstrapped
+    with the value of a state from which nothing is learned, and a critic that can tell such states drifts away on them.
     """
 
     def __init__(self, library: MotionLibrary):
@@ -31,8 +32,7 @@ class PrivilegedState(ObservationTransform):
 
     def compute(self, tensordict: TensorDictBase) -> dict[NestedKey, Tensor]:
         state, frame = tensordict["state"], tensordict["motion", "frame"]
-        last = self._library.last_frame[frame]
-        reference = self._library.states((frame + 1).minimum(last))
+        reference = self._library.states((frame + 1).minimum(self._library.last_frame[frame]))
         root_to_world = quat_to_matrix(state["root_quat_w"])
         lin_vel, ang_vel = state["keypoint_lin_vel_w"], state["keypoint_ang_vel_w"]
         vectors_w = (
@@ -50,6 +50,5 @@ class PrivilegedState(ObservationTransform):
             state["root_pos_w"][:, 2:],
             root_velocity_error_b,
             reference["joint_vel"] - state["joint_vel"],
-            ((last - frame)[:, None] * self._library.dt).clamp_max(1.0),
         )
         return dict(zip(self.out_keys, values, strict=True))
