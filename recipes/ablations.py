@@ -115,7 +115,7 @@ def train_student(runs: Path, settings: dict[str, Any], student: Literal["latent
     distill.main(distill.DistillRecipe(expert=runs / "expert", student=student, **settings))
 
 
-def train_refined(runs: Path, settings: dict[str, Any], variant: Literal["latent-noise", "action", "finetune"]) -> None:
+def train_refined(runs: Path, settings: dict[str, Any], variant: Literal["latent", "action", "finetune"]) -> None:
     """Stage 3."""
     refine.main(refine.RefineRecipe(student=runs / "dagger", variant=variant, **settings))
 
@@ -128,7 +128,7 @@ ROWS = (
     Row("DAgger", "dagger", "student_steps", partial(train_student, student="latent")),
     Row("Direct RL fine-tune", "finetune", "refine_steps", partial(train_refined, variant="finetune"), True),
     Row("Residual action", "action", "refine_steps", partial(train_refined, variant="action"), True),
-    Row("PLAT", "plat", "refine_steps", partial(train_refined, variant="latent-noise"), True),
+    Row("PLAT", "plat", "refine_steps", partial(train_refined, variant="latent"), True),
 )
 ORDER = ("SONIC", "SONIC-style", "TWIST2", "wbc", *(row.name for row in ROWS[1:]))
 TRACKERS = ("SONIC", "SONIC-style", "TWIST2", "wbc", "Scratch RL")

@@ -28,8 +28,8 @@ from plat.rendering import Films, play
 from plat.training import Budget, RecipeConfig, Run, load_policy, report_errors
 
 VARIANTS = {
-    "latent-noise": LatentNoisePolicy,
     "latent": ResidualLatentPolicy,
+    "latent-noise": LatentNoisePolicy,
     "action": ResidualActionPolicy,
     "finetune": FinetunedPolicy,
 }
@@ -41,8 +41,8 @@ class RefineRecipe(RecipeConfig):
 
     student: Path
     """run of stage 2"""
-    variant: Literal["latent-noise", "latent", "action", "finetune"] = "latent-noise"
-    """PLAT with noise on the latent or on the action; residual in the action; all weights"""
+    variant: Literal["latent", "latent-noise", "action", "finetune"] = "latent"
+    """PLAT with noise on the action or on the latent (then without motor gradient); residual in the action; all weights"""
     policy: RefinementConfig = field(default_factory=RefinementConfig)
     task: TaskConfig = field(default_factory=TaskConfig)
     ppo: PPOConfig = field(

@@ -149,7 +149,7 @@ def test_every_row_is_trained_with_the_budget_of_its_stage(recipe, trained, tmp_
     assert trained[1].policy == ExpertConfig()
     assert [made.student for made in trained[2:4]] == ["plain", "latent"]
     assert trained[2].expert == trained[3].expert == tmp_path / "new" / "expert"
-    assert [made.variant for made in trained[4::2]] == ["finetune", "action", "latent-noise"]
+    assert [made.variant for made in trained[4::2]] == ["finetune", "action", "latent"]
     # within a stage nothing differs but what the row is about
     about = {"student", "variant", "out", "seed", "policy"}
     for stage in (trained[:2], trained[2:4], trained[4:]):
