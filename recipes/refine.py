@@ -42,7 +42,7 @@ class RefineRecipe(RecipeConfig):
     student: Path
     """run of stage 2"""
     variant: Literal["latent", "latent-noise", "action", "finetune"] = "latent"
-    """PLAT with noise on the action or on the latent (then without motor gradient); residual in the action; all weights"""
+    """PLAT with noise on the action, or on the latent (no motor gradient then); residual in the action; all weights"""
     policy: RefinementConfig = field(default_factory=RefinementConfig)
     task: TaskConfig = field(default_factory=TaskConfig)
     ppo: PPOConfig = field(
