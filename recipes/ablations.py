@@ -220,7 +220,7 @@ def released_rows(trackers: ReleasedTrackers) -> dict[str, list[Candidate]]:
     """Rows of the released trackers whose files were given."""
     loaded = trackers.load()
     rows = {}
-    for name, path in {"SONIC": trackers.sonic, "TWIST2": trackers.twist2, "wbc": trackers.wbc}.items():
+    for name, path in trackers.files().items():
         if path is None:
             print(f"{name}: left out, give --trackers.{name.lower()}")
             continue

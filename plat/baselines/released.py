@@ -1,5 +1,6 @@
 """The released trackers whose files a user has."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +23,10 @@ class ReleasedTrackers:
     wbc: Path | None = None
     """the .onnx of wbc-mjlab"""
 
+    def files(self) -> dict[str, Path | None]:
+        """Path of each by its name in tables."""
+        return {"SONIC": self.sonic, "TWIST2": self.twist2, "wbc": self.wbc}
+
     def load(self) -> dict[str, Tracker]:
         """Those that were given, by their names in tables.
 
@@ -29,5 +34,5 @@ class ReleasedTrackers:
             BundleError: when a file cannot be read.
             CheckpointError: when it is another network.
         """
-        kinds = {"SONIC": (Sonic, self.sonic), "TWIST2": (Twist2, self.twist2), "wbc": (Wbc, self.wbc)}
-        return {name: kind(path) for name, (kind, path) in kinds.items() if path is not None}
+        kinds: dict[str, Callable[[Path], Tracker]] = {"SONIC": Sonic, "TWIST2": Twist2, "wbc": Wbc}
+        return {name: kinds[name](path) for name, path in self.files().items() if path is not None}

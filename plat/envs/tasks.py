@@ -163,8 +163,7 @@ def make_tracking_env(
         RegularisationReward(robot, dt, config.regularisation, config.regularisation_weight),
         TrackingTermination(robot, config.limits, max_displacement=config.max_displacement),
     ]
-    references = [DenseGoal(env.library, group, ahead) for group, ahead in goals.items()]
-    return _assemble(env, config, task, [*references, PrivilegedState(env.library)])
+    return _assemble(env, config, task, [*DenseGoal.of_groups(env.library, goals), PrivilegedState(env.library)])
 
 
 def make_keyframe_env(
@@ -195,6 +194,7 @@ def make_keyframe_env(
         *_rewards(env, config),
         KeyframeTermination(env.robot, config.limits, max_displacement=config.max_displacement),
     ]
-    references = [DenseGoal(env.library, group, ahead) for group, ahead in dense_goals.items()]
-    after = [KeyframeCommand(env.library, horizon), *references, PrivilegedState(env.library)]
-    return _assemble(env, config, task, after)
+    references = DenseGoal.of_groups(env.library, dense_goals)
+    return _assemble(
+        env, config, task, [KeyframeCommand(env.library, horizon), *references, PrivilegedState(env.library)]
+    )

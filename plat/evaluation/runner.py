@@ -57,7 +57,7 @@ def make_evaluation_env(
         KeyframeCommand(env.library, schedule.horizon, schedule, group="keyframe" if dense else "goal"),
     ]
     if dense:
-        transforms += [DenseGoal(env.library, group, ahead) for group, ahead in goals.items()]
+        transforms += DenseGoal.of_groups(env.library, goals)
     if observe is not None:
         transforms += observe(env.library, dense)
     return TransformedEnv(env, Compose(*transforms))

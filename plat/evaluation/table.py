@@ -9,7 +9,7 @@ from plat.evaluation.records import CommandRecords
 from plat.evaluation.report import Estimate, report
 from plat.files import replace_file
 
-__all__ = ["HEADLINE", "METRICS", "Metric", "Score", "markdown", "write_csv"]
+__all__ = ["COLUMNS", "HEADLINE", "METRICS", "Metric", "Score", "markdown", "rows", "write_csv"]
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,8 @@ METRICS = {
 """Every figure, in the order of the tables."""
 HEADLINE = ("tks", "mpjpe", "mpkpe")
 """The paper's three."""
+COLUMNS = ("policy", "horizon", "seeds", "metric", "value", "low", "high")
+"""Of the table that :func:`rows` lists."""
 
 
 @dataclass(frozen=True)
@@ -68,18 +70,23 @@ class Score:
         return cls(policy, horizon, tuple(records), report(records))
 
 
+def rows(scores: Iterable[Score]) -> list[tuple[str, str, int, str, float, float, float]]:
+    """One row a policy, horizon and figure: its value, its 95 % interval, and how many training seeds it is of."""
+    return [
+        (score.policy, score.horizon, len(score.records), name, figure.value, figure.low, figure.high)
+        for score in scores
+        for name, figure in score.figures.items()
+    ]
+
+
 def write_csv(path: Path, scores: Iterable[Score]) -> None:
-    """One line a policy, horizon and figure: its value, its 95 % interval, and how many training seeds it is of."""
-    lines = []
-    for score in scores:
-        for name, figure in score.figures.items():
-            values = [f"{value:.6g}" for value in (figure.value, figure.low, figure.high)]
-            lines.append([score.policy, score.horizon, len(score.records), name, *values])
+    """Write :func:`rows` with six digits."""
+    lines = [[f"{cell:.6g}" if isinstance(cell, float) else cell for cell in row] for row in rows(scores)]
 
     def write(part: Path) -> None:
         with part.open("w", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(["policy", "horizon", "seeds", "metric", "value", "low", "high"])
+            writer.writerow(COLUMNS)
             writer.writerows(lines)
 
     replace_file(path, write)

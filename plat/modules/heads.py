@@ -56,7 +56,6 @@ class _Offset(nn.Module):
         super().__init__()
         self.register_buffer("default_joint_pos", robot.default_joint_pos.clone())
         self.register_buffer("action_scale", robot.action_scale.clone())
-
         self.register_buffer("lead", robot.damping / robot.stiffness / interval)
 
     def forward(self, residual: Tensor, goal_joint_pos: Tensor, later_joint_pos: Tensor | None = None) -> Tensor:

@@ -103,7 +103,7 @@ class PPO:
             rollout: what the policy did.
             learn_policy: False trains the critic alone.
             gradient: of something else to be lowered with respect to the distribution's mean ``[N, T, A]``, such as
-                :func:`plat.objectives.motor_gradient` times a weight; added to PPO's own.
+                :func:`plat.objectives.motor_gradient`; added to PPO's own.
 
         Returns:
             ``policy_loss``, ``value_loss``, ``entropy``, ``kl``, ``clip_fraction``, ``explained_variance``, ``lr``

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from plat.evaluation import Score
+from plat.evaluation.table import COLUMNS, rows
 
 __all__ = ["log_scores", "log_video"]
 
@@ -19,11 +20,7 @@ def log_scores(run: Any, scores: Sequence[Score], figures: Sequence[Path] = ()) 
     """
     import wandb  # as in wandb_run: seconds that only those who ask for it pay
 
-    table = wandb.Table(columns=["policy", "horizon", "seeds", "metric", "value", "low", "high"])
-    for score in scores:
-        for name, figure in score.figures.items():
-            cells = (figure.value, figure.low, figure.high)
-            table.add_data(score.policy, score.horizon, len(score.records), name, *cells)
+    table = wandb.Table(columns=list(COLUMNS), data=rows(scores))
     images = {f"figures/{path.stem}": wandb.Image(str(path)) for path in figures if path.suffix == ".png"}
     run.log({"evaluation": table, **images})
 

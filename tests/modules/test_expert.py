@@ -22,19 +22,22 @@ def test_head_reads_what_the_actor_wrote(library):
     torch.testing.assert_close(dist.log_prob(rollout["action"]), rollout["action_log_prob"])
 
 
-def test_untrained_expert_commands_the_reference(library):
-    expert = Expert(G1)
+def untrained(config: ExpertConfig | None = None) -> Expert:
+    expert = Expert(G1, config)
     torch.nn.init.zeros_(expert.network[-1].weight)
     torch.nn.init.zeros_(expert.network[-1].bias)
+    return expert
+
+
+def test_untrained_expert_commands_the_reference(library):
+    expert = untrained()
     state = make_tracking_env(library, 4).reset()
     action = expert.deployed()(state)["action"]
     torch.testing.assert_close(G1.default_joint_pos + G1.action_scale * action, state["goal", "joint_pos"])
 
 
 def test_default_offset_ignores_the_goals_angles_outside_the_network(library):
-    expert = Expert(G1, ExpertConfig(action="default_offset"))
-    torch.nn.init.zeros_(expert.network[-1].weight)
-    torch.nn.init.zeros_(expert.network[-1].bias)
+    expert = untrained(ExpertConfig(action="default_offset"))
     state = make_tracking_env(library, 4).reset()
     assert (expert.deployed()(state)["action"] == 0).all()
 
@@ -73,13 +76,6 @@ def test_an_expert_that_sees_several_frames(library):
     keyframe = expert.deployed()(alone)["action"]
     torch.testing.assert_close(keyframe, expert.deployed(tuple(expert.goals))(instead)["action"])
     assert not torch.allclose(keyframe, shown)
-
-
-def untrained(config: ExpertConfig) -> Expert:
-    expert = Expert(G1, config)
-    torch.nn.init.zeros_(expert.network[-1].weight)
-    torch.nn.init.zeros_(expert.network[-1].bias)
-    return expert
 
 
 def test_reference_velocity_is_what_the_damping_would_take(library):

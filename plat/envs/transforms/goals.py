@@ -5,6 +5,7 @@ from types import MappingProxyType
 
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
+from torchrl.envs import Transform
 
 from plat.envs.goals import robot_centric_goal
 from plat.envs.layout import entry_shapes
@@ -40,6 +41,11 @@ class DenseGoal(ObservationTransform):
         self._library = library
         self._group = group
         self._ahead = ahead
+
+    @classmethod
+    def of_groups(cls, library: MotionLibrary, goals: Mapping[str, int]) -> list[Transform]:
+        """One for each group, given by name with how many frames ahead it is."""
+        return [cls(library, group, ahead) for group, ahead in goals.items()]
 
     def compute(self, tensordict: TensorDictBase) -> dict[NestedKey, Tensor]:
         frame = tensordict["motion", "frame"]
