@@ -29,7 +29,7 @@ import plat
 from plat.baselines import ReleasedTrackers
 from plat.envs import MotionLibrary
 from plat.errors import MotionError, PlatError, RecordsError
-from plat.evaluation import CommandRecords, Score, markdown, write_csv
+from plat.evaluation import CommandRecords, Score, differences, markdown, write_csv
 from plat.files import replace_file
 from plat.modules import ExpertConfig
 from plat.rendering import pyplot
@@ -309,7 +309,8 @@ def write(folder: Path, scores: Sequence[Score], rows: dict[str, list[Candidate]
     write_csv(folder / "scores.csv", scores)
     made_of = ["| row | runs |", "|---|---|"]
     made_of += [f"| {name} | {', '.join(map(described, candidates))} |" for name, candidates in rows.items()]
-    text = f"{markdown(scores)}\n" + "\n".join(made_of) + "\n"
+    parts = (markdown(scores), differences(scores, ROWS[-1].name), "\n".join(made_of) + "\n")
+    text = "\n".join(filter(None, parts))
     replace_file(folder / "scores.md", lambda part: part.write_text(text, encoding="utf-8"))
     return evaluate.draw_scores(folder, scores)
 

@@ -1,9 +1,9 @@
 """Evaluation: run commands, record them, report figures."""
 
 from plat.evaluation.records import CommandRecorder, CommandRecords
-from plat.evaluation.report import Estimate, Penalties, report, success_curve
+from plat.evaluation.report import Estimate, Penalties, compare, report, success_curve
 from plat.evaluation.runner import Observe, evaluate, make_evaluation_env
-from plat.evaluation.table import HEADLINE, METRICS, Metric, Score, markdown, write_csv
+from plat.evaluation.table import HEADLINE, METRICS, Metric, Score, differences, markdown, write_csv
 
 __all__ = [
     "HEADLINE",
@@ -15,6 +15,8 @@ __all__ = [
     "Observe",
     "Penalties",
     "Score",
+    "compare",
+    "differences",
     "evaluate",
     "make_evaluation_env",
     "markdown",

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from plat.evaluation.records import STEP_METRICS, CommandRecords
 
-__all__ = ["Estimate", "Penalties", "report", "success_curve"]
+__all__ = ["Estimate", "Penalties", "compare", "report", "success_curve"]
 
 
 @dataclass(frozen=True)
@@ -56,21 +56,48 @@ def report(
         under :func:`success_curve`; ``action_change``, ``joint_jerk`` (rad/s^3), ``foot_slip`` (m/s): means over
         steps. The intervals come from drawing motions with replacement, and training seeds as well.
     """
-    penalties = penalties or Penalties()
-    runs = [records] if isinstance(records, CommandRecords) else list(records)
-    clips, clip = torch.unique(runs[0].clip, return_inverse=True)
-    if any(not torch.equal(run.clip, runs[0].clip) for run in runs):
-        raise ValueError("records of different commands, expected the same commands for every training seed")
-    ratios = [_ratios(run, penalties) for run in runs]
+    table = _Table(records, penalties or Penalties())
     generator = torch.Generator().manual_seed(seed)
-    clip_weights = _draws(len(clips), resamples, generator)
-    run_weights = _draws(len(runs), resamples, generator)
+    clip_weights = _draws(len(table.clips), resamples, generator)
+    resampled = table.resampled(clip_weights, generator)
+    return {name: _estimate(value, resampled[name]) for name, value in table.figures().items()}
 
-    def per_clip(name: str, part: int) -> Tensor:  # [runs, clips]
-        sums = torch.zeros(len(runs), len(clips), dtype=torch.float64)
-        return sums.index_add_(1, clip, torch.stack([ratio[name][part].double() for ratio in ratios]))
 
-    return {name: _estimate(per_clip(name, 0), per_clip(name, 1), run_weights, clip_weights) for name in ratios[0]}
+def compare(
+    ours: CommandRecords | Sequence[CommandRecords],
+    theirs: CommandRecords | Sequence[CommandRecords],
+    penalties: Penalties | None = None,
+    resamples: int = 1000,
+    seed: int = 0,
+) -> dict[str, Estimate]:
+    """What one policy's figures are above another's, by the same commands.
+
+    Some motions are harder than others, for every policy. Intervals of two policies may thus overlap though one is
+    better on nearly every motion. Here the same motions are drawn for both (a paired bootstrap), training seeds for
+    each on its own.
+
+    Args:
+        ours: records of a policy, or of several that differ in their training seed.
+        theirs: those of the other.
+        penalties, resamples, seed: as in :func:`report`.
+
+    Returns:
+        For each figure of :func:`report`, ours minus theirs.
+
+    Raises:
+        ValueError: when the records are of different commands.
+    """
+    tables = [_Table(records, penalties or Penalties()) for records in (ours, theirs)]
+    if not torch.equal(tables[0].clip, tables[1].clip):
+        raise ValueError("records of different commands, expected the same commands for both policies")
+    generator = torch.Generator().manual_seed(seed)
+    clip_weights = _draws(len(tables[0].clips), resamples, generator)
+    values = [table.figures() for table in tables]
+    resampled = [table.resampled(clip_weights, generator) for table in tables]
+    return {
+        name: _estimate(values[0][name] - values[1][name], resampled[0][name] - resampled[1][name])
+        for name in values[0]
+    }
 
 
 _LARGEST = 0.5  # m: right end of the success curve
@@ -86,6 +113,36 @@ def success_curve(records: CommandRecords | Sequence[CommandRecords], points: in
     error = torch.cat([run.arrival_error for run in runs])
     thresholds = torch.linspace(0, _LARGEST, points, dtype=torch.float64)
     return thresholds, (error <= thresholds[:, None]).double().mean(-1)
+
+
+class _Table:
+    """Numerators and denominators of each figure, summed over the commands of a motion: ``[runs, clips]``."""
+
+    def __init__(self, records: CommandRecords | Sequence[CommandRecords], penalties: Penalties):
+        runs = [records] if isinstance(records, CommandRecords) else list(records)
+        self.clip = runs[0].clip
+        if any(not torch.equal(run.clip, self.clip) for run in runs):
+            raise ValueError("records of different commands, expected the same commands for every training seed")
+        self.clips, rows = torch.unique(self.clip, return_inverse=True)
+        ratios = [_ratios(run, penalties) for run in runs]
+        self._num_runs = len(runs)
+        self._sums: dict[str, tuple[Tensor, ...]] = {}
+        for name in ratios[0]:
+            zeros = torch.zeros(len(runs), len(self.clips), dtype=torch.float64)
+            parts = (torch.stack([ratio[name][part].double() for ratio in ratios]) for part in (0, 1))
+            self._sums[name] = tuple(zeros.index_add(1, rows, part) for part in parts)
+
+    def figures(self) -> dict[str, float]:
+        """Each figure."""
+        return {name: float(top.sum() / bottom.sum()) for name, (top, bottom) in self._sums.items()}
+
+    def resampled(self, clip_weights: Tensor, generator: torch.Generator) -> dict[str, Tensor]:
+        """Each figure ``[resamples]`` with motions drawn as given, and training seeds drawn here."""
+        run_weights = _draws(self._num_runs, len(clip_weights), generator)
+        return {
+            name: ((run_weights @ top) * clip_weights).sum(-1) / ((run_weights @ bottom) * clip_weights).sum(-1)
+            for name, (top, bottom) in self._sums.items()
+        }
 
 
 def _ratios(records: CommandRecords, penalties: Penalties) -> dict[str, tuple[Tensor, Tensor]]:
@@ -114,15 +171,9 @@ def _draws(count: int, resamples: int, generator: torch.Generator) -> Tensor:
     return torch.zeros(resamples, count, dtype=torch.float64).scatter_add_(1, draws, ones)
 
 
-def _estimate(top: Tensor, bottom: Tensor, run_weights: Tensor, clip_weights: Tensor) -> Estimate:
-    """``sum(top) / sum(bottom)`` of ``[runs, clips]``, and its interval when both are drawn with weights."""
-    resampled = _weighted(top, run_weights, clip_weights) / _weighted(bottom, run_weights, clip_weights)
+def _estimate(value: float, resampled: Tensor) -> Estimate:
     resampled = resampled[resampled.isfinite()]
     if len(resampled) == 0:
         return Estimate(float("nan"), float("nan"), float("nan"))
     low, high = torch.quantile(resampled, torch.tensor([0.025, 0.975], dtype=torch.float64)).tolist()
-    return Estimate(float(top.sum() / bottom.sum()), low, high)
-
-
-def _weighted(values: Tensor, run_weights: Tensor, clip_weights: Tensor) -> Tensor:
-    return ((run_weights @ values) * clip_weights).sum(-1)
+    return Estimate(value, low, high)

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from plat.evaluation.records import CommandRecords
-from plat.evaluation.report import Estimate, report
+from plat.evaluation.report import Estimate, compare, report
 from plat.files import replace_file
 
-__all__ = ["COLUMNS", "HEADLINE", "METRICS", "Metric", "Score", "markdown", "rows", "write_csv"]
+__all__ = ["COLUMNS", "HEADLINE", "METRICS", "Metric", "Score", "differences", "markdown", "rows", "write_csv"]
 
 
 @dataclass(frozen=True)
@@ -107,6 +107,32 @@ def markdown(scores: Sequence[Score]) -> str:
             rows.append([metric.heading, *(f"{score.figures[name]:.{metric.digits}f}" for score in columns)])
         parts.append(f"**{horizon}**\n\n{_table(rows)}")
     return "\n\n".join(parts) + "\n"
+
+
+def differences(scores: Sequence[Score], ours: str) -> str:
+    """How far a policy is ahead of each other one in the paper's three figures, by :func:`plat.evaluation.compare`.
+
+    Ours minus theirs, with the interval of the difference; **bold** where that excludes 0 and ours is the better one,
+    *italic* where it is the worse. Empty where there are no scores of ``ours``.
+    """
+    mine = {score.horizon: score for score in scores if score.policy == ours}
+    others = [score for score in scores if score.policy != ours and score.horizon in mine]
+    if not others:
+        return ""
+    lines = [[f"{ours} minus", "horizon", *(METRICS[name].heading for name in HEADLINE)]]
+    for score in others:
+        figures = compare(mine[score.horizon].records, score.records)
+        cells = (_difference(figures[name], METRICS[name]) for name in HEADLINE)
+        lines.append([score.policy, score.horizon, *cells])
+    return _table(lines) + "\n"
+
+
+def _difference(figure: Estimate, metric: Metric) -> str:
+    value, low, high = (f"{part:+.{metric.digits}f}" for part in (figure.value, figure.low, figure.high))
+    text = f"{value} ({low} to {high})"
+    if figure.low <= 0 <= figure.high:
+        return text
+    return f"**{text}**" if (figure.value > 0) == metric.higher_is_better else f"*{text}*"
 
 
 def _headline(score: Score) -> str:

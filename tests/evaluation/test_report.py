@@ -3,7 +3,7 @@ import math
 import pytest
 import torch
 
-from plat.evaluation import CommandRecords, Penalties, report, success_curve
+from plat.evaluation import CommandRecords, Penalties, compare, report, success_curve
 
 
 def records(**changes) -> CommandRecords:
@@ -124,3 +124,49 @@ def test_a_success_curve_of_several_seeds():
 def test_seeds_of_different_commands_are_refused():
     with pytest.raises(ValueError, match="the same commands for every training seed"):
         report([records(), records(clip=torch.tensor([0, 0, 0, 1]))])
+
+
+def spread(shift: float) -> CommandRecords:
+    """Forty motions, one command each, from easy to hard."""
+    error = torch.linspace(0.1, 0.9, 40, dtype=torch.float64) + shift
+    every, none = torch.ones(40, dtype=torch.float64), torch.zeros(40, dtype=torch.bool)
+    return CommandRecords(
+        clip=torch.arange(40),
+        length=every.long(),
+        steps=every,
+        failed=none,
+        fell=none,
+        window_steps=every,
+        window=dict.fromkeys(("joint_error", "keypoint_error", "keypoint_error_root"), error),
+        arrival_error=error,
+        step=dict.fromkeys(("action_change", "joint_jerk", "foot_slip"), every),
+    )
+
+
+def test_a_difference_on_every_motion_shows_although_intervals_overlap():
+    ours, theirs = report(spread(0.0))["mpjpe"], report(spread(0.02))["mpjpe"]
+    assert ours.high > theirs.low
+    difference = compare(spread(0.0), spread(0.02))["mpjpe"]
+    assert difference.value == pytest.approx(-0.02)
+    assert difference.high < 0
+
+
+def test_chance_is_no_difference():
+    error = spread(0.0).window["joint_error"]
+    scattered = error + 0.1 * torch.randn(40, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    theirs = spread(0.0)
+    theirs.window = {**theirs.window, "joint_error": scattered}
+    difference = compare(spread(0.0), theirs)["mpjpe"]
+    assert difference.low < 0 < difference.high
+
+
+def test_a_lucky_training_seed_is_not_a_difference():
+    ours = [spread(-0.3), spread(0.1), spread(0.1)]  # better on average, by one seed of three
+    difference = compare(ours, spread(0.0))["mpjpe"]
+    assert difference.value == pytest.approx(-0.1 / 3)
+    assert difference.low < 0 < difference.high
+
+
+def test_policies_with_other_commands_cannot_be_compared():
+    with pytest.raises(ValueError, match="the same commands for both policies"):
+        compare(records(), spread(0.0))

@@ -2,8 +2,8 @@ import csv
 
 import pytest
 
-from plat.evaluation import METRICS, Score, markdown, report, write_csv
-from tests.evaluation.test_report import records
+from plat.evaluation import METRICS, Score, differences, markdown, report, write_csv
+from tests.evaluation.test_report import records, spread
 
 
 @pytest.fixture
@@ -44,3 +44,17 @@ def test_markdown_has_the_papers_table_and_one_a_horizon(scores):
     assert f"| TKS@3 (%) | 75.0 ({tks.low:.1f}-{tks.high:.1f}) |" in rest[1]
     assert rest[1].count("\n") == len(METRICS) + 1
     assert all(line.count("|") == lines[0].count("|") for line in lines)
+
+
+def test_differences_say_who_is_ahead():
+    scores = [
+        Score.of(name, "long", [spread(shift)]) for name, shift in (("worse", 0.02), ("better", -0.02), ("PLAT", 0))
+    ]
+    lines = differences(scores, "PLAT").splitlines()
+    assert lines[0] == "| PLAT minus | horizon | TKS@3 (%) | MPJPE@3 (rad) | MPKPE@3 (m) |"
+    assert lines[2].startswith("| worse | long | +0.0 (+0.0 to +0.0) | **-0.020 (-0.020 to -0.020)** |")
+    assert lines[3].startswith("| better | long | +0.0 (+0.0 to +0.0) | *+0.020 (+0.020 to +0.020)* |")
+
+
+def test_no_differences_without_the_policy(scores):
+    assert differences(scores[:1], "PLAT") == ""
