@@ -7,6 +7,7 @@ from plat.modules.goal_encoder import GoalSequenceEncoder
 from plat.modules.heads import GaussianNoise, ReferenceOffset, gaussian_action
 from plat.modules.imitation import STUDENT_KEYS, LatentPolicy, LatentPolicyConfig, PlainPolicy, PlainPolicyConfig
 from plat.modules.latent import GaussianLatent, LatentPosterior, LatentPrior, sample_latent
+from plat.modules.lead import GoalLead
 from plat.modules.networks import mlp
 from plat.modules.normalizer import ObservationNormalizer
 from plat.modules.refinement import (
@@ -28,6 +29,7 @@ __all__ = [
     "FinetunedPolicy",
     "GaussianLatent",
     "GaussianNoise",
+    "GoalLead",
     "GoalSequenceEncoder",
     "LatentNoisePolicy",
     "LatentPolicy",

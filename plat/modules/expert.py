@@ -13,6 +13,7 @@ from plat.envs.layout import ROBOT_KEYS, goal_keys, observation_size, privileged
 from plat.envs.robot import Robot
 from plat.keyframes import CONTROL_DT
 from plat.modules.heads import GaussianNoise, ReferenceOffset, gaussian_action
+from plat.modules.lead import GoalLead
 from plat.modules.networks import mlp
 from plat.modules.normalizer import ObservationNormalizer
 
@@ -30,6 +31,12 @@ class ExpertConfig:
     the velocity from the first to the second frame of ``ahead``, or the default pose"""
     ahead: tuple[int, ...] = (1,)
     """reference frames that it sees, counted from the current one; ten of them, 0.1 s apart, make it SONIC's kind"""
+    lead: float = 0.0
+    """seconds of its motion by which the reference is shown ahead, to a robot that otherwise trails it; takes two
+    frames"""
+    catch_up: float = 0.0
+    """by how much further off than it is the reference is shown, as a share of the distance, to a robot that otherwise
+    stays off it"""
     init_std: float = 0.6
     """exploration noise at the start, in units of action"""
 
@@ -48,7 +55,7 @@ class Expert(nn.Module):
         dense_goals: the same for labels in another task, where ``"goal"`` is a keyframe.
 
     Raises:
-        ValueError: when ``config`` asks for the reference's velocity and sees one frame.
+        ValueError: when ``config`` asks for the reference's velocity, or for a lead along it, and sees one frame.
 
     >>> from plat.envs import G1
     >>> expert = Expert(G1, ExpertConfig(hidden=(32,)))
@@ -62,6 +69,8 @@ class Expert(nn.Module):
         self.config = config = config or ExpertConfig()
         if config.action == "reference_velocity" and len(config.ahead) < 2:
             raise ValueError(f"ahead {config.ahead}: the action 'reference_velocity' needs two frames, such as 1 2")
+        if config.lead and len(config.ahead) < 2:
+            raise ValueError(f"ahead {config.ahead}: a lead of {config.lead:g} s needs two frames, such as 1 2")
         self.goals = {"goal" if number == 0 else f"goal_{ahead}": ahead for number, ahead in enumerate(config.ahead)}
         self.dense_goals = {f"dense_{group}": ahead for group, ahead in self.goals.items()}
         keys = self._keys(tuple(self.goals))
@@ -74,6 +83,21 @@ class Expert(nn.Module):
     def _keys(goals: Sequence[str]) -> tuple[tuple[str, str], ...]:
         return sum((goal_keys(goal) for goal in goals), ROBOT_KEYS)
 
+    @property
+    def _interval(self) -> float:
+        """Time from the first frame that it sees to the second (s)."""
+        first, second = (*self.config.ahead, self.config.ahead[0] + 1)[:2]
+        return (second - first) * CONTROL_DT
+
+    def _observe(self, goals: Sequence[str]) -> list[TensorDictModule]:
+        """From observations to the normalised one. Its statistics are those of the goals as they are."""
+        keys = self._keys(goals)
+        if not (self.config.lead or self.config.catch_up):
+            return [self.normalizer.using(keys)]
+        lead = GoalLead(goals, self.config.lead, self.config.catch_up, self._interval)
+        shown = dict(zip(lead.in_keys, lead.out_keys, strict=True))
+        return [lead, self.normalizer.using([shown.get(key, key) for key in keys])]
+
     def _mean(self, goals: Sequence[str], out_key: str) -> list[TensorDictModule]:
         """From the normalised observation to the mean action."""
         if self.config.action == "default_offset":
@@ -82,9 +106,7 @@ class Expert(nn.Module):
         in_keys: list[NestedKey] = ["residual", (goals[0], "joint_pos")]
         if self.config.action == "reference_residual":
             return [network, ReferenceOffset(self.robot, in_keys, out_key)]
-        first, second, *_ = self.config.ahead
-        interval = (second - first) * CONTROL_DT
-        return [network, ReferenceOffset(self.robot, [*in_keys, (goals[1], "joint_pos")], out_key, interval)]
+        return [network, ReferenceOffset(self.robot, [*in_keys, (goals[1], "joint_pos")], out_key, self._interval)]
 
     @torch.no_grad()
     def start_from(self, trained: "Expert") -> None:
@@ -118,7 +140,7 @@ class Expert(nn.Module):
     def actor(self) -> TensorDictSequential:
         """The stochastic policy that collects; the rollout holds all that :meth:`head` reads."""
         kept = ["observation", "loc", "scale", "action", "action_log_prob"]
-        return TensorDictSequential(self.normalizer.using(), self.head(), selected_out_keys=kept)
+        return TensorDictSequential(*self._observe(tuple(self.goals)), self.head(), selected_out_keys=kept)
 
     def deployed(self, goal: str | Sequence[str] = "goal", out_key: str = "action") -> TensorDictSequential:
         """Deterministic policy: writes its mean action to ``out_key``.
@@ -130,8 +152,7 @@ class Expert(nn.Module):
             out_key: where the action goes.
         """
         goals = [goal] * len(self.goals) if isinstance(goal, str) else list(goal)
-        normalizer = self.normalizer.using(self._keys(goals))
-        return TensorDictSequential(normalizer, *self._mean(goals, out_key), selected_out_keys=[out_key])
+        return TensorDictSequential(*self._observe(goals), *self._mean(goals, out_key), selected_out_keys=[out_key])
 
 
 class Critic(nn.Module):

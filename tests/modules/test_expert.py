@@ -116,3 +116,28 @@ def test_starting_from_an_expert_that_saw_less_changes_no_action(library):
     torch.testing.assert_close(more.deployed(tuple(more.goals))(state)["action"], less.deployed()(state)["action"])
     with pytest.raises(ValueError, match=r"it sees frames \(1, 2, 5\)"):
         less.start_from(more)
+
+
+LED = ExpertConfig(ahead=(1, 2), lead=0.1, catch_up=0.5)
+
+
+def test_a_lead_moves_what_is_seen_of_the_goals_and_nothing_else(library):
+    led, plain = Expert(G1, LED), Expert(G1, ExpertConfig(ahead=(1, 2)))
+    state = make_tracking_env(library, 4, goals=led.goals).reset()
+    changed = (led.actor()(state.clone())["observation"] != plain.actor()(state.clone())["observation"]).any(0)
+    moved = 2 * (3 + 3 * len(G1.keypoints))  # positions of root and keypoints in both frames
+    assert changed.sum() == moved
+    assert led.normalizer.in_keys == plain.normalizer.in_keys  # statistics are those of the goals as they are
+
+
+def test_a_led_expert_labels_as_it_acts(library):
+    expert = Expert(G1, LED)
+    keyframe = make_keyframe_env(library, 4, dense_goals=expert.dense_goals).reset()
+    label = expert.deployed(tuple(expert.dense_goals), out_key="expert_action")(keyframe)["expert_action"]
+    dense = keyframe.select("robot").update({group: keyframe[f"dense_{group}"] for group in expert.goals})
+    torch.testing.assert_close(label, expert.deployed(tuple(expert.goals))(dense)["action"])
+
+
+def test_a_lead_needs_two_frames():
+    with pytest.raises(ValueError, match=r"ahead \(1,\): a lead of 0.1 s needs two frames"):
+        Expert(G1, ExpertConfig(lead=0.1))

@@ -1,0 +1,75 @@
+"""Where a tracker is shown its reference, so that it does not trail behind."""
+
+from collections.abc import Sequence
+
+import torch
+from tensordict import NestedKey
+from tensordict.nn import TensorDictModule
+from torch import Tensor, nn
+
+__all__ = ["LEAD_KEYS", "GoalLead"]
+
+LEAD_KEYS = ("root_pos_b", "keypoint_pos_b")
+"""Entries of a goal that :class:`GoalLead` moves."""
+
+
+class GoalLead(TensorDictModule):
+    """Moves the positions of reference frames ahead, and further off the robot than they are.
+
+    A tracker whose motors have stiffness and damping answers late, by about ``kd/kp``: walking at 2 m/s it trails its
+    reference by 14 cm, and a reward on the position hardly changes that. Here all its frames are shifted by
+
+    ``lead * v + gain * d``
+
+    with ``v`` the reference's root velocity, from the first two frames, and ``d`` the horizontal way from the robot's
+    root to the first frame's, of at most ``limit``: a feed-forward and a proportional term around the tracker. A
+    keyframe in the place of all frames has no velocity. Nothing else of a goal changes.
+
+    Args:
+        groups: goal groups, the first two of them ``interval`` apart.
+        lead: time (s).
+        gain: without unit.
+        interval: time from the first frame to the second (s).
+        limit: longest ``d`` (m).
+        prefix: of the groups that are written; they hold :data:`LEAD_KEYS`.
+
+    Raises:
+        ValueError: for a lead with less than two groups.
+
+    >>> lead = GoalLead(("goal", "goal_2"), lead=0.1, gain=1.0, interval=0.02)
+    >>> lead.out_keys[:2]
+    [('led_goal', 'root_pos_b'), ('led_goal', 'keypoint_pos_b')]
+    """
+
+    def __init__(
+        self,
+        groups: Sequence[str],
+        lead: float,
+        gain: float,
+        interval: float,
+        limit: float = 0.3,
+        prefix: str = "led_",
+    ):
+        if lead and len(groups) < 2:
+            raise ValueError(f"lead is {lead:g} s: the reference's velocity takes two frames")
+        in_keys: list[NestedKey] = [(group, key) for group in groups for key in LEAD_KEYS]
+        out_keys: list[NestedKey] = [(prefix + group, key) for group in groups for key in LEAD_KEYS]
+        super().__init__(_Shift(lead / interval, gain, limit), in_keys=in_keys, out_keys=out_keys)
+
+
+class _Shift(nn.Module):
+    def __init__(self, frames: float, gain: float, limit: float):
+        super().__init__()
+        self.frames = frames
+        self.gain = gain
+        self.limit = limit
+
+    def forward(self, *positions: Tensor) -> tuple[Tensor, ...]:
+        first = positions[0]
+        way = torch.nn.functional.pad(first[..., :2], (0, 1))
+        too_long = (self.limit / way.norm(dim=-1, keepdim=True).clamp_min(1e-6)).clamp_max(1.0)
+        shift = self.gain * too_long * way
+        if self.frames:
+            # two entries a frame: the second frame's root is the third
+            shift = shift + self.frames * (positions[2] - first)
+        return tuple((entry.unflatten(-1, (-1, 3)) + shift.unsqueeze(-2)).flatten(-2) for entry in positions)

@@ -1,0 +1,41 @@
+import pytest
+import torch
+from tensordict import TensorDict
+
+from plat.modules import GoalLead
+
+
+def goals(*roots: list[float]) -> TensorDict:
+    """Frames whose root is here (m) and whose two keypoints are on it and a metre above."""
+    frames = {}
+    for number, root in enumerate(roots, 1):
+        position = torch.tensor([root])
+        up = torch.tensor([[0.0, 0.0, 1.0]])
+        frames[f"g{number}"] = {"root_pos_b": position, "keypoint_pos_b": torch.cat((position, position + up), -1)}
+    return TensorDict(frames, [1])
+
+
+def test_frames_are_shown_ahead_along_the_reference_velocity():
+    lead = GoalLead(("g1", "g2"), lead=0.1, gain=0.0, interval=0.02)
+    shown = lead(goals([0.0, 0.0, 0.0], [0.04, 0.0, 0.02]))  # 2 m/s forward, 1 m/s up
+    torch.testing.assert_close(shown["led_g1", "root_pos_b"], torch.tensor([[0.2, 0.0, 0.1]]))
+    torch.testing.assert_close(shown["led_g2", "root_pos_b"], torch.tensor([[0.24, 0.0, 0.12]]))
+    torch.testing.assert_close(shown["led_g1", "keypoint_pos_b"], torch.tensor([[0.2, 0.0, 0.1, 0.2, 0.0, 1.1]]))
+
+
+def test_distance_is_shown_larger_but_not_without_bound():
+    lead = GoalLead(("g1",), lead=0.0, gain=1.0, interval=0.02, limit=0.5)
+    assert lead(goals([0.1, -0.2, 0.3]))["led_g1", "root_pos_b"][0].tolist() == pytest.approx([0.2, -0.4, 0.3])
+    assert lead(goals([0.0, 2.0, 0.0]))["led_g1", "root_pos_b"][0].tolist() == pytest.approx([0.0, 2.5, 0.0])
+    assert lead(goals([0.0, 0.0, 0.0]))["led_g1", "root_pos_b"].abs().max() == 0
+
+
+def test_a_keyframe_in_the_place_of_both_frames_has_no_velocity():
+    lead = GoalLead(("g1", "g1"), lead=0.1, gain=0.0, interval=0.02)
+    keyframe = goals([1.0, 0.5, 0.1])
+    assert torch.equal(lead(keyframe)["led_g1", "keypoint_pos_b"], keyframe["g1", "keypoint_pos_b"])
+
+
+def test_a_lead_takes_two_frames():
+    with pytest.raises(ValueError, match="velocity takes two frames"):
+        GoalLead(("g1",), lead=0.1, gain=0.0, interval=0.02)
