@@ -102,7 +102,7 @@ class _Recurrence(torch.autograd.Function):
         return state
 
     @staticmethod
-    def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:  # type: ignore[override]
+    def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:
         weight, before, reset, keep, new, from_state = ctx.saved_tensors
         sizes = [weight.shape[1]] * 3
         to_frames, to_states = weight.new_empty(2, len(new), sum(sizes))
