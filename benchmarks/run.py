@@ -27,7 +27,7 @@ from torchrl.envs import TransformedEnv
 from plat.collectors import ExpertLabels, dagger_buffer, rollouts, simulation_threads
 from plat.envs import G1, BatchedPhysics, MotionLibrary, TaskConfig, make_keyframe_env, make_tracking_env
 from plat.modules import STUDENT_KEYS, Critic, Expert, LatentPolicy
-from plat.objectives import PPO, LatentImitationLoss, autocast
+from plat.objectives import PPO, LatentImitationLoss, autocast, motor_gradient
 from plat.training import report_errors
 
 STEPS = 24
@@ -127,7 +127,7 @@ def collection(env: TransformedEnv, learn: bool, steps: int = STEPS) -> Callable
         TIMER.start()
         rollout = next(batches)
         if learn:
-            ppo.step(rollout)
+            ppo.step(rollout, gradient=motor_gradient(rollout, G1))
             expert.normalizer.update(rollout)
             critic.normalizer.update(rollout)
         TIMER.stop()

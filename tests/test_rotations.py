@@ -15,6 +15,7 @@ from plat.rotations import (
     quat_to_matrix,
     quat_to_rotvec,
     quat_yaw,
+    rows_times_matrices,
     yaw_multiply,
     yaw_rotate,
 )
@@ -31,6 +32,15 @@ def test_rotation_forms_agree(quats):
     torch.testing.assert_close(turned, (quat_to_matrix(quats) @ vec[..., None])[..., 0])
     torch.testing.assert_close(quat_rotate_inverse(quats, turned), vec)
     torch.testing.assert_close((turned[:, None] @ quat_to_matrix(quats))[:, 0], vec)
+
+
+def test_many_rows_by_one_rotation(quats):
+    vec, matrix = torch.randn(10, 5, 7, 3, dtype=torch.float64), quat_to_matrix(quats).view(10, 5, 3, 3)
+    torch.testing.assert_close(rows_times_matrices(vec, matrix), vec @ matrix)
+    torch.testing.assert_close(rows_times_matrices(vec, matrix[:, :1]), vec @ matrix[:, :1])
+    learnt = matrix.clone().requires_grad_()
+    rows_times_matrices(vec, learnt).sum().backward()
+    assert learnt.grad is not None
 
 
 def test_product_is_composition(quats):

@@ -3,7 +3,7 @@
 from tensordict import TensorDictBase
 from torch import Tensor
 
-from plat.rotations import matrix_to_sixd, quat_to_matrix
+from plat.rotations import matrix_to_sixd, quat_to_matrix, rows_times_matrices
 
 __all__ = ["robot_centric_goal"]
 
@@ -38,7 +38,7 @@ def robot_centric_goal(target: TensorDictBase, root_pos_w: Tensor, root_quat_w: 
     for _ in range(extra):
         root_pos_w, root_to_world = root_pos_w.unsqueeze(-2), root_to_world.unsqueeze(-3)
     # a row vector times the matrix is the inverse rotation: from the world into the root frame
-    keypoint_pos_b = (target["keypoint_pos"] - root_pos_w.unsqueeze(-2)) @ root_to_world
+    keypoint_pos_b = rows_times_matrices(target["keypoint_pos"] - root_pos_w.unsqueeze(-2), root_to_world)
     target_to_world = quat_to_matrix(target["keypoint_quat"][..., 0, :])
     return {
         "joint_pos": target["joint_pos"],

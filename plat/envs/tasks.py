@@ -104,7 +104,7 @@ def _simulation(
 def _assemble(
     env: MotionTrackingEnv, config: TaskConfig, task: list[Transform], after: list[Transform]
 ) -> TransformedEnv:
-    transforms: list[Transform] = [ReferenceMotion(env.library), *task]
+    transforms: list[Transform] = [ReferenceMotion(env.library, at_resets=False), *task]
     transforms.append(
         FailureWeightedStarts(
             env.library, env.num_envs, uniform=config.uniform_starts, min_frames_left=env.min_frames_left

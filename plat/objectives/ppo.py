@@ -2,6 +2,7 @@
 
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -49,6 +50,20 @@ class PPOConfig:
     """the learning rate is raised and lowered to keep the policy's change a pass near this (nats)"""
 
 
+class _ClipPPOLoss(ClipPPOLoss):
+    """TorchRL's loss, which also keeps the mean of the distribution that it made, gradient and all.
+
+    Making it once more for another term would run the actor twice.
+    """
+
+    mean: Tensor
+
+    def _get_cur_log_prob(self, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        log_prob, dist, is_composite = super()._get_cur_log_prob(*args, **kwargs)
+        self.mean = dist.mean
+        return log_prob, dist, is_composite
+
+
 class PPO:
     """Proximal policy optimisation around TorchRL's ``ClipPPOLoss`` and ``GAE``.
 
@@ -78,7 +93,7 @@ class PPO:
         self.actor = actor
         self.critic = critic
         self.observe = observe
-        self.loss = ClipPPOLoss(
+        self.loss = _ClipPPOLoss(
             actor,
             critic,
             clip_epsilon=config.clip,
@@ -126,7 +141,8 @@ class PPO:
                 if learn_policy:
                     loss = loss + losses["loss_objective"] + losses["loss_entropy"]
                     if gradient is not None:
-                        loss = loss + self._along(batch)
+                        # a scalar whose gradient by each sample's mean is that sample's row, over their number
+                        loss = loss + (batch["gradient"] * self.loss.mean).sum(-1).mean()
                 self.optimizer.zero_grad()
                 loss.backward()
                 nn.utils.clip_grad_norm_(self._parameters, self.config.grad_norm)
@@ -150,12 +166,6 @@ class PPO:
             "lr": self.optimizer.param_groups[0]["lr"],
             "std": float(data["scale"][0].mean()),
         }
-
-    def _along(self, batch: TensorDictBase) -> Tensor:
-        """A scalar whose gradient with respect to each sample's mean is ``batch["gradient"]`` over their number."""
-        with self._autocast(batch):
-            mean = self.actor.get_dist(batch).mean
-        return (batch["gradient"] * mean).sum(-1).mean()
 
     @torch.no_grad()
     def prepare(self, rollout: TensorDictBase) -> TensorDict:

@@ -89,3 +89,16 @@ def test_threads_do_not_change_the_numbers(threads):
     for _ in range(5):
         reference.step(targets, nstep=4)
     assert torch.equal(physics.read("qpos"), reference.read("qpos"))
+
+
+def test_a_state_that_is_set_remembers_nothing():
+    used, fresh = started(2), started(2)
+    for _ in range(5):
+        used.step(G1.default_joint_pos.expand(2, -1) + 0.4, nstep=4)
+    qpos = torch.as_tensor(G1.default_qpos).expand(2, -1)
+    for physics in (used, fresh):
+        physics.set_state(torch.arange(2), qpos, torch.full((2, 35), 0.1, dtype=torch.float64))
+        for _ in range(5):
+            physics.step(G1.default_joint_pos.expand(2, -1), nstep=4)
+    for field in ("qpos", "qvel", "time", "sensordata", "actuator_force", "cvel"):
+        assert torch.equal(used.read(field), fresh.read(field)), field

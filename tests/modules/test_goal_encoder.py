@@ -1,5 +1,6 @@
 import pytest
 import torch
+from torch import nn
 
 from plat.modules import GoalSequenceEncoder
 
@@ -41,3 +42,26 @@ def test_any_number_of_sequences_that_all_go_on(encoder, rows):
     length = torch.full((rows,), 4)
     goals = torch.randn(rows, 4, 6)
     torch.testing.assert_close(encoder(goals, length)[:1], encoder(goals[:1], length[:1]))
+
+
+def test_states_and_gradients_are_those_of_the_gru_of_pytorch(encoder):
+    encoder = encoder.double()
+    goals, length = torch.randn(40, 7, 6, dtype=torch.float64), torch.randint(1, 8, (40,))
+    along = torch.randn(40, 5, dtype=torch.float64)
+    parameters = list(encoder.parameters())
+    network = encoder.module
+    packed = nn.utils.rnn.pack_padded_sequence(network.embed(goals.transpose(0, 1)), length, enforce_sorted=False)
+    wanted = network.gru(packed)[1][0]
+    code = encoder(goals, length)
+    torch.testing.assert_close(code, wanted)
+    torch.testing.assert_close(
+        torch.autograd.grad((code * along).sum(), parameters), torch.autograd.grad((wanted * along).sum(), parameters)
+    )
+
+
+def test_half_precision_is_close(encoder):
+    goals, length = torch.randn(64, 11, 6), torch.randint(1, 12, (64,))
+    code = encoder(goals, length)
+    with torch.autocast("cpu", torch.bfloat16):
+        half = encoder(goals, length)
+    assert (half - code).abs().max() < 0.03

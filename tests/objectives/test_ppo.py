@@ -150,3 +150,13 @@ def test_an_outside_gradient_moves_the_mean_against_it():
     down, up = (toy.actor[0](rollout.clone())["loc"].mean() for toy in toys)
     assert down < before - 0.01
     assert up > before + 0.01
+
+
+def test_an_outside_gradient_is_what_the_mean_gets():
+    toy = Toy()
+    data = toy.ppo.prepare(toy.rollout())
+    losses = toy.ppo.loss(data)
+    torch.testing.assert_close(toy.ppo.loss.mean, toy.actor.get_dist(data).mean)
+    (along,) = torch.autograd.grad(toy.ppo.loss.mean.sum(), toy.actor[0].module[-1].bias, retain_graph=True)
+    torch.testing.assert_close(along, torch.tensor([float(len(data))]))
+    assert losses["loss_objective"].requires_grad

@@ -246,8 +246,9 @@ def _unpack(rows: Tensor, fields: Sequence[str], robot: Robot) -> TensorDict:
     """Named views of packed rows ``[*B, W]``."""
     shapes = [_shape(field, robot) for field in fields]
     parts = rows.split([torch.Size(shape).numel() for shape in shapes], -1)
-    views = {field: part.unflatten(-1, shape) for field, part, shape in zip(fields, parts, shapes, strict=True)}
-    return TensorDict(views, rows.shape[:-1], device=rows.device)
+    batch = rows.shape[:-1]
+    views = {field: part.view(*batch, *shape) for field, part, shape in zip(fields, parts, shapes, strict=True)}
+    return TensorDict(views, batch, device=rows.device)
 
 
 def _build_table(qpos: Tensor, start: Tensor, length: Tensor, dt: float, robot: Robot) -> Tensor:

@@ -87,7 +87,7 @@ class ObservationTransform(Transform):
         part = tensordict_reset.select(*self.in_keys)[rows]
         for key, value in self.compute(part).items():
             # the other rows are never looked at: the caller merges by the mask
-            full = value.new_zeros(len(mask), *value.shape[1:])
+            full = value.new_empty(len(mask), *value.shape[1:])
             tensordict_reset.set(key, full.index_copy_(0, rows, value))
         return tensordict_reset
 

@@ -7,7 +7,7 @@ from torch import Tensor
 from plat.envs.layout import entry_shapes
 from plat.envs.motions.library import MotionLibrary
 from plat.envs.transforms.base import ObservationTransform
-from plat.rotations import quat_to_matrix
+from plat.rotations import quat_to_matrix, rows_times_matrices
 
 __all__ = ["PrivilegedState"]
 
@@ -41,7 +41,7 @@ class PrivilegedState(ObservationTransform):
             reference["keypoint_lin_vel"][:, :1] - lin_vel[:, :1],
             reference["keypoint_ang_vel"][:, :1] - ang_vel[:, :1],
         )
-        vectors_b = (torch.cat(vectors_w, 1) @ root_to_world).flatten(1)
+        vectors_b = rows_times_matrices(torch.cat(vectors_w, 1), root_to_world).flatten(1)
         points = lin_vel.shape[1] * 3
         keypoint_pos_b, keypoint_lin_vel_b, root_velocity_error_b = vectors_b.split((points, points, 6), -1)
         values = (

@@ -17,9 +17,14 @@ class ReferenceMotion(ObservationTransform):
     Reads ``("motion", "frame")`` and the robot's keypoints. Writes the group ``"reference"``: ``joint_pos``,
     ``joint_vel``, ``keypoint_pos_w``, ``keypoint_quat_w``, ``keypoint_lin_vel_w``, ``keypoint_ang_vel_w`` (world),
     and ``keypoint_pos_aligned_w``, ``keypoint_quat_aligned_w``: the reference after :func:`align_to_anchor`.
+
+    Args:
+        library: motions.
+        at_resets: False leaves the group out after a reset, for where only steps are rewarded, ended and measured by it
+            and nothing else sees it.
     """
 
-    def __init__(self, library: MotionLibrary):
+    def __init__(self, library: MotionLibrary, at_resets: bool = True):
         keypoints, joints = len(library.robot.keypoints), library.robot.num_joints
         super().__init__(
             in_keys=[("motion", "frame"), ("state", "keypoint_pos_w"), ("state", "keypoint_quat_w")],
@@ -36,6 +41,7 @@ class ReferenceMotion(ObservationTransform):
         )
         self._library = library
         self._anchor = library.robot.anchor_index
+        self._at_resets = at_resets
 
     def compute(self, tensordict: TensorDictBase) -> dict[NestedKey, Tensor]:
         reference = self._library.states(tensordict["motion", "frame"])
@@ -56,6 +62,9 @@ class ReferenceMotion(ObservationTransform):
             ("reference", "keypoint_pos_aligned_w"): aligned_pos,
             ("reference", "keypoint_quat_aligned_w"): aligned_quat,
         }
+
+    def _reset(self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
+        return super()._reset(tensordict, tensordict_reset) if self._at_resets else tensordict_reset
 
 
 def align_to_anchor(

@@ -203,10 +203,11 @@ class RegularisationReward(_Reward):
 
     def __init__(self, robot: Robot, dt: float, weights: Regularisation | None = None, weight: float = 1.0):
         super().__init__(dt, weight)
-        self._weights = weights or Regularisation()
+        weights = weights or Regularisation()
+        self._weights = asdict(weights)
         middle, half = robot.joint_range.mean(-1), 0.5 * (robot.joint_range[:, 1] - robot.joint_range[:, 0])
-        self.register_buffer("_soft_low", middle - self._weights.soft_limit * half, persistent=False)
-        self.register_buffer("_soft_high", middle + self._weights.soft_limit * half, persistent=False)
+        self.register_buffer("_soft_low", middle - weights.soft_limit * half, persistent=False)
+        self.register_buffer("_soft_high", middle + weights.soft_limit * half, persistent=False)
         self.register_buffer("_effort", robot.effort_limit, persistent=False)
         self._feet = [robot.keypoints.index(foot) for foot in robot.feet]
         self._robot_weight = 9.81 * float(robot.model().body_mass.sum())
@@ -222,7 +223,7 @@ class RegularisationReward(_Reward):
             "foot_slip": lambda: foot_slip(state, self._feet),
             "impact": lambda: (state["foot_force"] / self._robot_weight - 2.0).clamp_min(0).sum(-1),
         }
-        weights = asdict(self._weights)
+        weights = self._weights
         return {name: weights[name] * penalty() for name, penalty in penalties.items() if weights[name] != 0}
 
 

@@ -39,3 +39,10 @@ def test_reference_is_the_librarys_frame(library):
     assert torch.equal(out["reference", "joint_vel"], expected["joint_vel"])
     # on the reference, aligned or not is the same
     torch.testing.assert_close(out["reference", "keypoint_pos_aligned_w"], expected["keypoint_pos"], atol=1e-4, rtol=0)
+
+
+def test_a_reset_may_go_without(library):
+    reset = MotionTrackingEnv(library, 6).reset()
+    for at_resets in (True, False):
+        out = ReferenceMotion(library, at_resets)._reset(reset.empty(), reset.copy())
+        assert ("reference" in out) == at_resets
