@@ -25,8 +25,8 @@ def load(name: str, device: str = "cpu") -> Any:
     """A trained policy that comes with plat, as :func:`plat.training.load_policy` loads one of your own.
 
     Args:
-        name: ``"plat-g1"``, ``"dagger-g1"`` or ``"expert-g1"``; see ``weights/README.md`` for their data, licence and
-            scores.
+        name: ``"plat-g1"``, ``"dagger-g1"``, ``"expert-g1"``, or ``"plat-generated-g1"``, trained on plat's own motions
+            alone; see ``weights/README.md`` for their data, licence and scores.
         device: where its weights go.
 
     Raises:

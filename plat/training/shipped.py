@@ -20,7 +20,7 @@ def shipped_runs() -> dict[str, Path]:
     """The run directories that come with plat, by name: the folder's, and the robot's that the policy is for.
 
     >>> sorted(shipped_runs())
-    [..., 'plat-g1']
+    [..., 'plat-g1', 'plat-generated-g1']
     """
     folder = next((folder for folder in _FOLDERS if folder.is_dir()), None)
     configs = sorted(folder.glob("*/config.json")) if folder is not None else []
