@@ -49,8 +49,9 @@ class BatchedPhysics:
         self.batch = Batch(model, num_sims, min(threads, num_sims), persistent=True)
         self._qpos = self.batch.bind("qpos")
         self._qvel = self.batch.bind("qvel")
-        self._ctrl = torch.from_numpy(self.batch.bind("ctrl"))
-        self._rest = [self.batch.bind(field) for field in ("ctrl", "qacc_warmstart", "time")]
+        ctrl = self.batch.bind("ctrl")
+        self._ctrl = torch.from_numpy(ctrl)
+        self._rest = [ctrl, self.batch.bind("qacc_warmstart"), self.batch.bind("time")]
         self._model_fields: dict[str, Tensor] = {}
 
     @property
