@@ -28,6 +28,7 @@ import refine
 import plat
 from plat.baselines import ReleasedTrackers
 from plat.envs import MotionLibrary
+from plat.envs.transforms import RandomizationRanges
 from plat.errors import MotionError, PlatError, RecordsError
 from plat.evaluation import CommandRecords, Score, differences, markdown, write_csv
 from plat.files import replace_file
@@ -74,12 +75,14 @@ class AblationsRecipe:
     """motions whose names this regular expression is found in get tables and figures of their own"""
     horizon: tuple[HorizonName, ...] = ("single", "short", "medium", "long", "mixed")
     """lengths of the commands"""
+    randomization: RandomizationRanges = field(default_factory=RandomizationRanges)
+    """what is drawn anew, and how robots are pushed, in the tables of that name"""
     clip: str | None = None
     """the film strips show the first motion whose name this is found in; by default the first of all"""
     seed: int = 0
-    """draws the commands"""
+    """draws the commands, and the disturbances"""
     num_envs: int = 256
-    """robots that are simulated at a time while scoring; the figures do not depend on it"""
+    """robots that are simulated at a time while scoring; undisturbed, the figures do not depend on it"""
     wandb: bool = False
     """log table and figures to wandb as well; offline unless you are logged in"""
     device: str = field(default_factory=default_device)
@@ -167,10 +170,12 @@ def main(recipe: AblationsRecipe) -> dict[str, list[Score]]:
         print(f"hard: {len(hard)} of the motions")
     except MotionError as error:
         print(f"no hard split: {error}")
+    once: tuple[HorizonName] = ("mixed",) if "mixed" in recipe.horizon else recipe.horizon[:1]
+    print("\nrandomised and pushed")
+    splits["randomized"] = score(rows, library, once, recipe, randomization=recipe.randomization)
     print("\nwith the dense reference, for comparison")
     trackers = {name: candidates for name, candidates in rows.items() if name in TRACKERS}
-    dense_horizon: HorizonName = "mixed" if "mixed" in recipe.horizon else recipe.horizon[0]
-    splits["dense"] = score(trackers, library, (dense_horizon,), recipe, dense=True)
+    splits["dense"] = score(trackers, library, once, recipe, dense=True)
     pictures: dict[str, list[Path]] = {}
     for split, of_split in splits.items():
         if of_split:
@@ -255,6 +260,7 @@ def score(
     horizons: Sequence[str],
     recipe: AblationsRecipe,
     dense: bool = False,
+    randomization: RandomizationRanges | None = None,
 ) -> list[Score]:
     """Scores of every row, from records that are there or made now."""
     motions = digest(library.frames[entry].cpu().numpy().tobytes() for entry in ("joint_pos", "keypoint_pos"))
@@ -262,14 +268,23 @@ def score(
     for horizon in horizons:
         for name, candidates in rows.items():
             started = time.monotonic()
-            records = [records_of(candidate, library, motions, horizon, dense, recipe) for candidate in candidates]
+            records = [
+                records_of(candidate, library, motions, horizon, dense, randomization, recipe)
+                for candidate in candidates
+            ]
             scores.append(Score.of(name, horizon, records))
             evaluate.print_score(scores[-1], time.monotonic() - started)
     return scores
 
 
 def records_of(
-    candidate: Candidate, library: MotionLibrary, motions: str, horizon: str, dense: bool, recipe: AblationsRecipe
+    candidate: Candidate,
+    library: MotionLibrary,
+    motions: str,
+    horizon: str,
+    dense: bool,
+    randomization: RandomizationRanges | None,
+    recipe: AblationsRecipe,
 ) -> CommandRecords:
     """What a policy did with the commands: read, if it is known of these very weights and motions, else found out."""
     about = {
@@ -280,7 +295,11 @@ def records_of(
         "dense": dense,
         "plat": plat.__version__,
     }
-    path = recipe.out / "records" / f"{candidate.slug}-{horizon}{'-dense' if dense else ''}.safetensors"
+    name = f"{candidate.slug}-{horizon}{'-dense' if dense else ''}"
+    if randomization is not None:
+        about |= {"randomization": repr(randomization), "num_envs": recipe.num_envs}
+        name += "-randomized"
+    path = recipe.out / "records" / f"{name}.safetensors"
     if path.exists():
         try:
             records, known = CommandRecords.load(path)
@@ -290,7 +309,12 @@ def records_of(
             if known == about:
                 return records
     records = candidate.load(dense).evaluate(
-        library, horizon, seed=recipe.seed, num_envs=recipe.num_envs, device=recipe.device
+        library,
+        horizon,
+        randomization=randomization,
+        seed=recipe.seed,
+        num_envs=recipe.num_envs,
+        device=recipe.device,
     )
     records.save(path, about)
     return records

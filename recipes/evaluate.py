@@ -17,7 +17,7 @@ import plat.headless  # noqa: F401
 # isort: split
 from plat.baselines import ReleasedTrackers, Tracker
 from plat.envs import MotionLibrary, Robot
-from plat.envs.transforms import HORIZONS, NEXT_FRAME, Horizon
+from plat.envs.transforms import HORIZONS, NEXT_FRAME, Horizon, RandomizationRanges
 from plat.errors import PlatError
 from plat.evaluation import HEADLINE, METRICS, CommandRecords, Observe, Score, evaluate, write_csv
 from plat.modules import Expert
@@ -53,10 +53,14 @@ class EvaluateRecipe:
     """lengths of the commands"""
     dense: bool = False
     """show policies the reference instead of the keyframe: how well a dense tracker tracks"""
+    domain_randomization: bool = False
+    """draw robot, motors and ground anew for each motion, and push the robots"""
+    randomization: RandomizationRanges = field(default_factory=RandomizationRanges)
+    """from which ranges"""
     seed: int = 0
-    """draws the commands"""
+    """draws the commands, and the disturbances"""
     num_envs: int = 256
-    """robots that are simulated at a time; the figures do not depend on it"""
+    """robots that are simulated at a time; undisturbed, the figures do not depend on it"""
     csv: Path | None = None
     """file to write every figure to, with its interval"""
     figures: Path | None = None
@@ -129,13 +133,19 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
     if not entrants:
         raise PlatError("nothing to evaluate: give run directories, or files of released trackers (--trackers.twist2)")
     print(f"{library.num_clips} motions, {library.duration:.0f} s; 95 % intervals over motions in parentheses")
+    randomization = recipe.randomization if recipe.domain_randomization else None
     print_head()
     scores = []
     for horizon in recipe.horizon:
         for name, entrant in entrants.items():
             started = time.monotonic()
             records = entrant.evaluate(
-                library, horizon, seed=recipe.seed, num_envs=recipe.num_envs, device=recipe.device
+                library,
+                horizon,
+                randomization=randomization,
+                seed=recipe.seed,
+                num_envs=recipe.num_envs,
+                device=recipe.device,
             )
             scores.append(Score.of(name, horizon, [records]))
             print_score(scores[-1], time.monotonic() - started)
@@ -146,7 +156,12 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
         pictures = draw_scores(recipe.figures, scores)
         pictures += draw_strips(recipe.figures, entrants, shown, recipe.seed, recipe.device)
     if recipe.wandb:
-        settings = {"runs": [str(run) for run in recipe.runs], "motions": recipe.motions, "dense": recipe.dense}
+        settings = {
+            "runs": [str(run) for run in recipe.runs],
+            "motions": recipe.motions,
+            "dense": recipe.dense,
+            "domain_randomization": recipe.domain_randomization,
+        }
         with wandb_run("evaluation", Path(), settings) as run:
             log_scores(run, scores, pictures)
     return scores

@@ -14,11 +14,13 @@ from plat.envs.transforms import (
     NEXT_FRAME,
     CommandSchedule,
     DenseGoal,
+    DomainRandomization,
     Horizon,
     KeyframeClock,
     KeyframeCommand,
     KeyframeMetrics,
     KeyframeTermination,
+    RandomizationRanges,
     ReferenceMotion,
     ScheduledStarts,
     TerminationLimits,
@@ -40,13 +42,14 @@ def make_evaluation_env(
     dense: bool = False,
     goals: Mapping[str, int] = NEXT_FRAME,
     observe: Observe | None = None,
+    randomization: RandomizationRanges | None = None,
     limits: TerminationLimits | None = None,
     decimation: int = 4,
     feet: FootContacts = "spheres",
     num_threads: int | None = None,
     device: torch.device | str = "cpu",
 ) -> TransformedEnv:
-    """The environment of :func:`evaluate`: no noise, no randomisation, no reward; see there for the arguments."""
+    """The environment of :func:`evaluate`: no noise, no reward; see there for the arguments."""
     env = MotionTrackingEnv(library, num_envs, decimation=decimation, feet=feet, num_threads=num_threads, device=device)
     transforms: list[Transform] = [
         ReferenceMotion(env.library),
@@ -60,6 +63,8 @@ def make_evaluation_env(
         transforms += DenseGoal.of_groups(env.library, goals)
     if observe is not None:
         transforms += observe(env.library, dense)
+    if randomization is not None:
+        transforms.append(DomainRandomization(env, randomization))
     return TransformedEnv(env, Compose(*transforms))
 
 
@@ -73,6 +78,7 @@ def evaluate(
     dense: bool = False,
     goals: Mapping[str, int] = NEXT_FRAME,
     observe: Observe | None = None,
+    randomization: RandomizationRanges | None = None,
     num_envs: int = 256,
     limits: TerminationLimits | None = None,
     decimation: int = 4,
@@ -96,7 +102,10 @@ def evaluate(
             which it is measured.
         goals: with ``dense``, the groups in which it is shown the reference, and how many frames ahead each is.
         observe: shows a policy what it reads beside those groups, as :meth:`plat.baselines.Tracker.observe` does.
-        num_envs: robots at a time; the figures do not depend on it.
+        randomization: from which robot, motors and ground are drawn anew whenever a robot is put on its motion, and
+            how it is pushed; None for the robot as it is, undisturbed. ``seed`` fixes the draws, but robots are put
+            back after failures, so that no two policies meet quite the same.
+        num_envs: robots at a time; the figures do not depend on it without ``randomization``.
         limits: when a command has failed.
         decimation: physics steps a control step.
         feet: contact geometry of the soles.
@@ -118,24 +127,26 @@ def evaluate(
     """
     library = library.to(device)
     schedule = CommandSchedule(library, horizon, seed)
-    env = make_evaluation_env(
-        library,
-        schedule,
-        min(num_envs, library.num_clips),
-        dense=dense,
-        goals=goals,
-        observe=observe,
-        limits=limits,
-        decimation=decimation,
-        feet=feet,
-        num_threads=num_threads,
-        device=device,
-    )
-    starts = next(transform for transform in env.transform if isinstance(transform, ScheduledStarts))
     recorder = CommandRecorder(library, schedule)
     total_steps = int((schedule.target_frame >= 0).sum())
     done_steps = 0
-    with set_exploration_type(ExplorationType.DETERMINISTIC):
+    with torch.random.fork_rng(devices=[]), set_exploration_type(ExplorationType.DETERMINISTIC):
+        torch.default_generator.manual_seed(seed)  # the one that the randomisation draws from
+        env = make_evaluation_env(
+            library,
+            schedule,
+            min(num_envs, library.num_clips),
+            dense=dense,
+            goals=goals,
+            observe=observe,
+            randomization=randomization,
+            limits=limits,
+            decimation=decimation,
+            feet=feet,
+            num_threads=num_threads,
+            device=device,
+        )
+        starts = next(transform for transform in env.transform if isinstance(transform, ScheduledStarts))
         tensordict = env.reset()
         while not starts.finished:
             active, frame = starts.active.clone(), tensordict["motion", "frame"]

@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from plat.envs import G1, MotionLibrary
-from plat.envs.transforms import HORIZONS, CommandSchedule, Horizon
+from plat.envs.transforms import HORIZONS, CommandSchedule, Horizon, RandomizationRanges
 from plat.errors import MotionError
 from plat.evaluation import evaluate, report
 from plat.modules import Expert
@@ -159,6 +159,20 @@ def test_evaluating_draws_no_random_numbers(library):
     torch.manual_seed(0)
     evaluate(still, library, HORIZONS["long"])
     assert torch.rand(1) == expected
+
+
+def test_randomisation_is_drawn_from_the_seed(two_clips):
+    pushed = RandomizationRanges(push_interval=(0.1, 0.2))
+
+    def errors(**settings):
+        records = evaluate(still, two_clips, Horizon(10, 10), **settings)
+        assert len(records.length) == 16  # the same commands
+        return records.window["keypoint_error"].nan_to_num(1.0)
+
+    standing, first, again = (errors(randomization=ranges) for ranges in (None, pushed, pushed))
+    assert torch.equal(first, again)
+    assert not torch.equal(first, errors(randomization=pushed, seed=1))
+    assert first.mean() > 1.5 * standing.mean()
 
 
 def test_dense_reference_instead_of_the_keyframe(library):

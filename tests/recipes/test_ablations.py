@@ -4,6 +4,7 @@ import sys
 import pytest
 
 from plat.envs import G1
+from plat.envs.transforms import RandomizationRanges
 from plat.errors import PlatError
 from plat.modules import Expert, ExpertConfig, LatentNoisePolicy, LatentPolicy, RefinementConfig
 from tests.modules.test_imitation import SMALL
@@ -38,13 +39,14 @@ def recipe(tmp_path, monkeypatch) -> ablations.AblationsRecipe:
 
 
 @pytest.fixture
-def evaluated(monkeypatch) -> list[tuple[str, bool]]:
-    """Horizon and density of every evaluation that is run."""
-    calls: list[tuple[str, bool]] = []
+def evaluated(monkeypatch) -> list[tuple[str, str]]:
+    """Horizon and kind of every evaluation that is run."""
+    calls: list[tuple[str, str]] = []
     original = evaluate.Entrant.evaluate
 
     def record(self, library, horizon, **settings):
-        calls.append((horizon, self.dense))
+        kind = "dense" if self.dense else "randomized" if settings["randomization"] else "plain"
+        calls.append((horizon, kind))
         return original(self, library, horizon, **settings)
 
     monkeypatch.setattr(evaluate.Entrant, "evaluate", record)
@@ -53,7 +55,7 @@ def evaluated(monkeypatch) -> list[tuple[str, bool]]:
 
 def test_rows_that_are_there_are_scored_in_the_papers_order(recipe, evaluated, capsys):
     splits = ablations.main(recipe)
-    assert list(splits) == ["all", "hard", "dense"]
+    assert list(splits) == ["all", "hard", "randomized", "dense"]
     rows = ["Scratch RL", "DAgger", "PLAT"]
     cells = [(name, horizon) for horizon in ("long", "mixed") for name in rows]
     assert [(score.policy, score.horizon) for score in splits["all"]] == cells
@@ -61,8 +63,10 @@ def test_rows_that_are_there_are_scored_in_the_papers_order(recipe, evaluated, c
     assert [(score.policy, score.horizon) for score in splits["dense"]] == [("Scratch RL", "mixed")]
     # hard motions are those called so, of the same evaluation
     assert splits["hard"][0].records[0].clip.unique().tolist() == [0]
-    assert evaluated.count(("long", False)) == evaluated.count(("mixed", False)) == 4
-    assert evaluated.count(("mixed", True)) == 1
+    assert [(score.policy, score.horizon) for score in splits["randomized"]] == [(name, "mixed") for name in rows]
+    assert evaluated.count(("long", "plain")) == evaluated.count(("mixed", "plain")) == 4
+    assert evaluated.count(("mixed", "randomized")) == 4
+    assert evaluated.count(("mixed", "dense")) == 1
     said = capsys.readouterr().out
     assert "Residual action: left out, no run" in said
     assert "TWIST2: left out, give --trackers.twist2" in said
@@ -93,10 +97,13 @@ def test_what_is_known_is_not_evaluated_again(recipe, evaluated):
     assert [score.figures for score in again["hard"]] == [score.figures for score in first["hard"]]
     save_run(recipe.runs / "plat-seed1", refined(), steps=60)  # trained further
     ablations.main(recipe)
-    assert sorted(evaluated) == [("long", False), ("mixed", False)]
+    assert sorted(evaluated) == [("long", "plain"), ("mixed", "plain"), ("mixed", "randomized")]
+    evaluated.clear()
+    ablations.main(dataclasses.replace(recipe, randomization=RandomizationRanges(foot_friction=(0.3, 0.3))))
+    assert evaluated == [("mixed", "randomized")] * 4
     evaluated.clear()
     ablations.main(dataclasses.replace(recipe, seed=1))  # other commands
-    assert len(evaluated) == 2 * 4 + 1
+    assert len(evaluated) == 3 * 4 + 1
 
 
 def test_a_broken_record_is_made_again(recipe, evaluated, capsys):
@@ -104,12 +111,12 @@ def test_a_broken_record_is_made_again(recipe, evaluated, capsys):
     evaluated.clear()
     (recipe.out / "records" / "dagger-long.safetensors").write_bytes(b"half a file")
     ablations.main(recipe)
-    assert evaluated == [("long", False)]
+    assert evaluated == [("long", "plain")]
     assert "evaluated again" in capsys.readouterr().out
 
 
 def test_without_hard_motions_there_is_no_hard_split(recipe, capsys):
-    assert list(ablations.main(dataclasses.replace(recipe, hard="somersault"))) == ["all", "dense"]
+    assert list(ablations.main(dataclasses.replace(recipe, hard="somersault"))) == ["all", "randomized", "dense"]
     assert "no hard split: clip names: 'somersault' is in none of the 2" in capsys.readouterr().out
 
 
