@@ -170,7 +170,7 @@ def main(recipe: AblationsRecipe) -> dict[str, list[Score]]:
         print(f"hard: {len(hard)} of the motions")
     except MotionError as error:
         print(f"no hard split: {error}")
-    once: tuple[HorizonName] = ("mixed",) if "mixed" in recipe.horizon else recipe.horizon[:1]
+    once: tuple[HorizonName, ...] = ("mixed",) if "mixed" in recipe.horizon else recipe.horizon[:1]
     print("\nrandomised and pushed")
     splits["randomized"] = score(rows, library, once, recipe, randomization=recipe.randomization)
     print("\nwith the dense reference, for comparison")

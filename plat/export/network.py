@@ -53,7 +53,7 @@ class JointTargetNetwork(nn.Module):
         """Joint position targets ``[*B, J]`` (rad) for observations ``[*B, F]`` in the order of ``STUDENT_KEYS``."""
         values: dict[NestedKey, Tensor] = {}
         for part, (in_keys, out_keys) in zip(self.parts, self._keys, strict=True):
-            if isinstance(part, ObservationNormalizer):
+            if isinstance(part, ObservationNormalizer) and not values:
                 # it puts its entries side by side, and in the observation they are
                 first, last = self._slices[in_keys[0]], self._slices[in_keys[-1]]
                 results = part(observation[..., first.start : last.stop])

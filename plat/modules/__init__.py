@@ -7,7 +7,7 @@ from plat.modules.goal_encoder import GoalSequenceEncoder
 from plat.modules.heads import GaussianNoise, ReferenceOffset, gaussian_action
 from plat.modules.imitation import STUDENT_KEYS, LatentPolicy, LatentPolicyConfig, PlainPolicy, PlainPolicyConfig
 from plat.modules.latent import GaussianLatent, LatentPosterior, LatentPrior, sample_latent
-from plat.modules.lead import GoalLead
+from plat.modules.lead import GoalLead, KeyframeLead
 from plat.modules.networks import mlp
 from plat.modules.normalizer import ObservationNormalizer
 from plat.modules.refinement import (
@@ -31,6 +31,7 @@ __all__ = [
     "GaussianNoise",
     "GoalLead",
     "GoalSequenceEncoder",
+    "KeyframeLead",
     "LatentNoisePolicy",
     "LatentPolicy",
     "LatentPolicyConfig",

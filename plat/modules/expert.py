@@ -13,7 +13,7 @@ from plat.envs.layout import ROBOT_KEYS, goal_keys, observation_size, privileged
 from plat.envs.robot import Robot
 from plat.keyframes import CONTROL_DT
 from plat.modules.heads import GaussianNoise, ReferenceOffset, gaussian_action
-from plat.modules.lead import GoalLead
+from plat.modules.lead import GoalLead, led
 from plat.modules.networks import mlp
 from plat.modules.normalizer import ObservationNormalizer
 
@@ -95,8 +95,7 @@ class Expert(nn.Module):
         if not (self.config.lead or self.config.catch_up):
             return [self.normalizer.using(keys)]
         lead = GoalLead(goals, self.config.lead, self.config.catch_up, self._interval)
-        shown = dict(zip(lead.in_keys, lead.out_keys, strict=True))
-        return [lead, self.normalizer.using([shown.get(key, key) for key in keys])]
+        return [lead, self.normalizer.using(led(keys, lead))]
 
     def _mean(self, goals: Sequence[str], out_key: str) -> list[TensorDictModule]:
         """From the normalised observation to the mean action."""

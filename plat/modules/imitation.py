@@ -1,8 +1,9 @@
 """Stage 2: the student, with a privileged latent or without."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from tensordict import TensorDictBase
+from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictSequential
 from torch import nn
 
@@ -92,9 +93,13 @@ class LatentPolicy(nn.Module):
             self.decoder.using("hidden", ("posterior", "latent"), out_key=("posterior", "action")),
         )
 
-    def features(self) -> TensorDictSequential:
-        """The part below the decoder that is deployed: writes ``hidden``, ``("prior", "loc")`` and its scale."""
-        return TensorDictSequential(self.normalizer.using(), self.backbone, self.prior)
+    def features(self, keys: Sequence[NestedKey] = STUDENT_KEYS) -> TensorDictSequential:
+        """The part below the decoder that is deployed: writes ``hidden``, ``("prior", "loc")`` and its scale.
+
+        Args:
+            keys: where it finds the student's observation.
+        """
+        return TensorDictSequential(self.normalizer.using(keys), self.backbone, self.prior)
 
     def sampled(self) -> TensorDictSequential:
         """The policy that acts through a sample of the prior; its mean under deterministic exploration."""

@@ -1,4 +1,4 @@
-"""Where a tracker is shown its reference, so that it does not trail behind."""
+"""Where a policy is shown its reference or its keyframe, so that it does not trail behind."""
 
 from collections.abc import Sequence
 
@@ -7,10 +7,20 @@ from tensordict import NestedKey
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 
-__all__ = ["LEAD_KEYS", "GoalLead"]
+__all__ = ["LEAD_KEYS", "GoalLead", "KeyframeLead", "led"]
 
 LEAD_KEYS = ("root_pos_b", "keypoint_pos_b")
-"""Entries of a goal that :class:`GoalLead` moves."""
+"""Entries of a goal that :class:`GoalLead` and :class:`KeyframeLead` move."""
+
+
+def led(keys: Sequence[NestedKey], lead: TensorDictModule) -> list[NestedKey]:
+    """The same keys, with what a lead has moved in the place of what it moves.
+
+    >>> led([("goal", "root_pos_b"), ("goal", "joint_pos")], KeyframeLead(0.05, horizon=1.0))
+    [('led_goal', 'root_pos_b'), ('goal', 'joint_pos')]
+    """
+    moved = dict(zip(lead.in_keys, lead.out_keys, strict=False))
+    return [moved.get(key, key) for key in keys]
 
 
 class GoalLead(TensorDictModule):
@@ -55,6 +65,43 @@ class GoalLead(TensorDictModule):
         in_keys: list[NestedKey] = [(group, key) for group in groups for key in LEAD_KEYS]
         out_keys: list[NestedKey] = [(prefix + group, key) for group in groups for key in LEAD_KEYS]
         super().__init__(_Shift(lead / interval, gain, limit), in_keys=in_keys, out_keys=out_keys)
+
+
+class KeyframeLead(TensorDictModule):
+    """Moves a keyframe ahead along the velocity that it takes to be there on time.
+
+    A policy that answers late arrives late. Its keyframe is shifted by ``lead * d / max(t, shortest)``, with ``d`` the
+    horizontal way from the robot's root to the keyframe's, and ``t`` the time that is left: what :class:`GoalLead` does
+    with a reference's velocity, for a robot that is given none.
+
+    Args:
+        lead: time (s).
+        horizon: longest time to a keyframe (s), in units of which ``("command", "horizon")`` is.
+        shortest: times shorter than this count as this (s); without it the last steps would swing the keyframe about.
+
+    >>> lead = KeyframeLead(0.05, horizon=1.0)
+    >>> lead.out_keys
+    [('led_goal', 'root_pos_b'), ('led_goal', 'keypoint_pos_b')]
+    """
+
+    def __init__(self, lead: float, horizon: float, shortest: float = 0.1):
+        in_keys: list[NestedKey] = [*(("goal", key) for key in LEAD_KEYS), ("command", "horizon")]
+        out_keys: list[NestedKey] = [("led_goal", key) for key in LEAD_KEYS]
+        super().__init__(_KeyframeShift(lead / horizon, shortest / horizon), in_keys=in_keys, out_keys=out_keys)
+
+
+class _KeyframeShift(nn.Module):
+    horizontal: Tensor
+
+    def __init__(self, lead: float, shortest: float):
+        super().__init__()
+        self.lead = lead
+        self.shortest = shortest
+        self.register_buffer("horizontal", torch.tensor([1.0, 1.0, 0.0]), persistent=False)
+
+    def forward(self, root: Tensor, keypoints: Tensor, time_left: Tensor) -> tuple[Tensor, Tensor]:
+        shift = root * (self.lead / time_left.clamp_min(self.shortest)) * self.horizontal
+        return root + shift, (keypoints.unflatten(-1, (-1, 3)) + shift.unsqueeze(-2)).flatten(-2)
 
 
 class _Shift(nn.Module):

@@ -16,8 +16,10 @@ from tensordict.nn import (
 )
 from torch import nn
 
+from plat.keyframes import CONTROL_DT, MAX_STEPS
 from plat.modules.heads import GaussianNoise, gaussian_action
-from plat.modules.imitation import LatentPolicy
+from plat.modules.imitation import STUDENT_KEYS, LatentPolicy
+from plat.modules.lead import KeyframeLead, led
 from plat.modules.residual import Residual
 
 __all__ = [
@@ -41,6 +43,8 @@ class RefinementConfig:
     """scale of the residual"""
     init_std: float = 0.2
     """exploration noise at the start, in units of what it is added to"""
+    lead: float = 0.0
+    """seconds by which the keyframe is shown ahead along the way to it, to a student that otherwise arrives late"""
 
 
 class _Refinement(nn.Module):
@@ -56,9 +60,17 @@ class _Refinement(nn.Module):
         self.student = student
         self.noise = GaussianNoise(num_samples, self.config.init_std)
 
+    def shown(self) -> tuple[list[TensorDictModuleBase], list[NestedKey]]:
+        """What comes before the student, and where the student then finds its observation."""
+        if not self.config.lead:
+            return [], list(STUDENT_KEYS)
+        lead = KeyframeLead(self.config.lead, MAX_STEPS * CONTROL_DT)
+        return [lead], led(STUDENT_KEYS, lead)
+
     def frozen(self) -> TensorDictModuleBase:
         """The part that never changes: writes what the head reads."""
-        return self.student.features()
+        before, keys = self.shown()
+        return TensorDictSequential(*before, self.student.features(keys))
 
     def mean(self) -> list[TensorDictModuleBase]:
         """The learning part: from features to ``loc``, the mean of what is sampled."""
@@ -148,8 +160,9 @@ class ResidualActionPolicy(_Refinement):
 
     def frozen(self) -> TensorDictModuleBase:
         """Features and the student's action."""
-        base = self.student.decoder.using("hidden", _PRIOR_MEAN, out_key="base_action")
-        return TensorDictSequential(self.student.features(), base)
+        return TensorDictSequential(
+            super().frozen(), self.student.decoder.using("hidden", _PRIOR_MEAN, out_key="base_action")
+        )
 
     def mean(self) -> list[TensorDictModuleBase]:
         """The corrected action."""
@@ -169,7 +182,8 @@ class FinetunedPolicy(_Refinement):
 
     def frozen(self) -> TensorDictModuleBase:
         """The normalised observation: its statistics stay as they are."""
-        return TensorDictSequential(self.student.normalizer.using())
+        before, keys = self.shown()
+        return TensorDictSequential(*before, self.student.normalizer.using(keys))
 
     def mean(self) -> list[TensorDictModuleBase]:
         """Backbone, prior mean and decoder."""
