@@ -22,13 +22,22 @@ from plat.modules import (
 )
 from plat.training.saving import policy_spec, save_weights, write_json
 
-KINDS = ("latent", "plain", "residual_latent", "residual_latent_noise", "residual_action", "finetuned")
+KINDS = (
+    "latent",
+    "plain",
+    "residual_latent",
+    "residual_latent_noise",
+    "residual_action",
+    "finetuned",
+    "residual_latent_with_lead",
+)
 """Every kind of policy that chases keyframes."""
 _REFINED = {
     "residual_latent": ResidualLatentPolicy,
     "residual_latent_noise": LatentNoisePolicy,
     "residual_action": ResidualActionPolicy,
     "finetuned": FinetunedPolicy,
+    "residual_latent_with_lead": ResidualLatentPolicy,
 }
 
 
@@ -37,12 +46,15 @@ def small_policy(kind: str) -> Any:
     sizes = {"backbone": (32,), "hidden_size": 16, "decoder": (16,)}
     if kind == "expert":
         policy = Expert(G1, ExpertConfig(hidden=(32,)))
+    elif kind == "expert_with_lead":
+        policy = Expert(G1, ExpertConfig(hidden=(32,), ahead=(1, 2), lead=0.1, catch_up=1.0))
     elif kind == "plain":
         policy = PlainPolicy(G1, PlainPolicyConfig(**sizes))
     else:
         policy = LatentPolicy(G1, LatentPolicyConfig(**sizes, latent_size=8, prior=(16,)))
         if kind in _REFINED:
-            policy = _REFINED[kind](policy, RefinementConfig(hidden=(16,), alpha=0.7))
+            lead = 0.1 if kind.endswith("_with_lead") else 0.0
+            policy = _REFINED[kind](policy, RefinementConfig(hidden=(16,), alpha=0.7, lead=lead))
     generator = torch.Generator().manual_seed(0)
     with torch.no_grad():
         for weight in policy.parameters():

@@ -16,7 +16,7 @@ run,long,mpjpe,0.1,0.09,0.11
 def test_latent_and_residual_of_each_kind(tmp_path, kind):
     policy = small_policy(kind)
     facts = describe_policy(policy, write_run(tmp_path / "run", policy))
-    assert facts.policy.kind == kind
+    assert facts.policy.kind == kind.removesuffix("_with_lead")
     assert facts.policy.latent_size == (None if kind == "plain" else 8)
     assert facts.policy.residual_alpha == (0.7 if kind.startswith("residual") else None)
     assert facts.max_steps == MAX_STEPS

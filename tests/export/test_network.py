@@ -9,7 +9,7 @@ from plat.modules import STUDENT_KEYS
 from tests.export.runs import KINDS, small_policy
 
 
-@pytest.mark.parametrize("kind", [*KINDS, "expert"])
+@pytest.mark.parametrize("kind", [*KINDS, "expert", "expert_with_lead"])
 def test_agrees_with_the_policy_on_tensordicts(kind):
     policy = small_policy(kind)
     observation = torch.randn(5, 177)

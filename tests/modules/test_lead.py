@@ -2,7 +2,7 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from plat.modules import GoalLead
+from plat.modules import GoalLead, KeyframeLead
 
 
 def goals(*roots: list[float]) -> TensorDict:
@@ -39,3 +39,29 @@ def test_a_keyframe_in_the_place_of_both_frames_has_no_velocity():
 def test_a_lead_takes_two_frames():
     with pytest.raises(ValueError, match="velocity takes two frames"):
         GoalLead(("g1",), lead=0.1, gain=0.0, interval=0.02)
+
+
+@pytest.mark.parametrize(
+    ("time_left", "ahead"),
+    [
+        (1.0, 0.05),  # a metre in a second takes 1 m/s
+        (0.25, 0.2),
+        (0.1, 0.5),
+        (0.02, 0.5),  # not 2.5 m
+        (0.0, 0.5),
+    ],
+)
+def test_a_keyframe_is_shown_ahead_along_the_velocity_that_it_takes(time_left, ahead):
+    keyframe = goals([0.6, -0.8, 0.3]).rename_key_("g1", "goal")
+    keyframe["command", "horizon"] = torch.tensor([[time_left / 2]])
+    shown = KeyframeLead(0.05, horizon=2.0)(keyframe)["led_goal"]
+    root = [0.6 * (1 + ahead), -0.8 * (1 + ahead), 0.3]
+    assert shown["root_pos_b"][0].tolist() == pytest.approx(root)
+    assert shown["keypoint_pos_b"][0].tolist() == pytest.approx([*root, *root[:2], 1.3])
+
+
+def test_a_robot_that_is_there_sees_its_keyframe_where_it_is():
+    keyframe = goals([0.0, 0.0, 0.1]).rename_key_("g1", "goal")
+    keyframe["command", "horizon"] = torch.zeros(1, 1)
+    shown = KeyframeLead(0.05, horizon=1.0)(keyframe.clone())["led_goal"]
+    assert torch.equal(shown["keypoint_pos_b"], keyframe["goal", "keypoint_pos_b"])

@@ -4,9 +4,11 @@ from tensordict import TensorDict
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from plat.envs import G1, make_keyframe_env
+from plat.keyframes import CONTROL_DT, MAX_STEPS
 from plat.modules import (
     STUDENT_KEYS,
     FinetunedPolicy,
+    KeyframeLead,
     LatentNoisePolicy,
     LatentPolicy,
     RefinementConfig,
@@ -32,6 +34,20 @@ def test_starts_at_exactly_the_students_action(state, variant):
     assert torch.equal(policy.deployed()(state.clone())["action"], expected)
     with set_exploration_type(ExplorationType.DETERMINISTIC):
         assert torch.equal(policy.actor()(state.clone())["action"], expected)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_a_lead_moves_the_keyframe_and_nothing_else(state, variant):
+    policy = variant(LatentPolicy(G1, SMALL), RefinementConfig(lead=0.05))
+    student = policy.student.deployed()
+    moved = KeyframeLead(0.05, MAX_STEPS * CONTROL_DT)(state.clone())
+    state["goal"].update(moved["led_goal"])
+    expected = student(state)["action"]
+    assert set(policy.deployed().in_keys) == set(STUDENT_KEYS)
+    original = moved.exclude("led_goal")
+    assert torch.equal(policy.deployed()(original.clone())["action"], expected)
+    with set_exploration_type(ExplorationType.DETERMINISTIC):
+        assert torch.equal(policy.actor()(original)["action"], expected)
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
