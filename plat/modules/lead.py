@@ -33,7 +33,8 @@ class GoalLead(TensorDictModule):
 
     with ``v`` the reference's root velocity, from the first two frames, and ``d`` the horizontal way from the robot's
     root to the first frame's, of at most ``limit``: a feed-forward and a proportional term around the tracker. A
-    keyframe in the place of all frames has no velocity. Nothing else of a goal changes.
+    keyframe in the place of all frames has no velocity. Nothing else of a goal changes. What it writes is in groups of
+    its own: :data:`LEAD_KEYS` of ``"led_goal"`` for ``"goal"``.
 
     Args:
         groups: goal groups, the first two of them ``interval`` apart.
@@ -41,7 +42,6 @@ class GoalLead(TensorDictModule):
         gain: without unit.
         interval: time from the first frame to the second (s).
         limit: longest ``d`` (m).
-        prefix: of the groups that are written; they hold :data:`LEAD_KEYS`.
 
     Raises:
         ValueError: for a lead with less than two groups.
@@ -58,12 +58,11 @@ class GoalLead(TensorDictModule):
         gain: float,
         interval: float,
         limit: float = 0.3,
-        prefix: str = "led_",
     ):
         if lead and len(groups) < 2:
             raise ValueError(f"lead is {lead:g} s: the reference's velocity takes two frames")
         in_keys: list[NestedKey] = [(group, key) for group in groups for key in LEAD_KEYS]
-        out_keys: list[NestedKey] = [(prefix + group, key) for group in groups for key in LEAD_KEYS]
+        out_keys: list[NestedKey] = [(f"led_{group}", key) for group in groups for key in LEAD_KEYS]
         super().__init__(_Shift(lead / interval, gain, limit), in_keys=in_keys, out_keys=out_keys)
 
 
