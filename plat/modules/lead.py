@@ -86,10 +86,12 @@ class KeyframeLead(TensorDictModule):
     def __init__(self, lead: float, horizon: float, shortest: float = 0.1):
         in_keys: list[NestedKey] = [*(("goal", key) for key in LEAD_KEYS), ("command", "horizon")]
         out_keys: list[NestedKey] = [("led_goal", key) for key in LEAD_KEYS]
-        super().__init__(_KeyframeShift(lead / horizon, shortest / horizon), in_keys=in_keys, out_keys=out_keys)
+        super().__init__(KeyframeShift(lead / horizon, shortest / horizon), in_keys=in_keys, out_keys=out_keys)
 
 
-class _KeyframeShift(nn.Module):
+class KeyframeShift(nn.Module):
+    """What :class:`KeyframeLead` computes, its times in units of the horizon."""
+
     horizontal: Tensor
 
     def __init__(self, lead: float, shortest: float):
@@ -98,8 +100,13 @@ class _KeyframeShift(nn.Module):
         self.shortest = shortest
         self.register_buffer("horizontal", torch.tensor([1.0, 1.0, 0.0]), persistent=False)
 
+    def share(self, time_left: Tensor) -> Tensor:
+        """By which share of the way to it a keyframe is moved ``[*B, 1]``."""
+        return self.lead / time_left.clamp_min(self.shortest)
+
     def forward(self, root: Tensor, keypoints: Tensor, time_left: Tensor) -> tuple[Tensor, Tensor]:
-        shift = root * (self.lead / time_left.clamp_min(self.shortest)) * self.horizontal
+        """Positions of root ``[*B, 3]`` and keypoints ``[*B, 3 K]``, moved."""
+        shift = root * self.share(time_left) * self.horizontal
         return root + shift, (keypoints.unflatten(-1, (-1, 3)) + shift.unsqueeze(-2)).flatten(-2)
 
 
