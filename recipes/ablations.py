@@ -18,7 +18,7 @@ from typing import Any, Literal
 
 import evaluate
 import tyro
-from evaluate import Entrant, HorizonName
+from evaluate import Entrant, HorizonName, ScoringConfig
 
 # isort: split
 import distill
@@ -34,7 +34,7 @@ from plat.evaluation import CommandRecords, Score, differences, markdown, write_
 from plat.files import replace_file
 from plat.modules import ExpertConfig
 from plat.rendering import pyplot
-from plat.training import default_device, log_scores, read_json, report_errors, wandb_run
+from plat.training import log_scores, read_json, report_errors, wandb_run
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,35 +58,18 @@ class Training:
 
 
 @dataclass(kw_only=True)
-class AblationsRecipe:
+class AblationsRecipe(ScoringConfig):
     """Score every row of the ablation, and train it first if asked."""
 
     runs: Path
     """folder with one run a row"""
-    motions: tuple[str, ...]
-    """motion files, folders or globs to score on; "generated:test" for the motions that plat makes itself"""
     out: Path
     """folder for tables, figures and records"""
     train: bool = False
     """train the rows that RUNS lacks or that are unfinished"""
     training: Training = field(default_factory=Training)
-    trackers: ReleasedTrackers = field(default_factory=ReleasedTrackers)
     hard: str = "run|dance|kick|punch|slash"
     """motions whose names this regular expression is found in get tables and figures of their own"""
-    horizon: tuple[HorizonName, ...] = ("single", "short", "medium", "long", "mixed")
-    """lengths of the commands"""
-    randomization: RandomizationRanges = field(default_factory=RandomizationRanges)
-    """what is drawn anew, and how robots are pushed, in the tables of that name"""
-    clip: str | None = None
-    """the film strips show the first motion whose name this is found in; by default the first of all"""
-    seed: int = 0
-    """draws the commands, and the disturbances"""
-    num_envs: int = 256
-    """robots that are simulated at a time while scoring; undisturbed, the figures do not depend on it"""
-    wandb: bool = False
-    """log table and figures to wandb as well; offline unless you are logged in"""
-    device: str = field(default_factory=default_device)
-    """where networks and tensors live"""
 
 
 @dataclass(frozen=True)
@@ -308,14 +291,7 @@ def records_of(
         else:
             if known == about:
                 return records
-    records = candidate.load(dense).evaluate(
-        library,
-        horizon,
-        randomization=randomization,
-        seed=recipe.seed,
-        num_envs=recipe.num_envs,
-        device=recipe.device,
-    )
+    records = recipe.records(candidate.load(dense), library, horizon, randomization)
     records.save(path, about)
     return records
 

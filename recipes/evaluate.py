@@ -39,38 +39,57 @@ HorizonName = Literal["single", "short", "medium", "long", "mixed"]
 
 
 @dataclass(kw_only=True)
-class EvaluateRecipe:
-    """Score policies on motions."""
+class ScoringConfig:
+    """What the recipes that score policies have in common."""
 
-    runs: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
-    """run directories; an expert is given keyframes in place of its next reference frame (Scratch RL)"""
     trackers: ReleasedTrackers = field(default_factory=ReleasedTrackers)
     motions: tuple[str, ...]
     """motion files, folders or globs; "generated:val" or "generated:test" for the motions that plat makes itself"""
-    only: str | None = None
-    """motions whose names this regular expression is found in, as in "run|kick"; they get commands of their own"""
     horizon: tuple[HorizonName, ...] = ("single", "short", "medium", "long", "mixed")
     """lengths of the commands"""
-    dense: bool = False
-    """show policies the reference instead of the keyframe: how well a dense tracker tracks"""
-    domain_randomization: bool = False
-    """draw robot, motors and ground anew for each motion, and push the robots"""
     randomization: RandomizationRanges = field(default_factory=RandomizationRanges)
-    """from which ranges"""
+    """from which ranges robot, motors and ground are drawn where they are randomised, and how robots are pushed"""
+    clip: str | None = None
+    """the film strips show the first motion whose name this is found in; by default the first of all"""
     seed: int = 0
     """draws the commands, and the disturbances"""
     num_envs: int = 256
     """robots that are simulated at a time; undisturbed, the figures do not depend on it"""
-    csv: Path | None = None
-    """file to write every figure to, with its interval"""
-    figures: Path | None = None
-    """folder to draw radar plot, bars, success curves and film strips into, as PDF and PNG"""
-    clip: str | None = None
-    """the film strips show the first motion whose name this is found in; by default the first of all"""
     wandb: bool = False
     """log table and figures to wandb as well; offline unless you are logged in"""
     device: str = field(default_factory=default_device)
     """where networks and tensors live"""
+
+    def records(
+        self, entrant: "Entrant", library: MotionLibrary, horizon: str, randomization: RandomizationRanges | None
+    ) -> CommandRecords:
+        """What an entrant does with the commands of every motion."""
+        return entrant.evaluate(
+            library,
+            horizon,
+            randomization=randomization,
+            seed=self.seed,
+            num_envs=self.num_envs,
+            device=self.device,
+        )
+
+
+@dataclass(kw_only=True)
+class EvaluateRecipe(ScoringConfig):
+    """Score policies on motions."""
+
+    runs: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
+    """run directories; an expert is given keyframes in place of its next reference frame (Scratch RL)"""
+    only: str | None = None
+    """motions whose names this regular expression is found in, as in "run|kick"; they get commands of their own"""
+    dense: bool = False
+    """show policies the reference instead of the keyframe: how well a dense tracker tracks"""
+    domain_randomization: bool = False
+    """draw robot, motors and ground anew for each motion, and push the robots"""
+    csv: Path | None = None
+    """file to write every figure to, with its interval"""
+    figures: Path | None = None
+    """folder to draw radar plot, bars, success curves and film strips into, as PDF and PNG"""
 
 
 @dataclass(frozen=True)
@@ -139,14 +158,7 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
     for horizon in recipe.horizon:
         for name, entrant in entrants.items():
             started = time.monotonic()
-            records = entrant.evaluate(
-                library,
-                horizon,
-                randomization=randomization,
-                seed=recipe.seed,
-                num_envs=recipe.num_envs,
-                device=recipe.device,
-            )
+            records = recipe.records(entrant, library, horizon, randomization)
             scores.append(Score.of(name, horizon, [records]))
             print_score(scores[-1], time.monotonic() - started)
     if recipe.csv is not None:

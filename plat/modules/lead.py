@@ -7,7 +7,7 @@ from tensordict import NestedKey
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 
-__all__ = ["LEAD_KEYS", "GoalLead", "KeyframeLead", "led"]
+__all__ = ["LEAD_KEYS", "GoalLead", "KeyframeLead", "KeyframeShift", "led"]
 
 LEAD_KEYS = ("root_pos_b", "keypoint_pos_b")
 """Entries of a goal that :class:`GoalLead` and :class:`KeyframeLead` move."""
@@ -51,14 +51,7 @@ class GoalLead(TensorDictModule):
     [('led_goal', 'root_pos_b'), ('led_goal', 'keypoint_pos_b')]
     """
 
-    def __init__(
-        self,
-        groups: Sequence[str],
-        lead: float,
-        gain: float,
-        interval: float,
-        limit: float = 0.3,
-    ):
+    def __init__(self, groups: Sequence[str], lead: float, gain: float, interval: float, limit: float = 0.3):
         if lead and len(groups) < 2:
             raise ValueError(f"lead is {lead:g} s: the reference's velocity takes two frames")
         in_keys: list[NestedKey] = [(group, key) for group in groups for key in LEAD_KEYS]
