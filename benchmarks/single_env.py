@@ -175,11 +175,12 @@ class SingleG1(gymnasium.Env):
         excess = np.maximum(self._soft_low - joint_pos, 0) + np.maximum(joint_pos - self._soft_high, 0)
         found = data.sensordata
         weights = config.regularisation
-        reward += config.regularisation_weight * (
+        penalty = (
             weights.action_rate * np.square(action - self._last_action).sum()
             + weights.joint_limit * excess.sum()
             + weights.stray_contact * (found[8] - found[0] - found[4] + found[9])
         )
+        reward += config.regularisation_weight * (penalty if weights.floor is None else max(penalty, weights.floor))
 
         limits, ends = config.limits, robot.end_effector_indices
         height = np.abs(pos[:, 2] - ref_pos[:, 2])

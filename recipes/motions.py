@@ -31,6 +31,7 @@ from plat.envs.motions import (
     ValidationLimits,
     clip_to_limits,
     ground_feet,
+    level_feet,
     mirror_motion,
     read_motion_files,
     save_csv,
@@ -108,6 +109,8 @@ class Convert(_Files):
     """seconds to take off the start and the end"""
     ground: Literal["clip", "smooth"] | None = None
     """put the feet on the floor: all frames of a clip alike, or following a floor that drifts"""
+    level_feet: bool = False
+    """turn the ankles of standing feet until their soles are level, as in motion estimated from video they are not"""
     clip_limits: bool = False
     """bring joint angles into their limits"""
     resample: float | None = None
@@ -144,6 +147,8 @@ class Convert(_Files):
             clip = trim_motion(clip, *self.trim)
         if self.clip_limits:
             clip = clip_to_limits(clip)
+        if self.level_feet:
+            clip = level_feet(clip)
         if self.ground:
             clip = ground_feet(clip, self.ground)
         if self.resample is not None:

@@ -31,11 +31,16 @@ class ReferenceOffset(TensorDictModule):
     the motor's damping, which pulls its velocity to zero, then pulls it to the reference's (``reference_velocity``).
     Two goals that are the same keyframe have no velocity.
 
+    The residual is bounded. On a robot that falls fast the network sees what it has hardly ever seen and answers with
+    hundreds; nothing moves any differently, but a penalty on the square of an action's change, PPO's measure of its
+    own progress and the loss of a student that is taught such an action then consist of little else.
+
     Args:
         robot: gives default pose, action scale and gains.
         in_keys: residual ``[*B, J]``, goal joint angles ``[*B, J]`` (rad), and joint angles of the later goal.
         out_key: action ``[*B, J]``.
         interval: time from the goal to the later goal (s).
+        limit: bound on the residual; on the G1 a motor at its goal gives its full torque at 4.
 
     >>> from plat.envs import G1
     >>> offset = ReferenceOffset(G1, ("residual", ("goal", "joint_pos")), "loc")
@@ -43,8 +48,15 @@ class ReferenceOffset(TensorDictModule):
     True
     """
 
-    def __init__(self, robot: Robot, in_keys: Sequence[NestedKey], out_key: NestedKey, interval: float = 1.0):
-        super().__init__(_Offset(robot, interval), in_keys=list(in_keys), out_keys=[out_key])
+    def __init__(
+        self,
+        robot: Robot,
+        in_keys: Sequence[NestedKey],
+        out_key: NestedKey,
+        interval: float = 1.0,
+        limit: float = 5.0,
+    ):
+        super().__init__(_Offset(robot, interval, limit), in_keys=list(in_keys), out_keys=[out_key])
 
 
 class _Offset(nn.Module):
@@ -52,8 +64,9 @@ class _Offset(nn.Module):
     action_scale: Tensor
     lead: Tensor
 
-    def __init__(self, robot: Robot, interval: float):
+    def __init__(self, robot: Robot, interval: float, limit: float):
         super().__init__()
+        self.limit = limit
         self.register_buffer("default_joint_pos", robot.default_joint_pos.clone())
         self.register_buffer("action_scale", robot.action_scale.clone())
         self.register_buffer("lead", robot.damping / robot.stiffness / interval)
@@ -62,7 +75,7 @@ class _Offset(nn.Module):
         target = goal_joint_pos
         if later_joint_pos is not None:
             target = target + self.lead * (later_joint_pos - goal_joint_pos)
-        return residual + (target - self.default_joint_pos) / self.action_scale
+        return residual.clamp(-self.limit, self.limit) + (target - self.default_joint_pos) / self.action_scale
 
 
 class GaussianNoise(TensorDictModule):

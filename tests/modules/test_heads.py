@@ -21,6 +21,13 @@ def test_offset_adds_the_residual():
     torch.testing.assert_close(offset(residual, goal) - offset(torch.zeros(4, 29), goal), residual)
 
 
+def test_residual_is_bounded_and_the_goal_is_not():
+    goal, wild = torch.full((29,), 3.0), torch.full((29,), 300.0)
+    offset = ReferenceOffset(G1, ("residual", "goal"), "loc", limit=2.0)
+    torch.testing.assert_close(offset(wild, goal) - offset(torch.zeros(29), goal), torch.full((29,), 2.0))
+    torch.testing.assert_close(offset(-wild, goal) - offset(torch.zeros(29), goal), torch.full((29,), -2.0))
+
+
 def test_noise_starts_where_it_is_told_and_keeps_its_floor():
     noise = GaussianNoise(3, init_std=0.4, min_std=0.05)
     loc, scale = noise(torch.zeros(2, 3))

@@ -8,7 +8,7 @@ import pytest
 import tyro
 
 from plat.envs import G1
-from plat.envs.motions import MotionClip, load_motions, mirror_motion, save_motions
+from plat.envs.motions import MotionClip, ground_feet, level_feet, load_motions, mirror_motion, save_motions
 from plat.errors import MotionError, PlatError
 from plat.rendering import RenderingError
 from tests.envs.motions.formats.writers import bowing_clip, write_asap, write_csv, write_gmr
@@ -89,6 +89,16 @@ def test_convert_to_one_file_with_repairs(recipe, folder, tmp_path, capsys):
     assert len(clips["good"].qpos) == 60 - 10 - 5
     np.testing.assert_allclose(clips["floating"].qpos, clips["good"].qpos, atol=1e-5)
     assert "dropped short: 0.00 s left" in capsys.readouterr().out
+
+
+def test_convert_levels_feet_before_it_grounds_them(recipe, tmp_path):
+    clip = bowing_clip()
+    clip.qpos[:, [7 + G1.joint_names.index(f"{side}_ankle_pitch") for side in ("left", "right")]] += 0.4
+    save_motions(tmp_path / "tilted.npz", [clip])
+    run(recipe, "convert", tmp_path / "tilted.npz", "--out", tmp_path / "out.npz", "--level-feet", "--ground", "clip")
+    (levelled,) = load_motions(tmp_path / "out.npz")
+    np.testing.assert_allclose(levelled.qpos, ground_feet(level_feet(clip)).qpos, atol=1e-5)
+    assert abs(levelled.qpos[:, 2] - ground_feet(clip).qpos[:, 2]).min() > 0.01
 
 
 def test_convert_to_folders(recipe, folder, tmp_path):

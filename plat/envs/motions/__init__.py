@@ -6,7 +6,7 @@ from plat.envs.motions.formats import MotionFile
 from plat.envs.motions.generation import generate_motions
 from plat.envs.motions.library import MotionLibrary, cache_dir
 from plat.envs.motions.mirror import mirror_motion
-from plat.envs.motions.repair import clip_to_limits, ground_feet, trim_motion
+from plat.envs.motions.repair import clip_to_limits, ground_feet, level_feet, trim_motion
 from plat.envs.motions.validation import MotionReport, ValidationLimits, validate_motion, validate_motions
 
 __all__ = [
@@ -19,6 +19,7 @@ __all__ = [
     "clip_to_limits",
     "generate_motions",
     "ground_feet",
+    "level_feet",
     "load_motions",
     "mirror_motion",
     "motion_paths",

@@ -5,17 +5,25 @@ from typing import Literal
 import numpy as np
 import torch
 
+from plat.envs.kinematics import ForwardKinematics
 from plat.envs.motions.clip import MotionClip
 from plat.envs.motions.feet import Soles, ground_level, stance
 from plat.envs.robot import G1, Robot
 from plat.errors import MotionError
+from plat.rotations import quat_rotate_inverse
 
-__all__ = ["Grounding", "clip_to_limits", "ground_feet", "trim_motion"]
+__all__ = ["Grounding", "clip_to_limits", "ground_feet", "level_feet", "trim_motion"]
 
 Grounding = Literal["clip", "smooth"]
 
 # Width of the mean over a floor that drifts (s).
 _DRIFT_SECONDS = 0.3
+
+# A foot stands when it rests, and is no higher than this over the lower one (m).
+_STANDING_HEIGHT = 0.04
+
+# Width of the mean over which a foot is levelled and let go (s).
+_LEVEL_SECONDS = 0.15
 
 
 def ground_feet(clip: MotionClip, how: Grounding = "clip", robot: Robot = G1) -> MotionClip:
@@ -53,6 +61,45 @@ def ground_feet(clip: MotionClip, how: Grounding = "clip", robot: Robot = G1) ->
     return MotionClip(clip.name, qpos, clip.fps)
 
 
+def level_feet(clip: MotionClip, robot: Robot = G1) -> MotionClip:
+    """The clip with the soles of standing feet level, as far as the ankles reach.
+
+    Motion that was estimated from video stands on the edges of its feet, tilted by ten to thirty degrees: a pose that a
+    robot can only copy by balancing on its toes. Here the ankles are turned until the sole is level wherever a foot
+    rests near the height of the lower one; nothing else moves, so ground the feet afterwards.
+
+    Args:
+        clip: a motion.
+        robot: the robot; each foot is the body of an ankle's roll joint (x), which follows its pitch joint (y).
+
+    >>> qpos = G1.default_qpos[None].repeat(60, 0)
+    >>> ankle = 7 + G1.joint_names.index("left_ankle_pitch")
+    >>> qpos[:, ankle] += 0.3
+    >>> round(float(qpos[0, ankle] - level_feet(MotionClip("toes down", qpos, 30.0)).qpos[0, ankle]), 1)
+    0.3
+    """
+    model = robot.shared_model
+    qpos = torch.from_numpy(clip.qpos.copy()).double()
+    points = Soles(robot).points(qpos)
+    low = points[..., 2].amin(-1)
+    _, foot_quat = ForwardKinematics(robot, robot.feet)(*qpos.split((3, 4, robot.num_joints), -1))
+    upward = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64).expand(len(qpos), 3)
+    low_angle, high_angle = robot.joint_range.double().unbind(-1)
+    for foot, name in enumerate(robot.feet):
+        standing = stance(points[:, foot : foot + 1], clip.fps) & (low[:, foot] < low.amin(-1) + _STANDING_HEIGHT)
+        share = torch.from_numpy(_smooth(standing.double().numpy(), _LEVEL_SECONDS * clip.fps))
+        body = model.body(name).id
+        roll, pitch = (model.body_jntadr[link] - 1 for link in (body, model.body_parentid[body]))  # the root's is 0
+        # the upward direction in the foot's frame, and turned back by roll and pitch in the shin's
+        x, y, z = quat_rotate_inverse(foot_quat[:, foot], upward).unbind(-1)
+        y, z = _turn(y, z, qpos[:, 7 + roll])
+        z, x = _turn(z, x, qpos[:, 7 + pitch])
+        for joint, level in ((roll, -y.clamp(-1, 1).asin()), (pitch, torch.atan2(x, z))):
+            angle = qpos[:, 7 + joint]
+            angle += share * (level.clamp(low_angle[joint], high_angle[joint]) - angle)
+    return MotionClip(clip.name, qpos.numpy(), clip.fps)
+
+
 def clip_to_limits(clip: MotionClip, robot: Robot = G1) -> MotionClip:
     """The clip with every joint angle inside the joint's limits."""
     low, high = robot.joint_range.numpy().T
@@ -71,6 +118,11 @@ def trim_motion(clip: MotionClip, start: float = 0.0, end: float = 0.0) -> Motio
             f"motion {clip.name!r}: {clip.duration:.2f} s cannot lose {start} s at the start and {end} s at the end"
         )
     return MotionClip(clip.name, clip.qpos[first:last], clip.fps)
+
+
+def _turn(first: torch.Tensor, second: torch.Tensor, angle: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Two coordinates of vectors, turned in their plane from the first axis towards the second."""
+    return first * angle.cos() - second * angle.sin(), first * angle.sin() + second * angle.cos()
 
 
 def _smooth(values: np.ndarray, width: float) -> np.ndarray:

@@ -84,6 +84,9 @@ class Regularisation:
     """times the squared horizontal speed of a loaded foot (m/s)"""
     impact: float = 0.0
     """times the ground reaction beyond twice the robot's weight, in weights"""
+    floor: float | None = -5.0
+    """the least that the penalties of a step add up to, so that what a robot does on its way to the ground is not all
+    that a critic learns; None for no such bound"""
     soft_limit: float = 0.95
     """share of each joint's range, about its middle, that is free"""
 
@@ -205,6 +208,7 @@ class RegularisationReward(_Reward):
         super().__init__(dt, weight)
         weights = weights or Regularisation()
         self._weights = asdict(weights)
+        self._floor = weights.floor
         middle, half = robot.joint_range.mean(-1), 0.5 * (robot.joint_range[:, 1] - robot.joint_range[:, 0])
         self.register_buffer("_soft_low", middle - weights.soft_limit * half, persistent=False)
         self.register_buffer("_soft_high", middle + weights.soft_limit * half, persistent=False)
@@ -224,7 +228,12 @@ class RegularisationReward(_Reward):
             "impact": lambda: (state["foot_force"] / self._robot_weight - 2.0).clamp_min(0).sum(-1),
         }
         weights = self._weights
-        return {name: weights[name] * penalty() for name, penalty in penalties.items() if weights[name] != 0}
+        terms = {name: weights[name] * penalty() for name, penalty in penalties.items() if weights[name] != 0}
+        if not terms or self._floor is None:
+            return terms
+        total = torch.stack(list(terms.values())).sum(0)
+        kept = self._floor / total.clamp_max(self._floor)
+        return {name: value * kept for name, value in terms.items()}
 
 
 def _kernels(squared_errors: dict[str, tuple[Term, Callable[[], Tensor]]]) -> dict[str, Tensor]:

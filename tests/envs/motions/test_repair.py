@@ -9,6 +9,7 @@ from plat.envs.motions import (
     MotionClip,
     clip_to_limits,
     ground_feet,
+    level_feet,
     load_motions,
     trim_motion,
     validate_motion,
@@ -56,6 +57,39 @@ def test_a_jump_stays_a_jump():
     height = grounded.qpos[:, 2] - grounded.qpos[0, 2]
     assert height.max() == pytest.approx(hop.max(), abs=0.02)
     assert validate_motion(grounded).penetration < 0.005
+
+
+def sole_tilt(clip: MotionClip) -> np.ndarray:
+    """How far the highest point of each sole is above its lowest ``[T, 2]`` (m)."""
+    heights = Soles(G1).points(torch.from_numpy(clip.qpos))[..., 2]
+    return (heights.amax(-1) - heights.amin(-1)).numpy()
+
+
+def test_standing_feet_are_levelled_and_nothing_else_moves():
+    clip = bowing_clip(100)
+    ankles = [
+        7 + G1.joint_names.index(f"{side}_ankle_{axis}") for side in ("left", "right") for axis in ("pitch", "roll")
+    ]
+    tilted = MotionClip(clip.name, clip.qpos.copy(), clip.fps)
+    tilted.qpos[:, ankles] += [0.3, 0.1, -0.2, -0.1]
+    assert sole_tilt(tilted).min() > 0.03
+    levelled = level_feet(tilted)
+    assert sole_tilt(levelled).max() < 1e-6
+    others = [column for column in range(36) if column not in ankles]
+    np.testing.assert_array_equal(levelled.qpos[:, others], tilted.qpos[:, others])
+    low, high = G1.joint_range.numpy().T
+    assert ((levelled.qpos[:, 7:] >= low) & (levelled.qpos[:, 7:] <= high)).all()
+
+
+def test_a_foot_in_the_air_keeps_its_ankle():
+    clip = bowing_clip(100)
+    clip.qpos[:] = clip.qpos[:1]
+    knee, ankle = (7 + G1.joint_names.index(f"left_{joint}") for joint in ("knee", "ankle_pitch"))
+    clip.qpos[30:70, knee] += 1.2  # the foot is lifted by some 15 cm
+    clip.qpos[:, ankle] += 0.3
+    levelled = level_feet(clip)
+    np.testing.assert_array_equal(levelled.qpos[37:63, ankle], clip.qpos[37:63, ankle])
+    assert sole_tilt(levelled)[:20, 0].max() < 1e-6
 
 
 def test_the_robot_is_compiled_once_for_all_clips(monkeypatch):

@@ -104,7 +104,7 @@ def test_keyframe_joint_term():
 
 def only_penalty(**weight: float) -> RegularisationReward:
     zero = dict.fromkeys(("action_rate", "joint_limit", "stray_contact", "torque", "foot_slip", "impact"), 0.0)
-    return RegularisationReward(G1, DT, replace(Regularisation(), **{**zero, **weight}))
+    return RegularisationReward(G1, DT, replace(Regularisation(floor=None), **{**zero, **weight}))
 
 
 def test_penalties():
@@ -132,6 +132,17 @@ def test_penalties():
     after = perfect()
     after["state", "foot_force"] = torch.tensor([[3 * 9.81 * 33.341142, 0.0]]).expand(N, 2)
     assert reward(only_penalty(impact=-1), after) == pytest.approx(-1.0, rel=1e-4)
+
+
+def test_penalties_together_have_a_floor():
+    after = perfect()
+    after["state", "stray_contacts"] += 2  # -0.2
+    transform = RegularisationReward(G1, DT, Regularisation(floor=-5.0))
+    assert reward(transform, after.clone(), action=0.1) == pytest.approx(-0.2 - 0.1 * 29 * 0.01)
+    assert reward(transform, after.clone(), action=100.0) == pytest.approx(-5.0)
+    terms = transform.terms(before(100.0), after)
+    assert terms["action_rate"][0] / terms["stray_contact"][0] == pytest.approx(0.1 * 29 * 1e4 / 0.2)
+    assert reward(RegularisationReward(G1, DT, Regularisation(floor=None)), after, action=100.0) < -1e4
 
 
 def test_factor_scales_all_terms_and_rewards_add_up():
