@@ -2,7 +2,7 @@
 
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -46,6 +46,11 @@ class PPOConfig:
     """upper end"""
     precision: Precision = "auto"
     """precision of the networks' hidden layers in updates"""
+    truncated: Literal["mean", "state"] = "mean"
+    """what is still to come for a robot whose episode was cut off: the mean value of the rollout's states, as after the
+    end of a motion it goes on anywhere in another one; or the value of the state in which it was cut off, which suits
+    a time limit. Nobody acts after the end of a motion, so nothing holds the value of its last state down: it is
+    what leads to it, that is what it leads to, and so on"""
     target_kl: float = 0.02
     """the learning rate is raised and lowered to keep the policy's change a pass near this (nats)"""
 
@@ -176,10 +181,13 @@ class PPO:
         # the state after a step is the state before the next one, except where an episode ended or the rollout
         # did: only there is the critic asked again. A terminated state has no value to ask for.
         next_value = torch.cat((root[:, 1:], torch.zeros_like(root[:, :1])), 1)
-        ask = rollout["next", "truncated"].squeeze(-1).clone()
+        truncated = rollout["next", "truncated"].squeeze(-1)
+        ask = truncated.clone() if self.config.truncated == "state" else torch.zeros_like(truncated)
         ask[:, -1] = True
         after = self.observe(rollout["next"].select(*self.observe.in_keys)[ask])
         next_value[ask] = self.critic(after)["state_value"]
+        if self.config.truncated == "mean":
+            next_value[truncated] = root.mean()
         signals = TensorDict(
             {
                 "state_value": root,

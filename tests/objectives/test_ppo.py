@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 import torch
 from tensordict import TensorDict
@@ -58,9 +60,11 @@ def test_it_learns():
     assert toy.rollout()["next", "reward"].mean() > 0.5 * first
 
 
-def test_values_against_the_definition():
+@pytest.mark.parametrize("truncated", ["mean", "state"])
+def test_values_against_the_definition(truncated):
     # two robots, three steps; the first is cut off after the second step, the second falls there
     toy = Toy()
+    toy.ppo.config = replace(toy.ppo.config, truncated=truncated)
     data = toy.rollout(2, 3)
     done = torch.zeros(2, 3, 1, dtype=torch.bool)
     done[:, 1] = True
@@ -74,7 +78,7 @@ def test_values_against_the_definition():
     reward, gamma, lmbda = data["next", "reward"], 0.99, 0.95
     delta_last = reward[:, 2] + gamma * end[:, 2] - now[:, 2]
     torch.testing.assert_close(flat["advantage"][:, 2], delta_last)
-    bootstrap = torch.stack((end[0, 1], torch.zeros(1)))
+    bootstrap = torch.stack((end[0, 1] if truncated == "state" else now.mean()[None], torch.zeros(1)))
     delta_cut = reward[:, 1] + gamma * bootstrap - now[:, 1]
     torch.testing.assert_close(flat["advantage"][:, 1], delta_cut)
     delta_first = reward[:, 0] + gamma * now[:, 1] - now[:, 0]
