@@ -46,7 +46,10 @@ class RefineRecipe(RecipeConfig):
     policy: RefinementConfig = field(default_factory=RefinementConfig)
     task: TaskConfig = field(default_factory=TaskConfig)
     ppo: PPOConfig = field(
-        default_factory=lambda: PPOConfig(entropy=0.0, lr=1e-4, min_lr=2e-5, max_lr=3e-4, target_kl=0.005)
+        # motions end with a keyframe, and so where most is paid
+        default_factory=lambda: PPOConfig(
+            entropy=0.0, lr=1e-4, min_lr=2e-5, max_lr=3e-4, target_kl=0.005, truncated="mean"
+        )
     )
     motor: MotorGradientConfig = field(default_factory=MotorGradientConfig)
     horizon: Literal["single", "short", "medium", "long", "mixed"] = "mixed"

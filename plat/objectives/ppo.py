@@ -46,11 +46,11 @@ class PPOConfig:
     """upper end"""
     precision: Precision = "auto"
     """precision of the networks' hidden layers in updates"""
-    truncated: Literal["mean", "state"] = "mean"
-    """what is still to come for a robot whose episode was cut off: the mean value of the rollout's states, as after the
-    end of a motion it goes on anywhere in another one; or the value of the state in which it was cut off, which suits
-    a time limit. Nobody acts after the end of a motion, so nothing holds the value of its last state down: it is
-    what leads to it, that is what it leads to, and so on"""
+    truncated: Literal["state", "mean"] = "state"
+    """what is still to come for a robot whose episode was cut off: the value of the state in which it was cut off, or
+    the mean value of the rollout's states, as if it went on anywhere. Nobody acts after the end of a motion, so nothing
+    holds the value of its last state down; where it is well paid, it becomes what leads to it, that what it leads
+    to, and so on"""
     target_kl: float = 0.02
     """the learning rate is raised and lowered to keep the policy's change a pass near this (nats)"""
 
