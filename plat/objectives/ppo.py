@@ -48,9 +48,9 @@ class PPOConfig:
     """precision of the networks' hidden layers in updates"""
     truncated: Literal["state", "mean"] = "state"
     """what is still to come for a robot whose episode was cut off: the value of the state in which it was cut off, or
-    the mean value of the rollout's states, as if it went on anywhere. Nobody acts after the end of a motion, so nothing
-    holds the value of its last state down; where it is well paid, it becomes what leads to it, that what it leads
-    to, and so on"""
+    the mean value of the rollout's states, as if it went on anywhere. Nobody acts after the end of a motion, so no
+    reward ever corrects the value of its last state. Where that state is well paid its value rises with those of the
+    states before it, which are learned from it, without bound"""
     target_kl: float = 0.02
     """the learning rate is raised and lowered to keep the policy's change a pass near this (nats)"""
 
