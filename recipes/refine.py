@@ -13,7 +13,7 @@ import tyro
 
 from plat.collectors import rollouts
 from plat.envs import MotionLibrary, TaskConfig, make_keyframe_env
-from plat.envs.transforms import HORIZONS, pop_statistics
+from plat.envs.transforms import HORIZONS, DenseRewards, KeyframeRewards, Term, pop_statistics
 from plat.modules import (
     STUDENT_KEYS,
     Critic,
@@ -43,8 +43,16 @@ class RefineRecipe(RecipeConfig):
     """run of stage 2"""
     variant: Literal["latent", "latent-noise", "action", "finetune"] = "latent"
     """PLAT with noise on the action, or on the latent (no motor gradient then); residual in the action; all weights"""
-    policy: RefinementConfig = field(default_factory=RefinementConfig)
-    task: TaskConfig = field(default_factory=TaskConfig)
+    policy: RefinementConfig = field(default_factory=lambda: RefinementConfig(lead=0.05))
+    task: TaskConfig = field(
+        # two thirds of the reward are for keyframes: what is in between, the policy is not shown
+        default_factory=lambda: TaskConfig(
+            dense_weight=0.3,
+            sparse_weight=20.0,
+            dense=DenseRewards(anchor_pos=Term(2.0, 0.3)),
+            sparse=KeyframeRewards(joint_pos=Term(1.0, 0.1), keypoint_pos=Term(1.0, 0.1)),
+        )
+    )
     ppo: PPOConfig = field(
         # motions end with a keyframe, and so where most is paid
         default_factory=lambda: PPOConfig(
@@ -77,7 +85,12 @@ def main(recipe: RefineRecipe) -> None:
         recipe=recipe,
         policy=policy,
         budget=budget,
-        state={"critic": critic, "optimizer": ppo.optimizer, "env": env},
+        state={
+            "critic": critic,
+            "optimizer": ppo.optimizer,
+            "critic_optimizer": ppo.critic_optimizer,
+            "env": env,
+        },
         resume=recipe.resume,
         save_every=recipe.save_every,
         wandb=recipe.wandb,

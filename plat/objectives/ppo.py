@@ -34,16 +34,17 @@ class PPOConfig:
     """parts that each pass is cut into"""
     entropy: float = 0.005
     """weight of the entropy bonus"""
-    critic: float = 1.0
-    """weight of the value loss"""
     grad_norm: float = 1.0
-    """gradients are scaled down to this norm"""
+    """the gradient of the policy, and that of the critic, is scaled down to this norm"""
     lr: float = 1e-3
-    """learning rate at the start"""
+    """learning rate of the policy at the start"""
     min_lr: float = 3e-4
     """lower end of the adaptive learning rate; without it one bad batch stops learning for good"""
     max_lr: float = 1e-2
     """upper end"""
+    critic_lr: float = 1e-3
+    """learning rate of the critic, at all times: one that learns as slowly as a policy that should hardly change tells
+    it nothing"""
     precision: Precision = "auto"
     """precision of the networks' hidden layers in updates"""
     truncated: Literal["state", "mean"] = "state"
@@ -67,6 +68,10 @@ class _ClipPPOLoss(ClipPPOLoss):
         log_prob, dist, is_composite = super()._get_cur_log_prob(*args, **kwargs)
         self.mean = dist.mean
         return log_prob, dist, is_composite
+
+
+def _adam(module: nn.Module, lr: float) -> torch.optim.Adam:
+    return torch.optim.Adam([p for p in module.parameters() if p.requires_grad], lr=lr, fused=True)
 
 
 class PPO:
@@ -103,15 +108,15 @@ class PPO:
             critic,
             clip_epsilon=config.clip,
             entropy_coeff=config.entropy,
-            critic_coeff=config.critic,
+            critic_coeff=1.0,  # the critic has an optimiser of its own
             loss_critic_type="l2",
             normalize_advantage=True,
         )
         self._sample_keys = [action_key, f"{action_key}_log_prob"]
         self.loss.set_keys(action=action_key, sample_log_prob=self._sample_keys[1])
         self._gae = GAE(gamma=config.gamma, lmbda=config.lmbda, value_network=None)
-        self._parameters = [p for p in self.loss.parameters() if p.requires_grad]
-        self.optimizer = torch.optim.Adam(self._parameters, lr=config.lr, fused=True)
+        self.optimizer = _adam(actor, config.lr)
+        self.critic_optimizer = _adam(critic, config.critic_lr)
         self._schedule = KLAdaptiveLR(self.optimizer, config.target_kl, min_lr=config.min_lr, max_lr=config.max_lr)
 
     def step(
@@ -148,10 +153,13 @@ class PPO:
                     if gradient is not None:
                         # a scalar whose gradient by each sample's mean is that sample's row, over their number
                         loss = loss + (batch["gradient"] * self.loss.mean).sum(-1).mean()
-                self.optimizer.zero_grad()
+                optimizers = (self.optimizer, self.critic_optimizer) if learn_policy else (self.critic_optimizer,)
+                for optimizer in optimizers:
+                    optimizer.zero_grad()
                 loss.backward()
-                nn.utils.clip_grad_norm_(self._parameters, self.config.grad_norm)
-                self.optimizer.step()
+                for optimizer in optimizers:
+                    nn.utils.clip_grad_norm_(optimizer.param_groups[0]["params"], self.config.grad_norm)
+                    optimizer.step()
                 updates += 1
                 for name in ("loss_objective", "loss_critic", "entropy", "clip_fraction"):
                     totals[name] = totals.get(name, torch.zeros(())) + losses[name].detach()

@@ -125,7 +125,9 @@ def test_a_latent_residual_learns(library):
     # the reward is for the actions of another place in the latent: the residual must go there
     policy = ResidualLatentPolicy(LatentPolicy(G1, SMALL), RefinementConfig(alpha=1.0, init_std=0.1))
     critic = Critic(G1, STUDENT_KEYS, hidden=(16,))
-    ppo = PPO(policy.head(), critic.head(), critic.observe(), PPOConfig(lr=3e-3, min_lr=1e-3, entropy=0.0))
+    ppo = PPO(
+        policy.head(), critic.head(), critic.observe(), PPOConfig(lr=3e-3, min_lr=1e-3, critic_lr=3e-3, entropy=0.0)
+    )
     env = make_keyframe_env(library, 64)
 
     @torch.no_grad()
@@ -142,6 +144,20 @@ def test_a_latent_residual_learns(library):
             rollout["next", key] = torch.ones_like(rollout["next", key])
         ppo.step(rollout)
     assert distances[-1] < 0.6 * distances[0]
+
+
+def test_the_critic_learns_however_slow_the_policy():
+    toys = Toy(), Toy()
+    for toy, rate in zip(toys, (1e-3, 1e-7), strict=True):
+        toy.ppo = PPO(
+            toy.actor,
+            toy.critic,
+            TensorDictSequential(toy.observe),
+            PPOConfig(lr=1e-7, min_lr=1e-7, max_lr=1e-7, critic_lr=rate, precision="float32"),
+        )
+    losses = [[toy.ppo.step(toy.rollout())["value_loss"] for _ in range(60)] for toy in toys]
+    assert losses[0][-1] < 0.5 * losses[0][0]
+    assert losses[1][-1] > 0.8 * losses[1][0]
 
 
 def test_an_outside_gradient_moves_the_mean_against_it():
