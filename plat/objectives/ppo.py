@@ -137,6 +137,7 @@ class PPO:
         data = self.prepare(rollout)
         if gradient is not None:
             data["gradient"] = gradient.flatten(0, 1)
+        optimizers = (self.optimizer, self.critic_optimizer) if learn_policy else (self.critic_optimizer,)
         batch_size = len(data) // self.config.minibatches
         totals: dict[str, Tensor] = {}
         updates = 0
@@ -153,7 +154,6 @@ class PPO:
                     if gradient is not None:
                         # a scalar whose gradient by each sample's mean is that sample's row, over their number
                         loss = loss + (batch["gradient"] * self.loss.mean).sum(-1).mean()
-                optimizers = (self.optimizer, self.critic_optimizer) if learn_policy else (self.critic_optimizer,)
                 for optimizer in optimizers:
                     optimizer.zero_grad()
                 loss.backward()

@@ -1,4 +1,4 @@
-from dataclasses import replace
+from typing import Any
 
 import pytest
 import torch
@@ -26,7 +26,7 @@ from tests.modules.test_imitation import SMALL
 class Toy:
     """A state is a number, the best action is its negative, every step is worth what it earns."""
 
-    def __init__(self) -> None:
+    def __init__(self, **settings: Any) -> None:
         mean = TensorDictModule(mlp(1, (16,), 1, out_scale=0.1), in_keys=["x"], out_keys=["loc"])
         self.actor = ProbabilisticTensorDictSequential(mean, GaussianNoise(1, 0.5), gaussian_action())
         self.critic = TensorDictModule(mlp(1, (16,), 1), in_keys=["seen"], out_keys=["state_value"])
@@ -35,7 +35,7 @@ class Toy:
             self.actor,
             self.critic,
             TensorDictSequential(self.observe),
-            PPOConfig(lr=3e-3, entropy=0.0, precision="float32"),
+            PPOConfig(**{"lr": 3e-3, "entropy": 0.0, "precision": "float32", **settings}),
         )
 
     @torch.no_grad()
@@ -63,8 +63,7 @@ def test_it_learns():
 @pytest.mark.parametrize("truncated", ["mean", "state"])
 def test_values_against_the_definition(truncated):
     # two robots, three steps; the first is cut off after the second step, the second falls there
-    toy = Toy()
-    toy.ppo.config = replace(toy.ppo.config, truncated=truncated)
+    toy = Toy(truncated=truncated)
     data = toy.rollout(2, 3)
     done = torch.zeros(2, 3, 1, dtype=torch.bool)
     done[:, 1] = True
@@ -147,14 +146,7 @@ def test_a_latent_residual_learns(library):
 
 
 def test_the_critic_learns_however_slow_the_policy():
-    toys = Toy(), Toy()
-    for toy, rate in zip(toys, (1e-3, 1e-7), strict=True):
-        toy.ppo = PPO(
-            toy.actor,
-            toy.critic,
-            TensorDictSequential(toy.observe),
-            PPOConfig(lr=1e-7, min_lr=1e-7, max_lr=1e-7, critic_lr=rate, precision="float32"),
-        )
+    toys = [Toy(lr=1e-7, min_lr=1e-7, max_lr=1e-7, critic_lr=rate) for rate in (1e-3, 1e-7)]
     losses = [[toy.ppo.step(toy.rollout())["value_loss"] for _ in range(60)] for toy in toys]
     assert losses[0][-1] < 0.5 * losses[0][0]
     assert losses[1][-1] > 0.8 * losses[1][0]
