@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 
-import torch
 from tensordict import NestedKey
 from tensordict.nn import (
     AddStateIndependentNormalScale,
@@ -99,11 +98,6 @@ class GaussianNoise(TensorDictModule):
     ):
         scale = AddStateIndependentNormalScale(num_actions, init_value=math.log(init_std), scale_lb=min_std)
         super().__init__(scale, in_keys=[in_key], out_keys=list(out_keys))
-
-    @torch.no_grad()
-    def set_std(self, std: float) -> None:
-        """Start again from another standard deviation."""
-        self.module.state_independent_scale.fill_(math.log(std))
 
 
 def gaussian_action(out_key: NestedKey = "action") -> ProbabilisticTensorDictModule:
