@@ -41,6 +41,7 @@ class ReferenceOffset(TensorDictModule):
         interval: time from the goal to the later goal (s).
         limit: bound on the residual; on the G1 a motor at its goal gives its full torque at 4.
 
+    >>> import torch
     >>> from plat.envs import G1
     >>> offset = ReferenceOffset(G1, ("residual", ("goal", "joint_pos")), "loc")
     >>> bool((offset(torch.zeros(29), G1.default_joint_pos) == 0).all())
