@@ -4,7 +4,7 @@ from plat.training.budget import Budget
 from plat.training.metrics import MetricsFile, wandb_run
 from plat.training.recipe import RecipeConfig, default_device, report_errors
 from plat.training.run import Run
-from plat.training.saving import load_policy, policy_spec, read_json, save_weights, write_json
+from plat.training.saving import load_policy, policy_spec, read_json, register_policy, save_weights, write_json
 from plat.training.wandb_media import log_scores, log_video
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "log_video",
     "policy_spec",
     "read_json",
+    "register_policy",
     "report_errors",
     "save_weights",
     "wandb_run",

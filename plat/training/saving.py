@@ -1,6 +1,7 @@
 """Policies on disk: ``config.json`` rebuilds the object, ``model.safetensors`` fills in its weights."""
 
 import dataclasses
+import inspect
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -26,21 +27,28 @@ from plat.modules.refinement import (
     ResidualLatentPolicy,
 )
 
-__all__ = ["Policy", "complete_spec", "load_policy", "policy_spec", "read_json", "save_weights", "write_json"]
+__all__ = [
+    "Policy",
+    "complete_spec",
+    "load_policy",
+    "policy_spec",
+    "read_json",
+    "register_policy",
+    "save_weights",
+    "write_json",
+]
 
 ROBOTS = {G1.name: G1}
 
-# How a saved policy is called in config.json. Only loading looks here.
-_PLAIN_KINDS: dict[str, tuple[type, type]] = {
+# How a saved policy is called in config.json, its class and that of its config. Only saving and loading look here.
+_KINDS: dict[str, tuple[type, type]] = {
     "expert": (Expert, ExpertConfig),
     "latent": (LatentPolicy, LatentPolicyConfig),
     "plain": (PlainPolicy, PlainPolicyConfig),
-}
-_REFINED_KINDS: dict[str, type] = {
-    "residual_latent": ResidualLatentPolicy,
-    "residual_latent_noise": LatentNoisePolicy,
-    "residual_action": ResidualActionPolicy,
-    "finetuned": FinetunedPolicy,
+    "residual_latent": (ResidualLatentPolicy, RefinementConfig),
+    "residual_latent_noise": (LatentNoisePolicy, RefinementConfig),
+    "residual_action": (ResidualActionPolicy, RefinementConfig),
+    "finetuned": (FinetunedPolicy, RefinementConfig),
 }
 
 
@@ -54,19 +62,47 @@ class Policy(Protocol):
         ...
 
 
+def register_policy(kind: str, policy_class: type, config_class: type) -> None:
+    """Let runs save and load policies of a class of your own; call it where the class is defined.
+
+    Args:
+        kind: its name in ``config.json``.
+        policy_class: a module that is built as ``policy_class(robot, config)``, or as ``policy_class(student, config)``
+            if it takes a ``student``; it keeps them as attributes, and has a ``deployed()``.
+        config_class: a dataclass.
+
+    Raises:
+        ValueError: when another class goes by that name.
+
+    >>> from plat.envs import G1
+    >>> class Deeper(LatentPolicy):
+    ...     def __init__(self, robot, config=None):
+    ...         super().__init__(robot, config or LatentPolicyConfig(backbone=(512, 512)))
+    >>> register_policy("deeper", Deeper, LatentPolicyConfig)
+    >>> policy_spec(Deeper(G1))["kind"]
+    'deeper'
+    """
+    known, _ = _KINDS.setdefault(kind, (policy_class, config_class))
+    if known is not policy_class:
+        raise ValueError(
+            f"kind {kind!r} is a {known.__name__} already, choose another name for {policy_class.__name__}"
+        )
+
+
 def policy_spec(policy: Any) -> dict[str, Any]:
     """Description from which :func:`load_policy` builds the same object: kind, sizes, robot, and its student."""
-    found = type(policy)
-    for kind, (policy_class, config_class) in _PLAIN_KINDS.items():
-        if found is policy_class:
+    for kind, (policy_class, config_class) in _KINDS.items():
+        if type(policy) is policy_class:
             config = TypeAdapter(config_class).dump_python(policy.config, mode="json")
-            return {"kind": kind, "robot": policy.robot.name, "config": config}
-    for kind, policy_class in _REFINED_KINDS.items():
-        if found is policy_class:
-            config = TypeAdapter(RefinementConfig).dump_python(policy.config, mode="json")
-            student = policy_spec(policy.student)
-            return {"kind": kind, "robot": policy.robot.name, "config": config, "student": student}
-    raise CheckpointError(f"a {found.__name__} is none of the policies that plat saves")
+            spec = {"kind": kind, "robot": policy.robot.name, "config": config}
+            return {**spec, "student": policy_spec(policy.student)} if _takes_student(policy_class) else spec
+    raise CheckpointError(
+        f"a {type(policy).__name__} is none of the policies that plat saves; plat.training.register_policy adds one"
+    )
+
+
+def _takes_student(policy_class: type) -> bool:
+    return "student" in inspect.signature(policy_class).parameters
 
 
 def complete_spec(spec: Any, path: Path) -> dict[str, Any]:
@@ -156,14 +192,14 @@ def _build(spec: Any, path: Path) -> Any:
         raise CheckpointError(
             f"{str(path)!r}: the policy is for robot {spec['robot']!r}, expected one of {sorted(ROBOTS)}"
         )
-    if kind in _PLAIN_KINDS:
-        policy_class, config_class = _PLAIN_KINDS[kind]
-        return policy_class(ROBOTS[spec["robot"]], _config(config_class, spec["config"], path))
-    if kind in _REFINED_KINDS:
-        return _REFINED_KINDS[kind](_build(spec.get("student"), path), _config(RefinementConfig, spec["config"], path))
-    raise CheckpointError(
-        f"{str(path)!r}: unknown kind of policy {kind!r}, expected one of {sorted({**_PLAIN_KINDS, **_REFINED_KINDS})}"
-    )
+    if kind not in _KINDS:
+        raise CheckpointError(
+            f"{str(path)!r}: unknown kind of policy {kind!r}, expected one of {sorted(_KINDS)} "
+            "or one that plat.training.register_policy has been told of"
+        )
+    policy_class, config_class = _KINDS[kind]
+    base = _build(spec.get("student"), path) if _takes_student(policy_class) else ROBOTS[spec["robot"]]
+    return policy_class(base, _config(config_class, spec["config"], path))
 
 
 def _config(config_class: Any, values: Any, path: Path) -> Any:

@@ -12,13 +12,14 @@ from plat.modules import (
     FinetunedPolicy,
     LatentNoisePolicy,
     LatentPolicy,
+    LatentPolicyConfig,
     PlainPolicy,
     RefinementConfig,
     ResidualActionPolicy,
     ResidualLatentPolicy,
 )
-from plat.training import load_policy, policy_spec, save_weights, write_json
-from plat.training.saving import complete_spec
+from plat.training import load_policy, policy_spec, register_policy, save_weights, write_json
+from plat.training.saving import _KINDS, complete_spec
 from tests.modules.test_imitation import SMALL
 
 POLICIES = {
@@ -122,6 +123,42 @@ def test_a_write_that_fails_leaves_the_old_file(run, monkeypatch):
         save_weights(run / "model.safetensors", Expert(G1))
     assert (run / "model.safetensors").read_bytes() == before
     assert sorted(path.name for path in run.iterdir()) == ["config.json", "model.safetensors"]
+
+
+class OwnStudent(LatentPolicy):
+    """Of a user, with a layer more than the config says."""
+
+    def __init__(self, robot, config=None):
+        super().__init__(robot, config)
+        self.more = torch.nn.Linear(2, 2)
+
+
+class OwnRefinement(ResidualLatentPolicy):
+    """Of a user."""
+
+
+def test_policies_of_ones_own(tmp_path, monkeypatch):
+    monkeypatch.setattr("plat.training.saving._KINDS", dict(_KINDS))
+    policy = OwnRefinement(OwnStudent(G1, SMALL), RefinementConfig(alpha=0.3))
+    with pytest.raises(CheckpointError, match="OwnRefinement is none of .*register_policy adds one"):
+        policy_spec(policy)
+    register_policy("own_student", OwnStudent, LatentPolicyConfig)
+    register_policy("own_refinement", OwnRefinement, RefinementConfig)
+    register_policy("own_refinement", OwnRefinement, RefinementConfig)  # a module that is imported again
+    save(tmp_path, policy)
+    loaded = load_policy(tmp_path)
+    assert type(loaded) is OwnRefinement
+    assert type(loaded.student) is OwnStudent
+    assert loaded.config.alpha == 0.3
+    assert torch.equal(loaded.student.more.weight, policy.student.more.weight)
+    with pytest.raises(ValueError, match="'own_student' is a OwnStudent already"):
+        register_policy("own_student", OwnRefinement, RefinementConfig)
+
+
+def test_a_kind_that_nobody_registered(run):
+    edit(run, kind="own")
+    with pytest.raises(CheckpointError, match="config.json': unknown kind of policy 'own', .*register_policy"):
+        load_policy(run)
 
 
 def test_other_modules_are_refused():
