@@ -3,7 +3,7 @@
 python recipes/expert.py --motions clips.npz --minutes 30 --out runs/expert
 """
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -26,6 +26,9 @@ class ExpertRecipe(RecipeConfig):
 
     init: Path | None = None
     """run whose expert to go on from, with other motions, rewards or settings; it may see more frames than it did"""
+    init_lr: float = 3e-5
+    """most that the learning rate starts with, and that its lower end is, after --init: a few updates at the rates by
+    which an expert learns from nothing undo a trained one"""
     rollout: int = 24
     """control steps of each robot between updates"""
     critic_warmup: int = 10
@@ -49,7 +52,7 @@ def main(recipe: ExpertRecipe) -> None:
     expert = expert.to(recipe.device)
     env = make_tracking_env(library, recipe.num_envs, recipe.task, goals=expert.goals, device=recipe.device)
     critic = Critic(library.robot, expert.normalizer.in_keys).to(recipe.device)
-    ppo = PPO(expert.head(), critic.head(), critic.observe(), recipe.ppo)
+    ppo = PPO(expert.head(), critic.head(), critic.observe(), ppo_config(recipe))
     budget = Budget(recipe.minutes, recipe.steps)
     watch = partial(play, expert.deployed(tuple(expert.goals)), library, 0, HORIZONS["long"], device=recipe.device)
     films = Films(
@@ -94,8 +97,14 @@ def main(recipe: ExpertRecipe) -> None:
     run.finish()
 
 
+def ppo_config(recipe: ExpertRecipe) -> PPOConfig:
+    """The recipe's hyperparameters, with the learning rate of an expert that is trained already after --init."""
+    config, most = recipe.ppo, recipe.init_lr
+    return replace(config, lr=min(config.lr, most), min_lr=min(config.min_lr, most)) if recipe.init else config
+
+
 def start_from(expert: Expert, folder: Path) -> None:
-    """Give the expert the weights of a run.
+    """Give the expert the weights of a run, and say in which settings it differs from the one that they are of.
 
     Raises:
         CheckpointError: when the run holds something else, or an expert of other sizes.
@@ -107,6 +116,10 @@ def start_from(expert: Expert, folder: Path) -> None:
         expert.start_from(policy)
     except ValueError as error:
         raise CheckpointError(f"--init {str(folder)!r}: {error} (--policy.ahead, --policy.hidden)") from error
+    old, new = asdict(policy.config), asdict(expert.config)
+    changed = [f"{name} {new[name]} in place of {old[name]}" for name in new if new[name] != old[name]]
+    if changed:
+        print(f"--init {str(folder)!r} goes on with {', '.join(changed)}")
 
 
 if __name__ == "__main__":

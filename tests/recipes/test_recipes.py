@@ -109,12 +109,15 @@ def test_variants_of_stage_three(tmp_path, stages, variant):
 def test_an_expert_goes_on_with_other_settings(tmp_path, stages):
     start = stages["distill"][-1]
     new = [*stages["expert"], "--init", start, "--task.dense.joint-pos.weight", 3, "--critic-warmup", 1000]
-    run("expert", *new, "--steps", 200, "--out", tmp_path / "run")
+    text = run("expert", *new, "--policy.lead", 0.03, "--steps", 200, "--out", tmp_path / "run")
+    assert "goes on with lead 0.03 in place of 0.065\n" in text
     before, after = (load_file(folder / "model.safetensors") for folder in (start, tmp_path / "run"))
     networks = [name for name in before if "network" in name]
     assert networks
     assert all(before[name].equal(after[name]) for name in networks)  # only the critic has learned so far
     assert after["normalizer.count"] > before["normalizer.count"]
+    with (tmp_path / "run" / "metrics.csv").open(newline="") as file:
+        assert {row["lr"] for row in csv.DictReader(file) if row["lr"]} == {"3e-05"}
 
 
 def test_evaluation_prints_and_writes_the_table(tmp_path, stages):
