@@ -91,14 +91,16 @@ def register_policy(kind: str, policy_class: type, config_class: type) -> None:
 
 def policy_spec(policy: Any) -> dict[str, Any]:
     """Description from which :func:`load_policy` builds the same object: kind, sizes, robot, and its student."""
-    for kind, (policy_class, config_class) in _KINDS.items():
-        if type(policy) is policy_class:
-            config = TypeAdapter(config_class).dump_python(policy.config, mode="json")
-            spec = {"kind": kind, "robot": policy.robot.name, "config": config}
-            return {**spec, "student": policy_spec(policy.student)} if _takes_student(policy_class) else spec
-    raise CheckpointError(
-        f"a {type(policy).__name__} is none of the policies that plat saves; plat.training.register_policy adds one"
-    )
+    kinds = {policy_class: kind for kind, (policy_class, _) in _KINDS.items()}
+    kind = kinds.get(type(policy))
+    if kind is None:
+        raise CheckpointError(
+            f"a {type(policy).__name__} is none of the policies that plat saves; plat.training.register_policy adds one"
+        )
+    policy_class, config_class = _KINDS[kind]
+    config = TypeAdapter(config_class).dump_python(policy.config, mode="json")
+    spec = {"kind": kind, "robot": policy.robot.name, "config": config}
+    return {**spec, "student": policy_spec(policy.student)} if _takes_student(policy_class) else spec
 
 
 def _takes_student(policy_class: type) -> bool:
