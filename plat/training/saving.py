@@ -91,16 +91,16 @@ def register_policy(kind: str, policy_class: type, config_class: type) -> None:
 
 def policy_spec(policy: Any) -> dict[str, Any]:
     """Description from which :func:`load_policy` builds the same object: kind, sizes, robot, and its student."""
-    kinds = {policy_class: kind for kind, (policy_class, _) in _KINDS.items()}
-    kind = kinds.get(type(policy))
+    found = type(policy)
+    kind = next((kind for kind, (policy_class, _) in _KINDS.items() if policy_class is found), None)
     if kind is None:
         raise CheckpointError(
-            f"a {type(policy).__name__} is none of the policies that plat saves; plat.training.register_policy adds one"
+            f"a {found.__name__} is none of the policies that plat saves; plat.training.register_policy adds one"
         )
-    policy_class, config_class = _KINDS[kind]
+    _, config_class = _KINDS[kind]
     config = TypeAdapter(config_class).dump_python(policy.config, mode="json")
     spec = {"kind": kind, "robot": policy.robot.name, "config": config}
-    return {**spec, "student": policy_spec(policy.student)} if _takes_student(policy_class) else spec
+    return {**spec, "student": policy_spec(policy.student)} if _takes_student(found) else spec
 
 
 def _takes_student(policy_class: type) -> bool:

@@ -46,9 +46,13 @@ def stages(tmp_path_factory) -> dict[str, list[object]]:
     }
 
 
+def rows_of(table: Path) -> list[dict[str, str]]:
+    with table.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
 def steps_in(folder: Path) -> list[int]:
-    with (folder / "metrics.csv").open(newline="") as file:
-        return [int(row["step"]) for row in csv.DictReader(file)]
+    return [int(row["step"]) for row in rows_of(folder / "metrics.csv")]
 
 
 @pytest.mark.parametrize("recipe", STAGES)
@@ -116,8 +120,7 @@ def test_an_expert_goes_on_with_other_settings(tmp_path, stages):
     assert networks
     assert all(before[name].equal(after[name]) for name in networks)  # only the critic has learned so far
     assert after["normalizer.count"] > before["normalizer.count"]
-    with (tmp_path / "run" / "metrics.csv").open(newline="") as file:
-        assert {row["lr"] for row in csv.DictReader(file) if row["lr"]} == {"3e-05"}
+    assert {row["lr"] for row in rows_of(tmp_path / "run" / "metrics.csv") if row["lr"]} == {"3e-05"}
 
 
 def test_evaluation_prints_and_writes_the_table(tmp_path, stages):
@@ -134,8 +137,7 @@ def test_evaluation_prints_and_writes_the_table(tmp_path, stages):
         tmp_path / "table.csv",
     )
     assert re.search(r"plain\s+long\s+[\d.]+ \([\d.]+-[\d.]+\)", text)
-    with (tmp_path / "table.csv").open(newline="") as file:
-        rows = {row["metric"]: row for row in csv.DictReader(file)}
+    rows = {row["metric"]: row for row in rows_of(tmp_path / "table.csv")}
     assert {"tks", "mpjpe", "mpkpe", "mpkpe_all", "success_area"} <= set(rows)
     assert float(rows["tks"]["low"]) <= float(rows["tks"]["value"]) <= float(rows["tks"]["high"])
 

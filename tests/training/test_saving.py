@@ -144,7 +144,7 @@ def test_policies_of_ones_own(tmp_path, monkeypatch):
         policy_spec(policy)
     register_policy("own_student", OwnStudent, LatentPolicyConfig)
     register_policy("own_refinement", OwnRefinement, RefinementConfig)
-    register_policy("own_refinement", OwnRefinement, RefinementConfig)  # a module that is imported again
+    register_policy("own_refinement", OwnRefinement, RefinementConfig)  # twice is once
     save(tmp_path, policy)
     loaded = load_policy(tmp_path)
     assert type(loaded) is OwnRefinement
