@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from tensordict import NestedKey
 from tensordict.nn import TensorDictModule
-from torch import nn
+from torch import Tensor, nn
 
 from plat.modules.networks import mlp
 
@@ -34,5 +34,12 @@ class Backbone(TensorDictModule):
         in_key: NestedKey = "observation",
         out_key: NestedKey = "hidden",
     ):
-        network = nn.Sequential(mlp(in_features, hidden, out_features), nn.ELU())
+        network = nn.Sequential(mlp(in_features, hidden, out_features, exact=False), _Float32ELU())
         super().__init__(network, in_keys=[in_key], out_keys=[out_key])
+
+
+class _Float32ELU(nn.ELU):
+    """Hands on float32, whatever the layers before it computed in."""
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        return super().forward(inputs.float())

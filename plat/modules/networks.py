@@ -9,14 +9,17 @@ from torch import Tensor, nn
 __all__ = ["mlp"]
 
 
-def mlp(in_features: int, hidden: Sequence[int], out_features: int, out_scale: float = 1.0) -> nn.Sequential:
-    """ELU network. Its last layer computes in float32 even under autocast.
+def mlp(
+    in_features: int, hidden: Sequence[int], out_features: int, out_scale: float = 1.0, exact: bool = True
+) -> nn.Sequential:
+    """ELU network.
 
     Args:
         in_features: size of the input.
         hidden: sizes of the hidden layers.
         out_features: size of the output.
         out_scale: factor on the last layer at the start; 0 makes the output exactly 0.
+        exact: the last layer computes in float32 even under autocast, as actions, values and distributions ask for.
 
     >>> network = mlp(3, (8,), 2, out_scale=0.0)
     >>> network(torch.ones(3)).tolist()
@@ -26,7 +29,7 @@ def mlp(in_features: int, hidden: Sequence[int], out_features: int, out_scale: f
     layers: list[nn.Module] = []
     for before, after in pairwise(sizes):
         layers += [nn.Linear(before, after), nn.ELU(inplace=True)]
-    last = _Float32Linear(sizes[-1], out_features)
+    last = (_Float32Linear if exact else nn.Linear)(sizes[-1], out_features)
     with torch.no_grad():
         last.weight.mul_(out_scale)
         last.bias.mul_(out_scale)

@@ -8,7 +8,7 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import ProbabilisticTensorDictSequential, TensorDictModuleBase
 from torch import Tensor, nn
-from torchrl.envs.utils import ExplorationType, set_exploration_type
+from torch.distributions import Normal
 from torchrl.objectives import ClipPPOLoss, KLAdaptiveLR
 from torchrl.objectives.value import GAE
 
@@ -53,20 +53,21 @@ class PPOConfig:
     reward ever corrects the value of its last state. Where that state is well paid its value rises with those of the
     states before it, which are learned from it, without bound"""
     target_kl: float = 0.02
-    """the learning rate is raised and lowered to keep the policy's change a pass near this (nats)"""
+    """the learning rate is raised and lowered to keep the policy's change near this (nats), as it is before the last
+    update of each pass"""
 
 
 class _ClipPPOLoss(ClipPPOLoss):
-    """TorchRL's loss, which also keeps the mean of the distribution that it made, gradient and all.
+    """TorchRL's loss, which also keeps the distribution that it made, gradient and all.
 
     Making it once more for another term would run the actor twice.
     """
 
-    mean: Tensor
+    normal: Normal
 
     def _get_cur_log_prob(self, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
         log_prob, dist, is_composite = super()._get_cur_log_prob(*args, **kwargs)
-        self.mean = dist.mean
+        self.normal = dist.base_dist
         return log_prob, dist, is_composite
 
 
@@ -153,7 +154,7 @@ class PPO:
                     loss = loss + losses["loss_objective"] + losses["loss_entropy"]
                     if gradient is not None:
                         # a scalar whose gradient by each sample's mean is that sample's row, over their number
-                        loss = loss + (batch["gradient"] * self.loss.mean).sum(-1).mean()
+                        loss = loss + (batch["gradient"] * self.loss.normal.loc).sum(-1).mean()
                 for optimizer in optimizers:
                     optimizer.zero_grad()
                 loss.backward()
@@ -163,7 +164,9 @@ class PPO:
                 updates += 1
                 for name in ("loss_objective", "loss_critic", "entropy", "clip_fraction"):
                     totals[name] = totals.get(name, torch.zeros(())) + losses[name].detach()
-            kl = self._divergence(batch)
+            # of the last minibatch, before it changed the policy once more: no further pass through the network
+            new = self.loss.normal
+            kl = gaussian_kl(batch["loc"], batch["scale"], new.loc.detach(), new.scale.detach()).sum(-1).mean()
             totals["kl"] = totals.get("kl", torch.zeros(())) + kl * self.config.minibatches
             if learn_policy:
                 self._schedule.step(float(kl))
@@ -215,9 +218,3 @@ class PPO:
 
     def _autocast(self, data: TensorDictBase) -> AbstractContextManager:
         return autocast(data.device or "cpu", self.config.precision)
-
-    @torch.no_grad()
-    def _divergence(self, batch: TensorDictBase) -> Tensor:
-        with set_exploration_type(ExplorationType.DETERMINISTIC), self._autocast(batch):
-            new = self.actor.get_dist(batch.select(*self.actor.in_keys)).base_dist
-        return gaussian_kl(batch["loc"], batch["scale"], new.loc, new.scale).sum(-1).mean()

@@ -5,6 +5,7 @@ import torch
 from tensordict import TensorDict
 from tensordict.nn import ProbabilisticTensorDictSequential, TensorDictModule, TensorDictSequential
 from torch import nn
+from torch.distributions import Independent, Normal, kl_divergence
 
 from plat.envs import G1, make_keyframe_env
 from plat.modules import (
@@ -102,6 +103,20 @@ def test_learning_rate_stays_within_its_bounds():
     assert metrics["lr"] == pytest.approx(PPOConfig().min_lr)
 
 
+def test_kl_is_what_the_updates_before_the_last_changed():
+    toys = Toy(epochs=1, minibatches=1), Toy(epochs=2, minibatches=1)
+    toys[1].actor.load_state_dict(toys[0].actor.state_dict())
+    toys[1].critic.load_state_dict(toys[0].critic.state_dict())
+    rollout = toys[0].rollout()
+    assert toys[0].ppo.step(rollout.clone())["kl"] == pytest.approx(0.0, abs=1e-6)
+    moved = toys[0].actor.get_dist(rollout.clone())
+    before = Independent(Normal(rollout["loc"], rollout["scale"]), 1)
+    expected = kl_divergence(before, moved).mean().item()
+    assert expected > 1e-4
+    # nothing before the first update, and this before the second
+    assert toys[1].ppo.step(rollout.clone())["kl"] == pytest.approx(expected / 2, rel=1e-3)
+
+
 @pytest.mark.parametrize("variant", [ResidualLatentPolicy, LatentNoisePolicy, ResidualActionPolicy])
 def test_frozen_parts_stay_bit_identical(library, variant):
     policy = variant(LatentPolicy(G1, SMALL))
@@ -168,7 +183,7 @@ def test_an_outside_gradient_is_what_the_mean_gets():
     toy = Toy()
     data = toy.ppo.prepare(toy.rollout())
     losses = toy.ppo.loss(data)
-    torch.testing.assert_close(toy.ppo.loss.mean, toy.actor.get_dist(data).mean)
-    (along,) = torch.autograd.grad(toy.ppo.loss.mean.sum(), toy.actor[0].module[-1].bias, retain_graph=True)
+    torch.testing.assert_close(toy.ppo.loss.normal.loc, toy.actor.get_dist(data).mean)
+    (along,) = torch.autograd.grad(toy.ppo.loss.normal.loc.sum(), toy.actor[0].module[-1].bias, retain_graph=True)
     torch.testing.assert_close(along, torch.tensor([float(len(data))]))
     assert losses["loss_objective"].requires_grad
