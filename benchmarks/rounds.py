@@ -13,7 +13,7 @@ from pathlib import Path
 
 import torch
 
-__all__ = ["in_rounds", "machine", "median_ratio", "peak_memory", "rate"]
+__all__ = ["bfloat16_unit", "in_rounds", "machine", "median_ratio", "peak_memory", "rate"]
 
 
 def in_rounds(measures: Mapping[str, Callable[[], float]], rounds: int) -> dict[str, list[float]]:
@@ -42,9 +42,17 @@ def rate(work: Callable[[], int], seconds: float = 0.0) -> float:
             return done / spent
 
 
+def bfloat16_unit() -> str:
+    """What multiplies matrices in half precision here: ``"amx"``, ``"avx512_bf16"`` or ``"none"``."""
+    features = torch.cpu.get_capabilities()
+    return "amx" if features.get("amx_bf16") else "avx512_bf16" if features.get("avx512_bf16") else "none"
+
+
 def machine() -> str:
     """What the figures were measured on."""
-    return f"{platform.processor() or platform.machine()}, {torch.get_num_threads()} threads"
+    return (
+        f"{platform.processor() or platform.machine()}, bfloat16: {bfloat16_unit()}, {torch.get_num_threads()} threads"
+    )
 
 
 def peak_memory() -> float:

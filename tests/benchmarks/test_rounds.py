@@ -2,9 +2,10 @@ import sys
 from pathlib import Path
 
 import pytest
+import torch
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-from rounds import in_rounds, median_ratio, peak_memory, rate
+from rounds import bfloat16_unit, in_rounds, median_ratio, peak_memory, rate
 
 
 def test_everything_is_measured_in_turn_and_the_first_round_is_dropped():
@@ -45,3 +46,16 @@ def test_the_peak_of_memory_stays_when_memory_is_given_back():
     assert held >= 0.99 * len(block) / 2**20
     del block
     assert peak_memory() >= 0.99 * held  # the kernel counts by batches
+
+
+@pytest.mark.parametrize(
+    ("features", "unit"),
+    [
+        ({"amx_bf16": True, "avx512_bf16": True}, "amx"),
+        ({"amx_bf16": False, "avx512_bf16": True}, "avx512_bf16"),
+        ({"avx2": True}, "none"),
+    ],
+)
+def test_the_unit_that_multiplies_in_half_precision(monkeypatch, features, unit):
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: features)
+    assert bfloat16_unit() == unit

@@ -31,6 +31,14 @@ def test_precision_is_what_was_asked_for(precision, enabled):
         assert torch.is_autocast_enabled("cpu") == enabled
 
 
+@pytest.mark.parametrize("feature", ["amx_bf16", "avx512_bf16"])
+def test_cpus_that_multiply_in_half_precision_are_used_so(monkeypatch, feature):
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {feature: True})
+    assert has_fast_bfloat16("cpu")
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"avx2": True})
+    assert not has_fast_bfloat16("cpu")
+
+
 def test_auto_follows_the_hardware():
     with autocast("cpu", "auto"):
         assert torch.is_autocast_enabled("cpu") == has_fast_bfloat16("cpu")
