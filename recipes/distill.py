@@ -63,7 +63,7 @@ class DistillRecipe(RecipeConfig):
     grad_norm: float = 5.0
     """gradients are scaled down to this norm"""
     precision: Precision = "auto"
-    """precision of the networks' hidden layers in updates"""
+    """precision of the networks' hidden layers"""
 
 
 def main(recipe: DistillRecipe) -> None:
@@ -104,7 +104,7 @@ def main(recipe: DistillRecipe) -> None:
         wandb=recipe.wandb,
         film=films.take,
     )
-    labelled = ExpertLabels(expert, STUDENT_KEYS)
+    labelled = ExpertLabels(expert, STUDENT_KEYS, recipe.precision)
     for rollout in rollouts(env, policy, recipe.rollout, recipe.precision):
         states = labelled(rollout)
         budget.add(len(states))

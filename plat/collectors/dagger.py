@@ -10,6 +10,7 @@ from torchrl.data import LazyTensorStorage, RandomSampler, TensorDictReplayBuffe
 
 from plat.collectors.goals import PrivilegedGoals
 from plat.envs.motions.library import MotionLibrary
+from plat.objectives.precision import Precision, autocast
 
 __all__ = ["LOOKUP_KEYS", "ExpertLabels", "MixedPolicy", "dagger_buffer"]
 
@@ -24,20 +25,23 @@ class ExpertLabels:
         expert: deterministic policy that writes its action to ``expert_action``, such as
             ``expert.deployed("dense_goal", out_key="expert_action")``.
         keys: entries to keep beside :data:`LOOKUP_KEYS` and the label: the student's observation.
+        precision: of the expert's hidden layers, see :func:`plat.objectives.autocast`.
 
     Source: Ross et al., "A Reduction of Imitation Learning and Structured Prediction to No-Regret Online Learning",
     arXiv 1011.0686.
     """
 
-    def __init__(self, expert: TensorDictModuleBase, keys: Sequence[NestedKey]):
+    def __init__(self, expert: TensorDictModuleBase, keys: Sequence[NestedKey], precision: Precision = "auto"):
         self._expert = expert
+        self._precision = precision
         self._keys = [*keys, *LOOKUP_KEYS, "expert_action"]
 
     @torch.no_grad()
     def __call__(self, rollout: TensorDictBase) -> TensorDictBase:
         """States ``[N * T]`` with ``expert_action``, from a rollout ``[N, T]``."""
         flat = rollout.exclude("next").reshape(-1)
-        return self._expert(flat).select(*self._keys)
+        with autocast(rollout.device or "cpu", self._precision):
+            return self._expert(flat).select(*self._keys)
 
 
 class MixedPolicy(TensorDictModuleBase):

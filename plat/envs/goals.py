@@ -33,16 +33,22 @@ def robot_centric_goal(target: TensorDictBase, root_pos_w: Tensor, root_quat_w: 
     >>> {key: tuple(value.shape) for key, value in goal.items()}
     {'joint_pos': (1, 29), 'root_pos_b': (1, 3), 'root_rot6d_b': (1, 6), 'keypoint_pos_b': (1, 42)}
     """
-    extra = target.ndim - (root_pos_w.ndim - 1)
+    batch, extra = root_pos_w.ndim - 1, target.ndim - root_pos_w.ndim + 1
     root_to_world = quat_to_matrix(root_quat_w)
-    for _ in range(extra):
-        root_pos_w, root_to_world = root_pos_w.unsqueeze(-2), root_to_world.unsqueeze(-3)
-    # a row vector times the matrix is the inverse rotation: from the world into the root frame
-    keypoint_pos_b = rows_times_matrices(target["keypoint_pos"] - root_pos_w.unsqueeze(-2), root_to_world)
-    target_to_world = quat_to_matrix(target["keypoint_quat"][..., 0, :])
+
+    def turned(rows: Tensor) -> Tensor:
+        # a row vector times the matrix is the inverse rotation: from the world into the root frame; the rows of all
+        # frames of a sequence in one product
+        return rows_times_matrices(rows.flatten(batch, -2), root_to_world).view(rows.shape)
+
+    # as one row for all keypoints: PyTorch is slow where the last dimension is a 3
+    points = target["keypoint_pos"].flatten(-2)
+    root_pos = root_pos_w.repeat(*[1] * batch, points.shape[-1] // 3)[(..., *[None] * extra, slice(None))]
+    keypoint_pos_b = turned((points - root_pos).unflatten(-1, (-1, 3)))
+    target_sixd = matrix_to_sixd(quat_to_matrix(target["keypoint_quat"][..., 0, :]))
     return {
         "joint_pos": target["joint_pos"],
         "root_pos_b": keypoint_pos_b[..., 0, :],
-        "root_rot6d_b": matrix_to_sixd(root_to_world.transpose(-1, -2) @ target_to_world),
+        "root_rot6d_b": turned(target_sixd.unflatten(-1, (2, 3))).flatten(-2),
         "keypoint_pos_b": keypoint_pos_b.flatten(-2),
     }

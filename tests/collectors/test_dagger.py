@@ -9,7 +9,7 @@ from tests.modules.test_imitation import SMALL
 
 def labeller() -> tuple[torch.nn.Module, ExpertLabels]:
     expert = Expert(G1, ExpertConfig(hidden=(16,))).deployed("dense_goal", out_key="expert_action")
-    return expert, ExpertLabels(expert, STUDENT_KEYS)
+    return expert, ExpertLabels(expert, STUDENT_KEYS, "float32")
 
 
 def test_labels_are_the_experts_actions_at_visited_states(library):
@@ -19,6 +19,15 @@ def test_labels_are_the_experts_actions_at_visited_states(library):
     assert states.shape == (12,)
     expected = expert(rollout.select("robot", "dense_goal").reshape(-1))["expert_action"]
     assert torch.equal(states["expert_action"], expected)
+
+
+def test_labels_in_half_precision_are_close(library):
+    expert, labels = labeller()
+    rollout = make_keyframe_env(library, 4).rollout(3, break_when_any_done=False)
+    exact, half = (each(rollout)["expert_action"] for each in (labels, ExpertLabels(expert, STUDENT_KEYS, "bfloat16")))
+    assert half.dtype == torch.float32
+    assert not torch.equal(half, exact)
+    torch.testing.assert_close(half, exact, atol=0.02, rtol=0.02)
 
 
 def test_only_what_is_needed_is_kept(library):
