@@ -32,10 +32,13 @@ class Figure:
     """``"steps/s"``, ``"ms"``, ``"s"`` or ``"MB"``"""
     ratio: float
     """what is compared"""
+    physics: float | None = None
+    """share of its time that is physics, where that was timed"""
 
     def __str__(self) -> str:
         if self.unit == "steps/s":
-            return f"{self.value:,.0f} steps/s, {self.ratio:.1%} of bare physics"
+            timed = "" if self.physics is None else f", {self.physics:.1%} of its time physics"
+            return f"{self.value:,.0f} steps/s, {self.ratio:.1%} of bare physics{timed}"
         if self.unit == "MB":
             return f"{self.value:,.0f} MB"
         return f"{self.value:.3g} {self.unit}, the time of {self.ratio:,.{0 if self.ratio > 100 else 1}f} bare steps"
@@ -50,10 +53,10 @@ class Figures:
     rows: dict[str, Figure]
 
 
-def figure(values: Sequence[float], unit: str, bare: Sequence[float]) -> Figure:
-    """Of what was measured in each round and bare physics' steps a second in the same rounds."""
+def figure(values: Sequence[float], unit: str, bare: Sequence[float], physics: Sequence[float] = ()) -> Figure:
+    """Of what was measured in each round, bare physics' steps a second in the same rounds, and shares of physics."""
     if unit == "steps/s":
-        return Figure(median(values), unit, median_ratio(values, bare))
+        return Figure(median(values), unit, median_ratio(values, bare), median(physics) if physics else None)
     if unit == "MB":
         return Figure(median(values), unit, median(values))
     steps = [value * _PER_SECOND[unit] * rate for value, rate in zip(values, bare, strict=True)]

@@ -151,6 +151,7 @@ def _torchrl(setup: Setup, stack: ExitStack) -> Work:
     single = makers[0]()
     features, actions = single.observation_spec["observation"].shape[-1], single.action_spec.shape[-1]
     policy = TensorDictModule(GaussianPolicy(features, actions), in_keys=["observation"], out_keys=["action"])
+    threads = torch.get_num_threads()
     collector = Collector(
         env,
         policy,
@@ -160,6 +161,8 @@ def _torchrl(setup: Setup, stack: ExitStack) -> Work:
         auto_register_policy_transforms=False,
     )
     stack.callback(collector.shutdown)
+    # it has started its processes, and left PyTorch here on what they spare: one thread, for everybody's updates
+    torch.set_num_threads(threads)
     rollouts = iter(collector)
 
     def collect() -> int:

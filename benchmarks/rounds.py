@@ -7,6 +7,7 @@ import platform
 import re
 import resource
 import statistics
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -17,11 +18,12 @@ __all__ = ["bfloat16_unit", "in_rounds", "machine", "median_ratio", "peak_memory
 
 
 def in_rounds(measures: Mapping[str, Callable[[], float]], rounds: int) -> dict[str, list[float]]:
-    """What each measure gave in each round, after one round that only warms up."""
+    """What each measure gave in each round, after one round that only warms up; progress goes to stderr."""
     values: dict[str, list[float]] = {name: [] for name in measures}
     for number in range(rounds + 1):
         for name, measure in measures.items():
             value = measure()
+            print(f"round {number} of {rounds}: {name}: {value:,.5g}", file=sys.stderr)
             if number > 0:
                 values[name].append(value)
     return values

@@ -64,9 +64,36 @@ def reference_targets(library: MotionLibrary, frame: Tensor) -> Tensor:
     return target + 0.35 * G1.action_scale * torch.randn_like(target)
 
 
+class Timer:
+    """Times the part of a measurement that counts, and the physics in it."""
+
+    def start(self) -> None:
+        self.physics = 0.0
+        self._began = time.perf_counter()
+
+    def stop(self) -> None:
+        self.seconds = time.perf_counter() - self._began
+
+
+TIMER = Timer()
+
+
+def watched(physics: BatchedPhysics) -> BatchedPhysics:
+    """Physics that tells the timer how long its steps take."""
+    step = physics.step
+
+    def timed(ctrl: Tensor, nstep: int) -> None:
+        began = time.perf_counter()
+        step(ctrl, nstep)
+        TIMER.physics += time.perf_counter() - began
+
+    physics.step = timed  # type: ignore[method-assign]
+    return physics
+
+
 def bare_physics(library: MotionLibrary, count: int) -> Callable[[], None]:
     """Nothing but ``mujoco.batch``: robots put on the reference, then driven along it."""
-    physics = BatchedPhysics(G1.model(), count)
+    physics = watched(BatchedPhysics(G1.model(), count))
 
     def measure() -> None:
         frame = torch.randint(len(library), (count,))
@@ -85,22 +112,10 @@ def bare_physics(library: MotionLibrary, count: int) -> Callable[[], None]:
     return measure
 
 
-class Timer:
-    """Times the part of a measurement that counts."""
-
-    def start(self) -> None:
-        self._began = time.perf_counter()
-
-    def stop(self) -> None:
-        self.seconds = time.perf_counter() - self._began
-
-
-TIMER = Timer()
-
-
 def environment(make: Callable, library: MotionLibrary, count: int) -> Callable[[], None]:
     """All training transforms: rewards, terminations, resets, goals, critic's entries, noise, randomisation."""
     env = make(library, count, TaskConfig(observation_noise=True, domain_randomization=True))
+    watched(env.base_env.physics)
     state = [env.reset()]
 
     def measure() -> None:
@@ -124,6 +139,7 @@ def collection(env: TransformedEnv, learn: bool, steps: int = STEPS) -> Callable
     expert = Expert(G1)
     critic = Critic(G1, expert.normalizer.in_keys)
     ppo = PPO(expert.head(), critic.head(), critic.observe())
+    watched(env.base_env.physics)
     batches = rollouts(env, expert.actor(), steps)
 
     def measure() -> None:
@@ -145,6 +161,7 @@ def distillation(env: TransformedEnv) -> Callable[[], None]:
     loss = LatentImitationLoss(student.training_graph())
     optimizer = torch.optim.Adam(student.parameters(), lr=1e-3, fused=True)
     buffer = dagger_buffer(env.library, 100_000, 2048, stride=5)
+    watched(env.base_env.physics)
     batches = rollouts(env, student.sampled(), STEPS)
     labelled = ExpertLabels(expert, STUDENT_KEYS)
 
@@ -164,9 +181,11 @@ def distillation(env: TransformedEnv) -> Callable[[], None]:
     return measure
 
 
-def steps_per_second(measure: Callable[[], None], steps: int) -> float:
-    """Rate of a layer that does so many steps."""
+def steps_per_second(measure: Callable[[], None], steps: int, shares: list[float] | None = None) -> float:
+    """Rate of a layer that does so many steps; what share of the time was physics goes to ``shares``."""
     measure()
+    if shares is not None:
+        shares.append(TIMER.physics / TIMER.seconds)
     return steps / TIMER.seconds
 
 
@@ -194,11 +213,15 @@ def main(config: BenchmarkConfig) -> None:
     }
     with TemporaryDirectory() as folder:
         steps = count * STEPS
-        rows = {name: Cost("steps/s", partial(steps_per_second, layer, steps)) for name, layer in layers.items()}
+        shares: dict[str, list[float]] = {name: [] for name in layers}
+        rows = {
+            name: Cost("steps/s", partial(steps_per_second, layer, steps, shares[name]))
+            for name, layer in layers.items()
+        }
         if config.costs:
             rows |= costs(library, Path(folder), config.library_seconds)
         values = in_rounds({name: row.measure for name, row in rows.items()}, config.rounds)
-    figures = {name: figure(values[name], row.unit, values[BARE]) for name, row in rows.items()}
+    figures = {name: figure(values[name], row.unit, values[BARE], shares.get(name, ())) for name, row in rows.items()}
     measured = Figures(torch.get_num_threads(), count, figures)
     print(f"{machine()}, {count} robots")
     for name, row in figures.items():

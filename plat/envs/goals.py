@@ -43,7 +43,8 @@ def robot_centric_goal(target: TensorDictBase, root_pos_w: Tensor, root_quat_w: 
 
     # as one row for all keypoints: PyTorch is slow where the last dimension is a 3
     points = target["keypoint_pos"].flatten(-2)
-    root_pos = root_pos_w.repeat(*[1] * batch, points.shape[-1] // 3)[(..., *[None] * extra, slice(None))]
+    root_pos = root_pos_w.repeat(*[1] * batch, points.shape[-1] // 3)
+    root_pos = root_pos.view(*root_pos.shape[:-1], *[1] * extra, -1)
     keypoint_pos_b = turned((points - root_pos).unflatten(-1, (-1, 3)))
     target_sixd = matrix_to_sixd(quat_to_matrix(target["keypoint_quat"][..., 0, :]))
     return {

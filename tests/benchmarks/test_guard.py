@@ -33,6 +33,13 @@ def test_figures_are_ratios_to_bare_physics_of_the_same_round():
     assert figure([700.0, 720.0, 710.0], "MB", bare) == Figure(710.0, "MB", 710.0)
 
 
+def test_a_rate_says_how_much_of_its_time_was_physics():
+    row = figure([8_000.0, 8_000.0, 8_000.0], "steps/s", [10_000.0] * 3, physics=[0.7, 0.6, 0.75])
+    assert row.physics == 0.7
+    assert str(row) == "8,000 steps/s, 80.0% of bare physics, 70.0% of its time physics"
+    assert figure([8_000.0], "steps/s", [10_000.0]).physics is None
+
+
 @pytest.mark.parametrize(
     ("name", "within", "beyond"),
     [("environment", 0.69, 0.67), ("loss step", 570.0, 580.0), ("memory", 800.0, 810.0)],
