@@ -1,8 +1,8 @@
 """Figures of the benchmark that can be held against those of another run.
 
 A figure's ratio is what is compared: for a rate its share of bare physics; for a time the control steps of bare physics
-that would fit in it; memory as it is. Ratios of one machine with a given number of threads are comparable, whatever
-else it was doing.
+that would fit in it; memory as it is. Ratios of one kind of CPU with a given number of threads are comparable, whatever
+else it was doing; what multiplies matrices in half precision makes the kind, and each has a file in ``expected``.
 """
 
 import json

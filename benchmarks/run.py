@@ -221,7 +221,10 @@ def main(config: BenchmarkConfig) -> None:
         if config.costs:
             rows |= costs(library, Path(folder), config.library_seconds)
         values = in_rounds({name: row.measure for name, row in rows.items()}, config.rounds)
-    figures = {name: figure(values[name], row.unit, values[BARE], shares.get(name, ())) for name, row in rows.items()}
+    figures = {
+        name: figure(values[name], row.unit, values[BARE], shares.get(name, ())[-config.rounds :])
+        for name, row in rows.items()
+    }
     measured = Figures(torch.get_num_threads(), count, figures)
     print(f"{machine()}, {count} robots")
     for name, row in figures.items():

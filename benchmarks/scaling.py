@@ -199,12 +199,16 @@ def draw(rows: list[Row], path: Path) -> None:
             line = [(row.value, row.figure) for row in chosen if row.quantity == quantity]
             panel.plot(*zip(*line, strict=True), "o-", markersize=3, color=colours[quantity], label=quantity)
         axis, unit = chosen[0].axis, chosen[0].unit
+        panel.set_ylim(0, 1.1 * max(row.figure for row in chosen))
         if axis in ("robots", "motions"):
             panel.set_xscale("log")
+            if unit == "MB":  # what grows in proportion is a straight line here only if both are logarithmic
+                panel.set_yscale("log")
+                panel.set_ylim(100, None)
         values = list(dict.fromkeys(row.value for row in chosen))
-        panel.set_xticks(values, [f"{value:g}" for value in values], fontsize=7)
+        panel.set_xticks(values, [f"{value / 1000:g}k" if value >= 10_000 else f"{value:g}" for value in values])
         panel.set_xticks([], minor=True)
-        panel.set_ylim(0, 1.1 * max(row.figure for row in chosen))
+        panel.tick_params(axis="x", labelsize=7)
         panel.set(xlabel=_AXES[axis], ylabel="memory (MB)" if unit == "MB" else unit)
         panel.grid(alpha=0.3)
         panel.legend(fontsize=7)
