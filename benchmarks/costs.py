@@ -65,7 +65,8 @@ def costs(library: MotionLibrary, folder: Path, library_seconds: float) -> dict[
     loads = LibraryLoads(library, folder, library_seconds)
     size = f"library of {library_seconds:,.0f} s"
     return rows | {
-        "import plat": Cost("s", lambda: import_time("plat")),
+        # the best of three: a tenth of a second is soon disturbed
+        "import plat": Cost("s", lambda: min(import_time("plat") for _ in range(3))),
         "import plat.envs": Cost("s", lambda: import_time("plat.envs")),
         f"{size}, first load": Cost("s", loads.first),
         f"{size}, cached load": Cost("s", loads.cached),
@@ -113,8 +114,8 @@ def deployed_policy(run: Path, folder: Path) -> Callable[[], float]:
 
 
 def import_time(module: str) -> float:
-    """Seconds that an import takes in a new interpreter, the best of three: a tenth of a second is soon disturbed."""
-    return min(_in_new_process(_IMPORT.format(module))[0] for _ in range(3))
+    """Seconds that an import takes in a new interpreter."""
+    return _in_new_process(_IMPORT.format(module))[0]
 
 
 class LibraryLoads:

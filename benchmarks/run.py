@@ -181,12 +181,15 @@ def distillation(env: TransformedEnv) -> Callable[[], None]:
     return measure
 
 
-def steps_per_second(measure: Callable[[], None], steps: int, shares: list[float] | None = None) -> float:
-    """Rate of a layer that does so many steps; what share of the time was physics goes to ``shares``."""
+def steps_per_second(measure: Callable[[], None], steps: int) -> float:
+    """Rate of a layer that does so many steps."""
     measure()
-    if shares is not None:
-        shares.append(TIMER.physics / TIMER.seconds)
     return steps / TIMER.seconds
+
+
+def physics_share() -> float:
+    """What share of its time the layer that was measured last spent in physics."""
+    return TIMER.physics / TIMER.seconds
 
 
 def main(config: BenchmarkConfig) -> None:
@@ -213,16 +216,17 @@ def main(config: BenchmarkConfig) -> None:
     }
     with TemporaryDirectory() as folder:
         steps = count * STEPS
-        shares: dict[str, list[float]] = {name: [] for name in layers}
-        rows = {
-            name: Cost("steps/s", partial(steps_per_second, layer, steps, shares[name]))
-            for name, layer in layers.items()
-        }
+        rows = {name: Cost("steps/s", partial(steps_per_second, layer, steps)) for name, layer in layers.items()}
         if config.costs:
             rows |= costs(library, Path(folder), config.library_seconds)
-        values = in_rounds({name: row.measure for name, row in rows.items()}, config.rounds)
+        measures: dict[str, Callable[[], float]] = {}
+        for name, cost in rows.items():
+            measures[name] = cost.measure
+            if name in layers:
+                measures[f"{name}/physics"] = physics_share  # right after it, while the timer is still its own
+        values = in_rounds(measures, config.rounds)
     figures = {
-        name: figure(values[name], row.unit, values[BARE], shares.get(name, ())[-config.rounds :])
+        name: figure(values[name], row.unit, values[BARE], values.get(f"{name}/physics", ()))
         for name, row in rows.items()
     }
     measured = Figures(torch.get_num_threads(), count, figures)

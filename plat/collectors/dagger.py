@@ -40,7 +40,7 @@ class ExpertLabels:
     def __call__(self, rollout: TensorDictBase) -> TensorDictBase:
         """States ``[N * T]`` with ``expert_action``, from a rollout ``[N, T]``."""
         flat = rollout.exclude("next").reshape(-1)
-        with autocast(rollout.device or "cpu", self._precision):
+        with autocast(rollout.device, self._precision):
             return self._expert(flat).select(*self._keys)
 
 

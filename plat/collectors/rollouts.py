@@ -77,7 +77,7 @@ class _AtPrecision(TensorDictModuleBase):
         super().__init__()
         self.policy = policy
         self.in_keys, self.out_keys = policy.in_keys, policy.out_keys
-        self._device, self._precision = device or torch.device("cpu"), precision
+        self._device, self._precision = device, precision
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         with autocast(self._device, self._precision):

@@ -33,7 +33,7 @@ def robot_centric_goal(target: TensorDictBase, root_pos_w: Tensor, root_quat_w: 
     >>> {key: tuple(value.shape) for key, value in goal.items()}
     {'joint_pos': (1, 29), 'root_pos_b': (1, 3), 'root_rot6d_b': (1, 6), 'keypoint_pos_b': (1, 42)}
     """
-    batch, extra = root_pos_w.ndim - 1, target.ndim - root_pos_w.ndim + 1
+    batch = root_pos_w.ndim - 1
     root_to_world = quat_to_matrix(root_quat_w)
 
     def turned(rows: Tensor) -> Tensor:
@@ -44,7 +44,7 @@ def robot_centric_goal(target: TensorDictBase, root_pos_w: Tensor, root_quat_w: 
     # as one row for all keypoints: PyTorch is slow where the last dimension is a 3
     points = target["keypoint_pos"].flatten(-2)
     root_pos = root_pos_w.repeat(*[1] * batch, points.shape[-1] // 3)
-    root_pos = root_pos.view(*root_pos.shape[:-1], *[1] * extra, -1)
+    root_pos = root_pos.view(*root_pos.shape[:-1], *[1] * (target.ndim - batch), -1)
     keypoint_pos_b = turned((points - root_pos).unflatten(-1, (-1, 3)))
     target_sixd = matrix_to_sixd(quat_to_matrix(target["keypoint_quat"][..., 0, :]))
     return {

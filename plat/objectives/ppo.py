@@ -217,4 +217,4 @@ class PPO:
         return data.reshape(-1)
 
     def _autocast(self, data: TensorDictBase) -> AbstractContextManager:
-        return autocast(data.device or "cpu", self.config.precision)
+        return autocast(data.device, self.config.precision)

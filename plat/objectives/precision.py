@@ -19,13 +19,13 @@ def has_fast_bfloat16(device: torch.device | str) -> bool:
     return device.type == "cpu" and bool(features.get("amx_bf16") or features.get("avx512_bf16"))
 
 
-def autocast(device: torch.device | str, precision: Precision) -> AbstractContextManager:
+def autocast(device: torch.device | str | None, precision: Precision) -> AbstractContextManager:
     """Context in which networks run at a precision.
 
     Hidden layers and recurrences run in it; the last layer of a network made by :func:`plat.modules.mlp`, unless that
     is told otherwise, and so actions, log-probabilities and losses, stay in float32. ``"auto"`` is bfloat16 where that
-    is fast.
+    is fast. A device of None is the CPU, as that of a tensordict is that was never moved.
     """
-    device = torch.device(device)
+    device = torch.device(device or "cpu")
     half = precision == "bfloat16" or (precision == "auto" and has_fast_bfloat16(device))
     return torch.autocast(device.type, torch.bfloat16, enabled=half)

@@ -39,6 +39,11 @@ def test_cpus_that_multiply_in_half_precision_are_used_so(monkeypatch, feature):
     assert not has_fast_bfloat16("cpu")
 
 
+def test_no_device_is_the_cpu():
+    with autocast(None, "bfloat16"):
+        assert torch.is_autocast_enabled("cpu")
+
+
 def test_auto_follows_the_hardware():
     with autocast("cpu", "auto"):
         assert torch.is_autocast_enabled("cpu") == has_fast_bfloat16("cpu")
