@@ -23,7 +23,7 @@ from rivals import ENTRANTS, Entrant, Setup, Work
 from rounds import in_rounds, machine, median_ratio, rate
 
 from plat.envs.physics import available_cpus
-from plat.training import report_errors
+from plat.runs import report_errors
 
 _VERSIONS = ("plat-rl", "mujoco", "torch", "torchrl", "gymnasium", "stable-baselines3", "envpool")
 

@@ -12,25 +12,26 @@ from pathlib import Path
 import torch
 
 from plat.collectors import PrivilegedGoals
+from plat.control import Simulator
 from plat.deploy import PolicyRunner
-from plat.envs import G1, MotionLibrary, make_keyframe_env
-from plat.envs.motions import MotionClip, save_motions
+from plat.envs import make_keyframe_env
 from plat.errors import BundleError
 from plat.export import export_bundle
 from plat.keyframes import standing
 from plat.modules import LatentPolicy
+from plat.motions import MotionClip, MotionLibrary, save_motions
 from plat.objectives import LatentImitationLoss, autocast
-from plat.playing import Simulator
+from plat.robots import G1
 
 __all__ = ["Cost", "costs", "write_motions"]
 
 _WINDOWS = 2048
 _CALLS = 1000
-_WEIGHTS = Path(__file__).parents[1] / "weights" / "plat"
+_WEIGHTS = Path(__file__).parents[1] / "plat" / "weights" / "plat"
 _IMPORT = "import time; began = time.perf_counter(); import {}; print(time.perf_counter() - began)"
 _LOAD = """
 import sys, time
-from plat.envs import MotionLibrary
+from plat.motions import MotionLibrary
 from rounds import peak_memory
 before, began = peak_memory(), time.perf_counter()
 MotionLibrary.load(sys.argv[1])

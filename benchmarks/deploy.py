@@ -1,6 +1,6 @@
 """Time of one control step of one robot on one core: observation, network, joint targets.
 
-python benchmarks/deploy.py weights/plat
+python benchmarks/deploy.py plat/weights/plat
 """
 
 import json
@@ -15,19 +15,19 @@ from typing import Annotated
 import torch
 import tyro
 
+from plat.control import PolicyController, Simulator
 from plat.deploy import ObservationBuilder, PolicyRunner
-from plat.envs import G1
 from plat.export import JointTargetNetwork, export_bundle
 from plat.keyframes import standing
-from plat.playing import PolicyController, Simulator
-from plat.training import load_policy, report_errors
+from plat.robots import G1
+from plat.runs import load_policy, report_errors
 
 
 @dataclass(kw_only=True)
 class DeployBenchmark:
     """Time of one control step of one robot on one core."""
 
-    run: Annotated[Path, tyro.conf.Positional] = Path("weights/plat")
+    run: Annotated[Path, tyro.conf.Positional] = Path("plat/weights/plat")
     """run directory of a policy that chases keyframes"""
     rounds: int = 300
     """times that everything is measured in turn"""

@@ -21,11 +21,11 @@ import plat.headless  # noqa: F401
 # isort: split
 
 from plat.baselines import Tracker, Twist2, Wbc, follow
-from plat.envs import G1, MotionLibrary
-from plat.envs.motions import MotionClip, generate_motions, load_motions
-from plat.envs.motions.generation.soundness import Soundness, measure_soundness
+from plat.motions import MotionClip, MotionLibrary, generate_motions, load_motions
+from plat.motions.generation.soundness import Soundness, measure_soundness
 from plat.rendering import Stage, stills, write_picture
-from plat.training import report_errors
+from plat.robots import G1
+from plat.runs import report_errors
 
 
 @dataclass(kw_only=True)
@@ -125,7 +125,7 @@ def main(config: GeneratedBenchmark) -> None:
         clips = load_motions(config.motions)[:: config.every]
     else:
         redraws = RedrawCounter()
-        logger = logging.getLogger("plat.envs.motions.generation")
+        logger = logging.getLogger("plat.motions.generation")
         logger.setLevel(logging.DEBUG)
         logger.addHandler(redraws)
         began, cpu = time.perf_counter(), time.process_time()

@@ -25,10 +25,11 @@ from torchrl.collectors import Collector
 from torchrl.envs import EnvCreator, GymWrapper, ParallelEnv, SerialEnv
 
 from plat.collectors import simulation_threads
-from plat.envs import MotionLibrary, make_keyframe_env
+from plat.envs import make_keyframe_env
 from plat.envs.physics import available_cpus
 from plat.modules import ExpertConfig
 from plat.modules.networks import mlp
+from plat.motions import MotionLibrary
 from plat.objectives import PPOConfig
 
 __all__ = ["ENTRANTS", "Entrant", "Setup", "Work", "work_with_plat"]

@@ -25,11 +25,13 @@ from torch import Tensor
 from torchrl.envs import TransformedEnv
 
 from plat.collectors import ExpertLabels, dagger_buffer, rollouts, simulation_threads
-from plat.envs import G1, BatchedPhysics, MotionLibrary, TaskConfig, make_keyframe_env, make_tracking_env
+from plat.envs import BatchedPhysics, TaskConfig, make_keyframe_env, make_tracking_env
 from plat.errors import PlatError
 from plat.modules import STUDENT_KEYS, Critic, Expert, LatentPolicy
+from plat.motions import MotionLibrary
 from plat.objectives import PPO, LatentImitationLoss, autocast, motor_gradient
-from plat.training import report_errors
+from plat.robots import G1
+from plat.runs import report_errors
 
 STEPS = 24
 BARE = "bare physics"

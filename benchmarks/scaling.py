@@ -27,11 +27,12 @@ from rounds import in_rounds, machine, peak_memory
 from run import BARE, STEPS, bare_physics, collection, distillation, steps_per_second
 
 from plat.collectors import PrivilegedGoals, simulation_threads
-from plat.envs import MotionLibrary, TaskConfig, make_keyframe_env, make_tracking_env
+from plat.envs import TaskConfig, make_keyframe_env, make_tracking_env
 from plat.envs.physics import available_cpus
 from plat.envs.transforms import MAX_STEPS, Horizon
-from plat.rendering import pyplot
-from plat.training import report_errors
+from plat.figures import pyplot
+from plat.motions import MotionLibrary
+from plat.runs import report_errors
 
 _AXES = {
     "robots": "robots",

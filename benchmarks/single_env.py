@@ -6,9 +6,10 @@ import gymnasium
 import mujoco
 import numpy as np
 
-from plat.envs import ROBOT_KEYS, MotionLibrary, TaskConfig, goal_keys, observation_size
-from plat.envs.layout import COMMAND_KEYS
+from plat.envs import ROBOT_KEYS, TaskConfig, goal_keys, observation_size
 from plat.envs.transforms import HORIZONS, MAX_STEPS, WINDOW, Horizon, Term
+from plat.motions import MotionLibrary
+from plat.spec.observation import COMMAND_KEYS
 
 __all__ = ["SingleG1"]
 

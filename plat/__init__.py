@@ -3,10 +3,14 @@
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
+from plat.moved import install
+
 try:
     __version__ = version("plat-rl")
 except PackageNotFoundError:  # a source tree that was not installed
     __version__ = "0.0.0"
+
+install()
 
 try:
     import gymnasium
@@ -22,7 +26,7 @@ else:
 
 
 def load(name: str, device: str = "cpu") -> Any:
-    """A trained policy that comes with plat, as :func:`plat.training.load_policy` loads one of your own.
+    """A trained policy that comes with plat, as :func:`plat.runs.load_policy` loads one of your own.
 
     Args:
         name: ``"plat-g1"``, ``"dagger-g1"``, ``"expert-g1"``, or ``"plat-generated-g1"``, trained on plat's own motions
@@ -35,6 +39,6 @@ def load(name: str, device: str = "cpu") -> Any:
     >>> load("plat-g1").deployed().out_keys
     ['action']
     """
-    from plat.training.shipped import load_shipped  # torch: importing plat alone must not import it
+    from plat.runs.shipped import load_shipped  # torch: importing plat alone must not import it
 
     return load_shipped(name, device)

@@ -7,6 +7,7 @@ __all__ = [
     "MotionError",
     "PlatError",
     "RecordsError",
+    "RenderingError",
     "RobotError",
     "StateError",
     "StudioError",
@@ -43,6 +44,10 @@ class StateError(PlatError):
 
 class StudioError(PlatError):
     """The keyframe studio cannot be opened."""
+
+
+class RenderingError(PlatError):
+    """This machine cannot draw."""
 
 
 class RecordsError(PlatError):

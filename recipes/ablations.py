@@ -27,13 +27,13 @@ import refine
 
 import plat
 from plat.baselines import ReleasedTrackers
-from plat.envs import MotionLibrary
 from plat.envs.transforms import RandomizationRanges
 from plat.errors import MotionError, PlatError, RecordsError
 from plat.evaluation import CommandRecords, Score, differences, markdown, write_csv
+from plat.figures import pyplot
 from plat.files import replace_file
-from plat.rendering import pyplot
-from plat.training import log_scores, read_json, report_errors, wandb_run
+from plat.motions import MotionLibrary
+from plat.runs import log_scores, read_json, report_errors, wandb_run
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,8 +11,8 @@ from typing import Annotated
 import tyro
 
 from plat.errors import PlatError
-from plat.rendering import pyplot
-from plat.training import report_errors
+from plat.figures import pyplot
+from plat.runs import report_errors
 
 
 @dataclass(kw_only=True)

@@ -20,12 +20,12 @@ import expert
 import play as play_recipe
 import refine
 
-from plat.envs import MotionLibrary
 from plat.envs.transforms import HORIZONS
 from plat.evaluation import HEADLINE, Score
+from plat.motions import MotionLibrary
 from plat.rendering import RenderingError, Stage, contact_sheet, film, play, write_picture, write_video
-from plat.training import load_policy, report_errors
-from plat.training.shipped import shipped_runs
+from plat.runs import load_policy, report_errors
+from plat.runs.shipped import shipped_runs
 
 # what can be learned in a few minutes
 FAMILIES = "stand+reach+walk+squat+wave+bow+step"

@@ -13,13 +13,14 @@ import tyro
 from torch import nn
 
 from plat.collectors import ExpertLabels, MixedPolicy, dagger_buffer, rollouts
-from plat.envs import MotionLibrary, TaskConfig, make_keyframe_env
+from plat.envs import TaskConfig, make_keyframe_env
 from plat.envs.transforms import HORIZONS, pop_statistics
 from plat.errors import PlatError
 from plat.modules import STUDENT_KEYS, Expert, LatentPolicy, LatentPolicyConfig, PlainPolicy
+from plat.motions import MotionLibrary
 from plat.objectives import LatentImitationLoss, Precision, autocast, plain_imitation_loss
 from plat.rendering import Films, play
-from plat.training import Budget, RecipeConfig, Run, load_policy, report_errors
+from plat.runs import Budget, RecipeConfig, Run, load_policy, report_errors
 
 
 @dataclass(kw_only=True)

@@ -16,24 +16,15 @@ import plat.headless  # noqa: F401
 
 # isort: split
 from plat.baselines import ReleasedTrackers, Tracker
-from plat.envs import MotionLibrary, Robot
 from plat.envs.transforms import HORIZONS, NEXT_FRAME, Horizon, RandomizationRanges
 from plat.errors import PlatError
 from plat.evaluation import HEADLINE, METRICS, CommandRecords, Observe, Score, evaluate, write_csv
+from plat.figures import ablation_bars, pyplot, radar_plot, save_figure, success_plot
 from plat.modules import Expert
-from plat.rendering import (
-    Playback,
-    RenderingError,
-    Stage,
-    ablation_bars,
-    film_strip,
-    play,
-    pyplot,
-    radar_plot,
-    save_figure,
-    success_plot,
-)
-from plat.training import default_device, load_policy, log_scores, report_errors, wandb_run
+from plat.motions import MotionLibrary
+from plat.rendering import Playback, RenderingError, Stage, film_strip, play
+from plat.robots import Robot
+from plat.runs import default_device, load_policy, log_scores, report_errors, wandb_run
 
 HorizonName = Literal["single", "short", "medium", "long", "mixed"]
 

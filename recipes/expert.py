@@ -11,13 +11,14 @@ import torch
 import tyro
 
 from plat.collectors import rollouts
-from plat.envs import MotionLibrary, TaskConfig, make_tracking_env
+from plat.envs import TaskConfig, make_tracking_env
 from plat.envs.transforms import HORIZONS, DenseRewards, Term, pop_statistics
 from plat.errors import CheckpointError
 from plat.modules import Critic, Expert, ExpertConfig
+from plat.motions import MotionLibrary
 from plat.objectives import PPO, MotorGradientConfig, PPOConfig, motor_gradient
 from plat.rendering import Films, play
-from plat.training import Budget, RecipeConfig, Run, load_policy, report_errors
+from plat.runs import Budget, RecipeConfig, Run, load_policy, report_errors
 
 
 @dataclass(kw_only=True)

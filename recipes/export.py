@@ -10,7 +10,7 @@ from typing import Annotated
 import tyro
 
 from plat.export import export_bundle
-from plat.training import report_errors
+from plat.runs import report_errors
 
 
 @dataclass(kw_only=True)

@@ -11,12 +11,12 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from plat.envs import G1
-from plat.envs.motions import MotionClip, load_motions
-from plat.envs.motions.generation import PREFIX, generate_named
 from plat.errors import KeyframeError
 from plat.keyframes import CONTROL_DT, MAX_STEPS, KeyframeSequence
-from plat.training import report_errors
+from plat.motions import MotionClip, load_motions
+from plat.motions.generation import PREFIX, generate_named
+from plat.robots import G1
+from plat.runs import report_errors
 
 
 @dataclass(kw_only=True)

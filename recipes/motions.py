@@ -23,8 +23,9 @@ import plat.headless  # noqa: F401
 
 # isort: split
 
-from plat.envs import G1
-from plat.envs.motions import (
+from plat.errors import MotionError, PlatError
+from plat.figures import pyplot
+from plat.motions import (
     MotionClip,
     MotionFile,
     MotionReport,
@@ -39,13 +40,13 @@ from plat.envs.motions import (
     trim_motion,
     validate_motions,
 )
-from plat.envs.motions.feet import Soles
-from plat.envs.motions.generation import PREFIX, generate_named
-from plat.envs.motions.resample import resample_qpos
-from plat.envs.motions.retargeting import Retargeted, SolverOptions, bvh_paths, load_map, retarget_all, split_of
-from plat.errors import MotionError, PlatError
-from plat.rendering import RenderingError, Stage, pyplot, stills
-from plat.training import report_errors
+from plat.motions.checks.feet import Soles
+from plat.motions.generation import PREFIX, generate_named
+from plat.motions.resample import resample_qpos
+from plat.motions.retargeting import Retargeted, SolverOptions, bvh_paths, load_map, retarget_all, split_of
+from plat.rendering import RenderingError, Stage, stills
+from plat.robots import G1
+from plat.runs import report_errors
 
 SHEET_COLUMNS = 8
 

@@ -1,6 +1,6 @@
 """Let a policy chase the keyframes of a file: one robot, plain MuJoCo, 50 Hz.
 
-python recipes/play.py --policy weights/plat --keyframes recipes/examples/bow.json --video bow.mp4
+python recipes/play.py --policy plat/weights/plat --keyframes recipes/examples/bow.json --video bow.mp4
 """
 
 from collections.abc import Sequence
@@ -15,11 +15,11 @@ import plat.headless  # noqa: F401
 
 # isort: split
 
+from plat.control import Chase, ChaseStep, KeyframeScore, KeyframeScorer, PolicyController, Simulator, StepErrors
 from plat.errors import KeyframeError
 from plat.keyframes import CONTROL_DT, KeyframeSequence
-from plat.playing import Chase, ChaseStep, KeyframeScore, KeyframeScorer, PolicyController, Simulator, StepErrors
 from plat.rendering import Stage, Viewer, check_video, film, record, stage_model, write_video
-from plat.training import load_policy, report_errors
+from plat.runs import load_policy, report_errors
 
 
 @dataclass(kw_only=True)

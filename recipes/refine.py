@@ -12,7 +12,7 @@ import torch
 import tyro
 
 from plat.collectors import rollouts
-from plat.envs import MotionLibrary, TaskConfig, make_keyframe_env
+from plat.envs import TaskConfig, make_keyframe_env
 from plat.envs.transforms import HORIZONS, DenseRewards, KeyframeRewards, Term, pop_statistics
 from plat.modules import (
     STUDENT_KEYS,
@@ -23,9 +23,10 @@ from plat.modules import (
     ResidualActionPolicy,
     ResidualLatentPolicy,
 )
+from plat.motions import MotionLibrary
 from plat.objectives import PPO, MotorGradientConfig, PPOConfig, motor_gradient
 from plat.rendering import Films, play
-from plat.training import Budget, RecipeConfig, Run, load_policy, report_errors
+from plat.runs import Budget, RecipeConfig, Run, load_policy, report_errors
 
 VARIANTS = {
     "latent": ResidualLatentPolicy,

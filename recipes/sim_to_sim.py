@@ -18,13 +18,14 @@ import torch
 import tyro
 from numpy.typing import NDArray
 
+from plat.control import Chase, Controller, KeyframeScore, KeyframeScorer, Simulator
 from plat.deploy import PolicyRunner, Pose, RobotDescription, RobotState
-from plat.envs import G1, FootContacts, MotionLibrary, Robot
 from plat.envs.transforms import HORIZONS, CommandSchedule
 from plat.errors import KeyframeError
 from plat.keyframes import CONTROL_DT, Keyframe, KeyframeSequence
-from plat.playing import Chase, Controller, KeyframeScore, KeyframeScorer, Simulator
-from plat.training import report_errors
+from plat.motions import MotionLibrary
+from plat.robots import G1, FootContacts, Robot
+from plat.runs import report_errors
 
 
 @dataclass(frozen=True)
@@ -149,13 +150,13 @@ class Delayed:
         self.reset()
 
     def reset(self, joint_target: NDArray[np.floating] | None = None) -> None:
-        """See :class:`plat.playing.Controller`."""
+        """See :class:`plat.control.Controller`."""
         self._controller.reset(joint_target)
         first = self._first if joint_target is None else joint_target
         self._coming = deque([first] * self._delay)
 
     def __call__(self, state: RobotState, keyframe: Pose, steps_left: int) -> NDArray[np.floating]:
-        """See :class:`plat.playing.Controller`."""
+        """See :class:`plat.control.Controller`."""
         self._coming.append(self._controller(state, keyframe, steps_left))
         return self._coming.popleft()
 

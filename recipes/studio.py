@@ -1,6 +1,6 @@
 """Pose keyframes in the browser, and watch policies chase them.
 
-python recipes/studio.py weights/plat weights/dagger weights/expert --motions generated:val
+python recipes/studio.py plat/weights/plat plat/weights/dagger plat/weights/expert --motions generated:val
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ import plat.headless  # noqa: F401
 # isort: split
 
 from plat.errors import StudioError
-from plat.training import load_policy, report_errors
+from plat.runs import load_policy, report_errors
 
 
 @dataclass(kw_only=True)
@@ -23,9 +23,9 @@ class StudioRecipe:
     """Open the keyframe studio, a web page."""
 
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional] = (
-        Path("weights/plat"),
-        Path("weights/dagger"),
-        Path("weights/expert"),
+        Path("plat/weights/plat"),
+        Path("plat/weights/dagger"),
+        Path("plat/weights/expert"),
     )
     """run directories of policies; an expert is given keyframes in place of its next reference frame (Scratch RL)"""
     motions: str = "generated:val"

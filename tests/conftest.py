@@ -15,8 +15,8 @@ import plat.headless  # noqa: F401
 
 # isort: split
 
-from plat.envs import G1, MotionLibrary
-from plat.envs.motions import MotionClip, generate_motions
+from plat.motions import MotionClip, MotionLibrary, generate_motions
+from plat.robots import G1
 
 SHARED = Path(__file__).parents[2] / "shared" / "data"
 

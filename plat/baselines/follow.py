@@ -7,9 +7,9 @@ from torch import Tensor
 from torchrl.envs import Compose, InitTracker, Transform, TransformedEnv
 
 from plat.baselines.reference import TrackerReference
-from plat.envs.motions.library import MotionLibrary
 from plat.envs.tracking import MotionTrackingEnv
 from plat.envs.transforms import ReferenceMotion, TerminationLimits, TrackingTermination
+from plat.motions.library import MotionLibrary
 
 __all__ = ["follow"]
 

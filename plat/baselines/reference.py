@@ -4,8 +4,8 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
-from plat.envs.motions.library import MotionLibrary
 from plat.envs.transforms.base import ObservationTransform
+from plat.motions.library import MotionLibrary
 
 __all__ = ["TrackerReference"]
 

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from plat.baselines.onnx import OnnxPolicy
 from plat.baselines.tracker import Tracker, tuned_robot
-from plat.envs.robot import G1, Robot
+from plat.robots.robot import G1, Robot
 from plat.rotations import quat_conjugate, quat_multiply, quat_to_matrix
 
 __all__ = ["Sonic", "sonic_robot"]

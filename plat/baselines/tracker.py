@@ -10,8 +10,8 @@ from torch import Tensor
 from torchrl.envs import InitTracker, Transform
 
 from plat.baselines.reference import TrackerReference
-from plat.envs.motions.library import MotionLibrary
-from plat.envs.robot import FootContacts, Robot
+from plat.motions.library import MotionLibrary
+from plat.robots.robot import FootContacts, Robot
 
 __all__ = ["Tracker", "tuned_robot"]
 
@@ -41,7 +41,7 @@ def tuned_robot(robot: Robot, name: str, stiffness: Tensor, damping: Tensor, eff
         damping: kd ``[J]`` (N m s / rad).
         effort_limit: largest torque ``[J]`` (N m).
 
-    >>> from plat.envs import G1
+    >>> from plat.robots import G1
     >>> soft = tuned_robot(G1, "soft", 0.5 * G1.stiffness, G1.damping, G1.effort_limit)
     >>> torch.allclose(soft.stiffness, 0.5 * G1.stiffness)
     True

@@ -9,8 +9,8 @@ from torch import Tensor
 from torchrl.data import LazyTensorStorage, RandomSampler, TensorDictReplayBuffer
 
 from plat.collectors.goals import PrivilegedGoals
-from plat.envs.motions.library import MotionLibrary
-from plat.objectives.precision import Precision, autocast
+from plat.motions.library import MotionLibrary
+from plat.precision import Precision, autocast
 
 __all__ = ["LOOKUP_KEYS", "ExpertLabels", "MixedPolicy", "dagger_buffer"]
 

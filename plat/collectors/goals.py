@@ -6,7 +6,7 @@ from torch import Tensor
 from torchrl.envs import Transform
 
 from plat.envs.goals import robot_centric_goal
-from plat.envs.motions.library import MotionLibrary
+from plat.motions.library import MotionLibrary
 
 __all__ = ["PrivilegedGoals", "strided_offsets"]
 

@@ -9,7 +9,7 @@ from tensordict.nn import TensorDictModuleBase
 from torchrl.collectors import Collector
 from torchrl.envs import EnvBase
 
-from plat.objectives.precision import Precision, autocast
+from plat.precision import Precision, autocast
 
 __all__ = ["rollouts", "simulation_threads"]
 
@@ -33,8 +33,10 @@ def rollouts(
         precision: of the networks' hidden layers, see :func:`plat.objectives.autocast`. The precision of the updates
             makes an action's probability the same to the loss as it was to the policy that acted.
 
-    >>> from plat.envs import G1, MotionLibrary, make_tracking_env
-    >>> from plat.envs.motions import generate_motions
+    >>> from plat.envs import make_tracking_env
+    >>> from plat.motions import MotionLibrary
+    >>> from plat.robots import G1
+    >>> from plat.motions import generate_motions
     >>> from plat.modules import Expert
     >>> env = make_tracking_env(MotionLibrary.from_clips(generate_motions("train", seconds=8)), num_envs=2)
     >>> next(rollouts(env, Expert(G1).actor(), steps=3)).shape

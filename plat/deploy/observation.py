@@ -76,7 +76,7 @@ class ObservationBuilder:
         max_steps: ``Delta_max``, the longest command in control steps.
 
     >>> from types import SimpleNamespace
-    >>> from plat.envs import G1
+    >>> from plat.robots import G1
     >>> from plat.export import describe_robot
     >>> robot = describe_robot(G1, control_dt=0.02)
     >>> state = RobotState(

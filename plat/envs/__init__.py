@@ -1,25 +1,28 @@
-"""The robot, its physics, motions, and the tasks made of them."""
+"""The simulated robot and the tasks made of it."""
 
+import warnings
+
+import plat.motions
+import plat.robots
 from plat.envs.goals import robot_centric_goal
-from plat.envs.kinematics import ForwardKinematics
-from plat.envs.layout import COMMAND_KEYS, ROBOT_KEYS, entry_shapes, goal_keys, observation_size, privileged_keys
-from plat.envs.motions import MotionLibrary
 from plat.envs.physics import BatchedPhysics
-from plat.envs.robot import G1, FootContacts, Robot
 from plat.envs.tasks import TaskConfig, make_keyframe_env, make_tracking_env
 from plat.envs.tracking import MotionTrackingEnv, ResetNoise
+from plat.spec.observation import (
+    COMMAND_KEYS,
+    ROBOT_KEYS,
+    entry_shapes,
+    goal_keys,
+    observation_size,
+    privileged_keys,
+)
 
 __all__ = [
     "COMMAND_KEYS",
-    "G1",
     "ROBOT_KEYS",
     "BatchedPhysics",
-    "FootContacts",
-    "ForwardKinematics",
-    "MotionLibrary",
     "MotionTrackingEnv",
     "ResetNoise",
-    "Robot",
     "TaskConfig",
     "entry_shapes",
     "goal_keys",
@@ -29,3 +32,14 @@ __all__ = [
     "privileged_keys",
     "robot_centric_goal",
 ]
+
+_MOVED = dict.fromkeys(plat.robots.__all__, plat.robots) | {"MotionLibrary": plat.motions}
+
+
+def __getattr__(name: str) -> object:
+    if name not in _MOVED:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    new = _MOVED[name]
+    message = f"plat.envs.{name} is now {new.__name__}.{name}; the old name goes with version 0.3"
+    warnings.warn(message, FutureWarning, stacklevel=2)
+    return getattr(new, name)

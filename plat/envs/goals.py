@@ -26,7 +26,7 @@ def robot_centric_goal(target: TensorDictBase, root_pos_w: Tensor, root_quat_w: 
     Source: the paper's observation ``g``; the 6D rotation is that of arXiv 1812.07035.
 
     >>> import torch
-    >>> from plat.envs.motions import MotionLibrary, generate_motions
+    >>> from plat.motions import MotionLibrary, generate_motions
     >>> library = MotionLibrary.from_clips(generate_motions("train", seconds=8))
     >>> now, soon = library.poses(torch.tensor([0])), library.poses(torch.tensor([25]))
     >>> goal = robot_centric_goal(soon, now["keypoint_pos"][:, 0], now["keypoint_quat"][:, 0])

@@ -18,10 +18,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from tensordict import TensorDictBase
 
-from plat.envs.layout import COMMAND_KEYS, ROBOT_KEYS, goal_keys, observation_size
-from plat.envs.motions.library import MotionLibrary
 from plat.envs.tasks import TaskConfig, make_keyframe_env
 from plat.envs.transforms import HORIZONS
+from plat.motions.library import MotionLibrary
+from plat.spec.observation import COMMAND_KEYS, ROBOT_KEYS, goal_keys, observation_size
 
 __all__ = ["G1TimedKeyframeEnv", "G1TimedKeyframeVectorEnv"]
 

@@ -28,7 +28,7 @@ class BatchedPhysics:
         num_threads: size of the pool; None takes every CPU that this process may use.
         device: where tensors are handed out.
 
-    >>> from plat.envs import G1
+    >>> from plat.robots import G1
     >>> physics = BatchedPhysics(G1.model(), num_sims=2, num_threads=1)
     >>> physics.set_state(torch.arange(2), torch.as_tensor(G1.default_qpos).expand(2, -1), torch.zeros(2, 35))
     >>> physics.step(G1.default_joint_pos.expand(2, -1), nstep=4)

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 import torch
 from torchrl.envs import Compose, ExcludeTransform, Transform, TransformedEnv
 
-from plat.envs.motions.library import MotionLibrary
-from plat.envs.robot import FootContacts
 from plat.envs.tracking import MotionTrackingEnv, ResetNoise
 from plat.envs.transforms import (
     HORIZONS,
@@ -34,6 +32,8 @@ from plat.envs.transforms import (
     TerminationLimits,
     TrackingTermination,
 )
+from plat.motions.library import MotionLibrary
+from plat.robots.robot import FootContacts
 
 __all__ = ["TaskConfig", "make_keyframe_env", "make_tracking_env"]
 
@@ -150,7 +150,7 @@ def make_tracking_env(
     Observations are ``("robot", ...)``, ``("goal", ...)`` (the next reference frame) and ``("privileged", ...)``;
     other ``goals`` are those of a :class:`plat.modules.Expert` that sees several frames.
 
-    >>> from plat.envs.motions import generate_motions
+    >>> from plat.motions import generate_motions
     >>> env = make_tracking_env(MotionLibrary.from_clips(generate_motions("train", seconds=8)), num_envs=2)
     >>> env.rollout(2)["next", "reward"].shape
     torch.Size([2, 2, 1])
@@ -182,7 +182,7 @@ def make_keyframe_env(
     ``("privileged", ...)`` and, for the expert that labels, ``("dense_goal", ...)`` (the next reference frame) or
     whatever :attr:`plat.modules.Expert.dense_goals` says.
 
-    >>> from plat.envs.motions import generate_motions
+    >>> from plat.motions import generate_motions
     >>> env = make_keyframe_env(MotionLibrary.from_clips(generate_motions("train", seconds=8)), num_envs=2)
     >>> env.rollout(2)["command", "horizon"].shape
     torch.Size([2, 2, 1])

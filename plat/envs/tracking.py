@@ -9,10 +9,10 @@ from torch import Tensor
 from torchrl.data import Binary, Composite, Unbounded
 from torchrl.envs import EnvBase
 
-from plat.envs.motions.library import MotionLibrary
 from plat.envs.physics import BatchedPhysics
-from plat.envs.robot import FootContacts
 from plat.errors import MotionError
+from plat.motions.library import MotionLibrary
+from plat.robots.robot import FootContacts
 from plat.rotations import quat_from_rotvec, quat_multiply, quat_rotate_inverse
 
 __all__ = ["MotionTrackingEnv", "ResetNoise"]
@@ -87,7 +87,7 @@ class MotionTrackingEnv(EnvBase):
     Raises:
         MotionError: when no frame of the library has ``min_frames_left`` frames to come.
 
-    >>> from plat.envs.motions import MotionLibrary, generate_motions
+    >>> from plat.motions import MotionLibrary, generate_motions
     >>> env = MotionTrackingEnv(MotionLibrary.from_clips(generate_motions("train", seconds=8)), num_envs=2)
     >>> env.rollout(3)["next", "robot", "joint_pos"].shape
     torch.Size([2, 3, 29])

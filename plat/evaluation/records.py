@@ -12,10 +12,10 @@ from safetensors.torch import save_file
 from tensordict import TensorDictBase
 from torch import Tensor
 
-from plat.envs.motions.library import MotionLibrary
 from plat.envs.transforms.command import CommandSchedule
 from plat.errors import RecordsError
 from plat.files import replace_file
+from plat.motions.library import MotionLibrary
 
 __all__ = ["STEP_METRICS", "WINDOW_METRICS", "CommandRecorder", "CommandRecords"]
 

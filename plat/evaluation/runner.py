@@ -7,8 +7,6 @@ from tensordict.nn import TensorDictModuleBase
 from torchrl.envs import Compose, Transform, TransformedEnv
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
-from plat.envs.motions.library import MotionLibrary
-from plat.envs.robot import FootContacts
 from plat.envs.tracking import MotionTrackingEnv
 from plat.envs.transforms import (
     NEXT_FRAME,
@@ -26,6 +24,8 @@ from plat.envs.transforms import (
     TerminationLimits,
 )
 from plat.evaluation.records import CommandRecorder, CommandRecords
+from plat.motions.library import MotionLibrary
+from plat.robots.robot import FootContacts
 
 __all__ = ["Observe", "evaluate", "make_evaluation_env"]
 
@@ -116,8 +116,8 @@ def evaluate(
     Raises:
         MotionError: when a motion is shorter than the horizon's shortest command.
 
-    >>> from plat.envs import G1
-    >>> from plat.envs.motions import generate_motions
+    >>> from plat.robots import G1
+    >>> from plat.motions import generate_motions
     >>> from plat.envs.transforms import HORIZONS
     >>> from plat.modules import Expert
     >>> library = MotionLibrary.from_clips(generate_motions("val", seconds=8))

@@ -22,7 +22,7 @@ from plat.export.network import JointTargetNetwork
 from plat.export.onnx_file import onnx_model
 from plat.keyframes import Keyframe
 from plat.modules import Expert, ObservationNormalizer
-from plat.training.saving import load_policy, read_json
+from plat.runs.saving import load_policy, read_json
 
 __all__ = ["EXAMPLE_FILE", "TOLERANCE", "ExportCheck", "export_bundle"]
 

@@ -9,7 +9,7 @@ from plat.errors import BundleError
 from plat.export.robot import describe_robot
 from plat.keyframes import CONTROL_DT, MAX_STEPS
 from plat.modules import PlainPolicy, ResidualActionPolicy, ResidualLatentPolicy
-from plat.training.saving import policy_spec, read_json
+from plat.runs.saving import policy_spec, read_json
 
 __all__ = ["EVALUATION_FILE", "describe_policy"]
 
@@ -21,7 +21,7 @@ def describe_policy(policy: Any, run: Path) -> Bundle:
     """Everything in a bundle but the network.
 
     Args:
-        policy: of a run; see :func:`plat.training.load_policy`.
+        policy: of a run; see :func:`plat.runs.load_policy`.
         run: its directory.
 
     Raises:

@@ -7,10 +7,10 @@ from tensordict import NestedKey
 from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequential
 from torch import Tensor, nn
 
-from plat.envs.layout import entry_shapes
 from plat.modules import STUDENT_KEYS, ObservationNormalizer
 from plat.modules.lead import LEAD_KEYS, KeyframeShift
-from plat.training.saving import Policy
+from plat.runs.saving import Policy
+from plat.spec.observation import entry_shapes
 
 __all__ = ["JointTargetNetwork"]
 
@@ -26,7 +26,7 @@ class JointTargetNetwork(nn.Module):
             look at the time to it.
 
     >>> import torch
-    >>> from plat.envs import G1
+    >>> from plat.robots import G1
     >>> from plat.modules import LatentPolicy
     >>> JointTargetNetwork(LatentPolicy(G1))(torch.zeros(2, 177)).shape
     torch.Size([2, 29])

@@ -3,8 +3,8 @@
 import numpy as np
 
 from plat.deploy import Body, RobotDescription
-from plat.envs.kinematics import ForwardKinematics
-from plat.envs.robot import Robot
+from plat.robots.kinematics import ForwardKinematics
+from plat.robots.robot import Robot
 
 __all__ = ["describe_robot"]
 
@@ -16,7 +16,7 @@ def describe_robot(robot: Robot, control_dt: float) -> RobotDescription:
         robot: the robot.
         control_dt: seconds from one action to the next.
 
-    >>> from plat.envs import G1
+    >>> from plat.robots import G1
     >>> description = describe_robot(G1, control_dt=0.02)
     >>> description.joint_names[:2], description.bodies[0].name, len(description.bodies)
     (('left_hip_pitch', 'left_hip_roll'), 'pelvis', 30)

@@ -10,8 +10,8 @@ import numpy as np
 from plat.errors import KeyframeError
 
 if TYPE_CHECKING:
-    from plat.envs.motions.clip import MotionClip
-    from plat.envs.robot import Robot
+    from plat.motions.clip import MotionClip
+    from plat.robots.robot import Robot
 
 __all__ = ["Keyframe", "RobotJoints", "interpolate", "standing"]
 
@@ -52,7 +52,7 @@ class Keyframe:
         joint_pos: joint angles ``[J]`` (rad, the robot's joint order).
         name: what tables and messages call it.
 
-    >>> from plat.envs import G1
+    >>> from plat.robots import G1
     >>> Keyframe.from_qpos(0.5, G1.default_qpos, name="stand").root_pos
     array([0.  , 0.  , 0.76])
     """
@@ -135,7 +135,7 @@ def interpolate(before: Keyframe, after: Keyframe, time: float) -> Keyframe:
         before, after: keyframes of different times.
         time: seconds, from ``before.time`` to ``after.time``.
 
-    >>> from plat.envs import G1
+    >>> from plat.robots import G1
     >>> low = standing(G1)
     >>> high = Keyframe(1.0, low.root_pos + [0, 0, 0.1], low.root_quat, low.joint_pos)
     >>> interpolate(low, high, 0.25).root_pos

@@ -13,8 +13,8 @@ from plat.keyframes.files import read_keyframes, write_keyframes
 from plat.keyframes.keyframe import Keyframe, RobotJoints, interpolate, standing
 
 if TYPE_CHECKING:
-    from plat.envs.motions.clip import MotionClip
-    from plat.envs.robot import Robot
+    from plat.motions.clip import MotionClip
+    from plat.robots.robot import Robot
 
 __all__ = ["CONTROL_DT", "MAX_STEPS", "WINDOW", "Command", "KeyframeSequence", "split_long_intervals"]
 
@@ -59,7 +59,7 @@ class KeyframeSequence:
     Raises:
         KeyframeError: naming keyframe and field.
 
-    >>> from plat.envs import G1
+    >>> from plat.robots import G1
     >>> pose = standing(G1)
     >>> sequence = KeyframeSequence(G1, pose, (pose.at(0.5), pose.at(1.5)))
     >>> command = sequence.command(0.6)
@@ -166,8 +166,8 @@ class KeyframeSequence:
             MotionError: when the clip is broken.
             KeyframeError: naming keyframe and field; also for a time outside the clip.
 
-        >>> from plat.envs import G1
-        >>> from plat.envs.motions.generation import generate_named
+        >>> from plat.robots import G1
+        >>> from plat.motions.generation import generate_named
         >>> clip = generate_named("generated:val/wave@4")[0]
         >>> len(KeyframeSequence.from_motion(clip, [0.5, 1.0, 2.0], G1))
         3
@@ -189,7 +189,7 @@ def split_long_intervals(start: Keyframe, keyframes: Sequence[Keyframe]) -> tupl
     Raises:
         KeyframeError: for times that do not increase.
 
-    >>> from plat.envs import G1
+    >>> from plat.robots import G1
     >>> pose = standing(G1)
     >>> [keyframe.time for keyframe in split_long_intervals(pose, [pose.at(1.0), pose.at(3.5)])]
     [1.0, 1.82, 2.66, 3.5]

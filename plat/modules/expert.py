@@ -9,13 +9,13 @@ from tensordict import NestedKey
 from tensordict.nn import ProbabilisticTensorDictSequential, TensorDictModule, TensorDictSequential
 from torch import nn
 
-from plat.envs.layout import ROBOT_KEYS, goal_keys, observation_size, privileged_keys
-from plat.envs.robot import Robot
 from plat.keyframes import CONTROL_DT
 from plat.modules.heads import GaussianNoise, ReferenceOffset, gaussian_action
 from plat.modules.lead import GoalLead, led
 from plat.modules.networks import mlp
 from plat.modules.normalizer import ObservationNormalizer
+from plat.robots.robot import Robot
+from plat.spec.observation import ROBOT_KEYS, goal_keys, observation_size, privileged_keys
 
 __all__ = ["Critic", "Expert", "ExpertConfig"]
 
@@ -57,7 +57,7 @@ class Expert(nn.Module):
     Raises:
         ValueError: when ``config`` asks for the reference's velocity, or for a lead along it, and sees one frame.
 
-    >>> from plat.envs import G1
+    >>> from plat.robots import G1
     >>> expert = Expert(G1, ExpertConfig(hidden=(32,)))
     >>> expert.deployed().out_keys
     ['action']

@@ -13,7 +13,7 @@ from tensordict.nn import (
 from torch import Tensor, nn
 from torchrl.modules import IndependentNormal
 
-from plat.envs.robot import Robot
+from plat.robots.robot import Robot
 
 __all__ = ["GaussianNoise", "ReferenceOffset", "gaussian_action"]
 
@@ -42,7 +42,7 @@ class ReferenceOffset(TensorDictModule):
         limit: bound on the residual; on the G1 a motor at its goal gives its full torque at 4.
 
     >>> import torch
-    >>> from plat.envs import G1
+    >>> from plat.robots import G1
     >>> offset = ReferenceOffset(G1, ("residual", ("goal", "joint_pos")), "loc")
     >>> bool((offset(torch.zeros(29), G1.default_joint_pos) == 0).all())
     True

@@ -7,13 +7,13 @@ from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictSequential
 from torch import nn
 
-from plat.envs.layout import COMMAND_KEYS, ROBOT_KEYS, goal_keys, observation_size
-from plat.envs.robot import Robot
 from plat.modules.backbone import Backbone
 from plat.modules.decoder import ActionDecoder
 from plat.modules.goal_encoder import GoalSequenceEncoder
 from plat.modules.latent import LatentPosterior, LatentPrior, sample_latent
 from plat.modules.normalizer import ObservationNormalizer
+from plat.robots.robot import Robot
+from plat.spec.observation import COMMAND_KEYS, ROBOT_KEYS, goal_keys, observation_size
 
 __all__ = ["STUDENT_KEYS", "LatentPolicy", "LatentPolicyConfig", "PlainPolicy", "PlainPolicyConfig"]
 
@@ -54,7 +54,7 @@ class LatentPolicy(nn.Module):
         robot: the robot.
         config: sizes.
 
-    >>> from plat.envs import G1
+    >>> from plat.robots import G1
     >>> policy = LatentPolicy(G1)
     >>> all(key[0] in ("robot", "goal", "command") for key in policy.deployed().in_keys)
     True

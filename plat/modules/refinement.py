@@ -108,7 +108,7 @@ class ResidualLatentPolicy(_Refinement):
         student: policy of stage 2; its weights are frozen here.
         config: sizes and exploration.
 
-    >>> from plat.envs import G1
+    >>> from plat.robots import G1
     >>> policy = ResidualLatentPolicy(LatentPolicy(G1))
     >>> sorted({name.split(".")[0] for name, weight in policy.named_parameters() if weight.requires_grad})
     ['noise', 'residual']

@@ -4,7 +4,7 @@ from plat.objectives.divergence import gaussian_kl
 from plat.objectives.imitation import LatentImitationLoss, plain_imitation_loss
 from plat.objectives.motor_gradient import MotorGradientConfig, motor_gradient
 from plat.objectives.ppo import PPO, PPOConfig
-from plat.objectives.precision import Precision, autocast, has_fast_bfloat16
+from plat.precision import Precision, autocast, has_fast_bfloat16
 
 __all__ = [
     "PPO",

@@ -40,7 +40,7 @@ class LatentImitationLoss(LossModule):
 
     Source: the stage-2 objective of PLAT.
 
-    >>> from plat.envs import G1
+    >>> from plat.robots import G1
     >>> from plat.modules import LatentPolicy
     >>> policy = LatentPolicy(G1)
     >>> loss = LatentImitationLoss(policy.training_graph(), beta=0.01)
@@ -126,7 +126,7 @@ def plain_imitation_loss(policy: TensorDictModuleBase) -> BCLoss:
     Args:
         policy: writes its action to ``expert_action``, where the label is read from.
 
-    >>> from plat.envs import G1
+    >>> from plat.robots import G1
     >>> from plat.modules import PlainPolicy
     >>> plain_imitation_loss(PlainPolicy(G1).training_graph()).out_keys
     ['loss_bc']

@@ -6,7 +6,7 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
-from plat.envs.robot import Robot
+from plat.robots.robot import Robot
 
 __all__ = ["MotorGradientConfig", "motor_gradient"]
 
@@ -59,8 +59,10 @@ def motor_gradient(
     Raises:
         ValueError: when the delay is less than ``ahead``.
 
-    >>> from plat.envs import G1, MotionLibrary, make_tracking_env
-    >>> from plat.envs.motions import generate_motions
+    >>> from plat.envs import make_tracking_env
+    >>> from plat.motions import MotionLibrary
+    >>> from plat.robots import G1
+    >>> from plat.motions import generate_motions
     >>> env = make_tracking_env(MotionLibrary.from_clips(generate_motions("train", seconds=8)), num_envs=2)
     >>> motor_gradient(env.rollout(6, break_when_any_done=False), G1).shape
     torch.Size([2, 6, 29])

@@ -13,7 +13,7 @@ from torchrl.objectives import ClipPPOLoss, KLAdaptiveLR
 from torchrl.objectives.value import GAE
 
 from plat.objectives.divergence import gaussian_kl
-from plat.objectives.precision import Precision, autocast
+from plat.precision import Precision, autocast
 
 __all__ = ["PPO", "PPOConfig"]
 

@@ -5,10 +5,10 @@ from collections.abc import Callable
 from itertools import islice
 from pathlib import Path
 
-from plat.envs.robot import Robot
 from plat.errors import PlatError
 from plat.rendering.pictures import Stage, film, write_video
 from plat.rendering.playback import Playback
+from plat.robots.robot import Robot
 
 __all__ = ["Films"]
 

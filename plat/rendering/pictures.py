@@ -8,13 +8,12 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from plat.envs.robot import Robot
-from plat.errors import PlatError
+from plat.errors import RenderingError
 from plat.files import replace_file
 from plat.rendering.playback import Playback
+from plat.robots.robot import Robot
 
 __all__ = [
-    "RenderingError",
     "Stage",
     "add_ghost",
     "check_video",
@@ -30,10 +29,6 @@ __all__ = [
 _GHOST = np.array([0.1, 0.75, 0.45, 0.35])
 _SKY_TOP, _SKY_BOTTOM = [0.55, 0.66, 0.78], [0.93, 0.95, 0.97]
 _TILE_DARK, _TILE_LIGHT = [0.30, 0.34, 0.38], [0.35, 0.39, 0.43]
-
-
-class RenderingError(PlatError):
-    """This machine cannot draw."""
 
 
 class Stage:

@@ -8,12 +8,12 @@ import torch
 from tensordict.nn import TensorDictModuleBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
+from plat.control import ChaseStep, StepErrors
 from plat.deploy import RobotState
-from plat.envs.motions.library import MotionLibrary
 from plat.envs.transforms import NEXT_FRAME, CommandSchedule, Horizon, ScheduledStarts
 from plat.evaluation.runner import Observe, make_evaluation_env
 from plat.keyframes import CONTROL_DT
-from plat.playing import ChaseStep, StepErrors
+from plat.motions.library import MotionLibrary
 
 __all__ = ["Playback", "play", "record"]
 
@@ -89,12 +89,12 @@ def play(
 
 
 def record(steps: Iterable[tuple[ChaseStep, StepErrors]]) -> Playback:
-    """Playback of a chase, with the errors that :class:`plat.playing.KeyframeScorer` found; no step is left in a hold.
+    """Playback of a chase, with the errors that :class:`plat.control.KeyframeScorer` found; no step is left in a hold.
 
-    >>> from plat.envs import G1
+    >>> from plat.robots import G1
     >>> from plat.keyframes import KeyframeSequence, standing
     >>> from plat.modules import Expert
-    >>> from plat.playing import Chase, KeyframeScorer, PolicyController, Simulator
+    >>> from plat.control import Chase, KeyframeScorer, PolicyController, Simulator
     >>> sequence = KeyframeSequence(G1, standing(G1), (standing(G1).at(0.1),))
     >>> chase = Chase(PolicyController(Expert(G1).deployed(), G1), sequence, Simulator(G1.model()))
     >>> scorer = KeyframeScorer(G1)

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from plat.figures.style import PAGE, paper_style
 from plat.rendering.pictures import Stage
 from plat.rendering.playback import Playback
-from plat.rendering.style import PAGE, paper_style
 
 __all__ = ["film_strip"]
 

@@ -9,8 +9,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from plat.control import ChaseStep, Simulator
 from plat.keyframes import CONTROL_DT, MAX_STEPS
-from plat.playing import ChaseStep, Simulator
 from plat.rendering.pictures import RenderingError, add_ghost, show_visible
 
 __all__ = ["Viewer"]

@@ -6,9 +6,9 @@ import time
 import numpy as np
 import viser
 
-from plat.envs.motions import MotionLibrary
 from plat.errors import StudioError
 from plat.keyframes import CONTROL_DT
+from plat.motions import MotionLibrary
 from plat.studio.desk import Desk
 from plat.studio.page import Page
 from plat.studio.panels import FilePanel, MotionPanel, PlayPanel, PosePanel, TimelinePanel

@@ -5,9 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plat.envs.robot import Robot
-from plat.keyframes import CONTROL_DT, KeyframeSequence
-from plat.playing import (
+from plat.control import (
     Chase,
     ChaseStep,
     Controller,
@@ -17,6 +15,8 @@ from plat.playing import (
     PoseErrors,
     Simulator,
 )
+from plat.keyframes import CONTROL_DT, KeyframeSequence
+from plat.robots.robot import Robot
 
 __all__ = ["HOLD", "Player", "Summary", "score"]
 

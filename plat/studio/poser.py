@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 import torch
 
-from plat.envs.motions.retargeting.geometry import TRACKED, RobotGeometry
-from plat.envs.robot import Robot
+from plat.motions.retargeting.geometry import TRACKED, RobotGeometry
+from plat.robots.robot import Robot
 from plat.rotations import quat_yaw
 
 __all__ = ["HANDLES", "Frame", "Poser"]
@@ -51,7 +51,7 @@ class Poser:
     Args:
         robot: with the bodies that retargeting tracks.
 
-    >>> from plat.envs import G1
+    >>> from plat.robots import G1
     >>> poser = Poser(G1)
     >>> pose = G1.default_qpos
     >>> frames = poser.frames(pose)

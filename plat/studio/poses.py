@@ -4,8 +4,8 @@ import mujoco
 import numpy as np
 import torch
 
-from plat.envs.motions import MotionClip, mirror_motion
-from plat.envs.robot import Robot
+from plat.motions import MotionClip, mirror_motion
+from plat.robots.robot import Robot
 from plat.rotations import quat_conjugate, quat_from_rotvec, quat_multiply, quat_yaw, yaw_multiply, yaw_rotate
 
 __all__ = ["Floor", "heading_pitch_roll", "mirrored", "placed", "quat_from_heading_pitch_roll"]
@@ -19,7 +19,7 @@ def placed(qpos: np.ndarray, origin: np.ndarray, place: np.ndarray) -> np.ndarra
         origin: a pose ``[7 + J]`` that is to come to ``place``.
         place: the pose whose horizontal position and heading it is to have ``[7 + J]``.
 
-    >>> from plat.envs import G1
+    >>> from plat.robots import G1
     >>> there = G1.default_qpos.copy()
     >>> there[:2] = 2.0, 1.0
     >>> placed(G1.default_qpos, G1.default_qpos, there)[:3].round(2)
@@ -36,7 +36,7 @@ def placed(qpos: np.ndarray, origin: np.ndarray, place: np.ndarray) -> np.ndarra
 def mirrored(qpos: np.ndarray, robot: Robot) -> np.ndarray:
     """The pose ``[7 + J]`` with left and right exchanged, in place: position and heading of the root stay.
 
-    >>> from plat.envs import G1
+    >>> from plat.robots import G1
     >>> bool(np.allclose(mirrored(G1.default_qpos, G1), G1.default_qpos))
     True
     """
@@ -51,7 +51,7 @@ class Floor:
     Args:
         robot: whose poses; what counts are its collision geoms, feet and others alike.
 
-    >>> from plat.envs import G1
+    >>> from plat.robots import G1
     >>> raised = G1.default_qpos + np.eye(36)[2]
     >>> floor = Floor(G1)
     >>> round(floor.clearance(raised), 3), round(floor.clearance(floor.dropped(raised)), 3)

@@ -8,7 +8,7 @@ import numpy as np
 import viser
 from mjviser.conversions import merge_geoms
 
-from plat.envs.robot import Robot
+from plat.robots.robot import Robot
 
 __all__ = ["Ghosts", "RobotView", "set_the_stage"]
 

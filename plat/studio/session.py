@@ -7,13 +7,13 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from tensordict.nn import TensorDictModuleBase
 
-from plat.envs.motions import MotionClip
-from plat.envs.robot import Robot
+from plat.control import Chase, KeyframeScore, KeyframeScorer, PolicyController, Simulator
 from plat.errors import KeyframeError
 from plat.keyframes import Keyframe, KeyframeSequence
 from plat.keyframes.files import read_keyframes
-from plat.playing import Chase, KeyframeScore, KeyframeScorer, PolicyController, Simulator
+from plat.motions import MotionClip
 from plat.rendering import Stage, check_video, film, record, write_video
+from plat.robots.robot import Robot
 from plat.studio.history import History
 from plat.studio.player import HOLD, Player, score
 from plat.studio.poser import Frame, Poser
@@ -30,7 +30,7 @@ class Session:
         robot: the robot.
         policies: deterministic policies by name, at least one.
 
-    >>> from plat.envs import G1
+    >>> from plat.robots import G1
     >>> from plat.modules import LatentPolicy
     >>> session = Session(G1, {"untrained": LatentPolicy(G1).deployed()})
     >>> session.add()

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from html import escape
 
-from plat.playing import KeyframeScore
+from plat.control import KeyframeScore
 from plat.studio.timeline import Timeline
 
 __all__ = ["strip"]
@@ -25,7 +25,7 @@ def strip(
         now: second that is being played.
         scores: of the keyframes; reached ones are green, others red.
 
-    >>> from plat.envs import G1
+    >>> from plat.robots import G1
     >>> strip(Timeline.empty(G1).inserted(G1.default_qpos), end=1.0).count("<path")
     2
     """

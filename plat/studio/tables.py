@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
+from plat.control import ChaseStep, KeyframeScore, PoseErrors
 from plat.keyframes import CONTROL_DT
-from plat.playing import ChaseStep, KeyframeScore, PoseErrors
 from plat.studio.player import Summary
 from plat.studio.timeline import Timeline
 

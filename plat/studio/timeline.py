@@ -31,7 +31,7 @@ class Timeline:
         keyframes: in the order of their times.
         selected: 0 for the start, else the number of a keyframe, counted from 1.
 
-    >>> from plat.envs import G1
+    >>> from plat.robots import G1
     >>> timeline = Timeline.empty(G1)
     >>> for _ in range(3):
     ...     timeline = timeline.inserted(timeline.pose.qpos, 0.5)

@@ -2,8 +2,8 @@ import pytest
 import torch
 
 from plat.baselines import Twist2, Wbc, follow
-from plat.envs import G1, MotionLibrary
-from plat.envs.motions import MotionClip, load_motions
+from plat.motions import MotionClip, MotionLibrary, load_motions
+from plat.robots import G1
 
 
 def standing(seconds: float) -> MotionClip:

@@ -2,7 +2,7 @@ import torch
 from tensordict import TensorDict
 
 from plat.baselines import TrackerReference
-from plat.envs import MotionLibrary
+from plat.motions import MotionLibrary
 from tests.conftest import standing_clip
 
 

@@ -6,10 +6,11 @@ import torch
 from tensordict import TensorDict
 
 from plat.baselines import Sonic, sonic_robot
-from plat.envs import G1, MotionLibrary
 from plat.envs.transforms import HORIZONS
 from plat.errors import BundleError
 from plat.evaluation import evaluate
+from plat.motions import MotionLibrary
+from plat.robots import G1
 from plat.rotations import quat_from_rotvec, quat_multiply
 from tests.conftest import standing_clip
 

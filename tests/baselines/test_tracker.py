@@ -3,9 +3,10 @@ import torch
 from tensordict import TensorDict
 
 from plat.baselines import Tracker, twist2_robot
-from plat.envs import G1, MotionLibrary
 from plat.envs.transforms import HORIZONS
 from plat.evaluation import evaluate
+from plat.motions import MotionLibrary
+from plat.robots import G1
 from tests.conftest import standing_clip
 
 

@@ -3,7 +3,7 @@ import torch
 from tensordict import TensorDict
 
 from plat.baselines import Wbc
-from plat.envs import G1
+from plat.robots import G1
 from plat.rotations import quat_from_rotvec
 
 

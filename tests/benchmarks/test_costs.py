@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from plat.envs import MotionLibrary
+from plat.motions import MotionLibrary
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from costs import LibraryLoads, import_time, loss_step, write_motions

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from plat.envs import MotionLibrary
+from plat.motions import MotionLibrary
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from scaling import Row, ScalingConfig, draw, goal_windows, points, without_physics, write_table

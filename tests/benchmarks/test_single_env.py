@@ -6,7 +6,8 @@ import pytest
 import torch
 from gymnasium.utils.env_checker import check_env
 
-from plat.envs import COMMAND_KEYS, ROBOT_KEYS, MotionLibrary, TaskConfig, goal_keys, make_keyframe_env
+from plat.envs import COMMAND_KEYS, ROBOT_KEYS, TaskConfig, goal_keys, make_keyframe_env
+from plat.motions import MotionLibrary
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from single_env import SingleG1

@@ -2,8 +2,9 @@ import torch
 from torchrl.collectors import Collector
 
 from plat.collectors import LOOKUP_KEYS, ExpertLabels, MixedPolicy, dagger_buffer
-from plat.envs import G1, make_keyframe_env
+from plat.envs import make_keyframe_env
 from plat.modules import STUDENT_KEYS, Expert, ExpertConfig, LatentPolicy
+from plat.robots import G1
 from tests.modules.test_imitation import SMALL
 
 

@@ -3,7 +3,8 @@ import torch
 from tensordict import TensorDict
 
 from plat.collectors import PrivilegedGoals, strided_offsets
-from plat.envs import MotionLibrary, make_keyframe_env, robot_centric_goal
+from plat.envs import make_keyframe_env, robot_centric_goal
+from plat.motions import MotionLibrary
 
 
 @pytest.mark.parametrize("stride", [1, 2, 5, 7, 60])

@@ -1,10 +1,11 @@
 import torch
 
 from plat.collectors import rollouts, simulation_threads
-from plat.envs import G1, MotionLibrary, make_tracking_env
-from plat.envs.motions import generate_motions
+from plat.envs import make_tracking_env
 from plat.modules import Expert
+from plat.motions import MotionLibrary, generate_motions
 from plat.objectives import autocast
+from plat.robots import G1
 
 
 def small_env(num_envs: int = 2):

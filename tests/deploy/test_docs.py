@@ -5,8 +5,8 @@ import re
 from pathlib import Path
 
 from plat.deploy import observation_terms
-from plat.envs import G1
 from plat.keyframes import KeyframeSequence, standing
+from plat.robots import G1
 from tests.deploy.test_import import HEAVY
 from tests.deploy.test_import import run as run_program
 

@@ -5,7 +5,7 @@ import torch
 
 from plat.deploy import KeypointKinematics
 from plat.deploy.kinematics import rotation_matrix
-from plat.envs import G1, ForwardKinematics
+from plat.robots import G1, ForwardKinematics
 from plat.rotations import quat_to_matrix
 from tests.deploy.robots import describe_g1, random_qpos
 

@@ -3,11 +3,12 @@ import pytest
 import torch
 
 from plat.deploy import ObservationBuilder, RobotState, observation_terms
-from plat.envs import G1, make_keyframe_env
-from plat.envs.layout import entry_shapes
+from plat.envs import make_keyframe_env
 from plat.envs.transforms.command import MAX_STEPS
 from plat.errors import StateError
 from plat.modules import STUDENT_KEYS
+from plat.robots import G1
+from plat.spec.observation import entry_shapes
 from tests.deploy.robots import SomePose, describe_g1, random_qpos, state_at
 
 

@@ -5,16 +5,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from plat.control import Chase, PolicyController, Simulator
 from plat.deploy import PolicyRunner
-from plat.envs import G1
-from plat.envs.motions.generation import generate_named
 from plat.export import export_bundle
 from plat.keyframes import KeyframeSequence
-from plat.playing import Chase, PolicyController, Simulator
-from plat.training import load_policy
+from plat.motions.generation import generate_named
+from plat.robots import G1
+from plat.runs import load_policy
 
 STEPS = 500
-WEIGHTS = Path(__file__).parents[2] / "weights" / "plat"
+WEIGHTS = Path(__file__).parents[2] / "plat" / "weights" / "plat"
 
 
 @pytest.fixture(scope="module")

@@ -6,10 +6,10 @@ import pytest
 import torch
 
 from plat.deploy import ObservationBuilder, PolicyRunner
-from plat.envs import G1
 from plat.errors import BundleError, StateError
 from plat.export import JointTargetNetwork
-from plat.training import load_policy
+from plat.robots import G1
+from plat.runs import load_policy
 from tests.deploy.robots import SomePose, random_qpos, state_at
 from tests.deploy.test_import import HEAVY
 from tests.deploy.test_import import run as run_program

@@ -2,7 +2,8 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from plat.envs import G1, entry_shapes, robot_centric_goal
+from plat.envs import entry_shapes, robot_centric_goal
+from plat.robots import G1
 from plat.rotations import matrix_to_sixd, quat_from_rotvec, quat_multiply, quat_rotate, quat_to_matrix
 
 

@@ -3,7 +3,8 @@ import numpy as np
 import pytest
 import torch
 
-from plat.envs import G1, BatchedPhysics
+from plat.envs import BatchedPhysics
+from plat.robots import G1
 
 
 def started(num_sims: int) -> BatchedPhysics:

@@ -3,8 +3,10 @@ import torch
 from tensordict import TensorDict
 from torchrl.envs.utils import check_env_specs
 
-from plat.envs import G1, MotionLibrary, MotionTrackingEnv, ResetNoise
+from plat.envs import MotionTrackingEnv, ResetNoise
 from plat.errors import MotionError
+from plat.motions import MotionLibrary
+from plat.robots import G1
 from tests.conftest import standing_clip
 
 

@@ -7,9 +7,10 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
-from plat.envs import MotionLibrary, MotionTrackingEnv
+from plat.envs import MotionTrackingEnv
 from plat.envs.transforms import Horizon
 from plat.evaluation import CommandRecords, evaluate
+from plat.motions import MotionLibrary
 
 Offset = Callable[[Tensor], Tensor]
 

@@ -1,11 +1,12 @@
 import pytest
 import torch
 
-from plat.envs import G1, MotionLibrary
 from plat.envs.transforms import HORIZONS, CommandSchedule, Horizon, RandomizationRanges
 from plat.errors import MotionError
 from plat.evaluation import evaluate, report
 from plat.modules import Expert
+from plat.motions import MotionLibrary
+from plat.robots import G1
 from tests.conftest import standing_clip
 from tests.evaluation.puppet import evaluate_puppet, nowhere, still
 

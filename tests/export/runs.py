@@ -5,7 +5,6 @@ from typing import Any
 
 import torch
 
-from plat.envs import G1
 from plat.modules import (
     Expert,
     ExpertConfig,
@@ -20,7 +19,8 @@ from plat.modules import (
     ResidualActionPolicy,
     ResidualLatentPolicy,
 )
-from plat.training.saving import policy_spec, save_weights, write_json
+from plat.robots import G1
+from plat.runs.saving import policy_spec, save_weights, write_json
 
 KINDS = (
     "latent",

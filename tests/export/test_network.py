@@ -2,10 +2,10 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from plat.envs import G1
-from plat.envs.layout import entry_shapes
 from plat.export import JointTargetNetwork
 from plat.modules import STUDENT_KEYS
+from plat.robots import G1
+from plat.spec.observation import entry_shapes
 from tests.export.runs import KINDS, small_policy
 
 

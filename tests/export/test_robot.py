@@ -3,9 +3,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from plat.envs import G1
 from plat.errors import RobotError
 from plat.export import describe_robot
+from plat.robots import G1
 
 
 def test_numbers_are_those_of_the_model():

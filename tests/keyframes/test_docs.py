@@ -4,8 +4,8 @@ import json
 import re
 from pathlib import Path
 
-from plat.envs import G1
 from plat.keyframes import KeyframeSequence
+from plat.robots import G1
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "keyframes.md").read_text()
@@ -36,7 +36,7 @@ def test_the_example_file_is_one_once_its_dots_are_filled_in(tmp_path):
 
 
 def test_the_python_examples_run_one_after_the_other(tmp_path, monkeypatch, capsys):
-    (tmp_path / "weights").symlink_to(ROOT / "weights")
+    (tmp_path / "weights").symlink_to(ROOT / "plat" / "weights")
     monkeypatch.chdir(tmp_path)
     names: dict = {}
     for example in re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL):

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plat.envs import G1
-from plat.envs.motions import generate_motions
 from plat.errors import KeyframeError
 from plat.keyframes import KeyframeSequence, standing
+from plat.motions import generate_motions
+from plat.robots import G1
 
 
 @pytest.fixture(scope="module")

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from plat.envs import G1
 from plat.errors import KeyframeError
 from plat.keyframes import Keyframe, interpolate, standing
+from plat.robots import G1
 from plat.rotations import quat_slerp
 
 

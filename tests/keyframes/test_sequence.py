@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from plat.envs import G1, MotionLibrary
-from plat.envs.motions import generate_motions
 from plat.errors import KeyframeError
 from plat.keyframes import MAX_STEPS, KeyframeSequence, split_long_intervals, standing
+from plat.motions import MotionLibrary, generate_motions
+from plat.robots import G1
 
 POSE = standing(G1)
 

@@ -2,8 +2,9 @@ import pytest
 import torch
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
-from plat.envs import G1, ROBOT_KEYS, goal_keys, make_keyframe_env, make_tracking_env
+from plat.envs import ROBOT_KEYS, goal_keys, make_keyframe_env, make_tracking_env
 from plat.modules import Critic, Expert, ExpertConfig
+from plat.robots import G1
 
 
 def test_deployed_is_the_actors_mean(library):

@@ -4,8 +4,8 @@ from tensordict import TensorDict
 from tensordict.nn import ProbabilisticTensorDictSequential
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
-from plat.envs import G1
 from plat.modules import GaussianNoise, ReferenceOffset, gaussian_action
+from plat.robots import G1
 
 
 def test_offset_commands_the_goals_angles():

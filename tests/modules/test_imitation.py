@@ -2,8 +2,9 @@ import pytest
 import torch
 
 from plat.collectors import PrivilegedGoals
-from plat.envs import G1, make_keyframe_env
+from plat.envs import make_keyframe_env
 from plat.modules import STUDENT_KEYS, LatentPolicy, LatentPolicyConfig, PlainPolicy
+from plat.robots import G1
 
 SMALL = LatentPolicyConfig(
     backbone=(32,), hidden_size=16, decoder=(32,), latent_size=4, prior=(16,), posterior=(16,), encoder_size=8

@@ -3,7 +3,7 @@ import torch
 from tensordict import TensorDict
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
-from plat.envs import G1, make_keyframe_env
+from plat.envs import make_keyframe_env
 from plat.keyframes import CONTROL_DT, MAX_STEPS
 from plat.modules import (
     STUDENT_KEYS,
@@ -15,6 +15,7 @@ from plat.modules import (
     ResidualActionPolicy,
     ResidualLatentPolicy,
 )
+from plat.robots import G1
 from tests.modules.test_imitation import SMALL
 
 VARIANTS = [ResidualLatentPolicy, LatentNoisePolicy, ResidualActionPolicy, FinetunedPolicy]

@@ -4,9 +4,10 @@ from tensordict import TensorDict
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from plat.collectors import ExpertLabels, PrivilegedGoals
-from plat.envs import G1, make_keyframe_env
+from plat.envs import make_keyframe_env
 from plat.modules import STUDENT_KEYS, Expert, LatentPolicy, PlainPolicy
 from plat.objectives import LatentImitationLoss, gaussian_kl, plain_imitation_loss
+from plat.robots import G1
 from tests.modules.test_imitation import SMALL
 
 

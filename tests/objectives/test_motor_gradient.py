@@ -2,8 +2,8 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from plat.envs import G1
 from plat.objectives import MotorGradientConfig, motor_gradient
+from plat.robots import G1
 
 PLAIN = MotorGradientConfig(weight=1.0, legs=1.0)
 

@@ -7,7 +7,7 @@ from tensordict.nn import ProbabilisticTensorDictSequential, TensorDictModule, T
 from torch import nn
 from torch.distributions import Independent, Normal, kl_divergence
 
-from plat.envs import G1, make_keyframe_env
+from plat.envs import make_keyframe_env
 from plat.modules import (
     STUDENT_KEYS,
     Critic,
@@ -21,6 +21,7 @@ from plat.modules import (
     mlp,
 )
 from plat.objectives import PPO, PPOConfig
+from plat.robots import G1
 from tests.modules.test_imitation import SMALL
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import torch
 from torch import nn
 
-from plat.envs.motions import save_motions
-from plat.training import policy_spec, save_weights, write_json
+from plat.motions import save_motions
+from plat.runs import policy_spec, save_weights, write_json
 from tests.conftest import standing_clip
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "recipes"))

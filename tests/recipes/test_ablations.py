@@ -3,10 +3,10 @@ import sys
 
 import pytest
 
-from plat.envs import G1
 from plat.envs.transforms import RandomizationRanges
 from plat.errors import PlatError
 from plat.modules import Expert, ExpertConfig, LatentNoisePolicy, LatentPolicy, RefinementConfig
+from plat.robots import G1
 from tests.modules.test_imitation import SMALL
 from tests.recipes.runs import save_run, write_motions
 

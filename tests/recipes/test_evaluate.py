@@ -3,10 +3,10 @@ import csv
 import pytest
 
 from plat.baselines import ReleasedTrackers
-from plat.envs import G1
 from plat.envs.transforms import HORIZONS
 from plat.errors import MotionError, PlatError
 from plat.modules import Expert, ExpertConfig, PlainPolicy
+from plat.robots import G1
 from tests.modules.test_imitation import SMALL
 from tests.recipes.runs import save_run, write_motions
 

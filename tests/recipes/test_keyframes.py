@@ -4,10 +4,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plat.envs import G1
-from plat.envs.motions import generate_motions, save_motions
 from plat.errors import KeyframeError, MotionError
 from plat.keyframes import KeyframeSequence
+from plat.motions import generate_motions, save_motions
+from plat.robots import G1
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "recipes"))
 import keyframes

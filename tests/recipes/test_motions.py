@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import tyro
 
-from plat.envs import G1
-from plat.envs.motions import MotionClip, ground_feet, level_feet, load_motions, mirror_motion, save_motions
 from plat.errors import MotionError, PlatError
+from plat.motions import MotionClip, ground_feet, level_feet, load_motions, mirror_motion, save_motions
 from plat.rendering import RenderingError
-from tests.envs.motions.formats.writers import bowing_clip, write_asap, write_csv, write_gmr
+from plat.robots import G1
+from tests.motions.formats.writers import bowing_clip, write_asap, write_csv, write_gmr
 
 RECIPE = Path(__file__).parents[2] / "recipes" / "motions.py"
 

@@ -9,22 +9,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plat.envs import G1
 from plat.errors import CheckpointError, KeyframeError
 from plat.keyframes import KeyframeSequence, standing
 from plat.rendering import RenderingError, Stage
+from plat.robots import G1
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "recipes"))
 import play
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "recipes" / "examples" / "bow.json"
-PLAT = ROOT / "weights" / "plat"
+PLAT = ROOT / "plat" / "weights" / "plat"
 
 
 @pytest.mark.parametrize("policy", ["plat", "dagger", "expert"])
 def test_the_committed_policies_reach_every_keyframe_of_the_example(policy, capsys):
-    scores = play.main(play.PlayRecipe(policy=ROOT / "weights" / policy, keyframes=EXAMPLE))
+    scores = play.main(play.PlayRecipe(policy=ROOT / "plat" / "weights" / policy, keyframes=EXAMPLE))
     assert [score.reached for score in scores] == [True] * 5
     assert all(score.keypoint_error < 0.25 for score in scores)
     lines = capsys.readouterr().out.splitlines()

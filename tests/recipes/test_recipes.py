@@ -149,7 +149,7 @@ def test_evaluation_prints_and_writes_the_table(tmp_path, stages):
         ("expert", ["--motions", "generated:val"], "expected a positive number"),
         (
             "expert",
-            ["--motions", "generated:val", "--steps", "10", "--init", str(ROOT / "weights" / "dagger")],
+            ["--motions", "generated:val", "--steps", "10", "--init", str(ROOT / "plat" / "weights" / "dagger")],
             "holds a LatentPolicy, expected an expert",
         ),
         (

@@ -4,12 +4,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plat.envs import G1, MotionLibrary
-from plat.envs.motions import generate_motions
+from plat.control import Simulator
 from plat.errors import KeyframeError
 from plat.export import export_bundle
 from plat.keyframes import standing
-from plat.playing import Simulator
+from plat.motions import MotionLibrary, generate_motions
+from plat.robots import G1
 from tests.deploy.robots import describe_g1
 from tests.export.runs import small_policy, write_run
 

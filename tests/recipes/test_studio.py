@@ -10,7 +10,7 @@ from plat.errors import CheckpointError, KeyframeError, StudioError
 sys.path.insert(0, str(Path(__file__).parents[2] / "recipes"))
 import studio
 
-PLAT = Path(__file__).parents[2] / "weights" / "plat"
+PLAT = Path(__file__).parents[2] / "plat" / "weights" / "plat"
 
 
 def test_without_the_extra_there_is_one_line(monkeypatch):

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 import torch
 
-from plat.envs import G1, MotionLibrary
 from plat.envs.transforms import HORIZONS
 from plat.errors import MotionError
 from plat.modules import Expert
+from plat.motions import MotionLibrary
 from plat.rendering import Films, Playback, RenderingError, play
+from plat.robots import G1
 from tests.conftest import standing_clip
 
 

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 import torch
 
-from plat.envs import G1, MotionLibrary
 from plat.envs.transforms import HORIZONS
 from plat.modules import Expert
+from plat.motions import MotionLibrary
 from plat.rendering import (
     RenderingError,
     Stage,
@@ -19,6 +19,7 @@ from plat.rendering import (
     write_picture,
     write_video,
 )
+from plat.robots import G1
 from tests.conftest import standing_clip
 
 

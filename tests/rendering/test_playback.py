@@ -3,14 +3,15 @@ import pytest
 import torch
 
 from plat.baselines import Tracker
-from plat.envs import G1, MotionLibrary
+from plat.control import Chase, KeyframeScorer, Simulator
 from plat.envs.transforms import HORIZONS
 from plat.keyframes import KeyframeSequence, standing
 from plat.modules import Expert
-from plat.playing import Chase, KeyframeScorer, Simulator
+from plat.motions import MotionLibrary
 from plat.rendering import play, record
+from plat.robots import G1
 from tests.conftest import standing_clip
-from tests.playing.puppets import Limp, Puppet
+from tests.control.puppets import Limp, Puppet
 
 SEQUENCE = KeyframeSequence(G1, standing(G1), (standing(G1).at(0.3), standing(G1).at(1.3)))
 

@@ -3,10 +3,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from plat.envs import G1, MotionLibrary
 from plat.envs.transforms import HORIZONS, CommandSchedule
 from plat.modules import Expert
+from plat.motions import MotionLibrary
 from plat.rendering import film_strip, play
+from plat.robots import G1
 from tests.conftest import standing_clip
 
 pytest.importorskip("matplotlib")

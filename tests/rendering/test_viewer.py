@@ -3,11 +3,11 @@ import sys
 
 import pytest
 
-from plat.envs import G1
+from plat.control import Chase, Simulator
 from plat.keyframes import KeyframeSequence, standing
-from plat.playing import Chase, Simulator
 from plat.rendering import RenderingError, Viewer, stage_model
-from tests.playing.puppets import Puppet
+from plat.robots import G1
+from tests.control.puppets import Puppet
 
 HEADLESS = sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ)
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from tensordict.nn import TensorDictModuleBase
 
-from plat.envs import G1
 from plat.keyframes import KeyframeSequence
+from plat.robots import G1
+from plat.runs import load_policy
 from plat.studio.timeline import Timeline
-from plat.training import load_policy
 
-WEIGHTS = Path(__file__).parents[2] / "weights"
+WEIGHTS = Path(__file__).parents[2] / "plat" / "weights"
 
 
 @pytest.fixture(scope="session")

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import torch
 
-from plat.envs import G1
 from plat.errors import StudioError
+from plat.robots import G1
 from plat.rotations import quat_rotate
 
 pytest.importorskip("viser", reason="the extra plat-rl[studio] is not installed")

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from plat.envs import G1
+from plat.control import PolicyController
 from plat.keyframes import CONTROL_DT
-from plat.playing import PolicyController
+from plat.robots import G1
 from plat.studio.player import HOLD, Player, Summary, score
 from plat.studio.timeline import Timeline
-from tests.playing.puppets import Limp, Puppet
+from tests.control.puppets import Limp, Puppet
 
 
 def play(player: Player, frame: float = 0.03) -> Player:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from plat.envs import G1
+from plat.robots import G1
 from plat.rotations import quat_angle, quat_from_rotvec, quat_multiply
 
 pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")

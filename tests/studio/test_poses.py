@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from plat.envs import G1, ForwardKinematics
+from plat.robots import G1, ForwardKinematics
 from plat.rotations import quat_from_rotvec, quat_multiply
 from plat.studio.poses import Floor, mirrored, placed
 

@@ -3,10 +3,10 @@ import json
 import numpy as np
 import pytest
 
-from plat.envs import G1
-from plat.envs.motions import MotionClip, generate_motions
 from plat.errors import KeyframeError, MotionError
+from plat.motions import MotionClip, generate_motions
 from plat.rendering import RenderingError
+from plat.robots import G1
 from plat.studio.timeline import NEW_INTERVAL
 from tests.studio.conftest import squat
 

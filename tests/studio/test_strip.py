@@ -1,7 +1,7 @@
 import re
 
-from plat.envs import G1
-from plat.playing import KeyframeScore
+from plat.control import KeyframeScore
+from plat.robots import G1
 from plat.studio.strip import strip
 from plat.studio.timeline import Timeline
 

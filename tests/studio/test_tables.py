@@ -2,12 +2,12 @@ from dataclasses import replace
 
 import pytest
 
-from plat.envs import G1
-from plat.playing import KeyframeScore, PoseErrors
+from plat.control import KeyframeScore, PoseErrors
+from plat.robots import G1
 from plat.studio.player import Player
 from plat.studio.tables import keyframe_table, live_line, policy_table
 from plat.studio.timeline import Timeline
-from tests.playing.puppets import Puppet
+from tests.control.puppets import Puppet
 
 SCORES = [
     KeyframeScore(0, "squat", 0.5, True, False, 0.1, 0.02),

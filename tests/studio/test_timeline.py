@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from plat.envs import G1
 from plat.errors import KeyframeError
 from plat.keyframes import MAX_STEPS
+from plat.robots import G1
 from plat.studio.timeline import NEW_INTERVAL, Timeline
 
 

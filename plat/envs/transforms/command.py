@@ -9,11 +9,11 @@ from torchrl.data import Composite, Unbounded
 from torchrl.envs import Transform
 
 from plat.envs.goals import robot_centric_goal
-from plat.envs.layout import entry_shapes
-from plat.envs.motions.library import MotionLibrary
 from plat.envs.transforms.base import ObservationTransform
 from plat.errors import MotionError
 from plat.keyframes import MAX_STEPS, WINDOW
+from plat.motions.library import MotionLibrary
+from plat.spec.observation import entry_shapes
 
 __all__ = ["HORIZONS", "MAX_STEPS", "WINDOW", "CommandSchedule", "Horizon", "KeyframeClock", "KeyframeCommand"]
 
@@ -56,7 +56,7 @@ class CommandSchedule:
     Raises:
         MotionError: when a clip is too short for a single command.
 
-    >>> from plat.envs.motions import MotionLibrary, generate_motions
+    >>> from plat.motions import MotionLibrary, generate_motions
     >>> library = MotionLibrary.from_clips(generate_motions("train", seconds=8))
     >>> schedule = CommandSchedule(library, HORIZONS["long"], seed=0)
     >>> first = int(schedule.target_frame[0])

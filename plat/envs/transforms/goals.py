@@ -8,9 +8,9 @@ from torch import Tensor
 from torchrl.envs import Transform
 
 from plat.envs.goals import robot_centric_goal
-from plat.envs.layout import entry_shapes
-from plat.envs.motions.library import MotionLibrary
 from plat.envs.transforms.base import ObservationTransform
+from plat.motions.library import MotionLibrary
+from plat.spec.observation import entry_shapes
 
 __all__ = ["NEXT_DENSE_FRAME", "NEXT_FRAME", "DenseGoal"]
 

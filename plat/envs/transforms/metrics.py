@@ -6,8 +6,8 @@ from torch import Tensor
 from torchrl.data import Composite, Unbounded
 from torchrl.envs import Transform
 
-from plat.envs.motions.library import MotionLibrary
 from plat.envs.transforms.terminations import TerminationLimits, fallen
+from plat.motions.library import MotionLibrary
 from plat.rotations import quat_to_matrix
 
 __all__ = ["METRIC_KEYS", "KeyframeMetrics"]

@@ -6,8 +6,8 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
-from plat.envs.robot import Robot
 from plat.envs.transforms.base import ObservationTransform
+from plat.robots.robot import Robot
 
 __all__ = ["NoiseLevels", "ObservationNoise"]
 

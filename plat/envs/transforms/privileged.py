@@ -4,10 +4,10 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
-from plat.envs.layout import entry_shapes
-from plat.envs.motions.library import MotionLibrary
 from plat.envs.transforms.base import ObservationTransform
+from plat.motions.library import MotionLibrary
 from plat.rotations import quat_to_matrix, rows_times_matrices
+from plat.spec.observation import entry_shapes
 
 __all__ = ["PrivilegedState"]
 

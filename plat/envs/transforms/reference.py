@@ -4,8 +4,8 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
-from plat.envs.motions.library import MotionLibrary
 from plat.envs.transforms.base import ObservationTransform
+from plat.motions.library import MotionLibrary
 from plat.rotations import quat_conjugate, quat_multiply, quat_yaw, yaw_multiply, yaw_rotate
 
 __all__ = ["ReferenceMotion", "align_to_anchor"]

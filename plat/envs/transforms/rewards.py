@@ -12,8 +12,8 @@ from tensordict import TensorDictBase
 from torch import Tensor
 from torchrl.envs import Transform
 
-from plat.envs.robot import Robot
 from plat.envs.transforms.base import Statistics
+from plat.robots.robot import Robot
 from plat.rotations import quat_angle
 
 __all__ = [

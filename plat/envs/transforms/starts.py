@@ -5,8 +5,8 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 from torchrl.envs import Transform
 
-from plat.envs.motions.library import MotionLibrary
 from plat.envs.transforms.base import Statistics
+from plat.motions.library import MotionLibrary
 
 __all__ = ["FailureWeightedStarts"]
 

@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from plat.envs.motions import MotionClip, MotionLibrary
 from plat.keyframes import Keyframe
+from plat.motions import MotionClip, MotionLibrary
 from plat.studio.desk import Task
 from plat.studio.page import Page
 from plat.studio.poses import placed

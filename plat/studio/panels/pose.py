@@ -5,7 +5,7 @@ from math import ceil, floor
 import numpy as np
 import viser
 
-from plat.envs.robot import without_side
+from plat.robots.robot import without_side
 from plat.studio.page import Page
 from plat.studio.poser import HANDLES, Frame
 from plat.studio.poses import heading_pitch_roll, quat_from_heading_pitch_roll

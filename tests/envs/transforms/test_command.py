@@ -2,9 +2,10 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from plat.envs import MotionLibrary, make_keyframe_env, robot_centric_goal
+from plat.envs import make_keyframe_env, robot_centric_goal
 from plat.envs.transforms import HORIZONS, MAX_STEPS, WINDOW, CommandSchedule, Horizon, KeyframeClock, KeyframeCommand
 from plat.errors import MotionError
+from plat.motions import MotionLibrary
 from tests.conftest import standing_clip
 
 

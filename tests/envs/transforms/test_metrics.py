@@ -2,8 +2,8 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from plat.envs import MotionLibrary
 from plat.envs.transforms import KeyframeMetrics
+from plat.motions import MotionLibrary
 from plat.rotations import quat_from_rotvec, quat_multiply, quat_rotate
 from tests.conftest import standing_clip
 

@@ -1,7 +1,7 @@
 import torch
 
-from plat.envs import G1
 from plat.envs.transforms import NoiseLevels, ObservationNoise
+from plat.robots import G1
 
 
 def test_noise_is_within_its_bounds_and_nowhere_else(library):

@@ -1,7 +1,8 @@
 import torch
 
-from plat.envs import G1, MotionTrackingEnv, ResetNoise, TaskConfig, make_tracking_env
+from plat.envs import MotionTrackingEnv, ResetNoise, TaskConfig, make_tracking_env
 from plat.envs.transforms import DomainRandomization, RandomizationRanges
+from plat.robots import G1
 
 STILL = ResetNoise(*[0.0] * 9)
 OFF = RandomizationRanges(

@@ -5,7 +5,6 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from plat.envs import G1
 from plat.envs.transforms import (
     DenseRewards,
     DenseTrackingReward,
@@ -15,6 +14,7 @@ from plat.envs.transforms import (
     RegularisationReward,
     Term,
 )
+from plat.robots import G1
 from plat.rotations import quat_from_rotvec
 
 DT = 0.02

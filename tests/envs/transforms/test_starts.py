@@ -1,7 +1,8 @@
 import torch
 
-from plat.envs import MotionLibrary, MotionTrackingEnv, make_tracking_env
+from plat.envs import MotionTrackingEnv, make_tracking_env
 from plat.envs.transforms import FailureWeightedStarts
+from plat.motions import MotionLibrary
 from tests.conftest import standing_clip
 
 

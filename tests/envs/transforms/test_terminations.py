@@ -4,8 +4,8 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from plat.envs import G1
 from plat.envs.transforms import KeyframeTermination, TrackingTermination
+from plat.robots import G1
 from plat.rotations import quat_from_rotvec, quat_multiply
 
 ANKLE, WRIST, ELBOW = (G1.keypoints.index(f"left_{part}_link") for part in ("ankle_roll", "wrist_yaw", "elbow"))

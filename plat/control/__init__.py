@@ -1,0 +1,31 @@
+"""One robot chases timed keyframes in plain MuJoCo, a control step at a time.
+
+The same loop plays a file of keyframes (``recipes/play.py``), runs live under a user's hands, and compares an exported
+policy with the one that it was exported from. This interface is stable::
+
+    simulator = Simulator(robot.model())
+    chase = Chase(PolicyController(policy, robot), sequence, simulator)
+    scorer = KeyframeScorer(robot)
+    for step in chase:
+        scorer.add(step)
+    scores = scorer.scores()
+"""
+
+from plat.control.chase import Chase, ChaseStep, Controller
+from plat.control.errors import PoseComparison, PoseErrors
+from plat.control.policy import PolicyController
+from plat.control.scores import KeyframeScore, KeyframeScorer, StepErrors
+from plat.control.simulator import Simulator
+
+__all__ = [
+    "Chase",
+    "ChaseStep",
+    "Controller",
+    "KeyframeScore",
+    "KeyframeScorer",
+    "PolicyController",
+    "PoseComparison",
+    "PoseErrors",
+    "Simulator",
+    "StepErrors",
+]

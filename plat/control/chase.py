@@ -1,0 +1,128 @@
+"""The control loop: keyframe in, joint targets out, physics on by a step."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plat.control.simulator import Simulator
+from plat.deploy import Pose, RobotState
+from plat.keyframes import CONTROL_DT, WINDOW, Command, Keyframe, KeyframeSequence
+
+__all__ = ["Chase", "ChaseStep", "Controller"]
+
+
+class Controller(Protocol):
+    """A policy as the control loop sees it."""
+
+    def reset(self, joint_target: NDArray[np.floating] | None = None) -> None:
+        """Begin anew.
+
+        Args:
+            joint_target: what the motors were told last ``[J]`` (rad), by another controller say; None for the
+                default pose.
+        """
+
+    def __call__(self, state: RobotState, keyframe: Pose, steps_left: int) -> NDArray[np.floating]:
+        """Joint position targets ``[J]`` (rad) for a robot that is to be in a pose in so many control steps."""
+
+
+@dataclass(frozen=True)
+class ChaseStep:
+    """What happened in a control step."""
+
+    time: float
+    """seconds since the start, at the end of the step"""
+    command: Command
+    """that was obeyed; ``steps_left`` at the beginning of the step"""
+    holding: bool
+    """whether the last keyframe's arrival had come before, and the robot was told to stay in it"""
+    before: RobotState
+    """the robot as the controller saw it"""
+    joint_target: NDArray[np.floating]
+    """joint position targets ``[J]`` (rad)"""
+    after: RobotState
+    """the robot at the end of the step"""
+    reference: Keyframe
+    """the sequence at the end of the step, see :meth:`plat.keyframes.KeyframeSequence.sample`"""
+
+    @property
+    def in_window(self) -> bool:
+        """Whether the end of the step is in the arrival window: the last :data:`plat.keyframes.WINDOW` steps."""
+        return self.command.steps_left <= WINDOW and not self.holding
+
+
+class Chase(Iterator[ChaseStep]):
+    """A robot that chases keyframes; each item is a control step that was taken.
+
+    The robot begins at rest in the sequence's start. After the last arrival it is told to be in the last keyframe by
+    the next step, over and over, for ``hold`` seconds.
+
+    ``controller`` and ``sequence`` may be replaced between steps: another policy takes over at what the motors were
+    told last, and an edited sequence is obeyed from the present time on. The simulator may be pushed and changed.
+
+    Args:
+        controller: the policy.
+        sequence: the keyframes.
+        simulator: the robot.
+        hold: seconds to stay in the last keyframe; ``math.inf`` goes on for ever.
+
+    Attributes:
+        sequence: the keyframes.
+        simulator: the robot.
+
+    >>> from plat.robots import G1
+    >>> from plat.keyframes import standing
+    >>> from plat.modules import LatentPolicy
+    >>> from plat.control import PolicyController
+    >>> controller = PolicyController(LatentPolicy(G1).deployed(), G1)
+    >>> sequence = KeyframeSequence(G1, standing(G1), (standing(G1).at(0.1),))
+    >>> [step.command.steps_left for step in Chase(controller, sequence, Simulator(G1.model()), hold=0.04)]
+    [5, 4, 3, 2, 1, 1, 1]
+    """
+
+    def __init__(self, controller: Controller, sequence: KeyframeSequence, simulator: Simulator, *, hold: float = 0.0):
+        self.sequence = sequence
+        self.simulator = simulator
+        self._controller = controller
+        self._hold = hold
+        self.restart()
+
+    @property
+    def controller(self) -> Controller:
+        """The policy."""
+        return self._controller
+
+    @controller.setter
+    def controller(self, controller: Controller) -> None:
+        controller.reset(self._joint_target)
+        self._controller = controller
+
+    @property
+    def time(self) -> float:
+        """Seconds since the start."""
+        return self._steps * CONTROL_DT
+
+    def restart(self) -> None:
+        """Put the robot back into the start, at time 0."""
+        self._steps = 0
+        self._joint_target: NDArray[np.floating] | None = None
+        self._controller.reset()
+        self.simulator.reset(self.sequence.start)
+
+    def __next__(self) -> ChaseStep:
+        command = self.sequence.command(self.time)
+        holding = command is None
+        if command is None:
+            # a small margin, for times are multiples of the control step up to rounding
+            if self.time + 1e-9 >= self.sequence.duration + self._hold:
+                raise StopIteration
+            command = Command(len(self.sequence) - 1, self.sequence.keyframes[-1], steps_left=1, length=1)
+        before = self.simulator.state()
+        self._joint_target = self._controller(before, command.keyframe, command.steps_left)
+        self.simulator.step(self._joint_target)
+        self._steps += 1
+        after, reference = self.simulator.state(), self.sequence.sample(self.time)
+        return ChaseStep(self.time, command, holding, before, self._joint_target, after, reference)

@@ -1,0 +1,59 @@
+"""A torch policy as a controller of one robot."""
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from tensordict import TensorDict
+from tensordict.nn import TensorDictModuleBase
+from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+from plat.deploy import ObservationBuilder, Pose, RobotState
+from plat.export import describe_robot
+from plat.keyframes import CONTROL_DT, MAX_STEPS
+from plat.robots.robot import Robot
+
+__all__ = ["PolicyController"]
+
+
+class PolicyController:
+    """Joint targets from a policy that reads the groups ``"robot"``, ``"goal"`` and ``"command"``.
+
+    Args:
+        policy: deterministic policy, on the CPU; ``load_policy(run).deployed()``.
+        robot: the robot that it drives.
+
+    >>> from plat.robots import G1
+    >>> from plat.keyframes import standing
+    >>> from plat.modules import Expert
+    >>> from plat.control import Simulator
+    >>> simulator = Simulator(G1.model())
+    >>> simulator.reset(standing(G1))
+    >>> controller = PolicyController(Expert(G1).deployed(), G1)
+    >>> controller(simulator.state(), standing(G1), steps_left=10).shape
+    (29,)
+    """
+
+    def __init__(self, policy: TensorDictModuleBase, robot: Robot):
+        self._policy = policy
+        description = describe_robot(robot, CONTROL_DT)
+        self._observe = ObservationBuilder(description, MAX_STEPS)
+        self._default = description.default_joint_pos
+        self._scale = description.action_scale
+        self.reset()
+
+    def reset(self, joint_target: NDArray[np.floating] | None = None) -> None:
+        """See :class:`plat.control.Controller`."""
+        target = self._default if joint_target is None else joint_target
+        self._last_action = (target - self._default) / self._scale
+
+    @torch.no_grad()
+    def __call__(self, state: RobotState, keyframe: Pose, steps_left: int) -> NDArray[np.float64]:
+        """See :class:`plat.control.Controller`."""
+        values = torch.from_numpy(self._observe(state, keyframe, steps_left, self._last_action))[None]
+        observation = TensorDict({}, [1])
+        for term in self._observe.terms:
+            observation[tuple(term.name.split("."))] = values[:, term.start : term.stop]
+        with set_exploration_type(ExplorationType.DETERMINISTIC):
+            action = self._policy(observation)["action"][0]
+        self._last_action = action.double().numpy()
+        return self._default + self._scale * self._last_action

@@ -1,0 +1,79 @@
+"""One simulated robot that is told joint position targets."""
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from plat.deploy import Pose, RobotState
+from plat.errors import RobotError
+from plat.keyframes import CONTROL_DT
+
+__all__ = ["Simulator"]
+
+
+class Simulator:
+    """A robot in plain MuJoCo, moved on by one control step at a time.
+
+    Args:
+        model: as :meth:`plat.envs.Robot.model` makes it: a free joint, J hinges, and a position actuator for each. Set
+            what shall differ (time step, friction, gains) in it beforehand.
+        control_dt: seconds of a control step.
+
+    Attributes:
+        model: MuJoCo's model.
+        data: MuJoCo's data; may be looked at and changed between steps.
+
+    Raises:
+        RobotError: when a control step is not a whole number of the model's time steps.
+
+    >>> from plat.robots import G1
+    >>> from plat.keyframes import standing
+    >>> simulator = Simulator(G1.model())
+    >>> simulator.reset(standing(G1))
+    >>> simulator.step(G1.default_joint_pos.numpy())
+    >>> simulator.state().joint_pos.shape, round(simulator.data.time, 3)
+    ((29,), 0.02)
+    """
+
+    def __init__(self, model: mujoco.MjModel, control_dt: float = CONTROL_DT):
+        self.model = model
+        self.data = mujoco.MjData(model)
+        self.substeps = round(control_dt / model.opt.timestep)
+        """Physics steps of a control step."""
+        if self.substeps < 1 or abs(self.substeps * model.opt.timestep - control_dt) > 1e-9:
+            raise RobotError(
+                f"physics time step of {model.opt.timestep:g} s, expected a whole fraction of the control step of "
+                f"{control_dt:g} s"
+            )
+
+    def reset(self, pose: Pose) -> None:
+        """Put the robot at rest into a pose."""
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:] = np.concatenate((pose.root_pos, pose.root_quat, pose.joint_pos))
+        mujoco.mj_forward(self.model, self.data)
+
+    def state(self) -> RobotState:
+        """What the robot measures now, without noise."""
+        qpos, qvel = self.data.qpos, self.data.qvel
+        root_lin_vel_b = np.empty(3)
+        world_to_root = np.empty(4)
+        mujoco.mju_negQuat(world_to_root, qpos[3:7])
+        mujoco.mju_rotVecQuat(root_lin_vel_b, qvel[:3], world_to_root)
+        return RobotState(
+            joint_pos=qpos[7:].copy(),
+            joint_vel=qvel[6:].copy(),
+            root_pos_w=qpos[:3].copy(),
+            root_quat_w=qpos[3:7].copy(),
+            root_lin_vel_b=root_lin_vel_b,
+            # the angular velocity of a free joint is in the body's own frame
+            root_ang_vel_b=qvel[3:6].copy(),
+        )
+
+    def step(self, joint_target: NDArray[np.floating]) -> None:
+        """Hold joint position targets ``[J]`` (rad) for a control step."""
+        self.data.ctrl[:] = joint_target
+        mujoco.mj_step(self.model, self.data, self.substeps)
+
+    def push(self, velocity_w: NDArray[np.floating]) -> None:
+        """Add ``velocity_w`` ``[3]`` (m/s, world) to the velocity of the whole robot at once: a shove."""
+        self.data.qvel[:3] += velocity_w

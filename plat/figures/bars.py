@@ -1,0 +1,56 @@
+"""The ablation as bars with intervals."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from plat.evaluation.table import HEADLINE, METRICS, Score
+from plat.figures.style import PAGE, looks, paper_style, policies
+
+__all__ = ["ablation_bars"]
+
+
+def ablation_bars(scores: Sequence[Score], horizon: str, metrics: Sequence[str] = HEADLINE) -> Any:
+    """A figure with one panel a metric: a bar a policy from zero, its value, and its 95 % interval.
+
+    Args:
+        scores: of any policies.
+        horizon: which of their horizons.
+        metrics: which figures of :data:`plat.evaluation.METRICS`.
+
+    Raises:
+        ValueError: when no policy was scored at the horizon.
+        RenderingError: when the extra ``plat-rl[figures]`` is not installed.
+    """
+    rows = [score for score in scores if score.horizon == horizon]
+    if not rows:
+        raise ValueError(
+            f"bars: no score at horizon {horizon!r}, expected one of {sorted({s.horizon for s in scores})}"
+        )
+    drawn = looks(policies(scores))
+    places = np.arange(len(rows))
+    with paper_style() as plt:
+        size = (PAGE, 0.45 + 0.19 * len(rows))
+        figure, panels = plt.subplots(1, len(metrics), figsize=size, sharey=True, squeeze=False)
+        for panel, key in zip(panels[0], metrics, strict=True):
+            metric, figures = METRICS[key], [row.figures[key] for row in rows]
+            values = np.array([figure.value for figure in figures])
+            spread = np.array([[f.value - f.low for f in figures], [f.high - f.value for f in figures]])
+            colours = [drawn[row.policy].colour for row in rows]
+            # a mean of ratios may lie outside its percentile interval by a hair
+            panel.barh(places, values, 0.72, color=colours, alpha=0.85, xerr=spread.clip(0), **_ERROR_BARS)
+            top = np.nanmax([100.0 if metric.unit == "%" else 0.0, *(figure.high for figure in figures)])
+            for place, figure_ in zip(places, figures, strict=True):
+                panel.text(1.04 * top, place, f"{figure_.value:.{metric.digits}f}", va="center", fontsize=7)
+            panel.set_xlim(0, 1.02 * top)
+            panel.set_title(f"{metric.heading} {'↑' if metric.higher_is_better else '↓'}", pad=3)
+            panel.grid(axis="x")
+            panel.set_axisbelow(True)
+            panel.tick_params(axis="y", length=0)
+        panels[0][0].set_yticks(places, [row.policy for row in rows])
+        panels[0][0].invert_yaxis()
+    return figure
+
+
+_ERROR_BARS = {"ecolor": "0.15", "error_kw": {"elinewidth": 0.8, "capsize": 1.8, "capthick": 0.8}}

@@ -1,0 +1,107 @@
+"""What all figures of a paper share: sizes, type, and one look for each policy."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import cycle
+from pathlib import Path
+from typing import Any
+
+from plat.evaluation.table import Score
+from plat.figures.pyplot import pyplot
+
+__all__ = ["COLUMN", "PAGE", "Look", "looks", "paper_style", "policies", "save_figure"]
+
+COLUMN = 3.4
+"""Width of a column (inches)."""
+PAGE = 7.0
+"""Width of both columns (inches)."""
+
+_PAPER = {
+    "font.size": 8,
+    "axes.titlesize": 8,
+    "axes.labelsize": 8,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "legend.fontsize": 7,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "grid.linewidth": 0.4,
+    "grid.alpha": 0.35,
+    "legend.frameon": False,
+    "pdf.fonttype": 42,  # letters stay letters, which publishers ask for
+    "figure.constrained_layout.use": True,
+}
+
+
+@dataclass(frozen=True)
+class Look:
+    """How a policy is drawn, in every figure."""
+
+    colour: str
+    marker: str
+    dashes: str = "-"
+    width: float = 1.1
+
+
+# The rows of the ablation, PLAT the strongest; colours are Okabe and Ito's, which the colour-blind can tell apart.
+_KNOWN = {
+    "SONIC": Look("#000000", "P", ":"),
+    "SONIC-style": Look("#000000", "X", "--"),
+    "TWIST2": Look("#999999", "v", ":"),
+    "wbc": Look("#666666", "^", "-."),
+    "Scratch RL": Look("#CC79A7", "<", "--"),
+    "w/o privileged latent": Look("#56B4E9", "s"),
+    "DAgger": Look("#0072B2", "D"),
+    "Direct RL fine-tune": Look("#E69F00", ">", "--"),
+    "Residual action": Look("#009E73", "h"),
+    "PLAT": Look("#D55E00", "o", width=2.0),
+}
+# for others: a colour each, then the same colours again with another marker
+_OTHERS = [
+    Look(colour, marker) for marker in "osD^" for colour in ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00")
+]
+
+
+def looks(names: Sequence[str]) -> dict[str, Look]:
+    """One look a policy: its own for a row of the ablation, also in small letters; others take what is left.
+
+    >>> looks(["DAgger", "mine"])["DAgger"].colour
+    '#0072B2'
+    """
+    rows = {name.lower(): look for name, look in _KNOWN.items()}
+    known = {name: rows[name.lower()] for name in names if name.lower() in rows}
+    taken = {(look.colour, look.marker) for look in known.values()}
+    spare = cycle(look for look in _OTHERS if (look.colour, look.marker) not in taken)
+    return {name: known.get(name) or next(spare) for name in names}
+
+
+def policies(scores: Sequence[Score]) -> list[str]:
+    """Names of the policies, in the order of the scores."""
+    return list(dict.fromkeys(score.policy for score in scores))
+
+
+@contextmanager
+def paper_style() -> Iterator[Any]:
+    """Matplotlib's ``pyplot`` with the type and lines of a paper.
+
+    Raises:
+        RenderingError: when the extra ``plat-rl[figures]`` is not installed.
+    """
+    plt = pyplot()
+    with plt.rc_context(_PAPER):
+        yield plt
+
+
+def save_figure(figure: Any, stem: Path) -> list[Path]:
+    """Write ``STEM.pdf`` (vectors) and ``STEM.png`` (300 dots an inch), and close the figure."""
+    stem.parent.mkdir(parents=True, exist_ok=True)
+    paths = [stem.with_name(f"{stem.name}.{kind}") for kind in ("pdf", "png")]
+    with paper_style() as plt:
+        for path in paths:
+            # no date: the same scores give the same file
+            metadata = {"CreationDate": None} if path.suffix == ".pdf" else None
+            figure.savefig(path, dpi=300, bbox_inches="tight", pad_inches=0.02, metadata=metadata)
+        plt.close(figure)
+    return paths

@@ -1,0 +1,42 @@
+"""How many commands are met how exactly."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from plat.evaluation.report import success_curve
+from plat.evaluation.table import Score
+from plat.figures.style import COLUMN, PAGE, looks, paper_style, policies
+
+__all__ = ["success_plot"]
+
+
+def success_plot(scores: Sequence[Score], horizons: Sequence[str]) -> Any:
+    """A figure with one panel a horizon: the share of commands whose world keypoint error at arrival is at most x.
+
+    The legend gives the area under each curve (% of the whole).
+
+    Args:
+        scores: of any policies.
+        horizons: which of their horizons.
+
+    Raises:
+        RenderingError: when the extra ``plat-rl[figures]`` is not installed.
+    """
+    drawn = looks(policies(scores))
+    with paper_style() as plt:
+        width = COLUMN if len(horizons) == 1 else PAGE / 2 * len(horizons)
+        figure, panels = plt.subplots(
+            1, len(horizons), figsize=(width, 2.4 + 0.075 * len(drawn)), sharey=True, squeeze=False
+        )
+        for panel, horizon in zip(panels[0], horizons, strict=True):
+            for score in (score for score in scores if score.horizon == horizon):
+                threshold, share = success_curve(score.records, points=251)
+                look, area = drawn[score.policy], score.figures["success_area"].value
+                label = f"{score.policy} ({area:.1f})"
+                panel.plot(threshold, 100 * share, look.dashes, color=look.colour, linewidth=look.width, label=label)
+            panel.set(xlim=(0, threshold[-1]), ylim=(0, 101), xlabel="world keypoint error at arrival (m)")
+            panel.set_title(horizon.capitalize(), pad=3)
+            panel.grid()
+            panel.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2, handlelength=2.4, columnspacing=1.2)
+        panels[0][0].set_ylabel("commands (%)")
+    return figure

@@ -1,0 +1,74 @@
+"""Where the soles of a motion are: what order detection, checks and repairs are measured by."""
+
+import torch
+from torch import Tensor
+
+from plat.robots.kinematics import ForwardKinematics
+from plat.robots.robot import Robot
+from plat.rotations import quat_rotate
+
+__all__ = ["Soles", "ground_level", "lowest_step", "stance"]
+
+# A foot that carries weight rests: slower than this for _REST_SECONDS to both sides. In free fall a point is that slow
+# for 2 * 0.25 / 9.81 = 0.05 s, so the top of a jump is not taken for a stance.
+_REST_SPEED = 0.25
+_REST_SECONDS = 0.05
+
+
+class Soles:
+    """The contact points of a robot's feet.
+
+    Args:
+        robot: the robot; the collision geoms of its feet are spheres.
+
+    >>> from plat.robots import G1
+    >>> qpos = torch.from_numpy(G1.default_qpos)[None]
+    >>> Soles(G1).points(qpos).shape
+    torch.Size([1, 2, 4, 3])
+    """
+
+    def __init__(self, robot: Robot):
+        model = robot.shared_model
+        soles = robot.sole_geoms(model)
+        self._points_b = torch.from_numpy(model.geom_pos[soles])  # (2, P, 3)
+        self._radius = torch.from_numpy(model.geom_size[soles][..., 0])  # (2, P)
+        self._kinematics = ForwardKinematics(robot, robot.feet)
+        self._num_joints = robot.num_joints
+
+    def points(self, qpos: Tensor) -> Tensor:
+        """Lowest point of each sphere of each foot ``[T, 2, P, 3]`` (m, world) of poses ``[T, 7 + J]``."""
+        pos_w, quat_w = self._kinematics(*qpos.double().split((3, 4, self._num_joints), -1))
+        points = pos_w[:, :, None] + quat_rotate(quat_w[:, :, None], self._points_b)
+        points[..., 2] -= self._radius
+        return points
+
+
+def stance(points: Tensor, fps: float) -> Tensor:
+    """Whether the lower foot rests ``[T]``, by the speed of its lowest point; ``points`` as :class:`Soles` gives them.
+
+    A foot that floats rests as well as one on the floor, so this finds the frames in which a foot should be on it.
+    """
+    lowest, following = lowest_step(points)
+    slow = (following - lowest).norm(dim=-1) * fps < _REST_SPEED
+    reach = max(1, round(_REST_SECONDS * fps))
+    # a frame rests when the steps around it are slow
+    padded = torch.nn.functional.pad((~slow).float(), (reach, reach))
+    return torch.nn.functional.max_pool1d(padded[None], 2 * reach, 1)[0] == 0
+
+
+def ground_level(points: Tensor, fps: float) -> float:
+    """Height of the lower foot while it rests, median (m): where a clip believes that the floor is.
+
+    A clip in which no foot ever rests is measured by its lowest frame.
+    """
+    low = points[..., 2].amin((-1, -2))
+    resting = stance(points, fps)
+    return float(low[resting].median() if resting.any() else low.min())
+
+
+def lowest_step(points: Tensor) -> tuple[Tensor, Tensor]:
+    """The lowest of all points in all frames but the last, and the same point a frame later: ``[T - 1, 3]`` each."""
+    flat = points.flatten(1, 2)
+    lowest = flat[:-1, :, 2].argmin(-1)
+    rows = torch.arange(len(flat) - 1)
+    return flat[rows, lowest], flat[rows + 1, lowest]

@@ -1,0 +1,176 @@
+"""Whether a motion is fit to train on."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import mujoco
+import torch
+
+from plat.motions.checks.collision import self_penetration
+from plat.motions.checks.feet import Soles, ground_level
+from plat.motions.clip import MotionClip
+from plat.robots.robot import G1, Robot
+from plat.rotations import quat_conjugate, quat_multiply, quat_to_rotvec
+
+__all__ = ["MotionReport", "ValidationLimits", "Verdict", "validate_motion", "validate_motions"]
+
+Verdict = Literal["use", "repair", "drop"]
+
+# A foot whose lowest point is this close to the level that the feet rest on is in contact (m).
+_CONTACT_HEIGHT = 0.02
+# Collisions are looked for this often (Hz): limbs that go through each other do so for longer.
+_COLLISION_RATE = 10.0
+
+
+@dataclass(frozen=True)
+class ValidationLimits:
+    """What a motion may have and still be used as it is, be repaired, or have to be dropped."""
+
+    min_seconds: float = 0.5
+    """shorter: drop"""
+    joint_excess: float = 0.01
+    """angle beyond a joint's limits (rad); more: repair, clip to the limits"""
+    max_joint_excess: float = 0.5
+    """the same (rad); more: drop, for clipped it would be another motion"""
+    joint_speed: float = 35.0
+    """fastest joint (rad/s); more: drop, for no motor of the G1 is that fast"""
+    penetration: float = 0.04
+    """deepest sole point under the floor (m); more: repair, ground the feet"""
+    floating: float = 0.02
+    """height of the resting foot (m); more: repair, ground the feet"""
+    slip: float = 1.0
+    """speed of the feet along the floor while in contact (m/s); more: drop, for the root goes where the feet do not"""
+    self_penetration: float = 0.08
+    """how deep two links go into each other (m); more: drop, for it takes more than a limb's radius"""
+    root_jump: float = 0.1
+    """break in the root's path, as a second difference (m); more is a jump: repair (trim) near an end, else drop"""
+    turn_jump: float = 0.5
+    """break in the root's turning, the same way (rad)"""
+    trim_seconds: float = 0.5
+    """how near to an end (s) a jump is trimmed away"""
+
+
+@dataclass(frozen=True)
+class MotionReport:
+    """What was measured of a clip, and what to do with it.
+
+    Attributes:
+        name: of the clip.
+        seconds: from the first to the last frame.
+        joint_excess: largest angle beyond a joint's limits (rad).
+        joint_speed: fastest joint, from frame to frame (rad/s).
+        penetration: depth of the lowest sole point of all frames under the floor (m).
+        floating: height of the lowest sole point while the lower foot rests, median (m); negative when it rests under
+            the floor. A clip in which no foot ever rests is measured by its lowest frame.
+        slip: how fast the lowest point of the steadier foot goes sideways, mean over the frames with a foot in contact
+            (m/s). In contact is a foot less than 2 cm above the level that the feet rest on, wherever the floor is.
+        self_penetration: depth of the deepest contact of two links of the robot (m), looked for ten times a second.
+        jumps: when the root's path or turning breaks (s). A jump of a joint shows in ``joint_speed``.
+        verdict: ``use`` as it is, ``repair`` first, or ``drop``.
+        reasons: what speaks against using it as it is, a phrase each.
+    """
+
+    name: str
+    seconds: float
+    joint_excess: float
+    joint_speed: float
+    penetration: float
+    floating: float
+    slip: float
+    self_penetration: float
+    jumps: tuple[float, ...]
+    verdict: Verdict = "use"
+    reasons: tuple[str, ...] = ()
+
+
+def validate_motion(clip: MotionClip, robot: Robot = G1, limits: ValidationLimits | None = None) -> MotionReport:
+    """Measure a clip; see :func:`validate_motions`.
+
+    >>> standing = MotionClip("standing", G1.default_qpos[None].repeat(60, 0), 30.0)
+    >>> validate_motion(standing).verdict
+    'use'
+    """
+    return validate_motions([clip], robot, limits)[0]
+
+
+def validate_motions(
+    clips: Sequence[MotionClip], robot: Robot = G1, limits: ValidationLimits | None = None
+) -> list[MotionReport]:
+    """Measure clips and judge them by the limits.
+
+    Raises:
+        MotionError: when a clip is broken; see :meth:`MotionClip.checked`.
+    """
+    limits = limits or ValidationLimits()
+    soles = Soles(robot)
+    return [_judged(_measure(clip.checked(robot), robot, limits, soles), limits) for clip in clips]
+
+
+def _measure(clip: MotionClip, robot: Robot, limits: ValidationLimits, soles: Soles) -> MotionReport:
+    qpos = torch.from_numpy(clip.qpos).double()
+    joint_pos = qpos[:, 7:]
+    low, high = robot.joint_range.double().unbind(-1)
+    points = soles.points(qpos)
+    level = ground_level(points, clip.fps)
+    return MotionReport(
+        name=clip.name,
+        seconds=clip.duration,
+        joint_excess=float((low - joint_pos).maximum(joint_pos - high).max().clamp_min(0)),
+        joint_speed=float(joint_pos.diff(dim=0).abs().max()) * clip.fps,
+        penetration=max(0.0, -float(points[..., 2].min())),
+        floating=level,
+        slip=_slip(points, level, clip.fps),
+        self_penetration=_self_penetration(clip, robot),
+        jumps=_jumps(qpos, clip.fps, limits),
+    )
+
+
+def _slip(points: torch.Tensor, level: float, fps: float) -> float:
+    """Mean over the frames with a foot in contact: how fast the lowest point of the steadier foot goes sideways."""
+    feet = points.transpose(0, 1)  # (2, T, P, 3)
+    lowest = feet[:, :-1, :, 2].argmin(-1)[..., None, None].expand(-1, -1, 1, 3)
+    before, after = feet[:, :-1].gather(2, lowest)[:, :, 0], feet[:, 1:].gather(2, lowest)[:, :, 0]
+    contact = (before[..., 2] < level + _CONTACT_HEIGHT) & (after[..., 2] < level + _CONTACT_HEIGHT)
+    speed = (after - before)[..., :2].norm(dim=-1) * fps
+    speed = speed.where(contact, torch.inf).amin(0)
+    return float(speed[contact.any(0)].mean()) if contact.any() else 0.0
+
+
+def _jumps(qpos: torch.Tensor, fps: float, limits: ValidationLimits) -> tuple[float, ...]:
+    turn = quat_to_rotvec(quat_multiply(qpos[1:, 3:7], quat_conjugate(qpos[:-1, 3:7])))
+    breaks = (qpos[:, :3].diff(n=2, dim=0).norm(dim=-1) > limits.root_jump) | (
+        turn.diff(dim=0).norm(dim=-1) > limits.turn_jump
+    )
+    return tuple(((breaks.nonzero()[:, 0] + 1) / fps).tolist())
+
+
+def _self_penetration(clip: MotionClip, robot: Robot) -> float:
+    model, data = robot.shared_model, mujoco.MjData(robot.shared_model)
+    poses = clip.qpos[:: max(1, round(clip.fps / _COLLISION_RATE))]
+    return max(self_penetration(model, pose, data) for pose in poses)
+
+
+def _judged(report: MotionReport, limits: ValidationLimits) -> MotionReport:
+    drop, repair = [], []
+    if report.seconds < limits.min_seconds:
+        drop.append(f"{report.seconds:.2f} s long")
+    if report.joint_excess > limits.max_joint_excess:
+        drop.append(f"{report.joint_excess:.2f} rad beyond a joint's limits")
+    elif report.joint_excess > limits.joint_excess:
+        repair.append(f"{report.joint_excess:.2f} rad beyond a joint's limits")
+    if report.joint_speed > limits.joint_speed:
+        drop.append(f"a joint at {report.joint_speed:.0f} rad/s")
+    if report.floating > limits.floating:
+        repair.append(f"feet float at {100 * report.floating:.1f} cm")
+    if report.penetration > limits.penetration:
+        repair.append(f"a foot {100 * report.penetration:.1f} cm under the floor")
+    if report.slip > limits.slip:
+        drop.append(f"feet slip at {report.slip:.1f} m/s")
+    if report.self_penetration > limits.self_penetration:
+        drop.append(f"links {100 * report.self_penetration:.1f} cm inside each other")
+    if report.jumps:
+        inside = [time for time in report.jumps if limits.trim_seconds < time < report.seconds - limits.trim_seconds]
+        (drop if inside else repair).append(f"the root jumps at {(inside or report.jumps)[0]:.2f} s")
+    verdict: Verdict = "drop" if drop else "repair" if repair else "use"
+    return replace(report, verdict=verdict, reasons=(*drop, *repair))

@@ -1,0 +1,79 @@
+"""One recorded or generated motion, checked."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from plat.errors import MotionError
+from plat.robots.robot import Robot
+
+__all__ = ["MotionClip"]
+
+# A quaternion this far from unit length is a wrong column or a wrong order, not rounding.
+_UNIT_TOLERANCE = 1e-2
+
+
+@dataclass(frozen=True)
+class MotionClip:
+    """A motion of one robot.
+
+    Args:
+        name: what error messages and tables call it.
+        qpos: ``[T, 7 + J]``: root position (m, world), root quaternion (``wxyz``, root to world), joint angles
+            (rad, the robot's joint order).
+        fps: frames a second.
+    """
+
+    name: str
+    qpos: np.ndarray
+    fps: float
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first to the last frame."""
+        return (len(self.qpos) - 1) / self.fps
+
+    def checked(self, robot: Robot) -> "MotionClip":
+        """This clip in float32 with quaternions of exactly unit length.
+
+        Raises:
+            MotionError: for a wrong shape, fewer than two frames, a value that is not finite, a quaternion that
+                is not of unit length, or a frame rate that is not positive.
+
+        >>> from plat.robots import G1
+        >>> MotionClip("short", np.zeros((5, 35)), 30.0).checked(G1)
+        Traceback (most recent call last):
+        plat.errors.MotionError: motion 'short': qpos has 35 columns, expected 36 (root xyz, quaternion wxyz, 29 joints)
+        """
+        qpos = np.asarray(self.qpos)
+        joints = robot.num_joints
+        layout = f"root xyz, quaternion wxyz, {joints} joints"
+        if qpos.ndim != 2 or qpos.dtype.kind not in "fiu":
+            raise MotionError(
+                f"motion {self.name!r}: qpos has shape {qpos.shape} and type {qpos.dtype}, "
+                f"expected numbers of shape (frames, {7 + joints}) ({layout})"
+            )
+        if qpos.shape[1] != 7 + joints:
+            raise MotionError(
+                f"motion {self.name!r}: qpos has {qpos.shape[1]} columns, expected {7 + joints} ({layout})"
+            )
+        if len(qpos) < 2:
+            raise MotionError(f"motion {self.name!r}: {len(qpos)} frames, expected at least 2")
+        if not (np.isfinite(self.fps) and self.fps > 0):
+            raise MotionError(f"motion {self.name!r}: fps is {self.fps}, expected a positive number")
+        finite = np.isfinite(qpos)
+        if not finite.all():
+            frame, column = np.argwhere(~finite)[0]
+            raise MotionError(
+                f"motion {self.name!r}: qpos[{frame}, {column}] is {qpos[frame, column]}, expected a finite number"
+            )
+        norm = np.linalg.norm(qpos[:, 3:7], axis=1)
+        frame = int(np.abs(norm - 1).argmax())
+        if abs(norm[frame] - 1) > _UNIT_TOLERANCE:
+            raise MotionError(
+                f"motion {self.name!r}: the root quaternion of frame {frame} (columns 3 to 6) has length "
+                f"{norm[frame]:.4g}, expected 1"
+            )
+        qpos = qpos.astype(np.float64)
+        qpos[:, 3:7] /= norm[:, None]
+        return MotionClip(self.name, qpos.astype(np.float32), float(self.fps))

@@ -1,0 +1,77 @@
+"""Pickles of GMR and TWIST2, and joblib's of ASAP and PBHC; both hold ``xyzw`` quaternions."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plat.errors import MotionError
+from plat.motions.clip import MotionClip
+from plat.motions.formats.common import MotionFile, ReadOptions, arrange_joints, make_clip, number, strings
+from plat.motions.formats.decompress import decompress
+from plat.motions.formats.quaternion_order import doubt_quat_order
+from plat.motions.formats.unpickle import PickledArray, unpickle
+
+__all__ = ["read_pickle"]
+
+# what GMR and TWIST2 call a field, and what ASAP and PBHC call it
+_ROOT_POS, _ROOT_QUAT, _JOINT_POS = ("root_pos", "root_trans_offset"), ("root_rot",), ("dof_pos", "dof")
+_NAMES = ("joint_names", "dof_names")
+
+
+def read_pickle(path: Path, options: ReadOptions) -> MotionFile:
+    """Read ``.pkl``: one motion, or a dictionary of motions by name. Nothing in the file is run."""
+    data = decompress(path.read_bytes())
+    content = unpickle(data)
+    if not isinstance(content, dict) or not content:
+        raise MotionError(f"it holds a {type(content).__name__}, expected a dictionary of a motion or of motions")
+    single = any(name in content for name in _JOINT_POS)
+    motions = {path.stem: content} if single else content
+    clips, notes = [], dict[str, None]()
+    # a file may name one array a thousand times: what is read must not be larger than what is there
+    spare = len(data)
+    for name, fields in motions.items():
+        if not isinstance(fields, dict):
+            raise MotionError(f"entry {name!r:.60} is a {type(fields).__name__}, expected a dictionary of a motion")
+        try:
+            clip, found = _read_motion(str(name), fields, options)
+        except MotionError as error:
+            raise error if single else MotionError(f"motion {name!r}: {error}") from None
+        spare -= clip.qpos.nbytes // 4
+        if spare < 0:
+            raise MotionError("its motions are larger than the file")
+        clips.append(clip)
+        notes.update(dict.fromkeys(found))
+    kind = "GMR pickle" if any("dof_pos" in fields for fields in motions.values()) else "ASAP pickle"
+    return MotionFile(path, kind, clips, (f"quaternion {options.quat_order or 'xyzw'}", *notes))
+
+
+def _read_motion(name: str, fields: dict[str, Any], options: ReadOptions) -> tuple[MotionClip, list[str]]:
+    robot = options.robot
+    root_pos, root_quat, joint_pos = (_array(fields, names) for names in (_ROOT_POS, _ROOT_QUAT, _JOINT_POS))
+    listed = next((_unwrap(fields[key]) for key in _NAMES if key in fields), None)
+    names = None if listed is None else strings(listed, "joint_names")
+    arranged, notes = arrange_joints(joint_pos, names, robot, "/".join(_JOINT_POS))
+    if options.fps is None and "fps" not in fields:
+        raise MotionError("no field 'fps', expected the frames a second (or convert it with --fps)")
+    fps = number(_unwrap(fields["fps"]), "fps") if options.fps is None else options.fps
+    order = options.quat_order or "xyzw"
+    clip = make_clip(
+        name, root_pos, root_quat, arranged, fps, robot, order, ("/".join(_ROOT_POS), "/".join(_ROOT_QUAT))
+    )
+    doubts = [] if options.quat_order else doubt_quat_order(clip, order, options.soles)
+    return clip, [*doubts, *notes]
+
+
+def _array(fields: dict[str, Any], names: tuple[str, ...]) -> np.ndarray:
+    present = [name for name in names if name in fields]
+    if not present:
+        raise MotionError(f"no field {' or '.join(map(repr, names))}, only {sorted(map(str, fields))[:20]}")
+    array = _unwrap(fields[present[0]])
+    if not isinstance(array, np.ndarray):
+        raise MotionError(f"{present[0]!r} is a {type(array).__name__}, expected an array")
+    return array
+
+
+def _unwrap(value: Any) -> Any:
+    return value.value if isinstance(value, PickledArray) else value

@@ -1,0 +1,118 @@
+"""Motions for the G1 from parameters and a seed, offline and with no data set behind them."""
+
+import logging
+import zlib
+
+import numpy as np
+
+from plat.errors import MotionError
+from plat.motions.clip import MotionClip
+from plat.motions.generation.families import FAMILIES, Family
+from plat.motions.generation.score import Score
+from plat.motions.generation.solver import DT, Solver
+from plat.motions.generation.soundness import measure_soundness
+from plat.motions.generation.whole_body import WholeBody
+from plat.robots.robot import G1, Robot
+
+__all__ = ["FAMILIES", "PREFIX", "SPLITS", "generate_motions", "generate_named"]
+
+PREFIX = "generated:"
+"""What the name of a generated set begins with, where motion files are asked for."""
+
+SPLITS = ("train", "val", "test")
+"""Sets of motions that share no seed."""
+
+_ATTEMPTS = 20
+_LOG = logging.getLogger(__name__)
+
+
+def generate_motions(
+    split: str, seconds: float = 240.0, families: tuple[str, ...] = (), robot: Robot = G1
+) -> list[MotionClip]:
+    """Clips that go round the families until there is enough motion.
+
+    Each clip begins and ends at rest and is sound by :class:`plat.motions.generation.soundness.SoundnessLimits`:
+    feet do not slip, the zero-moment point of all bodies is over the feet, no joint limit is broken, and nothing is
+    inside anything else. Draws that are not are thrown away (and logged at level DEBUG). The same arguments give the
+    same clips on every machine up to rounding.
+
+    Args:
+        split: ``"train"``, ``"val"`` or ``"test"``: sets that share no seed.
+        seconds: at least this much motion in all.
+        families: names from :data:`plat.motions.generation.families.FAMILIES`; by default all.
+        robot: the robot.
+
+    Raises:
+        MotionError: for a split or family that there is not.
+
+    >>> [clip.name for clip in generate_motions("val", seconds=8)]
+    ['stand_val_000', 'reach_val_000']
+    """
+    if split not in SPLITS:
+        raise MotionError(f"generated motions: no set {split!r}, expected one of {SPLITS}")
+    unknown = sorted(set(families) - set(FAMILIES))
+    if unknown:
+        raise MotionError(f"generated motions: no family {unknown}, expected some of {sorted(FAMILIES)}")
+    solver = Solver(WholeBody(robot))
+    clips: list[MotionClip] = []
+    total, number = 0.0, 0
+    while True:
+        for family in families or FAMILIES:
+            name = f"{family}_{split}_{number:03d}"
+            clips.append(MotionClip(name, _sound(name, FAMILIES[family], solver), 1 / DT))
+            total += clips[-1].duration
+            if total >= seconds:
+                return clips
+        number += 1
+
+
+def generate_named(name: str, robot: Robot = G1) -> list[MotionClip]:
+    """The clips of ``generated:SPLIT``, ``generated:SPLIT@SECONDS``, or either with ``/FAMILY+FAMILY`` after the split.
+
+    Raises:
+        MotionError: for a name of another form, or a split or family that there is not.
+
+    >>> [clip.name for clip in generate_named("generated:train/bow+wave@8")]
+    ['bow_train_000', 'wave_train_000']
+    """
+    split, _, seconds = name.removeprefix(PREFIX).partition("@")
+    split, _, families = split.partition("/")
+    chosen = tuple(families.split("+")) if families else ()
+    if not seconds:
+        return generate_motions(split, families=chosen, robot=robot)
+    try:
+        return generate_motions(split, float(seconds), chosen, robot)
+    except ValueError:
+        raise MotionError(f"{name!r}: {seconds!r} after the @, expected seconds, as in generated:train@600") from None
+
+
+def _sound(name: str, family: Family, solver: Solver) -> np.ndarray:
+    """The first draw of a family that is a sound motion."""
+    # the name is the seed, so that a set of other size or families holds the same clips
+    rng = np.random.default_rng(zlib.crc32(name.encode()))
+    for _ in range(_ATTEMPTS):
+        score = Score(*_posture(rng))
+        score.wait(0.4)
+        family(score, rng)
+        score.wait(0.4)
+        try:
+            qpos = solver.poses(score.draft(DT)).astype(np.float32)
+            faults = measure_soundness(solver.robot, qpos, DT).faults()
+        except MotionError as error:
+            faults = [str(error)]
+        if not faults:
+            return qpos
+        _LOG.debug("motion %r drawn anew: %s", name, "; ".join(faults))
+    raise MotionError(f"motion {name!r}: {_ATTEMPTS} draws and none is sound; the last: {'; '.join(faults)}")
+
+
+def _posture(rng: np.random.Generator) -> tuple[np.ndarray, dict[str, float]]:
+    """A stance ``[2, 3]`` (m, m, rad) and resting values to start from."""
+    width, splay = rng.uniform(0.09, 0.125), rng.uniform(0.0, 0.12)
+    home = {"pelvis_height": -rng.uniform(0.0, 0.025), "waist_pitch": rng.uniform(0.0, 0.06)}
+    arms = {"shoulder_pitch": rng.uniform(0.1, 0.3), "elbow": rng.uniform(0.5, 1.1)}
+    outward = rng.uniform(0.15, 0.3)
+    for side, sign in (("left", 1), ("right", -1)):
+        home |= {f"{side}_{joint}": angle for joint, angle in arms.items()}
+        home[f"{side}_shoulder_roll"] = sign * outward
+    return np.array([[0.0, width, splay], [0.0, -width, -splay]]), home

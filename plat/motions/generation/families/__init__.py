@@ -1,0 +1,55 @@
+"""Kinds of motion: each writes a phrase, from the resting posture and back to it, onto a score."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from plat.motions.generation.families.legs import balance, bow, kick, lunge, squat, weight_shift
+from plat.motions.generation.families.upper_body import gesture, punch, reach, stand, twist, wave
+from plat.motions.generation.families.walking import (
+    crouch_walk,
+    step_in_place,
+    turn,
+    walk,
+    walk_backward,
+    walk_sideways,
+)
+from plat.motions.generation.score import Score
+
+__all__ = ["FAMILIES", "Family", "sequence"]
+
+Family = Callable[[Score, np.random.Generator], None]
+"""Writes one phrase; every parameter comes from the generator."""
+
+_PHRASES: dict[str, Family] = {
+    "stand": stand,
+    "reach": reach,
+    "walk": walk,
+    "squat": squat,
+    "wave": wave,
+    "bow": bow,
+    "step": step_in_place,
+    "turn": turn,
+    "lunge": lunge,
+    "twist": twist,
+    "sideways": walk_sideways,
+    "kick": kick,
+    "gesture": gesture,
+    "backward": walk_backward,
+    "punch": punch,
+    "shift": weight_shift,
+    "crouch": crouch_walk,
+    "balance": balance,
+}
+
+
+def sequence(score: Score, rng: np.random.Generator) -> None:
+    """Three to five phrases of other families, one flowing into the next."""
+    names = rng.choice(list(_PHRASES), size=rng.integers(3, 6), replace=False)
+    for name in names:
+        _PHRASES[name](score, rng)
+        score.wait(rng.uniform(0.0, 0.4))
+
+
+FAMILIES: dict[str, Family] = {**_PHRASES, "sequence": sequence}
+"""Every kind of motion by name."""

@@ -1,0 +1,64 @@
+"""Footsteps: the feet one after the other, and the weight with them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from plat.motions.generation.score import RIGHT, SIDES, Score
+
+__all__ = ["Gait", "take_steps"]
+
+
+@dataclass(frozen=True)
+class Gait:
+    """How steps are taken."""
+
+    step_time: float
+    """seconds a step"""
+    double_support: float = 0.3
+    """share of it with both feet on the floor"""
+    clearance: float = 0.05
+    """height of the swinging sole in mid-swing (m)"""
+    roll: float = 0.0
+    """how far the weight rolls forward under the standing foot (m)"""
+    heel_off: float = 0.0
+    """pitch of the foot when it leaves the floor (rad)"""
+    toes_up: float = 0.0
+    """pitch of the foot the other way when it lands (rad)"""
+    onset: float = 0.6
+    """seconds in which the weight goes onto the first standing foot, and back between the feet at the end"""
+
+
+def take_steps(score: Score, steps: Sequence[tuple[int, np.ndarray]], gait: Gait) -> None:
+    """Write footsteps, from standing to standing; time goes on to their end.
+
+    During the first part of a step both feet are down and the weight goes onto the foot that stays; then the other
+    swings. With ``heel_off`` and ``toes_up`` feet roll: the heel rises once the weight is on the toes, and the sole
+    comes down after the heel has landed.
+
+    Args:
+        score: what is written to.
+        steps: the foot (0 left, 1 right) and its new place: x, y (m) and yaw (rad) ``[3]``.
+        gait: how.
+    """
+    shift, last = gait.double_support * gait.step_time, len(steps) - 1
+    for number, (foot, place) in enumerate(steps):
+        support = gait.onset if number == 0 else shift
+        swing = gait.step_time - shift
+        standing = 1.0 if foot != RIGHT else 0.0
+        # no roll while there is no speed yet, or no longer
+        back, ahead = (0.0 if number == end else 0.5 * gait.roll for end in (0, last))
+        score.weigh(score.under(standing, -back), support)
+        score.weigh(score.under(standing, ahead), swing, support)
+        channel = f"{SIDES[foot]}_foot_pitch"
+        if gait.heel_off and number > 0:
+            score.move({channel: gait.heel_off}, 1.1 * shift, 0.35 * shift)
+        if gait.heel_off or gait.toes_up:
+            landing = -gait.toes_up if number < last - 1 else 0.0
+            score.move({channel: landing}, 0.75 * swing, support + 0.25 * swing)
+            score.move({channel: 0.0}, 0.8 * shift, support + swing)
+        score.step(foot, place, swing, gait.clearance, support)
+        score.wait(support + swing)
+    score.weigh(score.under(0.5), gait.onset)
+    score.wait(gait.onset)

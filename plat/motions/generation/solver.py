@@ -1,0 +1,120 @@
+"""From a draft to poses: legs by inverse kinematics, the pelvis where balance wants it."""
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from plat.errors import MotionError
+from plat.motions.generation.balance import InvertedPendulum, zero_moment_point
+from plat.motions.generation.curves import minimum_jerk
+from plat.motions.generation.score import SIDES, SOLE_CENTER, Draft
+from plat.motions.generation.whole_body import WholeBody
+from plat.rotations import quat_from_rotvec, quat_multiply, quat_rotate
+
+__all__ = ["DT", "Solver"]
+
+DT = 0.02
+"""Seconds a frame of every generated motion."""
+
+_ANKLE_HEIGHT = 0.035  # m above the sole
+_TOE, _HEEL, _EDGE = 0.12, -0.05, -0.03  # m: where a tilted foot touches the floor, in the ankle's frame
+_ALOFT = 0.05  # m: height of the sole from which on a foot is in the air
+_LONGEST_LEG = 0.612  # m from the hip roll axis to the ankle; straight it is 0.622, but knees stay bent
+_SMOOTHING = 9  # frames to either side over which the pelvis gives way to a leg that would be too short
+_ROUNDS, _SETTLED = 6, 2  # of so many, after so many the pelvis is nearly where it will be
+_OUT_OF_REACH = 1e-3  # m and rad: a foot on the floor that stays further off cannot be put where it belongs
+# Above this height (m) a foot may tilt where its ankle ends; then a radian counts as this much (m).
+_FREE, _LIFTED_WEIGHT = 0.03, 0.03
+
+
+class Solver:
+    """Turns drafts into balanced poses of a robot.
+
+    Args:
+        body: the robot's kinematics.
+    """
+
+    def __init__(self, body: WholeBody):
+        self.robot = body.robot
+        self._body = body
+        self._model = body.robot.model()
+        default = torch.from_numpy(self.robot.default_qpos)
+        self._com_height = float(body.center_of_mass(default[None])[0, 2])
+        hips = [self._model.body(f"{side}_hip_roll_link").id for side in SIDES]
+        pitch = [self._model.body_pos[self._model.body_parentid[hip]] for hip in hips]
+        self._hips = torch.from_numpy(np.stack([self._model.body_pos[h] for h in hips]) + np.stack(pitch))
+
+    def poses(self, draft: Draft) -> np.ndarray:
+        """Positions ``[F, 7 + J]``.
+
+        The pelvis is first put where the inverted pendulum wants the centre of mass; then the zero-moment point of
+        all bodies is measured, and what it is off by goes through the pendulum once more, until it fits.
+
+        Raises:
+            MotionError: when a foot is out of reach.
+        """
+        feet_pos, feet_quat = _feet(draft)
+        lifted = torch.from_numpy(draft.foot_pos[..., 2])
+        weight = (1 - lifted / _FREE).clamp_min(_LIFTED_WEIGHT)
+        joint_pos = self.robot.default_joint_pos.double().repeat(len(draft.time), 1)
+        for index, name in enumerate(self.robot.joint_names):
+            if name in draft.channels:
+                joint_pos[:, index] = torch.from_numpy(draft.channels[name])
+        heading = _turned(2, draft.foot_yaw.mean(-1) + draft.channel("pelvis_yaw"))
+        tilt = quat_multiply(_turned(1, draft.channel("pelvis_pitch")), _turned(0, draft.channel("pelvis_roll")))
+        root_quat = quat_multiply(heading, tilt)
+        wanted_height = self.robot.root_height + draft.channel("pelvis_height")
+
+        pendulum = InvertedPendulum(len(draft.time), self._com_height, DT)
+        com = pendulum.com(draft.zmp)
+        root_pos = torch.from_numpy(np.column_stack((com, wanted_height)))
+        for number in range(_ROUNDS):
+            root_pos[:, 2] = torch.from_numpy(self._height_in_reach(root_pos, root_quat, feet_pos, wanted_height))
+            joint_pos, pos_off, rot_off = self._body.solve_legs(
+                root_pos, root_quat, feet_pos, feet_quat, weight, joint_pos
+            )
+            qpos = torch.cat((root_pos, root_quat, joint_pos), -1)
+            if number >= _SETTLED:
+                self._check_reach(joint_pos, lifted, pos_off, rot_off)
+                com += pendulum.com(draft.zmp - zero_moment_point(self._model, qpos.numpy(), DT))
+            root_pos[:, :2] += torch.from_numpy(com) - self._body.center_of_mass(qpos)[:, :2]
+        return qpos.numpy()
+
+    def _check_reach(self, joint_pos: Tensor, lifted: Tensor, pos_off: Tensor, rot_off: Tensor) -> None:
+        beyond = (pos_off > _OUT_OF_REACH + 0.1 * lifted) | ((rot_off > _OUT_OF_REACH) & (lifted <= 0))
+        if not beyond.any():
+            return
+        frame, foot = beyond.nonzero()[0].tolist()
+        low, high = self.robot.joint_range.double().T
+        at_limit = (joint_pos[frame] <= low) | (joint_pos[frame] >= high)
+        names = [name for name, limited in zip(self.robot.joint_names, at_limit.tolist(), strict=True) if limited]
+        raise MotionError(f"the {SIDES[foot]} foot is out of reach at frame {frame}, with {names} at their limits")
+
+    def _height_in_reach(self, root_pos: Tensor, root_quat: Tensor, feet_pos: Tensor, wanted: np.ndarray) -> np.ndarray:
+        """Height of the root ``[F]`` at which no leg is too short, smooth in time."""
+        hips = quat_rotate(root_quat[:, None], self._hips)
+        aside = (feet_pos - root_pos[:, None] - hips)[..., :2].square().sum(-1)
+        highest = feet_pos[..., 2] + (_LONGEST_LEG**2 - aside).clamp_min(0.01).sqrt() - hips[..., 2]
+        limit = np.minimum(highest.amin(-1).numpy(), wanted)
+        width = 2 * _SMOOTHING + 1
+        lowest = np.lib.stride_tricks.sliding_window_view(np.pad(limit, _SMOOTHING, mode="edge"), width).min(-1)
+        kernel = np.hanning(width + 2)[1:-1]
+        return np.convolve(np.pad(lowest, _SMOOTHING, mode="edge"), kernel / kernel.sum(), mode="valid")
+
+
+def _turned(axis: int, angle: np.ndarray) -> Tensor:
+    """Quaternions ``[*B, 4]`` of turns by ``[*B]`` (rad) about x, y or z."""
+    return quat_from_rotvec(torch.from_numpy(angle)[..., None] * torch.eye(3, dtype=torch.float64)[axis])
+
+
+def _feet(draft: Draft) -> tuple[Tensor, Tensor]:
+    """Positions ``[F, 2, 3]`` and orientations ``[F, 2, 4]`` of the ankle bodies."""
+    pitch = np.stack([draft.channel(f"{side}_foot_pitch") for side in SIDES], -1)
+    turn, tilt = _turned(2, draft.foot_yaw), _turned(1, pitch)
+    # a foot that lifts its heel turns about the toe, one that lifts its toes about the heel, and one in the air about
+    # its middle, for there the pitch goes through 0
+    edge = np.where(pitch > 0, _TOE, _HEEL)
+    ahead = edge + minimum_jerk(draft.foot_pos[..., 2] / _ALOFT) * (SOLE_CENTER - edge)
+    pivot = torch.from_numpy(np.stack((ahead, 0 * ahead, np.full_like(ahead, _EDGE)), -1))
+    flat = torch.from_numpy(draft.foot_pos) + torch.tensor([0.0, 0.0, _ANKLE_HEIGHT], dtype=torch.float64)
+    return flat + quat_rotate(turn, pivot - quat_rotate(tilt, pivot)), quat_multiply(turn, tilt)

@@ -1,0 +1,141 @@
+"""Is a motion one that a robot could do? Measured on its poses alone."""
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import mujoco
+import numpy as np
+
+from plat.motions.checks.collision import self_penetration
+from plat.motions.generation.balance import zero_moment_point
+from plat.robots.robot import Robot, without_side
+
+__all__ = ["Soundness", "SoundnessLimits", "measure_soundness", "speed_limits"]
+
+# Top speeds of the G1's motors (rad/s), as in its public description (unitree_ros, g1_29dof_rev_1_0.urdf).
+_MOTOR_SPEED = {
+    **dict.fromkeys(("hip_pitch", "hip_yaw", "waist_yaw"), 32.0),
+    **dict.fromkeys(("hip_roll", "knee"), 20.0),
+    **dict.fromkeys(("wrist_pitch", "wrist_yaw"), 22.0),
+}
+_MOTOR_SPEED_5020 = 37.0
+_DOWN = 0.003  # m: a point of the sole that is no higher bears load
+
+
+@dataclass(frozen=True)
+class SoundnessLimits:
+    """What a generated motion keeps to."""
+
+    slip: float = 0.005
+    """m that a point of the sole moves while it is on the floor"""
+    penetration: float = 0.005
+    """m that a point of the sole is below the floor"""
+    balanced: float = 0.99
+    """share of the frames with the zero-moment point inside the support polygon"""
+    joint_excess: float = 0.0
+    """rad beyond a joint's range"""
+    speed: float = 0.7
+    """largest joint speed, as a share of the motor's top speed"""
+    self_penetration: float = 0.005
+    """m that parts of the body are inside each other"""
+
+
+@dataclass(frozen=True)
+class Soundness:
+    """What :func:`measure_soundness` found; fields as in :class:`SoundnessLimits`."""
+
+    slip: float
+    penetration: float
+    balanced: float
+    joint_excess: float
+    speed: float
+    self_penetration: float
+
+    def faults(self, limits: SoundnessLimits | None = None) -> list[str]:
+        """What is beyond its limit, in words; nothing for a sound motion."""
+        limits = limits or SoundnessLimits()
+        faults = []
+        for name, limit in vars(limits).items():
+            value = getattr(self, name)
+            if value < limit if name == "balanced" else value > limit:
+                faults.append(f"{name} {value:.4f} (limit {limit})")
+        return faults
+
+
+def speed_limits(robot: Robot) -> np.ndarray:
+    """Top speed of every joint's motor ``[J]`` (rad/s)."""
+    return np.array([_MOTOR_SPEED.get(without_side(name), _MOTOR_SPEED_5020) for name in robot.joint_names])
+
+
+def measure_soundness(robot: Robot, qpos: np.ndarray, dt: float) -> Soundness:
+    """Feet, balance, joints and self-contact of poses ``[F, 7 + J]``, ``dt`` seconds apart.
+
+    >>> from plat.robots import G1
+    >>> raised = np.tile(G1.default_qpos, (5, 1))
+    >>> raised[:, 2] += 0.1
+    >>> measure_soundness(G1, raised, 0.02).faults()
+    ['balanced 0.0000 (limit 0.99)']
+    """
+    qpos = qpos.astype(np.float64)
+    model = robot.model()
+    points, depth = _contacts(robot, model, qpos)  # (F, 2 feet, 4 points, 3)
+    zmp = zero_moment_point(model, qpos, dt)
+    down = points[..., 2] < _DOWN
+    low, high = robot.joint_range.double().numpy().T
+    joint_pos = qpos[:, 7:]
+    speed = np.abs(np.diff(joint_pos, axis=0)).max(0) / dt / speed_limits(robot)
+    return Soundness(
+        slip=_slip(points, down),
+        penetration=float(max(0.0, -points[..., 2].min())),
+        balanced=float((support_margin(points, down, zmp) >= 0).mean()),
+        # clips are stored in single precision
+        joint_excess=float(np.maximum(low - joint_pos, joint_pos - high).max().clip(1e-6) - 1e-6),
+        speed=float(speed.max()),
+        self_penetration=depth,
+    )
+
+
+def _contacts(robot: Robot, model: mujoco.MjModel, qpos: np.ndarray) -> tuple[np.ndarray, float]:
+    """Lowest points of the soles ``[F, 2, P, 3]`` (m, world) and how deep parts of the body are in each other (m)."""
+    data = mujoco.MjData(model)
+    soles = robot.sole_geoms(model)
+    points, depth = [], 0.0
+    for pose in qpos:
+        depth = max(depth, self_penetration(model, pose, data))
+        points.append(data.geom_xpos[soles])
+    lowest = np.stack(points)
+    lowest[..., 2] -= model.geom_size[soles, 0]
+    return lowest, depth
+
+
+def _slip(points: np.ndarray, down: np.ndarray) -> float:
+    """Largest distance (m) of a point from where it touched down, while it stays down."""
+    touch = points[..., :2].copy()
+    for frame in range(1, len(touch)):
+        stays = (down[frame] & down[frame - 1])[..., None]
+        touch[frame] = np.where(stays, touch[frame - 1], touch[frame])
+    return float((np.linalg.norm(points[..., :2] - touch, axis=-1) * down).max())
+
+
+def support_margin(points: np.ndarray, down: np.ndarray, zmp: np.ndarray) -> np.ndarray:
+    """How far ``zmp`` ``[F, 2]`` is inside the convex hull of the points that are down ``[F]`` (m; negative: outside).
+
+    Args:
+        points: ``[F, 2, P, 3]`` (m).
+        down: which of them bear load ``[F, 2, P]``.
+
+    >>> square = np.array([[[0, 0, 0], [0, 1, 0]], [[1, 0, 0], [1, 1, 0]]], dtype=float)[None]
+    >>> support_margin(square, np.ones((1, 2, 2), bool), np.array([[0.9, 0.5]])).round(2).tolist()
+    [0.1]
+    """
+    flat, down = points[..., :2].reshape(len(points), -1, 2), down.reshape(len(points), -1)
+    margin = np.full(len(points), np.inf)
+    # every edge of the hull joins two of the points, and every line through two of them bounds it or cuts it
+    for first, second in combinations(range(flat.shape[1]), 2):
+        edge = flat[:, second] - flat[:, first]
+        length = np.linalg.norm(edge, axis=-1).clip(1e-9)[:, None]
+        normal = np.stack((-edge[:, 1], edge[:, 0]), -1) / length
+        for side in (normal, -normal):
+            reach = np.where(down, (flat * side[:, None]).sum(-1), -np.inf).max(-1)
+            margin = np.minimum(margin, reach - (zmp * side).sum(-1))
+    return margin

@@ -1,0 +1,169 @@
+"""BVH files to motions of the robot, and what became of them in figures."""
+
+import functools
+import multiprocessing
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+
+from plat.errors import MotionError
+from plat.motions.clip import MotionClip
+from plat.motions.files import motion_paths
+from plat.motions.retargeting.bvh import read_bvh
+from plat.motions.retargeting.geometry import TRACKED, RobotGeometry
+from plat.motions.retargeting.options import SolverOptions
+from plat.motions.retargeting.skeletons import SkeletonMap, find_map, read_human
+from plat.robots.kinematics import ForwardKinematics
+from plat.robots.robot import G1, Robot
+from plat.rotations import quat_rotate
+
+if TYPE_CHECKING:
+    from plat.motions.retargeting.targets import Targets
+
+__all__ = ["Retargeted", "bvh_paths", "retarget", "retarget_all"]
+
+# Files that a process must have to itself to be worth the seconds in which it starts.
+_FILES_PER_WORKER = 16
+
+
+@dataclass(frozen=True)
+class Retargeted:
+    """A motion of the robot and how well it follows the human's.
+
+    Attributes:
+        clip: the motion.
+        error: mean distance of pelvis, knees, ankles, elbows and wrists from their targets, over bodies and frames
+            (m). Bodies whose place follows from these, such as the torso, would only make it look better.
+        penetration: deepest point of a sole below the ground (m).
+        floating: highest that the lowest point of a foot in stance is above the ground (m).
+        slip: mean speed of the toes of feet in stance (m/s).
+        seconds: that it took.
+    """
+
+    clip: MotionClip
+    error: float
+    penetration: float
+    floating: float
+    slip: float
+    seconds: float
+
+
+def bvh_paths(patterns: Sequence[str | Path]) -> list[Path]:
+    """BVH files that paths, folders and globs name.
+
+    Raises:
+        MotionError: when there are none, one of them names no file, or two files have the same name.
+    """
+    paths = motion_paths(patterns, (".bvh",))
+    if not paths:
+        raise MotionError("BVH files: none given, expected files, folders or globs")
+    by_name: dict[str, Path] = {}
+    for path in paths:
+        if by_name.setdefault(path.stem, path) != path:
+            raise MotionError(f"BVH files {str(by_name[path.stem])!r} and {str(path)!r}: names must differ")
+    return paths
+
+
+def retarget(
+    path: str | Path, skeleton: SkeletonMap | None = None, robot: Robot = G1, options: SolverOptions | None = None
+) -> Retargeted:
+    """Turn the human motion of a BVH file into a motion of the robot at the file's frame rate.
+
+    Args:
+        path: the file; the clip takes its name.
+        skeleton: how to read it; by default the map that comes with plat and fits.
+        robot: must have the bodies of :data:`TRACKED`.
+        options: of inverse kinematics.
+
+    Raises:
+        MotionError: naming file and line or field, when it cannot be read or does not fit the map.
+    """
+    try:
+        from plat.motions.retargeting.feet import lift
+        from plat.motions.retargeting.solver import solve
+        from plat.motions.retargeting.targets import robot_targets
+    except ImportError as error:
+        raise MotionError("retargeting needs: pip install 'plat-rl[retarget]'") from error
+    began = time.perf_counter()
+    where = f"BVH file {str(path)!r}"
+    bvh = read_bvh(path)
+    if len(bvh.positions) < 2:
+        raise MotionError(f"{where}: 1 frame, expected at least 2")
+    skeleton = find_map(bvh.names, where) if skeleton is None else skeleton
+    geometry = RobotGeometry.of(robot)
+    targets = robot_targets(read_human(bvh, skeleton, where), skeleton, geometry, bvh.fps)
+    qpos = solve(targets, robot, bvh.fps, options or SolverOptions())
+    qpos[:, 2] += lift(-_soles(qpos, robot, geometry)[..., 2].min((1, 2)), bvh.fps)
+    clip = MotionClip(Path(path).stem, qpos, bvh.fps).checked(robot)
+    return _measured(clip, targets, robot, geometry, began)
+
+
+def retarget_all(
+    paths: Sequence[Path],
+    skeleton: SkeletonMap | None = None,
+    robot: Robot = G1,
+    options: SolverOptions | None = None,
+    workers: int = 1,
+) -> Iterator[Retargeted | MotionError]:
+    """:func:`retarget` for many files, in their order; a file that cannot be used yields its error.
+
+    Args:
+        paths: files.
+        skeleton, robot, options: see :func:`retarget`.
+        workers: processes, at most; few files are done in this one.
+    """
+    work = functools.partial(_attempt, skeleton=skeleton, robot=robot, options=options)
+    workers = min(workers, len(paths) // _FILES_PER_WORKER)
+    if workers < 2:
+        yield from map(work, paths)
+        return
+    # forked children inherit torch's thread pool in a state that can hang them
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, context, torch.set_num_threads, (1,)) as pool:
+        yield from pool.map(work, paths, chunksize=4)
+
+
+def _attempt(
+    path: Path, skeleton: SkeletonMap | None, robot: Robot, options: SolverOptions | None
+) -> Retargeted | MotionError:
+    try:
+        return retarget(path, skeleton, robot, options)
+    except MotionError as error:
+        return error
+
+
+def _measured(clip: MotionClip, targets: "Targets", robot: Robot, geometry: RobotGeometry, began: float) -> Retargeted:
+    reached, _ = _bodies(clip.qpos, robot, tuple(TRACKED[role] for role in targets.positions))
+    wanted = np.stack(list(targets.positions.values()), 1)
+    soles = _soles(clip.qpos, robot, geometry)
+    stance = np.stack([targets.contact[role] > 0.9 for role in ("left_ankle", "right_ankle")], 1)
+    toes = soles[:, :, geometry.sole[:, 0] == geometry.sole[:, 0].max(), :2].mean(2)
+    speed = np.linalg.norm(np.diff(toes, axis=0), axis=-1) * clip.fps
+    staying = stance[1:] & stance[:-1]
+    return Retargeted(
+        clip=clip,
+        error=float(np.linalg.norm(reached - wanted, axis=-1).mean()),
+        penetration=float(max(0.0, -soles[..., 2].min())),
+        floating=float(soles[..., 2].min(2)[stance].max(initial=0.0)),
+        slip=float(speed[staying].mean()) if staying.any() else 0.0,
+        seconds=time.perf_counter() - began,
+    )
+
+
+def _bodies(qpos: np.ndarray, robot: Robot, names: tuple[str, ...]) -> tuple[np.ndarray, torch.Tensor]:
+    poses = torch.from_numpy(qpos).float()
+    positions, quats = ForwardKinematics(robot, names)(poses[:, :3], poses[:, 3:7], poses[:, 7:])
+    return positions.numpy(), quats
+
+
+def _soles(qpos: np.ndarray, robot: Robot, geometry: RobotGeometry) -> np.ndarray:
+    """Contact points of left and right foot in the world, ``[T, 2, P, 3]``; they lie alike in both feet."""
+    positions, quats = _bodies(qpos, robot, robot.feet)
+    points = torch.from_numpy(geometry.sole).float()
+    return positions[:, :, None] + quat_rotate(quats[:, :, None], points).numpy()

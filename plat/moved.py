@@ -1,0 +1,70 @@
+"""Old import paths of modules that have moved: they work for one more release, with a warning.
+
+An alias is the new module itself, so classes are the same objects under both names.
+"""
+
+import importlib
+import importlib.abc
+import importlib.machinery
+import sys
+import warnings
+from collections.abc import Sequence
+from types import ModuleType
+
+__all__ = ["MOVED", "install"]
+
+MOVED = {
+    "plat.envs.layout": "plat.spec.observation",
+    "plat.envs.motions.feet": "plat.motions.checks.feet",
+    "plat.envs.motions.collision": "plat.motions.checks.collision",
+    "plat.envs.motions.repair": "plat.motions.checks.repair",
+    "plat.envs.motions.validation": "plat.motions.checks.validation",
+    "plat.envs.motions.retargeting.split": "plat.motions.split",
+    "plat.envs.motions": "plat.motions",
+    "plat.envs.robot": "plat.robots.robot",
+    "plat.envs.kinematics": "plat.robots.kinematics",
+    "plat.playing": "plat.control",
+    "plat.training": "plat.runs",
+    "plat.rendering.bars": "plat.figures.bars",
+    "plat.rendering.figures": "plat.figures.pyplot",
+    "plat.rendering.radar": "plat.figures.radar",
+    "plat.rendering.style": "plat.figures.style",
+    "plat.rendering.success": "plat.figures.success",
+    "plat.objectives.precision": "plat.precision",
+}
+"""Where modules of version 0.1 are now; what lies below a package has moved with it."""
+
+
+class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
+    def find_spec(
+        self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        new = _new_name(name)
+        return None if new is None else importlib.machinery.ModuleSpec(name, self, origin=new, is_package=True)
+
+    def create_module(self, spec: importlib.machinery.ModuleSpec) -> ModuleType:
+        assert spec.origin is not None
+        message = f"{spec.name} is now {spec.origin}; the old name goes with version 0.3"
+        warnings.warn(message, FutureWarning, stacklevel=2)
+        module = importlib.import_module(spec.origin)
+        spec.loader_state = module.__spec__
+        return module
+
+    def exec_module(self, module: ModuleType) -> None:
+        # it has run under its new name; the import machinery has only put the alias's spec in place of its own
+        assert module.__spec__ is not None
+        module.__spec__ = module.__spec__.loader_state
+
+
+def _new_name(name: str) -> str | None:
+    for old, new in MOVED.items():
+        if name == old or name.startswith(f"{old}."):
+            return new + name.removeprefix(old)
+    return None
+
+
+def install() -> None:
+    """Let the old names be imported. Does nothing the second time."""
+    if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
+        # ahead of the path finder, which would run a submodule a second time under its old name
+        sys.meta_path.insert(0, _Finder())

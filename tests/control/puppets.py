@@ -1,0 +1,29 @@
+"""Controllers that need no policy."""
+
+import numpy as np
+
+from plat.robots import G1
+
+DEFAULT = G1.default_joint_pos.double().numpy()
+
+
+class Puppet:
+    """Tells the motors the joint angles of the keyframe; remembers what it was asked."""
+
+    def __init__(self):
+        self.asked = []
+        self.resets = []
+
+    def reset(self, joint_target=None):
+        self.resets.append(joint_target)
+
+    def __call__(self, state, keyframe, steps_left):
+        self.asked.append((keyframe, steps_left))
+        return np.asarray(keyframe.joint_pos)
+
+
+class Limp(Puppet):
+    """Lets the robot fall: the motors are told to stay where they are."""
+
+    def __call__(self, state, keyframe, steps_left):
+        return state.joint_pos

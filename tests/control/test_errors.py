@@ -1,0 +1,62 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from plat.control import PoseComparison
+from plat.deploy import RobotState
+from plat.envs.transforms import TerminationLimits
+from plat.keyframes import Keyframe, standing
+from plat.robots import G1
+
+POSE = standing(G1)
+
+
+def state(keyframe: Keyframe) -> RobotState:
+    zero = np.zeros(3)
+    return RobotState(keyframe.joint_pos, np.zeros(29), keyframe.root_pos, keyframe.root_quat, zero, zero)
+
+
+def moved(**changes) -> Keyframe:
+    return replace(POSE, **changes)
+
+
+@pytest.fixture(scope="module")
+def compare() -> PoseComparison:
+    return PoseComparison(G1)
+
+
+def test_a_shift_is_the_error_of_every_keypoint(compare):
+    errors = compare(state(moved(root_pos=POSE.root_pos + np.array([0.3, -0.4, 0.0]))), POSE)
+    assert errors.keypoint == pytest.approx(0.5)
+    assert errors.joint == 0
+    assert not errors.off_pose  # where the robot stands does not count, only heights and the torso's orientation
+    assert not errors.fallen
+
+
+def test_an_angle_is_shared_by_all_joints(compare):
+    joint_pos = POSE.joint_pos.copy()
+    joint_pos[G1.joint_names.index("left_elbow")] += 0.29
+    errors = compare(state(moved(joint_pos=joint_pos)), POSE)
+    assert errors.joint == pytest.approx(0.01)
+    assert 0 < errors.keypoint < 0.1
+
+
+@pytest.mark.parametrize(
+    ("changes", "off_pose", "fallen"),
+    [
+        ({"root_pos": POSE.root_pos - np.array([0, 0, 0.24])}, False, False),
+        ({"root_pos": POSE.root_pos - np.array([0, 0, 0.26])}, True, True),
+        ({"root_quat": np.array([np.cos(0.48), 0, 0, np.sin(0.48)])}, False, False),
+        ({"root_quat": np.array([np.cos(0.52), 0, 0, np.sin(0.52)])}, True, False),
+        ({"root_quat": np.array([np.cos(0.75), np.sin(0.75), 0, 0])}, True, True),
+    ],
+)
+def test_limits_are_those_of_the_evaluation(compare, changes, off_pose, fallen):
+    errors = compare(state(moved(**changes)), POSE)
+    assert (errors.off_pose, errors.fallen) == (off_pose, fallen)
+
+
+def test_limits_can_be_chosen():
+    strict = PoseComparison(G1, TerminationLimits(root_height=0.1))
+    assert strict(state(moved(root_pos=POSE.root_pos - np.array([0, 0, 0.15]))), POSE).fallen

@@ -1,0 +1,32 @@
+import pytest
+
+from plat.figures import ablation_bars
+from tests.rendering.scores import made_up
+
+pytest.importorskip("matplotlib")
+
+
+def test_a_bar_a_policy_with_value_and_interval():
+    scores = made_up("DAgger", "mine", "PLAT")
+    figure = ablation_bars(scores, "long")
+    assert [text.get_text() for text in figure.axes[0].get_yticklabels()] == ["DAgger", "mine", "PLAT"]
+    for panel, metric in zip(figure.axes, ("tks", "mpjpe", "mpkpe"), strict=True):
+        figures = [score.figures[metric] for score in scores if score.horizon == "long"]
+        assert [bar.get_width() for bar in panel.patches] == [figure.value for figure in figures]
+        assert [bar.get_x() for bar in panel.patches] == [0, 0, 0]
+        (intervals,) = panel.collections
+        for interval, wanted in zip(intervals.get_segments(), figures, strict=True):
+            assert interval[0][0] == pytest.approx(min(wanted.low, wanted.value))
+            assert interval[1][0] == pytest.approx(max(wanted.high, wanted.value))
+        digits = 1 if metric == "tks" else 3
+        assert [text.get_text() for text in panel.texts] == [f"{figure.value:.{digits}f}" for figure in figures]
+
+
+def test_the_best_is_told_from_the_worst():
+    titles = [panel.get_title() for panel in ablation_bars(made_up("PLAT"), "long").axes]
+    assert titles == ["TKS@3 (%) ↑", "MPJPE@3 (rad) ↓", "MPKPE@3 (m) ↓"]
+
+
+def test_a_horizon_that_was_not_scored_is_named():
+    with pytest.raises(ValueError, match=r"'single', expected one of \['long', 'mixed', 'short'\]"):
+        ablation_bars(made_up("PLAT"), "single")

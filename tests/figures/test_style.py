@@ -1,0 +1,48 @@
+import pytest
+
+from plat.figures import save_figure
+from plat.figures.style import looks, paper_style, policies
+from tests.rendering.scores import made_up
+
+ROWS = ["SONIC", "SONIC-style", "TWIST2", "wbc", "Scratch RL", "w/o privileged latent", "DAgger"]
+ROWS += ["Direct RL fine-tune", "Residual action", "PLAT"]
+
+
+def test_a_row_looks_the_same_in_whatever_company():
+    assert looks(ROWS)["PLAT"] == looks(["PLAT"])["PLAT"] == looks(["mine", "PLAT"])["PLAT"]
+    assert looks(["dagger", "plat"])["plat"] == looks(["PLAT"])["PLAT"]  # a run's folder
+
+
+def test_no_two_policies_look_alike():
+    others = [f"run {number}" for number in range(8)]
+    for names in (ROWS, others, ROWS[6:] + others):
+        assert len({(look.colour, look.marker) for look in looks(names).values()}) == len(names)
+    # a few runs differ in colour already
+    assert len({look.colour for look in looks(others[:5]).values()}) == 5
+
+
+def test_policies_keep_their_order():
+    assert policies(made_up("b", "a")) == ["b", "a"]
+
+
+def test_a_figure_is_written_twice_and_is_the_same_every_time(tmp_path):
+    pytest.importorskip("matplotlib")
+    contents = []
+    for name in ("one", "two"):
+        with paper_style() as plt:
+            figure, panel = plt.subplots()
+            panel.plot([0, 1])
+        written = save_figure(figure, tmp_path / "new" / f"{name}.v2")
+        assert [path.name for path in written] == [f"{name}.v2.pdf", f"{name}.v2.png"]
+        contents.append([path.read_bytes() for path in written])
+    assert contents[0][0].startswith(b"%PDF")
+    assert contents[0][1].startswith(b"\x89PNG")
+    assert contents[0] == contents[1]
+
+
+def test_the_style_ends_with_the_figure():
+    pytest.importorskip("matplotlib")
+    with paper_style() as plt:
+        inside = plt.rcParams["font.size"]
+    assert inside == 8
+    assert plt.rcParams["font.size"] != 8

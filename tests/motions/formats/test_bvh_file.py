@@ -1,0 +1,36 @@
+import sys
+
+import pytest
+
+from plat.errors import MotionError
+from plat.motions import load_motions, read_motion_files
+from tests.motions.retargeting.human import write_human
+
+
+def test_human_motion_is_retargeted_as_it_is_read(tmp_path):
+    pytest.importorskip("mink")
+    write_human(tmp_path / "person.bvh", frames=5)
+    (file,) = read_motion_files(tmp_path)
+    assert file.format == "human BVH, retargeted"
+    assert [clip.name for clip in file.clips] == ["person"]
+    assert file.clips[0].qpos.shape == (5, 36)
+
+
+def test_what_is_wrong_is_named_once(tmp_path):
+    (tmp_path / "broken.bvh").write_text("HIERARCHY\nROOT\n")
+    with pytest.raises(MotionError, match=r"^motion file '[^']*broken.bvh': line 2: 'ROOT', expected a name"):
+        load_motions(tmp_path)
+
+
+def test_a_rate_against_the_files_is_refused(tmp_path):
+    write_human(tmp_path / "person.bvh", frames=5)
+    with pytest.raises(MotionError, match="'fps' stated as 60, but a .bvh gives its own"):
+        load_motions(tmp_path, fps=60)
+
+
+def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
+    write_human(tmp_path / "person.bvh", frames=5)
+    monkeypatch.setitem(sys.modules, "mink", None)
+    monkeypatch.delitem(sys.modules, "plat.motions.retargeting.solver", raising=False)
+    with pytest.raises(MotionError, match=r"plat-rl\[retarget\]"):
+        load_motions(tmp_path)

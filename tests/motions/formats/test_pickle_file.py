@@ -1,0 +1,105 @@
+import bz2
+import lzma
+import pickle
+import zlib
+
+import numpy as np
+import pytest
+
+from plat.errors import MotionError
+from plat.motions import load_motions, read_motion_files
+from plat.robots import G1
+from tests.motions.formats.writers import asap_motions, bowing_clip, gmr_fields, write_asap, write_gmr
+
+
+@pytest.mark.parametrize("protocol", range(pickle.HIGHEST_PROTOCOL + 1))
+def test_gmr(tmp_path, protocol):
+    write_gmr(tmp_path / "bow.pkl", bowing_clip(), protocol)
+    (file,) = read_motion_files(tmp_path / "bow.pkl")
+    np.testing.assert_allclose(file.clips[0].qpos, bowing_clip().qpos, atol=1e-6)
+    assert (file.clips[0].name, file.facts) == ("bow", "GMR pickle, 50 fps, quaternion xyzw")
+
+
+def keep(data: bytes) -> bytes:
+    return data
+
+
+@pytest.mark.parametrize("compress", [keep, zlib.compress, bz2.compress, lzma.compress])
+@pytest.mark.parametrize("aligned", [True, False])
+def test_asap(tmp_path, compress, aligned):
+    write_asap(tmp_path / "two.pkl", bowing_clip(), compress, aligned)
+    (file,) = read_motion_files(tmp_path / "two.pkl")
+    assert [clip.name for clip in file.clips] == ["first", "second"]
+    assert "no wrists in the file" in file.facts
+    wrists = np.array(["wrist" in name for name in G1.joint_names])
+    for clip in file.clips:
+        np.testing.assert_allclose(clip.qpos[:, :7], bowing_clip().qpos[:, :7], atol=1e-6)
+        np.testing.assert_allclose(clip.qpos[:, 7:][:, ~wrists], bowing_clip().qpos[:, 7:][:, ~wrists], atol=1e-6)
+        assert (clip.qpos[:, 7:][:, wrists] == 0).all()
+
+
+def test_a_stated_order_wins(tmp_path):
+    write_gmr(tmp_path / "bow.pkl", bowing_clip())
+    stated = load_motions(tmp_path / "bow.pkl", quat_order="wxyz")[0].qpos
+    np.testing.assert_allclose(stated[:, [6, 3, 4, 5]], bowing_clip().qpos[:, 3:7], atol=1e-6)
+
+
+def test_an_order_that_looks_wrong_is_told(tmp_path):
+    fields = gmr_fields(bowing_clip())
+    fields["root_rot"] = fields["root_rot"][:, [3, 0, 1, 2]]
+    (tmp_path / "bow.pkl").write_bytes(pickle.dumps(fields))
+    (file,) = read_motion_files(tmp_path / "bow.pkl")
+    assert "looks right only with quaternion wxyz" in file.facts
+
+
+def test_joints_are_matched_by_name(tmp_path):
+    fields = gmr_fields(bowing_clip())
+    fields["dof_pos"] = fields["dof_pos"][:, ::-1]
+    fields["joint_names"] = list(G1.joint_names)[::-1]
+    (tmp_path / "bow.pkl").write_bytes(pickle.dumps(fields))
+    np.testing.assert_allclose(load_motions(tmp_path / "bow.pkl")[0].qpos, bowing_clip().qpos, atol=1e-6)
+
+
+LAUGHS: list[object] = []
+for _ in range(20):  # 10^20 entries for whoever walks through them
+    LAUGHS = [LAUGHS] * 10
+
+
+def without(name: str) -> dict[str, object]:
+    return {key: value for key, value in gmr_fields(bowing_clip()).items() if key != name}
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (print, "names 'builtins.print', expected arrays"),
+        ([1, 2], "holds a list, expected a dictionary"),
+        ({}, "holds a dict, expected a dictionary of a motion"),
+        ({"a": 1}, "entry 'a' is a int"),
+        (without("fps"), "no field 'fps'"),
+        (without("root_rot"), "no field 'root_rot', only"),
+        ({"walk": without("dof_pos")}, "motion 'walk': no field 'dof_pos' or 'dof'"),
+        ({**without("fps"), "fps": "fast"}, "'fps' is of type str, expected one number"),
+        ({**without("fps"), "fps": LAUGHS}, "'fps' is of type list, expected one number"),
+        ({**without(""), "dof_pos": LAUGHS}, "'dof_pos' is a list, expected an array"),
+        ({**without(""), "joint_names": LAUGHS}, "'joint_names' is not a list of names"),
+        ({"walk": LAUGHS}, "entry 'walk' is a list"),
+        ({**without(""), "dof_pos": np.zeros((40, 27))}, "has 27 joints, expected the 29 joints of 'g1', or 23"),
+        ({**without(""), "root_pos": np.zeros((39, 3))}, "has shape .39, 3., expected .40, 3."),
+        ({**without(""), "root_rot": [0, 0, 0, 1]}, "'root_rot' is a list, expected an array"),
+        ({**without(""), "root_rot": np.zeros((40, 4))}, "quaternion of frame 0"),
+        ({**without(""), "dof_pos": np.full((40, 29), np.nan)}, "is nan"),
+        ({**without(""), "dof_pos": np.full((40, 29), "a")}, "expected .frames, joints."),
+    ],
+)
+def test_errors_name_file_and_field(tmp_path, content, message):
+    (tmp_path / "bad.pkl").write_bytes(pickle.dumps(content))
+    with pytest.raises(MotionError, match=rf"bad.pkl'.*{message}"):
+        load_motions(tmp_path / "bad.pkl")
+
+
+def test_one_array_cannot_stand_for_any_number_of_motions(tmp_path):
+    motions = asap_motions(bowing_clip(), tuple(f"{index}" for index in range(500)))
+    (tmp_path / "many.pkl").write_bytes(pickle.dumps(motions))
+    with pytest.raises(MotionError, match="its motions are larger than the file"):
+        load_motions(tmp_path / "many.pkl")

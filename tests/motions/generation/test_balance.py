@@ -1,0 +1,56 @@
+import numpy as np
+import pytest
+
+from plat.motions.generation.balance import InvertedPendulum, zero_moment_point
+from plat.robots import G1
+
+MASS_HEIGHT = 0.67
+
+
+def test_the_pendulums_zero_moment_point_is_the_wanted_one():
+    time = np.arange(200) * 0.02
+    zmp = np.stack((0.1 * np.tanh(4 * (time - 2)), 0.05 * np.sin(3 * time)), -1)
+    com = InvertedPendulum(200, MASS_HEIGHT, 0.02).com(zmp)
+    acceleration = (com[2:] - 2 * com[1:-1] + com[:-2]) / 0.02**2
+    np.testing.assert_allclose(com[1:-1] - MASS_HEIGHT / 9.81 * acceleration, zmp[1:-1], atol=1e-9)
+    # it leans into a change before the change comes
+    assert com[90, 0] > zmp[90, 0]
+
+
+def test_a_robot_at_rest_has_it_below_its_centre_of_mass():
+    zmp = zero_moment_point(G1.model(), np.tile(G1.default_qpos, (5, 1)), 0.02)
+    np.testing.assert_allclose(zmp, np.tile(zmp[:1], (5, 1)), atol=1e-9)
+    assert abs(zmp[0, 1]) < 2e-3
+    assert -0.02 < zmp[0, 0] < 0.05
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_an_accelerated_robot_has_it_behind(axis):
+    acceleration, time = 1.0, np.arange(11) * 0.02
+    still = np.tile(G1.default_qpos, (11, 1))
+    moving = still.copy()
+    moving[:, axis] += 0.5 * acceleration * time**2
+    model = G1.model()
+    com_height = 0.668
+    change = zero_moment_point(model, moving, 0.02) - zero_moment_point(model, still, 0.02)
+    expected = 0.5 * acceleration * time[5] ** 2 - com_height / 9.81 * acceleration
+    assert change[5, axis] == pytest.approx(expected, abs=1e-3)
+    assert change[5, 1 - axis] == pytest.approx(0, abs=1e-3)
+
+
+def test_spinning_arms_push_it():
+    # both arms speed up backward: the trunk is pushed the other way, and the zero-moment point with it
+    time = np.arange(11) * 0.02
+    swing = np.tile(G1.default_qpos, (11, 1))
+    for side in ("left", "right"):
+        swing[:, 7 + G1.joint_names.index(f"{side}_shoulder_pitch")] += 0.5 * 20 * time**2
+    model = G1.model()
+    still = zero_moment_point(model, np.tile(G1.default_qpos, (11, 1)), 0.02)
+    assert abs(zero_moment_point(model, swing, 0.02) - still)[3, 0] > 0.01
+
+
+def test_the_model_is_left_as_it_was():
+    model = G1.model()
+    flags = int(model.opt.disableflags)
+    zero_moment_point(model, np.tile(G1.default_qpos, (3, 1)), 0.02)
+    assert model.opt.disableflags == flags

@@ -1,0 +1,60 @@
+import numpy as np
+import pytest
+
+from plat.motions.generation.families import FAMILIES
+from plat.motions.generation.score import Score
+
+STANCE = np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]])
+
+
+def written(family: str, seed: int) -> Score:
+    score = Score(STANCE, {"left_elbow": 0.7, "right_elbow": 0.7})
+    FAMILIES[family](score, np.random.default_rng(seed))
+    score.wait(0.1)
+    return score
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("seed", range(3))
+def test_phrases_end_as_they_began(family, seed):
+    score = written(family, seed)
+    draft = score.draft(0.02)
+    for name, values in draft.channels.items():
+        assert values[-1] == pytest.approx(score.home.get(name, 0.0), abs=1e-6), name
+    # flat feet side by side, the weight between them
+    np.testing.assert_allclose(draft.foot_pos[-1, :, 2], 0.0, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(score.feet[0, :2] - score.feet[1, :2]), 0.2, atol=1e-6)
+    np.testing.assert_allclose(draft.zmp[-1], score.under(0.5), atol=1e-9)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_every_seed_is_another_motion(family):
+    assert written(family, 0).now != written(family, 1).now
+
+
+def travelled(family: str, seed: int) -> np.ndarray:
+    """Where the middle of the feet went ``[2]`` (m) and how far they turned (rad)."""
+    feet = written(family, seed).feet
+    return np.array([*feet[:, :2].mean(0), feet[:, 2].mean()])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_walks_go_their_way(seed):
+    assert travelled("walk", seed)[:2] @ [1, 0] > 0.3
+    assert travelled("backward", seed)[0] < -0.3
+    assert abs(travelled("sideways", seed)[1]) > 0.15
+    assert abs(travelled("turn", seed)[2]) > 0.5
+    np.testing.assert_allclose(travelled("turn", seed)[:2], 0, atol=1e-9)
+    np.testing.assert_allclose(travelled("step", seed), 0, atol=1e-9)
+
+
+def test_walking_speeds_span_the_range():
+    speeds = []
+    for seed in range(60):
+        draft = written("walk", seed).draft(0.02)
+        x = draft.foot_pos[..., :2].mean(1)
+        # over the middle third, away from setting off and coming to rest
+        first, last = len(x) * 2 // 5, len(x) * 3 // 5
+        speeds.append(np.linalg.norm(x[last] - x[first]) / ((last - first) * 0.02))
+    assert min(speeds) < 0.3
+    assert max(speeds) > 0.85

@@ -1,0 +1,111 @@
+import logging
+
+import numpy as np
+import pytest
+
+from plat.errors import MotionError
+from plat.motions import generate_motions, generation
+from plat.motions.generation import DT, FAMILIES, Solver, generate_named
+from plat.motions.generation.score import Score
+from plat.motions.generation.soundness import measure_soundness
+from plat.motions.generation.whole_body import WholeBody
+from plat.robots import G1
+
+
+@pytest.fixture(scope="module", params=sorted(FAMILIES))
+def clip(request):
+    """One clip of each family."""
+    return generate_motions("train", seconds=0.1, families=(request.param,))[0]
+
+
+def test_clips_are_sound(clip):
+    assert measure_soundness(G1, clip.qpos, DT).faults() == []
+
+
+def test_clips_begin_and_end_at_rest_in_one_posture(clip):
+    for end in (clip.qpos[:3], clip.qpos[-3:]):
+        assert np.abs(np.diff(end[:, 7:], axis=0)).max() / DT < 0.15
+    np.testing.assert_allclose(clip.qpos[0, 19:], clip.qpos[-1, 19:], atol=1e-3)
+
+
+def test_something_happens(clip):
+    assert 3 < clip.duration < 60
+    assert np.ptp(clip.qpos[:, 7:], axis=0).max() > 0.1
+
+
+def test_same_seed_same_motion():
+    first, second = (generate_motions("val", seconds=12) for _ in range(2))
+    assert all(np.array_equal(a.qpos, b.qpos) for a, b in zip(first, second, strict=True))
+
+
+def test_a_longer_set_holds_the_same_clips():
+    short, long = generate_motions("val", seconds=6), generate_motions("val", seconds=18)
+    assert len(long) > len(short)
+    assert all(np.array_equal(a.qpos, b.qpos) for a, b in zip(short, long, strict=False))
+
+
+def test_splits_share_no_motion():
+    train, val = (generate_motions(split, seconds=5, families=("bow",)) for split in ("train", "val"))
+    assert not any(a.qpos.shape == b.qpos.shape and np.allclose(a.qpos, b.qpos) for a in train for b in val)
+
+
+def test_a_short_set_holds_many_families():
+    families = [clip.name.split("_")[0] for clip in generate_motions("train", seconds=30)]
+    assert families == list(FAMILIES)[: len(families)]
+    assert len(families) >= 5
+
+
+def test_unsound_draws_are_drawn_anew(monkeypatch, caplog):
+    draft = Solver.poses
+    calls = []
+
+    def limp(self, score):
+        calls.append(score)
+        qpos = draft(self, score)
+        if len(calls) == 1:
+            qpos[:, 2] -= 0.02  # into the floor
+        return qpos
+
+    monkeypatch.setattr(Solver, "poses", limp)
+    with caplog.at_level(logging.DEBUG, "plat.motions.generation"):
+        (clip,) = generate_motions("train", seconds=0.1, families=("bow",))
+    assert len(calls) == 2
+    assert "'bow_train_000' drawn anew: penetration 0.0200 (limit 0.005)" in caplog.text
+    assert measure_soundness(G1, clip.qpos, DT).penetration < 1e-6
+
+
+def test_a_family_that_is_never_sound_is_an_error(monkeypatch):
+    def sink(score, rng):
+        score.shift({"pelvis_height": -0.55}, 1.0)
+        score.wait(1.0)
+
+    monkeypatch.setitem(FAMILIES, "sink", sink)
+    monkeypatch.setattr(generation, "_ATTEMPTS", 2)
+    with pytest.raises(MotionError, match="motion 'sink_train_000': 2 draws and none is sound; the last: the"):
+        generate_motions("train", families=("sink",))
+
+
+def test_unknown_names():
+    with pytest.raises(MotionError, match="no family \\['fly'\\]"):
+        generate_motions("train", families=("fly",))
+    with pytest.raises(MotionError, match="no set 'dev'"):
+        generate_motions("dev")
+
+
+def test_a_foot_that_cannot_get_there_names_the_joint():
+    score = Score(np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), {})
+    score.shift({"pelvis_height": -0.5}, 0.5)
+    score.wait(0.6)
+    with pytest.raises(MotionError, match="foot is out of reach at frame \\d+, with .*ankle_pitch.* at their limits"):
+        Solver(WholeBody(G1)).poses(score.draft(DT))
+
+
+def test_names_choose_families_and_length():
+    clips = generate_named("generated:val/bow+stand@12")
+    assert [clip.name for clip in clips] == ["bow_val_000", "stand_val_000", "bow_val_001"]
+
+
+@pytest.mark.parametrize("name", ["generated:val@long", "generated:val/tango", "generated:"])
+def test_other_names_are_refused(name):
+    with pytest.raises(MotionError, match="expected"):
+        generate_named(name)

@@ -1,0 +1,120 @@
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from plat.errors import MotionError
+from plat.motions.retargeting import read_bvh
+
+from .human import write_human
+
+TEXT = """HIERARCHY
+ROOT hips
+{
+  OFFSET 1 2 3
+  CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation
+  JOINT left knee
+  {
+    OFFSET 0 -4 0
+    CHANNELS 3 Yrotation Zrotation Xrotation
+    End Site
+    {
+      OFFSET 0 -3 0
+    }
+  }
+}
+MOTION
+Frames: 2
+Frame Time: 0.01
+0 10 0 0 0 0 0 0 0
+5 10 0 30 20 10 40 50 60
+"""
+
+
+def read(tmp_path, text: str):
+    (tmp_path / "clip.bvh").write_text(text, newline="")
+    return read_bvh(tmp_path / "clip.bvh")
+
+
+def test_joints_are_where_the_channels_put_them(tmp_path):
+    bvh = read(tmp_path, TEXT)
+    assert bvh.names == ("hips", "left knee", "left knee_end")
+    assert (bvh.parents, bvh.fps) == ((-1, 0, 1), 100.0)
+    np.testing.assert_allclose(bvh.positions[0], [[0, 10, 0], [0, 6, 0], [0, 3, 0]], atol=1e-12)
+    hips = Rotation.from_euler("ZXY", [30, 20, 10], degrees=True)
+    knee = hips * Rotation.from_euler("YZX", [40, 50, 60], degrees=True)
+    np.testing.assert_allclose(bvh.positions[1, 1], np.add([5, 10, 0], hips.apply([0, -4, 0])), atol=1e-12)
+    np.testing.assert_allclose(bvh.positions[1, 2] - bvh.positions[1, 1], knee.apply([0, -3, 0]), atol=1e-12)
+    np.testing.assert_allclose(bvh.rotations[1, 1], knee.as_matrix(), atol=1e-12)
+
+
+def test_position_channels_take_the_place_of_the_offset(tmp_path):
+    text = TEXT.replace("CHANNELS 3 Yrotation Zrotation Xrotation", "CHANNELS 2 Yposition Zrotation")
+    text = text.replace("0 0 0 0 0 0 0\n", "0 0 0 0 -9 0\n").replace("10 40 50 60", "10 -9 0")
+    np.testing.assert_allclose(read(tmp_path, text).positions[0, 1], [0, 1, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda text: text.replace("\n", "\r\n"),
+        lambda text: text.replace("  ", "\t").replace(" ", " \t  "),
+        lambda text: "\ufeff" + text + "\n \n",
+        lambda text: text.replace("Xposition", "xposition"),
+    ],
+    ids=["CRLF", "tabs and spaces", "BOM and blank lines", "lower case"],
+)
+def test_ways_of_writing(tmp_path, change):
+    np.testing.assert_array_equal(read(tmp_path, change(TEXT)).positions, read(tmp_path, TEXT).positions)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("HIERARCHY", "HIERARCHIE", "line 1: 'HIERARCHIE', expected HIERARCHY"),
+        ("ROOT hips", "ROOT", "line 2: 'ROOT', expected a name"),
+        ("JOINT left knee", "JOINT hips", "line 6: 'JOINT hips', expected a name that no other joint has"),
+        ("OFFSET 0 -4 0", "OFFSET 0 -4", "line 8: .*expected OFFSET with three numbers"),
+        ("OFFSET 0 -4 0", "OFFSET 0 x 0", "line 8: .*expected OFFSET with three numbers"),
+        ("CHANNELS 3", "CHANNELS 4", "line 9: .*expected CHANNELS, their number"),
+        ("Yrotation Zrotation Xrotation", "Yrotation Zrotation Wrotation", "line 9: .*expected CHANNELS"),
+        ("MOTION", "}", "line 16: '}', expected ROOT"),
+        ("Frames: 2", "Frames: -2", "line 17: .*a positive number"),
+        ("Frames: 2", "Frames: 99999999999999", "ends where frame 3 of 99999999999999 was expected"),
+        ("Frames: 2", "Frames: 1", "line 20: .*the end, for 'Frames:' says 1"),
+        ("Frame Time: 0.01", "Frame Time: 0", "line 18: .*positive seconds"),
+        ("40 50 60", "40 50", "line 20: .*9 finite numbers, one a channel"),
+        ("40 50 60", "40 50 nan", "line 20: .*9 finite numbers"),
+        ("40 50 60", "40 50 x", "line 20: .*9 finite numbers"),
+    ],
+)
+def test_errors_name_file_and_line(tmp_path, old, new, message):
+    with pytest.raises(MotionError, match=f"clip.bvh'.*{message}"):
+        read(tmp_path, TEXT.replace(old, new, 1))
+
+
+def test_missing_file():
+    with pytest.raises(MotionError, match=r"'nowhere.bvh': cannot be read"):
+        read_bvh("nowhere.bvh")
+
+
+def test_every_truncation_is_noticed(tmp_path):
+    # a cut within the last number leaves a number, and nothing can tell
+    for length in range(0, len(TEXT.rstrip()) - 1, 4):
+        with pytest.raises(MotionError):
+            read(tmp_path, TEXT[:length])
+
+
+def test_damaged_files_are_read_or_refused(tmp_path):
+    content = bytearray(write_human(tmp_path / "human.bvh", frames=2).read_bytes())
+    rng = np.random.default_rng(0)
+    refused = 0
+    for _ in range(100):
+        damaged = content.copy()
+        for place in rng.integers(len(content), size=3):
+            damaged[place] = rng.integers(256)
+        (tmp_path / "bad.bvh").write_bytes(damaged)
+        try:
+            read_bvh(tmp_path / "bad.bvh")
+        except MotionError:
+            refused += 1
+    assert refused > 50

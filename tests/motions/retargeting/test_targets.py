@@ -1,0 +1,77 @@
+import numpy as np
+import pytest
+
+from plat.motions.retargeting import builtin_maps, read_bvh
+from plat.motions.retargeting.geometry import RobotGeometry
+from plat.motions.retargeting.skeletons import Human, read_human
+from plat.motions.retargeting.targets import Targets, robot_targets
+from plat.robots import G1
+
+from .human import write_human
+
+LAFAN1 = builtin_maps()[1]
+ROBOT = RobotGeometry.of(G1)
+
+
+def make(tmp_path, **arguments) -> tuple[Human, Targets]:
+    bvh = read_bvh(write_human(tmp_path / "a.bvh", **arguments))
+    human = read_human(bvh, LAFAN1, "a.bvh")
+    return human, robot_targets(human, LAFAN1, ROBOT, bvh.fps)
+
+
+def angle(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.degrees(np.arccos((a @ b) / np.linalg.norm(a) / np.linalg.norm(b))))
+
+
+def test_arms_keep_their_direction_and_take_the_robots_length(tmp_path):
+    human, targets = make(tmp_path, turns={"LeftArm": (20, 60, 0), "LeftForeArm": (50, 0, 0)})
+    for frame in (0, 15):
+        reach = targets.positions["left_wrist"][frame] - targets.positions["left_elbow"][frame]
+        expected = human.positions["left_wrist"][frame] - human.positions["left_elbow"][frame]
+        assert np.linalg.norm(reach) == pytest.approx(ROBOT.forearm)
+        assert angle(reach, expected) < 1e-3
+
+
+def test_feet_stand_flat_on_the_ground_and_do_not_move(tmp_path):
+    _, targets = make(tmp_path, turns={"Spine": (40, 0, 0)})
+    for side in ("left_ankle", "right_ankle"):
+        assert (targets.contact[side] == 1).all()
+        np.testing.assert_allclose(targets.positions[side][:, 2], ROBOT.ankle_height, atol=1e-6)
+        np.testing.assert_allclose(targets.rotations[side][:, 2, 2], 1, atol=1e-6)
+        assert np.ptp(targets.positions[side], axis=0).max() < 1e-4
+    width = targets.positions["left_ankle"] - targets.positions["right_ankle"]
+    assert (np.linalg.norm(width[:, :2], axis=1) > 0.2).all()
+
+
+def test_a_lifted_foot_keeps_its_clearance_in_proportion(tmp_path):
+    human, targets = make(tmp_path, turns={"LeftUpLeg": (60, 0, 0), "LeftLeg": (-60, 0, 0)})
+    lift = np.ptp(human.positions["left_ankle"][:, 2])
+    lowest = (targets.rotations["left_ankle"] @ ROBOT.sole.T)[:, 2].min(1) + targets.positions["left_ankle"][:, 2]
+    assert targets.contact["left_ankle"][15] == 0
+    assert lowest.max() == pytest.approx(lift * ROBOT.leg / human.leg, rel=0.1)
+    assert lowest.min() == pytest.approx(0, abs=1e-6)
+
+
+def test_upright_is_upright_and_a_bow_is_a_bow(tmp_path):
+    _, targets = make(tmp_path, turns={"Spine": (40, 0, 0)})
+    for role in ("pelvis", "torso"):
+        assert angle(targets.rotations[role][0][:, 2], np.array([0, 0, 1])) < 1
+    frame = targets.rotations["torso"][15]
+    assert angle(frame[:, 2], np.array([0, 0, 1])) == pytest.approx(40, abs=1)
+    assert frame[2, 0] < -0.6, "the chest looks down"
+
+
+def test_a_pointed_foot_does_not_turn_about_itself(tmp_path):
+    # at -75 the foot would lie in line with the shin, where shin and foot span no plane
+    turns = {"LeftUpLeg": (50, 0, 0), "LeftLeg": (-50, 0, 0), "LeftFoot": (-74, 0, 0)}
+    _, targets = make(tmp_path, turns=turns, frames=60)
+    left = targets.rotations["left_ankle"][:, :, 1]
+    assert (left @ left[0] > 0.95).all()
+
+
+def test_an_arm_that_is_up_came_up_in_front(tmp_path):
+    _, targets = make(tmp_path, turns={"LeftArm": (0, 160, 0)})
+    pitch, roll = targets.posture["left_shoulder_pitch"], targets.posture["left_shoulder_roll"]
+    assert abs(pitch[0]) < 0.2
+    assert pitch[15] == pytest.approx(-np.pi, abs=0.3)
+    assert (abs(roll) < np.pi / 2 + 1e-6).all()

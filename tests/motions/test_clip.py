@@ -1,0 +1,49 @@
+import numpy as np
+import pytest
+
+from plat.errors import MotionError
+from plat.motions import MotionClip
+from plat.robots import G1
+
+
+def good(frames: int = 5) -> np.ndarray:
+    return np.tile(G1.default_qpos, (frames, 1))
+
+
+def broken(**changes) -> MotionClip:
+    qpos = good()
+    for (row, column), value in changes.pop("cells", {}).items():
+        qpos[row, column] = value
+    return MotionClip("clip", changes.get("qpos", qpos), changes.get("fps", 30.0))
+
+
+@pytest.mark.parametrize(
+    ("clip", "message"),
+    [
+        (broken(qpos=good()[:, :35]), "35 columns, expected 36"),
+        (broken(qpos=good()[0]), r"shape \(36,\)"),
+        (broken(qpos=good().astype(str)), "expected numbers"),
+        (broken(qpos=good(0)), "0 frames, expected at least 2"),
+        (broken(qpos=good(1)), "1 frames, expected at least 2"),
+        (broken(fps=0.0), "fps is 0.0"),
+        (broken(fps=float("nan")), "fps is nan"),
+        (broken(cells={(2, 9): np.nan}), r"qpos\[2, 9\] is nan"),
+        (broken(cells={(1, 0): np.inf}), r"qpos\[1, 0\] is inf"),
+        (broken(cells={(3, 3): 0.5}), "quaternion of frame 3 .* has length 0.5, expected 1"),
+    ],
+)
+def test_errors_name_clip_and_field(clip, message):
+    with pytest.raises(MotionError, match=f"motion 'clip': .*{message}"):
+        clip.checked(G1)
+
+
+def test_small_quaternion_errors_are_mended():
+    qpos = good()
+    qpos[:, 3:7] *= 1.005
+    checked = MotionClip("clip", qpos, 30).checked(G1)
+    np.testing.assert_allclose(np.linalg.norm(checked.qpos[:, 3:7], axis=1), 1, atol=1e-6)
+    assert checked.qpos.dtype == np.float32
+
+
+def test_duration_is_between_first_and_last_frame():
+    assert MotionClip("clip", good(31), 30.0).duration == pytest.approx(1.0)

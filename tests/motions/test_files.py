@@ -1,0 +1,147 @@
+import os
+
+import numpy as np
+import pytest
+
+from plat.errors import MotionError
+from plat.motions import MotionClip, load_motions, read_motion_files, save_csv, save_motions, validate_motions
+from plat.robots import G1
+from tests.motions.formats.writers import WRITERS, bowing_clip, write_csv
+
+
+@pytest.fixture
+def clip() -> MotionClip:
+    qpos = np.tile(G1.default_qpos, (6, 1)).astype(np.float32)
+    qpos[:, 7:] += np.linspace(0, 0.1, 29)
+    return MotionClip("a", qpos, 30.0)
+
+
+def test_round_trip(tmp_path, clip):
+    save_motions(tmp_path / "one.npz", [clip])
+    (loaded,) = load_motions(tmp_path / "one.npz")
+    assert (loaded.name, loaded.fps) == ("a", 30.0)
+    np.testing.assert_allclose(loaded.qpos, clip.qpos, atol=1e-6)
+
+
+def test_joints_are_matched_by_name(tmp_path, clip):
+    shuffled = np.random.default_rng(0).permutation(29)
+    names = [f"{G1.joint_names[i]}_joint" for i in shuffled]
+    qpos = np.concatenate((clip.qpos[:, :7], clip.qpos[:, 7 + shuffled]), 1)
+    np.savez(tmp_path / "one.npz", a=qpos, fps=30, joint_names=names)
+    np.testing.assert_allclose(load_motions(tmp_path / "one.npz")[0].qpos, clip.qpos, atol=1e-6)
+
+
+def test_folders_and_globs(tmp_path, clip):
+    (tmp_path / "deep").mkdir()
+    for name in ("x.npz", "y.npz", "deep/z.npz"):
+        save_motions(tmp_path / name, [clip])
+    assert len(load_motions(tmp_path)) == 3
+    assert len(load_motions(str(tmp_path / "?.npz"))) == 2
+    assert len(load_motions([tmp_path / "x.npz", tmp_path / "x.npz"])) == 1
+
+
+def write(path, **arrays) -> None:
+    np.savez(path, **arrays)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"a": np.zeros((5, 36))}, "no array 'fps'"),
+        ({"fps": 30}, "no clips"),
+        ({"a": np.zeros((5, 35)), "fps": 30}, "motion 'a': qpos has 35 columns"),
+        ({"a": np.zeros((5, 36)), "fps": np.array(["thirty"])}, "'fps' is of type str"),
+        ({"a": np.zeros((5, 36)), "fps": 30}, "quaternion of frame 0"),
+        ({"a": np.zeros((5, 36)), "fps": 30, "joint_names": ["left_knee"]}, "'joint_names' lacks"),
+        ({"a": np.array([{}], dtype=object), "fps": 30}, "holds Python objects"),
+    ],
+)
+def test_errors_name_file_and_field(tmp_path, arrays, message):
+    write(tmp_path / "bad.npz", **arrays)
+    with pytest.raises(MotionError, match=f"bad.npz.*{message}"):
+        load_motions(tmp_path / "bad.npz")
+
+
+def test_every_format_by_folder_and_glob(tmp_path):
+    for name, writer in WRITERS.items():
+        writer(tmp_path / name, bowing_clip())
+    files = read_motion_files(tmp_path)
+    assert [file.path.name for file in files] == sorted(WRITERS)
+    assert {file.format for file in files} == {"plat npz", "tracker npz", "csv", "GMR pickle", "ASAP pickle"}
+    assert len(load_motions(tmp_path / "*.pkl")) == 5
+
+
+def test_files_of_one_kind_are_told_in_one_line(tmp_path, caplog):
+    for index in range(3):
+        write_csv(tmp_path / f"{index}.csv", bowing_clip())
+    save_motions(tmp_path / "plain.npz", [bowing_clip()])
+    with caplog.at_level("INFO", logger="plat.motions"):
+        load_motions(tmp_path)
+    (line,) = caplog.messages
+    assert "0.csv and 2 more: csv, 30 fps, quaternion wxyz detected, fps assumed" in line
+
+
+def test_other_files_are_refused(tmp_path):
+    (tmp_path / "notes.txt").write_text("hello")
+    os.mkfifo(tmp_path / "pipe.csv")
+    for name in ("notes.txt", "pipe.csv"):
+        with pytest.raises(MotionError, match=f"{name}': not a motion file, expected one of .npz, .csv"):
+            load_motions(tmp_path / name)
+    with pytest.raises(MotionError, match="no such file, folder with motion files"):
+        load_motions(tmp_path / "nothing*")
+
+
+def test_csv_round_trip(tmp_path, clip):
+    path = save_csv(tmp_path, clip)
+    (loaded,) = load_motions(path)
+    assert (loaded.name, loaded.fps) == ("a", 30.0)
+    np.testing.assert_allclose(loaded.qpos, clip.qpos, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "facts", "frames"),
+    [
+        ("0807_yanjie_walk_001.pkl", "GMR pickle, 29.876 fps, quaternion xyzw", 416),
+        ("asap_cr7_level1.pkl", "ASAP pickle, 30 fps, quaternion xyzw, no wrists in the file: default pose", 119),
+        ("kimodo_walk_wxyz_30fps.csv", "csv, 30 fps, quaternion wxyz detected, fps from the file name", 150),
+        ("unitree_gangnam_xyzw_60fps.csv", "csv, 60 fps, quaternion xyzw detected, fps from the file name", 1942),
+        ("holosoma_largebox_50fps.npz", "tracker npz, 50 fps, quaternion wxyz", 325),
+    ],
+)
+def test_real_files(shared_data, name, facts, frames):
+    (file,) = read_motion_files(shared_data / "formats" / name)
+    assert file.facts == facts
+    assert [len(clip.qpos) for clip in file.clips] == [frames]
+    (report,) = validate_motions(file.clips)
+    assert report.verdict in ("use", "repair"), report
+
+
+def test_missing_file():
+    with pytest.raises(MotionError, match="'nowhere/x.npz': no such"):
+        load_motions("nowhere/x.npz")
+
+
+@pytest.mark.parametrize("content", [b"", b"not a zip", b"PK\x03\x04broken"])
+def test_broken_file(tmp_path, content):
+    (tmp_path / "bad.npz").write_bytes(content)
+    with pytest.raises(MotionError, match="not a readable"):
+        load_motions(tmp_path / "bad.npz")
+
+
+def test_truncated_file(tmp_path, clip):
+    save_motions(tmp_path / "bad.npz", [clip])
+    content = (tmp_path / "bad.npz").read_bytes()
+    for length in range(10, len(content), len(content) // 20):
+        (tmp_path / "bad.npz").write_bytes(content[:length])
+        with pytest.raises(MotionError, match="not a readable"):
+            load_motions(tmp_path / "bad.npz")
+
+
+def test_reserved_and_repeated_names_are_refused(tmp_path, clip):
+    with pytest.raises(MotionError, match="clip names must differ"):
+        save_motions(tmp_path / "x.npz", [clip, clip])
+    for name in ("fps", "joint_pos", "file"):
+        with pytest.raises(MotionError, match="clip names must differ"):
+            save_motions(tmp_path / "x.npz", [MotionClip(name, clip.qpos, 30.0)])
+    with pytest.raises(MotionError, match="one rate"):
+        save_motions(tmp_path / "x.npz", [clip, MotionClip("b", clip.qpos, 50.0)])

@@ -1,0 +1,236 @@
+import dataclasses
+import os
+import resource
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import save
+
+from plat.baselines import tuned_robot
+from plat.errors import MotionError
+from plat.motions import MotionClip, MotionLibrary, cache_dir, save_motions
+from plat.robots import G1
+from tests.conftest import standing_clip
+from tests.motions.formats.writers import bowing_clip, write_csv
+
+
+def test_velocities_of_a_known_motion():
+    library = MotionLibrary.from_clips([standing_clip()])
+    states = library.states(torch.arange(10, 40))
+    torch.testing.assert_close(
+        states["keypoint_lin_vel"][:, 0, :2], torch.tensor([0.3, 0.0]).expand(30, 2), atol=2e-3, rtol=0
+    )
+    torch.testing.assert_close(
+        states["keypoint_ang_vel"], torch.tensor([0, 0, 0.5]).expand(30, 14, 3), atol=2e-3, rtol=0
+    )
+    assert states["joint_vel"].abs().max() < 1e-4
+
+
+def test_a_clip_does_not_leak_into_the_next():
+    far = standing_clip("far")
+    far.qpos[:, 0] += 100
+    library = MotionLibrary.from_clips([standing_clip(), far])
+    assert library.frames["keypoint_lin_vel"].norm(dim=-1).max() < 1.0
+
+
+def test_clips_are_found_again(library):
+    for clip in range(library.num_clips):
+        start, length = int(library.clip_start[clip]), int(library.clip_length[clip])
+        assert (library.clip_of_frame[start : start + length] == clip).all()
+        assert (library.last_frame[start : start + length] == start + length - 1).all()
+    assert len(library) == int(library.clip_length.sum())
+
+
+def test_lookup_equals_the_table(library):
+    frame = torch.randint(len(library), (3, 4))
+    states = library.states(frame)
+    assert states.shape == (3, 4)
+    for name, value in states.items():
+        assert torch.equal(value, library.frames[name][frame])
+    for name, value in library.poses(frame).items():
+        assert torch.equal(value, states[name])
+
+
+def test_only_is_the_clip(library):
+    one = library.only(2)
+    assert one.clip_names == [library.clip_names[2]]
+    start = int(library.clip_start[2])
+    assert torch.equal(one.frames["joint_pos"], library.frames["joint_pos"][start : start + len(one)])
+
+
+def test_a_clip_comes_back(library):
+    clip = library.clip(2)
+    assert (clip.name, clip.fps) == (library.clip_names[2], pytest.approx(50.0))
+    again = MotionLibrary.from_clips([clip])
+    torch.testing.assert_close(again.frames["keypoint_pos"], library.only(2).frames["keypoint_pos"], atol=1e-5, rtol=0)
+
+
+def test_cache_gives_the_same_table(tmp_path, monkeypatch):
+    monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
+    save_motions(tmp_path / "a.npz", [standing_clip()])
+    first = MotionLibrary.load(tmp_path / "a.npz")
+    assert len(list((cache_dir() / "motions").glob("*.safetensors"))) == 1
+    monkeypatch.setattr("plat.motions.library.load_motions", lambda *_: pytest.fail("the cache was not used"))
+    second = MotionLibrary.load(tmp_path / "a.npz")
+    assert torch.equal(first.frames["keypoint_pos"], second.frames["keypoint_pos"])
+    assert second.clip_names == ["standing"]
+
+
+def test_other_content_is_another_cache_entry(tmp_path, monkeypatch):
+    monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
+    save_motions(tmp_path / "a.npz", [standing_clip()])
+    MotionLibrary.load(tmp_path / "a.npz")
+    save_motions(tmp_path / "a.npz", [standing_clip("other")])
+    assert MotionLibrary.load(tmp_path / "a.npz").clip_names == ["other"]
+
+
+def test_another_name_is_another_cache_entry(tmp_path, monkeypatch):
+    # a file's name names its clip and may say its frame rate
+    monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
+    write_csv(tmp_path / "a_30fps.csv", bowing_clip())
+    slow = MotionLibrary.load(tmp_path / "a_30fps.csv")
+    fast = MotionLibrary.load((tmp_path / "a_30fps.csv").rename(tmp_path / "b_60fps.csv"))
+    assert fast.duration == pytest.approx(slow.duration / 2, abs=0.04)
+    assert fast.clip_names == ["b"]
+
+
+def test_mirrored_clips_are_added_on_request(tmp_path, monkeypatch):
+    monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
+    save_motions(tmp_path / "a.npz", [standing_clip()])
+    plain = MotionLibrary.load(tmp_path / "a.npz")
+    both = MotionLibrary.load(tmp_path / "a.npz", mirror=True)
+    assert (plain.clip_names, both.clip_names) == (["standing"], ["standing", "standing_mirrored"])
+    turning = both.frames["keypoint_ang_vel"][:, 0, 2]
+    torch.testing.assert_close(turning[len(plain) :], -turning[: len(plain)])
+
+
+def test_generated_motions_are_cached_until_their_code_changes(tmp_path, monkeypatch):
+    monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
+    made = []
+
+    def make(name, robot):
+        made.append(name.removeprefix("generated:"))
+        return [standing_clip(f"{made[-1]}{len(made)}")]
+
+    monkeypatch.setattr("plat.motions.library.generate_named", make)
+    for split in ("train", "val", "train", "val"):
+        MotionLibrary.load(f"generated:{split}")
+    assert made == ["train", "val"]
+    monkeypatch.setattr("plat.motions.library.motion_code_digest", lambda: b"other code")
+    assert MotionLibrary.load("generated:train").clip_names == ["train3"]
+
+
+def cut_short(content: bytes) -> bytes:
+    return content[:1000]
+
+
+def zero_a_page(content: bytes) -> bytes:
+    return content[:8192] + bytes(4096) + content[12288:]
+
+
+def forget_the_metadata(content: bytes) -> bytes:
+    return save({"table": torch.zeros(2, 3)})
+
+
+@pytest.mark.parametrize("damage", [cut_short, zero_a_page, forget_the_metadata])
+def test_a_damaged_cache_is_made_again(tmp_path, monkeypatch, damage):
+    monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
+    save_motions(tmp_path / "a.npz", [standing_clip()])
+    first = MotionLibrary.load(tmp_path / "a.npz")
+    (entry,) = (cache_dir() / "motions").glob("*.safetensors")
+    entry.write_bytes(damage(entry.read_bytes()))
+    second = MotionLibrary.load(tmp_path / "a.npz")
+    assert torch.equal(first.frames["keypoint_pos"], second.frames["keypoint_pos"])
+    monkeypatch.setattr("plat.motions.library.load_motions", lambda *_: pytest.fail("it was not made again"))
+    assert MotionLibrary.load(tmp_path / "a.npz").clip_names == ["standing"]
+
+
+def test_loads_at_the_same_time_share_one_whole_cache_entry(tmp_path, monkeypatch):
+    monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
+    save_motions(tmp_path / "a.npz", [standing_clip()])
+    ready = Barrier(4)
+
+    def load_together() -> MotionLibrary:
+        ready.wait()
+        return MotionLibrary.load(tmp_path / "a.npz")
+
+    with ThreadPoolExecutor(4) as pool:
+        libraries = [future.result() for future in [pool.submit(load_together) for _ in range(4)]]
+    assert all(torch.equal(one.frames["joint_vel"], libraries[0].frames["joint_vel"]) for one in libraries)
+    assert len(list((cache_dir() / "motions").iterdir())) == 1
+    monkeypatch.setattr("plat.motions.library.load_motions", lambda *_: pytest.fail("the cache was not used"))
+    assert MotionLibrary.load(tmp_path / "a.npz").num_clips == 1
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs file size limits")
+def test_a_full_disk_only_costs_the_cache(tmp_path):
+    save_motions(tmp_path / "a.npz", [standing_clip()])
+    program = (
+        "import resource, signal, warnings\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        "from plat.envs import MotionLibrary\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000))\n"
+        "with warnings.catch_warnings(record=True) as caught:\n"
+        "    warnings.simplefilter('always')\n"
+        f"    print(MotionLibrary.load({str(tmp_path / 'a.npz')!r}).num_clips)\n"
+        "print(any('was not written' in str(w.message) for w in caught))\n"
+    )
+    environment = {**os.environ, "PLAT_CACHE_DIR": str(tmp_path / "cache")}
+    out = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=environment, check=True)
+    assert out.stdout.split() == ["1", "True"]
+    assert not list((tmp_path / "cache" / "motions").iterdir())
+    assert resource.getrlimit(resource.RLIMIT_FSIZE)[0] == resource.RLIM_INFINITY
+
+
+def test_bad_input():
+    with pytest.raises(MotionError, match="no clips"):
+        MotionLibrary.from_clips([])
+    blink = MotionClip("blink", standing_clip(frames=2, fps=300.0).qpos, 300.0)
+    with pytest.raises(MotionError, match="motion 'blink': 0.003 s, expected at least one control step"):
+        MotionLibrary.from_clips([blink])
+    with pytest.raises(MotionError, match="no set 'dev'"):
+        MotionLibrary.load("generated:dev")
+
+
+def test_real_motions_load(shared_data, tmp_path, monkeypatch):
+    monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path))
+    library = MotionLibrary.load(shared_data / "motions" / "bandai_val.npz")
+    assert library.num_clips == 272
+    assert library.duration == pytest.approx(1411, abs=3)  # from each clip's first to its last frame
+    assert np.isfinite(library.frames["keypoint_ang_vel"].numpy()).all()
+
+
+def test_some_clips_in_the_order_given():
+    library = MotionLibrary.from_clips([standing_clip("a", 31), standing_clip("b", 61), standing_clip("c", 46)])
+    some = library.only(2, 0)
+    assert some.clip_names == ["c", "a"]
+    assert some.clip_length.tolist() == library.clip_length[[2, 0]].tolist()
+    for number, clip in enumerate((2, 0)):
+        alone = library.only(clip)
+        start, length = int(some.clip_start[number]), int(some.clip_length[number])
+        torch.testing.assert_close(some.frames[start : start + length], alone.frames, rtol=0, atol=0)
+
+
+def test_clips_are_found_by_name():
+    library = MotionLibrary.from_clips([standing_clip(name) for name in ("run_old_001", "walk_001", "Dance_run")])
+    assert library.named("run|kick") == [0, 2]
+    assert library.named("dance|^walk") == [1, 2]
+    with pytest.raises(MotionError, match="'jump' is in none of the 3, which are called 'run_old_001'"):
+        library.named("jump")
+    with pytest.raises(MotionError, match=r"'run\(' is not a regular expression"):
+        library.named("run(")
+
+
+def test_the_same_motions_for_other_motors():
+    library = MotionLibrary.from_clips([standing_clip()])
+    soft = tuned_robot(G1, "soft", 0.5 * G1.stiffness, G1.damping, G1.effort_limit)
+    other = library.for_robot(soft)
+    assert other.robot is soft
+    assert other.frames["keypoint_pos"].equal(library.frames["keypoint_pos"])
+    with pytest.raises(MotionError, match="motions of robot 'g1': robot 'short' has another body"):
+        library.for_robot(dataclasses.replace(G1, name="short", keypoints=G1.keypoints[:5]))

@@ -1,0 +1,25 @@
+import torch
+
+from plat.robots import G1, ForwardKinematics
+
+
+def test_keypoints_come_in_the_robots_order():
+    kinematics = ForwardKinematics(G1)
+    pos, _ = kinematics(torch.tensor([1.0, 2.0, 0.8]), torch.tensor([1.0, 0, 0, 0]), G1.default_joint_pos)
+    torch.testing.assert_close(pos[0], torch.tensor([1.0, 2.0, 0.8]))
+    left, right = (G1.keypoints.index(f"{side}_ankle_roll_link") for side in ("left", "right"))
+    assert pos[left, 1] > pos[right, 1]
+
+
+def test_batches_broadcast():
+    kinematics = ForwardKinematics(G1)
+    pos, quat = kinematics(torch.zeros(2, 5, 3), torch.tensor([1.0, 0, 0, 0]).expand(2, 5, 4), torch.zeros(2, 5, 29))
+    assert pos.shape == (2, 5, 14, 3)
+    assert quat.shape == (2, 5, 14, 4)
+
+
+def test_gradients_match_finite_differences():
+    kinematics = ForwardKinematics(G1, ("left_wrist_yaw_link",))
+    joint_pos = G1.default_joint_pos.double().requires_grad_()
+    root = (torch.zeros(3, dtype=torch.float64), torch.tensor([1.0, 0, 0, 0], dtype=torch.float64))
+    assert torch.autograd.gradcheck(lambda q: kinematics(*root, q)[0], (joint_pos,), atol=1e-6)

@@ -1,0 +1,178 @@
+import json
+
+import pytest
+import torch
+from safetensors.torch import load_file, save_file
+
+from plat.envs import make_keyframe_env
+from plat.robots import G1
+from plat.errors import CheckpointError
+from plat.modules import (
+    Expert,
+    ExpertConfig,
+    FinetunedPolicy,
+    LatentNoisePolicy,
+    LatentPolicy,
+    LatentPolicyConfig,
+    PlainPolicy,
+    RefinementConfig,
+    ResidualActionPolicy,
+    ResidualLatentPolicy,
+)
+from plat.runs import load_policy, policy_spec, register_policy, save_weights, write_json
+from plat.runs.saving import _KINDS, complete_spec
+from tests.modules.test_imitation import SMALL
+
+POLICIES = {
+    "expert": lambda: Expert(G1, ExpertConfig(hidden=(16, 8), action="default_offset")),
+    "latent": lambda: LatentPolicy(G1, SMALL),
+    "plain": lambda: PlainPolicy(G1, SMALL),
+    "residual_latent": lambda: ResidualLatentPolicy(LatentPolicy(G1, SMALL), RefinementConfig(hidden=(8,), alpha=0.3)),
+    "residual_latent_noise": lambda: LatentNoisePolicy(LatentPolicy(G1, SMALL)),
+    "residual_action": lambda: ResidualActionPolicy(LatentPolicy(G1, SMALL)),
+    "finetuned": lambda: FinetunedPolicy(LatentPolicy(G1, SMALL)),
+}
+
+
+def save(run, policy) -> None:
+    write_json(run / "config.json", {"policy": policy_spec(policy)})
+    save_weights(run / "model.safetensors", policy)
+
+
+@pytest.mark.parametrize("kind", POLICIES)
+def test_every_policy_comes_back_as_it_was(tmp_path, library, kind):
+    policy = POLICIES[kind]()
+    save(tmp_path, policy)
+    assert json.loads((tmp_path / "config.json").read_text())["policy"]["kind"] == kind
+    loaded = load_policy(tmp_path)
+    assert type(loaded) is type(policy)
+    assert policy_spec(loaded) == policy_spec(policy)
+    state = make_keyframe_env(library, 3).reset()
+    assert torch.equal(loaded.deployed()(state.clone())["action"], policy.deployed()(state.clone())["action"])
+
+
+@pytest.fixture
+def run(tmp_path):
+    save(tmp_path, Expert(G1, ExpertConfig(hidden=(8,))))
+    return tmp_path
+
+
+def edit(run, **changes) -> None:
+    config = json.loads((run / "config.json").read_text())
+    config["policy"].update(changes)
+    (run / "config.json").write_text(json.dumps(config))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"robot": "h1"}, "for robot 'h1', expected one of \\['g1'\\]"),
+        ({"kind": "oracle"}, "unknown kind of policy 'oracle'"),
+        ({"config": {"hidden": "wide"}}, "ExpertConfig.hidden"),
+        ({"config": {"layers": 3}}, "unknown fields \\['layers'\\] of ExpertConfig"),
+        ({"config": {"hidden": [16]}}, "has shape .* expected .* by the sizes in config.json"),
+        ({"config": {"hidden": [8, 8]}}, "lacks \\['network.4.bias'"),
+    ],
+)
+def test_a_config_that_does_not_fit(run, changes, message):
+    edit(run, **changes)
+    with pytest.raises(CheckpointError, match=message):
+        load_policy(run)
+
+
+def test_missing_files(tmp_path, run):
+    with pytest.raises(CheckpointError, match=r"nowhere/config.json'?: no such file"):
+        load_policy(tmp_path / "nowhere")
+    (run / "model.safetensors").unlink()
+    with pytest.raises(CheckpointError, match="model.safetensors'?: no such file; has the run saved"):
+        load_policy(run)
+
+
+def test_missing_and_unknown_weights(run):
+    weights = load_file(run / "model.safetensors")
+    weights["extra"] = weights.pop("normalizer.mean")
+    save_file(weights, run / "model.safetensors")
+    with pytest.raises(CheckpointError, match="lacks \\['normalizer.mean'\\] and has the unknown \\['extra'\\]"):
+        load_policy(run)
+
+
+@pytest.mark.parametrize("file", ["config.json", "model.safetensors"])
+@pytest.mark.parametrize("keep", [0, 7, 100])
+def test_truncated_files(run, file, keep):
+    (run / file).write_bytes((run / file).read_bytes()[:keep])
+    with pytest.raises(CheckpointError, match=f"{file}'?: not a readable"):
+        load_policy(run)
+
+
+def test_config_without_a_policy(run):
+    (run / "config.json").write_text("{}")
+    with pytest.raises(CheckpointError, match="'policy' is not an object with"):
+        load_policy(run)
+    (run / "config.json").write_text("[1]")
+    with pytest.raises(CheckpointError, match="holds a list, expected an object"):
+        load_policy(run)
+
+
+def test_a_write_that_fails_leaves_the_old_file(run, monkeypatch):
+    before = (run / "model.safetensors").read_bytes()
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("plat.runs.saving.save_file", full)
+    with pytest.raises(CheckpointError, match="model.safetensors' could not be written .*No space left.* intact"):
+        save_weights(run / "model.safetensors", Expert(G1))
+    assert (run / "model.safetensors").read_bytes() == before
+    assert sorted(path.name for path in run.iterdir()) == ["config.json", "model.safetensors"]
+
+
+class OwnStudent(LatentPolicy):
+    """Of a user, with a layer more than the config says."""
+
+    def __init__(self, robot, config=None):
+        super().__init__(robot, config)
+        self.more = torch.nn.Linear(2, 2)
+
+
+class OwnRefinement(ResidualLatentPolicy):
+    """Of a user."""
+
+
+def test_policies_of_ones_own(tmp_path, monkeypatch):
+    monkeypatch.setattr("plat.runs.saving._KINDS", dict(_KINDS))
+    policy = OwnRefinement(OwnStudent(G1, SMALL), RefinementConfig(alpha=0.3))
+    with pytest.raises(CheckpointError, match="OwnRefinement is none of .*register_policy adds one"):
+        policy_spec(policy)
+    register_policy("own_student", OwnStudent, LatentPolicyConfig)
+    register_policy("own_refinement", OwnRefinement, RefinementConfig)
+    register_policy("own_refinement", OwnRefinement, RefinementConfig)  # twice is once
+    save(tmp_path, policy)
+    loaded = load_policy(tmp_path)
+    assert type(loaded) is OwnRefinement
+    assert type(loaded.student) is OwnStudent
+    assert loaded.config.alpha == 0.3
+    assert torch.equal(loaded.student.more.weight, policy.student.more.weight)
+    with pytest.raises(ValueError, match="'own_student' is a OwnStudent already"):
+        register_policy("own_student", OwnRefinement, RefinementConfig)
+
+
+def test_a_kind_that_nobody_registered(run):
+    edit(run, kind="own")
+    with pytest.raises(CheckpointError, match="config.json': unknown kind of policy 'own', .*register_policy"):
+        load_policy(run)
+
+
+def test_other_modules_are_refused():
+    with pytest.raises(CheckpointError, match="Linear is none of the policies"):
+        policy_spec(torch.nn.Linear(1, 1))
+
+
+def test_a_description_is_completed_and_draws_nothing(run):
+    spec = json.loads((run / "config.json").read_text())["policy"]
+    whole = json.loads(json.dumps(spec))
+    del spec["config"]["init_std"], spec["config"]["ahead"]
+    state = torch.random.get_rng_state()
+    assert complete_spec(spec, run / "config.json") == whole
+    assert torch.equal(torch.random.get_rng_state(), state)
+    with pytest.raises(CheckpointError, match="config.json': 'policy' is not an object"):
+        complete_spec(None, run / "config.json")

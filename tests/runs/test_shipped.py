@@ -1,0 +1,48 @@
+import shutil
+
+import pytest
+
+import plat
+from plat.robots import G1
+from plat.errors import CheckpointError
+from plat.modules import Expert, ExpertConfig
+from plat.runs import policy_spec, save_weights, write_json
+from plat.runs import shipped as module
+from plat.runs.shipped import load_shipped, shipped_runs
+
+
+@pytest.fixture
+def installed(tmp_path, monkeypatch):
+    """An installation with weights of its own, and a source tree beside it that has others."""
+    for place, name in (("package", "small"), ("tree", "big")):
+        policy = Expert(G1, ExpertConfig(hidden=(8,)))
+        write_json(tmp_path / place / name / "config.json", {"policy": policy_spec(policy)})
+        save_weights(tmp_path / place / name / "model.safetensors", policy)
+    monkeypatch.setattr(module, "_FOLDERS", (tmp_path / "package", tmp_path / "tree"))
+    return tmp_path
+
+
+def test_one_line_loads_the_committed_policies():
+    assert {"expert-g1", "dagger-g1", "plat-g1"} <= set(shipped_runs())
+    policy = plat.load("plat-g1")
+    assert policy.robot is G1
+    assert policy.deployed().out_keys == ["action"]
+
+
+def test_an_installed_package_has_its_own(installed):
+    assert list(shipped_runs()) == ["small-g1"]
+    assert load_shipped("small-g1").config.hidden == (8,)
+    shutil.rmtree(installed / "package")
+    assert list(shipped_runs()) == ["big-g1"]
+
+
+def test_another_name_is_answered_with_those_that_exist(installed):
+    with pytest.raises(CheckpointError, match="no weights called 'plat' come with plat, only 'small-g1'"):
+        plat.load("plat")
+
+
+def test_an_installation_without_weights_says_so(installed):
+    for place in ("package", "tree"):
+        shutil.rmtree(installed / place)
+    with pytest.raises(CheckpointError, match="only none: this installation of plat has no weights"):
+        plat.load("plat-g1")

@@ -1,0 +1,47 @@
+import importlib
+import subprocess
+import sys
+
+import pytest
+
+from plat.moved import MOVED
+
+
+@pytest.mark.parametrize("old", sorted(MOVED))
+def test_old_paths_are_the_new_modules_and_warn(old: str) -> None:
+    new = importlib.import_module(MOVED[old])
+    own_name = new.__spec__.name
+    for name in [name for name in sys.modules if name == old or name.startswith(f"{old}.")]:
+        del sys.modules[name]
+    with pytest.warns(FutureWarning, match=f"{old} is now {MOVED[old]}"):
+        alias = importlib.import_module(old)
+    assert alias is new
+    assert new.__spec__.name == own_name == MOVED[old]
+
+
+def test_submodules_are_not_run_again() -> None:
+    import plat.runs.saving
+
+    with pytest.warns(FutureWarning, match=r"plat\.training\.saving is now"):
+        alias = importlib.import_module("plat.training.saving")
+    assert alias is plat.runs.saving
+    assert alias.__spec__.name == "plat.runs.saving"
+
+
+def test_names_that_moved_out_of_envs_warn() -> None:
+    import plat.envs
+    import plat.motions
+    import plat.robots
+
+    with pytest.warns(FutureWarning, match=r"plat\.robots\.G1"):
+        assert plat.envs.G1 is plat.robots.G1
+    with pytest.warns(FutureWarning, match=r"plat\.motions\.MotionLibrary"):
+        assert plat.envs.MotionLibrary is plat.motions.MotionLibrary
+    with pytest.raises(AttributeError, match="no attribute 'Nothing'"):
+        plat.envs.Nothing  # noqa: B018
+
+
+def test_motions_load_no_torchrl() -> None:
+    code = "import sys, plat.motions, plat.robots; print([name for name in sys.modules if name.startswith('torchrl')])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
