@@ -10,7 +10,7 @@ from plat.runs.saving import load_policy, read_json
 
 __all__ = ["load_shipped", "shipped_runs"]
 
-_FOLDER = Path(__file__).parents[1] / "plat" / "weights"
+_FOLDER = Path(__file__).parents[1] / "weights"
 
 
 def shipped_runs() -> dict[str, Path]:

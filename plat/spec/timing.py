@@ -1,0 +1,48 @@
+"""When: the control step, the longest command and the arrival window that a policy was trained with."""
+
+import math
+from dataclasses import dataclass
+
+from plat.errors import PlatError
+
+__all__ = ["Timing"]
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Time constants of the keyframe task. They belong to a policy: saved, exported and checked with it.
+
+    Args:
+        control_dt: seconds of a control step.
+        max_steps: ``Delta_max``, the longest command in control steps; ``tau = steps_left / max_steps``.
+        window: control steps of the arrival window, the arrival step among them.
+
+    Raises:
+        PlatError: naming the field that makes no sense.
+
+    >>> Timing().longest
+    1.0
+    >>> Timing(max_steps=150).steps(2.5)
+    125
+    """
+
+    control_dt: float = 0.02
+    max_steps: int = 50
+    window: int = 3
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.control_dt) and self.control_dt > 0):
+            raise PlatError(f"timing: control_dt is {self.control_dt} s, expected a positive number")
+        for field in ("max_steps", "window"):
+            value = getattr(self, field)
+            if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+                raise PlatError(f"timing: {field} is {value!r}, expected a positive whole number of control steps")
+
+    @property
+    def longest(self) -> float:
+        """Seconds of the longest command."""
+        return self.max_steps * self.control_dt
+
+    def steps(self, time: float) -> int:
+        """The control step nearest to a time (s)."""
+        return round(time / self.control_dt)

@@ -1,0 +1,50 @@
+"""The shipped weights act and score as they did when they were committed, on 2 x86 cores of 2026-11."""
+
+import pytest
+import torch
+
+import plat
+from plat.envs.transforms import HORIZONS
+from plat.evaluation import evaluate, report
+from plat.export import JointTargetNetwork
+from plat.motions import MotionLibrary
+
+# TKS@3 (%), MPJPE@3 (rad), MPKPE@3 (m) on generated:val@30, Mixed, at commit 8e4cb5f
+SCORES = {
+    "plat-g1": (100.0, 0.03966, 0.03144),
+    "dagger-g1": (100.0, 0.03949, 0.03658),
+    "expert-g1": (100.0, 0.03274, 0.03951),
+    "plat-generated-g1": (98.36, 0.03995, 0.09938),
+}
+# joint targets (rad) of an observation without meaning, at the same commit
+TARGETS = {
+    "plat-g1": (-0.93378, -0.23019, 0.21242, 0.78671, -0.37694, -0.1056, -0.52757, -0.80381, 1.35792, 0.85648),
+    "dagger-g1": (-0.95798, -0.23696, 0.21776, 0.79807, -0.38162, -0.10354, -0.52854, -0.8137, 1.37148, 0.85338),
+    "expert-g1": (-0.86652, -0.93162, 0.28703, -0.68326, 1.02255, -0.03248, -0.71899, -0.53634, 1.12386, 0.18572),
+    "plat-generated-g1": (-0.38089, -0.1381, 0.05654, 0.67993, -0.48992, 0.04304, -0.45293, 0.04382, 0.11777, 0.72792),
+}
+
+
+@pytest.fixture(scope="module")
+def motions() -> MotionLibrary:
+    return MotionLibrary.load(["generated:val@30"])
+
+
+@pytest.mark.parametrize("name", SCORES)
+def test_shipped_weights_score_the_same(name: str, motions: MotionLibrary) -> None:
+    scores = report(evaluate(plat.load(name).deployed(), motions, HORIZONS["mixed"]), resamples=10)
+    tks, mpjpe, mpkpe = SCORES[name]
+    # another CPU rounds otherwise: one command of the 61 may turn out differently
+    assert scores["tks"].value == pytest.approx(tks, abs=1.7)
+    assert scores["mpjpe"].value == pytest.approx(mpjpe, abs=5e-4)
+    assert scores["mpkpe"].value == pytest.approx(mpkpe, abs=2e-3 if tks == 100 else 2e-2)
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_shipped_weights_act_the_same(name: str) -> None:
+    observation = 0.3 * torch.sin(0.37 * torch.arange(177.0))[None]
+    observation[0, 64:67] = torch.tensor([0.05, -0.1, -0.99])
+    observation[0, -1] = 0.5
+    with torch.no_grad():
+        targets = JointTargetNetwork(plat.load(name))(observation)[0]
+    torch.testing.assert_close(targets[: len(TARGETS[name])], torch.tensor(TARGETS[name]), atol=1e-4, rtol=0)
