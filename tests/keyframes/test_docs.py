@@ -36,7 +36,7 @@ def test_the_example_file_is_one_once_its_dots_are_filled_in(tmp_path):
 
 
 def test_the_python_examples_run_one_after_the_other(tmp_path, monkeypatch, capsys):
-    (tmp_path / "weights").symlink_to(ROOT / "plat" / "weights")
+    (tmp_path / "plat").symlink_to(ROOT / "plat")
     monkeypatch.chdir(tmp_path)
     names: dict = {}
     for example in re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL):

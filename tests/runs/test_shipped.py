@@ -13,12 +13,11 @@ from plat.runs.shipped import load_shipped, shipped_runs
 
 @pytest.fixture
 def installed(tmp_path, monkeypatch):
-    """An installation with weights of its own, and a source tree beside it that has others."""
-    for place, name in (("package", "small"), ("tree", "big")):
-        policy = Expert(G1, ExpertConfig(hidden=(8,)))
-        write_json(tmp_path / place / name / "config.json", {"policy": policy_spec(policy)})
-        save_weights(tmp_path / place / name / "model.safetensors", policy)
-    monkeypatch.setattr(module, "_FOLDERS", (tmp_path / "package", tmp_path / "tree"))
+    """An installation with other weights."""
+    policy = Expert(G1, ExpertConfig(hidden=(8,)))
+    write_json(tmp_path / "small" / "config.json", {"policy": policy_spec(policy)})
+    save_weights(tmp_path / "small" / "model.safetensors", policy)
+    monkeypatch.setattr(module, "_FOLDER", tmp_path)
     return tmp_path
 
 
@@ -32,8 +31,6 @@ def test_one_line_loads_the_committed_policies():
 def test_an_installed_package_has_its_own(installed):
     assert list(shipped_runs()) == ["small-g1"]
     assert load_shipped("small-g1").config.hidden == (8,)
-    shutil.rmtree(installed / "package")
-    assert list(shipped_runs()) == ["big-g1"]
 
 
 def test_another_name_is_answered_with_those_that_exist(installed):
@@ -42,7 +39,6 @@ def test_another_name_is_answered_with_those_that_exist(installed):
 
 
 def test_an_installation_without_weights_says_so(installed):
-    for place in ("package", "tree"):
-        shutil.rmtree(installed / place)
+    shutil.rmtree(installed / "small")
     with pytest.raises(CheckpointError, match="only none: this installation of plat has no weights"):
         plat.load("plat-g1")

@@ -120,9 +120,11 @@ def test_broken_clips_raise():
 
 
 def test_real_motions(shared_data):
-    # retargeted by an optimiser that keeps limits and speeds, and tracked from end to end by released policies
+    # retargeted by an optimizer that keeps limits and speeds; smoothing of single-frame steps left some joints
+    # up to 0.08 rad beyond their limits
     reports = validate_motions(load_motions(shared_data / "motions" / "bandai_val.npz")[::4])
-    assert Counter(report.verdict for report in reports)["use"] == len(reports)
+    assert Counter(report.verdict for report in reports)["use"] > 0.85 * len(reports)
+    assert max(report.joint_excess for report in reports) < 0.1
     # estimated from video: the feet float
     reports = validate_motions(load_motions(shared_data / "motions" / "asap_train.npz"))
     assert Counter(report.verdict for report in reports)["repair"] > len(reports) / 2

@@ -6,7 +6,7 @@ from plat.motions import load_motions
 
 from .human import write_human
 
-ROOT = Path(__file__).parents[4]
+ROOT = Path(__file__).parents[3]
 
 
 def run(*arguments: object) -> subprocess.CompletedProcess[str]:
