@@ -32,8 +32,10 @@ class StudioRecipe:
     """motion files, folders or globs that the page proposes to take poses from, with spaces between them"""
     keyframes: Path | None = None
     """keyframe file to open"""
+    folder: Path = Path()
+    """only folder that the page reads files from and writes files to"""
     host: str = "127.0.0.1"
-    """address to listen on; 0.0.0.0 lets other machines in, and with them everybody who can reach this one"""
+    """address to listen on; one beyond localhost asks visitors for a token, which is printed"""
     port: int = 8080
     """port to listen on"""
 
@@ -52,8 +54,11 @@ def main(recipe: StudioRecipe) -> None:
     session = Session(robot, {name: policy.deployed() for name, policy in policies.items()})
     if recipe.keyframes is not None:
         session.load(recipe.keyframes)
-    path = str(recipe.keyframes or "keyframes.json")
-    studio = Studio(session, host=recipe.host, port=recipe.port, motions=recipe.motions, path=path)
+    path = "keyframes.json" if recipe.keyframes is None else recipe.keyframes.name
+    studio = Studio(
+        session, host=recipe.host, port=recipe.port, motions=recipe.motions, path=path, folder=recipe.folder
+    )
+    print(f"keyframe studio: {studio.access.url} (Ctrl-C ends it)", flush=True)
     try:
         studio.run()
     except KeyboardInterrupt:

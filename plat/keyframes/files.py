@@ -12,7 +12,7 @@ from plat.errors import KeyframeError
 from plat.files import replace_file
 from plat.keyframes.keyframe import Keyframe, RobotJoints
 
-__all__ = ["read_keyframes", "write_keyframes"]
+__all__ = ["is_keyframe_file", "read_keyframes", "write_keyframes"]
 
 _FORMAT, _VERSION = "plat-keyframes", 1
 _POSE_FIELDS = ("root_pos", "root_quat", "joint_pos")
@@ -39,6 +39,15 @@ def read_keyframes(path: Path, robot: RobotJoints) -> tuple[Keyframe | None, tup
         return _parse(content, robot)
     except KeyframeError as error:
         raise KeyframeError(f"keyframe file {str(path)!r}: {error}") from None
+
+
+def is_keyframe_file(path: Path) -> bool:
+    """Return whether a file says that it holds keyframes; whether they are right is not looked at."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(content, dict) and content.get("format") == _FORMAT
 
 
 def write_keyframes(path: Path, robot: RobotJoints, start: Keyframe, keyframes: Sequence[Keyframe]) -> None:

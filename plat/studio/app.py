@@ -2,6 +2,7 @@
 
 import socket
 import time
+from pathlib import Path
 
 import numpy as np
 import viser
@@ -9,7 +10,9 @@ import viser
 from plat.errors import StudioError
 from plat.keyframes import CONTROL_DT
 from plat.motions import MotionLibrary
+from plat.studio.access import Access, guarded_server
 from plat.studio.desk import Desk
+from plat.studio.folder import Folder
 from plat.studio.page import Page
 from plat.studio.panels import FilePanel, MotionPanel, PlayPanel, PosePanel, TimelinePanel
 from plat.studio.scene import Ghosts, RobotView, set_the_stage
@@ -33,6 +36,7 @@ class Studio:
         port: to listen on.
         motions: motion files that the page proposes to load.
         path: keyframe file that the page proposes to save to.
+        folder: the only one that files are read from and written to.
 
     Raises:
         StudioError: when the port cannot be opened.
@@ -46,10 +50,13 @@ class Studio:
         port: int,
         motions: str,
         path: str,
+        folder: Path,
     ):
         _check_port(host, port)
+        self.access = Access(host, port)
         self.session, robot = session, session.robot
-        self.server = server = viser.ViserServer(host=host, port=port, verbose=False)
+        with guarded_server(self.access):
+            self.server = server = viser.ViserServer(host=host, port=port, verbose=False)
         self._desk = Desk(self._tick, self._show, self._report, interval=CONTROL_DT)
         self._page = page = Page(server, session, self._desk)
         set_the_stage(server, _WORLD)
@@ -59,10 +66,10 @@ class Studio:
         self._others = Ghosts(server, robot, f"{_WORLD}/keyframes", (60, 110, 220), 0.12)
         self._taken = Ghosts(server, robot, f"{_WORLD}/motion", (240, 140, 0), 0.4)
         self._next_reading = 0.0
-        self._build(page, motions, path)
+        self._build(page, motions, path, Folder(folder))
         self._show()
 
-    def _build(self, page: Page, motions: str, path: str) -> None:
+    def _build(self, page: Page, motions: str, path: str, folder: Folder) -> None:
         gui, robot = page.gui, self.session.robot
         gui.configure_theme(show_logo=False, show_share_button=False)
         gui.set_panel_label("plat keyframe studio")
@@ -74,7 +81,7 @@ class Studio:
         with tabs.add_tab("Motion"):
             self._motion = MotionPanel(page, motions, lambda names: MotionLibrary.load(names.split(), robot))
         with tabs.add_tab("Files"):
-            self._files = FilePanel(page, path)
+            self._files = FilePanel(page, path, folder)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(340)
         bottom = gui.add_panel()

@@ -38,8 +38,14 @@ def free_port() -> int:
 
 @pytest.fixture
 def studio(policies, tmp_path) -> Iterator[Studio]:
-    path = str(tmp_path / "keyframes.json")
-    studio = Studio(Session(G1, policies), host="127.0.0.1", port=free_port(), motions="generated:val@8", path=path)
+    studio = Studio(
+        Session(G1, policies),
+        host="127.0.0.1",
+        port=free_port(),
+        motions="generated:val@8",
+        path="keyframes.json",
+        folder=tmp_path,
+    )
     thread = threading.Thread(target=studio.run)
     thread.start()
     yield studio
@@ -218,7 +224,14 @@ def test_what_goes_wrong_is_said_on_the_page(user):
 
 def test_a_port_that_is_taken(studio, policies):
     with pytest.raises(StudioError, match="cannot be opened"):
-        Studio(Session(G1, policies), host="127.0.0.1", port=studio.server.get_port(), motions="", path="")
+        Studio(
+            Session(G1, policies),
+            host="127.0.0.1",
+            port=studio.server.get_port(),
+            motions="",
+            path="",
+            folder=Path(),
+        )
 
 
 def test_downloads_and_uploads(user, tmp_path):
