@@ -5,9 +5,8 @@ in m, root quaternion ``wxyz``, joint angles in rad), and the array ``fps``. If 
 columns are brought into the robot's order by name. The other formats are in :mod:`plat.motions.formats`.
 """
 
-import glob
 import logging
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,9 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.motions.clip import MotionClip
-from plat.motions.formats import READERS, MotionFile, QuatOrder, ReadOptions, csv_text
+from plat.motions.formats import MotionFile, QuatOrder, ReadOptions, csv_text
+from plat.motions.paths import find_files
+from plat.motions.readers import READERS
 from plat.robots.robot import G1, Robot
 
 __all__ = ["load_motions", "motion_paths", "read_motion_files", "save_csv", "save_motions"]
@@ -25,35 +26,13 @@ _RESERVED = ("fps", "joint_names", "joint_pos", "file", "allow_pickle")
 _LOGGER = logging.getLogger("plat.motions")
 
 
-def motion_paths(patterns: str | Path | Sequence[str | Path], endings: Collection[str] = tuple(READERS)) -> list[Path]:
-    """Files that paths, folders and globs name, without repeats, in sorted order for each.
-
-    Args:
-        patterns: a path, a folder, a glob, or several of these.
-        endings: of the files to look for.
+def motion_paths(patterns: str | Path | Sequence[str | Path]) -> list[Path]:
+    """Return the motion files that paths, folders and globs name; see :func:`plat.motions.paths.find_files`.
 
     Raises:
-        MotionError: when one of them names no such file, or another kind of file.
+        MotionError: when one of them names no motion file.
     """
-    paths: list[Path] = []
-    expected = ", ".join(endings)
-    for pattern in [patterns] if isinstance(patterns, (str, Path)) else patterns:
-        path = Path(pattern).expanduser()
-        if path.is_dir():
-            found = sorted(path for path in path.rglob("*") if path.suffix.lower() in endings)
-        elif path.exists():
-            found = [path]
-        else:
-            found = sorted(Path(name) for name in glob.glob(str(path), recursive=True))
-        if not found:
-            raise MotionError(
-                f"motion file {str(pattern)!r}: no such file, folder with motion files ({expected}) or glob"
-            )
-        for path in found:
-            if path.suffix.lower() not in endings or not path.is_file():
-                raise MotionError(f"motion file {str(path)!r}: not a motion file, expected one of {expected}")
-        paths += [path for path in found if path not in paths]
-    return paths
+    return find_files(patterns, READERS)
 
 
 def read_motion_files(

@@ -2,11 +2,12 @@
 
 import hashlib
 import json
+import logging
 import os
 import re
-import tempfile
 import warnings
 import zlib
+from collections import Counter
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
@@ -18,6 +19,8 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from plat.errors import MotionError
+from plat.files import replace_file
+from plat.motions.checks.validation import Verdict, validate_motions
 from plat.motions.clip import MotionClip
 from plat.motions.files import load_motions, motion_paths
 from plat.motions.generation import PREFIX, generate_named
@@ -31,9 +34,10 @@ __all__ = ["MotionLibrary", "cache_dir"]
 # Frames worked on at a time while the table is built: large enough for vector speed, small enough for the cache.
 _CHUNK = 16384
 
+_LOGGER = logging.getLogger("plat.motions")
 
-TABLE_VERSION = 4
-"""Part of every cache key. Raise it with any change of what readers, resampling or the generator produce."""
+TABLE_VERSION = 5
+"""Part of every cache key. Raise it with any change of what readers, resampling, checks or the generator produce."""
 
 
 class MotionLibrary:
@@ -198,7 +202,10 @@ class MotionLibrary:
         cache: bool = True,
         mirror: bool = False,
     ) -> "MotionLibrary":
-        """Library of motion files, kept on disk for the next time.
+        """Return the library of motion files, kept on disk for the next time.
+
+        Clips that :func:`~plat.motions.validate_motions` would repair or drop are counted in one warning under
+        ``plat.motions``. They are measured when the table is built, and the counts are kept with it.
 
         Args:
             motions: paths, folders, globs, or ``"generated:train"`` (``val``, ``test``) for the motions that plat
@@ -215,21 +222,29 @@ class MotionLibrary:
         files = [name for name in names if not name.startswith(PREFIX)]
         paths = motion_paths(files) if files else []
 
-        def build() -> "MotionLibrary":
+        def build() -> tuple["MotionLibrary", _Verdicts]:
             clips = [clip for name in generated for clip in generate_named(name, robot)]
-            clips += load_motions(paths, robot) if paths else []
+            read = load_motions(paths, robot) if paths else []
+            clips += read
             mirrored = [mirror_motion(clip.checked(robot), robot) for clip in clips] if mirror else []
-            return cls.from_clips(clips + mirrored, robot, dt)
+            verdicts = Counter(report.verdict for report in validate_motions(read, robot))
+            return cls.from_clips(clips + mirrored, robot, dt), dict(verdicts)
 
         if not cache:
-            return build()
-        cached = cache_dir() / "motions" / f"{_content_hash(generated, paths, robot, dt, mirror)}.safetensors"
-        library = _read_table(cached, robot)
-        if library is None:
-            library = build()
-            _write_table(cached, library)
+            library, verdicts = build()
+        else:
+            cached = cache_dir() / "motions" / f"{_content_hash(generated, paths, robot, dt, mirror)}.safetensors"
+            known = _read_table(cached, robot)
+            library, verdicts = known or build()
+            if known is None:
+                _write_table(cached, library, verdicts)
+        _warn_of_bad_clips(verdicts, files)
         return library
 
+
+# how many clips of the files have which verdict
+_Verdicts = dict[Verdict, int]
+_DONE: dict[Verdict, str] = {"drop": "dropped", "repair": "repaired"}
 
 _POSE_FIELDS = ("joint_pos", "keypoint_pos", "keypoint_quat")
 _VELOCITY_FIELDS = ("joint_vel", "keypoint_lin_vel", "keypoint_ang_vel")
@@ -276,6 +291,13 @@ def _build_table(qpos: Tensor, start: Tensor, length: Tensor, dt: float, robot: 
     return table
 
 
+def _warn_of_bad_clips(verdicts: _Verdicts, files: Sequence[str]) -> None:
+    bad = [f"{count} would be {_DONE[verdict]}" for verdict, count in sorted(verdicts.items()) if verdict in _DONE]
+    if bad:
+        total = sum(verdicts.values())
+        _LOGGER.warning("of %d clips %s: run plat motions inspect %s", total, " and ".join(bad), " ".join(files))
+
+
 def cache_dir() -> Path:
     """Folder for what plat can always make again: ``$PLAT_CACHE_DIR``, else ``plat`` in the user's cache folder."""
     if folder := os.environ.get("PLAT_CACHE_DIR"):
@@ -298,29 +320,23 @@ def _content_hash(generated: Sequence[str], paths: Sequence[Path], robot: Robot,
     return digest.hexdigest()
 
 
-def _write_table(path: Path, library: MotionLibrary) -> None:
+def _write_table(path: Path, library: MotionLibrary, verdicts: _Verdicts) -> None:
     """Keep a table for the next run; a disk that cannot take it is no reason to stop this one."""
     tensors = {"table": library._table, "clip_start": library.clip_start, "clip_length": library.clip_length}
     metadata = {
         "clip_names": json.dumps(library.clip_names),
         "dt": repr(library.dt),
+        "verdicts": json.dumps(verdicts),
         "checksum": _checksum(*tensors.values()),
     }
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as part:
-            pass
-        try:
-            save_file(tensors, part.name, metadata)
-            os.replace(part.name, path)
-        finally:
-            Path(part.name).unlink(missing_ok=True)
+        replace_file(path, lambda part: save_file(tensors, part, metadata))
     except (OSError, SafetensorError) as error:
         warnings.warn(f"motion cache {str(path)!r} was not written ({error}); going on without it", stacklevel=3)
 
 
-def _read_table(path: Path, robot: Robot) -> MotionLibrary | None:
-    """The cached library, or None where there is none, or one that is damaged."""
+def _read_table(path: Path, robot: Robot) -> tuple[MotionLibrary, _Verdicts] | None:
+    """Return the cached library and the verdicts on its clips, or None where there is none, or a damaged one."""
     if not path.exists():
         return None
     try:
@@ -329,7 +345,8 @@ def _read_table(path: Path, robot: Robot) -> MotionLibrary | None:
             table, start, length = (file.get_tensor(name) for name in ("table", "clip_start", "clip_length"))
         if metadata["checksum"] != _checksum(table, start, length):
             return None
-        return MotionLibrary(table, start, length, json.loads(metadata["clip_names"]), float(metadata["dt"]), robot)
+        names, verdicts = json.loads(metadata["clip_names"]), json.loads(metadata["verdicts"])
+        return MotionLibrary(table, start, length, names, float(metadata["dt"]), robot), verdicts
     except (OSError, SafetensorError, KeyError, ValueError, TypeError):
         return None
 

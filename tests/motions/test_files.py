@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 
 from plat.errors import MotionError
-from plat.motions import MotionClip, load_motions, read_motion_files, save_csv, save_motions, validate_motions
+from plat.motions import (
+    MotionClip,
+    load_motions,
+    motion_paths,
+    read_motion_files,
+    save_csv,
+    save_motions,
+    validate_motions,
+)
 from plat.robots import G1
 from tests.motions.formats.writers import WRITERS, bowing_clip, write_csv
 
@@ -38,6 +46,14 @@ def test_folders_and_globs(tmp_path, clip):
     assert len(load_motions(tmp_path)) == 3
     assert len(load_motions(str(tmp_path / "?.npz"))) == 2
     assert len(load_motions([tmp_path / "x.npz", tmp_path / "x.npz"])) == 1
+
+
+def test_hidden_files_of_a_folder_are_left_out(tmp_path, clip):
+    for name in ("x.npz", "._x.npz", ".cache/y.npz"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        save_motions(tmp_path / name, [clip])
+    assert [path.name for path in motion_paths(tmp_path)] == ["x.npz"]
+    assert len(load_motions(tmp_path / ".cache")) == 1
 
 
 def write(path, **arrays) -> None:

@@ -81,6 +81,27 @@ def test_cache_gives_the_same_table(tmp_path, monkeypatch):
     assert second.clip_names == ["standing"]
 
 
+def test_clips_that_would_be_repaired_are_told_of_each_time(tmp_path, monkeypatch, caplog):
+    monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
+    floating, short = bowing_clip(), bowing_clip(frames=5)
+    floating.qpos[:, 2] += 0.1
+    clips = [bowing_clip(), *(MotionClip(name, clip.qpos, 50.0) for name, clip in (("b", floating), ("c", short)))]
+    save_motions(tmp_path / "a.npz", clips)
+    for _ in range(2):
+        caplog.clear()
+        MotionLibrary.load(tmp_path / "a.npz")
+        (line,) = [record.message for record in caplog.records if record.levelname == "WARNING"]
+        assert line.startswith("of 3 clips 1 would be dropped and 1 would be repaired: run plat motions inspect")
+        monkeypatch.setattr("plat.motions.library.validate_motions", lambda *_: pytest.fail("measured again"))
+
+
+def test_clips_that_need_nothing_are_not_spoken_of(tmp_path, monkeypatch, caplog):
+    monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
+    save_motions(tmp_path / "a.npz", [bowing_clip()])
+    MotionLibrary.load(tmp_path / "a.npz")
+    assert not [record for record in caplog.records if record.levelname == "WARNING"]
+
+
 def test_other_content_is_another_cache_entry(tmp_path, monkeypatch):
     monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
     save_motions(tmp_path / "a.npz", [standing_clip()])

@@ -14,7 +14,7 @@ import torch
 
 from plat.errors import MotionError
 from plat.motions.clip import MotionClip
-from plat.motions.files import motion_paths
+from plat.motions.paths import find_files
 from plat.motions.retargeting.bvh import read_bvh
 from plat.motions.retargeting.geometry import TRACKED, RobotGeometry
 from plat.motions.retargeting.options import SolverOptions
@@ -60,7 +60,7 @@ def bvh_paths(patterns: Sequence[str | Path]) -> list[Path]:
     Raises:
         MotionError: when there are none, one of them names no file, or two files have the same name.
     """
-    paths = motion_paths(patterns, (".bvh",))
+    paths = find_files(patterns, (".bvh",))
     if not paths:
         raise MotionError("BVH files: none given, expected files, folders or globs")
     by_name: dict[str, Path] = {}

@@ -3,21 +3,19 @@
 from pathlib import Path
 
 from plat.errors import MotionError
-from plat.motions.formats.common import MotionFile, ReadOptions
+from plat.motions.formats import MotionFile, ReadOptions
+from plat.motions.retargeting.retarget import retarget
 
-__all__ = ["read_bvh_motion"]
+__all__ = ["read_human_motion"]
 
 
-def read_bvh_motion(path: Path, options: ReadOptions) -> MotionFile:
-    """The motion of the robot that :func:`plat.motions.retargeting.retarget` makes of a ``.bvh``.
+def read_human_motion(path: Path, options: ReadOptions) -> MotionFile:
+    """Return the motion of the robot that :func:`plat.motions.retargeting.retarget` makes of a ``.bvh``.
 
     Raises:
         MotionError: when it is broken, of a skeleton that no map that comes with plat fits, or the extra that
             retargets is not installed.
     """
-    # retargeting makes clips and so builds on this package
-    from plat.motions.retargeting import retarget
-
     if options.fps is not None:
         raise MotionError(f"'fps' stated as {options.fps:g}, but a .bvh gives its own 'Frame Time'")
     try:

@@ -1,0 +1,19 @@
+"""Reader of each file ending: the one place where formats and retargeting are both known."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from plat.motions.formats import MotionFile, ReadOptions, read_csv, read_npz, read_pickle
+from plat.motions.retargeting.reader import read_human_motion
+
+__all__ = ["READERS"]
+
+READERS: dict[str, Callable[[Path, ReadOptions], MotionFile]] = {
+    ".npz": read_npz,
+    ".csv": read_csv,
+    ".pkl": read_pickle,
+    ".pickle": read_pickle,
+    ".joblib": read_pickle,
+    ".bvh": read_human_motion,
+}
+"""What reads a file, by its ending in small letters."""
