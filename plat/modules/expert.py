@@ -9,13 +9,13 @@ from tensordict import NestedKey
 from tensordict.nn import ProbabilisticTensorDictSequential, TensorDictModule, TensorDictSequential
 from torch import nn
 
-from plat.keyframes import CONTROL_DT
 from plat.modules.heads import GaussianNoise, ReferenceOffset, gaussian_action
 from plat.modules.lead import GoalLead, led
 from plat.modules.networks import mlp
 from plat.modules.normalizer import ObservationNormalizer
 from plat.robots.robot import Robot
 from plat.spec.observation import ROBOT_KEYS, goal_keys, observation_size, privileged_keys
+from plat.spec.timing import Timing
 
 __all__ = ["Critic", "Expert", "ExpertConfig"]
 
@@ -39,6 +39,8 @@ class ExpertConfig:
     stays off it"""
     init_std: float = 0.6
     """exploration noise at the start, in units of action"""
+    timing: Timing = Timing()
+    """control step that it acts at, and the commands that it is given"""
 
 
 class Expert(nn.Module):
@@ -79,6 +81,11 @@ class Expert(nn.Module):
         self.network = mlp(size, config.hidden, robot.num_joints, out_scale=0.1)
         self.noise = GaussianNoise(robot.num_joints, config.init_std)
 
+    @property
+    def timing(self) -> Timing:
+        """Time constants that the policy is trained with."""
+        return self.config.timing
+
     @staticmethod
     def _keys(goals: Sequence[str]) -> tuple[tuple[str, str], ...]:
         return sum((goal_keys(goal) for goal in goals), ROBOT_KEYS)
@@ -87,7 +94,7 @@ class Expert(nn.Module):
     def _interval(self) -> float:
         """Time from the first frame that it sees to the second (s)."""
         first, second = (*self.config.ahead, self.config.ahead[0] + 1)[:2]
-        return (second - first) * CONTROL_DT
+        return (second - first) * self.timing.control_dt
 
     def _observe(self, goals: Sequence[str]) -> list[TensorDictModule]:
         """From observations to the normalised one. Its statistics are those of the goals as they are."""

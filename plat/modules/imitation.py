@@ -14,6 +14,7 @@ from plat.modules.latent import LatentPosterior, LatentPrior, sample_latent
 from plat.modules.normalizer import ObservationNormalizer
 from plat.robots.robot import Robot
 from plat.spec.observation import COMMAND_KEYS, ROBOT_KEYS, goal_keys, observation_size
+from plat.spec.timing import Timing
 
 __all__ = ["STUDENT_KEYS", "LatentPolicy", "LatentPolicyConfig", "PlainPolicy", "PlainPolicyConfig"]
 
@@ -31,6 +32,8 @@ class PlainPolicyConfig:
     """size of h"""
     decoder: tuple[int, ...] = (256, 128)
     """hidden layers of the decoder"""
+    timing: Timing = Timing()
+    """control step that it acts at, and the commands that it is given"""
 
 
 @dataclass(frozen=True)
@@ -72,6 +75,11 @@ class LatentPolicy(nn.Module):
         self.encoder = GoalSequenceEncoder(goal_size, config.encoder_size)
         self.posterior = LatentPosterior(config.hidden_size, config.encoder_size, config.latent_size, config.posterior)
         self.decoder = ActionDecoder(config.hidden_size, config.latent_size, robot.num_joints, config.decoder)
+
+    @property
+    def timing(self) -> Timing:
+        """Time constants that the policy is trained with."""
+        return self.config.timing
 
     def training_graph(self) -> TensorDictSequential:
         """Everything that the imitation loss asks for.
@@ -133,6 +141,11 @@ class PlainPolicy(nn.Module):
         self.normalizer = ObservationNormalizer(STUDENT_KEYS, size)
         self.backbone = Backbone(size, config.backbone, config.hidden_size)
         self.decoder = ActionDecoder(config.hidden_size, 0, robot.num_joints, config.decoder)
+
+    @property
+    def timing(self) -> Timing:
+        """Time constants that the policy is trained with."""
+        return self.config.timing
 
     def deployed(self) -> TensorDictSequential:
         """The policy: the same in training and after."""

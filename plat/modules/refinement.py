@@ -16,11 +16,11 @@ from tensordict.nn import (
 )
 from torch import nn
 
-from plat.keyframes import CONTROL_DT, MAX_STEPS
 from plat.modules.heads import GaussianNoise, gaussian_action
 from plat.modules.imitation import STUDENT_KEYS, LatentPolicy
 from plat.modules.lead import KeyframeLead, led
 from plat.modules.residual import Residual
+from plat.spec.timing import Timing
 
 __all__ = [
     "FinetunedPolicy",
@@ -60,11 +60,16 @@ class _Refinement(nn.Module):
         self.student = student
         self.noise = GaussianNoise(num_samples, self.config.init_std)
 
+    @property
+    def timing(self) -> Timing:
+        """Time constants of the student."""
+        return self.student.timing
+
     def shown(self) -> tuple[list[TensorDictModuleBase], list[NestedKey]]:
         """What comes before the student, and where the student then finds its observation."""
         if not self.config.lead:
             return [], list(STUDENT_KEYS)
-        lead = KeyframeLead(self.config.lead, MAX_STEPS * CONTROL_DT)
+        lead = KeyframeLead(self.config.lead, self.timing.longest)
         return [lead], led(STUDENT_KEYS, lead)
 
     def frozen(self) -> TensorDictModuleBase:

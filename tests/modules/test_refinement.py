@@ -1,10 +1,11 @@
+from dataclasses import replace
+
 import pytest
 import torch
 from tensordict import TensorDict
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from plat.envs import make_keyframe_env
-from plat.keyframes import CONTROL_DT, MAX_STEPS
 from plat.modules import (
     STUDENT_KEYS,
     FinetunedPolicy,
@@ -16,6 +17,7 @@ from plat.modules import (
     ResidualLatentPolicy,
 )
 from plat.robots import G1
+from plat.spec.timing import Timing
 from tests.modules.test_imitation import SMALL
 
 VARIANTS = [ResidualLatentPolicy, LatentNoisePolicy, ResidualActionPolicy, FinetunedPolicy]
@@ -39,9 +41,10 @@ def test_starts_at_exactly_the_students_action(state, variant):
 
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_a_lead_moves_the_keyframe_and_nothing_else(state, variant):
-    policy = variant(LatentPolicy(G1, SMALL), RefinementConfig(lead=0.05))
+    timing = Timing(max_steps=150)
+    policy = variant(LatentPolicy(G1, replace(SMALL, timing=timing)), RefinementConfig(lead=0.05))
     student = policy.student.deployed()
-    moved = KeyframeLead(0.05, MAX_STEPS * CONTROL_DT)(state.clone())
+    moved = KeyframeLead(0.05, horizon=3.0)(state.clone())
     state["goal"].update(moved["led_goal"])
     expected = student(state)["action"]
     assert set(policy.deployed().in_keys) == set(STUDENT_KEYS)

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import pytest
 import torch
@@ -21,6 +22,7 @@ from plat.modules import (
 )
 from plat.runs import load_policy, policy_spec, register_policy, save_weights, write_json
 from plat.runs.saving import _KINDS, complete_spec
+from plat.spec.timing import Timing
 from tests.modules.test_imitation import SMALL
 
 POLICIES = {
@@ -51,6 +53,20 @@ def test_every_policy_comes_back_as_it_was(tmp_path, library, kind):
     assert torch.equal(loaded.deployed()(state.clone())["action"], policy.deployed()(state.clone())["action"])
 
 
+def test_timing_travels_with_a_policy(tmp_path):
+    timing = Timing(control_dt=0.01, max_steps=150, window=5)
+    save(tmp_path, ResidualLatentPolicy(LatentPolicy(G1, replace(SMALL, timing=timing))))
+    loaded = load_policy(tmp_path)
+    assert loaded.timing == loaded.student.timing == timing
+
+
+def test_a_policy_of_before_there_was_a_timing(run):
+    config = json.loads((run / "config.json").read_text())
+    del config["policy"]["config"]["timing"]
+    (run / "config.json").write_text(json.dumps(config))
+    assert load_policy(run).timing == Timing(control_dt=0.02, max_steps=50, window=3)
+
+
 @pytest.fixture
 def run(tmp_path):
     save(tmp_path, Expert(G1, ExpertConfig(hidden=(8,))))
@@ -67,6 +83,7 @@ def edit(run, **changes) -> None:
     ("changes", "message"),
     [
         ({"robot": "h1"}, "for robot 'h1', expected one of \\['g1'\\]"),
+        ({"config": {"timing": {"max_steps": 0}}}, "ExpertConfig.timing: .*max_steps is 0, expected a positive"),
         ({"kind": "oracle"}, "unknown kind of policy 'oracle'"),
         ({"config": {"hidden": "wide"}}, "ExpertConfig.hidden"),
         ({"config": {"layers": 3}}, "unknown fields \\['layers'\\] of ExpertConfig"),
