@@ -21,7 +21,7 @@ MOVED = {
     "plat.envs.motions.validation": "plat.motions.checks.validation",
     "plat.envs.motions.retargeting.split": "plat.motions.split",
     "plat.envs.motions": "plat.motions",
-    "plat.envs.robot": "plat.robots.robot",
+    "plat.envs.robot": "plat.robots",
     "plat.envs.kinematics": "plat.robots.kinematics",
     "plat.playing": "plat.control",
     "plat.training": "plat.runs",

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 import torch
 
-import plat.headless  # noqa: F401
+import plat.headless
 
 # isort: split
 
+import plat.robots.registry
 from plat.motions import MotionClip, MotionLibrary, generate_motions
 from plat.robots import G1
 
@@ -24,6 +25,12 @@ SHARED = Path(__file__).parents[2] / "shared" / "data"
 @pytest.fixture(autouse=True)
 def _seed() -> None:
     torch.manual_seed(0)
+
+
+@pytest.fixture(autouse=True)
+def _robots(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Robots that a test registers are gone after it."""
+    monkeypatch.setattr(plat.robots.registry, "_ROBOTS", dict(plat.robots.registry._ROBOTS))
 
 
 @pytest.fixture(scope="session")

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from plat.baselines.onnx import OnnxPolicy
 from plat.baselines.tracker import Tracker, tuned_robot
-from plat.robots.robot import G1, Robot
+from plat.robots import G1, Robot
 from plat.rotations import quat_conjugate, quat_multiply, quat_to_matrix
 
 __all__ = ["Sonic", "sonic_robot"]
@@ -105,9 +105,4 @@ class Sonic(Tracker):
 
 def _by_depth(robot: Robot) -> Tensor:
     """Joints ``[J]`` in the order of their depth in the kinematic tree."""
-    model = robot.shared_model
-    depth = [0] * model.nbody
-    for body in range(1, model.nbody):
-        depth[body] = depth[model.body_parentid[body]] + 1
-    joints = [depth[body] for body in model.jnt_bodyid[1:]]
-    return torch.tensor(joints).argsort(stable=True)
+    return torch.tensor([robot.depth(joint) for joint in robot.joint_names]).argsort(stable=True)

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from plat.baselines.onnx import OnnxPolicy
 from plat.baselines.tracker import Tracker, tuned_robot
-from plat.robots.robot import G1, Robot
+from plat.robots import G1, Robot
 from plat.rotations import quat_conjugate, quat_multiply, quat_rotate_inverse, quat_to_matrix, quat_yaw
 
 __all__ = ["Twist2", "twist2_robot"]

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from plat.baselines.onnx import OnnxPolicy
 from plat.baselines.tracker import Tracker
-from plat.robots.robot import G1, Robot, without_side
+from plat.robots import G1, Robot, without_side
 from plat.rotations import quat_rotate_inverse
 
 __all__ = ["Wbc"]

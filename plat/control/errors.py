@@ -55,7 +55,7 @@ class PoseComparison:
 
     def __call__(self, state: RobotState, pose: Keyframe) -> PoseErrors:
         """Errors of a state against a pose."""
-        actual = self._keypoints_of(np.concatenate((state.root_pos_w, state.root_quat_w, state.joint_pos)))
+        actual = self._keypoints_of(state.qpos)
         wanted = self._keypoints_of(pose.qpos)
         distance = torch.linalg.vector_norm(actual["keypoint_pos_w"] - wanted["keypoint_pos_w"], dim=-1)
         return PoseErrors(

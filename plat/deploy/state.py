@@ -28,6 +28,11 @@ class RobotState:
     root_ang_vel_b: Array
     """angular velocity of the root ``[3]`` (rad/s, root frame): what a gyroscope at the root reads"""
 
+    @property
+    def qpos(self) -> Array:
+        """MuJoCo position vector ``[7 + J]``: root position and quaternion, joint angles."""
+        return np.concatenate((self.root_pos_w, self.root_quat_w, self.joint_pos))
+
 
 class Pose(Protocol):
     """A whole-body pose in the world; a :class:`plat.keyframes.Keyframe` is one."""

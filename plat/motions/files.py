@@ -17,7 +17,7 @@ from plat.motions.clip import MotionClip
 from plat.motions.formats import MotionFile, QuatOrder, ReadOptions, csv_text
 from plat.motions.paths import find_files
 from plat.motions.readers import READERS
-from plat.robots.robot import G1, Robot
+from plat.robots import G1, Robot
 
 __all__ = ["load_motions", "motion_paths", "read_motion_files", "save_csv", "save_motions"]
 

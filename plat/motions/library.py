@@ -9,7 +9,6 @@ import warnings
 import zlib
 from collections import Counter
 from collections.abc import Sequence
-from importlib import resources
 from pathlib import Path
 
 import torch
@@ -26,8 +25,8 @@ from plat.motions.files import load_motions, motion_paths
 from plat.motions.generation import PREFIX, generate_named
 from plat.motions.mirror import mirror_motion
 from plat.motions.resample import finite_difference, quat_finite_difference, resample_qpos
+from plat.robots import G1, Robot
 from plat.robots.kinematics import ForwardKinematics
-from plat.robots.robot import G1, Robot
 
 __all__ = ["MotionLibrary", "cache_dir"]
 
@@ -306,7 +305,7 @@ def cache_dir() -> Path:
 
 
 def _content_hash(generated: Sequence[str], paths: Sequence[Path], robot: Robot, dt: float, mirror: bool) -> str:
-    asset = (resources.files("plat.robots") / "assets" / robot.asset).read_bytes()
+    asset = robot.asset_path.read_bytes()
     digest = hashlib.blake2b(digest_size=16)
     digest.update(json.dumps([TABLE_VERSION, generated, robot.name, robot.keypoints, dt, mirror]).encode())
     digest.update(hashlib.blake2b(asset).digest())

@@ -4,7 +4,7 @@ import numpy as np
 
 from plat.errors import RobotError
 from plat.motions.clip import MotionClip
-from plat.robots.robot import G1, Robot
+from plat.robots import G1, Robot
 
 __all__ = ["mirror_motion"]
 

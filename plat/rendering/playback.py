@@ -9,7 +9,6 @@ from tensordict.nn import TensorDictModuleBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from plat.control import ChaseStep, StepErrors
-from plat.deploy import RobotState
 from plat.envs.transforms import NEXT_FRAME, CommandSchedule, Horizon, ScheduledStarts
 from plat.evaluation.runner import Observe, make_evaluation_env
 from plat.keyframes import CONTROL_DT
@@ -103,18 +102,14 @@ def record(steps: Iterable[tuple[ChaseStep, StepErrors]]) -> Playback:
     """
     rows = [
         (
-            _qpos(step.before),
+            step.before.qpos,
             step.command.keyframe.qpos,
             0 if step.holding else step.command.steps_left,
             step.command.length,
             errors.failed,
-            _qpos(step.after),
+            step.after.qpos,
         )
         for step, errors in steps
     ]
     qpos, targets, steps_left, lengths, failed, reached = (np.array(column) for column in zip(*rows, strict=True))
     return Playback(qpos, targets, steps_left, lengths, failed, reached, CONTROL_DT)
-
-
-def _qpos(state: RobotState) -> np.ndarray:
-    return np.concatenate((state.root_pos_w, state.root_quat_w, state.joint_pos))

@@ -1,6 +1,18 @@
-"""Robots: their description, MJCF, motors and kinematics."""
+"""Robots: their description, MJCF, motors, kinematics and names."""
 
+from plat.robots.g1 import G1
 from plat.robots.kinematics import ForwardKinematics
-from plat.robots.robot import G1, FootContacts, Robot
+from plat.robots.mjcf import Capsule
+from plat.robots.registry import get_robot, register_robot
+from plat.robots.robot import FootContacts, Robot, without_side
 
-__all__ = ["G1", "FootContacts", "ForwardKinematics", "Robot"]
+__all__ = [
+    "G1",
+    "Capsule",
+    "FootContacts",
+    "ForwardKinematics",
+    "Robot",
+    "get_robot",
+    "register_robot",
+    "without_side",
+]

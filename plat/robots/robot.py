@@ -1,8 +1,8 @@
-"""What plat needs to know about a humanoid, and the Unitree G1."""
+"""What plat needs to know about a humanoid."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from importlib import resources
+from pathlib import Path
 from typing import Literal
 
 import mujoco
@@ -11,22 +11,11 @@ import torch
 from torch import Tensor
 
 from plat.errors import RobotError
+from plat.robots.mjcf import Capsule, asset_path, check_model, compile_spec, read_spec, replace_soles
 
-__all__ = ["G1", "FootContacts", "Robot", "without_side"]
+__all__ = ["FootContacts", "Robot", "without_side"]
 
 FootContacts = Literal["spheres", "capsules"]
-
-# Seven capsules that follow the outline of the G1's sole: x of the two ends and y (m, ankle_roll frame). The
-# outline is that of Unitree's description: a sole from -0.06 to 0.14 m, widest at the ball of the foot.
-_SOLE_CAPSULES = (
-    (0.050, 0.100, -0.026),
-    (-0.044, 0.123, -0.018),
-    (-0.052, 0.130, -0.010),
-    (-0.054, 0.132, 0.000),
-    (-0.052, 0.130, 0.010),
-    (-0.044, 0.123, 0.018),
-    (0.050, 0.100, 0.026),
-)
 
 
 @dataclass(frozen=True)
@@ -35,19 +24,22 @@ class Robot:
 
     Args:
         name: identifies the robot in caches, checkpoints and error messages.
-        asset: file name of the MJCF description in ``plat/robots/assets``. It has one free joint called ``root``,
-            one position actuator a joint in the order of the joints, and the sensors ``left_foot_contact``,
-            ``right_foot_contact``, ``ground_contact`` and ``self_contact``.
+        asset: MJCF description: a file name in ``plat/robots/assets``, or a path elsewhere. It has one free joint
+            first, then hinges, and one position actuator a hinge in their order. Environments read its contact
+            sensors ``left_foot_contact`` and ``right_foot_contact`` (``data="found force"``), ``ground_contact`` and
+            ``self_contact`` (``data="found"``).
         root_height: height of the root above the floor in the default pose (m).
         default_pose: joint name to angle (rad); joints that are not named are 0.
         keypoints: bodies whose positions a keyframe commands; the first one is the root body.
         anchor: the keypoint whose pose tracking is measured against.
         end_effectors: the keypoints whose height ends an episode when it is wrong.
-        feet: the bodies of the left and right foot.
+        feet: the bodies of the left and right foot; keypoints as well.
+        sole_capsules: contact geometry of a foot that ``feet="capsules"`` puts in the place of the asset's own.
 
     Raises:
         RobotError: when a name is not in the model.
 
+    >>> from plat.robots import G1
     >>> G1.num_joints, len(G1.keypoints), round(G1.model().body_mass.sum(), 3)
     (29, 14, np.float64(33.341))
     """
@@ -60,31 +52,53 @@ class Robot:
     anchor: str
     end_effectors: tuple[str, ...]
     feet: tuple[str, str]
+    sole_capsules: tuple[Capsule, ...] = ()
 
     def spec(self, feet: FootContacts = "spheres") -> mujoco.MjSpec:
-        """Editable description with a floor.
+        """Return the editable description with a floor.
 
         Args:
-            feet: contact geometry of each sole: ``"spheres"`` (four, the fast one) or ``"capsules"`` (seven,
-                the accurate one).
+            feet: contact geometry of the soles: ``"spheres"`` (the asset's own) or ``"capsules"``
+                (:attr:`sole_capsules`: slower, and closer to the outline).
+
+        Raises:
+            RobotError: when the asset cannot be read, or the robot has no capsules.
         """
         if feet not in ("spheres", "capsules"):
             raise RobotError(f"feet: {feet!r}, expected 'spheres' or 'capsules'")
-        with resources.as_file(resources.files("plat.robots") / "assets" / self.asset) as path:
-            spec = mujoco.MjSpec.from_file(str(path))
+        if feet == "capsules" and not self.sole_capsules:
+            raise RobotError(f"robot {self.name!r} has no sole_capsules, expected feet 'spheres'")
+        spec = read_spec(self.asset, self.name)
         spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.1])
         if feet == "capsules":
-            for body_name in self.feet:
-                _replace_sole(spec, body_name)
+            replace_soles(spec, self.feet, self.sole_capsules)
         return spec
 
-    def model(self, feet: FootContacts = "spheres") -> mujoco.MjModel:
-        """Compiled model of the caller's own; see :meth:`spec`."""
-        model = self.spec(feet).compile()
-        for body in (*self.keypoints, *self.feet):
-            if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body) < 0:
-                raise RobotError(f"robot {self.name!r}: body {body!r} is not in {self.asset}")
+    def model(self, feet: FootContacts = "spheres", timestep: float | None = None) -> mujoco.MjModel:
+        """Return a compiled model of the caller's own.
+
+        Args:
+            feet: as for :meth:`spec`.
+            timestep: physics step (s); None for the asset's.
+
+        Raises:
+            RobotError: when the asset cannot be used, or a name is not in it.
+        """
+        model = compile_spec(self.spec(feet), self.asset, self.name)
+        check_model(model, self.name, (*self.keypoints, *self.feet), self.asset)
+        if timestep is not None:
+            model.opt.timestep = timestep
         return model
+
+    @property
+    def asset_path(self) -> Path:
+        """Path of the MJCF description."""
+        return asset_path(self.asset)
+
+    def with_asset_in(self, folder: Path) -> "Robot":
+        """Return the robot with an asset that is relative to a folder, unless it is one of plat's or absolute."""
+        path = self.asset_path
+        return self if path.is_absolute() else replace(self, asset=str((folder / path).resolve()))
 
     @cached_property
     def shared_model(self) -> mujoco.MjModel:
@@ -97,6 +111,7 @@ class Robot:
         Args:
             model: of this robot.
 
+        >>> from plat.robots import G1
         >>> G1.sole_geoms(G1.model("capsules")).shape
         (2, 7)
         """
@@ -156,22 +171,34 @@ class Robot:
         """
         return 0.25 * self.effort_limit / self.stiffness
 
+    def depth(self, joint: str) -> int:
+        """Return the number of bodies between the root and the body that a joint moves, that one counted.
+
+        >>> from plat.robots import G1
+        >>> [G1.depth(joint) for joint in ("left_hip_pitch", "left_knee", "waist_yaw")]
+        [1, 4, 1]
+        """
+        return len(self._to_root(int(self.shared_model.jnt_bodyid[1 + self.joint_names.index(joint)])))
+
+    def _to_root(self, body: int) -> list[int]:
+        """Bodies from one up to the root, without the root; MuJoCo's number of the root is 1."""
+        path = []
+        while body > 1:
+            path.append(body)
+            body = int(self.shared_model.body_parentid[body])
+        return path
+
     @cached_property
     def leg_joints(self) -> list[int]:
         """Indices of the joints between the root and the feet.
 
+        >>> from plat.robots import G1
         >>> [G1.joint_names[joint] for joint in G1.leg_joints[:3]], len(G1.leg_joints)
         (['left_hip_pitch', 'left_hip_roll', 'left_hip_yaw'], 12)
         """
         model = self.shared_model
-        joints = []
-        for foot in self.feet:
-            body = model.body(foot).id
-            while body != model.body(self.keypoints[0]).id:
-                first, count = model.body_jntadr[body], model.body_jntnum[body]
-                joints += [int(joint) - 1 for joint in range(first, first + count)]  # joint 0 is the free one
-                body = model.body_parentid[body]
-        return sorted(joints)
+        bodies = {body for foot in self.feet for body in self._to_root(model.body(foot).id)}
+        return [joint for joint in range(self.num_joints) if model.jnt_bodyid[1 + joint] in bodies]
 
     @property
     def anchor_index(self) -> int:
@@ -191,52 +218,3 @@ def without_side(name: str) -> str:
     ('knee', 'waist_yaw')
     """
     return name.removeprefix("left_").removeprefix("right_")
-
-
-def _replace_sole(spec: mujoco.MjSpec, body_name: str) -> None:
-    body = spec.body(body_name)
-    spheres = [geom for geom in body.geoms if geom.classname.name == "foot"]
-    side = body_name.split("_")[0]
-    for sphere in spheres:
-        spec.delete(sphere)
-    for index, (x_back, x_front, y) in enumerate(_SOLE_CAPSULES, start=1):
-        body.add_geom(
-            spec.find_default("foot"),
-            name=f"{side}_foot{index}_collision",
-            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-            size=[0.01, 0, 0],
-            fromto=[x_back, y, -0.025, x_front, y, -0.025],
-        )
-
-
-def _both_sides(*bodies: str) -> tuple[str, ...]:
-    return tuple(f"{side}_{body}_link" for side in ("left", "right") for body in bodies)
-
-
-G1 = Robot(
-    name="g1",
-    asset="g1.xml",
-    root_height=0.76,
-    default_pose={
-        f"{side}_{joint}": angle * (sign if mirrored else 1.0)
-        for side, sign in (("left", 1.0), ("right", -1.0))
-        for joint, angle, mirrored in (
-            ("hip_pitch", -0.312, False),
-            ("knee", 0.669, False),
-            ("ankle_pitch", -0.363, False),
-            ("elbow", 0.6, False),
-            ("shoulder_pitch", 0.2, False),
-            ("shoulder_roll", 0.2, True),
-        )
-    },
-    keypoints=(
-        "pelvis",
-        *_both_sides("hip_roll", "knee", "ankle_roll"),
-        "torso_link",
-        *_both_sides("shoulder_roll", "elbow", "wrist_yaw"),
-    ),
-    anchor="torso_link",
-    end_effectors=_both_sides("ankle_roll", "wrist_yaw"),
-    feet=("left_ankle_roll_link", "right_ankle_roll_link"),
-)
-"""Unitree G1 with 29 joints."""

@@ -14,8 +14,7 @@ from safetensors.torch import load_file, save_file
 from tensordict.nn import TensorDictModuleBase
 from torch import nn
 
-from plat.robots.robot import G1, Robot
-from plat.errors import CheckpointError
+from plat.errors import CheckpointError, RobotError
 from plat.files import replace_file
 from plat.modules.expert import Expert, ExpertConfig
 from plat.modules.imitation import LatentPolicy, LatentPolicyConfig, PlainPolicy, PlainPolicyConfig
@@ -26,6 +25,7 @@ from plat.modules.refinement import (
     ResidualActionPolicy,
     ResidualLatentPolicy,
 )
+from plat.robots import Robot, get_robot
 
 __all__ = [
     "Policy",
@@ -37,8 +37,6 @@ __all__ = [
     "save_weights",
     "write_json",
 ]
-
-ROBOTS = {G1.name: G1}
 
 # How a saved policy is called in config.json, its class and that of its config. Only saving and loading look here.
 _KINDS: dict[str, tuple[type, type]] = {
@@ -190,17 +188,17 @@ def _build(spec: Any, path: Path) -> Any:
     if not isinstance(spec, dict) or not {"kind", "robot", "config"} <= set(spec):
         raise CheckpointError(f"{str(path)!r}: 'policy' is not an object with 'kind', 'robot' and 'config'")
     kind = spec["kind"]
-    if spec["robot"] not in ROBOTS:
-        raise CheckpointError(
-            f"{str(path)!r}: the policy is for robot {spec['robot']!r}, expected one of {sorted(ROBOTS)}"
-        )
+    try:
+        robot = get_robot(spec["robot"])
+    except RobotError as error:
+        raise CheckpointError(f"{str(path)!r}: the policy is for another robot: {error}") from None
     if kind not in _KINDS:
         raise CheckpointError(
             f"{str(path)!r}: unknown kind of policy {kind!r}, expected one of {sorted(_KINDS)} "
             "or one that plat.runs.register_policy has been told of"
         )
     policy_class, config_class = _KINDS[kind]
-    base = _build(spec.get("student"), path) if _takes_student(policy_class) else ROBOTS[spec["robot"]]
+    base = _build(spec.get("student"), path) if _takes_student(policy_class) else robot
     return policy_class(base, _config(config_class, spec["config"], path))
 
 

@@ -5,7 +5,7 @@ from math import prod
 
 from tensordict import NestedKey
 
-from plat.robots.robot import G1, Robot
+from plat.robots import G1, Robot
 
 __all__ = ["COMMAND_KEYS", "ROBOT_KEYS", "entry_shapes", "goal_keys", "observation_size", "privileged_keys"]
 

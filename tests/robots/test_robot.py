@@ -7,8 +7,7 @@ import pytest
 import torch
 
 from plat.errors import RobotError
-from plat.robots import G1, ForwardKinematics, Robot
-from plat.robots.robot import without_side
+from plat.robots import G1, ForwardKinematics, Robot, without_side
 
 # armature (kg m^2) and effort limit (N m) of each joint, from the motors
 MOTORS = {
@@ -101,18 +100,21 @@ def test_soles_touch_the_same_ground():
     lowest = {}
     for feet, count in (("spheres", 4), ("capsules", 7)):
         model = G1.model(feet)
-        soles = [i for i in range(model.ngeom) if model.geom(i).name.startswith("left_foot")]
+        soles = G1.sole_geoms(model)[0]
         assert len(soles) == count
         lowest[feet] = min(model.geom_pos[i, 2] - model.geom_size[i, 0] for i in soles)
     assert lowest["spheres"] == pytest.approx(lowest["capsules"], abs=1e-6)
 
 
-@pytest.mark.parametrize(("feet", "count"), [("spheres", 4), ("capsules", 7)])
-def test_sole_geoms_are_the_collision_geoms_of_the_feet(feet, count):
+@pytest.mark.parametrize(
+    ("feet", "name", "count"), [("spheres", "{}_foot{}_collision", 4), ("capsules", "{}_ankle_roll_link_sole{}", 7)]
+)
+def test_sole_geoms_are_the_collision_geoms_of_the_feet(feet, name, count):
     model = G1.model(feet)
     soles = G1.sole_geoms(model)
     for side, geoms in zip(("left", "right"), soles, strict=True):
-        assert [model.geom(i).name for i in geoms] == [f"{side}_foot{n}_collision" for n in range(1, count + 1)]
+        assert [model.geom(i).name for i in geoms] == [name.format(side, n) for n in range(1, count + 1)]
+        assert (model.geom_friction[geoms, 0] == 0.8).all()  # of the class of the geoms that they replace
 
 
 def test_only_shared_models_are_shared():
@@ -144,3 +146,8 @@ def test_unknown_names_are_refused():
         _ = Robot("g1", "g1.xml", 0.76, {"left_wing": 1.0}, ("pelvis",), "pelvis", (), G1.feet).default_joint_pos
     with pytest.raises(RobotError, match="expected 'spheres' or 'capsules'"):
         G1.model("boots")
+
+
+def test_the_physics_step_is_chosen():
+    assert G1.model(timestep=0.01).opt.timestep == 0.01
+    assert G1.model().opt.timestep == 0.005

@@ -82,7 +82,7 @@ def edit(run, **changes) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"robot": "h1"}, "for robot 'h1', expected one of \\['g1'\\]"),
+        ({"robot": "h1"}, "robot 'h1' is unknown, expected one of \\['g1'"),
         ({"config": {"timing": {"max_steps": 0}}}, "ExpertConfig.timing: .*max_steps is 0, expected a positive"),
         ({"kind": "oracle"}, "unknown kind of policy 'oracle'"),
         ({"config": {"hidden": "wide"}}, "ExpertConfig.hidden"),

@@ -8,8 +8,8 @@ import torch
 from plat.errors import MotionError
 from plat.motions.checks.feet import Soles, ground_level, stance
 from plat.motions.clip import MotionClip
+from plat.robots import G1, Robot
 from plat.robots.kinematics import ForwardKinematics
-from plat.robots.robot import G1, Robot
 from plat.rotations import quat_rotate_inverse
 
 __all__ = ["Grounding", "clip_to_limits", "ground_feet", "level_feet", "trim_motion"]

@@ -10,7 +10,7 @@ import torch
 from plat.motions.checks.collision import self_penetration
 from plat.motions.checks.feet import Soles, ground_level
 from plat.motions.clip import MotionClip
-from plat.robots.robot import G1, Robot
+from plat.robots import G1, Robot
 from plat.rotations import quat_conjugate, quat_multiply, quat_to_rotvec
 
 __all__ = ["MotionReport", "ValidationLimits", "Verdict", "validate_motion", "validate_motions"]

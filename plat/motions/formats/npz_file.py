@@ -140,15 +140,7 @@ def _find_joint_order(
 
 def _breadth_first(robot: Robot) -> list[str]:
     """Joint names by their distance from the root, ties as in the robot's own order."""
-    model = robot.shared_model
-
-    def depth(name: str) -> int:
-        body, steps = model.joint(f"{name}_joint").bodyid.item(), 0
-        while body > 1:
-            body, steps = model.body_parentid[body], steps + 1
-        return steps
-
-    return sorted(robot.joint_names, key=depth)
+    return sorted(robot.joint_names, key=robot.depth)
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:

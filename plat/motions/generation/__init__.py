@@ -12,7 +12,7 @@ from plat.motions.generation.score import Score
 from plat.motions.generation.solver import DT, Solver
 from plat.motions.generation.soundness import measure_soundness
 from plat.motions.generation.whole_body import WholeBody
-from plat.robots.robot import G1, Robot
+from plat.robots import G1, Robot
 
 __all__ = ["FAMILIES", "PREFIX", "SPLITS", "generate_motions", "generate_named"]
 

@@ -19,8 +19,8 @@ from plat.motions.retargeting.bvh import read_bvh
 from plat.motions.retargeting.geometry import TRACKED, RobotGeometry
 from plat.motions.retargeting.options import SolverOptions
 from plat.motions.retargeting.skeletons import SkeletonMap, find_map, read_human
+from plat.robots import G1, Robot
 from plat.robots.kinematics import ForwardKinematics
-from plat.robots.robot import G1, Robot
 from plat.rotations import quat_rotate
 
 if TYPE_CHECKING:

@@ -1,0 +1,109 @@
+"""MJCF descriptions: files to editable specs, and the contact geometry of the soles."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+import mujoco
+
+from plat.errors import RobotError
+
+__all__ = ["Capsule", "asset_path", "check_model", "compile_spec", "read_spec", "replace_soles"]
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """A capsule of a foot's contact geometry, in the frame of the foot body."""
+
+    start: tuple[float, float, float]
+    """center of one end (m)"""
+    end: tuple[float, float, float]
+    """center of the other end (m)"""
+    radius: float = 0.01
+    """m"""
+
+
+def asset_path(asset: str) -> Path:
+    """Return the path of an MJCF file: one of plat's own by its file name, any other by its path."""
+    own = Path(str(resources.files("plat.robots"))) / "assets" / asset
+    return own if Path(asset).name == asset and own.exists() else Path(asset)
+
+
+def read_spec(asset: str, robot: str) -> mujoco.MjSpec:
+    """Read an MJCF file.
+
+    Args:
+        asset: see :func:`asset_path`.
+        robot: name of the robot, for messages.
+
+    Raises:
+        RobotError: when there is no such file, or MuJoCo cannot parse it.
+    """
+    path = asset_path(asset)
+    if not path.is_file():
+        raise RobotError(f"robot {robot!r}: asset {asset!r}: no such file, expected an MJCF description")
+    try:
+        return mujoco.MjSpec.from_file(str(path))
+    except (ValueError, mujoco.FatalError) as error:
+        raise RobotError(f"robot {robot!r}: asset {asset!r}: not a readable MJCF file ({_one_line(error)})") from None
+
+
+def compile_spec(spec: mujoco.MjSpec, asset: str, robot: str) -> mujoco.MjModel:
+    """Compile a description.
+
+    Raises:
+        RobotError: when MuJoCo refuses it.
+    """
+    try:
+        return spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise RobotError(f"robot {robot!r}: asset {asset!r} does not compile ({_one_line(error)})") from None
+
+
+def check_model(model: mujoco.MjModel, robot: str, bodies: Sequence[str], asset: str) -> None:
+    """Check what plat relies on: the bodies, a free root joint, hinges, and one actuator for each hinge in order.
+
+    Raises:
+        RobotError: naming what is missing.
+    """
+    for body in bodies:
+        if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body) < 0:
+            raise RobotError(f"robot {robot!r}: body {body!r} is not in {asset}")
+    types = list(model.jnt_type)
+    if not types or types[0] != mujoco.mjtJoint.mjJNT_FREE or any(t != mujoco.mjtJoint.mjJNT_HINGE for t in types[1:]):
+        raise RobotError(f"robot {robot!r}: the joints of {asset} are not one free joint followed by hinges")
+    driven = [int(joint) for joint in model.actuator_trnid[:, 0]]
+    if driven != list(range(1, model.njnt)):
+        raise RobotError(
+            f"robot {robot!r}: {asset} has {model.nu} actuators, expected one position actuator for each of the "
+            f"{model.njnt - 1} hinges, in their order"
+        )
+
+
+def replace_soles(spec: mujoco.MjSpec, feet: Sequence[str], capsules: Sequence[Capsule]) -> None:
+    """Put capsules in the place of every colliding geom of the feet; they keep the class of the first of these.
+
+    Args:
+        spec: description that is changed.
+        feet: names of the foot bodies.
+        capsules: the same for each foot.
+    """
+    for name in feet:
+        body = spec.body(name)
+        soles = [geom for geom in body.geoms if geom.contype]
+        default = soles[0].classname if soles else spec.default
+        for sole in soles:
+            spec.delete(sole)
+        for index, capsule in enumerate(capsules, start=1):
+            body.add_geom(
+                default,
+                name=f"{name}_sole{index}",
+                type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+                size=[capsule.radius, 0, 0],
+                fromto=[*capsule.start, *capsule.end],
+            )
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())

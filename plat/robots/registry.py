@@ -1,0 +1,73 @@
+"""Robots by name: what saved policies, recipes and the command line look robots up in."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from plat.errors import RobotError
+from plat.robots.g1 import G1
+from plat.robots.robot import Robot
+
+__all__ = ["get_robot", "register_robot"]
+
+_ROBOTS: dict[str, Robot] = {G1.name: G1}
+
+
+def register_robot(robot: Robot) -> Robot:
+    """Make a robot known by its name, so that policies trained for it can be loaded.
+
+    Args:
+        robot: the robot; registering an equal one again does nothing.
+
+    Returns:
+        The robot.
+
+    Raises:
+        RobotError: when another robot goes by that name.
+
+    >>> register_robot(G1) is get_robot("g1")
+    True
+    """
+    if _ROBOTS.setdefault(robot.name, robot) != robot:
+        raise RobotError(f"robot {robot.name!r} is registered already with other settings; choose another name")
+    return _ROBOTS[robot.name]
+
+
+def get_robot(name_or_path: str | Path) -> Robot:
+    """Return a robot by its name, or from a description file, which registers it.
+
+    Args:
+        name_or_path: name of a registered robot, or path of a JSON file that holds the fields of
+            :class:`plat.robots.Robot`. Its ``asset`` is relative to that file.
+
+    Raises:
+        RobotError: when there is no such robot or file, or a field of the file is missing or wrong.
+
+    >>> get_robot("g1").num_joints
+    29
+    """
+    if str(name_or_path) in _ROBOTS:
+        return _ROBOTS[str(name_or_path)]
+    path = Path(name_or_path)
+    if path.suffix != ".json":
+        raise RobotError(
+            f"robot {str(name_or_path)!r} is unknown, expected one of {sorted(_ROBOTS)}, one that "
+            "plat.robots.register_robot was given, or the path of a JSON description"
+        )
+    return register_robot(_read(path))
+
+
+def _read(path: Path) -> Robot:
+    from pydantic import TypeAdapter, ValidationError  # a tenth of a second that only description files need
+
+    try:
+        values: Any = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise RobotError(f"{str(path)!r}: not a readable JSON file ({error})") from None
+    try:
+        robot = TypeAdapter(Robot).validate_python(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join(str(part) for part in first["loc"])
+        raise RobotError(f"{str(path)!r}: {field}: {first['msg']}") from None
+    return robot.with_asset_in(path.parent)
