@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from plat.deploy.description import Body, RobotDescription
 from plat.deploy.observation import Term, observation_terms
 from plat.errors import BundleError
+from plat.json_file import parse_json
 
 __all__ = ["INPUT", "METADATA_KEY", "OUTPUT", "Bundle", "PolicyFacts", "Score", "TrainingFacts", "readable_json"]
 
@@ -119,10 +120,7 @@ class Bundle:
         Raises:
             BundleError: naming the field that is missing, broken, or of another version of the format.
         """
-        try:
-            content = _Object(json.loads(text), "", where)
-        except ValueError as error:
-            raise BundleError(f"{where}: not readable as JSON ({error})") from None
+        content = _Object(parse_json(text.encode(errors="surrogatepass"), BundleError, where), "", where)
         content.expect("format", _FORMAT)
         content.expect("version", _VERSION)
         content.expect("quaternion_order", "wxyz")

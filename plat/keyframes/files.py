@@ -10,6 +10,7 @@ import numpy as np
 
 from plat.errors import KeyframeError
 from plat.files import replace_file
+from plat.json_file import read_json, short
 from plat.keyframes.keyframe import Keyframe, RobotJoints
 
 __all__ = ["is_keyframe_file", "read_keyframes", "write_keyframes"]
@@ -27,14 +28,7 @@ def read_keyframes(path: Path, robot: RobotJoints) -> tuple[Keyframe | None, tup
         KeyframeError: naming file, keyframe and field, for what is not in the format, no pose of the robot, or of
             another robot. Times that do not fit each other are found by :class:`plat.keyframes.KeyframeSequence`.
     """
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=_unique)
-    except FileNotFoundError:
-        raise KeyframeError(f"keyframe file {str(path)!r}: no such file") from None
-    except KeyframeError as error:
-        raise KeyframeError(f"keyframe file {str(path)!r}: {error}") from None
-    except (OSError, ValueError) as error:
-        raise KeyframeError(f"keyframe file {str(path)!r}: not a readable JSON file ({error})") from None
+    content = read_json(path, KeyframeError, f"keyframe file {str(path)!r}", constants=True)
     try:
         return _parse(content, robot)
     except KeyframeError as error:
@@ -44,8 +38,8 @@ def read_keyframes(path: Path, robot: RobotJoints) -> tuple[Keyframe | None, tup
 def is_keyframe_file(path: Path) -> bool:
     """Return whether a file says that it holds keyframes; whether they are right is not looked at."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        content = read_json(path, KeyframeError, "", constants=True)
+    except KeyframeError:
         return False
     return isinstance(content, dict) and content.get("format") == _FORMAT
 
@@ -74,14 +68,14 @@ def _parse(content: Any, robot: RobotJoints) -> tuple[Keyframe | None, tuple[Key
     if not isinstance(content, dict) or content.get("format") != _FORMAT:
         raise KeyframeError(f"not a keyframe file, expected an object with 'format': {_FORMAT!r}")
     if content.get("version") != _VERSION:
-        raise KeyframeError(f"version is {content.get('version')!r}, expected {_VERSION}")
+        raise KeyframeError(f"version is {short(content.get('version'))}, expected {_VERSION}")
     required = ("format", "version", "robot", "quaternion_order", "keyframes")
     _check_fields(content, required, ("start",))
     if content["robot"] != robot.name:
-        raise KeyframeError(f"robot is {content['robot']!r}, expected {robot.name!r}")
+        raise KeyframeError(f"robot is {short(content['robot'])}, expected {robot.name!r}")
     order = content["quaternion_order"]
     if not isinstance(order, str) or order not in _QUATERNION_ORDERS:
-        raise KeyframeError(f"quaternion_order is {order!r}, expected 'wxyz' or 'xyzw'")
+        raise KeyframeError(f"quaternion_order is {short(order)}, expected 'wxyz' or 'xyzw'")
     if not isinstance(content["keyframes"], list):
         raise KeyframeError("keyframes: expected a list")
     start = _keyframe(content["start"], "start", _POSE_FIELDS, order, robot) if "start" in content else None
@@ -94,14 +88,14 @@ def _parse(content: Any, robot: RobotJoints) -> tuple[Keyframe | None, tuple[Key
 def _keyframe(entry: Any, label: str, required: Sequence[str], order: str, robot: RobotJoints) -> Keyframe:
     """A keyframe of its JSON object; one without a time is at 0."""
     if not isinstance(entry, dict):
-        raise KeyframeError(f"{label} is {entry!r}, expected an object")
+        raise KeyframeError(f"{label} is {short(entry)}, expected an object")
     name = entry.get("name")
     if isinstance(name, str):
-        label += f" ({name!r})"
+        label += f" ({short(name)})"
     try:
         _check_fields(entry, required, ("name",))
         if not isinstance(name, (str, type(None))):
-            raise KeyframeError(f"name is {name!r}, expected a text")
+            raise KeyframeError(f"name is {short(name)}, expected a text")
         return Keyframe(
             _number(entry.get("time", 0.0), "time"),
             _numbers(entry["root_pos"], "root_pos", 3, "xyz"),
@@ -121,7 +115,7 @@ def _joints(content: Any, robot: RobotJoints) -> np.ndarray:
     missing = [name for name in robot.joint_names if name not in content]
     if unknown or missing:
         raise KeyframeError(
-            f"joint_pos: unknown joints {unknown[:3]} and missing joints {missing[:3]} ({len(unknown)} unknown, "
+            f"joint_pos: unknown joints {short(unknown[:3])} and missing joints {missing[:3]} ({len(unknown)} unknown, "
             f"{len(missing)} missing), expected the {len(robot.joint_names)} of {robot.name!r}"
         )
     return np.array([_number(content[name], f"joint_pos: {name!r}") for name in robot.joint_names])
@@ -129,15 +123,19 @@ def _joints(content: Any, robot: RobotJoints) -> np.ndarray:
 
 def _numbers(content: Any, field: str, size: int, letters: str) -> np.ndarray:
     if not isinstance(content, list) or len(content) != size:
-        raise KeyframeError(f"{field} is {content!r}, expected a list of {size} numbers ({', '.join(letters)})")
+        raise KeyframeError(f"{field} is {short(content)}, expected a list of {size} numbers ({', '.join(letters)})")
     return np.array([_number(value, f"{field}[{index}]") for index, value in enumerate(content)])
 
 
 def _number(content: Any, field: str) -> float:
-    # JSON has no NaN, but Python's reader lets it through; true and false are numbers to Python only
-    if isinstance(content, bool) or not isinstance(content, (int, float)) or not math.isfinite(content):
-        raise KeyframeError(f"{field} is {content!r}, expected a finite number")
-    return float(content)
+    # true and false are numbers to Python only; 1e999 and a whole number of 400 digits are too large for a float
+    try:
+        number = math.nan if isinstance(content, bool) or not isinstance(content, (int, float)) else float(content)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise KeyframeError(f"{field} is {short(content)}, expected a finite number")
+    return number
 
 
 def _check_fields(entry: dict[str, Any], required: Collection[str], optional: Collection[str] = ()) -> None:
@@ -146,17 +144,7 @@ def _check_fields(entry: dict[str, Any], required: Collection[str], optional: Co
         raise KeyframeError(f"{missing[0]} is missing")
     unknown = [field for field in entry if field not in (*required, *optional)]
     if unknown:
-        raise KeyframeError(f"unknown field {unknown[0]!r}, expected {', '.join((*required, *optional))}")
-
-
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Object of a JSON parser; of a name that comes twice Python would silently take the last."""
-    content = dict(pairs)
-    if len(content) != len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise KeyframeError(f"field {twice!r} comes twice in one object")
-    return content
+        raise KeyframeError(f"unknown field {short(unknown[0])}, expected {', '.join((*required, *optional))}")
 
 
 def _entry(keyframe: Keyframe, robot: RobotJoints) -> dict[str, Any]:

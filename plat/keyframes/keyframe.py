@@ -17,6 +17,8 @@ __all__ = ["Keyframe", "RobotJoints", "interpolate", "standing"]
 
 # A quaternion this far from unit length is a wrong order or a wrong number, not rounding.
 _UNIT_TOLERANCE = 1e-2
+# Latest time of a keyframe (s): later ones would be split into millions of commands.
+_LONGEST = 86_400.0
 # What rounding may add to an angle at its limit (rad).
 _RANGE_TOLERANCE = 1e-3
 
@@ -103,6 +105,8 @@ class Keyframe:
         """
         if not np.isfinite(self.time):
             raise KeyframeError(f"time is {self.time}, expected a finite number of seconds")
+        if abs(self.time) > _LONGEST:
+            raise KeyframeError(f"time is {self.time:g} s, expected at most a day ({_LONGEST:g} s)")
         root_pos = _vector("root_pos", self.root_pos, 3, "x, y, z")
         root_quat = _vector("root_quat", self.root_quat, 4, "w, x, y, z")
         joint_pos = _vector("joint_pos", self.joint_pos, len(robot.joint_names), "one angle a joint")

@@ -14,6 +14,7 @@ from safetensors.torch import load_file, save_file
 from tensordict.nn import TensorDictModuleBase
 from torch import nn
 
+from plat import json_file
 from plat.errors import CheckpointError, RobotError
 from plat.files import replace_file
 from plat.modules.expert import Expert, ExpertConfig
@@ -162,10 +163,7 @@ def read_json(path: Path) -> dict[str, Any]:
     """A JSON object from a file."""
     if not path.exists():
         raise CheckpointError(f"{str(path)!r}: no such file, expected a run directory with config.json")
-    try:
-        content = json.loads(path.read_text())
-    except (OSError, ValueError) as error:
-        raise CheckpointError(f"{str(path)!r}: not a readable JSON file ({error})") from error
+    content = json_file.read_json(path, CheckpointError, repr(str(path)))
     if not isinstance(content, dict):
         raise CheckpointError(f"{str(path)!r}: holds a {type(content).__name__}, expected an object")
     return content

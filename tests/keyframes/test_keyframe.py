@@ -63,3 +63,8 @@ def test_checked_makes_the_quaternion_exactly_unit():
 def test_what_is_wrong_is_named(changes, message):
     with pytest.raises(KeyframeError, match=message):
         replace(standing(G1), **changes).checked(G1)
+
+
+def test_a_time_beyond_a_day_is_refused() -> None:
+    with pytest.raises(KeyframeError, match=r"time is 1e\+09 s, expected at most a day"):
+        standing(G1).at(1e9).checked(G1)

@@ -1,0 +1,101 @@
+"""JSON files of unknown origin, read with limits and one-line errors."""
+
+import json
+import reprlib
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+from plat.errors import PlatError
+
+__all__ = ["parse_json", "read_json", "short"]
+
+MAX_BYTES = 32 << 20
+"""Largest file that is read: an hour of keyframes takes a fifth of it."""
+
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = 60
+
+
+def read_json(path: Path, error: type[PlatError], label: str, *, constants: bool = False) -> Any:
+    """Return the content of a JSON file.
+
+    Args:
+        path: the file.
+        error: class of what is raised.
+        label: how messages begin, such as ``"keyframe file 'bow.json'"``.
+        constants: let NaN and Infinity through, for readers that name the field that holds them.
+
+    Raises:
+        PlatError: of the class ``error``, in one line: a file that is missing, unreadable, too large, or not the JSON
+            that :func:`parse_json` accepts.
+    """
+    try:
+        if not path.is_file():
+            what = "not a regular file" if path.exists() else "no such file"
+            raise error(f"{label}: {what}")
+        if path.stat().st_size > MAX_BYTES:
+            raise error(f"{label}: {path.stat().st_size / 1e6:.0f} MB, expected at most {MAX_BYTES / 1e6:.0f} MB")
+        content = path.read_bytes()
+    except OSError as cause:
+        raise error(f"{label}: cannot be read ({cause.strerror or cause})") from cause
+    return parse_json(content, error, label, constants=constants)
+
+
+def parse_json(content: bytes, error: type[PlatError], label: str, *, constants: bool = False) -> Any:
+    """Return the value of a JSON text.
+
+    Python's own reader takes the last of two equal names and lets NaN, Infinity and lone surrogates through. Here they
+    are errors, as are deep nesting and numbers of thousands of digits.
+
+    Args:
+        content: UTF-8.
+        error: class of what is raised.
+        label: how messages begin.
+        constants: let NaN and Infinity through.
+
+    Raises:
+        PlatError: of the class ``error``.
+
+    >>> parse_json(b'{"a": [1, 2.5]}', PlatError, "example")
+    {'a': [1, 2.5]}
+    """
+
+    def constant(name: str) -> None:
+        raise error(f"{label}: holds {name}, expected finite numbers")
+
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        values = dict(pairs)
+        if len(values) != len(pairs):
+            name = Counter(name for name, _ in pairs).most_common(1)[0][0]
+            raise error(f"{label}: field {short(name)} comes twice in one object")
+        return values
+
+    try:
+        text = content.decode("utf-8-sig")
+        values = json.loads(text, parse_constant=float if constants else constant, object_pairs_hook=unique)
+        if "\\u" in text:
+            json.dumps(values, ensure_ascii=False).encode()
+    except error:
+        raise
+    except UnicodeEncodeError:
+        raise error(f"{label}: half of a surrogate pair in a text, expected whole characters") from None
+    except UnicodeDecodeError as cause:
+        raise error(f"{label}: not a readable JSON file (byte {cause.start} is no UTF-8)") from None
+    except json.JSONDecodeError as cause:
+        where = f"line {cause.lineno}, column {cause.colno}"
+        raise error(f"{label}: not a readable JSON file ({where}: {cause.msg})") from None
+    except RecursionError:
+        raise error(f"{label}: not a readable JSON file (nested too deeply)") from None
+    except ValueError:
+        raise error(f"{label}: not a readable JSON file (a number of thousands of digits)") from None
+    return values
+
+
+def short(value: object) -> str:
+    """Return ``repr(value)``, cut where it is long, for messages of one line.
+
+    >>> short([1, 2]), len(short("x" * 1000)) < 80
+    ('[1, 2]', True)
+    """
+    return _SHORT.repr(value).encode("utf-8", "backslashreplace").decode()

@@ -1,0 +1,62 @@
+import time
+from pathlib import Path
+
+import pytest
+
+from plat.errors import KeyframeError
+from plat.json_file import parse_json, read_json, short
+
+
+def test_values_come_as_they_are(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    path.write_bytes(b'\xef\xbb\xbf{"a": [1, -2.5e3, true, null], "b": {"c": "\\u00e9\\ud83d\\ude00"}}')
+    assert read_json(path, KeyframeError, "file") == {"a": [1, -2500.0, True, None], "b": {"c": "é😀"}}
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (b"", "line 1, column 1"),
+        (b'{"a": 1,\n "b": }', "line 2, column 7"),
+        (b"\xff\xfe", "byte 0 is no UTF-8"),
+        (b'{"a": NaN}', "holds NaN"),
+        (b"[-Infinity]", "holds -Infinity"),
+        (b'{"a": 1, "b": 2, "a": 3}', "field 'a' comes twice"),
+        (b"[" * 200_000, "nested too deeply"),
+        (b'{"a":' * 100_000 + b"1" + b"}" * 100_000, "nested too deeply"),
+        (b"[" + b"9" * 5_000 + b"]", "thousands of digits"),
+        (b'{"name": "\\ud800"}', "surrogate"),
+        (b'{"\\udfff": 1}', "surrogate"),
+    ],
+)
+def test_everything_else_is_one_line(content: bytes, reason: str) -> None:
+    with pytest.raises(KeyframeError, match=reason) as raised:
+        parse_json(content, KeyframeError, "file 'a.json'")
+    message = str(raised.value)
+    assert message.startswith("file 'a.json': ")
+    assert "\n" not in message
+    assert len(message.encode()) < 200
+
+
+def test_a_name_that_is_repeated_among_many_is_found_at_once() -> None:
+    content = b"{" + b",".join(b'"%d":0' % (number // 2 if number > 79_990 else number) for number in range(80_000))
+    started = time.monotonic()
+    with pytest.raises(KeyframeError, match="comes twice"):
+        parse_json(content + b"}", KeyframeError, "file")
+    assert time.monotonic() - started < 5  # it was 25 s: a count for every name
+
+
+def test_files_that_are_none_are_named(tmp_path: Path) -> None:
+    for path, reason in ((tmp_path / "nothing.json", "no such file"), (tmp_path, "not a regular file")):
+        with pytest.raises(KeyframeError, match=f"^that one: {reason}"):
+            read_json(path, KeyframeError, "that one")
+    big = tmp_path / "big.json"
+    with big.open("wb") as file:
+        file.truncate(1 << 30)  # sparse: takes no disk
+    with pytest.raises(KeyframeError, match="1074 MB, expected at most 34 MB"):
+        read_json(big, KeyframeError, "that one")
+
+
+def test_values_in_messages_are_short() -> None:
+    for value in ("x" * 10_000, list(range(10_000)), {"a": {"b": "\ud800" * 1000}}):
+        assert len(short(value).encode()) < 400
