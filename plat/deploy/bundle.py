@@ -120,7 +120,9 @@ class Bundle:
         Raises:
             BundleError: naming the field that is missing, broken, or of another version of the format.
         """
-        content = _Object(parse_json(text.encode(errors="surrogatepass"), BundleError, where, constants=True), "", where)
+        content = _Object(
+            parse_json(text.encode(errors="surrogatepass"), BundleError, where, constants=True), "", where
+        )
         content.expect("format", _FORMAT)
         content.expect("version", _VERSION)
         content.expect("quaternion_order", "wxyz")
