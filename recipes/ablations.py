@@ -30,10 +30,12 @@ from plat.baselines import ReleasedTrackers
 from plat.envs.transforms import RandomizationRanges
 from plat.errors import MotionError, PlatError, RecordsError
 from plat.evaluation import CommandRecords, Score, differences, markdown, write_csv
+from plat.evaluation.table import COLUMNS
+from plat.evaluation.table import rows as table_rows
 from plat.figures import pyplot
 from plat.files import replace_file
 from plat.motions import MotionLibrary
-from plat.runs import log_scores, read_json, report_errors, wandb_run
+from plat.runs import log_table, read_json, report_errors, start_logging
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,9 +169,10 @@ def main(recipe: AblationsRecipe) -> dict[str, list[Score]]:
             pictures[split] = write(recipe.out / split, of_split, rows)
     first = {name: candidates[0].load(False) for name, candidates in rows.items()}
     pictures["all"] += evaluate.draw_strips(recipe.out / "all", first, shown, recipe.seed, recipe.device)
-    if recipe.wandb:
-        with wandb_run("ablations", recipe.out, {"motions": recipe.motions, "runs": str(recipe.runs)}) as run:
-            log_scores(run, scores, pictures["all"])
+    for logger in recipe.loggers:
+        run = start_logging(logger, "ablations", recipe.out, {"motions": recipe.motions, "runs": str(recipe.runs)})
+        log_table(run, "evaluation", COLUMNS, table_rows(scores), pictures["all"])
+        run.finish()
     print(f"\ntables and figures: {recipe.out}/{{{','.join(pictures)}}}")
     return splits
 
@@ -195,6 +198,7 @@ def train(recipe: AblationsRecipe) -> None:
                 "seed": seed,
                 "resume": True,
                 "wandb": recipe.wandb,
+                "trackio": recipe.trackio,
                 "device": recipe.device,
             }
             row.train(recipe.runs, settings)

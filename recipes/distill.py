@@ -102,7 +102,7 @@ def main(recipe: DistillRecipe) -> None:
         state={"optimizer": optimizer, "buffer": buffer, "env": env},
         resume=recipe.resume,
         save_every=recipe.save_every,
-        wandb=recipe.wandb,
+        loggers=recipe.loggers,
         film=films.take,
     )
     labelled = ExpertLabels(expert, STUDENT_KEYS, recipe.precision)

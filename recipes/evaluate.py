@@ -19,12 +19,14 @@ from plat.baselines import ReleasedTrackers, Tracker
 from plat.envs.transforms import HORIZONS, NEXT_FRAME, Horizon, RandomizationRanges
 from plat.errors import PlatError
 from plat.evaluation import HEADLINE, METRICS, CommandRecords, Observe, Score, evaluate, write_csv
+from plat.evaluation.table import COLUMNS, rows
 from plat.figures import ablation_bars, pyplot, radar_plot, save_figure, success_plot
 from plat.modules import Expert
 from plat.motions import MotionLibrary
 from plat.rendering import Playback, RenderingError, Stage, film_strip, play
 from plat.robots import Robot
-from plat.runs import default_device, load_policy, log_scores, report_errors, wandb_run
+from plat.runs import check_logger, default_device, load_policy, log_table, report_errors, start_logging
+from plat.runs.loggers import LoggerName, chosen_loggers
 
 HorizonName = Literal["single", "short", "medium", "long", "mixed"]
 
@@ -47,9 +49,16 @@ class ScoringConfig:
     num_envs: int = 256
     """robots that are simulated at a time; undisturbed, the figures do not depend on it"""
     wandb: bool = False
-    """log table and figures to wandb as well; offline unless you are logged in"""
+    """log table and figures to Weights & Biases; offline unless you are logged in"""
+    trackio: bool = False
+    """log table and figures to trackio, which keeps its files on this machine"""
     device: str = field(default_factory=default_device)
     """where networks and tensors live"""
+
+    @property
+    def loggers(self) -> tuple[LoggerName, ...]:
+        """Experiment loggers that were asked for."""
+        return chosen_loggers(self.wandb, self.trackio)
 
     def records(
         self, entrant: "Entrant", library: MotionLibrary, horizon: str, randomization: RandomizationRanges | None
@@ -130,6 +139,8 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
     """Run the recipe: print a table, return its rows."""
     if recipe.figures is not None:
         pyplot()  # what is missing had better be said before the evaluation
+    for logger in recipe.loggers:
+        check_logger(logger)
     library = MotionLibrary.load(recipe.motions)
     if recipe.only is not None:
         library = library.only(*library.named(recipe.only))
@@ -158,15 +169,17 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
     if recipe.figures is not None:
         pictures = draw_scores(recipe.figures, scores)
         pictures += draw_strips(recipe.figures, entrants, shown, recipe.seed, recipe.device)
-    if recipe.wandb:
+    if recipe.loggers:
         settings = {
             "runs": [str(run) for run in recipe.runs],
             "motions": recipe.motions,
             "dense": recipe.dense,
             "domain_randomization": recipe.domain_randomization,
         }
-        with wandb_run("evaluation", Path(), settings) as run:
-            log_scores(run, scores, pictures)
+        for logger in recipe.loggers:
+            run = start_logging(logger, "evaluation", Path(), settings)
+            log_table(run, "evaluation", COLUMNS, rows(scores), pictures)
+            run.finish()
     return scores
 
 

@@ -72,7 +72,7 @@ def main(recipe: ExpertRecipe) -> None:
         },
         resume=recipe.resume,
         save_every=recipe.save_every,
-        wandb=recipe.wandb,
+        loggers=recipe.loggers,
         film=films.take,
     )
     warmup_steps = recipe.critic_warmup * recipe.num_envs * recipe.rollout if recipe.init else 0

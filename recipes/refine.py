@@ -94,7 +94,7 @@ def main(recipe: RefineRecipe) -> None:
         },
         resume=recipe.resume,
         save_every=recipe.save_every,
-        wandb=recipe.wandb,
+        loggers=recipe.loggers,
         film=films.take,
     )
     warmup_steps = recipe.critic_warmup * recipe.num_envs * recipe.rollout

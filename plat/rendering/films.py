@@ -52,7 +52,7 @@ class Films:
             write_video(path, islice(film(stage, self._play(), self._fps), self._pictures), self._fps)
             stage.close()
         except PlatError as error:
-            print(f"no videos for wandb: {error}", flush=True)
+            print(f"no videos: {error}", flush=True)
             self._due = float("inf")
             return None
         self._due = time.monotonic() + self._every

@@ -1,12 +1,13 @@
-"""Metrics of a run: a CSV file always, wandb when asked."""
+"""Metrics of a run as a CSV file."""
 
 import csv
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-__all__ = ["MetricsFile", "wandb_run"]
+from plat.files import replace_file
+
+__all__ = ["MetricsFile"]
 
 
 class MetricsFile:
@@ -52,12 +53,13 @@ class MetricsFile:
             csv.DictWriter(file, self._columns, lineterminator="\n").writerow(row)
 
     def _rewrite(self) -> None:
-        part = self.path.with_suffix(".part")
+        replace_file(self.path, self._write_all)
+
+    def _write_all(self, part: Path) -> None:
         with part.open("w", newline="") as file:
             writer = csv.DictWriter(file, self._columns, lineterminator="\n")
             writer.writeheader()
             writer.writerows(self._rows)
-        os.replace(part, self.path)
 
 
 def _step(row: Mapping[str, str]) -> int:
@@ -65,12 +67,3 @@ def _step(row: Mapping[str, str]) -> int:
         return int(row["step"]) if None not in row.values() else -1
     except (TypeError, ValueError):
         return -1
-
-
-def wandb_run(name: str, folder: Path, config: Mapping[str, Any]) -> Any:
-    """Start a wandb run: online for a user who is logged in, offline in ``folder`` for everybody else."""
-    import wandb  # seconds of import time that only those who ask for it should pay
-
-    if "WANDB_MODE" not in os.environ and not wandb.api.api_key:
-        os.environ["WANDB_MODE"] = "offline"
-    return wandb.init(project="plat", name=name, dir=str(folder), config=dict(config), resume="allow")

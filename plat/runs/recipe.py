@@ -10,6 +10,7 @@ from pathlib import Path
 import torch
 
 from plat.errors import PlatError
+from plat.runs.loggers import LoggerName, chosen_loggers
 
 __all__ = ["RecipeConfig", "default_device", "report_errors"]
 
@@ -42,11 +43,18 @@ class RecipeConfig:
     num_envs: int = 512
     """robots that are simulated at a time"""
     wandb: bool = False
-    """log to wandb as well; offline unless you are logged in"""
+    """log to Weights & Biases; offline unless you are logged in"""
+    trackio: bool = False
+    """log to trackio, which keeps its files on this machine"""
     video_every: float = 900.0
-    """with wandb: seconds between videos of the policy on the first of the motions; 0 for none"""
+    """seconds between logged videos of the policy on the first motion; 0 for none"""
     save_every: float = 120.0
     """seconds between checkpoints"""
+
+    @property
+    def loggers(self) -> tuple[LoggerName, ...]:
+        """Experiment loggers that were asked for."""
+        return chosen_loggers(self.wandb, self.trackio)
 
 
 @contextmanager

@@ -13,7 +13,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,9 +31,9 @@ from torchrl.checkpoint import CheckpointError as TorchRLCheckpointError
 import plat
 from plat.errors import CheckpointError
 from plat.runs.budget import Budget
-from plat.runs.metrics import MetricsFile, wandb_run
+from plat.runs.metrics import MetricsFile
 from plat.runs.saving import complete_spec, policy_spec, read_json, save_weights, write_json
-from plat.runs.wandb_media import log_video
+from plat.runs.loggers import LoggerName, check_logger, log_video, start_logging
 
 __all__ = ["Run"]
 
@@ -50,8 +50,8 @@ class Run:
             with ``state_dict`` and ``load_state_dict``. The random number generators are taken care of.
         resume: go on from the last checkpoint in ``folder``.
         save_every: seconds between checkpoints.
-        wandb: log to wandb as well.
-        film: makes a video of the policy as it is at a step, when one is due, for wandb.
+        loggers: experiment loggers that metrics and videos are logged to.
+        film: makes a video of the policy as it is at a step, when one is due, for the loggers.
 
     Raises:
         CheckpointError: when the directory already holds a run and ``resume`` is False, or the run in it was of
@@ -68,9 +68,11 @@ class Run:
         state: Mapping[str, Any],
         resume: bool = False,
         save_every: float = 120.0,
-        wandb: bool = False,
+        loggers: Sequence[LoggerName] = (),
         film: Callable[[int], Path | None] | None = None,
     ):
+        for logger in loggers:
+            check_logger(logger)  # a logger that is missing must not leave half a run behind
         self.folder = folder
         self.policy = policy
         self.budget = budget
@@ -102,7 +104,7 @@ class Run:
         for leftover in (folder / "checkpoints").glob(".*"):  # half a checkpoint of a run that was killed
             shutil.rmtree(leftover, ignore_errors=True)
         self._metrics = MetricsFile(folder / "metrics.csv", keep_until=budget.steps)
-        self._wandb = wandb_run(folder.name, folder, config) if wandb else None
+        self._tracked = [start_logging(logger, folder.name, folder, config) for logger in loggers]
         self._film = film
         self._last_save = time.monotonic()
         self._last_line = 0.0
@@ -135,10 +137,11 @@ class Run:
             headline: what the line on screen shows beside progress, rate and time to go.
         """
         self._metrics.write(self.budget.steps, {"seconds": self.budget.seconds, **metrics})
-        if self._wandb is not None:
-            self._wandb.log(dict(metrics), step=self.budget.steps)
-            if self._film is not None and (video := self._film(self.budget.steps)) is not None:
-                log_video(self._wandb, video, self.budget.steps)
+        for run in self._tracked:
+            run.log(dict(metrics), step=self.budget.steps)
+        if self._tracked and self._film is not None and (video := self._film(self.budget.steps)) is not None:
+            for run in self._tracked:
+                log_video(run, video, self.budget.steps)
         now = time.monotonic()
         if now - self._last_line >= 5 or self.budget.done:
             self._last_line = now
@@ -172,8 +175,8 @@ class Run:
         self.save()
         path = self.folder / "config.json"
         write_json(path, {**read_json(path), "finished": self.budget.state_dict()})
-        if self._wandb is not None:
-            self._wandb.finish()
+        for run in self._tracked:
+            run.finish()
 
 
 def _clock(seconds: float) -> str:

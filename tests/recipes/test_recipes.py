@@ -177,7 +177,7 @@ def test_wandb_works_offline(tmp_path, stages):
     out = run("expert", *stages["expert"], "--steps", 50, "--out", tmp_path / "run", "--wandb", "--video-every", 0.001)
     assert list((tmp_path / "run" / "wandb").glob("offline-run-*"))
     # a machine without OpenGL says so and goes on
-    assert list((tmp_path / "run" / "videos").glob("*.mp4")) or "no videos for wandb" in out
+    assert list((tmp_path / "run" / "videos").glob("*.mp4")) or "no videos" in out
 
 
 def test_an_expert_goes_on_with_more_frames_and_labels(tmp_path, stages):

@@ -73,7 +73,7 @@ def test_what_cannot_be_filmed_is_said_once_and_stops_nothing(tmp_path, capsys, 
     films = Films(tmp_path, G1, fail, every=1e-9)
     assert films.take(1) is None
     assert films.take(2) is None
-    assert capsys.readouterr().out == f"no videos for wandb: {error}\n"
+    assert capsys.readouterr().out == f"no videos: {error}\n"
 
 
 def test_no_films_on_request(tmp_path, written):

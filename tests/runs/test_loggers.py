@@ -1,0 +1,103 @@
+"""Experiment loggers: what they are given, and users who are not logged in."""
+
+import os
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from plat.errors import PlatError
+from plat.runs import check_logger, log_table, log_video
+from plat.runs.loggers import chosen_loggers
+
+
+class Log:
+    """A run that keeps what is logged."""
+
+    __module__ = "wandb.sdk"
+
+    def __init__(self):
+        self.entries: list[tuple[dict, int | None]] = []
+
+    def log(self, entry, step=None):
+        self.entries.append((entry, step))
+
+
+def test_flags_choose_loggers():
+    assert chosen_loggers(wandb=False, trackio=False) == ()
+    assert chosen_loggers(wandb=True, trackio=True) == ("wandb", "trackio")
+
+
+def test_a_logger_that_is_missing_says_how_to_install_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "trackio", None)
+    monkeypatch.delitem(sys.modules, "trackio")
+    monkeypatch.setattr(sys, "path", [])
+    with pytest.raises(PlatError, match=r"--trackio: trackio is not installed: pip install 'plat-rl\[trackio\]'"):
+        check_logger("trackio")
+
+
+def test_tables_and_pictures_are_logged(tmp_path):
+    pytest.importorskip("wandb")
+    picture = tmp_path / "radar.png"
+    pytest.importorskip("imageio").imwrite(picture, np.zeros((4, 4, 3), dtype=np.uint8))
+    log = Log()
+    log_table(log, "evaluation", ("policy", "tks"), [("PLAT", 99.5), ("DAgger", 98.0)], [picture, tmp_path / "a.pdf"])
+    ((entry, _),) = log.entries
+    assert entry["evaluation"].columns == ["policy", "tks"]
+    assert entry["evaluation"].data == [["PLAT", 99.5], ["DAgger", 98.0]]
+    assert [name for name in entry if name != "evaluation"] == ["figures/radar"]
+
+
+def test_a_video_is_logged_at_its_step(tmp_path, monkeypatch):
+    wandb = pytest.importorskip("wandb")
+    monkeypatch.setattr(wandb, "Video", lambda path, format: SimpleNamespace(path=path, format=format))
+    log = Log()
+    log_video(log, tmp_path / "7.mp4", 7)
+    ((entry, step),) = log.entries
+    assert step == 7
+    assert (entry["video"].path, entry["video"].format) == (str(tmp_path / "7.mp4"), "mp4")
+
+
+PROGRAM = """
+import sys
+from pathlib import Path
+
+if sys.argv[3:] == ["late"]:  # wandb reads WANDB_MODE when it is imported
+    import os
+    import wandb
+    os.environ["WANDB_MODE"] = "offline"
+from plat.runs import log_table, start_logging
+
+run = start_logging(sys.argv[1], "name", Path(sys.argv[2]), {"seed": 0})
+run.log({"loss": 0.5}, step=1)
+log_table(run, "evaluation", ("policy", "tks"), [("PLAT", 99.5)])
+run.finish()
+"""
+
+
+def start(logger, folder, *arguments, **environment):
+    """A process that logs with a home of its own, where nobody is logged in."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(("WANDB", "TRACKIO"))}
+    environment = {**kept, "HOME": str(folder), "NETRC": str(folder / "none"), **environment}
+    command = [sys.executable, "-c", PROGRAM, logger, str(folder), *arguments]
+    return subprocess.run(command, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=120)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("arguments", [(), ("late",)])
+def test_wandb_is_offline_for_a_user_who_is_not_logged_in(tmp_path, arguments):
+    pytest.importorskip("wandb")
+    done = start("wandb", tmp_path, *arguments)
+    assert done.returncode == 0, done.stderr
+    assert "deprecated" not in done.stderr
+    assert len(list((tmp_path / "wandb").glob("offline-run-*"))) == 1
+
+
+@pytest.mark.slow
+def test_trackio_keeps_its_files_here(tmp_path):
+    pytest.importorskip("trackio")
+    done = start("trackio", tmp_path, TRACKIO_DIR=str(tmp_path / "trackio"))
+    assert done.returncode == 0, done.stderr
+    assert list((tmp_path / "trackio").glob("plat*"))
