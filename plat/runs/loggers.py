@@ -1,0 +1,105 @@
+"""Experiment logging with Weights & Biases or trackio, which share an interface.
+
+Both are extras, imported only when asked for: ``pip install 'plat-rl[wandb]'`` or ``'plat-rl[trackio]'``.
+"""
+
+import importlib
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Literal
+
+from plat.errors import PlatError
+
+__all__ = ["LoggerName", "check_logger", "chosen_loggers", "log_table", "log_video", "start_logging"]
+
+LoggerName = Literal["wandb", "trackio"]
+"""An experiment logger."""
+
+
+def check_logger(logger: LoggerName) -> ModuleType:
+    """Return an experiment logger's module.
+
+    Raises:
+        PlatError: if it isn't installed, with the command that installs it.
+    """
+    try:
+        return importlib.import_module(logger)
+    except ModuleNotFoundError as error:
+        if error.name != logger:
+            raise
+        raise PlatError(f"--{logger}: {logger} is not installed: pip install 'plat-rl[{logger}]'") from error
+
+
+def chosen_loggers(wandb: bool, trackio: bool) -> tuple[LoggerName, ...]:
+    """Return the names of the experiment loggers that two flags ask for."""
+    asked: dict[LoggerName, bool] = {"wandb": wandb, "trackio": trackio}
+    return tuple(name for name, wanted in asked.items() if wanted)
+
+
+def start_logging(logger: LoggerName, name: str, folder: Path, config: Mapping[str, Any]) -> Any:
+    """Start a run of an experiment logger.
+
+    A run of wandb is online for a user who is logged in, and offline otherwise. ``WANDB_MODE`` overrides this.
+
+    Args:
+        logger: which one.
+        name: of the run; the project is ``"plat"``.
+        folder: wandb keeps its files here.
+        config: settings that are shown with the run.
+
+    Returns:
+        An object with ``log(entries, step=)`` and ``finish()``. A run of wandb is a context manager as well.
+
+    Raises:
+        PlatError: if the logger isn't installed.
+    """
+    module = check_logger(logger)
+    if logger == "trackio":
+        return module.init(project="plat", name=name, config=dict(config), resume="allow")
+    settings: dict[str, Any] = {"project": "plat", "name": name, "dir": str(folder), "config": dict(config)}
+    # given to init: wandb reads WANDB_MODE once, when it is imported
+    mode = os.environ.get("WANDB_MODE") or _credentials(module)
+    try:
+        return module.init(**settings, resume="allow", mode=mode)
+    except module.errors.Error as error:
+        if mode == "offline":
+            raise PlatError(f"--wandb: {error}") from error
+        print(f"wandb: {error}; logging offline", flush=True)
+        return module.init(**settings, resume="allow", mode="offline")
+
+
+def _credentials(wandb: ModuleType) -> str:
+    try:
+        return "online" if wandb.login(prompt=False, verify=False) else "offline"
+    except wandb.errors.Error:  # credentials that cannot be read
+        return "offline"
+
+
+def log_table(
+    run: Any, name: str, columns: Sequence[str], data: Sequence[Sequence[Any]], figures: Sequence[Path] = ()
+) -> None:
+    """Log a table and pictures.
+
+    Args:
+        run: of an experiment logger, see :func:`start_logging`.
+        name: of the table.
+        columns: headings.
+        data: rows, one cell per column.
+        figures: files. Those that end in ``.png`` are logged as ``figures/NAME``.
+    """
+    module = _module(run)
+    table = module.Table(columns=list(columns), data=[list(row) for row in data])
+    images = {f"figures/{path.stem}": module.Image(str(path)) for path in figures if path.suffix == ".png"}
+    run.log({name: table, **images})
+
+
+def log_video(run: Any, path: Path, step: int) -> None:
+    """Log an MP4 file at a step."""
+    run.log({"video": _module(run).Video(str(path), format="mp4")}, step=step)
+
+
+def _module(run: Any) -> ModuleType:
+    """The logger's module that a run belongs to."""
+    return importlib.import_module(type(run).__module__.partition(".")[0])
