@@ -31,9 +31,9 @@ from torchrl.checkpoint import CheckpointError as TorchRLCheckpointError
 import plat
 from plat.errors import CheckpointError
 from plat.runs.budget import Budget
+from plat.runs.loggers import LoggerName, check_logger, log_video, start_logging
 from plat.runs.metrics import MetricsFile
 from plat.runs.saving import complete_spec, policy_spec, read_json, save_weights, write_json
-from plat.runs.loggers import LoggerName, check_logger, log_video, start_logging
 
 __all__ = ["Run"]
 

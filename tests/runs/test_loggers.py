@@ -82,7 +82,9 @@ def start(logger, folder, *arguments, **environment):
     kept = {name: value for name, value in os.environ.items() if not name.startswith(("WANDB", "TRACKIO"))}
     environment = {**kept, "HOME": str(folder), "NETRC": str(folder / "none"), **environment}
     command = [sys.executable, "-c", PROGRAM, logger, str(folder), *arguments]
-    return subprocess.run(command, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=120)
+    return subprocess.run(
+        command, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=120
+    )
 
 
 @pytest.mark.slow

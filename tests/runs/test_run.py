@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import pytest
 import torch
 
-from plat.robots import G1
 from plat.errors import CheckpointError
 from plat.modules import Expert, ExpertConfig
+from plat.robots import G1
 from plat.runs import Budget, Run, load_policy, read_json, write_json
 
 

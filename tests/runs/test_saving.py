@@ -6,7 +6,6 @@ import torch
 from safetensors.torch import load_file, save_file
 
 from plat.envs import make_keyframe_env
-from plat.robots import G1
 from plat.errors import CheckpointError
 from plat.modules import (
     Expert,
@@ -20,6 +19,7 @@ from plat.modules import (
     ResidualActionPolicy,
     ResidualLatentPolicy,
 )
+from plat.robots import G1
 from plat.runs import load_policy, policy_spec, register_policy, save_weights, write_json
 from plat.runs.saving import _KINDS, complete_spec
 from plat.spec.timing import Timing

@@ -3,9 +3,9 @@ import shutil
 import pytest
 
 import plat
-from plat.robots import G1
 from plat.errors import CheckpointError
 from plat.modules import Expert, ExpertConfig
+from plat.robots import G1
 from plat.runs import policy_spec, save_weights, write_json
 from plat.runs import shipped as module
 from plat.runs.shipped import load_shipped, shipped_runs

@@ -1,0 +1,192 @@
+"""Feasibility of keyframes: what a robot cannot do, measured before it tries.
+
+The measures are necessary conditions on poses and times, without dynamics in between. A keyframe that passes all of
+them may still be out of reach; one that fails is, or can only be approached.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from plat.keyframes import Keyframe, KeyframeSequence
+from plat.motions.checks.collision import self_penetration
+from plat.motions.checks.feet import Soles
+from plat.robots import Robot
+
+__all__ = ["Concern", "Feasibility", "FeasibilityLimits", "support_margin"]
+
+
+@dataclass(frozen=True)
+class FeasibilityLimits:
+    """Values beyond which a keyframe is doubted."""
+
+    joint_speed: float = 20.0
+    """rad/s; the no-load speed of the G1's knee"""
+    root_speed: float = 3.5
+    """m/s, horizontal; the fastest running among recorded motion on the G1"""
+    root_acceleration: float = 9.81
+    """m/s^2, horizontal; what a foot with a friction coefficient of 1 can push"""
+    turn_speed: float = 6.0
+    """rad/s of the root about any axis"""
+    support_margin: float = 0.0
+    """m; least distance of the centre of mass inside the support polygon, for a pose that is held"""
+    self_penetration: float = 0.02
+    """m"""
+    floor_penetration: float = 0.03
+    """m"""
+    floating: float = 0.05
+    """m; height of the lower sole above the floor, for a pose that is held"""
+
+
+@dataclass(frozen=True)
+class Concern:
+    """One reason why a keyframe is doubted.
+
+    Args:
+        measure: the field of :class:`FeasibilityLimits` that is exceeded.
+        subject: what it is about: a joint's name, ``"root"``, ``"centre of mass"``, ``"links"``, ``"feet"``.
+        value: measured, in the limit's unit.
+        limit: its limit.
+        words: a sentence for a person.
+    """
+
+    measure: str
+    subject: str
+    value: float
+    limit: float
+    words: str
+
+    def __str__(self) -> str:
+        return self.words
+
+
+class Feasibility:
+    """Checks single keyframes and whole sequences.
+
+    Speeds are the least peak that a move from rest to rest can have: twice the mean, by constant acceleration and
+    constant deceleration. The acceleration is that of the same move, ``4 d / T**2``.
+
+    Args:
+        robot: the robot.
+        limits: what is doubted.
+
+    >>> from plat.keyframes import standing
+    >>> from plat.robots import G1
+    >>> stand = standing(G1)
+    >>> away = Keyframe(1.0, stand.root_pos + [2.5, 0, 0], stand.root_quat, stand.joint_pos)
+    >>> [concern.measure for concern in Feasibility(G1)(stand, away)]
+    ['root_speed', 'root_acceleration']
+    >>> Feasibility(G1)(stand, stand.at(0.5), held=True)
+    ()
+    """
+
+    def __init__(self, robot: Robot, limits: FeasibilityLimits | None = None):
+        self._robot = robot
+        self.limits = limits or FeasibilityLimits()
+        self._soles = Soles(robot)
+        self._model = robot.model()
+        self._data = mujoco.MjData(self._model)
+
+    def __call__(self, before: Keyframe, after: Keyframe, *, held: bool = False) -> tuple[Concern, ...]:
+        """Return what is doubtful about a keyframe; nothing where all is well.
+
+        Args:
+            before: the pose that the robot comes from, with its time.
+            after: the keyframe.
+            held: whether the robot stays in it, and so must balance there.
+        """
+        return (*self._move(before, after), *self._pose(after, held))
+
+    def sequence(self, keyframes: KeyframeSequence) -> tuple[tuple[Concern, ...], ...]:
+        """Return the concerns about each keyframe of a sequence; the last one is held."""
+        poses = (keyframes.start, *keyframes.keyframes)
+        return tuple(self(before, after, held=after is poses[-1]) for before, after in pairwise(poses))
+
+    def _move(self, before: Keyframe, after: Keyframe) -> list[Concern]:
+        limits, seconds = self.limits, after.time - before.time
+        speeds = 2 * np.abs(after.joint_pos - before.joint_pos) / seconds
+        concerns = [
+            Concern(
+                "joint_speed",
+                name,
+                float(speed),
+                limits.joint_speed,
+                f"{name} would need {speed:.0f} rad/s, its motor reaches {limits.joint_speed:.0f}",
+            )
+            for name, speed in sorted(zip(self._robot.joint_names, speeds, strict=True), key=lambda pair: -pair[1])
+            if speed > limits.joint_speed
+        ]
+        distance = float(np.linalg.norm(after.root_pos[:2] - before.root_pos[:2]))
+        speed, acceleration = 2 * distance / seconds, 4 * distance / seconds**2
+        turn = 2 * _angle(before.root_quat, after.root_quat) / seconds
+        for measure, value, limit, words in (
+            ("root_speed", speed, limits.root_speed, f"{distance:.1f} m in {seconds:.2f} s takes {speed:.1f} m/s"),
+            (
+                "root_acceleration",
+                acceleration,
+                limits.root_acceleration,
+                f"{distance:.1f} m in {seconds:.2f} s takes {acceleration:.0f} m/s^2, more than feet can push",
+            ),
+            ("turn_speed", turn, limits.turn_speed, f"the turn would need {turn:.0f} rad/s"),
+        ):
+            if value > limit:
+                concerns.append(Concern(measure, "root", value, limit, words))
+        return concerns
+
+    def _pose(self, pose: Keyframe, held: bool) -> list[Concern]:
+        limits, concerns = self.limits, []
+        depth = self_penetration(self._model, pose.qpos, self._data)
+        if depth > limits.self_penetration:
+            words = f"links are {100 * depth:.0f} cm inside each other"
+            concerns.append(Concern("self_penetration", "links", depth, limits.self_penetration, words))
+        sunk = -self._floor_distance()
+        if sunk > limits.floor_penetration:
+            words = f"the robot is {100 * sunk:.0f} cm inside the floor"
+            concerns.append(Concern("floor_penetration", "floor", sunk, limits.floor_penetration, words))
+        if not held:
+            return concerns
+        points = self._soles.points(torch.from_numpy(pose.qpos)[None])[0].reshape(-1, 3).numpy()
+        height = float(points[:, 2].min())
+        if height > limits.floating:
+            words = f"the feet are {100 * height:.0f} cm above the floor"
+            return [*concerns, Concern("floating", "feet", height, limits.floating, words)]
+        mujoco.mj_comPos(self._model, self._data)
+        on_floor = points[points[:, 2] < height + limits.floating, :2]
+        margin = support_margin(self._data.subtree_com[1, :2], on_floor)
+        if margin < limits.support_margin:
+            words = f"the centre of mass is {-100 * margin:.0f} cm outside the feet: it would tip over"
+            concerns.append(Concern("support_margin", "centre of mass", margin, limits.support_margin, words))
+        return concerns
+
+    def _floor_distance(self) -> float:
+        """Least distance of the robot's geoms from the floor (m), negative inside it; in the pose of ``_data``."""
+        bodies = self._model.geom_bodyid[self._data.contact.geom]
+        return float(self._data.contact.dist[(bodies == 0).any(-1)].min(initial=0.0))
+
+
+def support_margin(point: NDArray[np.floating], support: NDArray[np.floating] | Sequence[Sequence[float]]) -> float:
+    """Return how far a point is inside the convex hull of others (m), negative outside it.
+
+    It is the least value of the hull's support function about the point, over 720 directions.
+
+    Args:
+        point: ``[2]`` (m).
+        support: contact points ``[P, 2]`` (m).
+
+    >>> square = [[-1, -1], [1, -1], [1, 1], [-1, 1]]
+    >>> round(support_margin(np.zeros(2), square), 3), round(support_margin(np.array([1.5, 0]), square), 3)
+    (1.0, -0.5)
+    """
+    angles = np.linspace(0, 2 * np.pi, 720, endpoint=False)
+    directions = np.stack((np.cos(angles), np.sin(angles)))
+    return float(((np.asarray(support) - point) @ directions).max(0).min())
+
+
+def _angle(a: NDArray[np.floating], b: NDArray[np.floating]) -> float:
+    """Angle between two orientations (rad)."""
+    return float(2 * np.arccos(min(abs(float(a @ b)), 1.0)))

@@ -1,0 +1,109 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from plat.control.feasibility import Feasibility, FeasibilityLimits, support_margin
+from plat.keyframes import Keyframe, KeyframeSequence, standing
+from plat.robots import G1
+
+STAND = standing(G1)
+
+
+@pytest.fixture(scope="module")
+def feasibility() -> Feasibility:
+    return Feasibility(G1)
+
+
+def posed(time: float = 1.0, **angles: float) -> Keyframe:
+    joint_pos = STAND.joint_pos.copy()
+    for name, angle in angles.items():
+        joint_pos[G1.joint_names.index(name)] = angle
+    return Keyframe(time, STAND.root_pos, STAND.root_quat, joint_pos)
+
+
+def measures(concerns) -> list[str]:
+    return [concern.measure for concern in concerns]
+
+
+def test_standing_still_is_fine(feasibility: Feasibility) -> None:
+    assert feasibility(STAND, STAND.at(0.02), held=True) == ()
+
+
+def test_a_fast_joint_is_named_with_its_speed(feasibility: Feasibility) -> None:
+    knee = STAND.joint_pos[G1.joint_names.index("left_knee")]
+    (concern,) = feasibility(STAND, posed(0.1, left_knee=knee + 1.4))
+    assert (concern.measure, concern.subject) == ("joint_speed", "left_knee")
+    assert concern.value == pytest.approx(28.0)
+    assert str(concern) == "left_knee would need 28 rad/s, its motor reaches 20"
+    assert feasibility(STAND, posed(0.2, left_knee=knee + 1.4)) == ()
+
+
+def test_the_fastest_joint_comes_first(feasibility: Feasibility) -> None:
+    concerns = feasibility(STAND, posed(0.1, left_elbow=2.0, right_elbow=1.8))
+    assert [concern.subject for concern in concerns] == ["left_elbow", "right_elbow"]
+
+
+@pytest.mark.parametrize(
+    ("distance", "seconds", "expected"),
+    [
+        (0.5, 0.5, []),
+        (2.0, 3.0, []),
+        (2.5, 1.0, ["root_speed", "root_acceleration"]),
+        (0.3, 0.2, ["root_acceleration"]),
+    ],
+)
+def test_going_somewhere(feasibility: Feasibility, distance: float, seconds: float, expected: list[str]) -> None:
+    away = Keyframe(seconds, STAND.root_pos + np.array([0, distance, 0]), STAND.root_quat, STAND.joint_pos)
+    assert measures(feasibility(STAND, away)) == expected
+
+
+def test_a_turn_counts_by_the_shorter_way(feasibility: Feasibility) -> None:
+    around = np.array([np.cos(1.5), 0, 0, np.sin(1.5)])  # 3 rad
+    assert measures(feasibility(STAND, replace(STAND.at(0.5), root_quat=around))) == ["turn_speed"]
+    assert feasibility(STAND, replace(STAND.at(1.5), root_quat=around)) == ()
+    assert feasibility(STAND, replace(STAND.at(0.5), root_quat=-STAND.root_quat)) == ()
+
+
+def test_a_lean_tips_over_only_where_it_is_held(feasibility: Feasibility) -> None:
+    lean = posed(left_ankle_pitch=-0.8, right_ankle_pitch=-0.8)
+    # the soles stay flat on the floor when the root is turned by what the ankles give
+    pitch = 0.8 - 0.363
+    lean = Keyframe(
+        1.0, np.array([0.3, 0, 0.70]), np.array([np.cos(pitch / 2), 0, np.sin(pitch / 2), 0]), lean.joint_pos
+    )
+    assert measures(feasibility(STAND, lean)) == []
+    (concern,) = feasibility(STAND, lean, held=True)
+    assert concern.measure == "support_margin"
+    assert concern.value < 0
+    assert "outside the feet" in concern.words
+
+
+def test_feet_in_the_air_and_in_the_floor(feasibility: Feasibility) -> None:
+    for height, expected in ((0.2, ["floating"]), (-0.1, ["floor_penetration"])):
+        pose = Keyframe(1.0, STAND.root_pos + np.array([0, 0, height]), STAND.root_quat, STAND.joint_pos)
+        assert measures(feasibility(STAND, pose, held=True)) == expected
+
+
+def test_links_inside_each_other(feasibility: Feasibility) -> None:
+    assert measures(feasibility(STAND, posed(left_shoulder_roll=-1.2))) == ["self_penetration"]
+
+
+def test_limits_are_the_callers() -> None:
+    strict = Feasibility(G1, FeasibilityLimits(joint_speed=0.1))
+    assert measures(strict(STAND, posed(left_elbow=0.8))) == ["joint_speed"]
+
+
+def test_the_last_keyframe_of_a_sequence_is_held(feasibility: Feasibility) -> None:
+    jump = Keyframe(0.5, STAND.root_pos + np.array([0, 0, 0.2]), STAND.root_quat, STAND.joint_pos)
+    landing = feasibility.sequence(KeyframeSequence(G1, STAND, (jump, STAND.at(1.0))))
+    assert [measures(concerns) for concerns in landing] == [[], []]
+    assert [measures(concerns) for concerns in feasibility.sequence(KeyframeSequence(G1, STAND, (jump,)))] == [
+        ["floating"]
+    ]
+
+
+def test_margin_of_a_line_and_of_a_point() -> None:
+    assert support_margin(np.array([0.0, 0.3]), [[-1, 0], [1, 0]]) == pytest.approx(-0.3, abs=1e-4)
+    assert support_margin(np.array([0.5, 0.0]), [[-1, 0], [1, 0]]) == pytest.approx(0.0, abs=1e-9)
+    assert support_margin(np.array([3.0, 4.0]), [[0, 0]]) == pytest.approx(-5.0, abs=1e-3)
