@@ -6,10 +6,10 @@ import gymnasium
 import mujoco
 import numpy as np
 
-from plat.envs import ROBOT_KEYS, TaskConfig, goal_keys, observation_size
+from plat.envs import TaskConfig, observation_size
 from plat.envs.transforms import HORIZONS, MAX_STEPS, WINDOW, Horizon, Term
 from plat.motions import MotionLibrary
-from plat.spec.observation import COMMAND_KEYS
+from plat.spec.observation import student_keys
 
 __all__ = ["SingleG1"]
 
@@ -49,7 +49,8 @@ class SingleG1(gymnasium.Env):
         self._last_action = np.zeros(robot.num_joints)
         self.frame = self.target_frame = 0
         """Rows of the library where the robot is to be now, and where its command ends."""
-        size = observation_size(ROBOT_KEYS + goal_keys() + COMMAND_KEYS, robot)
+        self._keys = student_keys()
+        size = observation_size(self._keys, robot)
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float32)
         bound = np.full(robot.num_joints, _ACTION_BOUND, np.float32)
         self.action_space = gymnasium.spaces.Box(-bound, bound)
@@ -94,20 +95,20 @@ class SingleG1(gymnasium.Env):
         root_to_world = data.xmat[1].reshape(3, 3)
         keypoint_pos_b = (motion["keypoint_pos"][target] - data.qpos[:3]) @ root_to_world
         rotation_b = root_to_world.T @ _matrix(motion["keypoint_quat"][target, 0])
-        parts = (
-            data.qpos[7:] - self._default,
-            data.qvel[6:],
-            data.qvel[3:6],
-            data.qvel[:3] @ root_to_world,
-            -root_to_world[2],
-            self._last_action,
-            motion["joint_pos"][target],
-            keypoint_pos_b[0],
-            rotation_b[:, :2].T.ravel(),
-            keypoint_pos_b.ravel(),
-            [max(target - self.frame, 1) / MAX_STEPS],
-        )
-        return np.concatenate(parts, dtype=np.float32)
+        entries = {
+            ("robot", "joint_pos"): data.qpos[7:] - self._default,
+            ("robot", "joint_vel"): data.qvel[6:],
+            ("robot", "root_ang_vel_b"): data.qvel[3:6],
+            ("robot", "root_lin_vel_b"): data.qvel[:3] @ root_to_world,
+            ("robot", "gravity_b"): -root_to_world[2],
+            ("robot", "last_action"): self._last_action,
+            ("goal", "joint_pos"): motion["joint_pos"][target],
+            ("goal", "root_pos_b"): keypoint_pos_b[0],
+            ("goal", "root_rot6d_b"): rotation_b[:, :2].T.ravel(),
+            ("goal", "keypoint_pos_b"): keypoint_pos_b.ravel(),
+            ("command", "horizon"): [max(target - self.frame, 1) / MAX_STEPS],
+        }
+        return np.concatenate([entries[key] for key in self._keys], dtype=np.float32)
 
     def _draw_target(self, frame: int) -> int:
         steps = int(self.np_random.integers(self._horizon.shortest, self._horizon.longest, endpoint=True))

@@ -5,6 +5,7 @@ __all__ = [
     "CheckpointError",
     "KeyframeError",
     "MotionError",
+    "ObservationError",
     "PlatError",
     "RecordsError",
     "RenderingError",
@@ -20,6 +21,10 @@ class PlatError(ValueError):
 
 class MotionError(PlatError):
     """A motion file or clip that cannot be used as it is."""
+
+
+class ObservationError(PlatError):
+    """An entry of an observation that does not exist, or that nothing computes."""
 
 
 class KeyframeError(PlatError):

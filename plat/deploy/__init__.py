@@ -3,7 +3,7 @@
 from plat.deploy.bundle import Bundle, PolicyFacts, Score, TrainingFacts
 from plat.deploy.description import Body, RobotDescription
 from plat.deploy.kinematics import KeypointKinematics
-from plat.deploy.observation import ObservationBuilder, Term, observation_terms
+from plat.deploy.observation import ObservationBuilder, ObservationTerm, observation_terms
 from plat.deploy.runner import JointCommand, PolicyRunner
 from plat.deploy.state import Pose, RobotState
 
@@ -13,13 +13,13 @@ __all__ = [
     "JointCommand",
     "KeypointKinematics",
     "ObservationBuilder",
+    "ObservationTerm",
     "PolicyFacts",
     "PolicyRunner",
     "Pose",
     "RobotDescription",
     "RobotState",
     "Score",
-    "Term",
     "TrainingFacts",
     "observation_terms",
 ]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plat.deploy.description import Body, RobotDescription
-from plat.deploy.observation import Term, observation_terms
+from plat.deploy.observation import ObservationTerm, observation_terms
 from plat.errors import BundleError
 from plat.json_file import parse_json
 
@@ -86,7 +86,7 @@ class Bundle:
     scores: tuple[Score, ...] | None
 
     @property
-    def terms(self) -> tuple[Term, ...]:
+    def terms(self) -> tuple[ObservationTerm, ...]:
         """What lies where in an observation."""
         return observation_terms(len(self.robot.joint_names), len(self.robot.keypoints))
 
@@ -218,7 +218,7 @@ def _score(entry: _Object) -> Score:
     return Score(entry.value("horizon", str), entry.value("metric", str), *figures)
 
 
-def _check_terms(observation: _Object, known: tuple[Term, ...]) -> None:
+def _check_terms(observation: _Object, known: tuple[ObservationTerm, ...]) -> None:
     observation.expect("name", INPUT)
     terms = [
         (entry.value("name", str), entry.value("start", int), entry.value("stop", int))

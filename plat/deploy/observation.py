@@ -7,18 +7,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plat.deploy.description import RobotDescription
+from plat.deploy.goals import GOAL_ENTRIES, GoalView
 from plat.deploy.kinematics import KeypointKinematics, rotation_matrix
 from plat.deploy.state import Array, Pose, RobotState
 from plat.errors import StateError
+from plat.spec.observation import STUDENT_GROUPS, as_observed, observed, table
 
-__all__ = ["ObservationBuilder", "Term", "observation_terms"]
+__all__ = ["ObservationBuilder", "ObservationTerm", "observation_terms"]
 
 # What a float32 estimator may be off by; more is another order of numbers, or no orientation at all.
 _UNIT_TOLERANCE = 1e-2
 
 
 @dataclass(frozen=True)
-class Term:
+class ObservationTerm:
     """Features of an observation that belong together.
 
     Args:
@@ -36,33 +38,21 @@ class Term:
     frame: str
 
 
-def observation_terms(num_joints: int, num_keypoints: int) -> tuple[Term, ...]:
-    """The terms of a policy's observation, in order: the robot's state, the goal, the normalised horizon.
+def observation_terms(num_joints: int, num_keypoints: int) -> tuple[ObservationTerm, ...]:
+    """Return the terms of a policy's observation in order: the robot's state, the goal, the normalized horizon.
 
     >>> terms = observation_terms(num_joints=29, num_keypoints=14)
     >>> terms[0]
-    Term(name='robot.joint_pos', start=0, stop=29, unit='rad', frame='relative to the default pose')
+    ObservationTerm(name='robot.joint_pos', start=0, stop=29, unit='rad', frame='relative to the default pose')
     >>> terms[-1].name, terms[-1].stop
     ('command.horizon', 177)
     """
-    target = "from the robot's root to the target's, in the robot's root frame"
-    widths = (
-        ("robot.joint_pos", num_joints, "rad", "relative to the default pose"),
-        ("robot.joint_vel", num_joints, "rad/s", "joint"),
-        ("robot.root_ang_vel_b", 3, "rad/s", "root frame"),
-        ("robot.root_lin_vel_b", 3, "m/s", "root frame"),
-        ("robot.gravity_b", 3, "1", "direction of gravity, a unit vector, in the root frame"),
-        ("robot.last_action", num_joints, "action", "(joint position target - default pose) / action scale"),
-        ("goal.joint_pos", num_joints, "rad", "absolute joint angles of the target"),
-        ("goal.root_pos_b", 3, "m", target),
-        ("goal.root_rot6d_b", 6, "1", "first two columns of the matrix that turns target root into robot root frame"),
-        ("goal.keypoint_pos_b", 3 * num_keypoints, "m", "from the robot's root to the target's keypoints, root frame"),
-        ("command.horizon", 1, "1", "tau"),
-    )
     terms, start = [], 0
-    for name, width, unit, frame in widths:
-        terms.append(Term(name, start, start + width, unit, frame))
-        start += width
+    for group in STUDENT_GROUPS:
+        for entry in table().entries(group):
+            stop = start + entry.width(num_joints, num_keypoints)
+            terms.append(ObservationTerm(f"{group}.{entry.name}", start, stop, entry.unit, entry.frame))
+            start = stop
     return tuple(terms)
 
 
@@ -111,7 +101,7 @@ class ObservationBuilder:
         self.size = self.terms[-1].stop
         """Number of features F."""
         self._values = np.empty(self.size)
-        self._part = {term.name: self._values[term.start : term.stop] for term in self.terms}
+        self._parts = [self._values[term.start : term.stop] for term in self.terms]
 
     def __call__(self, state: RobotState, keyframe: Pose, steps_left: float, last_action: Array) -> NDArray[np.float32]:
         """Observation ``[F]``.
@@ -132,18 +122,24 @@ class ObservationBuilder:
         root_to_world = _unit_rotation("robot state: root_quat_w", state.root_quat_w)
         # a row vector times the matrix is the inverse rotation: from the world into the root frame
         keypoint_pos_b = (self._target_keypoints_w - state.root_pos_w) @ root_to_world
-        part = self._part
-        np.subtract(state.joint_pos, self._default_joint_pos, out=part["robot.joint_pos"])
-        part["robot.joint_vel"][:] = state.joint_vel
-        part["robot.root_ang_vel_b"][:] = state.root_ang_vel_b
-        part["robot.root_lin_vel_b"][:] = state.root_lin_vel_b
-        np.negative(root_to_world[2], out=part["robot.gravity_b"])
-        part["robot.last_action"][:] = last_action
-        part["goal.joint_pos"][:] = self._target[7:]
-        part["goal.root_pos_b"][:] = keypoint_pos_b[0]
-        part["goal.root_rot6d_b"][:] = (root_to_world.T @ self._target_to_world)[:, :2].T.ravel()
-        part["goal.keypoint_pos_b"][:] = keypoint_pos_b.ravel()
-        part["command.horizon"][0] = steps_left / self._max_steps
+        view = GoalView(state, self._target[7:], self._target_to_world, root_to_world, keypoint_pos_b)
+        robot = {
+            "joint_pos": state.joint_pos - self._default_joint_pos,
+            "joint_vel": state.joint_vel,
+            "root_ang_vel_b": state.root_ang_vel_b,
+            "root_lin_vel_b": state.root_lin_vel_b,
+            "gravity_b": -root_to_world[2],
+            "last_action": last_action,
+        }
+        command = {"horizon": steps_left / self._max_steps}
+        groups = (
+            as_observed("robot", robot),
+            observed("goal", GOAL_ENTRIES, view),
+            as_observed("command", command),
+        )
+        values = (value for group in groups for value in group.values())
+        for part, value in zip(self._parts, values, strict=True):
+            part[:] = value
         if not np.isfinite(self._values).all():
             _check_finite("robot state", state, self._state_widths)
             raise StateError("observation: last_action or steps_left is not finite, expected finite numbers")

@@ -1,11 +1,46 @@
 """A target pose as the robot sees it: the goal ``g`` of the paper, in the robot's root frame."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 from tensordict import TensorDictBase
 from torch import Tensor
 
 from plat.rotations import matrix_to_sixd, quat_to_matrix, rows_times_matrices
+from plat.spec.observation import observed
 
-__all__ = ["robot_centric_goal"]
+__all__ = ["GOAL_ENTRIES", "GoalView", "robot_centric_goal"]
+
+
+@dataclass(frozen=True)
+class GoalView:
+    """What the entries of a goal are computed from, for targets ``[*B]`` or ``[*B, L]``.
+
+    Args:
+        target: poses as :meth:`plat.motions.MotionLibrary.poses` gives them.
+        root_pos_w: position of the robot's root ``[*B, 3]`` (m, world).
+        keypoint_pos_b: from the robot's root to the target's keypoints ``[..., K, 3]`` (m, root frame), the root first.
+        turned: function that turns vectors ``[..., n, 3]`` from the world into the robot's root frame.
+    """
+
+    target: TensorDictBase
+    root_pos_w: Tensor
+    keypoint_pos_b: Tensor
+    turned: Callable[[Tensor], Tensor]
+
+
+def _root_rot6d_b(view: GoalView) -> Tensor:
+    sixd = matrix_to_sixd(quat_to_matrix(view.target["keypoint_quat"][..., 0, :]))
+    return view.turned(sixd.unflatten(-1, (2, 3))).flatten(-2)
+
+
+GOAL_ENTRIES: dict[str, Callable[[GoalView], Tensor]] = {
+    "joint_pos": lambda view: view.target["joint_pos"],
+    "root_pos_b": lambda view: view.keypoint_pos_b[..., 0, :],
+    "root_rot6d_b": _root_rot6d_b,
+    "keypoint_pos_b": lambda view: view.keypoint_pos_b.flatten(-2),
+}
+"""How each entry of a goal is computed, by name, in the unit and frame that :mod:`plat.spec.observation` says."""
 
 
 def robot_centric_goal(target: TensorDictBase, root_pos_w: Tensor, root_quat_w: Tensor) -> dict[str, Tensor]:
@@ -14,7 +49,7 @@ def robot_centric_goal(target: TensorDictBase, root_pos_w: Tensor, root_quat_w: 
     Moving and turning target and robot together changes nothing.
 
     Args:
-        target: poses ``[*B]`` or ``[*B, L]`` as :meth:`plat.envs.MotionLibrary.poses` gives them.
+        target: poses ``[*B]`` or ``[*B, L]`` as :meth:`plat.motions.MotionLibrary.poses` gives them.
         root_pos_w: position of the robot's root ``[*B, 3]`` (m, world).
         root_quat_w: its orientation ``[*B, 4]``, root to world.
 
@@ -46,10 +81,4 @@ def robot_centric_goal(target: TensorDictBase, root_pos_w: Tensor, root_quat_w: 
     root_pos = root_pos_w.repeat(*[1] * batch, points.shape[-1] // 3)
     root_pos = root_pos.view(*root_pos.shape[:-1], *[1] * (target.ndim - batch), -1)
     keypoint_pos_b = turned((points - root_pos).unflatten(-1, (-1, 3)))
-    target_sixd = matrix_to_sixd(quat_to_matrix(target["keypoint_quat"][..., 0, :]))
-    return {
-        "joint_pos": target["joint_pos"],
-        "root_pos_b": keypoint_pos_b[..., 0, :],
-        "root_rot6d_b": turned(target_sixd.unflatten(-1, (2, 3))).flatten(-2),
-        "keypoint_pos_b": keypoint_pos_b.flatten(-2),
-    }
+    return observed("goal", GOAL_ENTRIES, GoalView(target, root_pos_w, keypoint_pos_b, turned))

@@ -21,11 +21,10 @@ from tensordict import TensorDictBase
 from plat.envs.tasks import TaskConfig, make_keyframe_env
 from plat.envs.transforms import HORIZONS
 from plat.motions.library import MotionLibrary
-from plat.spec.observation import COMMAND_KEYS, ROBOT_KEYS, goal_keys, observation_size
+from plat.spec.observation import observation_size, student_keys
 
 __all__ = ["G1TimedKeyframeEnv", "G1TimedKeyframeVectorEnv"]
 
-_KEYS = ROBOT_KEYS + goal_keys() + COMMAND_KEYS
 # A target this many units of action away asks for several times a motor's torque; nothing beyond it makes sense.
 _ACTION_BOUND = 20.0
 
@@ -37,7 +36,7 @@ class _Task:
         library = MotionLibrary.load(motions)
         self.env = make_keyframe_env(library, num_envs, task, horizon=HORIZONS[horizon], device=device)
         self.robot = library.robot
-        size = observation_size(_KEYS, self.robot)
+        size = observation_size(student_keys(), self.robot)
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float32)
         bound = np.full(self.robot.num_joints, _ACTION_BOUND, np.float32)
         self.action_space = gymnasium.spaces.Box(-bound, bound)
@@ -81,7 +80,7 @@ class G1TimedKeyframeEnv(gymnasium.Env):
     """One G1 that is told future keyframes and when to be there.
 
     The observation ``[177]`` is the robot's state, the keyframe in its frame and the normalised horizon, in the order
-    of ``ROBOT_KEYS + goal_keys() + COMMAND_KEYS``; the action ``[29]`` offsets the joint targets from the default pose
+    of :func:`plat.spec.observation.student_keys`; the action ``[29]`` offsets the joint targets from the default pose
     in units of the action scale.
 
     Args:
@@ -196,4 +195,4 @@ class G1TimedKeyframeVectorEnv(VectorEnv):
 
 
 def _flat(tensordict: TensorDictBase) -> np.ndarray:
-    return torch.cat([tensordict[key] for key in _KEYS], -1).cpu().numpy()
+    return torch.cat([tensordict[key] for key in student_keys()], -1).cpu().numpy()

@@ -34,6 +34,7 @@ from plat.envs.transforms import (
 )
 from plat.motions.library import MotionLibrary
 from plat.robots.robot import FootContacts
+from plat.spec.observation import is_goal
 
 __all__ = ["TaskConfig", "make_keyframe_env", "make_tracking_env"]
 
@@ -122,7 +123,7 @@ def _assemble(
 
 
 def _kept(key: tuple[str, ...]) -> bool:
-    return key[0] in _KEPT_GROUPS or key[0].startswith(("goal", "dense_goal")) or key in _KEPT_STATE
+    return key[0] in _KEPT_GROUPS or is_goal(key[0]) or key in _KEPT_STATE
 
 
 def _rewards(env: MotionTrackingEnv, config: TaskConfig) -> list[Transform]:

@@ -14,6 +14,7 @@ from plat.errors import MotionError
 from plat.motions.library import MotionLibrary
 from plat.robots.robot import FootContacts
 from plat.rotations import quat_from_rotvec, quat_multiply, quat_rotate_inverse
+from plat.spec.observation import as_observed, entry_shapes
 
 __all__ = ["MotionTrackingEnv", "ResetNoise"]
 
@@ -148,14 +149,7 @@ class MotionTrackingEnv(EnvBase):
             return Composite(leaves, shape=(count,), device=self.device)
 
         self.observation_spec = Composite(
-            robot=group(
-                joint_pos=(joints,),
-                joint_vel=(joints,),
-                root_ang_vel_b=(3,),
-                root_lin_vel_b=(3,),
-                gravity_b=(3,),
-                last_action=(joints,),
-            ),
+            robot=group(**entry_shapes("robot", self.robot)),
             state=group(
                 root_pos_w=(3,),
                 root_quat_w=(4,),
@@ -294,7 +288,7 @@ class MotionTrackingEnv(EnvBase):
         }
         return TensorDict(
             {
-                "robot": TensorDict(robot, count, device=self.device),
+                "robot": TensorDict(as_observed("robot", robot), count, device=self.device),
                 "state": TensorDict(state, count, device=self.device),
                 "motion": TensorDict({"frame": frame}, count, device=self.device),
             },

@@ -7,10 +7,10 @@ from tensordict import NestedKey
 from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequential
 from torch import Tensor, nn
 
-from plat.modules import STUDENT_KEYS, ObservationNormalizer
+from plat.modules import ObservationNormalizer
 from plat.modules.lead import LEAD_KEYS, KeyframeShift
 from plat.runs.saving import Policy
-from plat.spec.observation import entry_shapes
+from plat.spec.observation import entry_shapes, student_keys
 
 __all__ = ["JointTargetNetwork"]
 
@@ -42,7 +42,7 @@ class JointTargetNetwork(nn.Module):
         self._slices: dict[NestedKey, slice] = {}
         self.num_features = 0
         """Size of an observation F."""
-        for group, name in STUDENT_KEYS:
+        for group, name in student_keys():
             start, (width,) = self.num_features, entry_shapes(group, robot)[name]
             self.num_features = start + width
             self._slices[group, name] = slice(start, self.num_features)
@@ -61,7 +61,7 @@ class JointTargetNetwork(nn.Module):
         self.register_buffer("action_scale", robot.action_scale.clone())
 
     def forward(self, observation: Tensor) -> Tensor:
-        """Joint position targets ``[*B, J]`` (rad) for observations ``[*B, F]`` in the order of ``STUDENT_KEYS``."""
+        """Joint position targets ``[*B, J]`` (rad) for observations ``[*B, F]`` in the order of ``student_keys()``."""
         values: dict[NestedKey, Tensor] = {}
         for part, (in_keys, out_keys) in zip(self.parts, self._keys, strict=True):
             if isinstance(part, KeyframeShift):

@@ -14,7 +14,7 @@ from plat.modules.lead import GoalLead, led
 from plat.modules.networks import mlp
 from plat.modules.normalizer import ObservationNormalizer
 from plat.robots.robot import Robot
-from plat.spec.observation import ROBOT_KEYS, goal_keys, observation_size, privileged_keys
+from plat.spec.observation import goal_keys, observation_size, privileged_keys, robot_keys
 from plat.spec.timing import Timing
 
 __all__ = ["Critic", "Expert", "ExpertConfig"]
@@ -88,7 +88,7 @@ class Expert(nn.Module):
 
     @staticmethod
     def _keys(goals: Sequence[str]) -> tuple[tuple[str, str], ...]:
-        return sum((goal_keys(goal) for goal in goals), ROBOT_KEYS)
+        return sum((goal_keys(goal) for goal in goals), robot_keys())
 
     @property
     def _interval(self) -> float:

@@ -13,13 +13,10 @@ from plat.modules.goal_encoder import GoalSequenceEncoder
 from plat.modules.latent import LatentPosterior, LatentPrior, sample_latent
 from plat.modules.normalizer import ObservationNormalizer
 from plat.robots.robot import Robot
-from plat.spec.observation import COMMAND_KEYS, ROBOT_KEYS, goal_keys, observation_size
+from plat.spec.observation import STUDENT_KEYS, goal_keys, observation_size, student_keys
 from plat.spec.timing import Timing
 
 __all__ = ["STUDENT_KEYS", "LatentPolicy", "LatentPolicyConfig", "PlainPolicy", "PlainPolicyConfig"]
-
-STUDENT_KEYS = ROBOT_KEYS + goal_keys() + COMMAND_KEYS
-"""All that a deployed policy sees: ``o_t = [s_t, g_{t+Delta}, tau_t]``."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +64,8 @@ class LatentPolicy(nn.Module):
         super().__init__()
         self.robot = robot
         self.config = config = config or LatentPolicyConfig()
-        size, goal_size = observation_size(STUDENT_KEYS, robot), observation_size(goal_keys(), robot)
-        self.normalizer = ObservationNormalizer(STUDENT_KEYS, size)
+        size, goal_size = observation_size(student_keys(), robot), observation_size(goal_keys(), robot)
+        self.normalizer = ObservationNormalizer(student_keys(), size)
         self.backbone = Backbone(size, config.backbone, config.hidden_size)
         self.prior = LatentPrior(config.hidden_size, config.latent_size, config.prior)
         self.goal_normalizer = ObservationNormalizer(goal_keys(), goal_size)
@@ -101,11 +98,11 @@ class LatentPolicy(nn.Module):
             self.decoder.using("hidden", ("posterior", "latent"), out_key=("posterior", "action")),
         )
 
-    def features(self, keys: Sequence[NestedKey] = STUDENT_KEYS) -> TensorDictSequential:
+    def features(self, keys: Sequence[NestedKey] | None = None) -> TensorDictSequential:
         """The part below the decoder that is deployed: writes ``hidden``, ``("prior", "loc")`` and its scale.
 
         Args:
-            keys: where it finds the student's observation.
+            keys: where the student's observation is; None for where :func:`plat.spec.observation.student_keys` says.
         """
         return TensorDictSequential(self.normalizer.using(keys), self.backbone, self.prior)
 
@@ -137,8 +134,8 @@ class PlainPolicy(nn.Module):
         super().__init__()
         self.robot = robot
         self.config = config = config or PlainPolicyConfig()
-        size = observation_size(STUDENT_KEYS, robot)
-        self.normalizer = ObservationNormalizer(STUDENT_KEYS, size)
+        size = observation_size(student_keys(), robot)
+        self.normalizer = ObservationNormalizer(student_keys(), size)
         self.backbone = Backbone(size, config.backbone, config.hidden_size)
         self.decoder = ActionDecoder(config.hidden_size, 0, robot.num_joints, config.decoder)
 

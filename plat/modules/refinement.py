@@ -17,9 +17,10 @@ from tensordict.nn import (
 from torch import nn
 
 from plat.modules.heads import GaussianNoise, gaussian_action
-from plat.modules.imitation import STUDENT_KEYS, LatentPolicy
+from plat.modules.imitation import LatentPolicy
 from plat.modules.lead import KeyframeLead, led
 from plat.modules.residual import Residual
+from plat.spec.observation import student_keys
 from plat.spec.timing import Timing
 
 __all__ = [
@@ -68,9 +69,9 @@ class _Refinement(nn.Module):
     def shown(self) -> tuple[list[TensorDictModuleBase], list[NestedKey]]:
         """What comes before the student, and where the student then finds its observation."""
         if not self.config.lead:
-            return [], list(STUDENT_KEYS)
+            return [], list(student_keys())
         lead = KeyframeLead(self.config.lead, self.timing.longest)
-        return [lead], led(STUDENT_KEYS, lead)
+        return [lead], led(student_keys(), lead)
 
     def frozen(self) -> TensorDictModuleBase:
         """The part that never changes: writes what the head reads."""

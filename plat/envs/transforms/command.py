@@ -13,7 +13,7 @@ from plat.envs.transforms.base import ObservationTransform
 from plat.errors import MotionError
 from plat.keyframes import MAX_STEPS, WINDOW
 from plat.motions.library import MotionLibrary
-from plat.spec.observation import entry_shapes
+from plat.spec.observation import as_observed, entry_shapes
 
 __all__ = ["HORIZONS", "MAX_STEPS", "WINDOW", "CommandSchedule", "Horizon", "KeyframeClock", "KeyframeCommand"]
 
@@ -183,7 +183,7 @@ class KeyframeCommand(ObservationTransform):
             out_shapes={
                 ("command", "target_frame"): (),
                 ("command", "steps_left"): (1,),
-                ("command", "horizon"): (1,),
+                **{("command", key): shape for key, shape in entry_shapes("command", library.robot).items()},
                 **{(group, key): shape for key, shape in entry_shapes("goal", library.robot).items()},
             },
             out_dtypes={("command", "target_frame"): torch.int64, ("command", "steps_left"): torch.int64},
@@ -202,10 +202,11 @@ class KeyframeCommand(ObservationTransform):
         goal = robot_centric_goal(
             self._library.poses(target_frame), tensordict["state", "root_pos_w"], tensordict["state", "root_quat_w"]
         )
+        command = as_observed("command", {"horizon": steps_left / MAX_STEPS})
         return {
             ("command", "target_frame"): target_frame,
             ("command", "steps_left"): steps_left,
-            ("command", "horizon"): steps_left / MAX_STEPS,
+            **{("command", key): value for key, value in command.items()},
             **{(self._group, key): value for key, value in goal.items()},
         }
 

@@ -7,7 +7,7 @@ from torch import Tensor
 from plat.envs.transforms.base import ObservationTransform
 from plat.motions.library import MotionLibrary
 from plat.rotations import quat_to_matrix, rows_times_matrices
-from plat.spec.observation import entry_shapes
+from plat.spec.observation import as_observed, entry_shapes
 
 __all__ = ["PrivilegedState"]
 
@@ -44,11 +44,11 @@ class PrivilegedState(ObservationTransform):
         vectors_b = rows_times_matrices(torch.cat(vectors_w, 1), root_to_world).flatten(1)
         points = lin_vel.shape[1] * 3
         keypoint_pos_b, keypoint_lin_vel_b, root_velocity_error_b = vectors_b.split((points, points, 6), -1)
-        values = (
-            keypoint_pos_b,
-            keypoint_lin_vel_b,
-            state["root_pos_w"][:, 2:],
-            root_velocity_error_b,
-            reference["joint_vel"] - state["joint_vel"],
-        )
-        return dict(zip(self.out_keys, values, strict=True))
+        quantities = {
+            "keypoint_pos_b": keypoint_pos_b,
+            "keypoint_lin_vel_b": keypoint_lin_vel_b,
+            "root_height": state["root_pos_w"][:, 2:],
+            "root_velocity_error_b": root_velocity_error_b,
+            "joint_vel_error": reference["joint_vel"] - state["joint_vel"],
+        }
+        return {("privileged", name): value for name, value in as_observed("privileged", quantities).items()}
