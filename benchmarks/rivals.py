@@ -215,7 +215,7 @@ def _subprocesses_of_numpy(setup: Setup) -> object:
 
 
 def _batch_of_plat(setup: Setup) -> object:
-    from sb3_vec_env import BatchVecEnv
+    from plat.envs.sb3 import BatchVecEnv
 
     return BatchVecEnv(gymnasium.make_vec("plat/G1TimedKeyframe-v0", setup.num_envs, motions=setup.motions))
 

@@ -1,11 +1,10 @@
-"""Import this before MuJoCo is imported, and pictures can be drawn on a machine without a screen.
+"""Selects EGL for off-screen rendering on Linux machines without a display.
 
-MuJoCo chooses its OpenGL by ``MUJOCO_GL`` when it is imported; without a screen only EGL (or OSMesa) draws. What the
-user has set stays.
+Import this before MuJoCo, which reads ``MUJOCO_GL`` when it is imported. A value that the user has set is kept.
 """
 
 import os
 import sys
 
-if sys.platform == "linux" and "DISPLAY" not in os.environ:
+if sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ):
     os.environ.setdefault("MUJOCO_GL", "egl")

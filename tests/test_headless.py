@@ -14,6 +14,7 @@ import plat.headless
         ("linux", {}, {"MUJOCO_GL": "egl"}),
         ("linux", {"MUJOCO_GL": "osmesa"}, {"MUJOCO_GL": "osmesa"}),
         ("linux", {"DISPLAY": ":0"}, {"DISPLAY": ":0"}),
+        ("linux", {"WAYLAND_DISPLAY": "wayland-0"}, {"WAYLAND_DISPLAY": "wayland-0"}),
         ("darwin", {}, {}),
     ],
 )

@@ -1,4 +1,6 @@
-"""The timed keyframe task for users of gymnasium.
+"""The timed keyframe task as a gymnasium environment.
+
+``import plat`` registers it. Without that import, gymnasium finds it as ``"plat:plat/G1TimedKeyframe-v0"``.
 
 >>> import gymnasium, plat
 >>> env = gymnasium.make("plat/G1TimedKeyframe-v0")
@@ -11,6 +13,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+import plat.headless  # noqa: F401 - before MuJoCo, for render()
+
+# isort: split
 import gymnasium
 import numpy as np
 import torch
@@ -19,7 +24,8 @@ from gymnasium.vector.utils import batch_space
 from tensordict import TensorDictBase
 
 from plat.envs.tasks import TaskConfig, make_keyframe_env
-from plat.envs.transforms import HORIZONS
+from plat.envs.transforms import HORIZONS, FailureWeightedStarts, KeyframeMetrics
+from plat.errors import KeyframeError
 from plat.motions.library import MotionLibrary
 from plat.spec.observation import observation_size, student_keys
 
@@ -33,8 +39,12 @@ class _Task:
     """The TorchRL environment behind both gymnasium ones, with random numbers of its own."""
 
     def __init__(self, num_envs: int, motions: str | Sequence[str], horizon: str, task: TaskConfig | None, device: str):
+        if horizon not in HORIZONS:
+            raise KeyframeError(f"horizon is {horizon!r}, expected one of: {', '.join(HORIZONS)}")
         library = MotionLibrary.load(motions)
         self.env = make_keyframe_env(library, num_envs, task, horizon=HORIZONS[horizon], device=device)
+        self.env.insert_transform(1, KeyframeMetrics(library))  # behind the reference that it compares with
+        self._starts = next(part for part in self.env.transform if isinstance(part, FailureWeightedStarts))
         self.robot = library.robot
         size = observation_size(student_keys(), self.robot)
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float32)
@@ -59,6 +69,8 @@ class _Task:
             torch.random.set_rng_state(outside)
 
     def reset(self, seed: int | None) -> np.ndarray:
+        if seed is not None:  # the same seed is the same episode, whatever happened before
+            self._starts.forget()
         with self._own_randomness(seed):
             self.current = self.env.reset()
         return _flat(self.current)
@@ -77,18 +89,31 @@ class _Task:
 
 
 class G1TimedKeyframeEnv(gymnasium.Env):
-    """One G1 that is told future keyframes and when to be there.
+    """One G1 that is commanded to reach keyframes on time.
 
-    The observation ``[177]`` is the robot's state, the keyframe in its frame and the normalised horizon, in the order
-    of :func:`plat.spec.observation.student_keys`; the action ``[29]`` offsets the joint targets from the default pose
-    in units of the action scale.
+    The observation ``[177]`` holds the robot's state, the keyframe in the robot's frame, and the normalized horizon.
+    Its order is that of :func:`plat.spec.observation.student_keys`. The action ``[29]`` offsets the joint targets
+    from the default pose, in units of the action scale.
+
+    An episode terminates when a command fails, and is truncated at the end of the motion. ``info`` has:
+
+    - ``is_success``: no command of the episode has failed;
+    - ``arrived``: a command ended with this step;
+    - ``reached``: it arrived and did not fail;
+    - ``steps_left``: control steps until the active command's arrival;
+    - ``joint_error`` (rad), ``keypoint_error`` (m, world): mean errors against the motion at this moment, which at
+      arrival is the keyframe.
 
     Args:
         motions: motion files, folders or globs, or ``"generated:train"``.
         horizon: lengths of the commands: a key of :data:`plat.envs.transforms.HORIZONS`.
-        task: rewards, terminations, noise.
+        task: rewards, terminations and noise.
         render_mode: ``"rgb_array"`` for pictures by :meth:`render`.
         device: where tensors live.
+
+    Raises:
+        KeyframeError: for an unknown horizon.
+        MotionError: for motions that cannot be read.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 50}
@@ -110,18 +135,23 @@ class G1TimedKeyframeEnv(gymnasium.Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start somewhere in some motion."""
+        """Start at a random frame of a random motion."""
         super().reset(seed=seed)
         return self._task.reset(seed)[0], {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Hold the joint targets for one control step (20 ms)."""
-        after, _ = self._task.step(np.asarray(action)[None], auto_reset=False)
+        after, following = self._task.step(np.asarray(action)[None], auto_reset=False)
         flags = (bool(after[key]) for key in ("terminated", "truncated"))
-        return _flat(after)[0], float(after["reward"]), *flags, {}
+        info = {key: values[0].item() for key, values in _info(after, following).items()}
+        return _flat(after)[0], float(after["reward"]), *flags, info
 
     def render(self) -> np.ndarray | None:
-        """Picture of the robot and the ghost of its keyframe."""
+        """Return a picture ``[480, 640, 3]`` of the robot and the ghost of its keyframe.
+
+        Raises:
+            RenderingError: where no OpenGL is available, with what to install.
+        """
         if self.render_mode is None:
             return None
         from plat.rendering import Stage  # needs OpenGL, which training does not
@@ -134,14 +164,17 @@ class G1TimedKeyframeEnv(gymnasium.Env):
         return self._stage.draw(base.physics.read("qpos")[0].cpu().numpy(), ghost.cpu().numpy())
 
     def close(self) -> None:
-        """Give threads and graphics back."""
+        """Release the renderer."""
         if self._stage is not None:
             self._stage.close()
             self._stage = None
 
 
 class G1TimedKeyframeVectorEnv(VectorEnv):
-    """Many G1s in one batch; finished ones start again within the same step (``AutoresetMode.SAME_STEP``).
+    """Many G1s in one batch. Finished ones are reset within the same step (``AutoresetMode.SAME_STEP``).
+
+    ``info`` holds an array ``[N]`` for each entry of :class:`G1TimedKeyframeEnv`'s, and its mask under the same name
+    with an underscore before it. ``final_obs`` has the last observations of the episodes that ended.
 
     Args:
         num_envs: number of robots.
@@ -173,7 +206,7 @@ class G1TimedKeyframeVectorEnv(VectorEnv):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start every robot somewhere in some motion."""
+        """Start each robot at a random frame of a random motion."""
         super().reset(seed=seed)
         return self._task.reset(seed), {}
 
@@ -184,15 +217,30 @@ class G1TimedKeyframeVectorEnv(VectorEnv):
             after[key][:, 0].cpu().numpy() for key in ("reward", "terminated", "truncated")
         )
         done = terminated | truncated
-        info: dict[str, Any] = {}
+        info: dict[str, Any] = _info(after, following)
+        info |= {f"_{key}": np.ones(self.num_envs, bool) for key in info}
         if done.any():
             final = np.empty(self.num_envs, object)
             observations = _flat(after)
             for index in done.nonzero()[0]:
                 final[index] = observations[index]
-            info = {"final_obs": final, "_final_obs": done}
+            info |= {"final_obs": final, "_final_obs": done}
         return _flat(following), reward.astype(np.float64), terminated, truncated, info
 
 
 def _flat(tensordict: TensorDictBase) -> np.ndarray:
     return torch.cat([tensordict[key] for key in student_keys()], -1).cpu().numpy()
+
+
+def _info(after: TensorDictBase, following: TensorDictBase) -> dict[str, np.ndarray]:
+    """Arrays ``[N]`` about the step that led to ``after``."""
+    failed, arrived = after["terminated"], after["command", "arrived"]
+    entries = {
+        "is_success": ~failed,
+        "arrived": arrived,
+        "reached": arrived & ~failed,
+        "steps_left": following["command", "steps_left"],
+        "joint_error": after["metrics", "joint_error"],
+        "keypoint_error": after["metrics", "keypoint_error"],
+    }
+    return {key: value[:, 0].cpu().numpy() for key, value in entries.items()}

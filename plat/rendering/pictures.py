@@ -1,6 +1,7 @@
 """Pictures and videos of a robot that chases keyframes, the commanded pose drawn as a ghost."""
 
 import os
+import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -44,6 +45,7 @@ class Stage:
     """
 
     def __init__(self, robot: Robot, width: int = 640, height: int = 480, distance: float = 2.1):
+        _check_display()
         self._model = stage_model(robot, width, height)
         self._data, self._ghost = mujoco.MjData(self._model), mujoco.MjData(self._model)
         try:
@@ -77,6 +79,16 @@ class Stage:
     def close(self) -> None:
         """Give the OpenGL context back."""
         self._renderer.close()
+
+
+def _check_display() -> None:
+    # GLFW's second failure to open a window ends the whole program
+    windowed = getattr(mujoco, "GLContext", object).__module__ == "mujoco.glfw"
+    if windowed and sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ):
+        raise RenderingError(
+            "no display, and MuJoCo was imported with a renderer that needs one: set MUJOCO_GL=egl before Python "
+            "starts (on Debian or Ubuntu: apt install libegl1 libgl1-mesa-dri)"
+        )
 
 
 def show_visible(options: mujoco.MjvOption) -> None:

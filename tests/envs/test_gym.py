@@ -1,3 +1,4 @@
+import os
 import subprocess
 import sys
 
@@ -7,6 +8,8 @@ import pytest
 import torch
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
+
+from plat.errors import KeyframeError, RenderingError
 
 
 @pytest.fixture(scope="module")
@@ -31,9 +34,76 @@ def test_importing_plat_registers_it_and_does_not_import_torch():
     assert out.stdout.strip() == "plat/G1TimedKeyframe-v0"
 
 
+def test_gymnasium_finds_it_without_an_import_of_plat():
+    program = "import gymnasium; print(gymnasium.make('plat:plat/G1TimedKeyframe-v0', max_episode_steps=5).spec.id)"
+    out = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "plat/G1TimedKeyframe-v0"
+
+
+def test_info_says_how_the_command_went(env):
+    env.reset(seed=3)
+    arrivals, info = [], {}
+    terminated = truncated = False
+    while not (terminated or truncated):
+        before = info.get("steps_left")
+        _, _, terminated, truncated, info = env.step(np.zeros(29, np.float32))
+        assert info["is_success"] is not terminated
+        assert info["arrived"] is (before == 1) or before is None
+        assert info["reached"] is (info["arrived"] and not terminated)
+        assert 0 < info["joint_error"] < 3
+        assert 0 < info["keypoint_error"] < 3
+        arrivals.append(info["arrived"])
+    assert terminated  # the default pose is no answer for long
+    assert len(arrivals) > 1
+
+
+def test_an_unknown_horizon_is_named():
+    with pytest.raises(KeyframeError, match="horizon is 'far', expected one of: single, short"):
+        gymnasium.make("plat/G1TimedKeyframe-v0", horizon="far")
+
+
+RENDER = """
+import mujoco  # chooses its renderer now
+import gymnasium, plat
+from plat.errors import RenderingError
+
+env = gymnasium.make("plat/G1TimedKeyframe-v0", motions="generated:train@8", render_mode="rgb_array").unwrapped
+env.reset(seed=0)
+for _ in range(2):
+    try:
+        env.render()
+    except RenderingError as error:
+        print(error)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="displays are the system's own elsewhere")
+def test_rendering_twice_without_a_display_is_an_error_and_no_crash():
+    hidden = ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL", "PYOPENGL_PLATFORM")
+    environment = {name: value for name, value in os.environ.items() if name not in hidden}
+    out = subprocess.run([sys.executable, "-c", RENDER], capture_output=True, text=True, env=environment, check=True)
+    assert out.stdout.count("no display, and MuJoCo was imported with a renderer that needs one") == 2
+
+
+def test_pictures_show_robot_and_ghost():
+    env = gymnasium.make("plat/G1TimedKeyframe-v0", motions="generated:train@8", render_mode="rgb_array").unwrapped
+    env.reset(seed=0)
+    try:
+        picture = env.render()
+    except RenderingError as error:
+        pytest.skip(str(error))
+    assert picture.shape == (480, 640, 3)
+    assert picture.std() > 5
+    env.close()
+
+
 def test_seeds_fix_the_episode(env):
     runs = []
     for _ in range(2):
+        for _ in range(60):  # failures, which starts are drawn by later
+            if env.step(np.full(29, 3.0, np.float32))[2]:
+                env.reset()
         observation, _ = env.reset(seed=7)
         steps = [observation]
         for index in range(5):
@@ -66,6 +136,8 @@ def test_vector_form():
             index = (terminated | truncated).nonzero()[0][0]
             assert info["final_obs"][index].shape == (177,)
             assert not np.array_equal(info["final_obs"][index], observation[index])
+            np.testing.assert_array_equal(info["is_success"], ~terminated)
+            assert info["joint_error"].shape == info["steps_left"].shape == info["_joint_error"].shape == (3,)
             ended = True
             break
     assert ended

@@ -92,6 +92,13 @@ class FailureWeightedStarts(Transform):
             amount = torch.full((len(bins),), share * self._scale, device=bins.device)
             self.failures.index_add_(0, bins, amount)
 
+    def forget(self) -> None:
+        """Forget all failures, so that the next starts are uniform again."""
+        self.failures.zero_()
+        self._failure_cdf = None
+        self._scale = 1.0
+        self._steps_since_cdf = 0
+
     def _advance(self) -> None:
         self._scale /= self._forget
         self._steps_since_cdf += 1
