@@ -1,0 +1,261 @@
+"""Keyframes as people author them: families of chains without a reference motion.
+
+Recorded motion is not what a person draws. Each family here is a chain of five keyframes from the standing pose, then
+a hold. The same seed gives the same chains.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from plat.errors import KeyframeError
+from plat.keyframes import Keyframe, KeyframeSequence, split_long_intervals, standing
+from plat.motions import MotionLibrary
+from plat.motions.generation.whole_body import WholeBody
+from plat.robots import ForwardKinematics, Robot
+from plat.rotations import quat_from_rotvec, quat_multiply
+from plat.spec.timing import Timing
+
+__all__ = ["FAMILIES", "Authored", "Family", "author", "resting_poses"]
+
+Pose = NDArray[np.float64]
+"""Root position (m, world), root quaternion ``wxyz`` and joint angles (rad): ``[7 + J]``."""
+
+# What counts as at rest in a clip.
+_JOINT_SPEED, _ROOT_SPEED, _PELVIS_HEIGHT = 0.6, 0.1, 0.55  # rad/s, m/s, m
+_LENGTH = 5
+_FOOT_OFF = 5e-3  # m
+
+
+@dataclass(frozen=True)
+class Family:
+    """A kind of chain.
+
+    Args:
+        name: of the family.
+        interval: shortest and longest time between keyframes (s).
+        hold: seconds in the last keyframe.
+        resting: whether it needs poses out of clips.
+    """
+
+    name: str
+    interval: tuple[float, float] = (0.5, 1.0)
+    hold: float = 3.0
+    resting: bool = False
+
+
+FAMILIES: dict[str, Family] = {
+    family.name: family
+    for family in (
+        Family("hold", hold=10.0, resting=True),
+        Family("arms"),
+        Family("poses", resting=True),
+        Family("steps"),
+        Family("crouch"),
+        Family("far"),
+        Family("far3s", interval=(3.0, 3.0)),
+    )
+}
+"""The families by name: ``far`` is out of reach within its 0.5 to 1 s, ``far3s`` is the same with 3 s to go there."""
+
+
+@dataclass(frozen=True)
+class Authored:
+    """A chain and how long its last keyframe is held.
+
+    Args:
+        family: it is of.
+        sequence: the chain.
+        hold: seconds in the last keyframe.
+    """
+
+    family: str
+    sequence: KeyframeSequence
+    hold: float
+
+
+def author(
+    family: str, robot: Robot, count: int, seed: int, resting: Pose | None = None, timing: Timing | None = None
+) -> list[Authored]:
+    """Return chains of a family.
+
+    Args:
+        family: a name of :data:`FAMILIES`.
+        robot: whose keyframes they are.
+        count: number of chains.
+        seed: draws them.
+        resting: poses ``[M, 7 + J]`` for families that need them, see :func:`resting_poses`.
+        timing: of the policy that is to chase them; an interval beyond its longest command is split.
+
+    Raises:
+        KeyframeError: for another family, or one that needs resting poses and is given none.
+
+    >>> from plat.robots import G1
+    >>> chain = author("arms", G1, count=1, seed=0)[0]
+    >>> len(chain.sequence), chain.hold, chain.sequence.keyframes[0].name
+    (5, 3.0, 'arms 1')
+    """
+    if family not in FAMILIES:
+        raise KeyframeError(f"authored family {family!r}, expected one of {', '.join(FAMILIES)}")
+    kind = FAMILIES[family]
+    if kind.resting and (resting is None or len(resting) == 0):
+        raise KeyframeError(f"authored family {family!r} needs resting poses: give motions that have some")
+    # a stream of its own for each family, so that a family is the same whatever others are asked for
+    random = np.random.default_rng([seed, *family.encode()])
+    draw = _Draw(robot, random, resting)
+    timing = timing or Timing()
+    chains = []
+    for _ in range(count):
+        poses = getattr(draw, family.removesuffix("3s"))()
+        times = np.cumsum(random.uniform(*kind.interval, len(poses)))
+        keyframes = [
+            Keyframe.from_qpos(round(float(time), 2), pose, name=f"{family} {number}")
+            for number, (time, pose) in enumerate(zip(times, poses, strict=True), 1)
+        ]
+        chains.append(Authored(family, _sequence(robot, keyframes, timing), kind.hold))
+    return chains
+
+
+def resting_poses(library: MotionLibrary) -> Pose:
+    """Return the poses ``[M, 7 + J]`` of a library in which the robot rests, over the origin and facing along x.
+
+    A pose rests when no joint is faster than 0.6 rad/s, the root no faster than 0.1 m/s and the pelvis above 0.55 m.
+    Of each clip the slowest such pose is taken.
+
+    >>> from plat.motions import generate_motions
+    >>> poses = resting_poses(MotionLibrary.from_clips(generate_motions("val", seconds=8)))
+    >>> poses.shape[1], bool((poses[:, 2] > 0.55).all())
+    (36, True)
+    """
+    frames = library.frames
+    joint_speed = frames["joint_vel"].abs().amax(-1)
+    root_speed = frames["keypoint_lin_vel"][:, 0].norm(dim=-1)
+    height = frames["keypoint_pos"][:, 0, 2]
+    rests = (joint_speed < _JOINT_SPEED) & (root_speed < _ROOT_SPEED) & (height > _PELVIS_HEIGHT)
+    speed = torch.where(rests, joint_speed, torch.inf)
+    poses = []
+    for start, length in zip(library.clip_start.tolist(), library.clip_length.tolist(), strict=True):
+        slowest = start + int(speed[start : start + length].argmin())
+        if torch.isfinite(speed[slowest]):
+            root_quat = frames["keypoint_quat"][slowest, 0]
+            root_pos = torch.cat((torch.zeros(2), height[slowest, None].cpu()))
+            heading = 2 * torch.atan2(root_quat[3], root_quat[0])
+            upright = quat_multiply(quat_from_rotvec(torch.tensor([0.0, 0.0, -1.0]) * heading.cpu()), root_quat.cpu())
+            poses.append(torch.cat((root_pos, upright, frames["joint_pos"][slowest].cpu())))
+    if not poses:
+        return np.empty((0, 7 + library.robot.num_joints))
+    return torch.stack(poses).double().numpy()
+
+
+def _sequence(robot: Robot, keyframes: Sequence[Keyframe], timing: Timing) -> KeyframeSequence:
+    start = standing(robot)
+    return KeyframeSequence(robot, start, split_long_intervals(start, keyframes))
+
+
+class _Draw:
+    """Draws the poses of a chain, one method a family."""
+
+    def __init__(self, robot: Robot, random: np.random.Generator, resting: Pose | None):
+        self._robot, self._random, self._resting = robot, random, resting
+        self._stand = robot.default_qpos
+        self._body = WholeBody(robot)
+        feet = ForwardKinematics(robot, robot.feet)
+        stand = torch.from_numpy(self._stand)
+        self._feet_pos, self._feet_quat = feet(stand[:3], stand[3:7], stand[7:])
+        self._com = self._body.center_of_mass(stand[None])[0, :2]
+        self._legs = robot.leg_joints
+
+    def _chain(self, draw: Callable[[], Pose]) -> list[Pose]:
+        return [draw() for _ in range(_LENGTH)]
+
+    def hold(self) -> list[Pose]:
+        """One resting pose of a clip, held."""
+        pose = self._rest()
+        return [pose] * _LENGTH
+
+    def poses(self) -> list[Pose]:
+        """Resting poses of different clips, in place."""
+
+        def draw() -> Pose:
+            pose = self._rest().copy()
+            pose[:2] += self._random.uniform(-0.1, 0.1, 2)
+            return self._turned(pose, self._random.uniform(-0.2, 0.2))
+
+        return self._chain(draw)
+
+    def arms(self) -> list[Pose]:
+        """Legs and root as they stand, all other joints anywhere in the middle 60 % of their ranges."""
+        low, high = self._robot.joint_range.double().numpy().T
+        upper = np.setdiff1d(np.arange(self._robot.num_joints), self._legs)
+
+        def draw() -> Pose:
+            pose = self._stand.copy()
+            share = self._random.uniform(0.2, 0.8, len(upper))
+            pose[7 + upper] = low[upper] + share * (high - low)[upper]
+            return pose
+
+        return self._chain(draw)
+
+    def steps(self) -> list[Pose]:
+        """The standing pose 0.25 to 0.5 m away, turned by up to 0.4 rad."""
+        return self._walk(0.25, 0.5, 0.4)
+
+    def far(self) -> list[Pose]:
+        """The standing pose 1.5 to 2.5 m away, turned by up to 2 rad."""
+        return self._walk(1.5, 2.5, 2.0)
+
+    def crouch(self) -> list[Pose]:
+        """The standing pose with the pelvis 0.05 to 0.3 m lower, feet in place, the trunk leaning up to 0.5 rad.
+
+        The pelvis goes where the centre of mass stays over the feet.
+        """
+
+        def draw() -> Pose:
+            while True:
+                pose, off = self._crouched(self._random.uniform(0.05, 0.3), self._random.uniform(0.0, 0.5))
+                # deep and upright at once is beyond the ankles
+                if off < _FOOT_OFF:
+                    return pose
+
+        return self._chain(draw)
+
+    def _crouched(self, lowered: float, lean: float) -> tuple[Pose, float]:
+        """A crouch, and how far a foot is from its place (m)."""
+        pose = torch.from_numpy(self._stand.copy())
+        pose[2] -= lowered
+        pose[3:7] = quat_from_rotvec(torch.tensor([0.0, lean, 0.0], dtype=torch.float64))
+        weight = torch.ones(1, 2, dtype=torch.float64)
+        for _ in range(8):
+            joints, off, _ = self._body.solve_legs(
+                pose[None, :3], pose[None, 3:7], self._feet_pos[None], self._feet_quat[None], weight, pose[None, 7:]
+            )
+            pose[7:] = joints[0]
+            pose[:2] += self._com - self._body.center_of_mass(pose[None])[0, :2]
+        return pose.numpy(), float(off.max())
+
+    def _walk(self, nearest: float, farthest: float, turn: float) -> list[Pose]:
+        place, heading, poses = np.zeros(2), 0.0, []
+        for _ in range(_LENGTH):
+            direction, distance = self._random.uniform(-np.pi, np.pi), self._random.uniform(nearest, farthest)
+            place = place + distance * np.array([np.cos(direction), np.sin(direction)])
+            heading += self._random.uniform(-turn, turn)
+            pose = self._stand.copy()
+            pose[:2] = place
+            poses.append(self._turned(pose, heading))
+        return poses
+
+    def _rest(self) -> Pose:
+        assert self._resting is not None
+        pose = self._resting[self._random.integers(len(self._resting))].copy()
+        low, high = self._robot.joint_range.double().numpy().T
+        pose[7:] = pose[7:].clip(low, high)
+        return pose
+
+    @staticmethod
+    def _turned(pose: Pose, angle: float) -> Pose:
+        turn = quat_from_rotvec(torch.tensor([0.0, 0.0, angle], dtype=torch.float64))
+        pose[3:7] = quat_multiply(turn, torch.from_numpy(pose[3:7])).numpy()
+        return pose

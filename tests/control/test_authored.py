@@ -1,0 +1,100 @@
+import numpy as np
+import pytest
+import torch
+
+from plat.control.authored import FAMILIES, author, resting_poses
+from plat.control.feasibility import Feasibility
+from plat.errors import KeyframeError
+from plat.keyframes import KeyframeSequence
+from plat.motions import MotionLibrary
+from plat.robots import G1, ForwardKinematics
+
+UPPER = [joint for joint in range(29) if joint not in G1.leg_joints]
+
+
+@pytest.fixture(scope="module")
+def resting(library: MotionLibrary) -> np.ndarray:
+    return resting_poses(library)
+
+
+def poses(family: str, resting: np.ndarray, count: int = 20) -> np.ndarray:
+    chains = author(family, G1, count, seed=3, resting=resting)
+    return np.stack([[frame.qpos for frame in chain.sequence.keyframes] for chain in chains])
+
+
+@pytest.mark.parametrize("family", [name for name in FAMILIES if name != "far3s"])
+def test_a_chain_is_five_keyframes_half_a_second_to_one_apart(family: str, resting: np.ndarray) -> None:
+    for chain in author(family, G1, 5, seed=0, resting=resting):
+        times = np.diff([0.0, *(frame.time for frame in chain.sequence.keyframes)])
+        assert len(times) == 5
+        assert ((times >= 0.49) & (times <= 1.01)).all()
+        assert chain.hold == (10.0 if family == "hold" else 3.0)
+        np.testing.assert_array_equal(chain.sequence.start.qpos, G1.default_qpos)
+
+
+def test_the_same_seed_is_the_same_chains(resting: np.ndarray) -> None:
+    first, again, other = (author("arms", G1, 3, seed=seed) for seed in (1, 1, 2))
+    for a, b, c in zip(first, again, other, strict=True):
+        np.testing.assert_array_equal(a.sequence.keyframes[0].qpos, b.sequence.keyframes[0].qpos)
+        assert (a.sequence.keyframes[0].qpos != c.sequence.keyframes[0].qpos).any()
+
+
+def test_arms_move_all_but_the_legs_within_the_middle_of_their_ranges(resting: np.ndarray) -> None:
+    chains = poses("arms", resting)
+    np.testing.assert_array_equal(chains[..., :7], np.broadcast_to(G1.default_qpos[:7], chains[..., :7].shape))
+    legs = 7 + np.array(G1.leg_joints)
+    np.testing.assert_array_equal(chains[..., legs], np.broadcast_to(G1.default_qpos[legs], chains[..., legs].shape))
+    low, high = G1.joint_range.double().numpy().T
+    share = ((chains[..., 7:] - low) / (high - low))[..., UPPER]
+    assert 0.2 - 1e-6 <= share.min() < 0.25
+    assert 0.75 < share.max() <= 0.8 + 1e-6
+
+
+@pytest.mark.parametrize(("family", "nearest", "farthest", "turn"), [("steps", 0.25, 0.5, 0.4), ("far", 1.5, 2.5, 2.0)])
+def test_ways(resting: np.ndarray, family: str, nearest: float, farthest: float, turn: float) -> None:
+    chains = poses(family, resting)
+    places = np.concatenate((np.zeros((len(chains), 1, 2)), chains[..., :2]), 1)
+    distance = np.linalg.norm(np.diff(places, axis=1), axis=-1)
+    assert nearest <= distance.min() < distance.max() <= farthest
+    heading = np.unwrap(2 * np.arctan2(chains[..., 6], chains[..., 3]), axis=1)
+    assert np.abs(heading[:, 0]).max() <= turn
+    np.testing.assert_array_equal(chains[..., 7:], np.broadcast_to(G1.default_qpos[7:], chains[..., 7:].shape))
+
+
+def test_crouching_keeps_the_feet_in_place_and_the_balance(resting: np.ndarray) -> None:
+    chains = poses("crouch", resting, count=4).reshape(-1, 36)
+    lowered = G1.root_height - chains[:, 2]
+    assert 0.05 <= lowered.min() < lowered.max() <= 0.3
+    feet = ForwardKinematics(G1, G1.feet)
+    at_rest, _ = feet(*torch.from_numpy(G1.default_qpos).split((3, 4, 29)))
+    there, _ = feet(*torch.from_numpy(chains).split((3, 4, 29), -1))
+    assert float((there - at_rest).norm(dim=-1).max()) < 0.01
+    feasibility = Feasibility(G1)
+    for chain in author("crouch", G1, 4, seed=3):
+        for frame in chain.sequence.keyframes:
+            held = feasibility(frame.at(frame.time - 1.0), frame, held=True)
+            assert "support_margin" not in [concern.measure for concern in held]
+
+
+def test_resting_poses_rest(library: MotionLibrary, resting: np.ndarray) -> None:
+    assert 0 < len(resting) <= library.num_clips
+    assert (resting[:, 2] > 0.55).all()
+    np.testing.assert_array_equal(resting[:, :2], 0)
+    heading = 2 * np.arctan2(resting[:, 6], resting[:, 3])
+    np.testing.assert_allclose(heading, 0, atol=1e-5)
+    chains = poses("hold", resting, count=3)
+    np.testing.assert_array_equal(chains[:, 0], chains[:, 4])
+
+
+def test_three_seconds_are_split_for_a_policy_of_one() -> None:
+    (chain,) = author("far3s", G1, 1, seed=0)
+    assert isinstance(chain.sequence, KeyframeSequence)
+    assert len(chain.sequence) == 15
+    assert chain.sequence.duration == pytest.approx(15.0)
+
+
+def test_errors_are_one_line() -> None:
+    with pytest.raises(KeyframeError, match="'fly', expected one of hold, arms"):
+        author("fly", G1, 1, 0)
+    with pytest.raises(KeyframeError, match="'hold' needs resting poses"):
+        author("hold", G1, 1, 0)
