@@ -6,6 +6,7 @@ import plat.motions
 import plat.robots
 from plat.envs.goals import robot_centric_goal
 from plat.envs.physics import BatchedPhysics
+from plat.envs.state import RobotState
 from plat.envs.tasks import TaskConfig, make_keyframe_env, make_tracking_env
 from plat.envs.tracking import MotionTrackingEnv, ResetNoise
 from plat.spec.observation import (
@@ -23,6 +24,7 @@ __all__ = [
     "BatchedPhysics",
     "MotionTrackingEnv",
     "ResetNoise",
+    "RobotState",
     "TaskConfig",
     "entry_shapes",
     "goal_keys",

@@ -2,6 +2,7 @@
 
 from plat.modules.backbone import Backbone
 from plat.modules.decoder import ActionDecoder
+from plat.modules.dynamics import DynamicsConfig, DynamicsModel, joint_target
 from plat.modules.expert import Critic, Expert, ExpertConfig
 from plat.modules.goal_encoder import GoalSequenceEncoder
 from plat.modules.heads import GaussianNoise, ReferenceOffset, gaussian_action
@@ -24,6 +25,8 @@ __all__ = [
     "ActionDecoder",
     "Backbone",
     "Critic",
+    "DynamicsConfig",
+    "DynamicsModel",
     "Expert",
     "ExpertConfig",
     "FinetunedPolicy",
@@ -46,6 +49,7 @@ __all__ = [
     "ResidualActionPolicy",
     "ResidualLatentPolicy",
     "gaussian_action",
+    "joint_target",
     "mlp",
     "sample_latent",
 ]

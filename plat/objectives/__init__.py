@@ -1,6 +1,7 @@
 """Losses and updates."""
 
 from plat.objectives.divergence import gaussian_kl
+from plat.objectives.dynamics import DynamicsLoss, muon_and_adam
 from plat.objectives.imitation import LatentImitationLoss, plain_imitation_loss
 from plat.objectives.motor_gradient import MotorGradientConfig, motor_gradient
 from plat.objectives.ppo import PPO, PPOConfig
@@ -8,6 +9,7 @@ from plat.precision import Precision, autocast, has_fast_bfloat16
 
 __all__ = [
     "PPO",
+    "DynamicsLoss",
     "LatentImitationLoss",
     "MotorGradientConfig",
     "PPOConfig",
@@ -16,5 +18,6 @@ __all__ = [
     "gaussian_kl",
     "has_fast_bfloat16",
     "motor_gradient",
+    "muon_and_adam",
     "plain_imitation_loss",
 ]

@@ -1,0 +1,91 @@
+"""The generalized state of the robot: all that its next state depends on, beside the joint targets."""
+
+from typing import NamedTuple
+
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+
+from plat.rotations import quat_rotate, quat_rotate_inverse
+
+__all__ = ["RobotState"]
+
+
+class RobotState(NamedTuple):
+    """Root pose, joint angles and their velocities for a batch ``[*B]`` of robots.
+
+    The order of the fields is MuJoCo's: ``qpos`` and then ``qvel`` of a model with a free joint first.
+
+    Attributes:
+        root_pos_w: position of the root ``[*B, 3]`` (m, world).
+        root_quat_w: its orientation ``[*B, 4]``, ``wxyz``, root to world.
+        joint_pos: joint angles ``[*B, J]`` (rad).
+        root_lin_vel_w: velocity of the root ``[*B, 3]`` (m/s, world).
+        root_ang_vel_b: its angular velocity ``[*B, 3]`` (rad/s, root frame).
+        joint_vel: joint velocities ``[*B, J]`` (rad/s).
+
+    >>> state = RobotState.unpack(torch.zeros(2, 71))
+    >>> state.joint_pos.shape, state.pack().shape
+    (torch.Size([2, 29]), torch.Size([2, 71]))
+    """
+
+    root_pos_w: Tensor
+    root_quat_w: Tensor
+    joint_pos: Tensor
+    root_lin_vel_w: Tensor
+    root_ang_vel_b: Tensor
+    joint_vel: Tensor
+
+    @classmethod
+    def unpack(cls, values: Tensor) -> "RobotState":
+        """Views of packed states ``[*B, 13 + 2 J]``."""
+        joints = (values.shape[-1] - 13) // 2
+        return cls(*values.split((3, 4, joints, 3, 3, joints), -1))
+
+    def pack(self) -> Tensor:
+        """All fields side by side ``[*B, 13 + 2 J]``."""
+        return torch.cat(self, -1)
+
+    @classmethod
+    def from_entries(cls, tensordict: TensorDictBase) -> "RobotState":
+        """State from the entries of :class:`plat.envs.MotionTrackingEnv`."""
+        state, robot = tensordict["state"], tensordict["robot"]
+        return cls(
+            state["root_pos_w"],
+            state["root_quat_w"],
+            state["joint_pos"],
+            quat_rotate(state["root_quat_w"], robot["root_lin_vel_b"]),
+            robot["root_ang_vel_b"],
+            state["joint_vel"],
+        )
+
+    @classmethod
+    def from_motion(cls, frames: TensorDictBase) -> "RobotState":
+        """State that a motion is in, from rows ``[*B]`` of :meth:`plat.motions.MotionLibrary.states`."""
+        root_quat_w = frames["keypoint_quat"][..., 0, :]
+        return cls(
+            frames["keypoint_pos"][..., 0, :],
+            root_quat_w,
+            frames["joint_pos"],
+            frames["keypoint_lin_vel"][..., 0, :],
+            quat_rotate_inverse(root_quat_w, frames["keypoint_ang_vel"][..., 0, :]),
+            frames["joint_vel"],
+        )
+
+    @property
+    def qpos(self) -> Tensor:
+        """MuJoCo position vectors ``[*B, 7 + J]``."""
+        return torch.cat(self[:3], -1)
+
+    @property
+    def qvel(self) -> Tensor:
+        """MuJoCo velocity vectors ``[*B, 6 + J]``."""
+        return torch.cat(self[3:], -1)
+
+    def in_root_frame(self) -> tuple[Tensor, Tensor]:
+        """Direction of gravity and velocity of the root, both ``[*B, 3]`` in the root frame."""
+        down = torch.zeros_like(self.root_pos_w)
+        down[..., 2] = -1.0
+        turned = quat_rotate_inverse(self.root_quat_w[..., None, :], torch.stack((down, self.root_lin_vel_w), -2))
+        gravity_b, root_lin_vel_b = turned.unbind(-2)
+        return gravity_b, root_lin_vel_b

@@ -1,0 +1,166 @@
+"""A learned one-step model of the robot, for policies that are trained on imagined rollouts."""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from plat.envs.state import RobotState
+from plat.modules.networks import mlp
+from plat.robots.robot import Robot
+from plat.rotations import (
+    quat_conjugate,
+    quat_from_rotvec,
+    quat_multiply,
+    quat_rotate,
+    quat_rotate_inverse,
+    quat_to_rotvec,
+)
+
+__all__ = ["DynamicsConfig", "DynamicsModel", "joint_target"]
+
+
+@dataclass(frozen=True)
+class DynamicsConfig:
+    """Shape of the model of the robot."""
+
+    hidden: tuple[int, ...] = (512, 512, 512)
+    """hidden layers"""
+
+
+class DynamicsModel(nn.Module):
+    r"""One-step model of a robot under joint position targets: the state a control step later.
+
+    A network predicts the change of the root's velocities and of the joint velocities, in the root frame. Positions
+    follow by the trapezoid rule, with a small correction that the network predicts as well:
+
+    .. math::
+        v' = v + \delta_v, \quad
+        q' = q + \tfrac{1}{2} (v + v') \, dt + \delta_q
+
+    It sees gravity, height, root velocities, joint angles, joint velocities and target minus angle. Place on the floor
+    and heading are no inputs, so that what it learned holds everywhere.
+
+    Args:
+        robot: the robot.
+        config: shape of the network.
+        dt: control step (s).
+
+    Attributes:
+        spread: standard deviation of the change of a step ``[12 + 3 J]``: root linear and angular velocity, joint
+            velocities, corrections of root position, root orientation and joint angles. It scales the output.
+
+    Source: the world model of SuperTrack (Fussell et al. 2021), integrated as in ControlVAE (arXiv 2210.06063).
+
+    >>> from plat.robots import G1
+    >>> model = DynamicsModel(G1, DynamicsConfig(hidden=(16,)))
+    >>> state = RobotState.unpack(torch.nn.functional.pad(torch.ones(5, 1), (3, 67)))
+    >>> model(state, G1.default_joint_pos.expand(5, -1)).joint_pos.shape
+    torch.Size([5, 29])
+    """
+
+    mean: Tensor
+    std: Tensor
+    spread: Tensor
+    batches: Tensor
+
+    def __init__(self, robot: Robot, config: DynamicsConfig | None = None, dt: float = 0.02):
+        super().__init__()
+        self.robot = robot
+        self.config = config = config or DynamicsConfig()
+        self.dt = dt
+        joints = robot.num_joints
+        self._parts = (3, 3, joints, 3, 3, joints)
+        features = 10 + 3 * joints
+        self.network = mlp(features, config.hidden, sum(self._parts), out_scale=0.1)
+        self.register_buffer("mean", torch.zeros(features))
+        self.register_buffer("std", torch.ones(features))
+        self.register_buffer("spread", torch.ones(sum(self._parts)))
+        self.register_buffer("batches", torch.zeros((), dtype=torch.int64))
+
+    def forward(self, state: RobotState, target: Tensor) -> RobotState:
+        """State after a control step.
+
+        Args:
+            state: now, ``[*B]``.
+            target: joint position targets ``[*B, J]`` (rad) that are held for the step.
+        """
+        features, lin_vel_b = self._features(state, target)
+        # five standard deviations: beyond what it has seen, the model is not asked to extrapolate
+        normalized = ((features - self.mean) / self.std).clamp(-5.0, 5.0)
+        change = self.network(normalized) * self.spread
+        lin_vel_change, ang_vel_change, joint_vel_change, way, turn, angle = change.split(self._parts, -1)
+        half = 0.5 * self.dt
+        next_lin_vel_b = lin_vel_b + lin_vel_change
+        ang_vel_b = state.root_ang_vel_b + ang_vel_change
+        joint_vel = state.joint_vel + joint_vel_change
+        in_frame = torch.stack((half * (lin_vel_b + next_lin_vel_b) + way, next_lin_vel_b), -2)
+        moved_w, lin_vel_w = quat_rotate(state.root_quat_w[..., None, :], in_frame).unbind(-2)
+        rotvec = half * (state.root_ang_vel_b + ang_vel_b) + turn
+        quat = quat_multiply(state.root_quat_w, quat_from_rotvec(rotvec))
+        return RobotState(
+            state.root_pos_w + moved_w,
+            torch.nn.functional.normalize(quat, dim=-1),
+            state.joint_pos + half * (state.joint_vel + joint_vel) + angle,
+            lin_vel_w,
+            ang_vel_b,
+            joint_vel,
+        )
+
+    @torch.no_grad()
+    def update_statistics(self, state: RobotState, target: Tensor, next_state: RobotState) -> None:
+        """Take steps ``[*B]`` into the statistics of the inputs, which forget by ``1 / e`` in 50 batches.
+
+        The spread of the output is that of the first three batches: later it would change what the network says.
+        """
+        features = self._features(state, target)[0].flatten(0, -2)
+        rate = max(1.0 / (int(self.batches) + 1), 0.02)
+        mean = features.mean(0)
+        self.mean.lerp_(mean, rate)
+        self.std.lerp_((features - mean).square_().mean(0).sqrt_().clamp_min_(1e-3), rate)
+        if int(self.batches) < 3:
+            change = self._change(state, next_state).flatten(0, -2)
+            self.spread.lerp_(change.std(0).clamp_min_(1e-6), rate)
+        self.batches += 1
+
+    def _features(self, state: RobotState, target: Tensor) -> tuple[Tensor, Tensor]:
+        gravity_b, lin_vel_b = state.in_root_frame()
+        features = (
+            gravity_b,
+            state.root_pos_w[..., 2:],
+            lin_vel_b,
+            state.root_ang_vel_b,
+            state.joint_pos,
+            state.joint_vel,
+            target - state.joint_pos,
+        )
+        return torch.cat(features, -1), lin_vel_b
+
+    def _change(self, state: RobotState, after: RobotState) -> Tensor:
+        """What a perfect network would have to predict ``[*B, 12 + 3 J]``."""
+        half = 0.5 * self.dt
+        moves = torch.stack((state.root_lin_vel_w, after.root_lin_vel_w, after.root_pos_w - state.root_pos_w), -2)
+        # both velocities in the frame of the first state, in which the network predicts them
+        before_b, after_b, way_b = quat_rotate_inverse(state.root_quat_w[..., None, :], moves).unbind(-2)
+        turn = quat_to_rotvec(quat_multiply(quat_conjugate(state.root_quat_w), after.root_quat_w))
+        return torch.cat(
+            (
+                after_b - before_b,
+                after.root_ang_vel_b - state.root_ang_vel_b,
+                after.joint_vel - state.joint_vel,
+                way_b - half * (before_b + after_b),
+                turn - half * (state.root_ang_vel_b + after.root_ang_vel_b),
+                after.joint_pos - state.joint_pos - half * (state.joint_vel + after.joint_vel),
+            ),
+            -1,
+        )
+
+
+def joint_target(robot: Robot, action: Tensor) -> Tensor:
+    """Joint position targets ``[*B, J]`` (rad) of actions: ``q_default + scale * a``.
+
+    >>> from plat.robots import G1
+    >>> bool((joint_target(G1, torch.zeros(29)) == G1.default_joint_pos).all())
+    True
+    """
+    return robot.default_joint_pos.to(action) + robot.action_scale.to(action) * action

@@ -1,0 +1,126 @@
+"""The loss of a learned model of the robot, and what it is minimized with."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import torch
+from tensordict import NestedKey, TensorDict, TensorDictBase
+from tensordict.nn import dispatch
+from torch import Tensor, nn
+from torchrl.objectives.common import LossModule
+
+from plat.envs.state import RobotState
+from plat.modules.dynamics import DynamicsModel, joint_target
+from plat.tasks.distances import smooth_angle
+
+__all__ = ["DynamicsLoss", "muon_and_adam"]
+
+
+class DynamicsLoss(LossModule):
+    r"""Autoregressive error of a :class:`plat.modules.DynamicsModel` over a window of simulated steps.
+
+    From the first state of the window the model goes on from its own predictions:
+
+    .. math::
+        L = \frac{1}{K} \sum_{k=1}^{K} \sum_i w_i \, |\hat{s}^i_k - s^i_k| / \sigma_i
+
+    over the parts :math:`i` of the state, each divided by the spread :math:`\sigma_i` of its own one-step change, so
+    that no unit counts more than another. That of a position is the spread of its velocity times the control step.
+
+    Args:
+        model: the model.
+
+    Keyword Args:
+        position_weight: weight of root position, root orientation and joint angles; velocities have 1.
+
+    Returns ``loss_dynamics``, and for the log the errors at the window's end: ``root_pos_error`` (m),
+    ``root_rot_error`` (rad) and ``joint_pos_error`` (rad).
+
+    Source: SuperTrack (Fussell et al. 2021), section 4.
+
+    >>> from plat.robots import G1
+    >>> state = torch.nn.functional.pad(torch.ones(2, 5, 1), (3, 67))  # two windows of four steps
+    >>> windows = TensorDict({"robot_state": state, "action": torch.zeros(2, 5, 29)}, [2, 5])
+    >>> sorted(DynamicsLoss(DynamicsModel(G1))(windows).keys())
+    ['joint_pos_error', 'loss_dynamics', 'root_pos_error', 'root_rot_error']
+    """
+
+    @dataclass
+    class _AcceptedKeys:
+        state: NestedKey = "robot_state"
+        action: NestedKey = "action"
+
+    tensor_keys: _AcceptedKeys
+    default_keys = _AcceptedKeys
+    out_keys: ClassVar[list[NestedKey]] = ["loss_dynamics", "root_pos_error", "root_rot_error", "joint_pos_error"]
+
+    def __init__(self, model: DynamicsModel, *, position_weight: float = 0.3):
+        super().__init__()
+        self.model = model
+        self.position_weight = position_weight
+
+    @property
+    def in_keys(self) -> list[NestedKey]:
+        """Packed states and actions."""
+        return [self.tensor_keys.state, self.tensor_keys.action]
+
+    def _forward_value_estimator_keys(self, **_: object) -> None:
+        pass
+
+    @dispatch
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Loss of windows ``[B, K + 1]``; the action of a window's last state is not used."""
+        # time first: the states of a step then lie side by side
+        states = tensordict.get(self.tensor_keys.state).transpose(0, 1).contiguous()
+        actions = tensordict.get(self.tensor_keys.action).transpose(0, 1).contiguous()
+        targets = joint_target(self.model.robot, actions)
+        joints = self.model.robot.num_joints
+        lin, ang, joint = (part.mean() for part in self.model.spread[: 6 + joints].split((3, 3, joints)))
+        position = self.position_weight / self.model.dt
+        state = RobotState.unpack(states[0])
+        total = states.new_zeros(())
+        for target, values in zip(targets[:-1], states[1:], strict=True):
+            state, actual = self.model(state, target), RobotState.unpack(values)
+            root_pos = _mean_distance(state.root_pos_w, actual.root_pos_w)
+            root_rot = smooth_angle(state.root_quat_w, actual.root_quat_w).mean()
+            joint_pos = _mean_distance(state.joint_pos, actual.joint_pos)
+            total = total + (
+                _mean_distance(state.root_lin_vel_w, actual.root_lin_vel_w) / lin
+                + _mean_distance(state.root_ang_vel_b, actual.root_ang_vel_b) / ang
+                + _mean_distance(state.joint_vel, actual.joint_vel) / joint
+                + position * (root_pos / lin + root_rot / ang + joint_pos / joint)
+            )
+        return TensorDict(
+            {
+                "loss_dynamics": total / (len(states) - 1),
+                "root_pos_error": root_pos.detach(),
+                "root_rot_error": root_rot.detach(),
+                "joint_pos_error": joint_pos.detach(),
+            }
+        )
+
+
+def _mean_distance(predicted: Tensor, actual: Tensor) -> Tensor:
+    return (predicted - actual).abs().mean()
+
+
+def muon_and_adam(network: nn.Sequential, muon_lr: float, adam_lr: float) -> list[torch.optim.Optimizer]:
+    """Optimizers of a network: Muon for its hidden matrices, Adam for its last layer and the biases.
+
+    Args:
+        network: layers in the order of the data.
+        muon_lr: learning rate of the matrices, whose every update has a spectral norm of about this.
+        adam_lr: learning rate of the rest.
+
+    Source: Jordan et al. 2024, "Muon: an optimizer for hidden layers in neural networks".
+
+    >>> from plat.modules import mlp
+    >>> [len(optimizer.param_groups[0]["params"]) for optimizer in muon_and_adam(mlp(4, (8, 8), 2), 4e-3, 1e-3)]
+    [2, 4]
+    """
+    matrices = [parameter for parameter in network.parameters() if parameter.ndim == 2][:-1]
+    others = [parameter for parameter in network.parameters() if all(parameter is not matrix for matrix in matrices)]
+    return [
+        torch.optim.Muon(matrices, lr=muon_lr, weight_decay=0.0),
+        torch.optim.Adam(others, lr=adam_lr, fused=True),
+    ]

@@ -1,0 +1,65 @@
+import torch
+
+from plat.envs import MotionTrackingEnv, ResetNoise, RobotState
+from plat.modules import DynamicsConfig, DynamicsModel, joint_target
+from plat.robots import G1
+from plat.rotations import quat_from_rotvec, quat_multiply, quat_rotate, quat_yaw
+
+
+def steps(library, length=3):
+    """States of a few robots before and after a control step, and the targets that moved them."""
+    rollout = MotionTrackingEnv(library, 16, reset_noise=ResetNoise()).rollout(length, break_when_any_done=False)
+    kept = rollout.reshape(-1)
+    kept = kept[~kept["next", "done"][:, 0]]
+    action = kept.get("action")
+    return RobotState.from_entries(kept), joint_target(G1, action), RobotState.from_entries(kept["next"])
+
+
+class Told(torch.nn.Module):
+    """Stands in for the network: says what it was told."""
+
+    def __init__(self, output):
+        super().__init__()
+        self.output = output
+
+    def forward(self, inputs):
+        return self.output
+
+
+def test_the_right_change_gives_the_next_state(library):
+    state, target, after = steps(library)
+    model = DynamicsModel(G1)
+    model.network = Told(model._change(state, after))
+    for ours, theirs in zip(model(state, target), after, strict=True):
+        torch.testing.assert_close(ours, theirs, atol=2e-5, rtol=1e-4)
+
+
+def test_place_and_heading_do_not_matter(library):
+    state, target, _ = steps(library)
+    model = DynamicsModel(G1, DynamicsConfig(hidden=(32,)))
+    turn = quat_yaw(quat_from_rotvec(torch.tensor([0.0, 0.0, 1.2])))
+    shift = torch.tensor([3.0, -2.0, 0.0])
+
+    def moved(robots):
+        return robots._replace(
+            root_pos_w=quat_rotate(turn, robots.root_pos_w) + shift,
+            root_quat_w=quat_multiply(turn.expand_as(robots.root_quat_w), robots.root_quat_w),
+            root_lin_vel_w=quat_rotate(turn, robots.root_lin_vel_w),
+        )
+
+    for ours, theirs in zip(model(moved(state), target), moved(model(state, target)), strict=True):
+        torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=1e-5)
+
+
+def test_statistics_scale_inputs_and_outputs(library):
+    state, target, after = steps(library)
+    model = DynamicsModel(G1)
+    model.update_statistics(state, target, after)
+    features = model._features(state, target)[0]
+    torch.testing.assert_close(features.mean(0), model.mean)
+    torch.testing.assert_close(model._change(state, after).std(0).clamp_min(1e-6), model.spread)
+    for _ in range(3):
+        model.update_statistics(state, target, after)
+    spread = model.spread.clone()
+    model.update_statistics(after, target, state)
+    assert model.spread.equal(spread)

@@ -1,0 +1,73 @@
+import torch
+from tensordict import TensorDict
+
+from plat.envs import MotionTrackingEnv, ResetNoise, RobotState
+from plat.modules import DynamicsConfig, DynamicsModel, joint_target
+from plat.objectives import DynamicsLoss, muon_and_adam
+from plat.robots import G1
+
+
+def windows(library, robots=64, steps=5):
+    """Simulated windows of robots that are driven by small random actions."""
+    env = MotionTrackingEnv(library, robots, reset_noise=ResetNoise(), min_frames_left=steps + 2)
+    tensordict, states, actions = env.reset(), [], []
+    for _ in range(steps):
+        states.append(RobotState.from_entries(tensordict).pack())
+        actions.append(0.3 * torch.randn(robots, 29))
+        tensordict = env.step(tensordict.set("action", actions[-1]))["next"]
+    return TensorDict({"robot_state": torch.stack(states, 1), "action": torch.stack(actions, 1)}, [robots, steps])
+
+
+def test_the_model_learns_what_the_robot_does(library):
+    data = windows(library)
+    states = RobotState.unpack(data["robot_state"])
+    before, after = (RobotState(*(field[:, part] for field in states)) for part in (slice(0, -1), slice(1, None)))
+    model = DynamicsModel(G1, DynamicsConfig(hidden=(64, 64)))
+    for _ in range(3):
+        model.update_statistics(before, joint_target(G1, data["action"][:, :-1]), after)
+    loss = DynamicsLoss(model)
+    optimizers = muon_and_adam(model.network, 4e-3, 1e-3)
+    first = loss(data)["loss_dynamics"].item()
+    for _ in range(120):
+        losses = loss(data)
+        losses["loss_dynamics"].backward()
+        for optimizer in optimizers:
+            optimizer.step()
+            optimizer.zero_grad()
+    assert losses["loss_dynamics"].item() < 0.6 * first
+    assert losses["joint_pos_error"].item() < 0.1
+
+
+def test_a_perfect_model_has_no_loss(library):
+    data = windows(library, steps=2)
+    model = DynamicsModel(G1)
+    before, after = (RobotState.unpack(data["robot_state"][:, step]) for step in (0, 1))
+
+    class Told(torch.nn.Module):
+        def forward(self, inputs):
+            return model._change(before, after)
+
+    model.network = Told()
+    losses = DynamicsLoss(model)(data)
+    assert float(losses["root_pos_error"]) < 1e-5
+    # rounded at 0, where an angle has no gradient: that much is left
+    assert float(losses["root_rot_error"]) < 1e-3
+    model.network = torch.nn.Linear(97, 70)
+    assert float(DynamicsLoss(model)(data)["root_pos_error"]) > 1e-3
+
+
+def test_keys_can_be_named(library):
+    data = windows(library, robots=4)
+    loss = DynamicsLoss(DynamicsModel(G1, DynamicsConfig(hidden=(8,))))
+    wanted = loss(data)["loss_dynamics"]
+    loss.set_keys(state=("robot", "all"))
+    renamed = data.rename_key_("robot_state", ("robot", "all"))
+    assert loss(renamed)["loss_dynamics"].equal(wanted)
+
+
+def test_the_last_layer_is_adams():
+    network = DynamicsModel(G1, DynamicsConfig(hidden=(8, 8))).network
+    muon, adam = muon_and_adam(network, 1e-3, 1e-3)
+    shapes = [tuple(parameter.shape) for parameter in muon.param_groups[0]["params"]]
+    assert shapes == [(8, 97), (8, 8)]
+    assert len(adam.param_groups[0]["params"]) == 4
