@@ -4,12 +4,14 @@ Reads lines; collects a rollout for each and answers with its number of steps. F
 """
 
 import sys
-from types import ModuleType
 from typing import Any
 
 import mjbatch
 import mujoco
 import numpy as np
+from rivals import Setup, work_with_plat
+
+from plat.envs import BatchedPhysics
 
 _CURRENT = sys.argv[2] == "current"
 
@@ -17,7 +19,7 @@ _CURRENT = sys.argv[2] == "current"
 class Batch(mjbatch.Batch):
     """``mjbatch.Batch`` with the calls of ``mujoco.batch.Batch`` that plat makes."""
 
-    def __init__(self, model: mujoco.MjModel, nsim: int, nthread: int, persistent: bool):
+    def __init__(self, model: mujoco.MjModel, nsim: int, nthread: int):
         # forward makes body poses and velocities current with the new state, as MuJoCo's own batch does
         super().__init__(model, nsim, nthread, forward=_CURRENT)
         self.nsim, self.nthread = nsim, nthread
@@ -42,15 +44,16 @@ class Batch(mjbatch.Batch):
         super().forward(ids=ids)
 
 
+class MjbatchPhysics(BatchedPhysics):
+    """plat's physics on that pool."""
+
+    def make_batch(self, model: mujoco.MjModel, num_sims: int, num_threads: int) -> Batch:
+        """Return the pool."""
+        return Batch(model, num_sims, num_threads)
+
+
 if __name__ == "__main__":
-    # MuJoCo's own batch came with a later version than mjbatch runs on
-    batch_module: Any = ModuleType("mujoco.batch")
-    batch_module.Batch = Batch
-    sys.modules["mujoco.batch"] = batch_module
-
-    from rivals import Setup, work_with_plat
-
     setup = Setup(motions=tuple(sys.argv[3:]), num_envs=int(sys.argv[1]), num_singles=1)
-    collect = work_with_plat(setup, learn=False)
+    collect = work_with_plat(setup, learn=False, physics=MjbatchPhysics)
     for _ in sys.stdin:
         print(collect(), flush=True)

@@ -26,7 +26,7 @@ from torchrl.envs import EnvCreator, GymWrapper, ParallelEnv, SerialEnv
 
 from plat.collectors import simulation_threads
 from plat.envs import make_keyframe_env
-from plat.envs.physics import available_cpus
+from plat.envs.physics import BatchedPhysics, PhysicsFactory, available_cpus
 from plat.modules import ExpertConfig
 from plat.modules.networks import mlp
 from plat.motions import MotionLibrary
@@ -101,9 +101,9 @@ class GaussianPolicy(nn.Module):
         return self(torch.from_numpy(observation).float()).numpy()
 
 
-def work_with_plat(setup: Setup, learn: bool) -> Callable[[], int]:
-    """plat's environment, policy and collector, and with ``learn`` its PPO."""
-    measure = collection(make_keyframe_env(setup.library, setup.num_envs), learn)
+def work_with_plat(setup: Setup, learn: bool, physics: PhysicsFactory = BatchedPhysics) -> Callable[[], int]:
+    """plat's environment on some physics, its policy and collector, and with ``learn`` its PPO."""
+    measure = collection(make_keyframe_env(setup.library, setup.num_envs, physics=physics), learn)
 
     def work() -> int:
         measure()

@@ -80,28 +80,24 @@ class Timer:
 TIMER = Timer()
 
 
-def watched(physics: BatchedPhysics) -> BatchedPhysics:
+class TimedPhysics(BatchedPhysics):
     """Physics that tells the timer how long its steps take."""
-    step = physics.step
 
-    def timed(ctrl: Tensor, nstep: int) -> None:
+    def step(self, ctrl: Tensor, nstep: int) -> None:
+        """Hold the joint targets for some physics steps."""
         began = time.perf_counter()
-        step(ctrl, nstep)
+        super().step(ctrl, nstep)
         TIMER.physics += time.perf_counter() - began
-
-    physics.step = timed  # type: ignore[method-assign]
-    return physics
 
 
 def bare_physics(library: MotionLibrary, count: int) -> Callable[[], None]:
     """Nothing but ``mujoco.batch``: robots put on the reference, then driven along it."""
-    physics = watched(BatchedPhysics(G1.model(), count))
+    physics = TimedPhysics(G1.model(), count)
 
     def measure() -> None:
         frame = torch.randint(len(library), (count,))
-        pose = library.poses(frame)
-        qpos = torch.cat((pose["keypoint_pos"][:, 0], pose["keypoint_quat"][:, 0], pose["joint_pos"]), -1)
-        physics.set_state(torch.arange(count), qpos.double(), torch.zeros(count, 35, dtype=torch.float64))
+        still = torch.zeros(count, 6 + G1.num_joints)
+        physics.set_state(torch.arange(count), library.qpos(frame).double(), still)
         targets = [
             reference_targets(library, (frame + step).minimum(library.last_frame[frame])) for step in range(STEPS)
         ]
@@ -116,12 +112,11 @@ def bare_physics(library: MotionLibrary, count: int) -> Callable[[], None]:
 
 def environment(make: Callable, library: MotionLibrary, count: int) -> Callable[[], None]:
     """All training transforms: rewards, terminations, resets, goals, critic's entries, noise, randomisation."""
-    env = make(library, count, TaskConfig(observation_noise=True, domain_randomization=True))
-    watched(env.base_env.physics)
+    env = make(library, count, TaskConfig(observation_noise=True, domain_randomization=True), physics=TimedPhysics)
     state = [env.reset()]
 
     def measure() -> None:
-        noise = [0.35 * torch.randn(count, 29) for _ in range(STEPS)]
+        noise = [0.35 * torch.randn(count, G1.num_joints) for _ in range(STEPS)]
         current = state[0]
         with simulation_threads(count):
             TIMER.start()
@@ -141,7 +136,6 @@ def collection(env: TransformedEnv, learn: bool, steps: int = STEPS) -> Callable
     expert = Expert(G1)
     critic = Critic(G1, expert.normalizer.in_keys)
     ppo = PPO(expert.head(), critic.head(), critic.observe())
-    watched(env.base_env.physics)
     batches = rollouts(env, expert.actor(), steps)
 
     def measure() -> None:
@@ -163,7 +157,6 @@ def distillation(env: TransformedEnv) -> Callable[[], None]:
     loss = LatentImitationLoss(student.training_graph())
     optimizer = torch.optim.Adam(student.parameters(), lr=1e-3, fused=True)
     buffer = dagger_buffer(env.library, 100_000, 2048, stride=5)
-    watched(env.base_env.physics)
     batches = rollouts(env, student.sampled(), STEPS)
     labelled = ExpertLabels(expert, STUDENT_KEYS)
 
@@ -208,13 +201,14 @@ def main(config: BenchmarkConfig) -> None:
     count = config.num_envs
     noisy = TaskConfig(observation_noise=True, domain_randomization=True)
     unrewarded = TaskConfig(dense_weight=0, sparse_weight=0, regularisation_weight=0)
+    tracking = partial(make_tracking_env, library, count, noisy, physics=TimedPhysics)
     layers = {
         BARE: bare_physics(library, count),
         "environment, dense tracking": environment(make_tracking_env, library, count),
         "environment, timed keyframes": environment(make_keyframe_env, library, count),
-        "+ policy and collector": collection(make_tracking_env(library, count, noisy), learn=False),
-        "whole PPO iteration": collection(make_tracking_env(library, count, noisy), learn=True),
-        "whole DAgger iteration": distillation(make_keyframe_env(library, count, unrewarded)),
+        "+ policy and collector": collection(tracking(), learn=False),
+        "whole PPO iteration": collection(tracking(), learn=True),
+        "whole DAgger iteration": distillation(make_keyframe_env(library, count, unrewarded, physics=TimedPhysics)),
     }
     with TemporaryDirectory() as folder:
         steps = count * STEPS

@@ -25,9 +25,10 @@ import tyro
 from costs import write_motions
 from rounds import in_rounds, machine, peak_memory
 from run import BARE, STEPS, bare_physics, collection, distillation, steps_per_second
+from torch import Tensor
 
 from plat.collectors import PrivilegedGoals, simulation_threads
-from plat.envs import TaskConfig, make_keyframe_env, make_tracking_env
+from plat.envs import BatchedPhysics, TaskConfig, make_keyframe_env, make_tracking_env
 from plat.envs.physics import available_cpus
 from plat.envs.transforms import MAX_STEPS, Horizon
 from plat.figures import pyplot
@@ -153,10 +154,16 @@ def measure(point: Point) -> list[Row]:
     return [*rows, Row(point.axis, point.value, "peak memory", "MB", peak_memory())]
 
 
+class StandingStill(BatchedPhysics):
+    """Physics whose steps take no time, as nothing moves."""
+
+    def step(self, ctrl: Tensor, nstep: int) -> None:
+        """Do nothing."""
+
+
 def without_physics(library: MotionLibrary, count: int) -> Callable[[], float]:
     """Milliseconds that everything but physics takes in a step of the keyframe task: lookups, rewards, resets."""
-    env = make_keyframe_env(library, count, _NOISY)
-    env.base_env.physics.step = lambda ctrl, nstep: None
+    env = make_keyframe_env(library, count, _NOISY, physics=StandingStill)
     current = env.reset()
 
     def measure() -> float:

@@ -159,9 +159,8 @@ class G1TimedKeyframeEnv(gymnasium.Env):
         if self._stage is None:
             self._stage = Stage(self._task.robot)
         base = self._task.env.base_env
-        target = base.library.poses(self._task.current["command", "target_frame"])[0]
-        ghost = torch.cat((target["keypoint_pos"][0], target["keypoint_quat"][0], target["joint_pos"]))
-        return self._stage.draw(base.physics.read("qpos")[0].cpu().numpy(), ghost.cpu().numpy())
+        ghost = base.library.qpos(self._task.current["command", "target_frame"])
+        return self._stage.draw(base.qpos[0].cpu().numpy(), ghost[0].cpu().numpy())
 
     def close(self) -> None:
         """Release the renderer."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import torch
 from torchrl.envs import Compose, ExcludeTransform, Transform, TransformedEnv
 
+from plat.envs.physics import BatchedPhysics, PhysicsFactory
 from plat.envs.tracking import MotionTrackingEnv, ResetNoise
 from plat.envs.transforms import (
     HORIZONS,
@@ -89,6 +90,7 @@ def _simulation(
     min_frames_left: int,
     num_threads: int | None,
     device: torch.device | str,
+    physics: PhysicsFactory,
 ) -> MotionTrackingEnv:
     return MotionTrackingEnv(
         library,
@@ -99,6 +101,7 @@ def _simulation(
         min_frames_left=min_frames_left,
         num_threads=num_threads,
         device=device,
+        physics=physics,
     )
 
 
@@ -145,6 +148,7 @@ def make_tracking_env(
     goals: Mapping[str, int] = NEXT_FRAME,
     num_threads: int | None = None,
     device: torch.device | str = "cpu",
+    physics: PhysicsFactory = BatchedPhysics,
 ) -> TransformedEnv:
     """Stage 1: follow the reference frame by frame.
 
@@ -157,7 +161,7 @@ def make_tracking_env(
     torch.Size([2, 2, 1])
     """
     config = config or TaskConfig()
-    env = _simulation(library, num_envs, config, 1, num_threads, device)
+    env = _simulation(library, num_envs, config, 1, num_threads, device, physics)
     robot, dt = env.robot, library.dt
     task = [
         DenseTrackingReward(robot, dt, config.dense),
@@ -176,6 +180,7 @@ def make_keyframe_env(
     dense_goals: Mapping[str, int] = NEXT_DENSE_FRAME,
     num_threads: int | None = None,
     device: torch.device | str = "cpu",
+    physics: PhysicsFactory = BatchedPhysics,
 ) -> TransformedEnv:
     """Stages 2 and 3: be at one future keyframe on time, then at the next.
 
@@ -189,7 +194,7 @@ def make_keyframe_env(
     torch.Size([2, 2, 1])
     """
     config = config or TaskConfig()
-    env = _simulation(library, num_envs, config, horizon.shortest, num_threads, device)
+    env = _simulation(library, num_envs, config, horizon.shortest, num_threads, device, physics)
     task: list[Transform] = [
         KeyframeClock(),
         *_rewards(env, config),

@@ -1,6 +1,5 @@
 """The simulated robot on a motion: physics, joint-level control and reset onto the reference. No task yet."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -9,8 +8,8 @@ from torch import Tensor
 from torchrl.data import Binary, Composite, Unbounded
 from torchrl.envs import EnvBase
 
-from plat.envs.physics import BatchedPhysics
-from plat.errors import MotionError
+from plat.envs.physics import BatchedPhysics, PhysicsFactory
+from plat.errors import MotionError, RobotError
 from plat.motions.library import MotionLibrary
 from plat.robots.robot import FootContacts
 from plat.rotations import quat_from_rotvec, quat_multiply, quat_rotate_inverse
@@ -18,6 +17,8 @@ from plat.spec.observation import as_observed, entry_shapes
 
 __all__ = ["MotionTrackingEnv", "ResetNoise"]
 
+# Sensors of a robot, and how many numbers each reads: contacts found, and for a foot the force on it (N).
+_SENSORS = {"left_foot_contact": 4, "right_foot_contact": 4, "ground_contact": 1, "self_contact": 1}
 _DONE_KEYS = ("done", "terminated", "truncated")
 
 
@@ -83,9 +84,11 @@ class MotionTrackingEnv(EnvBase):
         reset_noise: noise on the starting state; None starts exactly on the reference.
         min_frames_left: episodes start at frames with at least this many frames of the clip to come.
         num_threads: threads of the physics pool; None takes all CPUs.
-        device: where tensors live; physics always runs on the CPU.
+        device: where tensors live.
+        physics: makes the physics, which is then the attribute of that name.
 
     Raises:
+        RobotError: when the robot lacks one of the sensors that :class:`plat.robots.Robot` names.
         MotionError: when no frame of the library has ``min_frames_left`` frames to come.
 
     >>> from plat.motions import MotionLibrary, generate_motions
@@ -105,13 +108,13 @@ class MotionTrackingEnv(EnvBase):
         min_frames_left: int = 1,
         num_threads: int | None = None,
         device: torch.device | str = "cpu",
+        physics: PhysicsFactory = BatchedPhysics,
     ):
         super().__init__(device=torch.device(device), batch_size=torch.Size([num_envs]))
         self.library = library.to(device)
         self.robot = robot = library.robot
-        model = robot.model(feet)
-        model.opt.timestep = library.dt / decimation
-        self.physics = BatchedPhysics(model, num_envs, num_threads, device)
+        model = robot.model(feet, timestep=library.dt / decimation)
+        self.physics = physics(model, num_envs, num_threads, device)
         self.decimation = decimation
         self.reset_noise = reset_noise
         self.min_frames_left = min_frames_left
@@ -124,7 +127,6 @@ class MotionTrackingEnv(EnvBase):
                 f"expected at least {min_frames_left}"
             )
         self._down = torch.tensor([0.0, 0.0, -1.0], device=self.device)
-        self._keypoint_ids = [model.body(name).id for name in robot.keypoints]
         self._default_joint_pos = robot.default_joint_pos.to(self.device)
         self._action_scale = robot.action_scale.to(self.device)
         self.encoder_bias = torch.zeros(num_envs, robot.num_joints, device=self.device)
@@ -134,12 +136,29 @@ class MotionTrackingEnv(EnvBase):
         self._frame = torch.zeros(num_envs, dtype=torch.int64, device=self.device)
         self._last_action = torch.zeros(num_envs, robot.num_joints, device=self.device)
         self._make_specs()
+        self._check_sensors()
         self._observe()  # binds every field that is read, so that no later step finds one unfilled
 
     @property
     def num_envs(self) -> int:
         """Number of robots N."""
         return self.batch_size[0]
+
+    @property
+    def qpos(self) -> Tensor:
+        """Root positions and quaternions and joint angles of the robots now ``[N, 7 + J]``."""
+        return self.physics.state()[0]
+
+    def _check_sensors(self) -> None:
+        readings = self.physics.sensors()
+        for name, size in _SENSORS.items():
+            found = readings[name].shape[-1] if name in readings else None
+            if found != size:
+                data = 'reduce="netforce" data="found force"' if size == 4 else 'data="found"'
+                was = "is missing" if found is None else f"reads {found} numbers"
+                raise RobotError(
+                    f"robot {self.robot.name!r}: sensor {name!r} {was}, expected a contact sensor with {data}"
+                )
 
     def _make_specs(self) -> None:
         count, joints, keypoints = self.num_envs, self.robot.num_joints, len(self.robot.keypoints)
@@ -245,25 +264,19 @@ class MotionTrackingEnv(EnvBase):
             values if ids is None else values[ids] for values in (self.encoder_bias, self._last_action, self._frame)
         )
 
-        def read(field: str, index: Sequence[int] | None = None) -> Tensor:
-            return self.physics.read(field, index, ids)
-
-        qpos, qvel = read("qpos"), read("qvel")
+        qpos, qvel = self.physics.state(ids)
+        kinematics = self.physics.kinematics(self.robot.keypoints, ids)
+        contacts = self.physics.sensors(ids)
         root_pos, root_quat, joint_pos = qpos[:, :3], qpos[:, 3:7], qpos[:, 7:]
         joint_vel = qvel[:, 6:]
-        keypoint_pos = read("xpos", self._keypoint_ids)
-        # MuJoCo's cvel is (angular, linear) about the centre of mass of the whole tree
-        spatial_vel = read("cvel", self._keypoint_ids)
-        lever = keypoint_pos - read("subtree_com", [1])
-        ang_vel = spatial_vel[..., :3]
-        lin_vel = spatial_vel[..., 3:] + torch.linalg.cross(ang_vel, lever)
         down = self._down.expand(len(qpos), 3)
         root_lin_vel_b, gravity_b = quat_rotate_inverse(root_quat[:, None], torch.stack((qvel[:, :3], down), 1)).unbind(
             1
         )
-        contacts = read("sensordata")  # (found, force xyz) left, the same right, contacts with floor, with itself
-        feet_found = contacts[:, 0] + contacts[:, 4]
-        foot_force = torch.linalg.vector_norm(contacts[:, :8].unflatten(-1, (2, 4))[..., 1:], dim=-1)
+        left, right = contacts["left_foot_contact"], contacts["right_foot_contact"]
+        foot_force = torch.linalg.vector_norm(torch.stack((left, right), 1)[..., 1:], dim=-1)
+        # the ground's contacts with the feet are as they should be
+        stray = contacts["ground_contact"] - (left[:, :1] + right[:, :1]) + contacts["self_contact"]
         count = (len(qpos),)
         robot = {
             "joint_pos": joint_pos - self._default_joint_pos + encoder_bias,
@@ -278,13 +291,13 @@ class MotionTrackingEnv(EnvBase):
             "root_quat_w": root_quat,
             "joint_pos": joint_pos,
             "joint_vel": joint_vel,
-            "joint_torque": read("actuator_force"),
-            "keypoint_pos_w": keypoint_pos,
-            "keypoint_quat_w": read("xquat", self._keypoint_ids),
-            "keypoint_lin_vel_w": lin_vel,
-            "keypoint_ang_vel_w": ang_vel,
+            "joint_torque": kinematics.joint_torque,
+            "keypoint_pos_w": kinematics.body_pos_w,
+            "keypoint_quat_w": kinematics.body_quat_w,
+            "keypoint_lin_vel_w": kinematics.body_lin_vel_w,
+            "keypoint_ang_vel_w": kinematics.body_ang_vel_w,
             "foot_force": foot_force,
-            "stray_contacts": (contacts[:, 8] - feet_found + contacts[:, 9])[:, None],
+            "stray_contacts": stray,
         }
         return TensorDict(
             {

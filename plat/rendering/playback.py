@@ -76,9 +76,9 @@ def play(
         while not starts.finished:
             target, steps_left = tensordict["command", "target_frame"], int(tensordict["command", "steps_left"])
             length = steps_left if not rows or rows[-1][2] <= 1 or rows[-1][4] else rows[-1][3]
-            qpos = env.base_env.physics.read("qpos")[0].cpu().numpy()
+            qpos = env.base_env.qpos[0].cpu().numpy()
             tensordict = env.step(policy(tensordict))
-            reached_qpos = env.base_env.physics.read("qpos")[0].cpu().numpy()
+            reached_qpos = env.base_env.qpos[0].cpu().numpy()
             failed = bool(tensordict["next", "terminated"])
             rows.append((qpos, library.qpos(target)[0].cpu().numpy(), steps_left, length, failed, reached_qpos))
             tensordict = env.maybe_reset(env.step_mdp(tensordict))

@@ -1,10 +1,13 @@
+from copy import copy
+from dataclasses import replace
+
 import pytest
 import torch
 from tensordict import TensorDict
 from torchrl.envs.utils import check_env_specs
 
 from plat.envs import MotionTrackingEnv, ResetNoise
-from plat.errors import MotionError
+from plat.errors import MotionError, RobotError
 from plat.motions import MotionLibrary
 from plat.robots import G1
 from tests.conftest import standing_clip
@@ -102,7 +105,7 @@ def test_a_mask_resets_only_its_robots(library):
     for key in before.keys(True, True):
         assert torch.equal(after[key][keep], before[key][keep]), key
     assert (after["robot", "last_action"][~keep] == 0).all()
-    assert torch.equal(env.physics.read("qpos")[keep, :3], before["state", "root_pos_w"][keep])
+    assert torch.equal(env.qpos[keep, :3], before["state", "root_pos_w"][keep])
 
 
 def test_starts_leave_enough_frames():
@@ -149,3 +152,44 @@ def test_past_steps_keep_their_values(library):
     rollout = env.rollout(6, break_when_any_done=False)
     heights = rollout["next", "state", "keypoint_pos_w"][0, :, :, 2]
     assert (heights[1:] != heights[:-1]).any(-1).all()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('name="self_contact"', 'name="itself"', "robot 'g1': sensor 'self_contact' is missing"),
+        (
+            'body1="left_ankle_roll_link" body2="world" reduce="netforce" data="found force"',
+            'body1="left_ankle_roll_link" body2="world" data="found"',
+            'sensor \'left_foot_contact\' reads 1 numbers, expected .* reduce="netforce" data="found force"',
+        ),
+    ],
+)
+def test_sensors_are_found_by_their_names(library, tmp_path, old, new, message):
+    text = G1.asset_path.read_text()
+    assert old in text
+    (tmp_path / "g1.xml").write_text(text.replace(old, new))
+    robot = replace(G1, asset=str(tmp_path / "g1.xml"))
+    library = copy(library)
+    library.robot = robot
+    with pytest.raises(RobotError, match=message):
+        MotionTrackingEnv(library, 1)
+
+
+def test_the_order_of_the_sensors_does_not_matter(library, tmp_path):
+    lines = G1.asset_path.read_text().splitlines()
+    sensors = [line for line in lines if "<contact name" in line]
+    for line in sensors:
+        lines.remove(line)
+    lines[lines.index("  <sensor>") + 1 : lines.index("  <sensor>") + 1] = sensors[::-1]
+    (tmp_path / "g1.xml").write_text("\n".join(lines))
+    states = []
+    for robot in (G1, replace(G1, asset=str(tmp_path / "g1.xml"))):
+        library = copy(library)
+        library.robot = robot
+        env = MotionTrackingEnv(library, 3)
+        env.set_seed(0)
+        states.append(env.rollout(10, lambda td: td.set("action", torch.zeros(3, 29)))["next", "state"])
+    for key in ("foot_force", "stray_contacts"):
+        assert torch.equal(states[0][key], states[1][key])
+        assert states[0][key].any()

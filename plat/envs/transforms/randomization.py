@@ -1,4 +1,4 @@
-"""Domain randomisation of the robot, its motors and the ground."""
+"""Domain randomization of the robot, its motors and the ground."""
 
 from dataclasses import dataclass
 
@@ -41,20 +41,13 @@ class DomainRandomization(Transform):
         env: the simulated robots, whose physics it changes.
         ranges: what is drawn from.
 
-    Source: the randomisation of BeyondMimic, arXiv 2508.08241.
+    Source: the randomization of BeyondMimic, arXiv 2508.08241.
     """
 
     def __init__(self, env: MotionTrackingEnv, ranges: RandomizationRanges | None = None):
         super().__init__()
         self._env = [env]  # in a list: nn.Module would otherwise adopt the environment as a child
         self._ranges = ranges or RandomizationRanges()
-        model = env.physics.model
-        self._anchor = model.body(env.robot.anchor).id
-        self._anchor_com = torch.from_numpy(model.body_ipos[self._anchor].copy())
-        feet = [model.body(name).id for name in env.robot.feet]
-        self._foot_geoms = [i for i in range(model.ngeom) if model.geom_bodyid[i] in feet and model.geom_contype[i]]
-        self._stiffness = torch.from_numpy(model.actuator_gainprm[:, 0].copy())
-        self._damping = torch.from_numpy(-model.actuator_biasprm[:, 2].copy())
         self._steps_to_push = self._draw_intervals(env.num_envs)
 
     def _draw_intervals(self, count: int) -> Tensor:
@@ -72,17 +65,14 @@ class DomainRandomization(Transform):
         env, ranges, count = self._env[0], self._ranges, len(ids)
         joints = env.robot.num_joints
         low, high = ranges.foot_friction
-        friction = env.physics.model_field("geom_friction")
-        friction[ids[:, None], self._foot_geoms, 0] = low + (high - low) * torch.rand(count, 1, dtype=torch.float64)
+        friction = low + (high - low) * torch.rand(count, 1, dtype=torch.float64)
+        env.physics.set_friction(ids, env.robot.feet, friction[:, 0])
         if any(ranges.torso_com):
             shift = torch.tensor(ranges.torso_com, dtype=torch.float64) * _uniform(count, 3)
-            env.physics.model_field("body_ipos")[ids, self._anchor] = self._anchor_com + shift
-        stiffness = self._stiffness * (1 + ranges.motor_gain * _uniform(count, joints))
-        damping = self._damping * (1 + ranges.motor_gain * _uniform(count, joints))
-        env.physics.model_field("actuator_gainprm")[ids, :, 0] = stiffness
-        bias = env.physics.model_field("actuator_biasprm")
-        bias[ids, :, 1] = -stiffness
-        bias[ids, :, 2] = -damping
+            env.physics.set_com(ids, env.robot.anchor, shift)
+        stiffness = 1 + ranges.motor_gain * _uniform(count, joints)
+        damping = 1 + ranges.motor_gain * _uniform(count, joints)
+        env.physics.set_gains(ids, stiffness, damping)
         rows = ids.to(env.device)
         env.encoder_bias[rows] = ranges.encoder_bias * _uniform(count, joints).to(env.encoder_bias)
         env.delayed[rows] = (torch.rand(count) < ranges.control_delay).to(env.device)
@@ -94,9 +84,7 @@ class DomainRandomization(Transform):
         if len(due):
             env = self._env[0]
             push = torch.tensor((*self._ranges.push_lin_vel, *self._ranges.push_ang_vel), dtype=torch.float64)
-            delta = torch.zeros(len(due), 6 + env.robot.num_joints, dtype=torch.float64)
-            delta[:, :6] = push * _uniform(len(due), 6)
-            env.physics.add_velocity(due, delta)
+            env.physics.push(due, push * _uniform(len(due), 6))
             self._steps_to_push[due] = self._draw_intervals(len(due))
         return tensordict
 

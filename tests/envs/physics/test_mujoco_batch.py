@@ -1,3 +1,6 @@
+import subprocess
+import sys
+
 import mujoco
 import numpy as np
 import pytest
@@ -33,12 +36,12 @@ def test_a_push_acts_as_in_plain_mujoco():
     model = G1.model()
     data = mujoco.MjData(model)
     data.qpos[:] = G1.default_qpos
-    delta = torch.zeros(1, 35, dtype=torch.float64)
+    delta = torch.zeros(1, 6, dtype=torch.float64)
     delta[0, 0] = 0.5
     for push in (False, True, False):
         if push:
-            physics.add_velocity(torch.tensor([0]), delta)
-            data.qvel[:] += delta[0].numpy()
+            physics.push(torch.tensor([0]), delta)
+            data.qvel[:6] += delta[0].numpy()
         physics.step(G1.default_joint_pos[None], nstep=4)
         data.ctrl[:] = G1.default_joint_pos
         mujoco.mj_step(model, data, 4)
@@ -103,3 +106,62 @@ def test_a_state_that_is_set_remembers_nothing():
             physics.step(G1.default_joint_pos.expand(2, -1), nstep=4)
     for field in ("qpos", "qvel", "time", "sensordata", "actuator_force", "cvel"):
         assert torch.equal(used.read(field), fresh.read(field)), field
+
+
+def test_parameters_are_those_of_the_model_in_mujoco():
+    physics = started(3)
+    ids = torch.tensor([0, 2])
+    physics.set_friction(ids, G1.feet, torch.tensor([0.2, 0.4]))
+    physics.set_com(ids, "torso_link", torch.tensor([[0.1, 0, 0], [0, 0.2, 0]]))
+    physics.set_gains(ids, torch.full((2, 29), 0.5), torch.full((2, 29), 2.0))
+    model = G1.model()
+    soles = G1.sole_geoms(model)
+    torso = model.body("torso_link").id
+    friction = physics.model_field("geom_friction")
+    np.testing.assert_allclose(friction[:, soles.ravel(), 0], np.array([[0.2], [0.8], [0.4]]).repeat(8, 1), atol=1e-7)
+    others = np.delete(np.arange(model.ngeom), soles.ravel())
+    np.testing.assert_array_equal(friction[0, others], model.geom_friction[others])
+    shift = physics.model_field("body_ipos")[:, torso] - model.body_ipos[torso]
+    np.testing.assert_allclose(shift, [[0.1, 0, 0], [0, 0, 0], [0, 0.2, 0]], atol=1e-7)
+    gain, bias = physics.model_field("actuator_gainprm"), physics.model_field("actuator_biasprm")
+    factor = np.array([[0.5], [1.0], [0.5]])
+    np.testing.assert_allclose(gain[:, :, 0], factor * model.actuator_gainprm[:, 0])
+    np.testing.assert_allclose(bias[:, :, 1], factor * model.actuator_biasprm[:, 1])
+    np.testing.assert_allclose(bias[:, :, 2], np.array([[2.0], [1.0], [2.0]]) * model.actuator_biasprm[:, 2])
+
+
+def test_sensors_have_their_names():
+    physics = started(2)
+    for _ in range(20):
+        physics.step(G1.default_joint_pos.expand(2, -1), nstep=4)
+    sensors = physics.sensors()
+    assert {name: value.shape[1] for name, value in sensors.items()} == {
+        "left_foot_contact": 4,
+        "right_foot_contact": 4,
+        "ground_contact": 1,
+        "self_contact": 1,
+    }
+    weight = 9.81 * G1.model().body_mass.sum()
+    force = (sensors["left_foot_contact"] + sensors["right_foot_contact"])[:, 1:].norm(dim=-1)
+    np.testing.assert_allclose(force, weight, rtol=0.2)  # it stands
+    np.testing.assert_array_equal(physics.sensors(torch.tensor([1]))["ground_contact"], sensors["ground_contact"][1:])
+
+
+def test_body_velocities_are_the_change_of_their_poses():
+    physics = started(1)
+    qvel = torch.zeros(1, 35, dtype=torch.float64)
+    qvel[0, :6] = torch.tensor([0.3, 0, 0, 0, 0, 2.0])
+    physics.set_state(torch.tensor([0]), torch.as_tensor(G1.default_qpos)[None], qvel)
+    before = physics.kinematics(("left_wrist_yaw_link", "pelvis"))
+    pos, pelvis = before.body_pos_w[0]
+    lever = pos - pelvis
+    expected = torch.tensor([0.3, 0, 0]) + torch.linalg.cross(torch.tensor([0, 0, 2.0]), lever)
+    torch.testing.assert_close(before.body_lin_vel_w[0, 0], expected, atol=1e-5, rtol=0)
+    torch.testing.assert_close(before.body_ang_vel_w[0, 0], torch.tensor([0, 0, 2.0]), atol=1e-5, rtol=0)
+
+
+def test_plat_is_imported_without_mujocos_batch():
+    # the MuJoCo of another pool may be older
+    code = "import sys; sys.modules['mujoco.batch'] = None; import plat.envs; print('imported')"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "imported\n"

@@ -1,0 +1,193 @@
+"""MuJoCo's native thread pool over simulations, with torch in and out."""
+
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+import torch
+from torch import Tensor
+
+from plat.envs.physics.protocol import Kinematics
+
+__all__ = ["BatchedPhysics", "available_cpus"]
+
+# The velocity stage makes body poses and velocities current with the new state; a persistent batch goes on
+# from there in its next step, so it costs nothing extra.
+_STAGE = mujoco.mjtStage.mjSTAGE_VEL
+
+# Fields that are handed out. One that is first bound after a step holds zeros until the next.
+_READ = ("xpos", "xquat", "cvel", "subtree_com", "actuator_force", "sensordata")
+
+
+class BatchedPhysics:
+    """Simulates ``num_sims`` copies of a model on a pool of CPU threads (``mujoco.batch``).
+
+    It is a :class:`plat.envs.physics.Physics`, and gives access to any field of MuJoCo beside.
+
+    Every method that reads returns float32 copies on ``device``: MuJoCo's own arrays are live views, and a view
+    kept in a rollout would change under its owner.
+
+    Args:
+        model: compiled model with a free joint first.
+        num_sims: number of simulations N.
+        num_threads: size of the pool; None takes every CPU that this process may use.
+        device: where tensors are handed out.
+
+    >>> from plat.robots import G1
+    >>> physics = BatchedPhysics(G1.model(), num_sims=2, num_threads=1)
+    >>> physics.set_state(torch.arange(2), torch.as_tensor(G1.default_qpos).expand(2, -1), torch.zeros(2, 35))
+    >>> physics.step(G1.default_joint_pos.expand(2, -1), nstep=4)
+    >>> physics.state()[0].shape
+    torch.Size([2, 36])
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        num_sims: int,
+        num_threads: int | None = None,
+        device: torch.device | str = "cpu",
+    ):
+        self.model = model
+        self.device = torch.device(device)
+        threads = num_threads or available_cpus()
+        self.batch = self.make_batch(model, num_sims, min(threads, num_sims))
+        self._qpos = self.batch.bind("qpos")
+        self._qvel = self.batch.bind("qvel")
+        ctrl = self.batch.bind("ctrl")
+        self._ctrl = torch.from_numpy(ctrl)
+        self._rest = [ctrl, self.batch.bind("qacc_warmstart"), self.batch.bind("time")]
+        for field in _READ:
+            self.batch.bind(field)
+        self._model_fields: dict[str, Tensor] = {}
+        self._body_ids: dict[tuple[str, ...], list[int]] = {}
+        adr, dim = model.sensor_adr, model.sensor_dim
+        self._sensors = {model.sensor(i).name: slice(adr[i], adr[i] + dim[i]) for i in range(model.nsensor)}
+
+    def make_batch(self, model: mujoco.MjModel, num_sims: int, num_threads: int) -> Any:
+        """Return the pool: ``mujoco.batch.Batch``. A subclass may return another one with the same methods."""
+        from mujoco.batch import Batch  # older MuJoCos, that other pools come with, do not have it
+
+        return Batch(model, num_sims, num_threads, persistent=True)
+
+    @property
+    def num_sims(self) -> int:
+        """Number of simulations N."""
+        return self.batch.nsim
+
+    @property
+    def num_threads(self) -> int:
+        """Number of threads that step them."""
+        return self.batch.nthread
+
+    def read(self, field: str, index: Sequence[int] | None = None, ids: Tensor | None = None) -> Tensor:
+        """Copy of an ``MjData`` field ``[N, ...]``, float32, on ``device``.
+
+        Args:
+            field: a name that ``mujoco.batch.Batch.bind`` accepts. One that no method of the protocol reads holds
+                zeros between its first reading and the next :meth:`step` or :meth:`set_state`.
+            index: picks rows of the field's first own dimension (body ids, say).
+            ids: simulations ``[n]``, in which case the result is ``[n, ...]``; None for all.
+        """
+        array = self.batch.bind(field)
+        if ids is not None:
+            array = array[ids.cpu().numpy()]
+        if index is not None:
+            array = np.take(array, index, axis=1)
+        return torch.from_numpy(array.astype(np.float32)).to(self.device)
+
+    def step(self, ctrl: Tensor, nstep: int) -> None:
+        """Hold the controls ``[N, nu]`` for ``nstep`` physics steps."""
+        self._ctrl.copy_(ctrl)
+        self.batch.step(nstep=nstep, stage=_STAGE)
+
+    def set_state(self, ids: Tensor, qpos: Tensor, qvel: Tensor) -> None:
+        """Put simulations ``ids`` ``[n]`` into a state: ``qpos`` ``[n, nq]``, ``qvel`` ``[n, nv]``.
+
+        Warm starts, controls and time go back to 0, and body poses become current.
+        """
+        rows = ids.cpu().numpy()
+        if rows.size == 0:
+            return
+        # all that a step goes on from: clearing the rest of the simulation's memory as well would cost as much again
+        for values in self._rest:
+            values[rows] = 0
+        self._qpos[rows] = qpos.cpu().numpy()
+        self._qvel[rows] = qvel.cpu().numpy()
+        self.batch.forward(ids=rows, stage=_STAGE)
+
+    def state(self, ids: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """Return ``qpos`` ``[n, nq]`` and ``qvel`` ``[n, nv]``."""
+        return self.read("qpos", ids=ids), self.read("qvel", ids=ids)
+
+    def kinematics(self, bodies: Sequence[str], ids: Tensor | None = None) -> Kinematics:
+        """Return poses and velocities of bodies, and joint torques."""
+        rows = self._ids_of(bodies)
+        pos_w = self.read("xpos", rows, ids)
+        # MuJoCo's cvel is (angular, linear) about the center of mass of the whole tree
+        spatial_vel = self.read("cvel", rows, ids)
+        lever = pos_w - self.read("subtree_com", [1], ids)
+        ang_vel_w = spatial_vel[..., :3]
+        lin_vel_w = spatial_vel[..., 3:] + torch.linalg.cross(ang_vel_w, lever)
+        quat_w, torque = self.read("xquat", rows, ids), self.read("actuator_force", ids=ids)
+        return Kinematics(pos_w, quat_w, lin_vel_w, ang_vel_w, torque)
+
+    def sensors(self, ids: Tensor | None = None) -> dict[str, Tensor]:
+        """Return the readings ``[n, D]`` of every sensor by its name."""
+        readings = self.read("sensordata", ids=ids)
+        return {name: readings[:, columns] for name, columns in self._sensors.items()}
+
+    def set_friction(self, ids: Tensor, bodies: Sequence[str], friction: Tensor) -> None:
+        """Set the sliding friction ``[n]`` of all colliding geoms of some bodies."""
+        model, rows = self.model, self._ids_of(bodies)
+        geoms = [i for i in range(model.ngeom) if model.geom_bodyid[i] in rows and model.geom_contype[i]]
+        values = friction.cpu().double()
+        self.model_field("geom_friction")[ids.cpu()[:, None], geoms, 0] = values[:, None]
+
+    def set_com(self, ids: Tensor, body: str, shift: Tensor) -> None:
+        """Shift the center of mass of a body by ``[n, 3]`` (m, body frame) from where the model has it."""
+        (row,) = self._ids_of((body,))
+        nominal = torch.from_numpy(self.model.body_ipos[row].copy())
+        self.model_field("body_ipos")[ids.cpu(), row] = nominal + shift.cpu().double()
+
+    def set_gains(self, ids: Tensor, stiffness: Tensor, damping: Tensor) -> None:
+        """Set gains of the motors relative to the model's: factors ``[n, J]`` on kp and kd."""
+        rows = ids.cpu()
+        kp = torch.from_numpy(self.model.actuator_gainprm[:, 0].copy()) * stiffness.cpu().double()
+        kd = torch.from_numpy(-self.model.actuator_biasprm[:, 2]) * damping.cpu().double()
+        self.model_field("actuator_gainprm")[rows, :, 0] = kp
+        bias = self.model_field("actuator_biasprm")
+        bias[rows, :, 1] = -kp
+        bias[rows, :, 2] = -kd
+
+    def push(self, ids: Tensor, velocity: Tensor) -> None:
+        """Add to the velocity of the root ``[n, 6]``: linear (m/s, world), then angular (rad/s, root frame)."""
+        self._qvel[ids.cpu().numpy(), :6] += velocity.cpu().numpy()
+
+    def _ids_of(self, bodies: Sequence[str]) -> list[int]:
+        names = tuple(bodies)
+        if names not in self._body_ids:
+            self._body_ids[names] = [self.model.body(name).id for name in names]
+        return self._body_ids[names]
+
+    def model_field(self, field: str) -> Tensor:
+        """Per-simulation values ``[N, ...]`` of an ``MjModel`` field, float64, shared with the simulations.
+
+        Write into them in place; call :meth:`update_constants` after fields that others are derived from
+        (masses, inertial frames).
+        """
+        if field not in self._model_fields:
+            self._model_fields[field] = torch.from_numpy(self.batch.expand(field))
+        return self._model_fields[field]
+
+    def update_constants(self) -> None:
+        """Recompute what MuJoCo derives from the model (``mj_setConst``) in every simulation."""
+        self.batch.set_const()
+
+
+def available_cpus() -> int:
+    """Number of CPUs that this process may use."""
+    # macOS and Windows have no affinity masks
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,0 +1,88 @@
+"""What an environment asks of its physics."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import mujoco
+import torch
+from torch import Tensor
+
+__all__ = ["Kinematics", "Physics", "PhysicsFactory"]
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """Poses and velocities of some bodies, and the torques of all joints, in float32. ``w`` is the world frame."""
+
+    body_pos_w: Tensor
+    """origins of the bodies ``[n, K, 3]`` (m)"""
+    body_quat_w: Tensor
+    """orientations ``[n, K, 4]``: ``wxyz``, body to world"""
+    body_lin_vel_w: Tensor
+    """velocities of the origins ``[n, K, 3]`` (m/s)"""
+    body_ang_vel_w: Tensor
+    """angular velocities ``[n, K, 3]`` (rad/s)"""
+    joint_torque: Tensor
+    """torques of the actuators ``[n, J]`` (N m)"""
+
+
+class Physics(Protocol):
+    """Simulates ``num_sims`` robots that share a model.
+
+    All tensors are on the device that the physics was made for, and none changes after it was handed out. ``ids``
+    ``[n]`` are numbers of simulations, without repetition; None stands for all. What is read is that of the last
+    :meth:`step` or :meth:`set_state`.
+
+    Bodies and sensors have the names of the model. A joint vector ``[J]`` is in the order of the model's hinges.
+    """
+
+    @property
+    def num_sims(self) -> int:
+        """Number of simulations N."""
+
+    def step(self, ctrl: Tensor, nstep: int) -> None:
+        """Hold the joint targets ``[N, J]`` (rad) for ``nstep`` physics steps."""
+
+    def set_state(self, ids: Tensor, qpos: Tensor, qvel: Tensor) -> None:
+        """Put simulations into a state: ``qpos`` ``[n, 7 + J]`` and ``qvel`` ``[n, 6 + J]`` in MuJoCo's conventions.
+
+        Nothing of what was before is remembered, except for the parameters that the other setters changed.
+        """
+
+    def state(self, ids: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """Return ``qpos`` ``[n, 7 + J]`` and ``qvel`` ``[n, 6 + J]``, float32."""
+
+    def kinematics(self, bodies: Sequence[str], ids: Tensor | None = None) -> Kinematics:
+        """Return poses and velocities of bodies, and joint torques."""
+
+    def sensors(self, ids: Tensor | None = None) -> dict[str, Tensor]:
+        """Return the readings ``[n, D]`` of every sensor by its name, float32."""
+
+    def set_friction(self, ids: Tensor, bodies: Sequence[str], friction: Tensor) -> None:
+        """Set the sliding friction ``[n]`` of all colliding geoms of some bodies."""
+
+    def set_com(self, ids: Tensor, body: str, shift: Tensor) -> None:
+        """Shift the center of mass of a body by ``[n, 3]`` (m, body frame) from where the model has it."""
+
+    def set_gains(self, ids: Tensor, stiffness: Tensor, damping: Tensor) -> None:
+        """Set gains of the motors relative to the model's: factors ``[n, J]`` on kp and kd."""
+
+    def push(self, ids: Tensor, velocity: Tensor) -> None:
+        """Add to the velocity of the root ``[n, 6]``: linear (m/s, world), then angular (rad/s, root frame)."""
+
+
+class PhysicsFactory(Protocol):
+    """Makes the physics of an environment; a class such as :class:`plat.envs.BatchedPhysics` is one."""
+
+    def __call__(
+        self, model: mujoco.MjModel, num_sims: int, num_threads: int | None, device: torch.device | str
+    ) -> Physics:
+        """Make physics.
+
+        Args:
+            model: compiled model with a free joint first.
+            num_sims: number of simulations N.
+            num_threads: number of CPU threads; None takes all CPUs.
+            device: where tensors are handed out.
+        """
