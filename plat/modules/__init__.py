@@ -3,22 +3,28 @@
 from plat.modules.backbone import Backbone
 from plat.modules.decoder import ActionDecoder
 from plat.modules.dynamics import DynamicsConfig, DynamicsModel, joint_target
-from plat.modules.expert import Critic, Expert, ExpertConfig
 from plat.modules.goal_encoder import GoalSequenceEncoder
 from plat.modules.heads import GaussianNoise, ReferenceOffset, gaussian_action
-from plat.modules.imitation import STUDENT_KEYS, LatentPolicy, LatentPolicyConfig, PlainPolicy, PlainPolicyConfig
 from plat.modules.latent import GaussianLatent, LatentPosterior, LatentPrior, sample_latent
 from plat.modules.lead import GoalLead, KeyframeLead
 from plat.modules.networks import mlp
 from plat.modules.normalizer import ObservationNormalizer
-from plat.modules.refinement import (
+from plat.modules.policies import (
+    Critic,
+    Expert,
+    ExpertConfig,
     FinetunedPolicy,
     LatentNoisePolicy,
+    LatentPolicy,
+    LatentPolicyConfig,
+    PlainPolicy,
+    PlainPolicyConfig,
     RefinementConfig,
     ResidualActionPolicy,
     ResidualLatentPolicy,
 )
 from plat.modules.residual import Residual
+from plat.spec.observation import STUDENT_KEYS
 
 __all__ = [
     "STUDENT_KEYS",

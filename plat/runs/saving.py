@@ -17,15 +17,15 @@ from torch import nn
 from plat import json_file
 from plat.errors import CheckpointError, RobotError
 from plat.files import replace_file
-from plat.modules.expert import Expert, ExpertConfig
-from plat.modules.imitation import LatentPolicy, LatentPolicyConfig, PlainPolicy, PlainPolicyConfig
-from plat.modules.refinement import (
+from plat.modules.policies.expert import Expert, ExpertConfig
+from plat.modules.policies.refinement import (
     FinetunedPolicy,
     LatentNoisePolicy,
     RefinementConfig,
     ResidualActionPolicy,
     ResidualLatentPolicy,
 )
+from plat.modules.policies.student import LatentPolicy, LatentPolicyConfig, PlainPolicy, PlainPolicyConfig
 from plat.robots import Robot, get_robot
 
 __all__ = [

@@ -5,7 +5,7 @@ from plat.collectors import LOOKUP_KEYS, ExpertLabels, MixedPolicy, dagger_buffe
 from plat.envs import make_keyframe_env
 from plat.modules import STUDENT_KEYS, Expert, ExpertConfig, LatentPolicy
 from plat.robots import G1
-from tests.modules.test_imitation import SMALL
+from tests.modules.policies.test_student import SMALL
 
 
 def labeller() -> tuple[torch.nn.Module, ExpertLabels]:

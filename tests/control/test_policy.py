@@ -8,7 +8,7 @@ from plat.deploy import RobotState
 from plat.envs import make_keyframe_env
 from plat.keyframes import Keyframe, standing
 from plat.modules import Expert, ExpertConfig, LatentPolicy, LatentPolicyConfig, PlainPolicy
-from plat.modules.imitation import STUDENT_KEYS
+from plat.modules.policies.student import STUDENT_KEYS
 from plat.robots import G1
 
 SMALL = LatentPolicyConfig(backbone=(16,), hidden_size=8, decoder=(8,), prior=(8,), posterior=(8,), latent_size=4)

@@ -8,7 +8,7 @@ from plat.envs import make_keyframe_env
 from plat.modules import STUDENT_KEYS, Expert, LatentPolicy, PlainPolicy
 from plat.objectives import LatentImitationLoss, gaussian_kl, plain_imitation_loss
 from plat.robots import G1
-from tests.modules.test_imitation import SMALL
+from tests.modules.policies.test_student import SMALL
 
 
 @pytest.fixture(scope="module")

@@ -22,7 +22,7 @@ from plat.modules import (
 )
 from plat.objectives import PPO, PPOConfig
 from plat.robots import G1
-from tests.modules.test_imitation import SMALL
+from tests.modules.policies.test_student import SMALL
 
 
 class Toy:

@@ -7,7 +7,7 @@ from plat.envs.transforms import RandomizationRanges
 from plat.errors import PlatError
 from plat.modules import Expert, ExpertConfig, LatentNoisePolicy, LatentPolicy, RefinementConfig
 from plat.robots import G1
-from tests.modules.test_imitation import SMALL
+from tests.modules.policies.test_student import SMALL
 from tests.recipes.runs import save_run, write_motions
 
 import ablations  # isort: skip

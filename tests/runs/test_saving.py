@@ -23,7 +23,7 @@ from plat.robots import G1
 from plat.runs import load_policy, policy_spec, register_policy, save_weights, write_json
 from plat.runs.saving import _KINDS, complete_spec
 from plat.spec.timing import Timing
-from tests.modules.test_imitation import SMALL
+from tests.modules.policies.test_student import SMALL
 
 POLICIES = {
     "expert": lambda: Expert(G1, ExpertConfig(hidden=(16, 8), action="default_offset")),

@@ -16,7 +16,7 @@ from plat.modules import Expert, ExpertConfig, LatentPolicy
 from plat.robots import G1
 from plat.spec.observation import OBSERVATION, Entry, observing, student_keys
 from tests.deploy.robots import SomePose, describe_g1, random_qpos, state_at
-from tests.modules.test_imitation import SMALL
+from tests.modules.policies.test_student import SMALL
 
 WIDE = 177 + 1
 TOY = Entry("root_height", "dm", "height of the target's root over the robot's", size=1, scale=10.0)

@@ -3,7 +3,7 @@ import torch
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from plat.envs import ROBOT_KEYS, goal_keys, make_keyframe_env, make_tracking_env
-from plat.modules import Critic, Expert, ExpertConfig
+from plat.modules import Expert, ExpertConfig
 from plat.robots import G1
 
 
@@ -54,13 +54,6 @@ def test_labels_are_in_the_students_parametrisation(library):
 
 def test_policy_sees_nothing_privileged():
     assert set(Expert(G1).deployed().in_keys) == {*ROBOT_KEYS, *goal_keys()}
-
-
-def test_critic_sees_more_than_the_policy(library):
-    critic = Critic(G1, ROBOT_KEYS + goal_keys())
-    assert any(key[0] == "privileged" for key in critic.observe().in_keys)
-    state = make_tracking_env(library, 4).reset()
-    assert critic.head()(critic.observe()(state))["state_value"].shape == (4, 1)
 
 
 def test_an_expert_that_sees_several_frames(library):

@@ -17,8 +17,8 @@ from tensordict.nn import (
 from torch import nn
 
 from plat.modules.heads import GaussianNoise, gaussian_action
-from plat.modules.imitation import LatentPolicy
 from plat.modules.lead import KeyframeLead, led
+from plat.modules.policies.student import LatentPolicy
 from plat.modules.residual import Residual
 from plat.spec.observation import student_keys
 from plat.spec.timing import Timing

@@ -18,7 +18,7 @@ from plat.modules import (
 )
 from plat.robots import G1
 from plat.spec.timing import Timing
-from tests.modules.test_imitation import SMALL
+from tests.modules.policies.test_student import SMALL
 
 VARIANTS = [ResidualLatentPolicy, LatentNoisePolicy, ResidualActionPolicy, FinetunedPolicy]
 FROZEN = VARIANTS[:3]

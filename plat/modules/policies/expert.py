@@ -1,4 +1,4 @@
-"""Stage 1: the dense motion-tracking expert and its critic."""
+"""Stage 1: the dense motion-tracking expert."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,10 +14,10 @@ from plat.modules.lead import GoalLead, led
 from plat.modules.networks import mlp
 from plat.modules.normalizer import ObservationNormalizer
 from plat.robots.robot import Robot
-from plat.spec.observation import goal_keys, observation_size, privileged_keys, robot_keys
+from plat.spec.observation import goal_keys, observation_size, robot_keys
 from plat.spec.timing import Timing
 
-__all__ = ["Critic", "Expert", "ExpertConfig"]
+__all__ = ["Expert", "ExpertConfig"]
 
 
 @dataclass(frozen=True)
@@ -159,28 +159,3 @@ class Expert(nn.Module):
         """
         goals = [goal] * len(self.goals) if isinstance(goal, str) else list(goal)
         return TensorDictSequential(*self._observe(goals), *self._mean(goals, out_key), selected_out_keys=[out_key])
-
-
-class Critic(nn.Module):
-    """Value of the state, seen with privileged entries beside the policy's own.
-
-    Args:
-        robot: the robot.
-        keys: entries that the policy sees.
-        hidden: hidden layers.
-    """
-
-    def __init__(self, robot: Robot, keys: Sequence[NestedKey], hidden: tuple[int, ...] = (512, 256, 128)):
-        super().__init__()
-        keys = [*keys, *privileged_keys()]
-        size = observation_size(keys, robot)
-        self.normalizer = ObservationNormalizer(keys, size)
-        self.network = mlp(size, hidden, 1)
-
-    def observe(self) -> TensorDictModule:
-        """Module that writes the normalised ``critic_observation``."""
-        return self.normalizer.using(out_key="critic_observation")
-
-    def head(self) -> TensorDictModule:
-        """Module that writes ``state_value`` ``[*B, 1]`` of a ``critic_observation``."""
-        return TensorDictModule(self.network, in_keys=["critic_observation"], out_keys=["state_value"])
