@@ -1,31 +1,16 @@
 """Does a tracker follow motions from the first frame to the last?"""
 
 import torch
-from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
-from torchrl.envs import Compose, InitTracker, Transform, TransformedEnv
+from torchrl.envs import Compose, InitTracker, TransformedEnv
 
 from plat.baselines.reference import TrackerReference
 from plat.envs.tracking import MotionTrackingEnv
-from plat.envs.transforms import ReferenceMotion, TerminationLimits, TrackingTermination
+from plat.envs.transforms import FirstFrames, ReferenceMotion, TerminationLimits, TrackingTermination
 from plat.motions.library import MotionLibrary
 
 __all__ = ["follow"]
-
-
-class _FirstFrames(Transform):
-    """Robot by robot, starts on the first frame of the clip of the same number."""
-
-    def __init__(self, library: MotionLibrary):
-        super().__init__()
-        self._start = library.clip_start
-
-    def _reset_env_preprocess(self, tensordict: TensorDictBase | None) -> TensorDictBase:
-        if tensordict is None:
-            tensordict = TensorDict({}, [len(self._start)], device=self._start.device)
-        tensordict["motion"] = TensorDict({"start": self._start}, [len(self._start)])
-        return tensordict
 
 
 @torch.no_grad()
@@ -58,7 +43,7 @@ def follow(
         Compose(
             ReferenceMotion(library),
             TrackingTermination(library.robot, limits),
-            _FirstFrames(library),
+            FirstFrames(library),
             TrackerReference(library, ahead=ahead),
             InitTracker(),
         ),

@@ -26,7 +26,7 @@ from plat.envs.transforms.rewards import (
     Term,
 )
 from plat.envs.transforms.schedule import ScheduledStarts
-from plat.envs.transforms.starts import FailureWeightedStarts
+from plat.envs.transforms.starts import FailureWeightedStarts, FirstFrames
 from plat.envs.transforms.terminations import KeyframeTermination, TerminationLimits, TrackingTermination
 
 __all__ = [
@@ -42,6 +42,7 @@ __all__ = [
     "DenseTrackingReward",
     "DomainRandomization",
     "FailureWeightedStarts",
+    "FirstFrames",
     "Horizon",
     "KeyframeClock",
     "KeyframeCommand",

@@ -1,6 +1,8 @@
 """Sparse timed keyframe commands: one future pose and the time to be there."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import torch
 from tensordict import NestedKey, TensorDictBase
@@ -66,22 +68,40 @@ class CommandSchedule:
 
     def __init__(self, library: MotionLibrary, horizon: Horizon, seed: int):
         check_clip_lengths(library, horizon)
+        arrivals = []
+        for clip, length in enumerate(library.clip_length.tolist()):
+            generator = torch.Generator().manual_seed(seed * 1_000_003 + clip)
+            last, frame, ends = length - 1, 0, []
+            while last - frame >= horizon.shortest:
+                steps = torch.randint(horizon.shortest, horizon.longest + 1, (), generator=generator)
+                frame = min(frame + int(steps), last)
+                ends.append(frame)
+            arrivals.append(ends)
+        self._set(library, horizon, arrivals)
+
+    @classmethod
+    def of_arrivals(cls, library: MotionLibrary, arrivals: Sequence[Sequence[int]]) -> "CommandSchedule":
+        """Return the schedule whose commands end where they are told to.
+
+        Args:
+            library: motions.
+            arrivals: for each clip, the frames at which its commands end, counted from its first one and increasing.
+        """
+        lengths = [end - begin for ends in arrivals for begin, end in pairwise((0, *ends))]
+        schedule = cls.__new__(cls)
+        schedule._set(library, Horizon(min(lengths), max(lengths)), arrivals)
+        return schedule
+
+    def _set(self, library: MotionLibrary, horizon: Horizon, arrivals: Sequence[Sequence[int]]) -> None:
         self.horizon = horizon
         target = torch.full((len(library),), -1, dtype=torch.int64)
         command = torch.full((len(library),), -1, dtype=torch.int64)
         first_frames: list[int] = []
-        for clip, (start, length) in enumerate(
-            zip(library.clip_start.tolist(), library.clip_length.tolist(), strict=True)
-        ):
-            generator = torch.Generator().manual_seed(seed * 1_000_003 + clip)
-            last, frame = start + length - 1, start
-            while last - frame >= horizon.shortest:
-                steps = torch.randint(horizon.shortest, horizon.longest + 1, (), generator=generator)
-                end = min(frame + int(steps), last)
-                target[frame:end] = end
-                command[frame:end] = len(first_frames)
-                first_frames.append(frame)
-                frame = end
+        for start, ends in zip(library.clip_start.tolist(), arrivals, strict=True):
+            for begin, end in pairwise((0, *ends)):
+                target[start + begin : start + end] = start + end
+                command[start + begin : start + end] = len(first_frames)
+                first_frames.append(start + begin)
         self.target_frame = target.to(library.device)
         """Target of the command that is active at each frame ``[F]``; -1 where there is none."""
         self.command_of_frame = command.to(library.device)

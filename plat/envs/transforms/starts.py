@@ -8,7 +8,25 @@ from torchrl.envs import Transform
 from plat.envs.transforms.base import Statistics
 from plat.motions.library import MotionLibrary
 
-__all__ = ["FailureWeightedStarts"]
+__all__ = ["FailureWeightedStarts", "FirstFrames"]
+
+
+class FirstFrames(Transform):
+    """Starts robot ``i`` on the first frame of clip ``i``, at every reset.
+
+    Args:
+        library: as many motions as there are robots.
+    """
+
+    def __init__(self, library: MotionLibrary):
+        super().__init__()
+        self._start = library.clip_start
+
+    def _reset_env_preprocess(self, tensordict: TensorDictBase | None) -> TensorDictBase:
+        if tensordict is None:
+            tensordict = TensorDict({}, [len(self._start)], device=self._start.device)
+        tensordict["motion"] = TensorDict({"start": self._start}, [len(self._start)])
+        return tensordict
 
 
 class FailureWeightedStarts(Transform):

@@ -118,3 +118,17 @@ def test_drawn_commands_cover_the_horizon(library):
     steps = command._next_target(start) - start
     assert (steps.min(), steps.max()) == (1, 50)
     assert abs(steps.float().mean() - 25.5) < 1
+
+
+def test_a_schedule_of_given_arrivals(library: MotionLibrary) -> None:
+    drawn = CommandSchedule(library, HORIZONS["medium"], seed=3)
+    starts = library.clip_start.tolist()
+    ends = [
+        sorted({int(f) - start for f in drawn.target_frame[start : start + length] if f >= 0})
+        for start, length in zip(starts, library.clip_length.tolist(), strict=True)
+    ]
+    given = CommandSchedule.of_arrivals(library, ends)
+    assert torch.equal(given.target_frame, drawn.target_frame)
+    assert torch.equal(given.command_of_frame, drawn.command_of_frame)
+    assert torch.equal(given.first_frame, drawn.first_frame)
+    assert 11 <= given.horizon.shortest <= given.horizon.longest <= 25
