@@ -1,6 +1,7 @@
 """Errors that say what was wrong, where, and what would be right."""
 
 __all__ = [
+    "ActionError",
     "BundleError",
     "CheckpointError",
     "KeyframeError",
@@ -37,6 +38,10 @@ class RobotError(PlatError):
 
 class CheckpointError(PlatError):
     """A run directory or checkpoint that cannot be read or does not fit."""
+
+
+class ActionError(PlatError):
+    """A policy whose actions, or whose observations, are not finite."""
 
 
 class BundleError(PlatError):

@@ -9,17 +9,22 @@ from torchrl.data import Binary, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from plat.envs.physics import BatchedPhysics, PhysicsFactory
-from plat.errors import MotionError, RobotError
+from plat.errors import ActionError, MotionError, RobotError
 from plat.motions.library import MotionLibrary
 from plat.robots.robot import FootContacts
 from plat.rotations import quat_from_rotvec, quat_multiply, quat_rotate_inverse
 from plat.spec.observation import as_observed, entry_shapes
 
-__all__ = ["MotionTrackingEnv", "ResetNoise"]
+__all__ = ["ABSURD_ACTION", "MotionTrackingEnv", "ResetNoise"]
 
 # Sensors of a robot, and how many numbers each reads: contacts found, and for a foot the force on it (N).
 _SENSORS = {"left_foot_contact": 4, "right_foot_contact": 4, "ground_contact": 1, "self_contact": 1}
 _DONE_KEYS = ("done", "terminated", "truncated")
+
+ABSURD_ACTION = 1e4
+"""Actions beyond this, or not finite, terminate their robot: motors saturate at a few units."""
+# After so many control steps on end with broken robots the policy is to blame.
+_BROKEN_STEPS = 50
 
 
 @dataclass(frozen=True)
@@ -51,7 +56,8 @@ class MotionTrackingEnv(EnvBase):
 
     A step holds the targets ``q_default + action_scale * action`` for one control step and moves every robot one
     frame on. Episodes start on the reference (reference state initialisation) and are truncated at the end of
-    the clip. Reward is 0 and nothing terminates: transforms (:mod:`plat.envs.transforms`) make a task of it.
+    the clip. Reward is 0: transforms (:mod:`plat.envs.transforms`) make a task of it. A robot whose action is absurd
+    or not finite, or whose simulation diverges, is terminated.
 
     Entries of the output, batch size ``[N]``, ``w`` for the world frame and ``b`` for the root frame:
 
@@ -135,6 +141,9 @@ class MotionTrackingEnv(EnvBase):
         """Robots ``[N]`` whose targets reach the motors one control step late."""
         self._frame = torch.zeros(num_envs, dtype=torch.int64, device=self.device)
         self._last_action = torch.zeros(num_envs, robot.num_joints, device=self.device)
+        self.num_broken = 0
+        """How often a robot was terminated because its action was absurd or its simulation diverged."""
+        self._broken_steps = 0
         self._make_specs()
         self._check_sensors()
         self._observe()  # binds every field that is read, so that no later step finds one unfilled
@@ -198,6 +207,8 @@ class MotionTrackingEnv(EnvBase):
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         action = tensordict["action"]
+        absurd = ~(action.abs() <= ABSURD_ACTION).all(-1)  # true for NaN as well
+        action = torch.where(absurd[:, None], 0.0, action)
         applied = torch.where(self.delayed[:, None], self._last_action, action)
         target = self._default_joint_pos + self._action_scale * applied - self.encoder_bias
         self.physics.step(target, self.decimation)
@@ -206,10 +217,25 @@ class MotionTrackingEnv(EnvBase):
         truncated = (self._frame >= self.library.last_frame[self._frame])[:, None]
         out = self._observe()
         out["reward"] = torch.zeros(self.num_envs, 1, device=self.device)
-        out["terminated"] = torch.zeros_like(truncated)
+        broken = absurd | self.physics.diverged()
+        self._count_broken(broken)
+        out["terminated"] = broken[:, None]
         out["truncated"] = truncated
-        out["done"] = truncated.clone()
+        out["done"] = out["terminated"] | truncated
         return out
+
+    def _count_broken(self, broken: Tensor) -> None:
+        if not broken.any():
+            self._broken_steps = 0
+            return
+        self.num_broken += int(broken.sum())
+        self._broken_steps += 1
+        if self._broken_steps >= _BROKEN_STEPS:
+            raise ActionError(
+                f"{int(broken.sum())} of {self.num_envs} robots had actions that are not finite or beyond "
+                f"{ABSURD_ACTION:g}, or left the simulation's bounds, and some did for {_BROKEN_STEPS} control steps "
+                "on end: the policy is broken"
+            )
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_: object) -> TensorDictBase:
         mask = None if tensordict is None else tensordict.get("_reset", None)

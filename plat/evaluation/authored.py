@@ -17,6 +17,7 @@ from plat.envs.transforms import FirstFrames, KeyframeClock, KeyframeCommand, Re
 from plat.envs.transforms.command import CommandSchedule
 from plat.envs.transforms.terminations import TerminationLimits, off_pose
 from plat.errors import RecordsError
+from plat.evaluation.finite import check_actions
 from plat.motions import MotionClip, MotionLibrary
 from plat.robots import Robot
 from plat.spec.timing import Timing
@@ -156,7 +157,9 @@ def evaluate_authored(
     with set_exploration_type(ExplorationType.DETERMINISTIC):
         current = task.reset()
         for step in range(1, int(end_steps.max()) + 1):
-            after = task.step(policy(current))["next"]
+            current = policy(current)
+            check_actions(current["action"])
+            after = task.step(current)["next"]
             state, reference = after["state"], after["reference"]
             fallen = _fallen(state, reference, limits) & (step <= end_steps)
             fell_at = torch.where(fallen, fell_at.clamp_max(step), fell_at)

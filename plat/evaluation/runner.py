@@ -23,6 +23,7 @@ from plat.envs.transforms import (
     ScheduledStarts,
     TerminationLimits,
 )
+from plat.evaluation.finite import check_actions
 from plat.evaluation.records import CommandRecorder, CommandRecords
 from plat.motions.library import MotionLibrary
 from plat.robots.robot import FootContacts
@@ -115,6 +116,7 @@ def evaluate(
 
     Raises:
         MotionError: when a motion is shorter than the horizon's shortest command.
+        ActionError: when the policy gives an action that is not finite.
 
     >>> from plat.robots import G1
     >>> from plat.motions import generate_motions
@@ -151,6 +153,7 @@ def evaluate(
         while not starts.finished:
             active, frame = starts.active.clone(), tensordict["motion", "frame"]
             tensordict = policy(tensordict)
+            check_actions(tensordict["action"], active)
             tensordict, following = env.step_and_maybe_reset(tensordict)
             recorder.add(frame, active, tensordict["next"])
             tensordict = following

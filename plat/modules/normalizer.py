@@ -7,6 +7,8 @@ from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 
+from plat.errors import ActionError
+
 __all__ = ["ObservationNormalizer"]
 
 
@@ -57,10 +59,17 @@ class ObservationNormalizer(nn.Module):
 
     @torch.no_grad()
     def update(self, tensordict: TensorDictBase) -> None:
-        """Take a batch ``[*B]`` into the statistics (Chan et al. 1979, parallel variance)."""
+        """Take a batch ``[*B]`` into the statistics (Chan et al. 1979, parallel variance).
+
+        Raises:
+            ActionError: naming the entry, for a batch that is not finite; the statistics stay what they were.
+        """
         values = torch.cat([tensordict.get(key) for key in self.in_keys], -1).flatten(0, -2)
         batch_mean = values.mean(0)
         batch_var = (values - batch_mean).square_().mean(0)  # torch.var_mean takes six times as long over rows
+        if not torch.isfinite(batch_var).all():
+            entry = next(key for key in self.in_keys if not torch.isfinite(tensordict.get(key)).all())
+            raise ActionError(f"observation {entry}: holds NaN or infinity; nothing was learned from this batch")
         batch_var, batch_mean, batch_count = batch_var.double(), batch_mean.double(), len(values)
         count = self.count + batch_count
         delta = batch_mean - self.mean

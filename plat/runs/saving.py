@@ -145,6 +145,10 @@ def load_policy(run: str | Path, device: torch.device | str = "cpu") -> Any:
                 f"{str(path)!r}: {name!r} has shape {tuple(weights[name].shape)}, "
                 f"expected {tuple(tensor.shape)} by the sizes in config.json"
             )
+        if not torch.isfinite(weights[name]).all():
+            raise CheckpointError(
+                f"{str(path)!r}: {name!r} holds NaN or infinity: the run diverged, take an earlier one"
+            )
     policy.load_state_dict(weights)
     return policy.to(device).eval()
 

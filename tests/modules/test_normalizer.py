@@ -1,6 +1,10 @@
+import math
+
+import pytest
 import torch
 from tensordict import TensorDict
 
+from plat.errors import ActionError
 from plat.modules import ObservationNormalizer
 
 
@@ -49,3 +53,16 @@ def test_acting_does_not_move_the_statistics():
     normalizer.using()(TensorDict({"a": torch.randn(10, 2)}, [10]))
     assert all(torch.equal(value, before[name]) for name, value in normalizer.state_dict().items())
     assert not list(normalizer.parameters())
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_a_batch_that_is_not_finite_changes_nothing(value: float) -> None:
+    normalizer = ObservationNormalizer(["a", "b"], 5)
+    data = TensorDict({"a": torch.randn(30, 4), "b": torch.rand(30, 1)}, [30])
+    normalizer.update(data)
+    before = {name: buffer.clone() for name, buffer in normalizer.named_buffers()}
+    data["b"][7] = value
+    with pytest.raises(ActionError, match="observation b: holds NaN or infinity"):
+        normalizer.update(data)
+    for name, buffer in normalizer.named_buffers():
+        assert torch.equal(buffer, before[name])

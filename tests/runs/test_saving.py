@@ -1,4 +1,5 @@
 import json
+import math
 from dataclasses import replace
 
 import pytest
@@ -193,3 +194,12 @@ def test_a_description_is_completed_and_draws_nothing(run):
     assert torch.equal(torch.random.get_rng_state(), state)
     with pytest.raises(CheckpointError, match="config.json': 'policy' is not an object"):
         complete_spec(None, run / "config.json")
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_weights_that_are_not_finite(run, value):
+    weights = load_file(run / "model.safetensors")
+    weights["network.0.weight"][3, 4] = value
+    save_file(weights, run / "model.safetensors")
+    with pytest.raises(CheckpointError, match="'network.0.weight' holds NaN or infinity"):
+        load_policy(run)

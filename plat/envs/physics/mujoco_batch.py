@@ -17,6 +17,9 @@ __all__ = ["BatchedPhysics", "available_cpus"]
 # from there in its next step, so it costs nothing extra.
 _STAGE = mujoco.mjtStage.mjSTAGE_VEL
 
+# Time that simulations begin at (s): one with an earlier time was reset by MuJoCo.
+_BEGINNING = 1.0
+
 # Fields that are handed out. One that is first bound after a step holds zeros until the next.
 _READ = ("xpos", "xquat", "cvel", "subtree_com", "actuator_force", "sensordata")
 
@@ -58,7 +61,10 @@ class BatchedPhysics:
         self._qvel = self.batch.bind("qvel")
         ctrl = self.batch.bind("ctrl")
         self._ctrl = torch.from_numpy(ctrl)
-        self._rest = [ctrl, self.batch.bind("qacc_warmstart"), self.batch.bind("time")]
+        self._time = self.batch.bind("time")
+        self._rest = [ctrl, self.batch.bind("qacc_warmstart")]
+        self._time[:] = _BEGINNING
+        self._diverged = torch.zeros(num_sims, dtype=torch.bool, device=self.device)
         for field in _READ:
             self.batch.bind(field)
         self._model_fields: dict[str, Tensor] = {}
@@ -102,11 +108,17 @@ class BatchedPhysics:
         """Hold the controls ``[N, nu]`` for ``nstep`` physics steps."""
         self._ctrl.copy_(ctrl)
         self.batch.step(nstep=nstep, stage=_STAGE)
+        # MuJoCo puts a simulation with a bad state or a bad control silently back to its start, upright, at time 0
+        self._diverged = torch.from_numpy((self._time < _BEGINNING).reshape(-1)).to(self.device)
+
+    def diverged(self) -> Tensor:
+        """Return the mask ``[N]`` of simulations that MuJoCo gave up on in the last :meth:`step`."""
+        return self._diverged
 
     def set_state(self, ids: Tensor, qpos: Tensor, qvel: Tensor) -> None:
         """Put simulations ``ids`` ``[n]`` into a state: ``qpos`` ``[n, nq]``, ``qvel`` ``[n, nv]``.
 
-        Warm starts, controls and time go back to 0, and body poses become current.
+        Warm starts and controls go back to 0, and body poses become current.
         """
         rows = ids.cpu().numpy()
         if rows.size == 0:
@@ -114,6 +126,7 @@ class BatchedPhysics:
         # all that a step goes on from: clearing the rest of the simulation's memory as well would cost as much again
         for values in self._rest:
             values[rows] = 0
+        self._time[rows] = _BEGINNING
         self._qpos[rows] = qpos.cpu().numpy()
         self._qvel[rows] = qvel.cpu().numpy()
         self.batch.forward(ids=rows, stage=_STAGE)

@@ -42,7 +42,13 @@ class Physics(Protocol):
         """Number of simulations N."""
 
     def step(self, ctrl: Tensor, nstep: int) -> None:
-        """Hold the joint targets ``[N, J]`` (rad) for ``nstep`` physics steps."""
+        """Hold the joint targets ``[N, J]`` (rad) for ``nstep`` physics steps. They must be finite."""
+
+    def diverged(self) -> Tensor:
+        """Return the mask ``[N]`` of simulations that left all bounds in the last :meth:`step`.
+
+        Their state after it means nothing; :meth:`set_state` makes them whole.
+        """
 
     def set_state(self, ids: Tensor, qpos: Tensor, qvel: Tensor) -> None:
         """Put simulations into a state: ``qpos`` ``[n, 7 + J]`` and ``qvel`` ``[n, 6 + J]`` in MuJoCo's conventions.

@@ -34,6 +34,9 @@ class PlainPhysics:
                 mujoco.mj_step2(model, data)
                 mujoco.mj_step1(model, data)
 
+    def diverged(self):
+        return torch.zeros(self.num_sims, dtype=torch.bool)
+
     def set_state(self, ids, qpos, qvel):
         for (model, data), pos, vel in zip(self._pairs(ids), qpos.numpy(), qvel.numpy(), strict=True):
             mujoco.mj_resetData(model, data)
