@@ -2,7 +2,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo studio test lint types bench clean
+.PHONY: demo studio test test-fast docs lint types bench clean
 
 demo: $(VENV)/.installed
 	$(BIN)/python recipes/demo.py
@@ -10,8 +10,16 @@ demo: $(VENV)/.installed
 studio: $(VENV)/.installed-studio
 	$(BIN)/python recipes/studio.py
 
-test: $(VENV)/.installed-dev lint types
-	$(BIN)/python -m pytest -n 2
+test: $(VENV)/.installed-dev lint types docs
+	$(BIN)/python -m pytest -n 2 --durations=15
+
+# without tests that start processes or train
+test-fast: $(VENV)/.installed-dev
+	$(BIN)/python -m pytest -n 2 -m "not slow"
+
+# the site in build/site; a warning is an error
+docs: $(VENV)/.installed-dev
+	$(BIN)/zensical build --clean --strict
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check .
@@ -24,7 +32,7 @@ bench: $(VENV)/.installed
 	$(BIN)/python benchmarks/run.py
 
 clean:
-	rm -rf $(VENV) runs .pytest_cache .mypy_cache .ruff_cache build *.egg-info
+	rm -rf $(VENV) runs .cache .pytest_cache .mypy_cache .ruff_cache build *.egg-info
 
 $(VENV)/.installed: pyproject.toml
 	$(PYTHON) -c 'import sys; sys.version_info >= (3, 10) or sys.exit("plat needs Python 3.10 or newer: make PYTHON=python3.x")'

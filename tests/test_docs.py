@@ -1,0 +1,86 @@
+"""README, documentation and weights name what exists."""
+
+import importlib
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted(
+    [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("plat/**/*.md"), *ROOT.glob(".github/**/*.md")]
+)
+FOLDERS = "plat(?!/G1)|recipes|benchmarks|docs|tests|examples"
+
+
+def name_of(page: Path) -> str:
+    return str(page.relative_to(ROOT))
+
+
+def prose(page: Path) -> str:
+    """Text without code blocks."""
+    return re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
+
+
+def resolve(name: str) -> object:
+    """What a dotted name stands for.
+
+    Raises:
+        AttributeError: if there is no such thing.
+    """
+    parts = name.split(".")
+    for count in range(len(parts), 0, -1):
+        try:
+            found = importlib.import_module(".".join(parts[:count]))
+        except ModuleNotFoundError:
+            continue
+        for part in parts[count:]:
+            found = getattr(found, part)
+        return found
+    raise AttributeError(name)
+
+
+def files_named(text: str) -> set[str]:
+    return set(re.findall(rf"`((?:{FOLDERS})/[\w/.-]*)`", text))
+
+
+def links(text: str) -> set[str]:
+    return {target for target in re.findall(r"\]\(([^)#\s]+)", text) if not target.startswith(("http", "mailto"))}
+
+
+def dotted_names(text: str) -> set[str]:
+    names = set(re.findall(r"`(plat(?:\.\w+)+)(?:\(.*?\))?`", text))
+    return {name for name in names if not name.endswith((".json", ".npz", ".csv"))}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_files_that_are_named_exist(page):
+    text = prose(page)
+    missing = {path for path in files_named(text) if not (ROOT / path).exists()}
+    missing |= {target for target in links(text) if not (page.parent / target).exists()}
+    assert not missing
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_names_in_the_package_exist(page):
+    moved = page.name == "CHANGELOG.md"  # it tells old names too
+    missing = set()
+    for name in dotted_names(prose(page)) if not moved else ():
+        try:
+            resolve(name)
+        except AttributeError:
+            missing.add(name)
+    assert not missing
+
+
+def test_what_is_missing_is_found():
+    text = "`plat/nothing.py`, [page](nowhere.md), `plat.motions.Nothing`, [paper](https://arxiv.org/abs/2609.25754)"
+    assert files_named(text) == {"plat/nothing.py"}
+    assert links(text) == {"nowhere.md"}
+    (name,) = dotted_names(text)
+    with pytest.raises(AttributeError):
+        resolve(name)
+
+
+def test_the_readme_is_short():
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 120
