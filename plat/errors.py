@@ -4,6 +4,7 @@ __all__ = [
     "ActionError",
     "BundleError",
     "CheckpointError",
+    "ConfigError",
     "KeyframeError",
     "MotionError",
     "ObservationError",
@@ -42,6 +43,10 @@ class CheckpointError(PlatError):
 
 class ActionError(PlatError):
     """A policy whose actions, or whose observations, are not finite."""
+
+
+class ConfigError(PlatError):
+    """A setting, or a combination of settings, that makes no sense."""
 
 
 class BundleError(PlatError):

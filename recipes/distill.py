@@ -18,7 +18,7 @@ from plat.envs.transforms import HORIZONS, pop_statistics
 from plat.errors import PlatError
 from plat.modules import STUDENT_KEYS, Expert, LatentPolicy, LatentPolicyConfig, PlainPolicy
 from plat.motions import MotionLibrary
-from plat.objectives import LatentImitationLoss, Precision, autocast, plain_imitation_loss
+from plat.objectives import ImitationLoss, LatentImitationLoss, Precision, autocast
 from plat.rendering import Films, play
 from plat.runs import Budget, RecipeConfig, Run, load_policy, report_errors
 
@@ -87,7 +87,7 @@ def main(recipe: DistillRecipe) -> None:
         )
     else:
         student = PlainPolicy(library.robot, recipe.policy).to(device)
-        loss = plain_imitation_loss(student.training_graph())
+        loss = ImitationLoss(student.training_graph())
     optimizer = torch.optim.Adam(student.parameters(), lr=recipe.lr, fused=True)
     buffer = dagger_buffer(library, recipe.buffer_size, recipe.batch_size, recipe.stride, device)
     policy = MixedPolicy(student.sampled(), expert, recipe.expert_share)

@@ -8,7 +8,7 @@ from plat.modules.heads import GaussianNoise, ReferenceOffset, gaussian_action
 from plat.modules.latent import GaussianLatent, LatentPosterior, LatentPrior, sample_latent
 from plat.modules.lead import GoalLead, KeyframeLead
 from plat.modules.networks import mlp
-from plat.modules.normalizer import ObservationNormalizer
+from plat.modules.normalizer import NormalizerConfig, ObservationNormalizer
 from plat.modules.policies import (
     Critic,
     Expert,
@@ -19,6 +19,7 @@ from plat.modules.policies import (
     LatentPolicyConfig,
     PlainPolicy,
     PlainPolicyConfig,
+    Refinement,
     RefinementConfig,
     ResidualActionPolicy,
     ResidualLatentPolicy,
@@ -46,10 +47,12 @@ __all__ = [
     "LatentPolicyConfig",
     "LatentPosterior",
     "LatentPrior",
+    "NormalizerConfig",
     "ObservationNormalizer",
     "PlainPolicy",
     "PlainPolicyConfig",
     "ReferenceOffset",
+    "Refinement",
     "RefinementConfig",
     "Residual",
     "ResidualActionPolicy",

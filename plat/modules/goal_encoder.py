@@ -19,7 +19,7 @@ class GoalSequenceEncoder(TensorDictModule):
     Args:
         in_features: size of one goal frame.
         hidden_size: size of ``e``.
-        in_keys: goals ``[*B, L, in_features]``, padded at the end, and their lengths ``[*B]`` (at least 1).
+        in_keys: normalized goals ``[*B, L, in_features]``, padded at the end, and their lengths ``[*B]`` (at least 1).
         out_key: code ``[*B, hidden_size]``.
 
     >>> import torch
@@ -35,7 +35,7 @@ class GoalSequenceEncoder(TensorDictModule):
         self,
         in_features: int,
         hidden_size: int,
-        in_keys: tuple[NestedKey, NestedKey] = (("privileged_goal", "frames"), ("privileged_goal", "length")),
+        in_keys: tuple[NestedKey, NestedKey] = (("privileged_goal", "normalized"), ("privileged_goal", "length")),
         out_key: NestedKey = "goal_code",
     ):
         super().__init__(_LastState(in_features, hidden_size), in_keys=list(in_keys), out_keys=[out_key])

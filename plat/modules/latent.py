@@ -12,9 +12,6 @@ from plat.modules.networks import mlp
 
 __all__ = ["GaussianLatent", "LatentPosterior", "LatentPrior", "sample_latent"]
 
-# Smallest standard deviation of a latent: bounds the KL divergence and its gradients.
-_MIN_STD = 1e-2
-
 
 class GaussianLatent(TensorDictModule):
     """Mean and standard deviation ``[*B, latent_size]`` from features side by side.
@@ -25,6 +22,7 @@ class GaussianLatent(TensorDictModule):
         hidden: sizes of the hidden layers.
         in_keys: features.
         group: results go to ``(group, "loc")`` and ``(group, "scale")``.
+        min_std: lower bound on the standard deviation; bounds the KL divergence and its gradients.
     """
 
     def __init__(
@@ -34,9 +32,10 @@ class GaussianLatent(TensorDictModule):
         hidden: Sequence[int],
         in_keys: Sequence[NestedKey],
         group: str,
+        min_std: float = 0.01,
     ):
         super().__init__(
-            _GaussianHead(in_features, latent_size, hidden),
+            _GaussianHead(in_features, latent_size, hidden, min_std),
             in_keys=list(in_keys),
             out_keys=[(group, "loc"), (group, "scale")],
         )
@@ -44,10 +43,10 @@ class GaussianLatent(TensorDictModule):
 
 
 class _GaussianHead(nn.Module):
-    def __init__(self, in_features: int, latent_size: int, hidden: Sequence[int]):
+    def __init__(self, in_features: int, latent_size: int, hidden: Sequence[int], min_std: float):
         super().__init__()
         self.network = mlp(in_features, hidden, 2 * latent_size)
-        self.split = NormalParamExtractor(scale_lb=_MIN_STD)
+        self.split = NormalParamExtractor(scale_lb=min_std)
 
     def forward(self, *features: Tensor) -> tuple[Tensor, ...]:
         return self.split(self.network(torch.cat(features, -1)))
@@ -68,8 +67,9 @@ class LatentPrior(GaussianLatent):
         hidden: Sequence[int],
         in_key: NestedKey = "hidden",
         group: str = "prior",
+        min_std: float = 0.01,
     ):
-        super().__init__(hidden_features, latent_size, hidden, [in_key], group)
+        super().__init__(hidden_features, latent_size, hidden, [in_key], group, min_std)
 
 
 class LatentPosterior(GaussianLatent):
@@ -88,8 +88,9 @@ class LatentPosterior(GaussianLatent):
         hidden: Sequence[int],
         in_keys: tuple[NestedKey, NestedKey] = ("hidden", "goal_code"),
         group: str = "posterior",
+        min_std: float = 0.01,
     ):
-        super().__init__(hidden_features + code_features, latent_size, hidden, in_keys, group)
+        super().__init__(hidden_features + code_features, latent_size, hidden, in_keys, group, min_std)
 
 
 def sample_latent(group: str) -> ProbabilisticTensorDictModule:

@@ -7,6 +7,8 @@ from tensordict import NestedKey
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 
+from plat.errors import ConfigError
+
 __all__ = ["LEAD_KEYS", "GoalLead", "KeyframeLead", "KeyframeShift", "led"]
 
 LEAD_KEYS = ("root_pos_b", "keypoint_pos_b")
@@ -44,7 +46,7 @@ class GoalLead(TensorDictModule):
         limit: longest ``d`` (m).
 
     Raises:
-        ValueError: for a lead with less than two groups.
+        ConfigError: for a lead with less than two groups.
 
     >>> lead = GoalLead(("goal", "goal_2"), lead=0.1, gain=1.0, interval=0.02)
     >>> lead.out_keys[:2]
@@ -53,7 +55,7 @@ class GoalLead(TensorDictModule):
 
     def __init__(self, groups: Sequence[str], lead: float, gain: float, interval: float, limit: float = 0.3):
         if lead and len(groups) < 2:
-            raise ValueError(f"lead is {lead:g} s: the reference's velocity takes two frames")
+            raise ConfigError(f"lead is {lead:g} s: the reference's velocity takes two frames")
         in_keys: list[NestedKey] = [(group, key) for group in groups for key in LEAD_KEYS]
         out_keys: list[NestedKey] = [(f"led_{group}", key) for group in groups for key in LEAD_KEYS]
         super().__init__(_Shift(lead / interval, gain, limit), in_keys=in_keys, out_keys=out_keys)

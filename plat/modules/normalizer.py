@@ -1,6 +1,7 @@
-"""Observations side by side, with zero mean and unit variance."""
+"""Running normalization of observations to zero mean and unit variance."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import torch
 from tensordict import NestedKey, TensorDictBase
@@ -9,11 +10,21 @@ from torch import Tensor, nn
 
 from plat.errors import ActionError
 
-__all__ = ["ObservationNormalizer"]
+__all__ = ["NormalizerConfig", "ObservationNormalizer"]
+
+
+@dataclass(frozen=True)
+class NormalizerConfig:
+    """Constants of :class:`ObservationNormalizer`."""
+
+    eps: float = 0.01
+    """added to the standard deviation; keeps nearly constant features from being blown up"""
+    clip: float = 10.0
+    """bound on the normalized features"""
 
 
 class ObservationNormalizer(nn.Module):
-    """Concatenates entries and normalises them by running statistics.
+    """Running normalizer: concatenates entries and normalizes them.
 
     ``out = clip((x - mean) / (std + eps))``. The statistics are buffers: they are saved and exported with the policy,
     and change only in :meth:`update`. Call that after the update that used the data, never before: statistics that
@@ -22,8 +33,7 @@ class ObservationNormalizer(nn.Module):
     Args:
         in_keys: entries ``[*B, n_i]`` that :meth:`update` reads, and :meth:`using` by default.
         num_features: their total size F.
-        eps: added to the standard deviation; keeps nearly constant features from being blown up.
-        clip: bound on the result.
+        config: offset of the standard deviation, and bound on the result.
 
     >>> from tensordict import TensorDict
     >>> normalizer = ObservationNormalizer(["a", "b"], num_features=3)
@@ -37,24 +47,25 @@ class ObservationNormalizer(nn.Module):
     var: Tensor
     count: Tensor
 
-    def __init__(self, in_keys: Sequence[NestedKey], num_features: int, eps: float = 1e-2, clip: float = 10.0):
+    def __init__(self, in_keys: Sequence[NestedKey], num_features: int, config: NormalizerConfig | None = None):
         super().__init__()
+        config = config or NormalizerConfig()
         self.in_keys = list(in_keys)
-        self.eps = eps
-        self.clip = clip
+        self.eps = config.eps
+        self.clip = config.clip
         self.register_buffer("mean", torch.zeros(num_features))
         self.register_buffer("var", torch.ones(num_features))
         self.register_buffer("count", torch.zeros((), dtype=torch.float64))
 
     def forward(self, *entries: Tensor) -> Tensor:
-        """Normalised observation ``[*B, F]`` of entries ``[*B, n_i]``."""
+        """Return the normalized observation ``[*B, F]`` of entries ``[*B, n_i]``."""
         # one pass and one buffer: at the sizes of a goal sequence fresh memory costs more than arithmetic
         factor = 1 / (self.var.sqrt() + self.eps)
         values = torch.addcmul(-self.mean * factor, torch.cat(entries, -1), factor)
         return values.clamp_(-self.clip, self.clip)
 
     def using(self, in_keys: Sequence[NestedKey] | None = None, out_key: NestedKey = "observation") -> TensorDictModule:
-        """This normaliser as a module; several may share its statistics and read different entries."""
+        """Return this normalizer as a module; several may share its statistics and read different entries."""
         return TensorDictModule(self, in_keys=list(in_keys or self.in_keys), out_keys=[out_key])
 
     @torch.no_grad()

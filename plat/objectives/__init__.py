@@ -2,7 +2,7 @@
 
 from plat.objectives.divergence import gaussian_kl
 from plat.objectives.dynamics import DynamicsLoss, muon_and_adam
-from plat.objectives.imitation import LatentImitationLoss, plain_imitation_loss
+from plat.objectives.imitation import ImitationLoss, LatentImitationLoss
 from plat.objectives.motor_gradient import MotorGradientConfig, motor_gradient
 from plat.objectives.ppo import PPO, PPOConfig
 from plat.precision import Precision, autocast, has_fast_bfloat16
@@ -10,6 +10,7 @@ from plat.precision import Precision, autocast, has_fast_bfloat16
 __all__ = [
     "PPO",
     "DynamicsLoss",
+    "ImitationLoss",
     "LatentImitationLoss",
     "MotorGradientConfig",
     "PPOConfig",
@@ -19,5 +20,4 @@ __all__ = [
     "has_fast_bfloat16",
     "motor_gradient",
     "muon_and_adam",
-    "plain_imitation_loss",
 ]

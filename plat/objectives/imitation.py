@@ -1,19 +1,19 @@
-"""Losses of stage 2."""
+"""Imitation losses of stage 2: behavior cloning with a privileged latent, or without."""
 
-import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase, dispatch
+from torch import Tensor
 from torchrl.envs.utils import ExplorationType
-from torchrl.objectives import BCLoss
 from torchrl.objectives.common import LossModule
 
 from plat.objectives.divergence import gaussian_kl
 
-__all__ = ["LatentImitationLoss", "plain_imitation_loss"]
+__all__ = ["ImitationLoss", "LatentImitationLoss"]
 
 
 class LatentImitationLoss(LossModule):
@@ -33,7 +33,10 @@ class LatentImitationLoss(LossModule):
     Keyword Args:
         prior_weight: :math:`\lambda_p`.
         beta: :math:`\beta`, a buffer: set ``loss.beta`` to anneal it.
-        free_bits: divergence of each latent dimension that is not penalised (nats; Kingma et al., arXiv 1606.04934).
+        free_bits: divergence of each latent dimension that is not penalized (nats; Kingma et al., arXiv 1606.04934).
+        divergence: from the posterior's ``parameters`` ``[B, n]``, then the prior's, to ``[B, m]``; summed over ``m``.
+        parameters: names of a distribution's parameters in its group: ``("loc", "scale")`` of a Gaussian,
+            ``("logits",)`` of a categorical, ``("loc",)`` of a quantized latent.
 
     Returns ``loss_posterior``, ``loss_prior`` and ``loss_kl``, whose sum is the loss, and for the log ``kl``,
     ``posterior_error`` and ``prior_error`` (root mean square over the action).
@@ -46,16 +49,20 @@ class LatentImitationLoss(LossModule):
     >>> loss = LatentImitationLoss(policy.training_graph(), beta=0.01)
     >>> loss.out_keys[:3]
     ['loss_posterior', 'loss_prior', 'loss_kl']
+
+    With the squared distance of the means in place of the divergence:
+
+    >>> def distance(posterior, prior):
+    ...     return (posterior - prior).square()
+    >>> loss = LatentImitationLoss(policy.training_graph(), divergence=distance, parameters=("loc",))
     """
 
     @dataclass
     class _AcceptedKeys:
         expert_action: NestedKey = "expert_action"
-        prior_loc: NestedKey = ("prior", "loc")
-        prior_scale: NestedKey = ("prior", "scale")
+        prior: NestedKey = "prior"
         prior_action: NestedKey = ("prior", "action")
-        posterior_loc: NestedKey = ("posterior", "loc")
-        posterior_scale: NestedKey = ("posterior", "scale")
+        posterior: NestedKey = "posterior"
         posterior_action: NestedKey = ("posterior", "action")
 
     tensor_keys: _AcceptedKeys
@@ -78,9 +85,13 @@ class LatentImitationLoss(LossModule):
         prior_weight: float = 1.0,
         beta: float = 0.01,
         free_bits: float = 0.0,
+        divergence: Callable[..., Tensor] = gaussian_kl,
+        parameters: Sequence[str] = ("loc", "scale"),
     ):
         super().__init__()
         self.policy = policy
+        self.divergence = divergence
+        self.parameter_names = tuple(parameters)
         self.prior_weight = prior_weight
         self.free_bits = free_bits
         self.register_buffer("beta", torch.tensor(float(beta)))
@@ -101,18 +112,14 @@ class LatentImitationLoss(LossModule):
         out = self.policy(tensordict.select(*self.policy.in_keys))
         posterior_error = (out.get(keys.posterior_action) - expert_action).square()
         prior_error = (out.get(keys.prior_action) - expert_action).square()
-        kl = gaussian_kl(
-            out.get(keys.posterior_loc),
-            out.get(keys.posterior_scale),
-            out.get(keys.prior_loc),
-            out.get(keys.prior_scale),
-        )
-        penalised = kl.clamp_min(self.free_bits) if self.free_bits else kl
+        posterior, prior = out.get(keys.posterior), out.get(keys.prior)
+        kl = self.divergence(*(group.get(name) for group in (posterior, prior) for name in self.parameter_names))
+        penalized = kl.clamp_min(self.free_bits) if self.free_bits else kl
         return TensorDict(
             {
                 "loss_posterior": posterior_error.sum(-1).mean(),
                 "loss_prior": self.prior_weight * prior_error.sum(-1).mean(),
-                "loss_kl": self.beta * penalised.sum(-1).mean(),
+                "loss_kl": self.beta * penalized.sum(-1).mean(),
                 "kl": kl.detach().sum(-1).mean(),
                 "posterior_error": posterior_error.detach().mean().sqrt(),
                 "prior_error": prior_error.detach().mean().sqrt(),
@@ -120,19 +127,50 @@ class LatentImitationLoss(LossModule):
         )
 
 
-def plain_imitation_loss(policy: TensorDictModuleBase) -> BCLoss:
-    """Behaviour cloning without a latent: ``L = |pi(h) - a_E|^2``, TorchRL's ``BCLoss``.
+class ImitationLoss(LossModule):
+    r"""Behavior cloning: squared distance of the policy's action to the expert's.
+
+    .. math::
+        L = \|\pi(o) - a^E\|^2
+
+    The squared norm is summed over the action and averaged over the batch. The prediction and the label have keys of
+    their own; TorchRL's ``BCLoss`` reads both from one.
 
     Args:
-        policy: writes its action to ``expert_action``, where the label is read from.
+        policy: writes ``action``.
+
+    Returns ``loss_imitation``, and for the log ``error`` (root mean square over the action).
 
     >>> from plat.robots import G1
     >>> from plat.modules import PlainPolicy
-    >>> plain_imitation_loss(PlainPolicy(G1).training_graph()).out_keys
-    ['loss_bc']
+    >>> ImitationLoss(PlainPolicy(G1).training_graph()).out_keys
+    ['loss_imitation', 'error']
     """
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "The name target_.* wasn't part of the annotations")  # TorchRL's own slip
-        loss = BCLoss(policy, loss_function=lambda action, label: (action - label).square().sum(-1))
-    loss.set_keys(action="expert_action")
-    return loss
+
+    @dataclass
+    class _AcceptedKeys:
+        action: NestedKey = "action"
+        expert_action: NestedKey = "expert_action"
+
+    tensor_keys: _AcceptedKeys
+    default_keys = _AcceptedKeys
+    out_keys: ClassVar[list[NestedKey]] = ["loss_imitation", "error"]
+
+    def __init__(self, policy: TensorDictModuleBase):
+        super().__init__()
+        self.policy = policy
+
+    @property
+    def in_keys(self) -> list[NestedKey]:
+        """What the policy reads, and the expert's action."""
+        return [*self.policy.in_keys, self.tensor_keys.expert_action]
+
+    def _forward_value_estimator_keys(self, **_: object) -> None:
+        pass
+
+    @dispatch
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Return the loss of a batch ``[B]``."""
+        out = self.policy(tensordict.select(*self.policy.in_keys))
+        error = (out.get(self.tensor_keys.action) - tensordict.get(self.tensor_keys.expert_action)).square()
+        return TensorDict({"loss_imitation": error.sum(-1).mean(), "error": error.detach().mean().sqrt()})

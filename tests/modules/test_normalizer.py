@@ -5,7 +5,7 @@ import torch
 from tensordict import TensorDict
 
 from plat.errors import ActionError
-from plat.modules import ObservationNormalizer
+from plat.modules import NormalizerConfig, ObservationNormalizer
 
 
 def test_statistics_of_parts_are_those_of_the_whole():
@@ -30,7 +30,7 @@ def test_batch_shape_does_not_matter():
 
 
 def test_output_is_standard_and_clipped():
-    normalizer = ObservationNormalizer(["a"], 2, clip=3.0)
+    normalizer = ObservationNormalizer(["a"], 2, NormalizerConfig(clip=3.0))
     data = TensorDict({"a": torch.tensor([10.0, -2.0]) + torch.tensor([4.0, 0.5]) * torch.randn(5000, 2)}, [5000])
     normalizer.update(data)
     out = normalizer.using()(data)["observation"]

@@ -6,7 +6,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 from plat.collectors import ExpertLabels, PrivilegedGoals
 from plat.envs import make_keyframe_env
 from plat.modules import STUDENT_KEYS, Expert, LatentPolicy, PlainPolicy
-from plat.objectives import LatentImitationLoss, gaussian_kl, plain_imitation_loss
+from plat.objectives import ImitationLoss, LatentImitationLoss, gaussian_kl
 from plat.robots import G1
 from tests.modules.policies.test_student import SMALL
 
@@ -109,18 +109,42 @@ def test_dispatch_without_a_tensordict(batch, policy):
     assert len(losses) == len(loss.out_keys)
 
 
-def test_loss_does_not_write_into_the_batch(batch, policy):
-    before = set(batch.keys(True, True))
-    LatentImitationLoss(policy.training_graph())(batch)
-    assert set(batch.keys(True, True)) == before
+@pytest.mark.parametrize("kind", ["latent", "plain"])
+def test_loss_does_not_write_into_the_batch(batch, policy, kind):
+    before = batch.clone()
+    loss = LatentImitationLoss(policy.training_graph()) if kind == "latent" else None
+    (loss or ImitationLoss(PlainPolicy(G1, SMALL).training_graph()))(batch)
+    assert set(batch.keys(True, True)) == set(before.keys(True, True))
+    assert (batch == before).all()
+
+
+def test_divergence_is_the_callers(batch, policy):
+    def distance(posterior: torch.Tensor, prior: torch.Tensor) -> torch.Tensor:
+        return (posterior - prior).square()
+
+    loss = LatentImitationLoss(policy.training_graph(), beta=1.0, divergence=distance, parameters=("loc",))
+    torch.manual_seed(1)
+    out = policy.training_graph()(batch.clone())
+    expected = (out["posterior", "loc"] - out["prior", "loc"]).square().sum(-1).mean()
+    torch.testing.assert_close(loss(batch)["loss_kl"], expected)
+
+
+def test_the_plain_losses_keys_can_be_set(batch):
+    plain = PlainPolicy(G1, SMALL)
+    loss = ImitationLoss(plain.training_graph())
+    loss.set_keys(expert_action="label")
+    renamed = batch.clone().rename_key_("expert_action", "label")
+    torch.testing.assert_close(loss(renamed), ImitationLoss(plain.training_graph())(batch))
+    values = {"_".join(key) if isinstance(key, tuple) else key: renamed[key] for key in loss.in_keys}
+    assert len(loss(**values)) == len(loss.out_keys)
 
 
 def test_plain_loss_is_the_squared_distance(batch):
     plain = PlainPolicy(G1, SMALL)
-    loss = plain_imitation_loss(plain.training_graph())
+    loss = ImitationLoss(plain.training_graph())
     action = plain.deployed()(batch.select(*STUDENT_KEYS))["action"]
     expected = (action - batch["expert_action"]).square().sum(-1).mean()
-    torch.testing.assert_close(loss(batch)["loss_bc"], expected)
+    torch.testing.assert_close(loss(batch)["loss_imitation"], expected)
 
 
 @pytest.mark.parametrize("kind", ["latent", "plain"])
@@ -130,7 +154,7 @@ def test_the_student_learns(batch, kind):
         loss = LatentImitationLoss(student.training_graph())
     else:
         student = PlainPolicy(G1, SMALL)
-        loss = plain_imitation_loss(student.training_graph())
+        loss = ImitationLoss(student.training_graph())
     student.update_normalizers(batch)
     optimizer = torch.optim.Adam(student.parameters(), lr=3e-3)
 

@@ -5,6 +5,7 @@ from plat.modules.policies.expert import Expert, ExpertConfig
 from plat.modules.policies.refinement import (
     FinetunedPolicy,
     LatentNoisePolicy,
+    Refinement,
     RefinementConfig,
     ResidualActionPolicy,
     ResidualLatentPolicy,
@@ -21,6 +22,7 @@ __all__ = [
     "LatentPolicyConfig",
     "PlainPolicy",
     "PlainPolicyConfig",
+    "Refinement",
     "RefinementConfig",
     "ResidualActionPolicy",
     "ResidualLatentPolicy",

@@ -9,10 +9,11 @@ from tensordict import NestedKey
 from tensordict.nn import ProbabilisticTensorDictSequential, TensorDictModule, TensorDictSequential
 from torch import nn
 
+from plat.errors import ConfigError
 from plat.modules.heads import GaussianNoise, ReferenceOffset, gaussian_action
 from plat.modules.lead import GoalLead, led
 from plat.modules.networks import mlp
-from plat.modules.normalizer import ObservationNormalizer
+from plat.modules.normalizer import NormalizerConfig, ObservationNormalizer
 from plat.robots.robot import Robot
 from plat.spec.observation import goal_keys, observation_size, robot_keys
 from plat.spec.timing import Timing
@@ -27,18 +28,23 @@ class ExpertConfig:
     hidden: tuple[int, ...] = (512, 256, 128)
     """hidden layers"""
     action: Literal["reference_residual", "reference_velocity", "default_offset"] = "reference_residual"
-    """what the network's output is added to: the joint angles of the goal, those and what the motors need to follow
-    the velocity from the first to the second frame of ``ahead``, or the default pose"""
+    """base of the action: the goal's joint angles, those with velocity feed-forward, or the default pose"""
     ahead: tuple[int, ...] = (1,)
-    """reference frames that it sees, counted from the current one; ten of them, 0.1 s apart, make it SONIC's kind"""
+    """reference frames that it sees, from the current one; ten frames 0.1 s apart reproduce SONIC's input"""
+    residual_limit: float = 5.0
+    """bound on the network's output where it is added to the reference"""
     lead: float = 0.0
-    """seconds of its motion by which the reference is shown ahead, to a robot that otherwise trails it; takes two
-    frames"""
+    """velocity feed-forward (s): shifts the reference along its own velocity; needs two frames in ahead"""
     catch_up: float = 0.0
-    """by how much further off than it is the reference is shown, as a share of the distance, to a robot that otherwise
-    stays off it"""
+    """proportional gain on the position error: the reference is shown displaced by gain * error"""
+    catch_up_limit: float = 0.3
+    """longest position error that the gain is applied to (m)"""
     init_std: float = 0.6
     """exploration noise at the start, in units of action"""
+    min_std: float = 0.02
+    """lower bound on the exploration noise"""
+    normalizer: NormalizerConfig = NormalizerConfig()
+    """normalization of the observation"""
     timing: Timing = Timing()
     """control step that it acts at, and the commands that it is given"""
 
@@ -50,14 +56,16 @@ class Expert(nn.Module):
 
     Args:
         robot: the robot.
-        config: shape of the network.
+        config: what it sees, and sizes of the parts that are not given.
+        network: from the normalized ``observation`` ``[*B, F]`` to the residual ``[*B, J]``, or to the action.
+        noise: exploration noise, from ``loc`` to ``loc`` and ``scale``; None for one with a learned scale.
 
     Attributes:
         goals: the groups that hold the reference, and how many frames ahead each is; the first one is ``"goal"``.
         dense_goals: the same for labels in another task, where ``"goal"`` is a keyframe.
 
     Raises:
-        ValueError: when ``config`` asks for the reference's velocity, or for a lead along it, and sees one frame.
+        ConfigError: when ``config`` asks for the reference's velocity, or for a lead along it, and sees one frame.
 
     >>> from plat.robots import G1
     >>> expert = Expert(G1, ExpertConfig(hidden=(32,)))
@@ -65,21 +73,35 @@ class Expert(nn.Module):
     ['action']
     """
 
-    def __init__(self, robot: Robot, config: ExpertConfig | None = None):
+    def __init__(
+        self,
+        robot: Robot,
+        config: ExpertConfig | None = None,
+        *,
+        network: nn.Module | None = None,
+        noise: TensorDictModule | None = None,
+    ):
         super().__init__()
         self.robot = robot
         self.config = config = config or ExpertConfig()
+        if not config.ahead:
+            raise ConfigError("ahead is empty: an expert sees one frame of its reference at least, such as 1")
         if config.action == "reference_velocity" and len(config.ahead) < 2:
-            raise ValueError(f"ahead {config.ahead}: the action 'reference_velocity' needs two frames, such as 1 2")
+            raise ConfigError(f"ahead {config.ahead}: the action 'reference_velocity' needs two frames, such as 1 2")
         if config.lead and len(config.ahead) < 2:
-            raise ValueError(f"ahead {config.ahead}: a lead of {config.lead:g} s needs two frames, such as 1 2")
+            raise ConfigError(f"ahead {config.ahead}: a lead of {config.lead:g} s needs two frames, such as 1 2")
         self.goals = {"goal" if number == 0 else f"goal_{ahead}": ahead for number, ahead in enumerate(config.ahead)}
         self.dense_goals = {f"dense_{group}": ahead for group, ahead in self.goals.items()}
         keys = self._keys(tuple(self.goals))
         size = observation_size(keys, robot)
-        self.normalizer = ObservationNormalizer(keys, size)
-        self.network = mlp(size, config.hidden, robot.num_joints, out_scale=0.1)
-        self.noise = GaussianNoise(robot.num_joints, config.init_std)
+        self.normalizer = ObservationNormalizer(keys, size, config.normalizer)
+        self.network = network or mlp(size, config.hidden, robot.num_joints, out_scale=0.1)
+        self.noise = noise or GaussianNoise(robot.num_joints, config.init_std, config.min_std)
+
+    @classmethod
+    def build(cls, robot: Robot, config: ExpertConfig) -> "Expert":
+        """Return the expert that a saved ``config`` describes. A subclass hands parts of its own over here."""
+        return cls(robot, config)
 
     @property
     def timing(self) -> Timing:
@@ -101,7 +123,8 @@ class Expert(nn.Module):
         keys = self._keys(goals)
         if not (self.config.lead or self.config.catch_up):
             return [self.normalizer.using(keys)]
-        lead = GoalLead(goals, self.config.lead, self.config.catch_up, self._interval)
+        config = self.config
+        lead = GoalLead(goals, config.lead, config.catch_up, self._interval, config.catch_up_limit)
         return [lead, self.normalizer.using(led(keys, lead))]
 
     def _mean(self, goals: Sequence[str], out_key: str) -> list[TensorDictModule]:
@@ -110,9 +133,9 @@ class Expert(nn.Module):
             return [TensorDictModule(self.network, in_keys=["observation"], out_keys=[out_key])]
         network = TensorDictModule(self.network, in_keys=["observation"], out_keys=["residual"])
         in_keys: list[NestedKey] = ["residual", (goals[0], "joint_pos")]
-        if self.config.action == "reference_residual":
-            return [network, ReferenceOffset(self.robot, in_keys, out_key)]
-        return [network, ReferenceOffset(self.robot, [*in_keys, (goals[1], "joint_pos")], out_key, self._interval)]
+        if self.config.action == "reference_velocity":
+            in_keys.append((goals[1], "joint_pos"))
+        return [network, ReferenceOffset(self.robot, in_keys, out_key, self._interval, self.config.residual_limit)]
 
     @torch.no_grad()
     def start_from(self, trained: "Expert") -> None:
@@ -121,11 +144,11 @@ class Expert(nn.Module):
         The further frames count for nothing at first. Their statistics are those of the last frame that both see.
 
         Raises:
-            ValueError: saying what differs.
+            ConfigError: saying what differs.
         """
         frames, hidden = trained.config.ahead, trained.config.hidden
         if self.config.ahead[: len(frames)] != frames or self.config.hidden != hidden:
-            raise ValueError(
+            raise ConfigError(
                 f"it sees frames {frames} with hidden layers {hidden}; an expert that goes on from it has those layers "
                 f"and sees these frames first, not {self.config.ahead} with {self.config.hidden}"
             )

@@ -1,10 +1,11 @@
-"""Stage 3: what reinforcement learning may change of a student, each choice a composition of the same modules.
+"""Stage 3: refinements of a student by reinforcement learning, each a composition of the same modules.
 
-Every class here has the same parts. ``frozen`` writes features and never changes; ``head()`` is the stochastic part
-that learns and reads those features, so that an update need not run the frozen part again; ``actor()`` is both,
-down to the action; ``deployed()`` is the deterministic policy.
+A refinement has four views. ``frozen()`` writes features and never changes. ``head()`` is the stochastic part that
+learns; it reads those features, so that an update does not run the frozen part again. ``actor()`` is both, down to the
+action. ``deployed()`` is the deterministic policy.
 """
 
+import copy
 from dataclasses import dataclass
 
 from tensordict import NestedKey
@@ -26,12 +27,11 @@ from plat.spec.timing import Timing
 __all__ = [
     "FinetunedPolicy",
     "LatentNoisePolicy",
+    "Refinement",
     "RefinementConfig",
     "ResidualActionPolicy",
     "ResidualLatentPolicy",
 ]
-
-_PRIOR_MEAN = ("prior", "loc")
 
 
 @dataclass(frozen=True)
@@ -45,21 +45,53 @@ class RefinementConfig:
     init_std: float = 0.2
     """exploration noise at the start, in units of what it is added to"""
     lead: float = 0.0
-    """seconds by which the keyframe is shown ahead along the way to it, to a student that otherwise arrives late"""
+    """velocity feed-forward (s): shifts the keyframe along the way to it, so that the student arrives on time"""
+    shortest_lead: float = 0.1
+    """shortest time to a keyframe that the feed-forward divides by (s)"""
+    min_std: float = 0.02
+    """lower bound on the exploration noise"""
 
 
-class _Refinement(nn.Module):
-    """What the variants share: acting is the frozen features, the head, and what follows the head."""
+class Refinement(nn.Module):
+    """Base class of the refinements: frozen features, a head that learns, and what follows the head.
+
+    It works on a copy of the student: the student that is handed in stays as it is.
+
+    Args:
+        student: policy of stage 2.
+        config: sizes and exploration.
+        noise: exploration noise, from ``loc`` to ``loc`` and ``scale``; None for one with a learned scale.
+        freeze: the student's weights do not learn.
+    """
 
     sample_key: str = "action"
     """The entry that the head's distribution is over."""
 
-    def __init__(self, student: LatentPolicy, config: RefinementConfig | None, num_samples: int):
+    def __init__(
+        self,
+        student: LatentPolicy,
+        config: RefinementConfig | None = None,
+        *,
+        noise: TensorDictModuleBase | None = None,
+        freeze: bool = True,
+    ):
         super().__init__()
-        self.config = config or RefinementConfig()
+        self.config = config = config or RefinementConfig()
         self.robot = student.robot
-        self.student = student
-        self.noise = GaussianNoise(num_samples, self.config.init_std)
+        self.student = copy.deepcopy(student, {id(student.robot): student.robot})
+        if freeze:
+            self.student.requires_grad_(False)
+        self.noise = noise or GaussianNoise(self.num_samples, config.init_std, config.min_std)
+
+    @classmethod
+    def build(cls, student: LatentPolicy, config: RefinementConfig) -> "Refinement":
+        """Return the policy that a saved ``config`` describes. A subclass hands parts of its own over here."""
+        return cls(student, config)
+
+    @property
+    def num_samples(self) -> int:
+        """Size of what is sampled."""
+        return self.robot.num_joints
 
     @property
     def timing(self) -> Timing:
@@ -67,31 +99,31 @@ class _Refinement(nn.Module):
         return self.student.timing
 
     def shown(self) -> tuple[list[TensorDictModuleBase], list[NestedKey]]:
-        """What comes before the student, and where the student then finds its observation."""
+        """Return what comes before the student, and where the student then finds its observation."""
         if not self.config.lead:
             return [], list(student_keys())
-        lead = KeyframeLead(self.config.lead, self.timing.longest)
+        lead = KeyframeLead(self.config.lead, self.timing.longest, self.config.shortest_lead)
         return [lead], led(student_keys(), lead)
 
     def frozen(self) -> TensorDictModuleBase:
-        """The part that never changes: writes what the head reads."""
+        """Return the part that never changes: writes what the head reads."""
         before, keys = self.shown()
         return TensorDictSequential(*before, self.student.features(keys))
 
     def mean(self) -> list[TensorDictModuleBase]:
-        """The learning part: from features to ``loc``, the mean of what is sampled."""
+        """Return the learning part: from features to ``loc``, the mean of what is sampled."""
         raise NotImplementedError
 
     def after_sample(self, key: str) -> list[TensorDictModuleBase]:
-        """From what is sampled, at ``key``, to the action."""
+        """Return what leads from the sample, at ``key``, to the action."""
         return []
 
     def head(self) -> ProbabilisticTensorDictSequential:
-        """The stochastic part that learns, for PPO."""
+        """Return the stochastic part that learns, for PPO."""
         return ProbabilisticTensorDictSequential(*self.mean(), self.noise, gaussian_action(self.sample_key))
 
     def actor(self) -> TensorDictSequential:
-        """The policy that collects; the rollout holds all that :meth:`head` reads."""
+        """Return the policy that collects; the rollout holds all that :meth:`head` reads."""
         features = self.frozen()
         kept = [*features.out_keys, "loc", "scale", f"{self.sample_key}_log_prob", self.sample_key, "action"]
         return TensorDictSequential(
@@ -99,7 +131,7 @@ class _Refinement(nn.Module):
         )
 
     def deployed(self) -> TensorDictSequential:
-        """The deterministic policy: writes ``action``."""
+        """Return the deterministic policy: writes ``action``."""
         if self.sample_key == "action":
             rename = [TensorDictModule(nn.Identity(), in_keys=["loc"], out_keys=["action"])]
         else:
@@ -107,12 +139,16 @@ class _Refinement(nn.Module):
         return TensorDictSequential(self.frozen(), *self.mean(), *rename, selected_out_keys=["action"])
 
 
-class ResidualLatentPolicy(_Refinement):
-    """PLAT with ``a = pi(h, mu_p + alpha R(h, mu_p))``, backbone, prior and decoder frozen, and noise on the action.
+class ResidualLatentPolicy(Refinement):
+    """PLAT: residual in the latent, ``a = pi(h, mu_p + alpha R(h, mu_p))``, with exploration noise on the action.
+
+    Backbone, prior and decoder are frozen.
 
     Args:
-        student: policy of stage 2; its weights are frozen here.
+        student: policy of stage 2; a copy of it is frozen.
         config: sizes and exploration.
+        residual: from the student's features to ``refined_latent``; None for a :class:`plat.modules.Residual`.
+        noise: exploration noise; None for one with a learned scale.
 
     >>> from plat.robots import G1
     >>> policy = ResidualLatentPolicy(LatentPolicy(G1))
@@ -121,85 +157,108 @@ class ResidualLatentPolicy(_Refinement):
     """
 
     def __init__(
-        self, student: LatentPolicy, config: RefinementConfig | None = None, *, num_samples: int | None = None
+        self,
+        student: LatentPolicy,
+        config: RefinementConfig | None = None,
+        *,
+        residual: TensorDictModuleBase | None = None,
+        noise: TensorDictModuleBase | None = None,
     ):
-        super().__init__(student.requires_grad_(False), config, num_samples or student.robot.num_joints)
-        shape = student.config
-        self.residual = _residual(student, self.config, shape.latent_size, _PRIOR_MEAN, "refined_latent")
+        super().__init__(student, config, noise=noise)
+        latent_size = student.config.latent_size
+        self.residual = residual or _residual(student, self.config, latent_size, student.mode, "refined_latent")
 
     def mean(self) -> list[TensorDictModuleBase]:
-        """The corrected latent, decoded."""
+        """Return the corrected latent, decoded."""
         return [self.residual, self.student.decoder.using("hidden", "refined_latent", out_key="loc")]
 
 
 class LatentNoisePolicy(ResidualLatentPolicy):
     """PLAT with exploration in the latent: noise on the corrected latent, which is then decoded.
 
-    What is sampled, and what PPO sees as the action, is the latent; exploration moves along what the decoder knows.
+    PPO's action is the latent, so exploration moves along what the decoder knows.
     """
 
     sample_key = "sampled_latent"
 
-    def __init__(self, student: LatentPolicy, config: RefinementConfig | None = None):
-        super().__init__(student, config, num_samples=student.config.latent_size)
+    @property
+    def num_samples(self) -> int:
+        """Size of the latent."""
+        return self.student.config.latent_size
 
     def mean(self) -> list[TensorDictModuleBase]:
-        """The corrected latent."""
+        """Return the corrected latent."""
         return [self.residual, TensorDictModule(nn.Identity(), in_keys=["refined_latent"], out_keys=["loc"])]
 
     def after_sample(self, key: str) -> list[TensorDictModuleBase]:
-        """The decoder."""
+        """Return the decoder."""
         return [self.student.decoder.using("hidden", key)]
 
 
-class ResidualActionPolicy(_Refinement):
-    """The residual-action ablation: ``a = pi(h, mu_p) + alpha R(h, mu_p)``, student frozen.
+class ResidualActionPolicy(Refinement):
+    """Residual-action ablation: ``a = pi(h, mu_p) + alpha R(h, mu_p)``, student frozen.
 
     Args:
-        student: policy of stage 2; its weights are frozen here.
+        student: policy of stage 2; a copy of it is frozen.
         config: sizes and exploration.
+        residual: from the student's features and ``base_action`` to ``loc``; None for a
+            :class:`plat.modules.Residual`.
+        noise: exploration noise; None for one with a learned scale.
     """
 
-    def __init__(self, student: LatentPolicy, config: RefinementConfig | None = None):
-        super().__init__(student.requires_grad_(False), config, student.robot.num_joints)
-        self.residual = _residual(student, self.config, student.robot.num_joints, "base_action", "loc")
+    def __init__(
+        self,
+        student: LatentPolicy,
+        config: RefinementConfig | None = None,
+        *,
+        residual: TensorDictModuleBase | None = None,
+        noise: TensorDictModuleBase | None = None,
+    ):
+        super().__init__(student, config, noise=noise)
+        self.residual = residual or _residual(student, self.config, self.robot.num_joints, "base_action", "loc")
 
     def frozen(self) -> TensorDictModuleBase:
-        """Features and the student's action."""
-        return TensorDictSequential(
-            super().frozen(), self.student.decoder.using("hidden", _PRIOR_MEAN, out_key="base_action")
-        )
+        """Return the features and the student's action."""
+        decode = self.student.decoder.using("hidden", self.student.mode, out_key="base_action")
+        return TensorDictSequential(super().frozen(), decode)
 
     def mean(self) -> list[TensorDictModuleBase]:
-        """The corrected action."""
+        """Return the corrected action."""
         return [self.residual]
 
 
-class FinetunedPolicy(_Refinement):
-    """The direct-fine-tuning ablation: PPO on every deployed weight of the student.
+class FinetunedPolicy(Refinement):
+    """Direct-fine-tuning ablation: PPO on every deployed weight of a copy of the student.
 
     Args:
-        student: policy of stage 2; a starting point that changes.
+        student: policy of stage 2, where learning starts.
         config: exploration.
+        noise: exploration noise; None for one with a learned scale.
     """
 
-    def __init__(self, student: LatentPolicy, config: RefinementConfig | None = None):
-        super().__init__(student, config, student.robot.num_joints)
+    def __init__(
+        self,
+        student: LatentPolicy,
+        config: RefinementConfig | None = None,
+        *,
+        noise: TensorDictModuleBase | None = None,
+    ):
+        super().__init__(student, config, noise=noise, freeze=False)
 
     def frozen(self) -> TensorDictModuleBase:
-        """The normalised observation: its statistics stay as they are."""
+        """Return the normalized observation: its statistics stay as they are."""
         before, keys = self.shown()
         return TensorDictSequential(*before, self.student.normalizer.using(keys))
 
     def mean(self) -> list[TensorDictModuleBase]:
-        """Backbone, prior mean and decoder."""
+        """Return backbone, prior mean and decoder."""
         student = self.student
-        return [student.backbone, student.prior, student.decoder.using("hidden", _PRIOR_MEAN, out_key="loc")]
+        return [student.backbone, student.prior, student.decoder.using("hidden", student.mode, out_key="loc")]
 
 
 def _residual(
     student: LatentPolicy, config: RefinementConfig, num_outputs: int, base: NestedKey, out_key: str
 ) -> Residual:
     shape = student.config
-    keys = ("hidden", _PRIOR_MEAN, base)
+    keys = ("hidden", student.mode, base)
     return Residual(shape.hidden_size, shape.latent_size, num_outputs, config.hidden, config.alpha, keys, out_key)

@@ -1,17 +1,17 @@
-"""Stage 2: the student, with a privileged latent or without."""
+"""Students of stage 2: behavior cloning with a privileged latent, or without."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from tensordict import NestedKey, TensorDictBase
-from tensordict.nn import TensorDictSequential
+from tensordict.nn import TensorDictModuleBase, TensorDictSequential
 from torch import nn
 
 from plat.modules.backbone import Backbone
 from plat.modules.decoder import ActionDecoder
 from plat.modules.goal_encoder import GoalSequenceEncoder
 from plat.modules.latent import LatentPosterior, LatentPrior, sample_latent
-from plat.modules.normalizer import ObservationNormalizer
+from plat.modules.normalizer import NormalizerConfig, ObservationNormalizer
 from plat.robots.robot import Robot
 from plat.spec.observation import STUDENT_KEYS, goal_keys, observation_size, student_keys
 from plat.spec.timing import Timing
@@ -29,6 +29,8 @@ class PlainPolicyConfig:
     """size of h"""
     decoder: tuple[int, ...] = (256, 128)
     """hidden layers of the decoder"""
+    normalizer: NormalizerConfig = NormalizerConfig()
+    """normalization of the observation"""
     timing: Timing = Timing()
     """control step that it acts at, and the commands that it is given"""
 
@@ -45,33 +47,78 @@ class LatentPolicyConfig(PlainPolicyConfig):
     """hidden layers of the posterior"""
     encoder_size: int = 128
     """size of the goal-sequence code e"""
+    min_std: float = 0.01
+    """lower bound on the standard deviations of prior and posterior; bounds the divergence"""
 
 
 class LatentPolicy(nn.Module):
-    """PLAT's stage-2 policy: backbone, prior, decoder; and posterior and goal encoder, which only training uses.
+    """PLAT's student: backbone, prior and decoder, and for training a posterior over a privileged goal encoder.
+
+    The parts are TensorDict modules that meet in entries. A part that is not given is built from ``config``.
 
     Args:
         robot: the robot.
-        config: sizes.
+        config: timing, and sizes of the parts that are not given.
+        normalizer: normalizes the student's observation.
+        backbone: from ``observation`` to ``hidden``.
+        prior: from ``hidden`` to the parameters of the prior, in the group ``"prior"``.
+        goal_normalizer: normalizes the frames of the privileged goal sequence.
+        encoder: from ``("privileged_goal", "normalized")`` ``[B, L, F]`` and ``("privileged_goal", "length")`` ``[B]``
+            to ``goal_code``.
+        posterior: from ``hidden`` and ``goal_code`` to the parameters of the posterior, in the group ``"posterior"``.
+        decoder: from ``hidden`` and a latent to the action.
+        sample: returns for a group the module that draws ``(group, "latent")``.
+        mode: entry of the prior that is decoded when the policy acts deterministically.
 
     >>> from plat.robots import G1
     >>> policy = LatentPolicy(G1)
     >>> all(key[0] in ("robot", "goal", "command") for key in policy.deployed().in_keys)
     True
+
+    With a wider prior:
+
+    >>> policy = LatentPolicy(G1, prior=LatentPrior(256, 32, hidden=(512, 512)))
+    >>> policy.features().out_keys[-1]
+    ('prior', 'scale')
     """
 
-    def __init__(self, robot: Robot, config: LatentPolicyConfig | None = None):
+    def __init__(
+        self,
+        robot: Robot,
+        config: LatentPolicyConfig | None = None,
+        *,
+        normalizer: ObservationNormalizer | None = None,
+        backbone: TensorDictModuleBase | None = None,
+        prior: TensorDictModuleBase | None = None,
+        goal_normalizer: ObservationNormalizer | None = None,
+        encoder: TensorDictModuleBase | None = None,
+        posterior: TensorDictModuleBase | None = None,
+        decoder: ActionDecoder | None = None,
+        sample: Callable[[str], TensorDictModuleBase] = sample_latent,
+        mode: NestedKey = ("prior", "loc"),
+    ):
         super().__init__()
         self.robot = robot
         self.config = config = config or LatentPolicyConfig()
-        size, goal_size = observation_size(student_keys(), robot), observation_size(goal_keys(), robot)
-        self.normalizer = ObservationNormalizer(student_keys(), size)
-        self.backbone = Backbone(size, config.backbone, config.hidden_size)
-        self.prior = LatentPrior(config.hidden_size, config.latent_size, config.prior)
-        self.goal_normalizer = ObservationNormalizer(goal_keys(), goal_size)
-        self.encoder = GoalSequenceEncoder(goal_size, config.encoder_size)
-        self.posterior = LatentPosterior(config.hidden_size, config.encoder_size, config.latent_size, config.posterior)
-        self.decoder = ActionDecoder(config.hidden_size, config.latent_size, robot.num_joints, config.decoder)
+        self.mode = mode
+        self._sample = sample
+        hidden, code, latent = config.hidden_size, config.encoder_size, config.latent_size
+        goal_size = observation_size(goal_keys(), robot)
+        self.normalizer = normalizer or _observation_normalizer(robot, config)
+        self.backbone = backbone or _backbone(robot, config)
+        self.prior = prior or LatentPrior(hidden, latent, config.prior, min_std=config.min_std)
+        self.goal_normalizer = goal_normalizer or ObservationNormalizer(goal_keys(), goal_size, config.normalizer)
+        self.encoder = encoder or GoalSequenceEncoder(goal_size, code)
+        self.posterior = posterior or LatentPosterior(hidden, code, latent, config.posterior, min_std=config.min_std)
+        self.decoder = decoder or ActionDecoder(hidden, latent, robot.num_joints, config.decoder)
+
+    @classmethod
+    def build(cls, robot: Robot, config: LatentPolicyConfig) -> "LatentPolicy":
+        """Return the policy that a saved ``config`` describes.
+
+        A subclass with parts of its own hands them over here, so that runs can be loaded.
+        """
+        return cls(robot, config)
 
     @property
     def timing(self) -> Timing:
@@ -79,27 +126,29 @@ class LatentPolicy(nn.Module):
         return self.config.timing
 
     def training_graph(self) -> TensorDictSequential:
-        """Everything that the imitation loss asks for.
+        """Return everything that the imitation loss asks for.
 
         Reads the student's observation and ``("privileged_goal", "frames")``, ``("privileged_goal", "length")``;
-        writes ``loc``, ``scale``, ``latent`` and ``action`` in the groups ``"prior"`` and ``"posterior"``.
+        writes the parameters, ``latent`` and ``action`` in the groups ``"prior"`` and ``"posterior"``.
         """
-        frames = ("privileged_goal", "frames")
+        normalize_goals = self.goal_normalizer.using(
+            [("privileged_goal", "frames")], out_key=("privileged_goal", "normalized")
+        )
         return TensorDictSequential(
             self.normalizer.using(),
             self.backbone,
             self.prior,
-            self.goal_normalizer.using([frames], out_key=frames),
+            normalize_goals,
             self.encoder,
             self.posterior,
-            sample_latent("prior"),
-            sample_latent("posterior"),
+            self._sample("prior"),
+            self._sample("posterior"),
             self.decoder.using("hidden", ("prior", "latent"), out_key=("prior", "action")),
             self.decoder.using("hidden", ("posterior", "latent"), out_key=("posterior", "action")),
         )
 
     def features(self, keys: Sequence[NestedKey] | None = None) -> TensorDictSequential:
-        """The part below the decoder that is deployed: writes ``hidden``, ``("prior", "loc")`` and its scale.
+        """Return the deployed part below the decoder: writes ``hidden`` and the parameters of the prior.
 
         Args:
             keys: where the student's observation is; None for where :func:`plat.spec.observation.student_keys` says.
@@ -107,13 +156,13 @@ class LatentPolicy(nn.Module):
         return TensorDictSequential(self.normalizer.using(keys), self.backbone, self.prior)
 
     def sampled(self) -> TensorDictSequential:
-        """The policy that acts through a sample of the prior; its mean under deterministic exploration."""
+        """Return the policy that acts through a sample of the prior; its mode under deterministic exploration."""
         decode = self.decoder.using("hidden", ("prior", "latent"))
-        return TensorDictSequential(self.features(), sample_latent("prior"), decode, selected_out_keys=["action"])
+        return TensorDictSequential(self.features(), self._sample("prior"), decode, selected_out_keys=["action"])
 
     def deployed(self) -> TensorDictSequential:
-        """The policy that is shipped: ``a = pi(h, mu_p)``. It holds no privileged part."""
-        decode = self.decoder.using("hidden", ("prior", "loc"))
+        """Return the deterministic policy ``a = pi(h, mu_p)``. It holds no privileged part."""
+        decode = self.decoder.using("hidden", self.mode)
         return TensorDictSequential(self.features(), decode, selected_out_keys=["action"])
 
     def update_normalizers(self, tensordict: TensorDictBase) -> None:
@@ -123,21 +172,40 @@ class LatentPolicy(nn.Module):
 
 
 class PlainPolicy(nn.Module):
-    """The ablation without a privileged latent: ``a = pi(B(o))``.
+    """Student without a latent, the ablation: ``a = pi(B(o))``.
 
     Args:
         robot: the robot.
-        config: sizes.
+        config: timing, and sizes of the parts that are not given.
+        normalizer: normalizes the student's observation.
+        backbone: from ``observation`` to ``hidden``.
+        decoder: from ``hidden`` to the action.
+
+    >>> from plat.robots import G1
+    >>> PlainPolicy(G1).training_graph().out_keys[-1]
+    'action'
     """
 
-    def __init__(self, robot: Robot, config: PlainPolicyConfig | None = None):
+    def __init__(
+        self,
+        robot: Robot,
+        config: PlainPolicyConfig | None = None,
+        *,
+        normalizer: ObservationNormalizer | None = None,
+        backbone: TensorDictModuleBase | None = None,
+        decoder: ActionDecoder | None = None,
+    ):
         super().__init__()
         self.robot = robot
         self.config = config = config or PlainPolicyConfig()
-        size = observation_size(student_keys(), robot)
-        self.normalizer = ObservationNormalizer(student_keys(), size)
-        self.backbone = Backbone(size, config.backbone, config.hidden_size)
-        self.decoder = ActionDecoder(config.hidden_size, 0, robot.num_joints, config.decoder)
+        self.normalizer = normalizer or _observation_normalizer(robot, config)
+        self.backbone = backbone or _backbone(robot, config)
+        self.decoder = decoder or ActionDecoder(config.hidden_size, 0, robot.num_joints, config.decoder)
+
+    @classmethod
+    def build(cls, robot: Robot, config: PlainPolicyConfig) -> "PlainPolicy":
+        """Return the policy that a saved ``config`` describes."""
+        return cls(robot, config)
 
     @property
     def timing(self) -> Timing:
@@ -145,19 +213,26 @@ class PlainPolicy(nn.Module):
         return self.config.timing
 
     def deployed(self) -> TensorDictSequential:
-        """The policy: the same in training and after."""
+        """Return the deterministic policy."""
         parts = (self.normalizer.using(), self.backbone, self.decoder.using("hidden"))
         return TensorDictSequential(*parts, selected_out_keys=["action"])
 
     def training_graph(self) -> TensorDictSequential:
-        """What the imitation loss asks for: writes the action to ``expert_action``, where the label is."""
-        decode = self.decoder.using("hidden", out_key="expert_action")
-        return TensorDictSequential(self.normalizer.using(), self.backbone, decode)
+        """Return everything that the imitation loss asks for: writes ``action``."""
+        return TensorDictSequential(self.normalizer.using(), self.backbone, self.decoder.using("hidden"))
 
     def sampled(self) -> TensorDictSequential:
-        """The policy that collects: there is nothing to sample."""
+        """Return the policy that collects: there is nothing to sample."""
         return self.deployed()
 
     def update_normalizers(self, tensordict: TensorDictBase) -> None:
         """Take a batch of visited states into the statistics."""
         self.normalizer.update(tensordict)
+
+
+def _observation_normalizer(robot: Robot, config: PlainPolicyConfig) -> ObservationNormalizer:
+    return ObservationNormalizer(student_keys(), observation_size(student_keys(), robot), config.normalizer)
+
+
+def _backbone(robot: Robot, config: PlainPolicyConfig) -> Backbone:
+    return Backbone(observation_size(student_keys(), robot), config.backbone, config.hidden_size)

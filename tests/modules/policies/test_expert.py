@@ -3,6 +3,7 @@ import torch
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from plat.envs import ROBOT_KEYS, goal_keys, make_keyframe_env, make_tracking_env
+from plat.errors import ConfigError
 from plat.modules import Expert, ExpertConfig
 from plat.robots import G1
 
@@ -89,7 +90,7 @@ def test_a_keyframe_has_no_velocity(library):
 
 
 def test_reference_velocity_needs_two_frames():
-    with pytest.raises(ValueError, match=r"ahead \(1,\): the action 'reference_velocity' needs two frames"):
+    with pytest.raises(ConfigError, match=r"ahead \(1,\): the action 'reference_velocity' needs two frames"):
         Expert(G1, ExpertConfig(action="reference_velocity"))
 
 
@@ -133,5 +134,31 @@ def test_a_led_expert_labels_as_it_acts(library):
 
 
 def test_a_lead_needs_two_frames():
-    with pytest.raises(ValueError, match=r"ahead \(1,\): a lead of 0.1 s needs two frames"):
+    with pytest.raises(ConfigError, match=r"ahead \(1,\): a lead of 0.1 s needs two frames"):
         Expert(G1, ExpertConfig(lead=0.1))
+
+
+def test_an_expert_without_a_frame():
+    with pytest.raises(ConfigError, match="ahead is empty"):
+        Expert(G1, ExpertConfig(ahead=()))
+
+
+def test_limits_are_settings(library):
+    state = make_tracking_env(library, 4).reset()
+    expert = Expert(G1, ExpertConfig(residual_limit=0.25))
+    torch.nn.init.constant_(expert.network[-1].bias, 99.0)
+    target = G1.default_joint_pos + G1.action_scale * expert.deployed()(state.clone())["action"]
+    torch.testing.assert_close(target - state["goal", "joint_pos"], (0.25 * G1.action_scale).expand(4, -1))
+    shifts = []
+    for limit in (0.1, 0.2):
+        expert = Expert(G1, ExpertConfig(catch_up=1.0, catch_up_limit=limit))
+        state["goal", "root_pos_b"] = torch.tensor([[3.0, 4.0, 0.0]]).expand(4, -1)
+        moved = expert._observe(("goal",))[0](state.clone())["led_goal", "root_pos_b"]
+        shifts.append((moved - state["goal", "root_pos_b"]).norm(dim=-1))
+    torch.testing.assert_close(torch.stack(shifts), torch.tensor([[0.1] * 4, [0.2] * 4]))
+
+
+def test_a_network_of_ones_own(library):
+    expert = Expert(G1, ExpertConfig(action="default_offset"), network=torch.nn.LazyLinear(29))
+    state = make_tracking_env(library, 4).reset()
+    assert torch.equal(expert.deployed()(state.clone())["action"], expert.network(expert.actor()(state)["observation"]))

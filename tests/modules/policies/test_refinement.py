@@ -3,6 +3,7 @@ from dataclasses import replace
 import pytest
 import torch
 from tensordict import TensorDict
+from tensordict.nn import TensorDictModule
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from plat.envs import make_keyframe_env
@@ -108,3 +109,43 @@ def test_residuals_act_where_they_should(state, variant, size):
         expected = policy.student.decoder(features["hidden"], latent) + 0.25
     assert last.out_features == size
     torch.testing.assert_close(policy.deployed()(state.clone())["action"], expected)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_the_callers_student_is_left_alone(state, variant):
+    student = LatentPolicy(G1, SMALL)
+    before = {name: weight.clone() for name, weight in student.state_dict().items()}
+    policy = variant(student)
+    assert all(weight.requires_grad for weight in student.parameters())
+    assert policy.robot is policy.student.robot is G1
+    with torch.no_grad():
+        for weight in policy.parameters():
+            weight.add_(1.0)
+    assert all(torch.equal(weight, before[name]) for name, weight in student.state_dict().items())
+
+
+def test_a_residual_of_ones_own(state):
+    class Zero(torch.nn.Module):
+        def forward(self, latent: torch.Tensor) -> torch.Tensor:
+            return 0 * latent
+
+    student = LatentPolicy(G1, SMALL)
+    drawn = torch.random.get_rng_state()
+    residual = TensorDictModule(Zero(), [("prior", "loc")], ["refined_latent"])
+    policy = ResidualLatentPolicy(student, residual=residual)
+    assert torch.equal(torch.random.get_rng_state(), drawn)
+    features = student.features()(state.clone())
+    expected = student.decoder(features["hidden"], 0 * features["prior", "loc"])
+    assert torch.equal(policy.deployed()(state.clone())["action"], expected)
+
+
+def test_the_shortest_lead_is_a_setting(state):
+    student = LatentPolicy(G1, SMALL)
+    state["command", "horizon"] = torch.full_like(state["command", "horizon"], 0.02)
+    usual, slower = (
+        ResidualLatentPolicy(student, RefinementConfig(lead=0.1, shortest_lead=shortest)).frozen()(state.clone())
+        for shortest in (0.1, 0.2)
+    )
+    way = state["goal", "root_pos_b"][:, :2]
+    torch.testing.assert_close(usual["led_goal", "root_pos_b"][:, :2], 2 * way)
+    torch.testing.assert_close(slower["led_goal", "root_pos_b"][:, :2], 1.5 * way)
