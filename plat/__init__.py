@@ -1,14 +1,9 @@
 """plat: sparse timed keyframe control of humanoids, from composable TorchRL components."""
 
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from plat.moved import install
-
-try:
-    __version__ = version("plat-rl")
-except PackageNotFoundError:  # a source tree that was not installed
-    __version__ = "0.0.0"
+from plat.version import __version__ as __version__
 
 install()
 

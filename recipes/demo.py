@@ -21,9 +21,9 @@ import play as play_recipe
 import refine
 
 from plat.envs.transforms import HORIZONS
-from plat.evaluation import HEADLINE, Score
+from plat.evaluation import HEADLINE, Score, play
 from plat.motions import MotionLibrary
-from plat.rendering import RenderingError, Stage, contact_sheet, film, play, write_picture, write_video
+from plat.rendering import RenderingError, Stage, contact_sheet, film, write_picture, write_video
 from plat.runs import load_policy, report_errors
 from plat.runs.shipped import shipped_runs
 

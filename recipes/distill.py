@@ -16,10 +16,11 @@ from plat.collectors import ExpertLabels, MixedPolicy, dagger_buffer, rollouts
 from plat.envs import TaskConfig, make_keyframe_env
 from plat.envs.transforms import HORIZONS, pop_statistics
 from plat.errors import PlatError
+from plat.evaluation import play
 from plat.modules import STUDENT_KEYS, Expert, LatentPolicy, LatentPolicyConfig, PlainPolicy
 from plat.motions import MotionLibrary
 from plat.objectives import ImitationLoss, LatentImitationLoss, Precision, autocast
-from plat.rendering import Films, play
+from plat.rendering import Films
 from plat.runs import Budget, RecipeConfig, Run, load_policy, report_errors
 
 

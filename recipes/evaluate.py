@@ -18,12 +18,12 @@ import plat.headless  # noqa: F401
 from plat.baselines import ReleasedTrackers, Tracker
 from plat.envs.transforms import HORIZONS, NEXT_FRAME, Horizon, RandomizationRanges
 from plat.errors import PlatError
-from plat.evaluation import HEADLINE, METRICS, CommandRecords, Observe, Score, evaluate, write_csv
+from plat.evaluation import HEADLINE, METRICS, CommandRecords, Observe, Score, evaluate, play, write_csv
 from plat.evaluation.table import COLUMNS, rows
-from plat.figures import ablation_bars, pyplot, radar_plot, save_figure, success_plot
+from plat.figures import ablation_bars, film_strip, pyplot, radar_plot, save_figure, success_plot
 from plat.modules import Expert
 from plat.motions import MotionLibrary
-from plat.rendering import Playback, RenderingError, Stage, film_strip, play
+from plat.rendering import Playback, RenderingError, Stage
 from plat.robots import Robot
 from plat.runs import check_logger, default_device, load_policy, log_table, report_errors, start_logging
 from plat.runs.loggers import LoggerName, chosen_loggers

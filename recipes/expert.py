@@ -14,10 +14,11 @@ from plat.collectors import rollouts
 from plat.envs import TaskConfig, make_tracking_env
 from plat.envs.transforms import HORIZONS, DenseRewards, Term, pop_statistics
 from plat.errors import CheckpointError
+from plat.evaluation import play
 from plat.modules import Critic, Expert, ExpertConfig
 from plat.motions import MotionLibrary
 from plat.objectives import PPO, MotorGradientConfig, PPOConfig, motor_gradient
-from plat.rendering import Films, play
+from plat.rendering import Films
 from plat.runs import Budget, RecipeConfig, Run, load_policy, report_errors
 
 

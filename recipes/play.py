@@ -15,10 +15,20 @@ import plat.headless  # noqa: F401
 
 # isort: split
 
-from plat.control import Chase, ChaseStep, KeyframeScore, KeyframeScorer, PolicyController, Simulator, StepErrors
+from plat.control import (
+    Chase,
+    ChaseStep,
+    KeyframeScore,
+    KeyframeScorer,
+    PolicyController,
+    Simulator,
+    StepErrors,
+    Viewer,
+    record,
+)
 from plat.errors import KeyframeError
 from plat.keyframes import CONTROL_DT, KeyframeSequence
-from plat.rendering import Stage, Viewer, check_video, film, record, stage_model, write_video
+from plat.rendering import Stage, check_video, film, stage_model, write_video
 from plat.runs import load_policy, report_errors
 
 

@@ -14,6 +14,7 @@ import tyro
 from plat.collectors import rollouts
 from plat.envs import TaskConfig, make_keyframe_env
 from plat.envs.transforms import HORIZONS, DenseRewards, KeyframeRewards, Term, pop_statistics
+from plat.evaluation import play
 from plat.modules import (
     STUDENT_KEYS,
     Critic,
@@ -25,7 +26,7 @@ from plat.modules import (
 )
 from plat.motions import MotionLibrary
 from plat.objectives import PPO, MotorGradientConfig, PPOConfig, motor_gradient
-from plat.rendering import Films, play
+from plat.rendering import Films
 from plat.runs import Budget, RecipeConfig, Run, load_policy, report_errors
 
 VARIANTS = {

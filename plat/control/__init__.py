@@ -12,10 +12,12 @@ policy with the one that it was exported from. This interface is stable::
 """
 
 from plat.control.chase import Chase, ChaseStep, Controller
-from plat.control.errors import PoseComparison, PoseErrors
+from plat.control.chase_playback import record
 from plat.control.policy import PolicyController
+from plat.control.pose_errors import PoseComparison, PoseErrors
 from plat.control.scores import KeyframeScore, KeyframeScorer, StepErrors
 from plat.control.simulator import Simulator
+from plat.control.viewer import Viewer
 
 __all__ = [
     "Chase",
@@ -28,4 +30,6 @@ __all__ = [
     "PoseErrors",
     "Simulator",
     "StepErrors",
+    "Viewer",
+    "record",
 ]

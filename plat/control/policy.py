@@ -8,8 +8,8 @@ from tensordict.nn import TensorDictModuleBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from plat.deploy import ObservationBuilder, Pose, RobotState
-from plat.export import describe_robot
 from plat.keyframes import CONTROL_DT, MAX_STEPS
+from plat.robots.describe import describe_robot
 from plat.robots.robot import Robot
 
 __all__ = ["PolicyController"]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plat.control.chase import ChaseStep
-from plat.control.errors import PoseComparison, PoseErrors
+from plat.control.pose_errors import PoseComparison, PoseErrors
 from plat.envs.transforms import TerminationLimits
 from plat.robots.robot import Robot
 

@@ -36,7 +36,7 @@ class KeypointKinematics:
         robot: its kinematic tree and keypoints.
 
     >>> from plat.robots import G1
-    >>> from plat.export import describe_robot
+    >>> from plat.robots import describe_robot
     >>> kinematics = KeypointKinematics(describe_robot(G1, control_dt=0.02))
     >>> kinematics(np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(29)).shape
     (14, 3)

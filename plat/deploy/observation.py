@@ -67,7 +67,7 @@ class ObservationBuilder:
 
     >>> from types import SimpleNamespace
     >>> from plat.robots import G1
-    >>> from plat.export import describe_robot
+    >>> from plat.robots import describe_robot
     >>> robot = describe_robot(G1, control_dt=0.02)
     >>> state = RobotState(
     ...     joint_pos=robot.default_joint_pos, joint_vel=np.zeros(29), root_pos_w=np.array([0, 0, 0.76]),

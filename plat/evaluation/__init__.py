@@ -1,5 +1,6 @@
 """Evaluation: run commands, record them, report figures."""
 
+from plat.evaluation.clip_playback import play
 from plat.evaluation.records import CommandRecorder, CommandRecords
 from plat.evaluation.report import Estimate, Penalties, compare, report, success_curve
 from plat.evaluation.runner import Observe, evaluate, make_evaluation_env
@@ -20,6 +21,7 @@ __all__ = [
     "evaluate",
     "make_evaluation_env",
     "markdown",
+    "play",
     "report",
     "success_curve",
     "write_csv",

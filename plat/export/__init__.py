@@ -2,6 +2,6 @@
 
 from plat.export.bundle import ExportCheck, export_bundle
 from plat.export.network import JointTargetNetwork
-from plat.export.robot import describe_robot
+from plat.robots.describe import describe_robot
 
 __all__ = ["ExportCheck", "JointTargetNetwork", "describe_robot", "export_bundle"]

@@ -6,9 +6,9 @@ from typing import Any
 
 from plat.deploy.bundle import Bundle, PolicyFacts, Score, TrainingFacts
 from plat.errors import BundleError
-from plat.export.robot import describe_robot
 from plat.keyframes import CONTROL_DT, MAX_STEPS
 from plat.modules import PlainPolicy, ResidualActionPolicy, ResidualLatentPolicy
+from plat.robots.describe import describe_robot
 from plat.runs.saving import policy_spec, read_json
 
 __all__ = ["EVALUATION_FILE", "describe_policy"]

@@ -1,9 +1,10 @@
 """Figures of a paper (extra ``plat-rl[figures]``)."""
 
 from plat.figures.bars import ablation_bars
+from plat.figures.film_strip import film_strip
 from plat.figures.pyplot import pyplot
 from plat.figures.radar import radar_plot
 from plat.figures.style import save_figure
 from plat.figures.success import success_plot
 
-__all__ = ["ablation_bars", "pyplot", "radar_plot", "save_figure", "success_plot"]
+__all__ = ["ablation_bars", "film_strip", "pyplot", "radar_plot", "save_figure", "success_plot"]

@@ -1,4 +1,4 @@
-"""Pictures, videos and a live view (OpenGL; extra ``plat-rl[video]``)."""
+"""Pictures and videos of a robot (OpenGL; extra ``plat-rl[video]``)."""
 
 from plat.errors import RenderingError
 from plat.rendering.films import Films
@@ -12,22 +12,16 @@ from plat.rendering.pictures import (
     write_picture,
     write_video,
 )
-from plat.rendering.playback import Playback, play, record
-from plat.rendering.strip import film_strip
-from plat.rendering.viewer import Viewer
+from plat.rendering.playback import Playback
 
 __all__ = [
     "Films",
     "Playback",
     "RenderingError",
     "Stage",
-    "Viewer",
     "check_video",
     "contact_sheet",
     "film",
-    "film_strip",
-    "play",
-    "record",
     "stage_model",
     "stills",
     "write_picture",

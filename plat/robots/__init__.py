@@ -1,5 +1,6 @@
 """Robots: their description, MJCF, motors, kinematics and names."""
 
+from plat.robots.describe import describe_robot
 from plat.robots.g1 import G1
 from plat.robots.kinematics import ForwardKinematics
 from plat.robots.mjcf import Capsule
@@ -12,6 +13,7 @@ __all__ = [
     "FootContacts",
     "ForwardKinematics",
     "Robot",
+    "describe_robot",
     "get_robot",
     "register_robot",
     "without_side",

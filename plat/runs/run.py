@@ -28,12 +28,12 @@ from torchrl.checkpoint import (
 )
 from torchrl.checkpoint import CheckpointError as TorchRLCheckpointError
 
-import plat
 from plat.errors import CheckpointError
 from plat.runs.budget import Budget
 from plat.runs.loggers import LoggerName, check_logger, log_video, start_logging
 from plat.runs.metrics import MetricsFile
 from plat.runs.saving import complete_spec, policy_spec, read_json, save_weights, write_json
+from plat.version import __version__
 
 __all__ = ["Run"]
 
@@ -93,7 +93,7 @@ class Run:
                 "name": Path(sys.argv[0]).stem,
                 "settings": TypeAdapter(type(recipe)).dump_python(recipe, mode="json"),
             },
-            "made_with": {"plat": plat.__version__, "torch": torch.__version__, "commit": _commit()},
+            "made_with": {"plat": __version__, "torch": torch.__version__, "commit": _commit()},
         }
         if resume and config_path.exists():
             self._restore(config)

@@ -7,12 +7,12 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from tensordict.nn import TensorDictModuleBase
 
-from plat.control import Chase, KeyframeScore, KeyframeScorer, PolicyController, Simulator
+from plat.control import Chase, KeyframeScore, KeyframeScorer, PolicyController, Simulator, record
 from plat.errors import KeyframeError
 from plat.keyframes import Keyframe, KeyframeSequence
 from plat.keyframes.files import read_keyframes
 from plat.motions import MotionClip
-from plat.rendering import Stage, check_video, film, record, write_video
+from plat.rendering import Stage, check_video, film, write_video
 from plat.robots.robot import Robot
 from plat.studio.history import History
 from plat.studio.player import HOLD, Player, score

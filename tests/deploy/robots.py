@@ -4,8 +4,7 @@ import numpy as np
 import torch
 
 from plat.deploy import RobotDescription, RobotState
-from plat.export import describe_robot
-from plat.robots import G1
+from plat.robots import G1, describe_robot
 from plat.rotations import quat_from_rotvec, quat_rotate_inverse
 
 

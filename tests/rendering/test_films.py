@@ -6,9 +6,10 @@ import torch
 
 from plat.envs.transforms import HORIZONS
 from plat.errors import MotionError
+from plat.evaluation import play
 from plat.modules import Expert
 from plat.motions import MotionLibrary
-from plat.rendering import Films, Playback, RenderingError, play
+from plat.rendering import Films, Playback, RenderingError
 from plat.robots import G1
 from tests.conftest import standing_clip
 

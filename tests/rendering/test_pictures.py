@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from plat.envs.transforms import HORIZONS
+from plat.evaluation import play
 from plat.modules import Expert
 from plat.motions import MotionLibrary
 from plat.rendering import (
@@ -14,7 +15,6 @@ from plat.rendering import (
     check_video,
     contact_sheet,
     film,
-    play,
     stills,
     write_picture,
     write_video,

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from plat.envs.transforms import HORIZONS, CommandSchedule
+from plat.evaluation import play
+from plat.figures import film_strip
 from plat.modules import Expert
 from plat.motions import MotionLibrary
-from plat.rendering import film_strip, play
 from plat.robots import G1
 from tests.conftest import standing_clip
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from plat.errors import RobotError
-from plat.export import describe_robot
-from plat.robots import G1
+from plat.robots import G1, describe_robot
 
 
 def test_numbers_are_those_of_the_model():

@@ -9,9 +9,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from plat.control import ChaseStep, Simulator
+from plat.control.chase import ChaseStep
+from plat.control.simulator import Simulator
+from plat.errors import RenderingError
 from plat.keyframes import CONTROL_DT, MAX_STEPS
-from plat.rendering.pictures import RenderingError, add_ghost, show_visible
+from plat.rendering.pictures import add_ghost, show_visible
 
 __all__ = ["Viewer"]
 
@@ -26,7 +28,7 @@ class Viewer:
     It goes at the pace of real time, or slower where the computer is.
 
     Args:
-        simulator: the robot; :func:`stage_model` makes a model that is good to look at.
+        simulator: the robot; :func:`plat.rendering.stage_model` makes a model that is good to look at.
 
     Raises:
         RenderingError: where no window can be opened.

@@ -1,20 +1,21 @@
 """A film strip a policy: the same keyframes of the same motion, policy under policy."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from plat.figures.style import PAGE, paper_style
-from plat.rendering.pictures import Stage
-from plat.rendering.playback import Playback
+
+if TYPE_CHECKING:  # a figure is drawn without OpenGL; only the stage that it is given needs that
+    from plat.rendering import Playback, Stage
 
 __all__ = ["film_strip"]
 
 _REACHED, _FAILED = "#009E73", "#D55E00"
 
 
-def film_strip(stage: Stage, playbacks: Mapping[str, Playback], commands: int = 4) -> Any:
+def film_strip(stage: "Stage", playbacks: "Mapping[str, Playback]", commands: int = 4) -> Any:
     """A figure with one strip a policy: halfway to each of the first keyframes, and at its arrival.
 
     The keyframe is a ghost. Arrivals have a green frame; a command that failed has a red one and shows the robot
@@ -40,25 +41,25 @@ def film_strip(stage: Stage, playbacks: Mapping[str, Playback], commands: int = 
         figure, panels = plt.subplots(len(strips), len(times), figsize=size, squeeze=False)
         figure.get_layout_engine().set(w_pad=0.012, h_pad=0.012, wspace=0.0, hspace=0.0)
         for row, (name, strip) in zip(panels, strips.items(), strict=True):
-            for panel, (picture, colour) in zip(row, strip, strict=True):
+            for panel, (picture, color) in zip(row, strip, strict=True):
                 panel.imshow(picture)
                 panel.set(xticks=[], yticks=[])
                 for spine in panel.spines.values():
-                    spine.set(visible=colour is not None, color=colour, linewidth=1.5)
+                    spine.set(visible=color is not None, color=color, linewidth=1.5)
             row[0].set_ylabel(name, fontsize=7)
         for number, (panel, time) in enumerate(zip(panels[0], times, strict=True)):
             panel.set_title(f"{time:.2f} s, arrival" if number % 2 else f"{time:.2f} s", pad=3, fontsize=7)
     return figure
 
 
-def _starts(playback: Playback) -> np.ndarray:
+def _starts(playback: "Playback") -> np.ndarray:
     """Steps at which commands begin."""
     ended = (playback.steps_left <= 1) | playback.failed
     return np.flatnonzero(np.concatenate(([True], ended[:-1])))
 
 
-def _strip(stage: Stage, playback: Playback, commands: int) -> list[tuple[np.ndarray, str | None]]:
-    """Two pictures a command, each with the colour of its frame."""
+def _strip(stage: "Stage", playback: "Playback", commands: int) -> list[tuple[np.ndarray, str | None]]:
+    """Two pictures a command, each with the color of its frame."""
     starts = _starts(playback)
     ends = np.append(starts[1:], len(playback.qpos)) - 1
     pictures = []
@@ -68,8 +69,8 @@ def _strip(stage: Stage, playback: Playback, commands: int) -> list[tuple[np.nda
         for pose, at_arrival in ((playback.qpos[min(halfway, end)], False), (playback.reached_qpos[end], True)):
             stage.look_at(_between(pose, target))
             failed = playback.failed[end] and (at_arrival or halfway > end)
-            colour = _FAILED if failed else _REACHED if at_arrival else None
-            pictures.append((stage.draw(pose, target).copy(), colour))
+            color = _FAILED if failed else _REACHED if at_arrival else None
+            pictures.append((stage.draw(pose, target).copy(), color))
     return pictures
 
 

@@ -3,9 +3,9 @@ import sys
 
 import pytest
 
-from plat.control import Chase, Simulator
+from plat.control import Chase, Simulator, Viewer
 from plat.keyframes import KeyframeSequence, standing
-from plat.rendering import RenderingError, Viewer, stage_model
+from plat.rendering import RenderingError, stage_model
 from plat.robots import G1
 from tests.control.puppets import Puppet
 

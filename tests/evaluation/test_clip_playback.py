@@ -3,45 +3,12 @@ import pytest
 import torch
 
 from plat.baselines import Tracker
-from plat.control import Chase, KeyframeScorer, Simulator
 from plat.envs.transforms import HORIZONS
-from plat.keyframes import KeyframeSequence, standing
+from plat.evaluation import play
 from plat.modules import Expert
 from plat.motions import MotionLibrary
-from plat.rendering import play, record
 from plat.robots import G1
 from tests.conftest import standing_clip
-from tests.control.puppets import Limp, Puppet
-
-SEQUENCE = KeyframeSequence(G1, standing(G1), (standing(G1).at(0.3), standing(G1).at(1.3)))
-
-
-def recorded(controller):
-    scorer = KeyframeScorer(G1)
-    chase = Chase(controller, SEQUENCE, Simulator(G1.model()), hold=0.1)
-    return record((step, scorer.add(step)) for step in chase)
-
-
-def test_a_chase_is_recorded_step_by_step():
-    playback = recorded(Puppet())
-    assert playback.qpos.shape == playback.target_qpos.shape == (70, 36)
-    np.testing.assert_array_equal(playback.qpos[0], SEQUENCE.start.qpos)
-    np.testing.assert_array_equal(playback.target_qpos[20], SEQUENCE.keyframes[1].qpos)
-    assert playback.steps_left.tolist() == [*range(15, 0, -1), *range(50, 0, -1), 0, 0, 0, 0, 0]
-    assert (playback.command_length[:15] == 15).all()
-    assert (playback.command_length[15:65] == 50).all()
-    assert playback.dt == 0.02
-
-
-def test_a_fall_is_a_failure_from_then_on():
-    failed = recorded(Limp()).failed
-    assert not failed[:10].any()
-    assert failed[-1]
-
-
-def test_a_recorded_step_ends_where_the_next_one_begins():
-    playback = recorded(Limp())
-    np.testing.assert_array_equal(playback.reached_qpos[:-1], playback.qpos[1:])
 
 
 @pytest.fixture(scope="module")
