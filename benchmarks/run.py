@@ -25,7 +25,16 @@ from torch import Tensor
 from torchrl.envs import TransformedEnv
 
 from plat.collectors import ExpertLabels, dagger_buffer, rollouts, simulation_threads
-from plat.envs import BatchedPhysics, TaskConfig, make_keyframe_env, make_tracking_env
+from plat.envs import (
+    BatchedPhysics,
+    DistillationTaskConfig,
+    KeyframeTaskConfig,
+    SimulationConfig,
+    TrackingTaskConfig,
+    make_keyframe_env,
+    make_tracking_env,
+)
+from plat.envs.transforms import NoiseLevels, RandomizationRanges
 from plat.errors import PlatError
 from plat.modules import STUDENT_KEYS, Critic, Expert, LatentPolicy
 from plat.motions import MotionLibrary
@@ -110,9 +119,9 @@ def bare_physics(library: MotionLibrary, count: int) -> Callable[[], None]:
     return measure
 
 
-def environment(make: Callable, library: MotionLibrary, count: int) -> Callable[[], None]:
-    """All training transforms: rewards, terminations, resets, goals, critic's entries, noise, randomisation."""
-    env = make(library, count, TaskConfig(observation_noise=True, domain_randomization=True), physics=TimedPhysics)
+def environment(make: Callable, config: SimulationConfig, library: MotionLibrary, count: int) -> Callable[[], None]:
+    """All training transforms: rewards, terminations, resets, goals, critic's entries, noise, randomization."""
+    env = make(library, count, config, physics=TimedPhysics)
     state = [env.reset()]
 
     def measure() -> None:
@@ -199,16 +208,17 @@ def main(config: BenchmarkConfig) -> None:
     torch.manual_seed(0)
     library = MotionLibrary.load(config.motions)
     count = config.num_envs
-    noisy = TaskConfig(observation_noise=True, domain_randomization=True)
-    unrewarded = TaskConfig(dense_weight=0, sparse_weight=0, regularisation_weight=0)
-    tracking = partial(make_tracking_env, library, count, noisy, physics=TimedPhysics)
+    tracking = TrackingTaskConfig(noise=NoiseLevels(), randomization=RandomizationRanges())
+    keyframes = KeyframeTaskConfig(noise=NoiseLevels(), randomization=RandomizationRanges())
+    make_env = partial(make_tracking_env, library, count, tracking, physics=TimedPhysics)
+    stage_2 = make_keyframe_env(library, count, DistillationTaskConfig(), physics=TimedPhysics)
     layers = {
         BARE: bare_physics(library, count),
-        "environment, dense tracking": environment(make_tracking_env, library, count),
-        "environment, timed keyframes": environment(make_keyframe_env, library, count),
-        "+ policy and collector": collection(tracking(), learn=False),
-        "whole PPO iteration": collection(tracking(), learn=True),
-        "whole DAgger iteration": distillation(make_keyframe_env(library, count, unrewarded, physics=TimedPhysics)),
+        "environment, dense tracking": environment(make_tracking_env, tracking, library, count),
+        "environment, timed keyframes": environment(make_keyframe_env, keyframes, library, count),
+        "+ policy and collector": collection(make_env(), learn=False),
+        "whole PPO iteration": collection(make_env(), learn=True),
+        "whole DAgger iteration": distillation(stage_2),
     }
     with TemporaryDirectory() as folder:
         steps = count * STEPS

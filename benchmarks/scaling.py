@@ -28,9 +28,16 @@ from run import BARE, STEPS, bare_physics, collection, distillation, steps_per_s
 from torch import Tensor
 
 from plat.collectors import PrivilegedGoals, simulation_threads
-from plat.envs import BatchedPhysics, TaskConfig, make_keyframe_env, make_tracking_env
+from plat.envs import (
+    BatchedPhysics,
+    DistillationTaskConfig,
+    KeyframeTaskConfig,
+    TrackingTaskConfig,
+    make_keyframe_env,
+    make_tracking_env,
+)
 from plat.envs.physics import available_cpus
-from plat.envs.transforms import MAX_STEPS, Horizon
+from plat.envs.transforms import MAX_STEPS, Horizon, NoiseLevels, RandomizationRanges
 from plat.figures import pyplot
 from plat.motions import MotionLibrary
 from plat.runs import report_errors
@@ -43,8 +50,8 @@ _AXES = {
     "threads": "threads",
 }
 _STEPLESS = 100  # control steps without physics: some operations of the task come every 50th step only
-_NOISY = TaskConfig(observation_noise=True, domain_randomization=True)
-_UNREWARDED = TaskConfig(dense_weight=0, sparse_weight=0, regularisation_weight=0)
+_TRACKING = TrackingTaskConfig(noise=NoiseLevels(), randomization=RandomizationRanges())
+_KEYFRAMES = KeyframeTaskConfig(noise=NoiseLevels(), randomization=RandomizationRanges())
 
 
 @dataclass(kw_only=True)
@@ -138,10 +145,10 @@ def measure(point: Point) -> list[Row]:
     }
     if point.axis != "horizon":
         for name, learn in (("policy and collector", False), ("PPO", True)):
-            env = make_tracking_env(library, count, _NOISY)
+            env = make_tracking_env(library, count, _TRACKING)
             measures[name] = ("steps/s", partial(steps_per_second, collection(env, learn, point.rollout), steps))
     if point.axis in ("horizon", "threads"):
-        env = make_keyframe_env(library, count, _UNREWARDED, horizon=Horizon(1, point.horizon))
+        env = make_keyframe_env(library, count, DistillationTaskConfig(), horizon=Horizon(1, point.horizon))
         measures["DAgger"] = ("steps/s", partial(steps_per_second, distillation(env), count * STEPS))
     if point.axis == "motions":
         measures["everything but physics, a step"] = ("ms", without_physics(library, count))
@@ -163,7 +170,7 @@ class StandingStill(BatchedPhysics):
 
 def without_physics(library: MotionLibrary, count: int) -> Callable[[], float]:
     """Milliseconds that everything but physics takes in a step of the keyframe task: lookups, rewards, resets."""
-    env = make_keyframe_env(library, count, _NOISY, physics=StandingStill)
+    env = make_keyframe_env(library, count, _KEYFRAMES, physics=StandingStill)
     current = env.reset()
 
     def measure() -> float:

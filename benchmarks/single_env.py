@@ -6,8 +6,8 @@ import gymnasium
 import mujoco
 import numpy as np
 
-from plat.envs import TaskConfig, observation_size
-from plat.envs.transforms import HORIZONS, MAX_STEPS, WINDOW, Horizon, Term
+from plat.envs import KeyframeTaskConfig, observation_size
+from plat.envs.transforms import HORIZONS, MAX_STEPS, WINDOW, Horizon, TrackingTerm
 from plat.motions import MotionLibrary
 from plat.spec.observation import student_keys
 
@@ -24,13 +24,15 @@ class SingleG1(gymnasium.Env):
 
     Args:
         library: motions.
-        config: rewards, terminations, noise on the starting state; observation noise and domain randomisation are
+        config: rewards, terminations, noise on the starting state; observation noise and domain randomization are
             not taken from it.
         horizon: lengths of the commands.
     """
 
-    def __init__(self, library: MotionLibrary, config: TaskConfig | None = None, horizon: Horizon = HORIZONS["mixed"]):
-        self._config = config = config or TaskConfig()
+    def __init__(
+        self, library: MotionLibrary, config: KeyframeTaskConfig | None = None, horizon: Horizon = HORIZONS["mixed"]
+    ):
+        self._config = config = config or KeyframeTaskConfig()
         self._horizon = horizon
         self._robot = robot = library.robot
         self._dt = library.dt
@@ -44,7 +46,7 @@ class SingleG1(gymnasium.Env):
         self._default, self._scale = robot.default_joint_pos.numpy(), robot.action_scale.numpy()
         self._range = robot.joint_range.numpy()
         middle, half = self._range.mean(-1), 0.5 * (self._range[:, 1] - self._range[:, 0])
-        soft = config.regularisation.soft_limit
+        soft = config.regularization.soft_limit
         self._soft_low, self._soft_high = middle - soft * half, middle + soft * half
         self._last_action = np.zeros(robot.num_joints)
         self.frame = self.target_frame = 0
@@ -176,13 +178,13 @@ class SingleG1(gymnasium.Env):
             )
         excess = np.maximum(self._soft_low - joint_pos, 0) + np.maximum(joint_pos - self._soft_high, 0)
         found = data.sensordata
-        weights = config.regularisation
+        weights = config.regularization
         penalty = (
             weights.action_rate * np.square(action - self._last_action).sum()
             + weights.joint_limit * excess.sum()
             + weights.stray_contact * (found[8] - found[0] - found[4] + found[9])
         )
-        reward += config.regularisation_weight * (penalty if weights.floor is None else max(penalty, weights.floor))
+        reward += config.regularization_weight * (penalty if weights.floor is None else max(penalty, weights.floor))
 
         limits, ends = config.limits, robot.end_effector_indices
         height = np.abs(pos[:, 2] - ref_pos[:, 2])
@@ -200,7 +202,7 @@ class SingleG1(gymnasium.Env):
         return float(self._dt * reward), bool(failed)
 
 
-def _kernel(term: Term, squared_error: float | np.ndarray) -> float:
+def _kernel(term: TrackingTerm, squared_error: float | np.ndarray) -> float:
     return term.weight * float(np.exp(-squared_error / term.scale**2))
 
 

@@ -14,6 +14,7 @@ __all__ = [
     "RobotError",
     "StateError",
     "StudioError",
+    "TaskError",
 ]
 
 
@@ -67,3 +68,7 @@ class RenderingError(PlatError):
 
 class RecordsError(PlatError):
     """Records of an evaluation that cannot be read."""
+
+
+class TaskError(PlatError):
+    """An environment whose rewards, transforms or settings do not fit together."""

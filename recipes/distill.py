@@ -13,7 +13,7 @@ import tyro
 from torch import nn
 
 from plat.collectors import ExpertLabels, MixedPolicy, dagger_buffer, rollouts
-from plat.envs import TaskConfig, make_keyframe_env
+from plat.envs import DistillationTaskConfig, make_keyframe_env
 from plat.envs.transforms import HORIZONS, pop_statistics
 from plat.errors import PlatError
 from plat.evaluation import play
@@ -33,9 +33,7 @@ class DistillRecipe(RecipeConfig):
     student: Literal["latent", "plain"] = "latent"
     """with the privileged latent, or the ablation without"""
     policy: LatentPolicyConfig = field(default_factory=LatentPolicyConfig)
-    task: TaskConfig = field(
-        default_factory=lambda: TaskConfig(dense_weight=0, sparse_weight=0, regularisation_weight=0)
-    )
+    task: DistillationTaskConfig = field(default_factory=DistillationTaskConfig)
     horizon: Literal["single", "short", "medium", "long", "mixed"] = "mixed"
     """lengths of the commands"""
     rollout: int = 8
@@ -149,4 +147,4 @@ def cosine(start: float, end: float, fraction: float) -> float:
 
 if __name__ == "__main__":
     with report_errors():
-        main(tyro.cli(DistillRecipe))
+        main(tyro.cli(DistillRecipe, config=(tyro.conf.CascadeSubcommandArgs,)))

@@ -11,8 +11,8 @@ import torch
 import tyro
 
 from plat.collectors import rollouts
-from plat.envs import TaskConfig, make_tracking_env
-from plat.envs.transforms import HORIZONS, DenseRewards, Term, pop_statistics
+from plat.envs import TrackingTaskConfig, make_tracking_env
+from plat.envs.transforms import HORIZONS, DenseRewards, TrackingTerm, pop_statistics
 from plat.errors import CheckpointError
 from plat.evaluation import play
 from plat.modules import Critic, Expert, ExpertConfig
@@ -39,7 +39,9 @@ class ExpertRecipe(RecipeConfig):
     policy: ExpertConfig = field(
         default_factory=lambda: ExpertConfig(action="reference_velocity", ahead=(1, 2), lead=0.065, catch_up=1.0)
     )
-    task: TaskConfig = field(default_factory=lambda: TaskConfig(dense=DenseRewards(anchor_pos=Term(3.0, 0.4))))
+    task: TrackingTaskConfig = field(
+        default_factory=lambda: TrackingTaskConfig(dense=DenseRewards(anchor_pos=TrackingTerm(3.0, 0.4)))
+    )
     ppo: PPOConfig = field(default_factory=PPOConfig)
     motor: MotorGradientConfig = field(default_factory=MotorGradientConfig)
 
@@ -126,4 +128,4 @@ def start_from(expert: Expert, folder: Path) -> None:
 
 if __name__ == "__main__":
     with report_errors():
-        main(tyro.cli(ExpertRecipe))
+        main(tyro.cli(ExpertRecipe, config=(tyro.conf.CascadeSubcommandArgs,)))

@@ -12,8 +12,8 @@ import torch
 import tyro
 
 from plat.collectors import rollouts
-from plat.envs import TaskConfig, make_keyframe_env
-from plat.envs.transforms import HORIZONS, DenseRewards, KeyframeRewards, Term, pop_statistics
+from plat.envs import KeyframeTaskConfig, make_keyframe_env
+from plat.envs.transforms import HORIZONS, DenseRewards, KeyframeRewards, TrackingTerm, pop_statistics
 from plat.evaluation import play
 from plat.modules import (
     STUDENT_KEYS,
@@ -46,13 +46,13 @@ class RefineRecipe(RecipeConfig):
     variant: Literal["latent", "latent-noise", "action", "finetune"] = "latent"
     """PLAT with noise on the action, or on the latent (no motor gradient then); residual in the action; all weights"""
     policy: RefinementConfig = field(default_factory=lambda: RefinementConfig(lead=0.05))
-    task: TaskConfig = field(
+    task: KeyframeTaskConfig = field(
         # two thirds of the reward are for keyframes: what is in between, the policy is not shown
-        default_factory=lambda: TaskConfig(
+        default_factory=lambda: KeyframeTaskConfig(
             dense_weight=0.3,
             sparse_weight=20.0,
-            dense=DenseRewards(anchor_pos=Term(2.0, 0.3)),
-            sparse=KeyframeRewards(joint_pos=Term(1.0, 0.1), keypoint_pos=Term(1.0, 0.1)),
+            dense=DenseRewards(anchor_pos=TrackingTerm(2.0, 0.3)),
+            sparse=KeyframeRewards(joint_pos=TrackingTerm(1.0, 0.1), keypoint_pos=TrackingTerm(1.0, 0.1)),
         )
     )
     ppo: PPOConfig = field(
@@ -121,4 +121,4 @@ def main(recipe: RefineRecipe) -> None:
 
 if __name__ == "__main__":
     with report_errors():
-        main(tyro.cli(RefineRecipe))
+        main(tyro.cli(RefineRecipe, config=(tyro.conf.CascadeSubcommandArgs,)))

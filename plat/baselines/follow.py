@@ -7,7 +7,7 @@ from torchrl.envs import Compose, InitTracker, TransformedEnv
 
 from plat.baselines.reference import TrackerReference
 from plat.envs.tracking import MotionTrackingEnv
-from plat.envs.transforms import FirstFrames, ReferenceMotion, TerminationLimits, TrackingTermination
+from plat.envs.transforms import FirstFrames, ReferenceMotion, TrackingLimits, TrackingTermination
 from plat.motions.library import MotionLibrary
 
 __all__ = ["follow"]
@@ -19,7 +19,7 @@ def follow(
     library: MotionLibrary,
     *,
     ahead: int = 1,
-    limits: TerminationLimits | None = None,
+    limits: TrackingLimits | None = None,
     num_threads: int | None = None,
 ) -> Tensor:
     """How long a policy stays on every motion of a library when it is shown the dense reference.

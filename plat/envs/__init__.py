@@ -4,10 +4,11 @@ import warnings
 
 import plat.motions
 import plat.robots
+from plat.envs.configs import DistillationTaskConfig, KeyframeTaskConfig, SimulationConfig, TrackingTaskConfig
 from plat.envs.goals import robot_centric_goal
 from plat.envs.physics import BatchedPhysics
 from plat.envs.state import RobotState
-from plat.envs.tasks import TaskConfig, make_keyframe_env, make_tracking_env
+from plat.envs.tasks import make_keyframe_env, make_tracking_env
 from plat.envs.tracking import MotionTrackingEnv, ResetNoise
 from plat.spec.observation import (
     COMMAND_KEYS,
@@ -22,10 +23,13 @@ __all__ = [
     "COMMAND_KEYS",
     "ROBOT_KEYS",
     "BatchedPhysics",
+    "DistillationTaskConfig",
+    "KeyframeTaskConfig",
     "MotionTrackingEnv",
     "ResetNoise",
     "RobotState",
-    "TaskConfig",
+    "SimulationConfig",
+    "TrackingTaskConfig",
     "entry_shapes",
     "goal_keys",
     "make_keyframe_env",

@@ -23,7 +23,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from tensordict import TensorDictBase
 
-from plat.envs.tasks import TaskConfig, make_keyframe_env
+from plat.envs.configs import KeyframeTaskConfig
+from plat.envs.tasks import make_keyframe_env
 from plat.envs.transforms import HORIZONS, FailureWeightedStarts, KeyframeMetrics
 from plat.errors import KeyframeError
 from plat.motions.library import MotionLibrary
@@ -38,7 +39,9 @@ _ACTION_BOUND = 20.0
 class _Task:
     """The TorchRL environment behind both gymnasium ones, with random numbers of its own."""
 
-    def __init__(self, num_envs: int, motions: str | Sequence[str], horizon: str, task: TaskConfig | None, device: str):
+    def __init__(
+        self, num_envs: int, motions: str | Sequence[str], horizon: str, task: KeyframeTaskConfig | None, device: str
+    ):
         if horizon not in HORIZONS:
             raise KeyframeError(f"horizon is {horizon!r}, expected one of: {', '.join(HORIZONS)}")
         library = MotionLibrary.load(motions)
@@ -122,7 +125,7 @@ class G1TimedKeyframeEnv(gymnasium.Env):
         self,
         motions: str | Sequence[str] = "generated:train",
         horizon: str = "mixed",
-        task: TaskConfig | None = None,
+        task: KeyframeTaskConfig | None = None,
         render_mode: str | None = None,
         device: str = "cpu",
     ):
@@ -191,7 +194,7 @@ class G1TimedKeyframeVectorEnv(VectorEnv):
         num_envs: int = 1,
         motions: str | Sequence[str] = "generated:train",
         horizon: str = "mixed",
-        task: TaskConfig | None = None,
+        task: KeyframeTaskConfig | None = None,
         device: str = "cpu",
         **_: Any,
     ):

@@ -146,7 +146,6 @@ class MotionTrackingEnv(EnvBase):
         self._broken_steps = 0
         self._make_specs()
         self._check_sensors()
-        self._observe()  # binds every field that is read, so that no later step finds one unfilled
 
     @property
     def num_envs(self) -> int:

@@ -68,9 +68,9 @@ def _cell(score: Score | None, digits: int) -> str:
 
 def _limits(task: Mapping[str, Any]) -> str:
     """What the training did not cover, as far as the run's settings say."""
-    absent = [
-        name.replace("_", " ") for name in ("observation_noise", "domain_randomization") if task.get(name) is False
-    ]
+    # runs of version 0.1 have a boolean beside the ranges
+    names = (("noise", "observation_noise"), ("randomization", "domain_randomization"))
+    absent = [old.replace("_", " ") for new, old in names if task.get(old, task.get(new, True)) in (False, None)]
     if absent:
         return f"Trained without {' and '.join(absent)}: a policy for simulation, not for a robot."
     return "Scored in simulation only."

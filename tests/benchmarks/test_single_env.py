@@ -6,7 +6,7 @@ import pytest
 import torch
 from gymnasium.utils.env_checker import check_env
 
-from plat.envs import COMMAND_KEYS, ROBOT_KEYS, TaskConfig, goal_keys, make_keyframe_env
+from plat.envs import COMMAND_KEYS, ROBOT_KEYS, KeyframeTaskConfig, goal_keys, make_keyframe_env
 from plat.motions import MotionLibrary
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
@@ -18,7 +18,7 @@ KEYS = ROBOT_KEYS + goal_keys() + COMMAND_KEYS
 @pytest.mark.parametrize("noise", [0.05, 1.0])
 def test_it_is_plats_task(library: MotionLibrary, noise: float):
     # small actions stay on the motion, large ones fall: both kinds of ends are seen
-    env, single = make_keyframe_env(library, 1, TaskConfig()), SingleG1(library)
+    env, single = make_keyframe_env(library, 1, KeyframeTaskConfig()), SingleG1(library)
     ends = set()
     for _ in range(6):
         current = env.reset()

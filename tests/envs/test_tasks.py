@@ -5,22 +5,26 @@ from torchrl.envs.utils import check_env_specs
 from plat.envs import (
     COMMAND_KEYS,
     ROBOT_KEYS,
+    DistillationTaskConfig,
+    KeyframeTaskConfig,
     ResetNoise,
-    TaskConfig,
+    TrackingTaskConfig,
     goal_keys,
     make_keyframe_env,
     make_tracking_env,
     privileged_keys,
 )
-from plat.envs.transforms import pop_statistics
+from plat.envs.transforms import NoiseLevels, RandomizationRanges, pop_statistics
 
-EVERYTHING = TaskConfig(observation_noise=True, domain_randomization=True)
+EVERYTHING = {"noise": NoiseLevels(), "randomization": RandomizationRanges()}
 
 
-@pytest.mark.parametrize("make", [make_tracking_env, make_keyframe_env])
-@pytest.mark.parametrize("config", [TaskConfig(), EVERYTHING], ids=["plain", "everything"])
-def test_specs(library, make, config):
-    check_env_specs(make(library, 3, config))
+@pytest.mark.parametrize(
+    ("make", "config"), [(make_tracking_env, TrackingTaskConfig), (make_keyframe_env, KeyframeTaskConfig)]
+)
+@pytest.mark.parametrize("settings", [{}, EVERYTHING], ids=["plain", "everything"])
+def test_specs(library, make, config, settings):
+    check_env_specs(make(library, 3, config(**settings)))
 
 
 def test_groups_that_networks_read(library):
@@ -38,7 +42,7 @@ def test_rollouts_hold_no_working_entries(library):
 
 def test_partial_resets_agree_with_whole_ones(library):
     # what transforms compute for a few rows after a mask reset is what they compute for all rows
-    env = make_keyframe_env(library, 8, TaskConfig(reset_noise=ResetNoise(*[0.0] * 9)))
+    env = make_keyframe_env(library, 8, KeyframeTaskConfig(reset_noise=ResetNoise(*[0.0] * 9)))
     state = env.reset()
     mask = torch.zeros(8, 1, dtype=torch.bool)
     mask[[1, 5]] = True
@@ -51,11 +55,16 @@ def test_partial_resets_agree_with_whole_ones(library):
         torch.testing.assert_close(after[key][~keep], value[~keep])
 
 
-def test_rewards_without_weight_are_left_out(library):
-    config = TaskConfig(dense_weight=0, sparse_weight=0, regularisation_weight=0)
+@pytest.mark.parametrize(
+    "config",
+    [DistillationTaskConfig(), KeyframeTaskConfig(dense_weight=0, sparse_weight=0, regularization_weight=0)],
+    ids=["none", "weightless"],
+)
+def test_rewards_without_weight_are_left_out(library, config):
     env = make_keyframe_env(library, 2, config)
     rollout = env.rollout(3)
     assert (rollout["next", "reward"] == 0).all()
+    assert not any(name.startswith("reward/") for name in pop_statistics(env))
 
 
 def test_statistics_are_collected_and_cleared(library):

@@ -14,7 +14,7 @@ def bundle(tmp_path) -> Bundle:
     return describe_policy(policy, write_run(tmp_path / "chaser", policy))
 
 
-def card(bundle: Bundle, **task: bool) -> str:
+def card(bundle: Bundle, **task: object) -> str:
     return model_card(bundle, {"recipe": {"settings": {"motions": ["clips.npz"], "task": task}}}, 3e-7)
 
 
@@ -42,6 +42,10 @@ def test_a_table_of_scores(bundle):
 @pytest.mark.parametrize(
     ("task", "sentence"),
     [
+        ({"noise": None, "randomization": None}, "without observation noise and domain random"),
+        ({"noise": None, "randomization": {"encoder_bias": 0.01}}, "Trained without observation noise:"),
+        ({"noise": {"joint_pos": 0.01}, "randomization": {"encoder_bias": 0.01}}, "Scored in simulation only."),
+        # as version 0.1 wrote it
         ({"observation_noise": False, "domain_randomization": False}, "without observation noise and domain random"),
         ({"observation_noise": True, "domain_randomization": False}, "Trained without domain randomization:"),
         ({"observation_noise": True, "domain_randomization": True}, "Scored in simulation only."),

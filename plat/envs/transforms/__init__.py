@@ -11,23 +11,21 @@ from plat.envs.transforms.command import (
     KeyframeCommand,
 )
 from plat.envs.transforms.goals import NEXT_DENSE_FRAME, NEXT_FRAME, DenseGoal
-from plat.envs.transforms.metrics import METRIC_KEYS, KeyframeMetrics
+from plat.envs.transforms.metrics import METRIC_KEYS, KeyframeMetrics, TrackingError
 from plat.envs.transforms.noise import NoiseLevels, ObservationNoise
 from plat.envs.transforms.privileged import PrivilegedState
 from plat.envs.transforms.randomization import DomainRandomization, RandomizationRanges
 from plat.envs.transforms.reference import ReferenceMotion, align_to_anchor
-from plat.envs.transforms.rewards import (
-    DenseRewards,
-    DenseTrackingReward,
-    KeyframeReward,
-    KeyframeRewards,
-    Regularisation,
-    RegularisationReward,
-    Term,
-)
+from plat.envs.transforms.rewards import Reward, RewardGroup, Rewards
 from plat.envs.transforms.schedule import ScheduledStarts
 from plat.envs.transforms.starts import FailureWeightedStarts, FirstFrames
-from plat.envs.transforms.terminations import KeyframeTermination, TerminationLimits, TrackingTermination
+from plat.envs.transforms.terminations import (
+    KeyframeTermination,
+    TerminationLimits,
+    TrackingLimits,
+    TrackingTermination,
+)
+from plat.envs.transforms.tracking_rewards import DenseRewards, KeyframeRewards, Regularization, TrackingTerm
 
 __all__ = [
     "HORIZONS",
@@ -39,7 +37,6 @@ __all__ = [
     "CommandSchedule",
     "DenseGoal",
     "DenseRewards",
-    "DenseTrackingReward",
     "DomainRandomization",
     "FailureWeightedStarts",
     "FirstFrames",
@@ -47,7 +44,6 @@ __all__ = [
     "KeyframeClock",
     "KeyframeCommand",
     "KeyframeMetrics",
-    "KeyframeReward",
     "KeyframeRewards",
     "KeyframeTermination",
     "NoiseLevels",
@@ -56,12 +52,16 @@ __all__ = [
     "PrivilegedState",
     "RandomizationRanges",
     "ReferenceMotion",
-    "Regularisation",
-    "RegularisationReward",
+    "Regularization",
+    "Reward",
+    "RewardGroup",
+    "Rewards",
     "ScheduledStarts",
     "Statistics",
-    "Term",
     "TerminationLimits",
+    "TrackingError",
+    "TrackingLimits",
+    "TrackingTerm",
     "TrackingTermination",
     "align_to_anchor",
     "pop_statistics",

@@ -1,6 +1,6 @@
 """What plat's transforms share."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import torch
 from tensordict import NestedKey, TensorDictBase
@@ -8,7 +8,12 @@ from torch import Tensor
 from torchrl.data import Composite, Unbounded
 from torchrl.envs import Transform, TransformedEnv
 
-__all__ = ["ObservationTransform", "Statistics", "pop_statistics"]
+from plat.errors import TaskError
+
+__all__ = ["ObservationTransform", "Statistics", "check_entries", "check_step_entries", "pop_statistics"]
+
+# Which transform writes a group, for messages.
+_WRITERS = {"reference": "ReferenceMotion", "command": "KeyframeClock", "goal": "KeyframeCommand or DenseGoal"}
 
 
 class Statistics:
@@ -45,6 +50,36 @@ def pop_statistics(env: TransformedEnv) -> dict[str, float]:
         if isinstance(statistics, Statistics):
             means.update(statistics.pop())
     return means
+
+
+def check_entries(name: str, needs: Iterable[NestedKey], observation_spec: Composite) -> None:
+    """Check that earlier transforms write what one reads.
+
+    Args:
+        name: of the transform that reads.
+        needs: entries that it reads.
+        observation_spec: entries that are there when its turn comes.
+
+    Raises:
+        TaskError: naming the first entry that is missing, and who writes it.
+    """
+    known = set(observation_spec.keys(True, True))
+    for key in needs:
+        if key not in known:
+            writer = _WRITERS.get(key[0] if isinstance(key, tuple) else key)
+            hint = f"; put {writer} before it" if writer else ""
+            raise TaskError(f"{name} reads {key!r}, which no transform before it writes{hint}")
+
+
+def check_step_entries(name: str, needs: Iterable[NestedKey], observation_spec: Composite) -> None:
+    """Check the same for a transform that judges a step, which must see the command that the step belonged to.
+
+    Raises:
+        TaskError: also when the next command has been issued by then.
+    """
+    check_entries(name, needs, observation_spec)
+    if ("command", "horizon") in observation_spec.keys(True, True):
+        raise TaskError(f"{name} judges a step, but the next command has been issued: put it before KeyframeCommand")
 
 
 class ObservationTransform(Transform):
@@ -92,7 +127,12 @@ class ObservationTransform(Transform):
         return tensordict_reset
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        """Adds the new entries."""
+        """Adds the new entries.
+
+        Raises:
+            TaskError: when an entry that it reads is not there.
+        """
+        check_entries(type(self).__name__, self.in_keys, observation_spec)
         count = observation_spec.shape
         for key, shape in self._out_shapes.items():
             dtype = self._out_dtypes.get(key, torch.float32)

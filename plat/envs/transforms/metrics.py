@@ -6,11 +6,12 @@ from torch import Tensor
 from torchrl.data import Composite, Unbounded
 from torchrl.envs import Transform
 
+from plat.envs.transforms.base import Statistics, check_entries
 from plat.envs.transforms.terminations import TerminationLimits, fallen
 from plat.motions.library import MotionLibrary
 from plat.rotations import quat_to_matrix
 
-__all__ = ["METRIC_KEYS", "KeyframeMetrics"]
+__all__ = ["METRIC_KEYS", "KeyframeMetrics", "TrackingError"]
 
 METRIC_KEYS = (
     "joint_error",
@@ -22,6 +23,27 @@ METRIC_KEYS = (
     "fallen",
 )
 """Entries of the metrics group."""
+
+
+class TrackingError(Transform):
+    """Logs ``error/keypoint_aligned``: the mean distance of the keypoints from the aligned reference (m).
+
+    Needs :class:`ReferenceMotion` before it.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.statistics = Statistics()
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        offset = next_tensordict["state", "keypoint_pos_w"] - next_tensordict["reference", "keypoint_pos_aligned_w"]
+        self.statistics.add("error/keypoint_aligned", torch.linalg.vector_norm(offset, dim=-1))
+        return next_tensordict
+
+    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+        """Check that the reference is there."""
+        check_entries("TrackingError", [("reference", "keypoint_pos_aligned_w")], observation_spec)
+        return observation_spec
 
 
 class KeyframeMetrics(Transform):
@@ -87,6 +109,7 @@ class KeyframeMetrics(Transform):
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         """Adds the metrics."""
+        check_entries("KeyframeMetrics", [("reference", "keypoint_pos_w")], observation_spec)
         count, device = observation_spec.shape, observation_spec.device
         entries = {key: Unbounded((*count, 1), device=device) for key in METRIC_KEYS}
         observation_spec["metrics"] = Composite(entries, shape=count, device=device)

@@ -3,29 +3,50 @@
 from dataclasses import dataclass
 
 import torch
-from tensordict import TensorDictBase
+from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
+from torchrl.data import Composite
 from torchrl.envs import Transform
 
-from plat.envs.transforms.base import Statistics
+from plat.envs.transforms.base import Statistics, check_step_entries
 from plat.robots.robot import Robot
 from plat.rotations import quat_angle
 
-__all__ = ["KeyframeTermination", "TerminationLimits", "TrackingTermination", "fallen", "off_pose", "off_track"]
+__all__ = [
+    "KeyframeTermination",
+    "TerminationLimits",
+    "TrackingLimits",
+    "TrackingTermination",
+    "fallen",
+    "off_pose",
+    "off_track",
+]
+
+_REFERENCE = ("reference", "keypoint_pos_w")
 
 
 @dataclass(frozen=True)
-class TerminationLimits:
-    """How far is too far."""
+class TrackingLimits:
+    """Errors beyond which dense tracking has failed."""
 
     anchor_height: float = 0.25
     """error of the anchor's height (m)"""
     anchor_tilt: float = 0.8
-    """error of the vertical component of gravity in the anchor's frame, while tracking densely"""
+    """error of the vertical component of gravity in the anchor's frame"""
+    end_effector_height: float = 0.25
+    """error of the height of an end effector (m)"""
+
+
+@dataclass(frozen=True)
+class TerminationLimits:
+    """Errors beyond which a timed keyframe command has failed."""
+
+    anchor_height: float = 0.25
+    """error of the anchor's height (m), in an arrival window"""
     anchor_rot_squared: float = 1.0
     """squared error of the anchor's orientation (rad^2), in an arrival window"""
     end_effector_height: float = 0.25
-    """error of the height of an ankle or wrist (m)"""
+    """error of the height of an end effector (m), in an arrival window"""
     root_height: float = 0.25
     """error of the root's height that counts as a fall (m)"""
     root_tilt: float = 0.8
@@ -33,21 +54,20 @@ class TerminationLimits:
 
 
 class _Termination(Transform):
-    """Ends the episodes of robots for which :meth:`failed` holds, or that are too far from where they should be.
+    """Ends the episodes of robots for which :meth:`failed` holds, or that are too far from where they should be."""
 
-    Args:
-        robot: names the bodies.
-        limits: when an attempt has failed.
-        max_displacement: horizontal error of the root (m) that ends an episode as well; None for no such end. It is
-            for training: a robot that lags behind by a metre gets no reward for catching up and learns to stroll.
-    """
+    needs: tuple[NestedKey, ...] = (_REFERENCE,)
 
-    def __init__(self, robot: Robot, limits: TerminationLimits | None = None, *, max_displacement: float | None = None):
+    def __init__(self, robot: Robot, max_displacement: float | None):
         super().__init__()
         self.statistics = Statistics()
         self.robot = robot
-        self.limits = limits or TerminationLimits()
         self.max_displacement = max_displacement
+
+    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+        """Check that the transforms that it needs stand before it."""
+        check_step_entries(type(self).__name__, self.needs, observation_spec)
+        return observation_spec
 
     def failed(self, next_tensordict: TensorDictBase) -> Tensor:
         """Mask ``[N]`` of the robots that have failed."""
@@ -65,7 +85,18 @@ class _Termination(Transform):
 
 
 class TrackingTermination(_Termination):
-    """Dense tracking has failed: the robot is :func:`off_track`. Needs :class:`ReferenceMotion` before it."""
+    """Dense tracking has failed: the robot is :func:`off_track`. Needs :class:`ReferenceMotion` before it.
+
+    Args:
+        robot: names the bodies.
+        limits: when tracking has failed.
+        max_displacement: horizontal error of the root (m) that ends an episode as well; None for no such end. It is
+            for training: a robot that lags behind by a meter gets no reward for catching up.
+    """
+
+    def __init__(self, robot: Robot, limits: TrackingLimits | None = None, *, max_displacement: float | None = None):
+        super().__init__(robot, max_displacement)
+        self.limits = limits or TrackingLimits()
 
     def failed(self, next_tensordict: TensorDictBase) -> Tensor:
         """Mask ``[N]``."""
@@ -77,7 +108,18 @@ class KeyframeTermination(_Termination):
 
     Between keyframes the reference is not the goal, so there only a fall counts. Needs :class:`ReferenceMotion` and
     :class:`KeyframeClock` before it. Source: the evaluation of the paper.
+
+    Args:
+        robot: names the bodies.
+        limits: when a command has failed.
+        max_displacement: as for :class:`TrackingTermination`.
     """
+
+    needs = (_REFERENCE, ("command", "in_window"))
+
+    def __init__(self, robot: Robot, limits: TerminationLimits | None = None, *, max_displacement: float | None = None):
+        super().__init__(robot, max_displacement)
+        self.limits = limits or TerminationLimits()
 
     def failed(self, next_tensordict: TensorDictBase) -> Tensor:
         """Mask ``[N]``."""
@@ -102,7 +144,7 @@ def _tilt_error(state: TensorDictBase, reference: TensorDictBase, keypoint: int)
     return 2 * (lean[0] - lean[1]).abs()
 
 
-def off_track(state: TensorDictBase, reference: TensorDictBase, robot: Robot, limits: TerminationLimits) -> Tensor:
+def off_track(state: TensorDictBase, reference: TensorDictBase, robot: Robot, limits: TrackingLimits) -> Tensor:
     """Mask ``[N]``: anchor too high, too low or too tilted, or an ankle or wrist at the wrong height."""
     return (
         (_height_error(state, reference, [robot.anchor_index]) > limits.anchor_height)

@@ -1,6 +1,6 @@
 import torch
 
-from plat.envs import MotionTrackingEnv, ResetNoise, TaskConfig, make_tracking_env
+from plat.envs import MotionTrackingEnv, ResetNoise, TrackingTaskConfig, make_tracking_env
 from plat.envs.transforms import DomainRandomization, RandomizationRanges
 from plat.robots import G1
 
@@ -44,7 +44,7 @@ def test_switched_off_changes_nothing(library):
     for randomize in (False, True):
         torch.manual_seed(0)
         env = make_tracking_env(
-            library, 4, TaskConfig(reset_noise=STILL, domain_randomization=randomize, randomization=OFF)
+            library, 4, TrackingTaskConfig(reset_noise=STILL, randomization=OFF if randomize else None)
         )
         starts = next(t for t in env.transform if hasattr(t, "sample"))
         starts.sample = lambda count: torch.arange(count) * 10
@@ -53,7 +53,7 @@ def test_switched_off_changes_nothing(library):
 
 
 def test_only_reset_robots_are_drawn_anew(library):
-    env = make_tracking_env(library, 8, TaskConfig(domain_randomization=True))
+    env = make_tracking_env(library, 8, TrackingTaskConfig(randomization=RandomizationRanges()))
     state = env.reset()
     bias = env.base_env.encoder_bias.clone()
     mask = torch.zeros(8, 1, dtype=torch.bool)

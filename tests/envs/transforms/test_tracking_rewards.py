@@ -7,12 +7,11 @@ from tensordict import TensorDict
 
 from plat.envs.transforms import (
     DenseRewards,
-    DenseTrackingReward,
-    KeyframeReward,
     KeyframeRewards,
-    Regularisation,
-    RegularisationReward,
-    Term,
+    Regularization,
+    RewardGroup,
+    Rewards,
+    TrackingTerm,
 )
 from plat.robots import G1
 from plat.rotations import quat_from_rotvec
@@ -47,14 +46,18 @@ def before(action: float = 0.0) -> TensorDict:
     return TensorDict({"action": torch.full((N, 29), action), "robot": {"last_action": torch.zeros(N, 29)}}, [N])
 
 
+def paying(terms: DenseRewards | KeyframeRewards | Regularization) -> Rewards:
+    return Rewards([RewardGroup(1.0, terms.rewards(G1), getattr(terms, "floor", None))], DT)
+
+
 def reward(transform, after: TensorDict, action: float = 0.0) -> float:
     return float(transform._step(before(action), after)["reward"][0]) / DT
 
 
 def test_perfect_tracking_earns_every_weight():
-    assert reward(DenseTrackingReward(G1, DT), perfect()) == pytest.approx(1 + 0.5 + 1 + 1 + 1 + 1 + 1.5)
-    assert reward(KeyframeReward(G1, DT), perfect()) == pytest.approx(2.5)
-    assert reward(RegularisationReward(G1, DT), perfect()) == pytest.approx(0)
+    assert reward(paying(DenseRewards()), perfect()) == pytest.approx(1 + 0.5 + 1 + 1 + 1 + 1 + 1.5)
+    assert reward(paying(KeyframeRewards()), perfect()) == pytest.approx(2.5)
+    assert reward(paying(Regularization()), perfect()) == pytest.approx(0)
 
 
 @pytest.mark.parametrize(
@@ -67,44 +70,44 @@ def test_perfect_tracking_earns_every_weight():
     ],
 )
 def test_terms_are_gaussians_of_their_error(term, key, error, weight, scale):
-    off = Term(0.0, 1.0)
+    off = TrackingTerm(0.0, 1.0)
     only = DenseRewards(**{name: off for name in DenseRewards.__dataclass_fields__ if name != term})
     after = perfect()
     after["reference", key] = after["reference", key] + torch.tensor(error)
     squared = sum(part**2 for part in error)
     expected = weight * math.exp(-squared / scale**2)
-    assert reward(DenseTrackingReward(G1, DT, only), after) == pytest.approx(expected, rel=1e-4)
+    assert reward(paying(only), after) == pytest.approx(expected, rel=1e-4)
 
 
 @pytest.mark.parametrize(
     ("term", "key"), [("anchor_rot", "keypoint_quat_w"), ("keypoint_rot", "keypoint_quat_aligned_w")]
 )
 def test_rotation_terms_measure_the_angle(term, key):
-    off = Term(0.0, 1.0)
+    off = TrackingTerm(0.0, 1.0)
     only = DenseRewards(**{name: off for name in DenseRewards.__dataclass_fields__ if name != term})
     after = perfect()
     after["reference", key] = quat_from_rotvec(torch.tensor([0.0, 0.4, 0.0])).expand(N, K, 4).clone()
     weight = getattr(DenseRewards(), term).weight
-    assert reward(DenseTrackingReward(G1, DT, only), after) == pytest.approx(weight * math.exp(-1), rel=1e-4)
+    assert reward(paying(only), after) == pytest.approx(weight * math.exp(-1), rel=1e-4)
 
 
 def test_keyframes_pay_in_their_window_only():
     after = perfect()
     after["command", "in_window"] = torch.tensor([[True], [False], [True]])
-    paid = KeyframeReward(G1, DT)._step(before(), after)["reward"][:, 0] / DT
+    paid = paying(KeyframeRewards())._step(before(), after)["reward"][:, 0] / DT
     torch.testing.assert_close(paid, torch.tensor([2.5, 0.0, 2.5]))
 
 
 def test_keyframe_joint_term():
-    only = KeyframeRewards(keypoint_pos=Term(0, 1), anchor_rot=Term(0, 1))
+    only = KeyframeRewards(keypoint_pos=TrackingTerm(0, 1), anchor_rot=TrackingTerm(0, 1))
     after = perfect()
     after["reference", "joint_pos"] = after["reference", "joint_pos"] + 0.2
-    assert reward(KeyframeReward(G1, DT, only), after) == pytest.approx(math.exp(-1), rel=1e-4)
+    assert reward(paying(only), after) == pytest.approx(math.exp(-1), rel=1e-4)
 
 
-def only_penalty(**weight: float) -> RegularisationReward:
+def only_penalty(**weight: float) -> Rewards:
     zero = dict.fromkeys(("action_rate", "joint_limit", "stray_contact", "torque", "foot_slip", "impact"), 0.0)
-    return RegularisationReward(G1, DT, replace(Regularisation(floor=None), **{**zero, **weight}))
+    return paying(replace(Regularization(floor=None), **{**zero, **weight}))
 
 
 def test_penalties():
@@ -137,16 +140,16 @@ def test_penalties():
 def test_penalties_together_have_a_floor():
     after = perfect()
     after["state", "stray_contacts"] += 2  # -0.2
-    transform = RegularisationReward(G1, DT, Regularisation(floor=-5.0))
+    transform = paying(Regularization(floor=-5.0))
     assert reward(transform, after.clone(), action=0.1) == pytest.approx(-0.2 - 0.1 * 29 * 0.01)
     assert reward(transform, after.clone(), action=100.0) == pytest.approx(-5.0)
-    terms = transform.terms(before(100.0), after)
+    terms = transform.groups[0].terms(before(100.0), after)
     assert terms["action_rate"][0] / terms["stray_contact"][0] == pytest.approx(0.1 * 29 * 1e4 / 0.2)
-    assert reward(RegularisationReward(G1, DT, Regularisation(floor=None)), after, action=100.0) < -1e4
+    assert reward(paying(Regularization(floor=None)), after, action=100.0) < -1e4
 
 
 def test_factor_scales_all_terms_and_rewards_add_up():
     after = perfect()
-    DenseTrackingReward(G1, DT, weight=2.0)._step(before(), after)
-    KeyframeReward(G1, DT, weight=3.0)._step(before(), after)
+    groups = RewardGroup(2.0, DenseRewards().rewards(G1)), RewardGroup(3.0, KeyframeRewards().rewards(G1))
+    Rewards(groups, DT)._step(before(), after)
     assert float(after["reward"][0]) / DT == pytest.approx(2 * 7.0 + 3 * 2.5)

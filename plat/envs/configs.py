@@ -1,0 +1,98 @@
+"""Settings of the tasks: what is simulated, what is paid, and what ends an episode."""
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from plat.envs.tracking import ResetNoise
+from plat.envs.transforms.noise import NoiseLevels
+from plat.envs.transforms.randomization import RandomizationRanges
+from plat.envs.transforms.rewards import Reward, RewardGroup
+from plat.envs.transforms.terminations import TerminationLimits, TrackingLimits
+from plat.envs.transforms.tracking_rewards import DenseRewards, KeyframeRewards, Regularization
+from plat.robots.robot import FootContacts, Robot
+
+__all__ = ["DistillationTaskConfig", "KeyframeTaskConfig", "RewardTerms", "SimulationConfig", "TrackingTaskConfig"]
+
+RewardTerms: TypeAlias = tuple[Reward | RewardGroup, ...]
+"""Rewards of a task: terms, and groups of terms."""
+
+
+@dataclass(frozen=True)
+class SimulationConfig:
+    """What every training environment has, whatever its task."""
+
+    decimation: int = 4
+    """physics steps per control step"""
+    feet: FootContacts = "spheres"
+    """contact geometry of the soles"""
+    reset_noise: ResetNoise = ResetNoise()
+    """noise on the starting state"""
+    max_displacement: float | None = 0.5
+    """horizontal error of the root that ends a training episode (m); None for no such end"""
+    uniform_starts: float = 0.5
+    """fraction of the episodes that start anywhere; the others start where failures are"""
+    noise: NoiseLevels | None = None
+    """noise on what the robot measures; None for none"""
+    randomization: RandomizationRanges | None = None
+    """domain randomization at each reset, and pushes; None for none"""
+
+
+@dataclass(frozen=True)
+class TrackingTaskConfig(SimulationConfig):
+    """Stage 1: dense motion tracking."""
+
+    dense: DenseRewards = DenseRewards()
+    """terms of the tracking reward"""
+    regularization: Regularization = Regularization()
+    """penalties"""
+    regularization_weight: float = 1.0
+    """factor on the penalties, w_reg"""
+    limits: TrackingLimits = TrackingLimits()
+    """when tracking has failed"""
+
+    def rewards(self, robot: Robot) -> RewardTerms:
+        """Return the rewards of a robot: tracking and penalties."""
+        return (RewardGroup(1.0, self.dense.rewards(robot)), _penalties(self, robot))
+
+
+@dataclass(frozen=True)
+class DistillationTaskConfig(SimulationConfig):
+    """Stage 2: timed keyframes without rewards."""
+
+    limits: TerminationLimits = TerminationLimits()
+    """when a command has failed"""
+
+    def rewards(self, robot: Robot) -> RewardTerms:
+        """Return no rewards."""
+        return ()
+
+
+@dataclass(frozen=True)
+class KeyframeTaskConfig(DistillationTaskConfig):
+    """Stage 3: timed keyframes with rewards ``w_dense r_dense + w_sparse r_sparse + w_reg r_reg``."""
+
+    dense: DenseRewards = DenseRewards()
+    """terms of the dense reward"""
+    sparse: KeyframeRewards = KeyframeRewards()
+    """terms of the keyframe reward"""
+    regularization: Regularization = Regularization()
+    """penalties"""
+    dense_weight: float = 1.0
+    """factor on the dense reward, w_dense"""
+    sparse_weight: float = 5.0
+    """factor on the keyframe reward, w_sparse"""
+    regularization_weight: float = 1.0
+    """factor on the penalties, w_reg"""
+
+    def rewards(self, robot: Robot) -> RewardTerms:
+        """Return the rewards of a robot: tracking, keyframes and penalties."""
+        return (
+            RewardGroup(self.dense_weight, self.dense.rewards(robot)),
+            RewardGroup(self.sparse_weight, self.sparse.rewards(robot)),
+            _penalties(self, robot),
+        )
+
+
+def _penalties(config: TrackingTaskConfig | KeyframeTaskConfig, robot: Robot) -> RewardGroup:
+    penalties = config.regularization
+    return RewardGroup(config.regularization_weight, penalties.rewards(robot), penalties.floor)
