@@ -2,6 +2,7 @@
 
 from plat.collectors.dagger import LOOKUP_KEYS, ExpertLabels, MixedPolicy, dagger_buffer
 from plat.collectors.goals import PrivilegedGoals, strided_offsets
+from plat.collectors.replay import RolloutReplay
 from plat.collectors.rollouts import rollouts, simulation_threads
 
 __all__ = [
@@ -9,6 +10,7 @@ __all__ = [
     "ExpertLabels",
     "MixedPolicy",
     "PrivilegedGoals",
+    "RolloutReplay",
     "dagger_buffer",
     "rollouts",
     "simulation_threads",

@@ -7,7 +7,7 @@ import plat.robots
 from plat.envs.configs import DistillationTaskConfig, KeyframeTaskConfig, SimulationConfig, TrackingTaskConfig
 from plat.envs.goals import robot_centric_goal
 from plat.envs.physics import BatchedPhysics
-from plat.envs.state import RobotState
+from plat.envs.state import RobotState, joint_target
 from plat.envs.tasks import make_keyframe_env, make_tracking_env
 from plat.envs.tracking import MotionTrackingEnv, ResetNoise
 from plat.spec.observation import (
@@ -32,6 +32,7 @@ __all__ = [
     "TrackingTaskConfig",
     "entry_shapes",
     "goal_keys",
+    "joint_target",
     "make_keyframe_env",
     "make_tracking_env",
     "observation_size",

@@ -6,9 +6,10 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 
+from plat.robots.robot import Robot
 from plat.rotations import quat_rotate, quat_rotate_inverse
 
-__all__ = ["RobotState"]
+__all__ = ["RobotState", "joint_target"]
 
 
 class RobotState(NamedTuple):
@@ -89,3 +90,13 @@ class RobotState(NamedTuple):
         turned = quat_rotate_inverse(self.root_quat_w[..., None, :], torch.stack((down, self.root_lin_vel_w), -2))
         gravity_b, root_lin_vel_b = turned.unbind(-2)
         return gravity_b, root_lin_vel_b
+
+
+def joint_target(robot: Robot, action: Tensor) -> Tensor:
+    """Joint position targets ``[*B, J]`` (rad) of actions: ``q_default + scale * a``.
+
+    >>> from plat.robots import G1
+    >>> bool((joint_target(G1, torch.zeros(29)) == G1.default_joint_pos).all())
+    True
+    """
+    return robot.default_joint_pos.to(action) + robot.action_scale.to(action) * action

@@ -2,7 +2,7 @@
 
 from plat.modules.backbone import Backbone
 from plat.modules.decoder import ActionDecoder
-from plat.modules.dynamics import DynamicsConfig, DynamicsModel, joint_target
+from plat.modules.dynamics import DynamicsConfig, DynamicsModel
 from plat.modules.goal_encoder import GoalSequenceEncoder
 from plat.modules.heads import GaussianNoise, ReferenceOffset, gaussian_action
 from plat.modules.latent import GaussianLatent, LatentPosterior, LatentPrior, sample_latent
@@ -58,7 +58,6 @@ __all__ = [
     "ResidualActionPolicy",
     "ResidualLatentPolicy",
     "gaussian_action",
-    "joint_target",
     "mlp",
     "sample_latent",
 ]

@@ -17,7 +17,7 @@ from plat.rotations import (
     quat_to_rotvec,
 )
 
-__all__ = ["DynamicsConfig", "DynamicsModel", "joint_target"]
+__all__ = ["DynamicsConfig", "DynamicsModel"]
 
 
 @dataclass(frozen=True)
@@ -154,13 +154,3 @@ class DynamicsModel(nn.Module):
             ),
             -1,
         )
-
-
-def joint_target(robot: Robot, action: Tensor) -> Tensor:
-    """Joint position targets ``[*B, J]`` (rad) of actions: ``q_default + scale * a``.
-
-    >>> from plat.robots import G1
-    >>> bool((joint_target(G1, torch.zeros(29)) == G1.default_joint_pos).all())
-    True
-    """
-    return robot.default_joint_pos.to(action) + robot.action_scale.to(action) * action

@@ -2,6 +2,7 @@
 
 from plat.objectives.divergence import gaussian_kl
 from plat.objectives.dynamics import DynamicsLoss, muon_and_adam
+from plat.objectives.imagination import ImaginationLoss
 from plat.objectives.imitation import ImitationLoss, LatentImitationLoss
 from plat.objectives.motor_gradient import MotorGradientConfig, motor_gradient
 from plat.objectives.ppo import PPO, PPOConfig
@@ -10,6 +11,7 @@ from plat.precision import Precision, autocast, has_fast_bfloat16
 __all__ = [
     "PPO",
     "DynamicsLoss",
+    "ImaginationLoss",
     "ImitationLoss",
     "LatentImitationLoss",
     "MotorGradientConfig",

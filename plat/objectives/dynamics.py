@@ -9,8 +9,8 @@ from tensordict.nn import dispatch
 from torch import Tensor, nn
 from torchrl.objectives.common import LossModule
 
-from plat.envs.state import RobotState
-from plat.modules.dynamics import DynamicsModel, joint_target
+from plat.envs.state import RobotState, joint_target
+from plat.modules.dynamics import DynamicsModel
 from plat.tasks.distances import smooth_angle
 
 __all__ = ["DynamicsLoss", "muon_and_adam"]

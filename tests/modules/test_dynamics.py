@@ -1,7 +1,7 @@
 import torch
 
-from plat.envs import MotionTrackingEnv, ResetNoise, RobotState
-from plat.modules import DynamicsConfig, DynamicsModel, joint_target
+from plat.envs import MotionTrackingEnv, ResetNoise, RobotState, joint_target
+from plat.modules import DynamicsConfig, DynamicsModel
 from plat.robots import G1
 from plat.rotations import quat_from_rotvec, quat_multiply, quat_rotate, quat_yaw
 

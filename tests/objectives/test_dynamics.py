@@ -1,8 +1,8 @@
 import torch
 from tensordict import TensorDict
 
-from plat.envs import MotionTrackingEnv, ResetNoise, RobotState
-from plat.modules import DynamicsConfig, DynamicsModel, joint_target
+from plat.envs import MotionTrackingEnv, ResetNoise, RobotState, joint_target
+from plat.modules import DynamicsConfig, DynamicsModel
 from plat.objectives import DynamicsLoss, muon_and_adam
 from plat.robots import G1
 

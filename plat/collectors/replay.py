@@ -1,0 +1,138 @@
+"""Recent rollouts in a TorchRL buffer, sampled as windows of one episode each."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from torch import Tensor
+from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
+from torchrl.data.replay_buffers import ImmutableDatasetWriter, Sampler, Storage
+
+__all__ = ["RolloutReplay", "WindowSampler"]
+
+
+class RolloutReplay:
+    """The last control steps of N robots, in a ring of TorchRL's ``LazyTensorStorage``.
+
+    Rows are in the order of time, the robots of a step side by side: a robot's next step is N rows on. TorchRL's
+    ``SliceSampler`` searches the whole storage for episodes' ends whenever it has grown. Here a window is drawn, and
+    given up if it holds an end, at a cost that does not depend on the storage's size.
+
+    Args:
+        num_envs: robots N.
+        capacity: control steps of each that are kept.
+        keys: entries of a rollout to keep; groups are kept whole.
+        device: where they are kept.
+
+    >>> from tensordict import TensorDict
+    >>> replay = RolloutReplay(num_envs=2, capacity=10, keys=["x"])
+    >>> done = torch.zeros(2, 5, 1, dtype=torch.bool)
+    >>> replay.extend(TensorDict({"x": torch.arange(10.0).view(2, 5), "next": {"done": done}}, [2, 5]))
+    >>> window = replay.windows(batch=4, length=3)
+    >>> window.shape, bool((window["x"].diff(dim=1) == 1).all())
+    (torch.Size([4, 3]), True)
+    """
+
+    def __init__(self, num_envs: int, capacity: int, keys: Sequence[NestedKey], device: torch.device | str = "cpu"):
+        self.num_envs = num_envs
+        self.capacity = capacity
+        self._keys = list(keys)
+        self.steps = 0
+        """Control steps of each robot that were ever written."""
+        self._episode = torch.zeros(num_envs, dtype=torch.int64, device=device)
+        self._sampler = WindowSampler(self)
+        self.buffer = TensorDictReplayBuffer(
+            storage=LazyTensorStorage(num_envs * capacity, device=device), sampler=self._sampler
+        )
+        self._recent_sampler = WindowSampler(self)
+        self._recent = TensorDictReplayBuffer(
+            storage=self.buffer.storage, sampler=self._recent_sampler, writer=ImmutableDatasetWriter()
+        )
+
+    def __len__(self) -> int:
+        """Control steps of each robot that are kept."""
+        return min(self.steps, self.capacity)
+
+    def extend(self, rollout: TensorDictBase) -> None:
+        """Add a rollout ``[N, T]`` that goes on where the last one ended.
+
+        Raises:
+            ValueError: when the capacity is no multiple of its length: its steps would be torn apart.
+        """
+        length = rollout.shape[1]
+        if self.capacity % length:
+            raise ValueError(f"capacity is {self.capacity}, expected a multiple of the rollouts' {length} steps")
+        done = rollout["next", "done"][..., 0].long()
+        ended = done.cumsum(1)
+        kept = rollout.select(*self._keys)
+        kept["episode"] = self._episode[:, None] + ended - done
+        self._episode = self._episode + ended[:, -1]
+        self.buffer.extend(kept.transpose(0, 1).contiguous().view(-1))
+        self.steps += length
+
+    def windows(self, batch: int, length: int, recent: int | None = None) -> TensorDictBase:
+        """Windows ``[batch, length]`` of successive steps of one episode; fewer where most episodes are shorter.
+
+        Args:
+            batch: number of windows.
+            length: control steps of each.
+            recent: they are from this many last control steps; None for all that are kept.
+        """
+        self._sampler.length, self._sampler.recent = length, recent
+        return self.buffer.sample(batch * length).view(-1, length)
+
+    def states(self, batch: int, recent: int | None = None) -> TensorDictBase:
+        """Single steps ``[batch]``, of the last ``recent`` control steps."""
+        self._recent_sampler.recent = recent
+        return self._recent.sample(batch)
+
+
+class WindowSampler(Sampler):
+    """Draws windows of one robot's successive steps that lie within one episode.
+
+    Args:
+        replay: whose storage is drawn from.
+        length: control steps of a window.
+        recent: windows are from this many last control steps; None for all.
+    """
+
+    def __init__(self, replay: RolloutReplay, length: int = 1, recent: int | None = None):
+        self._replay = replay
+        self.length = length
+        self.recent = recent
+
+    def sample(self, storage: Storage, batch_size: int) -> tuple[Tensor, dict[str, Any]]:
+        """Rows ``[B * length]``, window after window, with ``B * length <= batch_size``."""
+        replay, wanted = self._replay, batch_size // self.length
+        span = min(len(replay), self.recent or len(replay))
+        if span < self.length:
+            raise ValueError(f"replay: {span} control steps, expected at least a window of {self.length}")
+        # windows with an end in them are given up: enough spare ones for episodes of a few windows' length
+        drawn = wanted if self.length == 1 else wanted + wanted // 2 + 8
+        device = replay._episode.device
+        first = replay.steps - span + torch.randint(span - self.length + 1, (drawn,), device=device)
+        robot = torch.randint(replay.num_envs, (drawn,), device=device)
+        time = (first[:, None] + torch.arange(self.length, device=device)) % replay.capacity
+        rows = time * replay.num_envs + robot[:, None]
+        if self.length > 1:
+            episode = storage._storage["episode"]
+            whole = episode[rows[:, 0]] == episode[rows[:, -1]]
+            rows = rows[whole][:wanted]
+        return rows.flatten(), {}
+
+    def _empty(self) -> None:
+        pass
+
+    def dumps(self, path: Any) -> None:
+        """Nothing to write."""
+
+    def loads(self, path: Any) -> None:
+        """Nothing to read."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """Nothing to keep."""
+        return {}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Nothing to go on from."""

@@ -1,0 +1,150 @@
+"""The loss of a policy over imagined rollouts."""
+
+from dataclasses import dataclass
+
+import torch
+from tensordict import NestedKey, TensorDict, TensorDictBase
+from tensordict.nn import TensorDictModuleBase, dispatch
+from torch import Tensor
+from torchrl.objectives.common import LossModule
+from torchrl.objectives.utils import hold_out_net
+
+from plat.envs.state import RobotState, joint_target
+from plat.modules.dynamics import DynamicsModel
+from plat.tasks.task import Task
+
+__all__ = ["ImaginationLoss"]
+
+
+class ImaginationLoss(LossModule):
+    r"""Discounted cost of a task along rollouts that a learned model imagines, by backpropagation through all of it.
+
+    .. math::
+        L = \frac{1}{\sum_k \gamma^k} \sum_{k=0}^{H-1} \gamma^k \left( m_k \, c(s_{k+1})
+            + \lambda_a \|a_k\|^2 + \lambda_r \|a_k - a_{k-1}\|^2 \right) + \gamma^H m_H V(s_H)
+
+    The gradient flows through observation, policy, joint targets, model and cost, and reaches the policy alone. The
+    mask :math:`m_k` leaves out robots that are lost and what comes after an episode's end. Norms are means over joints.
+
+    Args:
+        policy: writes ``action`` deterministically from what the task shows.
+        model: the learned robot.
+        task: observation, clock and cost.
+
+    Keyword Args:
+        steps: imagined control steps H.
+        discount: :math:`\gamma`.
+        effort_weight: :math:`\lambda_a`.
+        rate_weight: :math:`\lambda_r`.
+        critic: reads the observation and writes the cost to go; None for no such term.
+
+    The keys ``state`` and ``memory`` say where rollouts start. ``effort`` is the entry of the policy that is kept
+    small: ``action``, or what the network adds to a reference (``residual`` of an expert).
+
+    Returns ``loss_policy``, with a critic ``loss_critic``, and for the log ``imagined_cost`` (mean of a step's
+    :math:`c`) and ``imagined_alive`` (share of the steps that counted).
+
+    Source: SuperTrack (Fussell et al. 2021), section 5.
+
+    >>> from plat.modules import DynamicsModel, Expert, ExpertConfig
+    >>> from plat.motions import MotionLibrary, generate_motions
+    >>> from plat.tasks import DenseTracking
+    >>> library = MotionLibrary.from_clips(generate_motions("train", seconds=8))
+    >>> task, expert = DenseTracking(library), Expert(library.robot, ExpertConfig(hidden=(32,)))
+    >>> loss = ImaginationLoss(expert.deployed(), DynamicsModel(library.robot), task, steps=3)
+    >>> state, memory = task.start(4)
+    >>> losses = loss(TensorDict({"robot_state": state.pack(), "memory": memory}, [4]))
+    >>> sorted(losses.keys())
+    ['imagined_alive', 'imagined_cost', 'loss_policy']
+    """
+
+    @dataclass
+    class _AcceptedKeys:
+        state: NestedKey = "robot_state"
+        memory: NestedKey = "memory"
+        action: NestedKey = "action"
+        effort: NestedKey = "action"
+        cost_to_go: NestedKey = "cost_to_go"
+
+    tensor_keys: _AcceptedKeys
+    default_keys = _AcceptedKeys
+
+    def __init__(
+        self,
+        policy: TensorDictModuleBase,
+        model: DynamicsModel,
+        task: Task,
+        *,
+        steps: int = 24,
+        discount: float = 0.98,
+        effort_weight: float = 0.01,
+        rate_weight: float = 0.02,
+        critic: TensorDictModuleBase | None = None,
+    ):
+        super().__init__()
+        self.policy = policy
+        self.model = model
+        self.task = task
+        self.critic = critic
+        self.steps = steps
+        self.discount = discount
+        self.effort_weight = effort_weight
+        self.rate_weight = rate_weight
+        critic_keys: list[NestedKey] = [] if critic is None else ["loss_critic"]
+        self.out_keys = ["loss_policy", *critic_keys, "imagined_cost", "imagined_alive"]
+
+    @property
+    def in_keys(self) -> list[NestedKey]:
+        """Packed states and the task's memory."""
+        return [self.tensor_keys.state, self.tensor_keys.memory]
+
+    def _forward_value_estimator_keys(self, **_: object) -> None:
+        pass
+
+    @dispatch
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Losses of rollouts from the states ``[B]``."""
+        keys, task = self.tensor_keys, self.task
+        state, memory = RobotState.unpack(tensordict.get(keys.state)), tensordict.get(keys.memory)
+        alive = torch.ones(tensordict.shape, device=state.root_pos_w.device)
+        to_go, regularization = torch.zeros_like(alive), alive.new_zeros(())
+        cost_sum, alive_sum = alive.new_zeros(()), alive.new_zeros(())
+        effort_before: Tensor | None = None
+        first = observed = task.observe(state, memory)
+        weight, weights = 1.0, 0.0
+        for _ in range(self.steps):
+            acted = self.policy(observed.copy())
+            action, effort = acted.get(keys.action), acted.get(keys.effort)
+            with hold_out_net(self.model):
+                state = self.model(state, joint_target(task.robot, action))
+            memory = task.advance(memory, action)
+            cost = task.cost(state, memory)
+            with torch.no_grad():
+                alive = alive * ~task.lost(state, memory)
+                cost_sum, alive_sum = cost_sum + (alive * cost).sum(), alive_sum + alive.sum()
+            to_go = to_go + weight * alive * cost
+            regularization = regularization + weight * self._moderation(effort, effort_before)
+            weights += weight
+            weight *= self.discount
+            effort_before = effort
+            with torch.no_grad():
+                alive = alive * ~task.finished(memory)
+            memory = task.renew(memory)
+            observed = task.observe(state, memory)
+        out = {}
+        if self.critic is not None:
+            with hold_out_net(self.critic):
+                to_go = to_go + weight * alive * self._value(observed)
+            out["loss_critic"] = (self._value(first) - to_go.detach()).square().mean()
+        out["loss_policy"] = (to_go.mean() + regularization) / weights
+        out["imagined_cost"] = cost_sum / alive_sum.clamp_min(1.0)
+        out["imagined_alive"] = alive_sum / (self.steps * alive.numel())
+        return TensorDict(out)
+
+    def _moderation(self, effort: Tensor, before: Tensor | None) -> Tensor:
+        total = self.effort_weight * effort.square().mean()
+        return total if before is None else total + self.rate_weight * (effort - before).square().mean()
+
+    def _value(self, observed: TensorDictBase) -> Tensor:
+        assert self.critic is not None
+        return self.critic(observed.copy()).get(self.tensor_keys.cost_to_go)[:, 0]

@@ -1,0 +1,236 @@
+"""Keyframes as a person would draw them: families of chains that begin in the standing pose."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from plat.motions.library import MotionLibrary
+from plat.robots.kinematics import ForwardKinematics
+from plat.robots.robot import Robot
+from plat.rotations import quat_conjugate, quat_from_rotvec, quat_multiply, quat_to_rotvec, quat_yaw
+
+__all__ = ["CHAIN_FAMILIES", "KeyframeChains", "draw_chains"]
+
+CHAIN_FAMILIES = ("hold", "arms", "poses", "steps", "crouch", "far")
+"""Names of the families, see :func:`draw_chains`."""
+
+# keyframes of a chain
+_LENGTH = 5
+
+
+@dataclass(frozen=True)
+class KeyframeChains:
+    """Chains of keyframes for one robot, all their poses in one table.
+
+    Attributes:
+        qpos: poses ``[R, 7 + J]``; the first row of each chain is the standing pose at the origin.
+        steps: control steps ``[R]`` from the row before to each; 0 for a chain's first.
+        next_row: row ``[R]`` that is commanded after each; the last of a chain is commanded on and on.
+        chain: chain ``[R]`` that each row belongs to.
+        first_row: first row ``[C]`` of each chain.
+        duration: control steps ``[C]`` of each chain with the hold after it.
+        family: name of each of the C chains.
+    """
+
+    qpos: Tensor
+    steps: Tensor
+    next_row: Tensor
+    chain: Tensor
+    first_row: Tensor
+    duration: Tensor
+    family: tuple[str, ...]
+
+
+def draw_chains(
+    library: MotionLibrary, count: int, families: Sequence[str] = CHAIN_FAMILIES, *, seed: int = 0
+) -> KeyframeChains:
+    """Draw ``count`` chains, as many of each family as of the others.
+
+    =========  ==================================================================================  =======
+    family     keyframes, 0.5 to 1 s apart                                                         hold
+    =========  ==================================================================================  =======
+    hold       one resting pose of a motion                                                        5 s
+    arms       legs and root as they stand, the other joints in the middle 60 % of their ranges    3 s
+    poses      resting poses of different motions, within 0.1 m and 0.2 rad                        3 s
+    steps      the standing pose 0.25 to 0.5 m further, turned by up to 0.4 rad                    3 s
+    crouch     pelvis 0.05 to 0.3 m lower, leaning by up to 0.5 rad, feet in place                 3 s
+    far        the standing pose 1.5 to 2.5 m further, turned by up to 2 rad, commanded for 3 s    3 s
+    =========  ==================================================================================  =======
+
+    Args:
+        library: motions with the resting poses; families that need some are left out where there are none.
+        count: number of chains.
+        families: some of :data:`CHAIN_FAMILIES`.
+        seed: draws them, apart from the global generator.
+
+    Raises:
+        ValueError: for a family that is none.
+
+    >>> from plat.motions import generate_motions
+    >>> library = MotionLibrary.from_clips(generate_motions("train", seconds=8))
+    >>> chains = draw_chains(library, 4, ["arms", "steps"])
+    >>> chains.family, chains.qpos.shape
+    (('arms', 'arms', 'steps', 'steps'), torch.Size([24, 36]))
+    """
+    unknown = [family for family in families if family not in _DRAW]
+    if unknown:
+        raise ValueError(f"families: {unknown[0]!r}, expected some of {CHAIN_FAMILIES}")
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        resting = _resting_poses(library).cpu()
+        drawn = [family for family in families if len(resting) or family not in ("hold", "poses")]
+        per_family = -(-count // len(drawn))
+        parts: list[tuple[str, Tensor, Tensor, int]] = []
+        for family in drawn:
+            poses = _DRAW[family](per_family, library.robot, resting)
+            steps = torch.randint(25, 51, poses.shape[:2])
+            parts.append((family, poses, steps, 250 if family == "hold" else 150))
+    return _joined(parts, count, library)
+
+
+def _joined(parts: Sequence[tuple[str, Tensor, Tensor, int]], count: int, library: MotionLibrary) -> KeyframeChains:
+    """One table of the first ``count`` chains, given by family with poses, times and hold."""
+    standing = torch.as_tensor(library.robot.default_qpos, dtype=torch.float32)
+    rows, steps, next_row, chain = [], [], [], []
+    first, duration = [], []
+    names: list[str] = []
+    begin = 0
+    for family, poses, times, hold in parts:
+        for path, path_steps in zip(poses[: count - len(names)], times, strict=False):
+            last = begin + len(path)
+            rows.append(torch.cat((standing[None], path)))
+            steps.append(torch.nn.functional.pad(path_steps, (1, 0)))
+            next_row.append(torch.arange(begin + 1, last + 2).clamp_max(last))
+            chain.append(torch.full((len(path) + 1,), len(names)))
+            first.append(begin)
+            duration.append(int(path_steps.sum()) + hold)
+            names.append(family)
+            begin = last + 1
+    device = library.device
+    return KeyframeChains(
+        qpos=torch.cat(rows).to(device),
+        steps=torch.cat(steps).to(device),
+        next_row=torch.cat(next_row).to(device),
+        chain=torch.cat(chain).to(device),
+        first_row=torch.tensor(first, device=device),
+        duration=torch.tensor(duration, device=device),
+        family=tuple(names),
+    )
+
+
+def _resting_poses(library: MotionLibrary) -> Tensor:
+    """Poses ``[R, 7 + J]`` of a library in which the robot stands about still, at the origin, looking along x."""
+    frames = library.frames
+    still = (
+        (frames["joint_vel"].abs().amax(-1) < 0.6)
+        & (frames["keypoint_lin_vel"][:, 0].norm(dim=-1) < 0.1)
+        & (frames["keypoint_pos"][:, 0, 2] > 0.72 * library.robot.root_height)
+    )
+    qpos = library.qpos(still.nonzero()[:, 0])
+    qpos[:, :2] = 0
+    qpos[:, 3:7] = quat_multiply(quat_conjugate(quat_yaw(qpos[:, 3:7])), qpos[:, 3:7])
+    return qpos
+
+
+def _uniform(low: float, high: float, *shape: int) -> Tensor:
+    return low + (high - low) * torch.rand(*shape)
+
+
+def _turns(angle: Tensor) -> Tensor:
+    """Quaternions ``[*B, 4]`` of turns about the vertical ``[*B]`` (rad)."""
+    return quat_from_rotvec(torch.nn.functional.pad(angle[..., None], (2, 0)))
+
+
+def _standing(robot: Robot, *shape: int) -> Tensor:
+    return torch.as_tensor(robot.default_qpos, dtype=torch.float32).repeat(*shape, 1)
+
+
+def _hold(count: int, robot: Robot, resting: Tensor) -> Tensor:
+    return resting[torch.randint(len(resting), (count, 1))]
+
+
+def _arms(count: int, robot: Robot, resting: Tensor) -> Tensor:
+    qpos = _standing(robot, count, _LENGTH)
+    upper = [joint for joint in range(robot.num_joints) if joint not in robot.leg_joints]
+    low, high = robot.joint_range[upper].unbind(-1)
+    share = _uniform(0.2, 0.8, count, _LENGTH, len(upper))
+    qpos[..., [7 + joint for joint in upper]] = low + share * (high - low)
+    return qpos
+
+
+def _poses(count: int, robot: Robot, resting: Tensor) -> Tensor:
+    qpos = resting[torch.randint(len(resting), (count, _LENGTH))]
+    qpos[..., :2] += _uniform(-0.1, 0.1, count, _LENGTH, 2)
+    qpos[..., 3:7] = quat_multiply(_turns(_uniform(-0.2, 0.2, count, _LENGTH)), qpos[..., 3:7])
+    return qpos
+
+
+def _walk(count: int, robot: Robot, distance: tuple[float, float], turn: float, length: int) -> Tensor:
+    qpos = _standing(robot, count, length)
+    way, heading = _uniform(*distance, count, length), _uniform(-torch.pi, torch.pi, count, length)
+    qpos[..., 0] = (way * heading.cos()).cumsum(1)
+    qpos[..., 1] = (way * heading.sin()).cumsum(1)
+    qpos[..., 3:7] = _turns(_uniform(-turn, turn, count, length).cumsum(1))
+    return qpos
+
+
+def _steps(count: int, robot: Robot, resting: Tensor) -> Tensor:
+    return _walk(count, robot, (0.25, 0.5), 0.4, _LENGTH)
+
+
+def _far(count: int, robot: Robot, resting: Tensor) -> Tensor:
+    # out of reach within a second: each is commanded three times
+    return _walk(count, robot, (1.5, 2.5), 2.0, 2).repeat_interleave(3, 1)
+
+
+def _crouch(count: int, robot: Robot, resting: Tensor) -> Tensor:
+    qpos = _standing(robot, count * _LENGTH)
+    lean, about = _uniform(0.0, 0.5, len(qpos)), _uniform(-torch.pi, torch.pi, len(qpos))
+    axis = torch.stack((about.cos(), about.sin(), torch.zeros(len(qpos))), -1)
+    drop = _uniform(0.05, 0.3, len(qpos))
+    # the pelvis gives way to where the trunk does not lean, as a person's does: the weight stays above the feet
+    back = 0.2 * lean.sin()[:, None] * torch.stack((-axis[:, 1], axis[:, 0]), -1)
+    qpos[:, :2] += back
+    qpos[:, 2] -= drop
+    qpos[:, 3:7] = quat_from_rotvec(lean[:, None] * axis)
+    return _feet_in_place(qpos, robot).unflatten(0, (count, _LENGTH))
+
+
+def _feet_in_place(qpos: Tensor, robot: Robot, iterations: int = 12) -> Tensor:
+    """Poses ``[R, 7 + J]`` whose legs are bent so that the feet are where they are in the standing pose."""
+    kinematics, legs = ForwardKinematics(robot, robot.feet), [7 + joint for joint in robot.leg_joints]
+    low, high = robot.joint_range[robot.leg_joints].unbind(-1)
+    wanted_pos, wanted_quat = kinematics(*_split(_standing(robot, 1)))
+
+    def error(poses: Tensor) -> Tensor:
+        pos, quat = kinematics(*_split(poses))
+        turn = quat_to_rotvec(quat_multiply(quat, quat_conjugate(wanted_quat).expand_as(quat)))
+        return torch.cat((pos - wanted_pos, 0.3 * turn), -1).flatten(1)
+
+    qpos = qpos.clone()
+    nudge = 1e-3 * torch.eye(len(legs))
+    for _ in range(iterations):
+        now = error(qpos)
+        tried = qpos.repeat_interleave(len(legs), 0)
+        tried[:, legs] += nudge.repeat(len(qpos), 1)
+        jacobian = (error(tried).view(len(qpos), len(legs), -1) - now[:, None]) / 1e-3  # (R, legs, errors)
+        normal = jacobian @ jacobian.transpose(1, 2) + 1e-3 * torch.eye(len(legs))
+        step = torch.linalg.solve(normal, jacobian @ now[:, :, None])[..., 0]
+        qpos[:, legs] = (qpos[:, legs] - step.clamp(-0.3, 0.3)).clamp(low, high)
+    return qpos
+
+
+def _split(qpos: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    return qpos[..., :3], qpos[..., 3:7], qpos[..., 7:]
+
+
+_DRAW: dict[str, Callable[[int, Robot, Tensor], Tensor]] = {
+    "hold": _hold,
+    "arms": _arms,
+    "poses": _poses,
+    "steps": _steps,
+    "crouch": _crouch,
+    "far": _far,
+}

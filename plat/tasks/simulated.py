@@ -1,0 +1,117 @@
+"""Simulated robots with a task: a TorchRL environment."""
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+from torchrl.data import Binary, Composite, Unbounded
+from torchrl.envs import EnvBase
+
+from plat.envs.physics import BatchedPhysics
+from plat.envs.state import RobotState, joint_target
+from plat.robots.robot import FootContacts
+from plat.tasks.task import Task
+
+__all__ = ["SimulatedTask"]
+
+_DONE_KEYS = ("done", "terminated", "truncated")
+
+
+class SimulatedTask(EnvBase):
+    """N simulated robots with a :class:`Task`. The reward of a step is its cost, negative.
+
+    Beside the task's observation it writes ``robot_state``, the packed :class:`plat.envs.RobotState`
+    ``[N, 13 + 2 J]``, and the task's memory as the group ``"memory"``: what imagined rollouts start from.
+
+    Args:
+        task: the task.
+        num_envs: number of robots N.
+        decimation: physics steps a control step.
+        feet: contact geometry of the soles, see :meth:`plat.robots.Robot.spec`.
+        num_threads: threads of the physics pool; None takes all CPUs.
+        device: where tensors live; physics runs on the CPU.
+
+    >>> from plat.motions import MotionLibrary, generate_motions
+    >>> from plat.tasks import DenseTracking
+    >>> library = MotionLibrary.from_clips(generate_motions("train", seconds=8))
+    >>> env = SimulatedTask(DenseTracking(library), num_envs=2)
+    >>> env.rollout(3)["next", "robot_state"].shape
+    torch.Size([2, 3, 71])
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        num_envs: int,
+        *,
+        decimation: int = 4,
+        feet: FootContacts = "spheres",
+        num_threads: int | None = None,
+        device: torch.device | str = "cpu",
+    ):
+        super().__init__(device=torch.device(device), batch_size=torch.Size([num_envs]))
+        self.task = task.to(device)
+        model = task.robot.model(feet)
+        model.opt.timestep = task.dt / decimation
+        self.physics = BatchedPhysics(model, num_envs, num_threads, device)
+        self.decimation = decimation
+        self._make_specs()
+
+    def _make_specs(self) -> None:
+        count, joints = self.batch_size, self.task.robot.num_joints
+        example = self._entries(*self.task.start(count[0]))
+        self.observation_spec = _spec_of(example)
+        self.action_spec = Unbounded((*count, joints), device=self.device)
+        self.reward_spec = Unbounded((*count, 1), device=self.device)
+        flags = {key: Binary(1, (*count, 1), dtype=torch.bool, device=self.device) for key in _DONE_KEYS}
+        self.full_done_spec = Composite(flags, shape=count, device=self.device)
+
+    def _entries(self, state: RobotState, memory: TensorDictBase) -> TensorDict:
+        return self.task.observe(state, memory).update({"robot_state": state.pack(), "memory": memory})
+
+    def _state(self) -> RobotState:
+        return RobotState.unpack(torch.cat((self.physics.read("qpos"), self.physics.read("qvel")), -1))
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        task, action = self.task, tensordict["action"]
+        self.physics.step(joint_target(task.robot, action), self.decimation)
+        state, memory = self._state(), task.advance(tensordict["memory"], action)
+        cost, failed = task.cost(state, memory), task.failed(state, memory) | ~_finite(state)
+        truncated = task.finished(memory) & ~failed
+        task.record_failures(memory[failed])
+        out = self._entries(state, task.renew(memory))
+        out["reward"] = -cost[:, None]
+        out["terminated"], out["truncated"] = failed[:, None], truncated[:, None]
+        out["done"] = out["terminated"] | out["truncated"]
+        return out
+
+    def _reset(self, tensordict: TensorDictBase | None = None, **_: object) -> TensorDictBase:
+        mask = None if tensordict is None else tensordict.get("_reset", None)
+        everyone = torch.ones(self.batch_size, dtype=torch.bool, device=self.device)
+        ids = (everyone if mask is None else mask.view(-1)).nonzero()[:, 0]
+        state, memory = self.task.start(len(ids))
+        self.physics.set_state(ids, state.qpos.double(), state.qvel.double())
+        started = self._entries(state, memory)
+        out = started.new_zeros(self.batch_size)  # the other robots' rows are never looked at
+        out[ids] = started
+        for key in _DONE_KEYS:
+            out[key] = torch.zeros(*self.batch_size, 1, dtype=torch.bool, device=self.device)
+        return out
+
+    def _set_seed(self, seed: int | None) -> None:
+        if seed is not None:
+            torch.manual_seed(seed)
+
+
+def _finite(state: RobotState) -> Tensor:
+    return state.pack().isfinite().all(-1)
+
+
+def _spec_of(example: TensorDictBase) -> Composite:
+    """A specification of entries like these, without bounds."""
+    specs = {}
+    for key, value in example.items():
+        if isinstance(value, TensorDictBase):
+            specs[key] = _spec_of(value)
+        else:
+            specs[key] = Unbounded(value.shape, dtype=value.dtype, device=value.device)
+    return Composite(specs, shape=example.batch_size, device=example.device)

@@ -1,0 +1,92 @@
+"""What a task is: functions of the robot's state and of a small memory, for simulated and imagined robots alike."""
+
+from abc import abstractmethod
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor, nn
+
+from plat.envs.state import RobotState
+from plat.robots.robot import Robot
+
+__all__ = ["Task", "robot_entries"]
+
+
+class Task(nn.Module):
+    """A task of N robots: where episodes start, what a policy sees, when commands follow, what a step costs.
+
+    All is a function of the robots' :class:`plat.envs.RobotState` ``[*N]`` and of the task's memory, a TensorDict
+    ``[N]`` with at least the ``last_action`` ``[N, J]``. :class:`plat.tasks.SimulatedTask` runs it on simulated robots,
+    :class:`plat.objectives.ImaginationLoss` on imagined ones. In both a control step is :meth:`observe`, the policy,
+    the robot's motion, :meth:`advance`, :meth:`cost` and :meth:`renew`.
+
+    A subclass defines :meth:`start`, :meth:`observe` and :meth:`cost`, and what it needs of the rest. :meth:`cost` and
+    :meth:`observe` are differentiable in the state.
+
+    Args:
+        robot: the robot.
+        dt: control step (s).
+    """
+
+    def __init__(self, robot: Robot, dt: float = 0.02):
+        super().__init__()
+        self.robot = robot
+        self.dt = dt
+
+    @abstractmethod
+    def start(self, count: int) -> tuple[RobotState, TensorDict]:
+        """States and memories ``[count]`` that episodes start from."""
+
+    @abstractmethod
+    def observe(self, state: RobotState, memory: TensorDictBase) -> TensorDict:
+        """Entries that the policy reads."""
+
+    @abstractmethod
+    def cost(self, state: RobotState, memory: TensorDictBase) -> Tensor:
+        """Cost ``[N]`` of the control step that ended in a state."""
+
+    def advance(self, memory: TensorDictBase, action: Tensor) -> TensorDictBase:
+        """Memory after a control step with ``action``: clocks go on, nothing new is commanded yet."""
+        return memory.copy().set("last_action", action)
+
+    def renew(self, memory: TensorDictBase) -> TensorDictBase:
+        """Memory in which a new command has taken the place of each that has ended."""
+        return memory
+
+    def failed(self, state: RobotState, memory: TensorDictBase) -> Tensor:
+        """Mask ``[N]`` of robots whose episode ends by failure."""
+        return state.root_pos_w[..., 2] < 0.4
+
+    def finished(self, memory: TensorDictBase) -> Tensor:
+        """Mask ``[N]`` of robots whose episode ends because nothing is left to do."""
+        return torch.zeros(memory.batch_size, dtype=torch.bool, device=memory["last_action"].device)
+
+    def lost(self, state: RobotState, memory: TensorDictBase) -> Tensor:
+        """Mask ``[N]`` of imagined robots that are too far off to learn from; those that failed, by default."""
+        return self.failed(state, memory)
+
+    def record_failures(self, memory: TensorDictBase) -> None:
+        """Learn where episodes ``[n]`` have failed, to start more of them there."""
+
+
+def robot_entries(state: RobotState, last_action: Tensor, robot: Robot) -> TensorDict:
+    """Group ``"robot"`` of the observation: what :class:`plat.envs.MotionTrackingEnv` measures without noise.
+
+    >>> from plat.robots import G1
+    >>> state = RobotState.unpack(torch.nn.functional.pad(torch.ones(2, 1), (3, 67)))
+    >>> robot_entries(state, torch.zeros(2, 29), G1)["gravity_b"][0].tolist()
+    [0.0, 0.0, -1.0]
+    """
+    gravity_b, root_lin_vel_b = state.in_root_frame()
+    return TensorDict(
+        {
+            "joint_pos": state.joint_pos - robot.default_joint_pos.to(state.joint_pos),
+            "joint_vel": state.joint_vel,
+            "root_ang_vel_b": state.root_ang_vel_b,
+            "root_lin_vel_b": root_lin_vel_b,
+            "gravity_b": gravity_b,
+            "last_action": last_action,
+        },
+        state.root_pos_w.shape[:-1],
+        device=last_action.device,
+    )

@@ -1,0 +1,278 @@
+"""The task of a keyframe policy: be at one future keyframe on time, then at the next."""
+
+from dataclasses import dataclass
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+
+from plat.envs.goals import robot_centric_goal
+from plat.envs.state import RobotState
+from plat.envs.tracking import ResetNoise
+from plat.motions.library import MotionLibrary
+from plat.rotations import quat_conjugate, quat_multiply, quat_rotate, quat_yaw
+from plat.spec.timing import Timing
+from plat.tasks.chains import CHAIN_FAMILIES, draw_chains
+from plat.tasks.costs import AuthoredCosts, TrackingCosts, pose_cost, tracking_cost
+from plat.tasks.dense_tracking import START_NOISE, off_reference
+from plat.tasks.distances import smooth_length
+from plat.tasks.pose_table import PoseTable
+from plat.tasks.starts import ClipStarts, FailureWeights, disturbed
+from plat.tasks.task import Task, robot_entries
+
+__all__ = ["TimedKeyframes", "TimedKeyframesConfig"]
+
+
+@dataclass(frozen=True)
+class TimedKeyframesConfig:
+    """Where keyframes come from and what missing them costs."""
+
+    authored: float = 0.5
+    """share of the episodes with authored keyframes; the others follow motions"""
+    families: tuple[str, ...] = CHAIN_FAMILIES
+    """families of authored keyframes"""
+    chains: int = 1200
+    """number of authored chains that are drawn"""
+    from_standing: float = 0.6
+    """share of the authored episodes that start standing; the others start at any moment of a motion"""
+    shortest: int = 1
+    """control steps of the shortest command along a motion"""
+    tracking: TrackingCosts = TrackingCosts()
+    """weights along a motion, and of a keyframe in its arrival window"""
+    underway: AuthoredCosts = AuthoredCosts()
+    """weights where there is no reference but the keyframe"""
+    uniform_starts: float = 0.3
+    """share of the episodes that start anywhere; the others start where failures are"""
+
+
+class TimedKeyframes(Task):
+    """Stages 2 and 3 at once: keyframes out of motions and authored ones, each with the time to be there.
+
+    The policy sees what it sees in :func:`plat.envs.make_keyframe_env`: the groups ``"robot"``, ``"goal"`` and
+    ``"command"``. Where a command is from a motion, a step costs the distance from that motion, which the policy does
+    not see, and in the arrival window that from the keyframe as well. An authored keyframe has no reference: before its
+    window it costs a share of the distance from the straight line to it, and height and speeds a little.
+
+    The memory holds ``last_action``, ``frame`` of the motion, rows of the commanded pose ``goal`` and of the one
+    ``before`` it, ``steps_left`` of how many in all (``length``), ``age`` of the episode, and whether it is
+    ``authored``.
+
+    Args:
+        library: motions.
+        config: sources and costs.
+        timing: longest command and arrival window.
+        reset_noise: on the starting states; None starts on the reference.
+        seed: draws the authored chains.
+
+    >>> from plat.motions import generate_motions
+    >>> library = MotionLibrary.from_clips(generate_motions("train", seconds=8))
+    >>> task = TimedKeyframes(library, TimedKeyframesConfig(chains=6))
+    >>> state, memory = task.start(3)
+    >>> task.observe(state, memory)["command", "horizon"].shape
+    torch.Size([3, 1])
+    """
+
+    _last_frame: Tensor
+    _steps_to: Tensor
+    _next_row: Tensor
+    _chain: Tensor
+    _first_row: Tensor
+    _duration: Tensor
+
+    def __init__(
+        self,
+        library: MotionLibrary,
+        config: TimedKeyframesConfig | None = None,
+        *,
+        timing: Timing | None = None,
+        reset_noise: ResetNoise | None = START_NOISE,
+        seed: int = 0,
+    ):
+        super().__init__(library.robot, library.dt)
+        self.config = config = config or TimedKeyframesConfig()
+        self.timing = timing or Timing()
+        self.reset_noise = reset_noise
+        self.chains = chains = draw_chains(library, config.chains, config.families, seed=seed)
+        self._frames = frames = len(library)
+        self.table = PoseTable.of_library(library).then(PoseTable.of_poses(chains.qpos.cpu(), library.robot))
+        self.starts = ClipStarts(library, uniform=config.uniform_starts)
+        self.chain_starts = FailureWeights(len(chains.family), config.uniform_starts)
+        for name, value in (
+            ("_last_frame", library.last_frame),
+            ("_steps_to", chains.steps),
+            ("_next_row", chains.next_row + frames),
+            ("_chain", chains.chain),
+            ("_first_row", chains.first_row + frames),
+            ("_duration", chains.duration),
+        ):
+            self.register_buffer(name, value, persistent=False)
+
+    def start(self, count: int) -> tuple[RobotState, TensorDict]:
+        """Starts along motions and of authored chains, in the configured share."""
+        authored = torch.rand(count, device=self._chain.device) < self.config.authored
+        clips, chains = self.along(self.starts.draw(count)), self.authored(self.chain_starts.draw(count))
+        state = RobotState(
+            *(torch.where(authored[:, None], ours, theirs) for ours, theirs in zip(chains[0], clips[0], strict=True))
+        )
+        memory = {
+            key: torch.where(authored[:, None] if value.ndim > 1 else authored, chains[1][key], value)
+            for key, value in clips[1].items()
+        }
+        return state, TensorDict(memory, [count], device=authored.device)
+
+    def along(self, frame: Tensor) -> tuple[RobotState, TensorDict]:
+        """Starts at frames ``[n]`` of the motions, each with its first command."""
+        state = self._disturbed(self.table.state(frame))
+        memory = self._memory(len(frame), frame=frame, goal=frame, before=frame)
+        return state, self.renew(memory)
+
+    def authored(self, chain: Tensor) -> tuple[RobotState, TensorDict]:
+        """Starts of authored chains ``[n]``: standing, or in a moment of a motion that is moved to the origin."""
+        row = self._first_row[chain]
+        moment = self._at_origin(self.table.state(self.starts.draw(len(chain))))
+        standing = torch.rand(len(chain), 1, device=row.device) < self.config.from_standing
+        parts = zip(self.table.state(row), moment, strict=True)
+        state = self._disturbed(RobotState(*(torch.where(standing, ours, theirs) for ours, theirs in parts)))
+        memory = self._memory(len(chain), frame=torch.zeros_like(row), goal=row, before=row)
+        return state, self.renew(memory.set("authored", torch.ones_like(memory["authored"])))
+
+    def observe(self, state: RobotState, memory: TensorDictBase) -> TensorDict:
+        """Groups ``"robot"``, ``"goal"`` and ``"command"``."""
+        goal = robot_centric_goal(self.table.pose(memory["goal"]), state.root_pos_w, state.root_quat_w)
+        batch, device = memory.batch_size, memory["goal"].device
+        horizon = memory["steps_left"][:, None] / self.timing.max_steps
+        return TensorDict(
+            {
+                "robot": robot_entries(state, memory["last_action"], self.robot),
+                "goal": TensorDict(goal, batch, device=device),
+                "command": TensorDict({"horizon": horizon}, batch, device=device),
+            },
+            batch,
+            device=device,
+        )
+
+    def advance(self, memory: TensorDictBase, action: Tensor) -> TensorDictBase:
+        """One frame on along a motion, one step less to the keyframe."""
+        frame = memory["frame"]
+        out = memory.copy()
+        out["last_action"] = action
+        out["frame"] = torch.where(memory["authored"], frame, (frame + 1).minimum(self._last_frame[frame]))
+        out["steps_left"] = memory["steps_left"] - 1
+        out["age"] = memory["age"] + 1
+        return out
+
+    def renew(self, memory: TensorDictBase) -> TensorDictBase:
+        """The next keyframe where the last one's time is up."""
+        due, authored, frame = memory["steps_left"] <= 0, memory["authored"], memory["frame"]
+        if not due.any():
+            return memory
+        drawn = torch.randint_like(frame, self.config.shortest, self.timing.max_steps + 1)
+        # along a motion: that many frames ahead; of a chain: its next row, and the last one again and again
+        chain_row = (memory["goal"] - self._frames).clamp_min(0)
+        following = self._next_row[chain_row]
+        held = following == memory["goal"]
+        goal = torch.where(authored, following, (frame + drawn).minimum(self._last_frame[frame]))
+        # whoever holds a pose may be told so at every step
+        again = torch.where(torch.rand(drawn.shape, device=drawn.device) < 0.5, 1, drawn)
+        authored_steps = torch.where(held, again, self._steps_to[(following - self._frames).clamp_min(0)])
+        # at the clip's end there is nothing to come: the episode is over, and the command is never acted on
+        steps = torch.where(authored, authored_steps, (goal - frame).clamp_min(1))
+        out = memory.copy()
+        out["before"] = torch.where(due, torch.where(authored, memory["goal"], frame), memory["before"])
+        out["goal"] = torch.where(due, goal, memory["goal"])
+        out["steps_left"] = torch.where(due, steps, memory["steps_left"])
+        out["length"] = torch.where(due, steps, memory["length"])
+        return out
+
+    def cost(self, state: RobotState, memory: TensorDictBase) -> Tensor:
+        """Distance ``[N]`` from the motion, or from the line to the keyframe, and in its window from the keyframe."""
+        weights, moderate = self.config.tracking, self.config.underway
+        in_window = memory["steps_left"] < self.timing.window
+        along = tracking_cost(state, self.table.state(memory["frame"]), weights)
+        along = along + in_window * pose_cost(state, self.table.state(memory["goal"]), weights)
+        line = self._line(memory)
+        share = torch.where(in_window, 1.0, moderate.underway)
+        authored = (
+            share * pose_cost(state, line, weights)
+            + moderate.height * (state.root_pos_w[:, 2] - line.root_pos_w[:, 2]).abs()
+            + moderate.root_lin_vel * smooth_length(state.root_lin_vel_w)
+            + moderate.root_ang_vel * state.root_ang_vel_b.abs().mean(-1)
+            + moderate.joint_vel * state.joint_vel.abs().mean(-1)
+        )
+        return torch.where(memory["authored"], authored, along)
+
+    def failed(self, state: RobotState, memory: TensorDictBase) -> Tensor:
+        """Mask ``[N]``: 0.3 m too high or low, too far off, or tilted otherwise than motion or line."""
+        return off_reference(state, self._wanted(memory), height=0.3, distance=self._leeway(memory))
+
+    def lost(self, state: RobotState, memory: TensorDictBase) -> Tensor:
+        """Mask ``[N]``: 0.6 m too high or low."""
+        return (state.root_pos_w[:, 2] - self._wanted(memory).root_pos_w[:, 2]).abs() > 0.6
+
+    def finished(self, memory: TensorDictBase) -> Tensor:
+        """Mask ``[N]``: at the clip's last frame, or at the end of the hold after a chain."""
+        frame, row = memory["frame"], (memory["goal"] - self._frames).clamp_min(0)
+        over = memory["age"] >= self._duration[self._chain[row]]
+        return torch.where(memory["authored"], over, frame >= self._last_frame[frame])
+
+    def record_failures(self, memory: TensorDictBase) -> None:
+        """Start more episodes in the seconds, and of the chains, of these failures ``[n]``."""
+        self.starts.weights.forget()
+        self.chain_starts.forget()
+        authored = memory["authored"]
+        self.starts.record(memory["frame"][~authored])
+        self.chain_starts.record(self._chain[memory["goal"][authored] - self._frames])
+
+    def _memory(self, count: int, **rows: Tensor) -> TensorDict:
+        device = self._chain.device
+        zero = torch.zeros(count, dtype=torch.int64, device=device)
+        return TensorDict(
+            {
+                "last_action": torch.zeros(count, self.robot.num_joints, device=device),
+                **rows,
+                "steps_left": zero,
+                "length": zero + 1,
+                "age": zero.clone(),
+                "authored": zero > 0,
+            },
+            [count],
+            device=device,
+        )
+
+    def _disturbed(self, state: RobotState) -> RobotState:
+        return state if self.reset_noise is None else disturbed(state, self.reset_noise, self.robot)
+
+    def _at_origin(self, state: RobotState) -> RobotState:
+        """The same states ``[n]`` at the origin, looking along x."""
+        back = quat_conjugate(quat_yaw(state.root_quat_w))
+        height = state.root_pos_w * state.root_pos_w.new_tensor([0.0, 0.0, 1.0])
+        return state._replace(
+            root_pos_w=height,
+            root_quat_w=quat_multiply(back, state.root_quat_w),
+            root_lin_vel_w=quat_rotate(back, state.root_lin_vel_w),
+        )
+
+    def _line(self, memory: TensorDictBase) -> RobotState:
+        """The pose on the straight line from the keyframe before to the commanded one, at rest."""
+        before, after = self.table.state(memory["before"]), self.table.state(memory["goal"])
+        share = (1 - memory["steps_left"] / memory["length"]).clamp(0, 1)[:, None]
+        same_side = (before.root_quat_w * after.root_quat_w).sum(-1, keepdim=True) >= 0
+        turned = torch.where(same_side, after.root_quat_w, -after.root_quat_w)
+        quat = torch.nn.functional.normalize(before.root_quat_w.lerp(turned, share), dim=-1)
+        return after._replace(
+            root_pos_w=before.root_pos_w.lerp(after.root_pos_w, share),
+            root_quat_w=quat,
+            joint_pos=before.joint_pos.lerp(after.joint_pos, share),
+        )
+
+    def _wanted(self, memory: TensorDictBase) -> RobotState:
+        """The motion, or the line between authored keyframes."""
+        authored, frame = memory["authored"][:, None], self.table.state(memory["frame"])
+        pairs = zip(self._line(memory), frame, strict=True)
+        return RobotState(*(torch.where(authored, ours, theirs) for ours, theirs in pairs))
+
+    def _leeway(self, memory: TensorDictBase) -> Tensor:
+        """How far off a robot may be (m): an authored keyframe may be out of reach in its time."""
+        states, rows = self.table.states, (memory["before"], memory["goal"])
+        way = (states[rows[0], :3] - states[rows[1], :3]).norm(dim=-1)
+        return 0.8 + memory["authored"] * torch.where(way > 1.0, way, 0.0)

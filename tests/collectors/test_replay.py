@@ -1,0 +1,74 @@
+import time
+
+import pytest
+import torch
+from tensordict import TensorDict
+
+from plat.collectors import RolloutReplay
+
+
+def rollout(start, robots=4, steps=5, done_at=()):
+    """Rollout whose entry says robot and time."""
+    when = torch.arange(start, start + steps).expand(robots, -1)
+    done = torch.zeros(robots, steps, 1, dtype=torch.bool)
+    for robot, step in done_at:
+        done[robot, step - start] = True
+    entries = {"robot": torch.arange(robots)[:, None].expand(-1, steps), "group": {"time": when}}
+    return TensorDict({**entries, "next": {"done": done}, "unused": when}, [robots, steps])
+
+
+@pytest.fixture
+def replay():
+    """Five rollouts of five steps in a ring of twenty; robot 2's episode ends with step 12."""
+    replay = RolloutReplay(4, 20, ["robot", "group"])
+    for start in range(0, 25, 5):
+        replay.extend(rollout(start, done_at=[(2, 12)] if start == 10 else []))
+    return replay
+
+
+def test_a_window_is_one_robots_successive_steps(replay):
+    windows = replay.windows(200, 6)
+    assert windows.shape == (200, 6)
+    assert (windows["robot"] == windows["robot"][:, :1]).all()
+    assert (windows["group", "time"].diff(dim=1) == 1).all()
+    times = windows["group", "time"]
+    assert set(times.unique().tolist()) == set(range(5, 25))  # the oldest have given way
+    assert "unused" not in set(windows.keys())
+
+
+def test_a_window_holds_one_episode(replay):
+    windows = replay.windows(400, 4)
+    torn = (windows["group", "time"][:, 0] <= 12) & (windows["group", "time"][:, -1] > 12)
+    assert not (torn & (windows["robot"][:, 0] == 2)).any()
+    assert (torn & (windows["robot"][:, 0] == 1)).any()
+
+
+def test_recent_steps(replay):
+    assert set(replay.states(300, recent=4)["group", "time"].tolist()) == {21, 22, 23, 24}
+    assert set(replay.windows(300, 3, recent=4)["group", "time"].unique().tolist()) == {21, 22, 23, 24}
+    assert len(replay.states(300)["group", "time"].unique()) == 20
+    assert len(replay) == 20
+
+
+def test_too_few_steps_and_a_capacity_that_does_not_fit():
+    replay = RolloutReplay(4, 20, ["robot"])
+    replay.extend(rollout(0))
+    with pytest.raises(ValueError, match="5 control steps, expected at least a window of 6"):
+        replay.windows(3, 6)
+    with pytest.raises(ValueError, match="capacity is 21, expected a multiple of the rollouts' 5"):
+        RolloutReplay(4, 21, ["robot"]).extend(rollout(0))
+
+
+def test_what_a_sample_costs_does_not_grow_with_the_storage():
+    def seconds(capacity):
+        replay = RolloutReplay(64, capacity, ["group"])
+        for start in range(0, capacity, 50):
+            replay.extend(rollout(start, robots=64, steps=50))
+        best = float("inf")
+        for _ in range(20):
+            begin = time.perf_counter()
+            replay.windows(64, 8)
+            best = min(best, time.perf_counter() - begin)
+        return best
+
+    assert seconds(2000) < 3 * seconds(100)

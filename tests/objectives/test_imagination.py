@@ -1,0 +1,139 @@
+import pytest
+import torch
+from tensordict import TensorDict
+from tensordict.nn import TensorDictModule, TensorDictSequential
+from torch import nn
+
+from plat.envs import RobotState
+from plat.modules import (
+    DynamicsConfig,
+    DynamicsModel,
+    Expert,
+    ExpertConfig,
+    LatentPolicy,
+    ObservationNormalizer,
+    PlainPolicy,
+)
+from plat.objectives import ImaginationLoss
+from plat.robots import G1
+from plat.tasks import DenseTracking, TimedKeyframes, TimedKeyframesConfig
+
+SMALL = DynamicsConfig(hidden=(16,))
+
+
+def starts(task, count=8):
+    state, memory = task.start(count)
+    return TensorDict({"robot_state": state.pack(), "memory": memory}, [count])
+
+
+def learners(module):
+    return {
+        name for name, parameter in module.named_parameters() if parameter.grad is not None and parameter.grad.any()
+    }
+
+
+@pytest.fixture(scope="module")
+def tracking(library):
+    return DenseTracking(library)
+
+
+def test_the_gradient_reaches_exactly_the_policy(tracking):
+    expert, model = Expert(G1, ExpertConfig(hidden=(16,))), DynamicsModel(G1, SMALL)
+    ImaginationLoss(expert.deployed(), model, tracking, steps=3)(starts(tracking))["loss_policy"].backward()
+    assert learners(expert) == {f"network.{layer}.{kind}" for layer in (0, 2) for kind in ("weight", "bias")}
+    assert not learners(model)
+    assert all(parameter.requires_grad for parameter in model.parameters())
+
+
+def test_students_learn_through_it(library):
+    task = TimedKeyframes(library, TimedKeyframesConfig(chains=6))
+    for student in (PlainPolicy(G1), LatentPolicy(G1)):
+        ImaginationLoss(student.deployed(), DynamicsModel(G1, SMALL), task, steps=3)(starts(task))[
+            "loss_policy"
+        ].backward()
+        assert any(name.startswith("backbone") for name in learners(student))
+        assert any(name.startswith("decoder") for name in learners(student))
+
+
+def test_later_steps_tell_the_first_action(tracking):
+    """The gradient comes back through the model: one step's cost says something on an action three steps before."""
+    model = DynamicsModel(G1, SMALL)
+
+    class Once(nn.Module):
+        def __init__(self):
+            super().__init__()
+            self.first = nn.Parameter(torch.zeros(29))
+            self.calls = 0
+
+        def forward(self, gravity):
+            self.calls += 1
+            return self.first.expand(len(gravity), -1) if self.calls == 1 else torch.zeros(len(gravity), 29)
+
+    data = starts(tracking)
+    gradients = []
+    for steps in (1, 4):
+        policy = TensorDictModule(Once(), in_keys=[("robot", "gravity_b")], out_keys=["action"])
+        loss = ImaginationLoss(policy, model, tracking, steps=steps, discount=1.0, effort_weight=0, rate_weight=0)
+        (steps * loss(data)["loss_policy"]).backward()
+        gradients.append(policy.module.first.grad)
+    assert not torch.allclose(gradients[0], gradients[1])
+
+
+def test_one_step_costs_what_the_task_says(tracking):
+    data, model = starts(tracking), DynamicsModel(G1, SMALL)
+    zero = TensorDictModule(lambda gravity: gravity.new_zeros(len(gravity), 29), [("robot", "gravity_b")], ["action"])
+    loss = ImaginationLoss(zero, model, tracking, steps=1)(data)
+    state = model(RobotState.unpack(data["robot_state"]), G1.default_joint_pos.expand(8, -1))
+    memory = tracking.advance(data["memory"], torch.zeros(8, 29))
+    cost, counted = tracking.cost(state, memory), ~tracking.lost(state, memory)
+    torch.testing.assert_close(loss["loss_policy"], (cost * counted).mean())
+    torch.testing.assert_close(loss["imagined_cost"], cost[counted].mean())
+
+
+def test_the_lost_do_not_count(tracking):
+    data = starts(tracking)
+    data["robot_state"][:, 2] += 3.0
+    expert = Expert(G1, ExpertConfig(hidden=(16,)))
+    loss = ImaginationLoss(
+        expert.deployed(), DynamicsModel(G1, SMALL), tracking, steps=2, effort_weight=0, rate_weight=0
+    )
+    losses = loss(data)
+    assert float(losses["loss_policy"]) == 0
+    assert float(losses["imagined_alive"]) == 0
+
+
+def test_a_residual_is_kept_small_not_the_reference(tracking):
+    expert = Expert(G1, ExpertConfig(hidden=(16,)))
+    with torch.no_grad():
+        for parameter in expert.network.parameters():
+            parameter.zero_()
+    policy = expert.deployed().reset_out_keys()
+    data = starts(tracking)
+    names = {"effort_weight": 1.0, "rate_weight": 1.0, "steps": 2}
+    loss = ImaginationLoss(policy, DynamicsModel(G1, SMALL), tracking, **names)
+    whole = float(loss(data)["loss_policy"].detach())
+    loss.set_keys(effort="residual")
+    plain = ImaginationLoss(policy, DynamicsModel(G1, SMALL), tracking, effort_weight=0, rate_weight=0, steps=2)
+    plain.model = loss.model
+    assert float(loss(data)["loss_policy"].detach()) == pytest.approx(float(plain(data)["loss_policy"].detach()))
+    assert whole > float(plain(data)["loss_policy"].detach()) + 0.1
+
+
+def test_a_critic_speaks_for_what_is_not_imagined(tracking):
+    expert = Expert(G1, ExpertConfig(hidden=(16,)))
+    normalizer = ObservationNormalizer(expert.normalizer.in_keys, len(expert.normalizer.mean))
+    head = nn.Linear(len(normalizer.mean), 1)
+    critic = TensorDictSequential(normalizer.using(), TensorDictModule(head, ["observation"], ["cost_to_go"]))
+    model, data = DynamicsModel(G1, SMALL), starts(tracking)
+    without = ImaginationLoss(expert.deployed(), model, tracking, steps=2)
+    loss = ImaginationLoss(expert.deployed(), model, tracking, steps=2, critic=critic)
+    losses = loss(data)
+    assert loss.out_keys == ["loss_policy", "loss_critic", "imagined_cost", "imagined_alive"]
+    assert losses["loss_policy"] != without(data)["loss_policy"]
+    losses["loss_policy"].backward()
+    assert head.weight.grad is None
+    assert expert.network[0].weight.grad.any()
+    expert.zero_grad(set_to_none=True)
+    losses["loss_critic"].backward()
+    assert head.weight.grad.any()
+    assert expert.network[0].weight.grad is None

@@ -1,0 +1,81 @@
+import pytest
+import torch
+
+from plat.envs import RobotState
+from plat.tasks import TimedKeyframes, TimedKeyframesConfig
+
+
+@pytest.fixture(scope="module")
+def task(library):
+    return TimedKeyframes(library, TimedKeyframesConfig(chains=12), reset_noise=None)
+
+
+def play(task, memory, steps):
+    """Memories while nobody moves, command after command."""
+    action = torch.zeros(len(memory["goal"]), 29)
+    for _ in range(steps):
+        memory = task.renew(task.advance(memory, action))
+        yield memory
+
+
+def test_a_chain_is_commanded_in_order_and_then_held(task):
+    chains = task.chains
+    number = chains.family.index("arms")
+    _, memory = task.authored(torch.tensor([number]))
+    first = int(chains.first_row[number])
+    rows, arrivals = [int(memory["goal"]) - task._frames], []
+    for age, later in enumerate(play(task, memory, int(chains.duration[number])), start=1):
+        if (row := int(later["goal"]) - task._frames) != rows[-1]:
+            rows.append(row)
+            arrivals.append(age)
+    assert rows == list(range(first + 1, first + 6))
+    # a keyframe is commanded when the one before it has had its time
+    assert arrivals == chains.steps[first + 1 : first + 5].cumsum(0).tolist()
+    assert task.finished(later).all()
+
+
+def test_on_the_line_only_moderation_is_charged(task):
+    _, memory = task.authored(torch.tensor([task.chains.family.index("crouch")]))
+    *_, memory = play(task, memory, 10)
+    line = task._line(memory)
+    weights = task.config.underway
+    softened = weights.underway * task.config.tracking.root_pos * 0.01 + weights.root_lin_vel * 0.01
+    assert float(task.cost(line, memory)) == pytest.approx(softened, abs=1e-3)
+    fallen = line._replace(root_pos_w=line.root_pos_w - torch.tensor([0, 0, 0.4]))
+    assert float(task.cost(fallen, memory)) > 0.3
+    assert bool(task.failed(fallen, memory))
+    assert not bool(task.failed(line, memory))
+
+
+def test_in_its_window_a_keyframe_costs_more(task):
+    _, memory = task.along(torch.tensor([5]))
+    state = task.table.state(memory["frame"])
+    moved = state._replace(joint_pos=state.joint_pos + 0.2)
+    early = memory.copy().set("steps_left", torch.tensor([3])).set("goal", memory["frame"])
+    late = early.copy().set("steps_left", torch.tensor([2]))
+    difference = float(task.cost(moved, late) - task.cost(moved, early))
+    assert difference == pytest.approx(3.0 * 0.2 + 2.0 * 0.01, abs=1e-3)
+
+
+def test_authored_starts_are_at_the_origin(task):
+    state, memory = task.authored(torch.arange(12))
+    assert memory["authored"].all()
+    assert float(state.root_pos_w[:, :2].abs().max()) == 0
+    assert float(state.root_quat_w[:, 3].abs().max()) < 0.3  # no heading; what is left is roll times pitch
+    assert (state.root_pos_w[:, 2] > 0.4).all()
+
+
+def test_failures_are_started_from_again(task):
+    _, memory = task.authored(torch.full((400,), 3))
+    before = float(task.chain_starts.failures[3])
+    task.record_failures(memory)
+    assert float(task.chain_starts.failures[3]) > before
+    assert (task.chain_starts.draw(500) == 3).float().mean() > 1.5 / 12
+
+
+def test_both_kinds_start(task):
+    state, memory = task.start(200)
+    assert 0.3 < float(memory["authored"].float().mean()) < 0.7
+    assert isinstance(state, RobotState)
+    assert not task.failed(state, memory).any()
+    assert not task.lost(state, memory).any()
