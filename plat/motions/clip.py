@@ -22,11 +22,13 @@ class MotionClip:
         qpos: ``[T, 7 + J]``: root position (m, world), root quaternion (``wxyz``, root to world), joint angles
             (rad, the robot's joint order).
         fps: frames a second.
+        notes: what was assumed, detected or filled in when it was read, a phrase each.
     """
 
     name: str
     qpos: np.ndarray
     fps: float
+    notes: tuple[str, ...] = ()
 
     @property
     def duration(self) -> float:
@@ -76,4 +78,4 @@ class MotionClip:
             )
         qpos = qpos.astype(np.float64)
         qpos[:, 3:7] /= norm[:, None]
-        return MotionClip(self.name, qpos.astype(np.float32), float(self.fps))
+        return MotionClip(self.name, qpos.astype(np.float32), float(self.fps), self.notes)

@@ -6,7 +6,9 @@ columns are brought into the robot's order by name. The other formats are in :mo
 """
 
 import logging
+from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,8 @@ import numpy as np
 from plat.errors import MotionError
 from plat.motions.clip import MotionClip
 from plat.motions.formats import MotionFile, QuatOrder, ReadOptions, csv_text
-from plat.motions.paths import find_files
+from plat.motions.formats.foreign import refuse_foreign
+from plat.motions.paths import find_files, is_named
 from plat.motions.readers import READERS
 from plat.robots import G1, Robot
 
@@ -41,10 +44,36 @@ def read_motion_files(
     *,
     quat_order: QuatOrder | None = None,
     fps: float | None = None,
+    strict: bool = False,
+    skipped: list[MotionError] | None = None,
 ) -> list[MotionFile]:
-    """Read motion files, with what each was taken for; see :func:`load_motions`."""
+    """Return motion files that were read, with what each was taken for; see :func:`load_motions`.
+
+    Args:
+        patterns: a path, a folder, a glob, or several of these.
+        robot: whose motions they are.
+        quat_order: of the root quaternion in these files.
+        fps: frames a second of these files.
+        strict: raise for a bad file in a folder or glob too.
+        skipped: is given the errors of bad files in folders and globs; without it they are logged.
+    """
     options = ReadOptions(robot, quat_order, fps)
-    return [_read(path, options) for path in motion_paths(patterns)]
+    files, errors = [], []
+    for path in motion_paths(patterns):
+        try:
+            files.append(_read(path, options))
+        except MotionError as error:
+            if strict or is_named(path, patterns):
+                raise
+            errors.append(error)
+    if errors and not files:
+        raise errors[0] if len(errors) == 1 else MotionError(f"none of {len(errors)} files can be used; {errors[0]}")
+    if skipped is not None:
+        skipped += errors
+    else:
+        for bad in errors:
+            _LOGGER.warning("skipped: %s", bad)
+    return _named_apart(files)
 
 
 def load_motions(
@@ -53,23 +82,26 @@ def load_motions(
     *,
     quat_order: QuatOrder | None = None,
     fps: float | None = None,
+    strict: bool = False,
 ) -> list[MotionClip]:
-    """Read every clip of some motion files.
+    """Return every clip of some motion files.
 
-    Formats: plat ``.npz``; ``.csv`` with 36 columns (LAFAN1 retargeting, MuJoCo); the ``.npz`` of BeyondMimic, mjlab
-    and holosoma; the ``.pkl`` of GMR, TWIST2, ASAP and PBHC, of which no code is run; human ``.bvh``, retargeted. What
-    was assumed or detected is logged under ``plat.motions``.
+    Formats: plat ``.npz``; tables (``.csv``) of root and joints, with or without names; the ``.npz`` of BeyondMimic,
+    mjlab, holosoma, HDMI, SOMA and Isaac Lab's AMP; the ``.pkl`` of GMR, TWIST2, ASAP and PBHC, of which no code is
+    run; human ``.bvh``, retargeted. What was assumed or detected is logged under ``plat.motions``, and stands in the
+    ``notes`` of each clip. A bad file in a folder is named there and skipped.
 
     Args:
         patterns: a path, a folder, a glob, or several of these.
         robot: whose motions they are.
-        quat_order: order of the root quaternion in these files; by default what the format says, and for ``.csv`` what
+        quat_order: order of the root quaternion in these files; by default what the format says, and for tables what
             the motion shows.
-        fps: frames a second of these files; by default what they say, and 30 for a ``.csv`` that does not.
+        fps: frames a second of these files; by default what they say, and 30 for a table that does not.
+        strict: raise for a bad file in a folder or glob too.
 
     Raises:
         MotionError: naming file, clip and field, when a file is missing or broken, or does not tell which order its
-            quaternions or joints have.
+            quaternions or joints have, or its frame rate.
 
     >>> import tempfile
     >>> from plat.motions import generate_motions
@@ -78,7 +110,7 @@ def load_motions(
     ...     len(load_motions(f"{folder}/*.npz"))
     2
     """
-    files = read_motion_files(patterns, robot, quat_order=quat_order, fps=fps)
+    files = read_motion_files(patterns, robot, quat_order=quat_order, fps=fps, strict=strict)
     alike: dict[str, list[MotionFile]] = {}
     for file in files:
         if file.notes:
@@ -109,9 +141,26 @@ def save_csv(folder: str | Path, clip: MotionClip, robot: Robot = G1) -> Path:
     return path
 
 
+def _named_apart(files: list[MotionFile]) -> list[MotionFile]:
+    """Return the files with other names for clips of several files that are called alike: their file's or folder's."""
+    count = Counter(name for file in files for name in {clip.name for clip in file.clips})
+    taken: Counter[str] = Counter()
+
+    def apart(clip: MotionClip, path: Path) -> MotionClip:
+        if count[clip.name] < 2:
+            return clip
+        name = f"{path.parent.name if clip.name == path.stem else path.stem}_{clip.name}"
+        taken[name] += 1
+        return replace(clip, name=name if taken[name] == 1 else f"{name}_{taken[name]}")
+
+    return [replace(file, clips=[apart(clip, file.path) for clip in file.clips]) for file in files]
+
+
 def _read(path: Path, options: ReadOptions) -> MotionFile:
     ending = path.suffix.lower()
     try:
+        with path.open("rb") as file:
+            refuse_foreign(file.read(64))
         return READERS[ending](path, options)
     except MotionError as error:
         raise MotionError(f"motion file {str(path)!r}: {error}") from None

@@ -35,7 +35,7 @@ _CHUNK = 16384
 
 _LOGGER = logging.getLogger("plat.motions")
 
-TABLE_VERSION = 5
+TABLE_VERSION = 6
 """Part of every cache key. Raise it with any change of what readers, resampling, checks or the generator produce."""
 
 
@@ -223,7 +223,7 @@ class MotionLibrary:
 
         def build() -> tuple["MotionLibrary", _Verdicts]:
             clips = [clip for name in generated for clip in generate_named(name, robot)]
-            read = load_motions(paths, robot) if paths else []
+            read = load_motions(files, robot) if files else []
             clips += read
             mirrored = [mirror_motion(clip.checked(robot), robot) for clip in clips] if mirror else []
             verdicts = Counter(report.verdict for report in validate_motions(read, robot))

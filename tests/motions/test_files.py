@@ -56,6 +56,57 @@ def test_hidden_files_of_a_folder_are_left_out(tmp_path, clip):
     assert len(load_motions(tmp_path / ".cache")) == 1
 
 
+def test_copies_are_left_out(tmp_path, clip):
+    for name in ("x.npz", "x (1).npz", "x - Copy.npz", "x_copy2.npz", "take (2).npz"):
+        save_motions(tmp_path / name, [clip])
+    other = MotionClip("b", clip.qpos, 30.0)
+    save_motions(tmp_path / "x (3).npz", [other])
+    assert {path.name for path in motion_paths(tmp_path)} == {"x.npz", "take (2).npz", "x (3).npz"}
+
+
+def test_one_bad_file_does_not_stop_a_folder(tmp_path, clip, caplog):
+    save_motions(tmp_path / "x.npz", [clip])
+    (tmp_path / "labels.csv").write_text("file,style\na,happy\n")
+    np.savez(tmp_path / "shape.npz", betas=np.zeros(16))
+    for pattern in (tmp_path, str(tmp_path / "*")):
+        caplog.clear()
+        assert len(load_motions(pattern)) == 1
+        assert [line.split("'")[1].split("/")[-1] for line in caplog.messages] == ["labels.csv", "shape.npz"]
+    skipped: list[MotionError] = []
+    assert len(read_motion_files(tmp_path, skipped=skipped)) == 1
+    assert len(skipped) == 2
+    with pytest.raises(MotionError, match="labels.csv"):
+        load_motions(tmp_path, strict=True)
+    with pytest.raises(MotionError, match="labels.csv"):
+        load_motions([tmp_path / "x.npz", tmp_path / "labels.csv"])
+    (tmp_path / "x.npz").unlink()
+    with pytest.raises(MotionError, match="none of 2 files can be used; motion file .*labels.csv"):
+        load_motions(tmp_path)
+
+
+def test_clips_of_one_name_are_kept_apart(tmp_path):
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        write_csv(tmp_path / folder / "bow.csv", bowing_clip())
+        save_motions(tmp_path / f"{folder}.npz", [bowing_clip()])
+    assert [found.name for found in load_motions(tmp_path)] == ["a_bow", "a_bow_2", "b_bow", "b_bow_2"]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n", "a Git LFS pointer .* 'git lfs pull'"),
+        (b"<!DOCTYPE html><html>", "a web page and not the file itself"),
+        (b"", "it is empty"),
+    ],
+)
+@pytest.mark.parametrize("ending", ["npz", "csv", "pkl", "bvh"])
+def test_what_stands_in_for_a_file_is_named(tmp_path, content, message, ending):
+    (tmp_path / f"a.{ending}").write_bytes(content)
+    with pytest.raises(MotionError, match=rf"a.{ending}': .*{message}"):
+        load_motions(tmp_path / f"a.{ending}")
+
+
 def write(path, **arrays) -> None:
     np.savez(path, **arrays)
 
@@ -69,7 +120,7 @@ def write(path, **arrays) -> None:
         ({"a": np.zeros((5, 36)), "fps": np.array(["thirty"])}, "'fps' is of type str"),
         ({"a": np.zeros((5, 36)), "fps": 30}, "quaternion of frame 0"),
         ({"a": np.zeros((5, 36)), "fps": 30, "joint_names": ["left_knee"]}, "'joint_names' lacks"),
-        ({"a": np.array([{}], dtype=object), "fps": 30}, "holds Python objects"),
+        ({"a": np.array([{}], dtype=object), "fps": 30}, "with Python objects"),
     ],
 )
 def test_errors_name_file_and_field(tmp_path, arrays, message):

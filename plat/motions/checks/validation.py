@@ -9,6 +9,7 @@ import torch
 
 from plat.motions.checks.collision import self_penetration
 from plat.motions.checks.feet import Soles, ground_level
+from plat.motions.checks.tempo import Tempo
 from plat.motions.clip import MotionClip
 from plat.robots import G1, Robot
 from plat.rotations import quat_conjugate, quat_multiply, quat_to_rotvec
@@ -47,6 +48,8 @@ class ValidationLimits:
     """break in the root's path, as a second difference (m); more is a jump: repair (trim) near an end, else drop"""
     turn_jump: float = 0.5
     """break in the root's turning, the same way (rad)"""
+    tempo: float = 1.75
+    """steps this many times as often, or as seldom, as people of that step length; more: repair, state the rate"""
     trim_seconds: float = 0.5
     """how near to an end (s) a jump is trimmed away"""
 
@@ -66,6 +69,8 @@ class MotionReport:
         slip: how fast the lowest point of the steadier foot goes sideways, mean over the frames with a foot in contact
             (m/s). In contact is a foot less than 2 cm above the level that the feet rest on, wherever the floor is.
         self_penetration: depth of the deepest contact of two links of the robot (m), looked for ten times a second.
+        tempo: how many times as often as people with that step length it steps, None where it has no regular gait; a
+            wrong frame rate shows here.
         jumps: when the root's path or turning breaks (s). A jump of a joint shows in ``joint_speed``.
         verdict: ``use`` as it is, ``repair`` first, or ``drop``.
         reasons: what speaks against using it as it is, a phrase each.
@@ -80,6 +85,7 @@ class MotionReport:
     slip: float
     self_penetration: float
     jumps: tuple[float, ...]
+    tempo: float | None = None
     verdict: Verdict = "use"
     reasons: tuple[str, ...] = ()
 
@@ -123,6 +129,7 @@ def _measure(clip: MotionClip, robot: Robot, limits: ValidationLimits, soles: So
         slip=_slip(points, level, clip.fps),
         self_penetration=_self_penetration(clip, robot),
         jumps=_jumps(qpos, clip.fps, limits),
+        tempo=None if (steps := Tempo.of(clip, robot)) is None else steps.ratio(clip.fps),
     )
 
 
@@ -169,6 +176,8 @@ def _judged(report: MotionReport, limits: ValidationLimits) -> MotionReport:
         drop.append(f"feet slip at {report.slip:.1f} m/s")
     if report.self_penetration > limits.self_penetration:
         drop.append(f"links {100 * report.self_penetration:.1f} cm inside each other")
+    if report.tempo is not None and not 1 / limits.tempo < report.tempo < limits.tempo:
+        repair.append(f"{report.tempo:.2g} times as many steps a second as people take: is its frame rate right?")
     if report.jumps:
         inside = [time for time in report.jumps if limits.trim_seconds < time < report.seconds - limits.trim_seconds]
         (drop if inside else repair).append(f"the root jumps at {(inside or report.jumps)[0]:.2f} s")

@@ -11,15 +11,15 @@ import numpy as np
 from plat.errors import MotionError
 from plat.motions.checks.feet import Soles
 from plat.motions.clip import MotionClip
+from plat.motions.formats.names import match_joint
+from plat.motions.formats.units import angles_in_radians, place_in_metres, unit_quaternions, z_up
+from plat.motions.formats.unnamed_joints import OPTIONAL, unnamed_joints
 from plat.robots.robot import Robot
 
 __all__ = ["MotionFile", "QuatOrder", "ReadOptions", "arrange_joints", "make_clip", "number", "strings"]
 
 QuatOrder = Literal["wxyz", "xyzw"]
 
-# Further than any motion goes, and still less than its numbers are in another unit.
-_FARTHEST = 1000.0
-_WIDEST = 4 * np.pi
 _FPS = (1.0, 1000.0)
 
 
@@ -61,52 +61,53 @@ class MotionFile:
 
     @property
     def facts(self) -> str:
-        """Format, frame rate and notes in one line."""
+        """Format, frame rate and notes of file and clips in one line."""
         rates = sorted({round(clip.fps, 3) for clip in self.clips})
-        return ", ".join((self.format, f"{'/'.join(f'{rate:g}' for rate in rates)} fps", *self.notes))
+        notes = dict.fromkeys((*self.notes, *(note for clip in self.clips for note in clip.notes)))
+        return ", ".join((self.format, f"{'/'.join(f'{rate:g}' for rate in rates)} fps", *notes))
 
 
 def arrange_joints(
     angles: np.ndarray, names: Sequence[str] | None, robot: Robot, field: str
 ) -> tuple[np.ndarray, list[str]]:
-    """Joint angles ``[T, n]`` of a file in the robot's order ``[T, J]``, and notes on what was done.
+    """Return joint angles ``[T, n]`` of a file in the robot's order ``[T, J]``, and notes on what was done.
 
-    Joints are matched by ``names`` where the file has them; else they must stand in the robot's order. Wrists may be
-    missing, as in files for the G1 with 23 joints: they get the default pose.
+    Joints are matched by ``names`` where the file has them, however it spells them; else they must stand in the
+    robot's order. Wrists, and the waist's roll and pitch where there are names, may be missing, as in files for the
+    G1 with 23 joints: they get the default pose.
 
     Raises:
         MotionError: for another number of joints, or names that the robot does not have.
     """
-    wrists = [name for name in robot.joint_names if "wrist" in name]
-    without_wrists = [name for name in robot.joint_names if name not in wrists]
     if angles.ndim != 2 or angles.dtype.kind not in "fiu":
         raise MotionError(f"{field!r} has shape {angles.shape} and type {angles.dtype}, expected (frames, joints)")
-    expected = f"{robot.num_joints} joints of {robot.name!r}"
     if names is None:
-        known = {robot.num_joints: list(robot.joint_names), len(without_wrists): without_wrists}
-        if angles.shape[1] not in known:
-            raise MotionError(
-                f"{field!r} has {angles.shape[1]} joints, expected the {expected}, "
-                f"or {len(without_wrists)} without the wrists"
-            )
-        listed = known[angles.shape[1]]
+        listed, notes = unnamed_joints(angles, robot, field), []
     else:
-        listed = [name.removesuffix("_joint") for name in names]
-        missing, unknown = sorted(set(robot.joint_names) - set(listed)), sorted(set(listed) - set(robot.joint_names))
-        if unknown or set(missing) not in (set(), set(wrists)):
-            raise MotionError(f"'joint_names' lacks {missing} and has the unknown {unknown}, expected the {expected}")
-        if len(listed) != angles.shape[1] or len(set(listed)) != len(listed):
-            raise MotionError(
-                f"'joint_names' has {len(listed)} names, expected one for each of {angles.shape[1]} joints"
-            )
+        listed = _named(angles, names, robot)
+        in_order = listed == [name for name in robot.joint_names if name in listed]
+        notes = [] if in_order else ["joints reordered by name"]
     arranged = np.tile(robot.default_joint_pos.numpy(), (len(angles), 1)).astype(np.float64)
     arranged[:, [robot.joint_names.index(name) for name in listed]] = angles
-    notes = []
-    if names is not None and listed != [name for name in robot.joint_names if name in listed]:
-        notes.append("joints reordered by name")
-    if len(listed) < robot.num_joints:
+    missing = [name for name in robot.joint_names if name not in listed]
+    if missing == [name for name in robot.joint_names if "wrist" in name]:
         notes.append("no wrists in the file: default pose")
+    elif missing:
+        notes.append(f"default pose for the missing {', '.join(missing)}")
     return arranged, notes
+
+
+def _named(angles: np.ndarray, names: Sequence[str], robot: Robot) -> list[str]:
+    matched = [match_joint(name, robot) for name in names]
+    unknown = sorted(name for name, joint in zip(names, matched, strict=True) if joint is None)
+    listed = [joint for joint in matched if joint is not None]
+    missing = sorted(set(robot.joint_names) - set(listed))
+    expected = f"the {robot.num_joints} joints of {robot.name!r}"
+    if unknown or not all("wrist" in name or name in OPTIONAL for name in missing):
+        raise MotionError(f"'joint_names' lacks {missing} and has the unknown {unknown}, expected {expected}")
+    if len(listed) != angles.shape[1] or len(set(listed)) != len(listed):
+        raise MotionError(f"'joint_names' has {len(listed)} names, expected one for each of {angles.shape[1]} joints")
+    return listed
 
 
 def make_clip(
@@ -115,30 +116,45 @@ def make_clip(
     root_quat: np.ndarray,
     joint_pos: np.ndarray,
     fps: float,
-    robot: Robot,
+    options: ReadOptions,
     quat_order: QuatOrder,
     fields: tuple[str, str],
+    notes: Sequence[str] = (),
 ) -> MotionClip:
-    """A checked clip from the parts of a file; ``fields`` are what the file calls root position and quaternion.
+    """Return a checked clip from the parts of a file, in metres and radians, z up.
+
+    Args:
+        name: of the clip.
+        root_pos: ``[T, 3]``, in m, cm or mm.
+        root_quat: ``[T, 4]``, of about unit length.
+        joint_pos: ``[T, J]`` in the robot's order, in rad or degrees.
+        fps: frames a second.
+        options: gives the robot.
+        quat_order: of ``root_quat``.
+        fields: what the file calls root position and quaternion.
+        notes: on this clip.
 
     Raises:
-        MotionError: for parts that do not fit together, are not in metres and radians, or an impossible frame rate.
+        MotionError: for parts that do not fit together, units that no motion has, or an impossible frame rate.
     """
+    robot = options.robot
     for field, values, width in zip(fields, (root_pos, root_quat), (3, 4), strict=True):
         if values.shape != (len(joint_pos), width) or values.dtype.kind not in "fiu":
             raise MotionError(f"{field!r} has shape {values.shape}, expected {(len(joint_pos), width)} numbers")
-    for what, values, most, unit in (
-        (fields[0], root_pos, _FARTHEST, "metres"),
-        ("joint angles", joint_pos, _WIDEST, "radians"),
-    ):
-        largest = np.abs(values[np.isfinite(values)]).max(initial=0.0)
-        if largest > most:
-            raise MotionError(f"{what!r} has values up to {largest:.4g}, expected {unit}")
     if not _FPS[0] <= fps <= _FPS[1]:
         raise MotionError(f"fps is {fps:g}, expected {_FPS[0]:g} to {_FPS[1]:g} frames a second")
     if quat_order == "xyzw":
         root_quat = root_quat[:, [3, 0, 1, 2]]
-    return MotionClip(name, np.concatenate((root_pos, root_quat, joint_pos), 1), fps).checked(robot)
+    parts = (root_pos.astype(np.float64), root_quat.astype(np.float64), joint_pos.astype(np.float64))
+    if len(joint_pos) < 2 or not all(np.isfinite(part).all() for part in parts):
+        return MotionClip(name, np.concatenate(parts, 1), fps).checked(robot)  # says what is wrong
+    quat = unit_quaternions(parts[1], fields[1])
+    angles = angles_in_radians(parts[2], robot)
+    upright, turned = z_up(parts[0], quat.values, angles.values, options.soles)
+    place = place_in_metres(upright.values, angles.values, options.soles, fields[0])
+    found = (*quat.notes, *angles.notes, *upright.notes, *place.notes)
+    qpos = np.concatenate((place.values, turned.values, angles.values), 1)
+    return MotionClip(name, qpos, fps, tuple(dict.fromkeys((*notes, *found)))).checked(robot)
 
 
 def number(value: Any, field: str) -> float:

@@ -1,95 +1,132 @@
-"""Comma-separated tables of 36 columns: root position, root quaternion, 29 joints."""
+"""Tables with a row a frame: root position, root quaternion or Euler angles, joints."""
 
-import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from plat.errors import MotionError
+from plat.motions.checks.tempo import Tempo
 from plat.motions.clip import MotionClip
+from plat.motions.formats.clock import rate_of_times, stated_rates
+from plat.motions.formats.columns import Parts, split_columns
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip
-from plat.motions.formats.quaternion_order import detect_quat_order
+from plat.motions.formats.quaternion_order import (
+    breadth_first,
+    detect_joint_order,
+    detect_quat_order,
+    settle_quat_order,
+)
+from plat.motions.formats.rate import without_rates
+from plat.motions.formats.table import Table, read_table
 
 __all__ = ["csv_text", "read_csv"]
 
-# of the LAFAN1 retargeting data set, whose files do not say it
+# of the LAFAN1 retargeting data set, whose files do not say it, and of BONES-SEED, whose header is known
 _USUAL_FPS = 30.0
-_FPS_IN_NAME = re.compile(r"[_-]?(\d+(?:\.\d+)?) ?fps", re.IGNORECASE)
+_SEED_FPS = 120.0
+# Rates that differ by less than this share are one, rounded.
+_SAME_RATE = 0.02
+_FIELDS = ("root position", "root rotation")
 
 
 def read_csv(path: Path, options: ReadOptions) -> MotionFile:
-    """Read ``.csv``: one motion, with or without a header.
+    """Read a table of numbers: one motion, with or without a header, in any usual dialect.
 
-    The quaternion's order comes from the options, else from the header (names that end in w, x, y, z), else from what
-    it does to the robot.
+    Columns are found by name where the header says enough, else by place. The quaternion's order comes from the
+    options, else from the header, else from what it does to the robot. The frame rate comes from the options, else
+    from a column of times, a comment or the name.
     """
-    robot = options.robot
-    header, values = _table(path.read_text(encoding="utf-8-sig"), 7 + robot.num_joints)
-    notes: list[str] = []
-    fps = options.fps
-    if fps is None and (found := _FPS_IN_NAME.search(path.stem)):
-        fps = float(found[1])
-        notes.append("fps from the file name")
-    elif fps is None:
-        fps = _USUAL_FPS
-        notes.append("fps assumed (another can stand in the file name: x_60fps.csv)")
-    names = None
-    if header and any(_joint(name) in robot.joint_names for name in header[7:]):
-        names = [_joint(name) for name in header[7:]]
-    joint_pos, joint_notes = arrange_joints(values[:, 7:], names, robot, "columns 8 and up")
-    name = _FPS_IN_NAME.sub("", path.stem) or path.stem
-    parts = (name, values[:, :3], values[:, 3:7], joint_pos, fps, robot)
-    fields = ("columns 1 to 3", "columns 4 to 7")
-    order, how = options.quat_order, "as stated"
-    if order is None:
-        order, how = _order_in_header(header), "as the header says"
-    if order is None:
-        plain: MotionClip = make_clip(*parts, "wxyz", fields)
-        order, how = detect_quat_order(plain.qpos, fps, options.soles), "detected"
-    if order is None:
-        raise MotionError(
-            "the root quaternion (columns 4 to 7) makes a plausible motion as wxyz and as xyzw; state which it is: "
-            f"python recipes/motions.py convert {path} --quat-order wxyz --out {name}.npz (or xyzw), or "
-            "load_motions(..., quat_order=...)"
-        )
-    clip = make_clip(*parts, order, fields)
-    return MotionFile(path, "csv", [clip], (f"quaternion {order} {how}", *notes, *joint_notes))
+    table = read_table(path)
+    parts = split_columns(table, options.robot)
+    name = without_rates(path.stem)
+    joint_pos, notes = arrange_joints(parts.joints, parts.names, options.robot, "the columns of joints")
+    joint_pos, more = _in_joint_order(parts, joint_pos, options)
+    order, how, doubts = _quat_order(path, parts, joint_pos, options)
+    clip = _clip(name, parts, joint_pos, order, options)
+    fps, told = _rate(path, table, parts, clip, options)
+    euler = any("Euler" in note for note in parts.notes)
+    shown = () if euler else (f"quaternion {order} {how}",)
+    kind = "BONES-SEED csv" if parts.seed else "csv"
+    return MotionFile(path, kind, [replace(clip, fps=fps)], (*shown, *told, *doubts, *parts.notes, *notes, *more))
 
 
 def csv_text(clip: MotionClip, joint_names: tuple[str, ...]) -> str:
-    """A clip as a table with a header that :func:`read_csv` understands, quaternion ``wxyz``."""
+    """Return a clip as a table with a header that :func:`read_csv` understands, quaternion ``wxyz``."""
     header = [*(f"root_{axis}" for axis in "xyz"), *(f"quat_{axis}" for axis in "wxyz"), *joint_names]
     rows = (",".join(f"{value:.7g}" for value in row) for row in clip.qpos.tolist())
     return "\n".join((",".join(header), *rows, ""))
 
 
-def _table(text: str, width: int) -> tuple[list[str], np.ndarray]:
-    """Header (empty where there is none) and numbers ``[T, width]``."""
-    rows = [[cell.strip() for cell in line.split(",")] for line in text.splitlines() if line.strip()]
-    header = rows.pop(0) if rows and not any(_is_number(cell) for cell in rows[0]) else []
-    if not rows:
-        raise MotionError("no rows of numbers, expected one a frame")
-    for index, row in enumerate([header, *rows] if header else rows, start=1):
-        if len(row) != width:
-            raise MotionError(f"row {index} has {len(row)} columns, expected {width} (root xyz, quaternion, joints)")
-    try:
-        return header, np.array(rows, dtype=np.float64)
-    except ValueError as error:
-        raise MotionError(f"a cell is not a number ({error})") from None
+def _clip(name: str, parts: Parts, joint_pos: np.ndarray, order: QuatOrder, options: ReadOptions) -> MotionClip:
+    fps = _USUAL_FPS if options.fps is None else options.fps
+    return make_clip(name, parts.place, parts.quat, joint_pos, fps, options, order, _FIELDS)
 
 
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
+def _in_joint_order(parts: Parts, joint_pos: np.ndarray, options: ReadOptions) -> tuple[np.ndarray, list[str]]:
+    """Return the joints of a table without names in the robot's order, which the motion shows."""
+    if parts.names is not None or parts.joints.shape[1] != options.robot.num_joints:
+        return joint_pos, []
+    listed = breadth_first(options.robot)
+    other = joint_pos[:, [listed.index(joint) for joint in options.robot.joint_names]]
+    order = options.quat_order or parts.order
+    plain, turned = (_clip("", parts, joints, order or "wxyz", options).qpos for joints in (joint_pos, other))
+    if detect_joint_order(plain, turned, options, order) == "other":
+        return other, ["joints numbered breadth first: only so do they keep to their limits and the feet stand"]
+    return joint_pos, []
 
 
-def _order_in_header(header: list[str]) -> QuatOrder | None:
-    order = "".join(name[-1:].lower() for name in header[3:7])
-    return order if order in ("wxyz", "xyzw") else None  # type: ignore[return-value]
+def _quat_order(
+    path: Path, parts: Parts, joint_pos: np.ndarray, options: ReadOptions
+) -> tuple[QuatOrder, str, list[str]]:
+    """Return the order of the quaternion, what says so, and notes."""
+    if options.quat_order is not None:
+        return options.quat_order, "as stated", []
+    plain = _clip("", parts, joint_pos, "wxyz", options)
+    if parts.order is not None:
+        order, notes = settle_quat_order(plain.qpos, plain.fps, options.soles, parts.order)
+        return order, "detected" if notes else "as the header says", notes
+    found = detect_quat_order(plain.qpos, plain.fps, options.soles)
+    if found is not None:
+        return found, "detected", []
+    raise MotionError(
+        "the root quaternion (columns 4 to 7) makes a plausible motion as wxyz and as xyzw; state which it is: "
+        f"plat motions convert {path} --quat-order wxyz --out {without_rates(path.stem)}.npz (or xyzw), or "
+        "load_motions(..., quat_order=...)"
+    )
 
 
-def _joint(name: str) -> str:
-    return name.removesuffix("_dof").removesuffix("_joint")
+def _rate(
+    path: Path, table: Table, parts: Parts, clip: MotionClip, options: ReadOptions
+) -> tuple[float, tuple[str, ...]]:
+    """Return the frame rate and what it was taken from.
+
+    Raises:
+        MotionError: where several are stated and the motion does not decide, or none is and it contradicts the usual.
+    """
+    if options.fps is not None:
+        return clip.fps, ()
+    stated = stated_rates(path, table.comments)
+    if parts.times is not None:
+        stated.insert(0, (rate_of_times(*parts.times), "the column of times"))
+    elif parts.seed and not stated:
+        stated = [(_SEED_FPS, "the format")]
+    distinct: list[tuple[float, str]] = []
+    for rate, source in stated:
+        if all(abs(rate - other) > _SAME_RATE * other for other, _ in distinct):
+            distinct.append((rate, source))
+    pace = Tempo.of(clip, options.robot)
+    if len(distinct) == 1:
+        return distinct[0][0], (f"fps from {distinct[0][1]}",)
+    if len(distinct) > 1:
+        told = " and ".join(f"{rate:g} ({source})" for rate, source in distinct)
+        fitting = [rate for rate, _ in distinct if pace is not None and pace.fits(rate)]
+        if len(fitting) != 1:
+            raise MotionError(f"it states {told} frames a second; state which: --fps {distinct[-1][0]:g}")
+        return fitting[0], (f"fps {fitting[0]:g} of {told}: the one that fits its steps",)
+    if pace is not None and not pace.fits(_USUAL_FPS):
+        raise MotionError(
+            f"nothing states its frames a second; the usual {_USUAL_FPS:g} do not fit its steps, which look like about "
+            f"{pace.likely_rate:.0f}: state --fps"
+        )
+    return _USUAL_FPS, ("fps assumed (another can stand in the file name: x_60fps.csv)",)

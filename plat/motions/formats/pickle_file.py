@@ -1,5 +1,6 @@
 """Pickles of GMR and TWIST2, and joblib's of ASAP and PBHC; both hold ``xyzw`` quaternions."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -7,9 +8,10 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.motions.clip import MotionClip
-from plat.motions.formats.common import MotionFile, ReadOptions, arrange_joints, make_clip, number, strings
+from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, number, strings
 from plat.motions.formats.decompress import decompress
-from plat.motions.formats.quaternion_order import doubt_quat_order
+from plat.motions.formats.foreign import refuse_human_body
+from plat.motions.formats.quaternion_order import settle_quat_order
 from plat.motions.formats.unpickle import PickledArray, unpickle
 
 __all__ = ["read_pickle"]
@@ -25,42 +27,52 @@ def read_pickle(path: Path, options: ReadOptions) -> MotionFile:
     content = unpickle(data)
     if not isinstance(content, dict) or not content:
         raise MotionError(f"it holds a {type(content).__name__}, expected a dictionary of a motion or of motions")
+    refuse_human_body([name for name in content if isinstance(name, str)])
     single = any(name in content for name in _JOINT_POS)
     motions = {path.stem: content} if single else content
-    clips, notes = [], dict[str, None]()
+    clips, orders = [], set[str]()
     # a file may name one array a thousand times: what is read must not be larger than what is there
     spare = len(data)
     for name, fields in motions.items():
         if not isinstance(fields, dict):
             raise MotionError(f"entry {name!r:.60} is a {type(fields).__name__}, expected a dictionary of a motion")
         try:
-            clip, found = _read_motion(str(name), fields, options)
+            clip, order = _read_motion(str(name), fields, options)
         except MotionError as error:
             raise error if single else MotionError(f"motion {name!r}: {error}") from None
         spare -= clip.qpos.nbytes // 4
         if spare < 0:
             raise MotionError("its motions are larger than the file")
         clips.append(clip)
-        notes.update(dict.fromkeys(found))
+        orders.add(order)
     kind = "GMR pickle" if any("dof_pos" in fields for fields in motions.values()) else "ASAP pickle"
-    return MotionFile(path, kind, clips, (f"quaternion {options.quat_order or 'xyzw'}", *notes))
+    return MotionFile(path, kind, clips, (f"quaternion {'/'.join(sorted(orders))}",))
 
 
-def _read_motion(name: str, fields: dict[str, Any], options: ReadOptions) -> tuple[MotionClip, list[str]]:
+def _read_motion(name: str, fields: dict[str, Any], options: ReadOptions) -> tuple[MotionClip, QuatOrder]:
     robot = options.robot
     root_pos, root_quat, joint_pos = (_array(fields, names) for names in (_ROOT_POS, _ROOT_QUAT, _JOINT_POS))
     listed = next((_unwrap(fields[key]) for key in _NAMES if key in fields), None)
     names = None if listed is None else strings(listed, "joint_names")
+    without_wrists = [joint for joint in robot.joint_names if "wrist" not in joint]
+    if names is None and joint_pos.ndim == 2 and joint_pos.shape[1] == len(without_wrists):
+        names = without_wrists  # the format of ASAP and PBHC
     arranged, notes = arrange_joints(joint_pos, names, robot, "/".join(_JOINT_POS))
     if options.fps is None and "fps" not in fields:
-        raise MotionError("no field 'fps', expected the frames a second (or convert it with --fps)")
+        raise MotionError("no field 'fps', expected the frames a second (or state them: --fps)")
     fps = number(_unwrap(fields["fps"]), "fps") if options.fps is None else options.fps
-    order = options.quat_order or "xyzw"
-    clip = make_clip(
-        name, root_pos, root_quat, arranged, fps, robot, order, ("/".join(_ROOT_POS), "/".join(_ROOT_QUAT))
-    )
-    doubts = [] if options.quat_order else doubt_quat_order(clip, order, options.soles)
-    return clip, [*doubts, *notes]
+    called = ("/".join(_ROOT_POS), "/".join(_ROOT_QUAT))
+
+    def read(order: QuatOrder, doubts: Sequence[str] = ()) -> MotionClip:
+        return make_clip(name, root_pos, root_quat, arranged, fps, options, order, called, (*doubts, *notes))
+
+    clip = read(options.quat_order or "xyzw")
+    if options.quat_order is not None:
+        return clip, options.quat_order
+    in_file = clip.qpos.copy()
+    in_file[:, 3:7] = clip.qpos[:, [4, 5, 6, 3]]
+    order, doubts = settle_quat_order(in_file, fps, options.soles, "xyzw")
+    return (read(order, doubts) if doubts else clip), order
 
 
 def _array(fields: dict[str, Any], names: tuple[str, ...]) -> np.ndarray:

@@ -46,6 +46,7 @@ _KNOWN_NAMES = frozenset(
 _CONTAINERS = frozenset(("MARK", "EMPTY_LIST", "EMPTY_TUPLE", "EMPTY_DICT", "REDUCE", "NEWOBJ", *_SHORT_TUPLES))
 _CONTAINER_SIZE = 64
 _DTYPE = re.compile(r"b1|[iu][1248]|f[248]|[SU]\d{1,4}")
+_OBJECTS = ("O8", "O4")
 
 
 class PickledArray:
@@ -60,7 +61,7 @@ class _Name(str):
 
 class _DType:
     def __init__(self, code: str):
-        if not _DTYPE.fullmatch(_expect(code, str)):
+        if not _DTYPE.fullmatch(_expect(code, str)) and code not in _OBJECTS:
             raise MotionError(f"it holds an array of type {code!r}, expected numbers or strings")
         self.code, self.order = code, "="
 
@@ -198,14 +199,25 @@ class _Machine:
             raise MotionError("it has an array whose shape does not fit into it")
         return self._array(dtype, shape, state["order"], self._file.read(int(size)))
 
-    def _array(self, dtype: _DType, shape: tuple[int, ...], order: str, raw: bytes | bytearray | str) -> np.ndarray:
+    def _array(
+        self, dtype: _DType, shape: tuple[int, ...], order: str, raw: bytes | bytearray | str | list[Any]
+    ) -> np.ndarray:
+        if _expect(dtype, _DType).code in _OBJECTS:
+            return self._texts(raw)
         if not isinstance(raw, (bytes, bytearray)):
             raw = self._bytes(raw)
         self._claim(len(raw))
         order = "F" if order == "F" else "C"
-        return np.frombuffer(raw, _expect(dtype, _DType).numpy).reshape(_expect(shape, tuple), order=order)  # type: ignore[call-overload]
+        return np.frombuffer(raw, dtype.numpy).reshape(_expect(shape, tuple), order=order)  # type: ignore[call-overload]
 
-    def _bytes(self, text: str) -> bytes:
+    def _texts(self, items: Any) -> np.ndarray:
+        """The array that an array of objects stands for: of texts, such as names of joints."""
+        if not isinstance(items, list) or not all(isinstance(item, str) for item in items):
+            raise MotionError("it holds an array of type 'O8' with Python objects, expected numbers or texts")
+        self._claim(4 * len(items) * max(map(len, items), default=0))
+        return np.array(items, dtype=np.str_)
+
+    def _bytes(self, text: Any) -> bytes:
         self._claim(len(_expect(text, str)))
         return text.encode("latin1")
 

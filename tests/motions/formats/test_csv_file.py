@@ -1,10 +1,13 @@
 import numpy as np
 import pytest
+import torch
+from scipy.spatial.transform import Rotation
 
 from plat.errors import MotionError
-from plat.motions import MotionClip, load_motions, read_motion_files, save_csv
+from plat.motions import MotionClip, generate_motions, load_motions, read_motion_files, save_csv
+from plat.motions.resample import resample_qpos
 from plat.robots import G1
-from tests.motions.formats.writers import bowing_clip, write_csv
+from tests.motions.formats.writers import ISAAC_ORDER, WITHOUT_WRISTS, bowing_clip, turned, write_csv
 
 
 @pytest.mark.parametrize("order", ["wxyz", "xyzw"])
@@ -26,7 +29,7 @@ def test_the_order_may_be_stated(tmp_path):
 def test_an_order_that_the_motion_does_not_show_is_asked_for(tmp_path):
     standing = MotionClip("standing", np.tile(G1.default_qpos, (30, 1)), 30.0)
     write_csv(tmp_path / "standing.csv", standing, "xyzw")
-    with pytest.raises(MotionError, match=r"standing.csv.*recipes/motions.py convert .* --quat-order wxyz"):
+    with pytest.raises(MotionError, match=r"standing.csv.*plat motions convert .* --quat-order wxyz"):
         load_motions(tmp_path / "standing.csv")
     (clip,) = load_motions(tmp_path / "standing.csv", quat_order="xyzw")
     np.testing.assert_allclose(clip.qpos, standing.qpos, atol=1e-5)
@@ -78,16 +81,19 @@ def table(rows: int = 3, **cells: str) -> str:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "no rows of numbers"),
+        ("", "it is empty"),
+        ("\n \n", "no rows of numbers"),
         (",".join(G1.joint_names), "no rows of numbers"),
-        (table() + "\n1,2,3", "row 4 has 3 columns, expected 36"),
+        (table() + "\n1,2,3", "row 4 has 3 columns, row 1 has 36"),
         (table() + "\n" + table().splitlines()[0] + ",0", "row 4 has 37 columns"),
-        (table(c9="left"), "a cell is not a number"),
-        (table(c9=""), "a cell is not a number"),
+        (table() + ",0", "row 3 has 37 columns, row 1 has 36"),
+        ("\n".join(f"{line},0,0" for line in table().splitlines()), "row 1 has 38 columns, expected 36"),
+        (table(c9="left"), "row 1, column 10: 'left' is not a number"),
+        (table(c9=""), "row 1, column 10: '' is not a number"),
         (table(c9="nan"), r"qpos\[0, 9\] is nan"),
         (table(c3="0.5"), "quaternion of frame 0 .* has length 0.5, expected 1"),
-        (table(c8="57.3"), "'joint angles' has values up to 57.3, expected radians"),
-        (table(c2="1e30"), "'columns 1 to 3' has values up to 1e[+]30, expected metres"),
+        (table(c8="573"), "'joint angles' has values up to 573, expected radians"),
+        (table(c2="1e30"), "'root position' has values up to 1e[+]30, expected metres"),
         (table(1), "1 frames, expected at least 2"),
         (",".join([*"xyz", *"wxyz", *G1.joint_names[:-1], "tail"]) + "\n" + table(), "has the unknown .*tail"),
     ],
@@ -103,3 +109,183 @@ def test_a_frame_rate_must_be_possible(tmp_path):
     for fps in (-1.0, 0.0, 5000.0, float("nan")):
         with pytest.raises(MotionError, match=f"fps is {fps:g}, expected 1 to 1000"):
             load_motions(tmp_path / "a.csv", fps=fps)
+
+
+NAMES = [*(f"root_{axis}" for axis in "xyz"), *(f"quat_{axis}" for axis in "wxyz"), *G1.joint_names]
+
+
+def write_table(path, values, header=None, separator=","):
+    rows = [separator.join(f"{value:.8g}" for value in row) for row in values]
+    path.write_text("\n".join(([separator.join(header)] if header else []) + rows))
+
+
+def read_back(path, **stated):
+    (file,) = read_motion_files(path, **stated)
+    return file, file.clips[0]
+
+
+@pytest.mark.parametrize("spell", [str.upper, lambda name: f"{name}_joint_pos", lambda name: f"joint/{name}"])
+def test_names_are_never_passed_over(tmp_path, spell):
+    clip = bowing_clip()
+    header = [*NAMES[:7], *map(spell, reversed(G1.joint_names))]
+    write_table(tmp_path / "a_50fps.csv", clip.qpos[:, [*range(7), *range(35, 6, -1)]], header)
+    file, found = read_back(tmp_path / "a_50fps.csv")
+    np.testing.assert_allclose(found.qpos, clip.qpos, atol=1e-5)
+    assert "joints reordered by name" in file.facts
+
+
+def test_names_that_are_not_understood_are_refused(tmp_path):
+    header = [*NAMES[:7], *(f"hinge {name[::-1]}" for name in G1.joint_names)]
+    write_table(tmp_path / "a_50fps.csv", bowing_clip().qpos, header)
+    with pytest.raises(
+        MotionError, match=r"the header has the unknown \['hinge .*expected names of the robot's joints"
+    ):
+        load_motions(tmp_path / "a_50fps.csv")
+
+
+def test_columns_may_stand_anywhere(tmp_path):
+    clip = bowing_clip()
+    shuffled = np.random.default_rng(0).permutation(36)
+    header = ["Frame", *(NAMES[column] for column in shuffled), "left_knee_vel", "style"]
+    extra = np.full((40, 1), 3.0)
+    write_table(
+        tmp_path / "a_50fps.csv", np.hstack((np.arange(40)[:, None], clip.qpos[:, shuffled], extra, extra)), header
+    )
+    file, found = read_back(tmp_path / "a_50fps.csv")
+    np.testing.assert_allclose(found.qpos, clip.qpos, atol=1e-5)
+    assert "2 columns left out ('left_knee_vel', 'style')" in file.facts
+
+
+@pytest.mark.parametrize("named", [True, False])
+@pytest.mark.parametrize(
+    ("first", "name", "rate"), [("index", "", 30), ("time", "time", 50), ("time", "timestamp_ms", 50)]
+)
+def test_a_first_column_that_counts(tmp_path, named, first, name, rate):
+    clip = bowing_clip()
+    column = np.arange(40) * (1 if first == "index" else 20 if name.endswith("ms") else 0.02)
+    values = np.hstack((column[:, None], clip.qpos))
+    write_table(tmp_path / "a.csv", values, [name, *NAMES] if named else None)
+    file, found = read_back(tmp_path / "a.csv")
+    assert found.fps == rate
+    np.testing.assert_allclose(found.qpos, clip.qpos, atol=1e-5)
+    assert ("fps from the column of times" in file.facts) == (first == "time")
+
+
+def test_numbers_as_header(tmp_path):
+    write_table(tmp_path / "a_50fps.csv", bowing_clip().qpos, [str(number) for number in range(36)])
+    np.testing.assert_allclose(read_back(tmp_path / "a_50fps.csv")[1].qpos, bowing_clip().qpos, atol=1e-5)
+
+
+def seed_columns(clip):
+    """Columns as BONES-SEED has them: frame, cm, Euler angles about fixed axes in degrees, joints in degrees."""
+    turns = Rotation.from_quat(clip.qpos[:, [4, 5, 6, 3]]).as_euler("xyz", degrees=True)
+    columns = (np.arange(len(turns))[:, None], 100 * clip.qpos[:, :3], turns, np.rad2deg(clip.qpos[:, 7:]))
+    roots = [f"root_{what}{axis}" for what in ("translate", "rotate") for axis in "XYZ"]
+    return np.hstack(columns), ["Frame", *roots, *(f"{name}_joint_dof" for name in G1.joint_names)]
+
+
+def test_bones_seed(tmp_path):
+    clip = turned(bowing_clip(), 2.0)
+    write_table(tmp_path / "bow__A304.csv", *seed_columns(clip))
+    file, found = read_back(tmp_path / "bow__A304.csv")
+    np.testing.assert_allclose(
+        found.qpos[:, [0, 1, 2, *range(7, 36)]], clip.qpos[:, [0, 1, 2, *range(7, 36)]], atol=1e-4
+    )
+    assert np.abs((found.qpos[:, 3:7] * clip.qpos[:, 3:7]).sum(1)).min() > 1 - 1e-6
+    assert file.facts.startswith(
+        "BONES-SEED csv, 120 fps, fps from the format, root rotation from Euler angles in degrees"
+    )
+
+
+def test_root_angles_in_radians(tmp_path):
+    clip = turned(bowing_clip(), 0.5)
+    turns = Rotation.from_quat(clip.qpos[:, [4, 5, 6, 3]]).as_euler("xyz")
+    header = [*NAMES[:3], "roll", "pitch", "yaw", *G1.joint_names]
+    write_table(tmp_path / "a_50fps.csv", np.hstack((clip.qpos[:, :3], turns, clip.qpos[:, 7:])), header)
+    file, found = read_back(tmp_path / "a_50fps.csv")
+    assert np.abs((found.qpos[:, 3:7] * clip.qpos[:, 3:7]).sum(1)).min() > 1 - 1e-6
+    assert "root rotation from Euler angles in radians" in file.facts
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(100, "centimetres"), (1000, "millimetres")])
+def test_other_units_are_seen(tmp_path, factor, unit):
+    clip = bowing_clip()
+    write_table(tmp_path / "a_50fps.csv", clip.qpos * np.array([factor] * 3 + [1] * 33))
+    _, found = read_back(tmp_path / "a_50fps.csv")
+    np.testing.assert_allclose(found.qpos, clip.qpos, atol=1e-5)
+    assert f"root position in {unit}" in found.notes[0]
+
+
+def test_joints_as_isaac_lab_numbers_them(tmp_path):
+    clip = bowing_clip()
+    columns = [*range(7), *(7 + G1.joint_names.index(name) for name in ISAAC_ORDER)]
+    write_table(tmp_path / "a_50fps.csv", clip.qpos[:, columns])
+    file, found = read_back(tmp_path / "a_50fps.csv")
+    np.testing.assert_allclose(found.qpos, clip.qpos, atol=1e-5)
+    assert "joints numbered breadth first" in file.facts
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_23_joints(tmp_path, named):
+    clip = bowing_clip()
+    columns = [*range(7), *(7 + index for index in WITHOUT_WRISTS)]
+    write_table(
+        tmp_path / "a_50fps.csv", clip.qpos[:, columns], [NAMES[column] for column in columns] if named else None
+    )
+    file, found = read_back(tmp_path / "a_50fps.csv")
+    np.testing.assert_allclose(found.qpos[:, columns], clip.qpos[:, columns], atol=1e-5)
+    assert "no wrists in the file: default pose" in file.facts
+
+
+def test_a_header_whose_quaternion_order_is_wrong(tmp_path):
+    clip = bowing_clip(heading=0.7)
+    header = [*NAMES[:3], *(f"quat_{axis}" for axis in "xyzw"), *G1.joint_names]
+    write_table(tmp_path / "a_50fps.csv", clip.qpos, header)
+    file, found = read_back(tmp_path / "a_50fps.csv")
+    np.testing.assert_allclose(found.qpos, clip.qpos, atol=1e-5)
+    assert "quaternion wxyz: xyzw, as it should be, makes no plausible motion" in file.facts
+
+
+@pytest.fixture(scope="module")
+def walk() -> MotionClip:
+    return next(clip for clip in generate_motions("train", seconds=90) if clip.name.startswith("walk_"))
+
+
+@pytest.mark.parametrize("name", ["walk_{0}hz", "walk_fps{0}", "walk_{0}_fps", "walk @{0}"])
+def test_rates_in_the_name(tmp_path, walk, name):
+    path = tmp_path / f"{name.format(f'{walk.fps:g}')}.csv"
+    write_table(path, walk.qpos)
+    file, found = read_back(path)
+    assert (found.fps, found.name) == (walk.fps, "walk")
+    assert "fps from the file name" in file.facts
+
+
+def test_two_rates_in_the_name_are_settled_by_the_steps_or_refused(tmp_path, walk):
+    for names in ("{0}fps_walk_{1}fps", "{1}fps_to_{0}fps"):
+        path = tmp_path / f"{names.format(f'{walk.fps:g}', f'{4 * walk.fps:g}')}.csv"
+        write_table(path, walk.qpos)
+        file, found = read_back(path)
+        assert found.fps == walk.fps
+        assert "the one that fits its steps" in file.facts
+    path = tmp_path / "bow_120fps_to_30fps.csv"
+    write_table(path, bowing_clip().qpos)
+    with pytest.raises(
+        MotionError, match="states 120 .the file name. and 30 .the file name. frames a second; state which"
+    ):
+        load_motions(path)
+    assert load_motions(path, fps=30)[0].fps == 30
+
+
+def test_a_rate_that_nothing_states_must_fit_the_steps(tmp_path, walk):
+    qpos = resample_qpos(torch.from_numpy(walk.qpos), walk.fps, 1 / 120).numpy()
+    write_table(tmp_path / "walk.csv", qpos)
+    with pytest.raises(MotionError, match="nothing states its frames a second; the usual 30 do not fit its steps"):
+        load_motions(tmp_path / "walk.csv")
+    assert load_motions(tmp_path / "walk.csv", fps=120)[0].fps == 120
+
+
+def test_rates_that_contradict_each_other(tmp_path):
+    values = np.hstack((np.arange(40)[:, None] / 50, bowing_clip().qpos))
+    write_table(tmp_path / "bow_30fps.csv", values, ["time", *NAMES])
+    with pytest.raises(MotionError, match="states 50 .the column of times. and 30 .the file name."):
+        load_motions(tmp_path / "bow_30fps.csv")

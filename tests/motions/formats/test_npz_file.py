@@ -1,4 +1,5 @@
 import io
+import json
 import zipfile
 
 import numpy as np
@@ -7,7 +8,14 @@ import pytest
 from plat.errors import MotionError
 from plat.motions import MotionClip, load_motions, read_motion_files
 from plat.robots import G1
-from tests.motions.formats.writers import ISAAC_ORDER, body_poses, bowing_clip, write_full_tracker, write_tracker
+from tests.motions.formats.writers import (
+    ISAAC_ORDER,
+    WITHOUT_WRISTS,
+    body_poses,
+    bowing_clip,
+    write_full_tracker,
+    write_tracker,
+)
 
 
 def test_joints_and_root_in_their_arrays(tmp_path):
@@ -42,7 +50,7 @@ def test_an_order_that_nothing_tells_is_refused(tmp_path):
     with pytest.raises(MotionError, match="more than one usual order"):
         load_motions(tmp_path / "a.npz")
     np.savez(tmp_path / "a.npz", fps=50, joint_pos=straight)
-    with pytest.raises(MotionError, match="no array 'joint_names' and no 'body_pos_w'"):
+    with pytest.raises(MotionError, match="no array 'joint_names' and no usable 'body_pos_w'"):
         load_motions(tmp_path / "a.npz")
 
 
@@ -125,3 +133,135 @@ def test_bombs_are_refused(tmp_path, monkeypatch):
     path.write_bytes(lying)
     with pytest.raises(MotionError, match="Bad CRC-32"):
         load_motions(path)
+
+
+def test_what_lies_beside_qpos_is_no_clip(tmp_path):
+    clip = bowing_clip()
+    beside = {"qvel": np.zeros((40, 35)), "human_joints": np.zeros((41, 22, 3)), "cost": 0.5, "source": "a tool"}
+    np.savez(tmp_path / "take.npz", qpos=clip.qpos, fps=50, **beside)
+    (file,) = read_motion_files(tmp_path / "take.npz")
+    assert [found.name for found in file.clips] == ["take"]
+    np.testing.assert_allclose(file.clips[0].qpos, clip.qpos, atol=1e-6)
+    assert "4 other arrays left out (qvel, human_joints, cost)" in file.facts
+
+
+def test_an_object_beside_the_robot_is_left_out(tmp_path):
+    clip = bowing_clip()
+    np.savez(tmp_path / "take.npz", qpos=np.hstack((clip.qpos, np.full((40, 7), 0.3))), fps=50)
+    (file,) = read_motion_files(tmp_path / "take.npz")
+    np.testing.assert_allclose(file.clips[0].qpos, clip.qpos, atol=1e-6)
+    assert "the last 7 columns left out (an object)" in file.facts
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_a_whole_pose_without_wrists(tmp_path, named):
+    clip = bowing_clip()
+    columns = [*range(7), *(7 + index for index in WITHOUT_WRISTS)]
+    names = {"joint_names": [G1.joint_names[index] for index in WITHOUT_WRISTS]} if named else {}
+    np.savez(tmp_path / "a.npz", walk=clip.qpos[:, columns], fps=50, **names)
+    (found,) = load_motions(tmp_path / "a.npz")
+    np.testing.assert_allclose(found.qpos[:, columns], clip.qpos[:, columns], atol=1e-6)
+    assert found.notes == ("no wrists in the file: default pose",)
+
+
+def test_meta_json_gives_what_the_archive_does_not_say(tmp_path):
+    clip = bowing_clip()
+    pos, quat = body_poses(clip)
+    names = [f"{name}_joint" for name in ISAAC_ORDER]
+    joints = clip.qpos[:, [7 + G1.joint_names.index(name) for name in ISAAC_ORDER]]
+    np.savez(tmp_path / "motion.npz", joint_pos=joints, body_pos_w=pos, body_quat_w=quat)
+    meta = {"fps": 50.0, "joint_names": names, "body_names": list(G1.keypoints)}
+    (tmp_path / "meta.json").write_text(json.dumps(meta))
+    (file,) = read_motion_files(tmp_path)
+    np.testing.assert_allclose(file.clips[0].qpos, clip.qpos, atol=1e-6)
+    assert "50 fps, fps, joint_names, body_names from meta.json" in file.facts
+    # 25 joints, as the robot without four of its wrists' joints has
+    few = [name for name in ISAAC_ORDER if not name.endswith(("wrist_pitch", "wrist_yaw"))]
+    joints = clip.qpos[:, [7 + G1.joint_names.index(name) for name in few]]
+    np.savez(tmp_path / "motion.npz", joint_pos=joints, body_pos_w=pos, body_quat_w=quat)
+    (tmp_path / "meta.json").write_text(json.dumps({**meta, "joint_names": few}))
+    (file,) = read_motion_files(tmp_path)
+    assert "default pose for the missing left_wrist_pitch, left_wrist_yaw, right_wrist_pitch" in file.facts
+    (tmp_path / "meta.json").unlink()
+    with pytest.raises(MotionError, match="no array 'fps', expected the frames a second .or state them: --fps"):
+        load_motions(tmp_path)
+    with pytest.raises(MotionError, match="no array 'joint_names', and 25 joints are no robot's whole number"):
+        load_motions(tmp_path, fps=50)
+
+
+def test_a_rate_against_meta_json_is_refused(tmp_path):
+    write_tracker(tmp_path / "motion.npz", bowing_clip())
+    (tmp_path / "meta.json").write_text('{"fps": 30}')
+    with pytest.raises(MotionError, match="it states 50 frames a second and the 'meta.json' beside it 30"):
+        load_motions(tmp_path)
+    assert load_motions(tmp_path, fps=30)[0].fps == 30
+
+
+def amp_arrays(clip: MotionClip, order: str) -> dict[str, object]:
+    """Arrays as Isaac Lab's AMP has them."""
+    pos, quat = body_poses(clip)
+    return {
+        "fps": 50,
+        "dof_names": [f"{name}_joint" for name in G1.joint_names],
+        "body_names": list(G1.keypoints),
+        "dof_positions": clip.qpos[:, 7:],
+        "dof_velocities": np.zeros((40, 29)),
+        "body_positions": pos,
+        "body_rotations": quat if order == "wxyz" else quat[..., [1, 2, 3, 0]],
+    }
+
+
+@pytest.mark.parametrize("order", ["wxyz", "xyzw"])
+def test_the_bodies_tell_the_order_of_quaternions(tmp_path, order):
+    clip = bowing_clip(heading=0.7)
+    np.savez(tmp_path / "amp.npz", **amp_arrays(clip, order))
+    (file,) = read_motion_files(tmp_path / "amp.npz")
+    np.testing.assert_allclose(file.clips[0].qpos, clip.qpos, atol=1e-5)
+    assert ("the bodies fit quaternion xyzw" in file.facts) == (order == "xyzw")
+
+
+def test_names_that_the_bodies_contradict_give_way(tmp_path):
+    clip = bowing_clip()
+    arrays = amp_arrays(clip, "wxyz")
+    arrays["dof_names"] = ISAAC_ORDER
+    np.savez(tmp_path / "amp.npz", **arrays)
+    (file,) = read_motion_files(tmp_path / "amp.npz")
+    np.testing.assert_allclose(file.clips[0].qpos, clip.qpos, atol=1e-5)
+    assert "joints numbered depth first" in file.facts
+
+
+def test_soma_on_the_robot(tmp_path):
+    clip = bowing_clip(heading=0.7)
+    root = {"robot_root_pos": clip.qpos[:, :3], "robot_root_quat": clip.qpos[:, [4, 5, 6, 3]], "scalar_first": False}
+    joints = {"robot_joint_names": G1.joint_names, "robot_joint_pos": clip.qpos[:, 7:]}
+    np.savez(tmp_path / "soma.npz", fps=50, human_joint_names=["hips"], **root, **joints)
+    np.testing.assert_allclose(load_motions(tmp_path / "soma.npz")[0].qpos, clip.qpos, atol=1e-6)
+
+
+def test_names_may_be_objects(tmp_path):
+    write_tracker(tmp_path / "a.npz", bowing_clip())
+    with np.load(tmp_path / "a.npz") as archive:
+        arrays = dict(archive)
+    arrays["joint_names"] = arrays["joint_names"].astype(object)
+    np.savez(tmp_path / "a.npz", **arrays)
+    np.testing.assert_allclose(load_motions(tmp_path / "a.npz")[0].qpos, bowing_clip().qpos, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"poses": np.zeros((5, 165)), "trans": np.zeros((5, 3)), "mocap_frame_rate": 120}, "human motion of the SMPL"),
+        ({"betas": np.zeros(16), "gender": "neutral"}, "a human body's shape of the SMPL family .AMASS., no motion"),
+        ({"labels": np.zeros((5, 3)), "fps": 30, "more": np.zeros(4)}, "no clips, .* it has 'labels' .5, 3., 'more'"),
+        ({"qpos": np.zeros((5, 36)), "fps": 30, "frequency": 60}, "it states fps 30 and frequency 60; state which"),
+    ],
+)
+def test_archives_of_other_things_are_named(tmp_path, arrays, message):
+    np.savez(tmp_path / "other.npz", **arrays)
+    with pytest.raises(MotionError, match=message):
+        load_motions(tmp_path / "other.npz")
+
+
+def test_a_step_gives_the_rate(tmp_path):
+    np.savez(tmp_path / "a.npz", qpos=bowing_clip().qpos, dt=0.02)
+    assert load_motions(tmp_path / "a.npz")[0].fps == pytest.approx(50)

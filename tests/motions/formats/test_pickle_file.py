@@ -49,7 +49,7 @@ def test_an_order_that_looks_wrong_is_told(tmp_path):
     fields["root_rot"] = fields["root_rot"][:, [3, 0, 1, 2]]
     (tmp_path / "bow.pkl").write_bytes(pickle.dumps(fields))
     (file,) = read_motion_files(tmp_path / "bow.pkl")
-    assert "looks right only with quaternion wxyz" in file.facts
+    assert "quaternion wxyz: xyzw, as it should be, makes no plausible motion" in file.facts
 
 
 def test_joints_are_matched_by_name(tmp_path):
@@ -103,3 +103,27 @@ def test_one_array_cannot_stand_for_any_number_of_motions(tmp_path):
     (tmp_path / "many.pkl").write_bytes(pickle.dumps(motions))
     with pytest.raises(MotionError, match="its motions are larger than the file"):
         load_motions(tmp_path / "many.pkl")
+
+
+def test_quaternions_of_about_unit_length(tmp_path):
+    fields = gmr_fields(bowing_clip())
+    fields["root_rot"] = 0.965 * fields["root_rot"]
+    (tmp_path / "bow.pkl").write_bytes(pickle.dumps(fields))
+    (clip,) = load_motions(tmp_path / "bow.pkl")
+    np.testing.assert_allclose(clip.qpos, bowing_clip().qpos, atol=1e-6)
+    assert clip.notes == ("root quaternions of length 0.965 to 0.965 made unit",)
+
+
+def test_a_root_in_millimetres(tmp_path):
+    fields = gmr_fields(bowing_clip())
+    fields["root_pos"] = 1000 * fields["root_pos"]
+    (tmp_path / "bow.pkl").write_bytes(pickle.dumps(fields))
+    (clip,) = load_motions(tmp_path / "bow.pkl")
+    np.testing.assert_allclose(clip.qpos, bowing_clip().qpos, atol=1e-6)
+    assert "root position in millimetres" in clip.notes[0]
+
+
+def test_a_human_body_is_named(tmp_path):
+    (tmp_path / "amass.pkl").write_bytes(pickle.dumps({"pose_aa": np.zeros((5, 72)), "trans": np.zeros((5, 3))}))
+    with pytest.raises(MotionError, match="human motion of the SMPL family .AMASS., not of a robot"):
+        load_motions(tmp_path / "amass.pkl")

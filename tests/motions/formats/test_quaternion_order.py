@@ -1,11 +1,17 @@
 import numpy as np
 import pytest
 
-from plat.motions import MotionClip, load_motions
+from plat.motions import load_motions
 from plat.motions.checks.feet import Soles
-from plat.motions.formats.quaternion_order import detect_quat_order, doubt_quat_order
+from plat.motions.formats import ReadOptions
+from plat.motions.formats.quaternion_order import (
+    breadth_first,
+    detect_joint_order,
+    detect_quat_order,
+    settle_quat_order,
+)
 from plat.robots import G1
-from tests.motions.formats.writers import bowing_clip, turned
+from tests.motions.formats.writers import ISAAC_ORDER, bowing_clip, turned
 
 SOLES = Soles(G1)
 
@@ -29,14 +35,28 @@ def test_standing_still_may_be_either():
     assert detect_quat_order(qpos, 30.0, SOLES) == "wxyz"
 
 
-def test_a_format_whose_order_is_known_is_doubted_where_it_looks_wrong():
-    clip = bowing_clip()
-    assert doubt_quat_order(clip, "xyzw", SOLES) == doubt_quat_order(clip, "wxyz", SOLES) == []
-    # an xyzw file whose columns are really wxyz, as the reader sees it
-    columns = clip.qpos
-    misread = MotionClip("bow", columns[:, [0, 1, 2, 6, 3, 4, 5, *range(7, 36)]], clip.fps)
-    (note,) = doubt_quat_order(misread, "xyzw", SOLES)
-    assert "'bow' looks right only with quaternion wxyz" in note
+def test_a_stated_order_gives_way_to_the_motion_alone():
+    clip = bowing_clip(heading=0.7)
+    for stated in ("wxyz", "xyzw"):
+        order, notes = settle_quat_order(clip.qpos, clip.fps, SOLES, stated)
+        assert order == "wxyz"
+        assert bool(notes) == (stated == "xyzw")
+    standing = np.tile(G1.default_qpos, (30, 1))
+    assert settle_quat_order(as_xyzw(standing), 30.0, SOLES, "wxyz") == ("wxyz", [])
+
+
+def in_order(qpos: np.ndarray, names: list[str]) -> np.ndarray:
+    """Poses whose joints stand in an order, read as if they stood in the robot's."""
+    return np.concatenate((qpos[:, :7], qpos[:, [7 + G1.joint_names.index(name) for name in names]]), 1)
+
+
+def test_the_order_of_joints_is_seen_in_the_motion():
+    clip, options = bowing_clip(), ReadOptions(G1)
+    assert breadth_first(G1) == ISAAC_ORDER
+    numbered = in_order(clip.qpos, ISAAC_ORDER)
+    for order in ("wxyz", None):
+        assert detect_joint_order(clip.qpos, numbered, options, order) == "this"
+        assert detect_joint_order(numbered, clip.qpos, options, order) == "other"
 
 
 def test_real_motions_are_never_mistaken(shared_data):

@@ -1,0 +1,173 @@
+"""Which columns of a table are the root, which the joints, and which neither."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from plat.errors import MotionError
+from plat.motions.formats.names import Column, classify_columns, is_generic, tokens
+from plat.motions.formats.quaternion_order import QuatOrder
+from plat.motions.formats.table import Table
+from plat.robots.robot import Robot
+from plat.rotations import quat_multiply
+
+__all__ = ["Parts", "euler_to_quat", "split_columns"]
+
+# what a header calls the root's columns in BONES-SEED's tables, which are in cm and degrees
+_SEED = {"translate", "rotate"}
+
+
+@dataclass(frozen=True)
+class Parts:
+    """The columns of a table by what they are, not converted.
+
+    Attributes:
+        place: of the root ``[T, 3]``.
+        quat: of the root ``[T, 4]``.
+        joints: angles ``[T, n]``.
+        names: of the joints, where the header gives them.
+        order: of ``quat``, where the header gives it.
+        times: of the frames ``[T]`` and their unit, where there are any.
+        seed: whether the header is that of BONES-SEED.
+        notes: what was left out or assumed.
+    """
+
+    place: np.ndarray
+    quat: np.ndarray
+    joints: np.ndarray
+    names: list[str] | None = None
+    order: QuatOrder | None = None
+    times: tuple[np.ndarray, str] | None = None
+    seed: bool = False
+    notes: tuple[str, ...] = ()
+
+
+def split_columns(table: Table, robot: Robot) -> Parts:
+    """Return the parts of a table, found by its header as far as that says them, else by place.
+
+    Raises:
+        MotionError: for a number of columns that no layout has, or names that are not understood.
+    """
+    kinds = classify_columns(table.header, robot) if table.header else []
+    counters, times = _counters(table, kinds)
+    by_kind = {
+        kind: [n for n, column in enumerate(kinds) if column.kind == kind] for kind in ("place", "quat", "euler")
+    }
+    place = _axes(kinds, by_kind["place"], "xyz")
+    turn = _axes(kinds, by_kind["quat"], "wxyz") or _axes(kinds, by_kind["euler"], "xyz")
+    joints = [n for n, column in enumerate(kinds) if column.kind == "joint"]
+    left_out = [n for n in range(table.values.shape[1]) if n not in counters]
+    if place and turn and len(joints) > len(robot.joint_names) // 2:
+        rest = [n for n in left_out if n not in (*place, *turn, *joints)]
+        return _by_name(table, kinds, place, turn, joints, rest, times)
+    return _by_place(table, kinds, left_out, times, robot)
+
+
+def euler_to_quat(angles: np.ndarray) -> np.ndarray:
+    """Return quaternions ``[T, 4]`` (``wxyz``) of turns about the fixed x, then y, then z axis, ``[T, 3]`` (rad)."""
+    quat = torch.zeros(len(angles), 4, dtype=torch.float64)
+    quat[:, 0] = 1.0
+    for axis in range(3):
+        turn = torch.zeros_like(quat)
+        half = torch.from_numpy(0.5 * angles[:, axis])
+        turn[:, 0], turn[:, 1 + axis] = half.cos(), half.sin()
+        quat = quat_multiply(turn, quat)
+    return quat.numpy()
+
+
+def _by_name(
+    table: Table,
+    kinds: list[Column],
+    place: list[int],
+    turn: list[int],
+    joints: list[int],
+    rest: list[int],
+    times: tuple[np.ndarray, str] | None,
+) -> Parts:
+    values = table.values
+    unknown = [table.header[n] for n in rest if kinds[n].kind == "unknown"]
+    if len(joints) < 23 and unknown:
+        raise MotionError(f"the header has the unknown {sorted(unknown)[:8]}, expected names of joints")
+    notes = []
+    if rest:
+        shown = ", ".join(repr(table.header[n]) for n in rest[:3])
+        notes.append(f"{len(rest)} columns left out ({shown}{', ...' if len(rest) > 3 else ''})")
+    seed = {word for n in (*place, *turn) for word in tokens(table.header[n])} >= _SEED
+    angles = values[:, joints]
+    listed = "".join(kinds[n].part for n in sorted(turn))
+    if listed in ("wxyz", "xyzw"):
+        quat, order = values[:, sorted(turn)], listed
+    elif len(turn) == 4:
+        quat, order = values[:, turn], "wxyz"
+    else:
+        euler = values[:, turn]
+        degrees = seed or np.abs(euler).max() > 2 * np.pi or any("deg" in table.header[n].lower() for n in turn)
+        quat, order = euler_to_quat(np.deg2rad(euler) if degrees else euler), "wxyz"
+        notes.append(f"root rotation from Euler angles in {'degrees' if degrees else 'radians'}")
+    in_degrees = any("deg" in tokens(table.header[n]) for n in joints)
+    if in_degrees or (seed and np.abs(angles).max() > np.pi):
+        angles = np.deg2rad(angles)
+        notes.append("joint angles in degrees")
+    names = [kinds[n].part for n in joints]
+    return Parts(values[:, place], quat, angles, names, order, times, seed, tuple(notes))  # type: ignore[arg-type]
+
+
+def _by_place(
+    table: Table, kinds: list[Column], columns: list[int], times: tuple[np.ndarray, str] | None, robot: Robot
+) -> Parts:
+    values = table.values[:, columns]
+    sizes = (robot.num_joints, sum("wrist" not in name for name in robot.joint_names))
+    joints = values.shape[1] - 7
+    if joints not in sizes and joints - 1 == sizes[0] and _even(values[:, 0]):
+        # a first column that goes on evenly and is no coordinate: a counter, or the time
+        first, values = values[:, 0], values[:, 1:]
+        columns, joints = columns[1:], joints - 1
+        if not np.array_equal(np.diff(first), np.ones(len(first) - 1)):
+            times = (first, "")
+    if joints not in sizes:
+        raise MotionError(
+            f"row 1 has {table.values.shape[1]} columns, expected {7 + sizes[0]} (root xyz, quaternion, joints), "
+            f"{7 + sizes[1]} without the wrists, or a header that names them"
+        )
+    names, notes = None, []
+    if table.header:
+        listed = [table.header[n] for n in columns[7:]]
+        if any(kinds[n].kind == "joint" for n in columns[7:]):
+            names = listed
+        elif all(map(is_generic, listed)):
+            notes.append("the header names no joints: the robot's order")
+        else:
+            odd = sorted({name for name in listed if not is_generic(name)})
+            raise MotionError(f"the header has the unknown {odd[:8]}, expected names of the robot's joints, or none")
+    order = _order(table.header, columns[3:7])
+    return Parts(values[:, :3], values[:, 3:7], values[:, 7:], names, order, times, notes=tuple(notes))
+
+
+def _counters(table: Table, kinds: Sequence[Column]) -> tuple[list[int], tuple[np.ndarray, str] | None]:
+    """Return the columns that count frames or tell the time, and the times."""
+    counters, times = [], None
+    for n, column in enumerate(kinds):
+        if column.kind == "time":
+            counters.append(n)
+            times = times or (table.values[:, n], column.part)
+        elif column.kind == "count" and (table.header[n] or (n == 0 and _even(table.values[:, n]))):
+            counters.append(n)
+    return counters, times
+
+
+def _axes(kinds: Sequence[Column], columns: list[int], axes: str) -> list[int]:
+    """Return the columns in the order of the axes, or nothing where they are not these, each once."""
+    found = {kinds[n].part: n for n in columns}
+    return [found[axis] for axis in axes] if len(columns) == len(axes) == len(found) and set(found) == set(axes) else []
+
+
+def _even(values: np.ndarray) -> bool:
+    steps = np.diff(values)
+    return len(steps) > 0 and steps[0] > 0 and bool(np.abs(steps - steps.mean()).max() < 0.2 * steps.mean())
+
+
+def _order(header: list[str], columns: list[int]) -> QuatOrder | None:
+    order = "".join(header[n][-1:].lower() for n in columns) if header else ""
+    return order if order in ("wxyz", "xyzw") else None  # type: ignore[return-value]

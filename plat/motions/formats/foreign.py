@@ -1,0 +1,58 @@
+"""Files of other kinds, named as such."""
+
+from collections.abc import Collection
+
+from plat.errors import MotionError
+
+__all__ = ["refuse_foreign", "refuse_human_body"]
+
+_BODY_POSES = ("poses", "pose_body", "pose_aa", "body_pose", "smpl_poses", "full_pose")
+_BODY_SHAPES = ("betas", "beta", "v_template", "shape_est_betas")
+_MAGIC = {
+    b"version https://git-lfs": "a Git LFS pointer and not the file itself: run 'git lfs pull' where it comes from",
+    b"version https://hawser": "a Git LFS pointer and not the file itself: run 'git lfs pull' where it comes from",
+    b"<!DOCTYPE": "a web page and not the file itself: download it again, raw",
+    b"<html": "a web page and not the file itself: download it again, raw",
+    b"/annex/objects/": "a git-annex pointer and not the file itself: run 'git annex get'",
+}
+
+
+def refuse_foreign(start: bytes) -> None:
+    """Raise for files that stand in for motion files.
+
+    Args:
+        start: the first bytes of a file.
+
+    Raises:
+        MotionError: naming what it is and what to do.
+
+    >>> refuse_foreign(b"version https://git-lfs.github.com/spec/v1")
+    Traceback (most recent call last):
+    plat.errors.MotionError: a Git LFS pointer and not the file itself: run 'git lfs pull' where it comes from
+    """
+    if not start:
+        raise MotionError("not a readable file: it is empty")
+    for magic, what in _MAGIC.items():
+        if start.lstrip().lower().startswith(magic.lower()):
+            raise MotionError(what)
+
+
+def refuse_human_body(fields: Collection[str]) -> None:
+    """Raise for files of the SMPL family, as AMASS has them.
+
+    Args:
+        fields: names of arrays or fields of a file.
+
+    Raises:
+        MotionError: where these are a human body's pose or shape and no robot's.
+    """
+    robot = {"joint_pos", "qpos", "dof", "dof_pos"} & set(fields)
+    if robot:
+        return
+    if {"poses", "trans"} <= set(fields) or any(name in fields for name in _BODY_POSES):
+        raise MotionError(
+            "human motion of the SMPL family (AMASS), not of a robot: retarget it first, with GMR for instance, or "
+            "export its joints as .bvh and run plat motions retarget"
+        )
+    if any(name in fields for name in _BODY_SHAPES):
+        raise MotionError("a human body's shape of the SMPL family (AMASS), no motion: leave it out")

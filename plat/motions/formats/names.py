@@ -1,0 +1,125 @@
+"""Names of columns and joints as files spell them, and what they mean."""
+
+import re
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
+
+from plat.robots.robot import Robot
+
+__all__ = ["Column", "classify_columns", "is_generic", "match_joint", "tokens"]
+
+_SIDES = {"l": "left", "r": "right", "lt": "left", "rt": "right", "lft": "left", "rgt": "right"}
+
+
+def _words(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+# words that say no more than that a column is the position of a joint
+_NOISE = _words(
+    "joint joints dof dofs pos position positions q qpos angle angles rad radian radians deg degrees leg arm"
+)
+_ROOT = _words("root base pelvis body free freejoint floating world global torso trunk link")
+_DERIVED = _words("vel velocity velocities qvel speed acc acceleration tau torque torques force contact effort current")
+_PLACE = _words("pos position trans translation translate t p location xyz")
+_TURN = _words("quat quaternion q rot rotation rotate orientation orient ori r euler angle")
+_EULER = {"roll": "x", "pitch": "y", "yaw": "z"}
+_FUSED = re.compile(r"(q|quat|rot|r|p|pos|t|trans)([wxyz])")
+_COUNTS = _words("frame frames index idx step id number no unnamed i n row")
+_TIMES = _words("time t timestamp stamp sec secs seconds s ms us ns millis")
+
+
+class Column(NamedTuple):
+    """What a column of a table holds.
+
+    Attributes:
+        kind: a joint's angle, a part of the root's position or orientation, a counter, the time, something derived
+            such as a velocity, or nothing that is known.
+        part: name of the joint, or axis (``w``, ``x``, ``y``, ``z``).
+    """
+
+    kind: Literal["joint", "place", "quat", "euler", "count", "time", "derived", "unknown"]
+    part: str = ""
+
+
+def tokens(name: str) -> tuple[str, ...]:
+    """Return the words of a name in small letters, split at case, digits' ends and separators.
+
+    >>> tokens("joint/LeftHipPitch"), tokens("L_KNEE")
+    (('joint', 'left', 'hip', 'pitch'), ('left', 'knee'))
+    """
+    name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name.strip("\"' \t"))
+    words = (word for word in re.split(r"[^a-z0-9]+", name.lower()) if word)
+    return tuple(_SIDES.get(word, word) for word in words)
+
+
+def match_joint(name: str, robot: Robot) -> str | None:
+    """Return the joint of the robot that a name means, or None.
+
+    Case, separators, the order of words, prefixes such as ``q_`` and suffixes such as ``_joint_pos`` do not matter.
+
+    >>> from plat.robots import G1
+    >>> [match_joint(name, G1) for name in ("LEFT_KNEE", "q_left_knee_joint", "RightHipPitch", "left_tail")]
+    ['left_knee', 'left_knee', 'right_hip_pitch', None]
+    """
+    words = set(tokens(name))
+    if words & _DERIVED:
+        return None
+    keys = {frozenset(tokens(joint)): joint for joint in robot.joint_names}
+    for wanted in (words, words - _NOISE, words - _NOISE - {"pitch"}):
+        if joint := keys.get(frozenset(wanted)):
+            return joint
+    return None
+
+
+def is_generic(name: str) -> bool:
+    """Return whether a name only numbers a column: ``col7``, ``joint_0``, ``dof[3]``, ``12``, ``column A``.
+
+    >>> [is_generic(name) for name in ("col7", "joint_0", "dof[3]", "", "left_tail")]
+    [True, True, True, True, False]
+    """
+    return re.fullmatch(r"[a-z]*[\s_/.:\[(#-]*([a-z]|\d*(\.\d+)?)[\])]*", name.strip("\"' \t").lower()) is not None
+
+
+def classify_columns(header: Sequence[str], robot: Robot) -> list[Column]:
+    """Return what every column of a header is."""
+    words = [tokens(name) for name in header]
+    has_w = any(_root_part(row)[1] == "w" for row in words)
+    columns = []
+    for name, row in zip(header, words, strict=True):
+        joint = match_joint(name, robot)
+        place, part = _root_part(row)
+        if set(row) & _DERIVED:
+            columns.append(Column("derived"))
+        elif joint is not None:
+            columns.append(Column("joint", joint))
+        elif place == "turn":
+            columns.append(Column("quat" if has_w and part in "wxyz" else "euler", _EULER.get(part, part)))
+        elif place == "place":
+            columns.append(Column("place", part))
+        elif row and set(row) & _TIMES and set(row) <= _TIMES | {"from", "start", "elapsed", "in", "unix"}:
+            columns.append(Column("time", next((word for word in row[::-1] if word in ("ms", "us", "ns", "s")), "")))
+        elif not name.strip("\"' \t") or (set(row) & _COUNTS and set(row) <= _COUNTS | {"0"}):
+            columns.append(Column("count"))
+        else:
+            columns.append(Column("unknown"))
+    return columns
+
+
+def _root_part(words: tuple[str, ...]) -> tuple[str, str]:
+    """Return ``place`` or ``turn`` and the axis, for the name of a column of the root; else two empty texts."""
+    rest = [word for word in words if word not in _ROOT]
+    if rest and (fused := _FUSED.fullmatch(rest[-1])):
+        rest[-1:] = fused.groups()
+    if not rest:
+        return "", ""
+    *what, axis = rest
+    if axis in _EULER and set(what) <= _TURN:
+        return ("turn", axis) if len(words) > len(rest) or what or len(words) == 1 else ("", "")
+    if axis not in "wxyz" or len(axis) != 1:
+        return "", ""
+    if axis == "w":
+        return ("turn", axis) if set(what) <= _TURN else ("", "")
+    if what and set(what) <= _TURN and not set(what) <= _PLACE:
+        return "turn", axis
+    return ("place", axis) if set(what) <= _PLACE else ("", "")

@@ -1,0 +1,43 @@
+"""Frame rates that names of files state."""
+
+import re
+
+from plat.errors import MotionError
+
+__all__ = ["RATES", "rates_in_name", "without_rates"]
+
+RATES = (24.0, 25.0, 30.0, 50.0, 60.0, 90.0, 100.0, 120.0, 200.0, 240.0)
+"""Usual frame rates of motions."""
+
+_NUMBER = r"(\d+(?:\.\d+)?)"
+_UNIT = r"(?:fps|hz|frames?[ _-]?per[ _-]?second)"
+_STATED = re.compile(
+    rf"[ _.@-]*(?<![\d.]){_NUMBER}[ _-]?{_UNIT}(?![a-z])"
+    rf"|[ _.-]*(?<![a-z])(?:{_UNIT}|frame[ _-]?rate)[ _=-]?{_NUMBER}(?![\d.]*\d)"
+    rf"|[ _.-]*@{_NUMBER}(?![\d.]*\d)",
+    re.IGNORECASE,
+)
+
+
+def rates_in_name(name: str) -> list[float]:
+    """Return the frame rates that a name states, each once, in its order.
+
+    Raises:
+        MotionError: for a rate of 0.
+
+    >>> [rates_in_name(name) for name in ("walk.bvh_60hz", "walk_fps60", "a_120fps_to_30fps", "g1_take_102")]
+    [[60.0], [60.0], [120.0, 30.0], []]
+    """
+    found = [float(next(filter(None, match.groups()))) for match in _STATED.finditer(name)]
+    if 0.0 in found:
+        raise MotionError("its name states 0 frames a second, expected a positive rate")
+    return list(dict.fromkeys(found))
+
+
+def without_rates(name: str) -> str:
+    """Return a name without the rates in it.
+
+    >>> without_rates("walk_60fps"), without_rates("60fps")
+    ('walk', '60fps')
+    """
+    return _STATED.sub("", name) or name

@@ -1,0 +1,164 @@
+"""Archives of trackers: joints, and poses of bodies in the world that say how to read them."""
+
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from plat.errors import MotionError
+from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, strings
+from plat.motions.formats.names import match_joint
+from plat.motions.formats.quaternion_order import breadth_first, settle_quat_order
+from plat.robots.kinematics import ForwardKinematics
+from plat.robots.robot import Robot
+
+__all__ = ["read_tracker"]
+
+# Bodies that a tracker's file records as they are (m): its robot may differ from ours by some millimetres.
+_SAME_PLACE = 0.01
+_CHECKED_FRAMES = 50
+_ORDERS: tuple[QuatOrder, ...] = ("wxyz", "xyzw")
+
+
+def read_tracker(
+    path: Path, arrays: dict[str, np.ndarray], fps: float, names: list[str] | None, options: ReadOptions
+) -> MotionFile:
+    """Read ``joint_pos`` with the joints, or with root position, quaternion and joints, and the root beside it.
+
+    Where the file records bodies in the world, the orders of quaternion and joints are those that lead to them.
+
+    Raises:
+        MotionError: naming the array that is missing, or what does not fit.
+    """
+    robot = options.robot
+    root_pos, root_quat, joint_pos, fields = _root(arrays, robot, names)
+    bodies = arrays.get("body_pos_w")
+    stated = names
+    if names is not None and len(names) != joint_pos.shape[1]:
+        # names of a longer list, as of all joints where some are left out, say nothing
+        raise MotionError(f"'joint_names' has {len(names)} names, expected one for each of {joint_pos.shape[1]} joints")
+    usable = bodies is not None and bodies.ndim == 3 and len(bodies) == len(joint_pos) and bodies.shape[2] == 3
+    notes: list[str] = []
+    order: QuatOrder = options.quat_order or ("xyzw" if _scalar_last(arrays) else "wxyz")
+    if usable and bodies is not None:
+        order, names, notes = _fit(bodies, root_pos, root_quat, joint_pos, order, stated, options)
+    elif names is None:
+        raise MotionError(
+            f"no array 'joint_names' and no usable 'body_pos_w' to find the order of its {joint_pos.shape[1]} joints "
+            f"by; add 'joint_names', {joint_pos.shape[1]} names in the order of the columns of 'joint_pos'"
+        )
+    arranged, more = arrange_joints(joint_pos, names, robot, "joint_pos")
+    clip = make_clip(path.stem, root_pos, root_quat, arranged, fps, options, order, fields)
+    if not usable and options.quat_order is None:
+        in_file = clip.qpos.copy()
+        if order == "xyzw":
+            in_file[:, 3:7] = clip.qpos[:, [4, 5, 6, 3]]
+        found, notes = settle_quat_order(in_file, fps, options.soles, order)
+        if found != order:
+            order, clip = found, make_clip(path.stem, root_pos, root_quat, arranged, fps, options, found, fields)
+    return MotionFile(path, "tracker npz", [clip], (f"quaternion {order}", *notes, *more))
+
+
+def _root(
+    arrays: dict[str, np.ndarray], robot: Robot, names: list[str] | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[str, str]]:
+    """Return root position, root quaternion, joints, and what the file calls the first two."""
+    joint_pos = arrays["joint_pos"]
+    if joint_pos.ndim != 2:
+        raise MotionError(f"'joint_pos' has shape {joint_pos.shape}, expected (frames, joints)")
+    whole = 7 + (len(names) if names is not None else robot.num_joints)
+    if joint_pos.shape[1] == whole:
+        fields = ("joint_pos[:, :3]", "joint_pos[:, 3:7]")
+        return joint_pos[:, :3], joint_pos[:, 3:7], joint_pos[:, 7:], fields
+    if "root_pos" in arrays and "root_quat" in arrays:
+        return arrays["root_pos"], arrays["root_quat"], joint_pos, ("root_pos", "root_quat")
+    for name, width in (("body_pos_w", 3), ("body_quat_w", 4)):
+        shape = arrays[name].shape if name in arrays else ()
+        if len(shape) != 3 or shape[0] != len(joint_pos) or shape[1] < 1 or shape[2] != width:
+            raise MotionError(
+                f"array {name!r} has shape {shape}, expected ({len(joint_pos)}, bodies, {width}) with the root in "
+                f"it, because 'joint_pos' has {joint_pos.shape[1]} columns and not {whole}"
+            )
+    root = _root_index(arrays, robot)
+    fields = (f"body_pos_w[:, {root}]", f"body_quat_w[:, {root}]")
+    return arrays["body_pos_w"][:, root], arrays["body_quat_w"][:, root], joint_pos, fields
+
+
+def _root_index(arrays: dict[str, np.ndarray], robot: Robot) -> int:
+    if "body_names" not in arrays:
+        return 0
+    bodies = [name.removesuffix("_link") for name in strings(arrays["body_names"], "body_names")]
+    root = robot.keypoints[0].removesuffix("_link")
+    if root not in bodies:
+        raise MotionError(f"'body_names' lacks {robot.keypoints[0]!r}, the root of {robot.name!r}")
+    return bodies.index(root)
+
+
+def _scalar_last(arrays: dict[str, np.ndarray]) -> bool:
+    first = arrays.get("scalar_first")
+    return first is not None and first.size == 1 and not bool(first.item())
+
+
+def _fit(
+    bodies: np.ndarray,
+    root_pos: np.ndarray,
+    root_quat: np.ndarray,
+    joint_pos: np.ndarray,
+    order: QuatOrder,
+    names: list[str] | None,
+    options: ReadOptions,
+) -> tuple[QuatOrder, list[str], list[str]]:
+    """Return the orders of quaternion and joints that lead to the recorded bodies, and notes.
+
+    Files of Isaac Lab number joints breadth first, those of MuJoCo depth first, and few say so. With the right
+    orders forward kinematics leads to the recorded bodies, so names and order that a file states are tried as well.
+    """
+    robot = options.robot
+    candidates: dict[str, list[str]] = {}
+    if names is not None:
+        candidates["as named"] = names
+    if joint_pos.shape[1] == robot.num_joints:
+        candidates |= {"depth first": list(robot.joint_names), "breadth first": breadth_first(robot)}
+    if not candidates:
+        raise MotionError(
+            f"no array 'joint_names', and {joint_pos.shape[1]} joints are no robot's whole number; add 'joint_names', "
+            f"{joint_pos.shape[1]} names in the order of the columns of 'joint_pos'"
+        )
+    frames = np.linspace(0, len(joint_pos) - 1, min(len(joint_pos), _CHECKED_FRAMES)).round().astype(int)
+    orders = _ORDERS if options.quat_order is None else (options.quat_order,)
+    errors: dict[tuple[str, QuatOrder], float] = {}
+    for label, listed in candidates.items():
+        if label != "as named" or all(match_joint(name, robot) for name in listed):
+            arranged, _ = arrange_joints(joint_pos[frames], listed, robot, "joint_pos")
+            for which in orders:
+                quat = root_quat[frames][:, [3, 0, 1, 2]] if which == "xyzw" else root_quat[frames]
+                errors[label, which] = _distance(root_pos[frames], quat, arranged, bodies[frames], robot)
+    fitting = [key for key, error in errors.items() if error < _SAME_PLACE]
+    if names is not None:
+        if ("as named", order) in fitting or not fitting:
+            return order, names, []
+        label, found = min(fitting, key=lambda key: (key[0] != "as named", key[1] != order))
+        told = f"the bodies fit quaternion {found} and joints {label if label == 'as named' else f'numbered {label}'}"
+        return found, candidates[label], [told]
+    labels = {label for label, _ in fitting}
+    if len(labels) != 1:
+        found_any = "more than one usual order of joints fits" if labels else "no usual order of joints fits"
+        raise MotionError(
+            f"no array 'joint_names', and {found_any} its 'body_pos_w'; add 'joint_names', {joint_pos.shape[1]} names "
+            "in the order of the columns of 'joint_pos'"
+        )
+    (label,) = labels
+    found = order if (label, order) in fitting else next(which for _, which in fitting)
+    told = f"no joint names, the bodies fit joints numbered {label}"
+    return found, candidates[label], [told, *([] if found == order else [f"the bodies fit quaternion {found}"])]
+
+
+def _distance(
+    root_pos: np.ndarray, root_quat: np.ndarray, joint_pos: np.ndarray, bodies: np.ndarray, robot: Robot
+) -> float:
+    """Return the largest mean distance of a keypoint from the nearest recorded body, whichever that is (m)."""
+    parts = (torch.from_numpy(part.astype(np.float64)) for part in (root_pos, root_quat, joint_pos, bodies))
+    place, quat, joints, recorded = parts
+    quat = quat / quat.norm(dim=-1, keepdim=True).clamp_min(1e-9)
+    pos_w, _ = ForwardKinematics(robot, robot.keypoints)(place, quat, joints)
+    return float(torch.cdist(pos_w, recorded).amin(-1).mean(0).amax())

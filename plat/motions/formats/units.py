@@ -1,0 +1,122 @@
+"""Units and axes of a motion, from what the robot would do in them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from plat.errors import MotionError
+from plat.motions.checks.feet import Soles
+from plat.robots.robot import Robot
+from plat.rotations import quat_multiply
+
+__all__ = ["angles_in_radians", "place_in_metres", "unit_quaternions", "z_up"]
+
+# A quaternion outside of this is no rounding and no averaging, but another column.
+_LENGTHS = (0.8, 1.25)
+_ROUNDING = 1e-2
+# Further than any motion goes in metres, wider than any joint turns in radians.
+_FARTHEST = 1000.0
+_WIDEST = 4 * np.pi
+# Degrees are believed where the joints then stay within this much of their limits (rad).
+_LIMIT_SLACK = 0.35
+# Root height over what the legs need, in a motion in these units. In metres it is about 1.
+_UNITS = {"centimetres": (40.0, 250.0, 0.01), "millimetres": (400.0, 2500.0, 0.001)}
+_HIGHEST = 5.0
+# A root whose local up axis lies along another axis of the world than z, at the height of a standing robot.
+_ALONG = 0.85
+
+
+@dataclass(frozen=True)
+class Converted:
+    """Values in the units that plat works with, and what was done to them, a phrase each."""
+
+    values: np.ndarray
+    notes: tuple[str, ...] = ()
+
+
+def unit_quaternions(quat: np.ndarray, field: str) -> Converted:
+    """Return quaternions ``[T, 4]`` made unit, with a note where they were off by more than rounding.
+
+    Raises:
+        MotionError: when a length says that these are no quaternions.
+    """
+    length = np.linalg.norm(quat, axis=1)
+    frame = int(np.abs(length - 1).argmax())
+    if not _LENGTHS[0] <= length[frame] <= _LENGTHS[1]:
+        raise MotionError(
+            f"the root quaternion of frame {frame} ({field}) has length {length[frame]:.4g}, expected 1; "
+            "is it another column?"
+        )
+    notes: tuple[str, ...] = ()
+    if abs(length[frame] - 1) > _ROUNDING:
+        notes = (f"root quaternions of length {length.min():.3f} to {length.max():.3f} made unit",)
+    return Converted(quat / length[:, None], notes)
+
+
+def angles_in_radians(joint_pos: np.ndarray, robot: Robot) -> Converted:
+    """Return joint angles ``[T, J]`` in radians; degrees are known by values that only degrees can have.
+
+    Raises:
+        MotionError: for angles that are neither.
+    """
+    largest = np.abs(joint_pos).max(initial=0.0)
+    if largest <= _WIDEST:
+        return Converted(joint_pos)
+    low, high = robot.joint_range.double().numpy().T
+    radians = np.deg2rad(joint_pos)
+    if np.maximum(low - radians, radians - high).max() > _LIMIT_SLACK:
+        raise MotionError(f"'joint angles' has values up to {largest:.4g}, expected radians")
+    return Converted(radians, ("joint angles in degrees",))
+
+
+def place_in_metres(root_pos: np.ndarray, joint_pos: np.ndarray, soles: Soles, field: str) -> Converted:
+    """Return root positions ``[T, 3]`` in metres; the unit is known by the height that the legs need.
+
+    Raises:
+        MotionError: for a height that is a standing robot's in no unit.
+    """
+    need = _leg_height(joint_pos, soles)
+    height = float(np.median(root_pos[:, 2]) / need)
+    for unit, (low, high, metres) in _UNITS.items():
+        if low < abs(height) < high:
+            return Converted(
+                root_pos * metres, (f"root position in {unit}: it is {height:.0f} times as high as in metres",)
+            )
+    largest = np.abs(root_pos).max(initial=0.0)
+    if largest > _FARTHEST:
+        raise MotionError(f"{field!r} has values up to {largest:.4g}, expected metres")
+    if abs(height) > _HIGHEST:
+        raise MotionError(
+            f"{field!r} has the root {height * need:.4g} above the floor, expected metres: the legs reach {need:.2f}"
+        )
+    return Converted(root_pos)
+
+
+def z_up(
+    root_pos: np.ndarray, root_quat: np.ndarray, joint_pos: np.ndarray, soles: Soles
+) -> tuple[Converted, Converted]:
+    """Return root positions and quaternions (``wxyz``) in a world whose z axis is up.
+
+    A world whose y axis is up is known by a robot that is upright along it, and as high along it as its legs reach.
+    """
+    w, x, y, z = root_quat.T
+    up_y, up_z = 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)
+    need = _leg_height(joint_pos, soles)
+    height, depth = (np.median(root_pos[:, axis]) / need for axis in (1, 2))
+    stands = any(abs(height / unit - 1) < 0.3 < abs(depth / unit - 1) for unit in (1, 100, 1000))
+    if np.mean(up_y) < _ALONG or abs(np.mean(up_z)) > 1 - _ALONG or not stands:
+        return Converted(root_pos), Converted(root_quat)
+    half = np.sqrt(0.5)
+    turn = np.array([half, half, 0.0, 0.0])
+    quat = quat_multiply(torch.from_numpy(np.tile(turn, (len(root_quat), 1))), torch.from_numpy(root_quat)).numpy()
+    place = np.stack((root_pos[:, 0], -root_pos[:, 2], root_pos[:, 1]), 1)
+    return Converted(place, ("y axis up in the file, turned to z",)), Converted(quat)
+
+
+def _leg_height(joint_pos: np.ndarray, soles: Soles) -> float:
+    """Return the height of the root over the lower sole of an upright robot, median over some frames (m)."""
+    some = joint_pos[np.linspace(0, len(joint_pos) - 1, min(len(joint_pos), 50)).round().astype(int)]
+    qpos = np.concatenate((np.tile([0.0, 0, 0, 1, 0, 0, 0], (len(some), 1)), some), 1)
+    low = soles.points(torch.from_numpy(qpos))[..., 2].amin((-1, -2))
+    return max(0.1, -float(low.median()))

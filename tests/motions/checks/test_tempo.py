@@ -1,0 +1,50 @@
+import numpy as np
+import pytest
+
+from plat.motions import MotionClip, generate_motions, validate_motion
+from plat.motions.checks.tempo import Tempo
+from plat.motions.generation import generate_named
+from plat.robots import G1
+
+
+@pytest.fixture(scope="module")
+def walk() -> MotionClip:
+    """A walk of several steps that plat makes itself."""
+    return next(clip for clip in generate_motions("train", seconds=90) if clip.name.startswith("walk_"))
+
+
+def test_a_walk_fits_its_own_rate(walk):
+    steps = Tempo.of(walk, G1)
+    assert steps is not None
+    assert steps.fits(walk.fps)
+    assert steps.likely_rate == pytest.approx(walk.fps, rel=0.4)
+
+
+@pytest.mark.parametrize("factor", [0.4, 0.5, 2.0, 4.0])
+def test_a_wrong_rate_is_seen(walk, factor):
+    wrong = MotionClip("walk", walk.qpos, factor * walk.fps)
+    steps = Tempo.of(wrong, G1)
+    assert not steps.fits(wrong.fps)
+    report = validate_motion(wrong)
+    assert report.tempo == pytest.approx(factor, rel=0.4)
+    assert report.verdict != "use"
+    assert any("is its frame rate right?" in reason for reason in report.reasons)
+    assert validate_motion(walk).verdict == "use"
+
+
+def test_what_does_not_walk_has_no_tempo():
+    standing = np.tile(G1.default_qpos, (60, 1))
+    assert Tempo.of(MotionClip("standing", standing, 30.0), G1) is None
+    in_place = [clip for clip in generate_named("generated:val") if clip.name.startswith(("reach", "bow"))]
+    assert in_place
+    assert all(Tempo.of(clip, G1) is None for clip in in_place)
+
+
+def test_the_rates_of_real_gaits(shared_data):
+    from plat.motions import load_motions
+
+    clips = load_motions(shared_data / "motions" / "bandai_val.npz")
+    steps = [Tempo.of(clip, G1) for clip in clips]
+    found = [one.fits(30.0) for one in steps if one is not None]
+    assert len(found) > 50
+    assert sum(found) >= 0.98 * len(found)

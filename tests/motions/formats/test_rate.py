@@ -1,0 +1,43 @@
+import pytest
+
+from plat.errors import MotionError
+from plat.motions.formats.rate import rates_in_name, without_rates
+
+
+@pytest.mark.parametrize(
+    ("name", "rates"),
+    [
+        ("walk_60hz", [60]),
+        ("walk.bvh_60hz", [60]),
+        ("walk_60Hz", [60]),
+        ("walk 60 Hz", [60]),
+        ("walk_fps60", [60]),
+        ("walk_60_fps", [60]),
+        ("walk_fps120_v2", [120]),
+        ("walk@60", [60]),
+        ("walk60fps", [60]),
+        ("walk-60FPS", [60]),
+        ("walk_60.0fps", [60]),
+        ("walk_29.97fps_x", [29.97]),
+        ("walk_frame_rate=25", [25]),
+        ("walk_120fps_to_30fps", [120, 30]),
+        ("30fps_walk_120fps", [30, 120]),
+        ("60fps_walk_fps60", [60]),
+        ("G1_Take_102", []),
+        ("walk_60", []),
+        ("dance1_subject2", []),
+        ("3hzwalk", []),
+    ],
+)
+def test_rates_that_a_name_states(name, rates):
+    assert rates_in_name(name) == rates
+
+
+def test_no_frames_a_second_are_refused():
+    with pytest.raises(MotionError, match="its name states 0 frames a second"):
+        rates_in_name("walk_0fps")
+
+
+def test_the_rest_of_the_name():
+    assert without_rates("walk_60hz") == "walk"
+    assert without_rates("60fps") == "60fps"

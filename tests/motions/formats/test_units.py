@@ -1,0 +1,86 @@
+import numpy as np
+import pytest
+import torch
+
+from plat.errors import MotionError
+from plat.motions.checks.feet import Soles
+from plat.motions.formats.units import angles_in_radians, place_in_metres, unit_quaternions, z_up
+from plat.robots import G1
+from plat.rotations import quat_multiply
+from tests.motions.formats.writers import bowing_clip
+
+SOLES = Soles(G1)
+QPOS = bowing_clip(heading=0.4).qpos.astype(np.float64)
+PLACE, QUAT, JOINTS = QPOS[:, :3], QPOS[:, 3:7], QPOS[:, 7:]
+
+
+def test_what_is_right_stays_as_it_is():
+    assert unit_quaternions(QUAT, "rot").notes == ()
+    for found, values in (
+        (angles_in_radians(JOINTS, G1), JOINTS),
+        (place_in_metres(PLACE, JOINTS, SOLES, "pos"), PLACE),
+        *zip(z_up(PLACE, QUAT, JOINTS, SOLES), (PLACE, QUAT), strict=True),
+    ):
+        assert found.notes == ()
+        np.testing.assert_array_equal(found.values, values)
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(100, "centimetres"), (1000, "millimetres")])
+def test_places_in_other_units(factor, unit):
+    found = place_in_metres(factor * PLACE, JOINTS, SOLES, "pos")
+    np.testing.assert_allclose(found.values, PLACE)
+    assert f"root position in {unit}" in found.notes[0]
+
+
+def test_a_height_in_no_unit_is_refused():
+    with pytest.raises(MotionError, match="'pos' has the root 10.* above the floor, expected metres: the legs"):
+        place_in_metres(PLACE + np.array([0, 0, 10]), JOINTS, SOLES, "pos")
+    with pytest.raises(MotionError, match="'pos' has values up to 5e[+]04, expected metres"):
+        place_in_metres(PLACE + np.array([5e4, 0, 0]), JOINTS, SOLES, "pos")
+
+
+@pytest.mark.parametrize("height", [-0.7, 0.0, 0.15, 1.0])
+def test_floating_and_sunk_clips_are_in_metres(height):
+    assert place_in_metres(PLACE + np.array([0, 0, height]), JOINTS, SOLES, "pos").notes == ()
+
+
+def test_degrees():
+    found = angles_in_radians(np.rad2deg(JOINTS), G1)
+    np.testing.assert_allclose(found.values, JOINTS)
+    assert found.notes == ("joint angles in degrees",)
+    with pytest.raises(MotionError, match="'joint angles' has values up to 5.*, expected radians"):
+        angles_in_radians(np.rad2deg(JOINTS) + 500, G1)
+
+
+@pytest.mark.parametrize("length", [0.82, 0.96, 1.04, 1.2])
+def test_quaternions_that_were_averaged(length):
+    found = unit_quaternions(length * QUAT, "rot")
+    np.testing.assert_allclose(found.values, QUAT, atol=1e-7)
+    assert f"root quaternions of length {length:.3f} to {length:.3f} made unit" in found.notes
+
+
+@pytest.mark.parametrize("length", [0.0, 0.5, 2.0])
+def test_what_cannot_be_a_quaternion_is_refused(length):
+    quat = QUAT.copy()
+    quat[7] *= length
+    with pytest.raises(MotionError, match=rf"quaternion of frame 7 \(rot\) has length {length:g}, expected 1"):
+        unit_quaternions(quat, "rot")
+
+
+@pytest.mark.parametrize("unit", [1, 100])
+def test_a_world_whose_y_axis_is_up(unit):
+    half = np.sqrt(0.5)
+    turn = torch.tensor([half, -half, 0, 0], dtype=torch.float64).expand(len(QUAT), 4)
+    quat = quat_multiply(turn, torch.from_numpy(QUAT)).numpy()
+    place = unit * np.stack((PLACE[:, 0], PLACE[:, 2], -PLACE[:, 1]), 1)
+    upright, turned = z_up(place, quat, JOINTS, SOLES)
+    np.testing.assert_allclose(upright.values, unit * PLACE, atol=1e-9)
+    np.testing.assert_allclose(turned.values, QUAT, atol=1e-9)
+    assert upright.notes == ("y axis up in the file, turned to z",)
+
+
+def test_who_lies_stays_lying():
+    quat = np.tile([np.sqrt(0.5), 0, np.sqrt(0.5), 0], (len(QUAT), 1))
+    place = np.tile([0.0, 0.0, 0.1], (len(QUAT), 1))
+    assert z_up(place, quat, JOINTS, SOLES)[0].notes == ()
+    assert place_in_metres(place, JOINTS, SOLES, "pos").notes == ()
