@@ -1,5 +1,6 @@
 import pytest
 import torch
+from torchrl.envs import Transform
 from torchrl.envs.utils import check_env_specs
 
 from plat.envs import (
@@ -14,7 +15,13 @@ from plat.envs import (
     make_tracking_env,
     privileged_keys,
 )
-from plat.envs.transforms import NoiseLevels, RandomizationRanges, pop_statistics
+from plat.envs.transforms import (
+    FailureWeightedStarts,
+    NoiseLevels,
+    ObservationTransform,
+    RandomizationRanges,
+    pop_statistics,
+)
 
 EVERYTHING = {"noise": NoiseLevels(), "randomization": RandomizationRanges()}
 
@@ -83,3 +90,33 @@ def test_a_tracker_may_be_shown_several_frames(library):
         wanted = library.poses((frame + ahead).minimum(library.last_frame[frame]))
         assert torch.equal(state[group, "joint_pos"], wanted["joint_pos"])
         assert state[group, "keypoint_pos_b"].shape == (3, 42)
+
+
+class RootSpeed(ObservationTransform):
+    """An observation of somebody else's."""
+
+    def __init__(self):
+        super().__init__([("robot", "root_lin_vel_b")], {("own", "speed"): (1,)})
+
+    def compute(self, tensordict):
+        return {("own", "speed"): tensordict["robot", "root_lin_vel_b"].norm(dim=-1, keepdim=True)}
+
+
+class Sink(Transform):
+    """An ending of somebody else's."""
+
+    def _step(self, tensordict, next_tensordict):
+        next_tensordict["terminated"] = next_tensordict["terminated"] | True
+        next_tensordict["done"] = next_tensordict["terminated"]
+        return next_tensordict
+
+
+@pytest.mark.parametrize("make", [make_tracking_env, make_keyframe_env])
+def test_transforms_of_ones_own(library, make):
+    env = make(library, 3, transforms=[RootSpeed(), Sink()])
+    rollout = env.rollout(2, break_when_any_done=False)
+    speed = rollout["robot", "root_lin_vel_b"].norm(dim=-1, keepdim=True)
+    torch.testing.assert_close(rollout["own", "speed"], speed)
+    assert rollout["next", "terminated"].all()
+    starts = next(transform for transform in env.transform if isinstance(transform, FailureWeightedStarts))
+    assert starts.failures.sum() > 0  # it hears of failures that end an episode

@@ -12,7 +12,7 @@ from torchrl.envs import Transform
 
 from plat.envs.goals import robot_centric_goal
 from plat.envs.transforms.base import ObservationTransform
-from plat.errors import MotionError
+from plat.errors import MotionError, TaskError
 from plat.keyframes import MAX_STEPS, WINDOW
 from plat.motions.library import MotionLibrary
 from plat.spec.observation import as_observed, entry_shapes
@@ -29,7 +29,7 @@ class Horizon:
 
     def __post_init__(self) -> None:
         if not 1 <= self.shortest <= self.longest <= MAX_STEPS:
-            raise ValueError(
+            raise TaskError(
                 f"horizon: {self.shortest} to {self.longest} steps, expected 1 <= shortest <= longest <= {MAX_STEPS}"
             )
 

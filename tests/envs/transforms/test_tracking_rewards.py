@@ -5,6 +5,7 @@ import pytest
 import torch
 from tensordict import TensorDict
 
+from plat.envs import KeyframeTaskConfig, TrackingTaskConfig
 from plat.envs.transforms import (
     DenseRewards,
     KeyframeRewards,
@@ -14,7 +15,7 @@ from plat.envs.transforms import (
     TrackingTerm,
 )
 from plat.robots import G1
-from plat.rotations import quat_from_rotvec
+from plat.rotations import quat_angle, quat_from_rotvec
 
 DT = 0.02
 N, K = 3, 14
@@ -153,3 +154,111 @@ def test_factor_scales_all_terms_and_rewards_add_up():
     groups = RewardGroup(2.0, DenseRewards().rewards(G1)), RewardGroup(3.0, KeyframeRewards().rewards(G1))
     Rewards(groups, DT)._step(before(), after)
     assert float(after["reward"][0]) / DT == pytest.approx(2 * 7.0 + 3 * 2.5)
+
+
+def noisy_step(count: int = 64) -> tuple[TensorDict, TensorDict]:
+    """A step with every error that is rewarded."""
+
+    def quats() -> torch.Tensor:
+        return quat_from_rotvec(0.3 * torch.randn(count, K, 3))
+
+    state = {
+        "joint_pos": torch.randn(count, 29),
+        "joint_torque": 30 * torch.randn(count, 29),
+        "keypoint_pos_w": 0.3 * torch.randn(count, K, 3),
+        "keypoint_quat_w": quats(),
+        "keypoint_lin_vel_w": torch.randn(count, K, 3),
+        "keypoint_ang_vel_w": torch.randn(count, K, 3),
+        "foot_force": 1000 * torch.rand(count, 2),
+        "stray_contacts": torch.randint(0, 3, (count, 1)).float(),
+    }
+    reference = {
+        "joint_pos": torch.randn(count, 29),
+        "keypoint_pos_w": 0.3 * torch.randn(count, K, 3),
+        "keypoint_pos_aligned_w": 0.3 * torch.randn(count, K, 3),
+        "keypoint_quat_w": quats(),
+        "keypoint_quat_aligned_w": quats(),
+        "keypoint_lin_vel_w": torch.randn(count, K, 3),
+        "keypoint_ang_vel_w": torch.randn(count, K, 3),
+    }
+    command = {"in_window": torch.rand(count, 1) < 0.5}
+    after = {"state": state, "reference": reference, "command": command, "reward": torch.zeros(count, 1)}
+    act = {"action": 0.1 * torch.randn(count, 29), "robot": {"last_action": 0.1 * torch.randn(count, 29)}}
+    return TensorDict(act, [count]), TensorDict(after, [count])
+
+
+def expected_reward(config: KeyframeTaskConfig, before: TensorDict, after: TensorDict) -> torch.Tensor:
+    """Rewards of stage 3 written out, in the order in which version 0.1 added them up."""
+    state, reference, anchor = after["state"], after["reference"], G1.anchor_index
+
+    def kernel(term: TrackingTerm, squared_error: torch.Tensor) -> torch.Tensor:
+        return term.weight * torch.exp(squared_error / -(term.scale**2))
+
+    def distance(entry: str, reference_entry: str) -> torch.Tensor:
+        return (state[entry] - reference[reference_entry]).square().flatten(1).sum(-1) / K
+
+    joint = (state["joint_pos"] - reference["joint_pos"]).square().mean(-1)
+    anchor_pos = (state["keypoint_pos_w"][:, anchor] - reference["keypoint_pos_w"][:, anchor]).square().sum(-1)
+    anchor_rot = quat_angle(state["keypoint_quat_w"][:, anchor], reference["keypoint_quat_w"][:, anchor]).square()
+    rot = quat_angle(state["keypoint_quat_w"], reference["keypoint_quat_aligned_w"]).square().mean(-1)
+    dense = [
+        kernel(config.dense.anchor_pos, anchor_pos),
+        kernel(config.dense.anchor_rot, anchor_rot),
+        kernel(config.dense.keypoint_pos, distance("keypoint_pos_w", "keypoint_pos_aligned_w")),
+        kernel(config.dense.keypoint_rot, rot),
+        kernel(config.dense.keypoint_lin_vel, distance("keypoint_lin_vel_w", "keypoint_lin_vel_w")),
+        kernel(config.dense.keypoint_ang_vel, distance("keypoint_ang_vel_w", "keypoint_ang_vel_w")),
+        kernel(config.dense.joint_pos, joint),
+    ]
+    in_window = after["command", "in_window"][:, 0]
+    sparse = [
+        kernel(config.sparse.joint_pos, joint) * in_window,
+        kernel(config.sparse.keypoint_pos, distance("keypoint_pos_w", "keypoint_pos_w")) * in_window,
+        kernel(config.sparse.anchor_rot, anchor_rot) * in_window,
+    ]
+    low, high = G1.joint_range.unbind(-1)
+    middle, half = G1.joint_range.mean(-1), 0.5 * (high - low)
+    soft = config.regularization.soft_limit * half
+    excess = ((middle - soft) - state["joint_pos"]).clamp_min(0) + (state["joint_pos"] - (middle + soft)).clamp_min(0)
+    weights = config.regularization
+    penalties = [
+        weights.action_rate * (before["action"] - before["robot", "last_action"]).square().sum(-1),
+        weights.joint_limit * excess.sum(-1),
+        weights.stray_contact * state["stray_contacts"][:, 0],
+    ]
+    total = torch.stack(penalties).sum(0)
+    penalties = [penalty * (weights.floor / total.clamp_max(weights.floor)) for penalty in penalties]
+    reward = torch.zeros_like(joint)
+    for weight, terms in (
+        (config.dense_weight, dense),
+        (config.sparse_weight, sparse),
+        (config.regularization_weight, penalties),
+    ):
+        reward = reward + (weight * DT) * torch.stack(terms).sum(0)
+    return reward
+
+
+# the settings of recipes/refine.py, and the defaults
+REFINE = KeyframeTaskConfig(
+    dense_weight=0.3,
+    sparse_weight=20.0,
+    dense=DenseRewards(anchor_pos=TrackingTerm(2.0, 0.3)),
+    sparse=KeyframeRewards(joint_pos=TrackingTerm(1.0, 0.1), keypoint_pos=TrackingTerm(1.0, 0.1)),
+)
+
+
+@pytest.mark.parametrize("config", [KeyframeTaskConfig(), REFINE], ids=["default", "refine"])
+def test_the_default_rewards_are_bit_for_bit_those_of_the_shipped_policies(config):
+    action_and_state, after = noisy_step()
+    expected = expected_reward(config, action_and_state, after)
+    paid = Rewards(config.rewards(G1), DT)._step(action_and_state, after)["reward"][:, 0]
+    assert torch.equal(paid, expected)
+    assert paid.std() > 0
+
+
+def test_the_rewards_of_stage_one_are_those_of_stage_three_without_keyframes():
+    action_and_state, after = noisy_step()
+    dense = DenseRewards(anchor_pos=TrackingTerm(3.0, 0.4))  # as in recipes/expert.py
+    expected = expected_reward(KeyframeTaskConfig(dense=dense, sparse_weight=0), action_and_state, after)
+    paid = Rewards(TrackingTaskConfig(dense=dense).rewards(G1), DT)._step(action_and_state, after)["reward"][:, 0]
+    assert torch.equal(paid, expected)
