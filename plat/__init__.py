@@ -1,8 +1,11 @@
 """plat: sparse timed keyframe control of humanoids, from composable TorchRL components."""
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 from plat.moved import install
+
+if TYPE_CHECKING:
+    from plat.runs import Policy
 from plat.version import __version__ as __version__
 
 install()
@@ -20,7 +23,7 @@ else:
     )
 
 
-def load(name: str, device: str = "cpu") -> Any:
+def load(name: str, device: str = "cpu") -> "Policy":
     """A trained policy that comes with plat, as :func:`plat.runs.load_policy` loads one of your own.
 
     Args:

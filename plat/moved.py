@@ -29,6 +29,7 @@ MOVED = {
     "plat.playing.errors": "plat.control.pose_errors",
     "plat.playing": "plat.control",
     "plat.export.robot": "plat.robots.describe",
+    "plat.training.saving": "plat.runs.saved_run",
     "plat.training": "plat.runs",
     "plat.rendering.bars": "plat.figures.bars",
     "plat.rendering.figures": "plat.figures.pyplot",

@@ -35,7 +35,7 @@ from plat.evaluation.table import rows as table_rows
 from plat.figures import pyplot
 from plat.files import replace_file
 from plat.motions import MotionLibrary
-from plat.runs import log_table, read_json, report_errors, start_logging
+from plat.runs import SavedRun, log_table, report_errors, start_logging
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,8 +206,7 @@ def train(recipe: AblationsRecipe) -> None:
 
 def steps_of(run: Path) -> int:
     """Steps of a finished run; 0 where there is none."""
-    config = run / "config.json"
-    return int(read_json(config).get("finished", {}).get("steps", 0)) if config.exists() else 0
+    return SavedRun(run).steps if (run / "config.json").exists() else 0
 
 
 def released_rows(trackers: ReleasedTrackers) -> dict[str, list[Candidate]]:

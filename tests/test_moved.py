@@ -20,12 +20,12 @@ def test_old_paths_are_the_new_modules_and_warn(old: str) -> None:
 
 
 def test_submodules_are_not_run_again() -> None:
-    import plat.runs.saving
+    import plat.runs.budget
 
-    with pytest.warns(FutureWarning, match=r"plat\.training\.saving is now"):
-        alias = importlib.import_module("plat.training.saving")
-    assert alias is plat.runs.saving
-    assert alias.__spec__.name == "plat.runs.saving"
+    with pytest.warns(FutureWarning, match=r"plat\.training\.budget is now"):
+        alias = importlib.import_module("plat.training.budget")
+    assert alias is plat.runs.budget
+    assert alias.__spec__.name == "plat.runs.budget"
 
 
 def test_names_that_moved_out_of_envs_warn() -> None:

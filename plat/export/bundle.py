@@ -22,7 +22,7 @@ from plat.export.network import JointTargetNetwork
 from plat.export.onnx_file import onnx_model
 from plat.keyframes import Keyframe
 from plat.modules import Expert, ObservationNormalizer
-from plat.runs.saving import load_policy, read_json
+from plat.runs import SavedRun
 
 __all__ = ["EXAMPLE_FILE", "TOLERANCE", "ExportCheck", "export_bundle"]
 
@@ -52,21 +52,23 @@ def export_bundle(run: str | Path, out: str | Path) -> ExportCheck:
         out: folder to make.
 
     Raises:
-        CheckpointError: when the run cannot be read.
-        BundleError: when ``out`` is there already, the run holds an expert, the disk does not take the files, a package
-            is missing, or the exported network and torch differ by more than :data:`TOLERANCE`.
+        CheckpointError: when the run or its scores cannot be read.
+        BundleError: when ``out`` is there already, the run holds an expert or a policy that reads more than a robot
+            observes, the disk does not take the files, a package is missing, or the exported network and torch differ
+            by more than :data:`TOLERANCE`.
     """
     run, out = Path(run), Path(out)
     if out.exists():
         raise BundleError(f"{str(out)!r} is there already: choose another --out or remove it")
-    policy = load_policy(run)
+    saved = SavedRun(run)
+    policy = saved.policy()
     if isinstance(policy, Expert):
         raise BundleError(
             f"{str(run)!r} holds an expert, which follows dense reference motion, expected a policy that chases "
             "keyframes: a run of recipes/distill.py or recipes/refine.py"
         )
     network = JointTargetNetwork(policy).eval()
-    bundle = describe_policy(policy, run)
+    bundle = describe_policy(policy, saved)
     content = bundle.to_json()
     model = onnx_model(network, network.num_features, {METADATA_KEY: content})
     part: Path | None = None
@@ -76,7 +78,7 @@ def export_bundle(run: str | Path, out: str | Path) -> ExportCheck:
         (part / NETWORK_FILE).write_bytes(model.SerializeToString())
         (part / BUNDLE_FILE).write_text(content, encoding="utf-8")
         check = _check(part / NETWORK_FILE, network)
-        card = model_card(bundle, read_json(run / "config.json"), check.max_difference)
+        card = model_card(bundle, saved.settings, check.max_difference)
         (part / CARD_FILE).write_text(card, encoding="utf-8")
         example = _example(part, network, bundle)
         (part / EXAMPLE_FILE).write_text(readable_json(example), encoding="utf-8")
@@ -93,9 +95,11 @@ def export_bundle(run: str | Path, out: str | Path) -> ExportCheck:
 @torch.no_grad()
 def _check(path: Path, network: JointTargetNetwork) -> ExportCheck:
     """Compare on observations as they come in training, one by one and all at once."""
-    normalizer = next(part for part in network.parts if isinstance(part, ObservationNormalizer))
-    noise = torch.randn(_CHECKED_ROWS, network.num_features, generator=torch.Generator().manual_seed(0))
-    observation = normalizer.mean + normalizer.var.sqrt() * noise
+    observation = torch.randn(_CHECKED_ROWS, network.num_features, generator=torch.Generator().manual_seed(0))
+    for part in network.parts:
+        if isinstance(part, ObservationNormalizer) and part.mean.shape == observation.shape[1:]:
+            observation = part.mean + part.var.sqrt() * observation
+            break
     session = open_session(path)
     batch = session.run([OUTPUT], {INPUT: observation.numpy()})[0]
     single = np.concatenate([session.run([OUTPUT], {INPUT: row[None].numpy()})[0] for row in observation])

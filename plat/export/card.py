@@ -19,16 +19,15 @@ send(command.position, command.stiffness, command.damping)
 ```"""
 
 
-def model_card(bundle: Bundle, config: Mapping[str, Any], max_difference: float) -> str:
+def model_card(bundle: Bundle, settings: Mapping[str, Any], max_difference: float) -> str:
     """Markdown that says what the policy is, how it was made, how well it does, and what it was not made for.
 
     Args:
         bundle: what the bundle says about itself.
-        config: content of the run's ``config.json``.
+        settings: of the recipe that made the run.
         max_difference: of a joint target between exported and torch policy (rad).
     """
     robot, training = bundle.robot, bundle.training
-    settings = config.get("recipe", {}).get("settings", {})
     motions = ", ".join(f"`{name}`" for name in settings.get("motions", ())) or "unknown"
     made_by = "an unknown recipe" if training.recipe is None else f"`recipes/{training.recipe}.py`"
     parts = [
@@ -51,7 +50,7 @@ def model_card(bundle: Bundle, config: Mapping[str, Any], max_difference: float)
 
 def _score_table(scores: tuple[Score, ...] | None) -> str:
     if scores is None:
-        return "None: the run directory held no `evaluation.csv`."
+        return "None: no `evaluation.csv` in the run directory, or beside it, holds rows of this run."
     figures = {(score.horizon, score.metric): score for score in scores}
     lines = ["| commands | " + " | ".join(title for _, title, _ in _COLUMNS) + " |", "|---|" + "---|" * len(_COLUMNS)]
     for horizon in dict.fromkeys(score.horizon for score in scores):

@@ -7,9 +7,10 @@ from tensordict import NestedKey
 from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequential
 from torch import Tensor, nn
 
+from plat.errors import BundleError
 from plat.modules import ObservationNormalizer
 from plat.modules.lead import LEAD_KEYS, KeyframeShift
-from plat.runs.saving import Policy
+from plat.runs.policies import Policy
 from plat.spec.observation import entry_shapes, student_keys
 
 __all__ = ["JointTargetNetwork"]
@@ -55,10 +56,29 @@ class JointTargetNetwork(nn.Module):
                 shifts[axis, columns.start + axis : columns.stop : 3] = 1.0
         self.register_buffer("shifts", shifts)
         steps = list(_steps(policy.deployed()))
+        self._check(steps)
         self._keys = [(step.in_keys, step.out_keys) for step in steps]
         self.parts = nn.ModuleList(step.module for step in steps)
         self.register_buffer("default_joint_pos", robot.default_joint_pos.clone())
         self.register_buffer("action_scale", robot.action_scale.clone())
+
+    def _check(self, steps: list[TensorDictModule]) -> None:
+        """Raise a :class:`BundleError` for steps that are no functions of a robot's observation."""
+        known = set(self._slices)
+        for step in steps:
+            if not isinstance(step, TensorDictModule):
+                raise BundleError(
+                    f"the deployed policy holds a {type(step).__name__}; only TensorDictModule and sequences of it "
+                    "are exported"
+                )
+            if unknown := [key for key in step.in_keys if key not in known]:
+                raise BundleError(
+                    f"the deployed policy reads {unknown[0]!r}, which a robot does not observe; expected some of "
+                    f"{student_keys()}"
+                )
+            known |= set(step.out_keys)
+        if "action" not in known:
+            raise BundleError("the deployed policy writes no 'action'")
 
     def forward(self, observation: Tensor) -> Tensor:
         """Joint position targets ``[*B, J]`` (rad) for observations ``[*B, F]`` in the order of ``student_keys()``."""

@@ -30,7 +30,7 @@ def onnx_model(network: nn.Module, num_features: int, metadata: Mapping[str, str
         metadata: goes to the model's ``metadata_props``.
 
     Raises:
-        BundleError: when onnx or onnxscript is not installed.
+        BundleError: when onnx or onnxscript is not installed, or the network does what ONNX cannot.
     """
     if not (find_spec("onnx") and find_spec("onnxscript")):
         raise BundleError("exporting needs: pip install 'plat-rl[export]'")
@@ -40,17 +40,21 @@ def onnx_model(network: nn.Module, num_features: int, metadata: Mapping[str, str
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        program = torch.onnx.export(
-            network,
-            (torch.zeros(2, num_features),),
-            dynamo=True,
-            dynamic_shapes=({0: torch.export.Dim("batch", min=1)},),
-            input_names=[INPUT],
-            output_names=[OUTPUT],
-            opset_version=OPSET,
-            external_data=False,
-            verbose=False,
-        )
+        try:
+            program = torch.onnx.export(
+                network,
+                (torch.zeros(2, num_features),),
+                dynamo=True,
+                dynamic_shapes=({0: torch.export.Dim("batch", min=1)},),
+                input_names=[INPUT],
+                output_names=[OUTPUT],
+                opset_version=OPSET,
+                external_data=False,
+                verbose=False,
+            )
+        except torch.onnx.OnnxExporterError as error:
+            cause = str(error.__cause__ or error).strip().splitlines()[0]
+            raise BundleError(f"torch cannot write this policy as ONNX ({cause})") from error
     assert program is not None  # it is None only when a file name is given to the old exporter
     model = program.model_proto
     graph = model.graph

@@ -1,17 +1,23 @@
 """What the recipes share: run directories, budgets, metrics files, saved policies."""
 
 from plat.runs.budget import Budget
+from plat.runs.json_object import read_json, write_json
 from plat.runs.loggers import check_logger, log_table, log_video, start_logging
 from plat.runs.metrics import MetricsFile
+from plat.runs.policies import Policy, policy_spec, register_policy
 from plat.runs.recipe import RecipeConfig, default_device, report_errors
 from plat.runs.run import Run
-from plat.runs.saving import load_policy, policy_spec, read_json, register_policy, save_weights, write_json
+from plat.runs.saved_run import RunScore, SavedRun, load_policy, save_weights
+from plat.runs.shipped import shipped_runs
 
 __all__ = [
     "Budget",
     "MetricsFile",
+    "Policy",
     "RecipeConfig",
     "Run",
+    "RunScore",
+    "SavedRun",
     "check_logger",
     "default_device",
     "load_policy",
@@ -22,6 +28,7 @@ __all__ = [
     "register_policy",
     "report_errors",
     "save_weights",
+    "shipped_runs",
     "start_logging",
     "write_json",
 ]

@@ -30,9 +30,11 @@ from torchrl.checkpoint import CheckpointError as TorchRLCheckpointError
 
 from plat.errors import CheckpointError
 from plat.runs.budget import Budget
+from plat.runs.json_object import read_json, write_json
 from plat.runs.loggers import LoggerName, check_logger, log_video, start_logging
 from plat.runs.metrics import MetricsFile
-from plat.runs.saving import complete_spec, policy_spec, read_json, save_weights, write_json
+from plat.runs.policies import complete_spec, policy_spec
+from plat.runs.saved_run import CONFIG_FILE, WEIGHTS_FILE, save_weights
 from plat.version import __version__
 
 __all__ = ["Run"]
@@ -77,7 +79,7 @@ class Run:
         self.policy = policy
         self.budget = budget
         self._save_every = save_every
-        config_path = folder / "config.json"
+        config_path = folder / CONFIG_FILE
         self._rotation = CheckpointRotation(folder / "checkpoints", keep_last=2)
         # plain files in torch's own format, read back with weights_only: a full disk is then an error and not a
         # crash, and loading runs no code
@@ -110,7 +112,7 @@ class Run:
         self._last_line = 0.0
 
     def _restore(self, config: Mapping[str, Any]) -> None:
-        path = self.folder / "config.json"
+        path = self.folder / CONFIG_FILE
         before = read_json(path)
         if complete_spec(before.get("policy"), path) != config["policy"]:
             raise CheckpointError(
@@ -167,13 +169,13 @@ class Run:
                 f"{str(self._rotation.directory)!r}: a checkpoint could not be written ({error}); "
                 "the one before it is intact, go on from it with --resume"
             ) from error
-        save_weights(self.folder / "model.safetensors", self.policy)
+        save_weights(self.folder / WEIGHTS_FILE, self.policy)
         self._last_save = time.monotonic()
 
     def finish(self) -> None:
         """Last checkpoint, a note in ``config.json`` of how far training went, and the end of the logs."""
         self.save()
-        path = self.folder / "config.json"
+        path = self.folder / CONFIG_FILE
         write_json(path, {**read_json(path), "finished": self.budget.state_dict()})
         for run in self._tracked:
             run.finish()

@@ -1,12 +1,12 @@
 """The weights that come with plat."""
 
 from pathlib import Path
-from typing import Any
 
 import torch
 
 from plat.errors import CheckpointError
-from plat.runs.saving import load_policy, read_json
+from plat.runs.policies import Policy
+from plat.runs.saved_run import SavedRun
 
 __all__ = ["load_shipped", "shipped_runs"]
 
@@ -19,14 +19,14 @@ def shipped_runs() -> dict[str, Path]:
     >>> sorted(shipped_runs())
     [..., 'plat-g1', 'plat-generated-g1']
     """
-    configs = sorted(_FOLDER.glob("*/config.json"))
-    return {f"{path.parent.name}-{read_json(path)['policy']['robot']}": path.parent for path in configs}
+    runs = (SavedRun(path.parent) for path in sorted(_FOLDER.glob("*/config.json")))
+    return {f"{run.name}-{run.robot}": run.folder for run in runs}
 
 
-def load_shipped(name: str, device: torch.device | str = "cpu") -> Any:
+def load_shipped(name: str, device: torch.device | str = "cpu") -> Policy:
     """The policy of that name; see :func:`plat.load`."""
     runs = shipped_runs()
     if name not in runs:
         known = ", ".join(repr(run) for run in runs) or "none: this installation of plat has no weights"
         raise CheckpointError(f"no weights called {name!r} come with plat, only {known}")
-    return load_policy(runs[name], device)
+    return SavedRun(runs[name]).policy(device)

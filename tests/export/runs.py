@@ -20,7 +20,7 @@ from plat.modules import (
     ResidualLatentPolicy,
 )
 from plat.robots import G1
-from plat.runs.saving import policy_spec, save_weights, write_json
+from plat.runs import policy_spec, save_weights, write_json
 
 KINDS = (
     "latent",

@@ -3,10 +3,15 @@ import json
 import numpy as np
 import pytest
 import torch
+from tensordict.nn import TensorDictModule
 
 from plat.deploy import PolicyRunner, RobotState
 from plat.errors import BundleError
 from plat.export import JointTargetNetwork, export_bundle
+from plat.modules import PlainPolicy, PlainPolicyConfig
+from plat.robots import G1
+from plat.runs import register_policy
+from plat.runs.policies import _KINDS
 from tests.export.runs import KINDS, small_policy, write_run
 
 pytest.importorskip("onnx")
@@ -42,6 +47,42 @@ def test_the_same_run_gives_the_same_files(tmp_path):
         export_bundle(run, tmp_path / name)
     for path in (tmp_path / "a").iterdir():
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
+
+
+def test_a_renamed_run_keeps_its_scores(tmp_path):
+    run = write_run(tmp_path / "run", small_policy("plain"))
+    (run / "evaluation.csv").write_text("policy,horizon,metric,value,low,high\nrun,long,tks,99.5,99.25,99.75\n")
+    export_bundle(run.rename(tmp_path / "renamed"), tmp_path / "bundle")
+    assert "| long | 99.5 (99.2-99.8) |" in (tmp_path / "bundle" / "README.md").read_text()
+
+
+class OwnStudent(PlainPolicy):
+    """Of a user."""
+
+
+class Threshold(torch.nn.Module):
+    def forward(self, goal: torch.Tensor) -> torch.Tensor:
+        return (goal > 0).float()
+
+
+class OwnPolicy(torch.nn.Module):
+    """Of a user: no part of plat's, no normalizer."""
+
+    def __init__(self, robot, config=None):
+        super().__init__()
+        self.robot, self.config = robot, config or PlainPolicyConfig()
+
+    def deployed(self):
+        return TensorDictModule(Threshold(), [("goal", "joint_pos")], ["action"])
+
+
+@pytest.mark.parametrize("policy_class", [OwnStudent, OwnPolicy])
+def test_a_registered_class_is_exported(tmp_path, monkeypatch, policy_class):
+    monkeypatch.setattr("plat.runs.policies._KINDS", dict(_KINDS))
+    register_policy("own", policy_class, PlainPolicyConfig)
+    check = export_bundle(write_run(tmp_path / "run", policy_class(G1)), tmp_path / "bundle")
+    assert check.max_difference < 1e-4
+    assert json.loads((tmp_path / "bundle" / "bundle.json").read_text())["policy"]["kind"] == "own"
 
 
 def test_an_expert_is_refused(tmp_path):

@@ -5,17 +5,18 @@ import pytest
 from plat.deploy import Bundle, Score
 from plat.export.card import model_card
 from plat.export.facts import describe_policy
+from plat.runs import SavedRun
 from tests.export.runs import small_policy, write_run
 
 
 @pytest.fixture
 def bundle(tmp_path) -> Bundle:
     policy = small_policy("residual_latent")
-    return describe_policy(policy, write_run(tmp_path / "chaser", policy))
+    return describe_policy(policy, SavedRun(write_run(tmp_path / "chaser", policy)))
 
 
 def card(bundle: Bundle, **task: object) -> str:
-    return model_card(bundle, {"recipe": {"settings": {"motions": ["clips.npz"], "task": task}}}, 3e-7)
+    return model_card(bundle, {"motions": ["clips.npz"], "task": task}, 3e-7)
 
 
 def test_says_what_it_is_and_where_it_comes_from(bundle):
@@ -36,7 +37,7 @@ def test_a_table_of_scores(bundle):
     scores = (Score("long", "tks", 99.5, 99.25, 99.75), Score("long", "mpjpe", 0.1, 0.09, 0.11))
     text = card(dataclasses.replace(bundle, scores=scores))
     assert "| long | 99.5 (99.2-99.8) | 0.100 (0.090-0.110) | - |" in text
-    assert "held no `evaluation.csv`" in card(bundle)
+    assert "no `evaluation.csv` in the run directory" in card(bundle)
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,13 @@
 import pytest
+import torch
+from tensordict.nn import TensorDictModule
 
-from plat.errors import BundleError
 from plat.export.facts import describe_policy
 from plat.keyframes import MAX_STEPS
+from plat.modules import PlainPolicyConfig
+from plat.robots import G1
+from plat.runs import SavedRun, register_policy, shipped_runs
+from plat.runs.policies import _KINDS
 from tests.export.runs import KINDS, small_policy, write_run
 
 TABLE = """policy,horizon,metric,value,low,high
@@ -15,7 +20,7 @@ run,long,mpjpe,0.1,0.09,0.11
 @pytest.mark.parametrize("kind", KINDS)
 def test_latent_and_residual_of_each_kind(tmp_path, kind):
     policy = small_policy(kind)
-    facts = describe_policy(policy, write_run(tmp_path / "run", policy))
+    facts = describe_policy(policy, SavedRun(write_run(tmp_path / "run", policy)))
     assert facts.policy.kind == kind.removesuffix("_with_lead")
     assert facts.policy.latent_size == (None if kind == "plain" else 8)
     assert facts.policy.residual_alpha == (0.7 if kind.startswith("residual") else None)
@@ -28,25 +33,41 @@ def test_scores_are_those_of_the_run(tmp_path):
     policy = small_policy("plain")
     run = write_run(tmp_path / "run", policy)
     (run / "evaluation.csv").write_text(TABLE)
-    scores = describe_policy(policy, run).scores
+    scores = describe_policy(policy, SavedRun(run)).scores
     assert [(score.horizon, score.metric, score.value, score.low, score.high) for score in scores] == [
         ("long", "tks", 99.5, 99.25, 99.75),
         ("long", "mpjpe", 0.1, 0.09, 0.11),
     ]
 
 
-@pytest.mark.parametrize(
-    ("table", "message"),
-    [
-        (TABLE.replace("run,", "plat,"), "no row of the policy 'run'"),
-        (TABLE.replace("99.5", "many"), "not a table of recipes/evaluate.py --csv"),
-        ("a,b\n1,2\n", "not a table of recipes/evaluate.py --csv"),
-        ("", "no row of the policy 'run'"),
-    ],
-)
-def test_a_table_that_is_none(tmp_path, table, message):
+@pytest.mark.parametrize("name", ["evaluation.csv", "../evaluation.csv"])
+def test_scores_beside_the_run_travel_with_it(tmp_path, name):
     policy = small_policy("plain")
     run = write_run(tmp_path / "run", policy)
-    (run / "evaluation.csv").write_text(table)
-    with pytest.raises(BundleError, match=f"evaluation.csv': {message}"):
-        describe_policy(policy, run)
+    (run / name).write_text(TABLE)
+    assert [score.value for score in describe_policy(policy, SavedRun(run)).scores] == [99.5, 0.1]
+
+
+def test_the_committed_policy_shows_its_scores():
+    run = SavedRun(shipped_runs()["plat-g1"])
+    scores = describe_policy(run.policy(), run).scores
+    assert {"tks", "mpjpe", "mpkpe"} <= {score.metric for score in scores if score.horizon == "mixed"}
+
+
+class OwnPolicy(torch.nn.Module):
+    """Of a user: no latent, no normalizer, nothing of plat's."""
+
+    def __init__(self, robot, config=None):
+        super().__init__()
+        self.robot, self.config = robot, config or PlainPolicyConfig()
+
+    def deployed(self):
+        return TensorDictModule(torch.nn.Identity(), [("goal", "joint_pos")], ["action"])
+
+
+def test_a_registered_class_is_described(tmp_path, monkeypatch):
+    monkeypatch.setattr("plat.runs.policies._KINDS", dict(_KINDS))
+    register_policy("own", OwnPolicy, PlainPolicyConfig)
+    policy = OwnPolicy(G1)
+    facts = describe_policy(policy, SavedRun(write_run(tmp_path / "run", policy))).policy
+    assert (facts.kind, facts.latent_size, facts.residual_alpha) == ("own", None, None)

@@ -1,7 +1,9 @@
 import pytest
 import torch
 from tensordict import TensorDict
+from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequential
 
+from plat.errors import BundleError
 from plat.export import JointTargetNetwork
 from plat.modules import STUDENT_KEYS
 from plat.robots import G1
@@ -31,3 +33,40 @@ def test_shares_the_policys_weights():
     with torch.no_grad():
         policy.decoder.network[-1].bias.add_(1.0)
     torch.testing.assert_close(network(observation), before + G1.action_scale)
+
+
+class Own:
+    """A policy of a user's."""
+
+    robot, config = G1, None
+
+    def __init__(self, *parts):
+        self.parts = parts
+
+    def deployed(self):
+        return TensorDictSequential(*self.parts)
+
+
+class Bare(TensorDictModuleBase):
+    in_keys, out_keys = [("goal", "joint_pos")], ["action"]
+
+
+IDENTITY = torch.nn.Identity()
+
+
+def test_a_policy_of_ones_own():
+    network = JointTargetNetwork(Own(TensorDictModule(IDENTITY, [("goal", "joint_pos")], ["action"])))
+    assert network(torch.zeros(2, 177)).shape == (2, 29)
+
+
+@pytest.mark.parametrize(
+    ("part", "message"),
+    [
+        (Bare(), "holds a Bare; only TensorDictModule"),
+        (TensorDictModule(IDENTITY, [("state", "root_pos_w")], ["action"]), "reads \\('state', 'root_pos_w'\\), which"),
+        (TensorDictModule(IDENTITY, [("goal", "joint_pos")], ["act"]), "writes no 'action'"),
+    ],
+)
+def test_what_cannot_be_exported_is_named(part, message):
+    with pytest.raises(BundleError, match=message):
+        JointTargetNetwork(Own(part))

@@ -48,3 +48,13 @@ def test_a_package_that_is_not_installed(monkeypatch):
     )
     with pytest.raises(BundleError, match=r"exporting needs: pip install 'plat-rl\[export\]'"):
         onnx_model(torch.nn.Linear(3, 2), 3, {})
+
+
+class DataDependent(torch.nn.Module):
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        return observation if observation.sum() > 0 else -observation
+
+
+def test_a_network_that_onnx_cannot_hold():
+    with pytest.raises(BundleError, match=r"torch cannot write this policy as ONNX \(.+\)$"):
+        onnx_model(DataDependent(), 177, {})

@@ -21,8 +21,8 @@ from plat.modules import (
     ResidualLatentPolicy,
 )
 from plat.robots import G1
-from plat.runs import load_policy, policy_spec, register_policy, save_weights, write_json
-from plat.runs.saving import _KINDS, complete_spec
+from plat.runs import Policy, SavedRun, load_policy, policy_spec, register_policy, save_weights, write_json
+from plat.runs.policies import _KINDS, complete_spec
 from plat.spec.timing import Timing
 from tests.modules.policies.test_student import SMALL
 
@@ -137,7 +137,7 @@ def test_a_write_that_fails_leaves_the_old_file(run, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("plat.runs.saving.save_file", full)
+    monkeypatch.setattr("plat.runs.saved_run.save_file", full)
     with pytest.raises(CheckpointError, match="model.safetensors' could not be written .*No space left.* intact"):
         save_weights(run / "model.safetensors", Expert(G1))
     assert (run / "model.safetensors").read_bytes() == before
@@ -157,7 +157,7 @@ class OwnRefinement(ResidualLatentPolicy):
 
 
 def test_policies_of_ones_own(tmp_path, monkeypatch):
-    monkeypatch.setattr("plat.runs.saving._KINDS", dict(_KINDS))
+    monkeypatch.setattr("plat.runs.policies._KINDS", dict(_KINDS))
     policy = OwnRefinement(OwnStudent(G1, SMALL), RefinementConfig(alpha=0.3))
     with pytest.raises(CheckpointError, match="OwnRefinement is none of .*register_policy adds one"):
         policy_spec(policy)
@@ -203,3 +203,119 @@ def test_weights_that_are_not_finite(run, value):
     save_file(weights, run / "model.safetensors")
     with pytest.raises(CheckpointError, match="'network.0.weight' holds NaN or infinity"):
         load_policy(run)
+
+
+def test_what_a_run_says_of_itself(run):
+    assert isinstance(load_policy(run), Policy)
+    empty = SavedRun(run)
+    assert (empty.kind, empty.robot, empty.recipe, empty.settings, empty.steps) == ("expert", "g1", None, {}, 0)
+    config = json.loads((run / "config.json").read_text())
+    recipe = {"name": "expert", "settings": {"motions": ["a"]}}
+    write_json(run / "config.json", {**config, "recipe": recipe, "finished": {"steps": 7}})
+    saved = SavedRun(run)
+    assert (saved.name, saved.recipe, saved.settings, saved.steps) == (run.name, "expert", {"motions": ["a"]}, 7)
+
+
+def test_files_are_read_once(run):
+    saved = SavedRun(run)
+    (run / "config.json").unlink()
+    assert saved.policy().config.hidden == (8,)
+    (run / "evaluation.csv").write_text(TABLE)
+    scores = saved.scores
+    (run / "evaluation.csv").unlink()
+    assert saved.scores is scores is not None
+
+
+TABLE = """policy,horizon,seeds,metric,value,low,high
+chaser,long,1,tks,99.5,99.25,99.75
+chaser,long,1,mpjpe,0.1,0.09,0.11
+"""
+OTHERS = TABLE + "other,long,1,tks,1,1,1\n"
+
+
+def named(run, name: str, **settings: str) -> SavedRun:
+    config = json.loads((run / "config.json").read_text())
+    write_json(run / "config.json", {**config, "recipe": {"name": "refine", "settings": settings}})
+    return SavedRun(run.rename(run.parent / name))
+
+
+@pytest.fixture
+def chaser(tmp_path):
+    run = tmp_path / "runs" / "chaser"
+    save(run, Expert(G1, ExpertConfig(hidden=(8,))))
+    return run
+
+
+@pytest.mark.parametrize("place", [".", ".."])
+@pytest.mark.parametrize(
+    ("table", "name", "settings", "found"),
+    [
+        (OTHERS, "chaser", {}, [99.5, 0.1]),
+        (OTHERS, "renamed", {"out": "runs/chaser"}, [99.5, 0.1]),
+        (OTHERS, "renamed", {}, None),
+        (OTHERS, "other", {"out": "runs/chaser"}, [1.0]),
+    ],
+)
+def test_scores_are_told_by_name(chaser, place, table, name, settings, found):
+    (chaser / place / "evaluation.csv").write_text(table)
+    scores = named(chaser, name, **settings).scores
+    assert (scores and [score.value for score in scores]) == found
+
+
+def test_a_table_of_its_own_needs_no_name_and_one_beside_it_does(chaser):
+    (chaser.parent / "evaluation.csv").write_text(TABLE)
+    assert named(chaser, "renamed").scores is None
+    (chaser.parent / "renamed" / "evaluation.csv").write_text(TABLE)
+    assert [score.metric for score in SavedRun(chaser.parent / "renamed").scores] == ["tks", "mpjpe"]
+
+
+def test_no_scores(chaser):
+    assert SavedRun(chaser).scores is None
+    (chaser / "evaluation.csv").write_text("")
+    assert SavedRun(chaser).scores is None
+
+
+@pytest.mark.parametrize("table", [TABLE.replace("99.5", "many"), "a,b\n1,2\n"])
+def test_a_table_that_is_none(chaser, table):
+    (chaser / "evaluation.csv").write_text(table)
+    with pytest.raises(CheckpointError, match="evaluation.csv': not a table of plat evaluate --csv"):
+        SavedRun(chaser).scores  # noqa: B018
+
+
+def test_a_config_that_makes_no_sense(run):
+    edit(run, config={"hidden": [8], "action": "reference_velocity"})
+    with pytest.raises(CheckpointError, match="config.json': ExpertConfig: ahead .* needs two frames"):
+        load_policy(run)
+
+
+class OwnParts(torch.nn.Module):
+    """Of a user, whose constructor takes no config."""
+
+    def __init__(self, robot, linear):
+        super().__init__()
+        self.robot, self.config, self.linear = robot, LatentPolicyConfig(), linear
+
+    @classmethod
+    def build(cls, robot, config):
+        return cls(robot, torch.nn.Linear(2, 2))
+
+
+class OnStudent(OwnParts):
+    """Of a user, on a student, and no refinement of plat's."""
+
+    def __init__(self, student):
+        super().__init__(student.robot, torch.nn.Linear(1, 1))
+        self.student = student
+
+    @classmethod
+    def build(cls, student, config):
+        return cls(student)
+
+
+def test_classes_with_a_constructor_of_their_own(tmp_path, monkeypatch):
+    monkeypatch.setattr("plat.runs.policies._KINDS", dict(_KINDS))
+    register_policy("own_parts", OwnParts, LatentPolicyConfig)
+    register_policy("on_student", OnStudent, LatentPolicyConfig, base="student")
+    policy = OnStudent(OwnParts(G1, torch.nn.Linear(2, 2)))
+    save(tmp_path, policy)
+    assert torch.equal(load_policy(tmp_path).student.linear.weight, policy.student.linear.weight)

@@ -1,0 +1,39 @@
+"""JSON objects of a run directory."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from plat import json_file
+from plat.errors import CheckpointError
+from plat.files import replace_file
+
+__all__ = ["read_json", "write_json"]
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Return the JSON object in a file.
+
+    Raises:
+        CheckpointError: when the file is missing, broken, or holds something else.
+    """
+    if not path.exists():
+        raise CheckpointError(f"{str(path)!r}: no such file, expected a run directory with config.json")
+    content = json_file.read_json(path, CheckpointError, repr(str(path)))
+    if not isinstance(content, dict):
+        raise CheckpointError(f"{str(path)!r}: holds a {type(content).__name__}, expected an object")
+    return content
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write a JSON object; the file is replaced in one step or not at all.
+
+    Raises:
+        CheckpointError: when the disk does not take it; what was there before is intact.
+    """
+    text = json.dumps(content, indent=2) + "\n"
+    try:
+        replace_file(path, lambda part: part.write_text(text))
+    except OSError as error:
+        raise CheckpointError(f"{str(path)!r} could not be written ({error}); the file before it is intact") from error

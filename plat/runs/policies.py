@@ -1,0 +1,164 @@
+"""Registry of the policies that runs save: a kind is a class and the class of its config."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, Protocol, runtime_checkable
+
+import torch
+from pydantic import TypeAdapter, ValidationError
+from tensordict.nn import TensorDictModuleBase
+
+from plat.errors import CheckpointError, ConfigError, RobotError
+from plat.modules.policies import (
+    Expert,
+    ExpertConfig,
+    FinetunedPolicy,
+    LatentNoisePolicy,
+    LatentPolicy,
+    LatentPolicyConfig,
+    PlainPolicy,
+    PlainPolicyConfig,
+    Refinement,
+    RefinementConfig,
+    ResidualActionPolicy,
+    ResidualLatentPolicy,
+)
+from plat.robots import Robot, get_robot
+
+__all__ = ["Policy", "build_policy", "complete_spec", "policy_spec", "register_policy"]
+
+
+@runtime_checkable
+class Policy(Protocol):
+    """What every saved policy has."""
+
+    robot: Robot
+    config: Any
+
+    def deployed(self) -> TensorDictModuleBase:
+        """Return the deterministic policy: writes ``action``."""
+        ...
+
+
+class _Kind(NamedTuple):
+    policy_class: type
+    config_class: type
+    base: Literal["robot", "student"]
+    """what the policy is built on"""
+
+
+# How a saved policy is called in config.json.
+_KINDS: dict[str, _Kind] = {
+    "expert": _Kind(Expert, ExpertConfig, "robot"),
+    "latent": _Kind(LatentPolicy, LatentPolicyConfig, "robot"),
+    "plain": _Kind(PlainPolicy, PlainPolicyConfig, "robot"),
+    "residual_latent": _Kind(ResidualLatentPolicy, RefinementConfig, "student"),
+    "residual_latent_noise": _Kind(LatentNoisePolicy, RefinementConfig, "student"),
+    "residual_action": _Kind(ResidualActionPolicy, RefinementConfig, "student"),
+    "finetuned": _Kind(FinetunedPolicy, RefinementConfig, "student"),
+}
+
+
+def register_policy(
+    kind: str, policy_class: type, config_class: type, *, base: Literal["robot", "student"] | None = None
+) -> None:
+    """Let runs save and load policies of a class of your own; call it where the class is defined.
+
+    Args:
+        kind: its name in ``config.json``.
+        policy_class: a module with the attributes ``robot`` and ``config`` and a ``deployed()``. It is made by its
+            ``build(base, config)`` if it has one, else by ``policy_class(base, config)``.
+        config_class: a dataclass.
+        base: what the policy is built on: the robot, or a student that it keeps as its attribute ``student`` and that
+            is saved with it. By default the student for a :class:`plat.modules.Refinement`, the robot for others.
+
+    Raises:
+        ConfigError: when another class goes by that name.
+
+    >>> from plat.robots import G1
+    >>> class Deeper(LatentPolicy):
+    ...     def __init__(self, robot, config=None):
+    ...         super().__init__(robot, config or LatentPolicyConfig(backbone=(512, 512)))
+    >>> register_policy("deeper", Deeper, LatentPolicyConfig)
+    >>> policy_spec(Deeper(G1))["kind"]
+    'deeper'
+    """
+    base = base or ("student" if issubclass(policy_class, Refinement) else "robot")
+    known = _KINDS.setdefault(kind, _Kind(policy_class, config_class, base)).policy_class
+    if known is not policy_class:
+        raise ConfigError(
+            f"kind {kind!r} is a {known.__name__} already, choose another name for {policy_class.__name__}"
+        )
+
+
+def policy_spec(policy: Any) -> dict[str, Any]:
+    """Return the description from which :func:`build_policy` makes the same object.
+
+    It holds the kind, the robot, the sizes, and the student of a policy that is built on one.
+
+    Raises:
+        CheckpointError: when the policy's class is not registered.
+    """
+    found = type(policy)
+    name = next((name for name, kind in _KINDS.items() if kind.policy_class is found), None)
+    if name is None:
+        raise CheckpointError(
+            f"a {found.__name__} is none of the policies that plat saves; plat.runs.register_policy adds one"
+        )
+    kind = _KINDS[name]
+    config = TypeAdapter(kind.config_class).dump_python(policy.config, mode="json")
+    spec = {"kind": name, "robot": policy.robot.name, "config": config}
+    return {**spec, "student": policy_spec(policy.student)} if kind.base == "student" else spec
+
+
+def complete_spec(spec: Any, path: Path) -> dict[str, Any]:
+    """Return a description with every field: those that an older plat did not know have their defaults.
+
+    Raises:
+        CheckpointError: naming ``path``, the file that it is from, when it describes no policy.
+    """
+    with torch.random.fork_rng(devices=[]):  # the weights that are drawn here are of no use
+        return policy_spec(build_policy(spec, path))
+
+
+def build_policy(spec: Any, path: Path) -> Policy:
+    """Return the policy of a description, with weights drawn at random.
+
+    Args:
+        spec: what :func:`policy_spec` returned.
+        path: file that it is from, for messages.
+
+    Raises:
+        CheckpointError: naming file and field, when it describes no policy.
+    """
+    if not isinstance(spec, dict) or not {"kind", "robot", "config"} <= set(spec):
+        raise CheckpointError(f"{str(path)!r}: 'policy' is not an object with 'kind', 'robot' and 'config'")
+    try:
+        robot = get_robot(spec["robot"])
+    except RobotError as error:
+        raise CheckpointError(f"{str(path)!r}: the policy is for another robot: {error}") from None
+    if spec["kind"] not in _KINDS:
+        raise CheckpointError(
+            f"{str(path)!r}: unknown kind of policy {spec['kind']!r}, expected one of {sorted(_KINDS)} "
+            "or one that plat.runs.register_policy has been told of"
+        )
+    kind = _KINDS[spec["kind"]]
+    base = build_policy(spec.get("student"), path) if kind.base == "student" else robot
+    config = _config(kind.config_class, spec["config"], path)
+    try:
+        return getattr(kind.policy_class, "build", kind.policy_class)(base, config)
+    except ConfigError as error:
+        raise CheckpointError(f"{str(path)!r}: {kind.config_class.__name__}: {error}") from None
+
+
+def _config(config_class: Any, values: Any, path: Path) -> Any:
+    known = {field.name for field in dataclasses.fields(config_class)}
+    unknown = set(values) - known if isinstance(values, dict) else set()
+    if unknown:
+        raise CheckpointError(f"{str(path)!r}: unknown fields {sorted(unknown)} of {config_class.__name__}")
+    try:
+        return TypeAdapter(config_class).validate_python(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join(str(part) for part in first["loc"])
+        raise CheckpointError(f"{str(path)!r}: {config_class.__name__}.{field}: {first['msg']}") from error

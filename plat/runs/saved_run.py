@@ -1,0 +1,178 @@
+"""A run on disk: its settings, policy, weights and scores."""
+
+import csv
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
+from torch import Tensor, nn
+
+from plat.errors import CheckpointError
+from plat.files import replace_file
+from plat.runs.json_object import read_json
+from plat.runs.policies import Policy, build_policy
+
+__all__ = ["CONFIG_FILE", "SCORES_FILE", "WEIGHTS_FILE", "RunScore", "SavedRun", "load_policy", "save_weights"]
+
+CONFIG_FILE, WEIGHTS_FILE, SCORES_FILE = "config.json", "model.safetensors", "evaluation.csv"
+_FIGURES = ("value", "low", "high")
+
+
+class RunScore(NamedTuple):
+    """A figure of an evaluation, with its 95 % interval over motions."""
+
+    horizon: str
+    metric: str
+    value: float
+    low: float
+    high: float
+
+
+class SavedRun:
+    """Run directory, each of its files read once.
+
+    Args:
+        folder: the directory.
+
+    Raises:
+        CheckpointError: at construction when ``config.json`` cannot be read, and later, naming file and field, when
+            what is asked for is missing or broken.
+
+    >>> from plat.runs import shipped_runs
+    >>> run = SavedRun(shipped_runs()["plat-g1"])
+    >>> run.name, run.kind, run.steps
+    ('plat', 'residual_latent', 1253376)
+    """
+
+    def __init__(self, folder: str | Path):
+        self.folder = Path(folder)
+        self.config = read_json(self.folder / CONFIG_FILE)
+
+    @property
+    def name(self) -> str:
+        """Name of the directory."""
+        return self.folder.resolve().name
+
+    @property
+    def kind(self) -> str | None:
+        """Kind of the policy, see :func:`plat.runs.register_policy`; None where there is no policy."""
+        return self._object("policy").get("kind")
+
+    @property
+    def robot(self) -> str | None:
+        """Name of the robot that the policy drives."""
+        return self._object("policy").get("robot")
+
+    @property
+    def recipe(self) -> str | None:
+        """Name of the recipe that made the run."""
+        return self._object("recipe").get("name")
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Settings of the recipe."""
+        settings = self._object("recipe").get("settings")
+        return settings if isinstance(settings, dict) else {}
+
+    @property
+    def made_with(self) -> dict[str, Any]:
+        """Versions of plat and torch, and the commit of plat's sources."""
+        return self._object("made_with")
+
+    @property
+    def steps(self) -> int:
+        """Environment steps of a finished run; 0 for one that is not finished."""
+        return int(self._object("finished").get("steps", 0))
+
+    def _object(self, name: str) -> dict[str, Any]:
+        value = self.config.get(name)
+        return value if isinstance(value, dict) else {}
+
+    def policy(self, device: torch.device | str = "cpu") -> Policy:
+        """Return the policy with its weights, in evaluation mode."""
+        config_path, path = self.folder / CONFIG_FILE, self.folder / WEIGHTS_FILE
+        policy = build_policy(self.config.get("policy", {}), config_path)
+        assert isinstance(policy, nn.Module)
+        policy.load_state_dict(self._weights(path, policy.state_dict()))
+        return policy.to(device).eval()
+
+    def _weights(self, path: Path, expected: dict[str, Tensor]) -> dict[str, Tensor]:
+        if not path.exists():
+            raise CheckpointError(f"{str(path)!r}: no such file; has the run saved a checkpoint yet?")
+        try:
+            weights = load_file(path)
+        except (OSError, SafetensorError) as error:
+            raise CheckpointError(f"{str(path)!r}: not a readable safetensors file ({error})") from error
+        missing, unknown = sorted(set(expected) - set(weights)), sorted(set(weights) - set(expected))
+        if missing or unknown:
+            raise CheckpointError(
+                f"{str(path)!r}: lacks {missing[:3]} and has the unknown {unknown[:3]} "
+                f"({len(missing)} missing, {len(unknown)} unknown), expected the weights of a {self.kind!r} policy"
+            )
+        for name, tensor in expected.items():
+            if weights[name].shape != tensor.shape:
+                raise CheckpointError(
+                    f"{str(path)!r}: {name!r} has shape {tuple(weights[name].shape)}, "
+                    f"expected {tuple(tensor.shape)} by the sizes in config.json"
+                )
+            if not torch.isfinite(weights[name]).all():
+                raise CheckpointError(
+                    f"{str(path)!r}: {name!r} holds NaN or infinity: the run diverged, take an earlier one"
+                )
+        return weights
+
+    @cached_property
+    def scores(self) -> tuple[RunScore, ...] | None:
+        """Scores of the policy, from ``evaluation.csv`` in the directory or beside it; None where there are none.
+
+        Rows of a table with several policies are told by the directory's name, or by the name that the run was made
+        under. A table in the directory that holds a single policy is of this run, whatever it is called now.
+        """
+        own = _read_scores(self.folder / SCORES_FILE)
+        shared = _read_scores(self.folder.resolve().parent / SCORES_FILE)
+        made_as = Path(str(self.settings.get("out", ""))).name
+        for table in (own, shared):
+            for name in (self.name, made_as):
+                if name in table:
+                    return table[name]
+        return next(iter(own.values())) if len(own) == 1 else None
+
+
+def _read_scores(path: Path) -> dict[str, tuple[RunScore, ...]]:
+    """Return the scores in a table by the name of the policy; empty where there is none."""
+    if not path.exists():
+        return {}
+    scores: dict[str, tuple[RunScore, ...]] = {}
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            for row in csv.DictReader(file):
+                score = RunScore(row["horizon"], row["metric"], *(float(row[figure]) for figure in _FIGURES))
+                scores[row["policy"]] = (*scores.get(row["policy"], ()), score)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise CheckpointError(f"{str(path)!r}: not a table of plat evaluate --csv ({error!r})") from None
+    return scores
+
+
+def load_policy(run: str | Path, device: torch.device | str = "cpu") -> Policy:
+    """Return the policy of a run directory, in evaluation mode.
+
+    Raises:
+        CheckpointError: naming file and field, when something is missing, broken or of another robot.
+    """
+    return SavedRun(run).policy(device)
+
+
+def save_weights(path: Path, module: nn.Module) -> None:
+    """Write a module's weights; the file at ``path`` is replaced in one step or not at all.
+
+    Raises:
+        CheckpointError: when the disk does not take them; what was there before is intact.
+    """
+    weights = {name: tensor.detach().cpu().contiguous() for name, tensor in module.state_dict().items()}
+    try:
+        replace_file(path, lambda part: save_file(weights, part))
+    except (OSError, SafetensorError) as error:
+        raise CheckpointError(f"{str(path)!r} could not be written ({error}); the file before it is intact") from error
