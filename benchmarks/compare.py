@@ -19,7 +19,7 @@ from typing import Any
 
 import torch
 import tyro
-from rivals import ENTRANTS, Entrant, Setup, Work
+from rivals import RIVALS, Rival, Setup, Work
 from rounds import in_rounds, machine, median_ratio, rate
 
 from plat.envs.physics import available_cpus
@@ -52,7 +52,7 @@ class CompareConfig:
 
 @dataclass(frozen=True)
 class Row:
-    """An entrant as it was measured."""
+    """A rival as it was measured."""
 
     name: str
     version: str
@@ -78,22 +78,22 @@ def versions() -> str:
     return ", ".join(f"{package} {installed_version(package) or '-'}" for package in _VERSIONS)
 
 
-def rows_of(entrants: list[Entrant], versions: dict[str, str | None], values: dict[str, list[float]]) -> list[Row]:
+def rows_of(rivals: list[Rival], versions: dict[str, str | None], values: dict[str, list[float]]) -> list[Row]:
     """The table, from the rates of each round under ``NAME/collect`` and ``NAME/learn``."""
-    first = entrants[0].name
+    first = rivals[0].name
     rows = []
-    for entrant in entrants:
-        version = versions[entrant.name]
+    for rival in rivals:
+        version = versions[rival.name]
         if version is None:
-            rows.append(Row(entrant.name, "-", f"not installed: {entrant.install}"))
+            rows.append(Row(rival.name, "-", f"not installed: {rival.install}"))
             continue
         figures: dict[str, Any] = {}
         for kind in ("collect", "learn"):
-            rates = values.get(f"{entrant.name}/{kind}")
+            rates = values.get(f"{rival.name}/{kind}")
             if rates:
                 figures[kind] = statistics.median(rates)
                 figures[f"{kind}_ratio"] = median_ratio(values[f"{first}/{kind}"], rates)
-        rows.append(Row(entrant.name, version, **figures))
+        rows.append(Row(rival.name, version, **figures))
     return rows
 
 
@@ -120,26 +120,26 @@ def main(config: CompareConfig) -> None:
     """Measure and print."""
     torch.manual_seed(0)
     setup = Setup(config.motions, config.num_envs, config.num_singles, config.mjbatch)
-    first, *others = ENTRANTS
-    entrants = [first, *(one for one in others if not config.only or any(word in one.name for word in config.only))]
+    first, *others = RIVALS
+    rivals = [first, *(one for one in others if not config.only or any(word in one.name for word in config.only))]
     found = {
-        entrant.name: installed_version(entrant.package, config.mjbatch if entrant.package == "mjbatch" else None)
-        for entrant in entrants
+        rival.name: installed_version(rival.package, config.mjbatch if rival.package == "mjbatch" else None)
+        for rival in rivals
     }
     print(f"{machine()}, {config.num_envs} robots a batch, {config.num_singles} single environments")
     print(versions(), flush=True)
     with ExitStack() as stack:
         # the last first: what forks does so before this process has used its threads
         works: dict[str, Work] = {
-            entrant.name: entrant.make(setup, stack) for entrant in reversed(entrants) if found[entrant.name]
+            rival.name: rival.make(setup, stack) for rival in reversed(rivals) if found[rival.name]
         }
         measures: dict[str, Callable[[], float]] = {}
-        for entrant in entrants:
+        for rival in rivals:
             for kind in ("collect", "learn"):
-                work = getattr(works.get(entrant.name, Work()), kind)
+                work = getattr(works.get(rival.name, Work()), kind)
                 if work is not None:
-                    measures[f"{entrant.name}/{kind}"] = partial(rate, work, config.seconds)
-        rows = rows_of(entrants, found, in_rounds(measures, config.rounds))
+                    measures[f"{rival.name}/{kind}"] = partial(rate, work, config.seconds)
+        rows = rows_of(rivals, found, in_rounds(measures, config.rounds))
     print(table(rows))
     if config.json is not None:
         figures = {"machine": machine(), "versions": versions(), "rows": [vars(row) for row in rows]}

@@ -1,6 +1,6 @@
 """What can simulate and train a G1 on a CPU: plat, and what a user would pick instead.
 
-An entrant's ``collect`` and ``learn`` do some environment steps and return how many: with a Gaussian policy of three
+A rival's ``collect`` and ``learn`` do some environment steps and return how many: with a Gaussian policy of three
 hidden layers (512, 256, 128) in the loop, and with PPO on top (rollouts, minibatches and epochs of equal size).
 """
 
@@ -32,7 +32,7 @@ from plat.modules.networks import mlp
 from plat.motions import MotionLibrary
 from plat.objectives import PPOConfig
 
-__all__ = ["ENTRANTS", "Entrant", "Setup", "Work", "work_with_plat"]
+__all__ = ["RIVALS", "Rival", "Setup", "Work", "work_with_plat"]
 
 _HIDDEN = ExpertConfig().hidden
 _STD = 0.35
@@ -40,7 +40,7 @@ _STD = 0.35
 
 @dataclass(frozen=True)
 class Setup:
-    """What all entrants are given."""
+    """What all rivals are given."""
 
     motions: tuple[str, ...]
     """motion files"""
@@ -71,7 +71,7 @@ class Work:
 
 
 @dataclass(frozen=True)
-class Entrant:
+class Rival:
     """A row of the comparison."""
 
     name: str
@@ -268,27 +268,27 @@ def _mjbatch(setup: Setup, stack: ExitStack, current: bool) -> Work:
 
 _SB3 = ("stable-baselines3", "pip install stable-baselines3")
 _MJBATCH = ("mjbatch", "pip install --no-deps --target DIR mjbatch==0.1.4 mujoco==3.14.0, then --mjbatch DIR")
-ENTRANTS = (
-    Entrant("plat", "plat-rl", "pip install -e .", _plat),
-    Entrant("gymnasium AsyncVectorEnv, NumPy environments", "gymnasium", "pip install gymnasium", _gymnasium),
-    Entrant("TorchRL ParallelEnv, NumPy environments", "torchrl", "pip install torchrl", _torchrl),
-    Entrant(
+RIVALS = (
+    Rival("plat", "plat-rl", "pip install -e .", _plat),
+    Rival("gymnasium AsyncVectorEnv, NumPy environments", "gymnasium", "pip install gymnasium", _gymnasium),
+    Rival("TorchRL ParallelEnv, NumPy environments", "torchrl", "pip install torchrl", _torchrl),
+    Rival(
         "Stable-Baselines3 PPO, plat/G1TimedKeyframe-v0 in processes",
         *_SB3,
         functools.partial(_stable_baselines, vector=_subprocesses_of_plat),
     ),
-    Entrant(
+    Rival(
         "Stable-Baselines3 PPO, NumPy environments in processes",
         *_SB3,
         functools.partial(_stable_baselines, vector=_subprocesses_of_numpy),
     ),
-    Entrant(
+    Rival(
         "Stable-Baselines3 PPO, plat's batched environment",
         *_SB3,
         functools.partial(_stable_baselines, vector=_batch_of_plat),
     ),
-    Entrant("EnvPool G1JoystickFlatTerrain", "envpool", "pip install envpool", _envpool),
-    Entrant("mjbatch under plat's environment", *_MJBATCH, functools.partial(_mjbatch, current=True)),
-    Entrant("mjbatch, its outputs a substep old", *_MJBATCH, functools.partial(_mjbatch, current=False)),
+    Rival("EnvPool G1JoystickFlatTerrain", "envpool", "pip install envpool", _envpool),
+    Rival("mjbatch under plat's environment", *_MJBATCH, functools.partial(_mjbatch, current=True)),
+    Rival("mjbatch, its outputs a substep old", *_MJBATCH, functools.partial(_mjbatch, current=False)),
 )
 """Rows of the comparison; the first is what the others are held against."""

@@ -26,6 +26,7 @@ MOVED = {
     "plat.modules.expert": "plat.modules.policies.expert",
     "plat.modules.imitation": "plat.modules.policies.student",
     "plat.modules.refinement": "plat.modules.policies.refinement",
+    "plat.evaluation.runner": "plat.evaluation.scoring",
     "plat.playing.errors": "plat.control.pose_errors",
     "plat.playing": "plat.control",
     "plat.export.robot": "plat.robots.describe",

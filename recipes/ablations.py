@@ -18,7 +18,7 @@ from typing import Any, Literal
 
 import evaluate
 import tyro
-from evaluate import Entrant, HorizonName, ScoringConfig
+from evaluate import HorizonName, ScoringConfig
 
 # isort: split
 import distill
@@ -29,7 +29,7 @@ import plat
 from plat.baselines import ReleasedTrackers
 from plat.envs.transforms import RandomizationRanges
 from plat.errors import MotionError, PlatError, RecordsError
-from plat.evaluation import CommandRecords, Score, differences, markdown, write_csv
+from plat.evaluation import CommandRecords, Entrant, Score, differences, markdown, write_csv
 from plat.evaluation.table import COLUMNS
 from plat.evaluation.table import rows as table_rows
 from plat.figures import pyplot

@@ -7,25 +7,22 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import tyro
-from tensordict.nn import TensorDictModuleBase
 
 import plat.headless  # noqa: F401
 
 # isort: split
-from plat.baselines import ReleasedTrackers, Tracker
-from plat.envs.transforms import HORIZONS, NEXT_FRAME, Horizon, RandomizationRanges
+from plat.baselines import ReleasedTrackers
+from plat.envs.transforms import HORIZONS, RandomizationRanges
 from plat.errors import PlatError
-from plat.evaluation import HEADLINE, METRICS, CommandRecords, Observe, Score, evaluate, play, write_csv
+from plat.evaluation import HEADLINE, METRICS, CommandRecords, Entrant, EvaluationSetting, Score, write_csv
 from plat.evaluation.table import COLUMNS, rows
 from plat.figures import ablation_bars, film_strip, pyplot, radar_plot, save_figure, success_plot
-from plat.modules import Expert
 from plat.motions import MotionLibrary
-from plat.rendering import Playback, RenderingError, Stage
-from plat.robots import Robot
-from plat.runs import check_logger, default_device, load_policy, log_table, report_errors, start_logging
+from plat.rendering import RenderingError, Stage
+from plat.runs import check_logger, default_device, log_table, report_errors, start_logging
 from plat.runs.loggers import LoggerName, chosen_loggers
 
 HorizonName = Literal["single", "short", "medium", "long", "mixed"]
@@ -61,17 +58,11 @@ class ScoringConfig:
         return chosen_loggers(self.wandb, self.trackio)
 
     def records(
-        self, entrant: "Entrant", library: MotionLibrary, horizon: str, randomization: RandomizationRanges | None
+        self, entrant: Entrant, library: MotionLibrary, horizon: str, randomization: RandomizationRanges | None
     ) -> CommandRecords:
         """What an entrant does with the commands of every motion."""
-        return entrant.evaluate(
-            library,
-            horizon,
-            randomization=randomization,
-            seed=self.seed,
-            num_envs=self.num_envs,
-            device=self.device,
-        )
+        setting = EvaluationSetting(self.seed, randomization, num_envs=self.num_envs, device=self.device)
+        return entrant.evaluate(library, horizon, setting)
 
 
 @dataclass(kw_only=True)
@@ -90,49 +81,6 @@ class EvaluateRecipe(ScoringConfig):
     """file to write every figure to, with its interval"""
     figures: Path | None = None
     """folder to draw radar plot, bars, success curves and film strips into, as PDF and PNG"""
-
-
-@dataclass(frozen=True)
-class Entrant:
-    """A policy, and what it takes to evaluate it.
-
-    Attributes:
-        policy: deterministic policy.
-        robot: which it drives.
-        dense: whether it is shown the dense reference.
-        goals, observe: how it is shown what it reads, see :func:`plat.evaluation.evaluate`.
-    """
-
-    policy: TensorDictModuleBase
-    robot: Robot
-    dense: bool
-    goals: Mapping[str, int] = field(default_factory=lambda: NEXT_FRAME)
-    observe: Observe | None = None
-
-    @classmethod
-    def of_run(cls, run: Path, device: str, dense: bool) -> "Entrant":
-        """The policy of a run; an expert that is shown the dense reference sees all the frames that it asks for."""
-        policy = load_policy(run, device)
-        if dense and isinstance(policy, Expert):
-            return cls(policy.deployed(tuple(policy.goals)), policy.robot, dense, policy.goals)
-        return cls(policy.deployed(), policy.robot, dense)
-
-    @classmethod
-    def of_tracker(cls, tracker: Tracker, dense: bool) -> "Entrant":
-        """A released tracker."""
-        return cls(tracker, tracker.robot, dense, observe=tracker.observe)
-
-    def evaluate(self, library: MotionLibrary, horizon: str, **settings: Any) -> CommandRecords:
-        """What it does with the commands of every motion; settings are those of :func:`plat.evaluation.evaluate`."""
-        motions = library.for_robot(self.robot)
-        return evaluate(self.policy, motions, HORIZONS[horizon], **self._shown(), **settings)
-
-    def play(self, library: MotionLibrary, horizon: Horizon, **settings: Any) -> Playback:
-        """What it does with the commands of a library's first motion."""
-        return play(self.policy, library.for_robot(self.robot), 0, horizon, **self._shown(), **settings)
-
-    def _shown(self) -> dict[str, Any]:
-        return {"dense": self.dense, "goals": self.goals, "observe": self.observe}
 
 
 def main(recipe: EvaluateRecipe) -> list[Score]:

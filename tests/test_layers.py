@@ -71,7 +71,7 @@ def imports(name: str, path: Path, modules: Mapping[str, Path]) -> Iterator[tupl
 
 def room(module: str) -> str:
     """Part of the package that a module belongs to; the package itself stands on top of all."""
-    return module.split(".")[1] if "." in module else ""
+    return module.removesuffix(".__main__").split(".")[1] if "." in module.removesuffix(".__main__") else ""
 
 
 def violations(modules: Mapping[str, Path], layers: list[str]) -> list[str]:

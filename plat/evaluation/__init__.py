@@ -1,9 +1,12 @@
 """Evaluation: run commands, record them, report figures."""
 
 from plat.evaluation.clip_playback import play
+from plat.evaluation.entrant import Entrant, ReferenceTracker
 from plat.evaluation.records import CommandRecorder, CommandRecords
 from plat.evaluation.report import Estimate, Penalties, compare, report, success_curve
-from plat.evaluation.runner import Observe, evaluate, make_evaluation_env
+from plat.evaluation.rollout import EvaluationEnv, make_evaluation_env, policy_steps
+from plat.evaluation.scoring import evaluate
+from plat.evaluation.setting import EvaluationSetting, Observe, ReferenceView
 from plat.evaluation.table import HEADLINE, METRICS, Metric, Score, differences, markdown, write_csv
 
 __all__ = [
@@ -11,10 +14,15 @@ __all__ = [
     "METRICS",
     "CommandRecorder",
     "CommandRecords",
+    "Entrant",
     "Estimate",
+    "EvaluationEnv",
+    "EvaluationSetting",
     "Metric",
     "Observe",
     "Penalties",
+    "ReferenceTracker",
+    "ReferenceView",
     "Score",
     "compare",
     "differences",
@@ -22,6 +30,7 @@ __all__ = [
     "make_evaluation_env",
     "markdown",
     "play",
+    "policy_steps",
     "report",
     "success_curve",
     "write_csv",

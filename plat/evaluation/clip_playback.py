@@ -5,17 +5,17 @@ from collections.abc import Mapping
 import numpy as np
 import torch
 from tensordict.nn import TensorDictModuleBase
-from torchrl.envs.utils import ExplorationType, set_exploration_type
 
-from plat.envs.transforms import NEXT_FRAME, CommandSchedule, Horizon, ScheduledStarts
-from plat.evaluation.runner import Observe, make_evaluation_env
+from plat.envs.state import RobotState
+from plat.envs.transforms import NEXT_FRAME, CommandSchedule, Horizon
+from plat.evaluation.rollout import make_evaluation_env
+from plat.evaluation.setting import EvaluationSetting, Observe, ReferenceView
 from plat.motions.library import MotionLibrary
 from plat.rendering.playback import Playback
 
 __all__ = ["play"]
 
 
-@torch.no_grad()
 def play(
     policy: TensorDictModuleBase,
     library: MotionLibrary,
@@ -28,35 +28,33 @@ def play(
     observe: Observe | None = None,
     device: torch.device | str = "cpu",
 ) -> Playback:
-    """Let a policy chase the keyframes of a clip, as in :func:`plat.evaluation.evaluate`.
+    """Return the playback of a policy that chases the keyframes of a clip, as in :func:`plat.evaluation.evaluate`.
 
     Args:
         policy: deterministic policy.
         library: motions.
         clip: number of the clip.
         horizon: range of the commands' lengths.
-        seed: draws the commands.
-        dense, goals, observe: as for :func:`plat.evaluation.evaluate`.
-        device: where the policy lives.
+        seed: of the commands.
+        dense, goals, observe: how the policy is shown its reference, see :class:`plat.evaluation.ReferenceView`.
+        device: of the policy.
     """
     library = library.only(clip).to(device)
     schedule = CommandSchedule(library, horizon, seed)
-    env = make_evaluation_env(
-        library, schedule, 1, dense=dense, goals=goals, observe=observe, num_threads=1, device=device
-    )
+    setting = EvaluationSetting(seed=seed, num_threads=1, device=device)
+    task = make_evaluation_env(library, schedule, 1, ReferenceView(dense, goals, observe), setting)
     rows: list[tuple[np.ndarray, np.ndarray, int, int, bool, np.ndarray]] = []
-    with set_exploration_type(ExplorationType.DETERMINISTIC):
-        tensordict = env.reset()
-        starts = next(transform for transform in env.transform if isinstance(transform, ScheduledStarts))
-        while not starts.finished:
-            target, steps_left = tensordict["command", "target_frame"], int(tensordict["command", "steps_left"])
-            length = steps_left if not rows or rows[-1][2] <= 1 or rows[-1][4] else rows[-1][3]
-            qpos = env.base_env.qpos[0].cpu().numpy()
-            tensordict = env.step(policy(tensordict))
-            reached_qpos = env.base_env.qpos[0].cpu().numpy()
-            failed = bool(tensordict["next", "terminated"])
-            rows.append((qpos, library.qpos(target)[0].cpu().numpy(), steps_left, length, failed, reached_qpos))
-            tensordict = env.maybe_reset(env.step_mdp(tensordict))
-    env.close()
+    for step in task.steps(policy):
+        target, steps_left = step["command", "target_frame"], int(step["command", "steps_left"])
+        # a command begins after an arrival and after a failure
+        length = steps_left if not rows or rows[-1][2] <= 1 or rows[-1][4] else rows[-1][3]
+        qpos, reached_qpos = (_qpos(RobotState.from_entries(entries)) for entries in (step, step["next"]))
+        failed = bool(step["next", "terminated"])
+        rows.append((qpos, library.qpos(target)[0].cpu().numpy(), steps_left, length, failed, reached_qpos))
+    task.close()
     qpos, targets, steps, lengths, failures, reached = (np.array(column) for column in zip(*rows, strict=True))
     return Playback(qpos, targets, steps, lengths, failures, reached, library.dt)
+
+
+def _qpos(state: RobotState) -> np.ndarray:
+    return state.qpos[0].double().cpu().numpy()

@@ -6,11 +6,11 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from compare import Row, installed_version, rows_of, table
-from rivals import Entrant, Setup, Work
+from rivals import Rival, Setup, Work
 
 
-def entrant(name: str) -> Entrant:
-    return Entrant(name, name, f"pip install {name}", lambda setup, stack: Work())
+def rival(name: str) -> Rival:
+    return Rival(name, name, f"pip install {name}", lambda setup, stack: Work())
 
 
 def test_ratios_are_ours_over_theirs_within_rounds():
@@ -20,9 +20,9 @@ def test_ratios_are_ours_over_theirs_within_rounds():
         "slow/collect": [25.0, 12.5, 20.0],
         "learner/learn": [30.0, 15.0, 30.0],
     }
-    entrants = [entrant(name) for name in ("plat", "slow", "learner", "absent")]
+    rivals = [rival(name) for name in ("plat", "slow", "learner", "absent")]
     versions = {"plat": "1", "slow": "2", "learner": "3", "absent": None}
-    assert rows_of(entrants, versions, values) == [
+    assert rows_of(rivals, versions, values) == [
         Row("plat", "1", collect=100.0, collect_ratio=1.0, learn=60.0, learn_ratio=1.0),
         Row("slow", "2", collect=20.0, collect_ratio=4.0),
         Row("learner", "3", learn=30.0, learn_ratio=2.0),
@@ -49,5 +49,5 @@ def test_versions_are_looked_for_in_a_folder(tmp_path):
     assert installed_version("no-such-package-at-all") is None
 
 
-def test_rollouts_of_all_entrants_hold_the_same_samples():
+def test_rollouts_of_all_rivals_hold_the_same_samples():
     assert Setup(motions=(), num_envs=32, num_singles=4).samples == pytest.approx(32 * 24)

@@ -36,7 +36,7 @@ def evaluate_puppet(
             flags = {"terminated": torch.zeros_like(truncated), "truncated": truncated, "done": truncated.clone()}
             return out.update({"reward": torch.zeros(self.num_envs, 1), **flags})
 
-    monkeypatch.setattr("plat.evaluation.runner.MotionTrackingEnv", Puppet)
+    monkeypatch.setattr("plat.evaluation.rollout.MotionTrackingEnv", Puppet)
     return evaluate(still, library, horizon, **kwargs)
 
 

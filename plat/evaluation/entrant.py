@@ -1,0 +1,98 @@
+"""A policy with what it takes to evaluate it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torchrl.envs import Transform
+
+from plat.envs.transforms import HORIZONS, Horizon
+from plat.evaluation.clip_playback import play
+from plat.evaluation.records import CommandRecords
+from plat.evaluation.scoring import evaluate
+from plat.evaluation.setting import EvaluationSetting, ReferenceView
+from plat.modules import Expert
+from plat.motions.library import MotionLibrary
+from plat.rendering.playback import Playback
+from plat.robots.robot import Robot
+from plat.runs.saving import load_policy
+
+__all__ = ["Entrant", "ReferenceTracker"]
+
+
+class ReferenceTracker(Protocol):
+    """A policy that brings the transforms that show it its reference; :class:`plat.baselines.Tracker` is one."""
+
+    robot: Robot
+
+    def observe(self, library: MotionLibrary, dense: bool) -> Sequence[Transform]:
+        """Return transforms that add what it reads: of the dense reference, or of the commanded keyframe."""
+
+    def __call__(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Write ``action``."""
+
+
+@dataclass(frozen=True)
+class Entrant:
+    """A policy, its robot, and how it is shown its reference.
+
+    Attributes:
+        policy: deterministic policy.
+        robot: that it drives.
+        view: how it is shown its reference.
+
+    >>> from plat.motions import generate_motions
+    >>> from plat.robots import G1
+    >>> library = MotionLibrary.from_clips(generate_motions("val", seconds=8))
+    >>> records = Entrant.of_policy(Expert(G1), dense=True).evaluate(library, "long")
+    >>> bool(records.failed.any())
+    True
+    """
+
+    policy: TensorDictModuleBase
+    robot: Robot
+    view: ReferenceView = field(default_factory=ReferenceView)
+
+    @classmethod
+    def of_policy(cls, policy: Any, dense: bool = False) -> "Entrant":
+        """Return a policy of plat as an entrant. An expert with the dense reference is shown all frames it asks for.
+
+        Args:
+            policy: as :func:`plat.load` and :func:`plat.runs.load_policy` return it.
+            dense: show the reference motion in place of the keyframe.
+        """
+        if dense and isinstance(policy, Expert):
+            return cls(policy.deployed(tuple(policy.goals)), policy.robot, ReferenceView(True, policy.goals))
+        return cls(policy.deployed(), policy.robot, ReferenceView(dense))
+
+    @classmethod
+    def of_run(cls, run: Path, device: str = "cpu", dense: bool = False) -> "Entrant":
+        """Return the policy of a run directory as an entrant."""
+        return cls.of_policy(load_policy(run, device), dense)
+
+    @classmethod
+    def of_tracker(cls, tracker: ReferenceTracker, dense: bool = False) -> "Entrant":
+        """Return a released tracker as an entrant."""
+        return cls(tracker, tracker.robot, ReferenceView(dense, observe=tracker.observe))
+
+    def evaluate(
+        self, library: MotionLibrary, horizon: str | Horizon, setting: EvaluationSetting | None = None, **options: Any
+    ) -> CommandRecords:
+        """Return its records on every command of a library.
+
+        Args:
+            library: motions of any robot with the same joints.
+            horizon: of the commands, or its name in :data:`plat.envs.transforms.HORIZONS`.
+            setting: conditions.
+            options: further arguments of :func:`plat.evaluation.evaluate`.
+        """
+        lengths = HORIZONS[horizon] if isinstance(horizon, str) else horizon
+        motions = library.for_robot(self.robot)
+        return evaluate(self.policy, motions, lengths, setting, **vars(self.view), **options)
+
+    def play(self, library: MotionLibrary, horizon: Horizon, **options: Any) -> Playback:
+        """Return its playback on a library's first motion; options are those of :func:`plat.evaluation.play`."""
+        return play(self.policy, library.for_robot(self.robot), 0, horizon, **vars(self.view), **options)

@@ -1,0 +1,141 @@
+"""The loop that steps a policy through an environment, and the environment that issues scheduled commands."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import torch
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torch import Tensor
+from torchrl.envs import Compose, EnvBase, Transform, TransformedEnv
+from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+from plat.envs.tracking import MotionTrackingEnv
+from plat.envs.transforms import (
+    CommandSchedule,
+    DomainRandomization,
+    KeyframeClock,
+    KeyframeCommand,
+    KeyframeMetrics,
+    KeyframeTermination,
+    ReferenceMotion,
+    ScheduledStarts,
+)
+from plat.evaluation.finite import check_actions
+from plat.evaluation.setting import EvaluationSetting, ReferenceView
+from plat.motions.library import MotionLibrary
+
+__all__ = ["EvaluationEnv", "make_evaluation_env", "policy_steps"]
+
+
+@dataclass(frozen=True)
+class EvaluationEnv:
+    """An environment that issues every command of a schedule once.
+
+    Attributes:
+        env: of ``N`` robots.
+        schedule: the commands.
+        starts: the transform that puts robots on their motions; it knows which are active and when all is done.
+    """
+
+    env: TransformedEnv
+    schedule: CommandSchedule
+    starts: ScheduledStarts
+
+    @property
+    def active(self) -> Tensor:
+        """Robots ``[N]`` that obey a command of the schedule; the others have nothing left to do."""
+        return self.starts.active
+
+    def steps(self, policy: TensorDictModuleBase) -> Iterator[TensorDictBase]:
+        """Yield the steps of :func:`policy_steps` until every command has ended.
+
+        :attr:`active` holds for the step that was yielded last.
+
+        Raises:
+            ActionError: for an action of an active robot that is not finite.
+        """
+
+        def checked(tensordict: TensorDictBase) -> TensorDictBase:
+            tensordict = policy(tensordict)
+            check_actions(tensordict["action"], self.active)
+            return tensordict
+
+        return policy_steps(checked, self.env, lambda: self.starts.finished)
+
+    def close(self) -> None:
+        """Release the physics."""
+        self.env.close()
+
+
+def make_evaluation_env(
+    library: MotionLibrary,
+    schedule: CommandSchedule,
+    num_envs: int,
+    view: ReferenceView | None = None,
+    setting: EvaluationSetting | None = None,
+) -> EvaluationEnv:
+    """Return the environment of :func:`plat.evaluation.evaluate`: no sensor noise, no reward.
+
+    Args:
+        library: motions, on the device of ``setting``.
+        schedule: commands for them.
+        num_envs: number of robots; takes the place of ``setting.num_envs``.
+        view: how the policy is shown its reference.
+        setting: conditions.
+    """
+    view, setting = view or ReferenceView(), setting or EvaluationSetting()
+    env = MotionTrackingEnv(
+        library,
+        num_envs,
+        decimation=setting.decimation,
+        feet=setting.feet,
+        num_threads=setting.num_threads,
+        device=setting.device,
+    )
+    starts = ScheduledStarts(env.library, schedule, num_envs)
+    transforms: list[Transform] = [
+        ReferenceMotion(env.library),
+        KeyframeClock(),
+        KeyframeTermination(env.robot, setting.limits),
+        KeyframeMetrics(env.library, setting.limits),
+        starts,
+        KeyframeCommand(env.library, schedule.horizon, schedule, group=view.command_group),
+        *view.transforms(env.library),
+    ]
+    if setting.randomization is not None:
+        transforms.append(DomainRandomization(env, setting.randomization))
+    return EvaluationEnv(TransformedEnv(env, Compose(*transforms)), schedule, starts)
+
+
+def policy_steps(
+    policy: Callable[[TensorDictBase], TensorDictBase], env: EnvBase, finished: Callable[[], bool] = lambda: False
+) -> Iterator[TensorDictBase]:
+    """Step a deterministic policy through an environment; yield each step before robots are reset after it.
+
+    Args:
+        policy: writes ``action``.
+        env: reset at the beginning, and its finished episodes after each step.
+        finished: asked after each reset whether to stop; by default the steps go on for ever.
+
+    Yields:
+        The entries before the step ``[N]``, with ``action``, and the entries after it under ``"next"``.
+
+    >>> from itertools import islice
+    >>> from plat.envs import make_keyframe_env
+    >>> from plat.modules import Expert
+    >>> from plat.motions import generate_motions
+    >>> from plat.robots import G1
+    >>> library = MotionLibrary.from_clips(generate_motions("val", seconds=8))
+    >>> steps = policy_steps(Expert(G1).deployed(), make_keyframe_env(library, num_envs=2))
+    >>> [step["next", "robot", "joint_pos"].shape for step in islice(steps, 1)]
+    [torch.Size([2, 29])]
+    """
+    tensordict = env.reset()
+    while not finished():
+        # a generator must not leave its caller in another mode, so each step enters and leaves it
+        with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
+            tensordict = env.step(policy(tensordict))
+        yield tensordict
+        with torch.no_grad():
+            tensordict = env.maybe_reset(env.step_mdp(tensordict))

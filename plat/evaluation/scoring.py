@@ -1,0 +1,75 @@
+"""Run a policy through every command of a schedule."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import torch
+from tensordict.nn import TensorDictModuleBase
+
+from plat.envs.transforms import NEXT_FRAME, CommandSchedule, Horizon
+from plat.evaluation.records import CommandRecorder, CommandRecords
+from plat.evaluation.rollout import make_evaluation_env
+from plat.evaluation.setting import EvaluationSetting, Observe, ReferenceView
+from plat.motions.library import MotionLibrary
+
+__all__ = ["evaluate"]
+
+
+def evaluate(
+    policy: TensorDictModuleBase,
+    library: MotionLibrary,
+    horizon: Horizon,
+    setting: EvaluationSetting | None = None,
+    *,
+    dense: bool = False,
+    goals: Mapping[str, int] = NEXT_FRAME,
+    observe: Observe | None = None,
+    progress: Callable[[float], None] | None = None,
+    **conditions: Any,
+) -> CommandRecords:
+    """Return records of timed keyframe tracking along every motion of a library.
+
+    Each motion is followed from its first frame. The seed fixes the commands, so they are the same for every policy.
+    A failed command ends at once; the robot is then reset onto the reference where the next command begins.
+
+    Args:
+        policy: deterministic policy that reads the groups ``"robot"``, ``"goal"`` and ``"command"`` and writes
+            ``action``.
+        library: motions, of the robot that the policy drives.
+        horizon: range of the commands' lengths.
+        setting: seed, randomization and the other conditions.
+        dense, goals, observe: how the policy is shown its reference, see :class:`plat.evaluation.ReferenceView`.
+        progress: called after each step with the fraction of the commands' steps that is done.
+        conditions: fields of :class:`plat.evaluation.EvaluationSetting` that replace those of ``setting``.
+
+    Raises:
+        MotionError: when a motion is shorter than the horizon's shortest command.
+        ActionError: when the policy gives an action that is not finite.
+
+    >>> from plat.robots import G1
+    >>> from plat.motions import generate_motions
+    >>> from plat.envs.transforms import HORIZONS
+    >>> from plat.modules import Expert
+    >>> library = MotionLibrary.from_clips(generate_motions("val", seconds=8))
+    >>> records = evaluate(Expert(G1).deployed(), library, HORIZONS["long"], seed=3)
+    >>> len(records.failed) == CommandSchedule(library, HORIZONS["long"], seed=3).num_commands
+    True
+    """
+    setting = replace(setting or EvaluationSetting(), **conditions)
+    library = library.to(setting.device)
+    schedule = CommandSchedule(library, horizon, setting.seed)
+    recorder = CommandRecorder(library, schedule)
+    total_steps = int((schedule.target_frame >= 0).sum())
+    done_steps = 0
+    with torch.random.fork_rng(devices=[]):
+        torch.default_generator.manual_seed(setting.seed)  # the generator of the domain randomization
+        view = ReferenceView(dense, goals, observe)
+        task = make_evaluation_env(library, schedule, min(setting.num_envs, library.num_clips), view, setting)
+        for step in task.steps(policy):
+            recorder.add(step["motion", "frame"], task.active, step["next"])
+            done_steps += int(task.active.sum())
+            if progress is not None:
+                progress(min(1.0, done_steps / total_steps))
+    task.close()
+    return recorder.records()

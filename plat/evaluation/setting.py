@@ -1,0 +1,71 @@
+"""Conditions of an evaluation, and how a policy is shown its reference in it."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import torch
+from torchrl.envs import Transform
+
+from plat.envs.transforms import NEXT_FRAME, DenseGoal, RandomizationRanges, TerminationLimits
+from plat.motions.library import MotionLibrary
+from plat.robots.robot import FootContacts
+
+__all__ = ["EvaluationSetting", "Observe", "ReferenceView"]
+
+Observe = Callable[[MotionLibrary, bool], Sequence[Transform]]
+"""Makes transforms that add further groups for a policy to read. Arguments: motions, and whether the policy is shown
+the dense reference. :meth:`plat.baselines.Tracker.observe` is one."""
+
+
+@dataclass(frozen=True)
+class EvaluationSetting:
+    """Conditions that are the same for every policy of a comparison.
+
+    Attributes:
+        seed: of the commands and of the randomization.
+        randomization: ranges of domain randomization and pushes, drawn at every reset; None for the nominal robot.
+            The random stream depends on resets, so disturbances differ between policies after their first failure.
+        limits: when a command has failed.
+        decimation: physics steps in a control step.
+        feet: contact geometry of the soles.
+        num_envs: robots that are simulated at a time. Without ``randomization`` no score depends on it.
+        num_threads: threads of the physics pool; None for one a core.
+        device: of policy and tensors.
+    """
+
+    seed: int = 0
+    randomization: RandomizationRanges | None = None
+    limits: TerminationLimits | None = None
+    decimation: int = 4
+    feet: FootContacts = "spheres"
+    num_envs: int = 256
+    num_threads: int | None = None
+    device: torch.device | str = "cpu"
+
+
+@dataclass(frozen=True)
+class ReferenceView:
+    """What a policy is shown of its reference: the commanded keyframe, or the dense motion.
+
+    Attributes:
+        dense: show the reference motion in place of the keyframe. Commands still set the windows in which it is scored.
+        goals: with ``dense``, the groups that hold the reference, and how many frames ahead each is.
+        observe: adds what the policy reads beside those groups.
+
+    >>> ReferenceView().command_group, ReferenceView(dense=True).command_group
+    ('goal', 'keyframe')
+    """
+
+    dense: bool = False
+    goals: Mapping[str, int] = field(default_factory=lambda: NEXT_FRAME)
+    observe: Observe | None = None
+
+    @property
+    def command_group(self) -> str:
+        """Group that holds the commanded keyframe; with ``dense``, one that the policy does not read."""
+        return "keyframe" if self.dense else "goal"
+
+    def transforms(self, library: MotionLibrary) -> list[Transform]:
+        """Return the transforms that show it, to stand after the one that issues commands."""
+        dense = DenseGoal.of_groups(library, self.goals) if self.dense else []
+        return [*dense, *(self.observe(library, self.dense) if self.observe is not None else ())]
