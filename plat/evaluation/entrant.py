@@ -18,7 +18,8 @@ from plat.modules import Expert
 from plat.motions.library import MotionLibrary
 from plat.rendering.playback import Playback
 from plat.robots.robot import Robot
-from plat.runs.saving import load_policy
+from plat.runs.policies import Policy
+from plat.runs.saved_run import load_policy
 
 __all__ = ["Entrant", "ReferenceTracker"]
 
@@ -57,7 +58,7 @@ class Entrant:
     view: ReferenceView = field(default_factory=ReferenceView)
 
     @classmethod
-    def of_policy(cls, policy: Any, dense: bool = False) -> "Entrant":
+    def of_policy(cls, policy: Policy, dense: bool = False) -> "Entrant":
         """Return a policy of plat as an entrant. An expert with the dense reference is shown all frames it asks for.
 
         Args:
