@@ -1,0 +1,141 @@
+"""A second robot, with a description, names and an asset of its own, goes the whole way."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from plat.collectors import rollouts
+from plat.control import Chase, PolicyController, Simulator
+from plat.deploy import PolicyRunner
+from plat.envs import KeyframeTaskConfig, TrackingTaskConfig, make_keyframe_env, make_tracking_env
+from plat.envs.transforms import HORIZONS, NoiseLevels, RandomizationRanges
+from plat.errors import CheckpointError
+from plat.evaluation import evaluate, report
+from plat.keyframes import KeyframeSequence, standing
+from plat.modules import Critic, Expert, ExpertConfig, LatentPolicy, LatentPolicyConfig
+from plat.motions import MotionClip, MotionLibrary, load_motions, save_csv, save_motions
+from plat.objectives import PPO, PPOConfig, motor_gradient
+from plat.robots import ForwardKinematics, Robot, get_robot, registry
+from plat.runs import Budget, Run, load_policy
+from tests.export.runs import write_run
+
+DESCRIPTION = Path(__file__).parent / "toy.json"
+SIMULATION = {"noise": NoiseLevels(), "randomization": RandomizationRanges()}
+
+
+@pytest.fixture
+def toy() -> Robot:
+    return get_robot(DESCRIPTION)
+
+
+def squats(robot: Robot, frames: int = 90) -> MotionClip:
+    """Knees that bend and stretch on the spot."""
+    qpos = np.tile(robot.default_qpos, (frames, 1))
+    bend = 0.15 * (1 - np.cos(np.arange(frames) / 10))
+    for joint, factor in (("hip", -1), ("knee", 2), ("ankle", -1)):
+        for side in "lr":
+            qpos[:, 7 + robot.joint_names.index(f"{joint}_{side}")] += factor * bend
+    return MotionClip("squats", qpos, 30.0)
+
+
+@pytest.fixture
+def motions(toy) -> MotionLibrary:
+    return MotionLibrary.from_clips([squats(toy)], toy)
+
+
+def test_its_names_are_its_own(toy):
+    assert toy.joint_names == ("waist", "hip_l", "knee_l", "ankle_l", "hip_r", "knee_r", "ankle_r")
+    assert [toy.depth(joint) for joint in toy.joint_names] == [1, 1, 2, 3, 1, 2, 3]
+    assert toy.leg_joints == [1, 2, 3, 4, 5, 6]
+    assert toy.sole_geoms(toy.model()).shape == (2, 1)
+    assert ForwardKinematics(toy)(torch.zeros(3), torch.tensor([1.0, 0, 0, 0]), torch.zeros(7))[0].shape == (6, 3)
+
+
+@pytest.mark.parametrize("suffix", ["npz", "csv"])
+def test_its_motions_are_files(toy, tmp_path, suffix):
+    clip = squats(toy)
+    if suffix == "npz":
+        save_motions(tmp_path / "squats.npz", [clip], toy)
+    else:
+        save_csv(tmp_path, replace(clip, name="squats_30fps"), toy)
+    (read,) = load_motions(f"{tmp_path}/*", toy)
+    np.testing.assert_allclose(read.qpos, clip.qpos, atol=1e-5)
+    library = MotionLibrary.load(f"{tmp_path}/*", toy)
+    again = MotionLibrary.load(f"{tmp_path}/*", toy)  # from the cache, which knows the asset's content
+    assert torch.equal(library.frames["joint_pos"], again.frames["joint_pos"])
+
+
+def test_stage_one_learns_and_its_run_is_loaded(toy, motions, tmp_path):
+    torch.manual_seed(0)
+    expert = Expert(toy, ExpertConfig(hidden=(16,)))
+    env = make_tracking_env(motions, 16, TrackingTaskConfig(**SIMULATION), goals=expert.goals)
+    critic = Critic(toy, expert.normalizer.in_keys)
+    ppo = PPO(expert.head(), critic.head(), critic.observe(), PPOConfig())
+    budget = Budget(steps=300)
+    run = Run(
+        tmp_path / "run",
+        recipe=TrackingTaskConfig(),
+        policy=expert,
+        budget=budget,
+        state={"critic": critic, "optimizer": ppo.optimizer},
+        resume=False,
+    )
+    weights = [parameter.clone() for parameter in expert.parameters()]
+    for rollout in rollouts(env, expert.actor(), steps=8):
+        budget.add(rollout.numel())
+        if critic.normalizer.count > 0:
+            losses = ppo.step(rollout, gradient=motor_gradient(rollout, toy))
+            assert all(np.isfinite(value) for value in losses.values())
+        expert.normalizer.update(rollout)
+        critic.normalizer.update(rollout)
+        run.log({"reward": float(rollout["next", "reward"].mean())})
+        if budget.done:
+            break
+    run.finish()
+    assert any(not torch.equal(*pair) for pair in zip(weights, expert.parameters(), strict=True))
+    loaded = load_policy(tmp_path / "run")
+    assert loaded.robot is toy
+    state = env.reset()
+    torch.testing.assert_close(
+        loaded.deployed()(state.clone())["action"], expert.eval().deployed()(state.clone())["action"]
+    )
+
+
+def test_a_run_of_a_robot_that_nobody_registered_says_so(toy, tmp_path, monkeypatch):
+    write_run(tmp_path / "run", LatentPolicy(toy, LatentPolicyConfig(latent_size=4)))
+    monkeypatch.delitem(registry._ROBOTS, "toy")
+    with pytest.raises(CheckpointError, match="robot 'toy' is unknown, expected one of .*register_robot"):
+        load_policy(tmp_path / "run")
+    get_robot(DESCRIPTION)
+    assert load_policy(tmp_path / "run").robot.name == "toy"
+
+
+def test_keyframes_are_chased_and_scored(toy, motions):
+    student = LatentPolicy(toy, LatentPolicyConfig(latent_size=4)).eval()
+    env = make_keyframe_env(motions, 4, KeyframeTaskConfig(**SIMULATION))
+    assert env.rollout(5, student.deployed())["next", "reward"].isfinite().all()
+    scores = report(evaluate(student.deployed(), motions, HORIZONS["long"]))
+    assert 0 <= scores["tks"].value <= 100
+    pose = standing(toy)
+    sequence = KeyframeSequence(toy, pose, (pose.at(0.1),))
+    steps = list(Chase(PolicyController(student.deployed(), toy), sequence, Simulator(toy.model()), hold=0.04))
+    assert len(steps) >= 5
+
+
+def test_it_is_exported(toy, tmp_path):
+    for package in ("onnx", "onnxscript", "onnxruntime"):
+        pytest.importorskip(package)
+    from plat.export import export_bundle
+
+    torch.manual_seed(0)
+    run = write_run(tmp_path / "run", LatentPolicy(toy, LatentPolicyConfig(latent_size=4)).eval())
+    export_bundle(run, tmp_path / "bundle")
+    runner = PolicyRunner(tmp_path / "bundle")
+    simulator, pose = Simulator(toy.model()), standing(toy)
+    simulator.reset(pose)
+    ours = runner(simulator.state(), pose, 10)
+    theirs = PolicyController(load_policy(run).deployed(), toy)(simulator.state(), pose, 10)
+    np.testing.assert_allclose(ours, theirs, atol=1e-4)
