@@ -41,6 +41,8 @@ def _symmetry(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     """For each joint, the joint that it takes its angle from, and with which sign."""
     swapped = {"left": "right", "right": "left"}
     names = ["_".join(swapped.get(word, word) for word in name.split("_")) for name in robot.joint_names]
+    if names == list(robot.joint_names):
+        raise RobotError(f"robot {robot.name!r}: no joint is called left_... or right_..., so none can change sides")
     if set(names) != set(robot.joint_names):
         raise RobotError(
             f"robot {robot.name!r}: joints without a partner {sorted(set(names) - set(robot.joint_names))}"

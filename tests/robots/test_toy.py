@@ -12,11 +12,12 @@ from plat.control import Chase, PolicyController, Simulator
 from plat.deploy import PolicyRunner
 from plat.envs import KeyframeTaskConfig, TrackingTaskConfig, make_keyframe_env, make_tracking_env
 from plat.envs.transforms import HORIZONS, NoiseLevels, RandomizationRanges
-from plat.errors import CheckpointError
+from plat.errors import CheckpointError, RobotError
 from plat.evaluation import evaluate, report
 from plat.keyframes import KeyframeSequence, standing
 from plat.modules import Critic, Expert, ExpertConfig, LatentPolicy, LatentPolicyConfig
-from plat.motions import MotionClip, MotionLibrary, load_motions, save_csv, save_motions
+from plat.motions import MotionClip, MotionLibrary, load_motions, mirror_motion, save_csv, save_motions
+from plat.motions.retargeting.geometry import RobotGeometry
 from plat.objectives import PPO, PPOConfig, motor_gradient
 from plat.robots import ForwardKinematics, Robot, get_robot, registry
 from plat.runs import Budget, Run, load_policy
@@ -139,3 +140,12 @@ def test_it_is_exported(toy, tmp_path):
     ours = runner(simulator.state(), pose, 10)
     theirs = PolicyController(load_policy(run).deployed(), toy)(simulator.state(), pose, 10)
     np.testing.assert_allclose(ours, theirs, atol=1e-4)
+
+
+def test_tools_that_are_for_the_g1_say_so(toy):
+    with pytest.raises(RobotError, match="robot 'toy': motions are generated for the joints of the G1 only"):
+        MotionLibrary.load(["generated:val@8"], toy)
+    with pytest.raises(RobotError, match="robot 'toy': retargeting needs the bodies of the G1, and it lacks"):
+        RobotGeometry.of(toy)
+    with pytest.raises(RobotError, match="robot 'toy': no joint is called left_... or right_..."):
+        mirror_motion(squats(toy), toy)

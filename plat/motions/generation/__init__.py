@@ -5,7 +5,7 @@ import zlib
 
 import numpy as np
 
-from plat.errors import MotionError
+from plat.errors import MotionError, RobotError
 from plat.motions.clip import MotionClip
 from plat.motions.generation.families import FAMILIES, Family
 from plat.motions.generation.score import Score
@@ -44,6 +44,7 @@ def generate_motions(
 
     Raises:
         MotionError: for a split or family that there is not.
+        RobotError: for a robot that does not have the joints of the G1.
 
     >>> [clip.name for clip in generate_motions("val", seconds=8)]
     ['stand_val_000', 'reach_val_000']
@@ -53,6 +54,8 @@ def generate_motions(
     unknown = sorted(set(families) - set(FAMILIES))
     if unknown:
         raise MotionError(f"generated motions: no family {unknown}, expected some of {sorted(FAMILIES)}")
+    if robot.joint_names != G1.joint_names:
+        raise RobotError(f"robot {robot.name!r}: motions are generated for the joints of the G1 only")
     solver = Solver(WholeBody(robot))
     clips: list[MotionClip] = []
     total, number = 0.0, 0
@@ -81,9 +84,10 @@ def generate_named(name: str, robot: Robot = G1) -> list[MotionClip]:
     if not seconds:
         return generate_motions(split, families=chosen, robot=robot)
     try:
-        return generate_motions(split, float(seconds), chosen, robot)
+        duration = float(seconds)
     except ValueError:
         raise MotionError(f"{name!r}: {seconds!r} after the @, expected seconds, as in generated:train@600") from None
+    return generate_motions(split, duration, chosen, robot)
 
 
 def _sound(name: str, family: Family, solver: Solver) -> np.ndarray:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from plat.errors import RobotError
 from plat.robots.robot import Robot
 
 __all__ = ["TRACKED", "RobotGeometry"]
@@ -19,6 +20,9 @@ TRACKED = {
     },
 }
 """Role to the body of the robot that has a target of position, orientation or both."""
+
+# Bodies at which limbs begin.
+_LIMBS = ("left_hip_roll_link", "left_shoulder_pitch_link", "left_shoulder_roll_link")
 
 
 @dataclass(frozen=True)
@@ -54,7 +58,10 @@ class RobotGeometry:
 
     @classmethod
     def of(cls, robot: Robot) -> "RobotGeometry":
-        """Measure a robot that has the bodies of :data:`TRACKED`.
+        """Measure a robot that has the bodies of the G1.
+
+        Raises:
+            RobotError: naming bodies that are missing.
 
         >>> from plat.robots import G1
         >>> geometry = RobotGeometry.of(G1)
@@ -62,6 +69,11 @@ class RobotGeometry:
         (0.624, 0.035)
         """
         model = robot.shared_model
+        known = {model.body(number).name for number in range(model.nbody)}
+        if missing := sorted({*TRACKED.values(), *_LIMBS} - known):
+            raise RobotError(
+                f"robot {robot.name!r}: retargeting needs the bodies of the G1, and it lacks {missing[:3]}"
+            )
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
 
