@@ -1,4 +1,4 @@
-import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -46,11 +46,15 @@ def playback() -> Playback:
     return play(Expert(G1).deployed(), library, 0, HORIZONS["long"])
 
 
-def test_films_are_taken_when_they_are_due(tmp_path, written):
-    films = Films(tmp_path, G1, playback, every=0.2, seconds=0.4, fps=5)
+def test_films_are_taken_when_they_are_due(tmp_path, written, monkeypatch):
+    clock = SimpleNamespace(now=100.0, monotonic=lambda: clock.now)
+    monkeypatch.setattr("plat.rendering.films.time", clock)
+    films = Films(tmp_path, G1, playback, every=60.0, seconds=0.4, fps=5)
+    clock.now = 159.9
     assert films.take(1) is None
-    time.sleep(0.2)
+    clock.now = 160.0
     assert films.take(2) == tmp_path / "2.mp4"
+    clock.now = 219.9
     assert films.take(3) is None
     assert written == [("2.mp4", 2)]
 
