@@ -5,10 +5,10 @@ BIN := $(VENV)/bin
 .PHONY: demo studio test test-fast docs lint types bench clean
 
 demo: $(VENV)/.installed
-	$(BIN)/python recipes/demo.py
+	$(BIN)/python -m plat demo
 
 studio: $(VENV)/.installed-studio
-	$(BIN)/python recipes/studio.py
+	$(BIN)/python -m plat studio
 
 test: $(VENV)/.installed-dev lint types docs
 	$(BIN)/python -m pytest -n 2 --durations=15

@@ -1,6 +1,6 @@
 """The paper's ablation: every row at every horizon, by the same commands, as tables and figures.
 
-python recipes/ablations.py --runs runs/ablations --motions test.npz --out runs/ablations/scores
+plat ablations --runs runs/ablations --motions test.npz --out runs/ablations/scores
 
 ``--runs`` holds one run a row: sonic-style, expert (Scratch RL), plain (without the privileged latent), dagger,
 finetune, action and plat; of rows with several training seeds plat-seed0, plat-seed1 and so on. A row whose run is not
@@ -16,17 +16,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-import evaluate
-import tyro
-from evaluate import HorizonName, ScoringConfig
-
-# isort: split
-import distill
-import expert
-import refine
-
 import plat
 from plat.baselines import ReleasedTrackers
+from plat.cli import evaluate
+from plat.cli.evaluate import HorizonName, ScoringConfig
+from plat.cli.settings import parse
 from plat.envs.transforms import RandomizationRanges
 from plat.errors import MotionError, PlatError, RecordsError
 from plat.evaluation import CommandRecords, Entrant, Score, differences, markdown, write_csv
@@ -35,6 +29,7 @@ from plat.evaluation.table import rows as table_rows
 from plat.figures import pyplot
 from plat.files import replace_file
 from plat.motions import MotionLibrary
+from plat.recipes import distill, expert, refine
 from plat.runs import SavedRun, log_table, report_errors, start_logging
 
 
@@ -326,6 +321,8 @@ def described(candidate: Candidate) -> str:
     return f"{candidate.slug} ({steps:,} steps)" if steps else candidate.slug
 
 
+COMMAND = AblationsRecipe
+
 if __name__ == "__main__":
     with report_errors():
-        main(tyro.cli(AblationsRecipe))
+        main(parse(COMMAND))

@@ -1,6 +1,6 @@
 """All three stages and the evaluation at a small scale, on motions that plat makes itself; then the committed PLAT.
 
-python recipes/demo.py
+plat demo
 
 Killed at any moment, it goes on where it was when it is started again.
 """
@@ -9,20 +9,16 @@ import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import tyro
-
 import plat.headless  # noqa: F401
 
 # isort: split
-import distill
-import evaluate
-import expert
-import play as play_recipe
-import refine
-
+from plat.cli import evaluate
+from plat.cli import play as play_recipe
+from plat.cli.settings import parse
 from plat.envs.transforms import HORIZONS
 from plat.evaluation import HEADLINE, Score, play
 from plat.motions import MotionLibrary
+from plat.recipes import distill, expert, refine
 from plat.rendering import RenderingError, Stage, contact_sheet, film, write_picture, write_video
 from plat.runs import load_policy, report_errors
 from plat.runs.shipped import shipped_runs
@@ -150,6 +146,8 @@ def print_table(scores: list[Score]) -> None:
         print(line)
 
 
+COMMAND = DemoRecipe
+
 if __name__ == "__main__":
     with report_errors():
-        main(tyro.cli(DemoRecipe))
+        main(parse(COMMAND))

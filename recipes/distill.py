@@ -1,6 +1,6 @@
 """Stage 2: teach a student that sees only keyframes, by DAgger with a privileged latent.
 
-python recipes/distill.py --expert runs/expert --motions clips.npz --minutes 15 --out runs/dagger
+plat distill --expert runs/expert --motions clips.npz --minutes 15 --out runs/dagger
 """
 
 from dataclasses import dataclass, field
@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 import torch
-import tyro
 from torch import nn
 
+from plat.cli.settings import parse
 from plat.collectors import ExpertLabels, MixedPolicy, dagger_buffer, rollouts
 from plat.envs import DistillationTaskConfig, make_keyframe_env
 from plat.envs.transforms import HORIZONS, pop_statistics
@@ -27,6 +27,8 @@ from plat.runs import Budget, RecipeConfig, Run, load_policy, report_errors
 @dataclass(kw_only=True)
 class DistillRecipe(RecipeConfig):
     """Teach a student by DAgger with a privileged latent."""
+
+    name = "distill"
 
     expert: Path
     """run of stage 1"""
@@ -145,6 +147,8 @@ def cosine(start: float, end: float, fraction: float) -> float:
     return end + 0.5 * (start - end) * (1 + torch.cos(torch.tensor(min(1.0, fraction) * torch.pi)).item())
 
 
+COMMAND = DistillRecipe
+
 if __name__ == "__main__":
     with report_errors():
-        main(tyro.cli(DistillRecipe, config=(tyro.conf.CascadeSubcommandArgs,)))
+        main(parse(COMMAND))

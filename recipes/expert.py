@@ -1,6 +1,6 @@
 """Stage 1: train a dense motion-tracking expert with PPO.
 
-python recipes/expert.py --motions clips.npz --minutes 30 --out runs/expert
+plat expert --motions clips.npz --minutes 30 --out runs/expert
 """
 
 from dataclasses import asdict, dataclass, field, replace
@@ -8,8 +8,8 @@ from functools import partial
 from pathlib import Path
 
 import torch
-import tyro
 
+from plat.cli.settings import parse
 from plat.collectors import rollouts
 from plat.envs import TrackingTaskConfig, make_tracking_env
 from plat.envs.transforms import HORIZONS, DenseRewards, TrackingTerm, pop_statistics
@@ -25,6 +25,8 @@ from plat.runs import Budget, RecipeConfig, Run, load_policy, report_errors
 @dataclass(kw_only=True)
 class ExpertRecipe(RecipeConfig):
     """Train a dense motion-tracking expert."""
+
+    name = "expert"
 
     init: Path | None = None
     """run whose expert to go on from, with other motions, rewards or settings; it may see more frames than it did"""
@@ -126,6 +128,8 @@ def start_from(expert: Expert, folder: Path) -> None:
         print(f"--init {str(folder)!r} goes on with {', '.join(changed)}")
 
 
+COMMAND = ExpertRecipe
+
 if __name__ == "__main__":
     with report_errors():
-        main(tyro.cli(ExpertRecipe, config=(tyro.conf.CascadeSubcommandArgs,)))
+        main(parse(COMMAND))

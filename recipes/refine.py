@@ -1,6 +1,6 @@
 """Stage 3: refine the student with PPO on a residual in its latent, or by one of the ablations.
 
-python recipes/refine.py --student runs/dagger --motions clips.npz --minutes 15 --out runs/plat
+plat refine --student runs/dagger --motions clips.npz --minutes 15 --out runs/plat
 """
 
 from dataclasses import dataclass, field
@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Literal
 
 import torch
-import tyro
 
+from plat.cli.settings import parse
 from plat.collectors import rollouts
 from plat.envs import KeyframeTaskConfig, make_keyframe_env
 from plat.envs.transforms import HORIZONS, DenseRewards, KeyframeRewards, TrackingTerm, pop_statistics
@@ -40,6 +40,8 @@ VARIANTS = {
 @dataclass(kw_only=True)
 class RefineRecipe(RecipeConfig):
     """Refine a student with PPO."""
+
+    name = "refine"
 
     student: Path
     """run of stage 2"""
@@ -119,6 +121,8 @@ def main(recipe: RefineRecipe) -> None:
     run.finish()
 
 
+COMMAND = RefineRecipe
+
 if __name__ == "__main__":
     with report_errors():
-        main(tyro.cli(RefineRecipe, config=(tyro.conf.CascadeSubcommandArgs,)))
+        main(parse(COMMAND))

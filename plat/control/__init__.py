@@ -1,6 +1,6 @@
 """One robot chases timed keyframes in plain MuJoCo, a control step at a time.
 
-The same loop plays a file of keyframes (``recipes/play.py``), runs live under a user's hands, and compares an exported
+The same loop plays a file of keyframes (``plat play``), runs live under a user's hands, and compares an exported
 policy with the one that it was exported from. This interface is stable::
 
     simulator = Simulator(robot.model())

@@ -58,7 +58,7 @@ class TrainingFacts:
 
 @dataclass(frozen=True)
 class Score:
-    """A figure of ``recipes/evaluate.py`` and its 95 % bootstrap interval over motions."""
+    """A figure of ``plat evaluate`` and its 95 % bootstrap interval over motions."""
 
     horizon: str
     metric: str

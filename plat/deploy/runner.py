@@ -37,7 +37,7 @@ class PolicyRunner:
     ``docs/deploy.md`` shows the control loop on a robot.
 
     Args:
-        bundle: folder that ``recipes/export.py`` wrote, or the ``.onnx`` file alone.
+        bundle: folder that ``plat export`` wrote, or the ``.onnx`` file alone.
         joint_names: the joints in the order of the caller's joint vectors; refused unless they are the policy's.
 
     Raises:
@@ -106,7 +106,7 @@ def _metadata(session: Any, network: Path) -> Bundle:
         if inside is None:
             raise BundleError(
                 f"ONNX policy {str(network)!r}: no metadata in it and no {BUNDLE_FILE} beside it, "
-                "expected a file that recipes/export.py wrote"
+                "expected a file that plat export wrote"
             )
         return Bundle.from_json(inside, f"metadata in {str(network)!r}")
     try:

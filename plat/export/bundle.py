@@ -48,7 +48,7 @@ def export_bundle(run: str | Path, out: str | Path) -> ExportCheck:
     The files are checked after they are written; the folder appears when all of them are right, or not at all.
 
     Args:
-        run: run directory of ``recipes/distill.py`` or ``recipes/refine.py``.
+        run: run directory of ``plat distill`` or ``plat refine``.
         out: folder to make.
 
     Raises:
@@ -65,7 +65,7 @@ def export_bundle(run: str | Path, out: str | Path) -> ExportCheck:
     if isinstance(policy, Expert):
         raise BundleError(
             f"{str(run)!r} holds an expert, which follows dense reference motion, expected a policy that chases "
-            "keyframes: a run of recipes/distill.py or recipes/refine.py"
+            "keyframes: a run of plat distill or plat refine"
         )
     network = JointTargetNetwork(policy).eval()
     bundle = describe_policy(policy, saved)

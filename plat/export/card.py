@@ -29,7 +29,7 @@ def model_card(bundle: Bundle, settings: Mapping[str, Any], max_difference: floa
     """
     robot, training = bundle.robot, bundle.training
     motions = ", ".join(f"`{name}`" for name in settings.get("motions", ())) or "unknown"
-    made_by = "an unknown recipe" if training.recipe is None else f"`recipes/{training.recipe}.py`"
+    made_by = "an unknown recipe" if training.recipe is None else f"`plat {training.recipe}`"
     parts = [
         f"# {training.run}: timed keyframes on the {robot.name}",
         f"A policy that takes a {robot.name} ({len(robot.joint_names)} joints) to one future whole-body pose, at most "

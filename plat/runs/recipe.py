@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import ClassVar
 
 import torch
 
@@ -22,7 +23,13 @@ def default_device() -> str:
 
 @dataclass(kw_only=True)
 class RecipeConfig:
-    """What to train on, for how long, and where to write."""
+    """What to train on, for how long, and where to write.
+
+    Attributes:
+        name: of the stage; ``config.json`` and the command line call it so.
+    """
+
+    name: ClassVar[str]
 
     motions: tuple[str, ...]
     """motion files, folders or globs; "generated:train@600" for ten minutes of the motions that plat makes itself"""

@@ -92,7 +92,7 @@ class Run:
             "version": 1,
             "policy": policy_spec(policy),
             "recipe": {
-                "name": Path(sys.argv[0]).stem,
+                "name": getattr(type(recipe), "name", Path(sys.argv[0]).stem),
                 "settings": TypeAdapter(type(recipe)).dump_python(recipe, mode="json"),
             },
             "made_with": {"plat": __version__, "torch": torch.__version__, "commit": _commit()},

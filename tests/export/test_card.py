@@ -25,7 +25,7 @@ def test_says_what_it_is_and_where_it_comes_from(bundle):
         "# chaser",
         "g1 (29 joints)",
         "at most 1 s",
-        "`recipes/refine.py`",
+        "`plat refine`",
         "commit abc",
         "`clips.npz`",
         "3e-07",

@@ -1,6 +1,5 @@
 """Tiny runs and motions for the recipes that score."""
 
-import sys
 from pathlib import Path
 
 import torch
@@ -9,8 +8,6 @@ from torch import nn
 from plat.motions import save_motions
 from plat.runs import policy_spec, save_weights, write_json
 from tests.conftest import standing_clip
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "recipes"))
 
 
 def save_run(folder: Path, policy: nn.Module, steps: int = 0) -> Path:

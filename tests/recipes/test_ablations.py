@@ -3,15 +3,14 @@ import sys
 
 import pytest
 
+from plat.cli import evaluate
 from plat.envs.transforms import RandomizationRanges
 from plat.errors import PlatError
 from plat.modules import Expert, ExpertConfig, LatentNoisePolicy, LatentPolicy, RefinementConfig
+from plat.recipes import ablations
 from plat.robots import G1
 from tests.modules.policies.test_student import SMALL
 from tests.recipes.runs import save_run, write_motions
-
-import ablations  # isort: skip
-import evaluate  # isort: skip
 
 pytest.importorskip("matplotlib")
 
@@ -138,7 +137,7 @@ def trained(monkeypatch) -> list:
         save_run(recipe.out, policy, steps=recipe.steps)
 
     for name in ("expert", "distill", "refine"):
-        monkeypatch.setattr(sys.modules[name], "main", train)
+        monkeypatch.setattr(sys.modules[f"plat.recipes.{name}"], "main", train)
     return made
 
 

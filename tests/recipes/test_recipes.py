@@ -23,7 +23,7 @@ STAGES = {
 
 
 def command(recipe: str, *arguments: object) -> list[str]:
-    return [sys.executable, str(ROOT / "recipes" / f"{recipe}.py"), *map(str, arguments)]
+    return [sys.executable, "-m", "plat", recipe, *map(str, arguments)]
 
 
 def run(recipe: str, *arguments: object) -> str:
@@ -95,7 +95,7 @@ def test_one_seed_one_result(tmp_path, stages, recipe):
     assert rows[0] != rows[2]
 
 
-@pytest.mark.parametrize("recipe", [*STAGES, "evaluate", "ablations", "demo", "play", "export", "sim_to_sim"])
+@pytest.mark.parametrize("recipe", [*STAGES, "evaluate", "ablations", "demo", "play", "export", "sim-to-sim"])
 def test_help_explains_every_field(recipe):
     text = run(recipe, "--help")
     # tyro shows a field without a docstring as its bare type and default

@@ -3,14 +3,13 @@ import csv
 import pytest
 
 from plat.baselines import ReleasedTrackers
+from plat.cli import evaluate
 from plat.envs.transforms import HORIZONS
 from plat.errors import MotionError, PlatError
 from plat.modules import Expert, ExpertConfig, PlainPolicy
 from plat.robots import G1
 from tests.modules.policies.test_student import SMALL
 from tests.recipes.runs import save_run, write_motions
-
-import evaluate  # isort: skip
 
 
 @pytest.fixture

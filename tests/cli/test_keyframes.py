@@ -1,16 +1,13 @@
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from plat.cli import keyframes
 from plat.errors import KeyframeError, MotionError
 from plat.keyframes import KeyframeSequence
 from plat.motions import generate_motions, save_motions
 from plat.robots import G1
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "recipes"))
-import keyframes
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "recipes" / "examples" / "bow.json"

@@ -1,6 +1,6 @@
 """Let a policy chase the keyframes of a file: one robot, plain MuJoCo, 50 Hz.
 
-python recipes/play.py --policy plat/weights/plat --keyframes recipes/examples/bow.json --video bow.mp4
+plat play --policy plat/weights/plat --keyframes recipes/examples/bow.json --video bow.mp4
 """
 
 from collections.abc import Sequence
@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-import tyro
 
 import plat.headless  # noqa: F401
 
@@ -29,7 +28,7 @@ from plat.control import (
 from plat.errors import KeyframeError
 from plat.keyframes import CONTROL_DT, KeyframeSequence
 from plat.rendering import Stage, check_video, film, stage_model, write_video
-from plat.runs import load_policy, report_errors
+from plat.runs import load_policy
 
 
 @dataclass(kw_only=True)
@@ -39,7 +38,7 @@ class PlayRecipe:
     policy: Path
     """run directory; an expert is given keyframes in place of its next reference frame (Scratch RL)"""
     keyframes: Path
-    """keyframe file, see docs/keyframes.md; recipes/keyframes.py makes them out of motions"""
+    """keyframe file, see docs/keyframes.md; plat keyframes makes them out of motions"""
     split: bool = False
     """split intervals of more than a second into equal parts; else they are refused"""
     hold: float = 1.0
@@ -133,6 +132,4 @@ def print_table(scores: Sequence[KeyframeScore]) -> None:
     print(summary)
 
 
-if __name__ == "__main__":
-    with report_errors():
-        main(tyro.cli(PlayRecipe))
+COMMAND = PlayRecipe

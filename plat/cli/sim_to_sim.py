@@ -1,6 +1,6 @@
 """Run a bundle in MuJoCo at other physics than it was trained in, and see how the score holds up.
 
-python recipes/sim_to_sim.py bundle --motions generated:val@60 --keyframes wave.json
+plat sim-to-sim bundle --motions generated:val@60 --keyframes wave.json
 
 The policy sees what a robot would give it and nothing else: it runs in onnxruntime, and motors have the gains of its
 bundle. The robot begins at rest in the first pose and is never put back, so a fall costs every keyframe after it.
@@ -25,7 +25,6 @@ from plat.errors import KeyframeError
 from plat.keyframes import CONTROL_DT, Keyframe, KeyframeSequence
 from plat.motions import MotionLibrary
 from plat.robots import G1, FootContacts, Robot
-from plat.runs import report_errors
 
 
 @dataclass(frozen=True)
@@ -102,7 +101,7 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
 
 
 def motion_keyframes(library: MotionLibrary, seed: int) -> list[KeyframeSequence]:
-    """The commands that recipes/evaluate.py gives along every motion, as keyframes."""
+    """The commands that plat evaluate gives along every motion, as keyframes."""
     schedule = CommandSchedule(library, HORIZONS["mixed"], seed)
     issued = schedule.first_frame
     sequences = []
@@ -161,6 +160,4 @@ class Delayed:
         return self._coming.popleft()
 
 
-if __name__ == "__main__":
-    with report_errors():
-        main(tyro.cli(SimToSimRecipe))
+COMMAND = SimToSimRecipe

@@ -1,9 +1,8 @@
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
+from plat.cli import sim_to_sim
+from plat.cli.sim_to_sim import Delayed, Physics
 from plat.control import Simulator
 from plat.errors import KeyframeError
 from plat.export import export_bundle
@@ -12,10 +11,6 @@ from plat.motions import MotionLibrary, generate_motions
 from plat.robots import G1
 from tests.deploy.robots import describe_g1
 from tests.export.runs import small_policy, write_run
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "recipes"))
-import sim_to_sim
-from sim_to_sim import Delayed, Physics
 
 
 @pytest.fixture(scope="module")

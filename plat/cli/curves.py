@@ -1,6 +1,6 @@
 """Draw the learning curves of runs, from their metrics.csv.
 
-python recipes/curves.py runs/expert --metrics terminations_per_second error/keypoint_aligned --out curves.png
+plat curves runs/expert --metrics terminations_per_second error/keypoint_aligned --out curves.png
 """
 
 import csv
@@ -12,7 +12,6 @@ import tyro
 
 from plat.errors import PlatError
 from plat.figures import pyplot
-from plat.runs import report_errors
 
 
 @dataclass(kw_only=True)
@@ -60,6 +59,4 @@ def main(recipe: CurvesRecipe) -> None:
     print(f"wrote {recipe.out}")
 
 
-if __name__ == "__main__":
-    with report_errors():
-        main(tyro.cli(CurvesRecipe))
+COMMAND = CurvesRecipe

@@ -1,9 +1,9 @@
 """Look at motion files, convert them, mirror them, and make them from human motion capture.
 
-python recipes/motions.py inspect FILES --out pictures
-python recipes/motions.py convert FILES --out motions.npz --ground smooth --drop-bad
-python recipes/motions.py mirror  FILES --out mirrored.npz
-python recipes/motions.py retarget BVH --out folder
+plat motions inspect FILES --out pictures
+plat motions convert FILES --out motions.npz --ground smooth --drop-bad
+plat motions mirror  FILES --out mirrored.npz
+plat motions retarget BVH --out folder
 """
 
 import itertools
@@ -46,7 +46,6 @@ from plat.motions.resample import resample_qpos
 from plat.motions.retargeting import Retargeted, SolverOptions, bvh_paths, load_map, retarget_all, split_of
 from plat.rendering import RenderingError, Stage, stills
 from plat.robots import G1
-from plat.runs import report_errors
 
 SHEET_COLUMNS = 8
 
@@ -359,8 +358,9 @@ def file_name(name: str) -> str:
     return "".join(letter if letter.isalnum() or letter in "-_. " else "_" for letter in name)
 
 
-COMMANDS = Inspect | Convert | Mirror | Retarget
+COMMAND = Inspect | Convert | Mirror | Retarget
 
-if __name__ == "__main__":
-    with report_errors():
-        tyro.cli(COMMANDS).run()
+
+def main(command: Inspect | Convert | Mirror | Retarget) -> None:
+    """Run a command."""
+    command.run()

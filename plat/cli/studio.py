@@ -1,6 +1,6 @@
 """Pose keyframes in the browser, and watch policies chase them.
 
-python recipes/studio.py plat/weights/plat plat/weights/dagger plat/weights/expert --motions generated:val
+plat studio plat/weights/plat plat/weights/dagger plat/weights/expert --motions generated:val
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ import plat.headless  # noqa: F401
 # isort: split
 
 from plat.errors import StudioError
-from plat.runs import load_policy, report_errors
+from plat.runs import load_policy
 
 
 @dataclass(kw_only=True)
@@ -73,6 +73,4 @@ def _names(runs: tuple[Path, ...]) -> list[str]:
     return [folder if folders.count(folder) == 1 else str(run) for folder, run in zip(folders, runs, strict=True)]
 
 
-if __name__ == "__main__":
-    with report_errors():
-        main(tyro.cli(StudioRecipe))
+COMMAND = StudioRecipe

@@ -1,6 +1,6 @@
 """Write the policy of a run as a bundle for robots and other simulators: ONNX, metadata, model card, example.
 
-python recipes/export.py runs/plat --out bundle
+plat export runs/plat --out bundle
 """
 
 from dataclasses import dataclass
@@ -10,7 +10,6 @@ from typing import Annotated
 import tyro
 
 from plat.export import export_bundle
-from plat.runs import report_errors
 
 
 @dataclass(kw_only=True)
@@ -32,6 +31,4 @@ def main(recipe: ExportRecipe) -> None:
     )
 
 
-if __name__ == "__main__":
-    with report_errors():
-        main(tyro.cli(ExportRecipe))
+COMMAND = ExportRecipe

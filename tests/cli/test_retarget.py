@@ -3,14 +3,13 @@ import sys
 from pathlib import Path
 
 from plat.motions import load_motions
+from tests.motions.retargeting.human import write_human
 
-from .human import write_human
-
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[2]
 
 
 def run(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, str(ROOT / "recipes" / "motions.py"), "retarget", *map(str, arguments)]
+    command = [sys.executable, "-m", "plat", "motions", "retarget", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
 
 

@@ -1,12 +1,9 @@
-import sys
 from pathlib import Path
 
 import pytest
 
+from plat.cli import curves
 from plat.errors import PlatError
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "recipes"))
-import curves
 
 
 def write_metrics(folder: Path) -> Path:

@@ -1,7 +1,7 @@
 """Make keyframe files out of motions, and look at them.
 
-python recipes/keyframes.py from-motion generated:val/bow@1 --every 0.7 --out bow.json
-python recipes/keyframes.py show bow.json
+plat keyframes from-motion generated:val/bow@1 --every 0.7 --out bow.json
+plat keyframes show bow.json
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,6 @@ from plat.keyframes import CONTROL_DT, MAX_STEPS, KeyframeSequence
 from plat.motions import MotionClip, load_motions
 from plat.motions.generation import PREFIX, generate_named
 from plat.robots import G1
-from plat.runs import report_errors
 
 
 @dataclass(kw_only=True)
@@ -98,8 +97,9 @@ class Show:
         return sequence
 
 
-COMMANDS = FromMotion | Show
+COMMAND = FromMotion | Show
 
-if __name__ == "__main__":
-    with report_errors():
-        tyro.cli(COMMANDS).run()
+
+def main(command: FromMotion | Show) -> None:
+    """Run a command."""
+    command.run()

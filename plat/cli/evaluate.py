@@ -1,6 +1,6 @@
 """Score policies on motions: timed keyframe tracking, the same commands for each.
 
-python recipes/evaluate.py runs/plat runs/dagger runs/expert --motions clips.npz --horizon mixed
+plat evaluate runs/plat runs/dagger runs/expert --motions clips.npz --horizon mixed
 """
 
 import time
@@ -22,7 +22,7 @@ from plat.evaluation.table import COLUMNS, rows
 from plat.figures import ablation_bars, film_strip, pyplot, radar_plot, save_figure, success_plot
 from plat.motions import MotionLibrary
 from plat.rendering import RenderingError, Stage
-from plat.runs import check_logger, default_device, log_table, report_errors, start_logging
+from plat.runs import check_logger, default_device, log_table, start_logging
 from plat.runs.loggers import LoggerName, chosen_loggers
 
 HorizonName = Literal["single", "short", "medium", "long", "mixed"]
@@ -182,6 +182,4 @@ def draw_strips(
     return written
 
 
-if __name__ == "__main__":
-    with report_errors():
-        main(tyro.cli(EvaluateRecipe))
+COMMAND = EvaluateRecipe

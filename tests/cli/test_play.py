@@ -9,13 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from plat.cli import play
 from plat.errors import CheckpointError, KeyframeError
 from plat.keyframes import KeyframeSequence, standing
 from plat.rendering import RenderingError, Stage
 from plat.robots import G1
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "recipes"))
-import play
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "recipes" / "examples" / "bow.json"
@@ -102,7 +100,7 @@ def test_what_is_wrong_shows_before_the_robot_runs(changes, error, message, monk
 def test_the_viewer_without_a_display_is_one_line():
     environment = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY")}
     arguments = ["--policy", str(PLAT), "--keyframes", str(EXAMPLE), "--viewer"]
-    command = [sys.executable, str(ROOT / "recipes" / "play.py"), *arguments]
+    command = [sys.executable, "-m", "plat", "play", *arguments]
     out = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT, env=environment)
     assert out.returncode == 1
     assert out.stderr.strip().splitlines()[-1].startswith("error: no window for the viewer")

@@ -15,7 +15,7 @@ pytest.importorskip("onnxruntime")
 
 
 def export(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, str(ROOT / "recipes" / "export.py"), *map(str, arguments)]
+    command = [sys.executable, "-m", "plat", "export", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
 
 

@@ -5,10 +5,8 @@ from pathlib import Path
 import pytest
 
 import plat
+from plat.cli import studio
 from plat.errors import CheckpointError, KeyframeError, StudioError
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "recipes"))
-import studio
 
 PLAT = Path(__file__).parents[2] / "plat" / "weights" / "plat"
 

@@ -1,4 +1,3 @@
-import importlib.util
 import subprocess
 import sys
 from pathlib import Path
@@ -7,22 +6,12 @@ import numpy as np
 import pytest
 import tyro
 
+from plat.cli import motions
 from plat.errors import MotionError, PlatError
 from plat.motions import MotionClip, ground_feet, level_feet, load_motions, mirror_motion, save_motions
 from plat.rendering import RenderingError
 from plat.robots import G1
 from tests.motions.formats.writers import bowing_clip, write_asap, write_csv, write_gmr
-
-RECIPE = Path(__file__).parents[2] / "recipes" / "motions.py"
-
-
-@pytest.fixture(scope="module")
-def recipe():
-    spec = importlib.util.spec_from_file_location("motions_recipe", RECIPE)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.fixture
@@ -38,12 +27,12 @@ def folder(tmp_path) -> Path:
     return folder
 
 
-def run(recipe, *arguments: object):
-    return tyro.cli(recipe.COMMANDS, args=[str(argument) for argument in arguments]).run()
+def run(*arguments: object):
+    return tyro.cli(motions.COMMAND, args=[str(argument) for argument in arguments]).run()
 
 
-def test_inspect_prints_a_row_a_clip(recipe, folder, capsys):
-    run(recipe, "inspect", folder)
+def test_inspect_prints_a_row_a_clip(folder, capsys):
+    run("inspect", folder)
     lines = capsys.readouterr().out.splitlines()
     assert "good_50fps.csv: 1 clip, csv, 50 fps, quaternion wxyz detected, fps from the file name" in lines[0]
     assert "two.npz: 2 clips, plat npz, 50 fps" in lines[1]
@@ -59,31 +48,31 @@ def test_inspect_prints_a_row_a_clip(recipe, folder, capsys):
         assert all(rows[name][end - 1] != " " and rows[name][end] == " " for end in ends)
 
 
-def test_inspect_draws(recipe, folder, tmp_path, capsys, monkeypatch):
+def test_inspect_draws(folder, tmp_path, capsys, monkeypatch):
     pytest.importorskip("matplotlib")
-    monkeypatch.setattr(recipe, "SHEET_COLUMNS", 2)
-    run(recipe, "inspect", folder, "--out", tmp_path / "out", "--pictures", 2)
+    monkeypatch.setattr(motions, "SHEET_COLUMNS", 2)
+    run("inspect", folder, "--out", tmp_path / "out", "--pictures", 2)
     written = {path.name for path in (tmp_path / "out").iterdir()}
     # the clips to drop and to repair come first
     assert {"short.png", "floating.png"} <= written <= {"short.png", "floating.png", "contact_sheet.png"}
     assert ("contact_sheet.png" in written) != ("no contact sheet" in capsys.readouterr().out)
 
 
-def test_no_opengl_costs_only_the_sheet(recipe, folder, tmp_path, capsys, monkeypatch):
+def test_no_opengl_costs_only_the_sheet(folder, tmp_path, capsys, monkeypatch):
     pytest.importorskip("matplotlib")
 
     def fail(*_, **__):
         raise RenderingError("no OpenGL (none); apt install it")
 
-    monkeypatch.setattr(recipe, "Stage", fail)
-    run(recipe, "inspect", folder / "good_50fps.csv", "--out", tmp_path / "out")
+    monkeypatch.setattr(motions, "Stage", fail)
+    run("inspect", folder / "good_50fps.csv", "--out", tmp_path / "out")
     assert "no contact sheet: no OpenGL (none); apt install it" in capsys.readouterr().out
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["good.png"]
 
 
-def test_convert_to_one_file_with_repairs(recipe, folder, tmp_path, capsys):
+def test_convert_to_one_file_with_repairs(folder, tmp_path, capsys):
     out = tmp_path / "all.npz"
-    run(recipe, "convert", folder, "--out", out, "--ground", "clip", "--trim", 0.2, 0.1, "--drop-bad")
+    run("convert", folder, "--out", out, "--ground", "clip", "--trim", 0.2, 0.1, "--drop-bad")
     clips = {clip.name: clip for clip in load_motions(out)}
     assert sorted(clips) == ["floating", "good"]
     assert len(clips["good"].qpos) == 60 - 10 - 5
@@ -91,92 +80,92 @@ def test_convert_to_one_file_with_repairs(recipe, folder, tmp_path, capsys):
     assert "dropped short: 0.00 s left" in capsys.readouterr().out
 
 
-def test_convert_levels_feet_before_it_grounds_them(recipe, tmp_path):
+def test_convert_levels_feet_before_it_grounds_them(tmp_path):
     clip = bowing_clip()
     clip.qpos[:, [7 + G1.joint_names.index(f"{side}_ankle_pitch") for side in ("left", "right")]] += 0.4
     save_motions(tmp_path / "tilted.npz", [clip])
-    run(recipe, "convert", tmp_path / "tilted.npz", "--out", tmp_path / "out.npz", "--level-feet", "--ground", "clip")
+    run("convert", tmp_path / "tilted.npz", "--out", tmp_path / "out.npz", "--level-feet", "--ground", "clip")
     (levelled,) = load_motions(tmp_path / "out.npz")
     np.testing.assert_allclose(levelled.qpos, ground_feet(level_feet(clip)).qpos, atol=1e-5)
     assert abs(levelled.qpos[:, 2] - ground_feet(clip).qpos[:, 2]).min() > 0.01
 
 
-def test_convert_to_folders(recipe, folder, tmp_path):
+def test_convert_to_folders(folder, tmp_path):
     (folder / "again").mkdir()
     write_gmr(folder / "again" / "two.pkl", bowing_clip())
-    run(recipe, "convert", folder, "--out", tmp_path / "npz")
+    run("convert", folder, "--out", tmp_path / "npz")
     assert sorted(path.name for path in (tmp_path / "npz").iterdir()) == ["good_50fps.npz", "two.npz", "two_2.npz"]
-    run(recipe, "convert", folder, "--out", tmp_path / "csv", "--format", "csv")
+    run("convert", folder, "--out", tmp_path / "csv", "--format", "csv")
     files = sorted(path.name for path in (tmp_path / "csv").iterdir())
     assert files == ["floating_50fps.csv", "good_50fps.csv", "short_50fps.csv", "two_50fps.csv"]
     np.testing.assert_allclose(load_motions(tmp_path / "csv" / "two_50fps.csv")[0].qpos, bowing_clip().qpos, atol=1e-5)
 
 
-def test_convert_with_what_the_user_states(recipe, tmp_path):
+def test_convert_with_what_the_user_states(tmp_path):
     standing = MotionClip("standing", np.tile(G1.default_qpos, (60, 1)), 30.0)
     write_csv(tmp_path / "standing.csv", standing, "xyzw")
     arguments = ["convert", tmp_path / "standing.csv", "--out", tmp_path / "x.npz"]
     with pytest.raises(MotionError, match="--quat-order"):
-        run(recipe, *arguments)
-    run(recipe, *arguments, "--quat-order", "xyzw", "--fps", 60, "--resample", 20)
+        run(*arguments)
+    run(*arguments, "--quat-order", "xyzw", "--fps", 60, "--resample", 20)
     (clip,) = load_motions(tmp_path / "x.npz")
     assert (clip.fps, len(clip.qpos)) == (20.0, 20)
     np.testing.assert_allclose(clip.qpos, standing.qpos[:20], atol=1e-5)
 
 
-def test_what_is_to_be_dropped_is_dropped(recipe, tmp_path, capsys):
+def test_what_is_to_be_dropped_is_dropped(tmp_path, capsys):
     slipping = bowing_clip(60)
     slipping.qpos[:, 0] += np.arange(60) / 50 * 2
     clips = [bowing_clip(60), MotionClip("slipping", slipping.qpos, 50.0)]
     save_motions(tmp_path / "a.npz", clips)
-    run(recipe, "convert", tmp_path / "a.npz", "--out", tmp_path / "b.npz", "--drop-bad")
+    run("convert", tmp_path / "a.npz", "--out", tmp_path / "b.npz", "--drop-bad")
     assert [clip.name for clip in load_motions(tmp_path / "b.npz")] == ["bow"]
     text = capsys.readouterr().out
     assert "dropped slipping: feet slip at 2.0 m/s" in text
     assert "wrote 1 clip, 1 s, to" in text
 
 
-def test_clip_limits(recipe, tmp_path):
+def test_clip_limits(tmp_path):
     clip = bowing_clip()
     clip.qpos[:, 10] = -0.3
     save_motions(tmp_path / "a.npz", [clip])
-    run(recipe, "convert", tmp_path / "a.npz", "--out", tmp_path / "b.npz", "--clip-limits")
+    run("convert", tmp_path / "a.npz", "--out", tmp_path / "b.npz", "--clip-limits")
     assert load_motions(tmp_path / "b.npz")[0].qpos[0, 10] == pytest.approx(float(G1.joint_range[3, 0]))
 
 
-def test_mirror(recipe, tmp_path):
+def test_mirror(tmp_path):
     write_asap(tmp_path / "a.pkl", bowing_clip())
-    run(recipe, "mirror", tmp_path / "a.pkl", "--out", tmp_path / "b.npz")
+    run("mirror", tmp_path / "a.pkl", "--out", tmp_path / "b.npz")
     mirrored = load_motions(tmp_path / "b.npz")
     assert [clip.name for clip in mirrored] == ["first_mirrored", "second_mirrored"]
     np.testing.assert_array_equal(mirrored[0].qpos, mirror_motion(load_motions(tmp_path / "a.pkl")[0]).qpos)
 
 
-def test_generated_motions_are_read(recipe, monkeypatch, capsys):
-    monkeypatch.setattr(recipe, "generate_named", lambda name: {"generated:val": [bowing_clip(60)]}[name])
-    (report,) = run(recipe, "inspect", "generated:val")
+def test_generated_motions_are_read(monkeypatch, capsys):
+    monkeypatch.setattr(motions, "generate_named", lambda name: {"generated:val": [bowing_clip(60)]}[name])
+    (report,) = run("inspect", "generated:val")
     assert report.verdict == "use"
     assert "generated_val: 1 clip, generated, 50 fps" in capsys.readouterr().out
 
 
-def test_names_are_made_distinct(recipe):
+def test_names_are_made_distinct():
     names = ["a", "a", "a_2", "b", "a"]
-    clips = recipe.distinct([MotionClip(name, np.empty(0), 30.0) for name in names])
+    clips = motions.distinct([MotionClip(name, np.empty(0), 30.0) for name in names])
     assert [clip.name for clip in clips] == ["a", "a_2", "a_2_2", "b", "a_3"]
 
 
-def test_what_cannot_be_written_is_said(recipe, folder, tmp_path):
+def test_what_cannot_be_written_is_said(folder, tmp_path):
     with pytest.raises(PlatError, match="expected a file .npz, or a folder"):
-        run(recipe, "convert", folder, "--out", tmp_path / "x.csv")
+        run("convert", folder, "--out", tmp_path / "x.csv")
     with pytest.raises(PlatError, match="--resample 0: expected 1 to 1000"):
-        run(recipe, "convert", folder, "--out", tmp_path / "x.npz", "--resample", 0)
+        run("convert", folder, "--out", tmp_path / "x.npz", "--resample", 0)
     with pytest.raises(PlatError, match="no clips are left"):
-        run(recipe, "convert", folder / "two.npz", "--trim", 1, 0, "--out", tmp_path / "x.npz", "--drop-bad")
+        run("convert", folder / "two.npz", "--trim", 1, 0, "--out", tmp_path / "x.npz", "--drop-bad")
 
 
 def test_errors_are_one_line():
     out = subprocess.run(
-        [sys.executable, str(RECIPE), "inspect", "nowhere.csv"], capture_output=True, text=True, check=False
+        [sys.executable, "-m", "plat", "motions", "inspect", "nowhere.csv"], capture_output=True, text=True, check=False
     )
     assert out.returncode == 1
     assert "error: motion file 'nowhere.csv': no such file" in out.stderr

@@ -1,0 +1,67 @@
+"""The command line: ``plat COMMAND``.
+
+Every command is a module with a dataclass of its settings (``COMMAND``, or a union of them) and a ``main`` that is
+given one. A module is imported when its command is called, so that help texts need no torch.
+"""
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+__all__ = ["COMMANDS", "Command", "main"]
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command: the module that holds it, and what it does in one line."""
+
+    module: str
+    summary: str
+
+
+COMMANDS = {
+    "expert": Command("plat.recipes.expert", "stage 1: train a dense motion-tracking expert with PPO"),
+    "distill": Command("plat.recipes.distill", "stage 2: teach a student that sees only keyframes, by DAgger"),
+    "refine": Command("plat.recipes.refine", "stage 3: refine the student with PPO on a residual in its latent"),
+    "ablations": Command("plat.recipes.ablations", "train and score every row of the paper's ablation"),
+    "demo": Command("plat.recipes.demo", "all three stages and the evaluation, small, in a few minutes"),
+    "evaluate": Command("plat.cli.evaluate", "score policies on motions: timed keyframe tracking"),
+    "play": Command("plat.cli.play", "let a policy chase the keyframes of a file"),
+    "studio": Command("plat.cli.studio", "pose keyframes in the browser and watch policies chase them"),
+    "motions": Command("plat.cli.motions", "inspect, convert, mirror and retarget motion files"),
+    "keyframes": Command("plat.cli.keyframes", "make keyframe files out of motions, and look at them"),
+    "export": Command("plat.cli.export", "write a policy as an ONNX bundle for robots and other simulators"),
+    "sim-to-sim": Command("plat.cli.sim_to_sim", "score a bundle in MuJoCo at other physics than in training"),
+    "curves": Command("plat.cli.curves", "draw the learning curves of runs"),
+}
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Run a command; user errors end the program with one line.
+
+    Args:
+        args: the command line, by default the program's own.
+
+    >>> main(["--help"])
+    usage: plat COMMAND ...
+    ...
+    """
+    name, *rest = (sys.argv[1:] if args is None else args) or ["--help"]
+    if name in ("-h", "--help"):
+        print(_usage())
+        return
+    if name == "--version":
+        from plat.version import __version__
+
+        print(f"plat {__version__}")
+        return
+    if name not in COMMANDS:
+        sys.exit(f"error: {name!r} is no command of plat, expected one of {', '.join(COMMANDS)}; see plat --help")
+    from plat.cli.settings import run
+
+    run(COMMANDS[name].module, rest, prog=f"plat {name}")
+
+
+def _usage() -> str:
+    rows = [f"  {name:<12}{command.summary}" for name, command in COMMANDS.items()]
+    return "\n".join(["usage: plat COMMAND ...", "", *rows, "", "plat COMMAND --help explains its settings."])
