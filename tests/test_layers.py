@@ -38,6 +38,7 @@ LAYERS = [
     "studio",
     "weights",
     "cli",
+    "__main__",
 ]
 """Rooms of the package, the lowest first. A module may import its own room and those before it."""
 
