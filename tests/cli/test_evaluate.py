@@ -6,6 +6,7 @@ from plat.baselines import ReleasedTrackers
 from plat.cli import evaluate
 from plat.envs.transforms import HORIZONS
 from plat.errors import MotionError, PlatError
+from plat.evaluation import entrant
 from plat.modules import Expert, ExpertConfig, PlainPolicy
 from plat.robots import G1
 from tests.modules.policies.test_student import SMALL
@@ -47,12 +48,12 @@ def test_only_some_motions(runs, capsys):
 def test_dense_goals_of_an_expert_that_sees_several_frames(runs, monkeypatch):
     seen = {}
 
-    def record(policy, library, horizon, **settings):
-        seen.update(settings, keys=set(policy.in_keys))
-        return original(policy, library, horizon, **settings)
+    def record(policy, library, horizon, setting, **view):
+        seen.update(view, keys=set(policy.in_keys))
+        return original(policy, library, horizon, setting, **view)
 
-    original = evaluate.evaluate
-    monkeypatch.setattr(evaluate, "evaluate", record)
+    original = entrant.evaluate
+    monkeypatch.setattr(entrant, "evaluate", record)
     evaluate.main(recipe(runs, "far-sighted", dense=True))
     assert seen["dense"] is True
     assert seen["goals"] == {"goal": 1, "goal_6": 6}
@@ -97,14 +98,14 @@ def test_a_motion_too_short_for_a_strip_is_named(runs, capsys):
 
 def test_a_missing_extra_is_said_before_the_evaluation(runs, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "matplotlib", None)
-    monkeypatch.setattr(evaluate, "evaluate", lambda *_, **__: pytest.fail("evaluated first"))
+    monkeypatch.setattr(entrant, "evaluate", lambda *_, **__: pytest.fail("evaluated first"))
     with pytest.raises(PlatError, match=r"pip install 'plat-rl\[figures\]'"):
         evaluate.main(recipe(runs, "plain", figures=runs / "figures"))
 
 
 def test_a_clip_that_is_not_there_is_named_before_the_evaluation(runs, monkeypatch):
     pytest.importorskip("matplotlib")
-    monkeypatch.setattr(evaluate, "evaluate", lambda *_, **__: pytest.fail("evaluated first"))
+    monkeypatch.setattr(entrant, "evaluate", lambda *_, **__: pytest.fail("evaluated first"))
     with pytest.raises(MotionError, match="'jump' is in none of the 2"):
         evaluate.main(recipe(runs, "plain", figures=runs / "figures", clip="jump"))
 

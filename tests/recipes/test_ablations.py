@@ -43,10 +43,10 @@ def evaluated(monkeypatch) -> list[tuple[str, str]]:
     calls: list[tuple[str, str]] = []
     original = evaluate.Entrant.evaluate
 
-    def record(self, library, horizon, **settings):
-        kind = "dense" if self.dense else "randomized" if settings["randomization"] else "plain"
+    def record(self, library, horizon, setting):
+        kind = "dense" if self.view.dense else "randomized" if setting.randomization else "plain"
         calls.append((horizon, kind))
-        return original(self, library, horizon, **settings)
+        return original(self, library, horizon, setting)
 
     monkeypatch.setattr(evaluate.Entrant, "evaluate", record)
     return calls
