@@ -15,13 +15,12 @@ from plat.cli.settings import parse
 from plat.collectors import ExpertLabels, MixedPolicy, dagger_buffer, rollouts
 from plat.envs import DistillationTaskConfig, make_keyframe_env
 from plat.envs.transforms import HORIZONS, pop_statistics
-from plat.errors import PlatError
 from plat.evaluation import play
-from plat.modules import STUDENT_KEYS, Expert, LatentPolicy, LatentPolicyConfig, PlainPolicy
+from plat.modules import STUDENT_KEYS, LatentPolicy, LatentPolicyConfig, PlainPolicy, Teacher
 from plat.motions import MotionLibrary
 from plat.objectives import ImitationLoss, LatentImitationLoss, Precision, autocast
 from plat.rendering import Films
-from plat.runs import Budget, RecipeConfig, Run, load_policy, report_errors
+from plat.runs import Budget, RecipeConfig, Run, SavedRun, report_errors
 
 
 @dataclass(kw_only=True)
@@ -31,7 +30,7 @@ class DistillRecipe(RecipeConfig):
     name = "distill"
 
     expert: Path
-    """run of stage 1"""
+    """run of stage 1, or of another teacher"""
     student: Literal["latent", "plain"] = "latent"
     """with the privileged latent, or the ablation without"""
     policy: LatentPolicyConfig = field(default_factory=LatentPolicyConfig)
@@ -72,13 +71,18 @@ def main(recipe: DistillRecipe) -> None:
     """Run the recipe."""
     torch.manual_seed(recipe.seed)
     device = recipe.device
+    expected = "a teacher, such as the expert of stage 1 (--expert)"
+    teacher: Teacher = SavedRun(recipe.expert).policy_as(Teacher, expected, device)  # type: ignore[type-abstract]
     library = MotionLibrary.load(recipe.motions, mirror=recipe.mirror).to(device)
-    teacher = load_policy(recipe.expert, device)
-    if not isinstance(teacher, Expert):
-        raise PlatError(f"--expert {str(recipe.expert)!r}: expected the run of an expert")
-    expert = teacher.deployed(tuple(teacher.dense_goals), out_key="expert_action")
-    horizon, goals = HORIZONS[recipe.horizon], teacher.dense_goals
-    env = make_keyframe_env(library, recipe.num_envs, recipe.task, horizon=horizon, dense_goals=goals, device=device)
+    env = make_keyframe_env(
+        library,
+        recipe.num_envs,
+        recipe.task,
+        horizon=HORIZONS[recipe.horizon],
+        dense_goals={},
+        transforms=teacher.references(library),
+        device=device,
+    )
     student: Any
     loss: Any
     if recipe.student == "latent":
@@ -91,7 +95,8 @@ def main(recipe: DistillRecipe) -> None:
         loss = ImitationLoss(student.training_graph())
     optimizer = torch.optim.Adam(student.parameters(), lr=recipe.lr, fused=True)
     buffer = dagger_buffer(library, recipe.buffer_size, recipe.batch_size, recipe.stride, device)
-    policy = MixedPolicy(student.sampled(), expert, recipe.expert_share)
+    labels = teacher.labels()
+    policy = MixedPolicy(student.sampled(), labels, recipe.expert_share, keep_labels=teacher.stateful)
     budget = Budget(recipe.minutes, recipe.steps)
     watch = partial(play, student.deployed(), library, 0, HORIZONS["long"], device=device)
     films = Films(recipe.out / "videos", library.robot, watch, recipe.video_every)
@@ -106,7 +111,7 @@ def main(recipe: DistillRecipe) -> None:
         loggers=recipe.loggers,
         film=films.take,
     )
-    labelled = ExpertLabels(expert, STUDENT_KEYS, recipe.precision)
+    labelled = ExpertLabels(None if teacher.stateful else labels, STUDENT_KEYS, recipe.precision)
     for rollout in rollouts(env, policy, recipe.rollout, recipe.precision):
         states = labelled(rollout)
         budget.add(len(states))

@@ -19,7 +19,7 @@ from plat.modules import Critic, Expert, ExpertConfig
 from plat.motions import MotionLibrary
 from plat.objectives import PPO, MotorGradientConfig, PPOConfig, motor_gradient
 from plat.rendering import Films
-from plat.runs import Budget, RecipeConfig, Run, load_policy, report_errors
+from plat.runs import Budget, RecipeConfig, Run, SavedRun, report_errors
 
 
 @dataclass(kw_only=True)
@@ -115,9 +115,7 @@ def start_from(expert: Expert, folder: Path) -> None:
     Raises:
         CheckpointError: when the run holds something else, or an expert of other sizes.
     """
-    policy = load_policy(folder)
-    if not isinstance(policy, Expert):
-        raise CheckpointError(f"{str(folder)!r} holds a {type(policy).__name__}, expected an expert (--init)")
+    policy = SavedRun(folder).policy_as(Expert, "an expert (--init)")
     try:
         expert.start_from(policy)
     except ValueError as error:

@@ -20,6 +20,8 @@ from plat.modules import (
     Critic,
     FinetunedPolicy,
     LatentNoisePolicy,
+    LatentPolicy,
+    Refinement,
     RefinementConfig,
     ResidualActionPolicy,
     ResidualLatentPolicy,
@@ -27,9 +29,9 @@ from plat.modules import (
 from plat.motions import MotionLibrary
 from plat.objectives import PPO, MotorGradientConfig, PPOConfig, motor_gradient
 from plat.rendering import Films
-from plat.runs import Budget, RecipeConfig, Run, load_policy, report_errors
+from plat.runs import Budget, RecipeConfig, Run, SavedRun, report_errors
 
-VARIANTS = {
+VARIANTS: dict[str, type[Refinement]] = {
     "latent": ResidualLatentPolicy,
     "latent-noise": LatentNoisePolicy,
     "action": ResidualActionPolicy,
@@ -76,9 +78,11 @@ def main(recipe: RefineRecipe) -> None:
     """Run the recipe."""
     torch.manual_seed(recipe.seed)
     device = recipe.device
+    expected = "a student with a latent, of plat distill (--student)"
+    student = SavedRun(recipe.student).policy_as(LatentPolicy, expected)
     library = MotionLibrary.load(recipe.motions, mirror=recipe.mirror).to(device)
     env = make_keyframe_env(library, recipe.num_envs, recipe.task, horizon=HORIZONS[recipe.horizon], device=device)
-    policy = VARIANTS[recipe.variant](load_policy(recipe.student), recipe.policy).to(device)
+    policy = VARIANTS[recipe.variant](student, recipe.policy).to(device)
     critic = Critic(library.robot, STUDENT_KEYS).to(device)
     ppo = PPO(policy.head(), critic.head(), critic.observe(), recipe.ppo, action_key=policy.sample_key)
     budget = Budget(recipe.minutes, recipe.steps)

@@ -87,6 +87,19 @@ class Tracker(TensorDictModuleBase):
             reference = TrackerReference(library, ("command", "target_frame"), instead, velocities=False)
         return [reference, InitTracker()]
 
+    stateful = True
+
+    def references(self, library: MotionLibrary) -> list[Transform]:
+        """Return the transforms that show it the dense reference, see :class:`plat.modules.Teacher`."""
+        return self.observe(library, dense=True)
+
+    def labels(self) -> TensorDictModuleBase:
+        """Return the module that writes its action to ``expert_action``.
+
+        It takes its own labels for its past actions, also where a student has acted.
+        """
+        return _Labels(self)
+
     def remembered(self, name: str, like: Tensor, starting: Tensor) -> Tensor:
         """What was kept under a name: zeros for robots that are ``starting`` ``[N]``, else a copy."""
         kept = self._memory.get(name)
@@ -109,3 +122,15 @@ class Tracker(TensorDictModuleBase):
         targets = self.targets(tensordict, tensordict["robot", "joint_pos"] + default, tensordict["is_init"][:, 0])
         tensordict["action"] = (targets - default) / self.robot.action_scale.to(targets)
         return tensordict
+
+
+class _Labels(TensorDictModuleBase):
+    """Tracker that writes ``expert_action`` and leaves ``action`` alone."""
+
+    def __init__(self, tracker: Tracker):
+        super().__init__()
+        self.tracker = tracker
+        self.in_keys, self.out_keys = tracker.in_keys, ["expert_action"]
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        return tensordict.set("expert_action", self.tracker(tensordict.select(*self.in_keys))["action"])

@@ -1,4 +1,4 @@
-"""DAgger: the student acts, the expert says what it would have done."""
+"""DAgger: the student acts, and the teacher labels the states that it visits."""
 
 from collections.abc import Sequence
 
@@ -19,54 +19,70 @@ LOOKUP_KEYS = (("motion", "frame"), ("command", "steps_left"), ("state", "root_p
 
 
 class ExpertLabels:
-    """Labels a rollout with the expert's actions and flattens it; also fits as ``postproc`` of a TorchRL collector.
+    """Labels a rollout with the teacher's actions and flattens it; also fits as ``postproc`` of a TorchRL collector.
 
     Args:
-        expert: deterministic policy that writes its action to ``expert_action``, such as
-            ``expert.deployed("dense_goal", out_key="expert_action")``.
+        expert: deterministic policy that writes its action to ``expert_action``, as :meth:`plat.modules.Teacher.labels`
+            returns it; None for rollouts that hold their labels, of a :class:`MixedPolicy` that keeps them.
         keys: entries to keep beside :data:`LOOKUP_KEYS` and the label: the student's observation.
-        precision: of the expert's hidden layers, see :func:`plat.objectives.autocast`.
+        precision: of the teacher's hidden layers, see :func:`plat.objectives.autocast`.
 
     Source: Ross et al., "A Reduction of Imitation Learning and Structured Prediction to No-Regret Online Learning",
     arXiv 1011.0686.
     """
 
-    def __init__(self, expert: TensorDictModuleBase, keys: Sequence[NestedKey], precision: Precision = "auto"):
+    def __init__(self, expert: TensorDictModuleBase | None, keys: Sequence[NestedKey], precision: Precision = "auto"):
         self._expert = expert
         self._precision = precision
         self._keys = [*keys, *LOOKUP_KEYS, "expert_action"]
 
     @torch.no_grad()
     def __call__(self, rollout: TensorDictBase) -> TensorDictBase:
-        """States ``[N * T]`` with ``expert_action``, from a rollout ``[N, T]``."""
+        """Return states ``[N * T]`` with ``expert_action``, from a rollout ``[N, T]``."""
         flat = rollout.exclude("next").reshape(-1)
+        if self._expert is None:
+            return flat.select(*self._keys)
         with autocast(rollout.device, self._precision):
             return self._expert(flat).select(*self._keys)
 
 
 class MixedPolicy(TensorDictModuleBase):
-    """Lets the expert take some of the steps, so that an untrained student gets to see more than its first fall.
+    """Mixture of student and teacher: the teacher takes some of the steps, so that an untrained student gets further.
 
     Args:
         student: writes ``action``.
         expert: writes ``expert_action``.
-        expert_share: probability that a robot's next step is the expert's; a buffer, to be lowered while the student
+        expert_share: probability that a robot's next step is the teacher's; a buffer, to be lowered while the student
             learns.
+        keep_labels: label every step and keep the label in the rollout. A stateful teacher needs it.
     """
 
-    def __init__(self, student: TensorDictModuleBase, expert: TensorDictModuleBase, expert_share: float = 0.0):
+    def __init__(
+        self,
+        student: TensorDictModuleBase,
+        expert: TensorDictModuleBase,
+        expert_share: float = 0.0,
+        *,
+        keep_labels: bool = False,
+    ):
         super().__init__()
         self.student = student
         self.expert = expert
+        self.keep_labels = keep_labels
         self.in_keys = list(dict.fromkeys([*student.in_keys, *expert.in_keys]))
-        self.out_keys = ["action"]
+        self.out_keys = ["action", "expert_action"] if keep_labels else ["action"]
         self.register_buffer("expert_share", torch.tensor(float(expert_share)))
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write the action that is taken."""
+        """Write the action that is taken, and the label where it is kept."""
+        seen = tensordict.select(*self.expert.in_keys)
         tensordict = self.student(tensordict)
+        if not (self.keep_labels or self.expert_share > 0):
+            return tensordict
+        label: Tensor = self.expert(seen)["expert_action"]
+        if self.keep_labels:
+            tensordict["expert_action"] = label
         if self.expert_share > 0:
-            label: Tensor = self.expert(tensordict.select(*self.expert.in_keys))["expert_action"]
             by_expert = torch.rand(*tensordict.shape, 1, device=label.device) < self.expert_share
             tensordict["action"] = torch.where(by_expert, label, tensordict["action"])
         return tensordict

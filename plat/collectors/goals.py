@@ -6,6 +6,7 @@ from torch import Tensor
 from torchrl.envs import Transform
 
 from plat.envs.goals import robot_centric_goal
+from plat.errors import ConfigError
 from plat.motions.library import MotionLibrary
 
 __all__ = ["PrivilegedGoals", "strided_offsets"]
@@ -22,12 +23,15 @@ class PrivilegedGoals(Transform):
     Args:
         library: motions.
         stride: keep every ``stride``-th frame, and the last.
+
+    Raises:
+        ConfigError: for a stride below 1.
     """
 
     def __init__(self, library: MotionLibrary, stride: int = 1):
         super().__init__()
         if stride < 1:
-            raise ValueError(f"stride: {stride}, expected at least 1")
+            raise ConfigError(f"stride: {stride}, expected at least 1")
         self._library = library
         self._stride = stride
 

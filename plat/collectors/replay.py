@@ -9,6 +9,8 @@ from torch import Tensor
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from torchrl.data.replay_buffers import ImmutableDatasetWriter, Sampler, Storage
 
+from plat.errors import ConfigError
+
 __all__ = ["RolloutReplay", "WindowSampler"]
 
 
@@ -58,11 +60,11 @@ class RolloutReplay:
         """Add a rollout ``[N, T]`` that goes on where the last one ended.
 
         Raises:
-            ValueError: when the capacity is no multiple of its length: its steps would be torn apart.
+            ConfigError: when the capacity is no multiple of its length: its steps would be torn apart.
         """
         length = rollout.shape[1]
         if self.capacity % length:
-            raise ValueError(f"capacity is {self.capacity}, expected a multiple of the rollouts' {length} steps")
+            raise ConfigError(f"capacity is {self.capacity}, expected a multiple of the rollouts' {length} steps")
         done = rollout["next", "done"][..., 0].long()
         ended = done.cumsum(1)
         kept = rollout.select(*self._keys)
@@ -107,7 +109,7 @@ class WindowSampler(Sampler):
         replay, wanted = self._replay, batch_size // self.length
         span = min(len(replay), self.recent or len(replay))
         if span < self.length:
-            raise ValueError(f"replay: {span} control steps, expected at least a window of {self.length}")
+            raise ConfigError(f"replay: {span} control steps, expected at least a window of {self.length}")
         # windows with an end in them are given up: enough spare ones for episodes of a few windows' length
         drawn = wanted if self.length == 1 else wanted + wanted // 2 + 8
         device = replay._episode.device

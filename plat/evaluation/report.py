@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from plat.errors import RecordsError
 from plat.evaluation.records import STEP_METRICS, CommandRecords
 
 __all__ = ["Estimate", "Penalties", "compare", "report", "success_curve"]
@@ -85,11 +86,11 @@ def compare(
         For each figure of :func:`report`, ours minus theirs.
 
     Raises:
-        ValueError: when the records are of different commands.
+        RecordsError: when the records are of different commands.
     """
     tables = [_Table(records, penalties or Penalties()) for records in (ours, theirs)]
     if not torch.equal(tables[0].clip, tables[1].clip):
-        raise ValueError("records of different commands, expected the same commands for both policies")
+        raise RecordsError("records of different commands, expected the same commands for both policies")
     generator = torch.Generator().manual_seed(seed)
     clip_weights = _draws(len(tables[0].clips), resamples, generator)
     values = [table.figures() for table in tables]
@@ -122,7 +123,7 @@ class _Table:
         runs = [records] if isinstance(records, CommandRecords) else list(records)
         self.clip = runs[0].clip
         if any(not torch.equal(run.clip, self.clip) for run in runs):
-            raise ValueError("records of different commands, expected the same commands for every training seed")
+            raise RecordsError("records of different commands, expected the same commands for every training seed")
         self.clips, rows = torch.unique(self.clip, return_inverse=True)
         ratios = [_ratios(run, penalties) for run in runs]
         self._num_runs = len(runs)

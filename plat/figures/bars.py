@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from plat.errors import RecordsError
 from plat.evaluation.table import HEADLINE, METRICS, Score
 from plat.figures.style import PAGE, looks, paper_style, policies
 
@@ -20,12 +21,12 @@ def ablation_bars(scores: Sequence[Score], horizon: str, metrics: Sequence[str] 
         metrics: which figures of :data:`plat.evaluation.METRICS`.
 
     Raises:
-        ValueError: when no policy was scored at the horizon.
+        RecordsError: when no policy was scored at the horizon.
         RenderingError: when the extra ``plat-rl[figures]`` is not installed.
     """
     rows = [score for score in scores if score.horizon == horizon]
     if not rows:
-        raise ValueError(
+        raise RecordsError(
             f"bars: no score at horizon {horizon!r}, expected one of {sorted({s.horizon for s in scores})}"
         )
     drawn = looks(policies(scores))

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from plat.errors import RecordsError
 from plat.evaluation.table import HEADLINE, METRICS, Score
 from plat.figures.style import PAGE, looks, paper_style, policies
 
@@ -20,12 +21,12 @@ def radar_plot(scores: Sequence[Score], metrics: Sequence[str] = HEADLINE) -> An
         metrics: which figures of :data:`plat.evaluation.METRICS`.
 
     Raises:
-        ValueError: for fewer than three horizons.
+        RecordsError: for fewer than three horizons.
         RenderingError: when the extra ``plat-rl[figures]`` is not installed.
     """
     horizons = list(dict.fromkeys(score.horizon for score in scores))
     if len(horizons) < 3:
-        raise ValueError(f"radar plot: horizons {horizons}, expected three or more")
+        raise RecordsError(f"radar plot: horizons {horizons}, expected three or more")
     cells = {(score.policy, score.horizon): score for score in scores}
     names = [name for name in policies(scores) if all((name, horizon) in cells for horizon in horizons)]
     drawn = looks(policies(scores))

@@ -23,6 +23,7 @@ from plat.modules.policies import (
     RefinementConfig,
     ResidualActionPolicy,
     ResidualLatentPolicy,
+    Teacher,
 )
 from plat.modules.residual import Residual
 from plat.spec.observation import STUDENT_KEYS
@@ -57,6 +58,7 @@ __all__ = [
     "Residual",
     "ResidualActionPolicy",
     "ResidualLatentPolicy",
+    "Teacher",
     "gaussian_action",
     "mlp",
     "sample_latent",

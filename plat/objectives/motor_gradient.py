@@ -6,6 +6,7 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
+from plat.errors import ConfigError
 from plat.robots.robot import Robot
 
 __all__ = ["MotorGradientConfig", "motor_gradient"]
@@ -57,7 +58,7 @@ def motor_gradient(
         ``[N, T, J]``, for :meth:`plat.objectives.PPO.step`.
 
     Raises:
-        ValueError: when the delay is less than ``ahead``.
+        ConfigError: when the delay is less than ``ahead``.
 
     >>> from plat.envs import make_tracking_env
     >>> from plat.motions import MotionLibrary
@@ -70,7 +71,7 @@ def motor_gradient(
     config = config or MotorGradientConfig()
     steps = config.steps
     if steps < ahead:
-        raise ValueError(
+        raise ConfigError(
             f"steps is {steps}: the reference of fewer than {ahead} steps after an action is not in the rollout"
         )
     joint_key: NestedKey = ("robot", "joint_pos")

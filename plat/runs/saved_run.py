@@ -3,7 +3,7 @@
 import csv
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import torch
 from safetensors import SafetensorError
@@ -18,6 +18,7 @@ from plat.runs.policies import Policy, build_policy
 __all__ = ["CONFIG_FILE", "SCORES_FILE", "WEIGHTS_FILE", "RunScore", "SavedRun", "load_policy", "save_weights"]
 
 CONFIG_FILE, WEIGHTS_FILE, SCORES_FILE = "config.json", "model.safetensors", "evaluation.csv"
+P = TypeVar("P")
 _FIGURES = ("value", "low", "high")
 
 
@@ -98,6 +99,22 @@ class SavedRun:
         assert isinstance(policy, nn.Module)
         policy.load_state_dict(self._weights(path, policy.state_dict()))
         return policy.to(device).eval()
+
+    def policy_as(self, policy_class: type[P], expected: str, device: torch.device | str = "cpu") -> P:
+        """Return the policy if it is of a class, or has what a protocol asks for.
+
+        Args:
+            policy_class: the class or protocol.
+            expected: what that is, for the message, such as ``"an expert, of plat expert"``.
+            device: where the weights go.
+
+        Raises:
+            CheckpointError: when the run holds another policy, or cannot be read.
+        """
+        policy = self.policy(device)
+        if not isinstance(policy, policy_class):
+            raise CheckpointError(f"{str(self.folder)!r} holds a policy of kind {self.kind!r}, expected {expected}")
+        return policy
 
     def _weights(self, path: Path, expected: dict[str, Tensor]) -> dict[str, Tensor]:
         if not path.exists():

@@ -150,7 +150,7 @@ def test_evaluation_prints_and_writes_the_table(tmp_path, stages):
         (
             "expert",
             ["--motions", "generated:val", "--steps", "10", "--init", str(ROOT / "plat" / "weights" / "dagger")],
-            "holds a LatentPolicy, expected an expert",
+            "holds a policy of kind 'latent', expected an expert",
         ),
         (
             "distill",
@@ -197,4 +197,4 @@ def test_only_an_expert_labels(tmp_path, stages):
     arguments = [*COMMON, *STAGES["distill"], "--expert", student, "--steps", 100, "--out", tmp_path / "student"]
     out = subprocess.run(command("distill", *arguments), capture_output=True, text=True, check=False, cwd=ROOT)
     assert out.returncode == 1
-    assert "expected the run of an expert" in out.stderr
+    assert "expected a teacher, such as the expert" in out.stderr

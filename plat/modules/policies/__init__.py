@@ -11,6 +11,7 @@ from plat.modules.policies.refinement import (
     ResidualLatentPolicy,
 )
 from plat.modules.policies.student import LatentPolicy, LatentPolicyConfig, PlainPolicy, PlainPolicyConfig
+from plat.modules.policies.teacher import Teacher
 
 __all__ = [
     "Critic",
@@ -26,4 +27,5 @@ __all__ = [
     "RefinementConfig",
     "ResidualActionPolicy",
     "ResidualLatentPolicy",
+    "Teacher",
 ]

@@ -6,14 +6,22 @@ from typing import Literal
 
 import torch
 from tensordict import NestedKey
-from tensordict.nn import ProbabilisticTensorDictSequential, TensorDictModule, TensorDictSequential
+from tensordict.nn import (
+    ProbabilisticTensorDictSequential,
+    TensorDictModule,
+    TensorDictModuleBase,
+    TensorDictSequential,
+)
 from torch import nn
+from torchrl.envs import Transform
 
+from plat.envs.transforms.goals import DenseGoal
 from plat.errors import ConfigError
 from plat.modules.heads import GaussianNoise, ReferenceOffset, gaussian_action
 from plat.modules.lead import GoalLead, led
 from plat.modules.networks import mlp
 from plat.modules.normalizer import NormalizerConfig, ObservationNormalizer
+from plat.motions.library import MotionLibrary
 from plat.robots.robot import Robot
 from plat.spec.observation import goal_keys, observation_size, robot_keys
 from plat.spec.timing import Timing
@@ -161,6 +169,16 @@ class Expert(nn.Module):
             last = weights[name][-frame_size:]
             weights[name] = torch.cat((weights[name], last.repeat(further // frame_size)))
         self.load_state_dict(weights)
+
+    stateful = False
+
+    def references(self, library: MotionLibrary) -> list[Transform]:
+        """Return the transforms that show it its reference in :attr:`dense_goals`, beside a student's keyframe."""
+        return DenseGoal.of_groups(library, self.dense_goals)
+
+    def labels(self) -> TensorDictModuleBase:
+        """Return the module that writes its action to ``expert_action``, see :class:`plat.modules.Teacher`."""
+        return self.deployed(tuple(self.dense_goals), out_key="expert_action")
 
     def head(self) -> ProbabilisticTensorDictSequential:
         """The part that learns, for PPO: reads the normalised observation that :meth:`actor` wrote while it acted."""
