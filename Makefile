@@ -13,9 +13,9 @@ studio: $(VENV)/.installed-studio
 test: $(VENV)/.installed-dev lint types docs
 	$(BIN)/python -m pytest -n 2 --durations=15
 
-# without tests that start processes or train
+# without tests that start processes or train, and without the examples in docstrings
 test-fast: $(VENV)/.installed-dev
-	$(BIN)/python -m pytest -n 2 -m "not slow"
+	$(BIN)/python -m pytest -n 2 -m "not slow" tests
 
 # the site in build/site; a warning is an error
 docs: $(VENV)/.installed-dev

@@ -24,15 +24,15 @@ else:
 
 
 def load(name: str, device: str = "cpu") -> "Policy":
-    """A trained policy that comes with plat, as :func:`plat.runs.load_policy` loads one of your own.
+    """Load a trained policy that comes with plat. :func:`plat.runs.load_policy` loads one of your own.
 
     Args:
-        name: ``"plat-g1"``, ``"dagger-g1"``, ``"expert-g1"``, or ``"plat-generated-g1"``, trained on plat's own motions
-            alone; see ``weights/README.md`` for their data, licence and scores.
-        device: where its weights go.
+        name: ``"plat-g1"``, ``"dagger-g1"``, ``"expert-g1"``, or ``"plat-generated-g1"``, which was trained on
+            generated motions only. Data, license and scores are in ``plat/weights/README.md``.
+        device: of the weights.
 
     Raises:
-        CheckpointError: for another name, listing those that there are.
+        CheckpointError: for another name, with the list of names.
 
     >>> load("plat-g1").deployed().out_keys
     ['action']

@@ -19,6 +19,26 @@ import plat.robots.registry
 from plat.motions import MotionClip, MotionLibrary, generate_motions
 from plat.robots import G1
 
+TESTS = Path(__file__).parent
+SLOW = (
+    "benchmarks/",
+    "cli/",
+    "deploy/test_parity.py",
+    "export/test_bundle.py",
+    "recipes/",
+    "runs/test_run.py",
+    "studio/test_browser.py",
+    "test_regression.py",
+)
+"""Tests that train, export or start processes; ``make test-fast`` leaves them out, with those marked one by one."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if TESTS in item.path.parents and item.path.relative_to(TESTS).as_posix().startswith(SLOW):
+            item.add_marker("slow")
+
+
 SHARED = Path(__file__).parents[2] / "shared" / "data"
 
 
