@@ -1,7 +1,7 @@
 r"""Rotations as unit quaternions in ``wxyz`` order, batched over leading dimensions.
 
 A quaternion named ``a_quat_w`` turns vectors of frame ``a`` into the world frame:
-``v_w = quat_rotate(a_quat_w, v_a)``.
+``v_w = quat_rotate(a_quat_w, v_a)``. :mod:`plat.rotations_np` is the twin of this module for code without torch.
 """
 
 import numpy as np

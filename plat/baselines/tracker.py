@@ -55,7 +55,7 @@ class Tracker(TensorDictModuleBase):
     """A policy that remembers its own past actions, for robots that follow ``"tracker_reference"``.
 
     Reads the group ``"robot"``, the group of :class:`TrackerReference` and ``is_init`` (TorchRL's ``InitTracker``),
-    and writes ``action`` in the parametrisation of :class:`plat.envs.MotionTrackingEnv`. A subclass says what its
+    and writes ``action`` in the parametrization of :class:`plat.envs.MotionTrackingEnv`. A subclass says what its
     network sees, and which joint targets its raw action stands for.
 
     Args:

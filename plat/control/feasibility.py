@@ -34,7 +34,7 @@ class FeasibilityLimits:
     turn_speed: float = 6.0
     """rad/s of the root about any axis"""
     support_margin: float = 0.0
-    """m; least distance of the centre of mass inside the support polygon, for a pose that is held"""
+    """m; least distance of the center of mass inside the support polygon, for a pose that is held"""
     self_penetration: float = 0.02
     """m"""
     floor_penetration: float = 0.03
@@ -49,7 +49,7 @@ class Concern:
 
     Args:
         measure: the field of :class:`FeasibilityLimits` that is exceeded.
-        subject: what it is about: a joint's name, ``"root"``, ``"centre of mass"``, ``"links"``, ``"feet"``.
+        subject: what it is about: a joint's name, ``"root"``, ``"center of mass"``, ``"links"``, ``"feet"``.
         value: measured, in the limit's unit.
         limit: its limit.
         words: a sentence for a person.
@@ -159,8 +159,8 @@ class Feasibility:
         on_floor = points[points[:, 2] < height + limits.floating, :2]
         margin = support_margin(self._data.subtree_com[1, :2], on_floor)
         if margin < limits.support_margin:
-            words = f"the centre of mass is {-100 * margin:.0f} cm outside the feet: it would tip over"
-            concerns.append(Concern("support_margin", "centre of mass", margin, limits.support_margin, words))
+            words = f"the center of mass is {-100 * margin:.0f} cm outside the feet: it would tip over"
+            concerns.append(Concern("support_margin", "center of mass", margin, limits.support_margin, words))
         return concerns
 
     def _floor_distance(self) -> float:

@@ -1,4 +1,4 @@
-"""How far a robot is from the pose that it is to be in."""
+"""Errors of one robot against a pose. The twin of :class:`plat.envs.transforms.KeyframeMetrics`, which is batched."""
 
 from dataclasses import dataclass
 
@@ -31,7 +31,7 @@ class PoseErrors:
 
 
 class PoseComparison:
-    """Measures how far a robot is from a pose, as :func:`plat.evaluation.evaluate` does.
+    """Pose errors of a robot, by the definitions of :func:`plat.evaluation.evaluate`.
 
     Args:
         robot: the robot.

@@ -1,4 +1,4 @@
-"""Which keyframes were reached, and how well."""
+"""Scores of one robot's keyframes. The twin of :mod:`plat.evaluation.records`, which scores batches."""
 
 from dataclasses import dataclass
 

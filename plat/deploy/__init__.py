@@ -1,6 +1,6 @@
 """Running an exported policy on a robot or in another simulator: needs numpy, and onnxruntime for the network."""
 
-from plat.deploy.bundle import Bundle, PolicyFacts, Score, TrainingFacts
+from plat.deploy.bundle import Bundle, BundleScore, PolicyFacts, TrainingFacts
 from plat.deploy.description import Body, RobotDescription
 from plat.deploy.kinematics import KeypointKinematics
 from plat.deploy.observation import ObservationBuilder, ObservationTerm, observation_terms
@@ -10,6 +10,7 @@ from plat.deploy.state import Pose, RobotState
 __all__ = [
     "Body",
     "Bundle",
+    "BundleScore",
     "JointCommand",
     "KeypointKinematics",
     "ObservationBuilder",
@@ -19,7 +20,6 @@ __all__ = [
     "Pose",
     "RobotDescription",
     "RobotState",
-    "Score",
     "TrainingFacts",
     "observation_terms",
 ]

@@ -16,7 +16,7 @@ from plat.deploy.observation import ObservationTerm, observation_terms
 from plat.errors import BundleError
 from plat.json_file import parse_json
 
-__all__ = ["INPUT", "METADATA_KEY", "OUTPUT", "Bundle", "PolicyFacts", "Score", "TrainingFacts", "readable_json"]
+__all__ = ["INPUT", "METADATA_KEY", "OUTPUT", "Bundle", "BundleScore", "PolicyFacts", "TrainingFacts", "readable_json"]
 
 _FORMAT, _VERSION = "plat-bundle", 1
 _TAU = "control steps left until the keyframe / max_steps"
@@ -57,7 +57,7 @@ class TrainingFacts:
 
 
 @dataclass(frozen=True)
-class Score:
+class BundleScore:
     """A figure of ``plat evaluate`` and its 95 % bootstrap interval over motions."""
 
     horizon: str
@@ -83,7 +83,7 @@ class Bundle:
     max_steps: int
     policy: PolicyFacts
     training: TrainingFacts
-    scores: tuple[Score, ...] | None
+    scores: tuple[BundleScore, ...] | None
 
     @property
     def terms(self) -> tuple[ObservationTerm, ...]:
@@ -213,9 +213,9 @@ def _training(entry: _Object) -> TrainingFacts:
     return TrainingFacts(entry.value("run", str), *made_with)
 
 
-def _score(entry: _Object) -> Score:
+def _score(entry: _Object) -> BundleScore:
     figures = (entry.value(name, float) for name in ("value", "low", "high"))
-    return Score(entry.value("horizon", str), entry.value("metric", str), *figures)
+    return BundleScore(entry.value("horizon", str), entry.value("metric", str), *figures)
 
 
 def _check_terms(observation: _Object, known: tuple[ObservationTerm, ...]) -> None:

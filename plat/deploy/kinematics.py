@@ -1,32 +1,13 @@
-"""Forward kinematics in numpy: where a pose puts the keypoints."""
-
-import math
+"""Forward kinematics in numpy. The twin of :mod:`plat.robots.kinematics`, for programs without torch."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plat.deploy.description import RobotDescription
 from plat.deploy.state import Array
+from plat.rotations_np import quat_to_matrix
 
-__all__ = ["KeypointKinematics", "rotation_matrix"]
-
-
-def rotation_matrix(quat: Array) -> NDArray[np.float64]:
-    """Rotation matrix ``[3, 3]`` of a quaternion ``wxyz`` ``[4]`` of any length but 0.
-
-    >>> rotation_matrix(np.array([0.0, 0.0, 0.0, 2.0])).tolist()
-    [[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]
-    """
-    # plain floats: for one rotation they are several times faster than arrays
-    w, x, y, z = map(float, quat)
-    s = 2.0 / math.fsum((w * w, x * x, y * y, z * z))
-    return np.array(
-        (
-            (1.0 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)),
-            (s * (x * y + w * z), 1.0 - s * (x * x + z * z), s * (y * z - w * x)),
-            (s * (x * z - w * y), s * (y * z + w * x), 1.0 - s * (x * x + y * y)),
-        )
-    )
+__all__ = ["KeypointKinematics"]
 
 
 class KeypointKinematics:
@@ -51,7 +32,7 @@ class KeypointKinematics:
             self._rest[index] = np.eye(4)
             if body.parent < 0:
                 continue  # the root's pose is given
-            rest = rotation_matrix(np.array(body.quat))
+            rest = quat_to_matrix(np.array(body.quat))
             x, y, z = body.axis
             cross = np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
             self._rest[index, :3, :3] = rest
@@ -74,7 +55,7 @@ class KeypointKinematics:
         angle = self._angles[self._joint][:, None, None]
         local = self._rest + np.sin(angle) * self._sine + (1.0 - np.cos(angle)) * self._cosine
         world = self._world
-        world[0, :3, :3] = rotation_matrix(root_quat_w)
+        world[0, :3, :3] = quat_to_matrix(root_quat_w)
         world[0, :3, 3] = root_pos_w
         for parent, index in self._chain:
             np.matmul(world[parent], local[index], out=world[index])

@@ -8,15 +8,13 @@ from numpy.typing import NDArray
 
 from plat.deploy.description import RobotDescription
 from plat.deploy.goals import GOAL_ENTRIES, GoalView
-from plat.deploy.kinematics import KeypointKinematics, rotation_matrix
+from plat.deploy.kinematics import KeypointKinematics
 from plat.deploy.state import Array, Pose, RobotState
 from plat.errors import StateError
+from plat.rotations_np import UNIT_TOLERANCE, quat_to_matrix
 from plat.spec.observation import STUDENT_GROUPS, as_observed, observed, table
 
 __all__ = ["ObservationBuilder", "ObservationTerm", "observation_terms"]
-
-# What a float32 estimator may be off by; more is another order of numbers, or no orientation at all.
-_UNIT_TOLERANCE = 1e-2
 
 
 @dataclass(frozen=True)
@@ -172,6 +170,6 @@ def _check_finite(what: str, source: RobotState | Pose, widths: dict[str, int]) 
 
 def _unit_rotation(what: str, quat: Array) -> NDArray[np.float64]:
     length = math.hypot(*quat)
-    if abs(length - 1.0) > _UNIT_TOLERANCE:
+    if abs(length - 1.0) > UNIT_TOLERANCE:
         raise StateError(f"{what} has length {length:.6g}, expected a unit quaternion wxyz")
-    return rotation_matrix(quat)
+    return quat_to_matrix(quat)

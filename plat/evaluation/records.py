@@ -1,4 +1,4 @@
-"""What happened to every command of an evaluation."""
+"""Records of every command of an evaluation. Their twin for one robot is :class:`plat.control.KeyframeScorer`."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -52,14 +52,14 @@ class CommandRecords:
     step: dict[str, Tensor]
 
     def of_clips(self, clips: Sequence[int]) -> "CommandRecords":
-        """The rows of some motions."""
+        """Return the rows of some motions."""
         rows = torch.isin(self.clip, torch.tensor(clips))
         columns = {name: value[rows] for name, value in vars(self).items() if isinstance(value, Tensor)}
         window = {name: column[rows] for name, column in self.window.items()}
         return CommandRecords(**columns, window=window, step={name: column[rows] for name, column in self.step.items()})
 
     def save(self, path: Path, about: Mapping[str, Any]) -> None:
-        """Write the table and what it is about (JSON values) to a ``.safetensors`` file."""
+        """Write the table and a description of it (JSON values) to a ``.safetensors`` file."""
         columns = {name: value for name, value in vars(self).items() if isinstance(value, Tensor)}
         for group in ("window", "step"):
             columns |= {f"{group}.{name}": column for name, column in getattr(self, group).items()}
@@ -67,7 +67,7 @@ class CommandRecords:
 
     @classmethod
     def load(cls, path: Path) -> "tuple[CommandRecords, dict[str, Any]]":
-        """The table of a file, and what it is about.
+        """Return the table of a file and its description.
 
         Raises:
             RecordsError: when the file cannot be read or is another kind of file.
@@ -84,7 +84,7 @@ class CommandRecords:
 
 
 class CommandRecorder:
-    """Gathers :class:`CommandRecords` step by step.
+    """Accumulator of :class:`CommandRecords`.
 
     Args:
         library: motions.
@@ -107,7 +107,7 @@ class CommandRecorder:
         self._arrival_error = torch.full((count,), torch.inf, dtype=torch.float64, device=device)
 
     def add(self, frame: Tensor, active: Tensor, after: TensorDictBase) -> None:
-        """Take one step of the robots into the records.
+        """Add one step of all robots.
 
         Args:
             frame: library frames before the step ``[N]``.
@@ -132,7 +132,7 @@ class CommandRecorder:
         self._arrival_error[rows[arrived]] = metrics["keypoint_error"][:, 0][arrived].double()
 
     def records(self) -> CommandRecords:
-        """All records, on the CPU."""
+        """Return all records, on the CPU."""
         schedule, first = self._schedule, self._schedule.first_frame.to(self._library.device)
         return CommandRecords(
             clip=self._library.clip_of_frame[first].cpu(),

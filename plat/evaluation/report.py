@@ -1,4 +1,4 @@
-"""From records of commands to the figures of a table, with intervals."""
+"""Metrics of command records, with bootstrap confidence intervals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ __all__ = ["Estimate", "Penalties", "compare", "report", "success_curve"]
 
 @dataclass(frozen=True)
 class Penalties:
-    """Caps on a command's error where failed commands are counted in, and what a failed one counts as."""
+    """Caps on a command's error in the metrics over all commands; a failed command counts as its cap."""
 
     joint_error: float = 0.5
     """rad"""
@@ -26,7 +26,7 @@ class Penalties:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A figure and its 95 % bootstrap interval over motions."""
+    """A metric with its 95 % bootstrap interval over motions."""
 
     value: float
     low: float
@@ -42,20 +42,23 @@ def report(
     resamples: int = 1000,
     seed: int = 0,
 ) -> dict[str, Estimate]:
-    """Figures of timed keyframe tracking.
+    """Return the metrics of timed keyframe tracking, with 95 % intervals.
 
     Args:
-        records: of a policy, or of several that differ in their training seed, of the same commands.
-        penalties: what a failed command counts as in the figures over all commands.
-        resamples: number of draws behind an interval.
-        seed: draws them.
+        records: of one policy, or one table for each of its training seeds; all of the same commands.
+        penalties: errors that a failed command counts as in the metrics over all commands.
+        resamples: number of bootstrap samples.
+        seed: of the bootstrap.
 
     Returns:
         ``tks`` (%): TKS@3, commands that were not terminated; ``mpjpe`` (rad), ``mpkpe`` and ``mpkpe_root`` (m):
         errors over the commands that reached their window; ``mpjpe_all``, ``mpkpe_all``, ``mpkpe_root_all``: the same
         over all commands, each capped, and a failed one at its cap; ``fall_rate`` (%); ``success_area`` (%): area
         under :func:`success_curve`; ``action_change``, ``joint_jerk`` (rad/s^3), ``foot_slip`` (m/s): means over
-        steps. The intervals come from drawing motions with replacement, and training seeds as well.
+        steps. The bootstrap resamples motions and training seeds.
+
+    Raises:
+        RecordsError: when the tables are of different commands.
     """
     table = _Table(records, penalties or Penalties())
     generator = torch.Generator().manual_seed(seed)
@@ -71,19 +74,18 @@ def compare(
     resamples: int = 1000,
     seed: int = 0,
 ) -> dict[str, Estimate]:
-    """What one policy's figures are above another's, by the same commands.
+    """Return the paired difference of two policies' metrics on the same commands.
 
-    Some motions are harder than others, for every policy. Intervals of two policies may thus overlap though one is
-    better on nearly every motion. Here the same motions are drawn for both (a paired bootstrap), training seeds for
-    each on its own.
+    The bootstrap is paired: each sample has the same motions for both policies, and training seeds for each on its
+    own. Differences between motions cancel, so its intervals are narrower than those of the policies would suggest.
 
     Args:
-        ours: records of a policy, or of several that differ in their training seed.
-        theirs: those of the other.
+        ours: records of one policy, or one table for each of its training seeds.
+        theirs: those of the other policy.
         penalties, resamples, seed: as in :func:`report`.
 
     Returns:
-        For each figure of :func:`report`, ours minus theirs.
+        For each metric of :func:`report`, ours minus theirs.
 
     Raises:
         RecordsError: when the records are of different commands.
@@ -105,10 +107,10 @@ _LARGEST = 0.5  # m: right end of the success curve
 
 
 def success_curve(records: CommandRecords | Sequence[CommandRecords], points: int = 51) -> tuple[Tensor, Tensor]:
-    """Share of commands whose world keypoint error at arrival is at most x, for x from 0 to 0.5 m.
+    """Return the fraction of commands whose world keypoint error at arrival is at most x, for x from 0 to 0.5 m.
 
     Returns:
-        x ``[points]`` (m) and shares ``[points]`` in 0..1. A failed command is at no x.
+        x ``[points]`` (m) and fractions ``[points]`` in 0..1. A failed command counts at no x.
     """
     runs = [records] if isinstance(records, CommandRecords) else records
     error = torch.cat([run.arrival_error for run in runs])
@@ -134,11 +136,11 @@ class _Table:
             self._sums[name] = tuple(zeros.index_add(1, rows, part) for part in parts)
 
     def figures(self) -> dict[str, float]:
-        """Each figure."""
+        """Return each metric."""
         return {name: float(top.sum() / bottom.sum()) for name, (top, bottom) in self._sums.items()}
 
     def resampled(self, clip_weights: Tensor, generator: torch.Generator) -> dict[str, Tensor]:
-        """Each figure ``[resamples]`` with motions drawn as given, and training seeds drawn here."""
+        """Return each metric ``[resamples]`` with motions resampled as given and training seeds resampled here."""
         run_weights = _draws(self._num_runs, len(clip_weights), generator)
         return {
             name: ((run_weights @ top) * clip_weights).sum(-1) / ((run_weights @ bottom) * clip_weights).sum(-1)

@@ -14,7 +14,7 @@ __all__ = ["COLUMNS", "HEADLINE", "METRICS", "Metric", "Score", "differences", "
 
 @dataclass(frozen=True)
 class Metric:
-    """How a figure of :func:`plat.evaluation.report` is written."""
+    """Title, unit and digits of a metric of :func:`plat.evaluation.report`."""
 
     title: str
     unit: str
@@ -41,16 +41,16 @@ METRICS = {
     "joint_jerk": Metric("joint jerk", "rad/s³", 0),
     "foot_slip": Metric("foot slip", "m/s", 3),
 }
-"""Every figure, in the order of the tables."""
+"""All metrics, in the order of the tables."""
 HEADLINE = ("tks", "mpjpe", "mpkpe")
-"""The paper's three."""
+"""The three metrics of the paper."""
 COLUMNS = ("policy", "horizon", "seeds", "metric", "value", "low", "high")
 """Of the table that :func:`rows` lists."""
 
 
 @dataclass(frozen=True)
 class Score:
-    """What a policy scored at one horizon.
+    """Metrics of a policy at one horizon.
 
     Attributes:
         policy: its name in tables and figures.
@@ -66,12 +66,12 @@ class Score:
 
     @classmethod
     def of(cls, policy: str, horizon: str, records: Sequence[CommandRecords]) -> "Score":
-        """The score that records amount to."""
+        """Return the score of command records."""
         return cls(policy, horizon, tuple(records), report(records))
 
 
 def rows(scores: Iterable[Score]) -> list[tuple[str, str, int, str, float, float, float]]:
-    """One row a policy, horizon and figure: its value, its 95 % interval, and how many training seeds it is of."""
+    """Return one row for each policy, horizon and metric: training seeds, value and 95 % interval."""
     return [
         (score.policy, score.horizon, len(score.records), name, figure.value, figure.low, figure.high)
         for score in scores
@@ -93,7 +93,7 @@ def write_csv(path: Path, scores: Iterable[Score]) -> None:
 
 
 def markdown(scores: Sequence[Score]) -> str:
-    """The paper's table, horizons side by side, and below it one table a horizon: every figure with its interval."""
+    """Return Markdown: headline metrics with horizons side by side, then all metrics, one table for each horizon."""
     cells = {(score.policy, score.horizon): _headline(score) for score in scores}
     horizons = list(dict.fromkeys(score.horizon for score in scores))
     overview = [[" / ".join(METRICS[name].heading for name in HEADLINE), *horizons]]
@@ -110,7 +110,7 @@ def markdown(scores: Sequence[Score]) -> str:
 
 
 def differences(scores: Sequence[Score], ours: str) -> str:
-    """How far a policy is ahead of each other one in the paper's three figures, by :func:`plat.evaluation.compare`.
+    """Return a Markdown table of a policy's paired differences to each other one, see :func:`plat.evaluation.compare`.
 
     Ours minus theirs, with the interval of the difference; **bold** where that excludes 0 and ours is the better one,
     *italic* where it is the worse. Empty where there are no scores of ``ours``.

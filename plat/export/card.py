@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from plat.deploy.bundle import Bundle, Score
+from plat.deploy.bundle import Bundle, BundleScore
 
 __all__ = ["model_card"]
 
@@ -48,7 +48,7 @@ def model_card(bundle: Bundle, settings: Mapping[str, Any], max_difference: floa
     return "\n\n".join(parts) + "\n"
 
 
-def _score_table(scores: tuple[Score, ...] | None) -> str:
+def _score_table(scores: tuple[BundleScore, ...] | None) -> str:
     if scores is None:
         return "None: no `evaluation.csv` in the run directory, or beside it, holds rows of this run."
     figures = {(score.horizon, score.metric): score for score in scores}
@@ -59,7 +59,7 @@ def _score_table(scores: tuple[Score, ...] | None) -> str:
     return "Timed keyframes in simulation, with 95 % intervals over motions:\n\n" + "\n".join(lines)
 
 
-def _cell(score: Score | None, digits: int) -> str:
+def _cell(score: BundleScore | None, digits: int) -> str:
     if score is None:
         return "-"
     return f"{score.value:.{digits}f} ({score.low:.{digits}f}-{score.high:.{digits}f})"

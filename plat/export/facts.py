@@ -1,6 +1,6 @@
 """What a bundle tells of a run's policy beside its network."""
 
-from plat.deploy.bundle import Bundle, PolicyFacts, Score, TrainingFacts
+from plat.deploy.bundle import Bundle, BundleScore, PolicyFacts, TrainingFacts
 from plat.keyframes import CONTROL_DT, MAX_STEPS
 from plat.modules import LatentPolicy, ResidualActionPolicy, ResidualLatentPolicy
 from plat.robots.describe import describe_robot
@@ -35,5 +35,5 @@ def describe_policy(policy: Policy, run: SavedRun) -> Bundle:
             recipe=run.recipe,
             **{name: run.made_with.get(name) for name in ("plat", "torch", "commit")},
         ),
-        scores=None if scores is None else tuple(Score(*score) for score in scores),
+        scores=None if scores is None else tuple(BundleScore(*score) for score in scores),
     )

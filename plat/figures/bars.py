@@ -13,12 +13,12 @@ __all__ = ["ablation_bars"]
 
 
 def ablation_bars(scores: Sequence[Score], horizon: str, metrics: Sequence[str] = HEADLINE) -> Any:
-    """A figure with one panel a metric: a bar a policy from zero, its value, and its 95 % interval.
+    """Return a figure with one panel for each metric: bars from zero with values and 95 % intervals.
 
     Args:
         scores: of any policies.
         horizon: which of their horizons.
-        metrics: which figures of :data:`plat.evaluation.METRICS`.
+        metrics: names in :data:`plat.evaluation.METRICS`.
 
     Raises:
         RecordsError: when no policy was scored at the horizon.
@@ -38,9 +38,9 @@ def ablation_bars(scores: Sequence[Score], horizon: str, metrics: Sequence[str] 
             metric, figures = METRICS[key], [row.figures[key] for row in rows]
             values = np.array([figure.value for figure in figures])
             spread = np.array([[f.value - f.low for f in figures], [f.high - f.value for f in figures]])
-            colours = [drawn[row.policy].colour for row in rows]
+            colors = [drawn[row.policy].color for row in rows]
             # a mean of ratios may lie outside its percentile interval by a hair
-            panel.barh(places, values, 0.72, color=colours, alpha=0.85, xerr=spread.clip(0), **_ERROR_BARS)
+            panel.barh(places, values, 0.72, color=colors, alpha=0.85, xerr=spread.clip(0), **_ERROR_BARS)
             top = np.nanmax([100.0 if metric.unit == "%" else 0.0, *(figure.high for figure in figures)])
             for place, figure_ in zip(places, figures, strict=True):
                 panel.text(1.04 * top, place, f"{figure_.value:.{metric.digits}f}", va="center", fontsize=7)

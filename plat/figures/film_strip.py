@@ -1,4 +1,4 @@
-"""A film strip a policy: the same keyframes of the same motion, policy under policy."""
+"""Film strips: several policies on the same keyframes, one under the other."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -16,7 +16,7 @@ _REACHED, _FAILED = "#009E73", "#D55E00"
 
 
 def film_strip(stage: "Stage", playbacks: "Mapping[str, Playback]", commands: int = 4) -> Any:
-    """A figure with one strip a policy: halfway to each of the first keyframes, and at its arrival.
+    """Return a figure with one strip for each policy: halfway to each of the first keyframes, and at its arrival.
 
     The keyframe is a ghost. Arrivals have a green frame; a command that failed has a red one and shows the robot
     where it failed.

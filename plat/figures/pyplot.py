@@ -1,4 +1,4 @@
-"""Figures with axes."""
+"""Matplotlib without a window."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ __all__ = ["pyplot"]
 
 
 def pyplot() -> Any:
-    """Matplotlib's ``pyplot``, set to draw into files without a window.
+    """Return Matplotlib's ``pyplot``, set to draw into files without a window.
 
     Raises:
         RenderingError: when the extra ``plat-rl[figures]`` is not installed.

@@ -14,11 +14,11 @@ __all__ = ["radar_plot"]
 
 
 def radar_plot(scores: Sequence[Score], metrics: Sequence[str] = HEADLINE) -> Any:
-    """A figure with one radar a metric; outward is better on each, so errors fall towards the rim.
+    """Return a figure with one radar for each metric. Outward is better on each, so errors fall towards the rim.
 
     Args:
         scores: of any policies at three horizons or more; a policy that lacks a horizon is left out.
-        metrics: which figures of :data:`plat.evaluation.METRICS`.
+        metrics: names in :data:`plat.evaluation.METRICS`.
 
     Raises:
         RecordsError: for fewer than three horizons.
@@ -44,7 +44,7 @@ def radar_plot(scores: Sequence[Score], metrics: Sequence[str] = HEADLINE) -> An
                     [*angles, angles[0]],
                     closed,
                     look.dashes,
-                    color=look.colour,
+                    color=look.color,
                     linewidth=look.width,
                     marker=look.marker,
                     markersize=3,
@@ -75,7 +75,7 @@ _RING_LABEL: dict[str, Any] = {
 
 
 def _range(values: Sequence[float], metric: str) -> tuple[float, float, list[float]]:
-    """Value at the centre, value at the rim, and the rings: round numbers around the values, none below 0."""
+    """Value at the center, value at the rim, and the rings: round numbers around the values, none below 0."""
     finite = [value for value in values if math.isfinite(value)] or [0.0]
     low, high = min(finite), max(finite)
     spread = max(high - low, 10.0 ** -METRICS[metric].digits)

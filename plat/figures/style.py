@@ -1,4 +1,4 @@
-"""What all figures of a paper share: sizes, type, and one look for each policy."""
+"""Style that all figures share: sizes, type, and one look for each policy."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -37,15 +37,15 @@ _PAPER = {
 
 @dataclass(frozen=True)
 class Look:
-    """How a policy is drawn, in every figure."""
+    """Color, marker and line of a policy, the same in every figure."""
 
-    colour: str
+    color: str
     marker: str
     dashes: str = "-"
     width: float = 1.1
 
 
-# The rows of the ablation, PLAT the strongest; colours are Okabe and Ito's, which the colour-blind can tell apart.
+# The rows of the ablation, PLAT the strongest; colors are Okabe and Ito's, which the color-blind can tell apart.
 _KNOWN = {
     "SONIC": Look("#000000", "P", ":"),
     "SONIC-style": Look("#000000", "X", "--"),
@@ -58,33 +58,33 @@ _KNOWN = {
     "Residual action": Look("#009E73", "h"),
     "PLAT": Look("#D55E00", "o", width=2.0),
 }
-# for others: a colour each, then the same colours again with another marker
+# for others: a color each, then the same colors again with another marker
 _OTHERS = [
-    Look(colour, marker) for marker in "osD^" for colour in ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00")
+    Look(color, marker) for marker in "osD^" for color in ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00")
 ]
 
 
 def looks(names: Sequence[str]) -> dict[str, Look]:
-    """One look a policy: its own for a row of the ablation, also in small letters; others take what is left.
+    """Return a look for each policy: its own for a row of the ablation, in any case; others take what is left.
 
-    >>> looks(["DAgger", "mine"])["DAgger"].colour
+    >>> looks(["DAgger", "mine"])["DAgger"].color
     '#0072B2'
     """
     rows = {name.lower(): look for name, look in _KNOWN.items()}
     known = {name: rows[name.lower()] for name in names if name.lower() in rows}
-    taken = {(look.colour, look.marker) for look in known.values()}
-    spare = cycle(look for look in _OTHERS if (look.colour, look.marker) not in taken)
+    taken = {(look.color, look.marker) for look in known.values()}
+    spare = cycle(look for look in _OTHERS if (look.color, look.marker) not in taken)
     return {name: known.get(name) or next(spare) for name in names}
 
 
 def policies(scores: Sequence[Score]) -> list[str]:
-    """Names of the policies, in the order of the scores."""
+    """Return the names of the policies, in the order of the scores."""
     return list(dict.fromkeys(score.policy for score in scores))
 
 
 @contextmanager
 def paper_style() -> Iterator[Any]:
-    """Matplotlib's ``pyplot`` with the type and lines of a paper.
+    """Provide Matplotlib's ``pyplot`` with the type and lines of a paper.
 
     Raises:
         RenderingError: when the extra ``plat-rl[figures]`` is not installed.

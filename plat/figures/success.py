@@ -1,4 +1,4 @@
-"""How many commands are met how exactly."""
+"""Success rate against the threshold on keypoint error."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -11,7 +11,9 @@ __all__ = ["success_plot"]
 
 
 def success_plot(scores: Sequence[Score], horizons: Sequence[str]) -> Any:
-    """A figure with one panel a horizon: the share of commands whose world keypoint error at arrival is at most x.
+    """Return a figure of success rates with one panel for each horizon.
+
+    A curve is the fraction of commands whose world keypoint error at arrival is at most x.
 
     The legend gives the area under each curve (% of the whole).
 
@@ -33,7 +35,7 @@ def success_plot(scores: Sequence[Score], horizons: Sequence[str]) -> Any:
                 threshold, share = success_curve(score.records, points=251)
                 look, area = drawn[score.policy], score.figures["success_area"].value
                 label = f"{score.policy} ({area:.1f})"
-                panel.plot(threshold, 100 * share, look.dashes, color=look.colour, linewidth=look.width, label=label)
+                panel.plot(threshold, 100 * share, look.dashes, color=look.color, linewidth=look.width, label=label)
             panel.set(xlim=(0, threshold[-1]), ylim=(0, 101), xlabel="world keypoint error at arrival (m)")
             panel.set_title(horizon.capitalize(), pad=3)
             panel.grid()

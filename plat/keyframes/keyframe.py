@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from plat.errors import KeyframeError
+from plat.rotations_np import UNIT_TOLERANCE, quat_slerp
 
 if TYPE_CHECKING:
     from plat.motions.clip import MotionClip
@@ -15,8 +16,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Keyframe", "RobotJoints", "interpolate", "standing"]
 
-# A quaternion this far from unit length is a wrong order or a wrong number, not rounding.
-_UNIT_TOLERANCE = 1e-2
 # Latest time of a keyframe (s): later ones would be split into millions of commands.
 _LONGEST = 86_400.0
 # What rounding may add to an angle at its limit (rad).
@@ -111,7 +110,7 @@ class Keyframe:
         root_quat = _vector("root_quat", self.root_quat, 4, "w, x, y, z")
         joint_pos = _vector("joint_pos", self.joint_pos, len(robot.joint_names), "one angle a joint")
         length = float(np.linalg.norm(root_quat))
-        if abs(length - 1) > _UNIT_TOLERANCE:
+        if abs(length - 1) > UNIT_TOLERANCE:
             raise KeyframeError(f"root_quat has length {length:.4g}, expected 1")
         limits = np.asarray(robot.joint_range, dtype=np.float64)
         excess = np.maximum(limits[:, 0] - joint_pos, joint_pos - limits[:, 1])
@@ -131,7 +130,9 @@ def standing(robot: RobotJoints) -> Keyframe:
 
 
 def interpolate(before: Keyframe, after: Keyframe, time: float) -> Keyframe:
-    """The pose between two keyframes: linear in root position and joint angles, along the shorter arc in orientation.
+    """Return the pose between two keyframes. The twin of ``plat.motions.resample``, which interpolates whole clips.
+
+    Root position and joint angles are linear in time; the orientation goes along the shorter arc.
 
     It is a line between poses and knows nothing of contacts: the feet of two strides of a walk slide in between.
 
@@ -149,7 +150,7 @@ def interpolate(before: Keyframe, after: Keyframe, time: float) -> Keyframe:
     return Keyframe(
         time,
         before.root_pos + weight * (after.root_pos - before.root_pos),
-        _slerp(before.root_quat, after.root_quat, weight),
+        quat_slerp(before.root_quat, after.root_quat, weight),
         before.joint_pos + weight * (after.joint_pos - before.joint_pos),
     )
 
@@ -165,15 +166,3 @@ def _vector(field: str, value: np.ndarray, size: int, content: str) -> np.ndarra
         index = int(np.flatnonzero(~np.isfinite(vector))[0])
         raise KeyframeError(f"{field}[{index}] is {vector[index]}, expected a finite number")
     return vector
-
-
-def _slerp(a: np.ndarray, b: np.ndarray, weight: float) -> np.ndarray:
-    """Point between unit quaternions ``[4]`` along the shorter arc."""
-    cosine = float(a @ b)
-    if cosine < 0:
-        b, cosine = -b, -cosine
-    angle = np.arccos(min(cosine, 1.0))
-    # sinc, so that the limit of equal quaternions needs no case of its own
-    ends = np.sinc(np.array([1 - weight, weight]) * angle / np.pi) * [1 - weight, weight]
-    blend = ends[0] * a + ends[1] * b
-    return blend / np.linalg.norm(blend)

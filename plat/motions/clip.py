@@ -6,11 +6,9 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.robots.robot import Robot
+from plat.rotations_np import UNIT_TOLERANCE
 
 __all__ = ["MotionClip"]
-
-# A quaternion this far from unit length is a wrong column or a wrong order, not rounding.
-_UNIT_TOLERANCE = 1e-2
 
 
 @dataclass(frozen=True)
@@ -71,7 +69,7 @@ class MotionClip:
             )
         norm = np.linalg.norm(qpos[:, 3:7], axis=1)
         frame = int(np.abs(norm - 1).argmax())
-        if abs(norm[frame] - 1) > _UNIT_TOLERANCE:
+        if abs(norm[frame] - 1) > UNIT_TOLERANCE:
             raise MotionError(
                 f"motion {self.name!r}: the root quaternion of frame {frame} (columns 3 to 6) has length "
                 f"{norm[frame]:.4g}, expected 1"

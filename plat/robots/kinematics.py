@@ -1,4 +1,4 @@
-"""Forward kinematics in torch: any number of poses at once, differentiable, on any device."""
+"""Forward kinematics in torch: batched, differentiable, on any device. Its numpy twin is ``plat.deploy.kinematics``."""
 
 import mujoco
 import torch

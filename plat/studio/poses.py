@@ -6,9 +6,9 @@ import torch
 
 from plat.motions import MotionClip, mirror_motion
 from plat.robots.robot import Robot
-from plat.rotations import quat_conjugate, quat_from_rotvec, quat_multiply, quat_yaw, yaw_multiply, yaw_rotate
+from plat.rotations import quat_conjugate, quat_multiply, quat_yaw, yaw_multiply, yaw_rotate
 
-__all__ = ["Floor", "heading_pitch_roll", "mirrored", "placed", "quat_from_heading_pitch_roll"]
+__all__ = ["Floor", "mirrored", "placed"]
 
 
 def placed(qpos: np.ndarray, origin: np.ndarray, place: np.ndarray) -> np.ndarray:
@@ -79,24 +79,3 @@ class Floor:
         result = np.array(qpos, dtype=np.float64)
         result[2] -= self.clearance(result)
         return result
-
-
-def heading_pitch_roll(quat: np.ndarray) -> np.ndarray:
-    """Angles ``[3]`` (rad) of turns about the vertical, then the side, then the front, of ``wxyz`` ``[4]``.
-
-    >>> heading_pitch_roll(np.array([0.5**0.5, 0.0, 0.0, 0.5**0.5])).round(3).tolist()
-    [1.571, 0.0, 0.0]
-    """
-    w, x, y, z = quat
-    heading = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    pitch = np.arcsin(np.clip(2 * (w * y - x * z), -1.0, 1.0))
-    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    return np.array([heading, pitch, roll])
-
-
-def quat_from_heading_pitch_roll(angles: np.ndarray) -> np.ndarray:
-    """Inverse of :func:`heading_pitch_roll`."""
-    front, side, up = torch.eye(3, dtype=torch.float64)
-    heading, pitch, roll = torch.from_numpy(np.array(angles, dtype=np.float64))
-    tilt = quat_multiply(quat_from_rotvec(pitch * side), quat_from_rotvec(roll * front))
-    return quat_multiply(quat_from_rotvec(heading * up), tilt).numpy()

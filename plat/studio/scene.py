@@ -59,7 +59,7 @@ class _Bodies:
 
 
 class RobotView:
-    """The robot in its own colours.
+    """The robot in its own colors.
 
     Args:
         server: the page.
@@ -83,7 +83,7 @@ class RobotView:
 
 
 class Ghosts:
-    """Any number of translucent robots of one colour.
+    """Any number of translucent robots of one color.
 
     Args:
         server: the page.

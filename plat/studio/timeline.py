@@ -144,7 +144,7 @@ class Timeline:
         return self._spaced(self.keyframes, steps, self.selected)
 
     def retimed(self, number: int, time: float) -> Timeline:
-        """Keyframe ``number`` at a time (s), or as near to it as its neighbours let it come; no other one moves."""
+        """Keyframe ``number`` at a time (s), or as near to it as its neighbors let it come; no other one moves."""
         steps = self._steps()
         before = sum(steps[: number - 1])
         if number < len(steps):

@@ -4,7 +4,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from plat.deploy import Bundle, PolicyFacts, Score, TrainingFacts
+from plat.deploy import Bundle, BundleScore, PolicyFacts, TrainingFacts
 from plat.errors import BundleError
 from tests.deploy.robots import describe_g1
 
@@ -16,7 +16,7 @@ def bundle() -> Bundle:
         max_steps=50,
         policy=PolicyFacts("residual_latent", 32, 0.1 + 0.2),
         training=TrainingFacts("plat", "refine", "0.1.0", None, None),
-        scores=(Score("long", "tks", 99.1, 98.0, 100.0),),
+        scores=(BundleScore("long", "tks", 99.1, 98.0, 100.0),),
     )
 
 

@@ -1,12 +1,9 @@
 import mujoco
 import numpy as np
-import pytest
 import torch
 
 from plat.deploy import KeypointKinematics
-from plat.deploy.kinematics import rotation_matrix
 from plat.robots import G1, ForwardKinematics
-from plat.rotations import quat_to_matrix
 from tests.deploy.robots import describe_g1, random_qpos
 
 
@@ -35,10 +32,3 @@ def test_results_are_not_overwritten_by_the_next_call():
     kept = before.copy()
     kinematics(second[:3], second[3:7], second[7:])
     np.testing.assert_array_equal(before, kept)
-
-
-@pytest.mark.parametrize("length", [1.0, 1.3])
-def test_rotation_matrix_of_a_quaternion_of_any_length(length):
-    quat = random_qpos(1)[0, 3:7]
-    expected = quat_to_matrix(torch.from_numpy(quat)).numpy()
-    np.testing.assert_allclose(rotation_matrix(length * quat), expected, atol=1e-12)

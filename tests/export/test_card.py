@@ -2,7 +2,7 @@ import dataclasses
 
 import pytest
 
-from plat.deploy import Bundle, Score
+from plat.deploy import Bundle, BundleScore
 from plat.export.card import model_card
 from plat.export.facts import describe_policy
 from plat.runs import SavedRun
@@ -34,7 +34,7 @@ def test_says_what_it_is_and_where_it_comes_from(bundle):
 
 
 def test_a_table_of_scores(bundle):
-    scores = (Score("long", "tks", 99.5, 99.25, 99.75), Score("long", "mpjpe", 0.1, 0.09, 0.11))
+    scores = (BundleScore("long", "tks", 99.5, 99.25, 99.75), BundleScore("long", "mpjpe", 0.1, 0.09, 0.11))
     text = card(dataclasses.replace(bundle, scores=scores))
     assert "| long | 99.5 (99.2-99.8) | 0.100 (0.090-0.110) | - |" in text
     assert "no `evaluation.csv` in the run directory" in card(bundle)

@@ -1,7 +1,7 @@
 import pytest
 
 from plat.figures import ablation_bars
-from tests.rendering.scores import made_up
+from tests.figures.scores import made_up
 
 pytest.importorskip("matplotlib")
 

@@ -2,7 +2,7 @@ import pytest
 
 from plat.evaluation import Score
 from plat.figures import radar_plot
-from tests.rendering.scores import made_up, records
+from tests.figures.scores import made_up, records
 
 pytest.importorskip("matplotlib")
 

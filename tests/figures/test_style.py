@@ -2,7 +2,7 @@ import pytest
 
 from plat.figures import save_figure
 from plat.figures.style import looks, paper_style, policies
-from tests.rendering.scores import made_up
+from tests.figures.scores import made_up
 
 ROWS = ["SONIC", "SONIC-style", "TWIST2", "wbc", "Scratch RL", "w/o privileged latent", "DAgger"]
 ROWS += ["Direct RL fine-tune", "Residual action", "PLAT"]
@@ -16,9 +16,9 @@ def test_a_row_looks_the_same_in_whatever_company():
 def test_no_two_policies_look_alike():
     others = [f"run {number}" for number in range(8)]
     for names in (ROWS, others, ROWS[6:] + others):
-        assert len({(look.colour, look.marker) for look in looks(names).values()}) == len(names)
-    # a few runs differ in colour already
-    assert len({look.colour for look in looks(others[:5]).values()}) == 5
+        assert len({(look.color, look.marker) for look in looks(names).values()}) == len(names)
+    # a few runs differ in color already
+    assert len({look.color for look in looks(others[:5]).values()}) == 5
 
 
 def test_policies_keep_their_order():

@@ -100,9 +100,9 @@ def test_the_bar_is_red_after_a_failure_though_no_time_is_left(stage, playback):
         command_length=np.ones(5, int),
         failed=failed,
     )
-    colours = [picture[-2, 80].astype(int) for picture in film(stage, empty, fps=50)]
-    assert all(abs(red - green) < 30 for red, green, _ in colours[:2])
-    assert all(red > green + 50 for red, green, _ in colours[2:])
+    colors = [picture[-2, 80].astype(int) for picture in film(stage, empty, fps=50)]
+    assert all(abs(red - green) < 30 for red, green, _ in colors[:2])
+    assert all(red > green + 50 for red, green, _ in colors[2:])
 
 
 def test_no_opengl_is_said_in_one_line(monkeypatch):

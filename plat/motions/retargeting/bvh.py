@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from plat.errors import MotionError
+from plat.rotations_np import axis_rotation
 
-__all__ = ["Bvh", "read_bvh", "rotation_about"]
+__all__ = ["Bvh", "read_bvh"]
 
 _CHANNELS = ("xposition", "yposition", "zposition", "xrotation", "yrotation", "zrotation")
 
@@ -191,7 +192,7 @@ def _forward_kinematics(joints: list[_Joint], values: np.ndarray) -> tuple[np.nd
             if channel < 3:
                 offset[:, channel] = values[:, column]
             else:
-                rotation = rotation @ rotation_about(channel - 3, np.deg2rad(values[:, column]))
+                rotation = rotation @ axis_rotation(channel - 3, np.deg2rad(values[:, column]))
             column += 1
         if joint.parent >= 0:
             parent = rotations[:, joint.parent]
@@ -199,14 +200,3 @@ def _forward_kinematics(joints: list[_Joint], values: np.ndarray) -> tuple[np.nd
             rotation = parent @ rotation
         positions[:, joint.index], rotations[:, joint.index] = offset, rotation
     return positions, rotations
-
-
-def rotation_about(axis: int, angle: np.ndarray) -> np.ndarray:
-    """Rotation matrices ``[T, 3, 3]`` by angles ``[T]`` (rad) about the x, y or z axis (0, 1, 2)."""
-    matrix = np.zeros((len(angle), 3, 3))
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    matrix[:, axis, axis] = 1
-    matrix[:, i, i] = matrix[:, j, j] = np.cos(angle)
-    matrix[:, j, i] = np.sin(angle)
-    matrix[:, i, j] = -matrix[:, j, i]
-    return matrix

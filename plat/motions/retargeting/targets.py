@@ -4,10 +4,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from plat.motions.retargeting.bvh import rotation_about
 from plat.motions.retargeting.feet import contact_weight, hold
 from plat.motions.retargeting.geometry import RobotGeometry
 from plat.motions.retargeting.skeletons import SIDES, Human, SkeletonMap
+from plat.rotations_np import axis_rotation
 
 __all__ = ["Targets", "robot_targets"]
 
@@ -108,7 +108,7 @@ def _plant(
     yaw, pitch, roll = _euler(_foot_frame(human, side, ground["ankle"] - ground["toe"]))
     yaw = hold(np.unwrap(yaw)[:, None], contact, fps)[:, 0]
     pitch = pitch - contact * np.clip(pitch, -_FLAT_PITCH, _FLAT_PITCH)
-    rotation = rotation_about(2, yaw) @ rotation_about(1, pitch) @ rotation_about(0, (1 - contact) * roll)
+    rotation = axis_rotation(2, yaw) @ axis_rotation(1, pitch) @ axis_rotation(0, (1 - contact) * roll)
 
     tip = rotation @ [robot.sole[:, 0].max(), 0, -robot.ankle_height]
     level = hold((ankle + tip)[:, :2], contact, fps) - tip[:, :2]
@@ -142,7 +142,7 @@ def _frame(left: np.ndarray, up: np.ndarray, pitch: float) -> np.ndarray:
     """Rotations ``[T, 3, 3]`` whose y axis is ``left`` and whose z axis is near ``up``, leaned forward by ``pitch``."""
     left = _direction(left)
     forward = _direction(np.cross(left, up))
-    return np.stack((forward, left, np.cross(forward, left)), -1) @ rotation_about(1, np.deg2rad([pitch]))
+    return np.stack((forward, left, np.cross(forward, left)), -1) @ axis_rotation(1, np.deg2rad([pitch]))
 
 
 def _euler(rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

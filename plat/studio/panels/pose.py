@@ -6,9 +6,9 @@ import numpy as np
 import viser
 
 from plat.robots.robot import without_side
+from plat.rotations_np import heading_pitch_roll, quat_from_heading_pitch_roll
 from plat.studio.page import Page
 from plat.studio.poser import HANDLES, Frame
-from plat.studio.poses import heading_pitch_roll, quat_from_heading_pitch_roll
 
 __all__ = ["PosePanel"]
 
