@@ -37,6 +37,8 @@ def test_names_that_moved_out_of_envs_warn() -> None:
         assert plat.envs.G1 is plat.robots.G1
     with pytest.warns(FutureWarning, match=r"plat\.motions\.MotionLibrary"):
         assert plat.envs.MotionLibrary is plat.motions.MotionLibrary
+    with pytest.raises(AttributeError, match="split into TrackingTaskConfig, DistillationTaskConfig and Keyframe"):
+        plat.envs.TaskConfig  # noqa: B018
     with pytest.raises(AttributeError, match="no attribute 'Nothing'"):
         plat.envs.Nothing  # noqa: B018
 

@@ -44,6 +44,10 @@ _MOVED = dict.fromkeys(plat.robots.__all__, plat.robots) | {"MotionLibrary": pla
 
 
 def __getattr__(name: str) -> object:
+    if name == "TaskConfig":
+        raise AttributeError(
+            "plat.envs.TaskConfig is split into TrackingTaskConfig, DistillationTaskConfig and KeyframeTaskConfig"
+        )
     if name not in _MOVED:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     new = _MOVED[name]

@@ -32,30 +32,30 @@ class ResetNoise:
     """Half widths of the uniform noise on the reference state that an episode starts from."""
 
     root_pos_xy: float = 0.2
-    """m"""
+    """horizontal position of the root (m)"""
     root_pos_z: float = 0.01
-    """m"""
+    """height of the root (m)"""
     roll_pitch: float = 0.1
-    """rad"""
+    """roll and pitch of the root (rad)"""
     yaw: float = 0.2
-    """rad"""
+    """heading (rad)"""
     root_lin_vel_xy: float = 0.5
-    """m/s"""
+    """horizontal velocity of the root (m/s)"""
     root_lin_vel_z: float = 0.2
-    """m/s"""
+    """vertical velocity of the root (m/s)"""
     root_ang_vel_rp: float = 0.52
-    """rad/s"""
+    """roll and pitch rate (rad/s)"""
     root_ang_vel_yaw: float = 0.78
-    """rad/s"""
+    """yaw rate (rad/s)"""
     joint_pos: float = 0.1
-    """rad"""
+    """joint angles (rad)"""
 
 
 class MotionTrackingEnv(EnvBase):
     """N robots, each at a frame of a motion library, driven by joint position targets.
 
     A step holds the targets ``q_default + action_scale * action`` for one control step and moves every robot one
-    frame on. Episodes start on the reference (reference state initialisation) and are truncated at the end of
+    frame on. Episodes start on the reference (reference state initialization) and are truncated at the end of
     the clip. Reward is 0: transforms (:mod:`plat.envs.transforms`) make a task of it. A robot whose action is absurd
     or not finite, or whose simulation diverges, is terminated.
 
@@ -81,6 +81,9 @@ class MotionTrackingEnv(EnvBase):
     ``("state", "stray_contacts")``       ``[1]``     contacts of the floor with other than feet, and self-contacts
     ``("motion", "frame")``               ``[]``      row of the library that the robot is to be at now
     ====================================  ==========  ==========================================================
+
+    A reset reads ``("motion", "start")`` ``[N]``, the frames to start from, where a transform such as
+    :class:`plat.envs.transforms.FailureWeightedStarts` writes it; otherwise it draws them.
 
     Args:
         library: motions; its ``dt`` is the control step.

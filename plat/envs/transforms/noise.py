@@ -17,14 +17,15 @@ class NoiseLevels:
     """Half widths of the uniform noise on what the robot measures."""
 
     joint_pos: float = 0.01
-    """rad"""
+    """joint angles (rad)"""
     joint_vel: float = 0.5
-    """rad/s"""
+    """joint velocities (rad/s)"""
     root_ang_vel_b: float = 0.2
-    """rad/s"""
+    """angular velocity of the root (rad/s)"""
     root_lin_vel_b: float = 0.1
-    """m/s; G1 has no sensor for it, so a deployed estimate is noisy too"""
+    """linear velocity of the root (m/s), which a robot can only estimate"""
     gravity_b: float = 0.05
+    """components of the direction of gravity"""
 
 
 class ObservationNoise(ObservationTransform):

@@ -14,7 +14,7 @@ __all__ = ["DomainRandomization", "RandomizationRanges"]
 
 @dataclass(frozen=True)
 class RandomizationRanges:
-    """What is drawn anew for a robot at each reset. A range of no width switches its term off."""
+    """Ranges that are drawn from uniformly at each reset. A range of width 0 switches its term off."""
 
     foot_friction: tuple[float, float] = (0.3, 1.2)
     """sliding friction of the soles"""
@@ -25,7 +25,7 @@ class RandomizationRanges:
     motor_gain: float = 0.1
     """half width of the relative error of each joint's stiffness and damping"""
     control_delay: float = 0.5
-    """share of the robots whose targets arrive one control step late"""
+    """fraction of the robots whose targets arrive one control step late"""
     push_interval: tuple[float, float] = (1.0, 3.0)
     """seconds between pushes"""
     push_lin_vel: tuple[float, float, float] = (0.5, 0.5, 0.2)
@@ -35,7 +35,7 @@ class RandomizationRanges:
 
 
 class DomainRandomization(Transform):
-    """Draws model parameters at each reset and pushes the robots now and then.
+    """Draws model parameters at each reset and pushes the robots at random intervals.
 
     Args:
         env: the simulated robots, whose physics it changes.

@@ -33,19 +33,19 @@ class DenseRewards:
     and a term on the joints."""
 
     anchor_pos: TrackingTerm = TrackingTerm(1.0, 0.3)
-    """m, world"""
+    """position of the anchor (m, world)"""
     anchor_rot: TrackingTerm = TrackingTerm(0.5, 0.4)
-    """rad"""
+    """orientation of the anchor (rad)"""
     keypoint_pos: TrackingTerm = TrackingTerm(1.0, 0.3)
-    """m, aligned to the robot's anchor"""
+    """positions of the keypoints (m), aligned to the robot's anchor"""
     keypoint_rot: TrackingTerm = TrackingTerm(1.0, 0.4)
-    """rad, aligned"""
+    """orientations of the keypoints (rad), aligned"""
     keypoint_lin_vel: TrackingTerm = TrackingTerm(1.0, 1.0)
-    """m/s, world"""
+    """linear velocities of the keypoints (m/s, world)"""
     keypoint_ang_vel: TrackingTerm = TrackingTerm(1.0, 3.14)
-    """rad/s, world"""
+    """angular velocities of the keypoints (rad/s, world)"""
     joint_pos: TrackingTerm = TrackingTerm(1.5, 0.15)
-    """rad; the other terms hardly see how wrists and elbows are turned"""
+    """joint angles (rad), for what the other terms hardly see: how wrists are turned"""
 
     def rewards(self, robot: Robot) -> tuple[Reward, ...]:
         """Return the terms, see :class:`plat.envs.transforms.Reward`; they need :class:`ReferenceMotion`."""
@@ -63,14 +63,14 @@ class DenseRewards:
 
 @dataclass(frozen=True)
 class KeyframeRewards:
-    """Reaching a commanded keyframe, paid at each step of its arrival window."""
+    """Reaching a commanded keyframe, rewarded at each step of its arrival window."""
 
     joint_pos: TrackingTerm = TrackingTerm(1.0, 0.2)
-    """rad"""
+    """joint angles (rad)"""
     keypoint_pos: TrackingTerm = TrackingTerm(1.0, 0.2)
-    """m, world"""
+    """positions of the keypoints (m, world)"""
     anchor_rot: TrackingTerm = TrackingTerm(0.5, 0.4)
-    """rad"""
+    """orientation of the anchor (rad)"""
 
     def rewards(self, robot: Robot) -> tuple[Reward, ...]:
         """Return the terms, whose names begin with ``keyframe_``; they are 0 outside the arrival window.
