@@ -26,6 +26,8 @@ MOVED = {
     "plat.modules.expert": "plat.modules.policies.expert",
     "plat.modules.imitation": "plat.modules.policies.student",
     "plat.modules.refinement": "plat.modules.policies.refinement",
+    "plat.baselines.reference": "plat.baselines.tracker_reference",
+    "plat.evaluation.table": "plat.evaluation.score_table",
     "plat.evaluation.runner": "plat.evaluation.scoring",
     "plat.playing.errors": "plat.control.pose_errors",
     "plat.playing": "plat.control",

@@ -24,8 +24,8 @@ from plat.cli.settings import parse
 from plat.envs.transforms import RandomizationRanges
 from plat.errors import MotionError, PlatError, RecordsError
 from plat.evaluation import CommandRecords, Entrant, Score, differences, markdown, write_csv
-from plat.evaluation.table import COLUMNS
-from plat.evaluation.table import rows as table_rows
+from plat.evaluation.score_table import COLUMNS
+from plat.evaluation.score_table import rows as table_rows
 from plat.figures import pyplot
 from plat.files import replace_file
 from plat.motions import MotionLibrary

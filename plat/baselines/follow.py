@@ -7,7 +7,7 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 from torchrl.envs import Compose, InitTracker, TransformedEnv
 
-from plat.baselines.reference import TrackerReference
+from plat.baselines.tracker_reference import TrackerReference
 from plat.envs.tracking import MotionTrackingEnv
 from plat.envs.transforms import FirstFrames, ReferenceMotion, TrackingLimits, TrackingTermination
 from plat.evaluation.rollout import policy_steps

@@ -1,4 +1,4 @@
-"""A network out of an ONNX file."""
+"""Networks from ONNX files."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ __all__ = ["OnnxPolicy"]
 
 
 class OnnxPolicy:
-    """Calls a network with one input ``[N, inputs]`` and one output ``[N, outputs]``, both float32.
+    """Network of an ONNX file with one input ``[N, inputs]`` and one output ``[N, outputs]``, both float32.
 
     A file that was exported for a single row is called row by row.
 

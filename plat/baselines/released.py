@@ -1,4 +1,4 @@
-"""The released trackers whose files a user has."""
+"""Files of the released trackers, given by the user."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

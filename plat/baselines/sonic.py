@@ -21,7 +21,7 @@ _UNUSED_BETWEEN, _UNUSED_AFTER = 10 + 1 + 6, 240 + 9 + 12 + 720 + 60 + 60
 
 
 def sonic_robot(robot: Robot = G1) -> Robot:
-    """The robot with the motor settings that SONIC was trained for: hip pitch has the motor of hip roll."""
+    """Return the robot with the motor settings that SONIC was trained for: hip pitch has the motor of hip roll."""
     settings = torch.stack((robot.stiffness, robot.damping, robot.effort_limit))
     for side in ("left", "right"):
         pitch, roll = (robot.joint_names.index(f"{side}_hip_{axis}") for axis in ("pitch", "roll"))
@@ -95,7 +95,7 @@ class Sonic(Tracker):
         return torch.cat(parts, -1)
 
     def _with_past(self, name: str, now: Tensor, starting: Tensor) -> Tensor:
-        """The last ten values ``[N, 10, n]`` of a quantity ``[N, n]``, oldest first, with the one of now."""
+        """Return the last ten values ``[N, 10, n]`` of a quantity ``[N, n]``, oldest first, with the one of now."""
         repeated = now[:, None].expand(-1, _FRAMES, -1)
         past = torch.cat((self.remembered(f"past {name}", repeated, starting)[:, 1:], now[:, None]), 1)
         past = torch.where(starting[:, None, None], repeated, past)
@@ -104,5 +104,5 @@ class Sonic(Tracker):
 
 
 def _by_depth(robot: Robot) -> Tensor:
-    """Joints ``[J]`` in the order of their depth in the kinematic tree."""
+    """Return joints ``[J]`` in the order of their depth in the kinematic tree."""
     return torch.tensor([robot.depth(joint) for joint in robot.joint_names]).argsort(stable=True)

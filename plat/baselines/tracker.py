@@ -1,4 +1,4 @@
-"""What the adapters of released trackers share."""
+"""Base class of the adapters for released trackers."""
 
 from dataclasses import dataclass, fields, replace
 
@@ -9,7 +9,7 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 from torchrl.envs import InitTracker, Transform
 
-from plat.baselines.reference import TrackerReference
+from plat.baselines.tracker_reference import TrackerReference
 from plat.motions.library import MotionLibrary
 from plat.robots.robot import FootContacts, Robot
 
@@ -18,7 +18,7 @@ __all__ = ["Tracker", "tuned_robot"]
 
 @dataclass(frozen=True)
 class _TunedRobot(Robot):
-    """A robot with motor settings of its own; see :func:`tuned_robot`."""
+    """Robot with motor settings of its own; see :func:`tuned_robot`."""
 
     gains: tuple[tuple[float, float, float], ...] = ()
 
@@ -32,7 +32,7 @@ class _TunedRobot(Robot):
 
 
 def tuned_robot(robot: Robot, name: str, stiffness: Tensor, damping: Tensor, effort_limit: Tensor) -> Robot:
-    """A robot with the motor settings that a policy was trained for.
+    """Return a robot with the motor settings that a policy was trained for.
 
     Args:
         robot: the robot as it is.
@@ -52,7 +52,7 @@ def tuned_robot(robot: Robot, name: str, stiffness: Tensor, damping: Tensor, eff
 
 
 class Tracker(TensorDictModuleBase):
-    """A policy that remembers its own past actions, for robots that follow ``"tracker_reference"``.
+    """Policy that tracks a dense reference and keeps its own past actions. It reads the group ``"tracker_reference"``.
 
     Reads the group ``"robot"``, the group of :class:`TrackerReference` and ``is_init`` (TorchRL's ``InitTracker``),
     and writes ``action`` in the parametrization of :class:`plat.envs.MotionTrackingEnv`. A subclass says what its
@@ -73,7 +73,7 @@ class Tracker(TensorDictModuleBase):
         self._memory: dict[str, Tensor] = {}
 
     def observe(self, library: MotionLibrary, dense: bool) -> list[Transform]:
-        """Transforms that show it what it reads, see :func:`plat.evaluation.evaluate`.
+        """Return the transforms that show it what it reads, see :func:`plat.evaluation.evaluate`.
 
         Args:
             library: motions of its :attr:`robot`.
@@ -101,7 +101,7 @@ class Tracker(TensorDictModuleBase):
         return _Labels(self)
 
     def remembered(self, name: str, like: Tensor, starting: Tensor) -> Tensor:
-        """What was kept under a name: zeros for robots that are ``starting`` ``[N]``, else a copy."""
+        """Return what was kept under a name: zeros for robots that are ``starting`` ``[N]``, else a copy."""
         kept = self._memory.get(name)
         if kept is None or kept.shape != like.shape:
             kept = torch.zeros_like(like)
@@ -112,7 +112,7 @@ class Tracker(TensorDictModuleBase):
         self._memory[name] = value
 
     def targets(self, tensordict: TensorDictBase, joint_pos: Tensor, starting: Tensor) -> Tensor:
-        """Joint targets ``[N, J]`` (rad) from measured angles ``joint_pos`` ``[N, J]`` (rad) and the other entries."""
+        """Return joint targets ``[N, J]`` (rad) from measured angles ``joint_pos`` ``[N, J]`` (rad) and others."""
         raise NotImplementedError
 
     @torch.no_grad()

@@ -21,7 +21,7 @@ def _per_joint(leg: list[float], waist: list[float], arm: list[float]) -> Tensor
 
 
 def twist2_robot(robot: Robot = G1) -> Robot:
-    """The robot with the motor settings that TWIST2 was trained for."""
+    """Return the robot with the motor settings that TWIST2 was trained for."""
     leg = [100.0, 100.0, 100.0, 150.0, 40.0, 40.0]
     stiffness = _per_joint(leg, [150.0] * 3, [40.0] * 4 + [4.0] * 3)
     damping = _per_joint([2.0, 2.0, 2.0, 4.0, 2.0, 2.0], [4.0] * 3, [5.0] * 4 + [0.2] * 3)
@@ -31,8 +31,8 @@ def twist2_robot(robot: Robot = G1) -> Robot:
 class Twist2(Tracker):
     """The released TWIST2 policy (``twist2_1017_20k.onnx``).
 
-    It sees the command (the reference's horizontal velocity in its heading frame, height, roll, pitch, yaw rate,
-    joint angles), what the robot measures, ten past such observations (oldest first, zeros before the start), and
+    Its observation: the command (the reference's horizontal velocity in its heading frame, height, roll, pitch, yaw
+    rate, joint angles), what the robot measures, ten past such observations (oldest first, zeros before the start), and
     the command once more.
 
     Args:

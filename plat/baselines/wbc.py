@@ -32,8 +32,8 @@ _SCALE_5020 = 0.5596246525662165
 class Wbc(Tracker):
     """The released policy ``policy_066ab15.onnx`` of wbc-mjlab.
 
-    It sees one reference frame (height of the torso, velocities and gravity direction in the root's frame, joint
-    angles) and what the robot measures, without a history; its action is added to the reference's joint angles.
+    Its observation: one reference frame (height of the torso, velocities and gravity direction in the root's frame,
+    joint angles) and what the robot measures, without a history; its action is added to the reference's joint angles.
     The constants are those of the file ``config_066ab15.yaml`` that is released with it.
 
     Args:

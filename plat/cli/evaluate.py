@@ -18,7 +18,7 @@ from plat.baselines import ReleasedTrackers
 from plat.envs.transforms import HORIZONS, RandomizationRanges
 from plat.errors import PlatError
 from plat.evaluation import HEADLINE, METRICS, CommandRecords, Entrant, EvaluationSetting, Score, write_csv
-from plat.evaluation.table import COLUMNS, rows
+from plat.evaluation.score_table import COLUMNS, rows
 from plat.figures import ablation_bars, film_strip, pyplot, radar_plot, save_figure, success_plot
 from plat.motions import MotionLibrary
 from plat.rendering import RenderingError, Stage

@@ -16,7 +16,7 @@ __all__ = ["PolicyController"]
 
 
 class PolicyController:
-    """Joint targets from a policy that reads the groups ``"robot"``, ``"goal"`` and ``"command"``.
+    """Controller of one robot by a policy that reads the groups ``"robot"``, ``"goal"`` and ``"command"``.
 
     Args:
         policy: deterministic policy, on the CPU; ``load_policy(run).deployed()``.

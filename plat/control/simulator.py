@@ -1,4 +1,4 @@
-"""One simulated robot that is told joint position targets."""
+"""Simulation of one position-controlled robot in MuJoCo."""
 
 import mujoco
 import numpy as np
@@ -53,7 +53,7 @@ class Simulator:
         mujoco.mj_forward(self.model, self.data)
 
     def state(self) -> RobotState:
-        """What the robot measures now, without noise."""
+        """Return the measured state, without noise."""
         qpos, qvel = self.data.qpos, self.data.qvel
         root_lin_vel_b = np.empty(3)
         world_to_root = np.empty(4)

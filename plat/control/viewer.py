@@ -1,4 +1,4 @@
-"""A window in which a robot is seen while it chases keyframes."""
+"""Live view of a robot that chases keyframes."""
 
 import sys
 import threading
@@ -25,7 +25,7 @@ _BAR_SIZE, _BAR_HEIGHT = np.array([0.01, 0.3, 0.01]), 0.8
 class Viewer:
     """MuJoCo's viewer with the commanded keyframe as a ghost, and over the robot a bar that shrinks until its arrival.
 
-    It goes at the pace of real time, or slower where the computer is.
+    It runs in real time, or slower where the computer is slower.
 
     Args:
         simulator: the robot; :func:`plat.rendering.stage_model` makes a model that is good to look at.

@@ -5,9 +5,9 @@ from plat.evaluation.entrant import Entrant, ReferenceTracker
 from plat.evaluation.records import CommandRecorder, CommandRecords
 from plat.evaluation.report import Estimate, Penalties, compare, report, success_curve
 from plat.evaluation.rollout import EvaluationEnv, make_evaluation_env, policy_steps
+from plat.evaluation.score_table import HEADLINE, METRICS, Metric, Score, differences, markdown, write_csv
 from plat.evaluation.scoring import evaluate
 from plat.evaluation.setting import EvaluationSetting, Observe, ReferenceView
-from plat.evaluation.table import HEADLINE, METRICS, Metric, Score, differences, markdown, write_csv
 
 __all__ = [
     "HEADLINE",

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from plat.errors import RecordsError
-from plat.evaluation.table import HEADLINE, METRICS, Score
+from plat.evaluation.score_table import HEADLINE, METRICS, Score
 from plat.figures.style import PAGE, looks, paper_style, policies
 
 __all__ = ["radar_plot"]

@@ -7,7 +7,7 @@ from itertools import cycle
 from pathlib import Path
 from typing import Any
 
-from plat.evaluation.table import Score
+from plat.evaluation.score_table import Score
 from plat.figures.pyplot import pyplot
 
 __all__ = ["COLUMN", "PAGE", "Look", "looks", "paper_style", "policies", "save_figure"]

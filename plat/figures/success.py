@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from plat.evaluation.report import success_curve
-from plat.evaluation.table import Score
+from plat.evaluation.score_table import Score
 from plat.figures.style import COLUMN, PAGE, looks, paper_style, policies
 
 __all__ = ["success_plot"]

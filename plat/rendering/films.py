@@ -1,4 +1,4 @@
-"""Videos of a policy while it is trained."""
+"""Videos of a policy during training."""
 
 import time
 from collections.abc import Callable
@@ -14,14 +14,14 @@ __all__ = ["Films"]
 
 
 class Films:
-    """Films a policy now and then; where that cannot be done (no OpenGL, say), it says so once.
+    """Periodic videos of a policy. Where rendering fails, for lack of OpenGL say, it prints one line and stops.
 
     Args:
         folder: the videos go here, named by the step.
-        robot: who is seen.
-        play: lets the policy as it is now chase keyframes.
-        every: seconds from film to film, and to the first; 0 for none.
-        seconds: of motion that a film shows at most.
+        robot: the robot that is drawn.
+        play: returns a playback of the policy as it is now.
+        every: seconds between videos, and to the first one; 0 for none.
+        seconds: longest motion that a video shows.
         fps: pictures a second.
     """
 
@@ -43,7 +43,7 @@ class Films:
         self._due = time.monotonic() + (every or float("inf"))
 
     def take(self, step: int) -> Path | None:
-        """The next film, when it is due: ``FOLDER/STEP.mp4``."""
+        """Write ``FOLDER/STEP.mp4`` if a video is due; return its path, or None."""
         if time.monotonic() < self._due:
             return None
         path = self._folder / f"{step}.mp4"

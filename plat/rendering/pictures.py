@@ -33,7 +33,7 @@ _TILE_DARK, _TILE_LIGHT = [0.30, 0.34, 0.38], [0.35, 0.39, 0.43]
 
 
 class Stage:
-    """Draws a robot and a ghost of it, the camera going along.
+    """Renderer of a robot and a translucent ghost of it, with a camera that follows.
 
     Args:
         robot: the robot.
@@ -41,7 +41,7 @@ class Stage:
         distance: of the camera (m); 2.6 shows raised hands and jumps whole.
 
     Raises:
-        RenderingError: where no OpenGL is to be had, with what to install.
+        RenderingError: where no OpenGL is available, with what to install.
     """
 
     def __init__(self, robot: Robot, width: int = 640, height: int = 480, distance: float = 2.1):
@@ -62,7 +62,7 @@ class Stage:
         self._camera.lookat[2] = 0.68
 
     def draw(self, qpos: np.ndarray, ghost_qpos: np.ndarray | None = None) -> np.ndarray:
-        """Picture ``[height, width, 3]`` of a pose ``[7 + J]`` and a ghost."""
+        """Return a picture ``[height, width, 3]`` of a pose ``[7 + J]`` and a ghost."""
         self._data.qpos[:] = qpos
         mujoco.mj_forward(self._model, self._data)
         # follow the robot slowly, so that its own motion shows
@@ -73,11 +73,11 @@ class Stage:
         return self._renderer.render()
 
     def look_at(self, position: np.ndarray) -> None:
-        """Put the camera's aim over a point of the floor at once."""
+        """Aim the camera at a point of the floor at once."""
         self._camera.lookat[:2] = position[:2]
 
     def close(self) -> None:
-        """Give the OpenGL context back."""
+        """Release the OpenGL context."""
         self._renderer.close()
 
 
@@ -92,7 +92,7 @@ def _check_display() -> None:
 
 
 def show_visible(options: mujoco.MjvOption) -> None:
-    """Show the floor and what is made for the eye, not what is made for contact."""
+    """Show floor and visual geoms, and hide collision geoms."""
     options.geomgroup[:] = 0
     options.geomgroup[[0, 2]] = 1
 
@@ -100,7 +100,7 @@ def show_visible(options: mujoco.MjvOption) -> None:
 def add_ghost(
     scene: mujoco.MjvScene, model: mujoco.MjModel, data: mujoco.MjData, options: mujoco.MjvOption, qpos: np.ndarray
 ) -> None:
-    """Add a robot in a pose ``[7 + J]`` to a scene, translucent; ``data`` is worked with."""
+    """Add a robot in a pose ``[7 + J]`` to a scene, translucent; ``data`` is scratch space."""
     before = scene.ngeom
     data.qpos[:] = qpos
     mujoco.mj_kinematics(model, data)
@@ -111,7 +111,7 @@ def add_ghost(
 
 
 def film(stage: Stage, playback: Playback, fps: float = 25.0) -> Iterator[np.ndarray]:
-    """Pictures of a playback, with a bar that shrinks as arrival comes near and turns red when a command fails."""
+    """Yield pictures of a playback, with a bar of the time left that turns red when a command fails."""
     stage.look_at(playback.qpos[0])
     failed_until = -1
     for step in _steps(playback, fps):
@@ -127,7 +127,7 @@ def film(stage: Stage, playback: Playback, fps: float = 25.0) -> Iterator[np.nda
 def stills(
     stage: Stage, qpos: np.ndarray, count: int, ghost_qpos: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pictures from a motion, evenly spread over it, the robot in the middle of each.
+    """Return pictures from a motion, evenly spaced in time, each centered on the robot.
 
     Args:
         stage: draws them.
@@ -147,7 +147,7 @@ def stills(
 
 
 def contact_sheet(stage: Stage, playbacks: Sequence[Playback], columns: int = 6) -> np.ndarray:
-    """One row of pictures a playback, evenly spread over it: ``[rows * height, columns * width, 3]``."""
+    """Return one row of pictures for each playback, evenly spaced in time: ``[rows * height, columns * width, 3]``."""
     rows = []
     for playback in playbacks:
         _, pictures = stills(stage, playback.qpos, columns, playback.target_qpos)
@@ -156,7 +156,7 @@ def contact_sheet(stage: Stage, playbacks: Sequence[Playback], columns: int = 6)
 
 
 def check_video(path: str | Path) -> None:
-    """Find out before there is anything to write.
+    """Check that a video can be written, before there is one.
 
     Raises:
         RenderingError: when the extra ``plat-rl[video]`` is not installed, or the file is no ``.mp4``.
@@ -223,7 +223,7 @@ def _bar(picture: np.ndarray, share: float, failed: bool) -> None:
 
 
 def stage_model(robot: Robot, width: int = 640, height: int = 480) -> mujoco.MjModel:
-    """The robot's model in a place that is good to look at; it moves as the plain one does.
+    """Return the robot's model with sky, tiles and light; its dynamics are those of the plain model.
 
     Args:
         robot: the robot.

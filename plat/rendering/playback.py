@@ -1,4 +1,4 @@
-"""What pictures and videos show: a robot and its keyframes, step by step."""
+"""Trajectory of a robot and its keyframes, for pictures and videos."""
 
 from dataclasses import dataclass
 

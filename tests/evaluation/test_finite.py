@@ -8,7 +8,7 @@ from plat.control.authored import author
 from plat.envs.transforms import HORIZONS
 from plat.errors import ActionError
 from plat.evaluation import evaluate
-from plat.evaluation.authored import evaluate_authored
+from plat.evaluation.authored_scores import evaluate_authored
 from plat.evaluation.finite import check_actions
 from plat.motions import MotionLibrary
 from plat.robots import G1

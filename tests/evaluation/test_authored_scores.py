@@ -5,7 +5,7 @@ from tensordict.nn import TensorDictModule
 import plat
 from plat.control.authored import Authored, author
 from plat.errors import RecordsError
-from plat.evaluation.authored import AuthoredRecords, AuthoredScore, authored_table, evaluate_authored
+from plat.evaluation.authored_scores import AuthoredRecords, AuthoredScore, authored_table, evaluate_authored
 from plat.keyframes import KeyframeSequence, standing
 from plat.robots import G1
 
