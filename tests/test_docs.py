@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from plat.cli import COMMANDS
+
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
     [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("plat/**/*.md"), *ROOT.glob(".github/**/*.md")]
@@ -84,3 +86,14 @@ def test_what_is_missing_is_found():
 
 def test_the_readme_is_short():
     assert len((ROOT / "README.md").read_text().splitlines()) <= 120
+
+
+def commands_named(text: str) -> set[str]:
+    blocks = "".join(re.findall(r"```sh\n(.*?)```", text, re.DOTALL))
+    return set(re.findall(r"(?m)^plat ([a-z][\w-]*)", blocks)) | set(re.findall(r"`plat ([a-z][\w-]*)", text))
+
+
+def test_commands_in_the_docs_exist():
+    named = {command for page in PAGES for command in commands_named(page.read_text())}
+    assert len(named) > 8
+    assert named <= set(COMMANDS)
