@@ -37,6 +37,8 @@ class ExpertRecipe(RecipeConfig):
     """control steps of each robot between updates"""
     critic_warmup: int = 10
     """rollouts from which only the critic learns after --init: a critic that knows nothing would undo the expert"""
+    critic: tuple[int, ...] = (512, 256, 128)
+    """hidden layers of the critic"""
     # what measured best, see docs/results.md; the paper's expert is ExpertConfig()
     policy: ExpertConfig = field(
         default_factory=lambda: ExpertConfig(action="reference_velocity", ahead=(1, 2), lead=0.065, catch_up=1.0)
@@ -57,7 +59,7 @@ def main(recipe: ExpertRecipe) -> None:
         start_from(expert, recipe.init)
     expert = expert.to(recipe.device)
     env = make_tracking_env(library, recipe.num_envs, recipe.task, goals=expert.goals, device=recipe.device)
-    critic = Critic(library.robot, expert.normalizer.in_keys).to(recipe.device)
+    critic = Critic(library.robot, expert.normalizer.in_keys, recipe.critic).to(recipe.device)
     ppo = PPO(expert.head(), critic.head(), critic.observe(), ppo_config(recipe))
     budget = Budget(recipe.minutes, recipe.steps)
     watch = partial(play, expert.deployed(tuple(expert.goals)), library, 0, HORIZONS["long"], device=recipe.device)

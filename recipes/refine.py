@@ -70,6 +70,8 @@ class RefineRecipe(RecipeConfig):
     """lengths of the commands"""
     rollout: int = 24
     """control steps of each robot between updates"""
+    critic: tuple[int, ...] = (512, 256, 128)
+    """hidden layers of the critic"""
     critic_warmup: int = 10
     """rollouts from which only the critic learns: a critic that knows nothing would undo the student"""
 
@@ -83,7 +85,7 @@ def main(recipe: RefineRecipe) -> None:
     library = MotionLibrary.load(recipe.motions, mirror=recipe.mirror).to(device)
     env = make_keyframe_env(library, recipe.num_envs, recipe.task, horizon=HORIZONS[recipe.horizon], device=device)
     policy = VARIANTS[recipe.variant](student, recipe.policy).to(device)
-    critic = Critic(library.robot, STUDENT_KEYS).to(device)
+    critic = Critic(library.robot, STUDENT_KEYS, recipe.critic).to(device)
     ppo = PPO(policy.head(), critic.head(), critic.observe(), recipe.ppo, action_key=policy.sample_key)
     budget = Budget(recipe.minutes, recipe.steps)
     watch = partial(play, policy.deployed(), library, 0, HORIZONS["long"], device=device)

@@ -91,7 +91,7 @@ class MixedPolicy(TensorDictModuleBase):
 def dagger_buffer(
     library: MotionLibrary, capacity: int, batch_size: int, stride: int = 1, device: torch.device | str = "cpu"
 ) -> TensorDictReplayBuffer:
-    """The aggregated data set: a ring of labelled states whose samples come with their privileged goals.
+    """Return the aggregated data set: a ring buffer of labeled states, sampled with their privileged goals.
 
     Args:
         library: motions that the goals are gathered from.

@@ -13,7 +13,7 @@ __all__ = ["PrivilegedGoals", "strided_offsets"]
 
 
 class PrivilegedGoals(Transform):
-    """Adds the dense way to the goal ``G = {g_t .. g_{t+Delta}}``, every frame in the robot's **current** root frame.
+    """Privileged goal sequence ``G = {g_t .. g_{t+Delta}}``, every frame in the robot's **current** root frame.
 
     A rollout or buffer holds only where to look: ``("motion", "frame")`` ``[B]``, ``("command", "steps_left")``
     ``[B, 1]``, ``("state", "root_pos_w")`` and ``("state", "root_quat_w")``. Used as the transform of a replay

@@ -12,13 +12,13 @@ __all__ = ["Backbone"]
 
 
 class Backbone(TensorDictModule):
-    """Features of the normalised observation, shared by prior, posterior and decoder.
+    """Features of the normalized observation, shared by prior, posterior and decoder.
 
     Args:
         in_features: size of the observation.
         hidden: sizes of the hidden layers.
         out_features: size of ``h``.
-        in_key: normalised observation ``[*B, in_features]``.
+        in_key: normalized observation ``[*B, in_features]``.
         out_key: features ``[*B, out_features]``.
 
     >>> import torch
@@ -39,7 +39,7 @@ class Backbone(TensorDictModule):
 
 
 class _Float32ELU(nn.ELU):
-    """Hands on float32, whatever the layers before it computed in."""
+    """ELU that returns float32, whatever the precision of the layers before it."""
 
     def forward(self, inputs: Tensor) -> Tensor:
         return super().forward(inputs.float())

@@ -13,7 +13,7 @@ __all__ = ["ActionDecoder"]
 
 
 class ActionDecoder(nn.Module):
-    """One decoder for posterior and prior latents alike; without a latent, the plain policy ``pi_theta(h)``.
+    """Action decoder for posterior and prior latents alike; without a latent, the plain policy ``pi_theta(h)``.
 
     :meth:`using` makes TensorDict modules of it that share these weights.
 
@@ -35,9 +35,9 @@ class ActionDecoder(nn.Module):
         self.network = mlp(hidden_features + latent_size, hidden, num_actions)
 
     def forward(self, *features: Tensor) -> Tensor:
-        """Actions ``[*B, num_actions]`` of ``h`` and ``z`` ``[*B, ...]``."""
+        """Return actions ``[*B, num_actions]`` for ``h`` and ``z`` ``[*B, ...]``."""
         return self.network(torch.cat(features, -1))
 
     def using(self, *in_keys: NestedKey, out_key: NestedKey = "action") -> TensorDictModule:
-        """This decoder as a module that reads ``h`` and ``z`` from ``in_keys``."""
+        """Return this decoder as a module that reads ``h`` and ``z`` from ``in_keys``."""
         return TensorDictModule(self, in_keys=list(in_keys), out_keys=[out_key])

@@ -1,4 +1,4 @@
-"""From a network's output to an action distribution."""
+"""Action heads: residual on a reference, and Gaussian exploration."""
 
 import math
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ __all__ = ["GaussianNoise", "ReferenceOffset", "gaussian_action"]
 
 
 class ReferenceOffset(TensorDictModule):
-    """Adds the action that commands the goal's joint angles: the parametrisation ``reference_residual``.
+    """Residual action on the goal's joint angles: the parametrization ``reference_residual``.
 
     The environment's actions are offsets from the default pose, ``q_target = q_default + scale * a``. With
     ``a = r + (q_goal - q_default) / scale`` that is ``q_target = q_goal + scale * r``: the network's output ``r`` is
@@ -30,9 +30,8 @@ class ReferenceOffset(TensorDictModule):
     the motor's damping, which pulls its velocity to zero, then pulls it to the reference's (``reference_velocity``).
     Two goals that are the same keyframe have no velocity.
 
-    The residual is bounded. On a robot that falls fast the network sees what it has hardly ever seen and answers with
-    hundreds; nothing moves any differently, but a penalty on the square of an action's change, PPO's measure of its
-    own progress and the loss of a student that is taught such an action then consist of little else.
+    The residual is bounded. Out-of-distribution states during falls produce residuals in the hundreds. They saturate
+    the motors anyway, but would dominate action-rate penalties, PPO's KL divergence and the imitation loss.
 
     Args:
         robot: gives default pose, action scale and gains.
@@ -79,7 +78,7 @@ class _Offset(nn.Module):
 
 
 class GaussianNoise(TensorDictModule):
-    """Learned exploration noise: adds a standard deviation that does not depend on the state.
+    """Exploration noise with a learned standard deviation that does not depend on the state.
 
     Args:
         num_actions: size of the action.
@@ -102,7 +101,7 @@ class GaussianNoise(TensorDictModule):
 
 
 def gaussian_action(out_key: NestedKey = "action") -> ProbabilisticTensorDictModule:
-    """Module that draws the action from ``loc`` and ``scale`` and writes it with its log-probability.
+    """Return the module that draws the action from ``loc`` and ``scale`` and writes it with its log-probability.
 
     Under ``ExplorationType.DETERMINISTIC`` it writes the mean.
     """

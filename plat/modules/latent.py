@@ -14,7 +14,7 @@ __all__ = ["GaussianLatent", "LatentPosterior", "LatentPrior", "sample_latent"]
 
 
 class GaussianLatent(TensorDictModule):
-    """Mean and standard deviation ``[*B, latent_size]`` from features side by side.
+    """Diagonal Gaussian: mean and standard deviation ``[*B, latent_size]`` from concatenated features.
 
     Args:
         in_features: total size of the inputs.
@@ -53,7 +53,7 @@ class _GaussianHead(nn.Module):
 
 
 class LatentPrior(GaussianLatent):
-    """``(mu_p, sigma_p) = P_theta(h)``: what can be known from the deployable observation.
+    """Prior ``(mu_p, sigma_p) = P_theta(h)`` over the latent, from the deployable observation.
 
     >>> loc, scale = LatentPrior(16, 8, (32,))(torch.zeros(4, 16))
     >>> loc.shape, bool((scale > 0).all())
@@ -73,7 +73,7 @@ class LatentPrior(GaussianLatent):
 
 
 class LatentPosterior(GaussianLatent):
-    """``(mu_q, sigma_q) = Q_phi(h, e)``: what is known in training, when the way to the goal is seen as well.
+    """Posterior ``(mu_q, sigma_q) = Q_phi(h, e)`` over the latent, from the privileged goal sequence as well.
 
     >>> loc, scale = LatentPosterior(16, 12, 8, (32,))(torch.zeros(4, 16), torch.zeros(4, 12))
     >>> loc.shape
@@ -94,9 +94,9 @@ class LatentPosterior(GaussianLatent):
 
 
 def sample_latent(group: str) -> ProbabilisticTensorDictModule:
-    """Module that draws ``z = mu + sigma * eps`` from ``(group, "loc")`` and ``(group, "scale")``.
+    """Return the module that draws ``z = mu + sigma * eps`` from ``(group, "loc")`` and ``(group, "scale")``.
 
-    It writes ``(group, "latent")``: a reparameterised sample, or the mean under
+    It writes ``(group, "latent")``: a reparameterized sample, or the mean under
     ``ExplorationType.DETERMINISTIC``.
     """
     return ProbabilisticTensorDictModule(

@@ -1,4 +1,4 @@
-"""Where a policy is shown its reference or its keyframe, so that it does not trail behind."""
+"""Feed-forward on the reference or keyframe that a policy is shown, against the lag of its motors."""
 
 from collections.abc import Sequence
 
@@ -16,7 +16,7 @@ LEAD_KEYS = ("root_pos_b", "keypoint_pos_b")
 
 
 def led(keys: Sequence[NestedKey], lead: TensorDictModule) -> list[NestedKey]:
-    """The same keys, with what a lead has moved in the place of what it moves.
+    """Return the keys, with the moved entries in place of those that a lead moves.
 
     >>> led([("goal", "root_pos_b"), ("goal", "joint_pos")], KeyframeLead(0.05, horizon=1.0))
     [('led_goal', 'root_pos_b'), ('goal', 'joint_pos')]
@@ -26,17 +26,16 @@ def led(keys: Sequence[NestedKey], lead: TensorDictModule) -> list[NestedKey]:
 
 
 class GoalLead(TensorDictModule):
-    """Moves the positions of reference frames ahead, and further off the robot than they are.
+    """Velocity feed-forward and proportional gain on the positions of the reference frames.
 
-    A tracker whose motors have stiffness and damping answers late, by about ``kd/kp``: walking at 2 m/s it trails its
-    reference by 14 cm, and a reward on the position hardly changes that. Here all its frames are shifted by
+    A tracker whose motors have stiffness and damping lags by about ``kd/kp``. Walking at 2 m/s it trails its reference
+    by 14 cm, and a reward on the position hardly changes that. Here all its frames are shifted by
 
     ``lead * v + gain * d``
 
     with ``v`` the reference's root velocity, from the first two frames, and ``d`` the horizontal way from the robot's
-    root to the first frame's, of at most ``limit``: a feed-forward and a proportional term around the tracker. A
-    keyframe in the place of all frames has no velocity. Nothing else of a goal changes. What it writes is in groups of
-    its own: :data:`LEAD_KEYS` of ``"led_goal"`` for ``"goal"``.
+    root to the first frame's, of at most ``limit``. A keyframe in the place of all frames has no velocity. Nothing
+    else of a goal changes. It writes to groups of its own: :data:`LEAD_KEYS` of ``"led_goal"`` for ``"goal"``.
 
     Args:
         groups: goal groups, the first two of them ``interval`` apart.
@@ -62,16 +61,16 @@ class GoalLead(TensorDictModule):
 
 
 class KeyframeLead(TensorDictModule):
-    """Moves a keyframe ahead along the velocity that it takes to be there on time.
+    """Velocity feed-forward on the keyframe, along the mean velocity that arrives on time.
 
-    A policy that answers late arrives late. Its keyframe is shifted by ``lead * d / max(t, shortest)``, with ``d`` the
-    horizontal way from the robot's root to the keyframe's, and ``t`` the time that is left: what :class:`GoalLead` does
-    with a reference's velocity, for a robot that is given none.
+    A policy that lags arrives late. Its keyframe is shifted by ``lead * d / max(t, shortest)``, with ``d`` the
+    horizontal way from the robot's root to the keyframe's, and ``t`` the time left. :class:`GoalLead` does the same
+    with the velocity of a reference.
 
     Args:
         lead: time (s).
         horizon: longest time to a keyframe (s), in units of which ``("command", "horizon")`` is.
-        shortest: times shorter than this count as this (s); without it the last steps would swing the keyframe about.
+        shortest: lower bound on the time left (s); without it the keyframe would swing in the last steps.
 
     >>> lead = KeyframeLead(0.05, horizon=1.0)
     >>> lead.out_keys
@@ -85,7 +84,7 @@ class KeyframeLead(TensorDictModule):
 
 
 class KeyframeShift(nn.Module):
-    """What :class:`KeyframeLead` computes, its times in units of the horizon."""
+    """Shift of :class:`KeyframeLead`, with times in units of the horizon."""
 
     horizontal: Tensor
 
@@ -96,11 +95,11 @@ class KeyframeShift(nn.Module):
         self.register_buffer("horizontal", torch.tensor([1.0, 1.0, 0.0]), persistent=False)
 
     def share(self, time_left: Tensor) -> Tensor:
-        """By which share of the way to it a keyframe is moved ``[*B, 1]``."""
+        """Return the fraction of the way to it by which a keyframe is moved ``[*B, 1]``."""
         return self.lead / time_left.clamp_min(self.shortest)
 
     def forward(self, root: Tensor, keypoints: Tensor, time_left: Tensor) -> tuple[Tensor, Tensor]:
-        """Positions of root ``[*B, 3]`` and keypoints ``[*B, 3 K]``, moved."""
+        """Return the moved positions of root ``[*B, 3]`` and keypoints ``[*B, 3 K]``."""
         shift = root * self.share(time_left) * self.horizontal
         return root + shift, (keypoints.unflatten(-1, (-1, 3)) + shift.unsqueeze(-2)).flatten(-2)
 

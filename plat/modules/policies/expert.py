@@ -127,7 +127,7 @@ class Expert(nn.Module):
         return (second - first) * self.timing.control_dt
 
     def _observe(self, goals: Sequence[str]) -> list[TensorDictModule]:
-        """From observations to the normalised one. Its statistics are those of the goals as they are."""
+        """Return what leads to the normalized observation. Its statistics are those of the goals as they are."""
         keys = self._keys(goals)
         if not (self.config.lead or self.config.catch_up):
             return [self.normalizer.using(keys)]
@@ -136,7 +136,7 @@ class Expert(nn.Module):
         return [lead, self.normalizer.using(led(keys, lead))]
 
     def _mean(self, goals: Sequence[str], out_key: str) -> list[TensorDictModule]:
-        """From the normalised observation to the mean action."""
+        """Return what leads from the normalized observation to the mean action."""
         if self.config.action == "default_offset":
             return [TensorDictModule(self.network, in_keys=["observation"], out_keys=[out_key])]
         network = TensorDictModule(self.network, in_keys=["observation"], out_keys=["residual"])
@@ -181,16 +181,16 @@ class Expert(nn.Module):
         return self.deployed(tuple(self.dense_goals), out_key="expert_action")
 
     def head(self) -> ProbabilisticTensorDictSequential:
-        """The part that learns, for PPO: reads the normalised observation that :meth:`actor` wrote while it acted."""
+        """Return the part that learns, for PPO: reads the normalized observation that :meth:`actor` wrote."""
         return ProbabilisticTensorDictSequential(*self._mean(tuple(self.goals), "loc"), self.noise, gaussian_action())
 
     def actor(self) -> TensorDictSequential:
-        """The stochastic policy that collects; the rollout holds all that :meth:`head` reads."""
+        """Return the stochastic policy that collects; the rollout holds all that :meth:`head` reads."""
         kept = ["observation", "loc", "scale", "action", "action_log_prob"]
         return TensorDictSequential(*self._observe(tuple(self.goals)), self.head(), selected_out_keys=kept)
 
     def deployed(self, goal: str | Sequence[str] = "goal", out_key: str = "action") -> TensorDictSequential:
-        """Deterministic policy: writes its mean action to ``out_key``.
+        """Return the deterministic policy: writes its mean action to ``out_key``.
 
         Args:
             goal: the group that holds the goal: ``"goal"``, or ``"dense_goal"`` to label states of another task. For
