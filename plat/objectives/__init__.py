@@ -2,7 +2,9 @@
 
 from plat.objectives.divergence import gaussian_kl
 from plat.objectives.dynamics import DynamicsLoss, muon_and_adam
+from plat.objectives.exploitation import ExploitationWatch
 from plat.objectives.imagination import ImaginationLoss
+from plat.objectives.imagination_learner import ImaginationConfig, ImaginationLearner, exploring
 from plat.objectives.imitation import ImitationLoss, LatentImitationLoss
 from plat.objectives.motor_gradient import MotorGradientConfig, motor_gradient
 from plat.objectives.ppo import PPO, PPOConfig
@@ -11,6 +13,9 @@ from plat.precision import Precision, autocast, has_fast_bfloat16
 __all__ = [
     "PPO",
     "DynamicsLoss",
+    "ExploitationWatch",
+    "ImaginationConfig",
+    "ImaginationLearner",
     "ImaginationLoss",
     "ImitationLoss",
     "LatentImitationLoss",
@@ -18,6 +23,7 @@ __all__ = [
     "PPOConfig",
     "Precision",
     "autocast",
+    "exploring",
     "gaussian_kl",
     "has_fast_bfloat16",
     "motor_gradient",

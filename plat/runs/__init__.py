@@ -1,6 +1,7 @@
 """What the recipes share: run directories, budgets, metrics files, saved policies."""
 
 from plat.runs.budget import Budget
+from plat.runs.dynamics import load_dynamics, save_dynamics
 from plat.runs.json_object import read_json, write_json
 from plat.runs.loggers import check_logger, log_table, log_video, start_logging
 from plat.runs.metrics import MetricsFile
@@ -20,6 +21,7 @@ __all__ = [
     "SavedRun",
     "check_logger",
     "default_device",
+    "load_dynamics",
     "load_policy",
     "log_table",
     "log_video",
@@ -27,6 +29,7 @@ __all__ = [
     "read_json",
     "register_policy",
     "report_errors",
+    "save_dynamics",
     "save_weights",
     "shipped_runs",
     "start_logging",

@@ -1,0 +1,268 @@
+"""One iteration of learning by imagination: the model learns the robot, the policy learns in the model."""
+
+import copy
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequential
+from torch import Tensor, nn
+from torchrl.envs.utils import ExplorationType, exploration_type
+
+from plat.envs.state import RobotState, joint_target
+from plat.modules.dynamics import DynamicsModel
+from plat.objectives.dynamics import DynamicsLoss, muon_and_adam
+from plat.objectives.imagination import ImaginationLoss
+from plat.precision import Precision, autocast
+from plat.tasks.task import Task
+
+__all__ = ["ImaginationConfig", "ImaginationLearner", "exploring"]
+
+
+@dataclass(frozen=True)
+class ImaginationConfig:
+    """Settings of learning by imagination."""
+
+    model_updates: int = 8
+    """updates of the model in an iteration"""
+    model_batch: int = 512
+    """windows in an update of the model"""
+    window: int = 8
+    """control steps that the model goes on from its own predictions"""
+    model_lr: float = 1e-3
+    """Adam's learning rate for the model's last layer and biases"""
+    muon_lr: float = 4e-3
+    """Muon's learning rate for the model's other matrices"""
+    policy_updates: int = 4
+    """updates of the policy in an iteration"""
+    policy_batch: int = 512
+    """imagined rollouts in an update of the policy"""
+    steps: int = 24
+    """control steps of an imagined rollout"""
+    recent: int = 200
+    """imagined rollouts start in one of this many last control steps"""
+    discount: float = 0.98
+    """discount per imagined step"""
+    effort: float = 0.01
+    """weight of the squared action, or of an expert's squared residual"""
+    rate: float = 0.02
+    """weight of its squared change"""
+    lr: float = 1e-3
+    """Adam's learning rate for the policy"""
+    grad_norm: float = 1.0
+    """the gradient of the model, and that of the policy, is scaled down to this norm"""
+    average: float = 0.99
+    """decay of the moving average of the policy's weights, which is what is saved"""
+    warmup: int = 40
+    """iterations from which only the model learns"""
+    settle: int = 400
+    """iterations after which the normalizers no longer change"""
+    constant: float = 0.5
+    """share of the budget after which learning rates fall"""
+    final_lr: float = 0.1
+    """share of the learning rates at the end of the budget"""
+    precision: Precision = "float32"
+    """precision of the networks' hidden layers"""
+
+
+class Windows(Protocol):
+    """What the learner needs of :class:`plat.collectors.RolloutReplay`."""
+
+    def __len__(self) -> int:
+        """Control steps that are kept."""
+
+    def windows(self, batch: int, length: int, recent: int | None = None) -> TensorDictBase:
+        """Successive steps of an episode ``[batch, length]``."""
+
+    def states(self, batch: int, recent: int | None = None) -> TensorDictBase:
+        """Single steps ``[batch]``."""
+
+
+class ImaginationLearner:
+    """Model and policy with their losses, optimizers and the moving average of the policy's weights.
+
+    Args:
+        policy: the policy that learns, with a ``normalizer``.
+        actor: its deterministic actor on the same weights.
+        model: the robot's model.
+        task: what is imagined.
+        config: settings.
+        effort: entry of the actor that is kept small.
+
+    Attributes:
+        average: copy of ``policy`` with the moving average of its weights.
+
+    >>> from plat.modules import DynamicsModel, PlainPolicy
+    >>> from plat.motions import MotionLibrary, generate_motions
+    >>> from plat.tasks import TimedKeyframes, TimedKeyframesConfig
+    >>> library = MotionLibrary.from_clips(generate_motions("train", seconds=8))
+    >>> task, policy = TimedKeyframes(library, TimedKeyframesConfig(chains=6)), PlainPolicy(library.robot)
+    >>> learner = ImaginationLearner(policy, policy.deployed(), DynamicsModel(library.robot), task)
+    >>> sum(p.numel() for p in learner.average.parameters()) == sum(p.numel() for p in policy.parameters())
+    True
+    """
+
+    def __init__(
+        self,
+        policy: nn.Module,
+        actor: TensorDictModuleBase,
+        model: DynamicsModel,
+        task: Task,
+        config: ImaginationConfig | None = None,
+        *,
+        effort: NestedKey = "action",
+    ):
+        self.config = config = config or ImaginationConfig()
+        self.policy = policy
+        self.model = model
+        self.average = copy.deepcopy(policy)
+        self.model_loss = DynamicsLoss(model)
+        self.policy_loss = ImaginationLoss(
+            actor,
+            model,
+            task,
+            steps=config.steps,
+            discount=config.discount,
+            effort_weight=config.effort,
+            rate_weight=config.rate,
+        )
+        self.policy_loss.set_keys(effort=effort)
+        self.model_optimizers = muon_and_adam(model.network, config.muon_lr, config.model_lr)
+        self.policy_optimizer = torch.optim.Adam(policy.parameters(), lr=config.lr, fused=True)
+        self._rates = [[group["lr"] for group in optimizer.param_groups] for optimizer in self._optimizers()]
+        self.iterations = 0
+        """Iterations so far."""
+
+    def observe(self, rollout: TensorDictBase) -> None:
+        """Take a rollout ``[N, T]`` into the normalizers, until they have settled."""
+        if self.iterations >= self.config.settle:
+            return
+        normalizer: Any = self.policy.normalizer
+        normalizer.update(rollout)
+        before, after = (RobotState.unpack(part["robot_state"]) for part in (rollout, rollout["next"]))
+        going_on = ~rollout["next", "done"][..., 0]
+        target = joint_target(self.model.robot, rollout["action"])
+        # what follows an episode's end is the next one's start in some collectors
+        kept = (RobotState(*(field[going_on] for field in state)) for state in (before, after))
+        self.model.update_statistics(next(kept), target[going_on], next(kept))
+
+    def step(self, replay: Windows, fraction: float = 0.0) -> dict[str, float]:
+        """One iteration of updates.
+
+        Args:
+            replay: recent rollouts.
+            fraction: share of the budget that is spent; learning rates fall by it.
+
+        Returns:
+            Means of the losses and what they log, the policy's only after the warm-up.
+        """
+        config, log = self.config, _Means()
+        self._set_rates(fraction)
+        if len(replay) > config.window:
+            for _ in range(config.model_updates):
+                self._update_model(replay, log)
+        if self.iterations >= config.warmup:
+            for _ in range(config.policy_updates):
+                self._update_policy(replay, log)
+        self.iterations += 1
+        return log.means()
+
+    def _update_model(self, replay: Windows, log: "_Means") -> None:
+        with autocast(self.model.mean.device, self.config.precision):
+            losses = self.model_loss(replay.windows(self.config.model_batch, self.config.window + 1))
+        losses["loss_dynamics"].backward()
+        norm = nn.utils.clip_grad_norm_(self.model.parameters(), self.config.grad_norm)
+        for optimizer in self.model_optimizers:
+            if norm.isfinite():
+                optimizer.step()
+            optimizer.zero_grad()
+        log.add({"model/loss" if name == "loss_dynamics" else f"model/{name}": value for name, value in losses.items()})
+
+    def _update_policy(self, replay: Windows, log: "_Means") -> None:
+        with autocast(self.model.mean.device, self.config.precision):
+            losses = self.policy_loss(replay.states(self.config.policy_batch, self.config.recent))
+        losses["loss_policy"].backward()
+        norm = nn.utils.clip_grad_norm_(self.policy.parameters(), self.config.grad_norm)
+        if norm.isfinite():  # an imagined rollout that explodes says nothing
+            self.policy_optimizer.step()
+        self.policy_optimizer.zero_grad()
+        self._move_average()
+        log.add({**losses, "policy_gradient": norm})
+
+    @torch.no_grad()
+    def _move_average(self) -> None:
+        ours: list[Tensor] = list(self.average.parameters())
+        theirs: list[Tensor] = list(self.policy.parameters())
+        torch._foreach_lerp_(ours, theirs, 1 - self.config.average)
+        for ours_buffer, theirs_buffer in zip(self.average.buffers(), self.policy.buffers(), strict=True):
+            ours_buffer.copy_(theirs_buffer)
+
+    def _optimizers(self) -> list[torch.optim.Optimizer]:
+        return [*self.model_optimizers, self.policy_optimizer]
+
+    def _set_rates(self, fraction: float) -> None:
+        config = self.config
+        fallen = max(0.0, min(fraction, 1.0) - config.constant) / max(1 - config.constant, 1e-9)
+        share = 1 - (1 - config.final_lr) * fallen
+        for optimizer, rates in zip(self._optimizers(), self._rates, strict=True):
+            for group, rate in zip(optimizer.param_groups, rates, strict=True):
+                group["lr"] = rate * share
+
+    def state_dict(self) -> dict[str, Any]:
+        """What a resumed run goes on from, beside the average, which is the run's policy."""
+        return {
+            "policy": self.policy.state_dict(),
+            "model": self.model.state_dict(),
+            "optimizers": [optimizer.state_dict() for optimizer in self._optimizers()],
+            "iterations": self.iterations,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from there."""
+        self.policy.load_state_dict(state["policy"])
+        self.model.load_state_dict(state["model"])
+        for optimizer, values in zip(self._optimizers(), state["optimizers"], strict=True):
+            optimizer.load_state_dict(values)
+        self.iterations = int(state["iterations"])
+
+
+class _Means:
+    """Means of tensors over the updates of an iteration."""
+
+    def __init__(self) -> None:
+        self._values: dict[str, list[Tensor]] = {}
+
+    def add(self, values: dict[str, Tensor]) -> None:
+        for name, value in values.items():
+            self._values.setdefault(name, []).append(value.detach())
+
+    def means(self) -> dict[str, float]:
+        return {name: float(torch.stack(values).mean()) for name, values in self._values.items()}
+
+
+def exploring(actor: TensorDictModuleBase, std: float) -> TensorDictSequential:
+    """The actor with Gaussian noise on its action; deterministic exploration takes the noise away.
+
+    Args:
+        actor: writes ``action``.
+        std: standard deviation, in units of action.
+
+    >>> from plat.modules import PlainPolicy
+    >>> from plat.robots import G1
+    >>> exploring(PlainPolicy(G1).deployed(), 0.25).out_keys
+    ['action']
+    """
+    noise = TensorDictModule(_Noise(std), in_keys=["action"], out_keys=["action"])
+    return TensorDictSequential(actor, noise, selected_out_keys=["action"])
+
+
+class _Noise(nn.Module):
+    def __init__(self, std: float):
+        super().__init__()
+        self.std = std
+
+    def forward(self, action: Tensor) -> Tensor:
+        if exploration_type() in (ExplorationType.DETERMINISTIC, ExplorationType.MEAN, ExplorationType.MODE):
+            return action
+        return action + self.std * torch.randn_like(action)

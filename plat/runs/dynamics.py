@@ -1,0 +1,47 @@
+"""The learned model of the robot in a run directory, beside the policy."""
+
+from pathlib import Path
+
+import torch
+from pydantic import TypeAdapter, ValidationError
+from safetensors import SafetensorError
+from safetensors.torch import load_file
+
+from plat.errors import CheckpointError
+from plat.modules.dynamics import DynamicsConfig, DynamicsModel
+from plat.robots.robot import Robot
+from plat.runs.json_object import read_json
+from plat.runs.saved_run import save_weights
+
+__all__ = ["load_dynamics", "save_dynamics"]
+
+_FILE = "dynamics.safetensors"
+
+
+def save_dynamics(folder: Path, model: DynamicsModel) -> None:
+    """Write the weights of a model into a run's folder; its settings are among the recipe's."""
+    save_weights(folder / _FILE, model)
+
+
+def load_dynamics(folder: Path, robot: Robot, device: torch.device | str = "cpu") -> DynamicsModel:
+    """Return the model that a run has learned.
+
+    Args:
+        folder: of a run of ``expert_model.py`` or ``imagine.py``.
+        robot: of which the model is.
+        device: where it goes.
+
+    Raises:
+        CheckpointError: naming file and field, when the run has no model, or one of another robot.
+    """
+    path, settings = folder / _FILE, read_json(folder / "config.json")
+    if not path.exists():
+        raise CheckpointError(f"{str(path)!r}: no such file; expected a run of expert_model or imagine that has saved")
+    shape = settings.get("recipe", {}).get("settings", {}).get("model", {})
+    try:
+        model = DynamicsModel(robot, TypeAdapter(DynamicsConfig).validate_python(shape))
+        model.load_state_dict(load_file(path))
+    except (ValidationError, SafetensorError, OSError, RuntimeError) as error:
+        first = str(error).splitlines()[0]
+        raise CheckpointError(f"{str(path)!r}: not a model of robot {robot.name!r} ({first})") from error
+    return model.to(device)

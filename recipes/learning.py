@@ -1,0 +1,156 @@
+"""The loop that the recipes of imagination share: simulate, learn the robot, imagine, learn the policy."""
+
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from tensordict import NestedKey, TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torch import nn
+from torchrl.envs import EnvBase
+
+from plat.collectors import RolloutReplay, rollouts
+from plat.errors import RenderingError
+from plat.evaluation.model_error import model_errors
+from plat.figures import save_figure
+from plat.figures.model_error import model_error_plot
+from plat.modules import DynamicsConfig, DynamicsModel
+from plat.motions import MotionLibrary
+from plat.objectives import ExploitationWatch, ImaginationConfig, ImaginationLearner, exploring
+from plat.runs import Budget, RecipeConfig, Run, load_dynamics, save_dynamics
+from plat.tasks import SimulatedTask, Task
+
+MODEL_STEPS = 48
+"""Control steps over which the model's error is reported."""
+
+
+@dataclass(kw_only=True)
+class ImaginationRecipe(RecipeConfig):
+    """What both recipes of imagination have."""
+
+    init_model: Path | None = None
+    """run whose model of the robot to go on from"""
+    rollout: int = 8
+    """control steps of each robot between updates"""
+    noise: float = 0.25
+    """standard deviation of the exploration noise, in units of action"""
+    replay: int = 600
+    """control steps of each robot that are kept"""
+    unseen: tuple[str, ...] = ("generated:val@120",)
+    """motions on which the model's error is reported"""
+    model: DynamicsConfig = field(default_factory=DynamicsConfig)
+    imagination: ImaginationConfig = field(default_factory=ImaginationConfig)
+
+
+def learn(
+    recipe: ImaginationRecipe,
+    library: MotionLibrary,
+    policy: nn.Module,
+    actor: TensorDictModuleBase,
+    make_task: Callable[[MotionLibrary], Task],
+    *,
+    effort: NestedKey = "action",
+) -> None:
+    """Train a policy by imagination into a run directory.
+
+    Args:
+        recipe: settings.
+        library: motions to train on.
+        policy: what learns; the moving average of its weights is saved.
+        actor: its deterministic actor.
+        make_task: the task on some motions.
+        effort: entry of the actor that is kept small.
+    """
+    device = recipe.device
+    if recipe.init_model:
+        model = load_dynamics(recipe.init_model, library.robot, device)
+    else:
+        model = DynamicsModel(library.robot, recipe.model, library.dt).to(device)
+    task = make_task(library)
+    env = SimulatedTask(task, recipe.num_envs, device=device)
+    learner = ImaginationLearner(policy, actor, model, task, recipe.imagination, effort=effort)
+    replay = RolloutReplay(
+        recipe.num_envs, _multiple(recipe.replay, recipe.rollout), ["robot_state", "memory", "action"], device
+    )
+    watch, budget = ExploitationWatch(), Budget(recipe.minutes, recipe.steps)
+    run = Run(
+        recipe.out,
+        recipe=recipe,
+        policy=learner.average,
+        budget=budget,
+        state={"learner": learner, "env": env},
+        resume=recipe.resume,
+        save_every=recipe.save_every,
+        loggers=recipe.loggers,
+    )
+    saved = time.monotonic()
+    for rollout in rollouts(env, exploring(actor, recipe.noise), recipe.rollout, recipe.imagination.precision):
+        budget.add(rollout.numel())
+        replay.extend(rollout)
+        learner.observe(rollout)
+        losses = learner.step(replay, budget.fraction)
+        simulated = -float(rollout["next", "reward"].mean())
+        warning = watch.add(losses["imagined_cost"], simulated) if "imagined_cost" in losses else None
+        if warning:
+            warnings.warn(warning, stacklevel=1)
+        failures = failures_per_second(rollout, library.dt)
+        run.log(
+            {**losses, **failures, "simulated_cost": simulated},
+            {
+                **{name.replace("_", " "): f"{value:.2f}" for name, value in failures.items()},
+                "cost": f"{simulated:.3f}",
+                "imagined": f"{losses.get('imagined_cost', float('nan')):.3f}",
+                "model": f"{losses.get('model/loss', float('nan')):.2f}",
+            },
+        )
+        if time.monotonic() - saved >= recipe.save_every:
+            saved = time.monotonic()
+            save_dynamics(recipe.out, model)
+        if budget.done:
+            break
+    run.finish()
+    save_dynamics(recipe.out, model)
+    if recipe.unseen:
+        unseen = make_task(MotionLibrary.load(recipe.unseen).to(device))
+        report_model_error(recipe.out, model, SimulatedTask(unseen, 64, device=device), actor)
+
+
+def failures_per_second(rollout: TensorDictBase, dt: float) -> dict[str, float]:
+    """Failures per robot and second of a rollout; of authored keyframes apart where the task has some."""
+    failed = rollout["next", "terminated"][..., 0].float()
+    authored = rollout.get(("memory", "authored"), None)
+    if authored is None:
+        return {"failures_per_second": float(failed.mean()) / dt}
+    kinds = {"failures_per_second": ~authored, "authored_failures_per_second": authored}
+    return {name: float(failed[mask].sum() / mask.sum().clamp_min(1)) / dt for name, mask in kinds.items()}
+
+
+def report_model_error(folder: Path, model: DynamicsModel, env: EnvBase, actor: TensorDictModuleBase) -> None:
+    """Print the model's error on an environment's motions, and write ``model_error.csv`` and figures."""
+    replay = RolloutReplay(env.batch_size[0], 8 * MODEL_STEPS, ["robot_state", "action"])
+    for rollout in rollouts(env, exploring(actor, 0.1), MODEL_STEPS):
+        replay.extend(rollout.cpu())
+        if len(replay) == replay.capacity:
+            break
+    windows = replay.windows(512, MODEL_STEPS + 1)
+    if len(windows) == 0:
+        print(f"model error: no robot stayed up for {MODEL_STEPS} steps, nothing to report")
+        return
+    errors = model_errors(model, windows.to(model.mean.device))
+    errors.write(folder / "model_error.csv")
+    for step in (1, 8, 24, MODEL_STEPS):
+        print(
+            f"model error after {step:2d} steps: root {100 * errors.root_pos[step - 1]:.1f} cm, "
+            f"{errors.root_rot[step - 1]:.3f} rad; joints {errors.joint_pos[step - 1]:.3f} rad"
+        )
+    try:
+        save_figure(model_error_plot(errors), folder / "model_error")
+    except RenderingError as error:
+        print(f"no figure of the model's error: {error}")
+
+
+def _multiple(steps: int, rollout: int) -> int:
+    """The next multiple of a rollout's length."""
+    return -(-steps // rollout) * rollout

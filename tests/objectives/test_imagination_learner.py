@@ -1,0 +1,119 @@
+import copy
+
+import pytest
+import torch
+from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+from plat.collectors import RolloutReplay, rollouts
+from plat.modules import DynamicsConfig, DynamicsModel, Expert, ExpertConfig
+from plat.objectives import ImaginationConfig, ImaginationLearner, exploring
+from plat.robots import G1
+from plat.tasks import DenseTracking, SimulatedTask
+
+CONFIG = ImaginationConfig(
+    model_updates=2, model_batch=32, window=3, policy_updates=2, policy_batch=16, steps=3, recent=8, warmup=1, settle=2
+)
+
+
+@pytest.fixture
+def setting(library):
+    """A learner, and a function that simulates a rollout into its replay."""
+    expert = Expert(G1, ExpertConfig(hidden=(16,)))
+    task, model = DenseTracking(library), DynamicsModel(G1, DynamicsConfig(hidden=(16, 16)))
+    learner = ImaginationLearner(expert, expert.deployed(), model, task, CONFIG)
+    replay = RolloutReplay(8, 16, ["robot_state", "memory", "action"])
+    source = rollouts(SimulatedTask(task, 8), exploring(expert.deployed(), 0.25), 4)
+
+    def simulate():
+        rollout = next(source)
+        replay.extend(rollout)
+        learner.observe(rollout)
+        return rollout
+
+    return learner, replay, simulate
+
+
+def weights(module):
+    return {name: value.clone() for name, value in module.named_parameters()}
+
+
+def test_first_the_model_learns_then_the_policy(setting):
+    learner, replay, simulate = setting
+    simulate()
+    simulate()
+    policy, model = weights(learner.policy), weights(learner.model)
+    losses = learner.step(replay)
+    assert "model/loss" in losses
+    assert "loss_policy" not in losses
+    assert not weights(learner.model)["network.0.weight"].equal(model["network.0.weight"])
+    assert weights(learner.policy)["network.0.weight"].equal(policy["network.0.weight"])
+    model = weights(learner.model)
+    assert "imagined_cost" in learner.step(replay)
+    assert not weights(learner.policy)["network.0.weight"].equal(policy["network.0.weight"])
+
+
+def test_the_average_trails_the_policy(setting):
+    learner, replay, simulate = setting
+    simulate()
+    simulate()
+    start = weights(learner.policy)["network.0.weight"]
+    for _ in range(3):
+        learner.step(replay)
+    now, average = (weights(module)["network.0.weight"] for module in (learner.policy, learner.average))
+    assert 0 < float((average - start).norm()) < 0.2 * float((now - start).norm())
+    assert learner.average.normalizer.mean.equal(learner.policy.normalizer.mean)
+
+
+def test_normalizers_settle(setting):
+    learner, replay, simulate = setting
+    for _ in range(2):
+        simulate()
+        learner.step(replay)
+    policy, model = learner.policy.normalizer.mean.clone(), learner.model.mean.clone()
+    assert policy.any()
+    assert model.any()
+    simulate()
+    assert learner.policy.normalizer.mean.equal(policy)
+    assert learner.model.mean.equal(model)
+
+
+def test_rates_fall_in_the_second_half(setting):
+    learner, replay, simulate = setting
+    simulate()
+    for fraction, share in ((0.2, 1.0), (0.5, 1.0), (0.75, 0.55), (1.0, 0.1)):
+        learner.step(replay, fraction)
+        assert learner.policy_optimizer.param_groups[0]["lr"] == pytest.approx(1e-3 * share)
+        assert learner.model_optimizers[0].param_groups[0]["lr"] == pytest.approx(4e-3 * share)
+
+
+def test_it_goes_on_from_its_state(setting):
+    learner, replay, simulate = setting
+    simulate()
+    simulate()
+    learner.step(replay)
+    learner.step(replay)
+    other = ImaginationLearner(
+        expert := copy.deepcopy(learner.average),
+        expert.deployed(),
+        copy.deepcopy(learner.model),
+        learner.policy_loss.task,
+        CONFIG,
+    )
+    other.load_state_dict(copy.deepcopy(learner.state_dict()))
+    results = []
+    for each in (learner, other):
+        torch.manual_seed(5)
+        results.append((each.step(replay), weights(each.policy), weights(each.model)))
+    assert results[0][0] == results[1][0]
+    for ours, theirs in zip(results[0][1:], results[1][1:], strict=True):
+        assert all(ours[name].equal(theirs[name]) for name in ours)
+
+
+def test_noise_is_for_exploration(library):
+    expert, task = Expert(G1, ExpertConfig(hidden=(16,))), DenseTracking(library)
+    observed = task.observe(*task.start(500))
+    mean = expert.deployed()(observed.copy())["action"]
+    noisy = exploring(expert.deployed(), 0.25)(observed.copy())["action"]
+    assert float((noisy - mean).std()) == pytest.approx(0.25, rel=0.05)
+    with set_exploration_type(ExplorationType.DETERMINISTIC):
+        assert exploring(expert.deployed(), 0.25)(observed.copy())["action"].equal(mean)

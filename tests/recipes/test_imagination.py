@@ -1,0 +1,124 @@
+"""The recipes of imagination as a user runs them: killed, resumed, and what they make evaluated."""
+
+import csv
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors.torch import load_file
+
+from plat.envs.transforms import HORIZONS
+from plat.evaluation import evaluate
+from plat.modules import Expert, LatentPolicy, PlainPolicy
+from plat.robots import G1
+from plat.runs import load_dynamics, load_policy
+
+ROOT = Path(__file__).parents[2]
+SMALL = [
+    *("--motions", "generated:val", "--unseen", "generated:val@8", "--num-envs", 8, "--replay", 64),
+    *("--model.hidden", 16, 16, "--imagination.warmup", 1, "--imagination.steps", 3, "--imagination.window", 4),
+    *("--imagination.model-batch", 16, "--imagination.policy-batch", 16, "--imagination.recent", 16),
+]
+RECIPES: dict[str, list[object]] = {
+    "expert_model": [*SMALL, "--policy.hidden", 16],
+    "imagine": [*SMALL, "--policy.backbone", 16, "--policy.decoder", 16, "--task.chains", 12],
+}
+
+
+def command(recipe: str, *arguments: object) -> list[str]:
+    return [sys.executable, str(ROOT / "recipes" / f"{recipe}.py"), *map(str, arguments)]
+
+
+def run(recipe: str, *arguments: object) -> str:
+    out = subprocess.run(command(recipe, *arguments), capture_output=True, text=True, check=False, cwd=ROOT)
+    assert out.returncode == 0, out.stderr
+    return out.stdout
+
+
+def rows_of(table: Path) -> list[dict[str, str]]:
+    with table.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def steps_in(folder: Path) -> list[int]:
+    return [int(row["step"]) for row in rows_of(folder / "metrics.csv")]
+
+
+@pytest.mark.parametrize("recipe", RECIPES)
+def test_killed_resumed_and_evaluated(tmp_path, library, recipe):
+    out = tmp_path / "run"
+    arguments = [*RECIPES[recipe], "--out", out, "--save-every", 0]
+    process = subprocess.Popen(
+        command(recipe, *arguments, "--steps", 10**9), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, cwd=ROOT
+    )
+    deadline = time.monotonic() + 240
+    while not list(out.glob("checkpoints/checkpoint-*")) or len(steps_in(out)) < 5:
+        assert process.poll() is None, process.stderr.read().decode()
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    before = steps_in(out)
+    text = run(recipe, *arguments, "--steps", before[-1] + 200, "--resume")
+    assert 0 < int(re.search(r"resumed from .* at ([\d,]+) steps", text).group(1).replace(",", "")) <= before[-1]
+    assert "model error after 48 steps" in text
+    after = steps_in(out)
+    assert after == sorted(set(after))
+    rows = rows_of(out / "metrics.csv")
+    assert float(rows[-1]["imagined_cost"]) > 0
+    assert float(rows[-1]["model/loss"]) > 0
+    assert len(rows_of(out / "model_error.csv")) == 48
+    assert load_dynamics(out, G1).config.hidden == (16, 16)
+    policy = load_policy(out)
+    if recipe == "expert_model":
+        assert isinstance(policy, Expert)
+        deployed = policy.deployed(tuple(policy.goals))
+        records = evaluate(deployed, library, HORIZONS["long"], seed=0, dense=True, goals=policy.goals)
+    else:
+        assert isinstance(policy, PlainPolicy)
+        assert "authored_failures_per_second" in rows[-1]
+        records = evaluate(policy.deployed(), library, HORIZONS["long"], seed=0)
+    assert len(records.failed) > 10
+
+
+def test_a_seed_fixes_the_result(tmp_path):
+    for name, seed in (("a", 3), ("b", 3), ("c", 4)):
+        run("imagine", *RECIPES["imagine"], "--out", tmp_path / name, "--steps", 300, "--seed", seed)
+    a, b, c = (load_file(tmp_path / name / "model.safetensors") for name in "abc")
+    assert all(a[name].equal(b[name]) for name in a)
+    assert not all(a[name].equal(c[name]) for name in a)
+
+
+def test_the_model_of_an_expert_serves_a_keyframe_policy(tmp_path):
+    expert, policy = tmp_path / "expert", tmp_path / "policy"
+    run("expert_model", *RECIPES["expert_model"], "--out", expert, "--steps", 300)
+    latent = ["--student", "latent", "--policy.prior", 16, "--policy.posterior", 16]
+    run("imagine", *RECIPES["imagine"], *latent, "--init-model", expert, "--out", policy, "--steps", 100)
+    assert isinstance(load_policy(policy), LatentPolicy)
+    before, after = (load_dynamics(folder, G1).network[0].weight for folder in (expert, policy))
+    assert 0 < float((before - after).detach().norm()) < 0.5 * float(torch.linalg.norm(before.detach()))
+
+
+@pytest.mark.parametrize("recipe", RECIPES)
+def test_bad_input_is_one_clear_line(tmp_path, recipe):
+    weights = ROOT / "plat" / "weights"
+    for arguments, message in (
+        (["--init-model", weights / "plat"], "dynamics.safetensors': no such file"),
+        (["--init", weights / "plat"], "expected"),
+    ):
+        out = subprocess.run(
+            command(recipe, *RECIPES[recipe], *arguments, "--steps", 10, "--out", tmp_path / "x"),
+            capture_output=True,
+            text=True,
+            check=False,
+            cwd=ROOT,
+        )
+        assert out.returncode == 1
+        assert message in out.stderr
+        assert "Traceback" not in out.stderr
