@@ -1,25 +1,26 @@
 """Stage 1 without PPO: learn a model of the robot, and an expert by imagined rollouts of it.
 
-python recipes/expert_model.py --motions clips.npz --minutes 30 --out runs/expert
+plat expert-model --motions clips.npz --minutes 30 --out runs/expert
 """
 
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import torch
-import tyro
-from learning import ImaginationRecipe, learn
 
-from plat.errors import CheckpointError
+from plat.cli.settings import parse
 from plat.modules import Expert, ExpertConfig
 from plat.motions import MotionLibrary
-from plat.runs import load_policy, report_errors
+from plat.recipes.learning import ImaginationRecipe, learn
+from plat.runs import SavedRun, report_errors
 from plat.tasks import DenseTracking, TrackingCosts
 
 
 @dataclass(kw_only=True)
 class ExpertModelRecipe(ImaginationRecipe):
     """Learn a model of the robot, and a dense motion-tracking expert by imagined rollouts of it."""
+
+    name = "expert-model"
 
     init: Path | None = None
     """run whose expert to go on from"""
@@ -35,10 +36,7 @@ def main(recipe: ExpertModelRecipe) -> None:
     library = MotionLibrary.load(recipe.motions, mirror=recipe.mirror).to(recipe.device)
     expert = Expert(library.robot, recipe.policy).to(recipe.device)
     if recipe.init:
-        trained = load_policy(recipe.init, recipe.device)
-        if not isinstance(trained, Expert):
-            raise CheckpointError(f"--init {str(recipe.init)!r}: a {type(trained).__name__}, expected an expert")
-        expert.start_from(trained)
+        expert.start_from(SavedRun(recipe.init).policy_as(Expert, "an expert (--init)", recipe.device))
 
     def task(motions: MotionLibrary) -> DenseTracking:
         return DenseTracking(motions, expert.goals, costs=recipe.costs, uniform=recipe.uniform_starts)
@@ -49,6 +47,8 @@ def main(recipe: ExpertModelRecipe) -> None:
     learn(recipe, library, expert, actor, task, effort="residual" if residual else "action")
 
 
+COMMAND = ExpertModelRecipe
+
 if __name__ == "__main__":
     with report_errors():
-        main(tyro.cli(ExpertModelRecipe))
+        main(parse(COMMAND))

@@ -1,6 +1,6 @@
 """A keyframe policy without an expert: by imagined rollouts of a learned model of the robot.
 
-python recipes/imagine.py --motions clips.npz --init-model runs/expert --minutes 20 --out runs/imagined
+plat imagine --motions clips.npz --init-model runs/expert --minutes 20 --out runs/imagined
 """
 
 from dataclasses import dataclass, field
@@ -8,19 +8,21 @@ from pathlib import Path
 from typing import Any, Literal
 
 import torch
-import tyro
-from learning import ImaginationRecipe, learn
 
+from plat.cli.settings import parse
 from plat.errors import CheckpointError
 from plat.modules import LatentPolicy, LatentPolicyConfig, PlainPolicy
 from plat.motions import MotionLibrary
-from plat.runs import load_policy, report_errors
+from plat.recipes.learning import ImaginationRecipe, learn
+from plat.runs import SavedRun, report_errors
 from plat.tasks import TimedKeyframes, TimedKeyframesConfig
 
 
 @dataclass(kw_only=True)
 class ImagineRecipe(ImaginationRecipe):
     """Learn a keyframe policy by imagined rollouts of a learned model of the robot, without an expert."""
+
+    name = "imagine"
 
     student: Literal["plain", "latent"] = "plain"
     """without a latent, or through the prior's mean"""
@@ -37,11 +39,12 @@ def main(recipe: ImagineRecipe) -> None:
     kind: type[Any] = LatentPolicy if recipe.student == "latent" else PlainPolicy
     student = kind(library.robot, recipe.policy).to(recipe.device)
     if recipe.init:
-        trained = load_policy(recipe.init, recipe.device)
-        if type(trained) is not kind or trained.config != student.config:
+        trained = SavedRun(recipe.init).policy_as(
+            kind, f"a {recipe.student} student (--init, --student)", recipe.device
+        )
+        if trained.config != student.config:
             raise CheckpointError(
-                f"--init {str(recipe.init)!r}: a {type(trained).__name__} {trained.config}, expected a "
-                f"{kind.__name__} {student.config} (--student, --policy)"
+                f"--init {str(recipe.init)!r}: a student of {trained.config}, expected {student.config} (--policy)"
             )
         student.load_state_dict(trained.state_dict())
 
@@ -51,6 +54,8 @@ def main(recipe: ImagineRecipe) -> None:
     learn(recipe, library, student, student.deployed(), task)
 
 
+COMMAND = ImagineRecipe
+
 if __name__ == "__main__":
     with report_errors():
-        main(tyro.cli(ImagineRecipe))
+        main(parse(COMMAND))

@@ -21,6 +21,8 @@ class Command:
 
 COMMANDS = {
     "expert": Command("plat.recipes.expert", "stage 1: train a dense motion-tracking expert with PPO"),
+    "expert-model": Command("plat.recipes.expert_model", "stage 1 by imagination: in a learned model of the robot"),
+    "imagine": Command("plat.recipes.imagine", "a keyframe policy by imagination, without an expert"),
     "distill": Command("plat.recipes.distill", "stage 2: teach a student that sees only keyframes, by DAgger"),
     "refine": Command("plat.recipes.refine", "stage 3: refine the student with PPO on a residual in its latent"),
     "ablations": Command("plat.recipes.ablations", "train and score every row of the paper's ablation"),
@@ -63,5 +65,5 @@ def main(args: Sequence[str] | None = None) -> None:
 
 
 def _usage() -> str:
-    rows = [f"  {name:<12}{command.summary}" for name, command in COMMANDS.items()]
+    rows = [f"  {name:<14}{command.summary}" for name, command in COMMANDS.items()]
     return "\n".join(["usage: plat COMMAND ...", "", *rows, "", "plat COMMAND --help explains its settings."])

@@ -27,7 +27,7 @@ def load_dynamics(folder: Path, robot: Robot, device: torch.device | str = "cpu"
     """Return the model that a run has learned.
 
     Args:
-        folder: of a run of ``expert_model.py`` or ``imagine.py``.
+        folder: of a run of ``plat expert-model`` or ``plat imagine``.
         robot: of which the model is.
         device: where it goes.
 
@@ -36,7 +36,7 @@ def load_dynamics(folder: Path, robot: Robot, device: torch.device | str = "cpu"
     """
     path, settings = folder / _FILE, read_json(folder / "config.json")
     if not path.exists():
-        raise CheckpointError(f"{str(path)!r}: no such file; expected a run of expert_model or imagine that has saved")
+        raise CheckpointError(f"{str(path)!r}: no such file; expected the run of `plat expert-model` or `plat imagine`")
     shape = settings.get("recipe", {}).get("settings", {}).get("model", {})
     try:
         model = DynamicsModel(robot, TypeAdapter(DynamicsConfig).validate_python(shape))

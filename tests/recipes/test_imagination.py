@@ -26,13 +26,13 @@ SMALL = [
     *("--imagination.model-batch", 16, "--imagination.policy-batch", 16, "--imagination.recent", 16),
 ]
 RECIPES: dict[str, list[object]] = {
-    "expert_model": [*SMALL, "--policy.hidden", 16],
+    "expert-model": [*SMALL, "--policy.hidden", 16],
     "imagine": [*SMALL, "--policy.backbone", 16, "--policy.decoder", 16, "--task.chains", 12],
 }
 
 
 def command(recipe: str, *arguments: object) -> list[str]:
-    return [sys.executable, str(ROOT / "recipes" / f"{recipe}.py"), *map(str, arguments)]
+    return [sys.executable, "-m", "plat", recipe, *map(str, arguments)]
 
 
 def run(recipe: str, *arguments: object) -> str:
@@ -76,7 +76,7 @@ def test_killed_resumed_and_evaluated(tmp_path, library, recipe):
     assert len(rows_of(out / "model_error.csv")) == 48
     assert load_dynamics(out, G1).config.hidden == (16, 16)
     policy = load_policy(out)
-    if recipe == "expert_model":
+    if recipe == "expert-model":
         assert isinstance(policy, Expert)
         deployed = policy.deployed(tuple(policy.goals))
         records = evaluate(deployed, library, HORIZONS["long"], seed=0, dense=True, goals=policy.goals)
@@ -97,7 +97,7 @@ def test_a_seed_fixes_the_result(tmp_path):
 
 def test_the_model_of_an_expert_serves_a_keyframe_policy(tmp_path):
     expert, policy = tmp_path / "expert", tmp_path / "policy"
-    run("expert_model", *RECIPES["expert_model"], "--out", expert, "--steps", 300)
+    run("expert-model", *RECIPES["expert-model"], "--out", expert, "--steps", 300)
     latent = ["--student", "latent", "--policy.prior", 16, "--policy.posterior", 16]
     run("imagine", *RECIPES["imagine"], *latent, "--init-model", expert, "--out", policy, "--steps", 100)
     assert isinstance(load_policy(policy), LatentPolicy)
