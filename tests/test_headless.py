@@ -1,3 +1,4 @@
+import ctypes
 import importlib
 import os
 import subprocess
@@ -20,6 +21,7 @@ import plat.headless
 )
 def test_egl_is_chosen_only_where_nothing_else_is(monkeypatch, platform, before, after):
     environment = dict(before)
+    monkeypatch.setattr(ctypes, "CDLL", str)
     monkeypatch.setattr(os, "environ", environment)
     monkeypatch.setattr(sys, "platform", platform)
     importlib.reload(plat.headless)
@@ -29,3 +31,14 @@ def test_egl_is_chosen_only_where_nothing_else_is(monkeypatch, platform, before,
 def test_it_comes_before_mujoco():
     code = "import sys, plat.headless; sys.exit('mujoco' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_without_the_library_nothing_is_set_and_mujoco_can_still_be_imported(monkeypatch):
+    def missing(name: str) -> None:
+        raise OSError(f"{name}: cannot open shared object file")
+
+    monkeypatch.setattr(ctypes, "CDLL", missing)
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setattr(os, "environ", environment := {})
+    importlib.reload(plat.headless)
+    assert environment == {}

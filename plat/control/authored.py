@@ -210,7 +210,7 @@ class _Draw:
     def crouch(self) -> list[Pose]:
         """The standing pose with the pelvis 0.05 to 0.3 m lower, feet in place, the trunk leaning up to 0.5 rad.
 
-        The pelvis goes where the centre of mass stays over the feet.
+        The pelvis goes where the center of mass stays over the feet.
         """
 
         def draw() -> Pose:
