@@ -65,7 +65,7 @@ class AblationsRecipe(ScoringConfig):
     """train the rows that RUNS lacks or that are unfinished"""
     training: Training = field(default_factory=Training)
     hard: str = "run|dance|kick|punch|slash"
-    """motions whose names this regular expression is found in get tables and figures of their own"""
+    """regular expression: motions whose names it matches get tables and figures of their own"""
 
 
 @dataclass(frozen=True)

@@ -29,14 +29,13 @@ class ExpertRecipe(RecipeConfig):
     name = "expert"
 
     init: Path | None = None
-    """run whose expert to go on from, with other motions, rewards or settings; it may see more frames than it did"""
+    """run of an expert to continue from, with other motions, rewards, frames or settings"""
     init_lr: float = 3e-5
-    """most that the learning rate starts with, and that its lower end is, after --init: a few updates at the rates by
-    which an expert learns from nothing undo a trained one"""
+    """with --init: upper bound on the initial and the minimum learning rate"""
     rollout: int = 24
     """control steps of each robot between updates"""
     critic_warmup: int = 10
-    """rollouts from which only the critic learns after --init: a critic that knows nothing would undo the expert"""
+    """with --init: rollouts that train only the critic, before the policy is updated"""
     critic: tuple[int, ...] = (512, 256, 128)
     """hidden layers of the critic"""
     # what measured best, see docs/results.md; the paper's expert is ExpertConfig()

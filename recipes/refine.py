@@ -48,7 +48,7 @@ class RefineRecipe(RecipeConfig):
     student: Path
     """run of stage 2"""
     variant: Literal["latent", "latent-noise", "action", "finetune"] = "latent"
-    """PLAT with noise on the action, or on the latent (no motor gradient then); residual in the action; all weights"""
+    """latent: PLAT; latent-noise: exploration in the latent; action, finetune: ablations"""
     policy: RefinementConfig = field(default_factory=lambda: RefinementConfig(lead=0.05))
     task: KeyframeTaskConfig = field(
         # two thirds of the reward are for keyframes: what is in between, the policy is not shown
@@ -73,7 +73,7 @@ class RefineRecipe(RecipeConfig):
     critic: tuple[int, ...] = (512, 256, 128)
     """hidden layers of the critic"""
     critic_warmup: int = 10
-    """rollouts from which only the critic learns: a critic that knows nothing would undo the student"""
+    """rollouts that train only the critic, before the policy is updated"""
 
 
 def main(recipe: RefineRecipe) -> None:

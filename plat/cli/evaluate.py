@@ -34,13 +34,13 @@ class ScoringConfig:
 
     trackers: ReleasedTrackers = field(default_factory=ReleasedTrackers)
     motions: tuple[str, ...]
-    """motion files, folders or globs; "generated:val" or "generated:test" for the motions that plat makes itself"""
+    """motion files, folders or globs; "generated:val" or "generated:test" for generated motion"""
     horizon: tuple[HorizonName, ...] = ("single", "short", "medium", "long", "mixed")
     """lengths of the commands"""
     randomization: RandomizationRanges = field(default_factory=RandomizationRanges)
-    """from which ranges robot, motors and ground are drawn where they are randomised, and how robots are pushed"""
+    """ranges of the domain randomization, and pushes"""
     clip: str | None = None
-    """the film strips show the first motion whose name this is found in; by default the first of all"""
+    """film strips show the first motion whose name this matches; by default the first of all"""
     seed: int = 0
     """draws the commands, and the disturbances"""
     num_envs: int = 256
@@ -70,9 +70,9 @@ class EvaluateRecipe(ScoringConfig):
     """Score policies on motions."""
 
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
-    """run directories; an expert is given keyframes in place of its next reference frame (Scratch RL)"""
+    """run directories; an expert sees the keyframe as its next reference frame (Scratch RL)"""
     only: str | None = None
-    """motions whose names this regular expression is found in, as in "run|kick"; they get commands of their own"""
+    """regular expression: score only motions whose names it matches, as in "run|kick""""
     dense: bool = False
     """show policies the reference instead of the keyframe: how well a dense tracker tracks"""
     domain_randomization: bool = False

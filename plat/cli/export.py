@@ -17,7 +17,7 @@ class ExportRecipe:
     """Write the policy of a run as a bundle for robots and other simulators."""
 
     run: Annotated[Path, tyro.conf.Positional]
-    """run directory of distill.py or refine.py; its scores are taken along if it holds evaluation.csv"""
+    """run directory of stage 2 or 3; scores in its evaluation.csv are taken along"""
     out: Path
     """folder to make"""
 

@@ -110,7 +110,7 @@ class Convert(_Files):
     ground: Literal["clip", "smooth"] | None = None
     """put the feet on the floor: all frames of a clip alike, or following a floor that drifts"""
     level_feet: bool = False
-    """turn the ankles of standing feet until their soles are level, as in motion estimated from video they are not"""
+    """turn the ankles of standing feet until their soles are level (motion from video)"""
     clip_limits: bool = False
     """bring joint angles into their limits"""
     resample: float | None = None

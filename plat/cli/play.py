@@ -36,13 +36,13 @@ class PlayRecipe:
     """Let a policy chase the keyframes of a file."""
 
     policy: Path
-    """run directory; an expert is given keyframes in place of its next reference frame (Scratch RL)"""
+    """run directory; an expert sees the keyframe as its next reference frame (Scratch RL)"""
     keyframes: Path
     """keyframe file, see docs/keyframes.md; plat keyframes makes them out of motions"""
     split: bool = False
     """split intervals of more than a second into equal parts; else they are refused"""
     hold: float = 1.0
-    """seconds to go on after the last arrival, told to be in the last keyframe by the next step; "inf" with --viewer"""
+    """seconds to hold the last keyframe after its arrival; "inf" with --viewer"""
     push: float = 0.0
     """shove the robot: change of its horizontal velocity (m/s), in a random direction"""
     push_every: float = 1.5
@@ -50,7 +50,7 @@ class PlayRecipe:
     seed: int = 0
     """draws the directions"""
     video: Path | None = None
-    """MP4 to write: the commanded keyframe as a ghost, below it the time to arrival as a bar, red after a failure"""
+    """MP4 to write: the keyframe as a ghost, the time left as a bar, red after a failure"""
     viewer: bool = False
     """watch it live in MuJoCo's viewer; needs a display"""
 

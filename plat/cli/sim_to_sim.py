@@ -64,7 +64,7 @@ class SimToSimRecipe:
     bundle: Annotated[Path, tyro.conf.Positional]
     """folder that export.py wrote"""
     motions: tuple[str, ...] = ("generated:val@60",)
-    """motion files, folders or globs to take keyframes from, or the motions that plat makes itself; may be empty"""
+    """motion files, folders or globs to take keyframes from; may be empty"""
     keyframes: tuple[Path, ...] = ()
     """keyframe files to run as well"""
     seed: int = 0

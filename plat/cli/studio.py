@@ -27,9 +27,9 @@ class StudioRecipe:
         Path("plat/weights/dagger"),
         Path("plat/weights/expert"),
     )
-    """run directories of policies; an expert is given keyframes in place of its next reference frame (Scratch RL)"""
+    """run directories; an expert sees the keyframe as its next reference frame (Scratch RL)"""
     motions: str = "generated:val"
-    """motion files, folders or globs that the page proposes to take poses from, with spaces between them"""
+    """motion files, folders or globs to take poses from, separated by spaces"""
     keyframes: Path | None = None
     """keyframe file to open"""
     folder: Path = Path()

@@ -43,18 +43,13 @@ class PPOConfig:
     max_lr: float = 1e-2
     """upper end"""
     critic_lr: float = 1e-3
-    """learning rate of the critic, at all times: one that learns as slowly as a policy that should hardly change tells
-    it nothing"""
+    """fixed learning rate of the critic, independent of the policy's adaptive one"""
     precision: Precision = "auto"
     """precision of the networks' hidden layers in updates"""
     truncated: Literal["state", "mean"] = "state"
-    """what is still to come for a robot whose episode was cut off: the value of the state in which it was cut off, or
-    the mean value of the rollout's states, as if it went on anywhere. Nobody acts after the end of a motion, so no
-    reward ever corrects the value of its last state. Where that state is well paid its value rises with those of the
-    states before it, which are learned from it, without bound"""
+    """bootstrap value at truncation: of the last state, or the mean of the rollout"""
     target_kl: float = 0.02
-    """the learning rate is raised and lowered to keep the policy's change near this (nats), as it is before the last
-    update of each pass"""
+    """KL divergence (nats) per update that the adaptive learning rate aims at"""
 
 
 class _ClipPPOLoss(ClipPPOLoss):

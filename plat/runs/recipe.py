@@ -32,7 +32,7 @@ class RecipeConfig:
     name: ClassVar[str]
 
     motions: tuple[str, ...]
-    """motion files, folders or globs; "generated:train@600" for ten minutes of the motions that plat makes itself"""
+    """motion files, folders or globs; "generated:train@600" for 10 minutes of generated motion"""
     mirror: bool = False
     """train on the mirror image of every motion as well"""
     out: Path

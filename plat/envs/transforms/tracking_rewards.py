@@ -102,7 +102,7 @@ class Regularization:
     impact: float = 0.0
     """times the ground reaction beyond twice the robot's weight, in weights"""
     floor: float | None = -5.0
-    """lower bound on the summed penalties per second, against falls that dominate the critic; None for no bound"""
+    """lower bound on the summed penalties per second; None for no bound"""
     soft_limit: float = 0.95
     """fraction of each joint's range, about its middle, that is free"""
 

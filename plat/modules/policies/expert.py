@@ -36,13 +36,13 @@ class ExpertConfig:
     hidden: tuple[int, ...] = (512, 256, 128)
     """hidden layers"""
     action: Literal["reference_residual", "reference_velocity", "default_offset"] = "reference_residual"
-    """base of the action: the goal's joint angles, those with velocity feed-forward, or the default pose"""
+    """base of the action: goal joint angles, those with velocity feed-forward, or default pose"""
     ahead: tuple[int, ...] = (1,)
-    """reference frames that it sees, from the current one; ten frames 0.1 s apart reproduce SONIC's input"""
+    """reference frames in the observation, counted from the current one"""
     residual_limit: float = 5.0
     """bound on the network's output where it is added to the reference"""
     lead: float = 0.0
-    """velocity feed-forward (s): shifts the reference along its own velocity; needs two frames in ahead"""
+    """velocity feed-forward (s) of the reference; needs two frames in ahead"""
     catch_up: float = 0.0
     """proportional gain on the position error: the reference is shown displaced by gain * error"""
     catch_up_limit: float = 0.3

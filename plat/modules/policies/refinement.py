@@ -45,7 +45,7 @@ class RefinementConfig:
     init_std: float = 0.2
     """exploration noise at the start, in units of what it is added to"""
     lead: float = 0.0
-    """velocity feed-forward (s): shifts the keyframe along the way to it, so that the student arrives on time"""
+    """feed-forward (s): shifts the keyframe along the way to it, against arriving late"""
     shortest_lead: float = 0.1
     """shortest time to a keyframe that the feed-forward divides by (s)"""
     min_std: float = 0.02

@@ -41,15 +41,15 @@ class ValidationLimits:
     floating: float = 0.02
     """height of the resting foot (m); more: repair, ground the feet"""
     slip: float = 1.0
-    """speed of the feet along the floor while in contact (m/s); more: drop, for the root goes where the feet do not"""
+    """horizontal speed of the feet in contact (m/s); more: drop"""
     self_penetration: float = 0.08
-    """how deep two links go into each other (m); more: drop, for it takes more than a limb's radius"""
+    """depth of two links inside each other (m); more: drop"""
     root_jump: float = 0.1
-    """break in the root's path, as a second difference (m); more is a jump: repair (trim) near an end, else drop"""
+    """second difference of the root's path (m); more: trim near an end, else drop"""
     turn_jump: float = 0.5
     """break in the root's turning, the same way (rad)"""
     tempo: float = 1.75
-    """steps this many times as often, or as seldom, as people of that step length; more: repair, state the rate"""
+    """step rate over or under that of people, as a factor; more: repair, state the frame rate"""
     trim_seconds: float = 0.5
     """how near to an end (s) a jump is trimmed away"""
 
