@@ -12,12 +12,13 @@ import torch
 from plat.cli.settings import parse
 from plat.collectors import rollouts
 from plat.envs import TrackingTaskConfig, make_tracking_env
-from plat.envs.transforms import HORIZONS, DenseRewards, TrackingTerm, pop_statistics
+from plat.envs.transforms import HORIZONS, pop_statistics
 from plat.errors import CheckpointError
 from plat.evaluation import play
 from plat.modules import Critic, Expert, ExpertConfig
 from plat.motions import MotionLibrary
 from plat.objectives import PPO, MotorGradientConfig, PPOConfig, motor_gradient
+from plat.recipes.presets import BEST, PRESETS
 from plat.rendering import Films
 from plat.runs import Budget, RecipeConfig, Run, SavedRun, report_errors
 
@@ -27,6 +28,7 @@ class ExpertRecipe(RecipeConfig):
     """Train a dense motion-tracking expert."""
 
     name = "expert"
+    presets = {name: preset["expert"] for name, preset in PRESETS.items()}
 
     init: Path | None = None
     """run of an expert to continue from, with other motions, rewards, frames or settings"""
@@ -38,13 +40,8 @@ class ExpertRecipe(RecipeConfig):
     """with --init: rollouts that train only the critic, before the policy is updated"""
     critic: tuple[int, ...] = (512, 256, 128)
     """hidden layers of the critic"""
-    # what measured best, see docs/results.md; the paper's expert is ExpertConfig()
-    policy: ExpertConfig = field(
-        default_factory=lambda: ExpertConfig(action="reference_velocity", ahead=(1, 2), lead=0.065, catch_up=1.0)
-    )
-    task: TrackingTaskConfig = field(
-        default_factory=lambda: TrackingTaskConfig(dense=DenseRewards(anchor_pos=TrackingTerm(3.0, 0.4)))
-    )
+    policy: ExpertConfig = BEST["expert"]["policy"]
+    task: TrackingTaskConfig = BEST["expert"]["task"]
     ppo: PPOConfig = field(default_factory=PPOConfig)
     motor: MotorGradientConfig = field(default_factory=MotorGradientConfig)
 

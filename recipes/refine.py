@@ -13,7 +13,7 @@ import torch
 from plat.cli.settings import parse
 from plat.collectors import rollouts
 from plat.envs import KeyframeTaskConfig, make_keyframe_env
-from plat.envs.transforms import HORIZONS, DenseRewards, KeyframeRewards, TrackingTerm, pop_statistics
+from plat.envs.transforms import HORIZONS, pop_statistics
 from plat.evaluation import play
 from plat.modules import (
     STUDENT_KEYS,
@@ -28,6 +28,7 @@ from plat.modules import (
 )
 from plat.motions import MotionLibrary
 from plat.objectives import PPO, MotorGradientConfig, PPOConfig, motor_gradient
+from plat.recipes.presets import BEST, PRESETS
 from plat.rendering import Films
 from plat.runs import Budget, RecipeConfig, Run, SavedRun, report_errors
 
@@ -44,27 +45,15 @@ class RefineRecipe(RecipeConfig):
     """Refine a student with PPO."""
 
     name = "refine"
+    presets = {name: preset["refine"] for name, preset in PRESETS.items()}
 
     student: Path
     """run of stage 2"""
     variant: Literal["latent", "latent-noise", "action", "finetune"] = "latent"
     """latent: PLAT; latent-noise: exploration in the latent; action, finetune: ablations"""
-    policy: RefinementConfig = field(default_factory=lambda: RefinementConfig(lead=0.05))
-    task: KeyframeTaskConfig = field(
-        # two thirds of the reward are for keyframes: what is in between, the policy is not shown
-        default_factory=lambda: KeyframeTaskConfig(
-            dense_weight=0.3,
-            sparse_weight=20.0,
-            dense=DenseRewards(anchor_pos=TrackingTerm(2.0, 0.3)),
-            sparse=KeyframeRewards(joint_pos=TrackingTerm(1.0, 0.1), keypoint_pos=TrackingTerm(1.0, 0.1)),
-        )
-    )
-    ppo: PPOConfig = field(
-        # motions end with a keyframe, and so where most is paid
-        default_factory=lambda: PPOConfig(
-            entropy=0.0, lr=1e-4, min_lr=2e-5, max_lr=3e-4, target_kl=0.005, truncated="mean"
-        )
-    )
+    policy: RefinementConfig = BEST["refine"]["policy"]
+    task: KeyframeTaskConfig = BEST["refine"]["task"]
+    ppo: PPOConfig = BEST["refine"]["ppo"]
     motor: MotorGradientConfig = field(default_factory=MotorGradientConfig)
     horizon: Literal["single", "short", "medium", "long", "mixed"] = "mixed"
     """lengths of the commands"""

@@ -72,7 +72,7 @@ class EvaluateRecipe(ScoringConfig):
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
     """run directories; an expert sees the keyframe as its next reference frame (Scratch RL)"""
     only: str | None = None
-    """regular expression: score only motions whose names it matches, as in "run|kick""""
+    """regular expression: score only motions whose names it matches, as in run|kick"""
     dense: bool = False
     """show policies the reference instead of the keyframe: how well a dense tracker tracks"""
     domain_randomization: bool = False

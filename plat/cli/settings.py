@@ -1,5 +1,8 @@
 """Settings from a command line: parse the dataclass of a command, and run it."""
 
+import argparse
+import dataclasses
+import sys
 from collections.abc import Sequence
 from importlib import import_module
 from typing import Any
@@ -13,12 +16,27 @@ def parse(kind: Any, args: Sequence[str] | None = None, prog: str | None = None)
     """Return the settings of a command.
 
     Args:
-        kind: dataclass of the settings, or a union of dataclasses for a command with commands of its own.
+        kind: dataclass of the settings, or a union of dataclasses for a command with commands of its own. One with
+            ``presets`` takes ``--preset NAME``, wherever it stands; settings beside it override the preset's.
         args: command line behind the command's name, by default the program's own.
         prog: how help and errors call the program.
     """
+    args = list(sys.argv[1:] if args is None else args)
+    options: dict[str, Any] = {}
+    if presets := getattr(kind, "presets", {}):
+        names = argparse.ArgumentParser(add_help=False, allow_abbrev=False, prog=prog)
+        names.add_argument("--preset", choices=list(presets))
+        chosen, args = names.parse_known_args(args)
+        options["description"] = f"{kind.__doc__} --preset {{{','.join(presets)}}} chooses the defaults."
+        if chosen.preset is not None:
+            required = {
+                field.name: tyro.MISSING
+                for field in dataclasses.fields(kind)
+                if field.default is field.default_factory is dataclasses.MISSING
+            }
+            options["default"] = kind(**required, **presets[chosen.preset])
     # what is behind a subcommand, as of --task.noise, may be followed by other settings
-    return tyro.cli(kind, args=args, prog=prog, config=(tyro.conf.CascadeSubcommandArgs,))
+    return tyro.cli(kind, args=args, prog=prog, config=(tyro.conf.CascadeSubcommandArgs,), **options)
 
 
 def run(module: str, args: Sequence[str], prog: str) -> None:

@@ -2,11 +2,11 @@
 
 import logging
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import torch
 
@@ -27,9 +27,11 @@ class RecipeConfig:
 
     Attributes:
         name: of the stage; ``config.json`` and the command line call it so.
+        presets: by name, values of fields that ``--preset`` starts from.
     """
 
     name: ClassVar[str]
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
 
     motions: tuple[str, ...]
     """motion files, folders or globs; "generated:train@600" for 10 minutes of generated motion"""

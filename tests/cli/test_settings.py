@@ -1,0 +1,56 @@
+import shlex
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from plat.cli import COMMANDS
+from plat.cli.settings import parse
+from plat.modules import ExpertConfig
+from plat.recipes.expert import ExpertRecipe
+from plat.recipes.refine import RefineRecipe
+
+ROOT = Path(__file__).parents[2]
+DOCS = [ROOT / "README.md", ROOT / "plat" / "weights" / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+REQUIRED = ["--motions", "x.npz", "--out", "x"]
+
+
+def commands(text: str) -> list[list[str]]:
+    """Return the calls of plat in the shell blocks of a page, their variables filled in."""
+    found, variables = [], {}
+    for block in text.split("```sh\n")[1:]:
+        for line in block.split("```")[0].replace("\\\n", " ").splitlines():
+            for name in sorted(variables, key=len, reverse=True):
+                line = line.replace("$" + name, variables[name])
+            words = shlex.split(line, comments=True)
+            if len(words) == 1 and "=" in words[0] and words[0].split("=")[0].isupper():
+                name, variables[name] = words[0].split("=", 1)[0], words[0].split("=", 1)[1]
+            elif words and words[0] == "plat":
+                found.append(words[1:])
+    return found
+
+
+PAGES = [(page, words) for page in DOCS for words in commands(page.read_text(encoding="utf-8"))]
+NAMES = [f"{page.stem}: {shlex.join(words)[:60]}" for page, words in PAGES]
+
+
+@pytest.mark.parametrize(("page", "words"), PAGES, ids=NAMES)
+def test_commands_in_the_docs_are_understood(page, words):
+    name, *rest = words
+    assert parse(import_module(COMMANDS[name].module).COMMAND, rest) is not None
+
+
+def test_the_weights_say_how_they_are_made():
+    stages = [words[0] for words in commands((ROOT / "plat" / "weights" / "README.md").read_text(encoding="utf-8"))]
+    assert {"expert", "distill", "refine"} <= set(stages)
+
+
+def test_presets():
+    best, paper = (parse(ExpertRecipe, [*REQUIRED, "--preset", name]) for name in ("best", "paper"))
+    assert best == parse(ExpertRecipe, REQUIRED)
+    assert (paper.policy, paper.motor.weight) == (ExpertConfig(), 0)
+    assert paper.task == best.task
+    other = parse(RefineRecipe, [*REQUIRED, "--student", "s", "--preset", "paper", "--policy.lead", "0.02"])
+    assert (other.policy.lead, other.motor.weight) == (0.02, 0)  # settings override the preset
+    with pytest.raises(SystemExit):
+        parse(ExpertRecipe, [*REQUIRED, "--preset", "worst"])
