@@ -34,7 +34,7 @@ class TimedKeyframesConfig:
     chains: int = 1200
     """number of authored chains that are drawn"""
     from_standing: float = 0.6
-    """share of the authored episodes that start standing; the others start at any moment of a motion"""
+    """fraction of the authored episodes that start standing; the others start within a motion"""
     shortest: int = 1
     """control steps of the shortest command along a motion"""
     tracking: TrackingCosts = TrackingCosts()

@@ -29,6 +29,6 @@ def test_the_table_needs_no_torch():
 
 
 def test_an_unknown_command_is_one_line():
-    with pytest.raises(SystemExit, match="'expret' is no command of plat, expected one of expert, distill") as error:
+    with pytest.raises(SystemExit, match="'expret' is no command of plat, expected one of expert, .*distill") as error:
         main(["expret"])
     assert "\n" not in str(error.value)
