@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Sequence
 from types import ModuleType
 
-__all__ = ["MOVED", "install"]
+__all__ = ["MOVED", "MOVED_NAMES", "install", "moved_name"]
 
 MOVED = {
     "plat.envs.layout": "plat.spec.observation",
@@ -46,6 +46,19 @@ MOVED = {
 """Where modules of version 0.1 are now; what lies below a package has moved with it."""
 
 
+MOVED_NAMES = {
+    "plat.rendering": {
+        "Viewer": "plat.control",
+        "record": "plat.control",
+        "play": "plat.evaluation",
+        **dict.fromkeys(
+            ("ablation_bars", "film_strip", "pyplot", "radar_plot", "save_figure", "success_plot"), "plat.figures"
+        ),
+    },
+}
+"""Names of version 0.1 that are in another package now, by the package that had them."""
+
+
 class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
     def find_spec(
         self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
@@ -72,6 +85,19 @@ def _new_name(name: str) -> str | None:
         if name == old or name.startswith(f"{old}."):
             return new + name.removeprefix(old)
     return None
+
+
+def moved_name(package: str, name: str) -> object:
+    """Return what a package had under a name, with a warning; for the ``__getattr__`` of that package.
+
+    Raises:
+        AttributeError: for a name that it never had.
+    """
+    if name not in MOVED_NAMES[package]:
+        raise AttributeError(f"module {package!r} has no attribute {name!r}")
+    new = MOVED_NAMES[package][name]
+    warnings.warn(f"{package}.{name} is now {new}.{name}; the old name goes with version 0.3", FutureWarning, 3)
+    return getattr(importlib.import_module(new), name)
 
 
 def install() -> None:

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from plat.moved import MOVED
+from plat.moved import MOVED, MOVED_NAMES
 
 
 @pytest.mark.parametrize("old", sorted(MOVED))
@@ -41,6 +41,20 @@ def test_names_that_moved_out_of_envs_warn() -> None:
         plat.envs.TaskConfig  # noqa: B018
     with pytest.raises(AttributeError, match="no attribute 'Nothing'"):
         plat.envs.Nothing  # noqa: B018
+
+
+@pytest.mark.parametrize(
+    ("package", "name"), [(package, name) for package in MOVED_NAMES for name in MOVED_NAMES[package]]
+)
+def test_names_that_moved_to_another_package_warn(package: str, name: str) -> None:
+    new = MOVED_NAMES[package][name]
+    with pytest.warns(FutureWarning, match=f"{package}.{name} is now {new}.{name}"):
+        assert getattr(importlib.import_module(package), name) is getattr(importlib.import_module(new), name)
+
+
+def test_a_name_that_never_was() -> None:
+    with pytest.raises(AttributeError, match="'plat.rendering' has no attribute 'Nothing'"):
+        importlib.import_module("plat.rendering").Nothing  # noqa: B018
 
 
 def test_motions_load_no_torchrl() -> None:

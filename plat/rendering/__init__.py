@@ -1,6 +1,7 @@
 """Pictures and videos of a robot (OpenGL; extra ``plat-rl[video]``)."""
 
 from plat.errors import RenderingError
+from plat.moved import moved_name
 from plat.rendering.films import Films
 from plat.rendering.pictures import (
     Stage,
@@ -27,3 +28,7 @@ __all__ = [
     "write_picture",
     "write_video",
 ]
+
+
+def __getattr__(name: str) -> object:
+    return moved_name(__name__, name)
