@@ -25,8 +25,9 @@ from plat.control import (
     Viewer,
     record,
 )
+from plat.control.shoves import Shoves
 from plat.errors import KeyframeError
-from plat.keyframes import CONTROL_DT, KeyframeSequence
+from plat.keyframes import KeyframeSequence
 from plat.rendering import Stage, check_video, film, stage_model, write_video
 from plat.runs import load_policy
 
@@ -53,30 +54,6 @@ class PlayRecipe:
     """MP4 to write: the keyframe as a ghost, the time left as a bar, red after a failure"""
     viewer: bool = False
     """watch it live in MuJoCo's viewer; needs a display"""
-
-
-class Shoves:
-    """Shoves a robot every now and then.
-
-    Args:
-        speed: change of velocity (m/s).
-        every: seconds in between.
-        seed: draws the directions, uniform in the horizontal plane.
-    """
-
-    def __init__(self, speed: float, every: float, seed: int):
-        self._speed, self._steps = speed, max(1, round(every / CONTROL_DT))
-        self._random = np.random.default_rng(seed)
-        self._count = 0
-
-    def after_step(self, simulator: Simulator) -> None:
-        """Count a control step, and shove if it is time."""
-        self._count += 1
-        if self._speed and self._count % self._steps == 0:
-            angle = self._random.uniform(-np.pi, np.pi)
-            simulator.push(self._speed * np.array([np.cos(angle), np.sin(angle), 0.0]))
-            towards = f"{np.degrees(angle):.0f} degrees from the world's x"
-            print(f"shove of {self._speed:g} m/s at {self._count * CONTROL_DT:.2f} s, {towards}")
 
 
 def main(recipe: PlayRecipe) -> list[KeyframeScore]:

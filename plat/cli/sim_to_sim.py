@@ -6,55 +6,22 @@ The policy sees what a robot would give it and nothing else: it runs in onnxrunt
 bundle. The robot begins at rest in the first pose and is never put back, so a fall costs every keyframe after it.
 """
 
-from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
 from typing import Annotated
 
-import mujoco
-import numpy as np
 import torch
 import tyro
-from numpy.typing import NDArray
 
 from plat.control import Chase, Controller, KeyframeScore, KeyframeScorer, Simulator
-from plat.deploy import PolicyRunner, Pose, RobotDescription, RobotState
+from plat.control.changed_physics import SETTINGS, Delayed, make_model
+from plat.deploy import PolicyRunner
 from plat.envs.transforms import HORIZONS, CommandSchedule
 from plat.errors import KeyframeError
 from plat.keyframes import CONTROL_DT, Keyframe, KeyframeSequence
 from plat.motions import MotionLibrary
-from plat.robots import G1, FootContacts, Robot
-
-
-@dataclass(frozen=True)
-class Physics:
-    """What differs from the simulation that policies are trained in."""
-
-    name: str
-    timestep: float = 0.005
-    """seconds of a physics step"""
-    feet: FootContacts = "spheres"
-    """contact geometry of the soles"""
-    friction: float | None = None
-    """sliding friction of the soles; None for the model's own"""
-    delay: int = 0
-    """control steps that joint targets arrive late"""
-    gain: float = 1.0
-    """factor on stiffness and damping of every motor"""
-
-
-SETTINGS = (
-    Physics("as in training"),
-    Physics("1 ms physics steps", timestep=0.001),
-    Physics("capsule feet", feet="capsules"),
-    Physics("friction 0.3", friction=0.3),
-    Physics("friction 1.2", friction=1.2),
-    Physics("20 ms control delay", delay=1),
-    Physics("gains -10 %", gain=0.9),
-    Physics("gains +10 %", gain=1.1),
-    Physics("all: 1 ms, capsules, 0.3, delay, -10 %", 0.001, "capsules", 0.3, 1, 0.9),
-)
+from plat.robots import G1
 
 
 @dataclass(kw_only=True)
@@ -124,40 +91,6 @@ def run(controller: Controller, sequence: KeyframeSequence, simulator: Simulator
     for step in Chase(controller, sequence, simulator):
         scorer.add(step)
     return scorer.scores()
-
-
-def make_model(robot: Robot, description: RobotDescription, physics: Physics) -> mujoco.MjModel:
-    """A robot whose motors are those of the bundle, at some physics."""
-    model = robot.model(physics.feet)
-    model.opt.timestep = physics.timestep
-    model.actuator_gainprm[:, 0] = physics.gain * description.stiffness
-    model.actuator_biasprm[:, 1] = -physics.gain * description.stiffness
-    model.actuator_biasprm[:, 2] = -physics.gain * description.damping
-    model.actuator_forcerange[:] = description.effort_limit[:, None] * (-1, 1)
-    if physics.friction is not None:
-        model.geom_friction[robot.sole_geoms(model), 0] = physics.friction
-    return model
-
-
-class Delayed:
-    """A controller whose targets come ``delay`` control steps late; before the first, the default pose."""
-
-    def __init__(self, controller: Controller, robot: RobotDescription, delay: int):
-        self._controller = controller
-        self._first = robot.default_joint_pos
-        self._delay = delay
-        self.reset()
-
-    def reset(self, joint_target: NDArray[np.floating] | None = None) -> None:
-        """See :class:`plat.control.Controller`."""
-        self._controller.reset(joint_target)
-        first = self._first if joint_target is None else joint_target
-        self._coming = deque([first] * self._delay)
-
-    def __call__(self, state: RobotState, keyframe: Pose, steps_left: int) -> NDArray[np.floating]:
-        """See :class:`plat.control.Controller`."""
-        self._coming.append(self._controller(state, keyframe, steps_left))
-        return self._coming.popleft()
 
 
 COMMAND = SimToSimRecipe

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from plat.cli import sim_to_sim
-from plat.cli.sim_to_sim import Delayed, Physics
 from plat.control import Simulator
+from plat.control.changed_physics import Delayed, Physics
 from plat.errors import KeyframeError
 from plat.export import export_bundle
 from plat.keyframes import standing
