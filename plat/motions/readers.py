@@ -15,5 +15,6 @@ READERS: dict[str, Callable[[Path, ReadOptions], MotionFile]] = {
     ".pickle": read_pickle,
     ".joblib": read_pickle,
     ".bvh": read_human_motion,
+    ".amc": read_human_motion,
 }
 """What reads a file, by its ending in small letters."""

@@ -5,7 +5,7 @@ from plat.motions.readers import READERS
 
 
 def test_every_ending_has_a_reader():
-    assert set(READERS) == {".npz", ".csv", ".pkl", ".pickle", ".joblib", ".bvh"}
+    assert set(READERS) == {".npz", ".csv", ".pkl", ".pickle", ".joblib", ".bvh", ".amc"}
     assert all(ending == ending.lower() for ending in READERS)
 
 

@@ -8,7 +8,7 @@ import torch
 from plat.errors import MotionError
 from plat.motions.checks.feet import Soles
 from plat.robots.robot import Robot
-from plat.rotations import quat_multiply
+from plat.rotations_np import quat_multiply
 
 __all__ = ["angles_in_radians", "place_in_metres", "unit_quaternions", "z_up"]
 
@@ -109,7 +109,7 @@ def z_up(
         return Converted(root_pos), Converted(root_quat)
     half = np.sqrt(0.5)
     turn = np.array([half, half, 0.0, 0.0])
-    quat = quat_multiply(torch.from_numpy(np.tile(turn, (len(root_quat), 1))), torch.from_numpy(root_quat)).numpy()
+    quat = quat_multiply(np.tile(turn, (len(root_quat), 1)), root_quat)
     place = np.stack((root_pos[:, 0], -root_pos[:, 2], root_pos[:, 1]), 1)
     return Converted(place, ("y axis up in the file, turned to z",)), Converted(quat)
 

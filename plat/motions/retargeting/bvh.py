@@ -1,6 +1,7 @@
 """BVH files: a skeleton and its motion, as the world positions of its joints."""
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,30 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from plat.errors import MotionError
+from plat.motions.retargeting.mocap import Mocap, checked_rate
 from plat.rotations_np import axis_rotation
 
-__all__ = ["Bvh", "read_bvh"]
+__all__ = ["read_bvh"]
 
 _CHANNELS = ("xposition", "yposition", "zposition", "xrotation", "yrotation", "zrotation")
-
-
-@dataclass(frozen=True)
-class Bvh:
-    """The motion of a skeleton of J joints over T frames.
-
-    Attributes:
-        names: of joints and end sites; the end site of ``Hand`` is called ``Hand_end``.
-        parents: index of the parent of each, -1 for a root.
-        positions: ``[T, J, 3]``, in the file's own units and world axes.
-        rotations: ``[T, J, 3, 3]``, from the joint's axes to those of the world.
-        fps: frames a second.
-    """
-
-    names: tuple[str, ...]
-    parents: tuple[int, ...]
-    positions: np.ndarray
-    rotations: np.ndarray
-    fps: float
 
 
 @dataclass
@@ -43,11 +26,16 @@ class _Joint:
     channels: Sequence[int] = ()
 
 
-def read_bvh(path: str | Path) -> Bvh:
+def read_bvh(path: str | Path, fps: float | None = None) -> Mocap:
     """Read a BVH file and work out where its joints are.
 
     A rotation is the product of the joint's rotation channels in the order of the file. A position channel takes the
-    place of the joint's ``OFFSET`` along that axis, as the data sets that have such channels mean it.
+    place of the joint's ``OFFSET`` along that axis, as the data sets that have such channels mean it. The frames that
+    follow count, whatever ``Frames:`` says.
+
+    Args:
+        path: the file.
+        fps: frames a second, where the user states them; else ``Frame Time`` does.
 
     Raises:
         MotionError: naming file and line, when the file is missing, broken or cut short.
@@ -80,10 +68,14 @@ def read_bvh(path: str | Path) -> Bvh:
         raise MotionError(f"BVH file {str(path)!r}: cannot be read ({error})") from error
     lines = _Lines(path, text)
     joints = _hierarchy(lines)
-    values, fps = _motion(lines, sum(len(joint.channels) for joint in joints))
+    values, seconds, notes = _motion(lines, sum(len(joint.channels) for joint in joints))
+    rate = checked_rate(path, seconds) if fps is None else fps
     positions, rotations = _forward_kinematics(joints, values)
     names, parents = zip(*((joint.name, joint.parent) for joint in joints), strict=True)
-    return Bvh(names, parents, positions, rotations, fps)
+    rest = np.zeros((len(joints), 3))
+    for joint in joints:
+        rest[joint.index] = np.add(joint.offset, rest[joint.parent] if joint.parent >= 0 else 0.0)
+    return Mocap(names, parents, positions, rotations, rate, rest, notes)
 
 
 class _Lines:
@@ -91,7 +83,9 @@ class _Lines:
 
     def __init__(self, path: str | Path, text: str):
         self._path = path
-        self._rows = [(number, row) for number, line in enumerate(text.splitlines(), 1) if (row := line.split())]
+        self._rows = [
+            (number, row) for number, line in enumerate(text.splitlines(), 1) for row in _split_braces(line.split())
+        ]
         self._taken = 0
 
     def __bool__(self) -> bool:
@@ -120,23 +114,35 @@ class _Lines:
         return values
 
 
+def _split_braces(words: list[str]) -> list[list[str]]:
+    """Return the words of a line as lines of which a brace is one of its own."""
+    rows: list[list[str]] = [[]]
+    for word in words:
+        if word in ("{", "}"):
+            rows += [[word], []]
+        else:
+            rows[-1].append(word)
+    return [row for row in rows if row]
+
+
 def _hierarchy(lines: _Lines) -> list[_Joint]:
-    if lines.take("HIERARCHY") != ["HIERARCHY"]:
+    if [word.upper() for word in lines.take("HIERARCHY")] != ["HIERARCHY"]:
         raise lines.wrong("HIERARCHY")
     joints: dict[str, _Joint] = {}
     inside: list[_Joint] = []
     while True:
         row = lines.take("the rest of the hierarchy, then MOTION")
-        if row == ["MOTION"] and joints and not inside:
+        keyword = row[0].upper()
+        if keyword == "MOTION" and len(row) == 1 and joints and not inside:
             return list(joints.values())
-        if row[0] == "ROOT" or (inside and row[0] == "JOINT"):
+        if keyword == "ROOT" or (inside and keyword == "JOINT"):
             joint = _Joint(len(joints), " ".join(row[1:]), inside[-1].index if inside else -1)
-        elif inside and row[0] == "End":
+        elif inside and keyword == "END":
             joint = _Joint(len(joints), f"{inside[-1].name}_end", inside[-1].index)
         else:
-            if inside and row[0] == "OFFSET":
+            if inside and keyword == "OFFSET":
                 inside[-1].offset = lines.numbers(row[1:], 3, "OFFSET with three numbers")
-            elif inside and row[0] == "CHANNELS":
+            elif inside and keyword == "CHANNELS":
                 inside[-1].channels = _channels(lines, row)
             elif inside and row == ["}"]:
                 inside.pop()
@@ -158,26 +164,22 @@ def _channels(lines: _Lines, row: list[str]) -> list[int]:
     return [_CHANNELS.index(name) for name in names]
 
 
-def _motion(lines: _Lines, width: int) -> tuple[np.ndarray, float]:
-    """Channel values ``[T, width]`` and frames a second."""
-    row = lines.take("'Frames:'")
-    if row[0] != "Frames:" or len(row) != 2 or not row[1].isdecimal() or int(row[1]) < 1:
+def _motion(lines: _Lines, width: int) -> tuple[np.ndarray, float, tuple[str, ...]]:
+    """Return channel values ``[T, width]``, the frame time (s), and notes."""
+    told = re.fullmatch(r"frames\s*:\s*(\d+)", " ".join(lines.take("'Frames:'")), re.IGNORECASE)
+    if not told or int(told[1]) < 1:
         raise lines.wrong("'Frames:' and a positive number")
-    frames = int(row[1])
-    row = lines.take("'Frame Time:'")
-    seconds = lines.numbers(row[2:], 1, "'Frame Time:' and seconds")[0]
-    if row[:2] != ["Frame", "Time:"] or seconds <= 0:
+    row = re.fullmatch(r"frame\s*time\s*:\s*(\S+)", " ".join(lines.take("'Frame Time:'")), re.IGNORECASE)
+    seconds = lines.numbers([row[1]] if row else [], 1, "'Frame Time:' and positive seconds")[0]
+    if seconds <= 0:
         raise lines.wrong("'Frame Time:' and positive seconds")
-    values: list[list[float]] = []
-    while len(values) < frames:
-        row = lines.take(f"frame {len(values) + 1} of {frames}")
-        values.append(lines.numbers(row, width, f"{width} finite numbers, one a channel"))
-    if lines:
-        lines.take("")
-        raise lines.wrong(f"the end, for 'Frames:' says {frames}")
-    # files round the frame time: 0.0333333 is 30 frames a second
-    fps = 1.0 / seconds
-    return np.array(values), float(round(fps)) if abs(fps - round(fps)) < 1e-3 * fps else fps
+    values = [lines.numbers(lines.take("frame 1"), width, f"{width} finite numbers, one a channel")]
+    while lines:
+        row_of_values = lines.take("")
+        values.append(lines.numbers(row_of_values, width, f"{width} finite numbers, one a channel"))
+    count = int(told[1])
+    notes = () if len(values) == count else (f"{len(values)} frames, for 'Frames:' says {count}",)
+    return np.array(values), seconds, notes
 
 
 def _forward_kinematics(joints: list[_Joint], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,9 +1,9 @@
-"""BVH files to motions of the robot, and what became of them in figures."""
+"""Captures to motions of the robot, and what became of them in figures."""
 
 import functools
 import multiprocessing
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,10 +15,14 @@ import torch
 from plat.errors import MotionError
 from plat.motions.clip import MotionClip
 from plat.motions.paths import find_files
+from plat.motions.retargeting.asf import read_amc
+from plat.motions.retargeting.builtin import find_map
 from plat.motions.retargeting.bvh import read_bvh
 from plat.motions.retargeting.geometry import TRACKED, RobotGeometry
+from plat.motions.retargeting.human import read_human
+from plat.motions.retargeting.mocap import Mocap
 from plat.motions.retargeting.options import SolverOptions
-from plat.motions.retargeting.skeletons import SkeletonMap, find_map, read_human
+from plat.motions.retargeting.skeletons import SkeletonMap
 from plat.robots import G1, Robot
 from plat.robots.kinematics import ForwardKinematics
 from plat.rotations import quat_rotate
@@ -26,7 +30,10 @@ from plat.rotations import quat_rotate
 if TYPE_CHECKING:
     from plat.motions.retargeting.targets import Targets
 
-__all__ = ["Retargeted", "bvh_paths", "retarget", "retarget_all"]
+__all__ = ["MOCAP_READERS", "Retargeted", "bvh_paths", "retarget", "retarget_all"]
+
+MOCAP_READERS: dict[str, Callable[..., Mocap]] = {".bvh": read_bvh, ".amc": read_amc}
+"""Reader of each file ending of human motion capture."""
 
 # Files that a process must have to itself to be worth the seconds in which it starts.
 _FILES_PER_WORKER = 16
@@ -55,31 +62,36 @@ class Retargeted:
 
 
 def bvh_paths(patterns: Sequence[str | Path]) -> list[Path]:
-    """BVH files that paths, folders and globs name.
+    """Return files of motion capture that paths, folders and globs name.
 
     Raises:
         MotionError: when there are none, one of them names no file, or two files have the same name.
     """
-    paths = find_files(patterns, (".bvh",))
+    paths = find_files(patterns, MOCAP_READERS)
     if not paths:
-        raise MotionError("BVH files: none given, expected files, folders or globs")
+        raise MotionError("motion capture files: none given, expected files, folders or globs")
     by_name: dict[str, Path] = {}
     for path in paths:
         if by_name.setdefault(path.stem, path) != path:
-            raise MotionError(f"BVH files {str(by_name[path.stem])!r} and {str(path)!r}: names must differ")
+            raise MotionError(f"motion capture files {str(by_name[path.stem])!r} and {str(path)!r}: names must differ")
     return paths
 
 
 def retarget(
-    path: str | Path, skeleton: SkeletonMap | None = None, robot: Robot = G1, options: SolverOptions | None = None
+    path: str | Path,
+    skeleton: SkeletonMap | None = None,
+    robot: Robot = G1,
+    options: SolverOptions | None = None,
+    fps: float | None = None,
 ) -> Retargeted:
-    """Turn the human motion of a BVH file into a motion of the robot at the file's frame rate.
+    """Turn the human motion of a capture (``.bvh``, ``.amc``) into a motion of the robot at its frame rate.
 
     Args:
         path: the file; the clip takes its name.
         skeleton: how to read it; by default the map that comes with plat and fits.
         robot: must have the bodies of :data:`TRACKED`.
         options: of inverse kinematics.
+        fps: frames a second of the file, where what it states is wrong.
 
     Raises:
         MotionError: naming file and line or field, when it cannot be read or does not fit the map.
@@ -91,16 +103,21 @@ def retarget(
     except ImportError as error:
         raise MotionError("retargeting needs: pip install 'plat-rl[retarget]'") from error
     began = time.perf_counter()
-    where = f"BVH file {str(path)!r}"
-    bvh = read_bvh(path)
-    if len(bvh.positions) < 2:
+    ending = Path(path).suffix.lower()
+    where = f"{ending[1:].upper()} file {str(path)!r}"
+    mocap = MOCAP_READERS[ending](path, fps)
+    if len(mocap.positions) < 2:
         raise MotionError(f"{where}: 1 frame, expected at least 2")
-    skeleton = find_map(bvh.names, where) if skeleton is None else skeleton
+    notes = []
+    if skeleton is None:
+        skeleton = find_map(mocap, where)
+        notes.append(f"map {skeleton.name}")
     geometry = RobotGeometry.of(robot)
-    targets = robot_targets(read_human(bvh, skeleton, where), skeleton, geometry, bvh.fps)
-    qpos = solve(targets, robot, bvh.fps, options or SolverOptions())
-    qpos[:, 2] += lift(-_soles(qpos, robot, geometry)[..., 2].min((1, 2)), bvh.fps)
-    clip = MotionClip(Path(path).stem, qpos, bvh.fps).checked(robot)
+    human = read_human(mocap, skeleton, where)
+    targets = robot_targets(human, skeleton, geometry, mocap.fps)
+    qpos = solve(targets, robot, mocap.fps, options or SolverOptions())
+    qpos[:, 2] += lift(-_soles(qpos, robot, geometry)[..., 2].min((1, 2)), mocap.fps)
+    clip = MotionClip(Path(path).stem, qpos, mocap.fps, (*notes, *human.notes)).checked(robot)
     return _measured(clip, targets, robot, geometry, began)
 
 
@@ -110,6 +127,7 @@ def retarget_all(
     robot: Robot = G1,
     options: SolverOptions | None = None,
     workers: int = 1,
+    fps: float | None = None,
 ) -> Iterator[Retargeted | MotionError]:
     """:func:`retarget` for many files, in their order; a file that cannot be used yields its error.
 
@@ -117,8 +135,9 @@ def retarget_all(
         paths: files.
         skeleton, robot, options: see :func:`retarget`.
         workers: processes, at most; few files are done in this one.
+        fps: frames a second of the files, where what they state is wrong.
     """
-    work = functools.partial(_attempt, skeleton=skeleton, robot=robot, options=options)
+    work = functools.partial(_attempt, skeleton=skeleton, robot=robot, options=options, fps=fps)
     workers = min(workers, len(paths) // _FILES_PER_WORKER)
     if workers < 2:
         yield from map(work, paths)
@@ -130,10 +149,10 @@ def retarget_all(
 
 
 def _attempt(
-    path: Path, skeleton: SkeletonMap | None, robot: Robot, options: SolverOptions | None
+    path: Path, skeleton: SkeletonMap | None, robot: Robot, options: SolverOptions | None, fps: float | None
 ) -> Retargeted | MotionError:
     try:
-        return retarget(path, skeleton, robot, options)
+        return retarget(path, skeleton, robot, options, fps)
     except MotionError as error:
         return error
 

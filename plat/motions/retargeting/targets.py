@@ -6,7 +6,8 @@ import numpy as np
 
 from plat.motions.retargeting.feet import contact_weight, hold
 from plat.motions.retargeting.geometry import RobotGeometry
-from plat.motions.retargeting.skeletons import SIDES, Human, SkeletonMap
+from plat.motions.retargeting.human import Human
+from plat.motions.retargeting.skeletons import SIDES, SkeletonMap
 from plat.rotations_np import axis_rotation
 
 __all__ = ["Targets", "robot_targets"]

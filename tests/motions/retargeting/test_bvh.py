@@ -60,8 +60,11 @@ def test_position_channels_take_the_place_of_the_offset(tmp_path):
         lambda text: text.replace("  ", "\t").replace(" ", " \t  "),
         lambda text: "\ufeff" + text + "\n \n",
         lambda text: text.replace("Xposition", "xposition"),
+        lambda text: text.replace("HIERARCHY", "Hierarchy").replace("Frame Time", "Frame time"),
+        lambda text: text.replace("Frames: 2", "Frames:2").replace("Time: 0.01", "Time:0.01"),
+        lambda text: text.replace("hips\n{", "hips {").replace("-3 0\n    }", "-3 0 }"),
     ],
-    ids=["CRLF", "tabs and spaces", "BOM and blank lines", "lower case"],
+    ids=["CRLF", "tabs and spaces", "BOM and blank lines", "lower case", "other case", "no spaces", "braces in line"],
 )
 def test_ways_of_writing(tmp_path, change):
     np.testing.assert_array_equal(read(tmp_path, change(TEXT)).positions, read(tmp_path, TEXT).positions)
@@ -79,8 +82,7 @@ def test_ways_of_writing(tmp_path, change):
         ("Yrotation Zrotation Xrotation", "Yrotation Zrotation Wrotation", "line 9: .*expected CHANNELS"),
         ("MOTION", "}", "line 16: '}', expected ROOT"),
         ("Frames: 2", "Frames: -2", "line 17: .*a positive number"),
-        ("Frames: 2", "Frames: 99999999999999", "ends where frame 3 of 99999999999999 was expected"),
-        ("Frames: 2", "Frames: 1", "line 20: .*the end, for 'Frames:' says 1"),
+        ("Frame Time: 0.01", "Frame Time: x", "line 18: .*positive seconds"),
         ("Frame Time: 0.01", "Frame Time: 0", "line 18: .*positive seconds"),
         ("40 50 60", "40 50", "line 20: .*9 finite numbers, one a channel"),
         ("40 50 60", "40 50 nan", "line 20: .*9 finite numbers"),
@@ -97,11 +99,39 @@ def test_missing_file():
         read_bvh("nowhere.bvh")
 
 
+@pytest.mark.parametrize("told", [1, 3, 99999999999999])
+def test_the_frames_that_are_there_count(tmp_path, told):
+    mocap = read(tmp_path, TEXT.replace("Frames: 2", f"Frames: {told}"))
+    np.testing.assert_array_equal(mocap.positions, read(tmp_path, TEXT).positions)
+    assert mocap.notes == (f"2 frames, for 'Frames:' says {told}",)
+    assert read(tmp_path, TEXT).notes == ()
+
+
+@pytest.mark.parametrize(
+    ("told", "message"),
+    [
+        ("33.3333", "33.3333 s is 0.03 frames a second, expected 8 to 1000 .30 if it is in milliseconds"),
+        ("30", "30 if it is the rate itself.; state it: --fps"),
+        ("1.0", "1 s is 1 frames a second"),
+        ("8333.3", "120 if it is in microseconds"),
+        ("1e-6", "1e[+]06 frames a second"),
+    ],
+)
+def test_a_frame_time_that_no_capture_has_is_refused(tmp_path, told, message):
+    text = TEXT.replace("Frame Time: 0.01", f"Frame Time: {told}")
+    with pytest.raises(MotionError, match=message):
+        read(tmp_path, text)
+    assert read_bvh(tmp_path / "clip.bvh", fps=60).fps == 60
+
+
 def test_every_truncation_is_noticed(tmp_path):
     # a cut within the last number leaves a number, and nothing can tell
     for length in range(0, len(TEXT.rstrip()) - 1, 4):
-        with pytest.raises(MotionError):
-            read(tmp_path, TEXT[:length])
+        try:
+            mocap = read(tmp_path, TEXT[:length])
+        except MotionError:
+            continue
+        assert mocap.notes == ("1 frames, for 'Frames:' says 2",)
 
 
 def test_damaged_files_are_read_or_refused(tmp_path):

@@ -80,7 +80,7 @@ def test_folders_globs_and_names(tmp_path):
     assert bvh_paths([tmp_path / "*.bvh", tmp_path / "b.bvh"]) == [tmp_path / "b.bvh"]
     with pytest.raises(MotionError, match=r"'nowhere/\*.bvh': no such file, folder"):
         bvh_paths(["nowhere/*.bvh"])
-    with pytest.raises(MotionError, match="BVH files: none given"):
+    with pytest.raises(MotionError, match="motion capture files: none given"):
         bvh_paths([])
     (tmp_path / "deep" / "b.bvh").touch()
     with pytest.raises(MotionError, match="names must differ"):

@@ -3,13 +3,13 @@ import pytest
 
 from plat.motions.retargeting import builtin_maps, read_bvh
 from plat.motions.retargeting.geometry import RobotGeometry
-from plat.motions.retargeting.skeletons import Human, read_human
+from plat.motions.retargeting.human import Human, read_human
 from plat.motions.retargeting.targets import Targets, robot_targets
 from plat.robots import G1
 
 from .human import write_human
 
-LAFAN1 = builtin_maps()[1]
+LAFAN1 = next(skeleton for skeleton in builtin_maps() if skeleton.name == "lafan1")
 ROBOT = RobotGeometry.of(G1)
 
 

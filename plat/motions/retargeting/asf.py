@@ -1,0 +1,243 @@
+"""Acclaim captures: a skeleton (.asf) and its motion (.amc), as CMU and HDM05 have them."""
+
+import math
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from plat.errors import MotionError
+from plat.motions.formats.rate import rates_in_name
+from plat.motions.retargeting.mocap import Mocap
+from plat.rotations_np import axis_rotation
+
+__all__ = ["find_asf", "read_amc"]
+
+# of CMU and HDM05; the files do not say it
+_USUAL_FPS = 120.0
+# HDM05 ends its names in the rate
+_RATE_LAST = re.compile(r"_(30|60|120|240)$")
+# No pose of a whole body has all its angles below this in degrees, none has one above it in radians.
+_LARGEST_RADIANS = 7.0
+
+
+@dataclass
+class _Bone:
+    name: str
+    direction: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    length: float = 0.0
+    axis: np.ndarray = field(default_factory=lambda: np.eye(3))
+    dof: tuple[str, ...] = ()
+    parent: str = ""
+
+
+@dataclass
+class _Skeleton:
+    bones: dict[str, _Bone]
+    degrees: bool
+
+
+def find_asf(path: Path) -> Path:
+    """Return the skeleton of an ``.amc``: beside it, called as it or as the beginning of its name, or the only one.
+
+    Raises:
+        MotionError: where there is none, or several and none is called so.
+    """
+    beside = sorted(file for file in path.parent.iterdir() if file.suffix.lower() == ".asf")
+    called = [file for file in beside if path.stem.lower().startswith(file.stem.lower())]
+    if called:
+        return max(called, key=lambda file: len(file.stem))
+    if len(beside) == 1:
+        return beside[0]
+    found = f"{len(beside)} of them ({', '.join(file.name for file in beside[:3])})" if beside else "none"
+    raise MotionError(
+        f"AMC file {str(path)!r}: expected its skeleton (.asf) beside it, called as it or as its name begins, "
+        f"found {found}"
+    )
+
+
+def read_amc(path: str | Path, fps: float | None = None) -> Mocap:
+    """Read an ``.amc`` and the ``.asf`` beside it, and work out where the joints are.
+
+    Every joint is called as the bone that begins in it, the end of a bone ``<bone>_end``. Bones may stand in any
+    order, and those without values in a frame keep their rest pose. Angles are in degrees or radians, as the files
+    say and the values show.
+
+    Args:
+        path: the file.
+        fps: frames a second, where the user states them; else the name does, or they are 120.
+
+    Raises:
+        MotionError: naming file and line, when one of the two is missing or broken.
+    """
+    path = Path(path)
+    skeleton = _read_asf(find_asf(path))
+    frames, degrees = _read_frames(path, skeleton)
+    notes = []
+    turns = (_turns(skeleton, name, values) for row in frames for name, values in row.items())
+    largest = max((abs(value) for values in turns for value in values), default=0.0)
+    told = skeleton.degrees if degrees is None else degrees
+    if told != (largest > _LARGEST_RADIANS):
+        notes.append(f"angles in {'radians' if told else 'degrees'} and not as stated, by their size")
+        told = not told
+    if fps is None:
+        stated = rates_in_name(path.stem) or [float(rate) for rate in _RATE_LAST.findall(path.stem)]
+        fps = stated[-1] if stated else _USUAL_FPS
+        notes.append(
+            "fps from the file name" if stated else f"{_USUAL_FPS:g} fps assumed, as CMU and HDM05 have (else: --fps)"
+        )
+    missing = sorted(
+        {name for name, bone in skeleton.bones.items() if bone.dof and any(name not in row for row in frames)}
+    )
+    if missing:
+        notes.append(f"no values for {', '.join(missing[:5])}{' ...' if len(missing) > 5 else ''}: rest pose")
+    return _posed(skeleton, frames, np.pi / 180 if told else 1.0, fps, tuple(notes))
+
+
+def _lines(path: Path, kind: str) -> Iterator[tuple[int, list[str]]]:
+    try:
+        text = path.read_text(encoding="utf-8-sig", errors="replace")
+    except OSError as error:
+        raise MotionError(f"{kind} file {str(path)!r}: cannot be read ({error})") from error
+    for number, line in enumerate(text.splitlines(), 1):
+        words = line.split("#", 1)[0].replace("(", " ").replace(")", " ").split()
+        if words:
+            yield number, words
+
+
+def _read_asf(path: Path) -> _Skeleton:
+    bones = {"root": _Bone("root", dof=("tx", "ty", "tz", "rx", "ry", "rz"))}
+    degrees, section = True, ""
+    bone: _Bone | None = None
+    where = f"ASF file {str(path)!r}, line "
+    for number, words in _lines(path, "ASF"):
+        key = words[0].lower()
+        try:
+            if key.startswith(":"):
+                section = key
+            elif section == ":units" and key == "angle":
+                degrees = not words[1].lower().startswith("rad")
+            elif section == ":root" and key == "order":
+                bones["root"].dof = tuple(word.lower() for word in words[1:])
+            elif section == ":bonedata" and key == "begin":
+                bone = _Bone("")
+            elif section == ":bonedata" and bone is not None:
+                bone = _bone_line(bone, words, degrees)
+                if bone.name and key == "end":
+                    bones[bone.name] = bone
+            elif section == ":hierarchy" and key not in ("begin", "end"):
+                for child in words[1:]:
+                    bones[child].parent = words[0]
+        except (KeyError, ValueError, IndexError):
+            raise MotionError(f"{where}{number}: {' '.join(words)[:60]!r} is not understood") from None
+    lost = [name for name, one in bones.items() if name != "root" and one.parent not in bones]
+    if len(bones) < 2 or lost:
+        raise MotionError(f"ASF file {str(path)!r}: expected :bonedata and a :hierarchy of all bones; lost: {lost[:5]}")
+    return _Skeleton(_parents_first(bones), degrees)
+
+
+def _bone_line(bone: _Bone, words: list[str], degrees: bool) -> _Bone:
+    key = words[0].lower()
+    if key == "name":
+        bone.name = words[1]
+    elif key == "direction":
+        bone.direction = np.array([float(word) for word in words[1:4]])
+    elif key == "length":
+        bone.length = float(words[1])
+    elif key == "axis":
+        angles = np.array([float(word) for word in words[1:4]]) * (np.pi / 180 if degrees else 1.0)
+        bone.axis = _product(zip((words[4] if len(words) > 4 else "XYZ").lower(), angles[:, None], strict=True))[0]
+    elif key == "dof":
+        bone.dof = tuple(word.lower() for word in words[1:])
+    return bone
+
+
+def _parents_first(bones: dict[str, _Bone]) -> dict[str, _Bone]:
+    ordered = {"root": bones["root"]}
+    while len(ordered) < len(bones):
+        more = {name: bone for name, bone in bones.items() if name not in ordered and bone.parent in ordered}
+        if not more:
+            raise MotionError("ASF: the hierarchy has a circle")
+        ordered |= more
+    return ordered
+
+
+def _read_frames(path: Path, skeleton: _Skeleton) -> tuple[list[dict[str, list[float]]], bool | None]:
+    """Return bone to values for every frame, and whether the file says that they are in degrees."""
+    frames: list[dict[str, list[float]]] = []
+    degrees: bool | None = None
+    where = f"AMC file {str(path)!r}, line "
+    for number, words in _lines(path, "AMC"):
+        if words[0].startswith(":"):
+            degrees = {":degrees": True, ":radians": False}.get(words[0].lower(), degrees)
+        elif len(words) == 1 and words[0].isdecimal():
+            frames.append({})
+        else:
+            bone = skeleton.bones.get(words[0])
+            if bone is None or not frames:
+                expected = "a bone of the skeleton" if frames else "a frame's number"
+                raise MotionError(f"{where}{number}: {' '.join(words)[:60]!r}, expected {expected}")
+            try:
+                values = [float(word) for word in words[1:]]
+            except ValueError:
+                values = []
+            if len(values) != len(bone.dof) or not all(map(math.isfinite, values)):
+                raise MotionError(f"{where}{number}: {' '.join(words)[:60]!r}, expected {len(bone.dof)} numbers")
+            frames[-1][words[0]] = values
+    if not frames:
+        raise MotionError(f"AMC file {str(path)!r}: no frames")
+    if any("root" not in row for row in frames):
+        raise MotionError(f"AMC file {str(path)!r}: a frame without 'root'")
+    return frames, degrees
+
+
+def _turns(skeleton: _Skeleton, name: str, values: list[float]) -> list[float]:
+    return [value for what, value in zip(skeleton.bones[name].dof, values, strict=True) if what.startswith("r")]
+
+
+def _posed(
+    skeleton: _Skeleton, frames: list[dict[str, list[float]]], radians: float, fps: float, notes: tuple[str, ...]
+) -> Mocap:
+    """Return where the joints are: a bone turns in its own axes, and points along its direction of the rest pose."""
+    bones = list(skeleton.bones.values())
+    names = [bone.name for bone in bones]
+    begins: dict[str, np.ndarray] = {}
+    ends: dict[str, np.ndarray] = {}
+    turns: dict[str, np.ndarray] = {}
+    for bone in bones:
+        values = np.array([row.get(bone.name, [0.0] * len(bone.dof)) for row in frames]).reshape(len(frames), -1)
+        moves = [(what[1], radians * values[:, k]) for k, what in enumerate(bone.dof) if what.startswith("r")]
+        turn = bone.axis @ _product(moves, len(frames)) @ bone.axis.T
+        if bone.parent:
+            begins[bone.name], turns[bone.name] = ends[bone.parent], turns[bone.parent] @ turn
+        else:
+            place = np.zeros((len(frames), 3))
+            for k, what in enumerate(bone.dof):
+                if what.startswith("t"):
+                    place[:, "xyz".index(what[1])] = values[:, k]
+            begins[bone.name], turns[bone.name] = place, turn
+        ends[bone.name] = begins[bone.name] + turns[bone.name] @ (bone.length * bone.direction)
+    rest: dict[str, np.ndarray] = {}
+    for bone in bones:
+        rest[bone.name] = (rest[bone.parent] if bone.parent else np.zeros(3)) + bone.length * bone.direction
+    starts = [rest[bone.parent] if bone.parent else np.zeros(3) for bone in bones]
+    parents = [names.index(bone.parent) if bone.parent else -1 for bone in bones]
+    return Mocap(
+        names=(*names, *(f"{name}_end" for name in names[1:])),
+        parents=(*parents, *range(1, len(names))),
+        positions=np.stack([*begins.values(), *(ends[name] for name in names[1:])], 1),
+        rotations=np.stack([*turns.values(), *(turns[name] for name in names[1:])], 1),
+        fps=fps,
+        rest=np.array([*starts, *(rest[name] for name in names[1:])]),
+        notes=notes,
+    )
+
+
+def _product(moves: Iterable[tuple[str, np.ndarray]], count: int = 1) -> np.ndarray:
+    """Return the rotations ``[T, 3, 3]`` that turn about fixed axes one after the other."""
+    rotation: np.ndarray = np.broadcast_to(np.eye(3), (count, 3, 3))
+    for axis, angle in moves:
+        rotation = axis_rotation("xyz".index(axis), angle) @ rotation
+    return rotation

@@ -1,0 +1,93 @@
+"""The skeleton maps that come with plat, and which of them fits a capture."""
+
+import itertools
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+from importlib import resources
+
+import numpy as np
+
+from plat.errors import MotionError
+from plat.motions.retargeting.mocap import Mocap
+from plat.motions.retargeting.skeletons import SIDES, SkeletonMap, load_map
+
+__all__ = ["builtin_maps", "find_map", "joint_keys"]
+
+# Lengths below this share of a leg give no direction.
+_SHORT = 0.01
+
+
+@cache
+def builtin_maps() -> tuple[SkeletonMap, ...]:
+    """Return the maps that come with plat.
+
+    >>> [skeleton.name for skeleton in builtin_maps()][:3]
+    ['amass', 'amp', 'animated_drawings']
+    """
+    folder = resources.files("plat.motions.retargeting") / "skeletons"
+    with resources.as_file(folder) as path:
+        return tuple(load_map(file) for file in sorted(path.glob("*.yaml")))
+
+
+def joint_keys(names: Sequence[str], prefix: str = "") -> list[str]:
+    """Return joint names in small letters and digits alone, without a prefix and what stands before a colon.
+
+    >>> joint_keys(["mixamorig:Hips", "mixamorig:LeftUpLeg"]), joint_keys(["Bip01 Pelvis", "Bip01 L Thigh"], "Bip01 ")
+    (['hips', 'leftupleg'], ['pelvis', 'lthigh'])
+    """
+    short = [re.split(r"[:|]", name)[-1].removeprefix(prefix) for name in names]
+    return [re.sub(r"[^a-z0-9]", "", name.lower()) for name in short]
+
+
+def find_map(mocap: Mocap, where: str) -> SkeletonMap:
+    """Return the map that comes with plat and fits, with the joints named as the capture names them.
+
+    Prefixes, case and separators do not matter. Of several maps that fit, exact names count most, then the one whose
+    chest is highest. A map whose trunk would have no length does not fit.
+
+    Raises:
+        MotionError: when none fits; ``where`` is for its message.
+    """
+    found = []
+    files = [joint_keys(mocap.names, prefix) for prefix in _prefixes(mocap.names)]
+    for skeleton in builtin_maps():
+        names = list(skeleton.joints.values())
+        maps = [joint_keys(names, prefix) for prefix in _prefixes(names)]
+        for keys, wanted in itertools.product(files, maps):
+            if set(wanted) <= set(keys):
+                joints = {role: mocap.names[keys.index(key)] for role, key in zip(skeleton.joints, wanted, strict=True)}
+                exact = set(names) <= set(mocap.names)
+                if _has_lengths(mocap, joints):
+                    found.append((exact, _depth(mocap, joints["chest"]), replace(skeleton, joints=joints)))
+                break
+    if found:
+        return max(found, key=lambda row: row[:2])[2]
+    known = ", ".join(skeleton.name for skeleton in builtin_maps())
+    raise MotionError(
+        f"{where}: its joints are those of none of the known skeletons ({known}); write a map for them (--map), "
+        f"see docs/retargeting.md. Its joints are: {', '.join(mocap.names[:60])}"
+    )
+
+
+def _prefixes(names: Sequence[str]) -> list[str]:
+    """Return none, and the words that many of the names begin with."""
+    short = [re.split(r"[:|]", name)[-1] for name in names]
+    words = Counter(match[0] for name in short if (match := re.match(r"[A-Za-z0-9]+[ _.-]+(?=.)", name)))
+    return ["", *(word for word, count in words.items() if count >= len(SIDES) * 7)]
+
+
+def _has_lengths(mocap: Mocap, joints: dict[str, str]) -> bool:
+    at = {role: mocap.positions[-1, mocap.names.index(name)] for role, name in joints.items()}
+    leg = np.linalg.norm(at["left_hip"] - at["left_ankle"])
+    pairs = [("hips", "spine"), ("chest", "neck"), *((f"{side}_ankle", f"{side}_toe") for side in SIDES)]
+    return all(np.linalg.norm(at[start] - at[end]) > _SHORT * leg for start, end in pairs)
+
+
+def _depth(mocap: Mocap, name: str) -> int:
+    index, steps = mocap.names.index(name), 0
+    while (index := mocap.parents[index]) >= 0:
+        steps += 1
+    return steps

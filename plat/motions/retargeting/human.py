@@ -1,0 +1,114 @@
+"""From a capture and a map to the motion of a human in metres, z up."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from plat.errors import MotionError
+from plat.motions.retargeting.axes import AXES, check_sides, find_up
+from plat.motions.retargeting.mocap import Mocap
+from plat.motions.retargeting.skeletons import SIDES, UNITS, SkeletonMap
+
+__all__ = ["Human", "read_human"]
+
+# Thigh and shin together of any human, and of most, in m.
+_LEG_LENGTH = (0.45, 1.3)
+_USUAL_LEG = 0.84
+# Shin over thigh, and arm over leg, lowest and highest.
+_SHIN, _ARM = (0.4, 2.5), (0.3, 2.0)
+# A pose before the motion: joints go this far to the next frame (legs), and this many times as far as later.
+_POSED, _LEAP = 0.15, 6.0
+_POSED_FRAMES = 3
+
+
+@dataclass(frozen=True)
+class Human:
+    """The motion of a human over T frames, in m, the z axis up, beginning over the origin.
+
+    Attributes:
+        positions: role to ``[T, 3]``.
+        rotations: of the ankles' joints, role to ``[T, 3, 3]`` (joint to world, the joint's axes being the file's).
+        leg: thigh and shin together, mean of both sides and all frames.
+        notes: what was found against the map or assumed, a phrase each.
+    """
+
+    positions: dict[str, np.ndarray]
+    rotations: dict[str, np.ndarray]
+    leg: float
+    notes: tuple[str, ...] = ()
+
+
+def read_human(mocap: Mocap, skeleton: SkeletonMap, where: str) -> Human:
+    """Return what retargeting needs of a capture; ``where`` is for the error messages.
+
+    A pose before the first frame, as many exports have it, is left out.
+
+    Raises:
+        MotionError: when a joint of the map is missing, the up axis is not to be told, left and right are
+            exchanged, or limbs have lengths that no human's have.
+    """
+    missing = sorted(set(skeleton.joints.values()) - set(mocap.names))
+    if missing:
+        raise MotionError(f"{where}: lacks the joints {missing} of skeleton map {skeleton.name!r}")
+    indices = {role: mocap.names.index(name) for role, name in skeleton.joints.items()}
+    raw = {role: mocap.positions[:, index] for role, index in indices.items()}
+    leg = _leg(raw, skeleton, where)
+    notes = [*mocap.notes]
+    first = _posed_frames(raw, leg)
+    if first:
+        raw = {role: position[first:] for role, position in raw.items()}
+        notes.append(f"first {'frame' if first == 1 else f'{first} frames'} left out: a pose before the motion")
+    check_sides(raw, where, skeleton.name)
+    rest = {role: mocap.rest[index] for role, index in indices.items()}
+    stated = None if skeleton.up == "auto" else AXES[skeleton.up]
+    up, told = find_up(raw, rest, leg, stated, where)
+    unit, more = _unit(leg, skeleton)
+    # a cyclic change of axes is a rotation, so that left stays left
+    axes = [(up + 1) % 3, (up + 2) % 3, up]
+    origin = np.append(raw["hips"][0, axes[:2]], 0.0)
+    positions = {role: unit * (position[:, axes] - origin) for role, position in raw.items()}
+    rotations = {role: mocap.rotations[first:, indices[role]][:, axes] for role in (f"{side}_ankle" for side in SIDES)}
+    return Human(positions, rotations, unit * leg, (*notes, *told, *more))
+
+
+def _leg(raw: dict[str, np.ndarray], skeleton: SkeletonMap, where: str) -> float:
+    """Return the length of thigh and shin, in the file's units, after a look at the proportions."""
+
+    def length(start: str, end: str) -> float:
+        return float(np.mean([np.linalg.norm(raw[f"{s}_{end}"] - raw[f"{s}_{start}"], axis=1).mean() for s in SIDES]))
+
+    thigh, shin = length("hip", "knee"), length("knee", "ankle")
+    arm = length("shoulder", "elbow") + length("elbow", "wrist")
+    if thigh + shin == 0:
+        raise MotionError(f"{where}: legs without length; are hips, knees and ankles of the skeleton map right?")
+    for what, share, (low, high) in (
+        ("shin to thigh", shin / max(thigh, 1e-9), _SHIN),
+        ("arm to leg", arm / (thigh + shin), _ARM),
+    ):
+        if not low < share < high:
+            raise MotionError(
+                f"{where}: {what} is {share:.2f}, as no human has it; is skeleton map {skeleton.name!r} right?"
+            )
+    return thigh + shin
+
+
+def _posed_frames(raw: dict[str, np.ndarray], leg: float) -> int:
+    """Return how many frames come before a leap into the motion, of which the first are a pose."""
+    steps = np.linalg.norm(np.diff(np.stack(list(raw.values())), axis=1), axis=-1).max(0) / leg
+    for last in range(min(_POSED_FRAMES, len(steps) - 2), 0, -1):
+        if steps[last - 1] > _POSED and steps[last - 1] > _LEAP * steps[last : last + 10].max():
+            return last
+    return 0
+
+
+def _unit(leg: float, skeleton: SkeletonMap) -> tuple[float, list[str]]:
+    """Return metres a unit, and notes where that is not what the map states."""
+    stated = None if skeleton.units == "auto" else float(UNITS.get(str(skeleton.units), skeleton.units))
+    if stated is not None and _LEG_LENGTH[0] < stated * leg < _LEG_LENGTH[1]:
+        return stated, []
+    fitting = {name: unit for name, unit in UNITS.items() if _LEG_LENGTH[0] < unit * leg < _LEG_LENGTH[1]}
+    if fitting:
+        name = min(fitting, key=lambda name: abs(np.log(fitting[name] * leg / _USUAL_LEG)))
+        told = [] if stated is None else [f"lengths in {name} and not as map {skeleton.name!r} says, by the legs"]
+        return fitting[name], told
+    return _USUAL_LEG / leg, [f"unit of lengths unknown: legs of {leg:.4g} taken as {_USUAL_LEG} m"]

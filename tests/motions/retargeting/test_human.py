@@ -1,0 +1,128 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from plat.errors import MotionError
+from plat.motions.retargeting import Mocap, SkeletonMap, builtin_maps, read_bvh
+from plat.motions.retargeting.human import Human, read_human
+
+from .human import write_human
+
+LAFAN1 = next(skeleton for skeleton in builtin_maps() if skeleton.name == "lafan1")
+AUTO = SkeletonMap("auto", LAFAN1.joints)
+
+
+def human(path, skeleton: SkeletonMap) -> Human:
+    return read_human(read_bvh(path), skeleton, "clip.bvh")
+
+
+def turned(mocap: Mocap, turn: Rotation, shift: tuple[float, float, float] = (0, 0, 0)) -> Mocap:
+    """A capture in other axes."""
+    places = turn.apply(mocap.positions.reshape(-1, 3)).reshape(mocap.positions.shape) + np.array(shift)
+    return replace(mocap, positions=places, rotations=turn.as_matrix() @ mocap.rotations)
+
+
+@pytest.mark.parametrize("up", ["x", "y", "z"])
+@pytest.mark.parametrize("unit", [0.1, 1.0, 2.54, 5.6444, 100.0], ids=["mm", "cm", "in", "in/0.45", "m"])
+def test_units_and_up_axis_are_told_from_the_file(tmp_path, up, unit):
+    expected = human(write_human(tmp_path / "a.bvh"), LAFAN1)
+    found = human(write_human(tmp_path / "b.bvh", up=up, unit=unit), AUTO)
+    assert found.leg == pytest.approx(0.859, abs=1e-3)
+    for role, position in expected.positions.items():
+        np.testing.assert_allclose(found.positions[role], position, atol=1e-4)
+    np.testing.assert_allclose(found.rotations["left_ankle"], expected.rotations["left_ankle"], atol=1e-4)
+    head = found.positions["neck"] - found.positions["hips"]
+    left = found.positions["left_hip"] - found.positions["right_hip"]
+    toes = found.positions["left_toe"] - found.positions["left_ankle"]
+    assert head[0, 2] > 0.5
+    # seen from above, left is a quarter turn against the clock from forward
+    assert np.cross(left[0], toes[0])[2] < 0
+
+
+@pytest.mark.parametrize("up", ["x", "z"])
+def test_a_stated_axis_gives_way_to_the_motion(tmp_path, up):
+    expected = human(write_human(tmp_path / "a.bvh"), LAFAN1)
+    assert expected.notes == ()
+    found = human(write_human(tmp_path / "b.bvh", up=up), LAFAN1)
+    np.testing.assert_allclose(found.positions["neck"], expected.positions["neck"], atol=1e-4)
+    assert found.notes == (f"{up} up and not y, as stated: the body stands along it",)
+
+
+@pytest.mark.parametrize("stated", ["auto", "y"])
+@pytest.mark.parametrize(("turn", "along"), [(("z", -90), "x"), (("x", 90), "z")], ids=["head along x", "head along z"])
+def test_who_lies_is_not_stood_up(tmp_path, stated, turn, along):
+    standing = read_bvh(write_human(tmp_path / "a.bvh"))
+    turn = Rotation.from_euler(*turn, degrees=True)
+    hips = turn.apply(standing.positions[0, 0])
+    lying = turned(standing, turn, tuple(np.array([120.0, 12.0, -300.0]) - hips))
+    found = read_human(lying, replace(AUTO, up=stated), "clip.bvh")
+    assert found.positions["hips"][0, 2] == pytest.approx(0.12, abs=0.01)
+    assert abs(found.positions["neck"][0, 2] - found.positions["hips"][0, 2]) < 0.2
+    assert found.notes == (f"y up: the body lies along {along}",)
+
+
+def test_an_axis_that_nothing_tells_is_refused(tmp_path):
+    standing = read_bvh(write_human(tmp_path / "a.bvh"))
+    tilted = turned(standing, Rotation.from_euler("x", 45, degrees=True), (0, 500, 500))
+    with pytest.raises(MotionError, match=r"clip.bvh: which axis is up"):
+        read_human(tilted, AUTO, "clip.bvh")
+    # far from any floor a standing body could as well lie
+    far = turned(standing, Rotation.from_euler("x", 90, degrees=True), (0, 900, 900))
+    with pytest.raises(MotionError, match="the map states y as up, and the body stands along z; does it lie"):
+        read_human(far, LAFAN1, "clip.bvh")
+    upside_down = turned(standing, Rotation.from_euler("x", 180, degrees=True))
+    with pytest.raises(MotionError, match="along the stated up axis y the head is below the feet"):
+        read_human(upside_down, LAFAN1, "clip.bvh")
+
+
+def test_a_stated_unit_gives_way_to_the_legs(tmp_path):
+    found = human(write_human(tmp_path / "a.bvh", unit=100.0), LAFAN1)
+    assert found.leg == pytest.approx(0.859, abs=1e-3)
+    assert found.notes == ("lengths in m and not as map 'lafan1' says, by the legs",)
+
+
+def test_an_unknown_unit_is_made_from_the_legs(tmp_path):
+    found = human(write_human(tmp_path / "a.bvh", unit=1e6), AUTO)
+    assert found.leg == pytest.approx(0.84)
+    assert "unit of lengths unknown: legs of 8.6e-05 taken as 0.84 m" in found.notes
+
+
+def exchanged(skeleton: SkeletonMap, *joints: str) -> SkeletonMap:
+    """A map with left and right of some joints exchanged."""
+    names = dict(skeleton.joints)
+    for joint in joints:
+        names[f"left_{joint}"], names[f"right_{joint}"] = names[f"right_{joint}"], names[f"left_{joint}"]
+    return replace(skeleton, joints=names)
+
+
+def test_left_and_right_exchanged_is_noticed(tmp_path):
+    legs, arms = ("hip", "knee", "ankle", "toe"), ("shoulder", "elbow", "wrist")
+    path = write_human(tmp_path / "a.bvh", turns={"LeftUpLeg": (40, 0, 0)})
+    with pytest.raises(MotionError, match="toes point behind the pelvis: left and right are exchanged, in"):
+        human(path, exchanged(LAFAN1, *legs, *arms))
+    with pytest.raises(MotionError, match="shoulders and hips have left and right the other way round"):
+        human(path, exchanged(LAFAN1, *arms))
+    mocap = read_bvh(path)
+    mirrored = replace(mocap, positions=mocap.positions * np.array([-1, 1, 1]))
+    with pytest.raises(MotionError, match="toes point behind the pelvis"):
+        read_human(mirrored, LAFAN1, "clip.bvh")
+
+
+def test_a_wrong_joint_shows_in_the_proportions(tmp_path):
+    path = write_human(tmp_path / "a.bvh")
+    joints = {**LAFAN1.joints, "left_knee": "LeftFoot", "right_knee": "RightFoot"}
+    joints |= {"left_ankle": "LeftToe", "right_ankle": "RightToe"}
+    with pytest.raises(MotionError, match=r"shin to thigh is 0.\d+, as no human has it; is skeleton map 'mine' right"):
+        human(path, replace(LAFAN1, name="mine", joints=joints))
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_pose_before_the_motion_is_left_out(tmp_path, count):
+    mocap = read_bvh(write_human(tmp_path / "a.bvh"))
+    posed = mocap.positions.copy()
+    posed[:count] -= posed[:1, :1]
+    found = read_human(replace(mocap, positions=posed), LAFAN1, "clip.bvh")
+    assert len(found.positions["hips"]) == len(found.rotations["left_ankle"]) == 30 - count
+    assert "left out: a pose before the motion" in found.notes[0]
