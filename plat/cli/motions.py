@@ -3,7 +3,7 @@
 plat motions inspect FILES --out pictures
 plat motions convert FILES --out motions.npz --ground smooth --drop-bad
 plat motions mirror  FILES --out mirrored.npz
-plat motions retarget BVH --out folder
+plat motions retarget MOCAP --out folder
 """
 
 import itertools
@@ -57,16 +57,23 @@ class _Files:
     quat_order: Literal["wxyz", "xyzw"] | None = None
     """order of the root quaternion in these files, where they do not show it"""
     fps: float | None = None
-    """frames a second of these files, where they do not say it"""
+    """frames a second of these files, where they do not say it, or say it wrong"""
+    strict: bool = False
+    """stop at the first bad file of a folder or glob; else it is named and left out"""
 
-    def read(self) -> list[MotionFile]:
-        """The files; prints what each was taken for."""
+    def read(self, skipped: list[MotionError] | None = None) -> list[MotionFile]:
+        """Return the files; print what each was taken for, and which were left out."""
+        skipped = [] if skipped is None else skipped
         generated = [name for name in self.files if name.startswith(PREFIX)]
         files = [MotionFile(Path(re.sub(r"\W", "_", name)), "generated", generate_named(name)) for name in generated]
         if paths := [name for name in self.files if name not in generated]:
-            files += read_motion_files(paths, quat_order=self.quat_order, fps=self.fps)
+            files += read_motion_files(
+                paths, quat_order=self.quat_order, fps=self.fps, strict=self.strict, skipped=skipped
+            )
         for file in files:
             print(f"{file.path}: {counted(file.clips)}, {file.facts}")
+        for error in skipped:
+            print(f"skipped: {error}")
         return files
 
 
@@ -81,10 +88,16 @@ class Inspect(_Files):
     limits: ValidationLimits = field(default_factory=ValidationLimits)
 
     def run(self) -> list[MotionReport]:
-        """Print the table, draw; return the reports."""
-        clips = [clip for file in self.read() for clip in file.clips]
+        """Print the table, draw; return the reports.
+
+        Raises:
+            MotionError: at the end, when files of a folder were left out.
+        """
+        skipped: list[MotionError] = []
+        files = self.read(skipped)
+        clips = [clip for file in files for clip in file.clips]
         reports = validate_motions(clips, limits=self.limits)
-        print_table(reports)
+        print_table(reports, [assumed(file, clip) for file in files for clip in file.clips])
         if self.out is not None:
             self.out.mkdir(parents=True, exist_ok=True)
             urgency = ("drop", "repair", "use")
@@ -94,6 +107,8 @@ class Inspect(_Files):
             for clip in chosen:
                 plot(self.out / f"{file_name(clip.name)}.png", clip)
             print(f"wrote {self.out}")
+        if skipped:
+            raise MotionError(f"{len(skipped)} of {len(skipped) + len(files)} files could not be used; see above")
         return reports
 
 
@@ -174,16 +189,18 @@ class Mirror(_Files):
 
 @dataclass(kw_only=True)
 class Retarget:
-    """Turn human motion capture in BVH files into motions of the G1."""
+    """Turn human motion capture (BVH, ASF and AMC) into motions of the G1."""
 
     files: Annotated[tuple[str, ...], tyro.conf.Positional]
-    """BVH files, folders or globs"""
+    """.bvh and .amc files, folders or globs; an .amc wants its .asf beside it"""
     out: Path
     """folder to write to"""
     map: Path | None = None
     """skeleton map (YAML), see docs/retargeting.md; by default one that comes with plat"""
+    fps: float | None = None
+    """frames a second of these files, where they do not say it, or say it wrong"""
     split: bool = False
-    """write train.npz, val.npz and test.npz by clip name instead of a file for each BVH file"""
+    """write train.npz, val.npz and test.npz by clip name instead of a file for each capture"""
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
     """processes to spread the files over, at most; a few files are done in one"""
     solver: SolverOptions = SolverOptions()
@@ -199,9 +216,9 @@ class Retarget:
         skeleton = None if self.map is None else load_map(self.map)
         self.out.mkdir(parents=True, exist_ok=True)
         made, failed = [], 0
-        columns = f"{'error cm':>10}{'depth mm':>10}{'float mm':>10}{'slip cm/s':>11}{'f/s':>6}"
+        columns = f"{'error cm':>10}{'depth mm':>10}{'float mm':>10}{'slip cm/s':>11}{'f/s':>6}  read as"
         print(f"{'clip':<44}{'frames':>7}{'s':>7}{columns}")
-        for result in retarget_all(paths, skeleton, options=self.solver, workers=self.workers):
+        for result in retarget_all(paths, skeleton, options=self.solver, workers=self.workers, fps=self.fps):
             if isinstance(result, MotionError):
                 print(f"skipped: {result}", flush=True)
                 failed += 1
@@ -211,7 +228,7 @@ class Retarget:
             print(
                 f"{clip.name:<44}{frames:>7}{clip.duration:>7.1f}{100 * result.error:>10.2f}"
                 f"{1000 * result.penetration:>10.2f}{1000 * result.floating:>10.2f}{100 * result.slip:>11.2f}"
-                f"{frames / result.seconds:>6.0f}",
+                f"{frames / result.seconds:>6.0f}  {', '.join(clip.notes)}".rstrip(),
                 flush=True,
             )
             if not self.split:
@@ -223,7 +240,7 @@ class Retarget:
                     save_motions(self.out / f"{split}.npz", clips)
                 print(f"{split}: {len(clips)} clips, {sum(clip.duration for clip in clips):.0f} s")
         if failed:
-            raise MotionError(f"{failed} of {len(paths)} BVH files could not be used; see above")
+            raise MotionError(f"{failed} of {len(paths)} files could not be used; see above")
         return made
 
 
@@ -269,21 +286,27 @@ def distinct(clips: Sequence[MotionClip]) -> list[MotionClip]:
     return named
 
 
-def print_table(reports: Sequence[MotionReport]) -> None:
-    """One row a clip, and a line about all."""
+def assumed(file: MotionFile, clip: MotionClip) -> str:
+    """Return what a clip was taken for, in short."""
+    return ", ".join((f"{clip.fps:.5g} fps", *dict.fromkeys((*file.notes, *clip.notes))))
+
+
+def print_table(reports: Sequence[MotionReport], read_as: Sequence[str]) -> None:
+    """Print one row a clip, and a line about all; ``read_as`` is what each was taken for."""
     width = max(len("clip"), *(min(len(report.name), 44) for report in reports))
     print(
         f"\n{'clip':<{width}}  {'length':>7}  {'limits':>7}  {'speed':>6}  {'sunk':>5}  {'float':>5}  {'slip':>5}  "
-        f"{'self':>5}  {'jumps':>5}  verdict\n"
+        f"{'self':>5}  {'jumps':>5}  verdict  [read as]\n"
         f"{'':<{width}}  {'s':>7}  {'rad':>7}  {'rad/s':>6}  {'cm':>5}  {'cm':>5}  {'m/s':>5}  {'cm':>5}"
     )
-    for report in reports:
+    for report, told in zip(reports, read_as, strict=True):
         name = report.name if len(report.name) <= width else f"{report.name[: width - 1]}…"
         print(
             f"{name:<{width}}  {report.seconds:>7.2f}  {report.joint_excess:>7.3f}  {report.joint_speed:>6.1f}  "
             f"{100 * report.penetration:>5.1f}  {100 * report.floating:>5.1f}  {report.slip:>5.2f}  "
             f"{100 * report.self_penetration:>5.1f}  {len(report.jumps):>5}  "
             + ": ".join(filter(None, (report.verdict, ", ".join(report.reasons))))
+            + f"  [{told}]"
         )
     counts = Counter(report.verdict for report in reports)
     total = sum(report.seconds for report in reports)

@@ -38,7 +38,7 @@ def test_inspect_prints_a_row_a_clip(folder, capsys):
     assert "two.npz: 2 clips, plat npz, 50 fps" in lines[1]
     table = lines[lines.index("") + 1 :]
     rows = {line.split()[0]: line for line in table}
-    assert rows["good"].endswith("  use")
+    assert rows["good"].endswith("  use  [50 fps, quaternion wxyz detected, fps from the file name]")
     assert "repair: feet float at 10." in rows["floating"]
     assert "drop: 0.18 s long" in rows["short"]
     assert table[-1] == "3 clips, 3 s: 1 use, 1 repair, 1 drop"
@@ -46,6 +46,20 @@ def test_inspect_prints_a_row_a_clip(folder, capsys):
     ends = [table[0].index(head) + len(head) for head in ("length", "limits", "speed", "float", "slip", "jumps")]
     for name in ("good", "floating", "short"):
         assert all(rows[name][end - 1] != " " and rows[name][end] == " " for end in ends)
+
+
+def test_a_bad_file_of_a_folder_is_named_and_left_out(folder, tmp_path, capsys):
+    (folder / "labels.csv").write_text("file,style\ngood,happy\n")
+    with pytest.raises(MotionError, match="1 of 3 files could not be used; see above"):
+        run("inspect", folder)
+    out = capsys.readouterr().out
+    assert "skipped: motion file" in out
+    assert "labels.csv': row 2, column 1" in out
+    assert "3 clips, 3 s: 1 use, 1 repair, 1 drop" in out
+    run("convert", folder, "--drop-bad", "--out", tmp_path / "all.npz")
+    assert {clip.name for clip in load_motions(tmp_path / "all.npz")} == {"good", "floating"}
+    with pytest.raises(MotionError, match="labels.csv"):
+        run("inspect", folder, "--strict")
 
 
 def test_inspect_draws(folder, tmp_path, capsys, monkeypatch):

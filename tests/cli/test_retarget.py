@@ -24,6 +24,6 @@ def test_good_files_are_written_and_a_broken_one_is_named(tmp_path):
     assert result.returncode != 0
     assert "skipped: BVH file" in result.stdout
     assert "broken.bvh', line 2: 'ROOT', expected a name" in result.stdout
-    assert "1 of 3 BVH files could not be used" in result.stderr
+    assert "1 of 3 files could not be used" in result.stderr
     assert [path.name for path in sorted(out.iterdir())] == ["train.npz", "val.npz"]
     assert [clip.name for clip in load_motions(out)] == ["clip_0", "clip_1"]
