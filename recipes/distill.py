@@ -14,7 +14,7 @@ from torch import nn
 
 from plat.collectors import ExpertLabels, MixedPolicy, dagger_buffer, rollouts
 from plat.envs import DistillationTaskConfig, make_keyframe_env
-from plat.envs.transforms import HORIZONS, pop_statistics
+from plat.envs.transforms import horizon_named, pop_statistics
 from plat.errors import PlatError
 from plat.evaluation import play
 from plat.modules import STUDENT_KEYS, Expert, LatentPolicy, LatentPolicyConfig, PlainPolicy
@@ -34,8 +34,8 @@ class DistillRecipe(RecipeConfig):
     """with the privileged latent, or the ablation without"""
     policy: LatentPolicyConfig = field(default_factory=LatentPolicyConfig)
     task: DistillationTaskConfig = field(default_factory=DistillationTaskConfig)
-    horizon: Literal["single", "short", "medium", "long", "mixed"] = "mixed"
-    """lengths of the commands"""
+    horizon: Literal["single", "short", "medium", "long", "mixed", "distant", "all"] = "mixed"
+    """lengths of the commands; "all" that the timing allows"""
     rollout: int = 8
     """control steps of each robot between updates"""
     updates: int = 8
@@ -69,14 +69,17 @@ class DistillRecipe(RecipeConfig):
 def main(recipe: DistillRecipe) -> None:
     """Run the recipe."""
     torch.manual_seed(recipe.seed)
-    device = recipe.device
-    library = MotionLibrary.load(recipe.motions, mirror=recipe.mirror).to(device)
+    device, timing = recipe.device, recipe.policy.timing
+    library = MotionLibrary.load(recipe.motions, dt=timing.control_dt, mirror=recipe.mirror).to(device)
     teacher = load_policy(recipe.expert, device)
     if not isinstance(teacher, Expert):
         raise PlatError(f"--expert {str(recipe.expert)!r}: expected the run of an expert")
     expert = teacher.deployed(tuple(teacher.dense_goals), out_key="expert_action")
-    horizon, goals = HORIZONS[recipe.horizon], teacher.dense_goals
-    env = make_keyframe_env(library, recipe.num_envs, recipe.task, horizon=horizon, dense_goals=goals, device=device)
+    horizon, goals = horizon_named(recipe.horizon, timing), teacher.dense_goals
+    teacher.timing.check_control_dt(timing.control_dt, f"--expert {str(recipe.expert)!r}")
+    env = make_keyframe_env(
+        library, recipe.num_envs, recipe.task, horizon=horizon, timing=timing, dense_goals=goals, device=device
+    )
     student: Any
     loss: Any
     if recipe.student == "latent":
@@ -91,7 +94,7 @@ def main(recipe: DistillRecipe) -> None:
     buffer = dagger_buffer(library, recipe.buffer_size, recipe.batch_size, recipe.stride, device)
     policy = MixedPolicy(student.sampled(), expert, recipe.expert_share)
     budget = Budget(recipe.minutes, recipe.steps)
-    watch = partial(play, student.deployed(), library, 0, HORIZONS["long"], device=device)
+    watch = partial(play, student.deployed(), library, 0, horizon, device=device)
     films = Films(recipe.out / "videos", library.robot, watch, recipe.video_every)
     run = Run(
         recipe.out,

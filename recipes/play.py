@@ -27,9 +27,10 @@ from plat.control import (
     record,
 )
 from plat.errors import KeyframeError
-from plat.keyframes import CONTROL_DT, KeyframeSequence
+from plat.keyframes import KeyframeSequence
 from plat.rendering import Stage, check_video, film, stage_model, write_video
 from plat.runs import load_policy, report_errors
+from plat.spec.timing import Timing, timing_of
 
 
 @dataclass(kw_only=True)
@@ -41,7 +42,7 @@ class PlayRecipe:
     keyframes: Path
     """keyframe file, see docs/keyframes.md; recipes/keyframes.py makes them out of motions"""
     split: bool = False
-    """split intervals of more than a second into equal parts; else they are refused"""
+    """split intervals longer than the policy's longest command into equal parts; else they are refused"""
     hold: float = 1.0
     """seconds to go on after the last arrival, told to be in the last keyframe by the next step; "inf" with --viewer"""
     push: float = 0.0
@@ -63,10 +64,11 @@ class Shoves:
         speed: change of velocity (m/s).
         every: seconds in between.
         seed: draws the directions, uniform in the horizontal plane.
+        control_dt: seconds of a control step.
     """
 
-    def __init__(self, speed: float, every: float, seed: int):
-        self._speed, self._steps = speed, max(1, round(every / CONTROL_DT))
+    def __init__(self, speed: float, every: float, seed: int, control_dt: float):
+        self._speed, self._steps, self._dt = speed, max(1, round(every / control_dt)), control_dt
         self._random = np.random.default_rng(seed)
         self._count = 0
 
@@ -77,7 +79,7 @@ class Shoves:
             angle = self._random.uniform(-np.pi, np.pi)
             simulator.push(self._speed * np.array([np.cos(angle), np.sin(angle), 0.0]))
             towards = f"{np.degrees(angle):.0f} degrees from the world's x"
-            print(f"shove of {self._speed:g} m/s at {self._count * CONTROL_DT:.2f} s, {towards}")
+            print(f"shove of {self._speed:g} m/s at {self._count * self._dt:.2f} s, {towards}")
 
 
 def main(recipe: PlayRecipe) -> list[KeyframeScore]:
@@ -85,17 +87,17 @@ def main(recipe: PlayRecipe) -> list[KeyframeScore]:
     # networks for one robot are so small that more threads only get in each other's way
     torch.set_num_threads(1)
     policy = load_policy(recipe.policy)
-    robot = policy.robot
-    sequence = KeyframeSequence.load(recipe.keyframes, robot, split=recipe.split)
+    robot, timing = policy.robot, timing_of(policy) or Timing()
+    sequence = KeyframeSequence.load(recipe.keyframes, robot, split=recipe.split, timing=timing)
     if not recipe.viewer and not np.isfinite(recipe.hold):
         raise KeyframeError(f"hold is {recipe.hold} s, expected a finite number without --viewer")
     stage = None
     if recipe.video is not None:  # what is missing for it shows before the robot runs
         check_video(recipe.video)
         stage = Stage(robot)
-    simulator = Simulator(stage_model(robot) if recipe.viewer else robot.model())
+    simulator = Simulator(stage_model(robot) if recipe.viewer else robot.model(), timing.control_dt)
     chase = Chase(PolicyController(policy.deployed(), robot), sequence, simulator, hold=recipe.hold)
-    scorer, shoves = KeyframeScorer(robot), Shoves(recipe.push, recipe.push_every, recipe.seed)
+    scorer, shoves = KeyframeScorer(robot), Shoves(recipe.push, recipe.push_every, recipe.seed, timing.control_dt)
     viewer = Viewer(simulator) if recipe.viewer else None
     steps: list[tuple[ChaseStep, StepErrors]] = []
     for step in chase:

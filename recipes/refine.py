@@ -13,7 +13,7 @@ import tyro
 
 from plat.collectors import rollouts
 from plat.envs import KeyframeTaskConfig, make_keyframe_env
-from plat.envs.transforms import HORIZONS, DenseRewards, KeyframeRewards, TrackingTerm, pop_statistics
+from plat.envs.transforms import DenseRewards, KeyframeRewards, TrackingTerm, horizon_named, pop_statistics
 from plat.evaluation import play
 from plat.modules import (
     STUDENT_KEYS,
@@ -28,6 +28,7 @@ from plat.motions import MotionLibrary
 from plat.objectives import PPO, MotorGradientConfig, PPOConfig, motor_gradient
 from plat.rendering import Films
 from plat.runs import Budget, RecipeConfig, Run, load_policy, report_errors
+from plat.spec.timing import Timing, timing_of
 
 VARIANTS = {
     "latent": ResidualLatentPolicy,
@@ -62,8 +63,8 @@ class RefineRecipe(RecipeConfig):
         )
     )
     motor: MotorGradientConfig = field(default_factory=MotorGradientConfig)
-    horizon: Literal["single", "short", "medium", "long", "mixed"] = "mixed"
-    """lengths of the commands"""
+    horizon: Literal["single", "short", "medium", "long", "mixed", "distant", "all"] = "mixed"
+    """lengths of the commands; "all" that the timing allows"""
     rollout: int = 24
     """control steps of each robot between updates"""
     critic_warmup: int = 10
@@ -74,13 +75,16 @@ def main(recipe: RefineRecipe) -> None:
     """Run the recipe."""
     torch.manual_seed(recipe.seed)
     device = recipe.device
-    library = MotionLibrary.load(recipe.motions, mirror=recipe.mirror).to(device)
-    env = make_keyframe_env(library, recipe.num_envs, recipe.task, horizon=HORIZONS[recipe.horizon], device=device)
-    policy = VARIANTS[recipe.variant](load_policy(recipe.student), recipe.policy).to(device)
+    student = load_policy(recipe.student)
+    timing = timing_of(student) or Timing()
+    horizon = horizon_named(recipe.horizon, timing)
+    library = MotionLibrary.load(recipe.motions, dt=timing.control_dt, mirror=recipe.mirror).to(device)
+    env = make_keyframe_env(library, recipe.num_envs, recipe.task, horizon=horizon, timing=timing, device=device)
+    policy = VARIANTS[recipe.variant](student, recipe.policy).to(device)
     critic = Critic(library.robot, STUDENT_KEYS).to(device)
     ppo = PPO(policy.head(), critic.head(), critic.observe(), recipe.ppo, action_key=policy.sample_key)
     budget = Budget(recipe.minutes, recipe.steps)
-    watch = partial(play, policy.deployed(), library, 0, HORIZONS["long"], device=device)
+    watch = partial(play, policy.deployed(), library, 0, horizon, device=device)
     films = Films(recipe.out / "videos", library.robot, watch, recipe.video_every)
     run = Run(
         recipe.out,

@@ -20,12 +20,13 @@ from numpy.typing import NDArray
 
 from plat.control import Chase, Controller, KeyframeScore, KeyframeScorer, Simulator
 from plat.deploy import PolicyRunner, Pose, RobotDescription, RobotState
-from plat.envs.transforms import HORIZONS, CommandSchedule
+from plat.envs.transforms import CommandSchedule, Horizon
 from plat.errors import KeyframeError
-from plat.keyframes import CONTROL_DT, Keyframe, KeyframeSequence
+from plat.keyframes import Keyframe, KeyframeSequence
 from plat.motions import MotionLibrary
 from plat.robots import G1, FootContacts, Robot
 from plat.runs import report_errors
+from plat.spec.timing import Timing
 
 
 @dataclass(frozen=True)
@@ -76,9 +77,10 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
     """Run the recipe: print a table, return the scores of every keyframe by setting."""
     torch.set_num_threads(1)  # only the scores are torch's, one robot at a time
     runner = PolicyRunner(recipe.bundle, G1.joint_names)
-    sequences = [KeyframeSequence.load(path, G1) for path in recipe.keyframes]
+    timing = runner.timing
+    sequences = [KeyframeSequence.load(path, G1, timing=timing) for path in recipe.keyframes]
     if recipe.motions:
-        sequences += motion_keyframes(MotionLibrary.load(recipe.motions), recipe.seed)
+        sequences += motion_keyframes(MotionLibrary.load(recipe.motions, dt=timing.control_dt), recipe.seed, timing)
     if not sequences:
         raise KeyframeError("nothing to run: give --motions or --keyframes")
     seconds = sum(sequence.duration for sequence in sequences)
@@ -86,7 +88,7 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
     print(f"{'':<40}{'reached %':>10}{'falls %':>9}{'MPJPE@3 rad':>13}{'MPKPE@3 m':>11}")
     results = {}
     for physics in SETTINGS:
-        simulator = Simulator(make_model(G1, runner.robot, physics))
+        simulator = Simulator(make_model(G1, runner.robot, physics), timing.control_dt)
         controller = Delayed(runner, runner.robot, physics.delay)
         scores = [score for sequence in sequences for score in run(controller, sequence, simulator)]
         results[physics.name] = scores
@@ -101,15 +103,15 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
     return results
 
 
-def motion_keyframes(library: MotionLibrary, seed: int) -> list[KeyframeSequence]:
+def motion_keyframes(library: MotionLibrary, seed: int, timing: Timing) -> list[KeyframeSequence]:
     """The commands that recipes/evaluate.py gives along every motion, as keyframes."""
-    schedule = CommandSchedule(library, HORIZONS["mixed"], seed)
+    schedule = CommandSchedule(library, Horizon(1, min(50, timing.max_steps)), seed)
     issued = schedule.first_frame
     sequences = []
     for clip, start in enumerate(library.clip_start.tolist()):
         targets = schedule.target_frame[issued[library.clip_of_frame[issued] == clip]]
-        keyframes = [_keyframe(library, frame, (frame - start) * CONTROL_DT) for frame in targets.tolist()]
-        sequences.append(KeyframeSequence(library.robot, _keyframe(library, start, 0.0), tuple(keyframes)))
+        keyframes = [_keyframe(library, frame, (frame - start) * timing.control_dt) for frame in targets.tolist()]
+        sequences.append(KeyframeSequence(library.robot, _keyframe(library, start, 0.0), tuple(keyframes), timing))
     return sequences
 
 
@@ -147,6 +149,7 @@ class Delayed:
         self._controller = controller
         self._first = robot.default_joint_pos
         self._delay = delay
+        self.timing = controller.timing
         self.reset()
 
     def reset(self, joint_target: NDArray[np.floating] | None = None) -> None:

@@ -11,6 +11,7 @@ from plat.envs.transforms import NEXT_FRAME, CommandSchedule, Horizon, Scheduled
 from plat.evaluation.runner import Observe, make_evaluation_env
 from plat.motions.library import MotionLibrary
 from plat.rendering.playback import Playback
+from plat.spec.timing import Timing, timing_of
 
 __all__ = ["play"]
 
@@ -26,6 +27,7 @@ def play(
     dense: bool = False,
     goals: Mapping[str, int] = NEXT_FRAME,
     observe: Observe | None = None,
+    timing: Timing | None = None,
     device: torch.device | str = "cpu",
 ) -> Playback:
     """Let a policy chase the keyframes of a clip, as in :func:`plat.evaluation.evaluate`.
@@ -36,13 +38,14 @@ def play(
         clip: number of the clip.
         horizon: range of the commands' lengths.
         seed: draws the commands.
-        dense, goals, observe: as for :func:`plat.evaluation.evaluate`.
+        dense, goals, observe, timing: as for :func:`plat.evaluation.evaluate`.
         device: where the policy lives.
     """
     library = library.only(clip).to(device)
+    timing = timing or timing_of(policy)
     schedule = CommandSchedule(library, horizon, seed)
     env = make_evaluation_env(
-        library, schedule, 1, dense=dense, goals=goals, observe=observe, num_threads=1, device=device
+        library, schedule, 1, dense=dense, goals=goals, observe=observe, timing=timing, num_threads=1, device=device
     )
     rows: list[tuple[np.ndarray, np.ndarray, int, int, bool, np.ndarray]] = []
     with set_exploration_type(ExplorationType.DETERMINISTIC):

@@ -23,10 +23,12 @@ from plat.envs.transforms import (
     ScheduledStarts,
     TerminationLimits,
 )
+from plat.envs.transforms.command import check_timing
 from plat.evaluation.finite import check_actions
 from plat.evaluation.records import CommandRecorder, CommandRecords
 from plat.motions.library import MotionLibrary
 from plat.robots.robot import FootContacts
+from plat.spec.timing import Timing, timing_of
 
 __all__ = ["Observe", "evaluate", "make_evaluation_env"]
 
@@ -43,6 +45,7 @@ def make_evaluation_env(
     dense: bool = False,
     goals: Mapping[str, int] = NEXT_FRAME,
     observe: Observe | None = None,
+    timing: Timing | None = None,
     randomization: RandomizationRanges | None = None,
     limits: TerminationLimits | None = None,
     decimation: int = 4,
@@ -51,14 +54,15 @@ def make_evaluation_env(
     device: torch.device | str = "cpu",
 ) -> TransformedEnv:
     """The environment of :func:`evaluate`: no noise, no reward; see there for the arguments."""
+    timing = timing or Timing(control_dt=library.dt)
     env = MotionTrackingEnv(library, num_envs, decimation=decimation, feet=feet, num_threads=num_threads, device=device)
     transforms: list[Transform] = [
         ReferenceMotion(env.library),
-        KeyframeClock(),
+        KeyframeClock(timing.window),
         KeyframeTermination(env.robot, limits),
         KeyframeMetrics(env.library, limits),
         ScheduledStarts(env.library, schedule, num_envs),
-        KeyframeCommand(env.library, schedule.horizon, schedule, group="keyframe" if dense else "goal"),
+        KeyframeCommand(env.library, schedule.horizon, schedule, "keyframe" if dense else "goal", timing),
     ]
     if dense:
         transforms += DenseGoal.of_groups(env.library, goals)
@@ -79,6 +83,7 @@ def evaluate(
     dense: bool = False,
     goals: Mapping[str, int] = NEXT_FRAME,
     observe: Observe | None = None,
+    timing: Timing | None = None,
     randomization: RandomizationRanges | None = None,
     num_envs: int = 256,
     limits: TerminationLimits | None = None,
@@ -102,6 +107,8 @@ def evaluate(
         dense: show the policy the next reference frame in place of the keyframe; commands still set the windows in
             which it is measured.
         goals: with ``dense``, the groups in which it is shown the reference, and how many frames ahead each is.
+        timing: of the policy; None for the one that it carries, or, where it carries none, the default at the control
+            step of the motions.
         observe: shows a policy what it reads beside those groups, as :meth:`plat.baselines.Tracker.observe` does.
         randomization: from which robot, motors and ground are drawn anew whenever a robot is put on its motion, and
             how it is pushed; None for the robot as it is, undisturbed. ``seed`` fixes the draws, but robots are put
@@ -117,6 +124,7 @@ def evaluate(
     Raises:
         MotionError: when a motion is shorter than the horizon's shortest command.
         ActionError: when the policy gives an action that is not finite.
+        PlatError: when motions or horizon do not fit the policy's timing.
 
     >>> from plat.robots import G1
     >>> from plat.motions import generate_motions
@@ -128,6 +136,8 @@ def evaluate(
     True
     """
     library = library.to(device)
+    timing = timing or timing_of(policy) or Timing(control_dt=library.dt)
+    check_timing(library, horizon, timing)
     schedule = CommandSchedule(library, horizon, seed)
     recorder = CommandRecorder(library, schedule)
     total_steps = int((schedule.target_frame >= 0).sum())
@@ -141,6 +151,7 @@ def evaluate(
             dense=dense,
             goals=goals,
             observe=observe,
+            timing=timing,
             randomization=randomization,
             limits=limits,
             decimation=decimation,
