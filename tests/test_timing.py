@@ -21,7 +21,7 @@ from plat.objectives import LatentImitationLoss
 from plat.robots import G1
 from plat.runs import load_policy, policy_spec, save_weights, write_json
 from plat.spec.timing import Timing
-from tests.modules.test_imitation import SMALL
+from tests.modules.policies.test_student import SMALL
 
 SLOW, QUICK = Timing(max_steps=150), Timing(max_steps=50)
 POSE = standing(G1)
