@@ -37,10 +37,11 @@ from plat.envs import (
     make_tracking_env,
 )
 from plat.envs.physics import available_cpus
-from plat.envs.transforms import MAX_STEPS, Horizon, NoiseLevels, RandomizationRanges
+from plat.envs.transforms import Horizon, NoiseLevels, RandomizationRanges
 from plat.figures import pyplot
 from plat.motions import MotionLibrary
 from plat.runs import report_errors
+from plat.spec.timing import Timing
 
 _AXES = {
     "robots": "robots",
@@ -114,7 +115,7 @@ def points(config: ScalingConfig, folder: Path) -> list[Point]:
         "threads": available_cpus(),
         "rounds": config.rounds,
         "rollout": STEPS,
-        "horizon": MAX_STEPS,
+        "horizon": Timing.max_steps,
     }
 
     def vary(axis: str, values: Sequence[float], setting: Callable[[Any], dict[str, Any]]) -> list[Point]:

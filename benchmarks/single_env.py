@@ -7,9 +7,10 @@ import mujoco
 import numpy as np
 
 from plat.envs import KeyframeTaskConfig, observation_size
-from plat.envs.transforms import HORIZONS, MAX_STEPS, WINDOW, Horizon, TrackingTerm
+from plat.envs.transforms import HORIZONS, Horizon, TrackingTerm
 from plat.motions import MotionLibrary
 from plat.spec.observation import student_keys
+from plat.spec.timing import Timing
 
 __all__ = ["SingleG1"]
 
@@ -32,6 +33,7 @@ class SingleG1(gymnasium.Env):
     def __init__(
         self, library: MotionLibrary, config: KeyframeTaskConfig | None = None, horizon: Horizon = HORIZONS["mixed"]
     ):
+        self._timing = Timing(control_dt=library.dt)
         self._config = config = config or KeyframeTaskConfig()
         self._horizon = horizon
         self._robot = robot = library.robot
@@ -83,7 +85,7 @@ class SingleG1(gymnasium.Env):
             mujoco.mj_step2(self._model, self._data)
             mujoco.mj_step1(self._model, self._data)
         self.frame += 1
-        in_window = self.target_frame - self.frame < WINDOW
+        in_window = self.target_frame - self.frame < self._timing.window
         reward, terminated = self._judge(action, in_window)
         self._last_action = action
         truncated = bool(self.frame >= self._last_frame[self.frame])
@@ -108,7 +110,7 @@ class SingleG1(gymnasium.Env):
             ("goal", "root_pos_b"): keypoint_pos_b[0],
             ("goal", "root_rot6d_b"): rotation_b[:, :2].T.ravel(),
             ("goal", "keypoint_pos_b"): keypoint_pos_b.ravel(),
-            ("command", "horizon"): [max(target - self.frame, 1) / MAX_STEPS],
+            ("command", "horizon"): [max(target - self.frame, 1) / self._timing.max_steps],
         }
         return np.concatenate([entries[key] for key in self._keys], dtype=np.float32)
 

@@ -15,7 +15,7 @@ import plat.headless  # noqa: F401
 from plat.cli import evaluate
 from plat.cli import play as play_recipe
 from plat.cli.settings import parse
-from plat.envs.transforms import HORIZONS
+from plat.envs.transforms import PAPER_HORIZONS
 from plat.evaluation import HEADLINE, Score, play
 from plat.motions import MotionLibrary
 from plat.recipes import distill, expert, refine
@@ -111,7 +111,7 @@ def draw(out: Path) -> str:
     library = MotionLibrary.load(f"generated:val/{FAMILIES}")
     clips = [library.clip_names.index(f"{family}_val_000") for family in ("walk", "reach", "squat")]
     policy = load_policy(out / "plat").deployed()
-    playbacks = [play(policy, library, clip, HORIZONS["long"]) for clip in clips]
+    playbacks = [play(policy, library, clip, PAPER_HORIZONS["long"]) for clip in clips]
     sheet, video = out / "contact_sheet.png", out / "plat.mp4"
     try:
         stage = Stage(library.robot, width=480, height=360)
@@ -137,10 +137,10 @@ def play_shipped(out: Path) -> str:
 def print_table(scores: list[Score]) -> None:
     """TKS@3 (%) / MPJPE@3 (rad) / MPKPE@3 (m) of each policy at each horizon."""
     cells = {(score.policy, score.horizon): score.figures for score in scores}
-    print(f"\n{'TKS@3 / MPJPE@3 / MPKPE@3':<26}" + "".join(f"{name:<22}" for name in HORIZONS))
+    print(f"\n{'TKS@3 / MPJPE@3 / MPKPE@3':<26}" + "".join(f"{name:<22}" for name in PAPER_HORIZONS))
     for run, name in NAMES.items():
         line = f"{name:<26}"
-        for horizon in HORIZONS:
+        for horizon in PAPER_HORIZONS:
             tks, mpjpe, mpkpe = (cells[run, horizon][key].value for key in HEADLINE)
             line += f"{f'{tks:.1f} / {mpjpe:.3f} / {mpkpe:.3f}':<22}"
         print(line)

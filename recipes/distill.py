@@ -14,13 +14,14 @@ from torch import nn
 from plat.cli.settings import parse
 from plat.collectors import ExpertLabels, MixedPolicy, dagger_buffer, rollouts
 from plat.envs import DistillationTaskConfig, make_keyframe_env
-from plat.envs.transforms import HORIZONS, pop_statistics
+from plat.envs.transforms import horizon_named, pop_statistics
 from plat.evaluation import play
 from plat.modules import STUDENT_KEYS, LatentPolicy, LatentPolicyConfig, PlainPolicy, Teacher
 from plat.motions import MotionLibrary
 from plat.objectives import ImitationLoss, LatentImitationLoss, Precision, autocast
 from plat.rendering import Films
 from plat.runs import Budget, RecipeConfig, Run, SavedRun, report_errors
+from plat.spec.timing import timing_of
 
 
 @dataclass(kw_only=True)
@@ -35,8 +36,8 @@ class DistillRecipe(RecipeConfig):
     """with the privileged latent, or the ablation without"""
     policy: LatentPolicyConfig = field(default_factory=LatentPolicyConfig)
     task: DistillationTaskConfig = field(default_factory=DistillationTaskConfig)
-    horizon: Literal["single", "short", "medium", "long", "mixed"] = "mixed"
-    """lengths of the commands"""
+    horizon: Literal["single", "short", "medium", "long", "mixed", "distant", "all"] = "mixed"
+    """lengths of the commands; "all" that the timing allows"""
     rollout: int = 8
     """control steps of each robot between updates"""
     updates: int = 8
@@ -70,15 +71,18 @@ class DistillRecipe(RecipeConfig):
 def main(recipe: DistillRecipe) -> None:
     """Run the recipe."""
     torch.manual_seed(recipe.seed)
-    device = recipe.device
+    device, timing = recipe.device, recipe.policy.timing
     expected = "a teacher, such as the expert of stage 1 (--expert)"
     teacher: Teacher = SavedRun(recipe.expert).policy_as(Teacher, expected, device)  # type: ignore[type-abstract]
-    library = MotionLibrary.load(recipe.motions, mirror=recipe.mirror).to(device)
+    library = MotionLibrary.load(recipe.motions, dt=timing.control_dt, mirror=recipe.mirror).to(device)
+    (timing_of(teacher) or timing).check_control_dt(timing.control_dt, f"--expert {str(recipe.expert)!r}")
+    horizon = horizon_named(recipe.horizon, timing)
     env = make_keyframe_env(
         library,
         recipe.num_envs,
         recipe.task,
-        horizon=HORIZONS[recipe.horizon],
+        horizon=horizon,
+        timing=timing,
         dense_goals={},
         transforms=teacher.references(library),
         device=device,
@@ -98,7 +102,7 @@ def main(recipe: DistillRecipe) -> None:
     labels = teacher.labels()
     policy = MixedPolicy(student.sampled(), labels, recipe.expert_share, keep_labels=teacher.stateful)
     budget = Budget(recipe.minutes, recipe.steps)
-    watch = partial(play, student.deployed(), library, 0, HORIZONS["long"], device=device)
+    watch = partial(play, student.deployed(), library, 0, horizon, device=device)
     films = Films(recipe.out / "videos", library.robot, watch, recipe.video_every)
     run = Run(
         recipe.out,

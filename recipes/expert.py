@@ -12,7 +12,7 @@ import torch
 from plat.cli.settings import parse
 from plat.collectors import rollouts
 from plat.envs import TrackingTaskConfig, make_tracking_env
-from plat.envs.transforms import HORIZONS, pop_statistics
+from plat.envs.transforms import Horizon, pop_statistics
 from plat.errors import CheckpointError
 from plat.evaluation import play
 from plat.modules import Critic, Expert, ExpertConfig
@@ -49,7 +49,8 @@ class ExpertRecipe(RecipeConfig):
 def main(recipe: ExpertRecipe) -> None:
     """Run the recipe."""
     torch.manual_seed(recipe.seed)
-    library = MotionLibrary.load(recipe.motions, mirror=recipe.mirror)
+    timing = recipe.policy.timing
+    library = MotionLibrary.load(recipe.motions, dt=timing.control_dt, mirror=recipe.mirror)
     expert = Expert(library.robot, recipe.policy)
     if recipe.init:
         start_from(expert, recipe.init)
@@ -58,7 +59,8 @@ def main(recipe: ExpertRecipe) -> None:
     critic = Critic(library.robot, expert.normalizer.in_keys, recipe.critic).to(recipe.device)
     ppo = PPO(expert.head(), critic.head(), critic.observe(), ppo_config(recipe))
     budget = Budget(recipe.minutes, recipe.steps)
-    watch = partial(play, expert.deployed(tuple(expert.goals)), library, 0, HORIZONS["long"], device=recipe.device)
+    lengths = Horizon(1, timing.max_steps)
+    watch = partial(play, expert.deployed(tuple(expert.goals)), library, 0, lengths, device=recipe.device)
     films = Films(
         recipe.out / "videos", library.robot, partial(watch, dense=True, goals=expert.goals), recipe.video_every
     )

@@ -13,7 +13,7 @@ import torch
 from plat.cli.settings import parse
 from plat.collectors import rollouts
 from plat.envs import KeyframeTaskConfig, make_keyframe_env
-from plat.envs.transforms import HORIZONS, pop_statistics
+from plat.envs.transforms import horizon_named, pop_statistics
 from plat.evaluation import play
 from plat.modules import (
     STUDENT_KEYS,
@@ -31,6 +31,7 @@ from plat.objectives import PPO, MotorGradientConfig, PPOConfig, motor_gradient
 from plat.recipes.presets import BEST, PRESETS
 from plat.rendering import Films
 from plat.runs import Budget, RecipeConfig, Run, SavedRun, report_errors
+from plat.spec.timing import Timing, timing_of
 
 VARIANTS: dict[str, type[Refinement]] = {
     "latent": ResidualLatentPolicy,
@@ -55,8 +56,8 @@ class RefineRecipe(RecipeConfig):
     task: KeyframeTaskConfig = BEST["refine"]["task"]
     ppo: PPOConfig = BEST["refine"]["ppo"]
     motor: MotorGradientConfig = field(default_factory=MotorGradientConfig)
-    horizon: Literal["single", "short", "medium", "long", "mixed"] = "mixed"
-    """lengths of the commands"""
+    horizon: Literal["single", "short", "medium", "long", "mixed", "distant", "all"] = "mixed"
+    """lengths of the commands; "all" that the timing allows"""
     rollout: int = 24
     """control steps of each robot between updates"""
     critic: tuple[int, ...] = (512, 256, 128)
@@ -71,13 +72,15 @@ def main(recipe: RefineRecipe) -> None:
     device = recipe.device
     expected = "a student with a latent, of plat distill (--student)"
     student = SavedRun(recipe.student).policy_as(LatentPolicy, expected)
-    library = MotionLibrary.load(recipe.motions, mirror=recipe.mirror).to(device)
-    env = make_keyframe_env(library, recipe.num_envs, recipe.task, horizon=HORIZONS[recipe.horizon], device=device)
+    timing = timing_of(student) or Timing()
+    horizon = horizon_named(recipe.horizon, timing)
+    library = MotionLibrary.load(recipe.motions, dt=timing.control_dt, mirror=recipe.mirror).to(device)
+    env = make_keyframe_env(library, recipe.num_envs, recipe.task, horizon=horizon, timing=timing, device=device)
     policy = VARIANTS[recipe.variant](student, recipe.policy).to(device)
     critic = Critic(library.robot, STUDENT_KEYS, recipe.critic).to(device)
     ppo = PPO(policy.head(), critic.head(), critic.observe(), recipe.ppo, action_key=policy.sample_key)
     budget = Budget(recipe.minutes, recipe.steps)
-    watch = partial(play, policy.deployed(), library, 0, HORIZONS["long"], device=device)
+    watch = partial(play, policy.deployed(), library, 0, horizon, device=device)
     films = Films(recipe.out / "videos", library.robot, watch, recipe.video_every)
     run = Run(
         recipe.out,

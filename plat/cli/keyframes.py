@@ -12,10 +12,11 @@ import numpy as np
 import tyro
 
 from plat.errors import KeyframeError
-from plat.keyframes import CONTROL_DT, MAX_STEPS, KeyframeSequence
+from plat.keyframes import KeyframeSequence
 from plat.motions import MotionClip, load_motions
 from plat.motions.generation import PREFIX, generate_named
 from plat.robots import G1
+from plat.spec.timing import Timing
 
 
 @dataclass(kw_only=True)
@@ -36,6 +37,8 @@ class FromMotion:
     """of the keyframes, in their order"""
     begin: float = 0.0
     """second of the clip in which the sequence begins"""
+    timing: Timing = Timing()
+    """of the policy that is to chase them"""
 
     def run(self) -> KeyframeSequence:
         """Write the file; return what is in it."""
@@ -45,7 +48,8 @@ class FromMotion:
         times = self.times if self.every is None else self._spread(self.every, clip.duration)
         if self.names and len(self.names) != len(times):
             raise KeyframeError(f"names: {len(self.names)} for {len(times)} keyframes, expected one for each or none")
-        sequence = KeyframeSequence.from_motion(clip, times, G1, begin=self.begin, names=self.names or None)
+        names, timing = self.names or None, self.timing
+        sequence = KeyframeSequence.from_motion(clip, times, G1, begin=self.begin, names=names, timing=timing)
         sequence.save(self.out)
         print(f"wrote {self.out}: {len(sequence)} keyframes in {sequence.duration:g} s of {clip.name!r}")
         return sequence
@@ -61,13 +65,14 @@ class FromMotion:
         return chosen[0]
 
     def _spread(self, every: float, end: float) -> list[float]:
-        if not CONTROL_DT <= every <= MAX_STEPS * CONTROL_DT:
-            raise KeyframeError(f"every is {every:g} s, expected {CONTROL_DT} to {MAX_STEPS * CONTROL_DT:g}")
+        control_dt, longest = self.timing.control_dt, self.timing.longest
+        if not control_dt <= every <= longest:
+            raise KeyframeError(f"every is {every:g} s, expected {control_dt:g} to {longest:g}")
         # the small margin is for clips that last a multiple of it up to rounding
         parts = int(np.ceil((end - self.begin) / every - 1e-6))
         even = np.linspace(self.begin, end, parts + 1)[1:]
         # on control steps, for that is when keyframes are commanded
-        return [min(self.begin + round((time - self.begin) / CONTROL_DT) * CONTROL_DT, end) for time in even]
+        return [min(self.begin + self.timing.steps(time - self.begin) * control_dt, end) for time in even]
 
 
 @dataclass(kw_only=True)
@@ -77,11 +82,13 @@ class Show:
     file: Annotated[Path, tyro.conf.Positional]
     """keyframe file"""
     split: bool = False
-    """split intervals of more than a second into equal parts"""
+    """split intervals longer than the policy's longest command into equal parts"""
+    timing: Timing = Timing()
+    """of the policy that is to chase them"""
 
     def run(self) -> KeyframeSequence:
         """Print the table; return what is in the file."""
-        sequence = KeyframeSequence.load(self.file, G1, split=self.split)
+        sequence = KeyframeSequence.load(self.file, G1, split=self.split, timing=self.timing)
         print(f"{self.file}: {len(sequence)} keyframes for {sequence.robot.name!r} in {sequence.duration:g} s")
         print(f"{'':>3}  {'name':<20}  {'time s':>7}  {'steps':>5}  {'root x y z m':>20}  most changed joint")
         before, step = sequence.start, 0

@@ -30,6 +30,7 @@ from plat.errors import KeyframeError
 from plat.keyframes import KeyframeSequence
 from plat.rendering import Stage, check_video, film, stage_model, write_video
 from plat.runs import load_policy
+from plat.spec.timing import Timing, timing_of
 
 
 @dataclass(kw_only=True)
@@ -41,7 +42,7 @@ class PlayRecipe:
     keyframes: Path
     """keyframe file, see docs/keyframes.md; plat keyframes makes them out of motions"""
     split: bool = False
-    """split intervals of more than a second into equal parts; else they are refused"""
+    """split intervals longer than the policy's longest command into equal parts; else they are refused"""
     hold: float = 1.0
     """seconds to hold the last keyframe after its arrival; "inf" with --viewer"""
     push: float = 0.0
@@ -61,17 +62,17 @@ def main(recipe: PlayRecipe) -> list[KeyframeScore]:
     # networks for one robot are so small that more threads only get in each other's way
     torch.set_num_threads(1)
     policy = load_policy(recipe.policy)
-    robot = policy.robot
-    sequence = KeyframeSequence.load(recipe.keyframes, robot, split=recipe.split)
+    robot, timing = policy.robot, timing_of(policy) or Timing()
+    sequence = KeyframeSequence.load(recipe.keyframes, robot, split=recipe.split, timing=timing)
     if not recipe.viewer and not np.isfinite(recipe.hold):
         raise KeyframeError(f"hold is {recipe.hold} s, expected a finite number without --viewer")
     stage = None
     if recipe.video is not None:  # what is missing for it shows before the robot runs
         check_video(recipe.video)
         stage = Stage(robot)
-    simulator = Simulator(stage_model(robot) if recipe.viewer else robot.model())
+    simulator = Simulator(stage_model(robot) if recipe.viewer else robot.model(), timing.control_dt)
     chase = Chase(PolicyController(policy.deployed(), robot), sequence, simulator, hold=recipe.hold)
-    scorer, shoves = KeyframeScorer(robot), Shoves(recipe.push, recipe.push_every, recipe.seed)
+    scorer, shoves = KeyframeScorer(robot), Shoves(recipe.push, recipe.push_every, recipe.seed, timing.control_dt)
     viewer = Viewer(simulator) if recipe.viewer else None
     steps: list[tuple[ChaseStep, StepErrors]] = []
     for step in chase:

@@ -17,11 +17,12 @@ import tyro
 from plat.control import Chase, Controller, KeyframeScore, KeyframeScorer, Simulator
 from plat.control.changed_physics import SETTINGS, Delayed, make_model
 from plat.deploy import PolicyRunner
-from plat.envs.transforms import HORIZONS, CommandSchedule
+from plat.envs.transforms import CommandSchedule, Horizon
 from plat.errors import KeyframeError
-from plat.keyframes import CONTROL_DT, Keyframe, KeyframeSequence
+from plat.keyframes import Keyframe, KeyframeSequence
 from plat.motions import MotionLibrary
 from plat.robots import G1
+from plat.spec.timing import Timing
 
 
 @dataclass(kw_only=True)
@@ -42,9 +43,10 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
     """Run the recipe: print a table, return the scores of every keyframe by setting."""
     torch.set_num_threads(1)  # only the scores are torch's, one robot at a time
     runner = PolicyRunner(recipe.bundle, G1.joint_names)
-    sequences = [KeyframeSequence.load(path, G1) for path in recipe.keyframes]
+    timing = runner.timing
+    sequences = [KeyframeSequence.load(path, G1, timing=timing) for path in recipe.keyframes]
     if recipe.motions:
-        sequences += motion_keyframes(MotionLibrary.load(recipe.motions), recipe.seed)
+        sequences += motion_keyframes(MotionLibrary.load(recipe.motions, dt=timing.control_dt), recipe.seed, timing)
     if not sequences:
         raise KeyframeError("nothing to run: give --motions or --keyframes")
     seconds = sum(sequence.duration for sequence in sequences)
@@ -52,7 +54,7 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
     print(f"{'':<40}{'reached %':>10}{'falls %':>9}{'MPJPE@3 rad':>13}{'MPKPE@3 m':>11}")
     results = {}
     for physics in SETTINGS:
-        simulator = Simulator(make_model(G1, runner.robot, physics))
+        simulator = Simulator(make_model(G1, runner.robot, physics), timing.control_dt)
         controller = Delayed(runner, runner.robot, physics.delay)
         scores = [score for sequence in sequences for score in run(controller, sequence, simulator)]
         results[physics.name] = scores
@@ -67,15 +69,15 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
     return results
 
 
-def motion_keyframes(library: MotionLibrary, seed: int) -> list[KeyframeSequence]:
+def motion_keyframes(library: MotionLibrary, seed: int, timing: Timing) -> list[KeyframeSequence]:
     """The commands that plat evaluate gives along every motion, as keyframes."""
-    schedule = CommandSchedule(library, HORIZONS["mixed"], seed)
+    schedule = CommandSchedule(library, Horizon(1, min(50, timing.max_steps)), seed)
     issued = schedule.first_frame
     sequences = []
     for clip, start in enumerate(library.clip_start.tolist()):
         targets = schedule.target_frame[issued[library.clip_of_frame[issued] == clip]]
-        keyframes = [_keyframe(library, frame, (frame - start) * CONTROL_DT) for frame in targets.tolist()]
-        sequences.append(KeyframeSequence(library.robot, _keyframe(library, start, 0.0), tuple(keyframes)))
+        keyframes = [_keyframe(library, frame, (frame - start) * timing.control_dt) for frame in targets.tolist()]
+        sequences.append(KeyframeSequence(library.robot, _keyframe(library, start, 0.0), tuple(keyframes), timing))
     return sequences
 
 

@@ -64,6 +64,7 @@ class Delayed:
         self._controller = controller
         self._first = robot.default_joint_pos
         self._delay = delay
+        self.timing = controller.timing
         self.reset()
 
     def reset(self, joint_target: NDArray[np.floating] | None = None) -> None:

@@ -9,13 +9,19 @@ from numpy.typing import NDArray
 
 from plat.control.simulator import Simulator
 from plat.deploy import Pose, RobotState
-from plat.keyframes import CONTROL_DT, WINDOW, Command, Keyframe, KeyframeSequence
+from plat.keyframes import Command, Keyframe, KeyframeSequence
+from plat.spec.timing import Timing
 
 __all__ = ["Chase", "ChaseStep", "Controller"]
 
 
 class Controller(Protocol):
     """A policy as the control loop sees it."""
+
+    @property
+    def timing(self) -> Timing:
+        """Control step, longest command and arrival window of the policy."""
+        ...
 
     def reset(self, joint_target: NDArray[np.floating] | None = None) -> None:
         """Begin anew.
@@ -47,11 +53,13 @@ class ChaseStep:
     """the robot at the end of the step"""
     reference: Keyframe
     """the sequence at the end of the step, see :meth:`plat.keyframes.KeyframeSequence.sample`"""
+    timing: Timing
+    """of the policy"""
 
     @property
     def in_window(self) -> bool:
-        """Whether the end of the step is in the arrival window: the last :data:`plat.keyframes.WINDOW` steps."""
-        return self.command.steps_left <= WINDOW and not self.holding
+        """Whether the end of the step is in the arrival window: the last ``timing.window`` steps."""
+        return self.command.steps_left <= self.timing.window and not self.holding
 
 
 class Chase(Iterator[ChaseStep]):
@@ -70,8 +78,11 @@ class Chase(Iterator[ChaseStep]):
         hold: seconds to stay in the last keyframe; ``math.inf`` goes on for ever.
 
     Attributes:
-        sequence: the keyframes.
         simulator: the robot.
+
+    Raises:
+        KeyframeError: for a command that is longer than the policy's timing allows.
+        PlatError: when policy and simulator have different control steps.
 
     >>> from plat.robots import G1
     >>> from plat.keyframes import standing
@@ -84,9 +95,10 @@ class Chase(Iterator[ChaseStep]):
     """
 
     def __init__(self, controller: Controller, sequence: KeyframeSequence, simulator: Simulator, *, hold: float = 0.0):
-        self.sequence = sequence
+        controller.timing.check_control_dt(simulator.control_dt, "simulator")
         self.simulator = simulator
         self._controller = controller
+        self._sequence = sequence.with_timing(controller.timing)
         self._hold = hold
         self.restart()
 
@@ -97,13 +109,24 @@ class Chase(Iterator[ChaseStep]):
 
     @controller.setter
     def controller(self, controller: Controller) -> None:
+        controller.timing.check_control_dt(self.simulator.control_dt, "simulator")
+        sequence = self._sequence.with_timing(controller.timing)
         controller.reset(self._joint_target)
-        self._controller = controller
+        self._controller, self._sequence = controller, sequence
+
+    @property
+    def sequence(self) -> KeyframeSequence:
+        """The keyframes, at the timing of the policy."""
+        return self._sequence
+
+    @sequence.setter
+    def sequence(self, sequence: KeyframeSequence) -> None:
+        self._sequence = sequence.with_timing(self._controller.timing)
 
     @property
     def time(self) -> float:
         """Seconds since the start."""
-        return self._steps * CONTROL_DT
+        return self._steps * self._controller.timing.control_dt
 
     def restart(self) -> None:
         """Put the robot back into the start, at time 0."""
@@ -125,4 +148,5 @@ class Chase(Iterator[ChaseStep]):
         self.simulator.step(self._joint_target)
         self._steps += 1
         after, reference = self.simulator.state(), self.sequence.sample(self.time)
-        return ChaseStep(self.time, command, holding, before, self._joint_target, after, reference)
+        timing = self._controller.timing
+        return ChaseStep(self.time, command, holding, before, self._joint_target, after, reference, timing)

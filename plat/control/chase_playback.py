@@ -6,7 +6,6 @@ import numpy as np
 
 from plat.control.chase import ChaseStep
 from plat.control.scores import StepErrors
-from plat.keyframes import CONTROL_DT
 from plat.rendering.playback import Playback
 
 __all__ = ["record"]
@@ -36,8 +35,9 @@ def record(steps: Iterable[tuple[ChaseStep, StepErrors]]) -> Playback:
             step.command.length,
             errors.failed,
             step.after.qpos,
+            step.timing.control_dt,
         )
         for step, errors in steps
     ]
-    qpos, targets, steps_left, lengths, failed, reached = (np.array(column) for column in zip(*rows, strict=True))
-    return Playback(qpos, targets, steps_left, lengths, failed, reached, CONTROL_DT)
+    qpos, targets, steps_left, lengths, failed, reached, dts = map(np.array, zip(*rows, strict=True))
+    return Playback(qpos, targets, steps_left, lengths, failed, reached, float(dts[0]))

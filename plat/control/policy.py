@@ -8,9 +8,9 @@ from tensordict.nn import TensorDictModuleBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from plat.deploy import ObservationBuilder, Pose, RobotState
-from plat.keyframes import CONTROL_DT, MAX_STEPS
 from plat.robots.describe import describe_robot
 from plat.robots.robot import Robot
+from plat.spec.timing import Timing, timing_of
 
 __all__ = ["PolicyController"]
 
@@ -21,6 +21,10 @@ class PolicyController:
     Args:
         policy: deterministic policy, on the CPU; ``load_policy(run).deployed()``.
         robot: the robot that it drives.
+        timing: of the policy; None for the one that it carries, or the default where it carries none.
+
+    Attributes:
+        timing: of the policy.
 
     >>> from plat.robots import G1
     >>> from plat.keyframes import standing
@@ -33,10 +37,11 @@ class PolicyController:
     (29,)
     """
 
-    def __init__(self, policy: TensorDictModuleBase, robot: Robot):
+    def __init__(self, policy: TensorDictModuleBase, robot: Robot, timing: Timing | None = None):
         self._policy = policy
-        description = describe_robot(robot, CONTROL_DT)
-        self._observe = ObservationBuilder(description, MAX_STEPS)
+        self.timing = timing or timing_of(policy) or Timing()
+        description = describe_robot(robot, self.timing.control_dt)
+        self._observe = ObservationBuilder(description, self.timing.max_steps)
         self._default = description.default_joint_pos
         self._scale = description.action_scale
         self.reset()

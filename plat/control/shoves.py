@@ -3,7 +3,6 @@
 import numpy as np
 
 from plat.control.simulator import Simulator
-from plat.keyframes import CONTROL_DT
 
 __all__ = ["Shoves"]
 
@@ -15,10 +14,11 @@ class Shoves:
         speed: change of velocity (m/s).
         every: seconds in between.
         seed: draws the directions, uniform in the horizontal plane.
+        control_dt: seconds of a control step.
     """
 
-    def __init__(self, speed: float, every: float, seed: int):
-        self._speed, self._steps = speed, max(1, round(every / CONTROL_DT))
+    def __init__(self, speed: float, every: float, seed: int, control_dt: float):
+        self._speed, self._steps, self._dt = speed, max(1, round(every / control_dt)), control_dt
         self._random = np.random.default_rng(seed)
         self._count = 0
 
@@ -29,4 +29,4 @@ class Shoves:
             angle = self._random.uniform(-np.pi, np.pi)
             simulator.push(self._speed * np.array([np.cos(angle), np.sin(angle), 0.0]))
             towards = f"{np.degrees(angle):.0f} degrees from the world's x"
-            print(f"shove of {self._speed:g} m/s at {self._count * CONTROL_DT:.2f} s, {towards}")
+            print(f"shove of {self._speed:g} m/s at {self._count * self._dt:.2f} s, {towards}")

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from plat.deploy import Pose, RobotState
 from plat.errors import RobotError
-from plat.keyframes import CONTROL_DT
+from plat.spec.timing import Timing
 
 __all__ = ["Simulator"]
 
@@ -35,8 +35,10 @@ class Simulator:
     ((29,), 0.02)
     """
 
-    def __init__(self, model: mujoco.MjModel, control_dt: float = CONTROL_DT):
+    def __init__(self, model: mujoco.MjModel, control_dt: float = Timing.control_dt):
         self.model = model
+        self.control_dt = control_dt
+        """Seconds of a control step."""
         self.data = mujoco.MjData(model)
         self.substeps = round(control_dt / model.opt.timestep)
         """Physics steps of a control step."""

@@ -12,7 +12,6 @@ import numpy as np
 from plat.control.chase import ChaseStep
 from plat.control.simulator import Simulator
 from plat.errors import RenderingError
-from plat.keyframes import CONTROL_DT, MAX_STEPS
 from plat.rendering.pictures import add_ghost, show_visible
 
 __all__ = ["Viewer"]
@@ -58,14 +57,15 @@ class Viewer:
         with self._window.lock():
             scene.ngeom = 0
             add_ghost(scene, self._model, self._ghost, self._window.opt, command.keyframe.qpos)
-            _add_bar(scene, step.after.root_pos_w, 0 if step.holding else command.steps_left - 1)
+            time_left = 0.0 if step.holding else (command.steps_left - 1) / step.timing.max_steps
+            _add_bar(scene, step.after.root_pos_w, time_left)
         name = command.keyframe.name or f"keyframe {command.index}"
         if name != self._name:  # a text waits for the next picture
             self._window.set_texts((None, None, name, None))
             self._name = name
         self._window.sync()
         # a step that came late is not made up for: that would be a jerk
-        self._due = max(self._due + CONTROL_DT, time.monotonic())
+        self._due = max(self._due + step.timing.control_dt, time.monotonic())
         time.sleep(max(0.0, self._due - time.monotonic()))
 
     def close(self) -> None:
@@ -75,8 +75,8 @@ class Viewer:
             thread.join(timeout=10.0)
 
 
-def _add_bar(scene: mujoco.MjvScene, root_pos_w: np.ndarray, steps_left: int) -> None:
-    size = _BAR_SIZE * np.array([1.0, steps_left / MAX_STEPS, 1.0])
+def _add_bar(scene: mujoco.MjvScene, root_pos_w: np.ndarray, time_left: float) -> None:
+    size = _BAR_SIZE * np.array([1.0, time_left, 1.0])
     position = root_pos_w + np.array([0.0, 0.0, _BAR_HEIGHT])
     box = mujoco.mjtGeom.mjGEOM_BOX
     mujoco.mjv_initGeom(scene.geoms[scene.ngeom], box, size, position, np.eye(3).ravel(), _BAR.astype(np.float32))

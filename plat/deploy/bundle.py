@@ -15,6 +15,7 @@ from plat.deploy.description import Body, RobotDescription
 from plat.deploy.observation import ObservationTerm, observation_terms
 from plat.errors import BundleError
 from plat.json_file import parse_json
+from plat.spec.timing import Timing
 
 __all__ = ["INPUT", "METADATA_KEY", "OUTPUT", "Bundle", "BundleScore", "PolicyFacts", "TrainingFacts", "readable_json"]
 
@@ -73,17 +74,22 @@ class Bundle:
 
     Args:
         robot: the robot that the policy drives.
-        max_steps: ``Delta_max``, the longest command in control steps.
+        timing: control step, longest command and arrival window that it was trained with.
         policy: what kind of policy it is.
         training: where it comes from.
         scores: None when it has not been scored.
     """
 
     robot: RobotDescription
-    max_steps: int
+    timing: Timing
     policy: PolicyFacts
     training: TrainingFacts
     scores: tuple[BundleScore, ...] | None
+
+    @property
+    def max_steps(self) -> int:
+        """``Delta_max``, the longest command in control steps."""
+        return self.timing.max_steps
 
     @property
     def terms(self) -> tuple[ObservationTerm, ...]:
@@ -100,7 +106,7 @@ class Bundle:
             "robot": {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in robot.items()},
             "quaternion_order": "wxyz",
             "control_dt": control_dt,
-            "command": {"max_steps": self.max_steps, "tau": _TAU},
+            "command": {"max_steps": self.timing.max_steps, "window": self.timing.window, "tau": _TAU},
             "observation": {"name": INPUT, "terms": [asdict(term) for term in self.terms]},
             "action": {"name": OUTPUT, "unit": "rad"},
             "policy": asdict(self.policy),
@@ -128,12 +134,10 @@ class Bundle:
         content.expect("quaternion_order", "wxyz")
         content.object("action").expect("name", OUTPUT)
         command = content.object("command")
-        max_steps = command.value("max_steps", int)
-        if max_steps < 1:
-            raise command.fault("max_steps", f"is {max_steps}, expected at least 1")
+        robot = _robot(content)
         bundle = cls(
-            robot=_robot(content),
-            max_steps=max_steps,
+            robot=robot,
+            timing=_timing(command, robot.control_dt),
             policy=_policy(content.object("policy")),
             training=_training(content.object("training")),
             scores=None if content.content.get("scores") is None else tuple(map(_score, content.objects("scores"))),
@@ -157,6 +161,16 @@ def readable_json(content: Any) -> str:
 
 def _on_one_line(entries: re.Match[str]) -> str:
     return "[" + re.sub(r"\s*\n\s*", " ", entries[1].strip()) + "]"
+
+
+def _timing(command: _Object, control_dt: float) -> Timing:
+    steps = {"max_steps": command.value("max_steps", int)}
+    if "window" in command.content:  # bundles of version 0.1 do not say: it was 3 for all of them
+        steps["window"] = command.value("window", int)
+    for field, count in steps.items():
+        if count < 1:
+            raise command.fault(field, f"is {count}, expected at least 1")
+    return Timing(control_dt, **steps)
 
 
 def _robot(content: _Object) -> RobotDescription:

@@ -12,12 +12,14 @@ from plat.deploy.observation import ObservationBuilder
 from plat.deploy.session import open_session
 from plat.deploy.state import Array, Pose, RobotState
 from plat.errors import BundleError, StateError
+from plat.spec.timing import Timing
 
 __all__ = ["BUNDLE_FILE", "NETWORK_FILE", "JointCommand", "PolicyRunner"]
 
 BUNDLE_FILE, NETWORK_FILE = "bundle.json", "policy.onnx"
 # what rounding of times may add to the longest command, in control steps
 _TIME_TOLERANCE = 1e-3
+_DT_TOLERANCE = 1e-9  # seconds
 
 
 class JointCommand(NamedTuple):
@@ -39,13 +41,14 @@ class PolicyRunner:
     Args:
         bundle: folder that ``plat export`` wrote, or the ``.onnx`` file alone.
         joint_names: the joints in the order of the caller's joint vectors; refused unless they are the policy's.
+        control_dt: seconds of the caller's control step; refused unless it is the policy's.
 
     Raises:
-        BundleError: when a file is missing, broken, without metadata, of another version or of another robot; when
-            onnxruntime is not installed.
+        BundleError: when a file is missing, broken, without metadata, of another version, of another robot or of
+            another control step; when onnxruntime is not installed.
     """
 
-    def __init__(self, bundle: str | Path, joint_names: Sequence[str] | None = None):
+    def __init__(self, bundle: str | Path, joint_names: Sequence[str] | None = None, control_dt: float | None = None):
         path = Path(bundle)
         network = path if path.suffix == ".onnx" else path / NETWORK_FILE
         self._session = open_session(network)
@@ -55,9 +58,18 @@ class PolicyRunner:
         """The robot that it drives."""
         if joint_names is not None:
             _check_joints(f"bundle {str(path)!r}", robot.joint_names, tuple(joint_names))
+        if control_dt is not None and abs(control_dt - robot.control_dt) > _DT_TOLERANCE:
+            raise BundleError(
+                f"bundle {str(path)!r}: control step of {robot.control_dt:g} s, not the {control_dt:g} s of this robot"
+            )
         self._observe = ObservationBuilder(robot, self.bundle.max_steps)
         _check_widths(f"ONNX policy {str(network)!r}", self._session, self._observe.size, len(robot.joint_names))
         self.reset()
+
+    @property
+    def timing(self) -> Timing:
+        """Control step, longest command and arrival window of the policy."""
+        return self.bundle.timing
 
     def reset(self, joint_target: Array | None = None) -> None:
         """Begin anew.

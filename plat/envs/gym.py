@@ -25,10 +25,10 @@ from tensordict import TensorDictBase
 
 from plat.envs.configs import KeyframeTaskConfig
 from plat.envs.tasks import make_keyframe_env
-from plat.envs.transforms import HORIZONS, FailureWeightedStarts, KeyframeMetrics
-from plat.errors import KeyframeError
+from plat.envs.transforms import FailureWeightedStarts, KeyframeMetrics, horizon_named
 from plat.motions.library import MotionLibrary
 from plat.spec.observation import observation_size, student_keys
+from plat.spec.timing import Timing
 
 __all__ = ["G1TimedKeyframeEnv", "G1TimedKeyframeVectorEnv"]
 
@@ -40,12 +40,17 @@ class _Task:
     """The TorchRL environment behind both gymnasium ones, with random numbers of its own."""
 
     def __init__(
-        self, num_envs: int, motions: str | Sequence[str], horizon: str, task: KeyframeTaskConfig | None, device: str
+        self,
+        num_envs: int,
+        motions: str | Sequence[str],
+        horizon: str,
+        task: KeyframeTaskConfig | None,
+        device: str,
+        timing: Timing,
     ):
-        if horizon not in HORIZONS:
-            raise KeyframeError(f"horizon is {horizon!r}, expected one of: {', '.join(HORIZONS)}")
-        library = MotionLibrary.load(motions)
-        self.env = make_keyframe_env(library, num_envs, task, horizon=HORIZONS[horizon], device=device)
+        lengths = horizon_named(horizon, timing)
+        library = MotionLibrary.load(motions, dt=timing.control_dt)
+        self.env = make_keyframe_env(library, num_envs, task, horizon=lengths, timing=timing, device=device)
         self.env.insert_transform(1, KeyframeMetrics(library))  # behind the reference that it compares with
         self._starts = next(part for part in self.env.transform if isinstance(part, FailureWeightedStarts))
         self.robot = library.robot
@@ -109,13 +114,15 @@ class G1TimedKeyframeEnv(gymnasium.Env):
 
     Args:
         motions: motion files, folders or globs, or ``"generated:train"``.
-        horizon: lengths of the commands: a key of :data:`plat.envs.transforms.HORIZONS`.
+        horizon: lengths of the commands: a key of :data:`plat.envs.transforms.HORIZONS`, or "all" lengths.
         task: rewards, terminations and noise.
         render_mode: ``"rgb_array"`` for pictures by :meth:`render`.
         device: where tensors live.
+        timing: control step, longest command and arrival window.
 
     Raises:
-        KeyframeError: for an unknown horizon.
+        TaskError: for an unknown horizon.
+        PlatError: for a horizon with commands longer than the timing allows.
         MotionError: for motions that cannot be read.
     """
 
@@ -128,8 +135,10 @@ class G1TimedKeyframeEnv(gymnasium.Env):
         task: KeyframeTaskConfig | None = None,
         render_mode: str | None = None,
         device: str = "cpu",
+        timing: Timing = Timing(),
     ):
-        self._task = _Task(1, motions, horizon, task, device)
+        self._task = _Task(1, motions, horizon, task, device, timing)
+        self.metadata = {**self.metadata, "render_fps": round(1 / timing.control_dt)}
         self.observation_space = self._task.observation_space
         self.action_space = self._task.action_space
         self.render_mode = render_mode
@@ -180,7 +189,7 @@ class G1TimedKeyframeVectorEnv(VectorEnv):
 
     Args:
         num_envs: number of robots.
-        motions, horizon, task, device: as for :class:`G1TimedKeyframeEnv`.
+        motions, horizon, task, device, timing: as for :class:`G1TimedKeyframeEnv`.
 
     >>> env = gymnasium.make_vec("plat/G1TimedKeyframe-v0", num_envs=4)
     >>> env.reset(seed=0)[0].shape
@@ -196,9 +205,10 @@ class G1TimedKeyframeVectorEnv(VectorEnv):
         horizon: str = "mixed",
         task: KeyframeTaskConfig | None = None,
         device: str = "cpu",
+        timing: Timing = Timing(),
         **_: Any,
     ):
-        self._task = _Task(num_envs, motions, horizon, task, device)
+        self._task = _Task(num_envs, motions, horizon, task, device, timing)
         self.num_envs = num_envs
         self.single_observation_space = self._task.observation_space
         self.single_action_space = self._task.action_space

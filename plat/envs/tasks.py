@@ -14,7 +14,6 @@ from plat.envs.configs import (
 from plat.envs.physics import BatchedPhysics, PhysicsFactory
 from plat.envs.tracking import MotionTrackingEnv
 from plat.envs.transforms import (
-    HORIZONS,
     NEXT_DENSE_FRAME,
     NEXT_FRAME,
     DenseGoal,
@@ -34,7 +33,9 @@ from plat.envs.transforms import (
     TrackingError,
     TrackingTermination,
 )
+from plat.envs.transforms.command import check_timing
 from plat.motions.library import MotionLibrary
+from plat.spec.timing import Timing
 
 __all__ = ["make_keyframe_env", "make_tracking_env"]
 
@@ -93,7 +94,8 @@ def make_keyframe_env(
     num_envs: int,
     config: DistillationTaskConfig | None = None,
     *,
-    horizon: Horizon = HORIZONS["mixed"],
+    horizon: Horizon | None = None,
+    timing: Timing | None = None,
     dense_goals: Mapping[str, int] = NEXT_DENSE_FRAME,
     rewards: Sequence[Reward | RewardGroup] | None = None,
     transforms: Sequence[Transform] = (),
@@ -111,28 +113,32 @@ def make_keyframe_env(
         num_envs: number of robots N.
         config: settings; by default those of a :class:`KeyframeTaskConfig`. A :class:`DistillationTaskConfig` has no
             rewards.
-        horizon: lengths of the commands.
+        horizon: lengths of the commands; None for every length that the timing allows.
+        timing: of the policy; None for the default at the control step of the motions.
         dense_goals: groups of the reference, as :attr:`plat.modules.Expert.dense_goals`.
         rewards, transforms, num_threads, device, physics: as for :func:`make_tracking_env`.
 
     Raises:
         TaskError: when a reward or transform reads what no transform before it writes.
         MotionError: when a clip is too short for a command.
+        PlatError: when motions or horizon do not fit the timing.
 
     >>> from plat.motions import generate_motions
     >>> env = make_keyframe_env(MotionLibrary.from_clips(generate_motions("train", seconds=8)), num_envs=2)
     >>> env.rollout(2)["command", "horizon"].shape
     torch.Size([2, 2, 1])
     """
-    config = config or KeyframeTaskConfig()
+    config, timing = config or KeyframeTaskConfig(), timing or Timing(control_dt=library.dt)
+    horizon = horizon or Horizon(1, timing.max_steps)
+    check_timing(library, horizon, timing)
     env = _simulation(library, num_envs, config, horizon.shortest, num_threads, device, physics)
     rewards = config.rewards(env.robot) if rewards is None else rewards
     termination = KeyframeTermination(env.robot, config.limits, max_displacement=config.max_displacement)
-    judges: list[Transform] = [KeyframeClock(), *_reward_transforms(env, rewards), termination]
+    judges: list[Transform] = [KeyframeClock(timing.window), *_reward_transforms(env, rewards), termination]
     if rewards:
         judges.append(TrackingError())
     observations = [
-        KeyframeCommand(env.library, horizon),
+        KeyframeCommand(env.library, horizon, timing=timing),
         *DenseGoal.of_groups(env.library, dense_goals),
         PrivilegedState(env.library),
     ]

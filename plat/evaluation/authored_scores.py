@@ -20,7 +20,7 @@ from plat.errors import RecordsError
 from plat.evaluation.finite import check_actions
 from plat.motions import MotionClip, MotionLibrary
 from plat.robots import Robot
-from plat.spec.timing import Timing
+from plat.spec.timing import Timing, timing_of
 
 __all__ = ["AuthoredRecords", "AuthoredScore", "ReachLimits", "authored_table", "evaluate_authored"]
 
@@ -137,14 +137,15 @@ def evaluate_authored(
     torch.Size([2, 5])
     """
     limits = limits or ReachLimits()
+    timing = timing_of(policy) or Timing()
     library, arrivals, ends = _library(robot, chains)
     schedule = CommandSchedule.of_arrivals(library.to(device), _with_holds(arrivals, library))
     env = MotionTrackingEnv(library, len(chains), num_threads=num_threads, device=device)
     transforms: list[Transform] = [
         FirstFrames(env.library),
         ReferenceMotion(env.library),
-        KeyframeClock(),
-        KeyframeCommand(env.library, schedule.horizon, schedule),
+        KeyframeClock(timing.window),
+        KeyframeCommand(env.library, schedule.horizon, schedule, timing=timing),
         *(() if observe is None else observe(env.library)),
     ]
     task = TransformedEnv(env, Compose(*transforms))
@@ -163,8 +164,8 @@ def evaluate_authored(
             state, reference = after["state"], after["reference"]
             fallen = _fallen(state, reference, limits) & (step <= end_steps)
             fell_at = torch.where(fallen, fell_at.clamp_max(step), fell_at)
-            # a window is the last three steps of a command, the arrival among them
-            in_window = (arrival_steps - step >= 0) & (arrival_steps - step < 3)
+            # a window is the last steps of a command, the arrival among them
+            in_window = (arrival_steps - step >= 0) & (arrival_steps - step < timing.window)
             off = off_pose(state, reference, robot, limits.window)
             missed |= in_window & off[:, None]
             now = arrival_steps == step
@@ -206,7 +207,7 @@ def _fallen(state: TensorDict, reference: TensorDict, limits: ReachLimits) -> Te
 
 def _library(robot: Robot, chains: Sequence[Authored]) -> tuple[MotionLibrary, list[list[int]], list[int]]:
     """Straight lines between keyframes as clips of equal length, arrival steps ``[C][K]`` and last steps ``[C]``."""
-    dt = Timing().control_dt
+    dt = chains[0].sequence.timing.control_dt
     arrivals = [list(chain.sequence.arrival_steps) for chain in chains]
     ends = [steps[-1] + round(chain.hold / dt) for steps, chain in zip(arrivals, chains, strict=True)]
     # one more frame, so that no robot is at the end of its clip while another goes on
@@ -215,7 +216,7 @@ def _library(robot: Robot, chains: Sequence[Authored]) -> tuple[MotionLibrary, l
         MotionClip(f"{number}", np.stack([chain.sequence.sample(step * dt).qpos for step in range(frames)]), 1 / dt)
         for number, chain in enumerate(chains)
     ]
-    return MotionLibrary.from_clips(clips, robot=robot), arrivals, ends
+    return MotionLibrary.from_clips(clips, robot=robot, dt=dt), arrivals, ends
 
 
 def _with_holds(arrivals: Sequence[Sequence[int]], library: MotionLibrary) -> list[list[int]]:

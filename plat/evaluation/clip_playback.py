@@ -12,6 +12,7 @@ from plat.evaluation.rollout import make_evaluation_env
 from plat.evaluation.setting import EvaluationSetting, Observe, ReferenceView
 from plat.motions.library import MotionLibrary
 from plat.rendering.playback import Playback
+from plat.spec.timing import Timing, timing_of
 
 __all__ = ["play"]
 
@@ -26,6 +27,7 @@ def play(
     dense: bool = False,
     goals: Mapping[str, int] = NEXT_FRAME,
     observe: Observe | None = None,
+    timing: Timing | None = None,
     device: torch.device | str = "cpu",
 ) -> Playback:
     """Return the playback of a policy that chases the keyframes of a clip, as in :func:`plat.evaluation.evaluate`.
@@ -37,11 +39,13 @@ def play(
         horizon: range of the commands' lengths.
         seed: of the commands.
         dense, goals, observe: how the policy is shown its reference, see :class:`plat.evaluation.ReferenceView`.
+        timing: of the policy; None for the one that it carries.
         device: of the policy.
     """
     library = library.only(clip).to(device)
+    timing = timing or timing_of(policy)
     schedule = CommandSchedule(library, horizon, seed)
-    setting = EvaluationSetting(seed=seed, num_threads=1, device=device)
+    setting = EvaluationSetting(seed=seed, timing=timing, num_threads=1, device=device)
     task = make_evaluation_env(library, schedule, 1, ReferenceView(dense, goals, observe), setting)
     rows: list[tuple[np.ndarray, np.ndarray, int, int, bool, np.ndarray]] = []
     for step in task.steps(policy):

@@ -24,6 +24,7 @@ from plat.envs.transforms import (
 from plat.evaluation.finite import check_actions
 from plat.evaluation.setting import EvaluationSetting, ReferenceView
 from plat.motions.library import MotionLibrary
+from plat.spec.timing import Timing
 
 __all__ = ["EvaluationEnv", "make_evaluation_env", "policy_steps"]
 
@@ -85,6 +86,7 @@ def make_evaluation_env(
         setting: conditions.
     """
     view, setting = view or ReferenceView(), setting or EvaluationSetting()
+    timing = setting.timing or Timing(control_dt=library.dt)
     env = MotionTrackingEnv(
         library,
         num_envs,
@@ -96,11 +98,11 @@ def make_evaluation_env(
     starts = ScheduledStarts(env.library, schedule, num_envs)
     transforms: list[Transform] = [
         ReferenceMotion(env.library),
-        KeyframeClock(),
+        KeyframeClock(timing.window),
         KeyframeTermination(env.robot, setting.limits),
         KeyframeMetrics(env.library, setting.limits),
         starts,
-        KeyframeCommand(env.library, schedule.horizon, schedule, group=view.command_group),
+        KeyframeCommand(env.library, schedule.horizon, schedule, view.command_group, timing),
         *view.transforms(env.library),
     ]
     if setting.randomization is not None:

@@ -8,10 +8,12 @@ import torch
 from tensordict.nn import TensorDictModuleBase
 
 from plat.envs.transforms import NEXT_FRAME, CommandSchedule, Horizon
+from plat.envs.transforms.command import check_timing
 from plat.evaluation.records import CommandRecorder, CommandRecords
 from plat.evaluation.rollout import make_evaluation_env
 from plat.evaluation.setting import EvaluationSetting, Observe, ReferenceView
 from plat.motions.library import MotionLibrary
+from plat.spec.timing import Timing, timing_of
 
 __all__ = ["evaluate"]
 
@@ -46,6 +48,7 @@ def evaluate(
     Raises:
         MotionError: when a motion is shorter than the horizon's shortest command.
         ActionError: when the policy gives an action that is not finite.
+        PlatError: when motions or horizon do not fit the policy's timing.
 
     >>> from plat.robots import G1
     >>> from plat.motions import generate_motions
@@ -57,6 +60,9 @@ def evaluate(
     True
     """
     setting = replace(setting or EvaluationSetting(), **conditions)
+    timing = setting.timing or timing_of(policy) or Timing(control_dt=library.dt)
+    setting = replace(setting, timing=timing)
+    check_timing(library, horizon, timing)
     library = library.to(setting.device)
     schedule = CommandSchedule(library, horizon, setting.seed)
     recorder = CommandRecorder(library, schedule)

@@ -9,6 +9,7 @@ from torchrl.envs import Transform
 from plat.envs.transforms import NEXT_FRAME, DenseGoal, RandomizationRanges, TerminationLimits
 from plat.motions.library import MotionLibrary
 from plat.robots.robot import FootContacts
+from plat.spec.timing import Timing
 
 __all__ = ["EvaluationSetting", "Observe", "ReferenceView"]
 
@@ -26,6 +27,7 @@ class EvaluationSetting:
         randomization: ranges of domain randomization and pushes, drawn at every reset; None for the nominal robot.
             The random stream depends on resets, so disturbances differ between policies after their first failure.
         limits: when a command has failed.
+        timing: of the policy; None for the one that it carries, or the default at the control step of the motions.
         decimation: physics steps in a control step.
         feet: contact geometry of the soles.
         num_envs: robots that are simulated at a time. Without ``randomization`` no score depends on it.
@@ -36,6 +38,7 @@ class EvaluationSetting:
     seed: int = 0
     randomization: RandomizationRanges | None = None
     limits: TerminationLimits | None = None
+    timing: Timing | None = None
     decimation: int = 4
     feet: FootContacts = "spheres"
     num_envs: int = 256

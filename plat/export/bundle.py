@@ -117,7 +117,7 @@ def _example(folder: Path, network: JointTargetNetwork, bundle: Bundle) -> dict[
     """One step from state and keyframe to joint targets, for other programs to check themselves against."""
     robot = bundle.robot
     state, keyframe, last_action = _some_step(robot)
-    steps_left = 20
+    steps_left = min(20, bundle.max_steps)
     observation = ObservationBuilder(robot, bundle.max_steps)(state, keyframe, steps_left, last_action)
     target = network(torch.from_numpy(observation)).numpy()
     runner = PolicyRunner(folder, robot.joint_names)

@@ -33,7 +33,7 @@ def model_card(bundle: Bundle, settings: Mapping[str, Any], max_difference: floa
     parts = [
         f"# {training.run}: timed keyframes on the {robot.name}",
         f"A policy that takes a {robot.name} ({len(robot.joint_names)} joints) to one future whole-body pose, at most "
-        f"{bundle.max_steps * robot.control_dt:g} s ahead, and arrives on time. It asks for joint position targets "
+        f"{bundle.timing.longest:g} s ahead, and arrives on time. It asks for joint position targets "
         f"every {robot.control_dt:g} s.",
         "`policy.onnx` is the network with its metadata inside, `bundle.json` the same metadata, `example.json` a step "
         "to check another program against. plat's `docs/deploy.md` explains every field.",

@@ -1,10 +1,10 @@
 """What a bundle tells of a run's policy beside its network."""
 
 from plat.deploy.bundle import Bundle, BundleScore, PolicyFacts, TrainingFacts
-from plat.keyframes import CONTROL_DT, MAX_STEPS
 from plat.modules import LatentPolicy, ResidualActionPolicy, ResidualLatentPolicy
 from plat.robots.describe import describe_robot
 from plat.runs import Policy, SavedRun, policy_spec
+from plat.spec.timing import Timing, timing_of
 
 __all__ = ["describe_policy"]
 
@@ -19,12 +19,13 @@ def describe_policy(policy: Policy, run: SavedRun) -> Bundle:
     Raises:
         CheckpointError: when the run's table of scores cannot be read.
     """
+    timing = timing_of(policy) or Timing()
     student = getattr(policy, "student", policy)
     refined = isinstance(policy, ResidualLatentPolicy | ResidualActionPolicy)
     scores = run.scores
     return Bundle(
-        robot=describe_robot(policy.robot, CONTROL_DT),
-        max_steps=MAX_STEPS,
+        robot=describe_robot(policy.robot, timing.control_dt),
+        timing=timing,
         policy=PolicyFacts(
             kind=policy_spec(policy)["kind"],
             latent_size=student.config.latent_size if isinstance(student, LatentPolicy) else None,

@@ -6,12 +6,9 @@ Needs numpy only. This interface is stable: :class:`Keyframe`, :class:`KeyframeS
 """
 
 from plat.keyframes.keyframe import Keyframe, RobotJoints, interpolate, standing
-from plat.keyframes.sequence import CONTROL_DT, MAX_STEPS, WINDOW, Command, KeyframeSequence, split_long_intervals
+from plat.keyframes.sequence import Command, KeyframeSequence, split_long_intervals
 
 __all__ = [
-    "CONTROL_DT",
-    "MAX_STEPS",
-    "WINDOW",
     "Command",
     "Keyframe",
     "KeyframeSequence",

@@ -11,19 +11,13 @@ from typing import TYPE_CHECKING
 from plat.errors import KeyframeError
 from plat.keyframes.files import read_keyframes, write_keyframes
 from plat.keyframes.keyframe import Keyframe, RobotJoints, interpolate, standing
+from plat.spec.timing import Timing
 
 if TYPE_CHECKING:
     from plat.motions.clip import MotionClip
     from plat.robots.robot import Robot
 
-__all__ = ["CONTROL_DT", "MAX_STEPS", "WINDOW", "Command", "KeyframeSequence", "split_long_intervals"]
-
-CONTROL_DT = 0.02
-"""Seconds of a control step."""
-MAX_STEPS = 50
-"""``Delta_max``: the longest command, in control steps."""
-WINDOW = 3
-"""Control steps of an arrival window, the arrival step among them."""
+__all__ = ["Command", "KeyframeSequence", "split_long_intervals"]
 
 
 @dataclass(frozen=True)
@@ -48,13 +42,14 @@ class KeyframeSequence:
     """Keyframes for one robot, in the order of their times.
 
     A keyframe is commanded from the arrival of the one before until its own. Arrivals are on control steps: time
-    ``t`` is step ``round(t / CONTROL_DT)``.
+    ``t`` is step ``round(t / timing.control_dt)``.
 
     Args:
         robot: whose keyframes they are.
         start: the pose at time 0, for simulations to begin in; see :func:`standing`.
-        keyframes: at least one, times strictly increasing, at least a control step and at most ``MAX_STEPS`` control
-            steps after the one before (the first: after time 0); see :func:`split_long_intervals`.
+        keyframes: at least one, times strictly increasing, at least a control step and at most ``timing.max_steps``
+            control steps after the one before (the first: after time 0); see :func:`split_long_intervals`.
+        timing: of the policy that is to chase them.
 
     Raises:
         KeyframeError: naming keyframe and field.
@@ -70,6 +65,7 @@ class KeyframeSequence:
     robot: RobotJoints
     start: Keyframe
     keyframes: tuple[Keyframe, ...]
+    timing: Timing = Timing()
 
     def __post_init__(self) -> None:
         if not self.keyframes:
@@ -80,8 +76,8 @@ class KeyframeSequence:
         for index, keyframe in enumerate(self.keyframes):
             label = _label(index, keyframe)
             checked.append(_checked(keyframe, label, self.robot))
-            _check_order(checked[-2], checked[-1], label)
-            _check_length(checked[-2], checked[-1], label)
+            _check_order(checked[-2], checked[-1], label, self.timing)
+            _check_length(checked[-2], checked[-1], label, self.timing)
         # frozen: the checked copies take the place of what was given
         object.__setattr__(self, "start", checked[0])
         object.__setattr__(self, "keyframes", tuple(checked[1:]))
@@ -97,11 +93,11 @@ class KeyframeSequence:
     @property
     def arrival_steps(self) -> tuple[int, ...]:
         """Control step of each keyframe's arrival, counted from time 0."""
-        return tuple(_step(keyframe.time) for keyframe in self.keyframes)
+        return tuple(self.timing.steps(keyframe.time) for keyframe in self.keyframes)
 
     def command(self, time: float) -> Command | None:
         """The command at a time (s), rounded to a control step; None once the last keyframe's arrival has come."""
-        step, arrivals = max(_step(time), 0), (0, *self.arrival_steps)
+        step, arrivals = max(self.timing.steps(time), 0), (0, *self.arrival_steps)
         index = bisect_right(arrivals, step) - 1
         if index == len(self):
             return None
@@ -116,6 +112,27 @@ class KeyframeSequence:
             return poses[min(after, len(poses) - 1)].at(time)
         return interpolate(poses[after - 1], poses[after], time)
 
+    def with_timing(self, timing: Timing, *, split: bool = False) -> KeyframeSequence:
+        """Return the same keyframes for a policy of another timing.
+
+        Args:
+            timing: of the policy.
+            split: split intervals that are too long by :func:`split_long_intervals`; by default they are refused.
+
+        Raises:
+            KeyframeError: naming the keyframe that is too long, or too short, after the one before.
+
+        >>> from plat.robots import G1
+        >>> pose = standing(G1)
+        >>> slow = KeyframeSequence(G1, pose, (pose.at(3.0),), Timing(max_steps=150))
+        >>> len(slow.with_timing(Timing(), split=True))
+        3
+        """
+        if timing == self.timing:
+            return self
+        keyframes = split_long_intervals(self.start, self.keyframes, timing) if split else self.keyframes
+        return KeyframeSequence(self.robot, self.start, keyframes, timing)
+
     def save(self, path: str | Path) -> None:
         """Write the JSON file; it is replaced in one step or not at all.
 
@@ -125,13 +142,16 @@ class KeyframeSequence:
         write_keyframes(Path(path), self.robot, self.start, self.keyframes)
 
     @classmethod
-    def load(cls, path: str | Path, robot: RobotJoints, *, split: bool = False) -> KeyframeSequence:
+    def load(
+        cls, path: str | Path, robot: RobotJoints, *, split: bool = False, timing: Timing = Timing()
+    ) -> KeyframeSequence:
         """Read a JSON file.
 
         Args:
             path: the file; its format is described in ``docs/keyframes.md``.
             robot: whose keyframes are expected.
             split: split intervals that are too long by :func:`split_long_intervals`; by default they are refused.
+            timing: of the policy that is to chase them.
 
         Raises:
             KeyframeError: naming file, keyframe and field.
@@ -139,7 +159,7 @@ class KeyframeSequence:
         start, keyframes = read_keyframes(Path(path), robot)
         try:
             start = start or standing(robot)
-            return cls(robot, start, split_long_intervals(start, keyframes) if split else keyframes)
+            return cls(robot, start, split_long_intervals(start, keyframes, timing) if split else keyframes, timing)
         except KeyframeError as error:
             raise KeyframeError(f"keyframe file {str(path)!r}: {error}") from None
 
@@ -152,6 +172,7 @@ class KeyframeSequence:
         *,
         begin: float = 0.0,
         names: Sequence[str | None] | None = None,
+        timing: Timing = Timing(),
     ) -> KeyframeSequence:
         """Keyframes out of a motion clip, in the clip's world frame.
 
@@ -161,6 +182,7 @@ class KeyframeSequence:
             robot: whose motion it is.
             begin: second of the clip that is time 0 of the sequence; its pose is the start.
             names: of the keyframes.
+            timing: of the policy that is to chase them.
 
         Raises:
             MotionError: when the clip is broken.
@@ -177,11 +199,13 @@ class KeyframeSequence:
         keyframes = (
             replace(pose, time=round(pose.time - begin, 9), name=name) for pose, name in zip(poses, labels, strict=True)
         )
-        return cls(robot, Keyframe.from_motion(motion, begin, robot).at(0.0), tuple(keyframes))
+        return cls(robot, Keyframe.from_motion(motion, begin, robot).at(0.0), tuple(keyframes), timing)
 
 
-def split_long_intervals(start: Keyframe, keyframes: Sequence[Keyframe]) -> tuple[Keyframe, ...]:
-    """The same keyframes with others between those that are more than ``MAX_STEPS`` control steps apart.
+def split_long_intervals(
+    start: Keyframe, keyframes: Sequence[Keyframe], timing: Timing = Timing()
+) -> tuple[Keyframe, ...]:
+    """Return the same keyframes with others between those that are more than ``timing.max_steps`` steps apart.
 
     Such an interval is split into as few equal parts (to a control step) as will do, at poses of
     :func:`interpolate`. A keyframe that is added is called after the one that it leads to: ``wave 1/3``, ``wave 2/3``.
@@ -197,20 +221,17 @@ def split_long_intervals(start: Keyframe, keyframes: Sequence[Keyframe]) -> tupl
     result: list[Keyframe] = []
     before = start
     for index, keyframe in enumerate(keyframes):
-        _check_order(before, keyframe, _label(index, keyframe))
-        first, steps = _step(before.time), _step(keyframe.time) - _step(before.time)
-        parts = -(-steps // MAX_STEPS)
+        _check_order(before, keyframe, _label(index, keyframe), timing)
+        first = timing.steps(before.time)
+        steps = timing.steps(keyframe.time) - first
+        parts = -(-steps // timing.max_steps)
         for part in range(1, parts):
-            time = round((first + part * steps // parts) * CONTROL_DT, 6)
+            time = round((first + part * steps // parts) * timing.control_dt, 6)
             name = keyframe.name and f"{keyframe.name} {part}/{parts}"
             result.append(replace(interpolate(before, keyframe, time), name=name))
         result.append(keyframe)
         before = keyframe
     return tuple(result)
-
-
-def _step(time: float) -> int:
-    return round(time / CONTROL_DT)
 
 
 def _label(index: int, keyframe: Keyframe) -> str:
@@ -224,17 +245,17 @@ def _checked(keyframe: Keyframe, label: str, robot: RobotJoints) -> Keyframe:
         raise KeyframeError(f"{label}: {error}") from None
 
 
-def _check_order(before: Keyframe, keyframe: Keyframe, label: str) -> None:
-    if _step(keyframe.time) <= _step(before.time):
+def _check_order(before: Keyframe, keyframe: Keyframe, label: str, timing: Timing) -> None:
+    if timing.steps(keyframe.time) <= timing.steps(before.time):
         raise KeyframeError(
-            f"{label}: time is {keyframe.time:g} s, expected at least {CONTROL_DT} s after {before.time:g} s"
+            f"{label}: time is {keyframe.time:g} s, expected at least {timing.control_dt:g} s after {before.time:g} s"
         )
 
 
-def _check_length(before: Keyframe, keyframe: Keyframe, label: str) -> None:
-    steps = _step(keyframe.time) - _step(before.time)
-    if steps > MAX_STEPS:
+def _check_length(before: Keyframe, keyframe: Keyframe, label: str, timing: Timing) -> None:
+    steps = timing.steps(keyframe.time) - timing.steps(before.time)
+    if steps > timing.max_steps:
         raise KeyframeError(
             f"{label}: time is {keyframe.time:g} s, {steps} control steps after {before.time:g} s, expected at most "
-            f"{MAX_STEPS} ({MAX_STEPS * CONTROL_DT:g} s): add a keyframe in between, or have the interval split"
+            f"{timing.max_steps} ({timing.longest:g} s): add a keyframe in between, or have the interval split"
         )

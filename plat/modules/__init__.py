@@ -2,6 +2,7 @@
 
 from plat.modules.backbone import Backbone
 from plat.modules.decoder import ActionDecoder
+from plat.modules.deployed import DeployedPolicy
 from plat.modules.dynamics import DynamicsConfig, DynamicsModel
 from plat.modules.goal_encoder import GoalSequenceEncoder
 from plat.modules.heads import GaussianNoise, ReferenceOffset, gaussian_action
@@ -33,6 +34,7 @@ __all__ = [
     "ActionDecoder",
     "Backbone",
     "Critic",
+    "DeployedPolicy",
     "DynamicsConfig",
     "DynamicsModel",
     "Expert",

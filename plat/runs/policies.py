@@ -67,7 +67,8 @@ def register_policy(
     Args:
         kind: its name in ``config.json``.
         policy_class: a module with the attributes ``robot`` and ``config`` and a ``deployed()``. It is made by its
-            ``build(base, config)`` if it has one, else by ``policy_class(base, config)``.
+            ``build(base, config)`` if it has one, else by ``policy_class(base, config)``. Its attribute ``timing`` is
+            the timing that it is trained with; without one it is the default :class:`plat.spec.timing.Timing`.
         config_class: a dataclass.
         base: what the policy is built on: the robot, or a student that it keeps as its attribute ``student`` and that
             is saved with it. By default the student for a :class:`plat.modules.Refinement`, the robot for others.

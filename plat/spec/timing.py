@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from plat.errors import PlatError
 
-__all__ = ["Timing"]
+__all__ = ["Timing", "timing_of"]
 
 
 @dataclass(frozen=True)
@@ -40,9 +40,44 @@ class Timing:
 
     @property
     def longest(self) -> float:
-        """Seconds of the longest command."""
+        """Seconds of the longest command, ``max_steps * control_dt``."""
         return self.max_steps * self.control_dt
 
     def steps(self, time: float) -> int:
-        """The control step nearest to a time (s)."""
+        """Return the control step nearest to a time (s)."""
         return round(time / self.control_dt)
+
+    def check_control_dt(self, control_dt: float, what: str) -> None:
+        """Refuse a control step that is not the one of this timing.
+
+        Args:
+            control_dt: seconds.
+            what: has that control step; begins the message.
+
+        Raises:
+            PlatError: when the two differ.
+        """
+        if abs(control_dt - self.control_dt) > 1e-9:
+            raise PlatError(f"{what}: control step of {control_dt:g} s, expected the policy's {self.control_dt:g} s")
+
+    def check_steps(self, steps: int, what: str) -> None:
+        """Refuse a command that is longer than the longest one.
+
+        Args:
+            steps: control steps of the command.
+            what: has that length; begins the message.
+
+        Raises:
+            PlatError: when it is too long.
+        """
+        if steps > self.max_steps:
+            raise PlatError(f"{what}: {steps} control steps, expected at most the policy's {self.max_steps}")
+
+
+def timing_of(policy: object) -> Timing | None:
+    """Return the timing that a policy carries in its attribute ``timing``; None when it has none.
+
+    Policies of :mod:`plat.modules`, what their ``deployed()`` returns, and :class:`plat.deploy.PolicyRunner` have one.
+    """
+    timing = getattr(policy, "timing", None)
+    return timing if isinstance(timing, Timing) else None

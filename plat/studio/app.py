@@ -8,7 +8,6 @@ import numpy as np
 import viser
 
 from plat.errors import StudioError
-from plat.keyframes import CONTROL_DT
 from plat.motions import MotionLibrary
 from plat.studio.access import Access, guarded_server
 from plat.studio.desk import Desk
@@ -57,7 +56,7 @@ class Studio:
         self.session, robot = session, session.robot
         with guarded_server(self.access):
             self.server = server = viser.ViserServer(host=host, port=port, verbose=False)
-        self._desk = Desk(self._tick, self._show, self._report, interval=CONTROL_DT)
+        self._desk = Desk(self._tick, self._show, self._report, interval=session.timing.control_dt)
         self._page = page = Page(server, session, self._desk)
         set_the_stage(server, _WORLD)
         self._world = server.scene.add_frame(_WORLD, show_axes=False)

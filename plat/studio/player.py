@@ -15,10 +15,10 @@ from plat.control import (
     PoseErrors,
     Simulator,
 )
-from plat.keyframes import CONTROL_DT, KeyframeSequence
+from plat.keyframes import KeyframeSequence
 from plat.robots.robot import Robot
 
-__all__ = ["HOLD", "Player", "Summary", "score"]
+__all__ = ["HOLD", "Player", "Summary", "score", "simulator"]
 
 HOLD = 0.6
 """Seconds that a played robot stays in the last keyframe."""
@@ -41,7 +41,7 @@ class Player:
     def __init__(self, robot: Robot, controller: Controller, sequence: KeyframeSequence):
         self._robot = robot
         self._compare = PoseComparison(robot)
-        self._chase = Chase(controller, sequence, Simulator(robot.shared_model), hold=HOLD)
+        self._chase = Chase(controller, sequence, simulator(robot, controller), hold=HOLD)
         self.restart()
 
     def restart(self) -> None:
@@ -82,8 +82,9 @@ class Player:
     def advance(self, seconds: float) -> None:
         """Let time pass: take the control steps that are due."""
         self._ahead += seconds
-        due = int(self._ahead / CONTROL_DT + 1e-9)  # the margin is for rounding
-        self._ahead = self._ahead - due * CONTROL_DT if due <= _CATCH_UP else 0.0
+        control_dt = self._chase.controller.timing.control_dt
+        due = int(self._ahead / control_dt + 1e-9)  # the margin is for rounding
+        self._ahead = self._ahead - due * control_dt if due <= _CATCH_UP else 0.0
         for _ in range(min(due, _CATCH_UP)):
             if not self.finished:
                 self._take_step()
@@ -104,10 +105,15 @@ class Player:
         return None if self._changed else self._scorer.scores()
 
 
+def simulator(robot: Robot, controller: Controller) -> Simulator:
+    """Return a simulated robot at the control step of a policy."""
+    return Simulator(robot.shared_model, controller.timing.control_dt)
+
+
 def score(robot: Robot, controller: Controller, sequence: KeyframeSequence) -> list[KeyframeScore]:
     """Scores of a chase at full speed: the same as those of a :class:`Player`."""
     scorer = KeyframeScorer(robot)
-    for step in Chase(controller, sequence, Simulator(robot.shared_model)):
+    for step in Chase(controller, sequence, simulator(robot, controller)):
         scorer.add(step)
     return scorer.scores()
 

@@ -7,20 +7,21 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from tensordict.nn import TensorDictModuleBase
 
-from plat.control import Chase, KeyframeScore, KeyframeScorer, PolicyController, Simulator, record
-from plat.errors import KeyframeError
+from plat.control import Chase, KeyframeScore, KeyframeScorer, PolicyController, record
+from plat.errors import KeyframeError, StudioError
 from plat.keyframes import Keyframe, KeyframeSequence
 from plat.keyframes.files import read_keyframes
 from plat.motions import MotionClip
 from plat.rendering import Stage, check_video, film, write_video
 from plat.robots.robot import Robot
+from plat.spec.timing import Timing, timing_of
 from plat.studio.history import History
-from plat.studio.player import HOLD, Player, score
+from plat.studio.player import HOLD, Player, score, simulator
 from plat.studio.poser import Frame, Poser
 from plat.studio.poses import Floor, mirrored, placed
 from plat.studio.timeline import Timeline
 
-__all__ = ["Session"]
+__all__ = ["Session", "common_timing"]
 
 
 class Session:
@@ -28,7 +29,10 @@ class Session:
 
     Args:
         robot: the robot.
-        policies: deterministic policies by name, at least one.
+        policies: deterministic policies by name, at least one, all of one control step.
+
+    Raises:
+        StudioError: when the policies have different control steps.
 
     >>> from plat.robots import G1
     >>> from plat.modules import LatentPolicy
@@ -44,9 +48,11 @@ class Session:
     def __init__(self, robot: Robot, policies: Mapping[str, TensorDictModuleBase]):
         self.robot = robot
         self.policies = dict(policies)
+        self.timing = common_timing(self.policies)
+        """Timing of the keyframes: what every policy can chase."""
         self.policy = next(iter(self.policies))
         """Name of the policy that plays."""
-        self.history = History(Timeline.empty(robot))
+        self.history = History(Timeline.empty(robot, self.timing))
         self.player: Player | None = None
         """The chase that is on, or was the last one; None before the first and after :meth:`stop`."""
         self.scores: dict[str, list[KeyframeScore]] = {}
@@ -90,7 +96,7 @@ class Session:
 
     def new(self) -> None:
         """No keyframes; what was there can be had back by :meth:`undo`."""
-        self.edit(Timeline.empty(self.robot))
+        self.edit(Timeline.empty(self.robot, self.timing))
 
     def add(self) -> None:
         """A keyframe after the selected pose, in the same pose."""
@@ -192,12 +198,12 @@ class Session:
         """
         clip = self._within_limits(clip)
         times = np.arange(begin + interval, min(begin + seconds, clip.duration) + 1e-6, interval)
-        sequence = KeyframeSequence.from_motion(clip, times.tolist(), self.robot, begin=begin)
+        sequence = KeyframeSequence.from_motion(clip, times.tolist(), self.robot, begin=begin, timing=self.timing)
         there = [
             Keyframe.from_qpos(frame.time, placed(frame.qpos, sequence.start.qpos, self.timeline.start.qpos))
             for frame in (sequence.start, *sequence.keyframes)
         ]
-        self.edit(Timeline.of(KeyframeSequence(self.robot, there[0], tuple(there[1:]))))
+        self.edit(Timeline.of(KeyframeSequence(self.robot, there[0], tuple(there[1:]), self.timing)))
 
     def _within_limits(self, clip: MotionClip) -> MotionClip:
         # recorded motions are now and then a little beyond the joints' limits; keyframes must not be
@@ -264,7 +270,8 @@ class Session:
         path = Path(path).expanduser()
         check_video(path)
         sequence = timeline.sequence()
-        chase = Chase(self._controller(policy), sequence, Simulator(self.robot.shared_model), hold=HOLD)
+        controller = self._controller(policy)
+        chase = Chase(controller, sequence, simulator(self.robot, controller), hold=HOLD)
         scorer = KeyframeScorer(self.robot)
         stage = Stage(self.robot, distance=2.6)
         try:
@@ -295,7 +302,7 @@ class Session:
             KeyframeError: naming file, keyframe and field.
         """
         path = Path(path).expanduser()
-        sequence = KeyframeSequence.load(path, self.robot, split=True)
+        sequence = KeyframeSequence.load(path, self.robot, split=True, timing=self.timing)
         self.edit(Timeline.of(sequence))
         return len(sequence) - len(read_keyframes(path, self.robot)[1])
 
@@ -315,3 +322,20 @@ class Session:
                 return self.load(path)
             except KeyframeError as error:
                 raise KeyframeError(str(error).replace(str(path), name)) from None
+
+
+def common_timing(policies: Mapping[str, TensorDictModuleBase]) -> Timing:
+    """Return the timing of keyframes that every one of some policies can chase: that with the shortest commands.
+
+    Raises:
+        StudioError: when the policies have different control steps.
+    """
+    timings = {name: timing_of(policy) or Timing() for name, policy in policies.items()}
+    (first, shortest), *others = timings.items()
+    for name, timing in others:
+        if timing.control_dt != shortest.control_dt:
+            raise StudioError(
+                f"policy {name!r} has a control step of {timing.control_dt:g} s and {first!r} one of "
+                f"{shortest.control_dt:g} s: open them apart"
+            )
+    return min(timings.values(), key=lambda timing: timing.max_steps)

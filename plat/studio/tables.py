@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 
 from plat.control import ChaseStep, KeyframeScore, PoseErrors
-from plat.keyframes import CONTROL_DT
 from plat.studio.player import Summary
 from plat.studio.timeline import Timeline
 
@@ -19,7 +18,7 @@ def live_line(step: ChaseStep, errors: PoseErrors) -> str:
     """
     number, name = step.command.index + 1, step.command.keyframe.name
     called = _plain(f"{number} {name or ''}".strip())
-    when = "held" if step.holding else f"in {(step.command.steps_left - 1) * CONTROL_DT:.2f} s"
+    when = "held" if step.holding else f"in {(step.command.steps_left - 1) * step.timing.control_dt:.2f} s"
     fallen = " **fallen**" if errors.fallen else ""
     away = f"{errors.keypoint:.2f} m and {errors.joint:.2f} rad away"
     return f"{step.time:.1f} s: keyframe **{called}** {when}, {away}{fallen}"

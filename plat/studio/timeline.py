@@ -9,7 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from plat.errors import KeyframeError
-from plat.keyframes import CONTROL_DT, MAX_STEPS, Keyframe, KeyframeSequence, RobotJoints, standing
+from plat.keyframes import Keyframe, KeyframeSequence, RobotJoints, standing
+from plat.spec.timing import Timing
 
 __all__ = ["NEW_INTERVAL", "Timeline"]
 
@@ -22,7 +23,7 @@ class Timeline:
     """A start pose and keyframes after it, one of these poses selected. Every edit returns another timeline.
 
     A keyframe keeps its interval from the pose before it: inserting, removing and stretching move all later
-    keyframes in time. Intervals are whole control steps and never longer than ``MAX_STEPS`` of them, so there is
+    keyframes in time. Intervals are whole control steps and never longer than ``timing.max_steps`` of them, so there is
     nothing to split and, other than being empty, nothing that :class:`plat.keyframes.KeyframeSequence` refuses.
 
     Args:
@@ -30,6 +31,7 @@ class Timeline:
         start: the pose at time 0.
         keyframes: in the order of their times.
         selected: 0 for the start, else the number of a keyframe, counted from 1.
+        timing: of the policies that are to chase them.
 
     >>> from plat.robots import G1
     >>> timeline = Timeline.empty(G1)
@@ -43,16 +45,17 @@ class Timeline:
     start: Keyframe
     keyframes: tuple[Keyframe, ...] = ()
     selected: int = 0
+    timing: Timing = Timing()
 
     @classmethod
-    def empty(cls, robot: RobotJoints) -> Timeline:
+    def empty(cls, robot: RobotJoints, timing: Timing = Timing()) -> Timeline:
         """The robot standing, and no keyframe yet."""
-        return cls(robot, standing(robot))
+        return cls(robot, standing(robot), timing=timing)
 
     @classmethod
     def of(cls, sequence: KeyframeSequence) -> Timeline:
         """The keyframes of a sequence, the first one selected."""
-        return cls(sequence.robot, sequence.start, sequence.keyframes, 1)
+        return cls(sequence.robot, sequence.start, sequence.keyframes, 1, sequence.timing)
 
     def sequence(self) -> KeyframeSequence:
         """What is played and saved.
@@ -60,7 +63,7 @@ class Timeline:
         Raises:
             KeyframeError: while there is no keyframe.
         """
-        return KeyframeSequence(self.robot, self.start, self.keyframes)
+        return KeyframeSequence(self.robot, self.start, self.keyframes, self.timing)
 
     @property
     def poses(self) -> tuple[Keyframe, ...]:
@@ -80,7 +83,7 @@ class Timeline:
     @property
     def interval(self) -> float:
         """Seconds from the pose before to the selected one; 0 for the start."""
-        return CONTROL_DT * self._steps()[self.selected - 1] if self.selected else 0.0
+        return self.timing.control_dt * self._steps()[self.selected - 1] if self.selected else 0.0
 
     def select(self, number: int) -> Timeline:
         """The same with another pose selected; numbers beyond the ends select the ends."""
@@ -104,7 +107,7 @@ class Timeline:
         """A keyframe ``[7 + J]`` after the selected pose, ``interval`` seconds later; it is selected."""
         frames, steps = [*self.keyframes], self._steps()
         frames.insert(self.selected, Keyframe.from_qpos(0.0, qpos, name))
-        steps.insert(self.selected, _allowed(interval))
+        steps.insert(self.selected, self._allowed(interval))
         return self._spaced(frames, steps, self.selected + 1)
 
     def removed(self) -> Timeline:
@@ -140,33 +143,33 @@ class Timeline:
         """
         self._check_keyframe("moved in time")
         steps = self._steps()
-        steps[self.selected - 1] = _allowed(interval)
+        steps[self.selected - 1] = self._allowed(interval)
         return self._spaced(self.keyframes, steps, self.selected)
 
     def retimed(self, number: int, time: float) -> Timeline:
         """Keyframe ``number`` at a time (s), or as near to it as its neighbors let it come; no other one moves."""
         steps = self._steps()
-        before = sum(steps[: number - 1])
+        before, longest = sum(steps[: number - 1]), self.timing.max_steps
         if number < len(steps):
             both = steps[number - 1] + steps[number]
-            span = range(max(1, both - MAX_STEPS), min(MAX_STEPS, both - 1) + 1)
+            span = range(max(1, both - longest), min(longest, both - 1) + 1)
         else:
             both = None
-            span = range(1, MAX_STEPS + 1)
-        steps[number - 1] = min(max(round(time / CONTROL_DT) - before, span[0]), span[-1])
+            span = range(1, longest + 1)
+        steps[number - 1] = min(max(self.timing.steps(time) - before, span[0]), span[-1])
         if both is not None:
             steps[number] = both - steps[number - 1]
         return self._spaced(self.keyframes, steps, self.selected)
 
     def _steps(self) -> list[int]:
         """Control steps from each pose to the next."""
-        arrivals = [round(pose.time / CONTROL_DT) for pose in self.poses]
+        arrivals = [self.timing.steps(pose.time) for pose in self.poses]
         return [after - before for before, after in pairwise(arrivals)]
 
     def _spaced(self, frames: Sequence[Keyframe], steps: Sequence[int], selected: int) -> Timeline:
         arrivals = np.cumsum(steps).tolist()
         timed = tuple(
-            frame.at(round(step * CONTROL_DT, 6)) for frame, step in zip(frames, arrivals, strict=True)
+            frame.at(round(step * self.timing.control_dt, 6)) for frame, step in zip(frames, arrivals, strict=True)
         )  # rounded, so that files hold 0.6 and not 0.6000000000000001
         return replace(self, keyframes=timed, selected=selected)
 
@@ -174,7 +177,6 @@ class Timeline:
         if self.selected == 0:
             raise KeyframeError(f"the start pose cannot be {what}: select a keyframe")
 
-
-def _allowed(interval: float) -> int:
-    """Control steps nearest to an interval (s) that a command can be long."""
-    return min(max(round(interval / CONTROL_DT), 1), MAX_STEPS)
+    def _allowed(self, interval: float) -> int:
+        """Return the control steps nearest to an interval (s) that a command can be long."""
+        return min(max(self.timing.steps(interval), 1), self.timing.max_steps)

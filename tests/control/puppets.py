@@ -3,6 +3,7 @@
 import numpy as np
 
 from plat.robots import G1
+from plat.spec.timing import Timing
 
 DEFAULT = G1.default_joint_pos.double().numpy()
 
@@ -10,7 +11,8 @@ DEFAULT = G1.default_joint_pos.double().numpy()
 class Puppet:
     """Tells the motors the joint angles of the keyframe; remembers what it was asked."""
 
-    def __init__(self):
+    def __init__(self, timing=Timing()):
+        self.timing = timing
         self.asked = []
         self.resets = []
 

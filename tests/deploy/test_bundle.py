@@ -6,6 +6,7 @@ import pytest
 
 from plat.deploy import Bundle, BundleScore, PolicyFacts, TrainingFacts
 from plat.errors import BundleError
+from plat.spec.timing import Timing
 from tests.deploy.robots import describe_g1
 
 
@@ -13,7 +14,7 @@ from tests.deploy.robots import describe_g1
 def bundle() -> Bundle:
     return Bundle(
         robot=describe_g1(),
-        max_steps=50,
+        timing=Timing(window=4),
         policy=PolicyFacts("residual_latent", 32, 0.1 + 0.2),
         training=TrainingFacts("plat", "refine", "0.1.0", None, None),
         scores=(BundleScore("long", "tks", 99.1, 98.0, 100.0),),
@@ -23,8 +24,8 @@ def bundle() -> Bundle:
 def test_reading_gives_back_what_was_written(bundle):
     for original in (bundle, replace(bundle, scores=None)):
         copy = Bundle.from_json(original.to_json(), "here")
-        assert (copy.max_steps, copy.policy, copy.training, copy.scores, copy.terms) == (
-            original.max_steps,
+        assert (copy.timing, copy.policy, copy.training, copy.scores, copy.terms) == (
+            original.timing,
             original.policy,
             original.training,
             original.scores,
@@ -34,6 +35,12 @@ def test_reading_gives_back_what_was_written(bundle):
         assert set(ours) == set(theirs)
         for name, value in theirs.items():
             np.testing.assert_array_equal(ours[name], value)
+
+
+def test_a_bundle_that_does_not_say_its_window(bundle):
+    content = json.loads(bundle.to_json())
+    del content["command"]["window"]
+    assert Bundle.from_json(json.dumps(content), "here").timing == Timing(window=3)
 
 
 def test_lists_of_numbers_are_on_one_line_and_unchanged(bundle):
@@ -53,6 +60,8 @@ def test_lists_of_numbers_are_on_one_line_and_unchanged(bundle):
         ({"control_dt": 0}, "control_dt: is 0.0, expected a positive number"),
         ({"control_dt": None}, "control_dt: is None, expected a finite number"),
         ({"command.max_steps": 0}, "command.max_steps: is 0, expected at least 1"),
+        ({"command.window": 0}, "command.window: is 0, expected at least 1"),
+        ({"command.window": "3"}, "command.window: is '3', expected a whole number"),
         ({"command": 3}, "command is a int, expected an object"),
         ({"robot.stiffness": [1.0]}, r"robot.stiffness: has shape \(1,\), expected \(29,\)"),
         ({"robot.stiffness": ["a"] * 29}, "robot.stiffness: expected numbers only"),

@@ -4,7 +4,6 @@ import torch
 
 from plat.deploy import ObservationBuilder, RobotState, observation_terms
 from plat.envs import make_keyframe_env
-from plat.envs.transforms.command import MAX_STEPS
 from plat.errors import StateError
 from plat.modules import STUDENT_KEYS
 from plat.robots import G1
@@ -14,7 +13,7 @@ from tests.deploy.robots import SomePose, describe_g1, random_qpos, state_at
 
 @pytest.fixture(scope="module")
 def build() -> ObservationBuilder:
-    return ObservationBuilder(describe_g1(), MAX_STEPS)
+    return ObservationBuilder(describe_g1(), 50)
 
 
 def test_terms_are_what_students_are_trained_on():
@@ -55,7 +54,7 @@ def test_a_pose_that_is_changed_in_place_is_seen(build):
     pose.root_pos[2] += 0.1
     after = build(state, pose, 10, np.zeros(29))
     assert not np.allclose(before, after)
-    np.testing.assert_array_equal(after, ObservationBuilder(describe_g1(), MAX_STEPS)(state, pose, 10, np.zeros(29)))
+    np.testing.assert_array_equal(after, ObservationBuilder(describe_g1(), 50)(state, pose, 10, np.zeros(29)))
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import torch
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
-from plat.errors import KeyframeError, RenderingError
+from plat.errors import RenderingError, TaskError
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,7 @@ def test_info_says_how_the_command_went(env):
 
 
 def test_an_unknown_horizon_is_named():
-    with pytest.raises(KeyframeError, match="horizon is 'far', expected one of: single, short"):
+    with pytest.raises(TaskError, match="horizon is 'far', expected one of: single, short"):
         gymnasium.make("plat/G1TimedKeyframe-v0", horizon="far")
 
 

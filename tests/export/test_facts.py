@@ -3,7 +3,6 @@ import torch
 from tensordict.nn import TensorDictModule
 
 from plat.export.facts import describe_policy
-from plat.keyframes import MAX_STEPS
 from plat.modules import PlainPolicyConfig
 from plat.robots import G1
 from plat.runs import SavedRun, register_policy, shipped_runs
@@ -24,7 +23,7 @@ def test_latent_and_residual_of_each_kind(tmp_path, kind):
     assert facts.policy.kind == kind.removesuffix("_with_lead")
     assert facts.policy.latent_size == (None if kind == "plain" else 8)
     assert facts.policy.residual_alpha == (0.7 if kind.startswith("residual") else None)
-    assert facts.max_steps == MAX_STEPS
+    assert facts.max_steps == 50
     assert (facts.training.run, facts.training.recipe, facts.training.commit) == ("run", "refine", "abc")
     assert facts.scores is None
 

@@ -1,9 +1,10 @@
 import math
+from types import SimpleNamespace
 
 import pytest
 
 from plat.errors import PlatError
-from plat.spec.timing import Timing
+from plat.spec.timing import Timing, timing_of
 
 
 def test_defaults_are_those_of_the_paper() -> None:
@@ -23,3 +24,18 @@ def test_steps_are_rounded_to_the_nearest() -> None:
 def test_nonsense_is_refused_by_name(field: str, value: float) -> None:
     with pytest.raises(PlatError, match=field):
         Timing(**{field: value})  # type: ignore[arg-type]
+
+
+def test_timings_of_policies():
+    assert timing_of(SimpleNamespace(timing=Timing(max_steps=7))) == Timing(max_steps=7)
+    assert timing_of(SimpleNamespace(timing=3)) is timing_of(SimpleNamespace()) is None
+
+
+def test_what_does_not_fit_is_refused():
+    timing = Timing(control_dt=0.01, max_steps=10)
+    timing.check_control_dt(0.01, "motions")
+    timing.check_steps(10, "command")
+    with pytest.raises(PlatError, match=r"motions: control step of 0.02 s, expected the policy's 0.01 s"):
+        timing.check_control_dt(0.02, "motions")
+    with pytest.raises(PlatError, match="command: 11 control steps, expected at most the policy's 10"):
+        timing.check_steps(11, "command")

@@ -3,12 +3,12 @@
 from plat.envs.transforms.base import ObservationTransform, Statistics, pop_statistics
 from plat.envs.transforms.command import (
     HORIZONS,
-    MAX_STEPS,
-    WINDOW,
+    PAPER_HORIZONS,
     CommandSchedule,
     Horizon,
     KeyframeClock,
     KeyframeCommand,
+    horizon_named,
 )
 from plat.envs.transforms.goals import NEXT_DENSE_FRAME, NEXT_FRAME, DenseGoal
 from plat.envs.transforms.metrics import METRIC_KEYS, KeyframeMetrics, TrackingError
@@ -29,11 +29,10 @@ from plat.envs.transforms.tracking_rewards import DenseRewards, KeyframeRewards,
 
 __all__ = [
     "HORIZONS",
-    "MAX_STEPS",
     "METRIC_KEYS",
     "NEXT_DENSE_FRAME",
     "NEXT_FRAME",
-    "WINDOW",
+    "PAPER_HORIZONS",
     "CommandSchedule",
     "DenseGoal",
     "DenseRewards",
@@ -64,5 +63,6 @@ __all__ = [
     "TrackingTerm",
     "TrackingTermination",
     "align_to_anchor",
+    "horizon_named",
     "pop_statistics",
 ]

@@ -13,11 +13,20 @@ from torchrl.envs import Transform
 from plat.envs.goals import robot_centric_goal
 from plat.envs.transforms.base import ObservationTransform
 from plat.errors import MotionError, TaskError
-from plat.keyframes import MAX_STEPS, WINDOW
 from plat.motions.library import MotionLibrary
 from plat.spec.observation import as_observed, entry_shapes
+from plat.spec.timing import Timing
 
-__all__ = ["HORIZONS", "MAX_STEPS", "WINDOW", "CommandSchedule", "Horizon", "KeyframeClock", "KeyframeCommand"]
+__all__ = [
+    "HORIZONS",
+    "PAPER_HORIZONS",
+    "CommandSchedule",
+    "Horizon",
+    "KeyframeClock",
+    "KeyframeCommand",
+    "check_timing",
+    "horizon_named",
+]
 
 
 @dataclass(frozen=True)
@@ -28,20 +37,38 @@ class Horizon:
     longest: int
 
     def __post_init__(self) -> None:
-        if not 1 <= self.shortest <= self.longest <= MAX_STEPS:
-            raise TaskError(
-                f"horizon: {self.shortest} to {self.longest} steps, expected 1 <= shortest <= longest <= {MAX_STEPS}"
-            )
+        if not 1 <= self.shortest <= self.longest:
+            raise TaskError(f"horizon: {self.shortest} to {self.longest} steps, expected 1 <= shortest <= longest")
 
 
-HORIZONS = {
+PAPER_HORIZONS = {
     "single": Horizon(1, 1),
     "short": Horizon(2, 10),
     "medium": Horizon(11, 25),
-    "long": Horizon(26, MAX_STEPS),
-    "mixed": Horizon(1, MAX_STEPS),
+    "long": Horizon(26, 50),
+    "mixed": Horizon(1, 50),
 }
-"""The paper's horizon settings."""
+"""The paper's horizon settings, whatever the timing of a policy."""
+
+HORIZONS = {**PAPER_HORIZONS, "distant": Horizon(51, 150)}
+"""All horizon settings by name; "distant" needs a policy with a ``Timing.max_steps`` of at least 150."""
+
+
+def horizon_named(name: str, timing: Timing) -> Horizon:
+    """Return a horizon setting by name; "all" is every length that a timing allows.
+
+    Raises:
+        TaskError: for an unknown name, or a setting with commands longer than the timing allows.
+
+    >>> horizon_named("all", Timing(max_steps=100))
+    Horizon(shortest=1, longest=100)
+    """
+    if name == "all":
+        return Horizon(1, timing.max_steps)
+    if name not in HORIZONS:
+        raise TaskError(f"horizon is {name!r}, expected one of: {', '.join(HORIZONS)}, all")
+    timing.check_steps(HORIZONS[name].longest, f"horizon {name!r}")
+    return HORIZONS[name]
 
 
 class CommandSchedule:
@@ -128,19 +155,36 @@ def check_clip_lengths(library: MotionLibrary, horizon: Horizon) -> None:
         )
 
 
+def check_timing(library: MotionLibrary, horizon: Horizon, timing: Timing) -> None:
+    """Refuse motions or commands that a policy's timing does not fit.
+
+    Raises:
+        PlatError: when the motions have another control step, or the horizon's longest command is too long.
+    """
+    timing.check_control_dt(library.dt, f"motion library of {library.num_clips} clips")
+    timing.check_steps(horizon.longest, f"horizon of {horizon.shortest} to {horizon.longest} steps")
+
+
 class KeyframeClock(Transform):
     """Counts the active command down after each step and marks its arrival window.
 
     Put it before the transforms that ask for the window, and :class:`KeyframeCommand` after them. It carries
     ``("command", "target_frame")`` over from the step before and writes ``("command", "steps_left")``, and of the
     command that the step belonged to ``("command", "in_window")`` and ``("command", "arrived")``, each ``[1]``.
+
+    Args:
+        window: control steps of the arrival window, the arrival step among them.
     """
+
+    def __init__(self, window: int = Timing.window):
+        super().__init__()
+        self._window = window
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         steps_left = tensordict["command", "steps_left"] - 1
         next_tensordict["command", "target_frame"] = tensordict["command", "target_frame"]
         next_tensordict["command", "steps_left"] = steps_left
-        next_tensordict["command", "in_window"] = steps_left < WINDOW
+        next_tensordict["command", "in_window"] = steps_left < self._window
         next_tensordict["command", "arrived"] = steps_left == 0
         return next_tensordict
 
@@ -179,9 +223,11 @@ class KeyframeCommand(ObservationTransform):
         horizon: range of the commands' lengths.
         schedule: fixed commands; None draws them.
         group: name of the goal group.
+        timing: of the policy; None for the default at the library's control step.
 
     Raises:
         MotionError: when a clip is shorter than the horizon's shortest command.
+        PlatError: when library or horizon do not fit the timing.
     """
 
     def __init__(
@@ -190,7 +236,10 @@ class KeyframeCommand(ObservationTransform):
         horizon: Horizon,
         schedule: CommandSchedule | None = None,
         group: str = "goal",
+        timing: Timing | None = None,
     ):
+        timing = timing or Timing(control_dt=library.dt)
+        check_timing(library, horizon, timing)
         check_clip_lengths(library, horizon)
         super().__init__(
             in_keys=[
@@ -212,6 +261,7 @@ class KeyframeCommand(ObservationTransform):
         self._horizon = horizon
         self._schedule = schedule
         self._group = group
+        self._max_steps = timing.max_steps
 
     def compute(self, tensordict: TensorDictBase) -> dict[NestedKey, Tensor]:
         frame, steps_left = tensordict["motion", "frame"], tensordict["command", "steps_left"]
@@ -222,7 +272,7 @@ class KeyframeCommand(ObservationTransform):
         goal = robot_centric_goal(
             self._library.poses(target_frame), tensordict["state", "root_pos_w"], tensordict["state", "root_quat_w"]
         )
-        command = as_observed("command", {"horizon": steps_left / MAX_STEPS})
+        command = as_observed("command", {"horizon": steps_left / self._max_steps})
         return {
             ("command", "target_frame"): target_frame,
             ("command", "steps_left"): steps_left,

@@ -17,6 +17,7 @@ from torchrl.envs import Transform
 
 from plat.envs.transforms.goals import DenseGoal
 from plat.errors import ConfigError
+from plat.modules.deployed import DeployedPolicy
 from plat.modules.heads import GaussianNoise, ReferenceOffset, gaussian_action
 from plat.modules.lead import GoalLead, led
 from plat.modules.networks import mlp
@@ -189,7 +190,7 @@ class Expert(nn.Module):
         kept = ["observation", "loc", "scale", "action", "action_log_prob"]
         return TensorDictSequential(*self._observe(tuple(self.goals)), self.head(), selected_out_keys=kept)
 
-    def deployed(self, goal: str | Sequence[str] = "goal", out_key: str = "action") -> TensorDictSequential:
+    def deployed(self, goal: str | Sequence[str] = "goal", out_key: str = "action") -> DeployedPolicy:
         """Return the deterministic policy: writes its mean action to ``out_key``.
 
         Args:
@@ -199,4 +200,4 @@ class Expert(nn.Module):
             out_key: where the action goes.
         """
         goals = [goal] * len(self.goals) if isinstance(goal, str) else list(goal)
-        return TensorDictSequential(*self._observe(goals), *self._mean(goals, out_key), selected_out_keys=[out_key])
+        return DeployedPolicy(*self._observe(goals), *self._mean(goals, out_key), timing=self.timing, out_key=out_key)

@@ -17,6 +17,7 @@ from tensordict.nn import (
 )
 from torch import nn
 
+from plat.modules.deployed import DeployedPolicy
 from plat.modules.heads import GaussianNoise, gaussian_action
 from plat.modules.lead import KeyframeLead, led
 from plat.modules.policies.student import LatentPolicy
@@ -130,13 +131,13 @@ class Refinement(nn.Module):
             features, self.head(), *self.after_sample(self.sample_key), selected_out_keys=list(dict.fromkeys(kept))
         )
 
-    def deployed(self) -> TensorDictSequential:
+    def deployed(self) -> DeployedPolicy:
         """Return the deterministic policy: writes ``action``."""
         if self.sample_key == "action":
             rename = [TensorDictModule(nn.Identity(), in_keys=["loc"], out_keys=["action"])]
         else:
             rename = self.after_sample("loc")
-        return TensorDictSequential(self.frozen(), *self.mean(), *rename, selected_out_keys=["action"])
+        return DeployedPolicy(self.frozen(), *self.mean(), *rename, timing=self.timing)
 
 
 class ResidualLatentPolicy(Refinement):

@@ -9,6 +9,7 @@ from torch import nn
 
 from plat.modules.backbone import Backbone
 from plat.modules.decoder import ActionDecoder
+from plat.modules.deployed import DeployedPolicy
 from plat.modules.goal_encoder import GoalSequenceEncoder
 from plat.modules.latent import LatentPosterior, LatentPrior, sample_latent
 from plat.modules.normalizer import NormalizerConfig, ObservationNormalizer
@@ -160,10 +161,10 @@ class LatentPolicy(nn.Module):
         decode = self.decoder.using("hidden", ("prior", "latent"))
         return TensorDictSequential(self.features(), self._sample("prior"), decode, selected_out_keys=["action"])
 
-    def deployed(self) -> TensorDictSequential:
+    def deployed(self) -> DeployedPolicy:
         """Return the deterministic policy ``a = pi(h, mu_p)``. It holds no privileged part."""
         decode = self.decoder.using("hidden", self.mode)
-        return TensorDictSequential(self.features(), decode, selected_out_keys=["action"])
+        return DeployedPolicy(self.features(), decode, timing=self.timing)
 
     def update_normalizers(self, tensordict: TensorDictBase) -> None:
         """Take a batch of visited states into the statistics."""
@@ -212,10 +213,10 @@ class PlainPolicy(nn.Module):
         """Time constants that the policy is trained with."""
         return self.config.timing
 
-    def deployed(self) -> TensorDictSequential:
+    def deployed(self) -> DeployedPolicy:
         """Return the deterministic policy."""
         parts = (self.normalizer.using(), self.backbone, self.decoder.using("hidden"))
-        return TensorDictSequential(*parts, selected_out_keys=["action"])
+        return DeployedPolicy(*parts, timing=self.timing)
 
     def training_graph(self) -> TensorDictSequential:
         """Return everything that the imitation loss asks for: writes ``action``."""

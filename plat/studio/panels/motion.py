@@ -26,6 +26,7 @@ class MotionPanel:
 
     def __init__(self, page: Page, motions: str, load: Callable[[str], MotionLibrary]):
         self._page, self._load, gui = page, load, page.gui
+        timing = page.session.timing
         self._library: MotionLibrary | None = None
         self._clip: MotionClip | None = None
         self._motions = gui.add_text(
@@ -33,12 +34,18 @@ class MotionPanel:
         )
         read = gui.add_button("Load motions")
         self._names = gui.add_dropdown("Clip", (_NONE,))
-        self._time = gui.add_slider("Time (s)", min=0.0, max=1.0, step=0.02, initial_value=0.0)
+        self._time = gui.add_slider("Time (s)", min=0.0, max=1.0, step=timing.control_dt, initial_value=0.0)
         self._preview = gui.add_checkbox("Show it", initial_value=True)
         page.buttons("Take the pose", {"As selected": lambda: self._take(False), "As new": lambda: self._take(True)})
         with gui.add_folder("A stretch of the clip", expand_by_default=True):
             self._seconds = gui.add_number("Seconds from here", 4.0, min=0.1, max=60.0, step=0.1)
-            self._interval = gui.add_number("A keyframe every (s)", 0.5, min=0.02, max=1.0, step=0.02)
+            self._interval = gui.add_number(
+                "A keyframe every (s)",
+                min(0.5, timing.longest),
+                min=timing.control_dt,
+                max=timing.longest,
+                step=timing.control_dt,
+            )
             stretch = gui.add_button("Replace all keyframes")
 
         async def read_clicked(_: object) -> None:

@@ -2,13 +2,10 @@
 
 from math import ceil
 
-from plat.keyframes import CONTROL_DT, MAX_STEPS
 from plat.studio.page import Page
 from plat.studio.strip import strip
 
 __all__ = ["TimelinePanel"]
-
-_LONGEST = CONTROL_DT * MAX_STEPS
 
 
 class TimelinePanel:
@@ -16,22 +13,23 @@ class TimelinePanel:
 
     def __init__(self, page: Page):
         self._page, session = page, page.session
+        control_dt, longest = session.timing.control_dt, session.timing.longest
         self._strip = page.gui.add_html("")
         self._arrivals = page.gui.add_multi_slider(
             "Arrivals (s)",
             min=0.0,
-            max=_LONGEST,
-            step=CONTROL_DT,
-            initial_value=(_LONGEST,),
+            max=longest,
+            step=control_dt,
+            initial_value=(longest,),
             hint="Drag a keyframe to another time; the others stay.",
         )
         self._selected = page.gui.add_dropdown("Selected", session.timeline.labels)
         self._interval = page.gui.add_slider(
             "Takes (s)",
-            min=CONTROL_DT,
-            max=_LONGEST,
-            step=CONTROL_DT,
-            initial_value=_LONGEST,
+            min=control_dt,
+            max=longest,
+            step=control_dt,
+            initial_value=longest,
             hint="From the pose before; later keyframes move along.",
         )
         self._name = page.gui.add_text("Name", "")
@@ -107,5 +105,6 @@ class TimelinePanel:
 
     def _end(self) -> float:
         """Seconds that the timeline shows: as late as the last keyframe can be moved."""
+        longest = self._page.session.timing.longest
         frames = self._page.session.timeline.keyframes
-        return float(ceil(2 * (frames[-2].time + _LONGEST if len(frames) > 1 else _LONGEST)) / 2)
+        return float(ceil(2 * (frames[-2].time + longest if len(frames) > 1 else longest)) / 2)

@@ -3,30 +3,68 @@ import torch
 from tensordict import TensorDict
 
 from plat.envs import make_keyframe_env, robot_centric_goal
-from plat.envs.transforms import HORIZONS, MAX_STEPS, WINDOW, CommandSchedule, Horizon, KeyframeClock, KeyframeCommand
-from plat.errors import MotionError
+from plat.envs.transforms import (
+    HORIZONS,
+    PAPER_HORIZONS,
+    CommandSchedule,
+    Horizon,
+    KeyframeClock,
+    KeyframeCommand,
+    horizon_named,
+)
+from plat.errors import MotionError, PlatError, TaskError
 from plat.motions import MotionLibrary
+from plat.spec.timing import Timing
 from tests.conftest import standing_clip
 
 
-def test_horizons_are_the_papers():
-    assert {name: (h.shortest, h.longest) for name, h in HORIZONS.items()} == {
+def test_horizons_are_the_papers_and_a_distant_one():
+    assert {name: (h.shortest, h.longest) for name, h in PAPER_HORIZONS.items()} == {
         "single": (1, 1),
         "short": (2, 10),
         "medium": (11, 25),
         "long": (26, 50),
         "mixed": (1, 50),
     }
-    assert (MAX_STEPS, WINDOW) == (50, 3)
+    assert {**PAPER_HORIZONS, "distant": Horizon(51, 150)} == HORIZONS
 
 
-@pytest.mark.parametrize("bounds", [(0, 5), (5, 4), (1, 51)])
+@pytest.mark.parametrize("bounds", [(0, 5), (5, 4)])
 def test_impossible_horizons(bounds):
-    with pytest.raises(ValueError, match="expected 1 <= shortest <= longest <= 50"):
+    with pytest.raises(TaskError, match="expected 1 <= shortest <= longest"):
         Horizon(*bounds)
 
 
-@pytest.mark.parametrize("horizon", HORIZONS.values(), ids=HORIZONS)
+def test_horizons_by_name():
+    assert horizon_named("long", Timing()) == Horizon(26, 50)
+    assert horizon_named("all", Timing(max_steps=7)) == Horizon(1, 7)
+    assert horizon_named("distant", Timing(max_steps=150)) == Horizon(51, 150)
+    with pytest.raises(TaskError, match="horizon is 'far', expected one of: single, .* distant, all"):
+        horizon_named("far", Timing())
+    with pytest.raises(PlatError, match="horizon 'distant': 150 control steps, expected at most the policy's 50"):
+        horizon_named("distant", Timing())
+
+
+def test_motions_and_commands_that_do_not_fit_the_timing(library):
+    with pytest.raises(PlatError, match=r"clips: control step of 0.02 s, expected the policy's 0.01 s"):
+        KeyframeCommand(library, Horizon(1, 5), timing=Timing(control_dt=0.01))
+    with pytest.raises(PlatError, match="horizon of 1 to 51 steps: 51 control steps, expected at most the policy's 50"):
+        KeyframeCommand(library, Horizon(1, 51))
+    with pytest.raises(PlatError, match="51 control steps"):
+        make_keyframe_env(library, 2, horizon=Horizon(1, 51))
+
+
+def test_the_window_is_that_of_the_timing():
+    clock, marks = KeyframeClock(window=5), []
+    command = {"target_frame": torch.tensor([9]), "steps_left": torch.tensor([[7]])}
+    state = TensorDict({"command": TensorDict(command, [1])}, [1])
+    for _ in range(7):
+        state = clock._step(state, TensorDict({}, [1]))
+        marks.append(bool(state["command", "in_window"]))
+    assert marks == [False, False, True, True, True, True, True]
+
+
+@pytest.mark.parametrize("horizon", PAPER_HORIZONS.values(), ids=PAPER_HORIZONS)
 def test_schedules_follow_their_horizon(library, horizon):
     schedule = CommandSchedule(library, horizon, seed=0)
     for clip in range(library.num_clips):

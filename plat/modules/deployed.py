@@ -1,0 +1,28 @@
+"""A policy as it is used after training."""
+
+from tensordict.nn import TensorDictModuleBase, TensorDictSequential
+
+from plat.spec.timing import Timing
+
+__all__ = ["DeployedPolicy"]
+
+
+class DeployedPolicy(TensorDictSequential):
+    """Deterministic policy that knows the timing that it was trained with.
+
+    Environments and controllers that are given it scale the time to a keyframe by this timing.
+
+    Args:
+        modules: run one after the other.
+        timing: of the policy.
+        out_key: entry that holds the action.
+
+    >>> from plat.robots import G1
+    >>> from plat.modules import LatentPolicy
+    >>> LatentPolicy(G1).deployed().timing.max_steps
+    50
+    """
+
+    def __init__(self, *modules: TensorDictModuleBase, timing: Timing, out_key: str = "action"):
+        super().__init__(*modules, selected_out_keys=[out_key])
+        self.timing = timing
