@@ -19,23 +19,28 @@ import plat.robots.registry
 from plat.motions import MotionClip, MotionLibrary, generate_motions
 from plat.robots import G1
 
-TESTS = Path(__file__).parent
 SLOW = (
     "benchmarks/",
     "cli/",
     "deploy/test_parity.py",
+    "evaluation/test_scoring.py::test_commands_do_not_depend_on_the_policy",
+    "evaluation/test_scoring.py::test_dense_reference_instead_of_the_keyframe",
+    "evaluation/test_scoring.py::test_figures_do_not_depend_on_how_many_robots_there_are",
     "export/test_bundle.py",
+    "motions/checks/test_tempo.py::test_what_does_not_walk_has_no_tempo",
+    "objectives/test_ppo.py::test_a_latent_residual_learns",
+    "objectives/test_ppo.py::test_the_critic_learns_however_slow_the_policy",
     "recipes/",
     "runs/test_run.py",
     "studio/test_browser.py",
     "test_regression.py",
 )
-"""Tests that train, export or start processes; ``make test-fast`` leaves them out, with those marked one by one."""
+"""Tests that take seconds; ``make test-fast`` leaves them out, with those that are marked where they stand."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
-        if TESTS in item.path.parents and item.path.relative_to(TESTS).as_posix().startswith(SLOW):
+        if item.nodeid.startswith("tests/") and item.nodeid.removeprefix("tests/").startswith(SLOW):
             item.add_marker("slow")
 
 

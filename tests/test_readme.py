@@ -7,11 +7,17 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 OPTIONAL = {"plat.envs.sb3": "stable_baselines3"}
-EXAMPLES = {
-    f"{page}-{number}": example
-    for page in ("README.md", "docs/components.md", "docs/gymnasium.md", "plat/weights/README.md")
-    for number, example in enumerate(re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), re.DOTALL))
-}
+PAGES = ("README.md", "docs/components.md", "docs/gymnasium.md", "docs/imagination.md", "plat/weights/README.md")
+JOINED = ("docs/imagination.md",)
+"""Pages on which an example goes on from the one before it."""
+
+
+def examples_of(page: str) -> list[str]:
+    examples = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), re.DOTALL)
+    return ["\n".join(examples)] if page in JOINED else examples
+
+
+EXAMPLES = {f"{page}-{number}": example for page in PAGES for number, example in enumerate(examples_of(page))}
 
 
 @pytest.mark.slow
@@ -25,9 +31,4 @@ def test_example(example, monkeypatch):
 
 
 def test_every_page_has_examples():
-    assert {name.rsplit("-", 1)[0] for name in EXAMPLES} == {
-        "README.md",
-        "docs/components.md",
-        "docs/gymnasium.md",
-        "plat/weights/README.md",
-    }
+    assert {name.rsplit("-", 1)[0] for name in EXAMPLES} == set(PAGES)

@@ -43,7 +43,16 @@ from plat.motions import (
 from plat.motions.checks.feet import Soles
 from plat.motions.generation import PREFIX, generate_named
 from plat.motions.resample import resample_qpos
-from plat.motions.retargeting import Retargeted, SolverOptions, bvh_paths, load_map, retarget_all, split_of
+from plat.motions.retargeting import (
+    Retargeted,
+    SkeletonMap,
+    SolverOptions,
+    bvh_paths,
+    load_map,
+    retarget_all,
+    save_map,
+    split_of,
+)
 from plat.rendering import RenderingError, Stage, stills
 from plat.robots import G1
 
@@ -218,10 +227,12 @@ class Retarget:
         made, failed = [], 0
         columns = f"{'error cm':>10}{'depth mm':>10}{'float mm':>10}{'slip cm/s':>11}{'f/s':>6}  read as"
         print(f"{'clip':<44}{'frames':>7}{'s':>7}{columns}")
+        unknown: SkeletonMap | None = None
         for result in retarget_all(paths, skeleton, options=self.solver, workers=self.workers, fps=self.fps):
             if isinstance(result, MotionError):
                 print(f"skipped: {result}", flush=True)
                 failed += 1
+                unknown = unknown or getattr(result, "proposed", None)
                 continue
             made.append(result)
             clip, frames = result.clip, len(result.clip.qpos)
@@ -239,6 +250,10 @@ class Retarget:
                 if clips:
                     save_motions(self.out / f"{split}.npz", clips)
                 print(f"{split}: {len(clips)} clips, {sum(clip.duration for clip in clips):.0f} s")
+        if unknown is not None:
+            proposed = self.out / "proposed_map.yaml"
+            save_map(proposed, unknown, "proposed from names and tree: check every joint, then pass it with --map")
+            print(f"wrote {proposed}: a map to check and to pass with --map")
         if failed:
             raise MotionError(f"{failed} of {len(paths)} files could not be used; see above")
         return made

@@ -110,7 +110,7 @@ class ImaginationLoss(LossModule):
         to_go, regularization = torch.zeros_like(alive), alive.new_zeros(())
         cost_sum, alive_sum = alive.new_zeros(()), alive.new_zeros(())
         effort_before: Tensor | None = None
-        first = observed = task.observe(state, memory)
+        first = observed = self._observe(state, memory)
         weight, weights = 1.0, 0.0
         for _ in range(self.steps):
             acted = self.policy(observed.copy())
@@ -130,7 +130,7 @@ class ImaginationLoss(LossModule):
             with torch.no_grad():
                 alive = alive * ~task.finished(memory)
             memory = task.renew(memory)
-            observed = task.observe(state, memory)
+            observed = self._observe(state, memory)
         out = {}
         if self.critic is not None:
             with hold_out_net(self.critic):
@@ -140,6 +140,11 @@ class ImaginationLoss(LossModule):
         out["imagined_cost"] = cost_sum / alive_sum.clamp_min(1.0)
         out["imagined_alive"] = alive_sum / (self.steps * alive.numel())
         return TensorDict(out)
+
+    def _observe(self, state: RobotState, memory: TensorDictBase) -> TensorDictBase:
+        # half precision is for networks: positions of a few metres would be off by millimetres
+        with torch.autocast(state.root_pos_w.device.type, enabled=False):
+            return self.task.observe(state, memory)
 
     def _moderation(self, effort: Tensor, before: Tensor | None) -> Tensor:
         total = self.effort_weight * effort.square().mean()

@@ -27,3 +27,24 @@ def test_good_files_are_written_and_a_broken_one_is_named(tmp_path):
     assert "1 of 3 files could not be used" in result.stderr
     assert [path.name for path in sorted(out.iterdir())] == ["train.npz", "val.npz"]
     assert [clip.name for clip in load_motions(out)] == ["clip_0", "clip_1"]
+
+
+def test_where_no_map_fits_one_is_proposed(tmp_path):
+    odd = {"Hips": "Bassin", "LeftUpLeg": "CuisseLeft", "RightUpLeg": "CuisseRight"}
+    write_human(tmp_path / "odd.bvh", frames=3, names=odd)
+    result = run(tmp_path / "odd.bvh", "--out", tmp_path / "out")
+    assert result.returncode != 0
+    assert "write a map for them" in result.stdout
+    assert "proposed_map.yaml: a map to check and to pass with --map" in result.stdout
+    result = run(tmp_path / "odd.bvh", "--map", tmp_path / "out" / "proposed_map.yaml", "--out", tmp_path / "out")
+    assert result.returncode == 0
+    assert (tmp_path / "out" / "odd.npz").exists()
+
+
+def test_what_was_found_stands_beside_each_clip(tmp_path):
+    write_human(tmp_path / "a.bvh", frames=3, up="z")
+    text = (tmp_path / "a.bvh").read_text()
+    (tmp_path / "a.bvh").write_text(text.replace("Frames: 3", "Frames: 4").replace("0.033333", "33.3333"))
+    assert "30 if it is in milliseconds" in run(tmp_path / "a.bvh", "--out", tmp_path / "out").stdout
+    result = run(tmp_path / "a.bvh", "--fps", "30", "--out", tmp_path / "out")
+    assert "map lafan1, 3 frames, for 'Frames:' says 4, z up and not y, as stated: the body" in result.stdout

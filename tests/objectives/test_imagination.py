@@ -137,3 +137,18 @@ def test_a_critic_speaks_for_what_is_not_imagined(tracking):
     losses["loss_critic"].backward()
     assert head.weight.grad.any()
     assert expert.network[0].weight.grad is None
+
+
+def test_half_precision_is_for_networks(tracking):
+    seen, action = [], nn.Parameter(torch.zeros(29))
+
+    def act(root_pos):
+        seen.append(root_pos)
+        return action.expand(len(root_pos), -1)
+
+    policy = TensorDictModule(act, [("goal", "root_pos_b")], ["action"])
+    loss = ImaginationLoss(policy, DynamicsModel(G1, SMALL), tracking, steps=2)
+    with torch.autocast("cpu", torch.bfloat16):
+        loss(starts(tracking))
+    assert seen[1].requires_grad
+    assert seen[1].dtype == torch.float32

@@ -12,7 +12,7 @@ from plat.errors import MotionError
 from plat.motions.checks.feet import Soles
 from plat.motions.clip import MotionClip
 from plat.motions.formats.names import match_joint
-from plat.motions.formats.units import angles_in_radians, place_in_metres, unit_quaternions, z_up
+from plat.motions.formats.units import angles_in_radians, place_in_meters, unit_quaternions, z_up
 from plat.motions.formats.unnamed_joints import OPTIONAL, unnamed_joints
 from plat.robots.robot import Robot
 
@@ -121,7 +121,7 @@ def make_clip(
     fields: tuple[str, str],
     notes: Sequence[str] = (),
 ) -> MotionClip:
-    """Return a checked clip from the parts of a file, in metres and radians, z up.
+    """Return a checked clip from the parts of a file, in meters and radians, z up.
 
     Args:
         name: of the clip.
@@ -151,7 +151,7 @@ def make_clip(
     quat = unit_quaternions(parts[1], fields[1])
     angles = angles_in_radians(parts[2], robot)
     upright, turned = z_up(parts[0], quat.values, angles.values, options.soles)
-    place = place_in_metres(upright.values, angles.values, options.soles, fields[0])
+    place = place_in_meters(upright.values, angles.values, options.soles, fields[0])
     found = (*quat.notes, *angles.notes, *upright.notes, *place.notes)
     qpos = np.concatenate((place.values, turned.values, angles.values), 1)
     return MotionClip(name, qpos, fps, tuple(dict.fromkeys((*notes, *found)))).checked(robot)

@@ -14,7 +14,7 @@ from plat.robots.robot import Robot
 
 __all__ = ["read_tracker"]
 
-# Bodies that a tracker's file records as they are (m): its robot may differ from ours by some millimetres.
+# Bodies that a tracker's file records as they are (m): its robot may differ from ours by some millimeters.
 _SAME_PLACE = 0.01
 _CHECKED_FRAMES = 50
 _ORDERS: tuple[QuatOrder, ...] = ("wxyz", "xyzw")

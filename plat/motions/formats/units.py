@@ -10,18 +10,18 @@ from plat.motions.checks.feet import Soles
 from plat.robots.robot import Robot
 from plat.rotations_np import quat_multiply
 
-__all__ = ["angles_in_radians", "place_in_metres", "unit_quaternions", "z_up"]
+__all__ = ["angles_in_radians", "place_in_meters", "unit_quaternions", "z_up"]
 
 # A quaternion outside of this is no rounding and no averaging, but another column.
 _LENGTHS = (0.8, 1.25)
 _ROUNDING = 1e-2
-# Further than any motion goes in metres, wider than any joint turns in radians.
+# Further than any motion goes in meters, wider than any joint turns in radians.
 _FARTHEST = 1000.0
 _WIDEST = 4 * np.pi
 # Degrees are believed where the joints then stay within this much of their limits (rad).
 _LIMIT_SLACK = 0.35
-# Root height over what the legs need, in a motion in these units. In metres it is about 1.
-_UNITS = {"centimetres": (40.0, 250.0, 0.01), "millimetres": (400.0, 2500.0, 0.001)}
+# Root height over what the legs need, in a motion in these units. In meters it is about 1.
+_UNITS = {"centimeters": (40.0, 250.0, 0.01), "millimeters": (400.0, 2500.0, 0.001)}
 _HIGHEST = 5.0
 # A root whose local up axis lies along another axis of the world than z, at the height of a standing robot.
 _ALONG = 0.85
@@ -70,25 +70,25 @@ def angles_in_radians(joint_pos: np.ndarray, robot: Robot) -> Converted:
     return Converted(radians, ("joint angles in degrees",))
 
 
-def place_in_metres(root_pos: np.ndarray, joint_pos: np.ndarray, soles: Soles, field: str) -> Converted:
-    """Return root positions ``[T, 3]`` in metres; the unit is known by the height that the legs need.
+def place_in_meters(root_pos: np.ndarray, joint_pos: np.ndarray, soles: Soles, field: str) -> Converted:
+    """Return root positions ``[T, 3]`` in meters; the unit is known by the height that the legs need.
 
     Raises:
         MotionError: for a height that is a standing robot's in no unit.
     """
     need = _leg_height(joint_pos, soles)
     height = float(np.median(root_pos[:, 2]) / need)
-    for unit, (low, high, metres) in _UNITS.items():
+    for unit, (low, high, meters) in _UNITS.items():
         if low < abs(height) < high:
             return Converted(
-                root_pos * metres, (f"root position in {unit}: it is {height:.0f} times as high as in metres",)
+                root_pos * meters, (f"root position in {unit}: it is {height:.0f} times as high as in meters",)
             )
     largest = np.abs(root_pos).max(initial=0.0)
     if largest > _FARTHEST:
-        raise MotionError(f"{field!r} has values up to {largest:.4g}, expected metres")
+        raise MotionError(f"{field!r} has values up to {largest:.4g}, expected meters")
     if abs(height) > _HIGHEST:
         raise MotionError(
-            f"{field!r} has the root {height * need:.4g} above the floor, expected metres: the legs reach {need:.2f}"
+            f"{field!r} has the root {height * need:.4g} above the floor, expected meters: the legs reach {need:.2f}"
         )
     return Converted(root_pos)
 

@@ -54,7 +54,7 @@ class WholeBody:
             root_quat: ``[F, 4]``.
             feet_pos: positions of the left and right foot body ``[F, 2, 3]`` (m, world).
             feet_quat: their orientations ``[F, 2, 4]``.
-            orientation_weight: metres that a radian of each foot's orientation counts as ``[F, 2]``, where joint
+            orientation_weight: meters that a radian of each foot's orientation counts as ``[F, 2]``, where joint
                 limits do not let a foot have both.
             joint_pos: all angles ``[F, J]`` (rad); those of the legs are where the search begins.
 

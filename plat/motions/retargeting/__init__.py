@@ -1,7 +1,7 @@
 """Human motion capture to motions of the robot; needs the extra ``plat-rl[retarget]``."""
 
 from plat.motions.retargeting.asf import read_amc
-from plat.motions.retargeting.builtin import builtin_maps
+from plat.motions.retargeting.builtin import UnknownSkeletonError, builtin_maps
 from plat.motions.retargeting.bvh import read_bvh
 from plat.motions.retargeting.mocap import Mocap
 from plat.motions.retargeting.options import SolverOptions
@@ -14,6 +14,7 @@ __all__ = [
     "Retargeted",
     "SkeletonMap",
     "SolverOptions",
+    "UnknownSkeletonError",
     "builtin_maps",
     "bvh_paths",
     "load_map",

@@ -12,12 +12,28 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.motions.retargeting.mocap import Mocap
+from plat.motions.retargeting.propose import propose_map
 from plat.motions.retargeting.skeletons import SIDES, SkeletonMap, load_map
 
-__all__ = ["builtin_maps", "find_map", "joint_keys"]
+__all__ = ["UnknownSkeletonError", "builtin_maps", "find_map", "joint_keys"]
 
 # Lengths below this share of a leg give no direction.
 _SHORT = 0.01
+
+
+class UnknownSkeletonError(MotionError):
+    """A capture whose joints no map that comes with plat has.
+
+    Attributes:
+        proposed: a map to be confirmed, where one can be told from names and tree.
+    """
+
+    def __init__(self, message: str, proposed: SkeletonMap | None = None):
+        super().__init__(message, proposed)
+        self.proposed = proposed
+
+    def __str__(self) -> str:
+        return str(self.args[0])
 
 
 @cache
@@ -66,9 +82,10 @@ def find_map(mocap: Mocap, where: str) -> SkeletonMap:
     if found:
         return max(found, key=lambda row: row[:2])[2]
     known = ", ".join(skeleton.name for skeleton in builtin_maps())
-    raise MotionError(
+    raise UnknownSkeletonError(
         f"{where}: its joints are those of none of the known skeletons ({known}); write a map for them (--map), "
-        f"see docs/retargeting.md. Its joints are: {', '.join(mocap.names[:60])}"
+        f"see docs/retargeting.md. Its joints are: {', '.join(mocap.names[:60])}",
+        propose_map(mocap, "proposed"),
     )
 
 

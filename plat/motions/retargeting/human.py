@@ -1,4 +1,4 @@
-"""From a capture and a map to the motion of a human in metres, z up."""
+"""From a capture and a map to the motion of a human in meters, z up."""
 
 from dataclasses import dataclass
 
@@ -102,7 +102,7 @@ def _posed_frames(raw: dict[str, np.ndarray], leg: float) -> int:
 
 
 def _unit(leg: float, skeleton: SkeletonMap) -> tuple[float, list[str]]:
-    """Return metres a unit, and notes where that is not what the map states."""
+    """Return meters a unit, and notes where that is not what the map states."""
     stated = None if skeleton.units == "auto" else float(UNITS.get(str(skeleton.units), skeleton.units))
     if stated is not None and _LEG_LENGTH[0] < stated * leg < _LEG_LENGTH[1]:
         return stated, []

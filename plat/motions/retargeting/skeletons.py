@@ -1,4 +1,4 @@
-"""Which joints of a capture are which joints of a human, and where its metres and its up are."""
+"""Which joints of a capture are which joints of a human, and where its meters and its up are."""
 
 import math
 from dataclasses import dataclass, fields
@@ -19,7 +19,7 @@ ROLES = (
 """Joints of a human that retargeting looks at."""
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "in/0.45": 0.0254 / 0.45}
-"""Metres a unit; the last is what CMU's captures count in."""
+"""Meters a unit; the last is what CMU's captures count in."""
 
 _AXES = ("x", "y", "z")
 
@@ -31,7 +31,7 @@ class SkeletonMap:
     Args:
         name: what reports call it.
         joints: one of :data:`ROLES` to the name of a joint, or of an end site (``<joint>_end``).
-        units: of the file's lengths, one of :data:`UNITS` or the metres that a unit has; ``auto`` takes the one that
+        units: of the file's lengths, one of :data:`UNITS` or the meters that a unit has; ``auto`` takes the one that
             makes the legs as long as human legs are. A unit that makes them something else gives way.
         up: axis of the file's world that points up, ``x``, ``y`` or ``z``; ``auto`` takes the one along which the
             body stands over a floor. An axis that contradicts the motion gives way, or the file is refused.
@@ -58,7 +58,7 @@ class SkeletonMap:
             )
         if self.units not in ("auto", *UNITS) and not (_is_number(self.units) and float(self.units) > 0):
             raise MotionError(
-                f"{where}: 'units' is {self.units!r}, expected auto, m, cm, mm, in, in/0.45 or metres a unit"
+                f"{where}: 'units' is {self.units!r}, expected auto, m, cm, mm, in, in/0.45 or meters a unit"
             )
         if self.up not in ("auto", *_AXES):
             raise MotionError(f"{where}: 'up' is {self.up!r}, expected auto, x, y or z")

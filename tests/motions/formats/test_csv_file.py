@@ -93,7 +93,7 @@ def table(rows: int = 3, **cells: str) -> str:
         (table(c9="nan"), r"qpos\[0, 9\] is nan"),
         (table(c3="0.5"), "quaternion of frame 0 .* has length 0.5, expected 1"),
         (table(c8="573"), "'joint angles' has values up to 573, expected radians"),
-        (table(c2="1e30"), "'root position' has values up to 1e[+]30, expected metres"),
+        (table(c2="1e30"), "'root position' has values up to 1e[+]30, expected meters"),
         (table(1), "1 frames, expected at least 2"),
         (",".join([*"xyz", *"wxyz", *G1.joint_names[:-1], "tail"]) + "\n" + table(), "has the unknown .*tail"),
     ],
@@ -207,7 +207,7 @@ def test_root_angles_in_radians(tmp_path):
     assert "root rotation from Euler angles in radians" in file.facts
 
 
-@pytest.mark.parametrize(("factor", "unit"), [(100, "centimetres"), (1000, "millimetres")])
+@pytest.mark.parametrize(("factor", "unit"), [(100, "centimeters"), (1000, "millimeters")])
 def test_other_units_are_seen(tmp_path, factor, unit):
     clip = bowing_clip()
     write_table(tmp_path / "a_50fps.csv", clip.qpos * np.array([factor] * 3 + [1] * 33))

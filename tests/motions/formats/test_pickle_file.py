@@ -114,13 +114,13 @@ def test_quaternions_of_about_unit_length(tmp_path):
     assert clip.notes == ("root quaternions of length 0.965 to 0.965 made unit",)
 
 
-def test_a_root_in_millimetres(tmp_path):
+def test_a_root_in_millimeters(tmp_path):
     fields = gmr_fields(bowing_clip())
     fields["root_pos"] = 1000 * fields["root_pos"]
     (tmp_path / "bow.pkl").write_bytes(pickle.dumps(fields))
     (clip,) = load_motions(tmp_path / "bow.pkl")
     np.testing.assert_allclose(clip.qpos, bowing_clip().qpos, atol=1e-6)
-    assert "root position in millimetres" in clip.notes[0]
+    assert "root position in millimeters" in clip.notes[0]
 
 
 def test_a_human_body_is_named(tmp_path):

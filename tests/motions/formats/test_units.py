@@ -4,7 +4,7 @@ import torch
 
 from plat.errors import MotionError
 from plat.motions.checks.feet import Soles
-from plat.motions.formats.units import angles_in_radians, place_in_metres, unit_quaternions, z_up
+from plat.motions.formats.units import angles_in_radians, place_in_meters, unit_quaternions, z_up
 from plat.robots import G1
 from plat.rotations import quat_multiply
 from tests.motions.formats.writers import bowing_clip
@@ -18,30 +18,30 @@ def test_what_is_right_stays_as_it_is():
     assert unit_quaternions(QUAT, "rot").notes == ()
     for found, values in (
         (angles_in_radians(JOINTS, G1), JOINTS),
-        (place_in_metres(PLACE, JOINTS, SOLES, "pos"), PLACE),
+        (place_in_meters(PLACE, JOINTS, SOLES, "pos"), PLACE),
         *zip(z_up(PLACE, QUAT, JOINTS, SOLES), (PLACE, QUAT), strict=True),
     ):
         assert found.notes == ()
         np.testing.assert_array_equal(found.values, values)
 
 
-@pytest.mark.parametrize(("factor", "unit"), [(100, "centimetres"), (1000, "millimetres")])
+@pytest.mark.parametrize(("factor", "unit"), [(100, "centimeters"), (1000, "millimeters")])
 def test_places_in_other_units(factor, unit):
-    found = place_in_metres(factor * PLACE, JOINTS, SOLES, "pos")
+    found = place_in_meters(factor * PLACE, JOINTS, SOLES, "pos")
     np.testing.assert_allclose(found.values, PLACE)
     assert f"root position in {unit}" in found.notes[0]
 
 
 def test_a_height_in_no_unit_is_refused():
-    with pytest.raises(MotionError, match="'pos' has the root 10.* above the floor, expected metres: the legs"):
-        place_in_metres(PLACE + np.array([0, 0, 10]), JOINTS, SOLES, "pos")
-    with pytest.raises(MotionError, match="'pos' has values up to 5e[+]04, expected metres"):
-        place_in_metres(PLACE + np.array([5e4, 0, 0]), JOINTS, SOLES, "pos")
+    with pytest.raises(MotionError, match="'pos' has the root 10.* above the floor, expected meters: the legs"):
+        place_in_meters(PLACE + np.array([0, 0, 10]), JOINTS, SOLES, "pos")
+    with pytest.raises(MotionError, match="'pos' has values up to 5e[+]04, expected meters"):
+        place_in_meters(PLACE + np.array([5e4, 0, 0]), JOINTS, SOLES, "pos")
 
 
 @pytest.mark.parametrize("height", [-0.7, 0.0, 0.15, 1.0])
-def test_floating_and_sunk_clips_are_in_metres(height):
-    assert place_in_metres(PLACE + np.array([0, 0, height]), JOINTS, SOLES, "pos").notes == ()
+def test_floating_and_sunk_clips_are_in_meters(height):
+    assert place_in_meters(PLACE + np.array([0, 0, height]), JOINTS, SOLES, "pos").notes == ()
 
 
 def test_degrees():
@@ -83,4 +83,4 @@ def test_who_lies_stays_lying():
     quat = np.tile([np.sqrt(0.5), 0, np.sqrt(0.5), 0], (len(QUAT), 1))
     place = np.tile([0.0, 0.0, 0.1], (len(QUAT), 1))
     assert z_up(place, quat, JOINTS, SOLES)[0].notes == ()
-    assert place_in_metres(place, JOINTS, SOLES, "pos").notes == ()
+    assert place_in_meters(place, JOINTS, SOLES, "pos").notes == ()
