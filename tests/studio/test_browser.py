@@ -213,7 +213,7 @@ def test_what_goes_wrong_is_said_on_the_page(user):
     user.press("Play")
     user.sees("expected at least one")
     user.tab("Files")
-    user.enter("File", "/nowhere/at/all.json")
+    user.enter("File", "nowhere.json")
     user.press("Load")
     user.sees("no such file")
     user.tab("Motion")
