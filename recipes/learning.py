@@ -3,7 +3,7 @@
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from tensordict import NestedKey, TensorDictBase
@@ -63,14 +63,16 @@ def learn(
         make_task: the task on some motions.
         effort: entry of the actor that is kept small.
     """
-    device = recipe.device
+    device, settings = recipe.device, recipe.imagination
     if recipe.init_model:
         model = load_dynamics(recipe.init_model, library.robot, device)
+        # it knows the robot, and needs to see only what the new task makes of it
+        settings = replace(settings, warmup=min(settings.warmup, 8))
     else:
         model = DynamicsModel(library.robot, recipe.model, library.dt).to(device)
     task = make_task(library)
     env = SimulatedTask(task, recipe.num_envs, device=device)
-    learner = ImaginationLearner(policy, actor, model, task, recipe.imagination, effort=effort)
+    learner = ImaginationLearner(policy, actor, model, task, settings, effort=effort)
     replay = RolloutReplay(
         recipe.num_envs, _multiple(recipe.replay, recipe.rollout), ["robot_state", "memory", "action"], device
     )
@@ -86,7 +88,7 @@ def learn(
         loggers=recipe.loggers,
     )
     saved = time.monotonic()
-    for rollout in rollouts(env, exploring(actor, recipe.noise), recipe.rollout, recipe.imagination.precision):
+    for rollout in rollouts(env, exploring(actor, recipe.noise), recipe.rollout, settings.precision):
         budget.add(rollout.numel())
         replay.extend(rollout)
         learner.observe(rollout)

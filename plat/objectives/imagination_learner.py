@@ -57,12 +57,12 @@ class ImaginationConfig:
     warmup: int = 40
     """iterations from which only the model learns"""
     settle: int = 400
-    """iterations after which the normalizers no longer change"""
+    """iterations after which the normalizers no longer change; a model that comes with as many has settled"""
     constant: float = 0.5
     """share of the budget after which learning rates fall"""
     final_lr: float = 0.1
     """share of the learning rates at the end of the budget"""
-    precision: Precision = "float32"
+    precision: Precision = "auto"
     """precision of the networks' hidden layers"""
 
 
@@ -136,10 +136,11 @@ class ImaginationLearner:
 
     def observe(self, rollout: TensorDictBase) -> None:
         """Take a rollout ``[N, T]`` into the normalizers, until they have settled."""
-        if self.iterations >= self.config.settle:
+        if self.iterations < self.config.settle:
+            normalizer: Any = self.policy.normalizer
+            normalizer.update(rollout)
+        if int(self.model.batches) >= self.config.settle:
             return
-        normalizer: Any = self.policy.normalizer
-        normalizer.update(rollout)
         before, after = (RobotState.unpack(part["robot_state"]) for part in (rollout, rollout["next"]))
         going_on = ~rollout["next", "done"][..., 0]
         target = joint_target(self.model.robot, rollout["action"])

@@ -117,3 +117,13 @@ def test_noise_is_for_exploration(library):
     assert float((noisy - mean).std()) == pytest.approx(0.25, rel=0.05)
     with set_exploration_type(ExplorationType.DETERMINISTIC):
         assert exploring(expert.deployed(), 0.25)(observed.copy())["action"].equal(mean)
+
+
+def test_a_model_that_has_settled_elsewhere_keeps_its_statistics(library):
+    expert, task, model = Expert(G1, ExpertConfig(hidden=(16,))), DenseTracking(library), DynamicsModel(G1)
+    model.batches.fill_(CONFIG.settle)
+    learner = ImaginationLearner(expert, expert.deployed(), model, task, CONFIG)
+    rollout = next(rollouts(SimulatedTask(task, 8), exploring(expert.deployed(), 0.25), 4))
+    learner.observe(rollout)
+    assert not model.mean.any()
+    assert expert.normalizer.mean.any()
