@@ -23,6 +23,8 @@ _LIMIT_SLACK = 0.35
 # Root height over what the legs need, in a motion in these units. In meters it is about 1.
 _UNITS = {"centimeters": (40.0, 250.0, 0.01), "millimeters": (400.0, 2500.0, 0.001)}
 _HIGHEST = 5.0
+# Legs that reach less than this are folded below a leaning trunk, and no measure of the root's height (m).
+_FOLDED = 0.3
 # A root whose local up axis lies along another axis of the world than z, at the height of a standing robot.
 _ALONG = 0.85
 
@@ -119,4 +121,4 @@ def _leg_height(joint_pos: np.ndarray, soles: Soles) -> float:
     some = joint_pos[np.linspace(0, len(joint_pos) - 1, min(len(joint_pos), 50)).round().astype(int)]
     qpos = np.concatenate((np.tile([0.0, 0, 0, 1, 0, 0, 0], (len(some), 1)), some), 1)
     low = soles.points(torch.from_numpy(qpos))[..., 2].amin((-1, -2))
-    return max(0.1, -float(low.median()))
+    return max(_FOLDED, -float(low.median()))

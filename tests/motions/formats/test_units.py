@@ -44,6 +44,15 @@ def test_floating_and_sunk_clips_are_in_meters(height):
     assert place_in_meters(PLACE + np.array([0, 0, height]), JOINTS, SOLES, "pos").notes == ()
 
 
+def test_legs_folded_below_a_leaning_trunk_are_no_measure():
+    """Hips and knees as of someone who reaches for the floor: were the trunk upright, the feet would be beside it."""
+    folded = JOINTS.copy()
+    for joint, angle in (("hip_pitch", -2.5), ("knee", 1.0)):
+        folded[:, [G1.joint_names.index(f"{side}_{joint}") for side in ("left", "right")]] = angle
+    place = PLACE * [1, 1, 0] + [0, 0, 0.6]
+    assert place_in_meters(place, folded, SOLES, "pos").notes == ()
+
+
 def test_degrees():
     found = angles_in_radians(np.rad2deg(JOINTS), G1)
     np.testing.assert_allclose(found.values, JOINTS)
