@@ -1,4 +1,4 @@
-"""DAgger: the student acts, and the teacher labels the states that it visits."""
+"""DAgger: rollouts of the student, labeled with the teacher's actions."""
 
 from collections.abc import Sequence
 
@@ -19,7 +19,9 @@ LOOKUP_KEYS = (("motion", "frame"), ("command", "steps_left"), ("state", "root_p
 
 
 class ExpertLabels:
-    """Labels a rollout with the teacher's actions and flattens it; also fits as ``postproc`` of a TorchRL collector.
+    """DAgger labeling: adds the teacher's actions to a rollout and flattens it.
+
+    It also fits as ``postproc`` of a TorchRL collector.
 
     Args:
         expert: deterministic policy that writes its action to ``expert_action``, as :meth:`plat.modules.Teacher.labels`
@@ -47,7 +49,8 @@ class ExpertLabels:
 
 
 class MixedPolicy(TensorDictModuleBase):
-    """Mixture of student and teacher: the teacher takes some of the steps, so that an untrained student gets further.
+    """Mixture of student and teacher: the teacher takes some of the steps, so that an untrained student reaches more
+    states.
 
     Args:
         student: writes ``action``.
@@ -74,7 +77,7 @@ class MixedPolicy(TensorDictModuleBase):
         self.register_buffer("expert_share", torch.tensor(float(expert_share)))
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write the action that is taken, and the label where it is kept."""
+        """Write the action to take, and the label where it is kept."""
         seen = tensordict.select(*self.expert.in_keys)
         tensordict = self.student(tensordict)
         if not (self.keep_labels or self.expert_share > 0):
@@ -95,8 +98,8 @@ def dagger_buffer(
 
     Args:
         library: motions that the goals are gathered from.
-        capacity: number of states; the oldest give way.
-        batch_size: states a sample.
+        capacity: number of states; the oldest are overwritten.
+        batch_size: states per sample.
         stride: see :class:`PrivilegedGoals`.
     """
     return TensorDictReplayBuffer(

@@ -1,4 +1,4 @@
-"""Privileged goal sequences, gathered when a batch is drawn."""
+"""Privileged goal sequences, gathered when a batch is sampled."""
 
 import torch
 from tensordict import TensorDictBase
@@ -13,11 +13,13 @@ __all__ = ["PrivilegedGoals", "strided_offsets"]
 
 
 class PrivilegedGoals(Transform):
-    """Privileged goal sequence ``G = {g_t .. g_{t+Delta}}``, every frame in the robot's **current** root frame.
+    """Transform that adds the privileged goal sequence ``G = {g_t .. g_{t+Delta}}``.
 
-    A rollout or buffer holds only where to look: ``("motion", "frame")`` ``[B]``, ``("command", "steps_left")``
-    ``[B, 1]``, ``("state", "root_pos_w")`` and ``("state", "root_quat_w")``. Used as the transform of a replay
-    buffer, this fills in ``("privileged_goal", "frames")`` ``[B, L, F]``, padded with the last frame, and
+    Every frame is in the robot's **current** root frame.
+
+    A rollout or buffer holds only the indices of the sequence: ``("motion", "frame")`` ``[B]``, ``("command",
+    "steps_left")`` ``[B, 1]``, ``("state", "root_pos_w")`` and ``("state", "root_quat_w")``. Used as the transform of a
+    replay buffer, this fills in ``("privileged_goal", "frames")`` ``[B, L, F]``, padded with the last frame, and
     ``("privileged_goal", "length")`` ``[B]``. The last frame of each sequence is the commanded keyframe itself.
 
     Args:
@@ -46,7 +48,7 @@ class PrivilegedGoals(Transform):
 
 
 def strided_offsets(steps: Tensor, stride: int) -> tuple[Tensor, Tensor]:
-    """Frames ``0, stride, 2 stride .. steps`` of each sequence, the last one always among them.
+    """Return the frames ``0, stride, 2 stride .. steps`` of each sequence; the last one is always included.
 
     Args:
         steps: ``Delta`` ``[B]``.

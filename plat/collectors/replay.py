@@ -1,4 +1,4 @@
-"""Recent rollouts in a TorchRL buffer, sampled as windows of one episode each."""
+"""Replay buffer of recent rollouts, sampled as windows of one episode each."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -15,17 +15,17 @@ __all__ = ["RolloutReplay", "WindowSampler"]
 
 
 class RolloutReplay:
-    """The last control steps of N robots, in a ring of TorchRL's ``LazyTensorStorage``.
+    """Replay buffer of the last control steps of N robots, in a ring of TorchRL's ``LazyTensorStorage``.
 
-    Rows are in the order of time, the robots of a step side by side: a robot's next step is N rows on. TorchRL's
-    ``SliceSampler`` searches the whole storage for episodes' ends whenever it has grown. Here a window is drawn, and
-    given up if it holds an end, at a cost that does not depend on the storage's size.
+    Rows are in the order of time, with the robots of a step adjacent: a robot's next step is N rows later. TorchRL's
+    ``SliceSampler`` searches the whole storage for episode ends whenever it has grown. Here a window is sampled, and
+    rejected if it contains an end, at a cost independent of the storage's size.
 
     Args:
         num_envs: robots N.
-        capacity: control steps of each that are kept.
+        capacity: control steps kept for each robot.
         keys: entries of a rollout to keep; groups are kept whole.
-        device: where they are kept.
+        device: device of the storage.
 
     >>> from tensordict import TensorDict
     >>> replay = RolloutReplay(num_envs=2, capacity=10, keys=["x"])
@@ -53,14 +53,14 @@ class RolloutReplay:
         )
 
     def __len__(self) -> int:
-        """Control steps of each robot that are kept."""
+        """Return the number of control steps kept for each robot."""
         return min(self.steps, self.capacity)
 
     def extend(self, rollout: TensorDictBase) -> None:
-        """Add a rollout ``[N, T]`` that goes on where the last one ended.
+        """Add a rollout ``[N, T]`` that continues the last one.
 
         Raises:
-            ConfigError: when the capacity is no multiple of its length: its steps would be torn apart.
+            ConfigError: when the capacity is no multiple of its length: a rollout would wrap around the end.
         """
         length = rollout.shape[1]
         if self.capacity % length:
@@ -74,7 +74,7 @@ class RolloutReplay:
         self.steps += length
 
     def windows(self, batch: int, length: int, recent: int | None = None) -> TensorDictBase:
-        """Windows ``[batch, length]`` of successive steps of one episode; fewer where most episodes are shorter.
+        """Sample windows ``[batch, length]`` of successive steps of one episode; fewer where most episodes are shorter.
 
         Args:
             batch: number of windows.
@@ -85,13 +85,13 @@ class RolloutReplay:
         return self.buffer.sample(batch * length).view(-1, length)
 
     def states(self, batch: int, recent: int | None = None) -> TensorDictBase:
-        """Single steps ``[batch]``, of the last ``recent`` control steps."""
+        """Sample single steps ``[batch]`` of the last ``recent`` control steps."""
         self._recent_sampler.recent = recent
         return self._recent.sample(batch)
 
 
 class WindowSampler(Sampler):
-    """Draws windows of one robot's successive steps that lie within one episode.
+    """Sampler of windows: successive steps of one robot within one episode.
 
     Args:
         replay: whose storage is drawn from.
@@ -105,12 +105,12 @@ class WindowSampler(Sampler):
         self.recent = recent
 
     def sample(self, storage: Storage, batch_size: int) -> tuple[Tensor, dict[str, Any]]:
-        """Rows ``[B * length]``, window after window, with ``B * length <= batch_size``."""
+        """Sample rows ``[B * length]``, window after window, with ``B * length <= batch_size``."""
         replay, wanted = self._replay, batch_size // self.length
         span = min(len(replay), self.recent or len(replay))
         if span < self.length:
             raise ConfigError(f"replay: {span} control steps, expected at least a window of {self.length}")
-        # windows with an end in them are given up: enough spare ones for episodes of a few windows' length
+        # windows with an end in them are rejected: the spare ones suffice for episodes of a few windows' length
         drawn = wanted if self.length == 1 else wanted + wanted // 2 + 8
         device = replay._episode.device
         first = replay.steps - span + torch.randint(span - self.length + 1, (drawn,), device=device)
@@ -127,14 +127,14 @@ class WindowSampler(Sampler):
         pass
 
     def dumps(self, path: Any) -> None:
-        """Nothing to write."""
+        """Do nothing: there is no state to write."""
 
     def loads(self, path: Any) -> None:
-        """Nothing to read."""
+        """Do nothing: there is no state to read."""
 
     def state_dict(self) -> dict[str, Any]:
-        """Nothing to keep."""
+        """Return nothing: there is no state."""
         return {}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Nothing to go on from."""
+        """Do nothing: there is no state."""

@@ -1,4 +1,4 @@
-"""Rollouts of a policy: TorchRL's collector, set up for robots that are simulated in this process."""
+"""Rollout collection: TorchRL's collector, set up for robots that are simulated in this process."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,7 +13,7 @@ from plat.precision import Precision, autocast
 
 __all__ = ["rollouts", "simulation_threads"]
 
-# Below this many robots a second thread of PyTorch costs the physics pool more than it gains the transforms: its
+# Below this many robots a second PyTorch thread costs the physics pool more than it gains the transforms: its
 # threads spin while they wait, on cores that the pool needs.
 _ROBOTS_PER_THREAD = 1024
 
@@ -21,17 +21,16 @@ _ROBOTS_PER_THREAD = 1024
 def rollouts(
     env: EnvBase, policy: TensorDictModuleBase, steps: int, precision: Precision = "auto"
 ) -> Iterator[TensorDictBase]:
-    """Endless rollouts ``[N, steps]`` of a policy, each going on where the last one ended.
+    """Yield rollouts ``[N, steps]`` of a policy without end, each continuing the last one.
 
-    While robots are simulated PyTorch works on few threads; between rollouts, where the caller learns, on as many as
-    before.
+    During simulation PyTorch uses few threads; between rollouts, where the caller learns, as many as before.
 
     Args:
         env: N robots.
         policy: writes ``action``.
         steps: control steps of each robot in a rollout.
-        precision: of the networks' hidden layers, see :func:`plat.objectives.autocast`. The precision of the updates
-            makes an action's probability the same to the loss as it was to the policy that acted.
+        precision: of the networks' hidden layers, see :func:`plat.objectives.autocast`. With the precision of the
+            updates, the loss computes the same probability of an action as the acting policy.
 
     >>> from plat.envs import make_tracking_env
     >>> from plat.motions import MotionLibrary
@@ -63,7 +62,7 @@ def rollouts(
 
 @contextmanager
 def simulation_threads(num_envs: int) -> Iterator[None]:
-    """Context in which PyTorch works on no more threads than pay beside the simulation of ``num_envs`` robots."""
+    """Limit PyTorch, as a context, to the threads that pay off beside the simulation of ``num_envs`` robots."""
     threads = torch.get_num_threads()
     torch.set_num_threads(min(threads, max(1, num_envs // _ROBOTS_PER_THREAD)))
     try:
@@ -73,7 +72,7 @@ def simulation_threads(num_envs: int) -> Iterator[None]:
 
 
 class _AtPrecision(TensorDictModuleBase):
-    """A policy whose networks run at a precision; the environment's own arithmetic is left alone."""
+    """Policy whose networks run at a precision; the environment's own arithmetic is unaffected."""
 
     def __init__(self, policy: TensorDictModuleBase, device: torch.device | None, precision: Precision):
         super().__init__()

@@ -1,4 +1,4 @@
-"""Running an exported policy on a robot or in another simulator: needs numpy, and onnxruntime for the network."""
+"""Running an exported policy on a robot or in another simulator. Needs numpy, and onnxruntime for the network."""
 
 from plat.deploy.bundle import Bundle, BundleScore, PolicyFacts, TrainingFacts
 from plat.deploy.description import Body, RobotDescription

@@ -1,4 +1,4 @@
-"""What an exported policy says about itself: the content of ``bundle.json``, see ``docs/deploy.md``."""
+"""Metadata of an exported policy: the content of ``bundle.json``, see ``docs/deploy.md``."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ OUTPUT = "joint_position_target"
 
 @dataclass(frozen=True)
 class PolicyFacts:
-    """What kind of policy it is."""
+    """Kind and architecture of a policy."""
 
     kind: str
-    """as in a run's ``config.json``"""
+    """kind, as in a run's ``config.json``"""
     latent_size: int | None
     """size of the latent z; None for a policy without one"""
     residual_alpha: float | None
@@ -43,12 +43,12 @@ class PolicyFacts:
 
 @dataclass(frozen=True)
 class TrainingFacts:
-    """Where the policy comes from."""
+    """Provenance of a policy: run, recipe and versions."""
 
     run: str
     """name of the run directory"""
     recipe: str | None
-    """script that made it"""
+    """script that made the run"""
     plat: str | None
     """version of plat that it was trained with"""
     torch: str | None
@@ -59,7 +59,7 @@ class TrainingFacts:
 
 @dataclass(frozen=True)
 class BundleScore:
-    """A figure of ``plat evaluate`` and its 95 % bootstrap interval over motions."""
+    """Metric of ``plat evaluate`` with its 95 % bootstrap interval over motions."""
 
     horizon: str
     metric: str
@@ -70,7 +70,7 @@ class BundleScore:
 
 @dataclass(frozen=True)
 class Bundle:
-    """All that a program needs to know in order to run the network.
+    """Bundle metadata: robot, timing, observation layout, provenance and scores.
 
     Args:
         robot: the robot that the policy drives.
@@ -88,16 +88,16 @@ class Bundle:
 
     @property
     def max_steps(self) -> int:
-        """``Delta_max``, the longest command in control steps."""
+        """Return ``Delta_max``, the longest command in control steps."""
         return self.timing.max_steps
 
     @property
     def terms(self) -> tuple[ObservationTerm, ...]:
-        """What lies where in an observation."""
+        """Return the layout of an observation: its terms in order."""
         return observation_terms(len(self.robot.joint_names), len(self.robot.keypoints))
 
     def to_json(self) -> str:
-        """The content of ``bundle.json``. Numbers are written so that reading gives the same ones."""
+        """Return the content of ``bundle.json``. Numbers survive a round trip exactly."""
         robot = asdict(self.robot)
         control_dt = robot.pop("control_dt")
         content = {
@@ -117,11 +117,11 @@ class Bundle:
 
     @classmethod
     def from_json(cls, text: str, where: str) -> Bundle:
-        """What :meth:`to_json` wrote.
+        """Read what :meth:`to_json` wrote.
 
         Args:
             text: JSON.
-            where: what error messages call it.
+            where: name of the source in error messages.
 
         Raises:
             BundleError: naming the field that is missing, broken, or of another version of the format.
@@ -147,7 +147,7 @@ class Bundle:
 
 
 def readable_json(content: Any) -> str:
-    """JSON with a field a line, and lists of numbers or names on one.
+    """Return JSON with a field a line, and each list of numbers or names on one line.
 
     >>> print(readable_json({"gains": [1.5, 2.0]}), end="")
     {
@@ -246,7 +246,7 @@ def _check_terms(observation: _Object, known: tuple[ObservationTerm, ...]) -> No
 
 
 class _Object:
-    """An object of a JSON file, whose fields are asked for by name and checked."""
+    """Object of a JSON file, with type-checked access to its fields."""
 
     def __init__(self, content: Any, path: str, where: str):
         self._path, self._where = path, where

@@ -1,4 +1,4 @@
-"""What a program needs to know of a robot in order to run a policy on it."""
+"""Robot description for running a policy: joints, motor gains, limits and kinematic tree."""
 
 from dataclasses import dataclass
 
@@ -31,7 +31,7 @@ class Body:
 
 @dataclass(frozen=True)
 class RobotDescription:
-    """A position-controlled humanoid as its policy knows it.
+    """Description of a position-controlled humanoid as its policy knows it.
 
     Args:
         name: of the robot.
@@ -63,5 +63,5 @@ class RobotDescription:
 
     @property
     def default_qpos(self) -> NDArray[np.float64]:
-        """The default pose standing at the origin ``[7 + J]``: root position, quaternion ``wxyz``, joint angles."""
+        """Return the default pose at the origin ``[7 + J]``: root position, quaternion ``wxyz``, joint angles."""
         return np.concatenate(([0.0, 0.0, self.root_height, 1.0, 0.0, 0.0, 0.0], self.default_joint_pos))

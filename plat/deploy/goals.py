@@ -1,4 +1,4 @@
-"""The entries of a goal in numpy, as a robot's computer makes them; ``plat.envs.goals`` is the same in torch."""
+"""Goal entries in numpy, for a robot's onboard computer; ``plat.envs.goals`` is the same in torch."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ __all__ = ["GOAL_ENTRIES", "GoalView"]
 
 @dataclass(frozen=True)
 class GoalView:
-    """What the entries of a goal are computed from.
+    """Inputs from which the entries of a goal are computed.
 
     Args:
         state: of the robot.

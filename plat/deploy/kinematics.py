@@ -1,4 +1,4 @@
-"""Forward kinematics in numpy. The twin of :mod:`plat.robots.kinematics`, for programs without torch."""
+"""Forward kinematics in numpy, for programs without torch; the twin of :mod:`plat.robots.kinematics`."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ __all__ = ["KeypointKinematics"]
 
 
 class KeypointKinematics:
-    """Positions of a robot's keypoints in the world from its root pose and joint angles.
+    """Forward kinematics of a robot's keypoints: world positions from root pose and joint angles.
 
     Args:
         robot: its kinematic tree and keypoints.
@@ -50,7 +50,9 @@ class KeypointKinematics:
         self._wanted = np.array([names.index(name) for name in robot.keypoints])
 
     def __call__(self, root_pos_w: Array, root_quat_w: Array, joint_pos: Array) -> NDArray[np.float64]:
-        """Positions ``[K, 3]`` (m, world) for a root pose ``[3]``, ``[4]`` (``wxyz``) and angles ``[J]`` (rad)."""
+        """Compute positions ``[K, 3]`` (m, world) from a root pose ``[3]``, ``[4]`` (``wxyz``) and angles ``[J]``
+        (rad).
+        """
         self._angles[:-1] = joint_pos
         angle = self._angles[self._joint][:, None, None]
         local = self._rest + np.sin(angle) * self._sine + (1.0 - np.cos(angle)) * self._cosine

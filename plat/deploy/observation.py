@@ -1,4 +1,4 @@
-"""What a policy sees: a robot's state, its next keyframe and the time to it, as one vector."""
+"""Observation of a policy: robot state, next keyframe and time to it, as one vector."""
 
 import math
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ __all__ = ["ObservationBuilder", "ObservationTerm", "observation_terms"]
 
 @dataclass(frozen=True)
 class ObservationTerm:
-    """Features of an observation that belong together.
+    """Slice of an observation: features of one quantity, with their unit and frame.
 
     Args:
         name: of the term.
@@ -55,9 +55,9 @@ def observation_terms(num_joints: int, num_keypoints: int) -> tuple[ObservationT
 
 
 class ObservationBuilder:
-    """Makes the observation of a policy that chases timed keyframes.
+    """Observation builder for a policy that chases timed keyframes.
 
-    The keypoints of a keyframe are worked out when it first comes, and again only when one with other values does.
+    Keypoints of a keyframe are computed once, and again only when its values change.
 
     Args:
         robot: the robot.
@@ -102,16 +102,16 @@ class ObservationBuilder:
         self._parts = [self._values[term.start : term.stop] for term in self.terms]
 
     def __call__(self, state: RobotState, keyframe: Pose, steps_left: float, last_action: Array) -> NDArray[np.float32]:
-        """Observation ``[F]``.
+        """Return the observation ``[F]``.
 
         Args:
             state: of the robot.
-            keyframe: pose to be in when no step is left.
+            keyframe: pose commanded for the step at which none is left.
             steps_left: control steps until then.
-            last_action: action of the step before ``[J]``, or zeros.
+            last_action: action of the previous step ``[J]``; zeros at the first one.
 
         Raises:
-            StateError: naming the field of state or keyframe that is of another size, not finite, or no unit
+            StateError: naming the field of state or keyframe that has another size, is not finite, or is no unit
                 quaternion.
         """
         _check_shapes("robot state", state, self._state_widths)

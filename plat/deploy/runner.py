@@ -1,4 +1,4 @@
-"""An exported policy at work."""
+"""Policy runner: the control step of an exported policy."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,13 +17,13 @@ from plat.spec.timing import Timing
 __all__ = ["BUNDLE_FILE", "NETWORK_FILE", "JointCommand", "PolicyRunner"]
 
 BUNDLE_FILE, NETWORK_FILE = "bundle.json", "policy.onnx"
-# what rounding of times may add to the longest command, in control steps
+# tolerance for rounded times, in control steps
 _TIME_TOLERANCE = 1e-3
 _DT_TOLERANCE = 1e-9  # seconds
 
 
 class JointCommand(NamedTuple):
-    """What the motors are told: ``torque = stiffness * (position - joint_pos) - damping * joint_vel``."""
+    """Motor command of a PD controller: ``torque = stiffness * (position - joint_pos) - damping * joint_vel``."""
 
     position: NDArray[np.float64]
     """joint position targets ``[J]`` (rad)"""
@@ -68,30 +68,30 @@ class PolicyRunner:
 
     @property
     def timing(self) -> Timing:
-        """Control step, longest command and arrival window of the policy."""
+        """Return the policy's control step, longest command and arrival window."""
         return self.bundle.timing
 
     def reset(self, joint_target: Array | None = None) -> None:
-        """Begin anew.
+        """Start a new episode.
 
         Args:
-            joint_target: what the motors were told last ``[J]`` (rad); None for the default pose.
+            joint_target: last joint position target sent to the motors ``[J]`` (rad); None for the default pose.
         """
         robot = self.robot
         target = robot.default_joint_pos if joint_target is None else joint_target
         self._last_action = (target - robot.default_joint_pos) / robot.action_scale
 
     def __call__(self, state: RobotState, keyframe: Pose, steps_left: float) -> NDArray[np.float64]:
-        """Joint position targets ``[J]`` (rad); call it once a control step.
+        """Compute the joint position targets ``[J]`` (rad); call it once a control step.
 
         Args:
             state: of the robot now.
-            keyframe: pose to be in.
-            steps_left: control steps until then, more than 0 and at most ``bundle.max_steps``.
+            keyframe: commanded pose.
+            steps_left: control steps until its arrival, more than 0 and at most ``bundle.max_steps``.
 
         Raises:
-            StateError: naming what is wrong with state, keyframe or time. The motors should then keep what they were
-                told last.
+            StateError: naming what is wrong with state, keyframe or time. The motors should then hold
+                their last target.
         """
         if not 0 < steps_left <= self.bundle.max_steps + _TIME_TOLERANCE:
             longest, dt = self.bundle.max_steps, self.robot.control_dt
@@ -105,13 +105,13 @@ class PolicyRunner:
         return target
 
     def step(self, state: RobotState, keyframe: Pose, time_left: float) -> JointCommand:
-        """The same for a time in seconds, with the gains that the targets are meant for."""
+        """Compute the motor command for a time in seconds: joint targets with the gains that they were trained with."""
         target = self(state, keyframe, time_left / self.robot.control_dt)
         return JointCommand(target, self.robot.stiffness, self.robot.damping)
 
 
 def _metadata(session: Any, network: Path) -> Bundle:
-    """From inside the network's file and from beside it: one is enough, two have to agree."""
+    """Return the metadata from inside the network's file and from beside it. One is enough; two must agree."""
     inside = session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
     path = network.with_name(BUNDLE_FILE)
     if not path.exists():
@@ -127,7 +127,9 @@ def _metadata(session: Any, network: Path) -> Bundle:
         raise BundleError(f"{str(path)!r}: not readable ({error})") from None
     bundle = Bundle.from_json(beside, repr(str(path)))
     if inside is not None and inside != beside:
-        raise BundleError(f"{str(path)!r} is not what {str(network)!r} says about itself: files of two exports?")
+        raise BundleError(
+            f"{str(path)!r} differs from the metadata in {str(network)!r}: are these files of two exports?"
+        )
     return bundle
 
 

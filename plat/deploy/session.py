@@ -1,4 +1,4 @@
-"""ONNX files."""
+"""onnxruntime sessions for ONNX files."""
 
 from pathlib import Path
 from typing import Any
@@ -9,7 +9,7 @@ __all__ = ["open_session"]
 
 
 def open_session(path: Path) -> Any:
-    """An onnxruntime session on one thread of the CPU: for networks this small, threads cost more than they bring.
+    """Return an onnxruntime session on one CPU thread; for networks this small, more threads are slower.
 
     Raises:
         BundleError: when there is no such file, it cannot be read, or onnxruntime is not installed.

@@ -1,4 +1,4 @@
-"""What a robot measures, and the pose that it is told to be in."""
+"""Measured robot state, and the pose interface of a keyframe."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -13,7 +13,7 @@ Array = NDArray[np.floating]
 
 @dataclass
 class RobotState:
-    """A robot at one moment. Joints are in the order of ``RobotDescription.joint_names``."""
+    """Measured state of a robot at one moment. Joints are in the order of ``RobotDescription.joint_names``."""
 
     joint_pos: Array
     """joint angles ``[J]`` (rad)"""
@@ -22,29 +22,29 @@ class RobotState:
     root_pos_w: Array
     """position of the root body's origin ``[3]`` (m, world)"""
     root_quat_w: Array
-    """its orientation ``[4]``: unit quaternion ``wxyz``, root to world"""
+    """orientation of the root body ``[4]``: unit quaternion ``wxyz``, root to world"""
     root_lin_vel_b: Array
     """velocity of the root body's origin ``[3]`` (m/s, root frame)"""
     root_ang_vel_b: Array
-    """angular velocity of the root ``[3]`` (rad/s, root frame): what a gyroscope at the root reads"""
+    """angular velocity of the root ``[3]`` (rad/s, root frame), as a gyroscope at the root measures it"""
 
     @property
     def qpos(self) -> Array:
-        """MuJoCo position vector ``[7 + J]``: root position and quaternion, joint angles."""
+        """Return the MuJoCo position vector ``[7 + J]``: root position and quaternion, joint angles."""
         return np.concatenate((self.root_pos_w, self.root_quat_w, self.joint_pos))
 
 
 class Pose(Protocol):
-    """A whole-body pose in the world; a :class:`plat.keyframes.Keyframe` is one."""
+    """Protocol of a whole-body pose in the world; :class:`plat.keyframes.Keyframe` is one."""
 
     @property
     def root_pos(self) -> Array:
-        """Position of the root body's origin ``[3]`` (m, world)."""
+        """Return the position of the root body's origin ``[3]`` (m, world)."""
 
     @property
     def root_quat(self) -> Array:
-        """Its orientation ``[4]``: unit quaternion ``wxyz``, root to world."""
+        """Return the orientation of the root body ``[4]``: unit quaternion ``wxyz``, root to world."""
 
     @property
     def joint_pos(self) -> Array:
-        """Joint angles ``[J]`` (rad)."""
+        """Return the joint angles ``[J]`` (rad)."""

@@ -1,4 +1,4 @@
-"""Settings of the tasks: what is simulated, what is paid, and what ends an episode."""
+"""Settings of the tasks: simulation, rewards and terminations."""
 
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -19,7 +19,7 @@ RewardTerms: TypeAlias = tuple[Reward | RewardGroup, ...]
 
 @dataclass(frozen=True)
 class SimulationConfig:
-    """What every training environment has, whatever its task."""
+    """Settings of every training environment, whatever its task."""
 
     decimation: int = 4
     """physics steps per control step"""
@@ -28,18 +28,18 @@ class SimulationConfig:
     reset_noise: ResetNoise = ResetNoise()
     """noise on the starting state"""
     max_displacement: float | None = 0.5
-    """horizontal error of the root that ends a training episode (m); None for no such end"""
+    """horizontal root error (m) that terminates a training episode; None for no such limit"""
     uniform_starts: float = 0.5
-    """fraction of the episodes that start anywhere; the others start where failures are"""
+    """fraction of the episodes that start anywhere; the others start where failures are frequent"""
     noise: NoiseLevels | None = None
-    """noise on what the robot measures; None for none"""
+    """observation noise; None for none"""
     randomization: RandomizationRanges | None = None
     """domain randomization at each reset, and pushes; None for none"""
 
 
 @dataclass(frozen=True)
 class TrackingTaskConfig(SimulationConfig):
-    """Stage 1: dense motion tracking."""
+    """Settings of stage 1: dense motion tracking."""
 
     dense: DenseRewards = DenseRewards()
     """terms of the tracking reward"""
@@ -48,7 +48,7 @@ class TrackingTaskConfig(SimulationConfig):
     regularization_weight: float = 1.0
     """factor on the penalties, w_reg"""
     limits: TrackingLimits = TrackingLimits()
-    """when tracking has failed"""
+    """termination thresholds of tracking"""
 
     def rewards(self, robot: Robot) -> RewardTerms:
         """Return the rewards of a robot: tracking and penalties."""
@@ -57,10 +57,10 @@ class TrackingTaskConfig(SimulationConfig):
 
 @dataclass(frozen=True)
 class DistillationTaskConfig(SimulationConfig):
-    """Stage 2: timed keyframes without rewards."""
+    """Settings of stage 2: timed keyframes without rewards."""
 
     limits: TerminationLimits = TerminationLimits()
-    """when a command has failed"""
+    """termination thresholds of a command"""
 
     def rewards(self, robot: Robot) -> RewardTerms:
         """Return no rewards."""
@@ -69,7 +69,7 @@ class DistillationTaskConfig(SimulationConfig):
 
 @dataclass(frozen=True)
 class KeyframeTaskConfig(DistillationTaskConfig):
-    """Stage 3: timed keyframes with rewards ``w_dense r_dense + w_sparse r_sparse + w_reg r_reg``."""
+    """Settings of stage 3: timed keyframes with rewards ``w_dense r_dense + w_sparse r_sparse + w_reg r_reg``."""
 
     dense: DenseRewards = DenseRewards()
     """terms of the dense reward"""

@@ -1,4 +1,4 @@
-"""A target pose as the robot sees it: the goal ``g`` of the paper, in the robot's root frame."""
+"""Robot-centric goals: a target pose in the robot's root frame, the goal ``g`` of the paper."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,13 +14,13 @@ __all__ = ["GOAL_ENTRIES", "GoalView", "robot_centric_goal"]
 
 @dataclass(frozen=True)
 class GoalView:
-    """What the entries of a goal are computed from, for targets ``[*B]`` or ``[*B, L]``.
+    """Inputs from which the entries of a goal are computed, for targets ``[*B]`` or ``[*B, L]``.
 
     Args:
         target: poses as :meth:`plat.motions.MotionLibrary.poses` gives them.
         root_pos_w: position of the robot's root ``[*B, 3]`` (m, world).
         keypoint_pos_b: from the robot's root to the target's keypoints ``[..., K, 3]`` (m, root frame), the root first.
-        turned: function that turns vectors ``[..., n, 3]`` from the world into the robot's root frame.
+        turned: function that rotates vectors ``[..., n, 3]`` from the world into the robot's root frame.
     """
 
     target: TensorDictBase
@@ -46,7 +46,7 @@ GOAL_ENTRIES: dict[str, Callable[[GoalView], Tensor]] = {
 def robot_centric_goal(target: TensorDictBase, root_pos_w: Tensor, root_quat_w: Tensor) -> dict[str, Tensor]:
     """Express target poses in the frame of the robot's root.
 
-    Moving and turning target and robot together changes nothing.
+    The result is invariant to moving and turning target and robot together.
 
     Args:
         target: poses ``[*B]`` or ``[*B, L]`` as :meth:`plat.motions.MotionLibrary.poses` gives them.

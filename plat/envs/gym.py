@@ -32,12 +32,12 @@ from plat.spec.timing import Timing
 
 __all__ = ["G1TimedKeyframeEnv", "G1TimedKeyframeVectorEnv"]
 
-# A target this many units of action away asks for several times a motor's torque; nothing beyond it makes sense.
+# An action of this size asks for several times a motor's torque; larger ones make no difference.
 _ACTION_BOUND = 20.0
 
 
 class _Task:
-    """The TorchRL environment behind both gymnasium ones, with random numbers of its own."""
+    """TorchRL environment behind both gymnasium ones, with random numbers of its own."""
 
     def __init__(
         self,
@@ -51,7 +51,7 @@ class _Task:
         lengths = horizon_named(horizon, timing)
         library = MotionLibrary.load(motions, dt=timing.control_dt)
         self.env = make_keyframe_env(library, num_envs, task, horizon=lengths, timing=timing, device=device)
-        self.env.insert_transform(1, KeyframeMetrics(library))  # behind the reference that it compares with
+        self.env.insert_transform(1, KeyframeMetrics(library))  # after the reference, which it reads
         self._starts = next(part for part in self.env.transform if isinstance(part, FailureWeightedStarts))
         self.robot = library.robot
         size = observation_size(student_keys(), self.robot)
@@ -77,14 +77,14 @@ class _Task:
             torch.random.set_rng_state(outside)
 
     def reset(self, seed: int | None) -> np.ndarray:
-        if seed is not None:  # the same seed is the same episode, whatever happened before
+        if seed is not None:  # the same seed gives the same episode, whatever happened before
             self._starts.forget()
         with self._own_randomness(seed):
             self.current = self.env.reset()
         return _flat(self.current)
 
     def step(self, actions: np.ndarray, auto_reset: bool) -> tuple[TensorDictBase, TensorDictBase]:
-        """Entries after the step, and those that the next step begins from."""
+        """Step; return the entries after the step, and those from which the next step begins."""
         clipped = np.clip(actions, -_ACTION_BOUND, _ACTION_BOUND).astype(np.float32)
         with self._own_randomness():
             self.current["action"] = torch.from_numpy(clipped).to(self.env.device)
@@ -97,7 +97,7 @@ class _Task:
 
 
 class G1TimedKeyframeEnv(gymnasium.Env):
-    """One G1 that is commanded to reach keyframes on time.
+    """Gymnasium environment of one G1 that is commanded to reach keyframes on time.
 
     The observation ``[177]`` holds the robot's state, the keyframe in the robot's frame, and the normalized horizon.
     Its order is that of :func:`plat.spec.observation.student_keys`. The action ``[29]`` offsets the joint targets
@@ -159,7 +159,7 @@ class G1TimedKeyframeEnv(gymnasium.Env):
         return _flat(after)[0], float(after["reward"]), *flags, info
 
     def render(self) -> np.ndarray | None:
-        """Return a picture ``[480, 640, 3]`` of the robot and the ghost of its keyframe.
+        """Return a picture ``[480, 640, 3]`` of the robot and a translucent copy in its keyframe.
 
         Raises:
             RenderingError: where no OpenGL is available, with what to install.
@@ -182,7 +182,7 @@ class G1TimedKeyframeEnv(gymnasium.Env):
 
 
 class G1TimedKeyframeVectorEnv(VectorEnv):
-    """Many G1s in one batch. Finished ones are reset within the same step (``AutoresetMode.SAME_STEP``).
+    """Gymnasium environment of many G1s in one batch, with resets in the same step (``AutoresetMode.SAME_STEP``).
 
     ``info`` holds an array ``[N]`` for each entry of :class:`G1TimedKeyframeEnv`'s, and its mask under the same name
     with an underscore before it. ``final_obs`` has the last observations of the episodes that ended.
@@ -245,7 +245,7 @@ def _flat(tensordict: TensorDictBase) -> np.ndarray:
 
 
 def _info(after: TensorDictBase, following: TensorDictBase) -> dict[str, np.ndarray]:
-    """Arrays ``[N]`` about the step that led to ``after``."""
+    """Return arrays ``[N]`` about the step that led to ``after``."""
     failed, arrived = after["terminated"], after["command", "arrived"]
     entries = {
         "is_success": ~failed,

@@ -1,4 +1,4 @@
-"""The generalized state of the robot: all that its next state depends on, beside the joint targets."""
+"""Generalized state of the robot: the full state of the simulation, beside the joint targets."""
 
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ __all__ = ["RobotState", "joint_target"]
 
 
 class RobotState(NamedTuple):
-    """Root pose, joint angles and their velocities for a batch ``[*B]`` of robots.
+    """Generalized state: root pose, joint angles and their velocities for a batch ``[*B]`` of robots.
 
     The order of the fields is MuJoCo's: ``qpos`` and then ``qvel`` of a model with a free joint first.
 
@@ -39,17 +39,17 @@ class RobotState(NamedTuple):
 
     @classmethod
     def unpack(cls, values: Tensor) -> "RobotState":
-        """Views of packed states ``[*B, 13 + 2 J]``."""
+        """Return views of packed states ``[*B, 13 + 2 J]``."""
         joints = (values.shape[-1] - 13) // 2
         return cls(*values.split((3, 4, joints, 3, 3, joints), -1))
 
     def pack(self) -> Tensor:
-        """All fields side by side ``[*B, 13 + 2 J]``."""
+        """Return all fields concatenated ``[*B, 13 + 2 J]``."""
         return torch.cat(self, -1)
 
     @classmethod
     def from_entries(cls, tensordict: TensorDictBase) -> "RobotState":
-        """State from the entries of :class:`plat.envs.MotionTrackingEnv`."""
+        """Return the state in the entries of :class:`plat.envs.MotionTrackingEnv`."""
         state, robot = tensordict["state"], tensordict["robot"]
         return cls(
             state["root_pos_w"],
@@ -62,7 +62,7 @@ class RobotState(NamedTuple):
 
     @classmethod
     def from_motion(cls, frames: TensorDictBase) -> "RobotState":
-        """State that a motion is in, from rows ``[*B]`` of :meth:`plat.motions.MotionLibrary.states`."""
+        """Return the state of a motion, from rows ``[*B]`` of :meth:`plat.motions.MotionLibrary.states`."""
         root_quat_w = frames["keypoint_quat"][..., 0, :]
         return cls(
             frames["keypoint_pos"][..., 0, :],
@@ -75,16 +75,16 @@ class RobotState(NamedTuple):
 
     @property
     def qpos(self) -> Tensor:
-        """MuJoCo position vectors ``[*B, 7 + J]``."""
+        """Return the MuJoCo position vectors ``[*B, 7 + J]``."""
         return torch.cat(self[:3], -1)
 
     @property
     def qvel(self) -> Tensor:
-        """MuJoCo velocity vectors ``[*B, 6 + J]``."""
+        """Return the MuJoCo velocity vectors ``[*B, 6 + J]``."""
         return torch.cat(self[3:], -1)
 
     def in_root_frame(self) -> tuple[Tensor, Tensor]:
-        """Direction of gravity and velocity of the root, both ``[*B, 3]`` in the root frame."""
+        """Return the direction of gravity and the velocity of the root, both ``[*B, 3]`` in the root frame."""
         down = torch.zeros_like(self.root_pos_w)
         down[..., 2] = -1.0
         turned = quat_rotate_inverse(self.root_quat_w[..., None, :], torch.stack((down, self.root_lin_vel_w), -2))
@@ -93,7 +93,7 @@ class RobotState(NamedTuple):
 
 
 def joint_target(robot: Robot, action: Tensor) -> Tensor:
-    """Joint position targets ``[*B, J]`` (rad) of actions: ``q_default + scale * a``.
+    """Return the joint position targets ``[*B, J]`` (rad) of actions: ``q_default + scale * a``.
 
     >>> from plat.robots import G1
     >>> bool((joint_target(G1, torch.zeros(29)) == G1.default_joint_pos).all())

@@ -1,4 +1,4 @@
-"""Environments put together: dense tracking (stage 1) and sparse timed keyframes (stages 2 and 3)."""
+"""Task environments: dense tracking (stage 1) and sparse timed keyframes (stages 2 and 3)."""
 
 from collections.abc import Mapping, Sequence
 
@@ -39,7 +39,7 @@ from plat.spec.timing import Timing
 
 __all__ = ["make_keyframe_env", "make_tracking_env"]
 
-# Entries that are there for transforms only; storing them would fill most of a rollout.
+# Entries for transforms only; storing them would fill most of a rollout.
 _WORKING_GROUPS = ("reference", "state")
 _KEPT_STATE = (("state", "root_pos_w"), ("state", "root_quat_w"))
 
@@ -56,7 +56,7 @@ def make_tracking_env(
     device: torch.device | str = "cpu",
     physics: PhysicsFactory = BatchedPhysics,
 ) -> TransformedEnv:
-    """Make the environment of stage 1: follow the reference frame by frame.
+    """Make the environment of stage 1: frame-by-frame motion tracking.
 
     Observations are ``("robot", ...)``, ``("goal", ...)`` (the next reference frame) and ``("privileged", ...)``.
 
@@ -64,7 +64,7 @@ def make_tracking_env(
         library: motions.
         num_envs: number of robots N.
         config: settings.
-        goals: groups of the reference, and how many frames ahead each is, as :attr:`plat.modules.Expert.goals`.
+        goals: groups of the reference with their numbers of frames ahead, as :attr:`plat.modules.Expert.goals`.
         rewards: in place of those of the config, ``config.rewards(library.robot)``.
         transforms: more transforms. Those that judge a step come after the rewards; each
             :class:`plat.envs.transforms.ObservationTransform` comes after the goals, and what it writes is kept.
@@ -103,7 +103,7 @@ def make_keyframe_env(
     device: torch.device | str = "cpu",
     physics: PhysicsFactory = BatchedPhysics,
 ) -> TransformedEnv:
-    """Make the environment of stages 2 and 3: be at one future keyframe on time, then at the next.
+    """Make the environment of stages 2 and 3: reaching one timed keyframe after another.
 
     Observations are ``("robot", ...)``, ``("goal", ...)`` (the commanded keyframe), ``("command", ...)``,
     ``("privileged", ...)`` and, for the expert that labels, ``("dense_goal", ...)`` (the next reference frame).
@@ -178,7 +178,7 @@ def _assemble(
     observations: Sequence[Transform],
     own: Sequence[Transform],
 ) -> TransformedEnv:
-    """Put transforms in order: what judges a step, where the next episode starts, what is observed then."""
+    """Order the transforms: those that judge a step, then starts of the next episodes, then observations."""
     starts = FailureWeightedStarts(
         env.library, env.num_envs, uniform=config.uniform_starts, min_frames_left=env.min_frames_left
     )

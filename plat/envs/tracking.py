@@ -1,4 +1,4 @@
-"""The simulated robot on a motion: physics, joint-level control and reset onto the reference. No task yet."""
+"""Base environment: simulated robots on a motion, joint-level control and reset onto the reference. It has no task."""
 
 from dataclasses import dataclass
 
@@ -23,13 +23,13 @@ _DONE_KEYS = ("done", "terminated", "truncated")
 
 ABSURD_ACTION = 1e4
 """Actions beyond this, or not finite, terminate their robot: motors saturate at a few units."""
-# After so many control steps on end with broken robots the policy is to blame.
+# This many consecutive control steps with broken robots mean that the policy is broken.
 _BROKEN_STEPS = 50
 
 
 @dataclass(frozen=True)
 class ResetNoise:
-    """Half widths of the uniform noise on the reference state that an episode starts from."""
+    """Reset noise: half widths of the uniform noise on the reference state at an episode's start."""
 
     root_pos_xy: float = 0.2
     """horizontal position of the root (m)"""
@@ -52,7 +52,7 @@ class ResetNoise:
 
 
 class MotionTrackingEnv(EnvBase):
-    """N robots, each at a frame of a motion library, driven by joint position targets.
+    """Base environment of N robots, each at a frame of a motion library, driven by joint position targets.
 
     A step holds the targets ``q_default + action_scale * action`` for one control step and moves every robot one
     frame on. Episodes start on the reference (reference state initialization) and are truncated at the end of
@@ -83,18 +83,18 @@ class MotionTrackingEnv(EnvBase):
     ====================================  ==========  ==========================================================
 
     A reset reads ``("motion", "start")`` ``[N]``, the frames to start from, where a transform such as
-    :class:`plat.envs.transforms.FailureWeightedStarts` writes it; otherwise it draws them.
+    :class:`plat.envs.transforms.FailureWeightedStarts` writes it; otherwise it samples them.
 
     Args:
         library: motions; its ``dt`` is the control step.
         num_envs: number of robots N.
         decimation: physics steps per control step.
-        feet: contact geometry of the soles, see :meth:`plat.envs.Robot.spec`.
+        feet: contact geometry of the soles, see :meth:`plat.robots.Robot.spec`.
         reset_noise: noise on the starting state; None starts exactly on the reference.
         min_frames_left: episodes start at frames with at least this many frames of the clip to come.
         num_threads: threads of the physics pool; None takes all CPUs.
-        device: where tensors live.
-        physics: makes the physics, which is then the attribute of that name.
+        device: device of the tensors.
+        physics: factory of the physics, which becomes the attribute of that name.
 
     Raises:
         RobotError: when the robot lacks one of the sensors that :class:`plat.robots.Robot` names.
@@ -152,12 +152,12 @@ class MotionTrackingEnv(EnvBase):
 
     @property
     def num_envs(self) -> int:
-        """Number of robots N."""
+        """Return the number of robots N."""
         return self.batch_size[0]
 
     @property
     def qpos(self) -> Tensor:
-        """Root positions and quaternions and joint angles of the robots now ``[N, 7 + J]``."""
+        """Return current root positions and quaternions and joint angles of the robots ``[N, 7 + J]``."""
         return self.physics.state()[0]
 
     def _check_sensors(self) -> None:
@@ -262,7 +262,7 @@ class MotionTrackingEnv(EnvBase):
         return out
 
     def _start_state(self, frame: Tensor) -> tuple[Tensor, Tensor]:
-        """MuJoCo state (float64) on the reference at frames ``[n]``, with noise."""
+        """Return the MuJoCo state (float64) on the reference at frames ``[n]``, with noise."""
         reference = self.library.states(frame)
         root_pos, root_quat = reference["keypoint_pos"][:, 0], reference["keypoint_quat"][:, 0]
         root_lin_vel, root_ang_vel = reference["keypoint_lin_vel"][:, 0], reference["keypoint_ang_vel"][:, 0]
@@ -287,7 +287,7 @@ class MotionTrackingEnv(EnvBase):
         return qpos, torch.cat((root_lin_vel, root_ang_vel_b, joint_vel), -1).double()
 
     def _observe(self, ids: Tensor | None = None) -> TensorDict:
-        """Entries of robots ``ids`` ``[n]``; of all when None."""
+        """Return the entries of robots ``ids`` ``[n]``; of all when None."""
         encoder_bias, last_action, frame = (
             values if ids is None else values[ids] for values in (self.encoder_bias, self._last_action, self._frame)
         )
@@ -303,7 +303,7 @@ class MotionTrackingEnv(EnvBase):
         )
         left, right = contacts["left_foot_contact"], contacts["right_foot_contact"]
         foot_force = torch.linalg.vector_norm(torch.stack((left, right), 1)[..., 1:], dim=-1)
-        # the ground's contacts with the feet are as they should be
+        # contacts of the feet with the ground are wanted
         stray = contacts["ground_contact"] - (left[:, :1] + right[:, :1]) + contacts["self_contact"]
         count = (len(qpos),)
         robot = {

@@ -1,4 +1,4 @@
-"""From a trained policy to a bundle that :mod:`plat.deploy` runs without torch."""
+"""Export of a trained policy as a bundle that :mod:`plat.deploy` runs without torch."""
 
 from plat.export.bundle import ExportCheck, export_bundle
 from plat.export.network import JointTargetNetwork

@@ -1,4 +1,4 @@
-"""From a run directory to a bundle: network, metadata, model card and a worked example."""
+"""Bundle export: network, metadata, model card and a worked example, from a run directory."""
 
 import os
 import shutil
@@ -34,10 +34,10 @@ _CHECKED_ROWS = 1024
 
 @dataclass(frozen=True)
 class ExportCheck:
-    """The exported network against the torch policy."""
+    """Result of comparing the exported network with the torch policy."""
 
     rows: int
-    """observations compared"""
+    """number of observations compared"""
     max_difference: float
     """largest absolute difference of a joint position target (rad)"""
 
@@ -45,7 +45,7 @@ class ExportCheck:
 def export_bundle(run: str | Path, out: str | Path) -> ExportCheck:
     """Write the deployed policy of a run as a bundle that :class:`plat.deploy.PolicyRunner` runs.
 
-    The files are checked after they are written; the folder appears when all of them are right, or not at all.
+    The files are checked after they are written. The folder appears when all of them are right, or not at all.
 
     Args:
         run: run directory of ``plat distill`` or ``plat refine``.
@@ -94,7 +94,7 @@ def export_bundle(run: str | Path, out: str | Path) -> ExportCheck:
 
 @torch.no_grad()
 def _check(path: Path, network: JointTargetNetwork) -> ExportCheck:
-    """Compare on observations as they come in training, one by one and all at once."""
+    """Compare on observations drawn like those of training, one by one and in a batch."""
     observation = torch.randn(_CHECKED_ROWS, network.num_features, generator=torch.Generator().manual_seed(0))
     for part in network.parts:
         if isinstance(part, ObservationNormalizer) and part.mean.shape == observation.shape[1:]:
@@ -114,7 +114,7 @@ def _check(path: Path, network: JointTargetNetwork) -> ExportCheck:
 
 @torch.no_grad()
 def _example(folder: Path, network: JointTargetNetwork, bundle: Bundle) -> dict[str, Any]:
-    """One step from state and keyframe to joint targets, for other programs to check themselves against."""
+    """Return one step from state and keyframe to joint targets, for other implementations to check against."""
     robot = bundle.robot
     state, keyframe, last_action = _some_step(robot)
     steps_left = min(20, bundle.max_steps)
@@ -136,7 +136,7 @@ def _example(folder: Path, network: JointTargetNetwork, bundle: Bundle) -> dict[
 
 
 def _some_step(robot: RobotDescription) -> tuple[RobotState, Keyframe, np.ndarray]:
-    """A robot that moves near its default pose, a pose nearby, and its last action."""
+    """Return a random robot state near the default pose, a pose nearby, and a last action."""
     random = np.random.default_rng(0)
     low, high = robot.joint_range.T
 
@@ -150,7 +150,7 @@ def _some_step(robot: RobotDescription) -> tuple[RobotState, Keyframe, np.ndarra
     def vector(scale: float) -> np.ndarray:
         return random.normal(0, scale, 3)
 
-    # away from the origin, where mixing up frames shows
+    # away from the origin, so that mixed-up frames show
     root_pos = robot.default_qpos[:3] + np.array((1.0, 2.0, 0.0))
     state = RobotState(joint_pos(), random.normal(0, 0.5, len(low)), root_pos, quat(), vector(0.3), vector(0.3))
     keyframe = Keyframe(0.4, root_pos + vector(0.1), quat(), joint_pos())

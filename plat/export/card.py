@@ -1,4 +1,4 @@
-"""The model card of a bundle."""
+"""Model card of a bundle."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -20,7 +20,7 @@ send(command.position, command.stiffness, command.damping)
 
 
 def model_card(bundle: Bundle, settings: Mapping[str, Any], max_difference: float) -> str:
-    """Markdown that says what the policy is, how it was made, how well it does, and what it was not made for.
+    """Return Markdown that describes the policy: architecture, training, scores and limits.
 
     Args:
         bundle: what the bundle says about itself.
@@ -40,7 +40,7 @@ def model_card(bundle: Bundle, settings: Mapping[str, Any], max_difference: floa
         "## Use\n\nNeeds numpy and onnxruntime.\n\n" + _USE.format(dt=robot.control_dt),
         f"## Training\n\nA `{bundle.policy.kind}` policy, made by {made_by} in the run `{training.run}` (plat "
         f"{training.plat}, torch {training.torch}, commit {training.commit}). Motions of that run: {motions}; "
-        "their licence binds what the policy may be used for.",
+        "their license binds what the policy may be used for.",
         "## Scores\n\n" + _score_table(bundle.scores),
         f"## Limits\n\n{_limits(settings.get('task', {}))} Exported and torch policy differ by at most "
         f"{max_difference:.2g} rad.",
@@ -66,7 +66,7 @@ def _cell(score: BundleScore | None, digits: int) -> str:
 
 
 def _limits(task: Mapping[str, Any]) -> str:
-    """What the training did not cover, as far as the run's settings say."""
+    """Return the limits of the training, as far as the run's settings state them."""
     # runs of version 0.1 have a boolean beside the ranges
     names = (("noise", "observation_noise"), ("randomization", "domain_randomization"))
     absent = [old.replace("_", " ") for new, old in names if task.get(old, task.get(new, True)) in (False, None)]

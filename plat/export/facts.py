@@ -1,4 +1,4 @@
-"""What a bundle tells of a run's policy beside its network."""
+"""Metadata of a run for its bundle."""
 
 from plat.deploy.bundle import Bundle, BundleScore, PolicyFacts, TrainingFacts
 from plat.modules import LatentPolicy, ResidualActionPolicy, ResidualLatentPolicy
@@ -10,11 +10,11 @@ __all__ = ["describe_policy"]
 
 
 def describe_policy(policy: Policy, run: SavedRun) -> Bundle:
-    """Return everything in a bundle but the network.
+    """Return the metadata of a bundle: everything but the network.
 
     Args:
-        policy: of the run.
-        run: where it is from.
+        policy: the run's policy.
+        run: the run on disk.
 
     Raises:
         CheckpointError: when the run's table of scores cannot be read.

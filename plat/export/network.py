@@ -1,4 +1,4 @@
-"""A policy as one function of one vector."""
+"""Policy as a function of a single observation vector, without TensorDict."""
 
 from collections.abc import Iterator
 
@@ -17,14 +17,15 @@ __all__ = ["JointTargetNetwork"]
 
 
 class JointTargetNetwork(nn.Module):
-    """A deterministic policy from a flat observation to joint position targets, with no TensorDict on the way.
+    """Network from a flat observation to joint position targets, without TensorDict.
 
-    ``q_target = q_default + scale * a``. It calls the policy's own modules, with their weights, and hands what
-    TensorDict keys carry from one to the next over in a dictionary. So it is fast for a single robot, and exports.
+    Computes ``q_target = q_default + scale * a`` with the policy's own modules and weights. Entries that TensorDict
+    keys carry from one module to the next are passed in a dictionary. That is fast for a single robot, and exports to
+    ONNX.
 
     Args:
-        policy: any policy that plat saves. An expert takes the keyframe for its next reference frame and does not
-            look at the time to it.
+        policy: any policy that plat saves. An expert treats the keyframe as its next reference frame and ignores
+            the time to it.
 
     >>> import torch
     >>> from plat.robots import G1
@@ -47,8 +48,8 @@ class JointTargetNetwork(nn.Module):
             start, (width,) = self.num_features, entry_shapes(group, robot)[name]
             self.num_features = start + width
             self._slices[group, name] = slice(start, self.num_features)
-        # a lead moves positions within the observation, all by the same way: one product in place of a dozen small
-        # steps, each of which costs a robot's computer a microsecond
+        # a lead shifts positions within the observation, all alike: one product replaces a dozen small
+        # operations, each of which takes an onboard computer a microsecond
         shifts = torch.zeros(3, self.num_features)
         for name in LEAD_KEYS:
             columns = self._slices["led_goal", name] = self._slices["goal", name]
@@ -63,7 +64,7 @@ class JointTargetNetwork(nn.Module):
         self.register_buffer("action_scale", robot.action_scale.clone())
 
     def _check(self, steps: list[TensorDictModule]) -> None:
-        """Raise a :class:`BundleError` for steps that are no functions of a robot's observation."""
+        """Raise a :class:`BundleError` for a module that is no function of a robot's observation."""
         known = set(self._slices)
         for step in steps:
             if not isinstance(step, TensorDictModule):
@@ -81,7 +82,9 @@ class JointTargetNetwork(nn.Module):
             raise BundleError("the deployed policy writes no 'action'")
 
     def forward(self, observation: Tensor) -> Tensor:
-        """Joint position targets ``[*B, J]`` (rad) for observations ``[*B, F]`` in the order of ``student_keys()``."""
+        """Compute joint position targets ``[*B, J]`` (rad) for observations ``[*B, F]`` in the order of
+        ``student_keys()``.
+        """
         values: dict[NestedKey, Tensor] = {}
         for part, (in_keys, out_keys) in zip(self.parts, self._keys, strict=True):
             if isinstance(part, KeyframeShift):
@@ -101,7 +104,7 @@ class JointTargetNetwork(nn.Module):
 
 
 def _steps(module: TensorDictModuleBase) -> Iterator[TensorDictModule]:
-    """The modules of a sequence of sequences, in the order in which they run."""
+    """Return the modules of nested sequences in the order in which they run."""
     if isinstance(module, TensorDictSequential):
         for part in module.module:
             yield from _steps(part)

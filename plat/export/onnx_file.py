@@ -1,4 +1,4 @@
-"""A torch module as an ONNX model."""
+"""ONNX export of a torch module."""
 
 import logging
 import warnings
@@ -19,10 +19,9 @@ OPSET = 23
 
 
 def onnx_model(network: nn.Module, num_features: int, metadata: Mapping[str, str]) -> Any:
-    """The ``onnx.ModelProto`` of a network from ``observation`` ``[batch, F]`` to ``joint_position_target``.
+    """Return the ``onnx.ModelProto`` of a network from ``observation`` ``[batch, F]`` to ``joint_position_target``.
 
-    It holds the weights, and of metadata what is given and nothing else: torch's own would tell where its source files
-    are on the disk.
+    It holds the weights and only the metadata that is given; torch's own metadata would reveal paths of source files.
 
     Args:
         network: in evaluation mode, on the CPU.
@@ -30,13 +29,13 @@ def onnx_model(network: nn.Module, num_features: int, metadata: Mapping[str, str
         metadata: goes to the model's ``metadata_props``.
 
     Raises:
-        BundleError: when onnx or onnxscript is not installed, or the network does what ONNX cannot.
+        BundleError: when onnx or onnxscript is not installed, or the network uses an operation that ONNX lacks.
     """
     if not (find_spec("onnx") and find_spec("onnxscript")):
         raise BundleError("exporting needs: pip install 'plat-rl[export]'")
     import onnx
 
-    # what it has to say about torchvision and its own deprecated calls is not for the user
+    # its warnings on torchvision and on its own deprecated calls do not concern the user
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -1,4 +1,4 @@
-"""Timed keyframes: what a robot is told to do, in memory and in JSON files.
+"""Timed keyframes: commands for a robot, in memory and in JSON files.
 
 Needs numpy only. This interface is stable: :class:`Keyframe`, :class:`KeyframeSequence` (``load``, ``save``,
 ``from_motion``, ``sample``, ``command``), :class:`Command`, :func:`interpolate`, :func:`standing` and

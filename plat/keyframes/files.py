@@ -1,4 +1,4 @@
-"""Keyframes as JSON."""
+"""Keyframe files in JSON."""
 
 import json
 import math
@@ -17,16 +17,16 @@ __all__ = ["is_keyframe_file", "read_keyframes", "write_keyframes"]
 
 _FORMAT, _VERSION = "plat-keyframes", 1
 _POSE_FIELDS = ("root_pos", "root_quat", "joint_pos")
-# where w, x, y, z stand in a quaternion of each order
+# positions of w, x, y, z in a quaternion of each order
 _QUATERNION_ORDERS = {"wxyz": [0, 1, 2, 3], "xyzw": [3, 0, 1, 2]}
 
 
 def read_keyframes(path: Path, robot: RobotJoints) -> tuple[Keyframe | None, tuple[Keyframe, ...]]:
-    """Start (None where there is none) and keyframes of a file, joints in the robot's order.
+    """Read the start (None where there is none) and the keyframes of a file, joints in the robot's order.
 
     Raises:
-        KeyframeError: naming file, keyframe and field, for what is not in the format, no pose of the robot, or of
-            another robot. Times that do not fit each other are found by :class:`plat.keyframes.KeyframeSequence`.
+        KeyframeError: naming file, keyframe and field, for content outside the format, a pose beyond the limits,
+            or another robot. Inconsistent times are found by :class:`plat.keyframes.KeyframeSequence`.
     """
     content = read_json(path, KeyframeError, f"keyframe file {str(path)!r}", constants=True)
     try:
@@ -36,7 +36,7 @@ def read_keyframes(path: Path, robot: RobotJoints) -> tuple[Keyframe | None, tup
 
 
 def is_keyframe_file(path: Path) -> bool:
-    """Return whether a file says that it holds keyframes; whether they are right is not looked at."""
+    """Return whether a file declares that it holds keyframes; its content is not checked."""
     try:
         content = read_json(path, KeyframeError, "", constants=True)
     except KeyframeError:
@@ -45,7 +45,7 @@ def is_keyframe_file(path: Path) -> bool:
 
 
 def write_keyframes(path: Path, robot: RobotJoints, start: Keyframe, keyframes: Sequence[Keyframe]) -> None:
-    """Write a file; it is replaced in one step or not at all.
+    """Write a keyframe file; it is replaced atomically or not at all.
 
     Raises:
         KeyframeError: when the disk does not take it.
@@ -86,7 +86,7 @@ def _parse(content: Any, robot: RobotJoints) -> tuple[Keyframe | None, tuple[Key
 
 
 def _keyframe(entry: Any, label: str, required: Sequence[str], order: str, robot: RobotJoints) -> Keyframe:
-    """A keyframe of its JSON object; one without a time is at 0."""
+    """Return the keyframe of a JSON object; one without a time is at 0."""
     if not isinstance(entry, dict):
         raise KeyframeError(f"{label} is {short(entry)}, expected an object")
     name = entry.get("name")
@@ -108,7 +108,7 @@ def _keyframe(entry: Any, label: str, required: Sequence[str], order: str, robot
 
 
 def _joints(content: Any, robot: RobotJoints) -> np.ndarray:
-    """Joint angles in the robot's order."""
+    """Return joint angles in the robot's order."""
     if not isinstance(content, dict):
         raise KeyframeError("joint_pos: expected an object of joint names and angles")
     unknown = [name for name in content if name not in robot.joint_names]
@@ -148,7 +148,7 @@ def _check_fields(entry: dict[str, Any], required: Collection[str], optional: Co
 
 
 def _entry(keyframe: Keyframe, robot: RobotJoints) -> dict[str, Any]:
-    """JSON object of a keyframe without its time."""
+    """Return the JSON object of a keyframe without its time."""
     return {
         **({} if keyframe.name is None else {"name": keyframe.name}),
         "root_pos": keyframe.root_pos.tolist(),

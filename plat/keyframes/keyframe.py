@@ -1,4 +1,4 @@
-"""One whole-body pose and the time to be there."""
+"""Keyframe: a whole-body pose and its arrival time."""
 
 from __future__ import annotations  # the types of motions and robots bring torch with them
 
@@ -18,40 +18,40 @@ __all__ = ["Keyframe", "RobotJoints", "interpolate", "standing"]
 
 # Latest time of a keyframe (s): later ones would be split into millions of commands.
 _LONGEST = 86_400.0
-# What rounding may add to an angle at its limit (rad).
+# Tolerance for a rounded angle at its limit (rad).
 _RANGE_TOLERANCE = 1e-3
 
 
 class RobotJoints(Protocol):
-    """What keyframes need to know of a robot; :class:`plat.envs.Robot` has it."""
+    """Protocol of the robot data that keyframes need; :class:`plat.robots.Robot` has it."""
 
     @property
     def name(self) -> str:
-        """What keyframe files call the robot."""
+        """Return the robot's name in keyframe files."""
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """The J joints in the order of every joint vector."""
+        """Return the names of the J joints in the order of every joint vector."""
 
     @property
     def joint_range(self) -> Any:
-        """Lower and upper limits ``[J, 2]`` (rad), an array or a tensor."""
+        """Return lower and upper limits ``[J, 2]`` (rad), an array or a tensor."""
 
     @property
     def default_qpos(self) -> np.ndarray:
-        """The default pose standing at the origin ``[7 + J]``: root position, quaternion ``wxyz``, joint angles."""
+        """Return the default pose at the origin ``[7 + J]``: root position, quaternion ``wxyz``, joint angles."""
 
 
 @dataclass(frozen=True, eq=False)
 class Keyframe:
-    """A pose of the whole body and when to be in it.
+    """Whole-body pose with an arrival time.
 
     Args:
         time: seconds since the start of the sequence.
         root_pos: position of the root ``[3]`` (m, world).
-        root_quat: its orientation ``[4]``, ``wxyz``, root to world.
+        root_quat: orientation of the root ``[4]``, ``wxyz``, root to world.
         joint_pos: joint angles ``[J]`` (rad, the robot's joint order).
-        name: what tables and messages call it.
+        name: label in tables and messages.
 
     >>> from plat.robots import G1
     >>> Keyframe.from_qpos(0.5, G1.default_qpos, name="stand").root_pos
@@ -66,20 +66,20 @@ class Keyframe:
 
     @classmethod
     def from_qpos(cls, time: float, qpos: np.ndarray, name: str | None = None) -> Keyframe:
-        """The keyframe of a MuJoCo position vector ``[7 + J]``; its values are copied."""
+        """Return the keyframe of a MuJoCo position vector ``[7 + J]``; its values are copied."""
         values = np.array(qpos, dtype=np.float64)
         return cls(time, values[:3], values[3:7], values[7:], name)
 
     @classmethod
     def from_motion(cls, motion: MotionClip, time: float, robot: Robot, name: str | None = None) -> Keyframe:
-        """The pose of a motion clip at a time (s), in the clip's world frame, see :func:`interpolate`.
+        """Return the pose of a motion clip at a time (s), in the clip's world frame, see :func:`interpolate`.
 
         Raises:
             MotionError: when the clip is broken.
             KeyframeError: for a time outside the clip.
         """
         clip = motion.checked(robot)
-        # the small margin is for times that are the clip's end up to rounding
+        # the small margin admits times that equal the clip's end up to rounding
         if not 0 <= time <= clip.duration + 1e-6:
             raise KeyframeError(f"motion {clip.name!r}: no time {time:g} s, expected 0 to {clip.duration:g} s")
         row = min(int(time * clip.fps), len(clip.qpos) - 2)
@@ -88,15 +88,15 @@ class Keyframe:
 
     @property
     def qpos(self) -> np.ndarray:
-        """MuJoCo position vector ``[7 + J]``."""
+        """Return the MuJoCo position vector ``[7 + J]``."""
         return np.concatenate((self.root_pos, self.root_quat, self.joint_pos))
 
     def at(self, time: float) -> Keyframe:
-        """The same pose at another time."""
+        """Return the same pose at another time."""
         return replace(self, time=time)
 
     def checked(self, robot: RobotJoints) -> Keyframe:
-        """This keyframe in float64 with a quaternion of exactly unit length.
+        """Return this keyframe in float64 with a quaternion of exactly unit length.
 
         Raises:
             KeyframeError: naming the field, for a wrong shape, a value that is not finite, a quaternion that is not of
@@ -125,7 +125,7 @@ class Keyframe:
 
 
 def standing(robot: RobotJoints) -> Keyframe:
-    """The robot's default pose at the origin, looking along x, at time 0."""
+    """Return the robot's default pose at the origin, facing along x, at time 0."""
     return Keyframe.from_qpos(0.0, robot.default_qpos)
 
 
@@ -134,7 +134,7 @@ def interpolate(before: Keyframe, after: Keyframe, time: float) -> Keyframe:
 
     Root position and joint angles are linear in time; the orientation goes along the shorter arc.
 
-    It is a line between poses and knows nothing of contacts: the feet of two strides of a walk slide in between.
+    Contacts are not considered: between two strides of a walk the feet slide.
 
     Args:
         before, after: keyframes of different times.

@@ -1,4 +1,4 @@
-"""Keyframes one after the other: which one is commanded when."""
+"""Keyframe sequences: which keyframe is commanded when."""
 
 from __future__ import annotations  # the types of motions and robots bring torch with them
 
@@ -26,9 +26,9 @@ class Command:
 
     Args:
         index: number of the keyframe in its sequence.
-        keyframe: where to be.
+        keyframe: commanded pose.
         steps_left: control steps to the arrival, at least 1.
-        length: control steps of the command in all.
+        length: total control steps of the command.
     """
 
     index: int
@@ -39,10 +39,10 @@ class Command:
 
 @dataclass(frozen=True, eq=False)
 class KeyframeSequence:
-    """Keyframes for one robot, in the order of their times.
+    """Sequence of keyframes for one robot, in the order of their times.
 
-    A keyframe is commanded from the arrival of the one before until its own. Arrivals are on control steps: time
-    ``t`` is step ``round(t / timing.control_dt)``.
+    A keyframe is commanded from the previous arrival until its own. Arrivals are on control steps: time ``t`` is step
+    ``round(t / timing.control_dt)``.
 
     Args:
         robot: whose keyframes they are.
@@ -78,7 +78,7 @@ class KeyframeSequence:
             checked.append(_checked(keyframe, label, self.robot))
             _check_order(checked[-2], checked[-1], label, self.timing)
             _check_length(checked[-2], checked[-1], label, self.timing)
-        # frozen: the checked copies take the place of what was given
+        # frozen: the checked copies replace the arguments
         object.__setattr__(self, "start", checked[0])
         object.__setattr__(self, "keyframes", tuple(checked[1:]))
 
@@ -87,16 +87,16 @@ class KeyframeSequence:
 
     @property
     def duration(self) -> float:
-        """Seconds to the last arrival."""
+        """Return the time of the last arrival (s)."""
         return self.keyframes[-1].time
 
     @property
     def arrival_steps(self) -> tuple[int, ...]:
-        """Control step of each keyframe's arrival, counted from time 0."""
+        """Return the control step of each keyframe's arrival, counted from time 0."""
         return tuple(self.timing.steps(keyframe.time) for keyframe in self.keyframes)
 
     def command(self, time: float) -> Command | None:
-        """The command at a time (s), rounded to a control step; None once the last keyframe's arrival has come."""
+        """Return the command at a time (s), rounded to a control step; None from the last arrival on."""
         step, arrivals = max(self.timing.steps(time), 0), (0, *self.arrival_steps)
         index = bisect_right(arrivals, step) - 1
         if index == len(self):
@@ -105,7 +105,7 @@ class KeyframeSequence:
         return Command(index, self.keyframes[index], arrival - step, arrival - arrivals[index])
 
     def sample(self, time: float) -> Keyframe:
-        """The pose at a time (s), see :func:`interpolate`; the first and last pose go on for ever at both ends."""
+        """Return the pose at a time (s), see :func:`interpolate`; first and last pose extend beyond the ends."""
         poses = (self.start, *self.keyframes)
         after = bisect_right([pose.time for pose in poses], time)
         if after in (0, len(poses)):
@@ -134,7 +134,7 @@ class KeyframeSequence:
         return KeyframeSequence(self.robot, self.start, keyframes, timing)
 
     def save(self, path: str | Path) -> None:
-        """Write the JSON file; it is replaced in one step or not at all.
+        """Write the JSON file; it is replaced atomically or not at all.
 
         Raises:
             KeyframeError: when the disk does not take it.
@@ -174,7 +174,7 @@ class KeyframeSequence:
         names: Sequence[str | None] | None = None,
         timing: Timing = Timing(),
     ) -> KeyframeSequence:
-        """Keyframes out of a motion clip, in the clip's world frame.
+        """Return keyframes of a motion clip, in the clip's world frame.
 
         Args:
             motion: the clip.
@@ -205,10 +205,10 @@ class KeyframeSequence:
 def split_long_intervals(
     start: Keyframe, keyframes: Sequence[Keyframe], timing: Timing = Timing()
 ) -> tuple[Keyframe, ...]:
-    """Return the same keyframes with others between those that are more than ``timing.max_steps`` steps apart.
+    """Insert keyframes into intervals of more than ``timing.max_steps`` steps; return the new sequence of keyframes.
 
-    Such an interval is split into as few equal parts (to a control step) as will do, at poses of
-    :func:`interpolate`. A keyframe that is added is called after the one that it leads to: ``wave 1/3``, ``wave 2/3``.
+    Such an interval is split into as few equal parts as possible, to a control step, at poses of :func:`interpolate`.
+    An added keyframe is named after the one that it leads to: ``wave 1/3``, ``wave 2/3``.
 
     Raises:
         KeyframeError: for times that do not increase.

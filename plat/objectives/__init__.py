@@ -1,4 +1,4 @@
-"""Losses and updates."""
+"""Losses and their updates."""
 
 from plat.objectives.divergence import gaussian_kl
 from plat.objectives.dynamics import DynamicsLoss, muon_and_adam

@@ -1,4 +1,4 @@
-"""The loss of a learned model of the robot, and what it is minimized with."""
+"""Loss of the learned dynamics model, and its optimizers."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -17,9 +17,9 @@ __all__ = ["DynamicsLoss", "muon_and_adam"]
 
 
 class DynamicsLoss(LossModule):
-    r"""Autoregressive error of a :class:`plat.modules.DynamicsModel` over a window of simulated steps.
+    r"""Autoregressive loss of a :class:`plat.modules.DynamicsModel` over a window of simulated steps.
 
-    From the first state of the window the model goes on from its own predictions:
+    From the first state of the window the model continues from its own predictions:
 
     .. math::
         L = \frac{1}{K} \sum_{k=1}^{K} \sum_i w_i \, |\hat{s}^i_k - s^i_k| / \sigma_i
@@ -61,7 +61,7 @@ class DynamicsLoss(LossModule):
 
     @property
     def in_keys(self) -> list[NestedKey]:
-        """Packed states and actions."""
+        """Return the keys of packed states and actions."""
         return [self.tensor_keys.state, self.tensor_keys.action]
 
     def _forward_value_estimator_keys(self, **_: object) -> None:
@@ -69,8 +69,8 @@ class DynamicsLoss(LossModule):
 
     @dispatch
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Loss of windows ``[B, K + 1]``; the action of a window's last state is not used."""
-        # time first: the states of a step then lie side by side
+        """Compute the loss of windows ``[B, K + 1]``; the action of a window's last state is not used."""
+        # time first: the states of a step are then contiguous
         states = tensordict.get(self.tensor_keys.state).transpose(0, 1).contiguous()
         actions = tensordict.get(self.tensor_keys.action).transpose(0, 1).contiguous()
         targets = joint_target(self.model.robot, actions)
@@ -105,7 +105,7 @@ def _mean_distance(predicted: Tensor, actual: Tensor) -> Tensor:
 
 
 def muon_and_adam(network: nn.Sequential, muon_lr: float, adam_lr: float) -> list[torch.optim.Optimizer]:
-    """Optimizers of a network: Muon for its hidden matrices, Adam for its last layer and the biases.
+    """Return the optimizers of a network: Muon for its hidden matrices, Adam for its last layer and the biases.
 
     Args:
         network: layers in the order of the data.

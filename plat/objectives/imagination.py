@@ -1,4 +1,4 @@
-"""The loss of a policy over imagined rollouts."""
+"""Imagination loss: a policy's cost over rollouts in a learned dynamics model."""
 
 from dataclasses import dataclass
 
@@ -17,14 +17,14 @@ __all__ = ["ImaginationLoss"]
 
 
 class ImaginationLoss(LossModule):
-    r"""Discounted cost of a task along rollouts that a learned model imagines, by backpropagation through all of it.
+    r"""Discounted cost of a task along imagined rollouts, by backpropagation through the learned dynamics model.
 
     .. math::
         L = \frac{1}{\sum_k \gamma^k} \sum_{k=0}^{H-1} \gamma^k \left( m_k \, c(s_{k+1})
             + \lambda_a \|a_k\|^2 + \lambda_r \|a_k - a_{k-1}\|^2 \right) + \gamma^H m_H V(s_H)
 
     The gradient flows through observation, policy, joint targets, model and cost, and reaches the policy alone. The
-    mask :math:`m_k` leaves out robots that are lost and what comes after an episode's end. Norms are means over joints.
+    mask :math:`m_k` leaves out lost robots and steps after an episode's end. Norms are means over joints.
 
     Args:
         policy: writes ``action`` deterministically from what the task shows.
@@ -42,7 +42,7 @@ class ImaginationLoss(LossModule):
     small: ``action``, or what the network adds to a reference (``residual`` of an expert).
 
     Returns ``loss_policy``, with a critic ``loss_critic``, and for the log ``imagined_cost`` (mean of a step's
-    :math:`c`) and ``imagined_alive`` (share of the steps that counted).
+    :math:`c`) and ``imagined_alive`` (fraction of the steps that counted).
 
     Source: SuperTrack (Fussell et al. 2021), section 5.
 
@@ -95,7 +95,7 @@ class ImaginationLoss(LossModule):
 
     @property
     def in_keys(self) -> list[NestedKey]:
-        """Packed states and the task's memory."""
+        """Return the keys of packed states and the task's memory."""
         return [self.tensor_keys.state, self.tensor_keys.memory]
 
     def _forward_value_estimator_keys(self, **_: object) -> None:
@@ -103,7 +103,7 @@ class ImaginationLoss(LossModule):
 
     @dispatch
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Losses of rollouts from the states ``[B]``."""
+        """Compute the losses of rollouts from the states ``[B]``."""
         keys, task = self.tensor_keys, self.task
         state, memory = RobotState.unpack(tensordict.get(keys.state)), tensordict.get(keys.memory)
         alive = torch.ones(tensordict.shape, device=state.root_pos_w.device)
@@ -142,7 +142,7 @@ class ImaginationLoss(LossModule):
         return TensorDict(out)
 
     def _observe(self, state: RobotState, memory: TensorDictBase) -> TensorDictBase:
-        # half precision is for networks: positions of a few metres would be off by millimetres
+        # half precision is for networks: positions of a few meters would be off by millimeters
         with torch.autocast(state.root_pos_w.device.type, enabled=False):
             return self.task.observe(state, memory)
 

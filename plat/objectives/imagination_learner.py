@@ -1,4 +1,4 @@
-"""One iteration of learning by imagination: the model learns the robot, the policy learns in the model."""
+"""Iteration of learning by imagination: updates of the dynamics model, then of the policy in it."""
 
 import copy
 from dataclasses import dataclass
@@ -25,19 +25,19 @@ class ImaginationConfig:
     """Settings of learning by imagination."""
 
     model_updates: int = 8
-    """updates of the model in an iteration"""
+    """updates of the model per iteration"""
     model_batch: int = 512
-    """windows in an update of the model"""
+    """windows per update of the model"""
     window: int = 8
-    """control steps that the model goes on from its own predictions"""
+    """control steps that the model predicts autoregressively"""
     model_lr: float = 1e-3
     """Adam's learning rate for the model's last layer and biases"""
     muon_lr: float = 4e-3
     """Muon's learning rate for the model's other matrices"""
     policy_updates: int = 4
-    """updates of the policy in an iteration"""
+    """updates of the policy per iteration"""
     policy_batch: int = 512
-    """imagined rollouts in an update of the policy"""
+    """imagined rollouts per update of the policy"""
     steps: int = 24
     """control steps of an imagined rollout"""
     recent: int = 200
@@ -51,42 +51,42 @@ class ImaginationConfig:
     lr: float = 1e-3
     """Adam's learning rate for the policy"""
     grad_norm: float = 1.0
-    """the gradient of the model, and that of the policy, is scaled down to this norm"""
+    """largest norm of the gradient, for model and policy each"""
     average: float = 0.99
     """decay of the moving average of the policy's weights, which is what is saved"""
     warmup: int = 40
-    """iterations from which only the model learns"""
+    """warm-up iterations, in which only the model learns"""
     settle: int = 400
-    """iterations after which the normalizers no longer change; a model that comes with as many has settled"""
+    """iterations after which normalizers are frozen; a loaded model with as many is frozen at once"""
     constant: float = 0.5
-    """share of the budget after which learning rates fall"""
+    """fraction of the budget after which learning rates fall"""
     final_lr: float = 0.1
-    """share of the learning rates at the end of the budget"""
+    """fraction of the learning rates that is left at the end of the budget"""
     precision: Precision = "auto"
     """precision of the networks' hidden layers"""
 
 
 class Windows(Protocol):
-    """What the learner needs of :class:`plat.collectors.RolloutReplay`."""
+    """Protocol of the replay buffer that the learner samples; :class:`plat.collectors.RolloutReplay` is one."""
 
     def __len__(self) -> int:
-        """Control steps that are kept."""
+        """Return the number of control steps that are kept."""
 
     def windows(self, batch: int, length: int, recent: int | None = None) -> TensorDictBase:
-        """Successive steps of an episode ``[batch, length]``."""
+        """Sample successive steps of an episode ``[batch, length]``."""
 
     def states(self, batch: int, recent: int | None = None) -> TensorDictBase:
-        """Single steps ``[batch]``."""
+        """Sample single steps ``[batch]``."""
 
 
 class ImaginationLearner:
-    """Model and policy with their losses, optimizers and the moving average of the policy's weights.
+    """Learner of model and policy: losses, optimizers and the moving average of the policy's weights.
 
     Args:
         policy: the policy that learns, with a ``normalizer``.
         actor: its deterministic actor on the same weights.
         model: the robot's model.
-        task: what is imagined.
+        task: observation, clock and cost.
         config: settings.
         effort: entry of the actor that is kept small.
 
@@ -135,7 +135,7 @@ class ImaginationLearner:
         """Iterations so far."""
 
     def observe(self, rollout: TensorDictBase) -> None:
-        """Take a rollout ``[N, T]`` into the normalizers, until they have settled."""
+        """Update the normalizers with a rollout ``[N, T]``, until they are frozen."""
         if self.iterations < self.config.settle:
             normalizer: Any = self.policy.normalizer
             normalizer.update(rollout)
@@ -149,11 +149,11 @@ class ImaginationLearner:
         self.model.update_statistics(next(kept), target[going_on], next(kept))
 
     def step(self, replay: Windows, fraction: float = 0.0) -> dict[str, float]:
-        """One iteration of updates.
+        """Run the updates of one iteration.
 
         Args:
             replay: recent rollouts.
-            fraction: share of the budget that is spent; learning rates fall by it.
+            fraction: fraction of the budget that is spent; learning rates depend on it.
 
         Returns:
             Means of the losses and what they log, the policy's only after the warm-up.
@@ -185,7 +185,7 @@ class ImaginationLearner:
             losses = self.policy_loss(replay.states(self.config.policy_batch, self.config.recent))
         losses["loss_policy"].backward()
         norm = nn.utils.clip_grad_norm_(self.policy.parameters(), self.config.grad_norm)
-        if norm.isfinite():  # an imagined rollout that explodes says nothing
+        if norm.isfinite():  # the gradient of an exploding imagined rollout is useless
             self.policy_optimizer.step()
         self.policy_optimizer.zero_grad()
         self._move_average()
@@ -211,7 +211,7 @@ class ImaginationLearner:
                 group["lr"] = rate * share
 
     def state_dict(self) -> dict[str, Any]:
-        """What a resumed run goes on from, beside the average, which is the run's policy."""
+        """Return the state from which a resumed run continues, except the average, which is the run's policy."""
         return {
             "policy": self.policy.state_dict(),
             "model": self.model.state_dict(),
@@ -220,7 +220,7 @@ class ImaginationLearner:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from there."""
+        """Restore a state of :meth:`state_dict`."""
         self.policy.load_state_dict(state["policy"])
         self.model.load_state_dict(state["model"])
         for optimizer, values in zip(self._optimizers(), state["optimizers"], strict=True):
@@ -229,7 +229,7 @@ class ImaginationLearner:
 
 
 class _Means:
-    """Means of tensors over the updates of an iteration."""
+    """Running means of tensors over the updates of an iteration."""
 
     def __init__(self) -> None:
         self._values: dict[str, list[Tensor]] = {}
@@ -243,7 +243,7 @@ class _Means:
 
 
 def exploring(actor: TensorDictModuleBase, std: float) -> TensorDictSequential:
-    """The actor with Gaussian noise on its action; deterministic exploration takes the noise away.
+    """Add Gaussian noise to an actor's action; deterministic exploration removes the noise.
 
     Args:
         actor: writes ``action``.

@@ -17,14 +17,14 @@ __all__ = ["ImitationLoss", "LatentImitationLoss"]
 
 
 class LatentImitationLoss(LossModule):
-    r"""Imitation through a privileged posterior that teaches a deployable prior.
+    r"""Imitation loss through a privileged posterior that teaches a deployable prior.
 
     .. math::
         L = \|\pi(h, z^q) - a^E\|^2 + \lambda_p \|\pi(h, z^p) - a^E\|^2 + \beta \, KL(q \| p)
 
     with :math:`z^q \sim q` and :math:`z^p \sim p` both sampled, squared norms summed over the action, the divergence
     summed over the latent, and everything averaged over the batch. The training signal of the prior is twofold: it
-    is drawn towards the posterior, and its own samples must decode to the expert's action.
+    is drawn toward the posterior, and its own samples must decode to the expert's action.
 
     Args:
         policy: writes distributions, samples and actions of both latents, as
@@ -75,7 +75,7 @@ class LatentImitationLoss(LossModule):
         "posterior_error",
         "prior_error",
     ]
-    # TorchRL's losses make policies deterministic unless told otherwise; here the samples are the point.
+    # TorchRL's losses make policies deterministic by default; this loss needs samples.
     deterministic_sampling_mode = ExplorationType.RANDOM
 
     def __init__(
@@ -98,7 +98,7 @@ class LatentImitationLoss(LossModule):
 
     @property
     def in_keys(self) -> list[NestedKey]:
-        """What the policy reads, and the expert's action."""
+        """Return the keys that the policy reads, and the expert's action."""
         return [*self.policy.in_keys, self.tensor_keys.expert_action]
 
     def _forward_value_estimator_keys(self, **_: object) -> None:
@@ -106,7 +106,7 @@ class LatentImitationLoss(LossModule):
 
     @dispatch
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Losses of a batch ``[B]``."""
+        """Compute the losses of a batch ``[B]``."""
         keys = self.tensor_keys
         expert_action = tensordict.get(keys.expert_action)
         out = self.policy(tensordict.select(*self.policy.in_keys))
@@ -128,7 +128,7 @@ class LatentImitationLoss(LossModule):
 
 
 class ImitationLoss(LossModule):
-    r"""Behavior cloning: squared distance of the policy's action to the expert's.
+    r"""Behavior cloning loss: squared distance of the policy's action from the expert's.
 
     .. math::
         L = \|\pi(o) - a^E\|^2
@@ -162,7 +162,7 @@ class ImitationLoss(LossModule):
 
     @property
     def in_keys(self) -> list[NestedKey]:
-        """What the policy reads, and the expert's action."""
+        """Return the keys that the policy reads, and the expert's action."""
         return [*self.policy.in_keys, self.tensor_keys.expert_action]
 
     def _forward_value_estimator_keys(self, **_: object) -> None:
@@ -170,7 +170,7 @@ class ImitationLoss(LossModule):
 
     @dispatch
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Return the loss of a batch ``[B]``."""
+        """Compute the loss of a batch ``[B]``."""
         out = self.policy(tensordict.select(*self.policy.in_keys))
         error = (out.get(self.tensor_keys.action) - tensordict.get(self.tensor_keys.expert_action)).square()
         return TensorDict({"loss_imitation": error.sum(-1).mean(), "error": error.detach().mean().sqrt()})

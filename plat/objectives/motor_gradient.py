@@ -1,4 +1,4 @@
-"""The gradient of joint tracking through the motors, which PPO's noise hides."""
+"""Motor gradient: joint-tracking error through the motors, a per-joint signal that PPO's noise masks."""
 
 from dataclasses import dataclass
 
@@ -14,14 +14,14 @@ __all__ = ["MotorGradientConfig", "motor_gradient"]
 
 @dataclass(frozen=True)
 class MotorGradientConfig:
-    """How much the gradient through the motors counts."""
+    """Settings of the motor gradient."""
 
     weight: float = 0.15
-    """factor on it; 0 leaves PPO alone"""
+    """weight of the gradient; 0 leaves PPO alone"""
     legs: float = 0.2
-    """further factor on the joints of the legs, whose errors may be what balance asks for"""
+    """further factor on the leg joints, whose errors may serve balance"""
     steps: int = 4
-    """control steps from an action to the joint error that it answers for"""
+    """control steps from an action to the joint error that it causes"""
 
 
 def motor_gradient(
@@ -32,26 +32,26 @@ def motor_gradient(
     ahead: int = 1,
     goal: str = "goal",
 ) -> Tensor:
-    """Which way each joint's action was wrong, by where the joint was a moment later.
+    """Return the gradient of the joint-tracking error with respect to the action, with the motor modeled as a pure
+    delay.
 
     A position-controlled joint goes where its target goes, with a lag of ``kd/kp`` (64 ms on the G1). So the joint's
     error ``e = q - q_ref``, ``steps`` after an action, falls when that action's target is lowered by ``e``:
 
     ``gradient_t = weight * e_{t+steps} / action_scale``
 
-    is a gradient on the mean action, with the motor's answer taken as the identity. It is 0 where the episode or the
-    rollout ended before. The sign is right for joints that move freely, whatever gravity and inertia do; a leg that
-    stands is also loaded through the other one, and its errors may be what balance asks for. A reward that is a mean
-    over all joints says little on any one of them, and PPO hears it through its own noise: on the G1 that leaves arms
-    a tenth of a radian off, in the same direction, all the time. This removes such errors within minutes, while PPO
-    keeps the robot on its feet.
+    is a gradient on the mean action, with the motor's response taken as the identity. It is 0 where the episode or
+    the rollout ended before. The sign is right for joints that move freely, whatever gravity and inertia do. A stance
+    leg is also loaded through the other one, and its errors may serve balance. The mean joint reward gives a weak
+    per-joint signal under exploration noise: on the G1, arms keep a bias of 0.1 rad. The motor gradient removes such
+    errors within minutes, while PPO keeps the robot balanced.
 
     Args:
         rollout: ``[N, T]`` with ``("robot", "joint_pos")`` (rad, from the default pose), the joint angles of the
             reference in ``goal`` and ``("next", "done")``.
         robot: gives default pose and action scale.
         config: weight and delay.
-        ahead: how many frames ahead the reference's group is.
+        ahead: number of frames that the reference's group is ahead.
         goal: group of the reference.
 
     Returns:
@@ -81,7 +81,7 @@ def motor_gradient(
     kept = joint_pos.shape[1] - steps
     if kept <= 0:
         return gradient
-    # the goal that was shown ``ahead`` steps before a state is the reference of that state
+    # the goal observed ``ahead`` steps before a state is the reference of that state
     error = joint_pos[:, steps:] - reference[:, steps - ahead : steps - ahead + kept]
     ended = done.unfold(1, steps, 1)[:, :kept].any(-1)
     gradient[:, :kept] = torch.where(ended, 0.0, config.weight * error / robot.action_scale.to(error))

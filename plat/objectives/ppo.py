@@ -1,4 +1,4 @@
-"""One PPO iteration on a rollout: advantages, then epochs of clipped updates with a KL-adaptive learning rate."""
+"""PPO iteration on a rollout: advantages, then epochs of clipped updates with a KL-adaptive learning rate."""
 
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -20,22 +20,22 @@ __all__ = ["PPO", "PPOConfig"]
 
 @dataclass(frozen=True)
 class PPOConfig:
-    """Hyperparameters; the defaults are those of rsl_rl for whole-body tracking unless they say otherwise."""
+    """Hyperparameters of PPO. Defaults are those of rsl_rl for whole-body tracking unless stated otherwise."""
 
     gamma: float = 0.99
-    """discount a control step"""
+    """discount per control step"""
     lmbda: float = 0.95
-    """GAE's trade between bias and variance"""
+    """lambda of GAE: trades bias against variance"""
     clip: float = 0.2
-    """largest change of an action's probability ratio that is still rewarded"""
+    """clipping range of the probability ratio"""
     epochs: int = 5
-    """passes over a rollout"""
+    """epochs over a rollout"""
     minibatches: int = 4
-    """parts that each pass is cut into"""
+    """minibatches per epoch"""
     entropy: float = 0.005
     """weight of the entropy bonus"""
     grad_norm: float = 1.0
-    """the gradient of the policy, and that of the critic, is scaled down to this norm"""
+    """largest norm of the gradient, for policy and critic each"""
     lr: float = 1e-3
     """learning rate of the policy at the start"""
     min_lr: float = 3e-4
@@ -53,9 +53,9 @@ class PPOConfig:
 
 
 class _ClipPPOLoss(ClipPPOLoss):
-    """TorchRL's loss, which also keeps the distribution that it made, gradient and all.
+    """TorchRL's PPO loss, which also keeps the action distribution with its gradient.
 
-    Making it once more for another term would run the actor twice.
+    Computing it once more for another term would run the actor twice.
     """
 
     normal: Normal
@@ -71,16 +71,16 @@ def _adam(module: nn.Module, lr: float) -> torch.optim.Adam:
 
 
 class PPO:
-    """Proximal policy optimisation around TorchRL's ``ClipPPOLoss`` and ``GAE``.
+    """Proximal policy optimization around TorchRL's ``ClipPPOLoss`` and ``GAE``.
 
-    The rollout must hold what the policy wrote while it acted: ``loc``, ``scale``, the sample and its log-probability,
-    and what ``actor`` reads. Features below ``actor`` (a normaliser, a frozen backbone) are thus computed once, and
-    nothing that moves between acting and learning can come between the two.
+    The rollout must hold what the policy wrote while acting: ``loc``, ``scale``, the sample, its log-probability, and
+    the inputs of ``actor``. Features before ``actor`` (a normalizer, a frozen backbone) are thus computed once, and
+    cannot change between acting and learning.
 
     Args:
-        actor: the stochastic part that learns.
+        actor: the stochastic module to train.
         critic: writes ``state_value``.
-        observe: from a rollout's entries to what ``critic`` reads; run once a rollout.
+        observe: computes the inputs of ``critic`` from a rollout; runs once per rollout.
         config: hyperparameters.
         action_key: the entry that the actor's distribution is over.
 
@@ -104,7 +104,7 @@ class PPO:
             critic,
             clip_epsilon=config.clip,
             entropy_coeff=config.entropy,
-            critic_coeff=1.0,  # the critic has an optimiser of its own
+            critic_coeff=1.0,  # the critic has an optimizer of its own
             loss_critic_type="l2",
             normalize_advantage=True,
         )
@@ -118,10 +118,10 @@ class PPO:
     def step(
         self, rollout: TensorDictBase, learn_policy: bool = True, gradient: Tensor | None = None
     ) -> dict[str, float]:
-        """Learn from a rollout ``[N, T]``.
+        """Update actor and critic on a rollout ``[N, T]``.
 
         Args:
-            rollout: what the policy did.
+            rollout: of the policy.
             learn_policy: False trains the critic alone.
             gradient: of something else to be lowered with respect to the distribution's mean ``[N, T, A]``, such as
                 :func:`plat.objectives.motor_gradient`; added to PPO's own.
@@ -141,7 +141,7 @@ class PPO:
         data = data[torch.randperm(len(data), device=data.device)]
         for _ in range(self.config.epochs):
             for batch in data[: batch_size * self.config.minibatches].split(batch_size):
-                # entered anew for each minibatch: autocast keeps its copies of the weights until it is left
+                # entered for each minibatch: autocast keeps its copies of the weights until it exits
                 with self._autocast(data):
                     losses = self.loss(batch)
                 loss = losses["loss_critic"]
@@ -159,7 +159,7 @@ class PPO:
                 updates += 1
                 for name in ("loss_objective", "loss_critic", "entropy", "clip_fraction"):
                     totals[name] = totals.get(name, torch.zeros(())) + losses[name].detach()
-            # of the last minibatch, before it changed the policy once more: no further pass through the network
+            # of the last minibatch, before its update: no further pass through the network
             new = self.loss.normal
             kl = gaussian_kl(batch["loc"], batch["scale"], new.loc.detach(), new.scale.detach()).sum(-1).mean()
             totals["kl"] = totals.get("kl", torch.zeros(())) + kl * self.config.minibatches
@@ -180,12 +180,14 @@ class PPO:
 
     @torch.no_grad()
     def prepare(self, rollout: TensorDictBase) -> TensorDict:
-        """Values, advantages and targets of a rollout ``[N, T]``, flat and with nothing but what the loss reads."""
+        """Compute values, advantages and targets of a rollout ``[N, T]``; return it flat, with the entries that the
+        loss reads.
+        """
         seen = self.observe(rollout.select(*self.observe.in_keys))
         with self._autocast(rollout):
             root = self.critic(seen)["state_value"]
         # the state after a step is the state before the next one, except where an episode ended or the rollout
-        # did: only there is the critic asked again. A terminated state has no value to ask for.
+        # did (truncation bootstrapping): only there the critic runs again. A terminated state has the value 0.
         next_value = torch.cat((root[:, 1:], torch.zeros_like(root[:, :1])), 1)
         truncated = rollout["next", "truncated"].squeeze(-1)
         ask = truncated.clone() if self.config.truncated == "state" else torch.zeros_like(truncated)

@@ -1,4 +1,4 @@
-"""A robot's description for programs without MuJoCo and torch."""
+"""Conversion of a robot to a description for programs without MuJoCo and torch."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ __all__ = ["describe_robot"]
 
 
 def describe_robot(robot: Robot, control_dt: float) -> RobotDescription:
-    """What :mod:`plat.deploy` needs to know of a robot.
+    """Return the description of a robot that :mod:`plat.deploy` needs.
 
     Args:
         robot: the robot.
@@ -22,7 +22,7 @@ def describe_robot(robot: Robot, control_dt: float) -> RobotDescription:
     (('left_hip_pitch', 'left_hip_roll'), 'pelvis', 30)
     """
     model = robot.model()
-    root = 1  # of MuJoCo's bodies
+    root = 1  # indices of MuJoCo's bodies
     index = {root: 0}
     bodies = [Body(robot.keypoints[0], -1, -1, axis=(0.0, 0.0, 0.0), pos=(0.0, 0.0, 0.0), quat=(1.0, 0.0, 0.0, 0.0))]
     for link, parent, joint in ForwardKinematics(robot).chain:

@@ -12,11 +12,11 @@ __all__ = ["ForwardKinematics"]
 
 
 class ForwardKinematics:
-    """Poses of a robot's bodies in the world from its root pose and joint angles.
+    """Forward kinematics: world poses of a robot's bodies from its root pose and joint angles.
 
     Args:
         robot: the robot.
-        bodies: names of the bodies that are wanted; by default the robot's keypoints.
+        bodies: names of the bodies to compute; by default the robot's keypoints.
 
     Raises:
         RobotError: when a joint does not pass through the origin of its body, which this code relies on.
@@ -50,7 +50,7 @@ class ForwardKinematics:
         self._axis = torch.from_numpy(model.jnt_axis[1:]).float()
 
     def __call__(self, root_pos_w: Tensor, root_quat_w: Tensor, joint_pos: Tensor) -> tuple[Tensor, Tensor]:
-        """Poses of the wanted bodies.
+        """Compute the poses of the selected bodies.
 
         Args:
             root_pos_w: ``[*B, 3]`` (m, world).

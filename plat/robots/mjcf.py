@@ -62,7 +62,7 @@ def compile_spec(spec: mujoco.MjSpec, asset: str, robot: str) -> mujoco.MjModel:
 
 
 def check_model(model: mujoco.MjModel, robot: str, bodies: Sequence[str], asset: str) -> None:
-    """Check what plat relies on: the bodies, a free root joint, hinges, and one actuator for each hinge in order.
+    """Check what plat relies on: the bodies, a free root joint, hinges, and one actuator per hinge in order.
 
     Raises:
         RobotError: naming what is missing.
@@ -82,7 +82,7 @@ def check_model(model: mujoco.MjModel, robot: str, bodies: Sequence[str], asset:
 
 
 def replace_soles(spec: mujoco.MjSpec, feet: Sequence[str], capsules: Sequence[Capsule]) -> None:
-    """Put capsules in the place of every colliding geom of the feet; they keep the class of the first of these.
+    """Replace every colliding geom of the feet by capsules, which keep the class of the first of these geoms.
 
     Args:
         spec: description that is changed.

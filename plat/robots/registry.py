@@ -1,4 +1,4 @@
-"""Robots by name: what saved policies, recipes and the command line look robots up in."""
+"""Registry of robots by name, for saved policies, recipes and the command line."""
 
 import json
 from pathlib import Path
@@ -14,7 +14,7 @@ _ROBOTS: dict[str, Robot] = {G1.name: G1}
 
 
 def register_robot(robot: Robot) -> Robot:
-    """Make a robot known by its name, so that policies trained for it can be loaded.
+    """Register a robot under its name, so that policies trained for it can be loaded.
 
     Args:
         robot: the robot; registering an equal one again does nothing.
@@ -23,7 +23,7 @@ def register_robot(robot: Robot) -> Robot:
         The robot.
 
     Raises:
-        RobotError: when another robot goes by that name.
+        RobotError: when another robot has that name.
 
     >>> register_robot(G1) is get_robot("g1")
     True
@@ -58,7 +58,10 @@ def get_robot(name_or_path: str | Path) -> Robot:
 
 
 def _read(path: Path) -> Robot:
-    from pydantic import TypeAdapter, ValidationError  # a tenth of a second that only description files need
+    from pydantic import (
+        TypeAdapter,
+        ValidationError,
+    )  # imported here: it takes 0.1 s, and only description files need it
 
     try:
         values: Any = json.loads(path.read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""What plat needs to know about a humanoid."""
+"""Robot description: model file, default pose, keypoints, feet and motors of a humanoid."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,7 +20,7 @@ FootContacts = Literal["spheres", "capsules"]
 
 @dataclass(frozen=True)
 class Robot:
-    """A position-controlled humanoid: its model file and the names that the task speaks of.
+    """Description of a position-controlled humanoid: its model file and the names that the task uses.
 
     Args:
         name: identifies the robot in caches, checkpoints and error messages.
@@ -32,9 +32,9 @@ class Robot:
         default_pose: joint name to angle (rad); joints that are not named are 0.
         keypoints: bodies whose positions a keyframe commands; the first one is the root body.
         anchor: the keypoint whose pose tracking is measured against.
-        end_effectors: the keypoints whose height ends an episode when it is wrong.
+        end_effectors: the keypoints whose height error can terminate an episode.
         feet: the bodies of the left and right foot; keypoints as well.
-        sole_capsules: contact geometry of a foot that ``feet="capsules"`` puts in the place of the asset's own.
+        sole_capsules: contact geometry of a foot that ``feet="capsules"`` uses in place of the asset's own.
 
     Raises:
         RobotError: when a name is not in the model.
@@ -92,21 +92,21 @@ class Robot:
 
     @property
     def asset_path(self) -> Path:
-        """Path of the MJCF description."""
+        """Return the path of the MJCF description."""
         return asset_path(self.asset)
 
     def with_asset_in(self, folder: Path) -> "Robot":
-        """Return the robot with an asset that is relative to a folder, unless it is one of plat's or absolute."""
+        """Return the robot with a relative asset resolved in a folder; plat's own and absolute assets are kept."""
         path = self.asset_path
         return self if path.is_absolute() else replace(self, asset=str((folder / path).resolve()))
 
     @cached_property
     def shared_model(self) -> mujoco.MjModel:
-        """:meth:`model`, compiled once for all who only read it."""
+        """Return :meth:`model`, compiled once and shared by read-only users."""
         return self.model()
 
     def sole_geoms(self, model: mujoco.MjModel) -> np.ndarray:
-        """Numbers of the geoms that the left and right foot touch the floor with ``[2, P]``.
+        """Return the indices of the geoms that the left and right foot touch the floor with ``[2, P]``.
 
         Args:
             model: of this robot.
@@ -120,18 +120,18 @@ class Robot:
 
     @cached_property
     def joint_names(self) -> tuple[str, ...]:
-        """Hinge joints in the order of every joint vector, without the ``_joint`` ending."""
+        """Return hinge joints in the order of every joint vector, without the ``_joint`` ending."""
         model = self.shared_model
         return tuple(model.joint(i).name.removesuffix("_joint") for i in range(1, model.njnt))
 
     @property
     def num_joints(self) -> int:
-        """Number of hinge joints J."""
+        """Return the number of hinge joints J."""
         return len(self.joint_names)
 
     @cached_property
     def default_joint_pos(self) -> Tensor:
-        """Joint angles of the default pose ``[J]`` (rad)."""
+        """Return the joint angles of the default pose ``[J]`` (rad)."""
         unknown = set(self.default_pose) - set(self.joint_names)
         if unknown:
             raise RobotError(f"robot {self.name!r}: default_pose names no joint of the model: {sorted(unknown)}")
@@ -139,40 +139,40 @@ class Robot:
 
     @cached_property
     def default_qpos(self) -> np.ndarray:
-        """MuJoCo position vector ``[7 + J]`` of the default pose, standing at the origin."""
+        """Return the MuJoCo position vector ``[7 + J]`` of the default pose, standing at the origin."""
         root = [0.0, 0.0, self.root_height, 1.0, 0.0, 0.0, 0.0]
         return np.concatenate((root, self.default_joint_pos.double().numpy()))
 
     @cached_property
     def stiffness(self) -> Tensor:
-        """Proportional gains kp ``[J]`` (N m / rad)."""
+        """Return the proportional gains kp ``[J]`` (N m / rad)."""
         return torch.from_numpy(self.shared_model.actuator_gainprm[:, 0]).float()
 
     @cached_property
     def damping(self) -> Tensor:
-        """Derivative gains kd ``[J]`` (N m s / rad)."""
+        """Return the derivative gains kd ``[J]`` (N m s / rad)."""
         return torch.from_numpy(-self.shared_model.actuator_biasprm[:, 2]).float()
 
     @cached_property
     def effort_limit(self) -> Tensor:
-        """Largest joint torque ``[J]`` (N m)."""
+        """Return the largest joint torque ``[J]`` (N m)."""
         return torch.from_numpy(self.shared_model.actuator_forcerange[:, 1]).float()
 
     @cached_property
     def joint_range(self) -> Tensor:
-        """Lower and upper joint limits ``[J, 2]`` (rad)."""
+        """Return lower and upper joint limits ``[J, 2]`` (rad)."""
         return torch.from_numpy(self.shared_model.jnt_range[1:]).float()
 
     @cached_property
     def action_scale(self) -> Tensor:
-        """Joint angle per unit of action ``[J]`` (rad): ``0.25 * effort_limit / kp``.
+        """Return the joint angle per unit of action ``[J]`` (rad): ``0.25 * effort_limit / kp``.
 
         One unit of action asks for a quarter of the motor's torque, whatever the motor.
         """
         return 0.25 * self.effort_limit / self.stiffness
 
     def depth(self, joint: str) -> int:
-        """Return the number of bodies between the root and the body that a joint moves, that one counted.
+        """Return the number of bodies from the root, excluded, to the body that a joint moves, included.
 
         >>> from plat.robots import G1
         >>> [G1.depth(joint) for joint in ("left_hip_pitch", "left_knee", "waist_yaw")]
@@ -181,7 +181,7 @@ class Robot:
         return len(self._to_root(int(self.shared_model.jnt_bodyid[1 + self.joint_names.index(joint)])))
 
     def _to_root(self, body: int) -> list[int]:
-        """Bodies from one up to the root, without the root; MuJoCo's number of the root is 1."""
+        """Return the bodies from one up to the root, without the root; MuJoCo's index of the root is 1."""
         path = []
         while body > 1:
             path.append(body)
@@ -190,7 +190,7 @@ class Robot:
 
     @cached_property
     def leg_joints(self) -> list[int]:
-        """Indices of the joints between the root and the feet.
+        """Return the indices of the joints between the root and the feet.
 
         >>> from plat.robots import G1
         >>> [G1.joint_names[joint] for joint in G1.leg_joints[:3]], len(G1.leg_joints)
@@ -202,17 +202,17 @@ class Robot:
 
     @property
     def anchor_index(self) -> int:
-        """Index of the anchor among the keypoints."""
+        """Return the index of the anchor among the keypoints."""
         return self.keypoints.index(self.anchor)
 
     @property
     def end_effector_indices(self) -> list[int]:
-        """Indices of the end effectors among the keypoints."""
+        """Return the indices of the end effectors among the keypoints."""
         return [self.keypoints.index(body) for body in self.end_effectors]
 
 
 def without_side(name: str) -> str:
-    """Name of a joint without ``left_`` or ``right_``.
+    """Return the name of a joint without ``left_`` or ``right_``.
 
     >>> without_side("left_knee"), without_side("waist_yaw")
     ('knee', 'waist_yaw')

@@ -1,4 +1,4 @@
-"""What the recipes share: run directories, budgets, metrics files, saved policies."""
+"""Run directories, budgets, metrics files and saved policies."""
 
 from plat.runs.budget import Budget
 from plat.runs.dynamics import load_dynamics, save_dynamics

@@ -1,4 +1,4 @@
-"""How long a run goes on, and how long that will take."""
+"""Training budget in minutes or environment steps, with an estimate of the time left."""
 
 import time
 
@@ -8,7 +8,7 @@ __all__ = ["Budget"]
 
 
 class Budget:
-    """Counts steps and seconds of training against a limit.
+    """Training budget: counts steps and seconds against a limit.
 
     Args:
         minutes: wall-clock minutes of training, counted over all resumed parts.
@@ -37,17 +37,17 @@ class Budget:
 
     @property
     def seconds(self) -> float:
-        """Seconds of training so far."""
+        """Return the seconds of training so far."""
         return self._seconds_before + time.monotonic() - self._started
 
     @property
     def rate(self) -> float:
-        """Environment steps a second since this process began."""
+        """Return environment steps per second since this process began."""
         return (self.steps - self._steps_before) / max(time.monotonic() - self._started, 1e-9)
 
     @property
     def fraction(self) -> float:
-        """Share of the budget that is spent."""
+        """Return the fraction of the budget that is spent."""
         shares = []
         if self._minutes_limit is not None:
             shares.append(self.seconds / (60 * self._minutes_limit))
@@ -57,12 +57,12 @@ class Budget:
 
     @property
     def done(self) -> bool:
-        """Whether the budget is spent."""
+        """Return whether the budget is spent."""
         return self.fraction >= 1
 
     @property
     def seconds_left(self) -> float:
-        """Estimate of the seconds to go, from the rate so far; infinite before the first step."""
+        """Estimate the seconds left from the rate so far; infinite before the first step."""
         estimates = []
         if self._minutes_limit is not None:
             estimates.append(60 * self._minutes_limit - self.seconds)
@@ -76,11 +76,11 @@ class Budget:
         self.steps += steps
 
     def state_dict(self) -> dict[str, float]:
-        """What a resumed run goes on from."""
+        """Return the state from which a resumed run continues."""
         return {"steps": self.steps, "seconds": self.seconds}
 
     def load_state_dict(self, state: dict[str, float]) -> None:
-        """Go on from there."""
+        """Restore a state of :meth:`state_dict`."""
         self.steps = self._steps_before = int(state["steps"])
         self._seconds_before = float(state["seconds"])
         self._started = time.monotonic()

@@ -1,4 +1,4 @@
-"""The learned model of the robot in a run directory, beside the policy."""
+"""Saved dynamics model: the learned model of the robot in a run directory, beside the policy."""
 
 from pathlib import Path
 
@@ -19,17 +19,17 @@ _FILE = "dynamics.safetensors"
 
 
 def save_dynamics(folder: Path, model: DynamicsModel) -> None:
-    """Write the weights of a model into a run's folder; its settings are among the recipe's."""
+    """Write the weights of a model into a run's folder; its settings are saved with the recipe's."""
     save_weights(folder / _FILE, model)
 
 
 def load_dynamics(folder: Path, robot: Robot, device: torch.device | str = "cpu") -> DynamicsModel:
-    """Return the model that a run has learned.
+    """Return the dynamics model that a run has learned.
 
     Args:
-        folder: of a run of ``plat expert-model`` or ``plat imagine``.
-        robot: of which the model is.
-        device: where it goes.
+        folder: run directory of ``plat expert-model`` or ``plat imagine``.
+        robot: the modeled robot.
+        device: device of the model.
 
     Raises:
         CheckpointError: naming file and field, when the run has no model, or one of another robot.

@@ -27,7 +27,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a JSON object; the file is replaced in one step or not at all.
+    """Write a JSON object; the file is replaced atomically or not at all.
 
     Raises:
         CheckpointError: when the disk does not take it; what was there before is intact.

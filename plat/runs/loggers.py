@@ -101,5 +101,5 @@ def log_video(run: Any, path: Path, step: int) -> None:
 
 
 def _module(run: Any) -> ModuleType:
-    """The logger's module that a run belongs to."""
+    """Return the logger's module that a run belongs to."""
     return importlib.import_module(type(run).__module__.partition(".")[0])

@@ -11,11 +11,11 @@ __all__ = ["MetricsFile"]
 
 
 class MetricsFile:
-    """A CSV file with one row a step; columns are added as new metrics come up.
+    """CSV writer of metrics with one row a step; columns are added as new metrics come up.
 
     Args:
         path: the file.
-        keep_until: rows of later steps are dropped: those that a killed run wrote after its last checkpoint.
+        keep_until: rows of later steps are dropped, which a killed run wrote after its last checkpoint.
 
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -36,7 +36,7 @@ class MetricsFile:
             with path.open(newline="") as file:
                 reader = csv.DictReader(file)
                 self._columns = list(reader.fieldnames or ["step"])
-                # a row that a kill cut short has no number in its first column, or fewer columns
+                # a row cut short by a kill has no number in its first column, or fewer columns
                 self._rows = [row for row in reader if 0 <= _step(row) <= keep_until]
         self._rewrite()
 

@@ -30,7 +30,7 @@ __all__ = ["Policy", "build_policy", "complete_spec", "policy_spec", "register_p
 
 @runtime_checkable
 class Policy(Protocol):
-    """What every saved policy has."""
+    """Protocol of a saved policy."""
 
     robot: Robot
     config: Any
@@ -44,10 +44,10 @@ class _Kind(NamedTuple):
     policy_class: type
     config_class: type
     base: Literal["robot", "student"]
-    """what the policy is built on"""
+    """argument that the policy is constructed from, see :func:`register_policy`"""
 
 
-# How a saved policy is called in config.json.
+# Names of saved policies in config.json.
 _KINDS: dict[str, _Kind] = {
     "expert": _Kind(Expert, ExpertConfig, "robot"),
     "latent": _Kind(LatentPolicy, LatentPolicyConfig, "robot"),
@@ -62,7 +62,7 @@ _KINDS: dict[str, _Kind] = {
 def register_policy(
     kind: str, policy_class: type, config_class: type, *, base: Literal["robot", "student"] | None = None
 ) -> None:
-    """Let runs save and load policies of a class of your own; call it where the class is defined.
+    """Register a policy class, so that runs save and load it; call it where the class is defined.
 
     Args:
         kind: its name in ``config.json``.
@@ -74,7 +74,7 @@ def register_policy(
             is saved with it. By default the student for a :class:`plat.modules.Refinement`, the robot for others.
 
     Raises:
-        ConfigError: when another class goes by that name.
+        ConfigError: when another class has that name.
 
     >>> from plat.robots import G1
     >>> class Deeper(LatentPolicy):
@@ -93,7 +93,7 @@ def register_policy(
 
 
 def policy_spec(policy: Any) -> dict[str, Any]:
-    """Return the description from which :func:`build_policy` makes the same object.
+    """Return the description from which :func:`build_policy` makes an equal object.
 
     It holds the kind, the robot, the sizes, and the student of a policy that is built on one.
 
@@ -113,12 +113,12 @@ def policy_spec(policy: Any) -> dict[str, Any]:
 
 
 def complete_spec(spec: Any, path: Path) -> dict[str, Any]:
-    """Return a description with every field: those that an older plat did not know have their defaults.
+    """Return a description with every field: fields unknown to an older plat get their defaults.
 
     Raises:
-        CheckpointError: naming ``path``, the file that it is from, when it describes no policy.
+        CheckpointError: naming ``path``, its file, when it describes no policy.
     """
-    with torch.random.fork_rng(devices=[]):  # the weights that are drawn here are of no use
+    with torch.random.fork_rng(devices=[]):  # the random weights are discarded
         return policy_spec(build_policy(spec, path))
 
 
@@ -127,7 +127,7 @@ def build_policy(spec: Any, path: Path) -> Policy:
 
     Args:
         spec: what :func:`policy_spec` returned.
-        path: file that it is from, for messages.
+        path: its file, for messages.
 
     Raises:
         CheckpointError: naming file and field, when it describes no policy.
@@ -141,7 +141,7 @@ def build_policy(spec: Any, path: Path) -> Policy:
     if spec["kind"] not in _KINDS:
         raise CheckpointError(
             f"{str(path)!r}: unknown kind of policy {spec['kind']!r}, expected one of {sorted(_KINDS)} "
-            "or one that plat.runs.register_policy has been told of"
+            "or one given to plat.runs.register_policy"
         )
     kind = _KINDS[spec["kind"]]
     base = build_policy(spec.get("student"), path) if kind.base == "student" else robot

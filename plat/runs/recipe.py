@@ -1,4 +1,4 @@
-"""Settings that every training recipe has."""
+"""Settings that all training recipes have in common."""
 
 import logging
 import sys
@@ -17,13 +17,13 @@ __all__ = ["RecipeConfig", "default_device", "report_errors"]
 
 
 def default_device() -> str:
-    """``"cuda"`` where there is one, else ``"cpu"``."""
+    """Return ``"cuda"`` where it is available, else ``"cpu"``."""
     return "cuda" if torch.cuda.is_available() else "cpu"
 
 
 @dataclass(kw_only=True)
 class RecipeConfig:
-    """What to train on, for how long, and where to write.
+    """Base settings of a recipe: training data, budget and output.
 
     Attributes:
         name: of the stage; ``config.json`` and the command line call it so.
@@ -62,15 +62,15 @@ class RecipeConfig:
 
     @property
     def loggers(self) -> tuple[LoggerName, ...]:
-        """Experiment loggers that were asked for."""
+        """Return the experiment loggers that were asked for."""
         return chosen_loggers(self.wandb, self.trackio)
 
 
 @contextmanager
 def report_errors() -> Iterator[None]:
-    """End a program on plat's own errors with their message and no traceback; TorchRL says only what is wrong.
+    """Exit with one line on plat's own errors, without a traceback; TorchRL's context of an error is left out.
 
-    What plat took a motion file for is printed.
+    Assumptions that plat makes about motion files are printed.
     """
     logging.getLogger("torchrl").setLevel(logging.WARNING)
     motions = logging.getLogger("plat.motions")

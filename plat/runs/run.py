@@ -1,7 +1,7 @@
-"""A run directory: what a training run writes, and how it goes on after it was killed.
+"""Run directory: what training writes, and how a run resumes after it was killed.
 
 ====================  ====================================================================================
-``config.json``       the recipe with all its settings, the policy's description, and what earlier parts of the run had
+``config.json``       all settings of the recipe, the policy's description, and settings of earlier parts of the run
 ``model.safetensors`` the policy's weights at the last checkpoint
 ``metrics.csv``       one row an iteration
 ``checkpoints/``      everything that a resumed run needs; the last two are kept
@@ -41,15 +41,15 @@ __all__ = ["Run"]
 
 
 class Run:
-    """Writes a training run into a directory and resumes it from there.
+    """Writer of a training run into a directory, from which it can be resumed.
 
     Args:
         folder: the directory.
         recipe: a dataclass with the settings of the run.
-        policy: what the run makes; its weights go to ``model.safetensors``.
+        policy: the policy in training; its weights go to ``model.safetensors``.
         budget: counts steps and time.
-        state: by name, everything else that a resumed run needs (critic, optimiser, buffer, environment ...): objects
-            with ``state_dict`` and ``load_state_dict``. The random number generators are taken care of.
+        state: by name, everything else that a resumed run needs (critic, optimizer, buffer, environment ...): objects
+            with ``state_dict`` and ``load_state_dict``. The random number generators are included.
         resume: go on from the last checkpoint in ``folder``.
         save_every: seconds between checkpoints.
         loggers: experiment loggers that metrics and videos are logged to.
@@ -74,7 +74,7 @@ class Run:
         film: Callable[[int], Path | None] | None = None,
     ):
         for logger in loggers:
-            check_logger(logger)  # a logger that is missing must not leave half a run behind
+            check_logger(logger)  # checked first: a missing logger must not leave half a run behind
         self.folder = folder
         self.policy = policy
         self.budget = budget
@@ -103,7 +103,7 @@ class Run:
             raise CheckpointError(f"{str(folder)!r} already holds a run: go on with --resume or choose another --out")
         else:
             write_json(config_path, config)
-        for leftover in (folder / "checkpoints").glob(".*"):  # half a checkpoint of a run that was killed
+        for leftover in (folder / "checkpoints").glob(".*"):  # unfinished checkpoint of a killed run
             shutil.rmtree(leftover, ignore_errors=True)
         self._metrics = MetricsFile(folder / "metrics.csv", keep_until=budget.steps)
         self._tracked = [start_logging(logger, folder.name, folder, config) for logger in loggers]
@@ -132,11 +132,11 @@ class Run:
         write_json(path, {**config, "earlier": earlier})
 
     def log(self, metrics: Mapping[str, float], headline: Mapping[str, str] | None = None) -> None:
-        """Write a row of metrics; now and then a line on screen, and a checkpoint.
+        """Write a row of metrics; from time to time also a line on screen and a checkpoint.
 
         Args:
             metrics: numbers for the file.
-            headline: what the line on screen shows beside progress, rate and time to go.
+            headline: metrics on the screen line, beside progress, rate and time to go.
         """
         self._metrics.write(self.budget.steps, {"seconds": self.budget.seconds, **metrics})
         for run in self._tracked:
@@ -173,7 +173,7 @@ class Run:
         self._last_save = time.monotonic()
 
     def finish(self) -> None:
-        """Last checkpoint, a note in ``config.json`` of how far training went, and the end of the logs."""
+        """Write the last checkpoint, record the progress of training in ``config.json`` and close the logs."""
         self.save()
         path = self.folder / CONFIG_FILE
         write_json(path, {**read_json(path), "finished": self.budget.state_dict()})
@@ -189,7 +189,7 @@ def _clock(seconds: float) -> str:
 
 
 def _commit() -> str | None:
-    """The commit of the source tree, where there is one."""
+    """Return the commit of the source tree, where there is one."""
     command = ["git", "-C", str(Path(__file__).parent), "rev-parse", "HEAD"]
     try:
         return subprocess.run(command, capture_output=True, text=True, check=True, timeout=5).stdout.strip()

@@ -1,4 +1,4 @@
-"""A run on disk: its settings, policy, weights and scores."""
+"""Saved run: its settings, policy, weights and scores."""
 
 import csv
 from functools import cached_property
@@ -23,7 +23,7 @@ _FIGURES = ("value", "low", "high")
 
 
 class RunScore(NamedTuple):
-    """A figure of an evaluation, with its 95 % interval over motions."""
+    """Metric of an evaluation, with its 95 % interval over motions."""
 
     horizon: str
     metric: str
@@ -33,7 +33,7 @@ class RunScore(NamedTuple):
 
 
 class SavedRun:
-    """Run directory, each of its files read once.
+    """Run directory whose files are read once each.
 
     Args:
         folder: the directory.
@@ -54,38 +54,38 @@ class SavedRun:
 
     @property
     def name(self) -> str:
-        """Name of the directory."""
+        """Return the name of the directory."""
         return self.folder.resolve().name
 
     @property
     def kind(self) -> str | None:
-        """Kind of the policy, see :func:`plat.runs.register_policy`; None where there is no policy."""
+        """Return the kind of the policy, see :func:`plat.runs.register_policy`; None where there is no policy."""
         return self._object("policy").get("kind")
 
     @property
     def robot(self) -> str | None:
-        """Name of the robot that the policy drives."""
+        """Return the name of the robot that the policy drives."""
         return self._object("policy").get("robot")
 
     @property
     def recipe(self) -> str | None:
-        """Name of the recipe that made the run."""
+        """Return the name of the recipe that made the run."""
         return self._object("recipe").get("name")
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Settings of the recipe."""
+        """Return the settings of the recipe."""
         settings = self._object("recipe").get("settings")
         return settings if isinstance(settings, dict) else {}
 
     @property
     def made_with(self) -> dict[str, Any]:
-        """Versions of plat and torch, and the commit of plat's sources."""
+        """Return the versions of plat and torch, and the commit of plat's sources."""
         return self._object("made_with")
 
     @property
     def steps(self) -> int:
-        """Environment steps of a finished run; 0 for one that is not finished."""
+        """Return the environment steps of a finished run; 0 for one that is not finished."""
         return int(self._object("finished").get("steps", 0))
 
     def _object(self, name: str) -> dict[str, Any]:
@@ -101,12 +101,12 @@ class SavedRun:
         return policy.to(device).eval()
 
     def policy_as(self, policy_class: type[P], expected: str, device: torch.device | str = "cpu") -> P:
-        """Return the policy if it is of a class, or has what a protocol asks for.
+        """Return the policy if it is an instance of a class or satisfies a protocol.
 
         Args:
             policy_class: the class or protocol.
-            expected: what that is, for the message, such as ``"an expert, of plat expert"``.
-            device: where the weights go.
+            expected: description for the message, such as ``"an expert, of plat expert"``.
+            device: device of the weights.
 
         Raises:
             CheckpointError: when the run holds another policy, or cannot be read.
@@ -143,10 +143,10 @@ class SavedRun:
 
     @cached_property
     def scores(self) -> tuple[RunScore, ...] | None:
-        """Scores of the policy, from ``evaluation.csv`` in the directory or beside it; None where there are none.
+        """Return the policy's scores from ``evaluation.csv`` in the directory or beside it; None where there are none.
 
-        Rows of a table with several policies are told by the directory's name, or by the name that the run was made
-        under. A table in the directory that holds a single policy is of this run, whatever it is called now.
+        In a table with several policies, rows are matched by the directory's name, or by the run's original name. A
+        table in the directory that holds a single policy belongs to this run, whatever its name.
         """
         own = _read_scores(self.folder / SCORES_FILE)
         shared = _read_scores(self.folder.resolve().parent / SCORES_FILE)
@@ -183,7 +183,7 @@ def load_policy(run: str | Path, device: torch.device | str = "cpu") -> Policy:
 
 
 def save_weights(path: Path, module: nn.Module) -> None:
-    """Write a module's weights; the file at ``path`` is replaced in one step or not at all.
+    """Write a module's weights; the file at ``path`` is replaced atomically or not at all.
 
     Raises:
         CheckpointError: when the disk does not take them; what was there before is intact.

@@ -1,4 +1,4 @@
-"""The weights that come with plat."""
+"""Pretrained weights that come with plat."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ _FOLDER = Path(__file__).parents[1] / "weights"
 
 
 def shipped_runs() -> dict[str, Path]:
-    """The run directories that come with plat, by name: the folder's, and the robot's that the policy is for.
+    """Return the run directories that come with plat, by names such as ``plat-g1``: the run's name and its robot's.
 
     >>> sorted(shipped_runs())
     [..., 'plat-g1', 'plat-generated-g1']
@@ -24,7 +24,7 @@ def shipped_runs() -> dict[str, Path]:
 
 
 def load_shipped(name: str, device: torch.device | str = "cpu") -> Policy:
-    """The policy of that name; see :func:`plat.load`."""
+    """Return the shipped policy of a name; see :func:`plat.load`."""
     runs = shipped_runs()
     if name not in runs:
         known = ", ".join(repr(run) for run in runs) or "none: this installation of plat has no weights"

@@ -87,7 +87,7 @@ def test_files_of_two_exports(copy):
     content = json.loads((copy / "bundle.json").read_text())
     content["training"]["run"] = "other"
     (copy / "bundle.json").write_text(json.dumps(content))
-    with pytest.raises(BundleError, match="bundle.json' is not what .*policy.onnx' says about itself"):
+    with pytest.raises(BundleError, match="bundle.json' differs from the metadata in .*policy.onnx'"):
         PolicyRunner(copy)
 
 

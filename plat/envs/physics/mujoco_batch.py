@@ -1,4 +1,4 @@
-"""MuJoCo's native thread pool over simulations, with torch in and out."""
+"""Batched MuJoCo physics: its native pool of threads over simulations, with torch tensors in and out."""
 
 import os
 from collections.abc import Sequence
@@ -17,26 +17,26 @@ __all__ = ["BatchedPhysics", "available_cpus"]
 # from there in its next step, so it costs nothing extra.
 _STAGE = mujoco.mjtStage.mjSTAGE_VEL
 
-# Time that simulations begin at (s): one with an earlier time was reset by MuJoCo.
+# Initial time of simulations (s): one with an earlier time was reset by MuJoCo.
 _BEGINNING = 1.0
 
-# Fields that are handed out. One that is first bound after a step holds zeros until the next.
+# Fields to bind at once: one that is first bound after a step holds zeros until the next.
 _READ = ("xpos", "xquat", "cvel", "subtree_com", "actuator_force", "sensordata")
 
 
 class BatchedPhysics:
-    """Simulates ``num_sims`` copies of a model on a pool of CPU threads (``mujoco.batch``).
+    """Batched MuJoCo physics: ``num_sims`` copies of a model on a pool of CPU threads (``mujoco.batch``).
 
-    It is a :class:`plat.envs.physics.Physics`, and gives access to any field of MuJoCo beside.
+    It implements :class:`plat.envs.physics.Physics`, and gives access to any field of MuJoCo.
 
-    Every method that reads returns float32 copies on ``device``: MuJoCo's own arrays are live views, and a view
-    kept in a rollout would change under its owner.
+    Every reading method returns float32 copies on ``device``: MuJoCo's own arrays are live views, and a view
+    stored in a rollout would change later.
 
     Args:
         model: compiled model with a free joint first.
         num_sims: number of simulations N.
         num_threads: size of the pool; None takes every CPU that this process may use.
-        device: where tensors are handed out.
+        device: device of the returned tensors.
 
     >>> from plat.robots import G1
     >>> physics = BatchedPhysics(G1.model(), num_sims=2, num_threads=1)
@@ -74,22 +74,22 @@ class BatchedPhysics:
 
     def make_batch(self, model: mujoco.MjModel, num_sims: int, num_threads: int) -> Any:
         """Return the pool: ``mujoco.batch.Batch``. A subclass may return another one with the same methods."""
-        from mujoco.batch import Batch  # older MuJoCos, that other pools come with, do not have it
+        from mujoco.batch import Batch  # older MuJoCos, which other pools come with, lack it
 
         return Batch(model, num_sims, num_threads, persistent=True)
 
     @property
     def num_sims(self) -> int:
-        """Number of simulations N."""
+        """Return the number of simulations N."""
         return self.batch.nsim
 
     @property
     def num_threads(self) -> int:
-        """Number of threads that step them."""
+        """Return the number of threads that step them."""
         return self.batch.nthread
 
     def read(self, field: str, index: Sequence[int] | None = None, ids: Tensor | None = None) -> Tensor:
-        """Copy of an ``MjData`` field ``[N, ...]``, float32, on ``device``.
+        """Return a copy of an ``MjData`` field ``[N, ...]``, float32, on ``device``.
 
         Args:
             field: a name that ``mujoco.batch.Batch.bind`` accepts. One that no method of the protocol reads holds
@@ -108,7 +108,7 @@ class BatchedPhysics:
         """Hold the controls ``[N, nu]`` for ``nstep`` physics steps."""
         self._ctrl.copy_(ctrl)
         self.batch.step(nstep=nstep, stage=_STAGE)
-        # MuJoCo puts a simulation with a bad state or a bad control silently back to its start, upright, at time 0
+        # MuJoCo silently resets a simulation with a bad state or a bad control to its start, upright, at time 0
         self._diverged = torch.from_numpy((self._time < _BEGINNING).reshape(-1)).to(self.device)
 
     def diverged(self) -> Tensor:
@@ -123,7 +123,7 @@ class BatchedPhysics:
         rows = ids.cpu().numpy()
         if rows.size == 0:
             return
-        # all that a step goes on from: clearing the rest of the simulation's memory as well would cost as much again
+        # all state that a step depends on: clearing the rest of the simulation's memory would double the cost
         for values in self._rest:
             values[rows] = 0
         self._time[rows] = _BEGINNING
@@ -186,7 +186,7 @@ class BatchedPhysics:
         return self._body_ids[names]
 
     def model_field(self, field: str) -> Tensor:
-        """Per-simulation values ``[N, ...]`` of an ``MjModel`` field, float64, shared with the simulations.
+        """Return per-simulation values ``[N, ...]`` of an ``MjModel`` field, float64, shared with the simulations.
 
         Write into them in place; call :meth:`update_constants` after fields that others are derived from
         (masses, inertial frames).
@@ -196,11 +196,11 @@ class BatchedPhysics:
         return self._model_fields[field]
 
     def update_constants(self) -> None:
-        """Recompute what MuJoCo derives from the model (``mj_setConst``) in every simulation."""
+        """Recompute the constants that MuJoCo derives from the model (``mj_setConst``) in every simulation."""
         self.batch.set_const()
 
 
 def available_cpus() -> int:
-    """Number of CPUs that this process may use."""
+    """Return the number of CPUs that this process may use."""
     # macOS and Windows have no affinity masks
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

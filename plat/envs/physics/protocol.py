@@ -1,4 +1,4 @@
-"""What an environment asks of its physics."""
+"""Physics protocol: the interface between environments and their simulator."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ __all__ = ["Kinematics", "Physics", "PhysicsFactory"]
 
 @dataclass(frozen=True)
 class Kinematics:
-    """Poses and velocities of some bodies, and the torques of all joints, in float32. ``w`` is the world frame."""
+    """Poses and velocities of bodies, and torques of all joints, in float32. ``w`` is the world frame."""
 
     body_pos_w: Tensor
     """origins of the bodies ``[n, K, 3]`` (m)"""
@@ -28,18 +28,18 @@ class Kinematics:
 
 
 class Physics(Protocol):
-    """Simulates ``num_sims`` robots that share a model.
+    """Protocol of a simulator of ``num_sims`` robots that share a model.
 
-    All tensors are on the device that the physics was made for, and none changes after it was handed out. ``ids``
-    ``[n]`` are numbers of simulations, without repetition; None stands for all. What is read is that of the last
-    :meth:`step` or :meth:`set_state`.
+    All tensors are on the device that the physics was made for, and stay unchanged once returned. ``ids`` ``[n]`` are
+    indices of simulations, without repetition; None stands for all. Readings belong to the last :meth:`step` or
+    :meth:`set_state`.
 
     Bodies and sensors have the names of the model. A joint vector ``[J]`` is in the order of the model's hinges.
     """
 
     @property
     def num_sims(self) -> int:
-        """Number of simulations N."""
+        """Return the number of simulations N."""
 
     def step(self, ctrl: Tensor, nstep: int) -> None:
         """Hold the joint targets ``[N, J]`` (rad) for ``nstep`` physics steps. They must be finite."""
@@ -47,13 +47,13 @@ class Physics(Protocol):
     def diverged(self) -> Tensor:
         """Return the mask ``[N]`` of simulations that left all bounds in the last :meth:`step`.
 
-        Their state after it means nothing; :meth:`set_state` makes them whole.
+        Their state after it is meaningless; :meth:`set_state` restores them.
         """
 
     def set_state(self, ids: Tensor, qpos: Tensor, qvel: Tensor) -> None:
         """Put simulations into a state: ``qpos`` ``[n, 7 + J]`` and ``qvel`` ``[n, 6 + J]`` in MuJoCo's conventions.
 
-        Nothing of what was before is remembered, except for the parameters that the other setters changed.
+        Earlier state is discarded, except for the parameters that the other setters changed.
         """
 
     def state(self, ids: Tensor | None = None) -> tuple[Tensor, Tensor]:
@@ -79,16 +79,16 @@ class Physics(Protocol):
 
 
 class PhysicsFactory(Protocol):
-    """Makes the physics of an environment; a class such as :class:`plat.envs.BatchedPhysics` is one."""
+    """Protocol of a factory for an environment's physics; a class such as :class:`plat.envs.BatchedPhysics` is one."""
 
     def __call__(
         self, model: mujoco.MjModel, num_sims: int, num_threads: int | None, device: torch.device | str
     ) -> Physics:
-        """Make physics.
+        """Create the physics.
 
         Args:
             model: compiled model with a free joint first.
             num_sims: number of simulations N.
             num_threads: number of CPU threads; None takes all CPUs.
-            device: where tensors are handed out.
+            device: device of the returned tensors.
         """

@@ -1,4 +1,4 @@
-"""Transforms that turn the simulated robot into a task. They talk to each other through TensorDict entries only."""
+"""Transforms that turn the simulated robot into a task. They communicate through TensorDict entries only."""
 
 from plat.envs.transforms.base import ObservationTransform, Statistics, pop_statistics
 from plat.envs.transforms.command import (

@@ -1,4 +1,4 @@
-"""What plat's transforms share."""
+"""Base classes of transforms: running statistics, checks of entries, derived observations."""
 
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -30,12 +30,12 @@ class Statistics:
         self._counts: dict[str, float] = {}
 
     def add(self, name: str, values: Tensor) -> None:
-        """Average over all elements of ``values``."""
+        """Add the average over all elements of ``values``."""
         self._sums[name] = self._sums.get(name, 0.0) + values.detach().sum(dtype=torch.float64)
         self._counts[name] = self._counts.get(name, 0) + values.numel()
 
     def pop(self) -> dict[str, float]:
-        """Means since the last call."""
+        """Return the means since the last call."""
         means = {name: float(total) / self._counts[name] for name, total in self._sums.items() if self._counts[name]}
         self._sums.clear()
         self._counts.clear()
@@ -43,7 +43,7 @@ class Statistics:
 
 
 def pop_statistics(env: TransformedEnv) -> dict[str, float]:
-    """Means that the transforms of an environment gathered since the last call."""
+    """Return the means that an environment's transforms gathered since the last call."""
     means: dict[str, float] = {}
     for transform in env.transform:
         statistics = getattr(transform, "statistics", None)
@@ -53,7 +53,7 @@ def pop_statistics(env: TransformedEnv) -> dict[str, float]:
 
 
 def check_entries(name: str, needs: Iterable[NestedKey], observation_spec: Composite) -> None:
-    """Check that earlier transforms write what one reads.
+    """Check that earlier transforms write the entries that one reads.
 
     Args:
         name: of the transform that reads.
@@ -72,7 +72,7 @@ def check_entries(name: str, needs: Iterable[NestedKey], observation_spec: Compo
 
 
 def check_step_entries(name: str, needs: Iterable[NestedKey], observation_spec: Composite) -> None:
-    """Check the same for a transform that judges a step, which must see the command that the step belonged to.
+    """Check the entries of a transform that judges a step; it must see the command that the step belonged to.
 
     Raises:
         TaskError: also when the next command has been issued by then.
@@ -83,7 +83,7 @@ def check_step_entries(name: str, needs: Iterable[NestedKey], observation_spec: 
 
 
 class ObservationTransform(Transform):
-    """Adds entries that depend on the entries of the same time step.
+    """Transform that derives entries from those of the same time step.
 
     A subclass names what it reads and writes and overrides :meth:`compute`. After a partial reset only the robots
     that were reset are computed.
@@ -106,7 +106,7 @@ class ObservationTransform(Transform):
         self.statistics = Statistics()
 
     def compute(self, tensordict: TensorDictBase) -> dict[NestedKey, Tensor]:
-        """The new entries ``[n, ...]`` for a batch ``[n]`` of robots."""
+        """Compute the new entries ``[n, ...]`` for a batch ``[n]`` of robots."""
         raise NotImplementedError
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
@@ -127,7 +127,7 @@ class ObservationTransform(Transform):
         return tensordict_reset
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        """Adds the new entries.
+        """Add the new entries.
 
         Raises:
             TaskError: when an entry that it reads is not there.

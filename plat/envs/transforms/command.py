@@ -1,4 +1,4 @@
-"""Sparse timed keyframe commands: one future pose and the time to be there."""
+"""Sparse timed keyframe commands: one future pose and the time to its arrival."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Horizon:
-    """Range of control steps, both ends included, that commands are drawn from."""
+    """Range of command lengths in control steps, both ends included."""
 
     shortest: int
     longest: int
@@ -55,7 +55,7 @@ HORIZONS = {**PAPER_HORIZONS, "distant": Horizon(51, 150)}
 
 
 def horizon_named(name: str, timing: Timing) -> Horizon:
-    """Return a horizon setting by name; "all" is every length that a timing allows.
+    """Return a horizon by name; "all" is every length that a timing allows.
 
     Raises:
         TaskError: for an unknown name, or a setting with commands longer than the timing allows.
@@ -72,7 +72,7 @@ def horizon_named(name: str, timing: Timing) -> Horizon:
 
 
 class CommandSchedule:
-    """A fixed sequence of commands along every clip: the same for every policy.
+    """Fixed sequence of commands along every clip, the same for every policy.
 
     Commands follow each other from the first frame. The last one ends on the clip's last frame; a remainder that is
     shorter than the horizon's shortest command is not commanded.
@@ -80,7 +80,7 @@ class CommandSchedule:
     Args:
         library: motions.
         horizon: range that the lengths are drawn from.
-        seed: draws them; clip ``i`` has the same commands whatever the other clips.
+        seed: of the random lengths; clip ``i`` has the same commands whatever the other clips.
 
     Raises:
         MotionError: when a clip is too short for a single command.
@@ -108,7 +108,7 @@ class CommandSchedule:
 
     @classmethod
     def of_arrivals(cls, library: MotionLibrary, arrivals: Sequence[Sequence[int]]) -> "CommandSchedule":
-        """Return the schedule whose commands end where they are told to.
+        """Return the schedule whose commands end at given frames.
 
         Args:
             library: motions.
@@ -138,7 +138,7 @@ class CommandSchedule:
 
     @property
     def num_commands(self) -> int:
-        """Number of commands over all clips."""
+        """Return the number of commands over all clips."""
         return len(self.first_frame)
 
 
@@ -156,7 +156,7 @@ def check_clip_lengths(library: MotionLibrary, horizon: Horizon) -> None:
 
 
 def check_timing(library: MotionLibrary, horizon: Horizon, timing: Timing) -> None:
-    """Refuse motions or commands that a policy's timing does not fit.
+    """Raise a :class:`PlatError` for motions or commands that do not fit a policy's timing.
 
     Raises:
         PlatError: when the motions have another control step, or the horizon's longest command is too long.
@@ -166,7 +166,7 @@ def check_timing(library: MotionLibrary, horizon: Horizon, timing: Timing) -> No
 
 
 class KeyframeClock(Transform):
-    """Counts the active command down after each step and marks its arrival window.
+    """Transform that counts the active command down and marks its arrival window.
 
     Put it before the transforms that ask for the window, and :class:`KeyframeCommand` after them. It carries
     ``("command", "target_frame")`` over from the step before and writes ``("command", "steps_left")``, and of the
@@ -197,7 +197,7 @@ class KeyframeClock(Transform):
         return tensordict_reset
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        """Adds the command's entries."""
+        """Add the command's entries."""
         count, device = observation_spec.shape, observation_spec.device
         observation_spec["command"] = Composite(
             target_frame=Unbounded(count, dtype=torch.int64, device=device),
@@ -211,7 +211,7 @@ class KeyframeClock(Transform):
 
 
 class KeyframeCommand(ObservationTransform):
-    """Issues timed keyframe commands and shows the active one to the policy.
+    """Transform that issues timed keyframe commands and adds the active one as a goal.
 
     Where ``("command", "steps_left")`` is 0, a new target is set: from ``schedule``, or a uniform draw of the horizon
     that is cut at the clip's end. Writes ``("command", "target_frame")`` ``[]``, ``("command", "steps_left")``
@@ -221,7 +221,7 @@ class KeyframeCommand(ObservationTransform):
     Args:
         library: motions.
         horizon: range of the commands' lengths.
-        schedule: fixed commands; None draws them.
+        schedule: fixed commands; None draws them at random.
         group: name of the goal group.
         timing: of the policy; None for the default at the library's control step.
 
@@ -267,7 +267,7 @@ class KeyframeCommand(ObservationTransform):
         frame, steps_left = tensordict["motion", "frame"], tensordict["command", "steps_left"]
         target_frame = tensordict["command", "target_frame"]
         target_frame = torch.where(steps_left[:, 0] == 0, self._next_target(frame), target_frame)
-        # at the clip's end there is nothing to come: the episode is over, and the command is never acted on
+        # at the clip's end no target is left: the episode is over, and no action follows this command
         steps_left = (target_frame - frame).clamp_min(1)[:, None]
         goal = robot_centric_goal(
             self._library.poses(target_frame), tensordict["state", "root_pos_w"], tensordict["state", "root_quat_w"]

@@ -1,4 +1,4 @@
-"""The dense goal: the reference a few frames ahead."""
+"""Dense goals: the reference a few frames ahead."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -22,7 +22,8 @@ NEXT_DENSE_FRAME: Mapping[str, int] = MappingProxyType({"dense_goal": 1})
 
 
 class DenseGoal(ObservationTransform):
-    """Adds ``g_{t+k}``, the reference ``k`` frames ahead in the robot's frame; past the clip's end, its last frame.
+    """Transform that adds ``g_{t+k}``, the reference ``k`` frames ahead in the robot's frame; it holds a clip's last
+    frame.
 
     Reads ``("motion", "frame")``, ``("state", "root_pos_w")`` and ``("state", "root_quat_w")``; writes the entries
     of :func:`plat.envs.robot_centric_goal` in ``group``.
@@ -44,7 +45,7 @@ class DenseGoal(ObservationTransform):
 
     @classmethod
     def of_groups(cls, library: MotionLibrary, goals: Mapping[str, int]) -> list[Transform]:
-        """One for each group, given by name with how many frames ahead it is."""
+        """Return a transform for each group, given by name with its number of frames ahead."""
         return [cls(library, group, ahead) for group, ahead in goals.items()]
 
     def compute(self, tensordict: TensorDictBase) -> dict[NestedKey, Tensor]:

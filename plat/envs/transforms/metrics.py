@@ -26,7 +26,7 @@ METRIC_KEYS = (
 
 
 class TrackingError(Transform):
-    """Logs ``error/keypoint_aligned``: the mean distance of the keypoints from the aligned reference (m).
+    """Transform that logs ``error/keypoint_aligned``: mean distance of the keypoints from the aligned reference (m).
 
     Needs :class:`ReferenceMotion` before it.
     """
@@ -47,12 +47,12 @@ class TrackingError(Transform):
 
 
 class KeyframeMetrics(Transform):
-    """Adds how far the robot is from the time-aligned reference, and how smoothly it moves.
+    """Transform that adds errors against the time-aligned reference, and measures of smoothness.
 
     Writes the group ``"metrics"``, each entry ``[1]``: ``joint_error``: mean absolute error of the joint angles (rad);
     ``keypoint_error``: mean Euclidean error of the keypoints in the world (m); ``keypoint_error_root``: the same with
-    both in the frame of their own root (m); ``action_change``: mean absolute change of the action since the step
-    before; ``joint_jerk``: mean absolute jerk of the joints (rad/s^3, 0 in an episode's first steps); ``foot_slip``:
+    both in the frame of their own root (m); ``action_change``: mean absolute change of the action since the previous
+    step; ``joint_jerk``: mean absolute jerk of the joints (rad/s^3, 0 in an episode's first steps); ``foot_slip``:
     mean horizontal speed of the feet that bear load (m/s); ``fallen``: 1 where the root is at the wrong height or
     tilt. Needs :class:`ReferenceMotion` before it.
 
@@ -108,7 +108,7 @@ class KeyframeMetrics(Transform):
         return tensordict_reset
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        """Adds the metrics."""
+        """Add the metrics."""
         check_entries("KeyframeMetrics", [("reference", "keypoint_pos_w")], observation_spec)
         count, device = observation_spec.shape, observation_spec.device
         entries = {key: Unbounded((*count, 1), device=device) for key in METRIC_KEYS}
@@ -117,5 +117,5 @@ class KeyframeMetrics(Transform):
 
 
 def _in_own_root(keypoint_pos_w: Tensor, keypoint_quat_w: Tensor) -> Tensor:
-    """Keypoints ``[N, K, 3]`` relative to keypoint 0, in its frame."""
+    """Return keypoints ``[N, K, 3]`` relative to keypoint 0, in its frame."""
     return (keypoint_pos_w - keypoint_pos_w[:, :1]) @ quat_to_matrix(keypoint_quat_w[:, 0])

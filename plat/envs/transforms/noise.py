@@ -14,7 +14,7 @@ __all__ = ["NoiseLevels", "ObservationNoise"]
 
 @dataclass(frozen=True)
 class NoiseLevels:
-    """Half widths of the uniform noise on what the robot measures."""
+    """Half widths of the uniform noise on measured entries."""
 
     joint_pos: float = 0.01
     """joint angles (rad)"""
@@ -23,13 +23,13 @@ class NoiseLevels:
     root_ang_vel_b: float = 0.2
     """angular velocity of the root (rad/s)"""
     root_lin_vel_b: float = 0.1
-    """linear velocity of the root (m/s), which a robot can only estimate"""
+    """linear velocity of the root (m/s), which a real robot can only estimate"""
     gravity_b: float = 0.05
     """components of the direction of gravity"""
 
 
 class ObservationNoise(ObservationTransform):
-    """Adds uniform noise to the measured entries of the group ``"robot"``; put it last.
+    """Observation noise: adds uniform noise to the measured entries of the group ``"robot"``. Put it last.
 
     Args:
         robot: gives the number of joints.

@@ -1,4 +1,4 @@
-"""What only the critic sees."""
+"""Privileged critic observations."""
 
 import torch
 from tensordict import NestedKey, TensorDictBase
@@ -13,13 +13,13 @@ __all__ = ["PrivilegedState"]
 
 
 class PrivilegedState(ObservationTransform):
-    """Adds the group ``"privileged"`` for an asymmetric critic; no noise ever touches it.
+    """Transform that adds the group ``"privileged"`` for an asymmetric (privileged) critic, free of noise.
 
     ``keypoint_pos_b`` ``[3 K]`` (m) and ``keypoint_lin_vel_b`` ``[3 K]`` (m/s): the robot's keypoints relative to its
     root, in the root frame; ``root_height`` ``[1]`` (m); ``root_velocity_error_b`` ``[6]``: the next reference frame's
     linear and angular root velocity minus the robot's, in the root frame; ``joint_vel_error`` ``[J]`` (rad/s): the
-    same for the joints. The end of the clip is kept from the critic: an episode that is cut off there is bootstrapped
-    with the value of a state from which nothing is learned, and a critic that can tell such states drifts away on them.
+    same for the joints. The critic does not see the end of the clip. Truncation there bootstraps
+    with the value of a state that is never trained on; a critic that recognizes such states diverges on them.
     """
 
     def __init__(self, library: MotionLibrary):

@@ -14,12 +14,12 @@ __all__ = ["DomainRandomization", "RandomizationRanges"]
 
 @dataclass(frozen=True)
 class RandomizationRanges:
-    """Ranges that are drawn from uniformly at each reset. A range of width 0 switches its term off."""
+    """Ranges of domain randomization, sampled uniformly at each reset. A range of width 0 switches its term off."""
 
     foot_friction: tuple[float, float] = (0.3, 1.2)
     """sliding friction of the soles"""
     torso_com: tuple[float, float, float] = (0.025, 0.05, 0.05)
-    """half widths of the shift of the anchor body's centre of mass (m)"""
+    """half widths of the shift of the anchor body's center of mass (m)"""
     encoder_bias: float = 0.01
     """half width of the constant error of each joint encoder (rad)"""
     motor_gain: float = 0.1
@@ -35,11 +35,11 @@ class RandomizationRanges:
 
 
 class DomainRandomization(Transform):
-    """Draws model parameters at each reset and pushes the robots at random intervals.
+    """Domain randomization: samples model parameters at each reset and pushes the robots at random intervals.
 
     Args:
         env: the simulated robots, whose physics it changes.
-        ranges: what is drawn from.
+        ranges: ranges of the parameters.
 
     Source: the randomization of BeyondMimic, arXiv 2508.08241.
     """

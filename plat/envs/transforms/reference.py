@@ -1,4 +1,4 @@
-"""Where the reference motion is now."""
+"""Reference state at the current frame of each robot's motion."""
 
 import torch
 from tensordict import NestedKey, TensorDictBase
@@ -12,7 +12,7 @@ __all__ = ["ReferenceMotion", "align_to_anchor"]
 
 
 class ReferenceMotion(ObservationTransform):
-    """Adds the reference state at the current frame, for rewards, terminations and metrics.
+    """Transform that adds the reference state at the current frame, for rewards, terminations and metrics.
 
     Reads ``("motion", "frame")`` and the robot's keypoints. Writes the group ``"reference"``: ``joint_pos``,
     ``joint_vel``, ``keypoint_pos_w``, ``keypoint_quat_w``, ``keypoint_lin_vel_w``, ``keypoint_ang_vel_w`` (world),
@@ -20,8 +20,7 @@ class ReferenceMotion(ObservationTransform):
 
     Args:
         library: motions.
-        at_resets: False leaves the group out after a reset, for where only steps are rewarded, ended and measured by it
-            and nothing else sees it.
+        at_resets: False leaves the group out after a reset, where only what judges a step reads it.
     """
 
     def __init__(self, library: MotionLibrary, at_resets: bool = True):
@@ -70,7 +69,7 @@ class ReferenceMotion(ObservationTransform):
 def align_to_anchor(
     keypoint_pos_w: Tensor, keypoint_quat_w: Tensor, anchor_pos_w: Tensor, anchor_quat_w: Tensor, anchor: int
 ) -> tuple[Tensor, Tensor]:
-    """Move reference keypoints over the robot: same place on the floor and same heading of the anchor body.
+    """Move reference keypoints over the robot: to the horizontal position and heading of its anchor body.
 
     Heights are those of the reference.
 

@@ -1,4 +1,4 @@
-"""Rewards: named, weighted functions of a step, and the transform that pays them."""
+"""Reward terms: named, weighted functions of a step, and the transform that adds them up."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -28,13 +28,13 @@ class Reward:
     """
 
     name: str
-    """under which its mean is logged, as ``reward/NAME``"""
+    """name; its mean is logged as ``reward/NAME``"""
     weight: float
     """factor; a term of weight 0 is not computed"""
     function: RewardFunction
-    """``[N]`` of the entries before and after a step"""
+    """function to a value ``[N]`` of the entries before and after a step"""
     needs: tuple[NestedKey, ...] = ()
-    """entries after a step that transforms must have written by then; they are checked when the task is built"""
+    """entries after a step that earlier transforms must write; checked when the task is built"""
 
     def __call__(self, before: TensorDictBase, after: TensorDictBase) -> Tensor:
         """Compute the weighted term ``[N]``.
@@ -53,7 +53,7 @@ class Reward:
 
 @dataclass(frozen=True)
 class RewardGroup:
-    """Reward terms that share a factor and a bound."""
+    """Group of reward terms with a common factor and bound."""
 
     weight: float
     """factor on their sum"""
@@ -73,7 +73,7 @@ class RewardGroup:
 
 
 class Rewards(Transform):
-    """Adds the rewards of a step, times the control step, and logs the mean of each term.
+    """Transform that adds the reward of a step, times the control step, and logs the mean of each term.
 
     Put it after the transforms that write what the terms read, and before the next command is issued.
 
@@ -109,6 +109,6 @@ class Rewards(Transform):
         return next_tensordict
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        """Check that what the terms read is there."""
+        """Check that the entries that terms read are there."""
         check_step_entries("Rewards", self._needs, observation_spec)
         return observation_spec

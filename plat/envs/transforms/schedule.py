@@ -1,4 +1,4 @@
-"""Episodes in a fixed order: every command of every clip exactly once."""
+"""Scheduled starts: episodes that issue every command of every clip exactly once."""
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -12,9 +12,9 @@ __all__ = ["ScheduledStarts"]
 
 
 class ScheduledStarts(Transform):
-    """Leads each robot through clip after clip, from the first frame on, longest clips first.
+    """Scheduled starts: each robot goes through clip after clip from the first frame on, longest clips first.
 
-    After a failed command the robot is put back on the reference where the next command begins; after a clip's last
+    After a failed command the robot is reset onto the reference where the next command begins; after a clip's last
     command it takes the next clip that no other robot has taken. Put it after the termination transform.
 
     Args:
@@ -35,7 +35,7 @@ class ScheduledStarts(Transform):
 
     @property
     def finished(self) -> bool:
-        """Whether every command has been issued and has ended."""
+        """Return whether every command has been issued and has ended."""
         return not self._queue and not bool(self.active.any())
 
     def _next_starts(self, ids: Tensor) -> None:

@@ -1,4 +1,4 @@
-"""Where episodes start."""
+"""Start sampling: failure-weighted starts, and fixed ones."""
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -12,7 +12,7 @@ __all__ = ["FailureWeightedStarts", "FirstFrames"]
 
 
 class FirstFrames(Transform):
-    """Starts robot ``i`` on the first frame of clip ``i``, at every reset.
+    """Starts of robot ``i`` on the first frame of clip ``i``, at every reset.
 
     Args:
         library: as many motions as there are robots.
@@ -30,16 +30,16 @@ class FirstFrames(Transform):
 
 
 class FailureWeightedStarts(Transform):
-    """Starts episodes more often where the policy fails.
+    """Failure-weighted start sampling: episodes start more often where the policy fails.
 
     Motions are cut into bins of a second. A moving average of the failures in each bin, spread over the bins just
-    before it, weights the draw of the bin; a share of the draws stays uniform over all frames. Put it after the
+    before it, weights the draw of the bin; a fraction of the draws stays uniform over all frames. Put it after the
     termination transform.
 
     Args:
         library: motions.
         num_envs: number of robots N.
-        uniform: share of the starts that are uniform over frames.
+        uniform: fraction of the starts that are uniform over frames.
         bin_seconds: length of a bin (s).
         lead: number of bins, counted back from the one of the failure, that share its weight.
         decay: weight of each bin relative to the one after it.
@@ -88,7 +88,7 @@ class FailureWeightedStarts(Transform):
         self._steps_since_cdf = 0
 
     def sample(self, count: int) -> Tensor:
-        """Frames ``[count]`` to start from."""
+        """Sample start frames ``[count]``."""
         device = self._bin_start.device
         draw = torch.rand(count, device=device)
         chosen = torch.searchsorted(self._uniform_cdf, draw)
@@ -106,7 +106,7 @@ class FailureWeightedStarts(Transform):
         offset = offset.minimum(self._clip_bins[clip] - 1)
         for back, share in enumerate(self._kernel.tolist()):
             bins = self._clip_first_bin[clip] + (offset - back).clamp_min(0)
-            # newer failures count more instead of older ones being scaled down: constant cost a step
+            # newer failures are scaled up instead of older ones down: the cost of a step is then constant
             amount = torch.full((len(bins),), share * self._scale, device=bins.device)
             self.failures.index_add_(0, bins, amount)
 
@@ -120,7 +120,7 @@ class FailureWeightedStarts(Transform):
     def _advance(self) -> None:
         self._scale /= self._forget
         self._steps_since_cdf += 1
-        # the one operation over all bins, and so a rare one
+        # the only operation over all bins, therefore rare
         if self._steps_since_cdf >= 50:
             self.failures /= self._scale
             self._scale = 1.0

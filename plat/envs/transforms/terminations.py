@@ -1,4 +1,4 @@
-"""When an attempt has failed."""
+"""Termination conditions."""
 
 from dataclasses import dataclass
 
@@ -27,7 +27,7 @@ _REFERENCE = ("reference", "keypoint_pos_w")
 
 @dataclass(frozen=True)
 class TrackingLimits:
-    """Errors beyond which dense tracking has failed."""
+    """Termination thresholds of dense tracking."""
 
     anchor_height: float = 0.25
     """error of the anchor's height (m)"""
@@ -39,7 +39,7 @@ class TrackingLimits:
 
 @dataclass(frozen=True)
 class TerminationLimits:
-    """Errors beyond which a timed keyframe command has failed."""
+    """Termination thresholds of a timed keyframe command."""
 
     anchor_height: float = 0.25
     """error of the anchor's height (m), in an arrival window"""
@@ -54,7 +54,7 @@ class TerminationLimits:
 
 
 class _Termination(Transform):
-    """Ends the episodes of robots for which :meth:`failed` holds, or that are too far from where they should be."""
+    """Base of terminations: :meth:`failed` holds, or the root is too far from its reference."""
 
     needs: tuple[NestedKey, ...] = (_REFERENCE,)
 
@@ -70,7 +70,7 @@ class _Termination(Transform):
         return observation_spec
 
     def failed(self, next_tensordict: TensorDictBase) -> Tensor:
-        """Mask ``[N]`` of the robots that have failed."""
+        """Return the mask ``[N]`` of the robots that have failed."""
         raise NotImplementedError
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
@@ -85,12 +85,12 @@ class _Termination(Transform):
 
 
 class TrackingTermination(_Termination):
-    """Dense tracking has failed: the robot is :func:`off_track`. Needs :class:`ReferenceMotion` before it.
+    """Termination of dense tracking when the robot is :func:`off_track`. Needs :class:`ReferenceMotion` before it.
 
     Args:
         robot: names the bodies.
         limits: when tracking has failed.
-        max_displacement: horizontal error of the root (m) that ends an episode as well; None for no such end. It is
+        max_displacement: horizontal error of the root (m) that also terminates; None for no such limit. It is
             for training: a robot that lags behind by a meter gets no reward for catching up.
     """
 
@@ -99,12 +99,12 @@ class TrackingTermination(_Termination):
         self.limits = limits or TrackingLimits()
 
     def failed(self, next_tensordict: TensorDictBase) -> Tensor:
-        """Mask ``[N]``."""
+        """Return the mask ``[N]`` of the robots that are off track."""
         return off_track(next_tensordict["state"], next_tensordict["reference"], self.robot, self.limits)
 
 
 class KeyframeTermination(_Termination):
-    """A command has failed: the robot is :func:`off_pose` in the arrival window or has :func:`fallen` before it.
+    """Termination of a failed command: :func:`off_pose` in the arrival window, or :func:`fallen` before it.
 
     Between keyframes the reference is not the goal, so there only a fall counts. Needs :class:`ReferenceMotion` and
     :class:`KeyframeClock` before it. Source: the evaluation of the paper.
@@ -122,7 +122,7 @@ class KeyframeTermination(_Termination):
         self.limits = limits or TerminationLimits()
 
     def failed(self, next_tensordict: TensorDictBase) -> Tensor:
-        """Mask ``[N]``."""
+        """Return the mask ``[N]`` of the robots whose command has failed."""
         state, reference = next_tensordict["state"], next_tensordict["reference"]
         in_window = next_tensordict["command", "in_window"][:, 0]
         return torch.where(
@@ -133,19 +133,21 @@ class KeyframeTermination(_Termination):
 
 
 def _height_error(state: TensorDictBase, reference: TensorDictBase, keypoints: list[int]) -> Tensor:
-    """Largest error of height ``[N]`` (m) among some keypoints."""
+    """Return the largest height error ``[N]`` (m) among some keypoints."""
     return (state["keypoint_pos_w"][:, keypoints, 2] - reference["keypoint_pos_w"][:, keypoints, 2]).abs().amax(-1)
 
 
 def _tilt_error(state: TensorDictBase, reference: TensorDictBase, keypoint: int) -> Tensor:
-    """Difference ``[N]`` of the vertical component of gravity in a body's frame."""
+    """Return the difference ``[N]`` of the vertical component of gravity in a body's frame."""
     # that component is 1 - 2 (x^2 + y^2)
     lean = [group["keypoint_quat_w"][:, keypoint, 1:3].square().sum(-1) for group in (state, reference)]
     return 2 * (lean[0] - lean[1]).abs()
 
 
 def off_track(state: TensorDictBase, reference: TensorDictBase, robot: Robot, limits: TrackingLimits) -> Tensor:
-    """Mask ``[N]``: anchor too high, too low or too tilted, or an ankle or wrist at the wrong height."""
+    """Return the mask ``[N]`` of robots with an anchor at a wrong height or tilt, or an ankle or wrist at a wrong
+    height.
+    """
     return (
         (_height_error(state, reference, [robot.anchor_index]) > limits.anchor_height)
         | (_tilt_error(state, reference, robot.anchor_index) > limits.anchor_tilt)
@@ -154,7 +156,7 @@ def off_track(state: TensorDictBase, reference: TensorDictBase, robot: Robot, li
 
 
 def off_pose(state: TensorDictBase, reference: TensorDictBase, robot: Robot, limits: TerminationLimits) -> Tensor:
-    """Mask ``[N]``: thresholds of the arrival window against the time-aligned reference."""
+    """Return the mask ``[N]`` of robots beyond the arrival window's thresholds against the time-aligned reference."""
     anchor = robot.anchor_index
     turn = quat_angle(state["keypoint_quat_w"][:, anchor], reference["keypoint_quat_w"][:, anchor])
     return (
@@ -165,7 +167,7 @@ def off_pose(state: TensorDictBase, reference: TensorDictBase, robot: Robot, lim
 
 
 def fallen(state: TensorDictBase, reference: TensorDictBase, limits: TerminationLimits) -> Tensor:
-    """Mask ``[N]``: the root is far from the reference's height or tilt."""
+    """Return the mask ``[N]`` of robots whose root height or tilt is far from the reference's."""
     return (_height_error(state, reference, [0]) > limits.root_height) | (
         _tilt_error(state, reference, 0) > limits.root_tilt
     )

@@ -1,4 +1,4 @@
-"""Rewards of tracking a reference, of meeting keyframes, and penalties: the default terms with their numbers."""
+"""Default rewards with their weights: motion tracking, reaching keyframes, and penalties."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ _IN_WINDOW = ("command", "in_window")
 
 @dataclass(frozen=True)
 class TrackingTerm:
-    """A tracking term: ``weight * exp(-squared_error / scale**2)``."""
+    """Tracking term of a reward: ``weight * exp(-squared_error / scale**2)``."""
 
     weight: float
     """factor; 0 leaves the term out"""
@@ -29,8 +29,10 @@ class TrackingTerm:
 
 @dataclass(frozen=True)
 class DenseRewards:
-    """Frame-by-frame tracking. Source: the rewards of BeyondMimic, arXiv 2508.08241, with twice its ``anchor_pos``
-    and a term on the joints."""
+    """Rewards of frame-by-frame tracking.
+
+    Source: BeyondMimic, arXiv 2508.08241, with twice its ``anchor_pos`` and a term on the joints.
+    """
 
     anchor_pos: TrackingTerm = TrackingTerm(1.0, 0.3)
     """position of the anchor (m, world)"""
@@ -45,7 +47,7 @@ class DenseRewards:
     keypoint_ang_vel: TrackingTerm = TrackingTerm(1.0, 3.14)
     """angular velocities of the keypoints (rad/s, world)"""
     joint_pos: TrackingTerm = TrackingTerm(1.5, 0.15)
-    """joint angles (rad), for what the other terms hardly see: how wrists are turned"""
+    """joint angles (rad), for errors that the other terms hardly see, such as a turned wrist"""
 
     def rewards(self, robot: Robot) -> tuple[Reward, ...]:
         """Return the terms, see :class:`plat.envs.transforms.Reward`; they need :class:`ReferenceMotion`."""
@@ -63,7 +65,7 @@ class DenseRewards:
 
 @dataclass(frozen=True)
 class KeyframeRewards:
-    """Reaching a commanded keyframe, rewarded at each step of its arrival window."""
+    """Rewards of reaching a commanded keyframe, paid at each step of its arrival window."""
 
     joint_pos: TrackingTerm = TrackingTerm(1.0, 0.2)
     """joint angles (rad)"""
@@ -87,7 +89,7 @@ class KeyframeRewards:
 
 @dataclass(frozen=True)
 class Regularization:
-    """Penalties; the weights are negative, and a weight of 0 switches a term off."""
+    """Penalties on a step. The weights are negative; a weight of 0 switches a term off."""
 
     action_rate: float = -0.1
     """times the squared change of the action"""
@@ -166,42 +168,42 @@ def _arriving(name: str, term: TrackingTerm, squared_error: _SquaredError) -> Re
 
 
 def _difference(entry: str, reference_entry: str | None = None) -> _SquaredError:
-    """Squared distance of an entry ``[N, K, 3]`` of the state from that of the reference."""
+    """Return the squared distance of an entry ``[N, K, 3]`` of the state from that of the reference."""
     return lambda state, reference: squared_distance(state[entry], reference[reference_entry or entry])
 
 
 def squared_distance(actual: Tensor, wanted: Tensor) -> Tensor:
-    """Mean over keypoints of the squared distance: ``[N, K, 3]`` to ``[N]``."""
-    # summed at one go: reducing over a last dimension of 3 alone is several times slower
+    """Return the mean over keypoints of the squared distance: ``[N, K, 3]`` to ``[N]``."""
+    # one sum over both dimensions: reducing a last dimension of 3 alone is several times slower
     return (actual - wanted).square().flatten(1).sum(-1) / actual.shape[1]
 
 
 def joint_pos_error(state: TensorDictBase, reference: TensorDictBase) -> Tensor:
-    """Mean over joints of the squared error ``[N]`` (rad^2)."""
+    """Return the mean over joints of the squared error ``[N]`` (rad^2)."""
     return (state["joint_pos"] - reference["joint_pos"]).square().mean(-1)
 
 
 def anchor_pos_error(state: TensorDictBase, reference: TensorDictBase, anchor: int) -> Tensor:
-    """Squared distance ``[N]`` (m^2, world) of the anchor body from its reference."""
+    """Return the squared distance ``[N]`` (m^2, world) of the anchor body from its reference."""
     return (state["keypoint_pos_w"][:, anchor] - reference["keypoint_pos_w"][:, anchor]).square().sum(-1)
 
 
 def anchor_rot_error(state: TensorDictBase, reference: TensorDictBase, anchor: int) -> Tensor:
-    """Squared angle ``[N]`` (rad^2) between the anchor body and its reference."""
+    """Return the squared angle ``[N]`` (rad^2) between the anchor body and its reference."""
     return quat_angle(state["keypoint_quat_w"][:, anchor], reference["keypoint_quat_w"][:, anchor]).square()
 
 
 def keypoint_rot_error(state: TensorDictBase, reference: TensorDictBase) -> Tensor:
-    """Mean over keypoints of the squared angle ``[N]`` (rad^2) to the aligned reference."""
+    """Return the mean over keypoints of the squared angle ``[N]`` (rad^2) to the aligned reference."""
     return quat_angle(state["keypoint_quat_w"], reference["keypoint_quat_aligned_w"]).square().mean(-1)
 
 
 def limit_excess(joint_pos: Tensor, low: Tensor, high: Tensor) -> Tensor:
-    """Sum over joints ``[N]`` (rad) of how far angles are beyond the limits."""
+    """Return the sum over joints ``[N]`` (rad) of the angles beyond the limits."""
     return ((low - joint_pos).clamp_min(0) + (joint_pos - high).clamp_min(0)).sum(-1)
 
 
 def foot_slip(state: TensorDictBase, feet: list[int], loaded: float = 5.0) -> Tensor:
-    """Sum over feet ``[N]`` ((m/s)^2) of the squared horizontal speed of those that bear over ``loaded`` N."""
+    """Return the sum over feet ``[N]`` ((m/s)^2) of the squared horizontal speed of those loaded over ``loaded`` N."""
     speed = state["keypoint_lin_vel_w"][:, feet, :2].square().sum(-1)
     return (speed * (state["foot_force"] > loaded)).sum(-1)
