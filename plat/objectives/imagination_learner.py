@@ -57,7 +57,7 @@ class ImaginationConfig:
     warmup: int = 40
     """warm-up iterations, in which only the model learns"""
     settle: int = 400
-    """iterations after which normalizers are frozen; a loaded model with as many is frozen at once"""
+    """iterations before normalizers are frozen; those of a loaded model count"""
     constant: float = 0.5
     """fraction of the budget after which learning rates fall"""
     final_lr: float = 0.1
