@@ -35,7 +35,7 @@ _CHUNK = 16384
 
 _LOGGER = logging.getLogger("plat.motions")
 
-TABLE_VERSION = 7
+TABLE_VERSION = 8
 """Part of every cache key. Raise it with any change of what readers, resampling, checks or the generator produce."""
 
 

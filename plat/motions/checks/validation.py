@@ -48,7 +48,7 @@ class ValidationLimits:
     """second difference of the root's path (m); more: trim near an end, else drop"""
     turn_jump: float = 0.5
     """break in the root's turning, the same way (rad)"""
-    tempo: float = 1.75
+    tempo: float = 1.6
     """step rate over or under that of people, as a factor; more: repair, state the frame rate"""
     trim_seconds: float = 0.5
     """how near to an end (s) a jump is trimmed away"""

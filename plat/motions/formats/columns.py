@@ -10,6 +10,7 @@ from plat.errors import MotionError
 from plat.motions.formats.names import Column, classify_columns, is_generic, tokens
 from plat.motions.formats.quaternion_order import QuatOrder
 from plat.motions.formats.table import Table
+from plat.motions.formats.unnamed_joints import OPTIONAL
 from plat.robots.robot import Robot
 from plat.rotations import quat_multiply
 
@@ -61,7 +62,7 @@ def split_columns(table: Table, robot: Robot) -> Parts:
     left_out = [n for n in range(table.values.shape[1]) if n not in counters]
     if place and turn and len(joints) > len(robot.joint_names) // 2:
         rest = [n for n in left_out if n not in (*place, *turn, *joints)]
-        return _by_name(table, kinds, place, turn, joints, rest, times)
+        return _by_name(table, kinds, place, turn, joints, rest, times, robot)
     return _by_place(table, kinds, left_out, times, robot)
 
 
@@ -85,11 +86,14 @@ def _by_name(
     joints: list[int],
     rest: list[int],
     times: tuple[np.ndarray, str] | None,
+    robot: Robot,
 ) -> Parts:
     values = table.values
     unknown = [table.header[n] for n in rest if kinds[n].kind == "unknown"]
-    if len(joints) < 23 and unknown:
-        raise MotionError(f"the header has the unknown {sorted(unknown)[:8]}, expected names of joints")
+    lacking = [name for name in robot.joint_names if name not in {kinds[n].part for n in joints}]
+    lacking = [name for name in lacking if "wrist" not in name and name not in OPTIONAL]
+    if lacking and unknown:
+        raise MotionError(f"the header has the unknown {sorted(unknown)[:8]} and lacks the joints {lacking[:8]}")
     notes = []
     if rest:
         shown = ", ".join(repr(table.header[n]) for n in rest[:3])
@@ -118,6 +122,7 @@ def _by_place(
     table: Table, kinds: list[Column], columns: list[int], times: tuple[np.ndarray, str] | None, robot: Robot
 ) -> Parts:
     values = table.values[:, columns]
+    notes: list[str] = []
     sizes = (robot.num_joints, sum("wrist" not in name for name in robot.joint_names))
     joints = values.shape[1] - 7
     if joints not in sizes and joints - 1 == sizes[0] and _even(values[:, 0]):
@@ -126,12 +131,15 @@ def _by_place(
         columns, joints = columns[1:], joints - 1
         if not np.array_equal(np.diff(first), np.ones(len(first) - 1)):
             times = (first, "")
+    if not table.header and joints == 2 * sizes[0] + 6:
+        values, columns, joints = values[:, : 7 + sizes[0]], columns[: 7 + sizes[0]], sizes[0]
+        notes.append(f"the last {sizes[0] + 6} columns left out (velocities)")
     if joints not in sizes:
         raise MotionError(
             f"row 1 has {table.values.shape[1]} columns, expected {7 + sizes[0]} (root xyz, quaternion, joints), "
             f"{7 + sizes[1]} without the wrists, or a header that names them"
         )
-    names, notes = None, []
+    names = None
     if table.header:
         listed = [table.header[n] for n in columns[7:]]
         if any(kinds[n].kind == "joint" for n in columns[7:]):

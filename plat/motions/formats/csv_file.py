@@ -11,12 +11,7 @@ from plat.motions.clip import MotionClip
 from plat.motions.formats.clock import rate_of_times, stated_rates
 from plat.motions.formats.columns import Parts, split_columns
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip
-from plat.motions.formats.quaternion_order import (
-    breadth_first,
-    detect_joint_order,
-    detect_quat_order,
-    settle_quat_order,
-)
+from plat.motions.formats.quaternion_order import choose_quat_order, settle_joint_order, settle_quat_order
 from plat.motions.formats.rate import without_rates
 from plat.motions.formats.table import Table, read_table
 
@@ -67,13 +62,12 @@ def _in_joint_order(parts: Parts, joint_pos: np.ndarray, options: ReadOptions) -
     """Return the joints of a table without names in the robot's order, which the motion shows."""
     if parts.names is not None or parts.joints.shape[1] != options.robot.num_joints:
         return joint_pos, []
-    listed = breadth_first(options.robot)
-    other = joint_pos[:, [listed.index(joint) for joint in options.robot.joint_names]]
     order = options.quat_order or parts.order
-    plain, turned = (_clip("", parts, joints, order or "wxyz", options).qpos for joints in (joint_pos, other))
-    if detect_joint_order(plain, turned, options, order) == "other":
-        return other, ["joints numbered breadth first: only so do they keep to their limits and the feet stand"]
-    return joint_pos, []
+
+    def read(joints: np.ndarray) -> np.ndarray:
+        return _clip("", parts, joints, order or "wxyz", options).qpos
+
+    return settle_joint_order(joint_pos, read, options, order)
 
 
 def _quat_order(
@@ -86,7 +80,8 @@ def _quat_order(
     if parts.order is not None:
         order, notes = settle_quat_order(plain.qpos, plain.fps, options.soles, parts.order)
         return order, "detected" if notes else "as the header says", notes
-    found = detect_quat_order(plain.qpos, plain.fps, options.soles)
+    turned = _clip("", parts, joint_pos, "xyzw", options)
+    found = choose_quat_order(plain.qpos, turned.qpos, plain.fps, options.soles)
     if found is not None:
         return found, "detected", []
     raise MotionError(

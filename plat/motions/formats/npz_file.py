@@ -12,7 +12,7 @@ from plat.motions.clip import MotionClip
 from plat.motions.formats.archive import read_archive
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, number, strings
 from plat.motions.formats.foreign import refuse_human_body
-from plat.motions.formats.quaternion_order import settle_quat_order
+from plat.motions.formats.quaternion_order import settle_joint_order, settle_quat_order
 from plat.motions.formats.tracker_file import read_tracker
 
 __all__ = ["read_npz"]
@@ -41,6 +41,8 @@ _ALIASES = {
 }
 # names of what describes a motion beside it and is none
 _BESIDE = 7
+# clips of an archive that are looked at before all are
+_EXAMINED = 10
 
 
 def read_npz(path: Path, options: ReadOptions) -> MotionFile:
@@ -113,15 +115,28 @@ def _clips(
         for name, qpos in list(arrays.items())[:1] if len(arrays) == 1 else []:
             MotionClip(name, qpos, fps).checked(options.robot)  # says what is wrong
         raise MotionError(f"no clips, expected one array (frames, {max(widths)}) each; it has {told}")
-    clips, left_out = [], [name for name in arrays if name not in fitting]
-    for name, qpos in fitting.items():
-        clips.append(_clip(path.stem if name == "qpos" else name, name, qpos, fps, names, options))
+    left_out = [name for name in arrays if name not in fitting]
+    # a file has one convention: where some of its clips raise no doubt, the others are not looked at
+    some = [*fitting][:: max(1, len(fitting) // _EXAMINED)]
+    labels = {name: path.stem if name == "qpos" else name for name in fitting}
+    known = {name: _clip(labels[name], name, fitting[name], fps, names, options) for name in some}
+    doubtful = any(clip.notes for clip in known.values())
+    clips = [
+        known.get(name) or _clip(labels[name], name, qpos, fps, names, options, doubtful)
+        for name, qpos in fitting.items()
+    ]
     notes = [f"{len(left_out)} other arrays left out ({', '.join(left_out[:3])})"] if left_out else []
     return MotionFile(path, "plat npz", clips, tuple(notes))
 
 
 def _clip(
-    label: str, field: str, qpos: np.ndarray, fps: float, names: list[str] | None, options: ReadOptions
+    label: str,
+    field: str,
+    qpos: np.ndarray,
+    fps: float,
+    names: list[str] | None,
+    options: ReadOptions,
+    doubtful: bool = True,
 ) -> MotionClip:
     robot = options.robot
     full, beside = 7 + robot.num_joints, 7 + robot.num_joints + _BESIDE
@@ -133,13 +148,19 @@ def _clip(
         MotionClip(field, qpos, fps).checked(robot)  # says what is wrong
     joint_pos, more = arrange_joints(qpos[:, 7:], names, robot, field)
 
-    def read(order: QuatOrder, doubts: Sequence[str] = ()) -> MotionClip:
+    def read(joints: np.ndarray, order: QuatOrder, doubts: Sequence[str] = ()) -> MotionClip:
         told = (*doubts, *notes, *more)
-        return make_clip(label, qpos[:, :3], qpos[:, 3:7], joint_pos, fps, options, order, (field, field), told)
+        return make_clip(label, qpos[:, :3], qpos[:, 3:7], joints, fps, options, order, (field, field), told)
 
-    clip = read(options.quat_order or "wxyz")
+    stated = options.quat_order or "wxyz"
+    if not doubtful:
+        return read(joint_pos, stated)
+    if names is None and joint_pos.shape[1] == qpos.shape[1] - 7:
+        joint_pos, found = settle_joint_order(joint_pos, lambda joints: read(joints, stated).qpos, options, stated)
+        more += found
+    clip = read(joint_pos, stated)
     order, doubts = settle_quat_order(clip.qpos, fps, options.soles, "wxyz")
-    return read(order, doubts) if doubts and options.quat_order is None else clip
+    return read(joint_pos, order, doubts) if doubts and options.quat_order is None else clip
 
 
 def _widths(names: list[str] | None, options: ReadOptions) -> tuple[int, ...]:

@@ -11,7 +11,7 @@ from plat.motions.clip import MotionClip
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, number, strings
 from plat.motions.formats.decompress import decompress
 from plat.motions.formats.foreign import refuse_human_body
-from plat.motions.formats.quaternion_order import settle_quat_order
+from plat.motions.formats.quaternion_order import settle_joint_order, settle_quat_order
 from plat.motions.formats.unpickle import PickledArray, unpickle
 
 __all__ = ["read_pickle"]
@@ -63,16 +63,20 @@ def _read_motion(name: str, fields: dict[str, Any], options: ReadOptions) -> tup
     fps = number(_unwrap(fields["fps"]), "fps") if options.fps is None else options.fps
     called = ("/".join(_ROOT_POS), "/".join(_ROOT_QUAT))
 
-    def read(order: QuatOrder, doubts: Sequence[str] = ()) -> MotionClip:
-        return make_clip(name, root_pos, root_quat, arranged, fps, options, order, called, (*doubts, *notes))
+    def read(joints: np.ndarray, order: QuatOrder, doubts: Sequence[str] = ()) -> MotionClip:
+        return make_clip(name, root_pos, root_quat, joints, fps, options, order, called, (*doubts, *notes))
 
-    clip = read(options.quat_order or "xyzw")
+    stated = options.quat_order or "xyzw"
+    if names is None and joint_pos.shape[1] == robot.num_joints:
+        arranged, found = settle_joint_order(arranged, lambda joints: read(joints, stated).qpos, options, stated)
+        notes += found
+    clip = read(arranged, stated)
     if options.quat_order is not None:
         return clip, options.quat_order
     in_file = clip.qpos.copy()
     in_file[:, 3:7] = clip.qpos[:, [4, 5, 6, 3]]
     order, doubts = settle_quat_order(in_file, fps, options.soles, "xyzw")
-    return (read(order, doubts) if doubts else clip), order
+    return (read(arranged, order, doubts) if doubts else clip), order
 
 
 def _array(fields: dict[str, Any], names: tuple[str, ...]) -> np.ndarray:

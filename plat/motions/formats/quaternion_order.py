@@ -1,16 +1,26 @@
 """Which order a file's quaternions have, from what they do to the robot."""
 
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
 import torch
 
+from plat.errors import MotionError
 from plat.motions.checks.feet import Soles, lowest_step
 from plat.motions.formats.common import QuatOrder, ReadOptions
 from plat.robots.robot import Robot
 from plat.rotations import quat_rotate
 
-__all__ = ["QuatOrder", "breadth_first", "detect_joint_order", "detect_quat_order", "settle_quat_order"]
+__all__ = [
+    "QuatOrder",
+    "breadth_first",
+    "choose_quat_order",
+    "detect_joint_order",
+    "detect_quat_order",
+    "settle_joint_order",
+    "settle_quat_order",
+]
 
 # The motion that looks wrong must cost this much more than the one that looks right. Measured on 301 clips of human
 # motion in both orders and at headings of 0, 180 degrees and at random: none was taken for the other, 0.1 % refused.
@@ -86,9 +96,55 @@ def detect_joint_order(
         return strange + _BEYOND * min(float(beyond), _MOST_BEYOND)
 
     evidence = cost(other) - cost(qpos)
-    if abs(evidence) < _MARGIN:
+    if abs(evidence) < _OVERRULING:
         return None
     return "this" if evidence > 0 else "other"
+
+
+def settle_joint_order(
+    joints: np.ndarray,
+    read: Callable[[np.ndarray], np.ndarray],
+    options: ReadOptions,
+    quat_order: QuatOrder | None,
+) -> tuple[np.ndarray, list[str]]:
+    """Return joints that stand in an order which nothing states, in the robot's; and notes.
+
+    Args:
+        joints: angles ``[T, J]``.
+        read: makes the motion ``[T, 7 + J]`` of joints in the robot's order, or raises a ``MotionError``.
+        options: give robot and soles.
+        quat_order: of the motion; None where it is not known.
+    """
+    listed = breadth_first(options.robot)
+    other = joints[:, [listed.index(joint) for joint in options.robot.joint_names]]
+    try:
+        alternative = read(other)
+    except MotionError:
+        return joints, []
+    try:
+        plain = read(joints)
+    except MotionError:
+        found: Literal["this", "other"] | None = "other"
+    else:
+        found = detect_joint_order(plain, alternative, options, quat_order)
+    if found != "other":
+        return joints, []
+    return other, ["joints numbered breadth first: only so do they keep to their limits and the feet stand"]
+
+
+def choose_quat_order(as_wxyz: np.ndarray, as_xyzw: np.ndarray, fps: float, soles: Soles) -> QuatOrder | None:
+    """Return the order whose motion is plausible, or None where both are; see :func:`detect_quat_order`.
+
+    Args:
+        as_wxyz: the motion ``[T, 7 + J]``, read with one order.
+        as_xyzw: the same, read with the other.
+        fps: frames a second.
+        soles: of the robot.
+    """
+    costs = [_strangeness(torch.from_numpy(qpos.astype(np.float64)), fps, soles) for qpos in (as_wxyz, as_xyzw)]
+    if abs(costs[1] - costs[0]) < _MARGIN:
+        return None
+    return "wxyz" if costs[0] < costs[1] else "xyzw"
 
 
 def breadth_first(robot: Robot) -> list[str]:

@@ -24,7 +24,7 @@ _LIMIT_SLACK = 0.35
 _UNITS = {"centimeters": (40.0, 250.0, 0.01), "millimeters": (400.0, 2500.0, 0.001)}
 _HIGHEST = 5.0
 # Legs that reach less than this are folded below a leaning trunk, and no measure of the root's height (m).
-_FOLDED = 0.3
+_FOLDED = 0.5
 # A root whose local up axis lies along another axis of the world than z, at the height of a standing robot.
 _ALONG = 0.85
 
@@ -78,14 +78,17 @@ def place_in_meters(root_pos: np.ndarray, joint_pos: np.ndarray, soles: Soles, f
     Raises:
         MotionError: for a height that is a standing robot's in no unit.
     """
+    largest = np.abs(root_pos).max(initial=0.0)
+    median = float(np.median(root_pos[:, 2]))
+    if abs(median) < _HIGHEST * _FOLDED and largest <= _FARTHEST:
+        return Converted(root_pos)
     need = _leg_height(joint_pos, soles)
-    height = float(np.median(root_pos[:, 2]) / need)
+    height = median / need
     for unit, (low, high, meters) in _UNITS.items():
         if low < abs(height) < high:
             return Converted(
                 root_pos * meters, (f"root position in {unit}: it is {height:.0f} times as high as in meters",)
             )
-    largest = np.abs(root_pos).max(initial=0.0)
     if largest > _FARTHEST:
         raise MotionError(f"{field!r} has values up to {largest:.4g}, expected meters")
     if abs(height) > _HIGHEST:
@@ -104,10 +107,12 @@ def z_up(
     """
     w, x, y, z = root_quat.T
     up_y, up_z = 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)
+    if np.mean(up_y) < _ALONG or abs(np.mean(up_z)) > 1 - _ALONG:
+        return Converted(root_pos), Converted(root_quat)
     need = _leg_height(joint_pos, soles)
     height, depth = (np.median(root_pos[:, axis]) / need for axis in (1, 2))
     stands = any(abs(height / unit - 1) < 0.3 < abs(depth / unit - 1) for unit in (1, 100, 1000))
-    if np.mean(up_y) < _ALONG or abs(np.mean(up_z)) > 1 - _ALONG or not stands:
+    if not stands:
         return Converted(root_pos), Converted(root_quat)
     half = np.sqrt(0.5)
     turn = np.array([half, half, 0.0, 0.0])

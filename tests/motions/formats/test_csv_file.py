@@ -7,6 +7,7 @@ from plat.errors import MotionError
 from plat.motions import MotionClip, generate_motions, load_motions, read_motion_files, save_csv
 from plat.motions.resample import resample_qpos
 from plat.robots import G1
+from plat.rotations_np import quat_multiply
 from tests.motions.formats.writers import ISAAC_ORDER, WITHOUT_WRISTS, bowing_clip, turned, write_csv
 
 
@@ -289,3 +290,39 @@ def test_rates_that_contradict_each_other(tmp_path):
     write_table(tmp_path / "bow_30fps.csv", values, ["time", *NAMES])
     with pytest.raises(MotionError, match="states 50 .the column of times. and 30 .the file name."):
         load_motions(tmp_path / "bow_30fps.csv")
+
+
+def test_velocities_after_the_pose_are_left_out(tmp_path):
+    clip = bowing_clip()
+    write_table(tmp_path / "a_50fps.csv", np.hstack((clip.qpos, np.zeros((40, 35)))))
+    file, found = read_back(tmp_path / "a_50fps.csv")
+    np.testing.assert_allclose(found.qpos, clip.qpos, atol=1e-5)
+    assert "the last 35 columns left out (velocities)" in file.facts
+
+
+def test_one_joint_that_is_not_understood_is_named(tmp_path):
+    header = [*NAMES]
+    header[NAMES.index("left_knee")] = "LeftHandle"
+    write_table(tmp_path / "a_50fps.csv", bowing_clip().qpos, header)
+    with pytest.raises(MotionError, match="the header has the unknown .'LeftHandle'. and lacks the joints .'left_k"):
+        load_motions(tmp_path / "a_50fps.csv")
+
+
+@pytest.mark.parametrize("order", ["wxyz", "xyzw"])
+def test_a_table_whose_y_axis_is_up(tmp_path, order):
+    clip = bowing_clip(heading=0.7)
+    half = np.sqrt(0.5)
+    quat = quat_multiply(np.tile([half, -half, 0, 0], (40, 1)), clip.qpos[:, 3:7])
+    quat = quat if order == "wxyz" else quat[:, [1, 2, 3, 0]]
+    values = np.hstack((clip.qpos[:, [0, 2]], -clip.qpos[:, 1:2], quat, clip.qpos[:, 7:]))
+    write_table(tmp_path / "a_50fps.csv", values)
+    file, found = read_back(tmp_path / "a_50fps.csv")
+    np.testing.assert_allclose(found.qpos, clip.qpos, atol=1e-5)
+    assert "y axis up in the file, turned to z" in file.facts
+    assert f"quaternion {order} detected" in file.facts
+
+
+def test_degrees(tmp_path):
+    clip = bowing_clip()
+    write_table(tmp_path / "a_50fps.csv", np.hstack((clip.qpos[:, :7], np.rad2deg(clip.qpos[:, 7:]))))
+    np.testing.assert_allclose(read_back(tmp_path / "a_50fps.csv")[1].qpos, clip.qpos, atol=1e-5)

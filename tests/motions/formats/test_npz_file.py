@@ -265,3 +265,14 @@ def test_archives_of_other_things_are_named(tmp_path, arrays, message):
 def test_a_step_gives_the_rate(tmp_path):
     np.savez(tmp_path / "a.npz", qpos=bowing_clip().qpos, dt=0.02)
     assert load_motions(tmp_path / "a.npz")[0].fps == pytest.approx(50)
+
+
+def test_joints_that_nothing_names_are_looked_at(tmp_path):
+    clip = bowing_clip()
+    qpos = clip.qpos[:, [*range(7), *(7 + G1.joint_names.index(name) for name in ISAAC_ORDER)]]
+    np.savez(tmp_path / "a.npz", **{f"bow{number}": qpos for number in range(30)}, fps=50)
+    (file,) = read_motion_files(tmp_path / "a.npz")
+    assert len(file.clips) == 30
+    for found in (file.clips[0], file.clips[17]):
+        np.testing.assert_allclose(found.qpos, clip.qpos, atol=1e-5)
+        assert "joints numbered breadth first" in found.notes[0]

@@ -93,3 +93,12 @@ def test_who_lies_stays_lying():
     place = np.tile([0.0, 0.0, 0.1], (len(QUAT), 1))
     assert z_up(place, quat, JOINTS, SOLES)[0].notes == ()
     assert place_in_meters(place, JOINTS, SOLES, "pos").notes == ()
+
+
+def test_folded_legs_are_no_reason_to_doubt_the_unit():
+    joints = np.tile(G1.default_joint_pos.double().numpy(), (30, 1))
+    for side in ("left", "right"):
+        joints[:, G1.joint_names.index(f"{side}_hip_pitch")] = -2.4
+        joints[:, G1.joint_names.index(f"{side}_knee")] = 2.6
+    place = np.tile([0.0, 0.0, 0.6], (30, 1))
+    assert place_in_meters(place, joints, SOLES, "pos").notes == ()
