@@ -63,6 +63,34 @@ def test_who_lies_is_not_stood_up(tmp_path, stated, turn, along):
     assert found.notes == (f"y up: the body lies along {along}",)
 
 
+@pytest.mark.parametrize("turn", [("z", 90), ("x", -90)], ids=["head along -x", "head along -z"])
+def test_who_lies_the_other_way_round_is_not_stood_up(tmp_path, turn):
+    standing = read_bvh(write_human(tmp_path / "a.bvh"))
+    turn = Rotation.from_euler(*turn, degrees=True)
+    lying = turned(standing, turn, tuple(np.array([120.0, 12.0, -300.0]) - turn.apply(standing.positions[0, 0])))
+    found = read_human(lying, replace(AUTO, up="y"), "clip.bvh")
+    assert abs(found.positions["neck"][0, 2] - found.positions["hips"][0, 2]) < 0.2
+    try:
+        guessed = read_human(lying, AUTO, "clip.bvh")
+    except MotionError as error:
+        assert "which axis is up is not to be told" in str(error)  # noqa: PT017
+    else:
+        np.testing.assert_allclose(guessed.positions["neck"], found.positions["neck"])
+
+
+@pytest.mark.parametrize("heading", [0, 90, 180, 270])
+def test_who_sits_with_legs_forward_is_not_laid_down(tmp_path, heading):
+    turns = {f"{side}UpLeg": (-85.0, 0.0, 0.0) for side in ("Left", "Right")}
+    mocap = read_bvh(write_human(tmp_path / "a.bvh", turns=turns, frames=31))
+    held = replace(mocap, positions=mocap.positions[15:16].repeat(9, 0), rotations=mocap.rotations[15:16].repeat(9, 0))
+    turn = Rotation.from_euler("y", heading, degrees=True)
+    shift = np.array([120.0, 12.0, -300.0]) - turn.apply(held.positions[0, 0])
+    for skeleton in (AUTO, LAFAN1):
+        found = read_human(turned(held, turn, tuple(shift)), skeleton, "clip.bvh")
+        assert found.positions["neck"][0, 2] - found.positions["hips"][0, 2] > 0.5
+        assert found.positions["hips"][0, 2] == pytest.approx(0.12, abs=0.01)
+
+
 def test_an_axis_that_nothing_tells_is_refused(tmp_path):
     standing = read_bvh(write_human(tmp_path / "a.bvh"))
     tilted = turned(standing, Rotation.from_euler("x", 45, degrees=True), (0, 500, 500))
