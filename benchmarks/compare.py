@@ -1,4 +1,4 @@
-"""plat against what a user would pick instead: same machine, robot, control step and substeps, in one run.
+"""Comparison of plat with its alternatives: same machine, robot, control step and substeps, in one run.
 
 python benchmarks/compare.py --mjbatch DIR
 
@@ -30,56 +30,56 @@ _VERSIONS = ("plat-rl", "mujoco", "torch", "torchrl", "gymnasium", "stable-basel
 
 @dataclass(kw_only=True)
 class CompareConfig:
-    """Steps a second of plat and of its alternatives."""
+    """Settings of the comparison: steps per second of plat and of its alternatives."""
 
     motions: tuple[str, ...] = ("generated:train",)
     """motion files, folders or globs"""
     num_envs: int = 1024
-    """robots of those that simulate a batch"""
+    """robots of rivals that simulate a batch"""
     num_singles: int = 8 * available_cpus()
-    """robots of those that have one environment a robot"""
+    """robots of rivals that have one environment per robot"""
     rounds: int = 5
-    """times that everything is measured"""
+    """rounds of measurement"""
     seconds: float = 3.0
-    """least time of a measurement"""
+    """least time of a measurement (s)"""
     mjbatch: Path | None = None
-    """folder where mjbatch and the MuJoCo that it asks for were installed"""
+    """folder with an installed mjbatch and its MuJoCo"""
     only: tuple[str, ...] = ()
     """rows whose name contains one of these words, and plat; by default all"""
     json: Path | None = None
-    """file to write the figures to"""
+    """file to write the results to"""
 
 
 @dataclass(frozen=True)
 class Row:
-    """A rival as it was measured."""
+    """Measured rival."""
 
     name: str
     version: str
     note: str = ""
     collect: float | None = None
-    """steps a second with a policy in the loop"""
+    """steps per second with a policy in the loop"""
     collect_ratio: float | None = None
-    """plat's over it"""
+    """plat's rate over it"""
     learn: float | None = None
-    """steps a second of a whole PPO loop"""
+    """steps per second of a whole PPO loop"""
     learn_ratio: float | None = None
-    """plat's over it"""
+    """plat's rate over it"""
 
 
 def installed_version(package: str, folder: Path | None = None) -> str | None:
-    """Version of a distribution, looked for in a folder or where Python looks; None where it is not."""
+    """Return the version of a distribution, found in a folder or by Python; None where it is missing."""
     path = sys.path if folder is None else [str(folder)]
     return next((found.version for found in importlib.metadata.distributions(name=package, path=path)), None)
 
 
 def versions() -> str:
-    """Versions of what may take part."""
+    """Return the versions of all possible participants."""
     return ", ".join(f"{package} {installed_version(package) or '-'}" for package in _VERSIONS)
 
 
 def rows_of(rivals: list[Rival], versions: dict[str, str | None], values: dict[str, list[float]]) -> list[Row]:
-    """The table, from the rates of each round under ``NAME/collect`` and ``NAME/learn``."""
+    """Return the table, from the rates of each round under ``NAME/collect`` and ``NAME/learn``."""
     first = rivals[0].name
     rows = []
     for rival in rivals:
@@ -98,7 +98,7 @@ def rows_of(rivals: list[Rival], versions: dict[str, str | None], values: dict[s
 
 
 def table(rows: list[Row]) -> str:
-    """The rows as text."""
+    """Return the rows as text."""
 
     def cell(value: float | None, form: str, unit: str = "") -> str:
         return "-" if value is None else format(value, form) + unit

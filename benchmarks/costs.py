@@ -1,4 +1,4 @@
-"""Costs that are times or sizes: a loss step, the deployed policy, imports, the motion library."""
+"""Costs in time or memory: a loss step, the deployed policy, imports, the motion library."""
 
 import os
 import shutil
@@ -41,14 +41,14 @@ print(time.perf_counter() - began, peak_memory() - before)
 
 @dataclass(frozen=True)
 class Cost:
-    """Something to measure, and the unit of what it gives."""
+    """Measurement and the unit of its result."""
 
     unit: str
     measure: Callable[[], float]
 
 
 def costs(library: MotionLibrary, folder: Path, library_seconds: float) -> dict[str, Cost]:
-    """Every cost by its name.
+    """Return every cost by its name.
 
     Args:
         library: motions.
@@ -66,7 +66,7 @@ def costs(library: MotionLibrary, folder: Path, library_seconds: float) -> dict[
     loads = LibraryLoads(library, folder, library_seconds)
     size = f"library of {library_seconds:,.0f} s"
     return rows | {
-        # the best of three: a tenth of a second is soon disturbed
+        # the best of three: a time of 0.1 s is easily disturbed
         "import plat": Cost("s", lambda: min(import_time("plat") for _ in range(3))),
         "import plat.envs": Cost("s", lambda: import_time("plat.envs")),
         f"{size}, first load": Cost("s", loads.first),
@@ -76,7 +76,7 @@ def costs(library: MotionLibrary, folder: Path, library_seconds: float) -> dict[
 
 
 def loss_step(library: MotionLibrary, stride: int) -> Callable[[], float]:
-    """Forward and backward of stage 2's loss on windows of up to 51 frames, less where the stride leaves some out."""
+    """Return the timing (ms) of forward and backward of stage 2's loss, windows of up to 51 frames."""
     states = PrivilegedGoals(library, stride)(make_keyframe_env(library, _WINDOWS).reset())
     states["expert_action"] = torch.randn(_WINDOWS, G1.num_joints)
     student = LatentPolicy(G1)
@@ -94,7 +94,7 @@ def loss_step(library: MotionLibrary, stride: int) -> Callable[[], float]:
 
 
 def deployed_policy(run: Path, folder: Path) -> Callable[[], float]:
-    """A run's policy, exported: from one robot's state and keyframe to its joint targets, on one thread.
+    """Return the timing (ms) of a run's exported policy on one thread: from state and keyframe to joint targets.
 
     Raises:
         BundleError: when a package that exports or runs it is not installed.
@@ -115,12 +115,12 @@ def deployed_policy(run: Path, folder: Path) -> Callable[[], float]:
 
 
 def import_time(module: str) -> float:
-    """Seconds that an import takes in a new interpreter."""
+    """Measure the seconds that an import takes in a new interpreter."""
     return _in_new_process(_IMPORT.format(module))[0]
 
 
 class LibraryLoads:
-    """Loads a long library in processes of their own, with a cache that is theirs."""
+    """Loads of a long library in new processes, with a separate cache."""
 
     def __init__(self, library: MotionLibrary, folder: Path, seconds: float):
         self._motions, self._cache = folder / "motions", folder / "cache"
@@ -129,13 +129,13 @@ class LibraryLoads:
         """How far the last :meth:`first` raised the peak of its process's memory."""
 
     def first(self) -> float:
-        """Seconds of a load when nothing is cached."""
+        """Measure the seconds of a load with an empty cache."""
         shutil.rmtree(self._cache, ignore_errors=True)
         seconds, self.megabytes = self._load()
         return seconds
 
     def cached(self) -> float:
-        """Seconds of a load after another."""
+        """Measure the seconds of a load after another."""
         return self._load()[0]
 
     def _load(self) -> list[float]:
@@ -165,7 +165,7 @@ def write_motions(folder: Path, library: MotionLibrary, seconds: float) -> None:
 
 
 def _in_new_process(program: str, *arguments: str, **environment: str) -> list[float]:
-    """The numbers that a Python program prints; it can import what is in this folder."""
+    """Run a Python program in a new process and return the numbers that it prints; it can import from this folder."""
     paths = [str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")]
     environment["PYTHONPATH"] = os.pathsep.join(path for path in paths if path)
     command = [sys.executable, "-c", program, *arguments]

@@ -1,4 +1,4 @@
-"""Time of one control step of one robot on one core: observation, network, joint targets.
+"""Benchmark of deployment: time of a robot's control step on one core: observation, network, joint targets.
 
 python benchmarks/deploy.py plat/weights/plat
 """
@@ -25,16 +25,16 @@ from plat.runs import load_policy, report_errors
 
 @dataclass(kw_only=True)
 class DeployBenchmark:
-    """Time of one control step of one robot on one core."""
+    """Settings of the deployment benchmark."""
 
     run: Annotated[Path, tyro.conf.Positional] = Path("plat/weights/plat")
     """run directory of a policy that chases keyframes"""
     rounds: int = 300
-    """times that everything is measured in turn"""
+    """rounds of measurement"""
     calls: int = 20
-    """control steps in a row each time"""
+    """control steps per measurement"""
     json: Path | None = None
-    """file to write the figures to"""
+    """file to write the results to"""
 
 
 def main(benchmark: DeployBenchmark) -> dict[str, dict[str, float]]:
@@ -78,7 +78,7 @@ def main(benchmark: DeployBenchmark) -> dict[str, dict[str, float]]:
 
 
 def _measure(layers: dict[str, Callable[[], object]], rounds: int, calls: int) -> dict[str, list[float]]:
-    """Microseconds a call, each layer in turn, so that what else the machine does hits all of them."""
+    """Measure microseconds per call, each layer in turn, so that other load affects all of them."""
     times: dict[str, list[float]] = {name: [] for name in layers}
     for _ in range(rounds):
         for name, call in layers.items():

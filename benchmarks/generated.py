@@ -1,4 +1,4 @@
-"""The generated set in figures: how fast it is made, how sound it is, and whether released trackers can follow it.
+"""Metrics of the generated set: generation speed, soundness, and how far released trackers follow it.
 
 python benchmarks/generated.py --trackers DIR
 
@@ -30,50 +30,50 @@ from plat.runs import report_errors
 
 @dataclass(kw_only=True)
 class GeneratedBenchmark:
-    """Figures of the generated motion set."""
+    """Settings of the benchmark of the generated motion set."""
 
     trackers: Path | None = None
     """folder of the released trackers"""
     split: str = "val"
-    """which generated set"""
+    """split of the generated set"""
     seconds: float = 600.0
-    """how much of it"""
+    """seconds of motion"""
     families: tuple[str, ...] = ()
     """only these families; by default all"""
     motions: tuple[str, ...] = ()
-    """let the trackers follow these motion files instead of the generated set (a check of the adapters)"""
+    """motion files to follow instead of the generated set (a check of the adapters)"""
     every: int = 1
-    """of those files take every n-th clip"""
+    """use every n-th clip of those files"""
     sheets: Path | None = None
-    """folder to write a contact sheet a family to"""
+    """folder for a contact sheet per family"""
 
 
 class RedrawCounter(logging.Handler):
-    """Counts draws that were thrown away, by family."""
+    """Counter of rejected draws by family."""
 
     def __init__(self) -> None:
         super().__init__(logging.DEBUG)
         self.count: Counter[str] = Counter()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Called once a draw that was thrown away."""
+        """Count a rejected draw."""
         self.count[family_of(str(record.args[0] if isinstance(record.args, tuple) else record.args))] += 1
 
 
 def family_of(name: str) -> str:
-    """Generated clips are called by their family; others are taken together by what stands before the first _."""
+    """Return a clip's family; other clips are grouped by their name before the first _."""
     return name.split("_")[0]
 
 
 def by_family(clips: list[MotionClip]) -> dict[str, list[int]]:
-    """Numbers of the clips of each family."""
+    """Return the indices of the clips of each family."""
     numbers = sorted(range(len(clips)), key=lambda number: family_of(clips[number].name))
     groups = groupby(numbers, key=lambda number: family_of(clips[number].name))
     return {family: list(members) for family, members in groups}
 
 
 def print_soundness(clips: list[MotionClip], redraws: Counter[str]) -> None:
-    """The worst clip of each family, quantity by quantity."""
+    """Print the worst clip of each family, quantity by quantity."""
     names = [field.name for field in fields(Soundness)]
     print(f"\n{'family':<12}{'clips':>6}{'s':>7}{'redrawn':>9}" + "".join(f"{name:>18}" for name in names))
     for family, numbers in by_family(clips).items():
@@ -85,7 +85,7 @@ def print_soundness(clips: list[MotionClip], redraws: Counter[str]) -> None:
 
 
 def print_followed(clips: list[MotionClip], trackers: dict[str, Tracker]) -> None:
-    """Clips that each tracker followed to the end, family by family: those are of similar length."""
+    """Print the clips that each tracker followed to the end, family by family; their lengths are similar."""
     print(f"\n{'followed':<12}" + "".join(f"{name:>12}" for name in trackers))
     total: Counter[str] = Counter()
     lost: list[str] = []
@@ -108,7 +108,7 @@ def print_followed(clips: list[MotionClip], trackers: dict[str, Tracker]) -> Non
 
 
 def write_sheets(folder: Path, clips: list[MotionClip]) -> None:
-    """Two clips of each family, eight pictures each."""
+    """Write contact sheets: two clips of each family, eight pictures each."""
     stage = Stage(G1, width=220, height=170)
     for family, numbers in by_family(clips).items():
         rows = []

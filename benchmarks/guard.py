@@ -25,15 +25,15 @@ _PER_SECOND = {"ms": 1e-3, "s": 1.0}
 
 @dataclass(frozen=True)
 class Figure:
-    """A row of the benchmark."""
+    """Row of the benchmark."""
 
     value: float
     unit: str
     """``"steps/s"``, ``"ms"``, ``"s"`` or ``"MB"``"""
     ratio: float
-    """what is compared"""
+    """value that is compared"""
     physics: float | None = None
-    """share of its time that is physics, where that was timed"""
+    """fraction of its time spent in physics, where that was timed"""
 
     def __str__(self) -> str:
         if self.unit == "steps/s":
@@ -46,7 +46,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Figures:
-    """A run of the benchmark."""
+    """Results of a run of the benchmark."""
 
     threads: int
     num_envs: int
@@ -54,7 +54,7 @@ class Figures:
 
 
 def figure(values: Sequence[float], unit: str, bare: Sequence[float], physics: Sequence[float] = ()) -> Figure:
-    """Of what was measured in each round, bare physics' steps a second in the same rounds, and shares of physics."""
+    """Return the figure of a measure's rounds, from bare physics' steps per second in the same rounds."""
     if unit == "steps/s":
         return Figure(median(values), unit, median_ratio(values, bare), median(physics) if physics else None)
     if unit == "MB":
@@ -64,7 +64,7 @@ def figure(values: Sequence[float], unit: str, bare: Sequence[float], physics: S
 
 
 def compared(measured: Figures, committed: Figures) -> tuple[list[str], list[str]]:
-    """Regressions beyond :data:`TOLERANCE`, one line each, and remarks that are none.
+    """Compare two runs: return regressions beyond :data:`TOLERANCE` and other remarks, one line each.
 
     Raises:
         PlatError: when the runs have other numbers of threads or robots.

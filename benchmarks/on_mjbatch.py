@@ -17,7 +17,7 @@ _CURRENT = sys.argv[2] == "current"
 
 
 class Batch(mjbatch.Batch):
-    """``mjbatch.Batch`` with the calls of ``mujoco.batch.Batch`` that plat makes."""
+    """``mjbatch.Batch`` with the interface of ``mujoco.batch.Batch`` that plat uses."""
 
     def __init__(self, model: mujoco.MjModel, nsim: int, nthread: int):
         # forward makes body poses and velocities current with the new state, as MuJoCo's own batch does
@@ -26,7 +26,7 @@ class Batch(mjbatch.Batch):
         self._bound: dict[str, np.ndarray] = {}
 
     def bind(self, name: str) -> np.ndarray:
-        """The live array of a field."""
+        """Return the live array of a field."""
         if name not in self._bound:
             self._bound[name] = super().bind(name)
         return self._bound[name]
@@ -36,19 +36,19 @@ class Batch(mjbatch.Batch):
         super().step(nstep=nstep)
 
     def reset(self, ids: np.ndarray, stage: Any) -> None:
-        """Put simulations back."""
+        """Reset simulations."""
         super().reset(ids=ids)
 
     def forward(self, ids: np.ndarray, stage: Any) -> None:
-        """Make outputs current."""
+        """Update outputs to the current state."""
         super().forward(ids=ids)
 
 
 class MjbatchPhysics(BatchedPhysics):
-    """plat's physics on that pool."""
+    """Batched physics on mjbatch's pool."""
 
     def make_batch(self, model: mujoco.MjModel, num_sims: int, num_threads: int) -> Batch:
-        """Return the pool."""
+        """Return mjbatch's pool."""
         return Batch(model, num_sims, num_threads)
 
 

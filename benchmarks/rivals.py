@@ -1,4 +1,4 @@
-"""What can simulate and train a G1 on a CPU: plat, and what a user would pick instead.
+"""Rivals of the comparison: simulation and training of a G1 on a CPU, by plat and its alternatives.
 
 A rival's ``collect`` and ``learn`` do some environment steps and return how many: with a Gaussian policy of three
 hidden layers (512, 256, 128) in the loop, and with PPO on top (rollouts, minibatches and epochs of equal size).
@@ -40,31 +40,31 @@ _STD = 0.35
 
 @dataclass(frozen=True)
 class Setup:
-    """What all rivals are given."""
+    """Setup that all rivals get."""
 
     motions: tuple[str, ...]
     """motion files"""
     num_envs: int
-    """robots of those that simulate a batch"""
+    """robots of rivals that simulate a batch"""
     num_singles: int
-    """robots of those that have one environment a robot"""
+    """robots of rivals that have one environment per robot"""
     mjbatch: Path | None = None
-    """folder where mjbatch and its MuJoCo are"""
+    """folder of mjbatch and its MuJoCo"""
 
     @functools.cached_property
     def library(self) -> MotionLibrary:
-        """The motions."""
+        """Return the motions."""
         return MotionLibrary.load(self.motions)
 
     @property
     def samples(self) -> int:
-        """Steps, all robots together, between two updates of PPO."""
+        """Return the steps of all robots between two updates of PPO."""
         return self.num_envs * STEPS
 
 
 @dataclass(frozen=True)
 class Work:
-    """Each does some environment steps and returns how many."""
+    """Function that runs some environment steps and returns their number."""
 
     collect: Callable[[], int] | None = None
     learn: Callable[[], int] | None = None
@@ -72,37 +72,37 @@ class Work:
 
 @dataclass(frozen=True)
 class Rival:
-    """A row of the comparison."""
+    """Row of the comparison."""
 
     name: str
     package: str
     """distribution whose version is shown"""
     install: str
-    """how to get it"""
+    """how to install it"""
     make: Callable[[Setup, ExitStack], Work]
     """builds it; what must be closed goes onto the stack"""
 
 
 class GaussianPolicy(nn.Module):
-    """Samples around the mean that a network gives."""
+    """Gaussian policy around the output of a network."""
 
     def __init__(self, in_features: int, out_features: int):
         super().__init__()
         self.network = mlp(in_features, _HIDDEN, out_features)
 
     def forward(self, observation: Tensor) -> Tensor:
-        """Actions ``[*B, A]`` for observations ``[*B, F]``."""
+        """Return actions ``[*B, A]`` for observations ``[*B, F]``."""
         mean = self.network(observation)
         return mean + _STD * torch.randn_like(mean)
 
     @torch.no_grad()
     def act(self, observation: np.ndarray) -> np.ndarray:
-        """The same for arrays."""
+        """Return actions for arrays."""
         return self(torch.from_numpy(observation).float()).numpy()
 
 
 def work_with_plat(setup: Setup, learn: bool, physics: PhysicsFactory = BatchedPhysics) -> Callable[[], int]:
-    """plat's environment on some physics, its policy and collector, and with ``learn`` its PPO."""
+    """Build plat's environment on some physics with policy and collector, and with ``learn`` also PPO."""
     measure = collection(make_keyframe_env(setup.library, setup.num_envs, physics=physics), learn)
 
     def work() -> int:
@@ -242,7 +242,7 @@ def _envpool(setup: Setup, stack: ExitStack) -> Work:
 
 
 def _mjbatch(setup: Setup, stack: ExitStack, current: bool) -> Work:
-    """It asks for a MuJoCo of its own, so it runs in a process of its own, which steps when it is told to."""
+    """Run mjbatch in a separate process, since it needs its own version of MuJoCo; the process steps on request."""
     script = Path(__file__).parent / "on_mjbatch.py"
     paths = [str(setup.mjbatch or ""), os.environ.get("PYTHONPATH", "")]
     process = subprocess.Popen(

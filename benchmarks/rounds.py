@@ -1,6 +1,6 @@
-"""Measuring side by side: everything is measured once a round, and ratios are taken within rounds.
+"""Measurement in rounds: everything is measured once a round, and ratios are taken within rounds.
 
-What else the machine does at the time hits all that is compared.
+Other load on the machine then affects everything that is compared.
 """
 
 import platform
@@ -18,7 +18,7 @@ __all__ = ["bfloat16_unit", "in_rounds", "machine", "median_ratio", "peak_memory
 
 
 def in_rounds(measures: Mapping[str, Callable[[], float]], rounds: int) -> dict[str, list[float]]:
-    """What each measure gave in each round, after one round that only warms up; progress goes to stderr."""
+    """Return each measure's value in each round, after a warm-up round; progress goes to stderr."""
     values: dict[str, list[float]] = {name: [] for name in measures}
     for number in range(rounds + 1):
         for name, measure in measures.items():
@@ -30,12 +30,12 @@ def in_rounds(measures: Mapping[str, Callable[[], float]], rounds: int) -> dict[
 
 
 def median_ratio(values: Sequence[float], reference: Sequence[float]) -> float:
-    """Median over rounds of one measure over another."""
+    """Return the median ratio of two measures over the rounds."""
     return statistics.median(value / other for value, other in zip(values, reference, strict=True))
 
 
 def rate(work: Callable[[], int], seconds: float = 0.0) -> float:
-    """How much a second gets done by work that says how much it did; it is repeated until some time has passed."""
+    """Return the work done per second; the work is repeated until some time has passed."""
     began, done = time.perf_counter(), 0
     while True:
         done += work()
@@ -45,20 +45,20 @@ def rate(work: Callable[[], int], seconds: float = 0.0) -> float:
 
 
 def bfloat16_unit() -> str:
-    """What multiplies matrices in half precision here: ``"amx"``, ``"avx512_bf16"`` or ``"none"``."""
+    """Return the CPU's unit for half-precision matrix products: ``"amx"``, ``"avx512_bf16"`` or ``"none"``."""
     features = torch.cpu.get_capabilities()
     return "amx" if features.get("amx_bf16") else "avx512_bf16" if features.get("avx512_bf16") else "none"
 
 
 def machine() -> str:
-    """What the figures were measured on."""
+    """Return a description of the machine."""
     return (
         f"{platform.processor() or platform.machine()}, bfloat16: {bfloat16_unit()}, {torch.get_num_threads()} threads"
     )
 
 
 def peak_memory() -> float:
-    """The most memory that this process has held so far (MB)."""
+    """Return the peak memory of this process (MB)."""
     # not getrusage where there is better: on Linux a process inherits the peak of the one that started it
     status = Path("/proc/self/status")
     if status.exists() and (found := re.search(r"VmHWM:\s+(\d+) kB", status.read_text())):

@@ -1,4 +1,4 @@
-"""Cost of each layer over bare physics, as ratios in one run.
+"""Benchmark of each layer's cost over bare physics, as ratios in one run.
 
 python benchmarks/run.py            # the table
 python benchmarks/run.py --check    # has anything become slower?
@@ -50,20 +50,20 @@ EXPECTED = Path(__file__).parent / "expected" / f"{bfloat16_unit()}.json"
 
 @dataclass(kw_only=True)
 class BenchmarkConfig:
-    """Cost of each layer over bare physics."""
+    """Settings of the benchmark of each layer over bare physics."""
 
     motions: tuple[str, ...] = ("generated:train",)
     """motion files, folders or globs"""
     num_envs: int = 1024
-    """robots that are simulated at a time"""
+    """robots simulated in parallel"""
     rounds: int = 5
-    """times that everything is measured"""
+    """rounds of measurement"""
     costs: bool = True
     """measure a loss step, the deployed policy, imports and the motion library as well"""
     library_seconds: float = 10_000.0
     """length of that library (s)"""
     json: Path | None = None
-    """file to write the figures to"""
+    """file to write the results to"""
     check: bool = False
     """hold the figures against those of CPUs of this kind in benchmarks/expected, and fail when one is more than 15 %
     worse"""
@@ -76,7 +76,7 @@ def reference_targets(library: MotionLibrary, frame: Tensor) -> Tensor:
 
 
 class Timer:
-    """Times the part of a measurement that counts, and the physics in it."""
+    """Timer of the relevant part of a measurement, and of the physics in it."""
 
     def start(self) -> None:
         self.physics = 0.0
@@ -90,7 +90,7 @@ TIMER = Timer()
 
 
 class TimedPhysics(BatchedPhysics):
-    """Physics that tells the timer how long its steps take."""
+    """Physics that reports the time of its steps to a timer."""
 
     def step(self, ctrl: Tensor, nstep: int) -> None:
         """Hold the joint targets for some physics steps."""
@@ -100,7 +100,7 @@ class TimedPhysics(BatchedPhysics):
 
 
 def bare_physics(library: MotionLibrary, count: int) -> Callable[[], None]:
-    """Nothing but ``mujoco.batch``: robots put on the reference, then driven along it."""
+    """Return a run of bare ``mujoco.batch``: robots are reset onto the reference, then driven along it."""
     physics = TimedPhysics(G1.model(), count)
 
     def measure() -> None:
@@ -120,7 +120,7 @@ def bare_physics(library: MotionLibrary, count: int) -> Callable[[], None]:
 
 
 def environment(make: Callable, config: SimulationConfig, library: MotionLibrary, count: int) -> Callable[[], None]:
-    """All training transforms: rewards, terminations, resets, goals, critic's entries, noise, randomization."""
+    """Return a run of the environment with all training transforms."""
     env = make(library, count, config, physics=TimedPhysics)
     state = [env.reset()]
 
@@ -141,7 +141,7 @@ def environment(make: Callable, config: SimulationConfig, library: MotionLibrary
 
 
 def collection(env: TransformedEnv, learn: bool, steps: int = STEPS) -> Callable[[], None]:
-    """TorchRL's collector with the expert acting; and with ``learn`` a whole PPO iteration."""
+    """Return a run of TorchRL's collector with the expert acting; with ``learn`` a whole PPO iteration."""
     expert = Expert(G1)
     critic = Critic(G1, expert.normalizer.in_keys)
     ppo = PPO(expert.head(), critic.head(), critic.observe())
@@ -160,18 +160,18 @@ def collection(env: TransformedEnv, learn: bool, steps: int = STEPS) -> Callable
 
 
 def distillation(env: TransformedEnv) -> Callable[[], None]:
-    """Stage 2: states collected and labelled, and four gradient steps of 2048 for every 4096 of them."""
+    """Return a run of stage 2: states labeled, with four gradient steps of 2048 for every 4096 of them."""
     expert = Expert(G1).deployed("dense_goal", out_key="expert_action")
     student = LatentPolicy(G1)
     loss = LatentImitationLoss(student.training_graph())
     optimizer = torch.optim.Adam(student.parameters(), lr=1e-3, fused=True)
     buffer = dagger_buffer(env.library, 100_000, 2048, stride=5)
     batches = rollouts(env, student.sampled(), STEPS)
-    labelled = ExpertLabels(expert, STUDENT_KEYS)
+    labeled = ExpertLabels(expert, STUDENT_KEYS)
 
     def measure() -> None:
         TIMER.start()
-        states = labelled(next(batches))
+        states = labeled(next(batches))
         buffer.extend(states)
         student.update_normalizers(states)
         for _ in range(env.num_envs * STEPS // 1024):
@@ -186,13 +186,13 @@ def distillation(env: TransformedEnv) -> Callable[[], None]:
 
 
 def steps_per_second(measure: Callable[[], None], steps: int) -> float:
-    """Rate of a layer that does so many steps."""
+    """Return the steps per second of a layer."""
     measure()
     return steps / TIMER.seconds
 
 
 def physics_share() -> float:
-    """What share of its time the layer that was measured last spent in physics."""
+    """Return the fraction of its time that the last measured layer spent in physics."""
     return TIMER.physics / TIMER.seconds
 
 

@@ -1,4 +1,4 @@
-"""How throughput and memory grow with robots, motions, horizons and threads.
+"""Scaling of throughput and memory with robots, motions, horizons and threads.
 
 python benchmarks/scaling.py        # needs the extra figures
 
@@ -57,7 +57,7 @@ _KEYFRAMES = KeyframeTaskConfig(noise=NoiseLevels(), randomization=Randomization
 
 @dataclass(kw_only=True)
 class ScalingConfig:
-    """Throughput and memory against robots, motions, horizons and threads."""
+    """Settings of the scaling benchmark."""
 
     robots: tuple[int, ...] = (64, 128, 256, 512, 1024, 2048, 4096, 8192)
     """numbers of robots"""
@@ -70,18 +70,18 @@ class ScalingConfig:
     threads: tuple[int, ...] = tuple(2**power for power in range(available_cpus().bit_length()))
     """threads of physics and PyTorch"""
     num_envs: int = 1024
-    """robots where their number is not what is varied"""
+    """robots where their number is not varied"""
     rounds: int = 2
-    """times that each point is measured"""
+    """rounds of measurement of each point"""
     table: Path = Path(__file__).parent / "scaling.csv"
-    """file to write the figures to"""
+    """file to write the results to"""
     picture: Path = Path(__file__).parents[1] / "docs" / "images" / "scaling.png"
-    """file to draw them into"""
+    """file of the plot"""
 
 
 @dataclass(frozen=True)
 class Point:
-    """What is varied, and how far; the rest is as usual."""
+    """Point of the benchmark: the varied quantity and its value; all else keeps its default."""
 
     axis: str
     value: float
@@ -95,7 +95,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Row:
-    """A figure at a point."""
+    """Result at a point."""
 
     axis: str
     value: float
@@ -108,7 +108,7 @@ class Row:
 
 
 def points(config: ScalingConfig, folder: Path) -> list[Point]:
-    """Every point, with the motions of each number of seconds in ``folder / SECONDS``."""
+    """Return every point, with the motions of each number of seconds in ``folder / SECONDS``."""
     usual: dict[str, Any] = {
         "num_envs": config.num_envs,
         "motions": "generated:train",
@@ -131,7 +131,7 @@ def points(config: ScalingConfig, folder: Path) -> list[Point]:
 
 
 def measure(point: Point) -> list[Row]:
-    """Figures of a point, measured in this process."""
+    """Measure a point in this process."""
     if point.axis == "threads" and hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: point.threads])
     if point.axis == "motions":
@@ -170,7 +170,7 @@ class StandingStill(BatchedPhysics):
 
 
 def without_physics(library: MotionLibrary, count: int) -> Callable[[], float]:
-    """Milliseconds that everything but physics takes in a step of the keyframe task: lookups, rewards, resets."""
+    """Measure the milliseconds of a keyframe task's step without physics: lookups, rewards, resets."""
     env = make_keyframe_env(library, count, _KEYFRAMES, physics=StandingStill)
     current = env.reset()
 
@@ -187,7 +187,7 @@ def without_physics(library: MotionLibrary, count: int) -> Callable[[], float]:
 
 
 def goal_windows(library: MotionLibrary) -> Callable[[], float]:
-    """Milliseconds that the privileged goals of a batch of stage 2 take to gather."""
+    """Measure the milliseconds to gather the privileged goals of a batch of stage 2."""
     states = make_keyframe_env(library, 2048).reset()
     gather = PrivilegedGoals(library, stride=5)
 
@@ -201,11 +201,11 @@ def goal_windows(library: MotionLibrary) -> Callable[[], float]:
 
 
 def draw(rows: list[Row], path: Path) -> None:
-    """A column for each axis, throughput above memory, and one for times a step beside the library's length."""
+    """Draw a column for each axis, throughput above memory, and one for step times over the library's length."""
     plt = pyplot()
     cells = [((axis, "steps/s"), (axis, "MB")) for axis in _AXES] + [(("motions", "ms"), None)]
     figure, panels = plt.subplots(2, len(cells), figsize=(3.4 * len(cells), 5.6), layout="constrained")
-    colours = {quantity: f"C{number}" for number, quantity in enumerate(dict.fromkeys(row.quantity for row in rows))}
+    colors = {quantity: f"C{number}" for number, quantity in enumerate(dict.fromkeys(row.quantity for row in rows))}
     for panel, cell in zip(panels.T.flat, itertools.chain(*cells), strict=True):
         chosen = [row for row in rows if (row.axis, row.unit) == cell]
         if not chosen:
@@ -213,7 +213,7 @@ def draw(rows: list[Row], path: Path) -> None:
             continue
         for quantity in dict.fromkeys(row.quantity for row in chosen):
             line = [(row.value, row.figure) for row in chosen if row.quantity == quantity]
-            panel.plot(*zip(*line, strict=True), "o-", markersize=3, color=colours[quantity], label=quantity)
+            panel.plot(*zip(*line, strict=True), "o-", markersize=3, color=colors[quantity], label=quantity)
         axis, unit = chosen[0].axis, chosen[0].unit
         panel.set_ylim(0, 1.1 * max(row.figure for row in chosen))
         if axis in ("robots", "motions"):
@@ -234,7 +234,7 @@ def draw(rows: list[Row], path: Path) -> None:
 
 
 def write_table(rows: list[Row], path: Path) -> None:
-    """The rows as ``.csv``."""
+    """Write the rows as ``.csv``."""
     with path.open("w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(("axis", "value", "quantity", "unit", "figure"))

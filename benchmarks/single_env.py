@@ -1,4 +1,4 @@
-"""The timed keyframe task for one robot in NumPy and MuJoCo alone, as it would be written without plat."""
+"""Timed keyframe task for one robot in NumPy and MuJoCo alone, as it would be written without plat."""
 
 from typing import Any
 
@@ -20,8 +20,8 @@ _ACTION_BOUND = 20.0
 class SingleG1(gymnasium.Env):
     """One G1 with the observation, rewards and terminations of ``plat/G1TimedKeyframe-v0``.
 
-    It does what that task does and no more: nothing for a critic or an expert, no statistics, and episodes start
-    anywhere instead of where failures are. A test holds observation, reward and ends equal to plat's.
+    It has no entries for a critic or an expert and no statistics, and starts are uniform instead of failure-weighted.
+    A test holds observation, reward and terminations equal to plat's.
 
     Args:
         library: motions.
@@ -94,7 +94,7 @@ class SingleG1(gymnasium.Env):
         return self.observe(), reward, terminated, truncated, {}
 
     def observe(self) -> np.ndarray:
-        """What the policy sees ``[177]``."""
+        """Return the policy's observation ``[177]``."""
         data, motion, target = self._data, self._motion, self.target_frame
         root_to_world = data.xmat[1].reshape(3, 3)
         keypoint_pos_b = (motion["keypoint_pos"][target] - data.qpos[:3]) @ root_to_world
@@ -140,12 +140,12 @@ class SingleG1(gymnasium.Env):
         return qpos, np.concatenate((lin_vel, ang_vel @ _matrix(quat), motion["joint_vel"][frame]))
 
     def _judge(self, action: np.ndarray, in_window: bool) -> tuple[float, bool]:
-        """Reward of the step, and whether the attempt has failed."""
+        """Return the reward of the step, and whether the command has failed."""
         data, config, robot = self._data, self._config, self._robot
         reference = {name: values[self.frame] for name, values in self._motion.items()}
         pos, quat = data.xpos[self._bodies], data.xquat[self._bodies]
         ref_pos, ref_quat = reference["keypoint_pos"], reference["keypoint_quat"]
-        # MuJoCo's cvel is (angular, linear) about the centre of mass of the whole tree
+        # MuJoCo's cvel is (angular, linear) about the center of mass of the whole tree
         ang_vel = data.cvel[self._bodies, :3]
         lin_vel = data.cvel[self._bodies, 3:] + _cross(ang_vel, pos - data.subtree_com[1])
         anchor = robot.anchor_index

@@ -1,4 +1,4 @@
-"""How far a tracker follows each motion from its first frame."""
+"""Dense tracking score: the fraction of each motion that a tracker follows from its first frame."""
 
 from itertools import islice
 
@@ -24,7 +24,7 @@ def follow(
     limits: TrackingLimits | None = None,
     num_threads: int | None = None,
 ) -> Tensor:
-    """Return the fraction of every motion that a policy tracks when it is shown the dense reference.
+    """Return the fraction of every motion that a policy tracks when given the dense reference.
 
     Every robot starts on the first frame of its motion, without noise or randomization. Terminations are those of dense
     tracking.
@@ -32,7 +32,7 @@ def follow(
     Args:
         policy: reads ``"robot"``, ``"tracker_reference"`` and ``is_init``, writes ``action``.
         library: motions of the robot that the policy drives.
-        ahead: the frame that it is shown, counted from the current one.
+        ahead: frame of the reference in the observation, counted from the current one.
         limits: termination limits.
         num_threads: threads of the physics pool.
 

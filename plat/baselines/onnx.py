@@ -1,4 +1,4 @@
-"""Networks from ONNX files."""
+"""ONNX networks as policies."""
 
 from pathlib import Path
 
@@ -13,14 +13,14 @@ __all__ = ["OnnxPolicy"]
 
 
 class OnnxPolicy:
-    """Network of an ONNX file with one input ``[N, inputs]`` and one output ``[N, outputs]``, both float32.
+    """ONNX network with one input ``[N, inputs]`` and one output ``[N, outputs]``, both float32.
 
-    A file that was exported for a single row is called row by row.
+    A file that was exported for batch size 1 is called row by row.
 
     Args:
         path: the ``.onnx`` file.
-        inputs: width of the input that the caller will give.
-        outputs: width of the output that the caller expects.
+        inputs: expected width of the input.
+        outputs: expected width of the output.
 
     Raises:
         BundleError: when the file cannot be read; when onnxruntime is not installed.
@@ -39,7 +39,7 @@ class OnnxPolicy:
         self._single = entry.shape[0] == 1
 
     def __call__(self, observation: Tensor) -> Tensor:
-        """Output ``[N, outputs]`` for ``[N, inputs]``."""
+        """Compute the output ``[N, outputs]`` for ``[N, inputs]``."""
         rows = observation.cpu().numpy().astype(np.float32)
         batches = np.split(rows, len(rows)) if self._single else [rows]
         results = [self._session.run(None, {self._entry: batch})[0] for batch in batches]

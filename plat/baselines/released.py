@@ -1,4 +1,4 @@
-"""Files of the released trackers, given by the user."""
+"""User-supplied files of released trackers."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,11 +24,11 @@ class ReleasedTrackers:
     """the .onnx of wbc-mjlab"""
 
     def files(self) -> dict[str, Path | None]:
-        """Path of each by its name in tables."""
+        """Return the path of each by its name in tables."""
         return {"SONIC": self.sonic, "TWIST2": self.twist2, "wbc": self.wbc}
 
     def load(self) -> dict[str, Tracker]:
-        """Those that were given, by their names in tables.
+        """Load the trackers whose files were given, by their names in tables.
 
         Raises:
             BundleError: when a file cannot be read.

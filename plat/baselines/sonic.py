@@ -1,4 +1,4 @@
-"""SONIC: its observation, action and motors. Not yet run with the released weights."""
+"""Adapter of SONIC: observation, action and motors. Not yet run with the released weights."""
 
 from pathlib import Path
 
@@ -15,8 +15,8 @@ __all__ = ["Sonic", "sonic_robot"]
 
 _FRAMES = 10  # of the reference, 0.1 s apart, and of the history, a control step apart
 _TOKEN = 64
-# Entries of the encoder's observation that other inputs than a robot's motion fill (VR trackers, human bodies); for
-# a robot's motion they are 0: between joint velocities and orientations, and after those.
+# Entries of the encoder's observation for other inputs than a robot's motion (VR trackers, human bodies). For a
+# robot's motion they are 0. They lie between joint velocities and orientations, and after those.
 _UNUSED_BETWEEN, _UNUSED_AFTER = 10 + 1 + 6, 240 + 9 + 12 + 720 + 60 + 60
 
 
@@ -30,10 +30,11 @@ def sonic_robot(robot: Robot = G1) -> Robot:
 
 
 class Sonic(Tracker):
-    """The released SONIC policy: an encoder of ten reference frames into a token, and a decoder that acts on it.
+    """Released SONIC policy: an encoder of ten reference frames into a token, and a decoder from the token to an
+    action.
 
     **Unverified**: the layout is that of the published deployment code, and the adapter is tested with networks of the
-    same shapes only, not with the released weights. Compare dense tracking before you quote its figures.
+    same shapes only, not with the released weights. Compare dense tracking before you quote its metrics.
 
     The encoder (``model_encoder.onnx``, 1762 to 64) sees a mode (0: a robot's motion, four numbers), joint angles
     (rad) and velocities (rad/s) of the frames now, 0.1 s ahead, and so on to 0.9 s, and the orientation of their root

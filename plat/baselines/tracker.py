@@ -18,7 +18,7 @@ __all__ = ["Tracker", "tuned_robot"]
 
 @dataclass(frozen=True)
 class _TunedRobot(Robot):
-    """Robot with motor settings of its own; see :func:`tuned_robot`."""
+    """Robot with its own motor settings; see :func:`tuned_robot`."""
 
     gains: tuple[tuple[float, float, float], ...] = ()
 
@@ -35,8 +35,8 @@ def tuned_robot(robot: Robot, name: str, stiffness: Tensor, damping: Tensor, eff
     """Return a robot with the motor settings that a policy was trained for.
 
     Args:
-        robot: the robot as it is.
-        name: what the new one is called.
+        robot: the original robot.
+        name: of the new robot.
         stiffness: kp ``[J]`` (N m / rad).
         damping: kd ``[J]`` (N m s / rad).
         effort_limit: largest torque ``[J]`` (N m).
@@ -52,18 +52,18 @@ def tuned_robot(robot: Robot, name: str, stiffness: Tensor, damping: Tensor, eff
 
 
 class Tracker(TensorDictModuleBase):
-    """Policy that tracks a dense reference and keeps its own past actions. It reads the group ``"tracker_reference"``.
+    """Base of policies that track a dense reference and keep their own past actions.
 
     Reads the group ``"robot"``, the group of :class:`TrackerReference` and ``is_init`` (TorchRL's ``InitTracker``),
-    and writes ``action`` in the parametrization of :class:`plat.envs.MotionTrackingEnv`. A subclass says what its
-    network sees, and which joint targets its raw action stands for.
+    and writes ``action`` in the parametrization of :class:`plat.envs.MotionTrackingEnv`. A subclass defines its
+    network's observation, and the joint targets of its raw action.
 
     Args:
         robot: the robot that it drives, as :func:`tuned_robot` made it.
     """
 
     ahead: int | tuple[int, ...] = 1
-    """Frames of a dense reference that it is shown, counted from the current one."""
+    """Frames of the dense reference in the observation, counted from the current one."""
 
     def __init__(self, robot: Robot):
         super().__init__()
@@ -73,7 +73,7 @@ class Tracker(TensorDictModuleBase):
         self._memory: dict[str, Tensor] = {}
 
     def observe(self, library: MotionLibrary, dense: bool) -> list[Transform]:
-        """Return the transforms that show it what it reads, see :func:`plat.evaluation.evaluate`.
+        """Return the transforms that add the tracker's inputs, see :func:`plat.evaluation.evaluate`.
 
         Args:
             library: motions of its :attr:`robot`.
@@ -90,7 +90,7 @@ class Tracker(TensorDictModuleBase):
     stateful = True
 
     def references(self, library: MotionLibrary) -> list[Transform]:
-        """Return the transforms that show it the dense reference, see :class:`plat.modules.Teacher`."""
+        """Return the transforms that add the dense reference, see :class:`plat.modules.Teacher`."""
         return self.observe(library, dense=True)
 
     def labels(self) -> TensorDictModuleBase:
@@ -101,14 +101,14 @@ class Tracker(TensorDictModuleBase):
         return _Labels(self)
 
     def remembered(self, name: str, like: Tensor, starting: Tensor) -> Tensor:
-        """Return what was kept under a name: zeros for robots that are ``starting`` ``[N]``, else a copy."""
+        """Return the value stored under a name: zeros for robots that are ``starting`` ``[N]``, else a copy."""
         kept = self._memory.get(name)
         if kept is None or kept.shape != like.shape:
             kept = torch.zeros_like(like)
         return torch.where(starting.view(-1, *[1] * (like.ndim - 1)), 0.0, kept)
 
     def remember(self, name: str, value: Tensor) -> None:
-        """Keep a value ``[N, ...]`` until the next step."""
+        """Store a value ``[N, ...]`` until the next step."""
         self._memory[name] = value
 
     def targets(self, tensordict: TensorDictBase, joint_pos: Tensor, starting: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""Reference frames as a dense tracker reads them."""
+"""Reference frames for dense trackers."""
 
 import torch
 from tensordict import NestedKey, TensorDictBase
@@ -11,7 +11,7 @@ __all__ = ["TrackerReference"]
 
 
 class TrackerReference(ObservationTransform):
-    """Adds the group ``"tracker_reference"``: the reference frames of a dense tracker, in the clip's world frame.
+    """Transform that adds ``"tracker_reference"``: the reference frames of a dense tracker, in the clip's world frame.
 
     Entries: ``joint_pos`` ``[J]`` (rad), ``joint_vel`` ``[J]`` (rad/s), ``root_pos_w`` ``[3]`` (m), ``root_quat_w``
     ``[4]``, ``root_lin_vel_w`` ``[3]`` (m/s), ``root_ang_vel_w`` ``[3]`` (rad/s), ``anchor_pos_w`` ``[3]`` (m). For a

@@ -1,4 +1,4 @@
-"""TWIST2: its observation, action and motors."""
+"""Adapter of TWIST2: observation, action and motors."""
 
 from pathlib import Path
 
@@ -29,7 +29,7 @@ def twist2_robot(robot: Robot = G1) -> Robot:
 
 
 class Twist2(Tracker):
-    """The released TWIST2 policy (``twist2_1017_20k.onnx``).
+    """Released TWIST2 policy (``twist2_1017_20k.onnx``).
 
     Its observation: the command (the reference's horizontal velocity in its heading frame, height, roll, pitch, yaw
     rate, joint angles), what the robot measures, ten past such observations (oldest first, zeros before the start), and
@@ -73,7 +73,7 @@ class Twist2(Tracker):
     def _command(self, reference: TensorDictBase) -> Tensor:
         quat = reference["root_quat_w"]
         heading = quat_yaw(quat)
-        matrix = quat_to_matrix(quat_multiply(quat_conjugate(heading), quat))  # what is left: pitch, then roll
+        matrix = quat_to_matrix(quat_multiply(quat_conjugate(heading), quat))  # without heading: pitch, then roll
         roll, pitch = torch.atan2(matrix[:, 2, 1], matrix[:, 2, 2]), -matrix[:, 2, 0].clamp(-1, 1).asin()
         return torch.cat(
             (

@@ -1,4 +1,4 @@
-"""A general one-frame tracker of wbc-mjlab: its observation and action."""
+"""Adapter of wbc-mjlab's general one-frame tracker: observation and action."""
 
 from pathlib import Path
 
@@ -30,11 +30,11 @@ _SCALE_5020 = 0.5596246525662165
 
 
 class Wbc(Tracker):
-    """The released policy ``policy_066ab15.onnx`` of wbc-mjlab.
+    """Released policy ``policy_066ab15.onnx`` of wbc-mjlab.
 
-    Its observation: one reference frame (height of the torso, velocities and gravity direction in the root's frame,
-    joint angles) and what the robot measures, without a history; its action is added to the reference's joint angles.
-    The constants are those of the file ``config_066ab15.yaml`` that is released with it.
+    Its observation is one reference frame and the robot's measurements, without a history. The frame has the torso's
+    height, velocities and gravity direction in the root's frame, and joint angles. Its action is added to the
+    reference's joint angles. The constants are those of the released ``config_066ab15.yaml``.
 
     Args:
         path: the ``.onnx`` file.

@@ -24,11 +24,11 @@ class Controller(Protocol):
         ...
 
     def reset(self, joint_target: NDArray[np.floating] | None = None) -> None:
-        """Begin anew.
+        """Start a new chase.
 
         Args:
-            joint_target: what the motors were told last ``[J]`` (rad), by another controller say; None for the
-                default pose.
+            joint_target: last joint position target ``[J]`` (rad), for example of another controller; None for
+                the default pose.
         """
 
     def __call__(self, state: RobotState, keyframe: Pose, steps_left: int) -> NDArray[np.floating]:

@@ -1,4 +1,4 @@
-"""The keyframe studio: a web page on which timed keyframes are posed, played by real policies, scored and saved.
+"""Keyframe studio: a web page to pose, play, score and save timed keyframes.
 
 ``plat studio`` opens it; ``docs/studio.md`` says how it is used. Needs the extra ``plat-rl[studio]``.
 """

@@ -1,4 +1,4 @@
-"""Who may talk to the studio: checks of Host, Origin and token on every request."""
+"""Access control of the studio: checks of Host, Origin and token on every request."""
 
 import hmac
 import http
@@ -17,7 +17,7 @@ _COOKIE = "plat_studio_token"
 
 
 class Access:
-    """The rule by which requests to the studio are let in.
+    """Access rule for requests to the studio.
 
     The studio writes files for whoever controls its page, so it is for the person at this machine. Another web page in
     the same browser can reach local ports: its requests carry a foreign ``Origin``, or, by DNS rebinding, a foreign
@@ -41,7 +41,7 @@ class Access:
 
     @property
     def url(self) -> str:
-        """Address to open in a browser of this machine."""
+        """Return the address to open in a browser of this machine."""
         return f"http://localhost:{self._port}/" + (f"?token={self.token}" if self.token else "")
 
     def refusal(self, path: str, headers: Mapping[str, str]) -> str | None:
@@ -67,7 +67,7 @@ class Access:
 
     @property
     def cookie(self) -> str | None:
-        """Value of the ``Set-Cookie`` header that remembers the token; None where there is none."""
+        """Return the value of the ``Set-Cookie`` header that stores the token; None where there is none."""
         return None if self.token is None else f"{_COOKIE}={self.token}; HttpOnly; SameSite=Strict; Path=/"
 
 
@@ -85,7 +85,7 @@ def _cookie_token(headers: Mapping[str, str]) -> str:
 
 @contextmanager
 def guarded_server(access: Access) -> Iterator[None]:
-    """Have the viser server that is started within ask ``access`` about every request, pages and websockets alike.
+    """Make the viser server started in this context check every request with ``access``, pages and websockets alike.
 
     viser has no hook for this. It passes its own ``process_request`` to ``websockets``; here that is wrapped.
     """

@@ -1,4 +1,4 @@
-"""The studio put together: server, session, scene and panels."""
+"""Studio application: server, session, scene and panels."""
 
 import socket
 import time
@@ -20,22 +20,22 @@ from plat.studio.session import Session
 __all__ = ["Studio"]
 
 _WORLD = "/world"
-# Texts and plots are for reading: to draw them anew for every step would only keep browsers busy.
+# Texts and plots are for reading: redrawing them at every step would only load browsers.
 _READING_INTERVAL = 0.12
-# Seconds after which a slider that is touched again makes another step to undo.
+# Pause (s) after which a touched slider starts another undo step.
 _PAUSE = 1.0
 
 
 class Studio:
-    """A web page on which keyframes are made and played.
+    """Web page on which keyframes are made and played.
 
     Args:
         session: what the page shows.
         host: address to listen on.
-        port: to listen on.
+        port: port to listen on.
         motions: motion files that the page proposes to load.
         path: keyframe file that the page proposes to save to.
-        folder: the only one that files are read from and written to.
+        folder: the only folder for reading and writing files.
 
     Raises:
         StudioError: when the port cannot be opened.
@@ -126,7 +126,7 @@ class Studio:
         self._show_robots()
 
     def _show_robots(self) -> None:
-        """Draw what moves: the robot, the keyframe that it is commanded to, and the world about it."""
+        """Draw the moving parts: the robot, its commanded keyframe, and their surroundings."""
         session, start = self.session, self.session.timeline.start
         player = session.player
         if player is None or player.step is None:
@@ -143,7 +143,7 @@ class Studio:
             self._world.position = (-away[0], -away[1], 0.0)
 
     def _look(self) -> None:
-        """Move every camera over to the selected pose."""
+        """Move every camera to the selected pose."""
         for client in self.server.get_clients().values():
             camera = client.camera
             away = self.session.timeline.pose.root_pos[:2] - camera.look_at[:2]

@@ -1,4 +1,4 @@
-"""One thread that does everything in order, whichever thread asks for it."""
+"""Single-threaded task queue with a tick."""
 
 import logging
 import threading
@@ -17,9 +17,9 @@ Task = Callable[[], None]
 
 
 class Desk:
-    """A queue of tasks, and the loop that works through it while time passes.
+    """Single-threaded task queue with a tick.
 
-    Pages call back on threads of their own and in any number. Here their tasks are done one after the other.
+    Pages call back on threads of their own. Here their tasks run one after the other.
 
     Args:
         tick: called again and again, with the seconds since the last time.
@@ -42,7 +42,7 @@ class Desk:
         self._stopped = False
 
     def ask(self, task: Task, once: bool = False) -> None:
-        """Have a task done on the desk's thread; returns at once.
+        """Queue a task for the desk's thread; return at once.
 
         Args:
             task: what is to be done.
@@ -55,7 +55,7 @@ class Desk:
             self._wake.notify()
 
     def ask_elsewhere(self, work: Callable[[], Task]) -> None:
-        """Have slow work done on a thread of its own, and what it returns done here."""
+        """Run slow work on a thread of its own, and pass its result to a task on the desk's thread."""
 
         def run() -> None:
             task = self._guarded(work)
@@ -65,13 +65,13 @@ class Desk:
         threading.Thread(target=run, daemon=True).start()
 
     def stop(self) -> None:
-        """End :meth:`run` after the task that is being done."""
+        """End :meth:`run` after the current task."""
         with self._wake:
             self._stopped = True
             self._wake.notify()
 
     def run(self) -> None:
-        """Work until :meth:`stop`."""
+        """Run tasks until :meth:`stop`."""
         last = time.monotonic()
         while True:
             with self._wake:

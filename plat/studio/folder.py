@@ -1,4 +1,4 @@
-"""Where the studio may write: one folder, and nothing in it that is not its own kind of file."""
+"""Folder of the studio: file access limited to one folder and to the studio's own kinds of files."""
 
 import stat
 from pathlib import Path
@@ -11,7 +11,7 @@ __all__ = ["Folder"]
 
 
 class Folder:
-    """Names typed into the page, resolved to files of one folder.
+    """Folder that resolves names typed into the page to its own files.
 
     Args:
         root: the folder.
@@ -67,7 +67,7 @@ class Folder:
         return True
 
     def check_writable(self, path: Path) -> None:
-        """Find out before the work whether a file can be written.
+        """Check, before the work, that a file can be written.
 
         Raises:
             StudioError: when it cannot.

@@ -1,4 +1,4 @@
-"""Undo and redo over states that are never changed in place."""
+"""Undo and redo over immutable states."""
 
 from collections.abc import Hashable
 from typing import Generic, TypeVar
@@ -9,7 +9,7 @@ State = TypeVar("State")
 
 
 class History(Generic[State]):
-    """A state, the ones before it and the ones that were undone.
+    """Undo history: the current state, earlier ones and undone ones.
 
     Args:
         state: to begin with.
@@ -33,12 +33,12 @@ class History(Generic[State]):
 
     @property
     def can_undo(self) -> bool:
-        """Whether there is a step to undo."""
+        """Return whether there is a step to undo."""
         return bool(self._past)
 
     @property
     def can_redo(self) -> bool:
-        """Whether there is an undone step."""
+        """Return whether there is an undone step."""
         return bool(self._future)
 
     def do(self, state: State, gesture: Hashable = None) -> None:
@@ -56,15 +56,15 @@ class History(Generic[State]):
         self.state = state
 
     def end_gesture(self) -> None:
-        """What comes next is a step of its own."""
+        """End the gesture: the next step is undone separately."""
         self._gesture = None
 
     def undo(self) -> None:
-        """Back to the state before the last step, if there is one."""
+        """Go back to the state before the last step, if there is one."""
         self._swap(self._past, self._future)
 
     def redo(self) -> None:
-        """Forward again by one undone step, if there is one."""
+        """Go forward by one undone step, if there is one."""
         self._swap(self._future, self._past)
 
     def _swap(self, source: list[State], target: list[State]) -> None:

@@ -1,4 +1,4 @@
-"""What every part of the page uses: the server, the session behind it, and ways to get things done."""
+"""Page context that panels share: server, session, and helpers for inputs, buttons and messages."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,7 +12,7 @@ __all__ = ["Page"]
 
 
 class Page:
-    """A viser server and the session that it shows.
+    """Viser server with the session that it shows.
 
     Args:
         server: the server.
@@ -27,11 +27,11 @@ class Page:
         self.desk = desk
 
     def when_changed(self, handle: viser.GuiInputHandle[Any], task: Task | None = None) -> None:
-        """Have a task done, and the page brought up to date, when a user has changed an input.
+        """Run a task, and update the page, when a user has changed an input.
 
         Args:
             handle: the input.
-            task: reads the value that the input then has; None where the page is all that changes.
+            task: reads the input's new value; None where only the page changes.
         """
         task = task or _nothing
 
@@ -43,7 +43,7 @@ class Page:
         handle.on_update(called)
 
     def buttons(self, label: str, tasks: Mapping[str, Task]) -> None:
-        """A row of buttons, each with its task."""
+        """Add a row of buttons, each with its task."""
         row = self.gui.add_button_group(label, tuple(tasks))
 
         async def called(event: viser.GuiEvent[Any]) -> None:
@@ -52,7 +52,7 @@ class Page:
         row.on_click(called)
 
     def key(self, label: str, key: Any, task: Task, modifier: Any = None) -> None:
-        """A key that does what a button does; it is in the list of commands as well."""
+        """Bind a key to what a button does; the list of commands shows it as well."""
 
         async def called(_: viser.CommandEvent) -> None:
             self.desk.ask(task)
@@ -66,4 +66,4 @@ class Page:
 
 
 def _nothing() -> None:
-    """A task for what only has to be shown."""
+    """Do nothing: a task for changes that only need to be shown."""

@@ -1,4 +1,4 @@
-"""A policy that chases keyframes at the pace of a clock."""
+"""Real-time playback of a policy that chases keyframes."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -22,15 +22,14 @@ __all__ = ["HOLD", "Player", "Summary", "score", "simulator"]
 
 HOLD = 0.6
 """Seconds that a played robot stays in the last keyframe."""
-# Steps that are made up for at once when the machine is too slow; beyond that, time is stretched.
+# Most control steps to catch up on at once on a slow machine; beyond that, playback slows down.
 _CATCH_UP = 5
 
 
 class Player:
-    """One robot and a chase that goes on as time passes.
+    """Real-time playback: one robot and a chase that advances with time.
 
-    The keyframes and the policy may be exchanged while it plays; there are scores only of a chase that had neither
-    exchanged.
+    Keyframes and policy may be exchanged while it plays. Scores exist only for a chase without an exchange.
 
     Args:
         robot: the robot.
@@ -45,7 +44,7 @@ class Player:
         self.restart()
 
     def restart(self) -> None:
-        """Back to the start."""
+        """Go back to the start."""
         self._chase.restart()
         self._scorer = KeyframeScorer(self._robot)
         self._changed = False
@@ -61,12 +60,12 @@ class Player:
 
     @property
     def qpos(self) -> np.ndarray:
-        """The robot ``[7 + J]``."""
+        """Return the robot's pose ``[7 + J]``."""
         return self._chase.simulator.data.qpos.copy()
 
     @property
     def sequence(self) -> KeyframeSequence:
-        """The keyframes; others are obeyed from the present time on."""
+        """Return the keyframes; replaced ones apply from the present time on."""
         return self._chase.sequence
 
     @sequence.setter
@@ -75,12 +74,12 @@ class Player:
         self._changed = True
 
     def hand_over(self, controller: Controller) -> None:
-        """Another policy goes on from here."""
+        """Continue with another policy."""
         self._chase.controller = controller
         self._changed = True
 
     def advance(self, seconds: float) -> None:
-        """Let time pass: take the control steps that are due."""
+        """Advance in time: take the control steps that are due."""
         self._ahead += seconds
         control_dt = self._chase.controller.timing.control_dt
         due = int(self._ahead / control_dt + 1e-9)  # the margin is for rounding
@@ -101,7 +100,7 @@ class Player:
 
     @property
     def scores(self) -> list[KeyframeScore] | None:
-        """Of the keyframes whose arrival has come; None when policy or keyframes were exchanged on the way."""
+        """Return the scores of the keyframes that have arrived; None when policy or keyframes were exchanged."""
         return None if self._changed else self._scorer.scores()
 
 
@@ -111,7 +110,7 @@ def simulator(robot: Robot, controller: Controller) -> Simulator:
 
 
 def score(robot: Robot, controller: Controller, sequence: KeyframeSequence) -> list[KeyframeScore]:
-    """Scores of a chase at full speed: the same as those of a :class:`Player`."""
+    """Compute the scores of a chase at full speed, equal to those of a :class:`Player`."""
     scorer = KeyframeScorer(robot)
     for step in Chase(controller, sequence, simulator(robot, controller)):
         scorer.add(step)
@@ -120,7 +119,7 @@ def score(robot: Robot, controller: Controller, sequence: KeyframeSequence) -> l
 
 @dataclass(frozen=True)
 class Summary:
-    """Scores of a sequence in one line.
+    """Summary of a sequence's scores in one line.
 
     Args:
         reached: keyframes that were reached.
@@ -136,7 +135,7 @@ class Summary:
 
     @classmethod
     def of(cls, scores: Iterable[KeyframeScore]) -> "Summary":
-        """Of at least one keyframe."""
+        """Summarize scores of at least one keyframe."""
         scores = list(scores)
         return cls(
             sum(score.reached for score in scores),

@@ -1,4 +1,4 @@
-"""Inverse kinematics for a hand on the mouse: one pose, dragged by its hands, feet and pelvis."""
+"""Interactive inverse kinematics: one pose, dragged by its hands, feet and pelvis."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -21,14 +21,14 @@ HANDLES = {
     "left foot": "left_ankle",
     "right foot": "right_ankle",
 }
-"""What a pose can be dragged by, and its role among the bodies that retargeting tracks."""
+"""Handles of a pose, each with its role among the bodies that retargeting tracks."""
 
-# Weight of a metre of position and of a radian of orientation. What is held outweighs what is dragged, and feet
+# Weight of a meter of position and of a radian of orientation. Held handles outweigh the dragged one, and feet
 # outweigh the rest: a target out of reach stretches the limb and leaves the stance alone.
 _DRAGGED = (3.0, 0.3)
 _HELD = (15.0, 5.0)
 _HELD_FOOT = (30.0, 10.0)
-# Weight of a radian from the pose that the drag began with: settles what no handle asks for, such as where an elbow is.
+# Weight of a radian from the initial pose: determines joints that no handle constrains, such as an elbow.
 _REST_COST = 0.03
 # Levenberg-Marquardt: steps get shorter with the error, so that targets out of reach do not make limbs swing.
 _DAMPING, _ERROR_DAMPING = 1e-4, 0.1
@@ -37,7 +37,7 @@ _SETTLED = 1e-4  # rad and m: no joint moves further in an iteration
 
 
 class Frame(NamedTuple):
-    """Where a body is."""
+    """Pose of a body."""
 
     pos: np.ndarray
     """``[3]`` (m, world)"""
@@ -46,10 +46,10 @@ class Frame(NamedTuple):
 
 
 class Poser:
-    """Poses that follow a dragged handle, others being held, within joint limits.
+    """Interactive inverse kinematics: a pose follows a dragged handle within joint limits, with others held.
 
     Args:
-        robot: with the bodies that retargeting tracks.
+        robot: has the bodies that retargeting tracks.
 
     >>> from plat.robots import G1
     >>> poser = Poser(G1)
@@ -71,7 +71,7 @@ class Poser:
         self._range = robot.joint_range.double().numpy()
 
     def frames(self, qpos: np.ndarray) -> dict[str, Frame]:
-        """Where each handle of a pose ``[7 + J]`` is."""
+        """Return the body pose of each handle in a robot pose ``[7 + J]``."""
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, self._data)
         bodies = {handle: self._data.body(body) for handle, body in self._bodies.items()}
@@ -85,14 +85,14 @@ class Poser:
         held: Mapping[str, Frame],
         rest: np.ndarray | None = None,
     ) -> np.ndarray:
-        """The pose with a handle at a target, or as near to it as joint limits and what is held let it come.
+        """Return the pose with a handle at a target, or as near to it as joint limits and held handles allow.
 
         Args:
             qpos: pose to search from ``[7 + J]``.
             handle: one of :data:`HANDLES`.
-            target: where it is wanted.
-            held: handles that stay, and where; ``handle`` among them does not count.
-            rest: pose that everything else is drawn to ``[7 + J]``; by default ``qpos``.
+            target: desired pose of the handle.
+            held: handles to hold, with their poses; ``handle`` among them is ignored.
+            rest: regularization target of all other joints ``[7 + J]``; by default ``qpos``.
         """
         tasks = [self._task(handle, target, _DRAGGED)]
         for other, frame in held.items():
@@ -101,7 +101,7 @@ class Poser:
         return self._solve(qpos, tasks, qpos if rest is None else rest)
 
     def flat(self, qpos: np.ndarray) -> np.ndarray:
-        """The pose ``[7 + J]`` with both feet flat on the floor below where they are.
+        """Return the pose ``[7 + J]`` with both feet flat on the floor below their positions.
 
         The pelvis stays where it is unless the feet cannot reach the floor from there.
         """
@@ -120,7 +120,7 @@ class Poser:
 
     def _solve(self, qpos: np.ndarray, tasks: list[mink.FrameTask], rest: np.ndarray) -> np.ndarray:
         start = np.array(qpos, dtype=np.float64)
-        # a pose outside the limits leaves the quadratic program without a solution
+        # outside the limits the quadratic program has no solution
         start[7:] = np.clip(start[7:], *self._range.T)
         configuration = mink.Configuration(self._model, start)
         posture = mink.PostureTask(self._model, _REST_COST)

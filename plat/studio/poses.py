@@ -1,4 +1,4 @@
-"""What is done to whole poses: mirrored, put elsewhere, put on the floor."""
+"""Operations on whole poses: mirroring, placing, and dropping onto the floor."""
 
 import mujoco
 import numpy as np
@@ -12,7 +12,7 @@ __all__ = ["Floor", "mirrored", "placed"]
 
 
 def placed(qpos: np.ndarray, origin: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Poses shifted over the floor and turned about the vertical, all alike.
+    """Return poses shifted over the floor and turned about the vertical, by one common transform.
 
     Args:
         qpos: poses ``[*T, 7 + J]``.
@@ -34,7 +34,7 @@ def placed(qpos: np.ndarray, origin: np.ndarray, place: np.ndarray) -> np.ndarra
 
 
 def mirrored(qpos: np.ndarray, robot: Robot) -> np.ndarray:
-    """The pose ``[7 + J]`` with left and right exchanged, in place: position and heading of the root stay.
+    """Return the pose ``[7 + J]`` with left and right exchanged; the root keeps its position and heading.
 
     >>> from plat.robots import G1
     >>> bool(np.allclose(mirrored(G1.default_qpos, G1), G1.default_qpos))
@@ -46,10 +46,10 @@ def mirrored(qpos: np.ndarray, robot: Robot) -> np.ndarray:
 
 
 class Floor:
-    """Tells how far a pose is above the floor, and puts it there.
+    """Floor contact of poses: clearance, and dropping onto the floor.
 
     Args:
-        robot: whose poses; what counts are its collision geoms, feet and others alike.
+        robot: its collision geoms count, feet and others alike.
 
     >>> from plat.robots import G1
     >>> raised = G1.default_qpos + np.eye(36)[2]
@@ -66,16 +66,16 @@ class Floor:
         self._solid = [geom for geom in geoms if self._model.geom_contype[geom] and geom != self._floor]
 
     def clearance(self, qpos: np.ndarray) -> float:
-        """Height of the lowest point of a pose ``[7 + J]`` (m); negative where it is in the floor."""
+        """Return the height of a pose's lowest point ``[7 + J]`` (m); negative below the floor."""
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, self._data)
-        beyond = 1e3  # distances are cut there
+        beyond = 1e3  # distances are capped there
         return min(
             mujoco.mj_geomDistance(self._model, self._data, self._floor, geom, beyond, None) for geom in self._solid
         )
 
     def dropped(self, qpos: np.ndarray) -> np.ndarray:
-        """The pose with its lowest point on the floor."""
+        """Return the pose with its lowest point on the floor."""
         result = np.array(qpos, dtype=np.float64)
         result[2] -= self.clearance(result)
         return result

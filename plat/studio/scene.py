@@ -1,4 +1,4 @@
-"""What is seen: the robot, keyframes as ghosts, handles to drag them by. Needs the extra ``plat-rl[studio]``."""
+"""Scene: the robot, translucent keyframe poses, and handles to drag them by. Needs the extra ``plat-rl[studio]``."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -19,7 +19,7 @@ _VISUAL_GROUP = 2
 
 
 def set_the_stage(server: viser.ViserServer, world: str) -> None:
-    """Floor (under a node of the scene), light, and a camera that looks at a robot at the origin."""
+    """Add a floor (under a node of the scene), light, and a camera that looks at a robot at the origin."""
     server.scene.configure_environment_map("studio", environment_intensity=0.3)
     server.scene.set_background_image(np.full((2, 2, 3), (198, 209, 220), dtype=np.uint8), format="png")
     server.scene.add_grid(
@@ -38,7 +38,7 @@ def set_the_stage(server: viser.ViserServer, world: str) -> None:
 
 
 class _Bodies:
-    """Shapes of a robot's bodies, and where a pose puts them."""
+    """Meshes of a robot's bodies, and their poses."""
 
     def __init__(self, robot: Robot):
         self._model = robot.shared_model
@@ -52,14 +52,14 @@ class _Bodies:
         self.meshes = [merge_geoms(self._model, list(parts)) for parts in geoms.values()]
 
     def placed(self, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Positions ``[B, 3]`` (m, world) and orientations ``[B, 4]`` of the bodies in a pose ``[7 + J]``."""
+        """Return positions ``[B, 3]`` (m, world) and orientations ``[B, 4]`` of the bodies in a pose ``[7 + J]``."""
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, self._data)
         return self._data.xpos[self.ids], self._data.xquat[self.ids]
 
 
 class RobotView:
-    """The robot in its own colors.
+    """Robot in its own colors.
 
     Args:
         server: the page.
@@ -76,14 +76,14 @@ class RobotView:
         ]
 
     def show(self, qpos: np.ndarray) -> None:
-        """Draw it in a pose ``[7 + J]``."""
+        """Draw the robot in a pose ``[7 + J]``."""
         with self._server.atomic():
             for handle, pos, quat in zip(self._handles, *self._bodies.placed(qpos), strict=True):
                 handle.position, handle.wxyz = pos, quat
 
 
 class Ghosts:
-    """Any number of translucent robots of one color.
+    """Translucent robots of one color, any number of them.
 
     Args:
         server: the page.

@@ -1,4 +1,4 @@
-"""What the studio does, without its page: keyframes with undo, posing, playing, scores and files."""
+"""Studio session without its page: keyframes with undo, posing, playing, scores and files."""
 
 from collections.abc import Callable, Collection, Hashable, Mapping
 from pathlib import Path
@@ -25,7 +25,7 @@ __all__ = ["Session", "common_timing"]
 
 
 class Session:
-    """One robot, the keyframes that are being made for it, and the policies that can chase them.
+    """Editing session: one robot, its keyframes, and the policies that can chase them.
 
     Args:
         robot: the robot.
@@ -66,48 +66,48 @@ class Session:
 
     @property
     def timeline(self) -> Timeline:
-        """The keyframes as they are now."""
+        """Return the current keyframes."""
         return self.history.state
 
     def edit(self, timeline: Timeline, gesture: Hashable = None) -> None:
-        """Go to edited keyframes; see :meth:`plat.studio.history.History.do`."""
+        """Replace the keyframes by edited ones; see :meth:`plat.studio.history.History.do`."""
         self.history.do(timeline, gesture)
         self._keyframes_changed()
 
     def rest(self) -> None:
-        """Nothing was done for a while: what is done next is a step of its own to undo, except within a drag."""
+        """End the current undo step after a pause, except within a drag."""
         if self._grip is None:
             self.history.end_gesture()
 
     def select(self, number: int) -> None:
-        """Select another pose, which is no step to undo."""
+        """Select another pose; this is no undo step."""
         self.history.end_gesture()
         self.history.state = self.timeline.select(number)
 
     def undo(self) -> None:
-        """Take the last edit back."""
+        """Undo the last edit."""
         self.history.undo()
         self._keyframes_changed()
 
     def redo(self) -> None:
-        """Make an edit again that was taken back."""
+        """Redo an undone edit."""
         self.history.redo()
         self._keyframes_changed()
 
     def new(self) -> None:
-        """No keyframes; what was there can be had back by :meth:`undo`."""
+        """Remove all keyframes; :meth:`undo` restores them."""
         self.edit(Timeline.empty(self.robot, self.timing))
 
     def add(self) -> None:
-        """A keyframe after the selected pose, in the same pose."""
+        """Add a keyframe after the selected pose, in the same pose."""
         self.edit(self.timeline.inserted(self.timeline.pose.qpos))
 
     def copy(self) -> None:
-        """Remember the selected pose for :meth:`paste`."""
+        """Copy the selected pose for :meth:`paste`."""
         self._clipboard = self.timeline.pose
 
     def paste(self) -> None:
-        """A keyframe after the selected pose, as it was copied.
+        """Add a keyframe with the copied pose after the selected one.
 
         Raises:
             KeyframeError: when nothing was copied.
@@ -128,23 +128,23 @@ class Session:
     # the selected pose
 
     def pose(self, qpos: np.ndarray, gesture: Hashable = None) -> None:
-        """Put the selected pose at ``[7 + J]``."""
+        """Set the selected pose to ``[7 + J]``."""
         self.edit(self.timeline.posed(qpos), gesture)
 
     def set_joint(self, joint: int, angle: float) -> None:
-        """Turn a joint of the selected pose to an angle (rad)."""
+        """Set a joint of the selected pose to an angle (rad)."""
         qpos = self.timeline.pose.qpos
         qpos[7 + joint] = angle
         self.pose(qpos, gesture=("joint", joint))
 
     def set_root(self, root: np.ndarray, gesture: Hashable) -> None:
-        """Put the root of the selected pose at a position and orientation ``[7]`` (m, ``wxyz``)."""
+        """Set position and orientation of the selected pose's root ``[7]`` (m, ``wxyz``)."""
         qpos = self.timeline.pose.qpos
         qpos[:7] = root
         self.pose(qpos, gesture)
 
     def change_pose(self, change: Callable[[np.ndarray], np.ndarray]) -> None:
-        """Put the selected pose where a function of it says."""
+        """Replace the selected pose by a function of it."""
         self.pose(change(self.timeline.pose.qpos))
 
     def mirror(self) -> None:
@@ -160,41 +160,41 @@ class Session:
         self.change_pose(self.poser.flat)
 
     def stand(self) -> None:
-        """Bring the selected pose to the default pose, where it is."""
+        """Reset the selected pose to the default pose, in place."""
         self.change_pose(lambda qpos: placed(self.robot.default_qpos, self.robot.default_qpos, qpos))
 
     def grab(self, handle: str, held: Collection[str]) -> None:
-        """Begin to drag a handle of the selected pose, others being held."""
+        """Start dragging a handle of the selected pose, with others held."""
         self.history.end_gesture()
         qpos = self.timeline.pose.qpos
         frames = self.poser.frames(qpos)
         self._grip = handle, qpos, {name: frames[name] for name in held}
 
     def drag(self, target: Frame) -> None:
-        """Take the handle that was grabbed to a target, or as near as it comes."""
+        """Move the grabbed handle to a target, or as near as it comes."""
         if self._grip is not None:
             handle, rest, held = self._grip
             qpos = self.poser.dragged(self.timeline.pose.qpos, handle, target, held, rest)
             self.pose(qpos, gesture=("drag", handle))
 
     def release(self) -> None:
-        """Let the handle go."""
+        """End the drag."""
         self._grip = None
         self.history.end_gesture()
 
     # motions
 
     def take_pose(self, clip: MotionClip, time: float, insert: bool) -> None:
-        """A pose out of a clip, put where the selected pose stands: in place of it, or as a keyframe after it."""
+        """Take a pose from a clip to the selected pose's place: as its replacement, or as a keyframe after it."""
         taken = Keyframe.from_motion(self._within_limits(clip), time, self.robot).qpos
         qpos = placed(taken, taken, self.timeline.pose.qpos)
         self.edit(self.timeline.inserted(qpos) if insert else self.timeline.posed(qpos))
 
     def take_stretch(self, clip: MotionClip, begin: float, seconds: float, interval: float) -> None:
-        """A stretch of a clip in place of all keyframes: one every ``interval`` seconds, from where the start stands.
+        """Replace all keyframes by a stretch of a clip: one every ``interval`` seconds, from the start pose's place.
 
         Raises:
-            KeyframeError: when the stretch is shorter than the interval, or the interval is none for a command.
+            KeyframeError: when the stretch is shorter than the interval, or the interval is no valid command length.
         """
         clip = self._within_limits(clip)
         times = np.arange(begin + interval, min(begin + seconds, clip.duration) + 1e-6, interval)
@@ -206,7 +206,7 @@ class Session:
         self.edit(Timeline.of(KeyframeSequence(self.robot, there[0], tuple(there[1:]), self.timing)))
 
     def _within_limits(self, clip: MotionClip) -> MotionClip:
-        # recorded motions are now and then a little beyond the joints' limits; keyframes must not be
+        # recorded motions are sometimes slightly beyond the joint limits; keyframes must not be
         qpos = np.array(clip.qpos)
         qpos[:, 7:] = np.clip(qpos[:, 7:], *self.robot.joint_range.numpy().T)
         return MotionClip(clip.name, qpos, clip.fps)
@@ -215,11 +215,11 @@ class Session:
 
     @property
     def playing(self) -> bool:
-        """Whether a robot is under way."""
+        """Return whether a robot is playing."""
         return self.player is not None and not self.player.finished
 
     def play(self) -> None:
-        """Begin at the start.
+        """Start playing from the start pose.
 
         Raises:
             KeyframeError: when there is no keyframe.
@@ -227,17 +227,17 @@ class Session:
         self.player = Player(self.robot, self._controller(self.policy), self.timeline.sequence())
 
     def stop(self) -> None:
-        """Put the robot away."""
+        """Stop playing and remove the robot."""
         self.player = None
 
     def choose(self, policy: str) -> None:
-        """Play with another policy; it takes over from one that is playing."""
+        """Select another policy; it takes over while playing."""
         self.policy = policy
         if self.player is not None and self.playing:
             self.player.hand_over(self._controller(policy))
 
     def tick(self, seconds: float) -> None:
-        """Let time pass for a robot that is under way."""
+        """Advance a playing robot in time."""
         if self.player is None or self.player.finished:
             return
         self.player.advance(seconds)
@@ -245,7 +245,9 @@ class Session:
             self.scores[self.policy] = scores
 
     def compare(self, timeline: Timeline) -> dict[str, list[KeyframeScore]]:
-        """Scores of every policy on some keyframes, at full speed; for another thread, as nothing here changes.
+        """Compute the scores of every policy on some keyframes, at full speed.
+
+        It changes no state, so another thread may call it.
 
         Raises:
             KeyframeError: when there is no keyframe.
@@ -254,13 +256,15 @@ class Session:
         return {name: score(self.robot, self._controller(name), sequence) for name in self.policies}
 
     def take_scores(self, timeline: Timeline, scores: Mapping[str, list[KeyframeScore]]) -> None:
-        """Keep scores, if they are of the keyframes as they are now."""
+        """Store scores, if they belong to the current keyframes."""
         now = self.timeline
         if timeline.start is now.start and timeline.keyframes is now.keyframes:
             self.scores.update(scores)
 
     def record(self, timeline: Timeline, policy: str, path: str | Path) -> None:
-        """Write a video of a policy that chases some keyframes; for another thread, as nothing here changes.
+        """Write a video of a policy that chases some keyframes.
+
+        It changes no state, so another thread may call it.
 
         Raises:
             KeyframeError: when there is no keyframe.
@@ -293,10 +297,10 @@ class Session:
         self.timeline.sequence().save(Path(path).expanduser())
 
     def load(self, path: str | Path) -> int:
-        """Take the keyframes of a file; it can be undone.
+        """Load the keyframes of a file; this can be undone.
 
         Returns:
-            How many keyframes were added because others were too far apart.
+            Number of keyframes added because others were too far apart.
 
         Raises:
             KeyframeError: naming file, keyframe and field.
@@ -307,14 +311,14 @@ class Session:
         return len(sequence) - len(read_keyframes(path, self.robot)[1])
 
     def to_json(self) -> bytes:
-        """The content of the file that :meth:`save` writes."""
+        """Return the content of the file that :meth:`save` writes."""
         with TemporaryDirectory() as folder:
             path = Path(folder) / "keyframes.json"
             self.save(path)
             return path.read_bytes()
 
     def from_json(self, name: str, content: bytes) -> int:
-        """:meth:`load` of a file's content, ``name`` standing for it in messages."""
+        """Load keyframes from a file's content; ``name`` stands for the file in messages."""
         with TemporaryDirectory() as folder:
             path = Path(folder) / "keyframes.json"
             path.write_bytes(content)
@@ -325,7 +329,7 @@ class Session:
 
 
 def common_timing(policies: Mapping[str, TensorDictModuleBase]) -> Timing:
-    """Return the timing of keyframes that every one of some policies can chase: that with the shortest commands.
+    """Return the timing whose keyframes all of some policies can chase: that with the shortest commands.
 
     Raises:
         StudioError: when the policies have different control steps.

@@ -1,4 +1,4 @@
-"""A picture of keyframes over time."""
+"""Timeline picture: keyframes over time."""
 
 from collections.abc import Sequence
 from html import escape
@@ -10,19 +10,19 @@ __all__ = ["strip"]
 
 _NEUTRAL, _REACHED, _MISSED, _SELECTED, _NOW = "#8d99a6", "#12b76a", "#e5484d", "#1c7ed6", "#f08c00"
 _HEIGHT, _AXIS = 52, 34
-# Where the sliders of a panel begin and end (pixels), so that keyframes stand above their knobs.
+# Begin and end of a panel's sliders (pixels), so that keyframes stand above their knobs.
 _LEFT, _RIGHT = 118, 11
 
 
 def strip(
     timeline: Timeline, end: float, now: float | None = None, scores: Sequence[KeyframeScore] | None = None
 ) -> str:
-    """Keyframes as diamonds on an axis of time, in HTML.
+    """Return HTML that draws keyframes as diamonds on a time axis.
 
     Args:
         timeline: the keyframes.
-        end: seconds that the axis is long.
-        now: second that is being played.
+        end: length of the axis (s).
+        now: time being played (s).
         scores: of the keyframes; reached ones are green, others red.
 
     >>> from plat.robots import G1

@@ -1,4 +1,4 @@
-"""Errors and scores as Markdown."""
+"""Markdown tables of errors and scores."""
 
 from collections.abc import Mapping, Sequence
 
@@ -10,7 +10,7 @@ __all__ = ["keyframe_table", "live_line", "policy_table"]
 
 
 def live_line(step: ChaseStep, errors: PoseErrors) -> str:
-    """Where a robot is on its way: keyframe, time left, and how far from it.
+    """Return the status line of a playing robot: keyframe, time left and current errors.
 
     Args:
         step: the last step.
@@ -25,7 +25,7 @@ def live_line(step: ChaseStep, errors: PoseErrors) -> str:
 
 
 def keyframe_table(timeline: Timeline, scores: Sequence[KeyframeScore] | None) -> str:
-    """One row a keyframe: whether it was reached, and its errors. Empty without scores."""
+    """Return a table with a row per keyframe: whether it was reached, and its errors. Empty without scores."""
     if scores is None:
         return ""
     rows = ["| keyframe | at | reached | joints rad | keypoints m |", "|---|---|---|---|---|"]
@@ -37,7 +37,7 @@ def keyframe_table(timeline: Timeline, scores: Sequence[KeyframeScore] | None) -
 
 
 def policy_table(scores: Mapping[str, Sequence[KeyframeScore]]) -> str:
-    """One row a policy: how many keyframes it reached, and mean errors. Empty without scores."""
+    """Return a table with a row per policy: number of keyframes reached, and mean errors. Empty without scores."""
     if not scores:
         return ""
     rows = ["| policy | reached | joints rad | keypoints m |", "|---|---|---|---|"]
@@ -49,5 +49,5 @@ def policy_table(scores: Mapping[str, Sequence[KeyframeScore]]) -> str:
 
 
 def _plain(text: str) -> str:
-    """Text that Markdown leaves alone."""
+    """Return text with Markdown's special characters escaped."""
     return "".join(f"\\{letter}" if letter in r"\`*_{}[]()#+-.!|<>" else letter for letter in text)

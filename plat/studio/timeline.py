@@ -1,4 +1,4 @@
-"""Keyframes while they are being made: poses, when to be in them, and which of them is selected."""
+"""Editable timeline: poses, their times, and the selection."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ NEW_INTERVAL = 0.6
 
 @dataclass(frozen=True, eq=False)
 class Timeline:
-    """A start pose and keyframes after it, one of these poses selected. Every edit returns another timeline.
+    """Timeline of a start pose and keyframes, one of them selected. Every edit returns a new timeline.
 
     A keyframe keeps its interval from the pose before it: inserting, removing and stretching move all later
     keyframes in time. Intervals are whole control steps and never longer than ``timing.max_steps`` of them, so there is
@@ -49,16 +49,16 @@ class Timeline:
 
     @classmethod
     def empty(cls, robot: RobotJoints, timing: Timing = Timing()) -> Timeline:
-        """The robot standing, and no keyframe yet."""
+        """Return the timeline of a standing robot without keyframes."""
         return cls(robot, standing(robot), timing=timing)
 
     @classmethod
     def of(cls, sequence: KeyframeSequence) -> Timeline:
-        """The keyframes of a sequence, the first one selected."""
+        """Return the timeline of a sequence, the first keyframe selected."""
         return cls(sequence.robot, sequence.start, sequence.keyframes, 1, sequence.timing)
 
     def sequence(self) -> KeyframeSequence:
-        """What is played and saved.
+        """Return the sequence to play and save.
 
         Raises:
             KeyframeError: while there is no keyframe.
@@ -67,51 +67,51 @@ class Timeline:
 
     @property
     def poses(self) -> tuple[Keyframe, ...]:
-        """The start and all keyframes."""
+        """Return the start and all keyframes."""
         return (self.start, *self.keyframes)
 
     @property
     def pose(self) -> Keyframe:
-        """The selected one."""
+        """Return the selected pose."""
         return self.poses[self.selected]
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """What to call each pose: ``start``, then number and name."""
+        """Return the label of each pose: ``start``, then number and name."""
         return ("start", *(f"{number} {frame.name or ''}".strip() for number, frame in enumerate(self.keyframes, 1)))
 
     @property
     def interval(self) -> float:
-        """Seconds from the pose before to the selected one; 0 for the start."""
+        """Return the seconds from the previous pose to the selected one; 0 for the start."""
         return self.timing.control_dt * self._steps()[self.selected - 1] if self.selected else 0.0
 
     def select(self, number: int) -> Timeline:
-        """The same with another pose selected; numbers beyond the ends select the ends."""
+        """Select another pose; numbers beyond the ends select the ends."""
         return replace(self, selected=min(max(number, 0), len(self.keyframes)))
 
     def posed(self, qpos: np.ndarray) -> Timeline:
-        """The selected pose replaced by ``[7 + J]``; its time and name stay."""
+        """Replace the selected pose by ``[7 + J]``; its time and name stay."""
         pose = Keyframe.from_qpos(self.pose.time, qpos, self.pose.name)
         frames = [*self.poses]
         frames[self.selected] = pose
         return replace(self, start=frames[0], keyframes=tuple(frames[1:]))
 
     def renamed(self, name: str) -> Timeline:
-        """The selected keyframe under another name; none for an empty one."""
+        """Rename the selected keyframe; an empty name removes it."""
         self._check_keyframe("renamed")
         frames = [*self.keyframes]
         frames[self.selected - 1] = replace(self.pose, name=name.strip() or None)
         return replace(self, keyframes=tuple(frames))
 
     def inserted(self, qpos: np.ndarray, interval: float = NEW_INTERVAL, name: str | None = None) -> Timeline:
-        """A keyframe ``[7 + J]`` after the selected pose, ``interval`` seconds later; it is selected."""
+        """Insert a keyframe ``[7 + J]`` ``interval`` seconds after the selected pose, and select it."""
         frames, steps = [*self.keyframes], self._steps()
         frames.insert(self.selected, Keyframe.from_qpos(0.0, qpos, name))
         steps.insert(self.selected, self._allowed(interval))
         return self._spaced(frames, steps, self.selected + 1)
 
     def removed(self) -> Timeline:
-        """Without the selected keyframe; the one that takes its place is selected.
+        """Remove the selected keyframe and select its successor.
 
         Raises:
             KeyframeError: for the start.
@@ -122,7 +122,7 @@ class Timeline:
         return self._spaced(frames, steps, min(self.selected, len(frames)))
 
     def moved(self, places: int) -> Timeline:
-        """The selected keyframe later (or earlier) in the order, its interval going with it; it stays selected.
+        """Move the selected keyframe later (or earlier) in the order, with its interval; it stays selected.
 
         Raises:
             KeyframeError: for the start.
@@ -136,7 +136,7 @@ class Timeline:
         return self._spaced(frames, steps, there + 1)
 
     def stretched(self, interval: float) -> Timeline:
-        """The selected keyframe ``interval`` seconds after the pose before it; later ones move with it.
+        """Set the selected keyframe's interval from the previous pose (s); later keyframes move along.
 
         Raises:
             KeyframeError: for the start.
@@ -147,7 +147,7 @@ class Timeline:
         return self._spaced(self.keyframes, steps, self.selected)
 
     def retimed(self, number: int, time: float) -> Timeline:
-        """Keyframe ``number`` at a time (s), or as near to it as its neighbors let it come; no other one moves."""
+        """Move keyframe ``number`` to a time (s), limited by its neighbors; no other one moves."""
         steps = self._steps()
         before, longest = sum(steps[: number - 1]), self.timing.max_steps
         if number < len(steps):
@@ -162,7 +162,7 @@ class Timeline:
         return self._spaced(self.keyframes, steps, self.selected)
 
     def _steps(self) -> list[int]:
-        """Control steps from each pose to the next."""
+        """Return the control steps from each pose to the next."""
         arrivals = [self.timing.steps(pose.time) for pose in self.poses]
         return [after - before for before, after in pairwise(arrivals)]
 

@@ -27,7 +27,7 @@ def test_it_is_plats_task(library: MotionLibrary, noise: float):
         single.place(int(current["motion", "frame"]), int(current["command", "target_frame"]), qpos, qvel)
         for _ in range(80):
             observation = torch.cat([current[key] for key in KEYS], -1)[0].numpy()
-            single.target_frame = int(current["command", "target_frame"])  # commands are drawn anew on arrival
+            single.target_frame = int(current["command", "target_frame"])  # a command is drawn on arrival
             np.testing.assert_allclose(single.observe(), observation, atol=2e-4)
             goal, action = current["goal", "joint_pos"], noise * torch.randn(1, 29)
             current["action"] = action + (goal - library.robot.default_joint_pos) / library.robot.action_scale

@@ -33,7 +33,7 @@ def test_a_robot_that_stays_where_it_is_reaches_where_it_is():
     assert here.joint_error < 0.05
     assert (there.index, there.name) == (1, None)
     assert not there.reached
-    # half a metre up, less what the line between the keyframes lacks of it in the last three steps
+    # half a meter up, less what the line between the keyframes lacks of it in the last three steps
     assert there.keypoint_error == pytest.approx(0.45, abs=0.03)
 
 

@@ -162,7 +162,7 @@ def test_evaluating_draws_no_random_numbers(library):
     assert torch.rand(1) == expected
 
 
-def test_randomisation_is_drawn_from_the_seed(two_clips):
+def test_randomization_is_drawn_from_the_seed(two_clips):
     pushed = RandomizationRanges(push_interval=(0.1, 0.2))
 
     def errors(**settings):

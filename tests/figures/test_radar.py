@@ -25,10 +25,10 @@ def test_outlines_are_the_figures_and_close():
 
 def test_outward_is_better():
     tks, mpjpe, _ = radar_plot(made_up("DAgger", "PLAT")).axes
-    centre, rim = tks.get_ylim()
-    assert centre < min(outline(tks, "DAgger")) <= max(outline(tks, "PLAT")) <= rim
-    centre, rim = mpjpe.get_ylim()
-    assert centre > max(outline(mpjpe, "DAgger")) >= min(outline(mpjpe, "PLAT")) >= rim
+    center, rim = tks.get_ylim()
+    assert center < min(outline(tks, "DAgger")) <= max(outline(tks, "PLAT")) <= rim
+    center, rim = mpjpe.get_ylim()
+    assert center > max(outline(mpjpe, "DAgger")) >= min(outline(mpjpe, "PLAT")) >= rim
 
 
 @pytest.mark.parametrize("policies", [("PLAT",), ("DAgger", "PLAT")])

@@ -6,7 +6,7 @@ from plat.modules import GoalLead, KeyframeLead
 
 
 def goals(*roots: list[float]) -> TensorDict:
-    """Frames whose root is here (m) and whose two keypoints are on it and a metre above."""
+    """Frames whose root is here (m) and whose two keypoints are on it and a meter above."""
     frames = {}
     for number, root in enumerate(roots, 1):
         position = torch.tensor([root])
@@ -44,7 +44,7 @@ def test_a_lead_takes_two_frames():
 @pytest.mark.parametrize(
     ("time_left", "ahead"),
     [
-        (1.0, 0.05),  # a metre in a second takes 1 m/s
+        (1.0, 0.05),  # a meter in a second takes 1 m/s
         (0.25, 0.2),
         (0.1, 0.5),
         (0.02, 0.5),  # not 2.5 m

@@ -52,7 +52,7 @@ def test_the_committed_policy_gets_there_and_a_limp_robot_does_not(sequence, pol
 
 
 def test_errors_are_the_distance_to_the_commanded_keyframe():
-    ahead = G1.default_qpos + np.eye(36)[0]  # a metre
+    ahead = G1.default_qpos + np.eye(36)[0]  # a meter
     player = Player(G1, Puppet(), Timeline.empty(G1).inserted(ahead, 1.0).sequence())
     player.advance(0.0201)
     assert player.errors[0].keypoint == pytest.approx(1.0, abs=0.01)

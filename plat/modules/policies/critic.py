@@ -36,7 +36,7 @@ class Critic(nn.Module):
         self.network = mlp(size, hidden, 1)
 
     def observe(self) -> TensorDictModule:
-        """Module that writes the normalised ``critic_observation``."""
+        """Module that writes the normalized ``critic_observation``."""
         return self.normalizer.using(out_key="critic_observation")
 
     def head(self) -> TensorDictModule:

@@ -1,4 +1,4 @@
-"""Motions for the G1 from parameters and a seed, offline and with no data set behind them."""
+"""Generated motions for the G1 from parameters and a seed, offline and without a data set."""
 
 import logging
 import zlib
@@ -29,16 +29,16 @@ _LOG = logging.getLogger(__name__)
 def generate_motions(
     split: str, seconds: float = 240.0, families: tuple[str, ...] = (), robot: Robot = G1
 ) -> list[MotionClip]:
-    """Clips that go round the families until there is enough motion.
+    """Generate clips of all families in turn until there is enough motion.
 
     Each clip begins and ends at rest and is sound by :class:`plat.motions.generation.soundness.SoundnessLimits`:
-    feet do not slip, the zero-moment point of all bodies is over the feet, no joint limit is broken, and nothing is
-    inside anything else. Draws that are not are thrown away (and logged at level DEBUG). The same arguments give the
+    feet do not slip, the zero-moment point of all bodies is over the feet, no joint limit is broken, and no
+    bodies intersect. Other draws are rejected (and logged at level DEBUG). The same arguments give the
     same clips on every machine up to rounding.
 
     Args:
         split: ``"train"``, ``"val"`` or ``"test"``: sets that share no seed.
-        seconds: at least this much motion in all.
+        seconds: smallest total length of the motion.
         families: names from :data:`plat.motions.generation.families.FAMILIES`; by default all.
         robot: the robot.
 
@@ -70,7 +70,8 @@ def generate_motions(
 
 
 def generate_named(name: str, robot: Robot = G1) -> list[MotionClip]:
-    """The clips of ``generated:SPLIT``, ``generated:SPLIT@SECONDS``, or either with ``/FAMILY+FAMILY`` after the split.
+    """Generate the clips of ``generated:SPLIT``, ``generated:SPLIT@SECONDS``, or either with ``/FAMILY+FAMILY`` after
+    SPLIT.
 
     Raises:
         MotionError: for a name of another form, or a split or family that there is not.
@@ -91,7 +92,7 @@ def generate_named(name: str, robot: Robot = G1) -> list[MotionClip]:
 
 
 def _sound(name: str, family: Family, solver: Solver) -> np.ndarray:
-    """The first draw of a family that is a sound motion."""
+    """Return the first sound draw of a family."""
     # the name is the seed, so that a set of other size or families holds the same clips
     rng = np.random.default_rng(zlib.crc32(name.encode()))
     for _ in range(_ATTEMPTS):
@@ -106,12 +107,12 @@ def _sound(name: str, family: Family, solver: Solver) -> np.ndarray:
             faults = [str(error)]
         if not faults:
             return qpos
-        _LOG.debug("motion %r drawn anew: %s", name, "; ".join(faults))
+        _LOG.debug("motion %r rejected and drawn again: %s", name, "; ".join(faults))
     raise MotionError(f"motion {name!r}: {_ATTEMPTS} draws and none is sound; the last: {'; '.join(faults)}")
 
 
 def _posture(rng: np.random.Generator) -> tuple[np.ndarray, dict[str, float]]:
-    """A stance ``[2, 3]`` (m, m, rad) and resting values to start from."""
+    """Return a stance ``[2, 3]`` (m, m, rad) and resting values to start from."""
     width, splay = rng.uniform(0.09, 0.125), rng.uniform(0.0, 0.12)
     home = {"pelvis_height": -rng.uniform(0.0, 0.025), "waist_pitch": rng.uniform(0.0, 0.06)}
     arms = {"shoulder_pitch": rng.uniform(0.1, 0.3), "elbow": rng.uniform(0.5, 1.1)}

@@ -1,4 +1,4 @@
-"""Where the centre of mass must be for the robot not to tip over, and what the whole body really does."""
+"""Balance: center of mass from the zero-moment point, and the zero-moment point of the whole body."""
 
 import mujoco
 import numpy as np
@@ -11,16 +11,16 @@ _GRAVITY = 9.81
 
 
 class InvertedPendulum:
-    """Centre of mass whose zero-moment point follows a wanted one.
+    """Center-of-mass trajectory whose zero-moment point follows a given one.
 
-    The linear inverted pendulum has its zero-moment point at ``c - (h / g) c''``. Discretised, with the motion at
-    rest over its first and last point, that is a linear system in all frames at once; its solution leans into every
-    step before it begins, as preview control does.
+    The linear inverted pendulum has its zero-moment point at ``c - (h / g) c''``. Discretized, with the motion at
+    rest over its first and last point, that is a linear system in all frames at once. Its solution anticipates every
+    step, as preview control does.
 
     Args:
         count: number of frames F.
-        height: of the centre of mass above the floor (m).
-        dt: seconds a frame.
+        height: of the center of mass above the floor (m).
+        dt: seconds per frame.
 
     Source: Kajita et al., "Biped walking pattern generation by using preview control of zero-moment point", 2003.
 
@@ -39,13 +39,13 @@ class InvertedPendulum:
         self._factors = torch.linalg.lu_factor(system)
 
     def com(self, zmp: np.ndarray) -> np.ndarray:
-        """Horizontal centre of mass ``[F, 2]`` (m) for a zero-moment point ``[F, 2]`` (m)."""
+        """Return the horizontal center of mass ``[F, 2]`` (m) for a zero-moment point ``[F, 2]`` (m)."""
         solution: Tensor = torch.linalg.lu_solve(*self._factors, torch.from_numpy(zmp))
         return solution.numpy()
 
 
 def zero_moment_point(model: mujoco.MjModel, qpos: np.ndarray, dt: float) -> np.ndarray:
-    """Point on the floor where the ground's reaction has no horizontal moment, by the dynamics of all bodies.
+    """Compute the zero-moment point, where the ground reaction has no horizontal moment, by the dynamics of all bodies.
 
     Velocities and accelerations are finite differences; MuJoCo's inverse dynamics without contacts give the force
     and the moment on the root that the motion needs, and these must come from the ground.

@@ -8,7 +8,7 @@ __all__ = ["fade", "minimum_jerk", "moves"]
 
 
 def minimum_jerk(progress: np.ndarray) -> np.ndarray:
-    """Position 0..1 of a minimum-jerk movement at ``progress`` 0..1 (clamped); Flash and Hogan, 1985.
+    """Return the position 0..1 of a minimum-jerk movement at ``progress`` 0..1 (clamped); Flash and Hogan, 1985.
 
     >>> minimum_jerk(np.array([-1.0, 0.5, 1.0])).tolist()
     [0.0, 0.5, 1.0]
@@ -18,7 +18,7 @@ def minimum_jerk(progress: np.ndarray) -> np.ndarray:
 
 
 def moves(time: np.ndarray, start: float, changes: Sequence[tuple[float, float, float]]) -> np.ndarray:
-    """A value ``[F]`` at times ``[F]`` (s) that begins at ``start`` and makes one minimum-jerk change after another.
+    """Return a value ``[F]`` at times ``[F]`` (s) that starts at ``start`` and sums minimum-jerk changes.
 
     Args:
         time: ``[F]`` (s).
@@ -34,5 +34,5 @@ def moves(time: np.ndarray, start: float, changes: Sequence[tuple[float, float, 
 
 
 def fade(time: np.ndarray, begin: float, end: float, edge: float) -> np.ndarray:
-    """A weight ``[F]`` that is 1 between ``begin`` and ``end`` (s) but for a soft edge (s) inside each, else 0."""
+    """Return a weight ``[F]``: 1 between ``begin`` and ``end`` (s) with a soft edge (s) inside each, else 0."""
     return minimum_jerk((time - begin) / edge) * minimum_jerk((end - time) / edge)

@@ -1,4 +1,4 @@
-"""Footsteps: the feet one after the other, and the weight with them."""
+"""Footsteps: alternating steps with the weight shifts between them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,35 +12,35 @@ __all__ = ["Gait", "take_steps"]
 
 @dataclass(frozen=True)
 class Gait:
-    """How steps are taken."""
+    """Parameters of a gait."""
 
     step_time: float
-    """seconds a step"""
+    """seconds per step"""
     double_support: float = 0.3
-    """share of it with both feet on the floor"""
+    """fraction of a step with both feet on the floor"""
     clearance: float = 0.05
     """height of the swinging sole in mid-swing (m)"""
     roll: float = 0.0
-    """how far the weight rolls forward under the standing foot (m)"""
+    """distance that the weight rolls forward under the stance foot (m)"""
     heel_off: float = 0.0
-    """pitch of the foot when it leaves the floor (rad)"""
+    """pitch of the foot at lift-off (rad)"""
     toes_up: float = 0.0
-    """pitch of the foot the other way when it lands (rad)"""
+    """pitch of the foot at landing, in the opposite direction (rad)"""
     onset: float = 0.6
-    """seconds in which the weight goes onto the first standing foot, and back between the feet at the end"""
+    """duration of the initial weight shift onto the stance foot, and of the final one back between the feet (s)"""
 
 
 def take_steps(score: Score, steps: Sequence[tuple[int, np.ndarray]], gait: Gait) -> None:
-    """Write footsteps, from standing to standing; time goes on to their end.
+    """Write footsteps, from standing to standing; time advances to their end.
 
     During the first part of a step both feet are down and the weight goes onto the foot that stays; then the other
     swings. With ``heel_off`` and ``toes_up`` feet roll: the heel rises once the weight is on the toes, and the sole
     comes down after the heel has landed.
 
     Args:
-        score: what is written to.
+        score: script to write to.
         steps: the foot (0 left, 1 right) and its new place: x, y (m) and yaw (rad) ``[3]``.
-        gait: how.
+        gait: parameters.
     """
     shift, last = gait.double_support * gait.step_time, len(steps) - 1
     for number, (foot, place) in enumerate(steps):

@@ -1,4 +1,4 @@
-"""A motion as it is written down: what each part of the body does when, before legs and balance are solved."""
+"""Motion score: a script of channels and footsteps over time, before legs and balance are solved."""
 
 from collections import defaultdict
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ SOLE_CENTER = 0.035
 
 @dataclass
 class Draft:
-    """A score sampled in time.
+    """Sampled score: channels, feet and zero-moment point over time.
 
     Attributes:
         time: ``[F]`` (s).
@@ -35,7 +35,7 @@ class Draft:
     zmp: np.ndarray
 
     def channel(self, name: str) -> np.ndarray:
-        """Value ``[F]`` of any channel."""
+        """Return the value ``[F]`` of any channel."""
         return self.channels.get(name, np.zeros(len(self.time)))
 
 
@@ -49,7 +49,7 @@ class _Swing:
 
 
 class Score:
-    """What a robot does, written from the start to the end; the time that is written at is ``now``.
+    """Motion script, written from start to end; ``now`` is the current time of writing.
 
     Channels, each with a resting value (``home``, else 0) that the motion starts from:
 
@@ -85,7 +85,8 @@ class Score:
         self._weight: list[tuple[float, np.ndarray]] = [(0.0, self.under(0.5))]
 
     def under(self, right: float, forward: float = 0.0) -> np.ndarray:
-        """A point on the floor ``[2]`` (m) between the middles of the soles, ``right`` 0..1 of the way to the right.
+        """Return a point on the floor ``[2]`` (m) between the middles of the soles, ``right`` 0..1 of the way to the
+        right.
 
         ``forward`` (m) shifts it along the heading of the feet.
         """
@@ -94,22 +95,22 @@ class Score:
         return soles[LEFT] + right * (soles[RIGHT] - soles[LEFT])
 
     def wait(self, seconds: float) -> None:
-        """Go on in time."""
+        """Advance the time of writing."""
         self.now += seconds
 
     def move(self, targets: Mapping[str, float], seconds: float, delay: float = 0.0) -> None:
-        """Take channels to new values, beginning ``delay`` seconds from now; time does not go on."""
+        """Move channels to new values, beginning ``delay`` seconds from now; time does not advance."""
         for channel, target in targets.items():
             change = target - self._value.get(channel, 0.0)
             self._changes[channel].append((self.now + delay, seconds, change))
             self._value[channel] = target
 
     def shift(self, changes: Mapping[str, float], seconds: float, delay: float = 0.0) -> None:
-        """Like :meth:`move`, by amounts relative to the resting values."""
+        """Move channels by amounts relative to the resting values; see :meth:`move`."""
         self.move({name: self.home.get(name, 0.0) + change for name, change in changes.items()}, seconds, delay)
 
     def rest(self, seconds: float, delay: float = 0.0) -> None:
-        """Take every channel back to its resting value."""
+        """Move every channel back to its resting value."""
         self.shift(dict.fromkeys(self._value, 0.0), seconds, delay)
 
     def wave(
@@ -119,22 +120,22 @@ class Score:
         self._waves.append((channel, np.array([self.now, seconds, amplitude, frequency, phase, edge])))
 
     def swing_arms(self, gain: float, begin: float) -> None:
-        """From ``begin`` (s) until now each arm follows the foot of the other side: ``gain`` rad a metre."""
+        """Swing each arm with the opposite foot, from ``begin`` (s) until now: ``gain`` rad per meter."""
         self._arm_swings.append((begin, self.now, gain))
 
     def weigh(self, point: np.ndarray, seconds: float, delay: float = 0.0) -> None:
-        """Take the weight (the zero-moment point) to a point on the floor ``[2]`` at a steady speed."""
+        """Move the weight (the zero-moment point) to a point on the floor ``[2]`` at a steady speed."""
         begin = self.now + delay
         self._weight += [(begin, self._weight[-1][1]), (begin + seconds, np.asarray(point))]
 
     def step(self, foot: int, place: np.ndarray, seconds: float, clearance: float, delay: float = 0.0) -> None:
-        """Put a foot down elsewhere: x, y (m) and yaw (rad) ``[3]``; the sole rises to ``clearance`` (m) between."""
+        """Move a foot to x, y (m) and yaw (rad) ``[3]``; the sole rises to ``clearance`` (m) on the way."""
         change = np.asarray(place) - self.feet[foot]
         self._swings.append(_Swing(foot, self.now + delay, seconds, change, clearance))
         self.feet[foot] = place
 
     def draft(self, dt: float) -> Draft:
-        """Sample what is written every ``dt`` seconds."""
+        """Sample the score every ``dt`` seconds."""
         time = np.arange(round(self.now / dt) + 1) * dt
         place = np.repeat(self._start[None], len(time), 0)
         up = np.zeros((len(time), 2))

@@ -1,4 +1,4 @@
-"""From a draft to poses: legs by inverse kinematics, the pelvis where balance wants it."""
+"""Motion solver: legs by inverse kinematics, and the pelvis where balance needs it."""
 
 import numpy as np
 import torch
@@ -21,14 +21,14 @@ _TOE, _HEEL, _EDGE = 0.12, -0.05, -0.03  # m: where a tilted foot touches the fl
 _ALOFT = 0.05  # m: height of the sole from which on a foot is in the air
 _LONGEST_LEG = 0.612  # m from the hip roll axis to the ankle; straight it is 0.622, but knees stay bent
 _SMOOTHING = 9  # frames to either side over which the pelvis gives way to a leg that would be too short
-_ROUNDS, _SETTLED = 6, 2  # of so many, after so many the pelvis is nearly where it will be
-_OUT_OF_REACH = 1e-3  # m and rad: a foot on the floor that stays further off cannot be put where it belongs
+_ROUNDS, _SETTLED = 6, 2  # total iterations, and those after which the pelvis has nearly converged
+_OUT_OF_REACH = 1e-3  # m and rad: largest remaining error of a foot on the floor
 # Above this height (m) a foot may tilt where its ankle ends; then a radian counts as this much (m).
 _FREE, _LIFTED_WEIGHT = 0.03, 0.03
 
 
 class Solver:
-    """Turns drafts into balanced poses of a robot.
+    """Solver that turns drafts into balanced poses of a robot.
 
     Args:
         body: the robot's kinematics.
@@ -45,10 +45,10 @@ class Solver:
         self._hips = torch.from_numpy(np.stack([self._model.body_pos[h] for h in hips]) + np.stack(pitch))
 
     def poses(self, draft: Draft) -> np.ndarray:
-        """Positions ``[F, 7 + J]``.
+        """Return the poses ``[F, 7 + J]`` of a draft.
 
-        The pelvis is first put where the inverted pendulum wants the centre of mass; then the zero-moment point of
-        all bodies is measured, and what it is off by goes through the pendulum once more, until it fits.
+        The inverted pendulum first gives the center of mass, and so the pelvis. The zero-moment point of all bodies is
+        then measured, and its error fed through the pendulum again, until it fits.
 
         Raises:
             MotionError: when a foot is out of reach.
@@ -91,7 +91,7 @@ class Solver:
         raise MotionError(f"the {SIDES[foot]} foot is out of reach at frame {frame}, with {names} at their limits")
 
     def _height_in_reach(self, root_pos: Tensor, root_quat: Tensor, feet_pos: Tensor, wanted: np.ndarray) -> np.ndarray:
-        """Height of the root ``[F]`` at which no leg is too short, smooth in time."""
+        """Return the height of the root ``[F]`` at which no leg is too short, smooth in time."""
         hips = quat_rotate(root_quat[:, None], self._hips)
         aside = (feet_pos - root_pos[:, None] - hips)[..., :2].square().sum(-1)
         highest = feet_pos[..., 2] + (_LONGEST_LEG**2 - aside).clamp_min(0.01).sqrt() - hips[..., 2]
@@ -103,12 +103,12 @@ class Solver:
 
 
 def _turned(axis: int, angle: np.ndarray) -> Tensor:
-    """Quaternions ``[*B, 4]`` of turns by ``[*B]`` (rad) about x, y or z."""
+    """Return quaternions ``[*B, 4]`` of rotations by ``[*B]`` (rad) about x, y or z."""
     return quat_from_rotvec(torch.from_numpy(angle)[..., None] * torch.eye(3, dtype=torch.float64)[axis])
 
 
 def _feet(draft: Draft) -> tuple[Tensor, Tensor]:
-    """Positions ``[F, 2, 3]`` and orientations ``[F, 2, 4]`` of the ankle bodies."""
+    """Return positions ``[F, 2, 3]`` and orientations ``[F, 2, 4]`` of the ankle bodies."""
     pitch = np.stack([draft.channel(f"{side}_foot_pitch") for side in SIDES], -1)
     turn, tilt = _turned(2, draft.foot_yaw), _turned(1, pitch)
     # a foot that lifts its heel turns about the toe, one that lifts its toes about the heel, and one in the air about

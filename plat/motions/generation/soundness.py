@@ -1,4 +1,4 @@
-"""Is a motion one that a robot could do? Measured on its poses alone."""
+"""Kinematic feasibility checks: slip, penetration, ZMP balance, joint limits, speeds, self-collision."""
 
 from dataclasses import dataclass
 from itertools import combinations
@@ -19,30 +19,30 @@ _MOTOR_SPEED = {
     **dict.fromkeys(("wrist_pitch", "wrist_yaw"), 22.0),
 }
 _MOTOR_SPEED_5020 = 37.0
-_DOWN = 0.003  # m: a point of the sole that is no higher bears load
+_DOWN = 0.003  # m: points of the sole up to this height bear load
 
 
 @dataclass(frozen=True)
 class SoundnessLimits:
-    """What a generated motion keeps to."""
+    """Limits that a generated motion satisfies."""
 
     slip: float = 0.005
-    """m that a point of the sole moves while it is on the floor"""
+    """largest distance that a point of the sole moves while on the floor (m)"""
     penetration: float = 0.005
-    """m that a point of the sole is below the floor"""
+    """largest depth of a sole's point below the floor (m)"""
     balanced: float = 0.99
-    """share of the frames with the zero-moment point inside the support polygon"""
+    """smallest fraction of the frames with the zero-moment point inside the support polygon"""
     joint_excess: float = 0.0
-    """rad beyond a joint's range"""
+    """largest excess over a joint's range (rad)"""
     speed: float = 0.7
-    """largest joint speed, as a share of the motor's top speed"""
+    """largest joint speed, as a fraction of the motor's top speed"""
     self_penetration: float = 0.005
-    """m that parts of the body are inside each other"""
+    """largest depth of self-collision (m)"""
 
 
 @dataclass(frozen=True)
 class Soundness:
-    """What :func:`measure_soundness` found; fields as in :class:`SoundnessLimits`."""
+    """Result of :func:`measure_soundness`; fields as in :class:`SoundnessLimits`."""
 
     slip: float
     penetration: float
@@ -52,7 +52,7 @@ class Soundness:
     self_penetration: float
 
     def faults(self, limits: SoundnessLimits | None = None) -> list[str]:
-        """What is beyond its limit, in words; nothing for a sound motion."""
+        """Return what exceeds its limit, in words; empty for a sound motion."""
         limits = limits or SoundnessLimits()
         faults = []
         for name, limit in vars(limits).items():
@@ -63,12 +63,12 @@ class Soundness:
 
 
 def speed_limits(robot: Robot) -> np.ndarray:
-    """Top speed of every joint's motor ``[J]`` (rad/s)."""
+    """Return the top speed of every joint's motor ``[J]`` (rad/s)."""
     return np.array([_MOTOR_SPEED.get(without_side(name), _MOTOR_SPEED_5020) for name in robot.joint_names])
 
 
 def measure_soundness(robot: Robot, qpos: np.ndarray, dt: float) -> Soundness:
-    """Feet, balance, joints and self-contact of poses ``[F, 7 + J]``, ``dt`` seconds apart.
+    """Measure feet, balance, joints and self-collision of poses ``[F, 7 + J]``, ``dt`` seconds apart.
 
     >>> from plat.robots import G1
     >>> raised = np.tile(G1.default_qpos, (5, 1))
@@ -96,7 +96,7 @@ def measure_soundness(robot: Robot, qpos: np.ndarray, dt: float) -> Soundness:
 
 
 def _contacts(robot: Robot, model: mujoco.MjModel, qpos: np.ndarray) -> tuple[np.ndarray, float]:
-    """Lowest points of the soles ``[F, 2, P, 3]`` (m, world) and how deep parts of the body are in each other (m)."""
+    """Return the lowest points of the soles ``[F, 2, P, 3]`` (m, world) and the depth of self-collision (m)."""
     data = mujoco.MjData(model)
     soles = robot.sole_geoms(model)
     points, depth = [], 0.0
@@ -109,7 +109,7 @@ def _contacts(robot: Robot, model: mujoco.MjModel, qpos: np.ndarray) -> tuple[np
 
 
 def _slip(points: np.ndarray, down: np.ndarray) -> float:
-    """Largest distance (m) of a point from where it touched down, while it stays down."""
+    """Return the largest distance (m) of a point from its touch-down position, while it stays down."""
     touch = points[..., :2].copy()
     for frame in range(1, len(touch)):
         stays = (down[frame] & down[frame - 1])[..., None]
@@ -118,7 +118,7 @@ def _slip(points: np.ndarray, down: np.ndarray) -> float:
 
 
 def support_margin(points: np.ndarray, down: np.ndarray, zmp: np.ndarray) -> np.ndarray:
-    """How far ``zmp`` ``[F, 2]`` is inside the convex hull of the points that are down ``[F]`` (m; negative: outside).
+    """Return the margin of ``zmp`` ``[F, 2]`` inside the convex hull of loaded points ``[F]`` (m; negative: outside).
 
     Args:
         points: ``[F, 2, P, 3]`` (m).

@@ -1,4 +1,4 @@
-"""Inverse kinematics of the legs and the centre of mass, for all frames of a motion at once."""
+"""Inverse kinematics of the legs, and the center of mass, for all frames of a motion at once."""
 
 import mujoco
 import torch
@@ -18,10 +18,10 @@ _LARGEST_STEP = 0.3  # rad
 
 
 class WholeBody:
-    """Poses of a robot with two six-joint legs from where its root and feet are to be.
+    """Whole-body poses of a robot with two six-joint legs, from given poses of its root and feet.
 
     Args:
-        robot: the robot; its leg joints are called as those of the G1.
+        robot: its leg joints are named like those of the G1.
 
     >>> from plat.robots import G1
     >>> body = WholeBody(G1)
@@ -47,7 +47,7 @@ class WholeBody:
         orientation_weight: Tensor,
         joint_pos: Tensor,
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Leg angles that put both feet where they are wanted.
+        """Solve for leg angles that put both feet at their targets.
 
         Args:
             root_pos: ``[F, 3]`` (m, world).
@@ -56,7 +56,7 @@ class WholeBody:
             feet_quat: their orientations ``[F, 2, 4]``.
             orientation_weight: meters that a radian of each foot's orientation counts as ``[F, 2]``, where joint
                 limits do not let a foot have both.
-            joint_pos: all angles ``[F, J]`` (rad); those of the legs are where the search begins.
+            joint_pos: all angles ``[F, J]`` (rad); those of the legs are the initial guess.
 
         Returns:
             ``joint_pos`` with the legs solved as well as they can be, and how far each foot stays off in position
@@ -73,14 +73,14 @@ class WholeBody:
         return joint_pos, pos_off, rot_off
 
     def center_of_mass(self, qpos: Tensor) -> Tensor:
-        """Centre of mass ``[F, 3]`` (m, world) of poses ``[F, 7 + J]``."""
+        """Return the center of mass ``[F, 3]`` (m, world) of poses ``[F, 7 + J]``."""
         pos, quat = self._all_bodies(*qpos.split((3, 4, self.robot.num_joints), -1))
         body_com = pos + quat_rotate(quat, self._local_com)
         return (self._mass[:, None] * body_com).sum(-2) / self._mass.sum()
 
 
 class _Leg:
-    """Damped Gauss-Newton on the six joints of a leg, with the geometric Jacobian and the joints' limits."""
+    """Inverse kinematics of a six-joint leg: damped Gauss-Newton with the geometric Jacobian and joint limits."""
 
     def __init__(self, robot: Robot, model: mujoco.MjModel, side: str):
         self._joints = [robot.joint_names.index(f"{side}_{joint}") for joint in _LEG]
@@ -111,7 +111,7 @@ class _Leg:
             jacobian, error = weight[rows, :, None] * jacobian, weight[rows] * error
             angle = joint_pos[rows][:, self._joints]
             downhill = (jacobian.transpose(-1, -2) @ error[..., None])[..., 0]
-            # a joint that is pushed against its limit stays there, and the others do what is left
+            # a joint at its limit stays there, and the others take the remaining error
             stuck = ((angle <= low) & (downhill < 0)) | ((angle >= high) & (downhill > 0))
             jacobian = jacobian.masked_fill(stuck[:, None], 0.0)
             normal = jacobian.transpose(-1, -2) @ jacobian + torch.diag_embed(_DAMPING + stuck.to(jacobian))
@@ -127,7 +127,7 @@ class _Leg:
     def _off(
         self, root_pos: Tensor, root_quat: Tensor, foot_pos: Tensor, foot_quat: Tensor, joint_pos: Tensor
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Poses of the leg's six bodies, and what the foot is off by ``[n, 6]`` (m, rotation vector in rad)."""
+        """Return the poses of the leg's six bodies, and the foot's error ``[n, 6]`` (m, rotation vector in rad)."""
         pos, quat = self._kinematics(root_pos, root_quat, joint_pos)
         turn = quat_to_rotvec(quat_multiply(foot_quat, quat_conjugate(quat[:, -1])))
         return pos, quat, torch.cat((foot_pos - pos[:, -1], turn), -1)

@@ -1,6 +1,6 @@
-"""The parts of the page, one a module: each turns what users do into calls of the session, and shows the session.
+"""Panels of the page: each turns user input into calls of the session, and shows the session's state.
 
-Nothing is decided here; that is the session's.
+All decisions are the session's.
 """
 
 from plat.studio.panels.files import FilePanel

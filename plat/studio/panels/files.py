@@ -1,4 +1,4 @@
-"""Keyframe files, and videos."""
+"""Panel of keyframe files and videos."""
 
 from pathlib import Path
 
@@ -12,12 +12,12 @@ __all__ = ["FilePanel"]
 
 
 class FilePanel:
-    """Saves and loads keyframes in one folder of the studio's machine, and to and from the browser's.
+    """Panel that saves and loads keyframes in one folder of the studio's machine, and to and from the browser's.
 
     Args:
         page: the page.
-        path: what the box for the file says at first.
-        folder: where files are.
+        path: initial text of the file box.
+        folder: folder of the files.
     """
 
     def __init__(self, page: Page, path: str, folder: Folder):
@@ -84,7 +84,7 @@ class FilePanel:
         return lambda: self._page.notify("Video", f"written to {path}", "green")
 
     def _once_agreed(self, path: Path, write: Task) -> None:
-        """Write at once where nothing is replaced, else when the user says so."""
+        """Write at once where nothing is replaced; otherwise ask the user first."""
         if not self._folder.taken(path):
             write()
             return

@@ -1,4 +1,4 @@
-"""Keyframes out of motion clips."""
+"""Panel that takes keyframes from motion clips."""
 
 from collections.abc import Callable
 
@@ -16,11 +16,11 @@ _NONE = "no motions loaded"
 
 
 class MotionPanel:
-    """Looks through the clips of a motion library and takes poses out of them.
+    """Panel that browses the clips of a motion library and takes poses from them.
 
     Args:
         page: the page.
-        motions: what the box for motion files says at first.
+        motions: initial text of the box for motion files.
         load: reads a motion library.
     """
 
@@ -87,7 +87,7 @@ class MotionPanel:
             self._page.session.take_stretch(self._clip, self._time.value, self._seconds.value, self._interval.value)
 
     def preview(self) -> list[np.ndarray]:
-        """The pose that would be taken, where it would be put; none when there is nothing to show."""
+        """Return the pose that would be taken, where it would be placed; None when there is nothing to show."""
         session = self._page.session
         if self._clip is None or not self._preview.value or session.playing:
             return []

@@ -1,4 +1,4 @@
-"""The policy that plays, how far off it is, and scores."""
+"""Panel of the playing policy, its errors and its scores."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ __all__ = ["PlayPanel"]
 
 
 class PlayPanel:
-    """Chooses and compares policies, shows errors while one plays and scores after it."""
+    """Panel that selects and compares policies, and shows errors while one plays and scores after it."""
 
     def __init__(self, page: Page):
         self._page, session, gui = page, page.session, page.gui
@@ -46,14 +46,14 @@ class PlayPanel:
         return lambda: session.take_scores(timeline, scores)
 
     def show(self) -> None:
-        """Bring tables up to date."""
+        """Update the tables."""
         session = self._page.session
         self._keyframes.content = keyframe_table(session.timeline, session.scores.get(session.policy))
         self._policies.content = policy_table(session.scores)
         self.show_time()
 
     def show_time(self) -> None:
-        """Bring what changes while a policy plays up to date."""
+        """Update what changes while a policy plays."""
         player = self._page.session.player
         if player is None or player.step is None:
             self._live.content, self._plot.data = "Not playing.", _nothing()

@@ -1,4 +1,4 @@
-"""The selected pose: joint angles, root, and the handles to drag it by."""
+"""Panel of the selected pose: joint angles, root, and the handles to drag it by."""
 
 from math import ceil, floor
 
@@ -24,11 +24,11 @@ _HANDLE_COLOR, _CHOSEN_COLOR = (240, 140, 0), (28, 126, 214)
 
 
 class PosePanel:
-    """Joint sliders, numbers for the root, and a gizmo on one of the handles.
+    """Panel with joint sliders, numbers for the root, and a gizmo on one of the handles.
 
     Args:
         page: the page.
-        world: node of the scene that everything is in.
+        world: parent node of everything in the scene.
     """
 
     def __init__(self, page: Page, world: str):
@@ -116,7 +116,7 @@ class PosePanel:
         self._dragging = False
 
     def show(self) -> None:
-        """Bring sliders, numbers and handles up to date."""
+        """Update sliders, numbers and handles."""
         session = self._page.session
         qpos = session.timeline.pose.qpos
         for joint, slider in self._sliders.items():

@@ -1,4 +1,4 @@
-"""Keyframes over time."""
+"""Panel of keyframes over time."""
 
 from math import ceil
 
@@ -9,7 +9,7 @@ __all__ = ["TimelinePanel"]
 
 
 class TimelinePanel:
-    """Adds, moves, copies, mirrors, times and removes keyframes; plays them."""
+    """Panel that adds, moves, copies, mirrors, times, removes and plays keyframes."""
 
     def __init__(self, page: Page):
         self._page, session = page, page.session
@@ -76,7 +76,7 @@ class TimelinePanel:
         self._page.session.edit(timeline.renamed(self._name.value), ("name", timeline.selected))
 
     def show(self) -> None:
-        """Bring the inputs up to date."""
+        """Update the inputs."""
         timeline = self._page.session.timeline
         times = tuple(frame.time for frame in timeline.keyframes)
         self._arrivals.visible = bool(times)
@@ -96,7 +96,7 @@ class TimelinePanel:
         self.show_time()
 
     def show_time(self) -> None:
-        """Bring the picture of the timeline up to date."""
+        """Update the picture of the timeline."""
         session = self._page.session
         step = None if session.player is None else session.player.step
         self._strip.content = strip(
@@ -104,7 +104,7 @@ class TimelinePanel:
         )
 
     def _end(self) -> float:
-        """Seconds that the timeline shows: as late as the last keyframe can be moved."""
+        """Return the end of the shown time axis (s): the latest time that the last keyframe can be moved to."""
         longest = self._page.session.timing.longest
         frames = self._page.session.timeline.keyframes
         return float(ceil(2 * (frames[-2].time + longest if len(frames) > 1 else longest)) / 2)

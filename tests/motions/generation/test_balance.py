@@ -17,7 +17,7 @@ def test_the_pendulums_zero_moment_point_is_the_wanted_one():
     assert com[90, 0] > zmp[90, 0]
 
 
-def test_a_robot_at_rest_has_it_below_its_centre_of_mass():
+def test_a_robot_at_rest_has_it_below_its_center_of_mass():
     zmp = zero_moment_point(G1.model(), np.tile(G1.default_qpos, (5, 1)), 0.02)
     np.testing.assert_allclose(zmp, np.tile(zmp[:1], (5, 1)), atol=1e-9)
     assert abs(zmp[0, 1]) < 2e-3

@@ -70,7 +70,7 @@ def test_unsound_draws_are_drawn_anew(monkeypatch, caplog):
     with caplog.at_level(logging.DEBUG, "plat.motions.generation"):
         (clip,) = generate_motions("train", seconds=0.1, families=("bow",))
     assert len(calls) == 2
-    assert "'bow_train_000' drawn anew: penetration 0.0200 (limit 0.005)" in caplog.text
+    assert "'bow_train_000' rejected and drawn again: penetration 0.0200 (limit 0.005)" in caplog.text
     assert measure_soundness(G1, clip.qpos, DT).penetration < 1e-6
 
 

@@ -27,7 +27,7 @@ def test_standing_is_sound(standing):
 
 
 def test_slip_is_how_far_a_foot_slides(standing):
-    standing[:, 0] += 0.3 * np.arange(60) * DT  # a centimetre and more in all
+    standing[:, 0] += 0.3 * np.arange(60) * DT  # a centimeter and more in all
     found = measure_soundness(G1, standing, DT)
     assert found.slip == pytest.approx(0.3 * 59 * DT, abs=1e-3)
     assert any(fault.startswith("slip") for fault in found.faults())

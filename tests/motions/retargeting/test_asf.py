@@ -11,7 +11,7 @@ from plat.motions import load_motions
 from plat.motions.retargeting import read_amc, retarget
 from plat.motions.retargeting.asf import find_asf
 
-INCHES = 0.45 / 2.54  # units a centimetre
+INCHES = 0.45 / 2.54  # units a centimeter
 # name, parent, direction, length in cm, axis in degrees, dof
 BONES = [
     *(

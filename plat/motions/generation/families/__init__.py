@@ -1,4 +1,4 @@
-"""Kinds of motion: each writes a phrase, from the resting posture and back to it, onto a score."""
+"""Families of motion: each writes a phrase onto a score, from the resting posture and back to it."""
 
 from collections.abc import Callable
 
@@ -44,7 +44,7 @@ _PHRASES: dict[str, Family] = {
 
 
 def sequence(score: Score, rng: np.random.Generator) -> None:
-    """Three to five phrases of other families, one flowing into the next."""
+    """Write three to five phrases of other families, blended into each other."""
     names = rng.choice(list(_PHRASES), size=rng.integers(3, 6), replace=False)
     for name in names:
         _PHRASES[name](score, rng)

@@ -1,4 +1,4 @@
-"""The whole body moves over one foot or two that stay where they are, but for a lunge's step."""
+"""Motion families of the whole body over planted feet: squats, bows, lunges, kicks and balance."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ __all__ = ["balance", "bow", "kick", "lunge", "squat", "weight_shift"]
 
 
 def squat(score: Score, rng: np.random.Generator) -> None:
-    """Down, a moment there, up again; the arms come forward for balance."""
+    """Write a squat, held for a moment; the arms come forward for balance."""
     for _ in range(rng.integers(1, 3)):
         depth, seconds = rng.uniform(0.08, 0.32), rng.uniform(1.0, 1.7)
         lean = rng.uniform(0.8, 1.8) * depth
@@ -24,7 +24,7 @@ def squat(score: Score, rng: np.random.Generator) -> None:
 
 
 def bow(score: Score, rng: np.random.Generator) -> None:
-    """The trunk bends forward from hips and waist."""
+    """Write a bow: the trunk bends forward from hips and waist."""
     seconds = rng.uniform(0.9, 1.6)
     hang = rng.uniform(0.0, 0.5)
     bend = {"pelvis_pitch": rng.uniform(0.15, 0.55), "waist_pitch": rng.uniform(0.15, 0.45)}
@@ -36,7 +36,7 @@ def bow(score: Score, rng: np.random.Generator) -> None:
 
 
 def weight_shift(score: Score, rng: np.random.Generator) -> None:
-    """The weight goes from foot to foot and forward and back."""
+    """Write weight shifts from foot to foot, and forward and back."""
     for _ in range(rng.integers(3, 6)):
         seconds = rng.uniform(0.9, 1.5)
         right = rng.uniform(0.05, 0.95)
@@ -51,7 +51,7 @@ def weight_shift(score: Score, rng: np.random.Generator) -> None:
 
 
 def lunge(score: Score, rng: np.random.Generator) -> None:
-    """A long step forward or aside, down, up, and the foot comes back."""
+    """Write a lunge: a long step forward or aside, down, up, and back."""
     foot = int(rng.integers(2))
     home = score.feet[foot].copy()
     clearance = rng.uniform(0.04, 0.07)
@@ -79,7 +79,7 @@ def lunge(score: Score, rng: np.random.Generator) -> None:
 
 
 def balance(score: Score, rng: np.random.Generator) -> None:
-    """Standing on one leg, the other foot lifted a little or high, arms out."""
+    """Write balancing on one leg, the other foot lifted a little or high, arms out."""
     foot = int(rng.integers(2))
     seconds = rng.uniform(0.9, 1.3)
     _onto(score, 1 - foot, seconds)
@@ -95,7 +95,7 @@ def balance(score: Score, rng: np.random.Generator) -> None:
 
 
 def kick(score: Score, rng: np.random.Generator) -> None:
-    """On one leg, the other foot goes out to the front, the back or the side, once or twice."""
+    """Write one or two kicks to the front, the back or the side."""
     foot = int(rng.integers(2))
     seconds = rng.uniform(0.9, 1.2)
     _onto(score, 1 - foot, seconds)
@@ -123,7 +123,7 @@ def kick(score: Score, rng: np.random.Generator) -> None:
 
 
 def _beside(score: Score, foot: int, forward: float, outward: float) -> np.ndarray:
-    """A place ``[3]`` relative to where a foot stands."""
+    """Return a place ``[3]`` relative to a foot's position."""
     x, y, yaw = score.feet[foot]
     heading, sideways = score.feet[:, 2].mean(), outward * (1 if foot == LEFT else -1)
     cosine, sine = np.cos(heading), np.sin(heading)
@@ -131,7 +131,7 @@ def _beside(score: Score, foot: int, forward: float, outward: float) -> np.ndarr
 
 
 def _onto(score: Score, standing: int, seconds: float) -> None:
-    """The weight goes onto one foot."""
+    """Write a weight shift onto one foot."""
     score.weigh(score.under(float(standing)), seconds)
 
 

@@ -1,4 +1,4 @@
-"""Arms and trunk move; the feet stay where they are."""
+"""Motion families of arms and trunk over fixed feet."""
 
 import numpy as np
 
@@ -44,7 +44,7 @@ _STRUCK = {
 
 
 def arm(side: int, angles: dict[str, float]) -> dict[str, float]:
-    """Channels of an arm from angles that are given as for the left one."""
+    """Return the channels of an arm from angles given as for the left one."""
     return {
         f"{SIDES[side]}_{joint}": -angle if side == RIGHT and joint in _MIRRORED else angle
         for joint, angle in angles.items()
@@ -56,7 +56,7 @@ def _draw(rng: np.random.Generator, side: int, ranges: dict[str, tuple[float, fl
 
 
 def stand(score: Score, rng: np.random.Generator) -> None:
-    """Standing with slow sways of the weight and of the gaze."""
+    """Write standing with slow sways of the weight and of the gaze."""
     seconds = rng.uniform(3.5, 5.5)
     frequency = rng.uniform(0.15, 0.35)
     for channel, amplitude in (
@@ -73,7 +73,7 @@ def stand(score: Score, rng: np.random.Generator) -> None:
 
 
 def reach(score: Score, rng: np.random.Generator) -> None:
-    """One hand or both go to a few places, the trunk turning and leaning with them."""
+    """Write reaching with one hand or both to several places, with the trunk turning and leaning along."""
     sides = [(LEFT,), (RIGHT,), (LEFT, RIGHT)][rng.integers(3)]
     for _ in range(rng.integers(2, 4)):
         seconds = rng.uniform(0.8, 1.4)
@@ -86,7 +86,7 @@ def reach(score: Score, rng: np.random.Generator) -> None:
 
 
 def wave(score: Score, rng: np.random.Generator) -> None:
-    """A raised hand waves."""
+    """Write waving with a raised hand."""
     side = int(rng.integers(2))
     up, hold = rng.uniform(0.8, 1.2), rng.uniform(1.5, 3.0)
     score.move({**_draw(rng, side, _RAISED), "waist_yaw": rng.uniform(-0.3, 0.3)}, up)
@@ -97,7 +97,7 @@ def wave(score: Score, rng: np.random.Generator) -> None:
 
 
 def gesture(score: Score, rng: np.random.Generator) -> None:
-    """Both hands before the body, as when talking."""
+    """Write talking gestures with both hands before the body."""
     for _ in range(rng.integers(3, 6)):
         seconds = rng.uniform(0.5, 0.9)
         for side in (LEFT, RIGHT):
@@ -109,7 +109,7 @@ def gesture(score: Score, rng: np.random.Generator) -> None:
 
 
 def twist(score: Score, rng: np.random.Generator) -> None:
-    """The trunk turns from side to side, arms held out or hanging."""
+    """Write twisting the trunk from side to side, arms held out or hanging."""
     seconds = rng.uniform(0.8, 1.3)
     out = rng.uniform(0.1, 1.1)
     for side in (LEFT, RIGHT):
@@ -125,7 +125,7 @@ def twist(score: Score, rng: np.random.Generator) -> None:
 
 
 def punch(score: Score, rng: np.random.Generator) -> None:
-    """From a guard, fists strike forward in turn."""
+    """Write alternating punches from a guard."""
     seconds = rng.uniform(0.7, 1.0)
     guard = [_draw(rng, side, _GUARD) for side in (LEFT, RIGHT)]
     for pose in guard:

@@ -1,4 +1,4 @@
-"""Going places on foot."""
+"""Motion families of walking and turning."""
 
 from collections.abc import Iterator
 
@@ -11,7 +11,7 @@ __all__ = ["crouch_walk", "step_in_place", "turn", "walk", "walk_backward", "wal
 
 
 def walk(score: Score, rng: np.random.Generator) -> None:
-    """Walking forward at 0.2 to 1.0 m/s, straight or in a curve, the arms swinging."""
+    """Write walking forward at 0.2 to 1.0 m/s, straight or in a curve, with swinging arms."""
     speed = rng.uniform(0.2, 1.0)
     step_time = rng.uniform(0.62, 0.72) - 0.25 * speed
     curve = rng.uniform(-0.6, 0.6) * step_time if rng.random() < 0.5 else 0.0
@@ -27,14 +27,14 @@ def walk(score: Score, rng: np.random.Generator) -> None:
 
 
 def walk_backward(score: Score, rng: np.random.Generator) -> None:
-    """Walking backward at 0.2 to 0.5 m/s."""
+    """Write walking backward at 0.2 to 0.5 m/s."""
     speed, step_time = rng.uniform(0.2, 0.5), rng.uniform(0.55, 0.7)
     gait = Gait(step_time=step_time, clearance=rng.uniform(0.04, 0.06))
     _go(score, rng, gait, count=int(rng.integers(4, 9)), ahead=-speed * step_time, turn=0.0)
 
 
 def crouch_walk(score: Score, rng: np.random.Generator) -> None:
-    """Walking forward with bent knees and a leaning trunk."""
+    """Write walking forward with bent knees and a leaning trunk."""
     depth, seconds = rng.uniform(0.05, 0.12), rng.uniform(0.9, 1.3)
     lean = {"pelvis_pitch": rng.uniform(0.5, 1.5) * depth, "waist_pitch": rng.uniform(0.0, 1.5) * depth}
     score.shift({"pelvis_height": -depth, **lean}, seconds)
@@ -47,7 +47,7 @@ def crouch_walk(score: Score, rng: np.random.Generator) -> None:
 
 
 def walk_sideways(score: Score, rng: np.random.Generator) -> None:
-    """One foot steps aside, the other follows, at 0.1 to 0.25 m/s: an ankle that rolls no further allows no more."""
+    """Write side steps at 0.1 to 0.25 m/s; the range of the ankle roll limits the speed."""
     lead, width = int(rng.integers(2)), rng.uniform(0.1, 0.18)
     aside = width if lead == LEFT else -width
     gait = Gait(step_time=rng.uniform(0.36, 0.5), clearance=rng.uniform(0.04, 0.06))
@@ -55,7 +55,7 @@ def walk_sideways(score: Score, rng: np.random.Generator) -> None:
 
 
 def turn(score: Score, rng: np.random.Generator) -> None:
-    """Turning on the spot, step by step, by 0.6 to 1.6 rad."""
+    """Write a turn on the spot, step by step, by 0.6 to 1.6 rad."""
     way = rng.choice((-1.0, 1.0))
     gait = Gait(step_time=rng.uniform(0.5, 0.65), clearance=rng.uniform(0.04, 0.06))
     # the inner foot begins
@@ -70,7 +70,7 @@ def turn(score: Score, rng: np.random.Generator) -> None:
 
 
 def step_in_place(score: Score, rng: np.random.Generator) -> None:
-    """Stepping from foot to foot on the spot."""
+    """Write stepping from foot to foot on the spot."""
     gait = Gait(step_time=rng.uniform(0.5, 0.8), clearance=rng.uniform(0.03, 0.09))
     _go(score, rng, gait, count=2 * int(rng.integers(2, 5)))
 
@@ -86,7 +86,7 @@ def _go(
     aside: float = 0.0,
     turn: float = 0.0,
 ) -> None:
-    """Steps of equal length from the present stance; ``ahead``, ``aside`` (m) and ``turn`` (rad) are of one step.
+    """Write steps of equal length from the present stance; ``ahead``, ``aside`` (m) and ``turn`` (rad) are per step.
 
     Going aside or on the spot, the second foot of each pair closes up; going ahead, feet pass each other, with half
     a step to set off and half a one to come to rest.
