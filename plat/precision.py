@@ -1,9 +1,12 @@
 """Half-precision matrix products where the hardware has them."""
 
-from contextlib import AbstractContextManager
-from typing import Literal
+from __future__ import annotations
 
-import torch
+from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    import torch
 
 __all__ = ["Precision", "autocast", "has_fast_bfloat16"]
 
@@ -12,6 +15,8 @@ Precision = Literal["auto", "float32", "bfloat16"]
 
 def has_fast_bfloat16(device: torch.device | str) -> bool:
     """Whether bfloat16 is worth it there: CPUs with AMX or AVX512-BF16, GPUs of compute capability 8 and up."""
+    import torch  # not at the top: a help text that names the precisions has no use for it
+
     device = torch.device(device)
     if device.type == "cuda":
         return torch.cuda.get_device_capability(device)[0] >= 8
@@ -26,6 +31,8 @@ def autocast(device: torch.device | str | None, precision: Precision) -> Abstrac
     is told otherwise, and so actions, log-probabilities and losses, stay in float32. ``"auto"`` is bfloat16 where that
     is fast. A device of None is the CPU, as that of a tensordict is that was never moved.
     """
+    import torch
+
     device = torch.device(device or "cpu")
     half = precision == "bfloat16" or (precision == "auto" and has_fast_bfloat16(device))
     return torch.autocast(device.type, torch.bfloat16, enabled=half)

@@ -11,7 +11,7 @@ again after it was killed, the recipe goes on where it was.
 import hashlib
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -19,7 +19,7 @@ from typing import Any, Literal
 import plat
 from plat.baselines import ReleasedTrackers
 from plat.cli import evaluate
-from plat.cli.evaluate import HorizonName, ScoringConfig
+from plat.cli.options import HorizonName
 from plat.cli.settings import parse
 from plat.envs.transforms import RandomizationRanges
 from plat.errors import MotionError, PlatError, RecordsError
@@ -30,42 +30,9 @@ from plat.figures import pyplot
 from plat.files import replace_file
 from plat.motions import MotionLibrary
 from plat.recipes import distill, expert, refine
-from plat.runs import SavedRun, log_table, report_errors, start_logging
-
-
-@dataclass(frozen=True, kw_only=True)
-class Training:
-    """How rows are trained: the same steps and settings for all rows of a stage."""
-
-    motions: tuple[str, ...] = ()
-    """motion files, folders or globs to train on"""
-    mirror: bool = False
-    """train on the mirror image of every motion as well"""
-    expert_steps: int = 12_000_000
-    """environment steps of each tracker (stage 1)"""
-    student_steps: int = 3_000_000
-    """environment steps of each student (stage 2)"""
-    refine_steps: int = 3_000_000
-    """environment steps of each refined policy (stage 3)"""
-    seeds: tuple[int, ...] = (0, 1, 2)
-    """training seeds of the refined policies; trackers and students are trained with the first"""
-    num_envs: int = 512
-    """robots that are simulated at a time"""
-
-
-@dataclass(kw_only=True)
-class AblationsRecipe(ScoringConfig):
-    """Score every row of the ablation, and train it first if asked."""
-
-    runs: Path
-    """folder with one run a row"""
-    out: Path
-    """folder for tables, figures and records"""
-    train: bool = False
-    """train the rows that RUNS lacks or that are unfinished"""
-    training: Training = field(default_factory=Training)
-    hard: str = "run|dance|kick|punch|slash"
-    """regular expression: motions whose names it matches get tables and figures of their own"""
+from plat.recipes.options import AblationsRecipe
+from plat.robots import get_robot
+from plat.runs import SavedRun, log_table, on_device, report_errors, start_logging
 
 
 @dataclass(frozen=True)
@@ -130,6 +97,7 @@ class Candidate:
 
 def main(recipe: AblationsRecipe) -> dict[str, list[Score]]:
     """Run the recipe: the scores of each split."""
+    recipe = on_device(recipe)
     pyplot()  # what is missing had better be said before hours of work
     released = released_rows(recipe.trackers)
     if recipe.train:
@@ -138,7 +106,7 @@ def main(recipe: AblationsRecipe) -> dict[str, list[Score]]:
     rows = {name: rows[name] for name in ORDER if name in rows}
     if not rows:
         raise PlatError(f"--runs {str(recipe.runs)!r}: holds none of the runs {[row.folder for row in ROWS]}")
-    library = MotionLibrary.load(recipe.motions)
+    library = MotionLibrary.load(recipe.motions, get_robot(recipe.robot))
     shown = evaluate.first_named(library, recipe.clip)
     print(f"{library.num_clips} motions, {library.duration:.0f} s; 95 % intervals over motions and training seeds")
     evaluate.print_head()
@@ -195,6 +163,7 @@ def train(recipe: AblationsRecipe) -> None:
                 "wandb": recipe.wandb,
                 "trackio": recipe.trackio,
                 "device": recipe.device,
+                "robot": recipe.robot,
             }
             row.train(recipe.runs, settings)
 
@@ -291,7 +260,7 @@ def records_of(
         else:
             if known == about:
                 return records
-    records = recipe.records(candidate.load(dense), library, horizon, randomization)
+    records = evaluate.evaluated(recipe, candidate.load(dense), library, horizon, randomization)
     records.save(path, about)
     return records
 
@@ -321,8 +290,6 @@ def described(candidate: Candidate) -> str:
     return f"{candidate.slug} ({steps:,} steps)" if steps else candidate.slug
 
 
-COMMAND = AblationsRecipe
-
 if __name__ == "__main__":
     with report_errors():
-        main(parse(COMMAND))
+        main(parse(AblationsRecipe))

@@ -6,7 +6,7 @@ Killed at any moment, it goes on where it was when it is started again.
 """
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import plat.headless  # noqa: F401
@@ -19,6 +19,7 @@ from plat.envs.transforms import PAPER_HORIZONS
 from plat.evaluation import HEADLINE, Score, play
 from plat.motions import MotionLibrary
 from plat.recipes import distill, expert, refine
+from plat.recipes.options import DemoRecipe
 from plat.rendering import RenderingError, Stage, contact_sheet, film, write_picture, write_video
 from plat.runs import load_policy, report_errors
 from plat.runs.shipped import shipped_runs
@@ -27,24 +28,6 @@ from plat.runs.shipped import shipped_runs
 FAMILIES = "stand+reach+walk+squat+wave+bow+step"
 EXAMPLE = Path(__file__).parent / "examples" / "bow.json"
 NAMES = {"expert": "expert as sparse policy", "dagger": "DAgger", "plat": "PLAT"}
-
-
-@dataclass(kw_only=True)
-class DemoRecipe:
-    """All three stages and the evaluation at a small scale."""
-
-    out: Path = Path("runs/demo")
-    """folder to write to"""
-    expert_minutes: float = 4.2
-    """training time of stage 1"""
-    distill_minutes: float = 2.0
-    """training time of stage 2"""
-    refine_minutes: float = 1.0
-    """training time of stage 3"""
-    num_envs: int = 512
-    """robots that are simulated at a time"""
-    seed: int = 0
-    """seeds everything that is drawn"""
 
 
 def main(recipe: DemoRecipe) -> None:
@@ -146,8 +129,6 @@ def print_table(scores: list[Score]) -> None:
         print(line)
 
 
-COMMAND = DemoRecipe
-
 if __name__ == "__main__":
     with report_errors():
-        main(parse(COMMAND))
+        main(parse(DemoRecipe))

@@ -3,78 +3,35 @@
 plat distill --expert runs/expert --motions clips.npz --minutes 15 --out runs/dagger
 """
 
-from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import torch
 from torch import nn
 
 from plat.cli.settings import parse
 from plat.collectors import ExpertLabels, MixedPolicy, dagger_buffer, rollouts
-from plat.envs import DistillationTaskConfig, make_keyframe_env
+from plat.envs import make_keyframe_env
 from plat.envs.transforms import horizon_named, pop_statistics
 from plat.evaluation import play
-from plat.modules import STUDENT_KEYS, LatentPolicy, LatentPolicyConfig, PlainPolicy, Teacher
+from plat.modules import STUDENT_KEYS, LatentPolicy, PlainPolicy, Teacher
 from plat.motions import MotionLibrary
-from plat.objectives import ImitationLoss, LatentImitationLoss, Precision, autocast
+from plat.objectives import ImitationLoss, LatentImitationLoss, autocast
+from plat.recipes.options import DistillRecipe
 from plat.rendering import Films
-from plat.runs import Budget, RecipeConfig, Run, SavedRun, report_errors
+from plat.robots import get_robot
+from plat.runs import Budget, Run, SavedRun, on_device, report_errors
 from plat.spec.timing import timing_of
-
-
-@dataclass(kw_only=True)
-class DistillRecipe(RecipeConfig):
-    """Teach a student by DAgger with a privileged latent."""
-
-    name = "distill"
-
-    expert: Path
-    """run of stage 1, or of another teacher"""
-    student: Literal["latent", "plain"] = "latent"
-    """with the privileged latent, or the ablation without"""
-    policy: LatentPolicyConfig = field(default_factory=LatentPolicyConfig)
-    task: DistillationTaskConfig = field(default_factory=DistillationTaskConfig)
-    horizon: Literal["single", "short", "medium", "long", "mixed", "distant", "all"] = "mixed"
-    """lengths of the commands; "all" that the timing allows"""
-    rollout: int = 8
-    """control steps of each robot between updates"""
-    updates: int = 8
-    """gradient steps after each rollout"""
-    batch_size: int = 2048
-    """states a gradient step"""
-    buffer_size: int = 200_000
-    """states that are kept"""
-    stride: int = 5
-    """keep every so-many-th frame of the privileged goal sequence"""
-    prior_weight: float = 1.0
-    """lambda_p: weight of imitation through the prior"""
-    beta: float = 0.01
-    """weight of the divergence"""
-    beta_warmup: float = 0.2
-    """share of the budget over which beta rises from 0"""
-    free_bits: float = 0.0
-    """divergence of each latent dimension that is free (nats)"""
-    expert_share: float = 0.5
-    """share of the steps that the expert takes at the start"""
-    expert_until: float = 0.2
-    """share of the budget over which that falls to 0"""
-    lr: float = 1e-3
-    """learning rate at the start; it falls to a tenth along a cosine"""
-    grad_norm: float = 5.0
-    """gradients are scaled down to this norm"""
-    precision: Precision = "auto"
-    """precision of the networks' hidden layers"""
 
 
 def main(recipe: DistillRecipe) -> None:
     """Run the recipe."""
+    recipe, robot = on_device(recipe), get_robot(recipe.robot)
     torch.manual_seed(recipe.seed)
     device, timing = recipe.device, recipe.policy.timing
     expected = "a teacher, such as the expert of stage 1 (--expert)"
     teacher: Teacher = SavedRun(recipe.expert).policy_as(Teacher, expected, device)  # type: ignore[type-abstract]
-    library = MotionLibrary.load(recipe.motions, dt=timing.control_dt, mirror=recipe.mirror).to(device)
+    library = MotionLibrary.load(recipe.motions, robot, dt=timing.control_dt, mirror=recipe.mirror).to(device)
     (timing_of(teacher) or timing).check_control_dt(timing.control_dt, f"--expert {str(recipe.expert)!r}")
     horizon = horizon_named(recipe.horizon, timing)
     env = make_keyframe_env(
@@ -156,8 +113,6 @@ def cosine(start: float, end: float, fraction: float) -> float:
     return end + 0.5 * (start - end) * (1 + torch.cos(torch.tensor(min(1.0, fraction) * torch.pi)).item())
 
 
-COMMAND = DistillRecipe
-
 if __name__ == "__main__":
     with report_errors():
-        main(parse(COMMAND))
+        main(parse(DistillRecipe))

@@ -3,7 +3,7 @@
 plat expert --motions clips.npz --minutes 30 --out runs/expert
 """
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 
@@ -11,46 +11,25 @@ import torch
 
 from plat.cli.settings import parse
 from plat.collectors import rollouts
-from plat.envs import TrackingTaskConfig, make_tracking_env
+from plat.envs import make_tracking_env
 from plat.envs.transforms import Horizon, pop_statistics
 from plat.errors import CheckpointError
 from plat.evaluation import play
-from plat.modules import Critic, Expert, ExpertConfig
+from plat.modules import Critic, Expert
 from plat.motions import MotionLibrary
-from plat.objectives import PPO, MotorGradientConfig, PPOConfig, motor_gradient
-from plat.recipes.presets import BEST, PRESETS
+from plat.objectives import PPO, PPOConfig, motor_gradient
+from plat.recipes.options import ExpertRecipe
 from plat.rendering import Films
-from plat.runs import Budget, RecipeConfig, Run, SavedRun, report_errors
-
-
-@dataclass(kw_only=True)
-class ExpertRecipe(RecipeConfig):
-    """Train a dense motion-tracking expert."""
-
-    name = "expert"
-    presets = {name: preset["expert"] for name, preset in PRESETS.items()}
-
-    init: Path | None = None
-    """run of an expert to continue from, with other motions, rewards, frames or settings"""
-    init_lr: float = 3e-5
-    """with --init: upper bound on the initial and the minimum learning rate"""
-    rollout: int = 24
-    """control steps of each robot between updates"""
-    critic_warmup: int = 10
-    """with --init: rollouts that train only the critic, before the policy is updated"""
-    critic: tuple[int, ...] = (512, 256, 128)
-    """hidden layers of the critic"""
-    policy: ExpertConfig = BEST["expert"]["policy"]
-    task: TrackingTaskConfig = BEST["expert"]["task"]
-    ppo: PPOConfig = field(default_factory=PPOConfig)
-    motor: MotorGradientConfig = field(default_factory=MotorGradientConfig)
+from plat.robots import get_robot
+from plat.runs import Budget, Run, SavedRun, on_device, report_errors
 
 
 def main(recipe: ExpertRecipe) -> None:
     """Run the recipe."""
+    recipe = on_device(recipe)
     torch.manual_seed(recipe.seed)
     timing = recipe.policy.timing
-    library = MotionLibrary.load(recipe.motions, dt=timing.control_dt, mirror=recipe.mirror)
+    library = MotionLibrary.load(recipe.motions, get_robot(recipe.robot), dt=timing.control_dt, mirror=recipe.mirror)
     expert = Expert(library.robot, recipe.policy)
     if recipe.init:
         start_from(expert, recipe.init)
@@ -126,8 +105,6 @@ def start_from(expert: Expert, folder: Path) -> None:
         print(f"--init {str(folder)!r} goes on with {', '.join(changed)}")
 
 
-COMMAND = ExpertRecipe
-
 if __name__ == "__main__":
     with report_errors():
-        main(parse(COMMAND))
+        main(parse(ExpertRecipe))

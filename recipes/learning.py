@@ -3,7 +3,7 @@
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 from tensordict import NestedKey, TensorDictBase
@@ -16,32 +16,15 @@ from plat.errors import RenderingError
 from plat.evaluation.model_error import model_errors
 from plat.figures import save_figure
 from plat.figures.model_error import model_error_plot
-from plat.modules import DynamicsConfig, DynamicsModel
+from plat.modules import DynamicsModel
 from plat.motions import MotionLibrary
-from plat.objectives import ExploitationWatch, ImaginationConfig, ImaginationLearner, exploring
-from plat.runs import Budget, RecipeConfig, Run, load_dynamics, save_dynamics
+from plat.objectives import ExploitationWatch, ImaginationLearner, exploring
+from plat.recipes.options import ImaginationRecipe
+from plat.runs import Budget, Run, load_dynamics, save_dynamics
 from plat.tasks import SimulatedTask, Task
 
 MODEL_STEPS = 48
 """Control steps over which the model's error is reported."""
-
-
-@dataclass(kw_only=True)
-class ImaginationRecipe(RecipeConfig):
-    """What both recipes of imagination have."""
-
-    init_model: Path | None = None
-    """run whose model of the robot to go on from"""
-    rollout: int = 8
-    """control steps of each robot between updates"""
-    noise: float = 0.25
-    """standard deviation of the exploration noise, in units of action"""
-    replay: int = 600
-    """control steps of each robot that are kept"""
-    unseen: tuple[str, ...] = ("generated:val@120",)
-    """motions on which the model's error is reported"""
-    model: DynamicsConfig = field(default_factory=DynamicsConfig)
-    imagination: ImaginationConfig = field(default_factory=ImaginationConfig)
 
 
 def learn(
@@ -115,7 +98,7 @@ def learn(
     run.finish()
     save_dynamics(recipe.out, model)
     if recipe.unseen:
-        unseen = make_task(MotionLibrary.load(recipe.unseen).to(device))
+        unseen = make_task(MotionLibrary.load(recipe.unseen, library.robot).to(device))
         report_model_error(recipe.out, model, SimulatedTask(unseen, 64, device=device), actor)
 
 

@@ -3,16 +3,13 @@
 plat refine --student runs/dagger --motions clips.npz --minutes 15 --out runs/plat
 """
 
-from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
-from typing import Literal
 
 import torch
 
 from plat.cli.settings import parse
 from plat.collectors import rollouts
-from plat.envs import KeyframeTaskConfig, make_keyframe_env
+from plat.envs import make_keyframe_env
 from plat.envs.transforms import horizon_named, pop_statistics
 from plat.evaluation import play
 from plat.modules import (
@@ -22,15 +19,15 @@ from plat.modules import (
     LatentNoisePolicy,
     LatentPolicy,
     Refinement,
-    RefinementConfig,
     ResidualActionPolicy,
     ResidualLatentPolicy,
 )
 from plat.motions import MotionLibrary
-from plat.objectives import PPO, MotorGradientConfig, PPOConfig, motor_gradient
-from plat.recipes.presets import BEST, PRESETS
+from plat.objectives import PPO, motor_gradient
+from plat.recipes.options import RefineRecipe
 from plat.rendering import Films
-from plat.runs import Budget, RecipeConfig, Run, SavedRun, report_errors
+from plat.robots import get_robot
+from plat.runs import Budget, Run, SavedRun, on_device, report_errors
 from plat.spec.timing import Timing, timing_of
 
 VARIANTS: dict[str, type[Refinement]] = {
@@ -41,40 +38,16 @@ VARIANTS: dict[str, type[Refinement]] = {
 }
 
 
-@dataclass(kw_only=True)
-class RefineRecipe(RecipeConfig):
-    """Refine a student with PPO."""
-
-    name = "refine"
-    presets = {name: preset["refine"] for name, preset in PRESETS.items()}
-
-    student: Path
-    """run of stage 2"""
-    variant: Literal["latent", "latent-noise", "action", "finetune"] = "latent"
-    """latent: PLAT; latent-noise: exploration in the latent; action, finetune: ablations"""
-    policy: RefinementConfig = BEST["refine"]["policy"]
-    task: KeyframeTaskConfig = BEST["refine"]["task"]
-    ppo: PPOConfig = BEST["refine"]["ppo"]
-    motor: MotorGradientConfig = field(default_factory=MotorGradientConfig)
-    horizon: Literal["single", "short", "medium", "long", "mixed", "distant", "all"] = "mixed"
-    """lengths of the commands; "all" that the timing allows"""
-    rollout: int = 24
-    """control steps of each robot between updates"""
-    critic: tuple[int, ...] = (512, 256, 128)
-    """hidden layers of the critic"""
-    critic_warmup: int = 10
-    """rollouts that train only the critic, before the policy is updated"""
-
-
 def main(recipe: RefineRecipe) -> None:
     """Run the recipe."""
+    recipe, robot = on_device(recipe), get_robot(recipe.robot)
     torch.manual_seed(recipe.seed)
     device = recipe.device
     expected = "a student with a latent, of plat distill (--student)"
     student = SavedRun(recipe.student).policy_as(LatentPolicy, expected)
     timing = timing_of(student) or Timing()
     horizon = horizon_named(recipe.horizon, timing)
-    library = MotionLibrary.load(recipe.motions, dt=timing.control_dt, mirror=recipe.mirror).to(device)
+    library = MotionLibrary.load(recipe.motions, robot, dt=timing.control_dt, mirror=recipe.mirror).to(device)
     env = make_keyframe_env(library, recipe.num_envs, recipe.task, horizon=horizon, timing=timing, device=device)
     policy = VARIANTS[recipe.variant](student, recipe.policy).to(device)
     critic = Critic(library.robot, STUDENT_KEYS, recipe.critic).to(device)
@@ -119,8 +92,6 @@ def main(recipe: RefineRecipe) -> None:
     run.finish()
 
 
-COMMAND = RefineRecipe
-
 if __name__ == "__main__":
     with report_errors():
-        main(parse(COMMAND))
+        main(parse(RefineRecipe))

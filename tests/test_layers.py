@@ -10,6 +10,7 @@ import plat
 
 LAYERS = [
     "moved",
+    "lazy",
     "version",
     "errors",
     "files",

@@ -1,13 +1,20 @@
 """Released dense trackers as policies of plat's environments, each with its own motor gains and observation."""
 
-from plat.baselines.follow import follow
-from plat.baselines.onnx import OnnxPolicy
-from plat.baselines.released import ReleasedTrackers
-from plat.baselines.sonic import Sonic, sonic_robot
-from plat.baselines.tracker import Tracker, tuned_robot
-from plat.baselines.tracker_reference import TrackerReference
-from plat.baselines.twist2 import Twist2, twist2_robot
-from plat.baselines.wbc import Wbc
+from typing import TYPE_CHECKING
+
+from plat.lazy import lazy
+
+if TYPE_CHECKING:
+    from plat.baselines.follow import follow
+    from plat.baselines.onnx import OnnxPolicy
+    from plat.baselines.released import ReleasedTrackers
+    from plat.baselines.sonic import Sonic, sonic_robot
+    from plat.baselines.tracker import Tracker, tuned_robot
+    from plat.baselines.tracker_reference import TrackerReference
+    from plat.baselines.twist2 import Twist2, twist2_robot
+    from plat.baselines.wbc import Wbc
+else:
+    lazy(__name__)
 
 __all__ = [
     "OnnxPolicy",

@@ -1,13 +1,15 @@
 """User-supplied files of released trackers."""
 
-from collections.abc import Callable
+from __future__ import annotations
+
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from plat.baselines.sonic import Sonic
-from plat.baselines.tracker import Tracker
-from plat.baselines.twist2 import Twist2
-from plat.baselines.wbc import Wbc
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from plat.baselines.tracker import Tracker
 
 __all__ = ["ReleasedTrackers"]
 
@@ -34,5 +36,9 @@ class ReleasedTrackers:
             BundleError: when a file cannot be read.
             CheckpointError: when it is another network.
         """
+        from plat.baselines.sonic import Sonic  # torch: a help text has no use for it
+        from plat.baselines.twist2 import Twist2
+        from plat.baselines.wbc import Wbc
+
         kinds: dict[str, Callable[[Path], Tracker]] = {"SONIC": Sonic, "TWIST2": Twist2, "wbc": Wbc}
         return {name: kinds[name](path) for name, path in self.files().items() if path is not None}

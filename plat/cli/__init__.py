@@ -1,40 +1,98 @@
 """The command line: ``plat COMMAND``.
 
-Every command is a module with a dataclass of its settings (``COMMAND``, or a union of them) and a ``main`` that is
-given one. A module is imported when its command is called, so that help texts need no torch.
+Every command has a dataclass of its settings (or a union of them), and a module whose ``main`` is given one. The
+settings stand in ``options``, and the module is imported when its command runs: help texts need no torch.
 """
 
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
 
 __all__ = ["COMMANDS", "Command", "main"]
 
 
 @dataclass(frozen=True)
 class Command:
-    """A command: the module that holds it, and what it does in one line."""
+    """A command.
+
+    Attributes:
+        module: whose ``main`` runs it.
+        settings: name of its settings in ``options`` beside that module.
+        summary: what it does, in one line.
+    """
 
     module: str
+    settings: str
     summary: str
+
+    def kind(self) -> Any:
+        """Return the dataclass of the settings, or a union of several."""
+        package, _, _ = self.module.rpartition(".")
+        return getattr(import_module(f"{package}.options"), self.settings)
 
 
 COMMANDS = {
-    "expert": Command("plat.recipes.expert", "stage 1: train a dense motion-tracking expert with PPO"),
-    "expert-model": Command("plat.recipes.expert_model", "stage 1 by imagination: in a learned model of the robot"),
-    "imagine": Command("plat.recipes.imagine", "a keyframe policy by imagination, without an expert"),
-    "distill": Command("plat.recipes.distill", "stage 2: teach a student that sees only keyframes, by DAgger"),
-    "refine": Command("plat.recipes.refine", "stage 3: refine the student with PPO on a residual in its latent"),
-    "ablations": Command("plat.recipes.ablations", "train and score every row of the paper's ablation"),
-    "demo": Command("plat.recipes.demo", "all three stages and the evaluation, small, in a few minutes"),
-    "evaluate": Command("plat.cli.evaluate", "score policies on motions: timed keyframe tracking"),
-    "play": Command("plat.cli.play", "let a policy chase the keyframes of a file"),
-    "studio": Command("plat.cli.studio", "pose keyframes in the browser and watch policies chase them"),
-    "motions": Command("plat.cli.motions", "inspect, convert, mirror and retarget motion files"),
-    "keyframes": Command("plat.cli.keyframes", "make keyframe files out of motions, and look at them"),
-    "export": Command("plat.cli.export", "write a policy as an ONNX bundle for robots and other simulators"),
-    "sim-to-sim": Command("plat.cli.sim_to_sim", "score a bundle in MuJoCo at other physics than in training"),
-    "curves": Command("plat.cli.curves", "draw the learning curves of runs"),
+    "expert": Command(
+        "plat.recipes.expert",
+        "ExpertRecipe",
+        "stage 1: train a dense motion-tracking expert with PPO",
+    ),
+    "expert-model": Command(
+        "plat.recipes.expert_model",
+        "ExpertModelRecipe",
+        "stage 1 by imagination: in a learned model of the robot",
+    ),
+    "imagine": Command(
+        "plat.recipes.imagine",
+        "ImagineRecipe",
+        "a keyframe policy by imagination, without an expert",
+    ),
+    "distill": Command(
+        "plat.recipes.distill",
+        "DistillRecipe",
+        "stage 2: teach a student that sees only keyframes, by DAgger",
+    ),
+    "refine": Command(
+        "plat.recipes.refine",
+        "RefineRecipe",
+        "stage 3: refine the student with PPO on a residual in its latent",
+    ),
+    "ablations": Command(
+        "plat.recipes.ablations",
+        "AblationsRecipe",
+        "train and score every row of the paper's ablation",
+    ),
+    "demo": Command(
+        "plat.recipes.demo",
+        "DemoRecipe",
+        "all three stages and the evaluation, small, in a few minutes",
+    ),
+    "evaluate": Command("plat.cli.evaluate", "EvaluateRecipe", "score policies on motions: timed keyframe tracking"),
+    "play": Command("plat.cli.play", "PlayRecipe", "let a policy chase the keyframes of a file"),
+    "studio": Command(
+        "plat.cli.studio",
+        "StudioRecipe",
+        "pose keyframes in the browser and watch policies chase them",
+    ),
+    "motions": Command("plat.cli.motions", "MotionsCommand", "inspect, convert, mirror and retarget motion files"),
+    "keyframes": Command(
+        "plat.cli.keyframes",
+        "KeyframesCommand",
+        "make keyframe files out of motions, and look at them",
+    ),
+    "export": Command(
+        "plat.cli.export",
+        "ExportRecipe",
+        "write a policy as an ONNX bundle for robots and other simulators",
+    ),
+    "sim-to-sim": Command(
+        "plat.cli.sim_to_sim",
+        "SimToSimRecipe",
+        "score a bundle in MuJoCo at other physics than in training",
+    ),
+    "curves": Command("plat.cli.curves", "CurvesRecipe", "draw the learning curves of runs"),
 }
 
 
@@ -61,7 +119,8 @@ def main(args: Sequence[str] | None = None) -> None:
         sys.exit(f"error: {name!r} is no command of plat, expected one of {', '.join(COMMANDS)}; see plat --help")
     from plat.cli.settings import run
 
-    run(COMMANDS[name].module, rest, prog=f"plat {name}")
+    command = COMMANDS[name]
+    run(command.module, command.kind(), rest, prog=f"plat {name}")
 
 
 def _usage() -> str:

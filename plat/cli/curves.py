@@ -4,28 +4,11 @@ plat curves runs/expert --metrics terminations_per_second error/keypoint_aligned
 """
 
 import csv
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
-import tyro
-
+from plat.cli.options import CurvesRecipe
 from plat.errors import PlatError
 from plat.figures import pyplot
-
-
-@dataclass(kw_only=True)
-class CurvesRecipe:
-    """Draw learning curves."""
-
-    runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """run directories, one line each"""
-    metrics: tuple[str, ...] = ("terminations_per_second", "error/keypoint_aligned")
-    """columns of metrics.csv, one panel each"""
-    out: Path = Path("curves.png")
-    """picture to write (PNG, PDF or SVG)"""
-    smooth: int = 5
-    """rows that are averaged"""
 
 
 def read(run: Path, metric: str) -> tuple[list[float], list[float]]:
@@ -57,6 +40,3 @@ def main(recipe: CurvesRecipe) -> None:
     recipe.out.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(recipe.out, dpi=130)
     print(f"wrote {recipe.out}")
-
-
-COMMAND = CurvesRecipe

@@ -5,16 +5,12 @@ plat evaluate runs/plat runs/dagger runs/expert --motions clips.npz --horizon mi
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
-
-import tyro
 
 import plat.headless  # noqa: F401
 
 # isort: split
-from plat.baselines import ReleasedTrackers
+from plat.cli.options import EvaluateRecipe, ScoringConfig
 from plat.envs.transforms import HORIZONS, RandomizationRanges
 from plat.errors import PlatError
 from plat.evaluation import HEADLINE, METRICS, CommandRecords, Entrant, EvaluationSetting, Score, write_csv
@@ -22,74 +18,18 @@ from plat.evaluation.score_table import COLUMNS, rows
 from plat.figures import ablation_bars, film_strip, pyplot, radar_plot, save_figure, success_plot
 from plat.motions import MotionLibrary
 from plat.rendering import RenderingError, Stage
-from plat.runs import check_logger, default_device, log_table, start_logging
-from plat.runs.loggers import LoggerName, chosen_loggers
-
-HorizonName = Literal["single", "short", "medium", "long", "mixed"]
-
-
-@dataclass(kw_only=True)
-class ScoringConfig:
-    """What the recipes that score policies have in common."""
-
-    trackers: ReleasedTrackers = field(default_factory=ReleasedTrackers)
-    motions: tuple[str, ...]
-    """motion files, folders or globs; "generated:val" or "generated:test" for generated motion"""
-    horizon: tuple[HorizonName, ...] = ("single", "short", "medium", "long", "mixed")
-    """lengths of the commands"""
-    randomization: RandomizationRanges = field(default_factory=RandomizationRanges)
-    """ranges of the domain randomization, and pushes"""
-    clip: str | None = None
-    """film strips show the first motion whose name this matches; by default the first of all"""
-    seed: int = 0
-    """draws the commands, and the disturbances"""
-    num_envs: int = 256
-    """robots that are simulated at a time; undisturbed, the figures do not depend on it"""
-    wandb: bool = False
-    """log table and figures to Weights & Biases; offline unless you are logged in"""
-    trackio: bool = False
-    """log table and figures to trackio, which keeps its files on this machine"""
-    device: str = field(default_factory=default_device)
-    """where networks and tensors live"""
-
-    @property
-    def loggers(self) -> tuple[LoggerName, ...]:
-        """Experiment loggers that were asked for."""
-        return chosen_loggers(self.wandb, self.trackio)
-
-    def records(
-        self, entrant: Entrant, library: MotionLibrary, horizon: str, randomization: RandomizationRanges | None
-    ) -> CommandRecords:
-        """What an entrant does with the commands of every motion."""
-        setting = EvaluationSetting(self.seed, randomization, num_envs=self.num_envs, device=self.device)
-        return entrant.evaluate(library, horizon, setting)
-
-
-@dataclass(kw_only=True)
-class EvaluateRecipe(ScoringConfig):
-    """Score policies on motions."""
-
-    runs: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
-    """run directories; an expert sees the keyframe as its next reference frame (Scratch RL)"""
-    only: str | None = None
-    """regular expression: score only motions whose names it matches, as in run|kick"""
-    dense: bool = False
-    """show policies the reference instead of the keyframe: how well a dense tracker tracks"""
-    domain_randomization: bool = False
-    """draw robot, motors and ground anew for each motion, and push the robots"""
-    csv: Path | None = None
-    """file to write every figure to, with its interval"""
-    figures: Path | None = None
-    """folder to draw radar plot, bars, success curves and film strips into, as PDF and PNG"""
+from plat.robots import get_robot
+from plat.runs import check_logger, log_table, on_device, start_logging
 
 
 def main(recipe: EvaluateRecipe) -> list[Score]:
     """Run the recipe: print a table, return its rows."""
+    recipe = on_device(recipe)
     if recipe.figures is not None:
         pyplot()  # what is missing had better be said before the evaluation
     for logger in recipe.loggers:
         check_logger(logger)
-    library = MotionLibrary.load(recipe.motions)
+    library = MotionLibrary.load(recipe.motions, get_robot(recipe.robot))
     if recipe.only is not None:
         library = library.only(*library.named(recipe.only))
     shown = first_named(library, recipe.clip)
@@ -108,7 +48,7 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
     for horizon in recipe.horizon:
         for name, entrant in entrants.items():
             started = time.monotonic()
-            records = recipe.records(entrant, library, horizon, randomization)
+            records = evaluated(recipe, entrant, library, horizon, randomization)
             scores.append(Score.of(name, horizon, [records]))
             print_score(scores[-1], time.monotonic() - started)
     if recipe.csv is not None:
@@ -129,6 +69,18 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
             log_table(run, "evaluation", COLUMNS, rows(scores), pictures)
             run.finish()
     return scores
+
+
+def evaluated(
+    recipe: ScoringConfig,
+    entrant: Entrant,
+    library: MotionLibrary,
+    horizon: str,
+    randomization: RandomizationRanges | None,
+) -> CommandRecords:
+    """Return what an entrant does with the commands of every motion."""
+    setting = EvaluationSetting(recipe.seed, randomization, num_envs=recipe.num_envs, device=recipe.device)
+    return entrant.evaluate(library, horizon, setting)
 
 
 def first_named(library: MotionLibrary, pattern: str | None) -> MotionLibrary:
@@ -180,6 +132,3 @@ def draw_strips(
         print(f"no film strip: {error}")
         return []
     return written
-
-
-COMMAND = EvaluateRecipe

@@ -3,23 +3,8 @@
 plat export runs/plat --out bundle
 """
 
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated
-
-import tyro
-
+from plat.cli.options import ExportRecipe
 from plat.export import export_bundle
-
-
-@dataclass(kw_only=True)
-class ExportRecipe:
-    """Write the policy of a run as a bundle for robots and other simulators."""
-
-    run: Annotated[Path, tyro.conf.Positional]
-    """run directory of stage 2 or 3; scores in its evaluation.csv are taken along"""
-    out: Path
-    """folder to make"""
 
 
 def main(recipe: ExportRecipe) -> None:
@@ -29,6 +14,3 @@ def main(recipe: ExportRecipe) -> None:
     print(
         f"largest difference from torch over {check.rows} observations: {check.max_difference:.2g} rad of joint target"
     )
-
-
-COMMAND = ExportRecipe

@@ -7,29 +7,26 @@ plat motions retarget MOCAP --out folder
 """
 
 import itertools
-import os
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
 
 import numpy as np
 import torch
-import tyro
 
 import plat.headless  # noqa: F401
 
 # isort: split
 
+from plat.cli.options import Convert, Inspect, Mirror, MotionFiles, MotionsCommand, Retarget
 from plat.errors import MotionError, PlatError
 from plat.figures import pyplot
 from plat.motions import (
     MotionClip,
     MotionFile,
     MotionReport,
-    ValidationLimits,
     clip_to_limits,
     ground_feet,
     level_feet,
@@ -46,7 +43,6 @@ from plat.motions.resample import resample_qpos
 from plat.motions.retargeting import (
     Retargeted,
     SkeletonMap,
-    SolverOptions,
     bvh_paths,
     load_map,
     retarget_all,
@@ -54,231 +50,168 @@ from plat.motions.retargeting import (
     split_of,
 )
 from plat.rendering import RenderingError, Stage, stills
-from plat.robots import G1
+from plat.robots import G1, Robot, get_robot
 
 SHEET_COLUMNS = 8
 
 
-@dataclass(kw_only=True)
-class _Files:
-    files: Annotated[tuple[str, ...], tyro.conf.Positional]
-    """motion files, folders or globs; "generated:val" for the motions that plat makes itself"""
-    quat_order: Literal["wxyz", "xyzw"] | None = None
-    """order of the root quaternion in these files, where they do not show it"""
-    fps: float | None = None
-    """frames a second of these files, where they do not say it, or say it wrong"""
-    strict: bool = False
-    """stop at the first bad file of a folder or glob; else it is named and left out"""
-
-    def read(self, skipped: list[MotionError] | None = None) -> list[MotionFile]:
-        """Return the files; print what each was taken for, and which were left out."""
-        skipped = [] if skipped is None else skipped
-        generated = [name for name in self.files if name.startswith(PREFIX)]
-        files = [MotionFile(Path(re.sub(r"\W", "_", name)), "generated", generate_named(name)) for name in generated]
-        if paths := [name for name in self.files if name not in generated]:
-            files += read_motion_files(
-                paths, quat_order=self.quat_order, fps=self.fps, strict=self.strict, skipped=skipped
-            )
-        for file in files:
-            print(f"{file.path}: {counted(file.clips)}, {file.facts}")
-        for error in skipped:
-            print(f"skipped: {error}")
-        return files
+def read(command: MotionFiles, skipped: list[MotionError] | None = None) -> list[MotionFile]:
+    """Return the files; print what each was taken for, and which were left out."""
+    skipped = [] if skipped is None else skipped
+    robot = get_robot(command.robot)
+    generated = [name for name in command.files if name.startswith(PREFIX)]
+    files = [MotionFile(Path(re.sub(r"\W", "_", name)), "generated", generate_named(name, robot)) for name in generated]
+    if paths := [name for name in command.files if name not in generated]:
+        files += read_motion_files(
+            paths, robot, quat_order=command.quat_order, fps=command.fps, strict=command.strict, skipped=skipped
+        )
+    for file in files:
+        print(f"{file.path}: {counted(file.clips)}, {file.facts}")
+    for error in skipped:
+        print(f"skipped: {error}")
+    return files
 
 
-@dataclass(kw_only=True)
-class Inspect(_Files):
-    """Measure clips and say whether they are fit to train on."""
+def inspect(command: Inspect) -> list[MotionReport]:
+    """Print the table, draw; return the reports.
 
-    out: Path | None = None
-    """folder for a contact sheet and a plot a clip"""
-    pictures: int = 20
-    """how many clips get them, those to drop or repair first"""
-    limits: ValidationLimits = field(default_factory=ValidationLimits)
-
-    def run(self) -> list[MotionReport]:
-        """Print the table, draw; return the reports.
-
-        Raises:
-            MotionError: at the end, when files of a folder were left out.
-        """
-        skipped: list[MotionError] = []
-        files = self.read(skipped)
-        clips = [clip for file in files for clip in file.clips]
-        reports = validate_motions(clips, limits=self.limits)
-        print_table(reports, [assumed(file, clip) for file in files for clip in file.clips])
-        if self.out is not None:
-            self.out.mkdir(parents=True, exist_ok=True)
-            urgency = ("drop", "repair", "use")
-            order = sorted(range(len(clips)), key=lambda index: urgency.index(reports[index].verdict))
-            chosen = [clips[index] for index in order[: self.pictures]]
-            draw_sheet(self.out / "contact_sheet.png", chosen)
-            for clip in chosen:
-                plot(self.out / f"{file_name(clip.name)}.png", clip)
-            print(f"wrote {self.out}")
-        if skipped:
-            raise MotionError(f"{len(skipped)} of {len(skipped) + len(files)} files could not be used; see above")
-        return reports
+    Raises:
+        MotionError: at the end, when files of a folder were left out.
+    """
+    skipped: list[MotionError] = []
+    files = read(command, skipped)
+    clips = [clip for file in files for clip in file.clips]
+    robot = get_robot(command.robot)
+    reports = validate_motions(clips, robot, command.limits)
+    print_table(reports, [assumed(file, clip) for file in files for clip in file.clips])
+    if command.out is not None:
+        command.out.mkdir(parents=True, exist_ok=True)
+        urgency = ("drop", "repair", "use")
+        order = sorted(range(len(clips)), key=lambda index: urgency.index(reports[index].verdict))
+        chosen = [clips[index] for index in order[: command.pictures]]
+        draw_sheet(command.out / "contact_sheet.png", chosen, robot)
+        for clip in chosen:
+            plot(command.out / f"{file_name(clip.name)}.png", clip, robot)
+        print(f"wrote {command.out}")
+    if skipped:
+        raise MotionError(f"{len(skipped)} of {len(skipped) + len(files)} files could not be used; see above")
+    return reports
 
 
-@dataclass(kw_only=True)
-class Convert(_Files):
-    """Write clips as plat npz or csv, repaired where asked."""
-
-    out: Path
-    """a file .npz for all clips, or a folder"""
-    format: Literal["npz", "csv"] = "npz"
-    """in a folder: an .npz for each file, or a .csv (wxyz, with a header) for each clip"""
-    trim: tuple[float, float] = (0.0, 0.0)
-    """seconds to take off the start and the end"""
-    ground: Literal["clip", "smooth"] | None = None
-    """put the feet on the floor: all frames of a clip alike, or following a floor that drifts"""
-    level_feet: bool = False
-    """turn the ankles of standing feet until their soles are level (motion from video)"""
-    clip_limits: bool = False
-    """bring joint angles into their limits"""
-    resample: float | None = None
-    """frames a second to write, for files of different rates"""
-    drop_bad: bool = False
-    """leave out what is to be dropped, after the repairs"""
-    limits: ValidationLimits = field(default_factory=ValidationLimits)
-
-    def run(self) -> list[Path]:
-        """Write the files; return their paths."""
-        files = [replace(file, clips=self.repaired(file.clips)) for file in self.read()]
-        return write(self.out, [file for file in files if file.clips], self.format)
-
-    def repaired(self, clips: Sequence[MotionClip]) -> list[MotionClip]:
-        """The clips with the repairs that were asked for; prints those that are dropped."""
-        kept = []
-        for clip in clips:
-            left = clip.duration - sum(self.trim)
-            if self.drop_bad and left < self.limits.min_seconds:
-                print(f"dropped {clip.name}: {max(left, 0):.2f} s left")
-            else:
-                kept.append(self.repair(clip))
-        if not self.drop_bad:
-            return kept
-        reports = validate_motions(kept, limits=self.limits)
-        for report in reports:
-            if report.verdict == "drop":
-                print(f"dropped {report.name}: {', '.join(report.reasons)}")
-        return [clip for clip, report in zip(kept, reports, strict=True) if report.verdict != "drop"]
-
-    def repair(self, clip: MotionClip) -> MotionClip:
-        """One clip with them."""
-        if any(self.trim):
-            clip = trim_motion(clip, *self.trim)
-        if self.clip_limits:
-            clip = clip_to_limits(clip)
-        if self.level_feet:
-            clip = level_feet(clip)
-        if self.ground:
-            clip = ground_feet(clip, self.ground)
-        if self.resample is not None:
-            if not 1 <= self.resample <= 1000:
-                raise PlatError(f"--resample {self.resample:g}: expected 1 to 1000 frames a second")
-            qpos = resample_qpos(torch.from_numpy(clip.qpos), clip.fps, 1 / self.resample).numpy()
-            clip = MotionClip(clip.name, qpos, self.resample)
-        return clip
+def convert(command: Convert) -> list[Path]:
+    """Write the files; return their paths."""
+    files = [replace(file, clips=repaired(command, file.clips)) for file in read(command)]
+    return write(command.out, [file for file in files if file.clips], command.format, get_robot(command.robot))
 
 
-@dataclass(kw_only=True)
-class Mirror(_Files):
-    """Write the mirror image of every clip, left and right exchanged."""
-
-    out: Path
-    """a file .npz for all clips, or a folder for an .npz for each file"""
-
-    def run(self) -> list[Path]:
-        """Write the files; return their paths."""
-        files = [replace(file, clips=[mirror_motion(clip) for clip in file.clips]) for file in self.read()]
-        return write(self.out, files, "npz")
-
-
-@dataclass(kw_only=True)
-class Retarget:
-    """Turn human motion capture (BVH, ASF and AMC) into motions of the G1."""
-
-    files: Annotated[tuple[str, ...], tyro.conf.Positional]
-    """.bvh and .amc files, folders or globs; an .amc wants its .asf beside it"""
-    out: Path
-    """folder to write to"""
-    map: Path | None = None
-    """skeleton map (YAML), see docs/retargeting.md; by default one that comes with plat"""
-    fps: float | None = None
-    """frames a second of these files, where they do not say it, or say it wrong"""
-    split: bool = False
-    """write train.npz, val.npz and test.npz by clip name instead of a file for each capture"""
-    workers: int = field(default_factory=lambda: os.cpu_count() or 1)
-    """processes to spread the files over, at most; a few files are done in one"""
-    solver: SolverOptions = SolverOptions()
-    """how inverse kinematics is done"""
-
-    def run(self) -> list[Retargeted]:
-        """Write the files, print a line a clip, return what was made.
-
-        Raises:
-            MotionError: at the end, when a file could not be used; the others are written.
-        """
-        paths = bvh_paths(self.files)
-        skeleton = None if self.map is None else load_map(self.map)
-        self.out.mkdir(parents=True, exist_ok=True)
-        made, failed = [], 0
-        columns = f"{'error cm':>10}{'depth mm':>10}{'float mm':>10}{'slip cm/s':>11}{'f/s':>6}  read as"
-        print(f"{'clip':<44}{'frames':>7}{'s':>7}{columns}")
-        unknown: SkeletonMap | None = None
-        for result in retarget_all(paths, skeleton, options=self.solver, workers=self.workers, fps=self.fps):
-            if isinstance(result, MotionError):
-                print(f"skipped: {result}", flush=True)
-                failed += 1
-                unknown = unknown or getattr(result, "proposed", None)
-                continue
-            made.append(result)
-            clip, frames = result.clip, len(result.clip.qpos)
-            print(
-                f"{clip.name:<44}{frames:>7}{clip.duration:>7.1f}{100 * result.error:>10.2f}"
-                f"{1000 * result.penetration:>10.2f}{1000 * result.floating:>10.2f}{100 * result.slip:>11.2f}"
-                f"{frames / result.seconds:>6.0f}  {', '.join(clip.notes)}".rstrip(),
-                flush=True,
-            )
-            if not self.split:
-                save_motions(self.out / f"{clip.name}.npz", [clip])
-        if self.split:
-            for split in ("train", "val", "test"):
-                clips = [result.clip for result in made if split_of(result.clip.name) == split]
-                if clips:
-                    save_motions(self.out / f"{split}.npz", clips)
-                print(f"{split}: {len(clips)} clips, {sum(clip.duration for clip in clips):.0f} s")
-        if unknown is not None:
-            proposed = self.out / "proposed_map.yaml"
-            save_map(proposed, unknown, "proposed from names and tree: check every joint, then pass it with --map")
-            print(f"wrote {proposed}: a map to check and to pass with --map")
-        if failed:
-            raise MotionError(f"{failed} of {len(paths)} files could not be used; see above")
-        return made
+def repaired(command: Convert, clips: Sequence[MotionClip]) -> list[MotionClip]:
+    """The clips with the repairs that were asked for; prints those that are dropped."""
+    kept = []
+    for clip in clips:
+        left = clip.duration - sum(command.trim)
+        if command.drop_bad and left < command.limits.min_seconds:
+            print(f"dropped {clip.name}: {max(left, 0):.2f} s left")
+        else:
+            kept.append(repair(command, clip))
+    if not command.drop_bad:
+        return kept
+    reports = validate_motions(kept, get_robot(command.robot), command.limits)
+    for report in reports:
+        if report.verdict == "drop":
+            print(f"dropped {report.name}: {', '.join(report.reasons)}")
+    return [clip for clip, report in zip(kept, reports, strict=True) if report.verdict != "drop"]
 
 
-def write(out: Path, files: Sequence[MotionFile], form: str) -> list[Path]:
+def repair(command: Convert, clip: MotionClip) -> MotionClip:
+    """One clip with them."""
+    robot = get_robot(command.robot)
+    if any(command.trim):
+        clip = trim_motion(clip, *command.trim)
+    if command.clip_limits:
+        clip = clip_to_limits(clip, robot)
+    if command.level_feet:
+        clip = level_feet(clip, robot)
+    if command.ground:
+        clip = ground_feet(clip, command.ground, robot)
+    if command.resample is not None:
+        if not 1 <= command.resample <= 1000:
+            raise PlatError(f"--resample {command.resample:g}: expected 1 to 1000 frames a second")
+        qpos = resample_qpos(torch.from_numpy(clip.qpos), clip.fps, 1 / command.resample).numpy()
+        clip = MotionClip(clip.name, qpos, command.resample)
+    return clip
+
+
+def mirror(command: Mirror) -> list[Path]:
+    """Write the files; return their paths."""
+    robot = get_robot(command.robot)
+    files = [replace(file, clips=[mirror_motion(clip, robot) for clip in file.clips]) for file in read(command)]
+    return write(command.out, files, "npz", robot)
+
+
+def retarget(command: Retarget) -> list[Retargeted]:
+    """Write the files, print a line a clip, return what was made.
+
+    Raises:
+        MotionError: at the end, when a file could not be used; the others are written.
+    """
+    paths = bvh_paths(command.files)
+    skeleton = None if command.map is None else load_map(command.map)
+    command.out.mkdir(parents=True, exist_ok=True)
+    made, failed = [], 0
+    columns = f"{'error cm':>10}{'depth mm':>10}{'float mm':>10}{'slip cm/s':>11}{'f/s':>6}  read as"
+    print(f"{'clip':<44}{'frames':>7}{'s':>7}{columns}")
+    unknown: SkeletonMap | None = None
+    for result in retarget_all(paths, skeleton, options=command.solver, workers=command.workers, fps=command.fps):
+        if isinstance(result, MotionError):
+            print(f"skipped: {result}", flush=True)
+            failed += 1
+            unknown = unknown or getattr(result, "proposed", None)
+            continue
+        made.append(result)
+        clip, frames = result.clip, len(result.clip.qpos)
+        print(
+            f"{clip.name:<44}{frames:>7}{clip.duration:>7.1f}{100 * result.error:>10.2f}"
+            f"{1000 * result.penetration:>10.2f}{1000 * result.floating:>10.2f}{100 * result.slip:>11.2f}"
+            f"{frames / result.seconds:>6.0f}  {', '.join(clip.notes)}".rstrip(),
+            flush=True,
+        )
+        if not command.split:
+            save_motions(command.out / f"{clip.name}.npz", [clip])
+    if command.split:
+        for split in ("train", "val", "test"):
+            clips = [result.clip for result in made if split_of(result.clip.name) == split]
+            if clips:
+                save_motions(command.out / f"{split}.npz", clips)
+            print(f"{split}: {len(clips)} clips, {sum(clip.duration for clip in clips):.0f} s")
+    if unknown is not None:
+        proposed = command.out / "proposed_map.yaml"
+        save_map(proposed, unknown, "proposed from names and tree: check every joint, then pass it with --map")
+        print(f"wrote {proposed}: a map to check and to pass with --map")
+    if failed:
+        raise MotionError(f"{failed} of {len(paths)} files could not be used; see above")
+    return made
+
+
+def write(out: Path, files: Sequence[MotionFile], form: str, robot: Robot = G1) -> list[Path]:
     """Write clips to one npz, or to a folder."""
     clips = distinct([clip for file in files for clip in file.clips])
     if not clips:
         raise PlatError("no clips are left to write")
     if out.suffix.lower() == ".npz" and form == "npz":
         out.parent.mkdir(parents=True, exist_ok=True)
-        save_motions(out, clips)
+        save_motions(out, clips, robot)
         written = [out]
     elif out.suffix.lower() in (".npz", ".csv"):
         raise PlatError(f"--out {str(out)!r}: expected a file .npz, or a folder (for --format csv always a folder)")
     else:
         out.mkdir(parents=True, exist_ok=True)
         if form == "csv":
-            written = [save_csv(out, clip) for clip in clips]
+            written = [save_csv(out, clip, robot) for clip in clips]
         else:
             stems = distinct([MotionClip(file.path.stem, np.empty(0), 0.0) for file in files])
             written = [out / f"{stem.name}.npz" for stem in stems]
             for path, file in zip(written, files, strict=True):
-                save_motions(path, distinct(file.clips))
+                save_motions(path, distinct(file.clips), robot)
     seconds = sum(clip.duration for clip in clips)
     print(f"wrote {counted(clips)}, {seconds:.0f} s, to {out}")
     return written
@@ -329,10 +262,10 @@ def print_table(reports: Sequence[MotionReport], read_as: Sequence[str]) -> None
     print(f"{counted(reports)}, {total:.0f} s: {verdicts}")
 
 
-def draw_sheet(path: Path, clips: Sequence[MotionClip]) -> None:
+def draw_sheet(path: Path, clips: Sequence[MotionClip], robot: Robot = G1) -> None:
     """A row of pictures a clip."""
     try:
-        stage = Stage(G1, width=240, height=240, distance=2.6)
+        stage = Stage(robot, width=240, height=240, distance=2.6)
     except RenderingError as error:
         print(f"no contact sheet: {error}")
         return
@@ -362,20 +295,20 @@ def draw_sheet(path: Path, clips: Sequence[MotionClip]) -> None:
     stage.close()
 
 
-def plot(path: Path, clip: MotionClip) -> None:
+def plot(path: Path, clip: MotionClip, robot: Robot = G1) -> None:
     """Joint angles within their limits, heights of the soles, and speeds over time."""
     time = np.arange(len(clip.qpos)) / clip.fps
-    low, high = G1.joint_range.numpy().T
+    low, high = robot.joint_range.numpy().T
     figure, panels = pyplot().subplots(3, 1, figsize=(9, 8), sharex=True, layout="constrained")
     share = (clip.qpos[:, 7:] - low) / (high - low)
     reach = np.abs(share - 0.5).max(0)
-    for joint, name in enumerate(G1.joint_names):
+    for joint, name in enumerate(robot.joint_names):
         label = name.replace("_", " ") if joint in reach.argsort()[-5:] else None
         panels[0].plot(time, share[:, joint], color=None if label else "0.8", label=label, zorder=2 if label else 1)
     panels[0].axhspan(0, 1, color="0.95", zorder=0)
     panels[0].set(ylabel="joint angle within its limits", ylim=(-0.15, 1.15), title=clip.name)
     panels[0].legend(fontsize=7, ncols=5, loc="lower center", frameon=False)
-    height = Soles(G1).points(torch.from_numpy(clip.qpos))[..., 2].amin(-1).numpy()
+    height = Soles(robot).points(torch.from_numpy(clip.qpos))[..., 2].amin(-1).numpy()
     for foot, side in enumerate(("left", "right")):
         panels[1].plot(time, 100 * height[:, foot], label=side)
     panels[1].axhline(0, color="0.3", linewidth=0.8)
@@ -396,9 +329,12 @@ def file_name(name: str) -> str:
     return "".join(letter if letter.isalnum() or letter in "-_. " else "_" for letter in name)
 
 
-COMMAND = Inspect | Convert | Mirror | Retarget
-
-
-def main(command: Inspect | Convert | Mirror | Retarget) -> None:
-    """Run a command."""
-    command.run()
+def main(command: MotionsCommand) -> list[MotionReport] | list[Path] | list[Retargeted]:
+    """Run a command; return what it made."""
+    if isinstance(command, Inspect):
+        return inspect(command)
+    if isinstance(command, Convert):
+        return convert(command)
+    if isinstance(command, Mirror):
+        return mirror(command)
+    return retarget(command)

@@ -4,8 +4,6 @@ plat play --policy plat/weights/plat --keyframes recipes/examples/bow.json --vid
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -14,6 +12,7 @@ import plat.headless  # noqa: F401
 
 # isort: split
 
+from plat.cli.options import PlayRecipe
 from plat.control import (
     Chase,
     ChaseStep,
@@ -31,30 +30,6 @@ from plat.keyframes import KeyframeSequence
 from plat.rendering import Stage, check_video, film, stage_model, write_video
 from plat.runs import load_policy
 from plat.spec.timing import Timing, timing_of
-
-
-@dataclass(kw_only=True)
-class PlayRecipe:
-    """Let a policy chase the keyframes of a file."""
-
-    policy: Path
-    """run directory; an expert sees the keyframe as its next reference frame (Scratch RL)"""
-    keyframes: Path
-    """keyframe file, see docs/keyframes.md; plat keyframes makes them out of motions"""
-    split: bool = False
-    """split intervals longer than the policy's longest command into equal parts; else they are refused"""
-    hold: float = 1.0
-    """seconds to hold the last keyframe after its arrival; "inf" with --viewer"""
-    push: float = 0.0
-    """shove the robot: change of its horizontal velocity (m/s), in a random direction"""
-    push_every: float = 1.5
-    """seconds from shove to shove"""
-    seed: int = 0
-    """draws the directions"""
-    video: Path | None = None
-    """MP4 to write: the keyframe as a ghost, the time left as a bar, red after a failure"""
-    viewer: bool = False
-    """watch it live in MuJoCo's viewer; needs a display"""
 
 
 def main(recipe: PlayRecipe) -> list[KeyframeScore]:
@@ -108,6 +83,3 @@ def print_table(scores: Sequence[KeyframeScore]) -> None:
         keypoint = np.mean([score.keypoint_error for score in reached])
         summary += f"; these with MPJPE@3 {joint:.3f} rad, MPKPE@3 {keypoint:.3f} m"
     print(summary)
-
-
-COMMAND = PlayRecipe

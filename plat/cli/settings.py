@@ -9,6 +9,8 @@ from typing import Any
 
 import tyro
 
+from plat.runs.recipe import report_errors
+
 __all__ = ["parse", "run"]
 
 
@@ -39,11 +41,8 @@ def parse(kind: Any, args: Sequence[str] | None = None, prog: str | None = None)
     return tyro.cli(kind, args=args, prog=prog, config=(tyro.conf.CascadeSubcommandArgs,), **options)
 
 
-def run(module: str, args: Sequence[str], prog: str) -> None:
-    """Import the module of a command, parse its settings, and run it; user errors end the program with one line."""
-    command = import_module(module)
-    settings = parse(command.COMMAND, args, prog)
-    from plat.runs.recipe import report_errors  # torch: not for a help text
-
+def run(module: str, kind: Any, args: Sequence[str], prog: str) -> None:
+    """Parse the settings of a command, import its module and run it; user errors end the program with one line."""
+    settings = parse(kind, args, prog)
     with report_errors():
-        command.main(settings)
+        import_module(module).main(settings)

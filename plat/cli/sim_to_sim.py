@@ -6,14 +6,11 @@ The policy sees what a robot would give it and nothing else: it runs in onnxrunt
 bundle. The robot begins at rest in the first pose and is never put back, so a fall costs every keyframe after it.
 """
 
-from dataclasses import dataclass
-from pathlib import Path
 from statistics import fmean
-from typing import Annotated
 
 import torch
-import tyro
 
+from plat.cli.options import SimToSimRecipe
 from plat.control import Chase, Controller, KeyframeScore, KeyframeScorer, Simulator
 from plat.control.changed_physics import SETTINGS, Delayed, make_model
 from plat.deploy import PolicyRunner
@@ -21,32 +18,20 @@ from plat.envs.transforms import CommandSchedule, Horizon
 from plat.errors import KeyframeError
 from plat.keyframes import Keyframe, KeyframeSequence
 from plat.motions import MotionLibrary
-from plat.robots import G1
+from plat.robots import G1, Robot, get_robot
 from plat.spec.timing import Timing
-
-
-@dataclass(kw_only=True)
-class SimToSimRecipe:
-    """Run a bundle in MuJoCo at other physics than it was trained in."""
-
-    bundle: Annotated[Path, tyro.conf.Positional]
-    """folder that export.py wrote"""
-    motions: tuple[str, ...] = ("generated:val@60",)
-    """motion files, folders or globs to take keyframes from; may be empty"""
-    keyframes: tuple[Path, ...] = ()
-    """keyframe files to run as well"""
-    seed: int = 0
-    """draws the keyframes' times in each motion, 0.02 to 1 s apart"""
 
 
 def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
     """Run the recipe: print a table, return the scores of every keyframe by setting."""
     torch.set_num_threads(1)  # only the scores are torch's, one robot at a time
-    runner = PolicyRunner(recipe.bundle, G1.joint_names)
+    robot = get_robot(recipe.robot)
+    runner = PolicyRunner(recipe.bundle, robot.joint_names)
     timing = runner.timing
-    sequences = [KeyframeSequence.load(path, G1, timing=timing) for path in recipe.keyframes]
+    sequences = [KeyframeSequence.load(path, robot, timing=timing) for path in recipe.keyframes]
     if recipe.motions:
-        sequences += motion_keyframes(MotionLibrary.load(recipe.motions, dt=timing.control_dt), recipe.seed, timing)
+        library = MotionLibrary.load(recipe.motions, robot, dt=timing.control_dt)
+        sequences += motion_keyframes(library, recipe.seed, timing)
     if not sequences:
         raise KeyframeError("nothing to run: give --motions or --keyframes")
     seconds = sum(sequence.duration for sequence in sequences)
@@ -54,9 +39,9 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
     print(f"{'':<40}{'reached %':>10}{'falls %':>9}{'MPJPE@3 rad':>13}{'MPKPE@3 m':>11}")
     results = {}
     for physics in SETTINGS:
-        simulator = Simulator(make_model(G1, runner.robot, physics), timing.control_dt)
+        simulator = Simulator(make_model(robot, runner.robot, physics), timing.control_dt)
         controller = Delayed(runner, runner.robot, physics.delay)
-        scores = [score for sequence in sequences for score in run(controller, sequence, simulator)]
+        scores = [score for sequence in sequences for score in run(controller, sequence, simulator, robot)]
         results[physics.name] = scores
         reached = [score for score in scores if score.reached]
         joint, keypoint = (
@@ -87,12 +72,11 @@ def _keyframe(library: MotionLibrary, frame: int, time: float) -> Keyframe:
     return Keyframe.from_qpos(time, qpos.numpy())
 
 
-def run(controller: Controller, sequence: KeyframeSequence, simulator: Simulator) -> list[KeyframeScore]:
+def run(
+    controller: Controller, sequence: KeyframeSequence, simulator: Simulator, robot: Robot = G1
+) -> list[KeyframeScore]:
     """Scores of a sequence of keyframes."""
-    scorer = KeyframeScorer(G1)
+    scorer = KeyframeScorer(robot)
     for step in Chase(controller, sequence, simulator):
         scorer.add(step)
     return scorer.scores()
-
-
-COMMAND = SimToSimRecipe

@@ -3,41 +3,17 @@
 plat studio plat/weights/plat plat/weights/dagger plat/weights/expert --motions generated:val
 """
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 import torch
-import tyro
 
 import plat.headless  # noqa: F401
 
 # isort: split
 
+from plat.cli.options import StudioRecipe
 from plat.errors import StudioError
 from plat.runs import load_policy
-
-
-@dataclass(kw_only=True)
-class StudioRecipe:
-    """Open the keyframe studio, a web page."""
-
-    runs: Annotated[tuple[Path, ...], tyro.conf.Positional] = (
-        Path("plat/weights/plat"),
-        Path("plat/weights/dagger"),
-        Path("plat/weights/expert"),
-    )
-    """run directories; an expert sees the keyframe as its next reference frame (Scratch RL)"""
-    motions: str = "generated:val"
-    """motion files, folders or globs to take poses from, separated by spaces"""
-    keyframes: Path | None = None
-    """keyframe file to open"""
-    folder: Path = Path()
-    """only folder that the page reads files from and writes files to"""
-    host: str = "127.0.0.1"
-    """address to listen on; one beyond localhost asks visitors for a token, which is printed"""
-    port: int = 8080
-    """port to listen on"""
 
 
 def main(recipe: StudioRecipe) -> None:
@@ -71,6 +47,3 @@ def _names(runs: tuple[Path, ...]) -> list[str]:
     """What to call each run: its folder, or its path where two folders have the same name."""
     folders = [run.name for run in runs]
     return [folder if folders.count(folder) == 1 else str(run) for folder, run in zip(folders, runs, strict=True)]
-
-
-COMMAND = StudioRecipe

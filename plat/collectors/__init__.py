@@ -1,9 +1,16 @@
 """Data collection: rollouts, and DAgger on TorchRL's replay buffers."""
 
-from plat.collectors.dagger import LOOKUP_KEYS, ExpertLabels, MixedPolicy, dagger_buffer
-from plat.collectors.goals import PrivilegedGoals, strided_offsets
-from plat.collectors.replay import RolloutReplay
-from plat.collectors.rollouts import rollouts, simulation_threads
+from typing import TYPE_CHECKING
+
+from plat.lazy import lazy
+
+if TYPE_CHECKING:
+    from plat.collectors.dagger import LOOKUP_KEYS, ExpertLabels, MixedPolicy, dagger_buffer
+    from plat.collectors.goals import PrivilegedGoals, strided_offsets
+    from plat.collectors.replay import RolloutReplay
+    from plat.collectors.rollouts import rollouts, simulation_threads
+else:
+    lazy(__name__)
 
 __all__ = [
     "LOOKUP_KEYS",

@@ -11,13 +11,20 @@ policy with the one that it was exported from. This interface is stable::
     scores = scorer.scores()
 """
 
-from plat.control.chase import Chase, ChaseStep, Controller
-from plat.control.chase_playback import record
-from plat.control.policy import PolicyController
-from plat.control.pose_errors import PoseComparison, PoseErrors
-from plat.control.scores import KeyframeScore, KeyframeScorer, StepErrors
-from plat.control.simulator import Simulator
-from plat.control.viewer import Viewer
+from typing import TYPE_CHECKING
+
+from plat.lazy import lazy
+
+if TYPE_CHECKING:
+    from plat.control.chase import Chase, ChaseStep, Controller
+    from plat.control.chase_playback import record
+    from plat.control.policy import PolicyController
+    from plat.control.pose_errors import PoseComparison, PoseErrors
+    from plat.control.scores import KeyframeScore, KeyframeScorer, StepErrors
+    from plat.control.simulator import Simulator
+    from plat.control.viewer import Viewer
+else:
+    lazy(__name__)
 
 __all__ = [
     "Chase",

@@ -1,19 +1,22 @@
 """Settings of the tasks: simulation, rewards and terminations."""
 
-from dataclasses import dataclass
-from typing import TypeAlias
+from __future__ import annotations
 
-from plat.envs.tracking import ResetNoise
-from plat.envs.transforms.noise import NoiseLevels
-from plat.envs.transforms.randomization import RandomizationRanges
-from plat.envs.transforms.rewards import Reward, RewardGroup
-from plat.envs.transforms.terminations import TerminationLimits, TrackingLimits
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+from plat.envs.settings import ResetNoise
+from plat.envs.transforms.settings import NoiseLevels, RandomizationRanges, TerminationLimits, TrackingLimits
 from plat.envs.transforms.tracking_rewards import DenseRewards, KeyframeRewards, Regularization
-from plat.robots.robot import FootContacts, Robot
+from plat.robots.contacts import FootContacts
+
+if TYPE_CHECKING:
+    from plat.envs.transforms.rewards import Reward, RewardGroup
+    from plat.robots.robot import Robot
 
 __all__ = ["DistillationTaskConfig", "KeyframeTaskConfig", "RewardTerms", "SimulationConfig", "TrackingTaskConfig"]
 
-RewardTerms: TypeAlias = tuple[Reward | RewardGroup, ...]
+RewardTerms: TypeAlias = "tuple[Reward | RewardGroup, ...]"
 """Rewards of a task: terms, and groups of terms."""
 
 
@@ -52,7 +55,7 @@ class TrackingTaskConfig(SimulationConfig):
 
     def rewards(self, robot: Robot) -> RewardTerms:
         """Return the rewards of a robot: tracking and penalties."""
-        return (RewardGroup(1.0, self.dense.rewards(robot)), _penalties(self, robot))
+        return (_group(1.0, self.dense.rewards(robot)), _penalties(self, robot))
 
 
 @dataclass(frozen=True)
@@ -87,12 +90,18 @@ class KeyframeTaskConfig(DistillationTaskConfig):
     def rewards(self, robot: Robot) -> RewardTerms:
         """Return the rewards of a robot: tracking, keyframes and penalties."""
         return (
-            RewardGroup(self.dense_weight, self.dense.rewards(robot)),
-            RewardGroup(self.sparse_weight, self.sparse.rewards(robot)),
+            _group(self.dense_weight, self.dense.rewards(robot)),
+            _group(self.sparse_weight, self.sparse.rewards(robot)),
             _penalties(self, robot),
         )
 
 
 def _penalties(config: TrackingTaskConfig | KeyframeTaskConfig, robot: Robot) -> RewardGroup:
     penalties = config.regularization
-    return RewardGroup(config.regularization_weight, penalties.rewards(robot), penalties.floor)
+    return _group(config.regularization_weight, penalties.rewards(robot), penalties.floor)
+
+
+def _group(weight: float, rewards: tuple[Reward, ...], floor: float | None = None) -> RewardGroup:
+    from plat.envs.transforms.rewards import RewardGroup  # torch: a help text has no use for it
+
+    return RewardGroup(weight, rewards, floor)

@@ -1,7 +1,5 @@
 """Base environment: simulated robots on a motion, joint-level control and reset onto the reference. It has no task."""
 
-from dataclasses import dataclass
-
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
@@ -9,6 +7,7 @@ from torchrl.data import Binary, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from plat.envs.physics import BatchedPhysics, PhysicsFactory
+from plat.envs.settings import ResetNoise
 from plat.errors import ActionError, MotionError, RobotError
 from plat.motions.library import MotionLibrary
 from plat.robots.robot import FootContacts
@@ -25,30 +24,6 @@ ABSURD_ACTION = 1e4
 """Actions beyond this, or not finite, terminate their robot: motors saturate at a few units."""
 # This many consecutive control steps with broken robots mean that the policy is broken.
 _BROKEN_STEPS = 50
-
-
-@dataclass(frozen=True)
-class ResetNoise:
-    """Reset noise: half widths of the uniform noise on the reference state at an episode's start."""
-
-    root_pos_xy: float = 0.2
-    """horizontal position of the root (m)"""
-    root_pos_z: float = 0.01
-    """height of the root (m)"""
-    roll_pitch: float = 0.1
-    """roll and pitch of the root (rad)"""
-    yaw: float = 0.2
-    """heading (rad)"""
-    root_lin_vel_xy: float = 0.5
-    """horizontal velocity of the root (m/s)"""
-    root_lin_vel_z: float = 0.2
-    """vertical velocity of the root (m/s)"""
-    root_ang_vel_rp: float = 0.52
-    """roll and pitch rate (rad/s)"""
-    root_ang_vel_yaw: float = 0.78
-    """yaw rate (rad/s)"""
-    joint_pos: float = 0.1
-    """joint angles (rad)"""
 
 
 class MotionTrackingEnv(EnvBase):

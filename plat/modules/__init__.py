@@ -1,33 +1,44 @@
 """Networks of PLAT, each a TensorDict module, and the policies composed of them."""
 
-from plat.modules.backbone import Backbone
-from plat.modules.decoder import ActionDecoder
-from plat.modules.deployed import DeployedPolicy
-from plat.modules.dynamics import DynamicsConfig, DynamicsModel
-from plat.modules.goal_encoder import GoalSequenceEncoder
-from plat.modules.heads import GaussianNoise, ReferenceOffset, gaussian_action
-from plat.modules.latent import GaussianLatent, LatentPosterior, LatentPrior, sample_latent
-from plat.modules.lead import GoalLead, KeyframeLead
-from plat.modules.networks import mlp
-from plat.modules.normalizer import NormalizerConfig, ObservationNormalizer
-from plat.modules.policies import (
-    Critic,
-    Expert,
-    ExpertConfig,
-    FinetunedPolicy,
-    LatentNoisePolicy,
-    LatentPolicy,
-    LatentPolicyConfig,
-    PlainPolicy,
-    PlainPolicyConfig,
-    Refinement,
-    RefinementConfig,
-    ResidualActionPolicy,
-    ResidualLatentPolicy,
-    Teacher,
-)
-from plat.modules.residual import Residual
-from plat.spec.observation import STUDENT_KEYS
+from typing import TYPE_CHECKING
+
+from plat.lazy import lazy
+
+if TYPE_CHECKING:
+    from plat.modules.backbone import Backbone
+    from plat.modules.decoder import ActionDecoder
+    from plat.modules.deployed import DeployedPolicy
+    from plat.modules.dynamics import DynamicsModel
+    from plat.modules.goal_encoder import GoalSequenceEncoder
+    from plat.modules.heads import GaussianNoise, ReferenceOffset, gaussian_action
+    from plat.modules.latent import GaussianLatent, LatentPosterior, LatentPrior, sample_latent
+    from plat.modules.lead import GoalLead, KeyframeLead
+    from plat.modules.networks import mlp
+    from plat.modules.normalizer import ObservationNormalizer
+    from plat.modules.policies import (
+        Critic,
+        Expert,
+        FinetunedPolicy,
+        LatentNoisePolicy,
+        LatentPolicy,
+        PlainPolicy,
+        Refinement,
+        ResidualActionPolicy,
+        ResidualLatentPolicy,
+        Teacher,
+    )
+    from plat.modules.residual import Residual
+    from plat.modules.settings import (
+        DynamicsConfig,
+        ExpertConfig,
+        LatentPolicyConfig,
+        NormalizerConfig,
+        PlainPolicyConfig,
+        RefinementConfig,
+    )
+    from plat.spec.observation import STUDENT_KEYS
+else:
+    lazy(__name__)
 
 __all__ = [
     "STUDENT_KEYS",

@@ -1,12 +1,11 @@
 """A learned one-step model of the robot, for policies that are trained on imagined rollouts."""
 
-from dataclasses import dataclass
-
 import torch
 from torch import Tensor, nn
 
 from plat.envs.state import RobotState
 from plat.modules.networks import mlp
+from plat.modules.settings import DynamicsConfig
 from plat.robots.robot import Robot
 from plat.rotations import (
     quat_conjugate,
@@ -18,14 +17,6 @@ from plat.rotations import (
 )
 
 __all__ = ["DynamicsConfig", "DynamicsModel"]
-
-
-@dataclass(frozen=True)
-class DynamicsConfig:
-    """Shape of the model of the robot."""
-
-    hidden: tuple[int, ...] = (512, 512, 512)
-    """hidden layers"""
 
 
 class DynamicsModel(nn.Module):

@@ -1,7 +1,6 @@
 """Running normalization of observations to zero mean and unit variance."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import torch
 from tensordict import NestedKey, TensorDictBase
@@ -9,18 +8,9 @@ from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 
 from plat.errors import ActionError
+from plat.modules.settings import NormalizerConfig
 
 __all__ = ["NormalizerConfig", "ObservationNormalizer"]
-
-
-@dataclass(frozen=True)
-class NormalizerConfig:
-    """Constants of :class:`ObservationNormalizer`."""
-
-    eps: float = 0.01
-    """added to the standard deviation; keeps nearly constant features from being blown up"""
-    clip: float = 10.0
-    """bound on the normalized features"""
 
 
 class ObservationNormalizer(nn.Module):

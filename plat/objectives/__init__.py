@@ -1,14 +1,22 @@
 """Losses and their updates."""
 
-from plat.objectives.divergence import gaussian_kl
-from plat.objectives.dynamics import DynamicsLoss, muon_and_adam
-from plat.objectives.exploitation import ExploitationWatch
-from plat.objectives.imagination import ImaginationLoss
-from plat.objectives.imagination_learner import ImaginationConfig, ImaginationLearner, exploring
-from plat.objectives.imitation import ImitationLoss, LatentImitationLoss
-from plat.objectives.motor_gradient import MotorGradientConfig, motor_gradient
-from plat.objectives.ppo import PPO, PPOConfig
-from plat.precision import Precision, autocast, has_fast_bfloat16
+from typing import TYPE_CHECKING
+
+from plat.lazy import lazy
+
+if TYPE_CHECKING:
+    from plat.objectives.divergence import gaussian_kl
+    from plat.objectives.dynamics import DynamicsLoss, muon_and_adam
+    from plat.objectives.exploitation import ExploitationWatch
+    from plat.objectives.imagination import ImaginationLoss
+    from plat.objectives.imagination_learner import ImaginationLearner, exploring
+    from plat.objectives.imitation import ImitationLoss, LatentImitationLoss
+    from plat.objectives.motor_gradient import motor_gradient
+    from plat.objectives.ppo import PPO
+    from plat.objectives.settings import ImaginationConfig, MotorGradientConfig, PPOConfig
+    from plat.precision import Precision, autocast, has_fast_bfloat16
+else:
+    lazy(__name__)
 
 __all__ = [
     "PPO",

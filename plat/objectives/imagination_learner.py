@@ -1,7 +1,6 @@
 """Iteration of learning by imagination: updates of the dynamics model, then of the policy in it."""
 
 import copy
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import torch
@@ -14,56 +13,11 @@ from plat.envs.state import RobotState, joint_target
 from plat.modules.dynamics import DynamicsModel
 from plat.objectives.dynamics import DynamicsLoss, muon_and_adam
 from plat.objectives.imagination import ImaginationLoss
-from plat.precision import Precision, autocast
+from plat.objectives.settings import ImaginationConfig
+from plat.precision import autocast
 from plat.tasks.task import Task
 
 __all__ = ["ImaginationConfig", "ImaginationLearner", "exploring"]
-
-
-@dataclass(frozen=True)
-class ImaginationConfig:
-    """Settings of learning by imagination."""
-
-    model_updates: int = 8
-    """updates of the model per iteration"""
-    model_batch: int = 512
-    """windows per update of the model"""
-    window: int = 8
-    """control steps that the model predicts autoregressively"""
-    model_lr: float = 1e-3
-    """Adam's learning rate for the model's last layer and biases"""
-    muon_lr: float = 4e-3
-    """Muon's learning rate for the model's other matrices"""
-    policy_updates: int = 4
-    """updates of the policy per iteration"""
-    policy_batch: int = 512
-    """imagined rollouts per update of the policy"""
-    steps: int = 24
-    """control steps of an imagined rollout"""
-    recent: int = 200
-    """imagined rollouts start in one of this many last control steps"""
-    discount: float = 0.98
-    """discount per imagined step"""
-    effort: float = 0.01
-    """weight of the squared action, or of an expert's squared residual"""
-    rate: float = 0.02
-    """weight of its squared change"""
-    lr: float = 1e-3
-    """Adam's learning rate for the policy"""
-    grad_norm: float = 1.0
-    """largest norm of the gradient, for model and policy each"""
-    average: float = 0.99
-    """decay of the moving average of the policy's weights, which is what is saved"""
-    warmup: int = 40
-    """warm-up iterations, in which only the model learns"""
-    settle: int = 400
-    """iterations before normalizers are frozen; those of a loaded model count"""
-    constant: float = 0.5
-    """fraction of the budget after which learning rates fall"""
-    final_lr: float = 0.1
-    """fraction of the learning rates that is left at the end of the budget"""
-    precision: Precision = "auto"
-    """precision of the networks' hidden layers"""
 
 
 class Windows(Protocol):

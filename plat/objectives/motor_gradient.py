@@ -1,27 +1,14 @@
 """Motor gradient: joint-tracking error through the motors, a per-joint signal that PPO's noise masks."""
 
-from dataclasses import dataclass
-
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
 from plat.errors import ConfigError
+from plat.objectives.settings import MotorGradientConfig
 from plat.robots.robot import Robot
 
 __all__ = ["MotorGradientConfig", "motor_gradient"]
-
-
-@dataclass(frozen=True)
-class MotorGradientConfig:
-    """Settings of the motor gradient."""
-
-    weight: float = 0.15
-    """weight of the gradient; 0 leaves PPO alone"""
-    legs: float = 0.2
-    """further factor on the leg joints, whose errors may serve balance"""
-    steps: int = 4
-    """control steps from an action to the joint error that it causes"""
 
 
 def motor_gradient(

@@ -1,8 +1,7 @@
 """PPO iteration on a rollout: advantages, then epochs of clipped updates with a KL-adaptive learning rate."""
 
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -13,43 +12,10 @@ from torchrl.objectives import ClipPPOLoss, KLAdaptiveLR
 from torchrl.objectives.value import GAE
 
 from plat.objectives.divergence import gaussian_kl
-from plat.precision import Precision, autocast
+from plat.objectives.settings import PPOConfig
+from plat.precision import autocast
 
 __all__ = ["PPO", "PPOConfig"]
-
-
-@dataclass(frozen=True)
-class PPOConfig:
-    """Hyperparameters of PPO. Defaults are those of rsl_rl for whole-body tracking unless stated otherwise."""
-
-    gamma: float = 0.99
-    """discount per control step"""
-    lmbda: float = 0.95
-    """lambda of GAE: trades bias against variance"""
-    clip: float = 0.2
-    """clipping range of the probability ratio"""
-    epochs: int = 5
-    """epochs over a rollout"""
-    minibatches: int = 4
-    """minibatches per epoch"""
-    entropy: float = 0.005
-    """weight of the entropy bonus"""
-    grad_norm: float = 1.0
-    """largest norm of the gradient, for policy and critic each"""
-    lr: float = 1e-3
-    """learning rate of the policy at the start"""
-    min_lr: float = 3e-4
-    """lower end of the adaptive learning rate; without it one bad batch stops learning for good"""
-    max_lr: float = 1e-2
-    """upper end"""
-    critic_lr: float = 1e-3
-    """fixed learning rate of the critic, independent of the policy's adaptive one"""
-    precision: Precision = "auto"
-    """precision of the networks' hidden layers in updates"""
-    truncated: Literal["state", "mean"] = "state"
-    """bootstrap value at truncation: of the last state, or the mean of the rollout"""
-    target_kl: float = 0.02
-    """KL divergence (nats) per update that the adaptive learning rate aims at"""
 
 
 class _ClipPPOLoss(ClipPPOLoss):

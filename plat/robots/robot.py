@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
 
 import mujoco
 import numpy as np
@@ -11,11 +10,10 @@ import torch
 from torch import Tensor
 
 from plat.errors import RobotError
+from plat.robots.contacts import FootContacts
 from plat.robots.mjcf import Capsule, asset_path, check_model, compile_spec, read_spec, replace_soles
 
 __all__ = ["FootContacts", "Robot", "without_side"]
-
-FootContacts = Literal["spheres", "capsules"]
 
 
 @dataclass(frozen=True)

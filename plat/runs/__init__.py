@@ -1,15 +1,22 @@
 """Run directories, budgets, metrics files and saved policies."""
 
-from plat.runs.budget import Budget
-from plat.runs.dynamics import load_dynamics, save_dynamics
-from plat.runs.json_object import read_json, write_json
-from plat.runs.loggers import check_logger, log_table, log_video, start_logging
-from plat.runs.metrics import MetricsFile
-from plat.runs.policies import Policy, policy_spec, register_policy
-from plat.runs.recipe import RecipeConfig, default_device, report_errors
-from plat.runs.run import Run
-from plat.runs.saved_run import RunScore, SavedRun, load_policy, save_weights
-from plat.runs.shipped import shipped_runs
+from typing import TYPE_CHECKING
+
+from plat.lazy import lazy
+
+if TYPE_CHECKING:
+    from plat.runs.budget import Budget
+    from plat.runs.dynamics import load_dynamics, save_dynamics
+    from plat.runs.json_object import read_json, write_json
+    from plat.runs.loggers import check_logger, log_table, log_video, start_logging
+    from plat.runs.metrics import MetricsFile
+    from plat.runs.policies import Policy, policy_spec, register_policy
+    from plat.runs.recipe import RecipeConfig, default_device, on_device, report_errors
+    from plat.runs.run import Run
+    from plat.runs.saved_run import RunScore, SavedRun, load_policy, save_weights
+    from plat.runs.shipped import shipped_runs
+else:
+    lazy(__name__)
 
 __all__ = [
     "Budget",
@@ -25,6 +32,7 @@ __all__ = [
     "load_policy",
     "log_table",
     "log_video",
+    "on_device",
     "policy_spec",
     "read_json",
     "register_policy",

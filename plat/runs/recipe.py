@@ -4,21 +4,35 @@ import logging
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar
-
-import torch
+from typing import Any, ClassVar, Protocol, TypeVar
 
 from plat.errors import PlatError
 from plat.runs.loggers import LoggerName, chosen_loggers
 
-__all__ = ["RecipeConfig", "default_device", "report_errors"]
+__all__ = ["RecipeConfig", "default_device", "on_device", "report_errors"]
+
+
+class _HasDevice(Protocol):
+    device: str
+
+
+R = TypeVar("R", bound=_HasDevice)
 
 
 def default_device() -> str:
     """Return ``"cuda"`` where it is available, else ``"cpu"``."""
+    import torch  # not at the top: help texts show the settings below without it
+
     return "cuda" if torch.cuda.is_available() else "cpu"
+
+
+def on_device(settings: R) -> R:
+    """Return settings whose ``device`` is one: what :func:`default_device` says in the place of ``"auto"``."""
+    if settings.device != "auto":
+        return settings
+    return replace(settings, device=default_device())  # type: ignore[type-var]
 
 
 @dataclass(kw_only=True)
@@ -47,8 +61,10 @@ class RecipeConfig:
     """go on from the last checkpoint in OUT"""
     seed: int = 0
     """seeds everything that is drawn"""
-    device: str = field(default_factory=default_device)
-    """where networks and tensors live; physics runs on the CPU"""
+    device: str = "auto"
+    """where networks and tensors live, "cuda" where there is one; physics runs on the CPU"""
+    robot: str = "g1"
+    """name of the robot, or path of its JSON description"""
     num_envs: int = 512
     """robots that are simulated at a time"""
     wandb: bool = False

@@ -10,11 +10,10 @@ from plat.motions.library import MotionLibrary
 from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
 from plat.rotations import quat_conjugate, quat_from_rotvec, quat_multiply, quat_to_rotvec, quat_yaw
+from plat.tasks.settings import CHAIN_FAMILIES
 
 __all__ = ["CHAIN_FAMILIES", "KeyframeChains", "draw_chains"]
 
-CHAIN_FAMILIES = ("hold", "arms", "poses", "steps", "crouch", "far")
-"""Names of the families, see :func:`draw_chains`."""
 
 # keyframes of a chain
 _LENGTH = 5

@@ -1,7 +1,5 @@
 """The task of a keyframe policy: be at one future keyframe on time, then at the next."""
 
-from dataclasses import dataclass
-
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
@@ -12,37 +10,16 @@ from plat.envs.tracking import ResetNoise
 from plat.motions.library import MotionLibrary
 from plat.rotations import quat_conjugate, quat_multiply, quat_rotate, quat_yaw
 from plat.spec.timing import Timing
-from plat.tasks.chains import CHAIN_FAMILIES, draw_chains
-from plat.tasks.costs import AuthoredCosts, TrackingCosts, pose_cost, tracking_cost
+from plat.tasks.chains import draw_chains
+from plat.tasks.costs import pose_cost, tracking_cost
 from plat.tasks.dense_tracking import START_NOISE, off_reference
 from plat.tasks.distances import smooth_length
 from plat.tasks.pose_table import PoseTable
+from plat.tasks.settings import TimedKeyframesConfig
 from plat.tasks.starts import ClipStarts, FailureWeights, disturbed
 from plat.tasks.task import Task, robot_entries
 
 __all__ = ["TimedKeyframes", "TimedKeyframesConfig"]
-
-
-@dataclass(frozen=True)
-class TimedKeyframesConfig:
-    """Where keyframes come from and what missing them costs."""
-
-    authored: float = 0.5
-    """share of the episodes with authored keyframes; the others follow motions"""
-    families: tuple[str, ...] = CHAIN_FAMILIES
-    """families of authored keyframes"""
-    chains: int = 1200
-    """number of authored chains that are drawn"""
-    from_standing: float = 0.6
-    """fraction of the authored episodes that start standing; the others start within a motion"""
-    shortest: int = 1
-    """control steps of the shortest command along a motion"""
-    tracking: TrackingCosts = TrackingCosts()
-    """weights along a motion, and of a keyframe in its arrival window"""
-    underway: AuthoredCosts = AuthoredCosts()
-    """weights where there is no reference but the keyframe"""
-    uniform_starts: float = 0.3
-    """share of the episodes that start anywhere; the others start where failures are"""
 
 
 class TimedKeyframes(Task):

@@ -4,7 +4,6 @@ import dataclasses
 import types
 import typing
 from collections.abc import Iterator
-from importlib import import_module
 
 from tyro._docstrings import get_field_docstring
 
@@ -36,5 +35,4 @@ def leaves(kind: type, path: str = "") -> Iterator[tuple[str, str | None]]:
 
 def settings_of(command: str) -> list[tuple[str, str | None]]:
     """Return name and help of every setting of a command."""
-    module = import_module(COMMANDS[command].module)
-    return [leaf for kind in dataclasses_in(module.COMMAND) for leaf in leaves(kind)]
+    return [leaf for kind in dataclasses_in(COMMANDS[command].kind()) for leaf in leaves(kind)]

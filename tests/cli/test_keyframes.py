@@ -15,7 +15,8 @@ EXAMPLE = ROOT / "recipes" / "examples" / "bow.json"
 
 def test_the_example_is_what_the_recipe_makes(tmp_path):
     names = ("lean", "bow", "stay", "rise", "stand")
-    made = keyframes.FromMotion(motion="generated:val/bow@1", every=0.71, names=names, out=tmp_path / "a.json").run()
+    command = keyframes.FromMotion(motion="generated:val/bow@1", every=0.71, names=names, out=tmp_path / "a.json")
+    made = keyframes.main(command)
     example = KeyframeSequence.load(EXAMPLE, G1)
     assert [keyframe.name for keyframe in example.keyframes] == list(names)
     for ours, theirs in zip((made.start, *made.keyframes), (example.start, *example.keyframes), strict=True):
@@ -24,7 +25,8 @@ def test_the_example_is_what_the_recipe_makes(tmp_path):
 
 
 def test_keyframes_are_spread_evenly_to_the_end_of_the_clip(tmp_path):
-    made = keyframes.FromMotion(motion="generated:val/bow@1", every=0.5, begin=0.3, out=tmp_path / "a.json").run()
+    command = keyframes.FromMotion(motion="generated:val/bow@1", every=0.5, begin=0.3, out=tmp_path / "a.json")
+    made = keyframes.main(command)
     clip = generate_motions("val", seconds=1, families=("bow",))[0]
     assert made.duration == pytest.approx(clip.duration - 0.3)
     steps = np.diff((0, *made.arrival_steps))
@@ -37,11 +39,11 @@ def test_times_and_a_clip_of_a_file_are_chosen(tmp_path):
     clips = generate_motions("val", seconds=8)
     save_motions(tmp_path / "two.npz", clips)
     recipe = {"motion": str(tmp_path / "two.npz"), "out": tmp_path / "a.json"}
-    made = keyframes.FromMotion(**recipe, clip=clips[1].name, times=(0.5, 1.0)).run()
+    made = keyframes.main(keyframes.FromMotion(**recipe, clip=clips[1].name, times=(0.5, 1.0)))
     np.testing.assert_allclose(made.start.qpos, clips[1].qpos[0], atol=1e-6)
     assert [keyframe.time for keyframe in made.keyframes] == [0.5, 1.0]
     with pytest.raises(KeyframeError, match=f"expected --clip .* one of 2: {clips[0].name}, {clips[1].name}$"):
-        keyframes.FromMotion(**recipe, times=(0.5,)).run()
+        keyframes.main(keyframes.FromMotion(**recipe, times=(0.5,)))
 
 
 @pytest.mark.parametrize(
@@ -56,17 +58,17 @@ def test_times_and_a_clip_of_a_file_are_chosen(tmp_path):
 )
 def test_what_makes_no_sequence_is_refused(tmp_path, arguments, message):
     with pytest.raises(KeyframeError, match=message):
-        keyframes.FromMotion(motion="generated:val/bow@1", out=tmp_path / "a.json", **arguments).run()
+        keyframes.main(keyframes.FromMotion(motion="generated:val/bow@1", out=tmp_path / "a.json", **arguments))
     assert not (tmp_path / "a.json").exists()
 
 
 def test_a_motion_that_is_not_there_is_named(tmp_path):
     with pytest.raises(MotionError, match="nowhere.npz"):
-        keyframes.FromMotion(motion="nowhere.npz", every=0.5, out=tmp_path / "a.json").run()
+        keyframes.main(keyframes.FromMotion(motion="nowhere.npz", every=0.5, out=tmp_path / "a.json"))
 
 
 def test_show_prints_a_row_a_keyframe(capsys):
-    keyframes.Show(file=EXAMPLE).run()
+    keyframes.main(keyframes.Show(file=EXAMPLE))
     rows = capsys.readouterr().out.splitlines()
     assert len(rows) == 2 + 5
     assert "bow" in rows[3]

@@ -7,6 +7,7 @@ import pytest
 import tyro
 
 from plat.cli import motions
+from plat.cli.options import MotionsCommand
 from plat.errors import MotionError, PlatError
 from plat.motions import MotionClip, ground_feet, level_feet, load_motions, mirror_motion, save_motions
 from plat.rendering import RenderingError
@@ -28,7 +29,7 @@ def folder(tmp_path) -> Path:
 
 
 def run(*arguments: object):
-    return tyro.cli(motions.COMMAND, args=[str(argument) for argument in arguments]).run()
+    return motions.main(tyro.cli(MotionsCommand, args=[str(argument) for argument in arguments]))
 
 
 def test_inspect_prints_a_row_a_clip(folder, capsys):

@@ -1,31 +1,34 @@
 """Transforms that turn the simulated robot into a task. They communicate through TensorDict entries only."""
 
-from plat.envs.transforms.base import ObservationTransform, Statistics, pop_statistics
-from plat.envs.transforms.command import (
-    HORIZONS,
-    PAPER_HORIZONS,
-    CommandSchedule,
-    Horizon,
-    KeyframeClock,
-    KeyframeCommand,
-    horizon_named,
-)
-from plat.envs.transforms.goals import NEXT_DENSE_FRAME, NEXT_FRAME, DenseGoal
-from plat.envs.transforms.metrics import METRIC_KEYS, KeyframeMetrics, TrackingError
-from plat.envs.transforms.noise import NoiseLevels, ObservationNoise
-from plat.envs.transforms.privileged import PrivilegedState
-from plat.envs.transforms.randomization import DomainRandomization, RandomizationRanges
-from plat.envs.transforms.reference import ReferenceMotion, align_to_anchor
-from plat.envs.transforms.rewards import Reward, RewardGroup, Rewards
-from plat.envs.transforms.schedule import ScheduledStarts
-from plat.envs.transforms.starts import FailureWeightedStarts, FirstFrames
-from plat.envs.transforms.terminations import (
-    KeyframeTermination,
-    TerminationLimits,
-    TrackingLimits,
-    TrackingTermination,
-)
-from plat.envs.transforms.tracking_rewards import DenseRewards, KeyframeRewards, Regularization, TrackingTerm
+from typing import TYPE_CHECKING
+
+from plat.lazy import lazy
+
+if TYPE_CHECKING:
+    from plat.envs.transforms.base import ObservationTransform, Statistics, pop_statistics
+    from plat.envs.transforms.command import (
+        HORIZONS,
+        PAPER_HORIZONS,
+        CommandSchedule,
+        Horizon,
+        KeyframeClock,
+        KeyframeCommand,
+        horizon_named,
+    )
+    from plat.envs.transforms.goals import NEXT_DENSE_FRAME, NEXT_FRAME, DenseGoal
+    from plat.envs.transforms.metrics import METRIC_KEYS, KeyframeMetrics, TrackingError
+    from plat.envs.transforms.noise import ObservationNoise
+    from plat.envs.transforms.privileged import PrivilegedState
+    from plat.envs.transforms.randomization import DomainRandomization
+    from plat.envs.transforms.reference import ReferenceMotion, align_to_anchor
+    from plat.envs.transforms.rewards import Reward, RewardGroup, Rewards
+    from plat.envs.transforms.schedule import ScheduledStarts
+    from plat.envs.transforms.settings import NoiseLevels, RandomizationRanges, TerminationLimits, TrackingLimits
+    from plat.envs.transforms.starts import FailureWeightedStarts, FirstFrames
+    from plat.envs.transforms.terminations import KeyframeTermination, TrackingTermination
+    from plat.envs.transforms.tracking_rewards import DenseRewards, KeyframeRewards, Regularization, TrackingTerm
+else:
+    lazy(__name__)
 
 __all__ = [
     "HORIZONS",

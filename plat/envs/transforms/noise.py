@@ -1,31 +1,16 @@
 """Observation noise."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
 from plat.envs.transforms.base import ObservationTransform
+from plat.envs.transforms.settings import NoiseLevels
 from plat.robots.robot import Robot
 
 __all__ = ["NoiseLevels", "ObservationNoise"]
-
-
-@dataclass(frozen=True)
-class NoiseLevels:
-    """Half widths of the uniform noise on measured entries."""
-
-    joint_pos: float = 0.01
-    """joint angles (rad)"""
-    joint_vel: float = 0.5
-    """joint velocities (rad/s)"""
-    root_ang_vel_b: float = 0.2
-    """angular velocity of the root (rad/s)"""
-    root_lin_vel_b: float = 0.1
-    """linear velocity of the root (m/s), which a real robot can only estimate"""
-    gravity_b: float = 0.05
-    """components of the direction of gravity"""
 
 
 class ObservationNoise(ObservationTransform):

@@ -1,37 +1,14 @@
 """Domain randomization of the robot, its motors and the ground."""
 
-from dataclasses import dataclass
-
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 from torchrl.envs import Transform
 
 from plat.envs.tracking import MotionTrackingEnv
+from plat.envs.transforms.settings import RandomizationRanges
 
 __all__ = ["DomainRandomization", "RandomizationRanges"]
-
-
-@dataclass(frozen=True)
-class RandomizationRanges:
-    """Ranges of domain randomization, sampled uniformly at each reset. A range of width 0 switches its term off."""
-
-    foot_friction: tuple[float, float] = (0.3, 1.2)
-    """sliding friction of the soles"""
-    torso_com: tuple[float, float, float] = (0.025, 0.05, 0.05)
-    """half widths of the shift of the anchor body's center of mass (m)"""
-    encoder_bias: float = 0.01
-    """half width of the constant error of each joint encoder (rad)"""
-    motor_gain: float = 0.1
-    """half width of the relative error of each joint's stiffness and damping"""
-    control_delay: float = 0.5
-    """fraction of the robots whose targets arrive one control step late"""
-    push_interval: tuple[float, float] = (1.0, 3.0)
-    """seconds between pushes"""
-    push_lin_vel: tuple[float, float, float] = (0.5, 0.5, 0.2)
-    """half widths of the change of root velocity by a push (m/s, world)"""
-    push_ang_vel: tuple[float, float, float] = (0.52, 0.52, 0.78)
-    """half widths of the change of root angular velocity by a push (rad/s, root frame)"""
 
 
 class DomainRandomization(Transform):

@@ -1,7 +1,5 @@
 """Termination conditions."""
 
-from dataclasses import dataclass
-
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
@@ -9,6 +7,7 @@ from torchrl.data import Composite
 from torchrl.envs import Transform
 
 from plat.envs.transforms.base import Statistics, check_step_entries
+from plat.envs.transforms.settings import TerminationLimits, TrackingLimits
 from plat.robots.robot import Robot
 from plat.rotations import quat_angle
 
@@ -23,34 +22,6 @@ __all__ = [
 ]
 
 _REFERENCE = ("reference", "keypoint_pos_w")
-
-
-@dataclass(frozen=True)
-class TrackingLimits:
-    """Termination thresholds of dense tracking."""
-
-    anchor_height: float = 0.25
-    """error of the anchor's height (m)"""
-    anchor_tilt: float = 0.8
-    """error of the vertical component of gravity in the anchor's frame"""
-    end_effector_height: float = 0.25
-    """error of the height of an end effector (m)"""
-
-
-@dataclass(frozen=True)
-class TerminationLimits:
-    """Termination thresholds of a timed keyframe command."""
-
-    anchor_height: float = 0.25
-    """error of the anchor's height (m), in an arrival window"""
-    anchor_rot_squared: float = 1.0
-    """squared error of the anchor's orientation (rad^2), in an arrival window"""
-    end_effector_height: float = 0.25
-    """error of the height of an end effector (m), in an arrival window"""
-    root_height: float = 0.25
-    """error of the root's height that counts as a fall (m)"""
-    root_tilt: float = 0.8
-    """error of the vertical component of gravity in the root's frame that counts as a fall"""
 
 
 class _Termination(Transform):

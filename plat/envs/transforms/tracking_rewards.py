@@ -1,30 +1,21 @@
 """Default rewards with their weights: motion tracking, reaching keyframes, and penalties."""
 
-from collections.abc import Callable
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
-import torch
-from tensordict import NestedKey, TensorDictBase
-from torch import Tensor
+from plat.envs.transforms.settings import TrackingTerm
 
-from plat.envs.transforms.rewards import Reward, RewardFunction
-from plat.robots.robot import Robot
-from plat.rotations import quat_angle
+if TYPE_CHECKING:
+    from tensordict import TensorDictBase
+    from torch import Tensor
+
+    from plat.envs.transforms.rewards import Reward
+    from plat.robots.robot import Robot
 
 __all__ = ["DenseRewards", "KeyframeRewards", "Regularization", "TrackingTerm"]
-
-_IN_WINDOW = ("command", "in_window")
-
-
-@dataclass(frozen=True)
-class TrackingTerm:
-    """Tracking term of a reward: ``weight * exp(-squared_error / scale**2)``."""
-
-    weight: float
-    """factor; 0 leaves the term out"""
-    scale: float
-    """error at which the term has fallen to 1/e, in the unit of the error"""
 
 
 @dataclass(frozen=True)
@@ -51,15 +42,18 @@ class DenseRewards:
 
     def rewards(self, robot: Robot) -> tuple[Reward, ...]:
         """Return the terms, see :class:`plat.envs.transforms.Reward`; they need :class:`ReferenceMotion`."""
+        from plat.envs.transforms import reward_terms as terms  # torch: a help text has no use for it
+
         anchor = robot.anchor_index
+        aligned = terms.difference("keypoint_pos_w", "keypoint_pos_aligned_w")
         return (
-            _tracking("anchor_pos", self.anchor_pos, partial(anchor_pos_error, anchor=anchor)),
-            _tracking("anchor_rot", self.anchor_rot, partial(anchor_rot_error, anchor=anchor)),
-            _tracking("keypoint_pos", self.keypoint_pos, _difference("keypoint_pos_w", "keypoint_pos_aligned_w")),
-            _tracking("keypoint_rot", self.keypoint_rot, keypoint_rot_error),
-            _tracking("keypoint_lin_vel", self.keypoint_lin_vel, _difference("keypoint_lin_vel_w")),
-            _tracking("keypoint_ang_vel", self.keypoint_ang_vel, _difference("keypoint_ang_vel_w")),
-            _tracking("joint_pos", self.joint_pos, joint_pos_error),
+            terms.tracking("anchor_pos", self.anchor_pos, partial(terms.anchor_pos_error, anchor=anchor)),
+            terms.tracking("anchor_rot", self.anchor_rot, partial(terms.anchor_rot_error, anchor=anchor)),
+            terms.tracking("keypoint_pos", self.keypoint_pos, aligned),
+            terms.tracking("keypoint_rot", self.keypoint_rot, terms.keypoint_rot_error),
+            terms.tracking("keypoint_lin_vel", self.keypoint_lin_vel, terms.difference("keypoint_lin_vel_w")),
+            terms.tracking("keypoint_ang_vel", self.keypoint_ang_vel, terms.difference("keypoint_ang_vel_w")),
+            terms.tracking("joint_pos", self.joint_pos, terms.joint_pos_error),
         )
 
 
@@ -79,11 +73,13 @@ class KeyframeRewards:
 
         They need :class:`ReferenceMotion` and :class:`KeyframeClock`.
         """
+        from plat.envs.transforms import reward_terms as terms  # torch: a help text has no use for it
+
         anchor = robot.anchor_index
         return (
-            _arriving("joint_pos", self.joint_pos, joint_pos_error),
-            _arriving("keypoint_pos", self.keypoint_pos, _difference("keypoint_pos_w")),
-            _arriving("anchor_rot", self.anchor_rot, partial(anchor_rot_error, anchor=anchor)),
+            terms.arriving("joint_pos", self.joint_pos, terms.joint_pos_error),
+            terms.arriving("keypoint_pos", self.keypoint_pos, terms.difference("keypoint_pos_w")),
+            terms.arriving("anchor_rot", self.anchor_rot, partial(terms.anchor_rot_error, anchor=anchor)),
         )
 
 
@@ -110,6 +106,8 @@ class Regularization:
 
     def rewards(self, robot: Robot) -> tuple[Reward, ...]:
         """Return the penalties, without the bound."""
+        from plat.envs.transforms import reward_terms as terms  # torch: a help text has no use for it
+
         low, high = robot.joint_range.unbind(-1)
         middle, half = robot.joint_range.mean(-1), 0.5 * (high - low)
         soft_low, soft_high = middle - self.soft_limit * half, middle + self.soft_limit * half
@@ -122,7 +120,7 @@ class Regularization:
 
         def joint_limit(before: TensorDictBase, after: TensorDictBase) -> Tensor:
             joint_pos = after["state", "joint_pos"]
-            return limit_excess(joint_pos, soft_low.to(joint_pos), soft_high.to(joint_pos))
+            return terms.limit_excess(joint_pos, soft_low.to(joint_pos), soft_high.to(joint_pos))
 
         def stray_contact(before: TensorDictBase, after: TensorDictBase) -> Tensor:
             return after["state", "stray_contacts"][:, 0]
@@ -132,78 +130,16 @@ class Regularization:
             return (joint_torque / effort.to(joint_torque)).square().sum(-1)
 
         def slip(before: TensorDictBase, after: TensorDictBase) -> Tensor:
-            return foot_slip(after["state"], feet)
+            return terms.foot_slip(after["state"], feet)
 
         def impact(before: TensorDictBase, after: TensorDictBase) -> Tensor:
             return (after["state", "foot_force"] / robot_weight - 2.0).clamp_min(0).sum(-1)
 
         return (
-            Reward("action_rate", self.action_rate, action_rate),
-            Reward("joint_limit", self.joint_limit, joint_limit),
-            Reward("stray_contact", self.stray_contact, stray_contact),
-            Reward("torque", self.torque, torque),
-            Reward("foot_slip", self.foot_slip, slip),
-            Reward("impact", self.impact, impact),
+            terms.Reward("action_rate", self.action_rate, action_rate),
+            terms.Reward("joint_limit", self.joint_limit, joint_limit),
+            terms.Reward("stray_contact", self.stray_contact, stray_contact),
+            terms.Reward("torque", self.torque, torque),
+            terms.Reward("foot_slip", self.foot_slip, slip),
+            terms.Reward("impact", self.impact, impact),
         )
-
-
-# A squared error [N] of the state and the reference after a step.
-_SquaredError = Callable[[TensorDictBase, TensorDictBase], Tensor]
-
-
-def _kernel(squared_error: _SquaredError, scale: float) -> RewardFunction:
-    return lambda before, after: torch.exp(squared_error(after["state"], after["reference"]) / -(scale**2))
-
-
-def _tracking(name: str, term: TrackingTerm, squared_error: _SquaredError) -> Reward:
-    return Reward(name, term.weight, _kernel(squared_error, term.scale), needs=(("reference", "joint_pos"),))
-
-
-def _arriving(name: str, term: TrackingTerm, squared_error: _SquaredError) -> Reward:
-    kernel = _kernel(squared_error, term.scale)
-    needs: tuple[NestedKey, ...] = (("reference", "joint_pos"), _IN_WINDOW)
-    return Reward(
-        f"keyframe_{name}", term.weight, lambda before, after: kernel(before, after) * after[_IN_WINDOW][:, 0], needs
-    )
-
-
-def _difference(entry: str, reference_entry: str | None = None) -> _SquaredError:
-    """Return the squared distance of an entry ``[N, K, 3]`` of the state from that of the reference."""
-    return lambda state, reference: squared_distance(state[entry], reference[reference_entry or entry])
-
-
-def squared_distance(actual: Tensor, wanted: Tensor) -> Tensor:
-    """Return the mean over keypoints of the squared distance: ``[N, K, 3]`` to ``[N]``."""
-    # one sum over both dimensions: reducing a last dimension of 3 alone is several times slower
-    return (actual - wanted).square().flatten(1).sum(-1) / actual.shape[1]
-
-
-def joint_pos_error(state: TensorDictBase, reference: TensorDictBase) -> Tensor:
-    """Return the mean over joints of the squared error ``[N]`` (rad^2)."""
-    return (state["joint_pos"] - reference["joint_pos"]).square().mean(-1)
-
-
-def anchor_pos_error(state: TensorDictBase, reference: TensorDictBase, anchor: int) -> Tensor:
-    """Return the squared distance ``[N]`` (m^2, world) of the anchor body from its reference."""
-    return (state["keypoint_pos_w"][:, anchor] - reference["keypoint_pos_w"][:, anchor]).square().sum(-1)
-
-
-def anchor_rot_error(state: TensorDictBase, reference: TensorDictBase, anchor: int) -> Tensor:
-    """Return the squared angle ``[N]`` (rad^2) between the anchor body and its reference."""
-    return quat_angle(state["keypoint_quat_w"][:, anchor], reference["keypoint_quat_w"][:, anchor]).square()
-
-
-def keypoint_rot_error(state: TensorDictBase, reference: TensorDictBase) -> Tensor:
-    """Return the mean over keypoints of the squared angle ``[N]`` (rad^2) to the aligned reference."""
-    return quat_angle(state["keypoint_quat_w"], reference["keypoint_quat_aligned_w"]).square().mean(-1)
-
-
-def limit_excess(joint_pos: Tensor, low: Tensor, high: Tensor) -> Tensor:
-    """Return the sum over joints ``[N]`` (rad) of the angles beyond the limits."""
-    return ((low - joint_pos).clamp_min(0) + (joint_pos - high).clamp_min(0)).sum(-1)
-
-
-def foot_slip(state: TensorDictBase, feet: list[int], loaded: float = 5.0) -> Tensor:
-    """Return the sum over feet ``[N]`` ((m/s)^2) of the squared horizontal speed of those loaded over ``loaded`` N."""
-    speed = state["keypoint_lin_vel_w"][:, feet, :2].square().sum(-1)
-    return (speed * (state["foot_force"] > loaded)).sum(-1)

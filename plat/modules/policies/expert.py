@@ -1,8 +1,6 @@
 """Stage 1: the dense motion-tracking expert."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
 
 import torch
 from tensordict import NestedKey
@@ -21,41 +19,14 @@ from plat.modules.deployed import DeployedPolicy
 from plat.modules.heads import GaussianNoise, ReferenceOffset, gaussian_action
 from plat.modules.lead import GoalLead, led
 from plat.modules.networks import mlp
-from plat.modules.normalizer import NormalizerConfig, ObservationNormalizer
+from plat.modules.normalizer import ObservationNormalizer
+from plat.modules.settings import ExpertConfig
 from plat.motions.library import MotionLibrary
 from plat.robots.robot import Robot
 from plat.spec.observation import goal_keys, observation_size, robot_keys
 from plat.spec.timing import Timing
 
 __all__ = ["Expert", "ExpertConfig"]
-
-
-@dataclass(frozen=True)
-class ExpertConfig:
-    """Shape of the expert."""
-
-    hidden: tuple[int, ...] = (512, 256, 128)
-    """hidden layers"""
-    action: Literal["reference_residual", "reference_velocity", "default_offset"] = "reference_residual"
-    """base of the action: goal joint angles, those with velocity feed-forward, or default pose"""
-    ahead: tuple[int, ...] = (1,)
-    """reference frames in the observation, counted from the current one"""
-    residual_limit: float = 5.0
-    """bound on the network's output where it is added to the reference"""
-    lead: float = 0.0
-    """velocity feed-forward (s) of the reference; needs two frames in ahead"""
-    catch_up: float = 0.0
-    """proportional gain on the position error: the reference is shown displaced by gain * error"""
-    catch_up_limit: float = 0.3
-    """longest position error that the gain is applied to (m)"""
-    init_std: float = 0.6
-    """exploration noise at the start, in units of action"""
-    min_std: float = 0.02
-    """lower bound on the exploration noise"""
-    normalizer: NormalizerConfig = NormalizerConfig()
-    """normalization of the observation"""
-    timing: Timing = Timing()
-    """control step that it acts at, and the commands that it is given"""
 
 
 class Expert(nn.Module):

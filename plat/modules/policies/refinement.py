@@ -6,7 +6,6 @@ action. ``deployed()`` is the deterministic policy.
 """
 
 import copy
-from dataclasses import dataclass
 
 from tensordict import NestedKey
 from tensordict.nn import (
@@ -22,6 +21,7 @@ from plat.modules.heads import GaussianNoise, gaussian_action
 from plat.modules.lead import KeyframeLead, led
 from plat.modules.policies.student import LatentPolicy
 from plat.modules.residual import Residual
+from plat.modules.settings import RefinementConfig
 from plat.spec.observation import student_keys
 from plat.spec.timing import Timing
 
@@ -33,24 +33,6 @@ __all__ = [
     "ResidualActionPolicy",
     "ResidualLatentPolicy",
 ]
-
-
-@dataclass(frozen=True)
-class RefinementConfig:
-    """Size of the residual and exploration around the student."""
-
-    hidden: tuple[int, ...] = (256, 128)
-    """hidden layers of the residual"""
-    alpha: float = 0.5
-    """scale of the residual"""
-    init_std: float = 0.2
-    """exploration noise at the start, in units of what it is added to"""
-    lead: float = 0.0
-    """feed-forward (s): shifts the keyframe along the way to it, against arriving late"""
-    shortest_lead: float = 0.1
-    """shortest time to a keyframe that the feed-forward divides by (s)"""
-    min_std: float = 0.02
-    """lower bound on the exploration noise"""
 
 
 class Refinement(nn.Module):

@@ -1,7 +1,6 @@
 """Students of stage 2: behavior cloning with a privileged latent, or without."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModuleBase, TensorDictSequential
@@ -12,44 +11,13 @@ from plat.modules.decoder import ActionDecoder
 from plat.modules.deployed import DeployedPolicy
 from plat.modules.goal_encoder import GoalSequenceEncoder
 from plat.modules.latent import LatentPosterior, LatentPrior, sample_latent
-from plat.modules.normalizer import NormalizerConfig, ObservationNormalizer
+from plat.modules.normalizer import ObservationNormalizer
+from plat.modules.settings import LatentPolicyConfig, PlainPolicyConfig
 from plat.robots.robot import Robot
 from plat.spec.observation import STUDENT_KEYS, goal_keys, observation_size, student_keys
 from plat.spec.timing import Timing
 
 __all__ = ["STUDENT_KEYS", "LatentPolicy", "LatentPolicyConfig", "PlainPolicy", "PlainPolicyConfig"]
-
-
-@dataclass(frozen=True)
-class PlainPolicyConfig:
-    """Shape of the student without a latent."""
-
-    backbone: tuple[int, ...] = (512,)
-    """hidden layers of the backbone"""
-    hidden_size: int = 256
-    """size of h"""
-    decoder: tuple[int, ...] = (256, 128)
-    """hidden layers of the decoder"""
-    normalizer: NormalizerConfig = NormalizerConfig()
-    """normalization of the observation"""
-    timing: Timing = Timing()
-    """control step that it acts at, and the commands that it is given"""
-
-
-@dataclass(frozen=True)
-class LatentPolicyConfig(PlainPolicyConfig):
-    """Shape of the student with a privileged latent."""
-
-    latent_size: int = 32
-    """size of z"""
-    prior: tuple[int, ...] = (256,)
-    """hidden layers of the prior"""
-    posterior: tuple[int, ...] = (256,)
-    """hidden layers of the posterior"""
-    encoder_size: int = 128
-    """size of the goal-sequence code e"""
-    min_std: float = 0.01
-    """lower bound on the standard deviations of prior and posterior; bounds the divergence"""
 
 
 class LatentPolicy(nn.Module):

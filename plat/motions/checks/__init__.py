@@ -1,7 +1,15 @@
 """Kinematic checks of motions, and repairs of what they find."""
 
-from plat.motions.checks.repair import clip_to_limits, ground_feet, level_feet, trim_motion
-from plat.motions.checks.validation import MotionReport, ValidationLimits, validate_motion, validate_motions
+from typing import TYPE_CHECKING
+
+from plat.lazy import lazy
+
+if TYPE_CHECKING:
+    from plat.motions.checks.repair import clip_to_limits, ground_feet, level_feet, trim_motion
+    from plat.motions.checks.settings import ValidationLimits
+    from plat.motions.checks.validation import MotionReport, validate_motion, validate_motions
+else:
+    lazy(__name__)
 
 __all__ = [
     "MotionReport",

@@ -1,13 +1,20 @@
 """Human motion capture to motions of the robot; needs the extra ``plat-rl[retarget]``."""
 
-from plat.motions.retargeting.asf import read_amc
-from plat.motions.retargeting.builtin import UnknownSkeletonError, builtin_maps
-from plat.motions.retargeting.bvh import read_bvh
-from plat.motions.retargeting.mocap import Mocap
-from plat.motions.retargeting.options import SolverOptions
-from plat.motions.retargeting.retarget import Retargeted, bvh_paths, retarget, retarget_all
-from plat.motions.retargeting.skeletons import SkeletonMap, load_map, save_map
-from plat.motions.split import split_of
+from typing import TYPE_CHECKING
+
+from plat.lazy import lazy
+
+if TYPE_CHECKING:
+    from plat.motions.retargeting.asf import read_amc
+    from plat.motions.retargeting.builtin import UnknownSkeletonError, builtin_maps
+    from plat.motions.retargeting.bvh import read_bvh
+    from plat.motions.retargeting.mocap import Mocap
+    from plat.motions.retargeting.options import SolverOptions
+    from plat.motions.retargeting.retarget import Retargeted, bvh_paths, retarget, retarget_all
+    from plat.motions.retargeting.skeletons import SkeletonMap, load_map, save_map
+    from plat.motions.split import split_of
+else:
+    lazy(__name__)
 
 __all__ = [
     "Mocap",

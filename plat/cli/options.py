@@ -1,0 +1,294 @@
+"""Settings of the commands, apart from what runs so that help texts need no torch."""
+
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal, TypeAlias
+
+import tyro
+
+from plat.baselines.released import ReleasedTrackers
+from plat.envs.transforms.settings import RandomizationRanges
+from plat.motions.checks.settings import ValidationLimits
+from plat.motions.retargeting.options import SolverOptions
+from plat.runs.loggers import LoggerName, chosen_loggers
+from plat.spec.timing import Timing
+
+__all__ = [
+    "Convert",
+    "CurvesRecipe",
+    "EvaluateRecipe",
+    "ExportRecipe",
+    "FromMotion",
+    "HorizonName",
+    "Inspect",
+    "KeyframesCommand",
+    "Mirror",
+    "MotionFiles",
+    "MotionsCommand",
+    "PlayRecipe",
+    "Retarget",
+    "ScoringConfig",
+    "Show",
+    "SimToSimRecipe",
+    "StudioRecipe",
+]
+
+
+HorizonName = Literal["single", "short", "medium", "long", "mixed"]
+
+
+@dataclass(kw_only=True)
+class ScoringConfig:
+    """What the recipes that score policies have in common."""
+
+    trackers: ReleasedTrackers = field(default_factory=ReleasedTrackers)
+    motions: tuple[str, ...]
+    """motion files, folders or globs; "generated:val" or "generated:test" for generated motion"""
+    horizon: tuple[HorizonName, ...] = ("single", "short", "medium", "long", "mixed")
+    """lengths of the commands"""
+    randomization: RandomizationRanges = field(default_factory=RandomizationRanges)
+    """ranges of the domain randomization, and pushes"""
+    clip: str | None = None
+    """film strips show the first motion whose name this matches; by default the first of all"""
+    seed: int = 0
+    """draws the commands, and the disturbances"""
+    num_envs: int = 256
+    """robots that are simulated at a time; undisturbed, the figures do not depend on it"""
+    wandb: bool = False
+    """log table and figures to Weights & Biases; offline unless you are logged in"""
+    trackio: bool = False
+    """log table and figures to trackio, which keeps its files on this machine"""
+    device: str = "auto"
+    """where networks and tensors live, "cuda" where there is one"""
+    robot: str = "g1"
+    """name of the robot, or path of its JSON description"""
+
+    @property
+    def loggers(self) -> tuple[LoggerName, ...]:
+        """Experiment loggers that were asked for."""
+        return chosen_loggers(self.wandb, self.trackio)
+
+
+@dataclass(kw_only=True)
+class EvaluateRecipe(ScoringConfig):
+    """Score policies on motions."""
+
+    runs: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
+    """run directories; an expert sees the keyframe as its next reference frame (Scratch RL)"""
+    only: str | None = None
+    """regular expression: score only motions whose names it matches, as in run|kick"""
+    dense: bool = False
+    """show policies the reference instead of the keyframe: how well a dense tracker tracks"""
+    domain_randomization: bool = False
+    """draw robot, motors and ground anew for each motion, and push the robots"""
+    csv: Path | None = None
+    """file to write every figure to, with its interval"""
+    figures: Path | None = None
+    """folder to draw radar plot, bars, success curves and film strips into, as PDF and PNG"""
+
+
+@dataclass(kw_only=True)
+class PlayRecipe:
+    """Let a policy chase the keyframes of a file."""
+
+    policy: Path
+    """run directory; an expert sees the keyframe as its next reference frame (Scratch RL)"""
+    keyframes: Path
+    """keyframe file, see docs/keyframes.md; plat keyframes makes them out of motions"""
+    split: bool = False
+    """split intervals longer than the longest command into equal parts; else they are refused"""
+    hold: float = 1.0
+    """seconds to hold the last keyframe after its arrival; "inf" with --viewer"""
+    push: float = 0.0
+    """shove the robot: change of its horizontal velocity (m/s), in a random direction"""
+    push_every: float = 1.5
+    """seconds from shove to shove"""
+    seed: int = 0
+    """draws the directions"""
+    video: Path | None = None
+    """MP4 to write: the keyframe as a ghost, the time left as a bar, red after a failure"""
+    viewer: bool = False
+    """watch it live in MuJoCo's viewer; needs a display"""
+
+
+@dataclass(kw_only=True)
+class StudioRecipe:
+    """Open the keyframe studio, a web page."""
+
+    runs: Annotated[tuple[Path, ...], tyro.conf.Positional] = (
+        Path("plat/weights/plat"),
+        Path("plat/weights/dagger"),
+        Path("plat/weights/expert"),
+    )
+    """run directories; an expert sees the keyframe as its next reference frame (Scratch RL)"""
+    motions: str = "generated:val"
+    """motion files, folders or globs to take poses from, separated by spaces"""
+    keyframes: Path | None = None
+    """keyframe file to open"""
+    folder: Path = Path()
+    """only folder that the page reads files from and writes files to"""
+    host: str = "127.0.0.1"
+    """address to listen on; one beyond localhost asks visitors for a token, which is printed"""
+    port: int = 8080
+    """port to listen on"""
+
+
+@dataclass(kw_only=True)
+class MotionFiles:
+    """Motion files, and how to read them."""
+
+    files: Annotated[tuple[str, ...], tyro.conf.Positional]
+    """motion files, folders or globs; "generated:val" for the motions that plat makes itself"""
+    quat_order: Literal["wxyz", "xyzw"] | None = None
+    """order of the root quaternion in these files, where they do not show it"""
+    fps: float | None = None
+    """frames a second of these files, where they do not say it, or say it wrong"""
+    strict: bool = False
+    """stop at the first bad file of a folder or glob; else it is named and left out"""
+    robot: str = "g1"
+    """name of the robot, or path of its JSON description"""
+
+
+@dataclass(kw_only=True)
+class Inspect(MotionFiles):
+    """Measure clips and say whether they are fit to train on."""
+
+    out: Path | None = None
+    """folder for a contact sheet and a plot a clip"""
+    pictures: int = 20
+    """how many clips get them, those to drop or repair first"""
+    limits: ValidationLimits = field(default_factory=ValidationLimits)
+
+
+@dataclass(kw_only=True)
+class Convert(MotionFiles):
+    """Write clips as plat npz or csv, repaired where asked."""
+
+    out: Path
+    """a file .npz for all clips, or a folder"""
+    format: Literal["npz", "csv"] = "npz"
+    """in a folder: an .npz for each file, or a .csv (wxyz, with a header) for each clip"""
+    trim: tuple[float, float] = (0.0, 0.0)
+    """seconds to take off the start and the end"""
+    ground: Literal["clip", "smooth"] | None = None
+    """put the feet on the floor: all frames of a clip alike, or following a floor that drifts"""
+    level_feet: bool = False
+    """turn the ankles of standing feet until their soles are level (motion from video)"""
+    clip_limits: bool = False
+    """bring joint angles into their limits"""
+    resample: float | None = None
+    """frames a second to write, for files of different rates"""
+    drop_bad: bool = False
+    """leave out what is to be dropped, after the repairs"""
+    limits: ValidationLimits = field(default_factory=ValidationLimits)
+
+
+@dataclass(kw_only=True)
+class Mirror(MotionFiles):
+    """Write the mirror image of every clip, left and right exchanged."""
+
+    out: Path
+    """a file .npz for all clips, or a folder for an .npz for each file"""
+
+
+@dataclass(kw_only=True)
+class Retarget:
+    """Turn human motion capture (BVH, ASF and AMC) into motions of the G1."""
+
+    files: Annotated[tuple[str, ...], tyro.conf.Positional]
+    """.bvh and .amc files, folders or globs; an .amc wants its .asf beside it"""
+    out: Path
+    """folder to write to"""
+    map: Path | None = None
+    """skeleton map (YAML), see docs/retargeting.md; by default one that comes with plat"""
+    fps: float | None = None
+    """frames a second of these files, where they do not say it, or say it wrong"""
+    split: bool = False
+    """write train.npz, val.npz and test.npz by clip name instead of a file for each capture"""
+    workers: int = field(default_factory=lambda: os.cpu_count() or 1)
+    """processes to spread the files over, at most; a few files are done in one"""
+    solver: SolverOptions = SolverOptions()
+    """how inverse kinematics is done"""
+
+
+@dataclass(kw_only=True)
+class FromMotion:
+    """Take poses of a clip as keyframes."""
+
+    motion: Annotated[str, tyro.conf.Positional]
+    """motion file, folder or glob; "generated:val/bow@1" for a motion that plat makes itself"""
+    out: Path
+    """keyframe file to write"""
+    clip: str | None = None
+    """name of the clip, where there are several"""
+    times: tuple[float, ...] = ()
+    """seconds of the clip at which the keyframes are"""
+    every: float | None = None
+    """instead: evenly to the end of the clip, at most so many seconds apart"""
+    names: tuple[str, ...] = ()
+    """of the keyframes, in their order"""
+    begin: float = 0.0
+    """second of the clip in which the sequence begins"""
+    robot: str = "g1"
+    """name of the robot, or path of its JSON description"""
+    timing: Timing = Timing()
+    """of the policy that is to chase them"""
+
+
+@dataclass(kw_only=True)
+class Show:
+    """Check a file and print what is in it."""
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """keyframe file"""
+    split: bool = False
+    """split intervals longer than the policy's longest command into equal parts"""
+    robot: str = "g1"
+    """name of the robot, or path of its JSON description"""
+    timing: Timing = Timing()
+    """of the policy that is to chase them"""
+
+
+@dataclass(kw_only=True)
+class ExportRecipe:
+    """Write the policy of a run as a bundle for robots and other simulators."""
+
+    run: Annotated[Path, tyro.conf.Positional]
+    """run directory of stage 2 or 3; scores in its evaluation.csv are taken along"""
+    out: Path
+    """folder to make"""
+
+
+@dataclass(kw_only=True)
+class SimToSimRecipe:
+    """Run a bundle in MuJoCo at other physics than it was trained in."""
+
+    bundle: Annotated[Path, tyro.conf.Positional]
+    """folder that export.py wrote"""
+    motions: tuple[str, ...] = ("generated:val@60",)
+    """motion files, folders or globs to take keyframes from; may be empty"""
+    keyframes: tuple[Path, ...] = ()
+    """keyframe files to run as well"""
+    robot: str = "g1"
+    """name of the robot, or path of its JSON description"""
+    seed: int = 0
+    """draws the keyframes' times in each motion, 0.02 to 1 s apart"""
+
+
+@dataclass(kw_only=True)
+class CurvesRecipe:
+    """Draw learning curves."""
+
+    runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """run directories, one line each"""
+    metrics: tuple[str, ...] = ("terminations_per_second", "error/keypoint_aligned")
+    """columns of metrics.csv, one panel each"""
+    out: Path = Path("curves.png")
+    """picture to write (PNG, PDF or SVG)"""
+    smooth: int = 5
+    """rows that are averaged"""
+
+
+MotionsCommand: TypeAlias = Inspect | Convert | Mirror | Retarget
+KeyframesCommand: TypeAlias = FromMotion | Show

@@ -1,0 +1,90 @@
+"""Terms of the tracking rewards and penalties: squared errors, and the kernel over them."""
+
+from collections.abc import Callable
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from torch import Tensor
+
+from plat.envs.transforms.rewards import Reward, RewardFunction
+from plat.envs.transforms.settings import TrackingTerm
+from plat.rotations import quat_angle
+
+__all__ = [
+    "Reward",
+    "anchor_pos_error",
+    "anchor_rot_error",
+    "arriving",
+    "difference",
+    "foot_slip",
+    "joint_pos_error",
+    "keypoint_rot_error",
+    "limit_excess",
+    "squared_distance",
+    "tracking",
+]
+
+_IN_WINDOW = ("command", "in_window")
+
+# A squared error [N] of the state and the reference after a step.
+_SquaredError = Callable[[TensorDictBase, TensorDictBase], Tensor]
+
+
+def _kernel(squared_error: _SquaredError, scale: float) -> RewardFunction:
+    return lambda before, after: torch.exp(squared_error(after["state"], after["reference"]) / -(scale**2))
+
+
+def tracking(name: str, term: TrackingTerm, squared_error: _SquaredError) -> Reward:
+    """Return a term that is paid at every step."""
+    return Reward(name, term.weight, _kernel(squared_error, term.scale), needs=(("reference", "joint_pos"),))
+
+
+def arriving(name: str, term: TrackingTerm, squared_error: _SquaredError) -> Reward:
+    """Return a term that is paid in the arrival window."""
+    kernel = _kernel(squared_error, term.scale)
+    needs: tuple[NestedKey, ...] = (("reference", "joint_pos"), _IN_WINDOW)
+    return Reward(
+        f"keyframe_{name}", term.weight, lambda before, after: kernel(before, after) * after[_IN_WINDOW][:, 0], needs
+    )
+
+
+def difference(entry: str, reference_entry: str | None = None) -> _SquaredError:
+    """Squared distance of an entry ``[N, K, 3]`` of the state from that of the reference."""
+    return lambda state, reference: squared_distance(state[entry], reference[reference_entry or entry])
+
+
+def squared_distance(actual: Tensor, wanted: Tensor) -> Tensor:
+    """Return the mean over keypoints of the squared distance: ``[N, K, 3]`` to ``[N]``."""
+    # one sum over both dimensions: reducing a last dimension of 3 alone is several times slower
+    return (actual - wanted).square().flatten(1).sum(-1) / actual.shape[1]
+
+
+def joint_pos_error(state: TensorDictBase, reference: TensorDictBase) -> Tensor:
+    """Return the mean over joints of the squared error ``[N]`` (rad^2)."""
+    return (state["joint_pos"] - reference["joint_pos"]).square().mean(-1)
+
+
+def anchor_pos_error(state: TensorDictBase, reference: TensorDictBase, anchor: int) -> Tensor:
+    """Return the squared distance ``[N]`` (m^2, world) of the anchor body from its reference."""
+    return (state["keypoint_pos_w"][:, anchor] - reference["keypoint_pos_w"][:, anchor]).square().sum(-1)
+
+
+def anchor_rot_error(state: TensorDictBase, reference: TensorDictBase, anchor: int) -> Tensor:
+    """Return the squared angle ``[N]`` (rad^2) between the anchor body and its reference."""
+    return quat_angle(state["keypoint_quat_w"][:, anchor], reference["keypoint_quat_w"][:, anchor]).square()
+
+
+def keypoint_rot_error(state: TensorDictBase, reference: TensorDictBase) -> Tensor:
+    """Return the mean over keypoints of the squared angle ``[N]`` (rad^2) to the aligned reference."""
+    return quat_angle(state["keypoint_quat_w"], reference["keypoint_quat_aligned_w"]).square().mean(-1)
+
+
+def limit_excess(joint_pos: Tensor, low: Tensor, high: Tensor) -> Tensor:
+    """Return the sum over joints ``[N]`` (rad) of the angles beyond the limits."""
+    return ((low - joint_pos).clamp_min(0) + (joint_pos - high).clamp_min(0)).sum(-1)
+
+
+def foot_slip(state: TensorDictBase, feet: list[int], loaded: float = 5.0) -> Tensor:
+    """Return the sum over feet ``[N]`` ((m/s)^2) of the squared horizontal speed of those loaded over ``loaded`` N."""
+    speed = state["keypoint_lin_vel_w"][:, feet, :2].square().sum(-1)
+    return (speed * (state["foot_force"] > loaded)).sum(-1)

@@ -1,0 +1,217 @@
+"""Settings of the recipes, apart from what runs so that help texts need no torch."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from plat.cli.options import ScoringConfig
+from plat.envs import DistillationTaskConfig, KeyframeTaskConfig, TrackingTaskConfig
+from plat.modules import DynamicsConfig, ExpertConfig, LatentPolicyConfig, RefinementConfig
+from plat.objectives import ImaginationConfig, MotorGradientConfig, PPOConfig
+from plat.precision import Precision
+from plat.recipes.presets import BEST, PRESETS
+from plat.runs import RecipeConfig
+from plat.tasks import TimedKeyframesConfig, TrackingCosts
+
+__all__ = [
+    "AblationsRecipe",
+    "DemoRecipe",
+    "DistillRecipe",
+    "ExpertModelRecipe",
+    "ExpertRecipe",
+    "ImaginationRecipe",
+    "ImagineRecipe",
+    "RefineRecipe",
+    "Training",
+]
+
+
+@dataclass(kw_only=True)
+class ExpertRecipe(RecipeConfig):
+    """Train a dense motion-tracking expert."""
+
+    name = "expert"
+    presets = {name: preset["expert"] for name, preset in PRESETS.items()}
+
+    init: Path | None = None
+    """run of an expert to continue from, with other motions, rewards, frames or settings"""
+    init_lr: float = 3e-5
+    """with --init: upper bound on the initial and the minimum learning rate"""
+    rollout: int = 24
+    """control steps of each robot between updates"""
+    critic_warmup: int = 10
+    """with --init: rollouts that train only the critic, before the policy is updated"""
+    critic: tuple[int, ...] = (512, 256, 128)
+    """hidden layers of the critic"""
+    policy: ExpertConfig = BEST["expert"]["policy"]
+    task: TrackingTaskConfig = BEST["expert"]["task"]
+    ppo: PPOConfig = field(default_factory=PPOConfig)
+    motor: MotorGradientConfig = field(default_factory=MotorGradientConfig)
+
+
+@dataclass(kw_only=True)
+class DistillRecipe(RecipeConfig):
+    """Teach a student by DAgger with a privileged latent."""
+
+    name = "distill"
+
+    expert: Path
+    """run of stage 1, or of another teacher"""
+    student: Literal["latent", "plain"] = "latent"
+    """with the privileged latent, or the ablation without"""
+    policy: LatentPolicyConfig = field(default_factory=LatentPolicyConfig)
+    task: DistillationTaskConfig = field(default_factory=DistillationTaskConfig)
+    horizon: Literal["single", "short", "medium", "long", "mixed", "distant", "all"] = "mixed"
+    """lengths of the commands; "all" that the timing allows"""
+    rollout: int = 8
+    """control steps of each robot between updates"""
+    updates: int = 8
+    """gradient steps after each rollout"""
+    batch_size: int = 2048
+    """states a gradient step"""
+    buffer_size: int = 200_000
+    """states that are kept"""
+    stride: int = 5
+    """keep every so-many-th frame of the privileged goal sequence"""
+    prior_weight: float = 1.0
+    """lambda_p: weight of imitation through the prior"""
+    beta: float = 0.01
+    """weight of the divergence"""
+    beta_warmup: float = 0.2
+    """share of the budget over which beta rises from 0"""
+    free_bits: float = 0.0
+    """divergence of each latent dimension that is free (nats)"""
+    expert_share: float = 0.5
+    """share of the steps that the expert takes at the start"""
+    expert_until: float = 0.2
+    """share of the budget over which that falls to 0"""
+    lr: float = 1e-3
+    """learning rate at the start; it falls to a tenth along a cosine"""
+    grad_norm: float = 5.0
+    """gradients are scaled down to this norm"""
+    precision: Precision = "auto"
+    """precision of the networks' hidden layers"""
+
+
+@dataclass(kw_only=True)
+class RefineRecipe(RecipeConfig):
+    """Refine a student with PPO."""
+
+    name = "refine"
+    presets = {name: preset["refine"] for name, preset in PRESETS.items()}
+
+    student: Path
+    """run of stage 2"""
+    variant: Literal["latent", "latent-noise", "action", "finetune"] = "latent"
+    """latent: PLAT; latent-noise: exploration in the latent; action, finetune: ablations"""
+    policy: RefinementConfig = BEST["refine"]["policy"]
+    task: KeyframeTaskConfig = BEST["refine"]["task"]
+    ppo: PPOConfig = BEST["refine"]["ppo"]
+    motor: MotorGradientConfig = field(default_factory=MotorGradientConfig)
+    horizon: Literal["single", "short", "medium", "long", "mixed", "distant", "all"] = "mixed"
+    """lengths of the commands; "all" that the timing allows"""
+    rollout: int = 24
+    """control steps of each robot between updates"""
+    critic: tuple[int, ...] = (512, 256, 128)
+    """hidden layers of the critic"""
+    critic_warmup: int = 10
+    """rollouts that train only the critic, before the policy is updated"""
+
+
+@dataclass(kw_only=True)
+class ImaginationRecipe(RecipeConfig):
+    """What both recipes of imagination have."""
+
+    init_model: Path | None = None
+    """run whose model of the robot to go on from"""
+    rollout: int = 8
+    """control steps of each robot between updates"""
+    noise: float = 0.25
+    """standard deviation of the exploration noise, in units of action"""
+    replay: int = 600
+    """control steps of each robot that are kept"""
+    unseen: tuple[str, ...] = ("generated:val@120",)
+    """motions on which the model's error is reported"""
+    model: DynamicsConfig = field(default_factory=DynamicsConfig)
+    imagination: ImaginationConfig = field(default_factory=ImaginationConfig)
+
+
+@dataclass(kw_only=True)
+class ExpertModelRecipe(ImaginationRecipe):
+    """Learn a model of the robot, and a dense motion-tracking expert by imagined rollouts of it."""
+
+    name = "expert-model"
+
+    init: Path | None = None
+    """run whose expert to go on from"""
+    policy: ExpertConfig = field(default_factory=lambda: ExpertConfig(action="reference_velocity", ahead=(1, 2, 5, 10)))
+    costs: TrackingCosts = field(default_factory=TrackingCosts)
+    uniform_starts: float = 0.3
+    """share of the episodes that start anywhere; the others start where failures are"""
+
+
+@dataclass(kw_only=True)
+class ImagineRecipe(ImaginationRecipe):
+    """Learn a keyframe policy by imagined rollouts of a learned model of the robot, without an expert."""
+
+    name = "imagine"
+
+    student: Literal["plain", "latent"] = "plain"
+    """without a latent, or through the prior's mean"""
+    init: Path | None = None
+    """run whose student to go on from; it has the shape of --policy"""
+    policy: LatentPolicyConfig = field(default_factory=LatentPolicyConfig)
+    task: TimedKeyframesConfig = field(default_factory=TimedKeyframesConfig)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Training:
+    """How rows are trained: the same steps and settings for all rows of a stage."""
+
+    motions: tuple[str, ...] = ()
+    """motion files, folders or globs to train on"""
+    mirror: bool = False
+    """train on the mirror image of every motion as well"""
+    expert_steps: int = 12_000_000
+    """environment steps of each tracker (stage 1)"""
+    student_steps: int = 3_000_000
+    """environment steps of each student (stage 2)"""
+    refine_steps: int = 3_000_000
+    """environment steps of each refined policy (stage 3)"""
+    seeds: tuple[int, ...] = (0, 1, 2)
+    """training seeds of the refined policies; trackers and students are trained with the first"""
+    num_envs: int = 512
+    """robots that are simulated at a time"""
+
+
+@dataclass(kw_only=True)
+class AblationsRecipe(ScoringConfig):
+    """Score every row of the ablation, and train it first if asked."""
+
+    runs: Path
+    """folder with one run a row"""
+    out: Path
+    """folder for tables, figures and records"""
+    train: bool = False
+    """train the rows that RUNS lacks or that are unfinished"""
+    training: Training = field(default_factory=Training)
+    hard: str = "run|dance|kick|punch|slash"
+    """regular expression: motions whose names it matches get tables and figures of their own"""
+
+
+@dataclass(kw_only=True)
+class DemoRecipe:
+    """All three stages and the evaluation at a small scale."""
+
+    out: Path = Path("runs/demo")
+    """folder to write to"""
+    expert_minutes: float = 4.2
+    """training time of stage 1"""
+    distill_minutes: float = 2.0
+    """training time of stage 2"""
+    refine_minutes: float = 1.0
+    """training time of stage 3"""
+    num_envs: int = 512
+    """robots that are simulated at a time"""
+    seed: int = 0
+    """seeds everything that is drawn"""
