@@ -54,7 +54,7 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
     return results
 
 
-def motion_keyframes(library: MotionLibrary, seed: int, timing: Timing) -> list[KeyframeSequence]:
+def motion_keyframes(library: MotionLibrary, seed: int, timing: Timing = Timing()) -> list[KeyframeSequence]:
     """The commands that plat evaluate gives along every motion, as keyframes."""
     schedule = CommandSchedule(library, Horizon(1, min(50, timing.max_steps)), seed)
     issued = schedule.first_frame
