@@ -157,7 +157,7 @@ def test_mirror(tmp_path):
 
 
 def test_generated_motions_are_read(monkeypatch, capsys):
-    monkeypatch.setattr(motions, "generate_named", lambda name: {"generated:val": [bowing_clip(60)]}[name])
+    monkeypatch.setattr(motions, "generate_named", lambda name, robot: {"generated:val": [bowing_clip(60)]}[name])
     (report,) = run("inspect", "generated:val")
     assert report.verdict == "use"
     assert "generated_val: 1 clip, generated, 50 fps" in capsys.readouterr().out

@@ -1,3 +1,5 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from plat.export import export_bundle
 from plat.keyframes import standing
 from plat.motions import MotionLibrary, generate_motions
 from plat.robots import G1
+from plat.spec.timing import Timing
 from tests.deploy.robots import describe_g1
 from tests.export.runs import small_policy, write_run
 
@@ -47,6 +50,8 @@ def test_friction_is_of_the_soles_alone(feet):
 
 def test_targets_come_late():
     class Counter:
+        timing = Timing()
+
         def reset(self, joint_target=None):
             self.count = 0
 
@@ -75,6 +80,8 @@ def test_keyframes_are_the_commands_of_the_evaluation(library):
 
 def test_a_controller_that_holds_the_reference_reaches_keyframes(library):
     class Track:
+        timing = Timing()
+
         def reset(self, joint_target=None):
             pass
 
@@ -106,6 +113,6 @@ def test_the_table(tmp_path, capsys):
 
 
 def test_nothing_to_run(tmp_path, monkeypatch):
-    monkeypatch.setattr(sim_to_sim, "PolicyRunner", lambda *_: None)
+    monkeypatch.setattr(sim_to_sim, "PolicyRunner", lambda *_: SimpleNamespace(timing=Timing()))
     with pytest.raises(KeyframeError, match="nothing to run: give --motions or --keyframes"):
         sim_to_sim.main(sim_to_sim.SimToSimRecipe(bundle=tmp_path, motions=()))
