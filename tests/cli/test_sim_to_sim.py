@@ -69,7 +69,7 @@ def test_targets_come_late():
 
 
 def test_keyframes_are_the_commands_of_the_evaluation(library):
-    (sequence,) = sim_to_sim.motion_keyframes(library, seed=0)
+    (sequence,) = sim_to_sim.motion_keyframes(library, 0, Timing())
     arrivals = [0, *sequence.arrival_steps]
     lengths = np.diff(arrivals)
     assert arrivals[-1] == len(library) - 1
