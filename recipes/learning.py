@@ -15,7 +15,7 @@ from plat.collectors import RolloutReplay, rollouts
 from plat.errors import RenderingError
 from plat.evaluation.model_error import model_errors
 from plat.figures import save_figure
-from plat.figures.model_error import model_error_plot
+from plat.figures.model_error_plot import model_error_plot
 from plat.modules import DynamicsModel
 from plat.motions import MotionLibrary
 from plat.objectives import ExploitationWatch, ImaginationLearner, exploring

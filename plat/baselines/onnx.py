@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from plat.deploy.session import open_session
+from plat.deploy.onnx_session import open_session
 from plat.errors import CheckpointError
 
 __all__ = ["OnnxPolicy"]

@@ -11,12 +11,12 @@ from plat.control.chase import Controller
 from plat.deploy import Pose, RobotDescription, RobotState
 from plat.robots import FootContacts, Robot
 
-__all__ = ["SETTINGS", "Delayed", "Physics", "make_model"]
+__all__ = ["SETTINGS", "Delayed", "PhysicsSetting", "make_model"]
 
 
 @dataclass(frozen=True)
-class Physics:
-    """What differs from the simulation that policies are trained in."""
+class PhysicsSetting:
+    """Physics that differs from the simulation that policies are trained in."""
 
     name: str
     timestep: float = 0.005
@@ -32,20 +32,20 @@ class Physics:
 
 
 SETTINGS = (
-    Physics("as in training"),
-    Physics("1 ms physics steps", timestep=0.001),
-    Physics("capsule feet", feet="capsules"),
-    Physics("friction 0.3", friction=0.3),
-    Physics("friction 1.2", friction=1.2),
-    Physics("20 ms control delay", delay=1),
-    Physics("gains -10 %", gain=0.9),
-    Physics("gains +10 %", gain=1.1),
-    Physics("all: 1 ms, capsules, 0.3, delay, -10 %", 0.001, "capsules", 0.3, 1, 0.9),
+    PhysicsSetting("as in training"),
+    PhysicsSetting("1 ms physics steps", timestep=0.001),
+    PhysicsSetting("capsule feet", feet="capsules"),
+    PhysicsSetting("friction 0.3", friction=0.3),
+    PhysicsSetting("friction 1.2", friction=1.2),
+    PhysicsSetting("20 ms control delay", delay=1),
+    PhysicsSetting("gains -10 %", gain=0.9),
+    PhysicsSetting("gains +10 %", gain=1.1),
+    PhysicsSetting("all: 1 ms, capsules, 0.3, delay, -10 %", 0.001, "capsules", 0.3, 1, 0.9),
 )
 
 
-def make_model(robot: Robot, description: RobotDescription, physics: Physics) -> mujoco.MjModel:
-    """A robot whose motors are those of the bundle, at some physics."""
+def make_model(robot: Robot, description: RobotDescription, physics: PhysicsSetting) -> mujoco.MjModel:
+    """Return a model of the robot with the motors of a bundle, at some physics."""
     model = robot.model(physics.feet)
     model.opt.timestep = physics.timestep
     model.actuator_gainprm[:, 0] = physics.gain * description.stiffness
@@ -58,7 +58,7 @@ def make_model(robot: Robot, description: RobotDescription, physics: Physics) ->
 
 
 class Delayed:
-    """A controller whose targets come ``delay`` control steps late; before the first, the default pose."""
+    """Controller whose targets arrive ``delay`` control steps late; before the first, the default pose."""
 
     def __init__(self, controller: Controller, robot: RobotDescription, delay: int):
         self._controller = controller

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from plat.deploy.bundle import INPUT, METADATA_KEY, OUTPUT, Bundle
 from plat.deploy.observation import ObservationBuilder
-from plat.deploy.session import open_session
+from plat.deploy.onnx_session import open_session
 from plat.deploy.state import Array, Pose, RobotState
 from plat.errors import BundleError, StateError
 from plat.spec.timing import Timing

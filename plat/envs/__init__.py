@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from plat.envs.goals import robot_centric_goal
     from plat.envs.physics import BatchedPhysics
     from plat.envs.settings import ResetNoise
-    from plat.envs.state import RobotState, joint_target
+    from plat.envs.state import GeneralizedState, joint_target
     from plat.envs.tasks import make_keyframe_env, make_tracking_env
     from plat.envs.tracking import MotionTrackingEnv
     from plat.spec.observation import (
@@ -29,10 +29,10 @@ __all__ = [
     "ROBOT_KEYS",
     "BatchedPhysics",
     "DistillationTaskConfig",
+    "GeneralizedState",
     "KeyframeTaskConfig",
     "MotionTrackingEnv",
     "ResetNoise",
-    "RobotState",
     "SimulationConfig",
     "TrackingTaskConfig",
     "entry_shapes",

@@ -9,10 +9,10 @@ from torch import Tensor
 from plat.robots.robot import Robot
 from plat.rotations import quat_rotate, quat_rotate_inverse
 
-__all__ = ["RobotState", "joint_target"]
+__all__ = ["GeneralizedState", "joint_target"]
 
 
-class RobotState(NamedTuple):
+class GeneralizedState(NamedTuple):
     """Generalized state: root pose, joint angles and their velocities for a batch ``[*B]`` of robots.
 
     The order of the fields is MuJoCo's: ``qpos`` and then ``qvel`` of a model with a free joint first.
@@ -25,7 +25,7 @@ class RobotState(NamedTuple):
         root_ang_vel_b: its angular velocity ``[*B, 3]`` (rad/s, root frame).
         joint_vel: joint velocities ``[*B, J]`` (rad/s).
 
-    >>> state = RobotState.unpack(torch.zeros(2, 71))
+    >>> state = GeneralizedState.unpack(torch.zeros(2, 71))
     >>> state.joint_pos.shape, state.pack().shape
     (torch.Size([2, 29]), torch.Size([2, 71]))
     """
@@ -38,7 +38,7 @@ class RobotState(NamedTuple):
     joint_vel: Tensor
 
     @classmethod
-    def unpack(cls, values: Tensor) -> "RobotState":
+    def unpack(cls, values: Tensor) -> "GeneralizedState":
         """Return views of packed states ``[*B, 13 + 2 J]``."""
         joints = (values.shape[-1] - 13) // 2
         return cls(*values.split((3, 4, joints, 3, 3, joints), -1))
@@ -48,7 +48,7 @@ class RobotState(NamedTuple):
         return torch.cat(self, -1)
 
     @classmethod
-    def from_entries(cls, tensordict: TensorDictBase) -> "RobotState":
+    def from_entries(cls, tensordict: TensorDictBase) -> "GeneralizedState":
         """Return the state in the entries of :class:`plat.envs.MotionTrackingEnv`."""
         state, robot = tensordict["state"], tensordict["robot"]
         return cls(
@@ -61,7 +61,7 @@ class RobotState(NamedTuple):
         )
 
     @classmethod
-    def from_motion(cls, frames: TensorDictBase) -> "RobotState":
+    def from_motion(cls, frames: TensorDictBase) -> "GeneralizedState":
         """Return the state of a motion, from rows ``[*B]`` of :meth:`plat.motions.MotionLibrary.states`."""
         root_quat_w = frames["keypoint_quat"][..., 0, :]
         return cls(

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from tensordict.nn import TensorDictModuleBase
 
-from plat.envs.state import RobotState
+from plat.envs.state import GeneralizedState
 from plat.envs.transforms import NEXT_FRAME, CommandSchedule, Horizon
 from plat.evaluation.rollout import make_evaluation_env
 from plat.evaluation.setting import EvaluationSetting, Observe, ReferenceView
@@ -52,7 +52,7 @@ def play(
         target, steps_left = step["command", "target_frame"], int(step["command", "steps_left"])
         # a command begins after an arrival and after a failure
         length = steps_left if not rows or rows[-1][2] <= 1 or rows[-1][4] else rows[-1][3]
-        qpos, reached_qpos = (_qpos(RobotState.from_entries(entries)) for entries in (step, step["next"]))
+        qpos, reached_qpos = (_qpos(GeneralizedState.from_entries(entries)) for entries in (step, step["next"]))
         failed = bool(step["next", "terminated"])
         rows.append((qpos, library.qpos(target)[0].cpu().numpy(), steps_left, length, failed, reached_qpos))
     task.close()
@@ -60,5 +60,5 @@ def play(
     return Playback(qpos, targets, steps, lengths, failures, reached, library.dt)
 
 
-def _qpos(state: RobotState) -> np.ndarray:
+def _qpos(state: GeneralizedState) -> np.ndarray:
     return state.qpos[0].double().cpu().numpy()

@@ -8,7 +8,7 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 
-from plat.envs.state import RobotState, joint_target
+from plat.envs.state import GeneralizedState, joint_target
 from plat.modules.dynamics import DynamicsModel
 from plat.rotations import quat_angle
 
@@ -58,16 +58,16 @@ def model_errors(model: DynamicsModel, windows: TensorDictBase) -> ModelErrors:
     torch.Size([4])
     """
     states, targets = windows["robot_state"], joint_target(model.robot, windows["action"])
-    first = state = RobotState.unpack(states[:, 0])
+    first = state = GeneralizedState.unpack(states[:, 0])
     rows = []
     for step in range(1, states.shape[1]):
         state = model(state, targets[:, step - 1])
-        actual = RobotState.unpack(states[:, step])
+        actual = GeneralizedState.unpack(states[:, step])
         rows.append([*_errors(state, actual), *_errors(first, actual)])
     return ModelErrors(*(torch.stack(column) for column in zip(*rows, strict=True)))
 
 
-def _errors(state: RobotState, actual: RobotState) -> tuple[Tensor, Tensor, Tensor]:
+def _errors(state: GeneralizedState, actual: GeneralizedState) -> tuple[Tensor, Tensor, Tensor]:
     return (
         (state.root_pos_w - actual.root_pos_w).norm(dim=-1).mean(),
         quat_angle(state.root_quat_w, actual.root_quat_w).mean(),

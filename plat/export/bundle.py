@@ -13,8 +13,8 @@ import torch
 from plat.deploy import PolicyRunner, RobotDescription, RobotState
 from plat.deploy.bundle import INPUT, METADATA_KEY, OUTPUT, Bundle, readable_json
 from plat.deploy.observation import ObservationBuilder
+from plat.deploy.onnx_session import open_session
 from plat.deploy.runner import BUNDLE_FILE, NETWORK_FILE
-from plat.deploy.session import open_session
 from plat.errors import BundleError
 from plat.export.card import model_card
 from plat.export.facts import describe_policy

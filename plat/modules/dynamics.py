@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor, nn
 
-from plat.envs.state import RobotState
+from plat.envs.state import GeneralizedState
 from plat.modules.networks import mlp
 from plat.modules.settings import DynamicsConfig
 from plat.robots.robot import Robot
@@ -45,7 +45,7 @@ class DynamicsModel(nn.Module):
 
     >>> from plat.robots import G1
     >>> model = DynamicsModel(G1, DynamicsConfig(hidden=(16,)))
-    >>> state = RobotState.unpack(torch.nn.functional.pad(torch.ones(5, 1), (3, 67)))
+    >>> state = GeneralizedState.unpack(torch.nn.functional.pad(torch.ones(5, 1), (3, 67)))
     >>> model(state, G1.default_joint_pos.expand(5, -1)).joint_pos.shape
     torch.Size([5, 29])
     """
@@ -69,7 +69,7 @@ class DynamicsModel(nn.Module):
         self.register_buffer("spread", torch.ones(sum(self._parts)))
         self.register_buffer("batches", torch.zeros((), dtype=torch.int64))
 
-    def forward(self, state: RobotState, target: Tensor) -> RobotState:
+    def forward(self, state: GeneralizedState, target: Tensor) -> GeneralizedState:
         """State after a control step.
 
         Args:
@@ -89,7 +89,7 @@ class DynamicsModel(nn.Module):
         moved_w, lin_vel_w = quat_rotate(state.root_quat_w[..., None, :], in_frame).unbind(-2)
         rotvec = half * (state.root_ang_vel_b + ang_vel_b) + turn
         quat = quat_multiply(state.root_quat_w, quat_from_rotvec(rotvec))
-        return RobotState(
+        return GeneralizedState(
             state.root_pos_w + moved_w,
             torch.nn.functional.normalize(quat, dim=-1),
             state.joint_pos + half * (state.joint_vel + joint_vel) + angle,
@@ -99,7 +99,7 @@ class DynamicsModel(nn.Module):
         )
 
     @torch.no_grad()
-    def update_statistics(self, state: RobotState, target: Tensor, next_state: RobotState) -> None:
+    def update_statistics(self, state: GeneralizedState, target: Tensor, next_state: GeneralizedState) -> None:
         """Take steps ``[*B]`` into the statistics of the inputs, which forget by ``1 / e`` in 50 batches.
 
         The spread of the output is that of the first three batches: later it would change what the network says.
@@ -114,7 +114,7 @@ class DynamicsModel(nn.Module):
             self.spread.lerp_(change.std(0).clamp_min_(1e-6), rate)
         self.batches += 1
 
-    def _features(self, state: RobotState, target: Tensor) -> tuple[Tensor, Tensor]:
+    def _features(self, state: GeneralizedState, target: Tensor) -> tuple[Tensor, Tensor]:
         gravity_b, lin_vel_b = state.in_root_frame()
         features = (
             gravity_b,
@@ -127,7 +127,7 @@ class DynamicsModel(nn.Module):
         )
         return torch.cat(features, -1), lin_vel_b
 
-    def _change(self, state: RobotState, after: RobotState) -> Tensor:
+    def _change(self, state: GeneralizedState, after: GeneralizedState) -> Tensor:
         """What a perfect network would have to predict ``[*B, 12 + 3 J]``."""
         half = 0.5 * self.dt
         moves = torch.stack((state.root_lin_vel_w, after.root_lin_vel_w, after.root_pos_w - state.root_pos_w), -2)

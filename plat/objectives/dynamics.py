@@ -9,7 +9,7 @@ from tensordict.nn import dispatch
 from torch import Tensor, nn
 from torchrl.objectives.common import LossModule
 
-from plat.envs.state import RobotState, joint_target
+from plat.envs.state import GeneralizedState, joint_target
 from plat.modules.dynamics import DynamicsModel
 from plat.tasks.distances import smooth_angle
 
@@ -77,10 +77,10 @@ class DynamicsLoss(LossModule):
         joints = self.model.robot.num_joints
         lin, ang, joint = (part.mean() for part in self.model.spread[: 6 + joints].split((3, 3, joints)))
         position = self.position_weight / self.model.dt
-        state = RobotState.unpack(states[0])
+        state = GeneralizedState.unpack(states[0])
         total = states.new_zeros(())
         for target, values in zip(targets[:-1], states[1:], strict=True):
-            state, actual = self.model(state, target), RobotState.unpack(values)
+            state, actual = self.model(state, target), GeneralizedState.unpack(values)
             root_pos = _mean_distance(state.root_pos_w, actual.root_pos_w)
             root_rot = smooth_angle(state.root_quat_w, actual.root_quat_w).mean()
             joint_pos = _mean_distance(state.joint_pos, actual.joint_pos)

@@ -9,7 +9,7 @@ from torch import Tensor
 from torchrl.objectives.common import LossModule
 from torchrl.objectives.utils import hold_out_net
 
-from plat.envs.state import RobotState, joint_target
+from plat.envs.state import GeneralizedState, joint_target
 from plat.modules.dynamics import DynamicsModel
 from plat.tasks.task import Task
 
@@ -105,7 +105,7 @@ class ImaginationLoss(LossModule):
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Compute the losses of rollouts from the states ``[B]``."""
         keys, task = self.tensor_keys, self.task
-        state, memory = RobotState.unpack(tensordict.get(keys.state)), tensordict.get(keys.memory)
+        state, memory = GeneralizedState.unpack(tensordict.get(keys.state)), tensordict.get(keys.memory)
         alive = torch.ones(tensordict.shape, device=state.root_pos_w.device)
         to_go, regularization = torch.zeros_like(alive), alive.new_zeros(())
         cost_sum, alive_sum = alive.new_zeros(()), alive.new_zeros(())
@@ -141,7 +141,7 @@ class ImaginationLoss(LossModule):
         out["imagined_alive"] = alive_sum / (self.steps * alive.numel())
         return TensorDict(out)
 
-    def _observe(self, state: RobotState, memory: TensorDictBase) -> TensorDictBase:
+    def _observe(self, state: GeneralizedState, memory: TensorDictBase) -> TensorDictBase:
         # half precision is for networks: positions of a few meters would be off by millimeters
         with torch.autocast(state.root_pos_w.device.type, enabled=False):
             return self.task.observe(state, memory)

@@ -9,7 +9,7 @@ from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequ
 from torch import Tensor, nn
 from torchrl.envs.utils import ExplorationType, exploration_type
 
-from plat.envs.state import RobotState, joint_target
+from plat.envs.state import GeneralizedState, joint_target
 from plat.modules.dynamics import DynamicsModel
 from plat.objectives.dynamics import DynamicsLoss, muon_and_adam
 from plat.objectives.imagination import ImaginationLoss
@@ -95,11 +95,11 @@ class ImaginationLearner:
             normalizer.update(rollout)
         if int(self.model.batches) >= self.config.settle:
             return
-        before, after = (RobotState.unpack(part["robot_state"]) for part in (rollout, rollout["next"]))
+        before, after = (GeneralizedState.unpack(part["robot_state"]) for part in (rollout, rollout["next"]))
         going_on = ~rollout["next", "done"][..., 0]
         target = joint_target(self.model.robot, rollout["action"])
         # what follows an episode's end is the next one's start in some collectors
-        kept = (RobotState(*(field[going_on] for field in state)) for state in (before, after))
+        kept = (GeneralizedState(*(field[going_on] for field in state)) for state in (before, after))
         self.model.update_statistics(next(kept), target[going_on], next(kept))
 
     def step(self, replay: Windows, fraction: float = 0.0) -> dict[str, float]:

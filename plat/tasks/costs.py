@@ -2,14 +2,14 @@
 
 from torch import Tensor
 
-from plat.envs.state import RobotState
+from plat.envs.state import GeneralizedState
 from plat.tasks.distances import smooth_angle, smooth_length
 from plat.tasks.settings import AuthoredCosts, TrackingCosts
 
 __all__ = ["AuthoredCosts", "TrackingCosts", "pose_cost", "tilt", "tracking_cost"]
 
 
-def pose_cost(state: RobotState, pose: RobotState, weights: TrackingCosts) -> Tensor:
+def pose_cost(state: GeneralizedState, pose: GeneralizedState, weights: TrackingCosts) -> Tensor:
     """Distance ``[*B]`` from a pose: position, orientation and joint angles."""
     return (
         weights.root_pos * smooth_length(state.root_pos_w - pose.root_pos_w)
@@ -18,7 +18,7 @@ def pose_cost(state: RobotState, pose: RobotState, weights: TrackingCosts) -> Te
     )
 
 
-def tracking_cost(state: RobotState, reference: RobotState, weights: TrackingCosts) -> Tensor:
+def tracking_cost(state: GeneralizedState, reference: GeneralizedState, weights: TrackingCosts) -> Tensor:
     """Distance ``[*B]`` from a reference: its pose and its velocities."""
     return (
         pose_cost(state, reference, weights)

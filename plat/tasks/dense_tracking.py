@@ -7,7 +7,7 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from plat.envs.goals import robot_centric_goal
-from plat.envs.state import RobotState
+from plat.envs.state import GeneralizedState
 from plat.envs.tracking import ResetNoise
 from plat.envs.transforms import NEXT_FRAME
 from plat.motions.library import MotionLibrary
@@ -75,11 +75,11 @@ class DenseTracking(Task):
         self.register_buffer("_ahead", torch.tensor(list(goals.values()), device=library.device), persistent=False)
         self.register_buffer("_last_frame", library.last_frame, persistent=False)
 
-    def start(self, count: int) -> tuple[RobotState, TensorDict]:
+    def start(self, count: int) -> tuple[GeneralizedState, TensorDict]:
         """Reference states with noise, at frames that :class:`ClipStarts` draws."""
         return self.at(self.starts.draw(count))
 
-    def at(self, frame: Tensor) -> tuple[RobotState, TensorDict]:
+    def at(self, frame: Tensor) -> tuple[GeneralizedState, TensorDict]:
         """Starts at frames ``[n]``."""
         state = self.table.state(frame)
         if self.reset_noise is not None:
@@ -87,7 +87,7 @@ class DenseTracking(Task):
         action = state.joint_pos.new_zeros(len(frame), self.robot.num_joints)
         return state, TensorDict({"last_action": action, "frame": frame}, [len(frame)], device=frame.device)
 
-    def observe(self, state: RobotState, memory: TensorDictBase) -> TensorDict:
+    def observe(self, state: GeneralizedState, memory: TensorDictBase) -> TensorDict:
         """Groups ``"robot"`` and ``goals``; past a clip's end its last frame is shown."""
         frame = memory["frame"]
         rows = (frame[:, None] + self._ahead).minimum(self._last_frame[frame][:, None])
@@ -104,11 +104,11 @@ class DenseTracking(Task):
         out = memory.copy().set("last_action", action)
         return out.set("frame", (frame + 1).minimum(self._last_frame[frame]))
 
-    def cost(self, state: RobotState, memory: TensorDictBase) -> Tensor:
+    def cost(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
         """Distance ``[N]`` from the reference."""
         return tracking_cost(state, self.table.state(memory["frame"]), self.costs)
 
-    def failed(self, state: RobotState, memory: TensorDictBase) -> Tensor:
+    def failed(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
         """Mask ``[N]``: 0.25 m too high or low, 0.6 m off, or tilted otherwise than the reference."""
         return off_reference(state, self.table.state(memory["frame"]), height=0.25, distance=0.6)
 
@@ -116,7 +116,7 @@ class DenseTracking(Task):
         """Mask ``[N]``: at the clip's last frame."""
         return memory["frame"] >= self._last_frame[memory["frame"]]
 
-    def lost(self, state: RobotState, memory: TensorDictBase) -> Tensor:
+    def lost(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
         """Mask ``[N]``: farther than 0.8 m or 1.2 rad from the reference."""
         reference = self.table.state(memory["frame"])
         distance = (state.root_pos_w - reference.root_pos_w).norm(dim=-1)
@@ -129,7 +129,7 @@ class DenseTracking(Task):
 
 
 def off_reference(
-    state: RobotState, reference: RobotState, height: float, distance: float | Tensor, tilted: float = 0.8
+    state: GeneralizedState, reference: GeneralizedState, height: float, distance: float | Tensor, tilted: float = 0.8
 ) -> Tensor:
     """Mask ``[*B]``: the root is too far off in height (m), distance (m) or the vertical component of gravity."""
     off = state.root_pos_w - reference.root_pos_w

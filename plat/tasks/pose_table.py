@@ -4,7 +4,7 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor, nn
 
-from plat.envs.state import RobotState
+from plat.envs.state import GeneralizedState
 from plat.motions.library import MotionLibrary
 from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
@@ -36,7 +36,7 @@ class PoseTable(nn.Module):
     @classmethod
     def of_library(cls, library: MotionLibrary) -> "PoseTable":
         """The frames of a library."""
-        return cls(RobotState.from_motion(library.frames).pack(), library.frames["keypoint_pos"].flatten(1))
+        return cls(GeneralizedState.from_motion(library.frames).pack(), library.frames["keypoint_pos"].flatten(1))
 
     @classmethod
     def of_poses(cls, qpos: Tensor, robot: Robot) -> "PoseTable":
@@ -57,10 +57,10 @@ class PoseTable(nn.Module):
     def __len__(self) -> int:
         return len(self.states)
 
-    def state(self, row: Tensor) -> RobotState:
+    def state(self, row: Tensor) -> GeneralizedState:
         """States of rows ``[*B]``."""
         rows = self.states.index_select(0, row.flatten())
-        return RobotState.unpack(rows.view(*row.shape, -1))
+        return GeneralizedState.unpack(rows.view(*row.shape, -1))
 
     def pose(self, row: Tensor) -> TensorDict:
         """What :func:`plat.envs.robot_centric_goal` takes, of rows ``[*B]``; of orientations only the root's."""

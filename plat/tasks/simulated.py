@@ -7,7 +7,7 @@ from torchrl.data import Binary, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from plat.envs.physics import BatchedPhysics
-from plat.envs.state import RobotState, joint_target
+from plat.envs.state import GeneralizedState, joint_target
 from plat.robots.robot import FootContacts
 from plat.tasks.task import Task
 
@@ -19,7 +19,7 @@ _DONE_KEYS = ("done", "terminated", "truncated")
 class SimulatedTask(EnvBase):
     """N simulated robots with a :class:`Task`. The reward of a step is its cost, negative.
 
-    Beside the task's observation it writes ``robot_state``, the packed :class:`plat.envs.RobotState`
+    Beside the task's observation it writes ``robot_state``, the packed :class:`plat.envs.GeneralizedState`
     ``[N, 13 + 2 J]``, and the task's memory as the group ``"memory"``: what imagined rollouts start from.
 
     Args:
@@ -65,11 +65,11 @@ class SimulatedTask(EnvBase):
         flags = {key: Binary(1, (*count, 1), dtype=torch.bool, device=self.device) for key in _DONE_KEYS}
         self.full_done_spec = Composite(flags, shape=count, device=self.device)
 
-    def _entries(self, state: RobotState, memory: TensorDictBase) -> TensorDict:
+    def _entries(self, state: GeneralizedState, memory: TensorDictBase) -> TensorDict:
         return self.task.observe(state, memory).update({"robot_state": state.pack(), "memory": memory})
 
-    def _state(self) -> RobotState:
-        return RobotState.unpack(torch.cat((self.physics.read("qpos"), self.physics.read("qvel")), -1))
+    def _state(self) -> GeneralizedState:
+        return GeneralizedState.unpack(torch.cat((self.physics.read("qpos"), self.physics.read("qvel")), -1))
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         task, action = self.task, tensordict["action"]
@@ -102,7 +102,7 @@ class SimulatedTask(EnvBase):
             torch.manual_seed(seed)
 
 
-def _finite(state: RobotState) -> Tensor:
+def _finite(state: GeneralizedState) -> Tensor:
     return state.pack().isfinite().all(-1)
 
 

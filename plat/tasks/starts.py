@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor, nn
 
-from plat.envs.state import RobotState
+from plat.envs.state import GeneralizedState
 from plat.envs.tracking import ResetNoise
 from plat.motions.library import MotionLibrary
 from plat.robots.robot import Robot
@@ -97,7 +97,7 @@ class ClipStarts(nn.Module):
         self.weights.record(torch.where(self._clip_of_bin[before] == self._clip_of_bin[place], before, place), 0.1)
 
 
-def disturbed(state: RobotState, noise: ResetNoise, robot: Robot) -> RobotState:
+def disturbed(state: GeneralizedState, noise: ResetNoise, robot: Robot) -> GeneralizedState:
     """States ``[n]`` with uniform noise on root, joint angles and velocities."""
     count, device = len(state.root_pos_w), state.root_pos_w.device
 
@@ -109,7 +109,7 @@ def disturbed(state: RobotState, noise: ResetNoise, robot: Robot) -> RobotState:
     ang_vel_w = ang_vel_w + uniform(noise.root_ang_vel_rp, noise.root_ang_vel_rp, noise.root_ang_vel_yaw)
     limits = robot.joint_range.to(device)
     joint_pos = state.joint_pos + uniform(*[noise.joint_pos] * robot.num_joints)
-    return RobotState(
+    return GeneralizedState(
         state.root_pos_w + uniform(noise.root_pos_xy, noise.root_pos_xy, noise.root_pos_z),
         quat,
         joint_pos.clamp(limits[:, 0], limits[:, 1]),

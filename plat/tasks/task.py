@@ -6,7 +6,7 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor, nn
 
-from plat.envs.state import RobotState
+from plat.envs.state import GeneralizedState
 from plat.robots.robot import Robot
 
 __all__ = ["Task", "robot_entries"]
@@ -15,7 +15,7 @@ __all__ = ["Task", "robot_entries"]
 class Task(nn.Module):
     """A task of N robots: where episodes start, what a policy sees, when commands follow, what a step costs.
 
-    All is a function of the robots' :class:`plat.envs.RobotState` ``[*N]`` and of the task's memory, a TensorDict
+    All is a function of the robots' :class:`plat.envs.GeneralizedState` ``[*N]`` and of the task's memory, a TensorDict
     ``[N]`` with at least the ``last_action`` ``[N, J]``. :class:`plat.tasks.SimulatedTask` runs it on simulated robots,
     :class:`plat.objectives.ImaginationLoss` on imagined ones. In both a control step is :meth:`observe`, the policy,
     the robot's motion, :meth:`advance`, :meth:`cost` and :meth:`renew`.
@@ -34,15 +34,15 @@ class Task(nn.Module):
         self.dt = dt
 
     @abstractmethod
-    def start(self, count: int) -> tuple[RobotState, TensorDict]:
+    def start(self, count: int) -> tuple[GeneralizedState, TensorDict]:
         """States and memories ``[count]`` that episodes start from."""
 
     @abstractmethod
-    def observe(self, state: RobotState, memory: TensorDictBase) -> TensorDict:
+    def observe(self, state: GeneralizedState, memory: TensorDictBase) -> TensorDict:
         """Entries that the policy reads."""
 
     @abstractmethod
-    def cost(self, state: RobotState, memory: TensorDictBase) -> Tensor:
+    def cost(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
         """Cost ``[N]`` of the control step that ended in a state."""
 
     def advance(self, memory: TensorDictBase, action: Tensor) -> TensorDictBase:
@@ -53,7 +53,7 @@ class Task(nn.Module):
         """Memory in which a new command has taken the place of each that has ended."""
         return memory
 
-    def failed(self, state: RobotState, memory: TensorDictBase) -> Tensor:
+    def failed(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
         """Mask ``[N]`` of robots whose episode ends by failure."""
         return state.root_pos_w[..., 2] < 0.4
 
@@ -61,7 +61,7 @@ class Task(nn.Module):
         """Mask ``[N]`` of robots whose episode ends because nothing is left to do."""
         return torch.zeros(memory.batch_size, dtype=torch.bool, device=memory["last_action"].device)
 
-    def lost(self, state: RobotState, memory: TensorDictBase) -> Tensor:
+    def lost(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
         """Mask ``[N]`` of imagined robots that are too far off to learn from; those that failed, by default."""
         return self.failed(state, memory)
 
@@ -69,11 +69,11 @@ class Task(nn.Module):
         """Learn where episodes ``[n]`` have failed, to start more of them there."""
 
 
-def robot_entries(state: RobotState, last_action: Tensor, robot: Robot) -> TensorDict:
+def robot_entries(state: GeneralizedState, last_action: Tensor, robot: Robot) -> TensorDict:
     """Group ``"robot"`` of the observation: what :class:`plat.envs.MotionTrackingEnv` measures without noise.
 
     >>> from plat.robots import G1
-    >>> state = RobotState.unpack(torch.nn.functional.pad(torch.ones(2, 1), (3, 67)))
+    >>> state = GeneralizedState.unpack(torch.nn.functional.pad(torch.ones(2, 1), (3, 67)))
     >>> robot_entries(state, torch.zeros(2, 29), G1)["gravity_b"][0].tolist()
     [0.0, 0.0, -1.0]
     """

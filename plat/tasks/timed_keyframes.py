@@ -5,7 +5,7 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from plat.envs.goals import robot_centric_goal
-from plat.envs.state import RobotState
+from plat.envs.state import GeneralizedState
 from plat.envs.tracking import ResetNoise
 from plat.motions.library import MotionLibrary
 from plat.rotations import quat_conjugate, quat_multiply, quat_rotate, quat_yaw
@@ -84,11 +84,11 @@ class TimedKeyframes(Task):
         ):
             self.register_buffer(name, value, persistent=False)
 
-    def start(self, count: int) -> tuple[RobotState, TensorDict]:
+    def start(self, count: int) -> tuple[GeneralizedState, TensorDict]:
         """Starts along motions and of authored chains, in the configured share."""
         authored = torch.rand(count, device=self._chain.device) < self.config.authored
         clips, chains = self.along(self.starts.draw(count)), self.authored(self.chain_starts.draw(count))
-        state = RobotState(
+        state = GeneralizedState(
             *(torch.where(authored[:, None], ours, theirs) for ours, theirs in zip(chains[0], clips[0], strict=True))
         )
         memory = {
@@ -97,23 +97,23 @@ class TimedKeyframes(Task):
         }
         return state, TensorDict(memory, [count], device=authored.device)
 
-    def along(self, frame: Tensor) -> tuple[RobotState, TensorDict]:
+    def along(self, frame: Tensor) -> tuple[GeneralizedState, TensorDict]:
         """Starts at frames ``[n]`` of the motions, each with its first command."""
         state = self._disturbed(self.table.state(frame))
         memory = self._memory(len(frame), frame=frame, goal=frame, before=frame)
         return state, self.renew(memory)
 
-    def authored(self, chain: Tensor) -> tuple[RobotState, TensorDict]:
+    def authored(self, chain: Tensor) -> tuple[GeneralizedState, TensorDict]:
         """Starts of authored chains ``[n]``: standing, or in a moment of a motion that is moved to the origin."""
         row = self._first_row[chain]
         moment = self._at_origin(self.table.state(self.starts.draw(len(chain))))
         standing = torch.rand(len(chain), 1, device=row.device) < self.config.from_standing
         parts = zip(self.table.state(row), moment, strict=True)
-        state = self._disturbed(RobotState(*(torch.where(standing, ours, theirs) for ours, theirs in parts)))
+        state = self._disturbed(GeneralizedState(*(torch.where(standing, ours, theirs) for ours, theirs in parts)))
         memory = self._memory(len(chain), frame=torch.zeros_like(row), goal=row, before=row)
         return state, self.renew(memory.set("authored", torch.ones_like(memory["authored"])))
 
-    def observe(self, state: RobotState, memory: TensorDictBase) -> TensorDict:
+    def observe(self, state: GeneralizedState, memory: TensorDictBase) -> TensorDict:
         """Groups ``"robot"``, ``"goal"`` and ``"command"``."""
         goal = robot_centric_goal(self.table.pose(memory["goal"]), state.root_pos_w, state.root_quat_w)
         batch, device = memory.batch_size, memory["goal"].device
@@ -161,7 +161,7 @@ class TimedKeyframes(Task):
         out["length"] = torch.where(due, steps, memory["length"])
         return out
 
-    def cost(self, state: RobotState, memory: TensorDictBase) -> Tensor:
+    def cost(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
         """Distance ``[N]`` from the motion, or from the line to the keyframe, and in its window from the keyframe."""
         weights, moderate = self.config.tracking, self.config.underway
         in_window = memory["steps_left"] < self.timing.window
@@ -178,11 +178,11 @@ class TimedKeyframes(Task):
         )
         return torch.where(memory["authored"], authored, along)
 
-    def failed(self, state: RobotState, memory: TensorDictBase) -> Tensor:
+    def failed(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
         """Mask ``[N]``: 0.3 m too high or low, too far off, or tilted otherwise than motion or line."""
         return off_reference(state, self._wanted(memory), height=0.3, distance=self._leeway(memory))
 
-    def lost(self, state: RobotState, memory: TensorDictBase) -> Tensor:
+    def lost(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
         """Mask ``[N]``: 0.6 m too high or low."""
         return (state.root_pos_w[:, 2] - self._wanted(memory).root_pos_w[:, 2]).abs() > 0.6
 
@@ -216,10 +216,10 @@ class TimedKeyframes(Task):
             device=device,
         )
 
-    def _disturbed(self, state: RobotState) -> RobotState:
+    def _disturbed(self, state: GeneralizedState) -> GeneralizedState:
         return state if self.reset_noise is None else disturbed(state, self.reset_noise, self.robot)
 
-    def _at_origin(self, state: RobotState) -> RobotState:
+    def _at_origin(self, state: GeneralizedState) -> GeneralizedState:
         """The same states ``[n]`` at the origin, looking along x."""
         back = quat_conjugate(quat_yaw(state.root_quat_w))
         height = state.root_pos_w * state.root_pos_w.new_tensor([0.0, 0.0, 1.0])
@@ -229,7 +229,7 @@ class TimedKeyframes(Task):
             root_lin_vel_w=quat_rotate(back, state.root_lin_vel_w),
         )
 
-    def _line(self, memory: TensorDictBase) -> RobotState:
+    def _line(self, memory: TensorDictBase) -> GeneralizedState:
         """The pose on the straight line from the keyframe before to the commanded one, at rest."""
         before, after = self.table.state(memory["before"]), self.table.state(memory["goal"])
         share = (1 - memory["steps_left"] / memory["length"]).clamp(0, 1)[:, None]
@@ -242,11 +242,11 @@ class TimedKeyframes(Task):
             joint_pos=before.joint_pos.lerp(after.joint_pos, share),
         )
 
-    def _wanted(self, memory: TensorDictBase) -> RobotState:
+    def _wanted(self, memory: TensorDictBase) -> GeneralizedState:
         """The motion, or the line between authored keyframes."""
         authored, frame = memory["authored"][:, None], self.table.state(memory["frame"])
         pairs = zip(self._line(memory), frame, strict=True)
-        return RobotState(*(torch.where(authored, ours, theirs) for ours, theirs in pairs))
+        return GeneralizedState(*(torch.where(authored, ours, theirs) for ours, theirs in pairs))
 
     def _leeway(self, memory: TensorDictBase) -> Tensor:
         """How far off a robot may be (m): an authored keyframe may be out of reach in its time."""

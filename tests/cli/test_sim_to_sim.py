@@ -5,7 +5,7 @@ import pytest
 
 from plat.cli import sim_to_sim
 from plat.control import Simulator
-from plat.control.changed_physics import Delayed, Physics
+from plat.control.changed_physics import Delayed, PhysicsSetting
 from plat.errors import KeyframeError
 from plat.export import export_bundle
 from plat.keyframes import standing
@@ -22,7 +22,7 @@ def library() -> MotionLibrary:
 
 
 def model(**physics):
-    return sim_to_sim.make_model(G1, describe_g1(), Physics("some", **physics))
+    return sim_to_sim.make_model(G1, describe_g1(), PhysicsSetting("some", **physics))
 
 
 def test_nothing_changes_unless_asked():

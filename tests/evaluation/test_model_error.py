@@ -3,7 +3,7 @@ import csv
 import torch
 from tensordict import TensorDict
 
-from plat.envs import MotionTrackingEnv, ResetNoise, RobotState
+from plat.envs import GeneralizedState, MotionTrackingEnv, ResetNoise
 from plat.evaluation.model_error import model_errors
 from plat.modules import DynamicsConfig, DynamicsModel
 from plat.robots import G1
@@ -12,7 +12,7 @@ from plat.robots import G1
 def windows(library, robots=16, steps=6):
     env = MotionTrackingEnv(library, robots, reset_noise=ResetNoise(), min_frames_left=steps + 2)
     rollout = env.rollout(steps, lambda td: td.set("action", torch.zeros(robots, 29)))
-    state = RobotState.from_entries(rollout).pack()
+    state = GeneralizedState.from_entries(rollout).pack()
     return TensorDict({"robot_state": state, "action": rollout["action"]}, [robots, steps])
 
 
@@ -26,7 +26,7 @@ def test_a_model_that_says_nothing_coasts(library):
     errors = model_errors(model, data)
     assert errors.root_pos.shape == (5,)
     assert errors.root_pos[0] < 0.5 * errors.still_root_pos[0]
-    states = RobotState.unpack(data["robot_state"])
+    states = GeneralizedState.unpack(data["robot_state"])
     moved = (states.joint_pos[:, 3] - states.joint_pos[:, 0]).abs().mean()
     torch.testing.assert_close(errors.still_joint_pos[2], moved)
     assert (errors.root_pos.diff() > 0).all()

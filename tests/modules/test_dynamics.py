@@ -1,6 +1,6 @@
 import torch
 
-from plat.envs import MotionTrackingEnv, ResetNoise, RobotState, joint_target
+from plat.envs import GeneralizedState, MotionTrackingEnv, ResetNoise, joint_target
 from plat.modules import DynamicsConfig, DynamicsModel
 from plat.robots import G1
 from plat.rotations import quat_from_rotvec, quat_multiply, quat_rotate, quat_yaw
@@ -12,7 +12,7 @@ def steps(library, length=3):
     kept = rollout.reshape(-1)
     kept = kept[~kept["next", "done"][:, 0]]
     action = kept.get("action")
-    return RobotState.from_entries(kept), joint_target(G1, action), RobotState.from_entries(kept["next"])
+    return GeneralizedState.from_entries(kept), joint_target(G1, action), GeneralizedState.from_entries(kept["next"])
 
 
 class Told(torch.nn.Module):

@@ -1,7 +1,7 @@
 import torch
 from tensordict import TensorDict
 
-from plat.envs import MotionTrackingEnv, ResetNoise, RobotState, joint_target
+from plat.envs import GeneralizedState, MotionTrackingEnv, ResetNoise, joint_target
 from plat.modules import DynamicsConfig, DynamicsModel
 from plat.objectives import DynamicsLoss, muon_and_adam
 from plat.robots import G1
@@ -12,7 +12,7 @@ def windows(library, robots=64, steps=5):
     env = MotionTrackingEnv(library, robots, reset_noise=ResetNoise(), min_frames_left=steps + 2)
     tensordict, states, actions = env.reset(), [], []
     for _ in range(steps):
-        states.append(RobotState.from_entries(tensordict).pack())
+        states.append(GeneralizedState.from_entries(tensordict).pack())
         actions.append(0.3 * torch.randn(robots, 29))
         tensordict = env.step(tensordict.set("action", actions[-1]))["next"]
     return TensorDict({"robot_state": torch.stack(states, 1), "action": torch.stack(actions, 1)}, [robots, steps])
@@ -20,8 +20,8 @@ def windows(library, robots=64, steps=5):
 
 def test_the_model_learns_what_the_robot_does(library):
     data = windows(library)
-    states = RobotState.unpack(data["robot_state"])
-    before, after = (RobotState(*(field[:, part] for field in states)) for part in (slice(0, -1), slice(1, None)))
+    states = GeneralizedState.unpack(data["robot_state"])
+    before, after = (GeneralizedState(*(field[:, part] for field in states)) for part in (slice(0, -1), slice(1, None)))
     model = DynamicsModel(G1, DynamicsConfig(hidden=(64, 64)))
     for _ in range(3):
         model.update_statistics(before, joint_target(G1, data["action"][:, :-1]), after)
@@ -41,7 +41,7 @@ def test_the_model_learns_what_the_robot_does(library):
 def test_a_perfect_model_has_no_loss(library):
     data = windows(library, steps=2)
     model = DynamicsModel(G1)
-    before, after = (RobotState.unpack(data["robot_state"][:, step]) for step in (0, 1))
+    before, after = (GeneralizedState.unpack(data["robot_state"][:, step]) for step in (0, 1))
 
     class Told(torch.nn.Module):
         def forward(self, inputs):

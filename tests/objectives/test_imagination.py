@@ -4,7 +4,7 @@ from tensordict import TensorDict
 from tensordict.nn import TensorDictModule, TensorDictSequential
 from torch import nn
 
-from plat.envs import RobotState
+from plat.envs import GeneralizedState
 from plat.modules import (
     DynamicsConfig,
     DynamicsModel,
@@ -83,7 +83,7 @@ def test_one_step_costs_what_the_task_says(tracking):
     data, model = starts(tracking), DynamicsModel(G1, SMALL)
     zero = TensorDictModule(lambda gravity: gravity.new_zeros(len(gravity), 29), [("robot", "gravity_b")], ["action"])
     loss = ImaginationLoss(zero, model, tracking, steps=1)(data)
-    state = model(RobotState.unpack(data["robot_state"]), G1.default_joint_pos.expand(8, -1))
+    state = model(GeneralizedState.unpack(data["robot_state"]), G1.default_joint_pos.expand(8, -1))
     memory = tracking.advance(data["memory"], torch.zeros(8, 29))
     cost, counted = tracking.cost(state, memory), ~tracking.lost(state, memory)
     torch.testing.assert_close(loss["loss_policy"], (cost * counted).mean())

@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from plat.envs import RobotState
+from plat.envs import GeneralizedState
 from plat.errors import CheckpointError
 from plat.modules import DynamicsConfig, DynamicsModel
 from plat.robots import G1
@@ -19,7 +19,7 @@ def run_of(folder, hidden=(16, 16)):
 
 
 def test_a_saved_model_says_the_same(tmp_path):
-    model, state = run_of(tmp_path), RobotState.unpack(torch.randn(3, 71))
+    model, state = run_of(tmp_path), GeneralizedState.unpack(torch.randn(3, 71))
     target = torch.randn(3, 29)
     for ours, theirs in zip(load_dynamics(tmp_path, G1)(state, target), model(state, target), strict=True):
         assert ours.equal(theirs)

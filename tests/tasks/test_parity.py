@@ -3,7 +3,7 @@
 import torch
 from torchrl.envs import TransformedEnv
 
-from plat.envs import KeyframeTaskConfig, RobotState, TrackingTaskConfig, make_keyframe_env, make_tracking_env
+from plat.envs import GeneralizedState, KeyframeTaskConfig, TrackingTaskConfig, make_keyframe_env, make_tracking_env
 from plat.envs.transforms import ReferenceMotion
 from plat.robots import G1
 from plat.rotations import quat_angle, quat_rotate
@@ -15,10 +15,10 @@ CONFIG = TrackingTaskConfig(max_displacement=None)
 KEYFRAMES = KeyframeTaskConfig(max_displacement=None)
 
 
-def state_of(tensordict) -> RobotState:
+def state_of(tensordict) -> GeneralizedState:
     """The state, of the entries that the training environments keep."""
     robot, quat = tensordict["robot"], tensordict["state", "root_quat_w"]
-    return RobotState(
+    return GeneralizedState(
         tensordict["state", "root_pos_w"],
         quat,
         robot["joint_pos"] + G1.default_joint_pos,
@@ -87,10 +87,10 @@ def test_dense_cost_is_the_distance_from_the_reference(library):
     for before in steps_of(env, 10):
         after = before["next"]
         memory = task.start(5)[1].set("frame", after["motion", "frame"])
-        state = RobotState.from_entries(after)
+        state = GeneralizedState.from_entries(after)
         wanted = tracking_cost(after["state"], after["reference"])
         wanted = wanted + 0.05 * (
-            state.root_ang_vel_b - RobotState.from_motion(library.states(after["motion", "frame"])).root_ang_vel_b
+            state.root_ang_vel_b - GeneralizedState.from_motion(library.states(after["motion", "frame"])).root_ang_vel_b
         ).abs().mean(-1)
         # the angle is rounded at 0
         torch.testing.assert_close(task.cost(state, memory), wanted, atol=1e-4, rtol=1e-4)
@@ -129,7 +129,7 @@ def test_the_simulated_task_costs_what_an_imagined_one_would(library):
         for before in steps_of(env, 20):
             after = before["next"]
             memory = task.advance(before["memory"], before["action"])
-            state = RobotState.unpack(after["robot_state"])
+            state = GeneralizedState.unpack(after["robot_state"])
             torch.testing.assert_close(-after["reward"][:, 0], task.cost(state, memory), **EXACT)
             going_on = ~after["done"][:, 0]
             assert after["memory", "last_action"].equal(before["action"])

@@ -2,7 +2,7 @@ import torch
 from tensordict import TensorDict
 from torchrl.envs.utils import check_env_specs
 
-from plat.envs import RobotState
+from plat.envs import GeneralizedState
 from plat.robots import G1
 from plat.tasks import DenseTracking, SimulatedTask, Task, robot_entries
 
@@ -12,7 +12,7 @@ class Stand(Task):
 
     def start(self, count):
         qpos = torch.as_tensor(self.robot.default_qpos, dtype=torch.float32).expand(count, -1)
-        state = RobotState.unpack(torch.cat((qpos, torch.zeros(count, 35)), -1))
+        state = GeneralizedState.unpack(torch.cat((qpos, torch.zeros(count, 35)), -1))
         return state, TensorDict({"last_action": torch.zeros(count, 29)}, [count])
 
     def observe(self, state, memory):

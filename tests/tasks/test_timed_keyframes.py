@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from plat.envs import RobotState
+from plat.envs import GeneralizedState
 from plat.tasks import TimedKeyframes, TimedKeyframesConfig
 
 
@@ -76,6 +76,6 @@ def test_failures_are_started_from_again(task):
 def test_both_kinds_start(task):
     state, memory = task.start(200)
     assert 0.3 < float(memory["authored"].float().mean()) < 0.7
-    assert isinstance(state, RobotState)
+    assert isinstance(state, GeneralizedState)
     assert not task.failed(state, memory).any()
     assert not task.lost(state, memory).any()

@@ -8,7 +8,7 @@ import numpy as np
 from plat.errors import MotionError, RobotError
 from plat.motions.clip import MotionClip
 from plat.motions.generation.families import FAMILIES, Family
-from plat.motions.generation.score import Score
+from plat.motions.generation.script import MotionScript
 from plat.motions.generation.solver import DT, Solver
 from plat.motions.generation.soundness import measure_soundness
 from plat.motions.generation.whole_body import WholeBody
@@ -96,12 +96,12 @@ def _sound(name: str, family: Family, solver: Solver) -> np.ndarray:
     # the name is the seed, so that a set of other size or families holds the same clips
     rng = np.random.default_rng(zlib.crc32(name.encode()))
     for _ in range(_ATTEMPTS):
-        score = Score(*_posture(rng))
-        score.wait(0.4)
-        family(score, rng)
-        score.wait(0.4)
+        script = MotionScript(*_posture(rng))
+        script.wait(0.4)
+        family(script, rng)
+        script.wait(0.4)
         try:
-            qpos = solver.poses(score.draft(DT)).astype(np.float32)
+            qpos = solver.poses(script.draft(DT)).astype(np.float32)
             faults = measure_soundness(solver.robot, qpos, DT).faults()
         except MotionError as error:
             faults = [str(error)]

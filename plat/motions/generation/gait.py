@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plat.motions.generation.score import RIGHT, SIDES, Score
+from plat.motions.generation.script import RIGHT, SIDES, MotionScript
 
 __all__ = ["Gait", "take_steps"]
 
@@ -30,7 +30,7 @@ class Gait:
     """duration of the initial weight shift onto the stance foot, and of the final one back between the feet (s)"""
 
 
-def take_steps(score: Score, steps: Sequence[tuple[int, np.ndarray]], gait: Gait) -> None:
+def take_steps(script: MotionScript, steps: Sequence[tuple[int, np.ndarray]], gait: Gait) -> None:
     """Write footsteps, from standing to standing; time advances to their end.
 
     During the first part of a step both feet are down and the weight goes onto the foot that stays; then the other
@@ -38,7 +38,7 @@ def take_steps(score: Score, steps: Sequence[tuple[int, np.ndarray]], gait: Gait
     comes down after the heel has landed.
 
     Args:
-        score: script to write to.
+        script: script to write to.
         steps: the foot (0 left, 1 right) and its new place: x, y (m) and yaw (rad) ``[3]``.
         gait: parameters.
     """
@@ -49,16 +49,16 @@ def take_steps(score: Score, steps: Sequence[tuple[int, np.ndarray]], gait: Gait
         standing = 1.0 if foot != RIGHT else 0.0
         # no roll while there is no speed yet, or no longer
         back, ahead = (0.0 if number == end else 0.5 * gait.roll for end in (0, last))
-        score.weigh(score.under(standing, -back), support)
-        score.weigh(score.under(standing, ahead), swing, support)
+        script.weigh(script.under(standing, -back), support)
+        script.weigh(script.under(standing, ahead), swing, support)
         channel = f"{SIDES[foot]}_foot_pitch"
         if gait.heel_off and number > 0:
-            score.move({channel: gait.heel_off}, 1.1 * shift, 0.35 * shift)
+            script.move({channel: gait.heel_off}, 1.1 * shift, 0.35 * shift)
         if gait.heel_off or gait.toes_up:
             landing = -gait.toes_up if number < last - 1 else 0.0
-            score.move({channel: landing}, 0.75 * swing, support + 0.25 * swing)
-            score.move({channel: 0.0}, 0.8 * shift, support + swing)
-        score.step(foot, place, swing, gait.clearance, support)
-        score.wait(support + swing)
-    score.weigh(score.under(0.5), gait.onset)
-    score.wait(gait.onset)
+            script.move({channel: landing}, 0.75 * swing, support + 0.25 * swing)
+            script.move({channel: 0.0}, 0.8 * shift, support + swing)
+        script.step(foot, place, swing, gait.clearance, support)
+        script.wait(support + swing)
+    script.weigh(script.under(0.5), gait.onset)
+    script.wait(gait.onset)

@@ -7,7 +7,7 @@ from torch import Tensor
 from plat.errors import MotionError
 from plat.motions.generation.balance import InvertedPendulum, zero_moment_point
 from plat.motions.generation.curves import minimum_jerk
-from plat.motions.generation.score import SIDES, SOLE_CENTER, Draft
+from plat.motions.generation.script import SIDES, SOLE_CENTER, Draft
 from plat.motions.generation.whole_body import WholeBody
 from plat.rotations import quat_from_rotvec, quat_multiply, quat_rotate
 

@@ -7,6 +7,6 @@ from plat.studio.panels.files import FilePanel
 from plat.studio.panels.motion import MotionPanel
 from plat.studio.panels.play import PlayPanel
 from plat.studio.panels.pose import PosePanel
-from plat.studio.panels.timeline import TimelinePanel
+from plat.studio.panels.timeline_panel import TimelinePanel
 
 __all__ = ["FilePanel", "MotionPanel", "PlayPanel", "PosePanel", "TimelinePanel"]

@@ -2,29 +2,29 @@ import numpy as np
 import pytest
 
 from plat.motions.generation.families import FAMILIES
-from plat.motions.generation.score import Score
+from plat.motions.generation.script import MotionScript
 
 STANCE = np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]])
 
 
-def written(family: str, seed: int) -> Score:
-    score = Score(STANCE, {"left_elbow": 0.7, "right_elbow": 0.7})
-    FAMILIES[family](score, np.random.default_rng(seed))
-    score.wait(0.1)
-    return score
+def written(family: str, seed: int) -> MotionScript:
+    script = MotionScript(STANCE, {"left_elbow": 0.7, "right_elbow": 0.7})
+    FAMILIES[family](script, np.random.default_rng(seed))
+    script.wait(0.1)
+    return script
 
 
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("seed", range(3))
 def test_phrases_end_as_they_began(family, seed):
-    score = written(family, seed)
-    draft = score.draft(0.02)
+    script = written(family, seed)
+    draft = script.draft(0.02)
     for name, values in draft.channels.items():
-        assert values[-1] == pytest.approx(score.home.get(name, 0.0), abs=1e-6), name
+        assert values[-1] == pytest.approx(script.home.get(name, 0.0), abs=1e-6), name
     # flat feet side by side, the weight between them
     np.testing.assert_allclose(draft.foot_pos[-1, :, 2], 0.0, atol=1e-9)
-    np.testing.assert_allclose(np.linalg.norm(score.feet[0, :2] - score.feet[1, :2]), 0.2, atol=1e-6)
-    np.testing.assert_allclose(draft.zmp[-1], score.under(0.5), atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(script.feet[0, :2] - script.feet[1, :2]), 0.2, atol=1e-6)
+    np.testing.assert_allclose(draft.zmp[-1], script.under(0.5), atol=1e-9)
 
 
 @pytest.mark.parametrize("family", FAMILIES)

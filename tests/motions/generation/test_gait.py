@@ -1,7 +1,7 @@
 import numpy as np
 
 from plat.motions.generation.gait import Gait, take_steps
-from plat.motions.generation.score import LEFT, RIGHT, SOLE_CENTER, Score
+from plat.motions.generation.script import LEFT, RIGHT, SOLE_CENTER, MotionScript
 
 STANCE = np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]])
 STEPS = [
@@ -12,16 +12,16 @@ STEPS = [
 
 
 def walked(gait: Gait):
-    score = Score(STANCE, {})
-    take_steps(score, STEPS, gait)
-    return score, score.draft(0.01)
+    script = MotionScript(STANCE, {})
+    take_steps(script, STEPS, gait)
+    return script, script.draft(0.01)
 
 
 def test_time_and_places():
-    score, _ = walked(Gait(step_time=0.6, double_support=0.25, onset=0.5))
+    script, _ = walked(Gait(step_time=0.6, double_support=0.25, onset=0.5))
     # the first shift of the weight takes as long as the onset, the other two a quarter of a step
-    assert np.isclose(score.now, 0.5 + 0.15 + 0.15 + 3 * 0.45 + 0.5)
-    np.testing.assert_allclose(score.feet, [STEPS[2][1], STEPS[1][1]])
+    assert np.isclose(script.now, 0.5 + 0.15 + 0.15 + 3 * 0.45 + 0.5)
+    np.testing.assert_allclose(script.feet, [STEPS[2][1], STEPS[1][1]])
 
 
 def test_weight_is_on_the_standing_foot_while_the_other_swings():

@@ -6,7 +6,7 @@ import pytest
 from plat.errors import MotionError
 from plat.motions import generate_motions, generation
 from plat.motions.generation import DT, FAMILIES, Solver, generate_named
-from plat.motions.generation.score import Score
+from plat.motions.generation.script import MotionScript
 from plat.motions.generation.soundness import measure_soundness
 from plat.motions.generation.whole_body import WholeBody
 from plat.robots import G1
@@ -59,9 +59,9 @@ def test_unsound_draws_are_drawn_anew(monkeypatch, caplog):
     draft = Solver.poses
     calls = []
 
-    def limp(self, score):
-        calls.append(score)
-        qpos = draft(self, score)
+    def limp(self, script):
+        calls.append(script)
+        qpos = draft(self, script)
         if len(calls) == 1:
             qpos[:, 2] -= 0.02  # into the floor
         return qpos
@@ -75,9 +75,9 @@ def test_unsound_draws_are_drawn_anew(monkeypatch, caplog):
 
 
 def test_a_family_that_is_never_sound_is_an_error(monkeypatch):
-    def sink(score, rng):
-        score.shift({"pelvis_height": -0.55}, 1.0)
-        score.wait(1.0)
+    def sink(script, rng):
+        script.shift({"pelvis_height": -0.55}, 1.0)
+        script.wait(1.0)
 
     monkeypatch.setitem(FAMILIES, "sink", sink)
     monkeypatch.setattr(generation, "_ATTEMPTS", 2)
@@ -93,11 +93,11 @@ def test_unknown_names():
 
 
 def test_a_foot_that_cannot_get_there_names_the_joint():
-    score = Score(np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), {})
-    score.shift({"pelvis_height": -0.5}, 0.5)
-    score.wait(0.6)
+    script = MotionScript(np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), {})
+    script.shift({"pelvis_height": -0.5}, 0.5)
+    script.wait(0.6)
     with pytest.raises(MotionError, match="foot is out of reach at frame \\d+, with .*ankle_pitch.* at their limits"):
-        Solver(WholeBody(G1)).poses(score.draft(DT))
+        Solver(WholeBody(G1)).poses(script.draft(DT))
 
 
 def test_names_choose_families_and_length():

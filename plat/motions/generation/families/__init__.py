@@ -1,4 +1,4 @@
-"""Families of motion: each writes a phrase onto a score, from the resting posture and back to it."""
+"""Families of motion: each writes a phrase onto a script, from the resting posture and back to it."""
 
 from collections.abc import Callable
 
@@ -14,11 +14,11 @@ from plat.motions.generation.families.walking import (
     walk_backward,
     walk_sideways,
 )
-from plat.motions.generation.score import Score
+from plat.motions.generation.script import MotionScript
 
 __all__ = ["FAMILIES", "Family", "sequence"]
 
-Family = Callable[[Score, np.random.Generator], None]
+Family = Callable[[MotionScript, np.random.Generator], None]
 """Writes one phrase; every parameter comes from the generator."""
 
 _PHRASES: dict[str, Family] = {
@@ -43,12 +43,12 @@ _PHRASES: dict[str, Family] = {
 }
 
 
-def sequence(score: Score, rng: np.random.Generator) -> None:
+def sequence(script: MotionScript, rng: np.random.Generator) -> None:
     """Write three to five phrases of other families, blended into each other."""
     names = rng.choice(list(_PHRASES), size=rng.integers(3, 6), replace=False)
     for name in names:
-        _PHRASES[name](score, rng)
-        score.wait(rng.uniform(0.0, 0.4))
+        _PHRASES[name](script, rng)
+        script.wait(rng.uniform(0.0, 0.4))
 
 
 FAMILIES: dict[str, Family] = {**_PHRASES, "sequence": sequence}

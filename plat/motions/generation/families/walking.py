@@ -5,12 +5,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from plat.motions.generation.gait import Gait, take_steps
-from plat.motions.generation.score import LEFT, RIGHT, Score
+from plat.motions.generation.script import LEFT, RIGHT, MotionScript
 
 __all__ = ["crouch_walk", "step_in_place", "turn", "walk", "walk_backward", "walk_sideways"]
 
 
-def walk(score: Score, rng: np.random.Generator) -> None:
+def walk(script: MotionScript, rng: np.random.Generator) -> None:
     """Write walking forward at 0.2 to 1.0 m/s, straight or in a curve, with swinging arms."""
     speed = rng.uniform(0.2, 1.0)
     step_time = rng.uniform(0.62, 0.72) - 0.25 * speed
@@ -23,44 +23,44 @@ def walk(score: Score, rng: np.random.Generator) -> None:
         heel_off=rng.uniform(0.3, 0.5) * speed,
         toes_up=rng.uniform(0.1, 0.25) * speed,
     )
-    _go(score, rng, gait, count=int(rng.integers(5, 11)), ahead=speed * step_time, turn=curve)
+    _go(script, rng, gait, count=int(rng.integers(5, 11)), ahead=speed * step_time, turn=curve)
 
 
-def walk_backward(score: Score, rng: np.random.Generator) -> None:
+def walk_backward(script: MotionScript, rng: np.random.Generator) -> None:
     """Write walking backward at 0.2 to 0.5 m/s."""
     speed, step_time = rng.uniform(0.2, 0.5), rng.uniform(0.55, 0.7)
     gait = Gait(step_time=step_time, clearance=rng.uniform(0.04, 0.06))
-    _go(score, rng, gait, count=int(rng.integers(4, 9)), ahead=-speed * step_time, turn=0.0)
+    _go(script, rng, gait, count=int(rng.integers(4, 9)), ahead=-speed * step_time, turn=0.0)
 
 
-def crouch_walk(score: Score, rng: np.random.Generator) -> None:
+def crouch_walk(script: MotionScript, rng: np.random.Generator) -> None:
     """Write walking forward with bent knees and a leaning trunk."""
     depth, seconds = rng.uniform(0.05, 0.12), rng.uniform(0.9, 1.3)
     lean = {"pelvis_pitch": rng.uniform(0.5, 1.5) * depth, "waist_pitch": rng.uniform(0.0, 1.5) * depth}
-    score.shift({"pelvis_height": -depth, **lean}, seconds)
-    score.wait(seconds)
+    script.shift({"pelvis_height": -depth, **lean}, seconds)
+    script.wait(seconds)
     speed, step_time = rng.uniform(0.2, 0.6), rng.uniform(0.55, 0.7)
     gait = Gait(step_time=step_time, clearance=rng.uniform(0.04, 0.06), roll=0.05 * speed, heel_off=0.4 * speed)
-    _go(score, rng, gait, count=int(rng.integers(4, 9)), ahead=speed * step_time, turn=0.0)
-    score.rest(seconds)
-    score.wait(seconds)
+    _go(script, rng, gait, count=int(rng.integers(4, 9)), ahead=speed * step_time, turn=0.0)
+    script.rest(seconds)
+    script.wait(seconds)
 
 
-def walk_sideways(score: Score, rng: np.random.Generator) -> None:
+def walk_sideways(script: MotionScript, rng: np.random.Generator) -> None:
     """Write side steps at 0.1 to 0.25 m/s; the range of the ankle roll limits the speed."""
     lead, width = int(rng.integers(2)), rng.uniform(0.1, 0.18)
     aside = width if lead == LEFT else -width
     gait = Gait(step_time=rng.uniform(0.36, 0.5), clearance=rng.uniform(0.04, 0.06))
-    _go(score, rng, gait, count=2 * int(rng.integers(2, 5)), first=lead, aside=aside)
+    _go(script, rng, gait, count=2 * int(rng.integers(2, 5)), first=lead, aside=aside)
 
 
-def turn(score: Score, rng: np.random.Generator) -> None:
+def turn(script: MotionScript, rng: np.random.Generator) -> None:
     """Write a turn on the spot, step by step, by 0.6 to 1.6 rad."""
     way = rng.choice((-1.0, 1.0))
     gait = Gait(step_time=rng.uniform(0.5, 0.65), clearance=rng.uniform(0.04, 0.06))
     # the inner foot begins
     _go(
-        score,
+        script,
         rng,
         gait,
         count=2 * int(rng.integers(2, 4)),
@@ -69,14 +69,14 @@ def turn(score: Score, rng: np.random.Generator) -> None:
     )
 
 
-def step_in_place(score: Score, rng: np.random.Generator) -> None:
+def step_in_place(script: MotionScript, rng: np.random.Generator) -> None:
     """Write stepping from foot to foot on the spot."""
     gait = Gait(step_time=rng.uniform(0.5, 0.8), clearance=rng.uniform(0.03, 0.09))
-    _go(score, rng, gait, count=2 * int(rng.integers(2, 5)))
+    _go(script, rng, gait, count=2 * int(rng.integers(2, 5)))
 
 
 def _go(
-    score: Score,
+    script: MotionScript,
     rng: np.random.Generator,
     gait: Gait,
     *,
@@ -91,11 +91,11 @@ def _go(
     Going aside or on the spot, the second foot of each pair closes up; going ahead, feet pass each other, with half
     a step to set off and half a one to come to rest.
     """
-    begin = score.now
+    begin = script.now
     first = int(rng.integers(2)) if first is None else first
-    take_steps(score, list(_places(score.feet, count, first, ahead, aside, turn)), gait)
+    take_steps(script, list(_places(script.feet, count, first, ahead, aside, turn)), gait)
     if ahead:
-        score.swing_arms(rng.uniform(0.5, 1.1), begin)
+        script.swing_arms(rng.uniform(0.5, 1.1), begin)
 
 
 def _places(

@@ -3,7 +3,7 @@ import torch
 
 from plat.evaluation.model_error import ModelErrors
 from plat.figures import save_figure
-from plat.figures.model_error import model_error_plot
+from plat.figures.model_error_plot import model_error_plot
 
 
 def test_lines_are_the_errors(tmp_path):

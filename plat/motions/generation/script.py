@@ -1,4 +1,4 @@
-"""Motion score: a script of channels and footsteps over time, before legs and balance are solved."""
+"""Motion script: channels and footsteps over time, before legs and balance are solved."""
 
 from collections import defaultdict
 from collections.abc import Mapping
@@ -8,7 +8,7 @@ import numpy as np
 
 from plat.motions.generation.curves import fade, minimum_jerk, moves
 
-__all__ = ["LEFT", "RIGHT", "SIDES", "SOLE_CENTER", "Draft", "Score"]
+__all__ = ["LEFT", "RIGHT", "SIDES", "SOLE_CENTER", "Draft", "MotionScript"]
 
 LEFT, RIGHT = 0, 1
 SIDES = ("left", "right")
@@ -18,11 +18,11 @@ SOLE_CENTER = 0.035
 
 @dataclass
 class Draft:
-    """Sampled score: channels, feet and zero-moment point over time.
+    """Sampled script: channels, feet and zero-moment point over time.
 
     Attributes:
         time: ``[F]`` (s).
-        channels: value ``[F]`` of every channel that is not 0 throughout, by name; see :class:`Score`.
+        channels: value ``[F]`` of every channel that is not 0 throughout, by name; see :class:`MotionScript`.
         foot_pos: x, y and height (m) of the left and right sole at the ankle, were the foot flat ``[F, 2, 3]``.
         foot_yaw: ``[F, 2]`` (rad).
         zmp: wanted zero-moment point ``[F, 2]`` (m).
@@ -48,7 +48,7 @@ class _Swing:
     clearance: float
 
 
-class Score:
+class MotionScript:
     """Motion script, written from start to end; ``now`` is the current time of writing.
 
     Channels, each with a resting value (``home``, else 0) that the motion starts from:
@@ -64,10 +64,10 @@ class Score:
         stance: x, y (m) and yaw (rad) of the left and right foot ``[2, 3]``.
         home: resting values.
 
-    >>> score = Score(np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), {"left_elbow": 0.6})
-    >>> score.move({"left_elbow": 1.0}, 0.5)
-    >>> score.wait(1.0)
-    >>> score.draft(dt=0.5).channels["left_elbow"].tolist()
+    >>> script = MotionScript(np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), {"left_elbow": 0.6})
+    >>> script.move({"left_elbow": 1.0}, 0.5)
+    >>> script.wait(1.0)
+    >>> script.draft(dt=0.5).channels["left_elbow"].tolist()
     [0.6, 1.0, 1.0]
     """
 
@@ -135,7 +135,7 @@ class Score:
         self.feet[foot] = place
 
     def draft(self, dt: float) -> Draft:
-        """Sample the score every ``dt`` seconds."""
+        """Sample the script every ``dt`` seconds."""
         time = np.arange(round(self.now / dt) + 1) * dt
         place = np.repeat(self._start[None], len(time), 0)
         up = np.zeros((len(time), 2))
