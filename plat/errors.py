@@ -23,47 +23,47 @@ class PlatError(ValueError):
 
 
 class MotionError(PlatError):
-    """A motion file or clip that cannot be used as it is."""
+    """Motion file or clip that cannot be used as it is."""
 
 
 class ObservationError(PlatError):
-    """An entry of an observation that does not exist, or that nothing computes."""
+    """Entry of an observation that does not exist, or that nothing computes."""
 
 
 class KeyframeError(PlatError):
-    """A keyframe file or sequence that cannot be used as it is."""
+    """Keyframe file or sequence that cannot be used as it is."""
 
 
 class RobotError(PlatError):
-    """A robot description that does not have what plat needs."""
+    """Robot description that lacks what plat needs."""
 
 
 class CheckpointError(PlatError):
-    """A run directory or checkpoint that cannot be read or does not fit."""
+    """Run directory or checkpoint that cannot be read or does not fit."""
 
 
 class ActionError(PlatError):
-    """A policy whose actions, or whose observations, are not finite."""
+    """Actions or observations of a policy that are not finite."""
 
 
 class ConfigError(PlatError):
-    """A setting, or a combination of settings, that makes no sense."""
+    """Setting, or combination of settings, that makes no sense."""
 
 
 class BundleError(PlatError):
-    """An exported policy that cannot be made, read, or used with this robot."""
+    """Exported policy that cannot be made, read, or used with this robot."""
 
 
 class StateError(PlatError):
-    """A robot state or pose that no policy can act on."""
+    """Robot state or pose that no policy can act on."""
 
 
 class StudioError(PlatError):
-    """The keyframe studio cannot be opened."""
+    """Keyframe studio that cannot be opened."""
 
 
 class RenderingError(PlatError):
-    """This machine cannot draw."""
+    """Picture or video that cannot be made: no OpenGL, no encoder, or a file that cannot be written."""
 
 
 class RecordsError(PlatError):
@@ -71,4 +71,4 @@ class RecordsError(PlatError):
 
 
 class TaskError(PlatError):
-    """An environment whose rewards, transforms or settings do not fit together."""
+    """Environment whose rewards, transforms or settings do not fit together."""

@@ -27,12 +27,12 @@ __all__ = [
 
 
 def quat_conjugate(quat: Tensor) -> Tensor:
-    """Inverse of unit quaternions ``[*B, 4]``."""
+    """Return the inverse of unit quaternions ``[*B, 4]``."""
     return torch.cat((quat[..., :1], -quat[..., 1:]), -1)
 
 
 def quat_multiply(a: Tensor, b: Tensor) -> Tensor:
-    """Hamilton product ``a * b`` of ``[*B, 4]``: first turn by ``b``, then by ``a``.
+    """Return the Hamilton product ``a * b`` of ``[*B, 4]``: rotation by ``b``, then by ``a``.
 
     >>> half_turn = torch.tensor([0.0, 0.0, 0.0, 1.0])
     >>> quat_multiply(half_turn, half_turn).tolist()
@@ -52,7 +52,7 @@ def quat_multiply(a: Tensor, b: Tensor) -> Tensor:
 
 
 def quat_rotate(quat: Tensor, vec: Tensor) -> Tensor:
-    """Turn vectors ``[*B, 3]`` by quaternions ``[*B, 4]`` (leading dimensions broadcast).
+    """Rotate vectors ``[*B, 3]`` by quaternions ``[*B, 4]`` (leading dimensions broadcast).
 
     >>> quarter_turn_about_z = torch.tensor([0.5**0.5, 0.0, 0.0, 0.5**0.5])
     >>> quat_rotate(quarter_turn_about_z, torch.tensor([1.0, 0.0, 0.0])).round(decimals=4).tolist()
@@ -66,12 +66,12 @@ def quat_rotate(quat: Tensor, vec: Tensor) -> Tensor:
 
 
 def quat_rotate_inverse(quat: Tensor, vec: Tensor) -> Tensor:
-    """Turn vectors ``[*B, 3]`` by the inverse of ``[*B, 4]``: from the world into a body's frame."""
+    """Rotate vectors ``[*B, 3]`` by the inverse of ``[*B, 4]``: from the world into a body's frame."""
     return quat_rotate(quat_conjugate(quat), vec)
 
 
 def quat_to_matrix(quat: Tensor) -> Tensor:
-    """Rotation matrices ``[*B, 3, 3]`` of unit quaternions ``[*B, 4]``.
+    """Return the rotation matrices ``[*B, 3, 3]`` of unit quaternions ``[*B, 4]``.
 
     Row vectors go the other way: ``v_w @ quat_to_matrix(a_quat_w)`` is ``v_a``. That form turns many
     points by one rotation in a single matrix product: :func:`rows_times_matrices`.
@@ -86,7 +86,7 @@ def quat_to_matrix(quat: Tensor) -> Tensor:
 
 
 def rows_times_matrices(vec: Tensor, matrix: Tensor) -> Tensor:
-    """``vec @ matrix`` of row vectors ``[*B, K, 3]`` and ``[*B, 3, 3]`` (leading dimensions broadcast).
+    """Compute ``vec @ matrix`` of row vectors ``[*B, K, 3]`` and ``[*B, 3, 3]`` (leading dimensions broadcast).
 
     >>> quarter_turn_about_z = quat_to_matrix(torch.tensor([0.5**0.5, 0.0, 0.0, 0.5**0.5]))
     >>> rows_times_matrices(torch.tensor([[0.0, 1.0, 0.0]]), quarter_turn_about_z).round(decimals=4).tolist()
@@ -99,7 +99,7 @@ def rows_times_matrices(vec: Tensor, matrix: Tensor) -> Tensor:
 
 
 def matrix_to_sixd(matrix: Tensor) -> Tensor:
-    """First two columns of ``[*B, 3, 3]`` as ``[*B, 6]``: the continuous 6D rotation.
+    """Return the first two columns of ``[*B, 3, 3]`` as ``[*B, 6]``: the continuous 6D rotation.
 
     Source: Zhou et al., "On the Continuity of Rotation Representations in Neural Networks",
     arXiv 1812.07035.
@@ -108,14 +108,14 @@ def matrix_to_sixd(matrix: Tensor) -> Tensor:
 
 
 def quat_from_rotvec(rotvec: Tensor) -> Tensor:
-    """Unit quaternions ``[*B, 4]`` of rotation vectors ``[*B, 3]`` (axis times angle, rad)."""
+    """Return unit quaternions ``[*B, 4]`` of rotation vectors ``[*B, 3]`` (axis times angle, rad)."""
     half = 0.5 * torch.linalg.vector_norm(rotvec, dim=-1, keepdim=True)
     # sinc keeps the small-angle limit exact: sin(half) / (2 half) -> 1/2
     return torch.cat((half.cos(), 0.5 * torch.sinc(half / torch.pi) * rotvec), -1)
 
 
 def quat_to_rotvec(quat: Tensor) -> Tensor:
-    """Rotation vectors ``[*B, 3]`` (axis times angle in ``[0, pi]``, rad) of unit quaternions."""
+    """Return rotation vectors ``[*B, 3]`` (axis times angle in ``[0, pi]``, rad) of unit quaternions."""
     quat = torch.where(quat[..., :1] < 0, -quat, quat)
     sine = torch.linalg.vector_norm(quat[..., 1:], dim=-1, keepdim=True)
     angle = 2.0 * torch.atan2(sine, quat[..., :1])
@@ -124,7 +124,7 @@ def quat_to_rotvec(quat: Tensor) -> Tensor:
 
 
 def quat_angle(a: Tensor, b: Tensor) -> Tensor:
-    """Angle ``[*B]`` (rad, in ``[0, pi]``) of the rotation that takes ``a`` to ``b``.
+    """Return the angle ``[*B]`` (rad, in ``[0, pi]``) of the rotation that takes ``a`` to ``b``.
 
     >>> quat_angle(torch.tensor([1.0, 0, 0, 0]), torch.tensor([0.0, 0, 1, 0])).item()  # doctest: +ELLIPSIS
     3.14159...
@@ -142,7 +142,7 @@ def _squared_norm(quat: Tensor) -> Tensor:
 
 
 def quat_yaw(quat: Tensor) -> Tensor:
-    """The heading of ``[*B, 4]``: its rotation about the world's vertical, as a quaternion."""
+    """Return the heading of ``[*B, 4]``: its rotation about the world's vertical, as a quaternion."""
     w, x, y, z = quat.unbind(-1)
     half_yaw = 0.5 * torch.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     zero = torch.zeros_like(half_yaw)
@@ -150,14 +150,14 @@ def quat_yaw(quat: Tensor) -> Tensor:
 
 
 def yaw_multiply(yaw: Tensor, quat: Tensor) -> Tensor:
-    """``quat_multiply(yaw, quat)`` for a rotation about the vertical ``[*B, 4]``, at a third of the cost."""
+    """Compute ``quat_multiply(yaw, quat)`` for a rotation about the vertical ``[*B, 4]``, at a third of the cost."""
     w, x, y, z = quat.unbind(-1)
     cosine, sine = yaw[..., 0], yaw[..., 3]
     return torch.stack((cosine * w - sine * z, cosine * x - sine * y, cosine * y + sine * x, cosine * z + sine * w), -1)
 
 
 def yaw_rotate(yaw: Tensor, vec: Tensor) -> Tensor:
-    """``quat_rotate(yaw, vec)`` for a rotation about the vertical ``[*B, 4]``, at a third of the cost."""
+    """Compute ``quat_rotate(yaw, vec)`` for a rotation about the vertical ``[*B, 4]``, at a third of the cost."""
     x, y, z = vec.unbind(-1)
     half_cosine, half_sine = yaw[..., 0], yaw[..., 3]
     cosine, sine = half_cosine.square() - half_sine.square(), 2 * half_cosine * half_sine
@@ -165,6 +165,6 @@ def yaw_rotate(yaw: Tensor, vec: Tensor) -> Tensor:
 
 
 def quat_slerp(a: Tensor, b: Tensor, weight: Tensor) -> Tensor:
-    """Point between ``a`` and ``b`` ``[*B, 4]`` along the shorter arc; ``weight`` ``[*B]`` in 0..1."""
+    """Interpolate between ``a`` and ``b`` ``[*B, 4]`` along the shorter arc; ``weight`` ``[*B]`` in 0..1."""
     step = quat_to_rotvec(quat_multiply(quat_conjugate(a), b))
     return quat_multiply(a, quat_from_rotvec(weight[..., None] * step))

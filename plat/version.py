@@ -1,4 +1,4 @@
-"""The installed version."""
+"""Installed version of plat."""
 
 from importlib.metadata import PackageNotFoundError, version
 

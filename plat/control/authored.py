@@ -1,4 +1,4 @@
-"""Keyframes as people author them: families of chains without a reference motion.
+"""Authored keyframes: families of chains without a reference motion.
 
 Recorded motion is not what a person draws. Each family here is a chain of five keyframes from the standing pose, then
 a hold. The same seed gives the same chains.
@@ -32,7 +32,7 @@ _FOOT_OFF = 5e-3  # m
 
 @dataclass(frozen=True)
 class Family:
-    """A kind of chain.
+    """Family of chains.
 
     Args:
         name: of the family.
@@ -64,7 +64,7 @@ FAMILIES: dict[str, Family] = {
 
 @dataclass(frozen=True)
 class Authored:
-    """A chain and how long its last keyframe is held.
+    """Chain with the time that its last keyframe is held.
 
     Args:
         family: it is of.
@@ -156,7 +156,7 @@ def _sequence(robot: Robot, keyframes: Sequence[Keyframe], timing: Timing) -> Ke
 
 
 class _Draw:
-    """Draws the poses of a chain, one method a family."""
+    """Sampler of a chain's poses, with one method per family."""
 
     def __init__(self, robot: Robot, random: np.random.Generator, resting: Pose | None):
         self._robot, self._random, self._resting = robot, random, resting
@@ -172,12 +172,12 @@ class _Draw:
         return [draw() for _ in range(_LENGTH)]
 
     def hold(self) -> list[Pose]:
-        """One resting pose of a clip, held."""
+        """Return one resting pose of a clip, held."""
         pose = self._rest()
         return [pose] * _LENGTH
 
     def poses(self) -> list[Pose]:
-        """Resting poses of different clips, in place."""
+        """Return resting poses of different clips, in place."""
 
         def draw() -> Pose:
             pose = self._rest().copy()
@@ -187,7 +187,7 @@ class _Draw:
         return self._chain(draw)
 
     def arms(self) -> list[Pose]:
-        """Legs and root as they stand, all other joints anywhere in the middle 60 % of their ranges."""
+        """Return standing poses with all joints but the legs' anywhere in the middle 60 % of their ranges."""
         low, high = self._robot.joint_range.double().numpy().T
         upper = np.setdiff1d(np.arange(self._robot.num_joints), self._legs)
 
@@ -200,15 +200,15 @@ class _Draw:
         return self._chain(draw)
 
     def steps(self) -> list[Pose]:
-        """The standing pose 0.25 to 0.5 m away, turned by up to 0.4 rad."""
+        """Return standing poses 0.25 to 0.5 m away, turned by up to 0.4 rad."""
         return self._walk(0.25, 0.5, 0.4)
 
     def far(self) -> list[Pose]:
-        """The standing pose 1.5 to 2.5 m away, turned by up to 2 rad."""
+        """Return standing poses 1.5 to 2.5 m away, turned by up to 2 rad."""
         return self._walk(1.5, 2.5, 2.0)
 
     def crouch(self) -> list[Pose]:
-        """The standing pose with the pelvis 0.05 to 0.3 m lower, feet in place, the trunk leaning up to 0.5 rad.
+        """Return poses with the pelvis 0.05 to 0.3 m lower, feet in place, and a trunk lean of up to 0.5 rad.
 
         The pelvis goes where the center of mass stays over the feet.
         """
@@ -223,7 +223,7 @@ class _Draw:
         return self._chain(draw)
 
     def _crouched(self, lowered: float, lean: float) -> tuple[Pose, float]:
-        """A crouch, and how far a foot is from its place (m)."""
+        """Return a crouch, and the error of a foot's position (m)."""
         pose = torch.from_numpy(self._stand.copy())
         pose[2] -= lowered
         pose[3:7] = quat_from_rotvec(torch.tensor([0.0, lean, 0.0], dtype=torch.float64))

@@ -1,4 +1,4 @@
-"""The control loop: keyframe in, joint targets out, physics on by a step."""
+"""Control loop: a keyframe sequence, a controller and a simulator, step by step."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,11 +16,11 @@ __all__ = ["Chase", "ChaseStep", "Controller"]
 
 
 class Controller(Protocol):
-    """A policy as the control loop sees it."""
+    """Protocol of a policy in the control loop."""
 
     @property
     def timing(self) -> Timing:
-        """Control step, longest command and arrival window of the policy."""
+        """Return the policy's control step, longest command and arrival window."""
         ...
 
     def reset(self, joint_target: NDArray[np.floating] | None = None) -> None:
@@ -32,25 +32,25 @@ class Controller(Protocol):
         """
 
     def __call__(self, state: RobotState, keyframe: Pose, steps_left: int) -> NDArray[np.floating]:
-        """Joint position targets ``[J]`` (rad) for a robot that is to be in a pose in so many control steps."""
+        """Compute joint position targets ``[J]`` (rad) for a keyframe that is due in some control steps."""
 
 
 @dataclass(frozen=True)
 class ChaseStep:
-    """What happened in a control step."""
+    """Record of a control step."""
 
     time: float
     """seconds since the start, at the end of the step"""
     command: Command
-    """that was obeyed; ``steps_left`` at the beginning of the step"""
+    """command of the step; ``steps_left`` at its beginning"""
     holding: bool
-    """whether the last keyframe's arrival had come before, and the robot was told to stay in it"""
+    """whether the last keyframe's arrival had passed and the command was to hold it"""
     before: RobotState
-    """the robot as the controller saw it"""
+    """state that the controller received"""
     joint_target: NDArray[np.floating]
     """joint position targets ``[J]`` (rad)"""
     after: RobotState
-    """the robot at the end of the step"""
+    """state at the end of the step"""
     reference: Keyframe
     """the sequence at the end of the step, see :meth:`plat.keyframes.KeyframeSequence.sample`"""
     timing: Timing
@@ -58,14 +58,14 @@ class ChaseStep:
 
     @property
     def in_window(self) -> bool:
-        """Whether the end of the step is in the arrival window: the last ``timing.window`` steps."""
+        """Return whether the end of the step is in the arrival window: the last ``timing.window`` steps."""
         return self.command.steps_left <= self.timing.window and not self.holding
 
 
 class Chase(Iterator[ChaseStep]):
-    """A robot that chases keyframes; each item is a control step that was taken.
+    """Control loop of a robot that chases keyframes; each item is a completed control step.
 
-    The robot begins at rest in the sequence's start. After the last arrival it is told to be in the last keyframe by
+    The robot begins at rest in the sequence's start. After the last arrival its command is the last keyframe by
     the next step, over and over, for ``hold`` seconds.
 
     ``controller`` and ``sequence`` may be replaced between steps: another policy takes over at what the motors were
@@ -75,7 +75,7 @@ class Chase(Iterator[ChaseStep]):
         controller: the policy.
         sequence: the keyframes.
         simulator: the robot.
-        hold: seconds to stay in the last keyframe; ``math.inf`` goes on for ever.
+        hold: seconds to stay in the last keyframe; ``math.inf`` never ends.
 
     Attributes:
         simulator: the robot.
@@ -104,7 +104,7 @@ class Chase(Iterator[ChaseStep]):
 
     @property
     def controller(self) -> Controller:
-        """The policy."""
+        """Return the controller."""
         return self._controller
 
     @controller.setter
@@ -116,7 +116,7 @@ class Chase(Iterator[ChaseStep]):
 
     @property
     def sequence(self) -> KeyframeSequence:
-        """The keyframes, at the timing of the policy."""
+        """Return the keyframes, at the timing of the policy."""
         return self._sequence
 
     @sequence.setter
@@ -125,11 +125,11 @@ class Chase(Iterator[ChaseStep]):
 
     @property
     def time(self) -> float:
-        """Seconds since the start."""
+        """Return the seconds since the start."""
         return self._steps * self._controller.timing.control_dt
 
     def restart(self) -> None:
-        """Put the robot back into the start, at time 0."""
+        """Reset the robot to the start, at time 0."""
         self._steps = 0
         self._joint_target: NDArray[np.floating] | None = None
         self._controller.reset()

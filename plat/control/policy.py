@@ -1,4 +1,4 @@
-"""A torch policy as a controller of one robot."""
+"""Controller of one robot by a torch policy."""
 
 import numpy as np
 import torch
@@ -47,13 +47,13 @@ class PolicyController:
         self.reset()
 
     def reset(self, joint_target: NDArray[np.floating] | None = None) -> None:
-        """See :class:`plat.control.Controller`."""
+        """Start a new chase; see :class:`plat.control.Controller`."""
         target = self._default if joint_target is None else joint_target
         self._last_action = (target - self._default) / self._scale
 
     @torch.no_grad()
     def __call__(self, state: RobotState, keyframe: Pose, steps_left: int) -> NDArray[np.float64]:
-        """See :class:`plat.control.Controller`."""
+        """Compute joint targets; see :class:`plat.control.Controller`."""
         values = torch.from_numpy(self._observe(state, keyframe, steps_left, self._last_action))[None]
         observation = TensorDict({}, [1])
         for term in self._observe.terms:

@@ -14,7 +14,7 @@ __all__ = ["KeyframeScore", "KeyframeScorer", "StepErrors"]
 
 @dataclass(frozen=True)
 class KeyframeScore:
-    """How a keyframe went.
+    """Score of a keyframe.
 
     Args:
         index: its number in the sequence.
@@ -44,7 +44,7 @@ class StepErrors(PoseErrors):
 
 
 class KeyframeScorer:
-    """Scores every command of a chase by the rules of :func:`plat.evaluation.evaluate`, but never puts the robot back.
+    """Scorer of every command of a chase, by the rules of :func:`plat.evaluation.evaluate` but without resets.
 
     A command's arrival window is its last three control steps. The robot is compared with the sequence at the same time
     (:meth:`plat.keyframes.KeyframeSequence.sample`), which is the keyframe at the arrival.
@@ -59,7 +59,7 @@ class KeyframeScorer:
         self._steps: dict[int, list[tuple[ChaseStep, StepErrors]]] = {}
 
     def add(self, step: ChaseStep) -> StepErrors:
-        """Take a step in; returns how far the robot is from the sequence at the end of it."""
+        """Add a step; return the robot's distance from the sequence at its end."""
         errors = self._compare(step.after, step.reference)
         failed = errors.off_pose if step.in_window else errors.fallen
         scored = StepErrors(errors.joint, errors.keypoint, errors.off_pose, errors.fallen, failed)
@@ -68,7 +68,7 @@ class KeyframeScorer:
         return scored
 
     def scores(self) -> list[KeyframeScore]:
-        """Scores of the keyframes whose arrival has come."""
+        """Return the scores of the keyframes that have arrived."""
         return [self._score(steps) for _, steps in sorted(self._steps.items()) if steps[-1][0].command.steps_left == 1]
 
     def _score(self, steps: list[tuple[ChaseStep, StepErrors]]) -> KeyframeScore:

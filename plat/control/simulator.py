@@ -12,7 +12,7 @@ __all__ = ["Simulator"]
 
 
 class Simulator:
-    """A robot in plain MuJoCo, moved on by one control step at a time.
+    """Simulator of one robot in plain MuJoCo, advanced by one control step at a time.
 
     Args:
         model: as :meth:`plat.envs.Robot.model` makes it: a free joint, J hinges, and a position actuator for each. Set
@@ -49,7 +49,7 @@ class Simulator:
             )
 
     def reset(self, pose: Pose) -> None:
-        """Put the robot at rest into a pose."""
+        """Reset the robot to a pose, at rest."""
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:] = np.concatenate((pose.root_pos, pose.root_quat, pose.joint_pos))
         mujoco.mj_forward(self.model, self.data)

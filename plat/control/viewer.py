@@ -48,7 +48,7 @@ class Viewer:
 
     @property
     def running(self) -> bool:
-        """Whether the window is open."""
+        """Return whether the window is open."""
         return bool(self._window.is_running())
 
     def show(self, step: ChaseStep) -> None:

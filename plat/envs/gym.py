@@ -1,4 +1,4 @@
-"""The timed keyframe task as a gymnasium environment.
+"""gymnasium environments of the timed keyframe task.
 
 ``import plat`` registers it. Without that import, gymnasium finds it as ``"plat:plat/G1TimedKeyframe-v0"``.
 
@@ -84,7 +84,7 @@ class _Task:
         return _flat(self.current)
 
     def step(self, actions: np.ndarray, auto_reset: bool) -> tuple[TensorDictBase, TensorDictBase]:
-        """Step; return the entries after the step, and those from which the next step begins."""
+        """Step the environment; return the entries after the step, and those from which the next step begins."""
         clipped = np.clip(actions, -_ACTION_BOUND, _ACTION_BOUND).astype(np.float32)
         with self._own_randomness():
             self.current["action"] = torch.from_numpy(clipped).to(self.env.device)

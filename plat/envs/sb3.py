@@ -1,4 +1,4 @@
-"""plat's batched gymnasium environment as a vectorized environment of Stable-Baselines3.
+"""Stable-Baselines3 adapter of plat's batched gymnasium environment.
 
 Needs Stable-Baselines3: ``pip install 'plat-rl[sb3]'``.
 """

@@ -211,7 +211,7 @@ class MotionTrackingEnv(EnvBase):
             raise ActionError(
                 f"{int(broken.sum())} of {self.num_envs} robots had actions that are not finite or beyond "
                 f"{ABSURD_ACTION:g}, or left the simulation's bounds, and some did for {_BROKEN_STEPS} control steps "
-                "on end: the policy is broken"
+                "in a row: the policy is broken"
             )
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_: object) -> TensorDictBase:

@@ -1,4 +1,4 @@
-"""Scores on keyframes that people author: which were reached, and whether the robot stayed on its feet."""
+"""Scores on authored keyframes: success rate, falls before the arrival, and falls during the hold."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ __all__ = ["AuthoredRecords", "AuthoredScore", "ReachLimits", "authored_table", 
 
 @dataclass(frozen=True)
 class ReachLimits:
-    """When a keyframe counts as reached, and when a robot has fallen."""
+    """Thresholds of success at a keyframe, and of a fall."""
 
     root: float = 0.2
     """m: distance of the root at arrival"""
@@ -43,7 +43,7 @@ class ReachLimits:
 
 @dataclass
 class AuthoredRecords:
-    """What happened to C chains of K keyframes each.
+    """Outcomes of C chains of K keyframes each.
 
     Attributes:
         family: of each chain, ``[C]``.
@@ -115,9 +115,9 @@ def evaluate_authored(
     num_threads: int | None = None,
     device: torch.device | str = "cpu",
 ) -> AuthoredRecords:
-    """Let a policy chase authored chains, one robot a chain, and never put it back.
+    """Evaluate a policy on authored chains, one robot per chain, without resets.
 
-    A robot begins at rest in the chain's start. In the hold it is told to be in the last keyframe by the next step,
+    A robot begins at rest in the chain's start. In the hold its command is the last keyframe by the next step,
     over and over. Between keyframes it is compared with the straight line between them.
 
     Args:
@@ -197,7 +197,7 @@ def authored_table(records: AuthoredRecords) -> str:
 
 
 def _fallen(state: TensorDict, reference: TensorDict, limits: ReachLimits) -> Tensor:
-    """Mask ``[N]``: the pelvis is low or tilted, and was not commanded to be."""
+    """Return the mask ``[N]`` of robots with a low or tilted pelvis that was not commanded to be so."""
     height, wanted = state["keypoint_pos_w"][:, 0, 2], reference["keypoint_pos_w"][:, 0, 2]
     # the vertical component of the root's z axis is 1 - 2 (x^2 + y^2)
     up, wanted_up = (1 - 2 * group["keypoint_quat_w"][:, 0, 1:3].square().sum(-1) for group in (state, reference))
@@ -206,7 +206,7 @@ def _fallen(state: TensorDict, reference: TensorDict, limits: ReachLimits) -> Te
 
 
 def _library(robot: Robot, chains: Sequence[Authored]) -> tuple[MotionLibrary, list[list[int]], list[int]]:
-    """Straight lines between keyframes as clips of equal length, arrival steps ``[C][K]`` and last steps ``[C]``."""
+    """Return lines between keyframes as clips of equal length, arrival steps ``[C][K]`` and last steps ``[C]``."""
     dt = chains[0].sequence.timing.control_dt
     arrivals = [list(chain.sequence.arrival_steps) for chain in chains]
     ends = [steps[-1] + round(chain.hold / dt) for steps, chain in zip(arrivals, chains, strict=True)]
@@ -220,7 +220,7 @@ def _library(robot: Robot, chains: Sequence[Authored]) -> tuple[MotionLibrary, l
 
 
 def _with_holds(arrivals: Sequence[Sequence[int]], library: MotionLibrary) -> list[list[int]]:
-    """Arrivals within each clip, and one at every further frame: the commands of the hold."""
+    """Return the arrivals within each clip, and one at every further frame: the commands of the hold."""
     return [
         [*steps, *range(steps[-1] + 1, int(length))]
         for steps, length in zip(arrivals, library.clip_length, strict=True)

@@ -1,4 +1,4 @@
-"""A policy with what it takes to evaluate it."""
+"""Entrant of an evaluation: a policy with its robot and its view of the reference."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -25,7 +25,7 @@ __all__ = ["Entrant", "ReferenceTracker"]
 
 
 class ReferenceTracker(Protocol):
-    """A policy that brings the transforms that show it its reference; :class:`plat.baselines.Tracker` is one."""
+    """Protocol of a policy that adds the transforms of its own reference; :class:`plat.baselines.Tracker` is one."""
 
     robot: Robot
 
@@ -38,7 +38,7 @@ class ReferenceTracker(Protocol):
 
 @dataclass(frozen=True)
 class Entrant:
-    """A policy, its robot, and how it is shown its reference.
+    """Entrant of an evaluation: a policy, its robot, and its view of the reference.
 
     Attributes:
         policy: deterministic policy.

@@ -1,4 +1,4 @@
-"""Refusal of actions that no evaluation can go on from."""
+"""Check of an evaluation's actions for values that are not finite."""
 
 import torch
 from torch import Tensor

@@ -1,4 +1,4 @@
-"""How far a learned model of the robot is off after 1 to K steps of its own."""
+"""Prediction error of a learned dynamics model after 1 to K autoregressive steps."""
 
 import csv
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ __all__ = ["ModelErrors", "model_errors"]
 
 @dataclass(frozen=True)
 class ModelErrors:
-    """Mean errors after 1 to K control steps, each ``[K]``, of the model and of a robot that stays as it was.
+    """Mean errors after 1 to K control steps, each ``[K]``, of the model and of a prediction of no change.
 
     Attributes:
         root_pos: distance of the root (m).
@@ -44,10 +44,10 @@ class ModelErrors:
 
 @torch.no_grad()
 def model_errors(model: DynamicsModel, windows: TensorDictBase) -> ModelErrors:
-    """Errors of a model over windows of simulated steps ``[B, K + 1]``.
+    """Compute the errors of a model over windows of simulated steps ``[B, K + 1]``.
 
     Args:
-        model: the model; it goes on from its own predictions.
+        model: the model; it continues from its own predictions.
         windows: ``robot_state`` and ``action``, as :meth:`plat.collectors.RolloutReplay.windows` gives them.
 
     >>> from tensordict import TensorDict

@@ -26,7 +26,7 @@ class Penalties:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A metric with its 95 % bootstrap interval over motions."""
+    """Metric with its 95 % bootstrap interval over motions."""
 
     value: float
     low: float
@@ -119,7 +119,7 @@ def success_curve(records: CommandRecords | Sequence[CommandRecords], points: in
 
 
 class _Table:
-    """Numerators and denominators of each figure, summed over the commands of a motion: ``[runs, clips]``."""
+    """Numerators and denominators of each metric, summed over the commands of a motion: ``[runs, clips]``."""
 
     def __init__(self, records: CommandRecords | Sequence[CommandRecords], penalties: Penalties):
         runs = [records] if isinstance(records, CommandRecords) else list(records)
@@ -149,7 +149,7 @@ class _Table:
 
 
 def _ratios(records: CommandRecords, penalties: Penalties) -> dict[str, tuple[Tensor, Tensor]]:
-    """Each figure's numerator and denominator ``[M]``."""
+    """Return each metric's numerator and denominator ``[M]``."""
     every = torch.ones_like(records.steps)
     reached = records.window_steps > 0
     ratios: dict[str, tuple[Tensor, Tensor]] = {
@@ -168,7 +168,7 @@ def _ratios(records: CommandRecords, penalties: Penalties) -> dict[str, tuple[Te
 
 
 def _draws(count: int, resamples: int, generator: torch.Generator) -> Tensor:
-    """How often each of ``count`` things is drawn ``[resamples, count]``."""
+    """Return how often each of ``count`` items is resampled ``[resamples, count]``."""
     draws = torch.randint(count, (resamples, count), generator=generator)
     ones = torch.ones_like(draws, dtype=torch.float64)
     return torch.zeros(resamples, count, dtype=torch.float64).scatter_add_(1, draws, ones)

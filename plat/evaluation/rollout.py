@@ -1,4 +1,4 @@
-"""The loop that steps a policy through an environment, and the environment that issues scheduled commands."""
+"""Rollout loop of an evaluation, and the environment that issues scheduled commands."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ __all__ = ["EvaluationEnv", "make_evaluation_env", "policy_steps"]
 
 @dataclass(frozen=True)
 class EvaluationEnv:
-    """An environment that issues every command of a schedule once.
+    """Evaluation environment that issues every command of a schedule once.
 
     Attributes:
         env: of ``N`` robots.
@@ -45,7 +45,7 @@ class EvaluationEnv:
 
     @property
     def active(self) -> Tensor:
-        """Robots ``[N]`` that obey a command of the schedule; the others have nothing left to do."""
+        """Return the mask ``[N]`` of robots with a command of the schedule; the others are finished."""
         return self.starts.active
 
     def steps(self, policy: TensorDictModuleBase) -> Iterator[TensorDictBase]:
@@ -118,7 +118,7 @@ def policy_steps(
     Args:
         policy: writes ``action``.
         env: reset at the beginning, and its finished episodes after each step.
-        finished: asked after each reset whether to stop; by default the steps go on for ever.
+        finished: asked after each reset whether to stop; by default the loop never ends.
 
     Yields:
         The entries before the step ``[N]``, with ``action``, and the entries after it under ``"next"``.

@@ -1,4 +1,4 @@
-"""Conditions of an evaluation, and how a policy is shown its reference in it."""
+"""Conditions of an evaluation, and the view of the reference in it."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -48,7 +48,7 @@ class EvaluationSetting:
 
 @dataclass(frozen=True)
 class ReferenceView:
-    """What a policy is shown of its reference: the commanded keyframe, or the dense motion.
+    """View of the reference in a policy's observation: the commanded keyframe, or the dense motion.
 
     Attributes:
         dense: show the reference motion in place of the keyframe. Commands still set the windows in which it is scored.
@@ -65,7 +65,7 @@ class ReferenceView:
 
     @property
     def command_group(self) -> str:
-        """Group that holds the commanded keyframe; with ``dense``, one that the policy does not read."""
+        """Return the group of the commanded keyframe; with ``dense``, one that the policy does not read."""
         return "keyframe" if self.dense else "goal"
 
     def transforms(self, library: MotionLibrary) -> list[Transform]:

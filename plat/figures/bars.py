@@ -1,4 +1,4 @@
-"""The ablation as bars with intervals."""
+"""Bar plot of an ablation with confidence intervals."""
 
 from collections.abc import Sequence
 from typing import Any

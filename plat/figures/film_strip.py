@@ -53,13 +53,13 @@ def film_strip(stage: "Stage", playbacks: "Mapping[str, Playback]", commands: in
 
 
 def _starts(playback: "Playback") -> np.ndarray:
-    """Steps at which commands begin."""
+    """Return the steps at which commands begin."""
     ended = (playback.steps_left <= 1) | playback.failed
     return np.flatnonzero(np.concatenate(([True], ended[:-1])))
 
 
 def _strip(stage: "Stage", playback: "Playback", commands: int) -> list[tuple[np.ndarray, str | None]]:
-    """Two pictures a command, each with the color of its frame."""
+    """Return two pictures per command, each with the color of its frame."""
     starts = _starts(playback)
     ends = np.append(starts[1:], len(playback.qpos)) - 1
     pictures = []
@@ -75,6 +75,6 @@ def _strip(stage: "Stage", playback: "Playback", commands: int) -> list[tuple[np
 
 
 def _between(pose: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """A point of the floor halfway to the target, but no farther from the robot than where it is still well seen."""
+    """Return a floor point halfway to the target, but close enough to the robot to keep it visible."""
     way = 0.5 * (target[:2] - pose[:2])
     return pose[:2] + way * min(1.0, 0.4 / max(float(np.linalg.norm(way)), 1e-9))

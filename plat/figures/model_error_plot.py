@@ -1,4 +1,4 @@
-"""How fast a learned model of the robot loses it."""
+"""Plot of a dynamics model's prediction error over the steps."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""The paper's radar plot: one axis a horizon, one outline a policy."""
+"""Radar plot of the paper: one axis per horizon, one outline per policy."""
 
 import math
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ __all__ = ["radar_plot"]
 
 
 def radar_plot(scores: Sequence[Score], metrics: Sequence[str] = HEADLINE) -> Any:
-    """Return a figure with one radar for each metric. Outward is better on each, so errors fall towards the rim.
+    """Return a figure with one radar for each metric. Outward is better on each, so errors fall toward the rim.
 
     Args:
         scores: of any policies at three horizons or more; a policy that lacks a horizon is left out.
@@ -75,7 +75,7 @@ _RING_LABEL: dict[str, Any] = {
 
 
 def _range(values: Sequence[float], metric: str) -> tuple[float, float, list[float]]:
-    """Value at the center, value at the rim, and the rings: round numbers around the values, none below 0."""
+    """Return the values at center and rim, and the rings: round numbers around the values, none below 0."""
     finite = [value for value in values if math.isfinite(value)] or [0.0]
     low, high = min(finite), max(finite)
     spread = max(high - low, 10.0 ** -METRICS[metric].digits)

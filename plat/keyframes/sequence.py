@@ -22,7 +22,7 @@ __all__ = ["Command", "KeyframeSequence", "split_long_intervals"]
 
 @dataclass(frozen=True)
 class Command:
-    """What is asked of the robot at a moment.
+    """Command at a moment: a keyframe and the time left.
 
     Args:
         index: number of the keyframe in its sequence.

@@ -1,4 +1,4 @@
-"""A policy as it is used after training."""
+"""Deployed policy: deterministic, with its timing."""
 
 from tensordict.nn import TensorDictModuleBase, TensorDictSequential
 

@@ -12,7 +12,7 @@ __all__ = ["GoalSequenceEncoder"]
 
 
 class GoalSequenceEncoder(TensorDictModule):
-    """Encodes a dense goal sequence of variable length: the last state of a GRU that runs over it.
+    """Encoder of a dense goal sequence of variable length: the last state of a GRU.
 
     It recurs over the frames of the goal, not over the environment's time: each call starts from a zero state.
 
@@ -123,7 +123,7 @@ class _Recurrence(torch.autograd.Function):
 
 
 def _steps(counts: list[int], going: list[int]) -> list[tuple[slice, int, slice]]:
-    """For each step, which rows of all are its own, how many they are, and which of them are no padding."""
+    """Return, for each step, its rows, their number, and which of them are no padding."""
     begins = accumulate(counts, initial=0)
     return [
         (slice(begin, begin + count), count, slice(begin, begin + real))

@@ -1,4 +1,4 @@
-"""Feed-forward on the reference or keyframe that a policy is shown, against the lag of its motors."""
+"""Velocity feed-forward of goals against the lag of the motors."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""The multilayer perceptron that every part is made of."""
+"""Multilayer perceptron."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -12,7 +12,7 @@ __all__ = ["mlp"]
 def mlp(
     in_features: int, hidden: Sequence[int], out_features: int, out_scale: float = 1.0, exact: bool = True
 ) -> nn.Sequential:
-    """ELU network.
+    """Return a multilayer perceptron with ELU activations.
 
     Args:
         in_features: size of the input.

@@ -1,4 +1,4 @@
-"""One recorded or generated motion, checked."""
+"""Motion clip: one recorded or generated motion, with its checks."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ __all__ = ["MotionClip"]
 
 @dataclass(frozen=True)
 class MotionClip:
-    """A motion of one robot.
+    """Motion clip of one robot.
 
     Args:
         name: what error messages and tables call it.
@@ -30,11 +30,11 @@ class MotionClip:
 
     @property
     def duration(self) -> float:
-        """Seconds from the first to the last frame."""
+        """Return the time from the first to the last frame (s)."""
         return (len(self.qpos) - 1) / self.fps
 
     def checked(self, robot: Robot) -> "MotionClip":
-        """This clip in float32 with quaternions of exactly unit length.
+        """Return this clip in float32 with quaternions of exactly unit length.
 
         Raises:
             MotionError: for a wrong shape, fewer than two frames, a value that is not finite, a quaternion that

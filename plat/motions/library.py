@@ -1,4 +1,4 @@
-"""Every frame of many motions in one table, for lookups whose cost does not depend on its size."""
+"""Motion library: every frame of many motions in one table, for lookups at a cost independent of its size."""
 
 import hashlib
 import json
@@ -40,7 +40,7 @@ TABLE_VERSION = 8
 
 
 class MotionLibrary:
-    """Motions at the control rate with everything that tracking needs to look up.
+    """Motion library at the control rate, with all quantities for tracking.
 
     Clips follow each other in one table; a *frame* is a row of it. Use :meth:`from_clips` or :meth:`load`.
 
@@ -81,28 +81,28 @@ class MotionLibrary:
 
     @property
     def num_clips(self) -> int:
-        """Number of clips C."""
+        """Return the number of clips C."""
         return len(self.clip_names)
 
     @property
     def duration(self) -> float:
-        """Seconds of motion."""
+        """Return the length of all motions (s)."""
         return (len(self) - self.num_clips) * self.dt
 
     @property
     def device(self) -> torch.device:
-        """Where the table lies."""
+        """Return the device of the table."""
         return self._table.device
 
     def to(self, device: torch.device | str) -> "MotionLibrary":
-        """The same library on another device."""
+        """Return the library on another device."""
         if torch.device(device) == self.device:
             return self
         table, start, length = (t.to(device) for t in (self._table, self.clip_start, self.clip_length))
         return MotionLibrary(table, start, length, self.clip_names, self.dt, self.robot)
 
     def only(self, *clips: int) -> "MotionLibrary":
-        """A library of some of the clips, in the order given."""
+        """Return a library of some of the clips, in the given order."""
         length = self.clip_length[list(clips)]
         starts = (int(self.clip_start[clip]) for clip in clips)
         parts = [self._table[start : start + count] for start, count in zip(starts, length.tolist(), strict=True)]
@@ -110,7 +110,7 @@ class MotionLibrary:
         return MotionLibrary(torch.cat(parts), length.cumsum(0) - length, length, names, self.dt, self.robot)
 
     def named(self, pattern: str) -> list[int]:
-        """Numbers of the clips whose names a regular expression is found in, large or small letters alike.
+        """Return the indices of clips whose names match a regular expression, case-insensitively.
 
         Raises:
             MotionError: when the expression is broken, or is found in no name.
@@ -133,7 +133,7 @@ class MotionLibrary:
         return found
 
     def for_robot(self, robot: Robot) -> "MotionLibrary":
-        """The same motions for a robot that differs in nothing but its motors.
+        """Return the same motions for a robot that differs in nothing but its motors.
 
         Raises:
             MotionError: when it has another description or other keypoints.
@@ -143,22 +143,22 @@ class MotionLibrary:
         return MotionLibrary(self._table, self.clip_start, self.clip_length, self.clip_names, self.dt, robot)
 
     def poses(self, frame: Tensor) -> TensorDict:
-        """``joint_pos``, ``keypoint_pos`` and ``keypoint_quat`` of frames ``[*B]``."""
+        """Return ``joint_pos``, ``keypoint_pos`` and ``keypoint_quat`` of frames ``[*B]``."""
         rows = self._table[:, : self._pose_width].index_select(0, frame.flatten())
         return _unpack(rows.view(*frame.shape, -1), _POSE_FIELDS, self.robot)
 
     def states(self, frame: Tensor) -> TensorDict:
-        """All fields of frames ``[*B]``: poses and velocities."""
+        """Return all fields of frames ``[*B]``: poses and velocities."""
         rows = self._table.index_select(0, frame.flatten())
         return _unpack(rows.view(*frame.shape, -1), _POSE_FIELDS + _VELOCITY_FIELDS, self.robot)
 
     def qpos(self, frame: Tensor) -> Tensor:
-        """MuJoCo position vectors ``[*B, 7 + J]`` of frames ``[*B]``."""
+        """Return MuJoCo position vectors ``[*B, 7 + J]`` of frames ``[*B]``."""
         poses = self.poses(frame)
         return torch.cat((poses["keypoint_pos"][..., 0, :], poses["keypoint_quat"][..., 0, :], poses["joint_pos"]), -1)
 
     def clip(self, number: int) -> MotionClip:
-        """One of the clips, at the control rate.
+        """Return one of the clips, at the control rate.
 
         >>> from plat.motions import generate_motions
         >>> library = MotionLibrary.from_clips(generate_motions("train", seconds=8))
@@ -171,7 +171,7 @@ class MotionLibrary:
 
     @classmethod
     def from_clips(cls, clips: Sequence[MotionClip], robot: Robot = G1, dt: float = 0.02) -> "MotionLibrary":
-        """Resample clips to the control rate and work out their kinematics.
+        """Resample clips to the control rate and compute their kinematics.
 
         Raises:
             MotionError: when there is no clip, or a clip is broken or lasts less than one control step.
@@ -260,7 +260,7 @@ def _width(fields: Sequence[str], robot: Robot) -> int:
 
 
 def _unpack(rows: Tensor, fields: Sequence[str], robot: Robot) -> TensorDict:
-    """Named views of packed rows ``[*B, W]``."""
+    """Return named views of packed rows ``[*B, W]``."""
     shapes = [_shape(field, robot) for field in fields]
     parts = rows.split([torch.Size(shape).numel() for shape in shapes], -1)
     batch = rows.shape[:-1]
@@ -298,7 +298,7 @@ def _warn_of_bad_clips(verdicts: _Verdicts, files: Sequence[str]) -> None:
 
 
 def cache_dir() -> Path:
-    """Folder for what plat can always make again: ``$PLAT_CACHE_DIR``, else ``plat`` in the user's cache folder."""
+    """Return the cache folder: ``$PLAT_CACHE_DIR``, else ``plat`` in the user's cache folder."""
     if folder := os.environ.get("PLAT_CACHE_DIR"):
         return Path(folder)
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "plat"
@@ -320,7 +320,7 @@ def _content_hash(generated: Sequence[str], paths: Sequence[Path], robot: Robot,
 
 
 def _write_table(path: Path, library: MotionLibrary, verdicts: _Verdicts) -> None:
-    """Keep a table for the next run; a disk that cannot take it is no reason to stop this one."""
+    """Write a table for the next run; a full disk does not stop this one."""
     tensors = {"table": library._table, "clip_start": library.clip_start, "clip_length": library.clip_length}
     metadata = {
         "clip_names": json.dumps(library.clip_names),

@@ -1,4 +1,4 @@
-"""Left and right exchanged."""
+"""Mirror images of motions: left and right exchanged."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ _SUFFIX = "_mirrored"
 
 
 def mirror_motion(clip: MotionClip, robot: Robot = G1) -> MotionClip:
-    """The clip as a mirror shows it: left limbs do what right ones did, in a world with y turned round.
+    """Return a clip's mirror image: left and right limbs exchanged, in a world with y reversed.
 
     Which joints change places follows from their names, their signs from their axes. The mirror image of the mirror
     image is the clip.
@@ -38,7 +38,7 @@ def mirror_motion(clip: MotionClip, robot: Robot = G1) -> MotionClip:
 
 
 def _symmetry(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """For each joint, the joint that it takes its angle from, and with which sign."""
+    """Return, for each joint, the joint whose angle it takes, and the sign."""
     swapped = {"left": "right", "right": "left"}
     names = ["_".join(swapped.get(word, word) for word in name.split("_")) for name in robot.joint_names]
     if names == list(robot.joint_names):

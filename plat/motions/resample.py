@@ -1,4 +1,4 @@
-"""From a clip's frame rate to the control rate, and from poses to velocities."""
+"""Resampling of clips to the control rate, and velocities by finite differences."""
 
 import torch
 from torch import Tensor
@@ -9,7 +9,7 @@ __all__ = ["finite_difference", "quat_finite_difference", "resample_qpos"]
 
 
 def resample_qpos(qpos: Tensor, fps: float, dt: float) -> Tensor:
-    """Poses every ``dt`` seconds from poses at ``fps``, from the first frame up to the last.
+    """Return poses every ``dt`` seconds from poses at ``fps``, from the first frame up to the last.
 
     Positions and joint angles are interpolated linearly, the root quaternion along the great arc.
 
@@ -37,7 +37,7 @@ def resample_qpos(qpos: Tensor, fps: float, dt: float) -> Tensor:
 
 
 def finite_difference(values: Tensor, before: Tensor, after: Tensor, dt: float) -> Tensor:
-    """Central differences ``(values[after] - values[before]) / ((after - before) dt)``.
+    """Return central differences ``(values[after] - values[before]) / ((after - before) dt)``.
 
     Args:
         values: ``[F, ...]``.
@@ -49,7 +49,7 @@ def finite_difference(values: Tensor, before: Tensor, after: Tensor, dt: float) 
 
 
 def quat_finite_difference(quat: Tensor, before: Tensor, after: Tensor, dt: float) -> Tensor:
-    """Angular velocities ``[n, ..., 3]`` (rad/s, **world** frame) of quaternions ``[F, ..., 4]``.
+    """Return angular velocities ``[n, ..., 3]`` (rad/s, **world** frame) of quaternions ``[F, ..., 4]``.
 
     See :func:`finite_difference` for ``before`` and ``after``.
     """

@@ -1,4 +1,4 @@
-"""Which clips of a data set are for training, which for tuning, and which are kept back: a rule on the name alone."""
+"""Split of a data set into train, validation and test clips by name alone."""
 
 import hashlib
 from typing import Literal
@@ -9,7 +9,7 @@ Split = Literal["train", "val", "test"]
 
 
 def split_of(name: str) -> Split:
-    """Split of a clip: SHA-256 of its name, as a number, modulo 100: 0 to 9 test, 10 to 19 val, the rest train.
+    """Return the split of a clip: SHA-256 of its name modulo 100: 0 to 9 test, 10 to 19 val, the rest train.
 
     The name is the motion capture file's without folder and ending, so that anyone who has the files has the split.
 

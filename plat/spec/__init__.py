@@ -1,1 +1,1 @@
-"""What a policy sees and when."""
+"""Specification of a policy's observation and timing."""

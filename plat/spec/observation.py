@@ -1,4 +1,4 @@
-"""What a policy observes: one table of every entry, from which environments, networks and exports derive theirs."""
+"""Observation table: every entry of the observation, from which environments, networks and exports derive theirs."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -45,22 +45,22 @@ _GOAL = re.compile(r"(led_)?((dense_)?goal(_[1-9]\d*)?|keyframe)")
 
 
 class RobotSizes(Protocol):
-    """Numbers of a robot that the widths of entries depend on; :class:`plat.robots.Robot` is one."""
+    """Protocol of the robot data that widths of entries depend on; :class:`plat.robots.Robot` is one."""
 
     @property
     def num_joints(self) -> int:
-        """Number of joints J."""
+        """Return the number of joints J."""
         ...
 
     @property
     def keypoints(self) -> Sequence[str]:
-        """Names of the keypoint bodies, K of them."""
+        """Return the names of the K keypoint bodies."""
         ...
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One entry of an observation, of width ``size + per_joint * J + per_body * K``.
+    """Entry of an observation, of width ``size + per_joint * J + per_body * K``.
 
     Args:
         name: of the entry in its group.
@@ -199,7 +199,7 @@ def table() -> ObservationTable:
 
 @contextmanager
 def observing(changed: ObservationTable) -> Iterator[ObservationTable]:
-    """Derive everything that is made and used inside the context from another table.
+    """Derive everything that is created and used in this context from another table.
 
     A new entry needs the function that computes it: in ``plat.envs.goals.GOAL_ENTRIES`` for environments, and in
     ``plat.deploy.goals.GOAL_ENTRIES`` for robots.

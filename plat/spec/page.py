@@ -1,4 +1,4 @@
-"""The documentation page of the observation, made from its table: ``python -m plat.spec.page docs/observation.md``."""
+"""Documentation page of the observation, generated from its table: ``python -m plat.spec.page docs/observation.md``."""
 
 import sys
 from pathlib import Path

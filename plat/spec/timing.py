@@ -1,4 +1,4 @@
-"""When: the control step, the longest command and the arrival window that a policy was trained with."""
+"""Timing of the keyframe task: control step, longest command and arrival window."""
 
 import math
 from dataclasses import dataclass
@@ -40,7 +40,7 @@ class Timing:
 
     @property
     def longest(self) -> float:
-        """Seconds of the longest command, ``max_steps * control_dt``."""
+        """Return the length of the longest command (s), ``max_steps * control_dt``."""
         return self.max_steps * self.control_dt
 
     def steps(self, time: float) -> int:
@@ -48,7 +48,7 @@ class Timing:
         return round(time / self.control_dt)
 
     def check_control_dt(self, control_dt: float, what: str) -> None:
-        """Refuse a control step that is not the one of this timing.
+        """Raise an error for a control step that differs from this timing's.
 
         Args:
             control_dt: seconds.
@@ -61,7 +61,7 @@ class Timing:
             raise PlatError(f"{what}: control step of {control_dt:g} s, expected the policy's {self.control_dt:g} s")
 
     def check_steps(self, steps: int, what: str) -> None:
-        """Refuse a command that is longer than the longest one.
+        """Raise an error for a command that is longer than the longest one.
 
         Args:
             steps: control steps of the command.

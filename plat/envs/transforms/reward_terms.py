@@ -49,7 +49,7 @@ def arriving(name: str, term: TrackingTerm, squared_error: _SquaredError) -> Rew
 
 
 def difference(entry: str, reference_entry: str | None = None) -> _SquaredError:
-    """Squared distance of an entry ``[N, K, 3]`` of the state from that of the reference."""
+    """Return the squared distance of an entry ``[N, K, 3]`` of the state from that of the reference."""
     return lambda state, reference: squared_distance(state[entry], reference[reference_entry or entry])
 
 

@@ -22,7 +22,7 @@ RewardFunction: TypeAlias = Callable[[TensorDictBase, TensorDictBase], Tensor]
 
 @dataclass(frozen=True)
 class Reward:
-    """A reward term: ``weight * function(before, after)`` per second.
+    """Reward term: ``weight * function(before, after)`` per second.
 
     >>> upright = Reward("upright", 0.5, lambda before, after: -after["robot", "gravity_b"][:, 2])
     """
