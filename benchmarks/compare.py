@@ -2,8 +2,8 @@
 
 python benchmarks/compare.py --mjbatch DIR
 
-Everything is measured in turn, several rounds over; each round's rates are divided by each other, and medians over
-rounds are printed. What each row does is in docs/speed.md. A package that is not installed costs its row only.
+Everything is measured in turn, for several rounds. Ratios of rates are taken within a round, and their medians over
+rounds are printed. docs/speed.md describes each row. A missing package only removes its row.
 """
 
 import importlib.metadata

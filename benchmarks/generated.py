@@ -93,14 +93,14 @@ def print_followed(clips: list[MotionClip], trackers: dict[str, Tracker]) -> Non
         line = f"{family:<12}"
         for name, tracker in trackers.items():
             library = MotionLibrary.from_clips([clips[number] for number in numbers], tracker.robot)
-            shares = follow(tracker, library).tolist()
-            done = sum(share == 1 for share in shares)
+            fractions = follow(tracker, library).tolist()
+            done = sum(fraction == 1 for fraction in fractions)
             total[name] += done
-            line += f"{f'{done}/{len(shares)}':>12}"
+            line += f"{f'{done}/{len(fractions)}':>12}"
             lost += [
-                f"{name} lost {clip} after {share:.0%}"
-                for clip, share in zip(library.clip_names, shares, strict=True)
-                if share < 1
+                f"{name} lost {clip} after {fraction:.0%}"
+                for clip, fraction in zip(library.clip_names, fractions, strict=True)
+                if fraction < 1
             ]
         print(line, flush=True)
     print(f"{'all':<12}" + "".join(f"{f'{total[name]}/{len(clips)}':>12}" for name in trackers))

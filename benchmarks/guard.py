@@ -1,8 +1,10 @@
-"""Figures of the benchmark that can be held against those of another run.
+"""Regression check of benchmark results against those of an earlier run.
 
-A figure's ratio is what is compared: for a rate its share of bare physics; for a time the control steps of bare physics
-that would fit in it; memory as it is. Ratios of one kind of CPU with a given number of threads are comparable, whatever
-else it was doing; what multiplies matrices in half precision makes the kind, and each has a file in ``expected``.
+The ratio of a result is compared. For a rate it is the fraction of bare physics' rate. For a time it is the number of
+bare physics' control steps in that time. Memory is compared as it is.
+
+Ratios are comparable on one kind of CPU with a given number of threads, whatever its other load. The kind is the unit
+for half-precision matrix products; each kind has a file in ``expected``.
 """
 
 import json

@@ -1,7 +1,7 @@
 """Rivals of the comparison: simulation and training of a G1 on a CPU, by plat and its alternatives.
 
-A rival's ``collect`` and ``learn`` do some environment steps and return how many: with a Gaussian policy of three
-hidden layers (512, 256, 128) in the loop, and with PPO on top (rollouts, minibatches and epochs of equal size).
+A rival's ``collect`` and ``learn`` run some environment steps and return their number. Both have a Gaussian policy of
+three hidden layers (512, 256, 128) in the loop. ``learn`` adds PPO, with equal rollouts, minibatches and epochs.
 """
 
 import functools
@@ -144,7 +144,7 @@ def _gymnasium(setup: Setup, stack: ExitStack) -> Work:
 
 def _torchrl(setup: Setup, stack: ExitStack) -> Work:
     makers = [EnvCreator(functools.partial(GymWrapper, make())) for make in _singles(setup)]
-    # one process a core, each with its share of the robots, is faster here than one process a robot
+    # one process per core, each with several of the robots, is faster here than one process per robot
     processes = min(available_cpus(), len(makers))
     shares = [makers[first::processes] for first in range(processes)]
     serial = [EnvCreator(functools.partial(SerialEnv, len(share), share)) for share in shares]

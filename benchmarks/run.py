@@ -65,7 +65,7 @@ class BenchmarkConfig:
     json: Path | None = None
     """file to write the results to"""
     check: bool = False
-    """hold the figures against those of CPUs of this kind in benchmarks/expected, and fail when one is more than 15 %
+    """compare with results of this kind of CPU in benchmarks/expected; fail when one is more than 15 %
     worse"""
 
 

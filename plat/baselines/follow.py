@@ -50,11 +50,11 @@ def follow(
             InitTracker(),
         ),
     )
-    share = torch.full((count,), torch.nan)
+    fraction = torch.full((count,), torch.nan)
     for number, step in enumerate(islice(policy_steps(policy, env), int(library.clip_length.max()) - 1), 1):
-        ended = step["next", "done"][:, 0] & share.isnan()  # later ends are of a second episode
+        ended = step["next", "done"][:, 0] & fraction.isnan()  # later ends are of a second episode
         lost = step["next", "terminated"][:, 0]
         reached = torch.where(lost, number / library.clip_length, 1.0)
-        share = torch.where(ended, reached, share)
+        fraction = torch.where(ended, reached, fraction)
     env.close()
-    return share
+    return fraction

@@ -30,19 +30,20 @@ def sonic_robot(robot: Robot = G1) -> Robot:
 
 
 class Sonic(Tracker):
-    """Released SONIC policy: an encoder of ten reference frames into a token, and a decoder from the token to an
-    action.
+    """Released SONIC policy: an encoder from ten reference frames to a token, and a decoder to an action.
 
     **Unverified**: the layout is that of the published deployment code, and the adapter is tested with networks of the
     same shapes only, not with the released weights. Compare dense tracking before you quote its metrics.
 
-    The encoder (``model_encoder.onnx``, 1762 to 64) sees a mode (0: a robot's motion, four numbers), joint angles
-    (rad) and velocities (rad/s) of the frames now, 0.1 s ahead, and so on to 0.9 s, and the orientation of their root
-    in the robot's root (the first two columns of the matrix, row by row); what belongs to other modes is 0. The decoder
-    (``model_decoder.onnx``, 994 to 29) sees the token and ten control steps up to now, oldest first, each quantity by
-    itself: angular velocity, joint angles from the default pose, joint velocities, last raw actions and gravity
-    direction; in the first steps the first measurement stands in for what is missing. Joints are in order of their
-    depth in the kinematic tree.
+    The encoder (``model_encoder.onnx``, 1762 to 64) reads a mode (0: a robot's motion, four numbers) and ten reference
+    frames, from now to 0.9 s ahead at steps of 0.1 s. Of these it reads joint angles (rad), joint velocities (rad/s)
+    and the root's orientation in the robot's root (first two columns of the matrix, row by row). Entries of other
+    modes are 0.
+
+    The decoder (``model_decoder.onnx``, 994 to 29) reads the token and the last ten control steps, oldest first,
+    quantity by quantity. These are angular velocity, joint angles from the default pose, joint velocities, last raw
+    actions and gravity direction. In the first steps the first measurement fills the history. Joints are in order of
+    their depth in the kinematic tree.
 
     Args:
         folder: holds the two files.

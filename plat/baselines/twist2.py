@@ -31,9 +31,9 @@ def twist2_robot(robot: Robot = G1) -> Robot:
 class Twist2(Tracker):
     """Released TWIST2 policy (``twist2_1017_20k.onnx``).
 
-    Its observation: the command (the reference's horizontal velocity in its heading frame, height, roll, pitch, yaw
-    rate, joint angles), what the robot measures, ten past such observations (oldest first, zeros before the start), and
-    the command once more.
+    Its observation holds a command, the robot's measurements, the last ten such pairs (oldest first, zeros before the
+    start), and the command again. The command is the reference's horizontal velocity in its heading frame, height,
+    roll, pitch, yaw rate and joint angles.
 
     Args:
         path: the ``.onnx`` file.

@@ -119,8 +119,8 @@ def film(stage: Stage, playback: Playback, fps: float = 25.0) -> Iterator[np.nda
         if any(playback.failed[index] for index in span):
             failed_until = step + round(0.5 / playback.dt)
         picture = stage.draw(playback.qpos[step], playback.target_qpos[step]).copy()
-        share = playback.steps_left[step] / max(playback.command_length[step], 1)
-        _bar(picture, share, failed=step < failed_until)
+        fraction = playback.steps_left[step] / max(playback.command_length[step], 1)
+        _bar(picture, fraction, failed=step < failed_until)
         yield picture
 
 
@@ -215,11 +215,11 @@ def _steps(playback: Playback, fps: float) -> Iterator[int]:
     return (min(round(index / (fps * playback.dt)), len(playback.qpos) - 1) for index in range(count))
 
 
-def _bar(picture: np.ndarray, share: float, failed: bool) -> None:
+def _bar(picture: np.ndarray, fraction: float, failed: bool) -> None:
     height, width = picture.shape[:2]
     top, bottom = height - height // 40, height - height // 120
     picture[top:bottom] = (120, 40, 35) if failed else (picture[top:bottom] * 0.6).astype(np.uint8)
-    picture[top:bottom, : round(share * width)] = (220, 70, 60) if failed else (40, 190, 130)
+    picture[top:bottom, : round(fraction * width)] = (220, 70, 60) if failed else (40, 190, 130)
 
 
 def stage_model(robot: Robot, width: int = 640, height: int = 480) -> mujoco.MjModel:

@@ -19,13 +19,13 @@ _COOKIE = "plat_studio_token"
 class Access:
     """Access rule for requests to the studio.
 
-    The studio writes files for whoever controls its page, so it is for the person at this machine. Another web page in
-    the same browser can reach local ports: its requests carry a foreign ``Origin``, or, by DNS rebinding, a foreign
-    ``Host``. Both are refused. A studio that listens beyond this machine asks for a token on top.
+    The page can write files, so it is restricted to this machine's user. Other web pages in the same browser can reach
+    local ports. Their requests carry a foreign ``Origin`` or, by DNS rebinding, a foreign ``Host``; both are refused.
+    A studio that listens beyond this machine also asks for a token.
 
     Args:
         host: address that the studio listens on.
-        port: that it listens on.
+        port: port that the studio listens on.
 
     >>> Access("127.0.0.1", 8080).refusal("/", {"Host": "localhost:8080"}) is None
     True

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from plat.errors import TaskError
 from plat.motions.library import MotionLibrary
 from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
@@ -65,7 +66,7 @@ def draw_chains(
         seed: draws them, apart from the global generator.
 
     Raises:
-        ValueError: for a family that is none.
+        TaskError: for an unknown family.
 
     >>> from plat.motions import generate_motions
     >>> library = MotionLibrary.from_clips(generate_motions("train", seconds=8))
@@ -75,7 +76,7 @@ def draw_chains(
     """
     unknown = [family for family in families if family not in _DRAW]
     if unknown:
-        raise ValueError(f"families: {unknown[0]!r}, expected some of {CHAIN_FAMILIES}")
+        raise TaskError(f"families: {unknown[0]!r}, expected some of {CHAIN_FAMILIES}")
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         resting = _resting_poses(library).cpu()

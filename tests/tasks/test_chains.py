@@ -1,6 +1,7 @@
 import pytest
 import torch
 
+from plat.errors import TaskError
 from plat.robots import G1
 from plat.robots.kinematics import ForwardKinematics
 from plat.tasks import CHAIN_FAMILIES, draw_chains
@@ -75,5 +76,5 @@ def test_a_seed_draws_the_same_and_leaves_the_generator_alone(library, chains):
 
 
 def test_an_unknown_family_is_refused(library):
-    with pytest.raises(ValueError, match="'dance'"):
+    with pytest.raises(TaskError, match="'dance'"):
         draw_chains(library, 3, ["dance"])

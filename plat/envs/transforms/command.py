@@ -168,9 +168,10 @@ def check_timing(library: MotionLibrary, horizon: Horizon, timing: Timing) -> No
 class KeyframeClock(Transform):
     """Transform that counts the active command down and marks its arrival window.
 
-    Put it before the transforms that ask for the window, and :class:`KeyframeCommand` after them. It carries
-    ``("command", "target_frame")`` over from the step before and writes ``("command", "steps_left")``, and of the
-    command that the step belonged to ``("command", "in_window")`` and ``("command", "arrived")``, each ``[1]``.
+    Put it before the transforms that read the window, and :class:`KeyframeCommand` after them. It keeps
+    ``("command", "target_frame")`` of the previous step and writes ``("command", "steps_left")`` ``[1]``. For the
+    command that the step belonged to, it writes ``("command", "in_window")`` and ``("command", "arrived")``, each
+    ``[1]``.
 
     Args:
         window: control steps of the arrival window, the arrival step among them.

@@ -33,9 +33,9 @@ class Gait:
 def take_steps(script: MotionScript, steps: Sequence[tuple[int, np.ndarray]], gait: Gait) -> None:
     """Write footsteps, from standing to standing; time advances to their end.
 
-    During the first part of a step both feet are down and the weight goes onto the foot that stays; then the other
-    swings. With ``heel_off`` and ``toes_up`` feet roll: the heel rises once the weight is on the toes, and the sole
-    comes down after the heel has landed.
+    A step begins with double support, in which the weight shifts onto the stance foot; then the other foot swings.
+    With ``heel_off`` and ``toes_up`` feet roll: the heel rises once the weight is on the toes, and the sole comes down
+    after the heel has landed.
 
     Args:
         script: script to write to.
@@ -47,7 +47,7 @@ def take_steps(script: MotionScript, steps: Sequence[tuple[int, np.ndarray]], ga
         support = gait.onset if number == 0 else shift
         swing = gait.step_time - shift
         standing = 1.0 if foot != RIGHT else 0.0
-        # no roll while there is no speed yet, or no longer
+        # no roll in the first and last step, where the speed is low
         back, ahead = (0.0 if number == end else 0.5 * gait.roll for end in (0, last))
         script.weigh(script.under(standing, -back), support)
         script.weigh(script.under(standing, ahead), swing, support)
