@@ -145,7 +145,8 @@ class ExpertModelRecipe(ImaginationRecipe):
     init: Path | None = None
     """run whose expert to go on from"""
     policy: ExpertConfig = field(default_factory=lambda: ExpertConfig(action="reference_velocity", ahead=(1, 2, 5, 10)))
-    costs: TrackingCosts = field(default_factory=TrackingCosts)
+    costs: TrackingCosts = TrackingCosts()
+    """weights of the distances from the reference"""
     uniform_starts: float = 0.3
     """share of the episodes that start anywhere; the others start where failures are"""
 

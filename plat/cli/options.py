@@ -47,7 +47,7 @@ class ScoringConfig:
     """motion files, folders or globs; "generated:val" or "generated:test" for generated motion"""
     horizon: tuple[HorizonName, ...] = ("single", "short", "medium", "long", "mixed")
     """lengths of the commands"""
-    randomization: RandomizationRanges = field(default_factory=RandomizationRanges)
+    randomization: RandomizationRanges = RandomizationRanges()
     """ranges of the domain randomization, and pushes"""
     clip: str | None = None
     """film strips show the first motion whose name this matches; by default the first of all"""

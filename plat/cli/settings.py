@@ -9,6 +9,7 @@ from typing import Any
 
 import tyro
 
+from plat.cli.compact import registry
 from plat.runs.recipe import report_errors
 
 __all__ = ["parse", "run"]
@@ -38,7 +39,8 @@ def parse(kind: Any, args: Sequence[str] | None = None, prog: str | None = None)
             }
             options["default"] = kind(**required, **presets[chosen.preset])
     # what is behind a subcommand, as of --task.noise, may be followed by other settings
-    return tyro.cli(kind, args=args, prog=prog, config=(tyro.conf.CascadeSubcommandArgs,), **options)
+    with registry():
+        return tyro.cli(kind, args=args, prog=prog, config=(tyro.conf.CascadeSubcommandArgs,), **options)
 
 
 def run(module: str, kind: Any, args: Sequence[str], prog: str) -> None:

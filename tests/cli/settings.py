@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from tyro._docstrings import get_field_docstring
 
 from plat.cli import COMMANDS
+from plat.cli.compact import GROUPS
+from plat.envs.transforms import TrackingTerm
 
 
 def dataclasses_in(kind: typing.Any) -> list[type]:
@@ -26,7 +28,7 @@ def leaves(kind: type, path: str = "") -> Iterator[tuple[str, str | None]]:
     hints = typing.get_type_hints(kind, include_extras=True)
     for field in dataclasses.fields(kind):
         name = f"{path}{field.name}"
-        if nested := dataclasses_in(hints[field.name]):
+        if nested := [kind for kind in dataclasses_in(hints[field.name]) if kind not in (*GROUPS, TrackingTerm)]:
             for part in nested:
                 yield from leaves(part, f"{name}.")
         else:

@@ -8,6 +8,7 @@ from plat.envs.transforms import RandomizationRanges
 from plat.errors import PlatError
 from plat.modules import Expert, ExpertConfig, LatentNoisePolicy, LatentPolicy, RefinementConfig
 from plat.recipes import ablations
+from plat.recipes.options import Training
 from plat.robots import G1
 from tests.modules.policies.test_student import SMALL
 from tests.recipes.runs import save_run, write_motions
@@ -142,7 +143,7 @@ def trained(monkeypatch) -> list:
 
 
 def test_every_row_is_trained_with_the_budget_of_its_stage(recipe, trained, tmp_path):
-    training = ablations.Training(motions=("train.npz",), expert_steps=9, student_steps=6, refine_steps=3, seeds=(4, 5))
+    training = Training(motions=("train.npz",), expert_steps=9, student_steps=6, refine_steps=3, seeds=(4, 5))
     recipe = dataclasses.replace(recipe, runs=tmp_path / "new", training=training)
     ablations.train(recipe)
     names = ["sonic-style", "expert", "plain", "dagger"]
@@ -167,7 +168,7 @@ def test_every_row_is_trained_with_the_budget_of_its_stage(recipe, trained, tmp_
 
 
 def test_rows_that_are_done_are_not_trained_again(recipe, trained, tmp_path, capsys):
-    training = ablations.Training(motions=("train.npz",), expert_steps=9, student_steps=6, refine_steps=3, seeds=(0,))
+    training = Training(motions=("train.npz",), expert_steps=9, student_steps=6, refine_steps=3, seeds=(0,))
     recipe = dataclasses.replace(recipe, runs=tmp_path / "new", training=training)
     ablations.train(recipe)
     trained.clear()

@@ -116,7 +116,7 @@ def test_variants_of_stage_three(tmp_path, stages, variant):
 
 def test_an_expert_goes_on_with_other_settings(tmp_path, stages):
     start = stages["distill"][-1]
-    new = [*stages["expert"], "--init", start, "--task.dense.joint-pos.weight", 3, "--critic-warmup", 1000]
+    new = [*stages["expert"], "--init", start, "--task.dense.joint-pos", 3, 0.15, "--critic-warmup", 1000]
     text = run("expert", *new, "--policy.lead", 0.03, "--steps", 200, "--out", tmp_path / "run")
     assert "goes on with lead 0.03 in place of 0.065\n" in text
     before, after = (load_file(folder / "model.safetensors") for folder in (start, tmp_path / "run"))

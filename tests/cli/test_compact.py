@@ -1,0 +1,74 @@
+from dataclasses import fields
+
+import pytest
+
+from plat.cli import COMMANDS
+from plat.cli.compact import GROUPS, group_from_text, group_text
+from plat.cli.settings import parse
+from plat.envs import ResetNoise
+from plat.envs.transforms import NoiseLevels, RandomizationRanges, Regularization, TrackingTerm
+from plat.recipes.options import ExpertRecipe
+from plat.recipes.presets import PRESETS
+from tests.cli.settings import settings_of
+
+REQUIRED = ["--motions", "x.npz", "--out", "x"]
+
+
+@pytest.mark.parametrize("kind", GROUPS)
+def test_defaults_and_every_field_come_back(kind):
+    assert group_from_text(kind, group_text(kind())) == kind()
+    widths = {field.name: len(field.default) if isinstance(field.default, tuple) else 1 for field in fields(kind)}
+    changed = group_from_text(kind, ",".join(f"{name}={':'.join(['7'] * width)}" for name, width in widths.items()))
+    assert all(getattr(changed, field.name) != field.default for field in fields(kind))
+    assert group_from_text(kind, group_text(changed)) == changed
+
+
+def test_numbers_ranges_and_none():
+    ranges = RandomizationRanges(push_interval=(2, 6), motor_gain=0.2)
+    assert group_from_text(RandomizationRanges, "push_interval=2:6,motor-gain=.2") == ranges
+    assert group_from_text(Regularization, "floor=none") == Regularization(floor=None)
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "message"),
+    [
+        (ResetNoise, "yw=1", "'yw=1': expected 'default', or NAME=NUMBER with a name of: root_pos_xy, .*yaw"),
+        (ResetNoise, "yaw", "'yaw': expected 'default'"),
+        (ResetNoise, "yaw=fast", "yaw=fast: expected a number"),
+        (ResetNoise, "yaw=1:2", "yaw=1:2: expected a number"),
+        (RandomizationRanges, "push_interval=2", "push_interval=2: expected 2 numbers with : in between"),
+    ],
+)
+def test_wrong_text_is_named(kind, text, message):
+    with pytest.raises(ValueError, match=message):
+        group_from_text(kind, text)
+
+
+def test_the_command_line_takes_them():
+    flags = "--task.noise default --task.randomization motor_gain=0.2 --task.dense.joint-pos 2 .1"
+    task = parse(ExpertRecipe, [*REQUIRED, *flags.split()]).task
+    assert task.noise == NoiseLevels()
+    assert task.randomization == RandomizationRanges(motor_gain=0.2)
+    assert task.dense.joint_pos == TrackingTerm(2.0, 0.1)
+    assert task.dense.anchor_pos == TrackingTerm(3.0, 0.4)  # the recipe's
+    assert parse(ExpertRecipe, REQUIRED).task.noise is None
+    assert parse(ExpertRecipe, [*REQUIRED, "--task.noise", "none"]).task.noise is None
+
+
+def test_a_wrong_name_ends_the_program(capsys):
+    with pytest.raises(SystemExit):
+        parse(ExpertRecipe, [*REQUIRED, "--task.reset-noise", "yw=1"])
+    assert "root_pos_xy" in "".join(capsys.readouterr())
+
+
+def test_presets_leave_groups_at_their_defaults():
+    # because what the command line does not name has the default of the class
+    for preset in PRESETS.values():
+        for stage in preset.values():
+            for value in (getattr(stage["task"], field.name) for field in fields(stage["task"])):
+                assert type(value) not in GROUPS or value == type(value)()
+
+
+def test_stages_have_few_flags():
+    flags = {name: len(settings_of(name)) for name in COMMANDS}
+    assert max(flags.values()) <= 66, flags
