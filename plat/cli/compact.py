@@ -91,9 +91,10 @@ def group_text(group: Any) -> str:
 
 
 def _text(value: Any) -> str:
-    return (
-        "none" if value is None else ":".join(f"{part:.12g}" for part in (value if isinstance(value, tuple) else (value,)))
-    )
+    if value is None:
+        return "none"
+    numbers = value if isinstance(value, tuple) else (value,)
+    return ":".join(f"{number:.12g}" for number in numbers)
 
 
 def registry() -> ConstructorRegistry:

@@ -75,7 +75,7 @@ class EvaluateRecipe(ScoringConfig):
     """Score policies on motions."""
 
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
-    """run directories; an expert sees the keyframe as its next reference frame (Scratch RL)"""
+    """runs, or names such as plat-g1; an expert sees the keyframe as its next frame (Scratch RL)"""
     only: str | None = None
     """regular expression: score only motions whose names it matches, as in run|kick"""
     dense: bool = False
@@ -93,7 +93,7 @@ class PlayRecipe:
     """Let a policy chase the keyframes of a file."""
 
     policy: Path
-    """run directory; an expert sees the keyframe as its next reference frame (Scratch RL)"""
+    """run, or a name such as plat-g1; an expert sees the keyframe as its next frame (Scratch RL)"""
     keyframes: Path
     """keyframe file, see docs/keyframes.md; plat keyframes makes them out of motions"""
     split: bool = False
@@ -117,11 +117,11 @@ class StudioRecipe:
     """Open the keyframe studio, a web page."""
 
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional] = (
-        Path("plat/weights/plat"),
-        Path("plat/weights/dagger"),
-        Path("plat/weights/expert"),
+        Path("plat-g1"),
+        Path("dagger-g1"),
+        Path("expert-g1"),
     )
-    """run directories; an expert sees the keyframe as its next reference frame (Scratch RL)"""
+    """runs, or names such as plat-g1; an expert sees the keyframe as its next frame (Scratch RL)"""
     motions: str = "generated:val"
     """motion files, folders or globs to take poses from, separated by spaces"""
     keyframes: Path | None = None
@@ -255,7 +255,7 @@ class ExportRecipe:
     """Write the policy of a run as a bundle for robots and other simulators."""
 
     run: Annotated[Path, tyro.conf.Positional]
-    """run directory of stage 2 or 3; scores in its evaluation.csv are taken along"""
+    """run of stage 2 or 3, or plat-g1; scores in its evaluation.csv are taken along"""
     out: Path
     """folder to make"""
 
@@ -265,7 +265,7 @@ class SimToSimRecipe:
     """Run a bundle in MuJoCo at other physics than it was trained in."""
 
     bundle: Annotated[Path, tyro.conf.Positional]
-    """folder that export.py wrote"""
+    """folder that plat export wrote"""
     motions: tuple[str, ...] = ("generated:val@60",)
     """motion files, folders or globs to take keyframes from; may be empty"""
     keyframes: tuple[Path, ...] = ()

@@ -1,6 +1,6 @@
 """Let a policy chase the keyframes of a file: one robot, plain MuJoCo, 50 Hz.
 
-plat play --policy plat/weights/plat --keyframes recipes/examples/bow.json --video bow.mp4
+plat play --policy plat-g1 --keyframes recipes/examples/bow.json --video bow.mp4
 """
 
 from collections.abc import Sequence

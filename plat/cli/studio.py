@@ -1,6 +1,6 @@
 """Pose keyframes in the browser, and watch policies chase them.
 
-plat studio plat/weights/plat plat/weights/dagger plat/weights/expert --motions generated:val
+plat studio plat-g1 dagger-g1 expert-g1 --motions generated:val
 """
 
 from pathlib import Path

@@ -8,13 +8,13 @@ if TYPE_CHECKING:
     from plat.runs.budget import Budget
     from plat.runs.dynamics import load_dynamics, save_dynamics
     from plat.runs.json_object import read_json, write_json
+    from plat.runs.locate import run_folder, shipped_runs
     from plat.runs.loggers import check_logger, log_table, log_video, start_logging
     from plat.runs.metrics import MetricsFile
     from plat.runs.policies import Policy, policy_spec, register_policy
     from plat.runs.recipe import RecipeConfig, default_device, on_device, report_errors
     from plat.runs.run import Run
     from plat.runs.saved_run import RunScore, SavedRun, load_policy, save_weights
-    from plat.runs.shipped import shipped_runs
 else:
     lazy(__name__)
 
@@ -37,6 +37,7 @@ __all__ = [
     "read_json",
     "register_policy",
     "report_errors",
+    "run_folder",
     "save_dynamics",
     "save_weights",
     "shipped_runs",

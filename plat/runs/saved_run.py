@@ -13,11 +13,12 @@ from torch import Tensor, nn
 from plat.errors import CheckpointError
 from plat.files import replace_file
 from plat.runs.json_object import read_json
+from plat.runs.locate import CONFIG_FILE, run_folder
 from plat.runs.policies import Policy, build_policy
 
 __all__ = ["CONFIG_FILE", "SCORES_FILE", "WEIGHTS_FILE", "RunScore", "SavedRun", "load_policy", "save_weights"]
 
-CONFIG_FILE, WEIGHTS_FILE, SCORES_FILE = "config.json", "model.safetensors", "evaluation.csv"
+WEIGHTS_FILE, SCORES_FILE = "model.safetensors", "evaluation.csv"
 P = TypeVar("P")
 _FIGURES = ("value", "low", "high")
 
@@ -36,20 +37,19 @@ class SavedRun:
     """Run directory whose files are read once each.
 
     Args:
-        folder: the directory.
+        folder: the directory, or a name of weights that come with plat, such as ``"plat-g1"``.
 
     Raises:
         CheckpointError: at construction when ``config.json`` cannot be read, and later, naming file and field, when
             what is asked for is missing or broken.
 
-    >>> from plat.runs import shipped_runs
-    >>> run = SavedRun(shipped_runs()["plat-g1"])
+    >>> run = SavedRun("plat-g1")
     >>> run.name, run.kind, run.steps
     ('plat', 'residual_latent', 1253376)
     """
 
     def __init__(self, folder: str | Path):
-        self.folder = Path(folder)
+        self.folder = run_folder(folder)
         self.config = read_json(self.folder / CONFIG_FILE)
 
     @property

@@ -83,7 +83,7 @@ def test_long_intervals_are_split_where_that_is_asked_for(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "error", "message"),
     [
-        ({"policy": Path("nowhere")}, CheckpointError, "nowhere/config.json': no such file"),
+        ({"policy": Path("nowhere")}, CheckpointError, "'nowhere': no such run directory"),
         ({"keyframes": Path("nowhere.json")}, KeyframeError, "nowhere.json': no such file"),
         ({"hold": math.inf}, KeyframeError, "hold is inf s, expected a finite number"),
         ({"video": Path("film.avi")}, RenderingError, "film.avi': expected a file name that ends in .mp4"),

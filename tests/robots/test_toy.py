@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from plat.cli import main
 from plat.collectors import rollouts
 from plat.control import Chase, PolicyController, Simulator
 from plat.deploy import PolicyRunner
@@ -149,3 +150,22 @@ def test_tools_that_are_for_the_g1_say_so(toy):
         RobotGeometry.of(toy)
     with pytest.raises(RobotError, match="robot 'toy': no joint is called left_... or right_..."):
         mirror_motion(squats(toy), toy)
+
+
+def test_commands_take_its_description(toy, tmp_path, monkeypatch, capsys):
+    motions, out = tmp_path / "squats.npz", tmp_path / "expert"
+    save_motions(motions, [squats(toy)], toy)
+    # as in a process of its own, which has not heard of the robot
+    monkeypatch.setattr(registry, "_ROBOTS", {"g1": registry.G1})
+    robot = ["--robot", str(DESCRIPTION)]
+    small = ["--num-envs", "4", "--rollout", "8", "--policy.hidden", "8", "--critic", "8", "--steps", "64"]
+    main(["expert", *robot, "--motions", str(motions), *small, "--device", "cpu", "--out", str(out)])
+    assert load_policy(out).robot == toy
+    main(["motions", "inspect", str(motions), *robot])
+    main(["keyframes", "from-motion", str(motions), *robot, "--every", "0.5", "--out", str(tmp_path / "k.json")])
+    main(["evaluate", str(out), *robot, "--motions", str(motions), "--horizon", "single", "--device", "cpu"])
+    printed = capsys.readouterr().out
+    assert KeyframeSequence.load(tmp_path / "k.json", toy).robot.name == "toy"
+    assert "\nexpert " in printed
+    with pytest.raises(SystemExit, match="robot 'toy2' is unknown"):
+        main(["expert", "--robot", "toy2", "--motions", str(motions), *small, "--out", str(tmp_path / "other")])

@@ -6,8 +6,7 @@ import plat
 from plat.errors import CheckpointError
 from plat.modules import Expert, ExpertConfig
 from plat.robots import G1
-from plat.runs import policy_spec, save_weights, write_json
-from plat.runs import shipped as module
+from plat.runs import locate, policy_spec, save_weights, write_json
 from plat.runs.shipped import load_shipped, shipped_runs
 
 
@@ -17,7 +16,7 @@ def installed(tmp_path, monkeypatch):
     policy = Expert(G1, ExpertConfig(hidden=(8,)))
     write_json(tmp_path / "small" / "config.json", {"policy": policy_spec(policy)})
     save_weights(tmp_path / "small" / "model.safetensors", policy)
-    monkeypatch.setattr(module, "_FOLDER", tmp_path)
+    monkeypatch.setattr(locate, "_WEIGHTS", tmp_path)
     return tmp_path
 
 

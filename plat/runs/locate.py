@@ -1,0 +1,40 @@
+"""Where runs are: folders of the user, and the weights that come with plat."""
+
+from pathlib import Path
+
+from plat.errors import CheckpointError
+from plat.runs.json_object import read_json
+
+__all__ = ["CONFIG_FILE", "run_folder", "shipped_runs"]
+
+CONFIG_FILE = "config.json"
+_WEIGHTS = Path(__file__).parents[1] / "weights"
+
+
+def shipped_runs() -> dict[str, Path]:
+    """Return the run directories that come with plat by name: the folder's, and that of the policy's robot.
+
+    >>> sorted(shipped_runs())
+    [..., 'plat-g1', 'plat-generated-g1']
+    """
+    configs = {path.parent: read_json(path) for path in sorted(_WEIGHTS.glob(f"*/{CONFIG_FILE}"))}
+    return {f"{folder.name}-{config['policy']['robot']}": folder for folder, config in configs.items()}
+
+
+def run_folder(run: str | Path) -> Path:
+    """Return a run directory by its path, or by the name of weights that come with plat where no such folder is.
+
+    Raises:
+        CheckpointError: for what is neither, with the names.
+
+    >>> run_folder("plat-g1").name
+    'plat'
+    """
+    path = Path(run)
+    if path.exists():
+        return path
+    shipped = shipped_runs()
+    if str(run) in shipped:
+        return shipped[str(run)]
+    known = ", ".join(shipped) or "none, this installation has no weights"
+    raise CheckpointError(f"{str(run)!r}: no such run directory; weights that come with plat: {known}")
