@@ -52,9 +52,9 @@ def main(example: TeacherExample) -> None:
     run = Run(example.out, recipe=example, policy=student, budget=budget, state={"optimizer": optimizer})
     # the tracker remembers its last action: it labels while the robots are simulated
     policy = MixedPolicy(student.sampled(), teacher.labels(), example.teacher_share, keep_labels=teacher.stateful)
-    labelled = ExpertLabels(None if teacher.stateful else teacher.labels(), STUDENT_KEYS)
+    labeled = ExpertLabels(None if teacher.stateful else teacher.labels(), STUDENT_KEYS)
     for rollout in rollouts(env, policy, steps=8):
-        states = labelled(rollout)
+        states = labeled(rollout)
         budget.add(len(states))
         buffer.extend(states)
         student.update_normalizers(states)
