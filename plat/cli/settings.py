@@ -38,9 +38,8 @@ def parse(kind: Any, args: Sequence[str] | None = None, prog: str | None = None)
                 if field.default is field.default_factory is dataclasses.MISSING
             }
             options["default"] = kind(**required, **presets[chosen.preset])
-    # what is behind a subcommand, as of --task.noise, may be followed by other settings
     with registry():
-        return tyro.cli(kind, args=args, prog=prog, config=(tyro.conf.CascadeSubcommandArgs,), **options)
+        return tyro.cli(kind, args=args, prog=prog, **options)
 
 
 def run(module: str, kind: Any, args: Sequence[str], prog: str) -> None:
