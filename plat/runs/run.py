@@ -93,7 +93,8 @@ class Run:
             "policy": policy_spec(policy),
             "recipe": {
                 "name": getattr(type(recipe), "name", Path(sys.argv[0]).stem),
-                "settings": TypeAdapter(type(recipe)).dump_python(recipe, mode="json"),
+                # as any: a task or config of the user's own class is written with the fields that it adds
+                "settings": TypeAdapter(type(recipe)).dump_python(recipe, mode="json", serialize_as_any=True),
             },
             "made_with": {"plat": __version__, "torch": torch.__version__, "commit": _commit()},
         }

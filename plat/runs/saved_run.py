@@ -185,10 +185,18 @@ def load_policy(run: str | Path, device: torch.device | str = "cpu") -> Policy:
 def save_weights(path: Path, module: nn.Module) -> None:
     """Write a module's weights; the file at ``path`` is replaced atomically or not at all.
 
+    A parameter that several parts share, such as a codebook, is written once for each of them.
+
     Raises:
         CheckpointError: when the disk does not take them; what was there before is intact.
     """
-    weights = {name: tensor.detach().cpu().contiguous() for name, tensor in module.state_dict().items()}
+    weights: dict[str, Tensor] = {}
+    storages: set[int] = set()
+    for name, tensor in module.state_dict().items():
+        weight = tensor.detach().cpu().contiguous()
+        storage = weight.untyped_storage().data_ptr()
+        weights[name] = weight.clone() if storage in storages else weight  # the format refuses shared memory
+        storages.add(storage)
     try:
         replace_file(path, lambda part: save_file(weights, part))
     except (OSError, SafetensorError) as error:

@@ -74,6 +74,20 @@ def test_config_says_what_was_run(tmp_path):
     assert set(config["made_with"]) == {"plat", "torch", "commit"}
 
 
+def test_config_has_the_settings_that_a_users_subclass_adds(tmp_path):
+    @dataclass
+    class Faster(Settings):
+        boost: float = 2.0
+
+    @dataclass
+    class Recipe:
+        settings: Settings
+
+    policy = Expert(G1, ExpertConfig(hidden=(8,)))
+    Run(tmp_path / "a", recipe=Recipe(Faster()), policy=policy, budget=Budget(steps=1), state={})
+    assert read_json(tmp_path / "a" / "config.json")["recipe"]["settings"] == {"settings": {"speed": 1.0, "boost": 2.0}}
+
+
 def test_config_says_what_earlier_parts_of_a_run_had(tmp_path):
     run, _, _, budget = start(tmp_path / "a")
     budget.add(10)

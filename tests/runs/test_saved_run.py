@@ -54,6 +54,19 @@ def test_every_policy_comes_back_as_it_was(tmp_path, library, kind):
     assert torch.equal(loaded.deployed()(state.clone())["action"], policy.deployed()(state.clone())["action"])
 
 
+def test_parameters_that_parts_share_are_saved(tmp_path):
+    def tied() -> LatentPolicy:
+        policy = LatentPolicy(G1, SMALL)
+        policy.prior.codebook = policy.posterior.codebook = torch.nn.Parameter(torch.randn(4, 3))
+        return policy
+
+    policy, loaded = tied(), tied()
+    save_weights(tmp_path / "model.safetensors", policy)
+    loaded.load_state_dict(load_file(tmp_path / "model.safetensors"))
+    assert torch.equal(loaded.prior.codebook, policy.prior.codebook)
+    assert loaded.prior.codebook is loaded.posterior.codebook
+
+
 def test_timing_travels_with_a_policy(tmp_path):
     timing = Timing(control_dt=0.01, max_steps=150, window=5)
     save(tmp_path, ResidualLatentPolicy(LatentPolicy(G1, replace(SMALL, timing=timing))))
