@@ -9,6 +9,7 @@ import torch
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
+from torch.nn.parameter import is_lazy
 
 from plat.errors import CheckpointError
 from plat.files import replace_file
@@ -130,7 +131,8 @@ class SavedRun:
                 f"({len(missing)} missing, {len(unknown)} unknown), expected the weights of a {self.kind!r} policy"
             )
         for name, tensor in expected.items():
-            if weights[name].shape != tensor.shape:
+            # a lazy layer of a user's policy takes the size of the weights that it is given
+            if not is_lazy(tensor) and weights[name].shape != tensor.shape:
                 raise CheckpointError(
                     f"{str(path)!r}: {name!r} has shape {tuple(weights[name].shape)}, "
                     f"expected {tuple(tensor.shape)} by the sizes in config.json"

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 from safetensors.torch import load_file, save_file
+from tensordict.nn import TensorDictModule
 
 from plat.envs import make_keyframe_env
 from plat.errors import CheckpointError
@@ -187,6 +188,25 @@ def test_policies_of_ones_own(tmp_path, monkeypatch):
     assert torch.equal(loaded.student.more.weight, policy.student.more.weight)
     with pytest.raises(ValueError, match="'own_student' is a OwnStudent already"):
         register_policy("own_student", OwnRefinement, RefinementConfig)
+
+
+class LazyPrior(LatentPolicy):
+    """Of a user: a prior whose layer learns its size from its first input."""
+
+    def __init__(self, robot, config=None):
+        prior = TensorDictModule(torch.nn.LazyLinear(SMALL.latent_size), ["hidden"], [("prior", "loc")])
+        super().__init__(robot, config, prior=prior)
+
+
+def test_lazy_layers_are_loaded_and_refined(tmp_path, monkeypatch, library):
+    monkeypatch.setattr("plat.runs.policies._KINDS", dict(_KINDS))
+    register_policy("lazy_prior", LazyPrior, LatentPolicyConfig)
+    policy, state = LazyPrior(G1, SMALL), make_keyframe_env(library, 2).reset()
+    action = policy.deployed()(state.clone())["action"]
+    save(tmp_path / "student", policy)
+    assert torch.equal(load_policy(tmp_path / "student").deployed()(state.clone())["action"], action)
+    save(tmp_path / "refined", ResidualLatentPolicy(policy))
+    assert load_policy(tmp_path / "refined").deployed()(state.clone())["action"].shape == action.shape
 
 
 def test_a_kind_that_nobody_registered(run):

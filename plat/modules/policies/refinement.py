@@ -63,7 +63,8 @@ class Refinement(nn.Module):
         self.robot = student.robot
         self.student = copy.deepcopy(student, {id(student.robot): student.robot})
         if freeze:
-            self.student.requires_grad_(False)
+            for parameter in self.student.parameters():
+                parameter.requires_grad = False  # requires_grad_() refuses lazy layers that wait for their weights
         self.noise = noise or GaussianNoise(self.num_samples, config.init_std, config.min_std)
 
     @classmethod
