@@ -14,6 +14,7 @@ from plat.cli.options import EvaluateRecipe, ScoringConfig
 from plat.envs.transforms import HORIZONS, RandomizationRanges
 from plat.errors import PlatError
 from plat.evaluation import HEADLINE, METRICS, CommandRecords, Entrant, EvaluationSetting, Score, write_csv
+from plat.evaluation.authored_scores import authored_table, evaluate_families
 from plat.evaluation.score_table import COLUMNS, rows
 from plat.figures import ablation_bars, film_strip, pyplot, radar_plot, save_figure, success_plot
 from plat.motions import MotionLibrary
@@ -51,6 +52,8 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
             records = evaluated(recipe, entrant, library, horizon, randomization)
             scores.append(Score.of(name, horizon, [records]))
             print_score(scores[-1], time.monotonic() - started)
+    if recipe.authored:
+        print_authored(recipe, entrants, library)
     if recipe.csv is not None:
         write_csv(recipe.csv, scores)
     pictures: list[Path] = []
@@ -69,6 +72,22 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
             log_table(run, "evaluation", COLUMNS, rows(scores), pictures)
             run.finish()
     return scores
+
+
+def print_authored(recipe: EvaluateRecipe, entrants: dict[str, Entrant], library: MotionLibrary) -> None:
+    """Print a table of authored keyframes for every entrant."""
+    for name, entrant in entrants.items():
+        shown = entrant.view.observe
+        records = evaluate_families(
+            entrant.policy,
+            entrant.robot,
+            library.for_robot(entrant.robot),
+            recipe.authored,
+            recipe.seed,
+            observe=None if shown is None else lambda motions, shown=shown: shown(motions, False),
+            device=recipe.device,
+        )
+        print(f"\n{name}, authored keyframes\n{authored_table(records)}", end="", flush=True)
 
 
 def evaluated(

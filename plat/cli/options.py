@@ -80,6 +80,8 @@ class EvaluateRecipe(ScoringConfig):
     """regular expression: score only motions whose names it matches, as in run|kick"""
     dense: bool = False
     """show policies the reference instead of the keyframe: how well a dense tracker tracks"""
+    authored: int = 0
+    """chains per family of authored keyframes to score as well: arms, steps, crouch and so on"""
     domain_randomization: bool = False
     """draw robot, motors and ground anew for each motion, and push the robots"""
     csv: Path | None = None

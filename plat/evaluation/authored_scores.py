@@ -11,7 +11,7 @@ from torch import Tensor
 from torchrl.envs import Compose, Transform, TransformedEnv, step_mdp
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
-from plat.control.authored import Authored
+from plat.control.authored import FAMILIES, Authored, author, resting_poses
 from plat.envs.tracking import MotionTrackingEnv
 from plat.envs.transforms import FirstFrames, KeyframeClock, KeyframeCommand, ReferenceMotion
 from plat.envs.transforms.command import CommandSchedule
@@ -22,7 +22,14 @@ from plat.motions import MotionClip, MotionLibrary
 from plat.robots import Robot
 from plat.spec.timing import Timing, timing_of
 
-__all__ = ["AuthoredRecords", "AuthoredScore", "ReachLimits", "authored_table", "evaluate_authored"]
+__all__ = [
+    "AuthoredRecords",
+    "AuthoredScore",
+    "ReachLimits",
+    "authored_table",
+    "evaluate_authored",
+    "evaluate_families",
+]
 
 
 @dataclass(frozen=True)
@@ -184,6 +191,39 @@ def evaluate_authored(
         fell.cpu(),
         (fell & (fell_at > arrival_steps[:, -1])).cpu(),
     )
+
+
+def evaluate_families(
+    policy: TensorDictModuleBase,
+    robot: Robot,
+    motions: MotionLibrary,
+    count: int,
+    seed: int = 0,
+    *,
+    observe: Callable[[MotionLibrary], Sequence[Transform]] | None = None,
+    num_threads: int | None = None,
+    device: torch.device | str = "cpu",
+) -> AuthoredRecords:
+    """Return records of ``count`` chains of every authored family.
+
+    Families of resting poses are left out when the motions have none, and ``far3s`` when the policy's longest command
+    is shorter than its 3 s.
+
+    Args:
+        policy, robot, observe, num_threads, device: as for :func:`evaluate_authored`.
+        motions: source of resting poses.
+        count: chains per family.
+        seed: of the chains; the same for every policy.
+    """
+    timing = timing_of(policy) or Timing()
+    resting = resting_poses(motions)
+    chains = [
+        chain
+        for family in FAMILIES.values()
+        if family.interval[1] <= timing.longest and not (family.resting and len(resting) == 0)
+        for chain in author(family.name, robot, count, seed, resting, timing)
+    ]
+    return evaluate_authored(policy, robot, chains, observe=observe, num_threads=num_threads, device=device)
 
 
 def authored_table(records: AuthoredRecords) -> str:

@@ -129,3 +129,13 @@ def test_the_table_goes_to_wandb(runs, monkeypatch):
     monkeypatch.chdir(runs)
     evaluate.main(recipe(runs, "plain", wandb=True))
     assert list((runs / "wandb").glob("offline-run-*"))
+
+
+def test_authored_keyframes_have_a_table_of_their_own(runs, capsys):
+    evaluate.main(recipe(runs, "plain", authored=1, only="run"))
+    printed = capsys.readouterr().out
+    assert "plain, authored keyframes" in printed
+    table = printed[printed.index("| family") :]
+    families = [line.split("|")[1].strip() for line in table.splitlines()[2:]]
+    # nobody rests in a run, and a policy of 1 s has no 3 s
+    assert families == ["arms", "steps", "crouch", "far"]
