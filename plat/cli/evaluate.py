@@ -5,6 +5,7 @@ plat evaluate runs/plat runs/dagger runs/expert --motions clips.npz --horizon mi
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import plat.headless  # noqa: F401
@@ -77,14 +78,13 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
 def print_authored(recipe: EvaluateRecipe, entrants: dict[str, Entrant], library: MotionLibrary) -> None:
     """Print a table of authored keyframes for every entrant."""
     for name, entrant in entrants.items():
-        shown = entrant.view.observe
         records = evaluate_families(
             entrant.policy,
             entrant.robot,
             library.for_robot(entrant.robot),
             recipe.authored,
             recipe.seed,
-            observe=None if shown is None else lambda motions, shown=shown: shown(motions, False),
+            observe=replace(entrant.view, dense=False).transforms,
             device=recipe.device,
         )
         print(f"\n{name}, authored keyframes\n{authored_table(records)}", end="", flush=True)
