@@ -159,12 +159,12 @@ def test_evaluation_prints_and_writes_the_table(tmp_path, stages):
         (
             "distill",
             ["--motions", "generated:val", "--steps", "10", "--expert", "nowhere"],
-            "nowhere/config.json': no such",
+            "'nowhere': no such run",
         ),
         (
             "refine",
             ["--motions", "generated:val", "--steps", "10", "--student", "nowhere"],
-            "nowhere/config.json': no such",
+            "'nowhere': no such run",
         ),
     ],
 )
