@@ -121,7 +121,7 @@ def main(recipe: AblationsRecipe) -> dict[str, list[Score]]:
     except MotionError as error:
         print(f"no hard split: {error}")
     once: tuple[HorizonName, ...] = ("mixed",) if "mixed" in recipe.horizon else recipe.horizon[:1]
-    print("\nrandomised and pushed")
+    print("\nrandomized and pushed")
     splits["randomized"] = score(rows, library, once, recipe, randomization=recipe.randomization)
     print("\nwith the dense reference, for comparison")
     trackers = {name: candidates for name, candidates in rows.items() if name in TRACKERS}

@@ -72,9 +72,9 @@ def main(recipe: DistillRecipe) -> None:
         loggers=recipe.loggers,
         film=films.take,
     )
-    labelled = ExpertLabels(None if teacher.stateful else labels, STUDENT_KEYS, recipe.precision)
+    labeled = ExpertLabels(None if teacher.stateful else labels, STUDENT_KEYS, recipe.precision)
     for rollout in rollouts(env, policy, recipe.rollout, recipe.precision):
-        states = labelled(rollout)
+        states = labeled(rollout)
         budget.add(len(states))
         buffer.extend(states)
         student.update_normalizers(states)
@@ -101,7 +101,7 @@ def main(recipe: DistillRecipe) -> None:
                 "terminations_per_second": terminations,
                 "expert_share": float(policy.expert_share),
             },
-            {"failures": f"{terminations:.2f}/s", "loss": f"{float(total):.2f}"},
+            {"failures": f"{terminations:.2f}/s", "loss": f"{float(total.detach()):.2f}"},
         )
         if budget.done:
             break

@@ -63,7 +63,7 @@ def main(recipe: ExpertRecipe) -> None:
     for rollout in rollouts(env, expert.actor(), recipe.rollout, recipe.ppo.precision):
         budget.add(rollout.numel())
         statistics = pop_statistics(env)
-        # the first rollout of a run only fills the normalisers: learning from raw observations would be wasted
+        # the first rollout of a run only fills the normalizers: learning from raw observations would be wasted
         warming = budget.steps <= warmup_steps
         gradient = None
         if recipe.motor.weight:

@@ -19,7 +19,8 @@ def main(recipe: ExpertModelRecipe) -> None:
     """Run the recipe."""
     recipe = on_device(recipe)
     torch.manual_seed(recipe.seed)
-    library = MotionLibrary.load(recipe.motions, get_robot(recipe.robot), mirror=recipe.mirror).to(recipe.device)
+    robot, dt = get_robot(recipe.robot), recipe.policy.timing.control_dt
+    library = MotionLibrary.load(recipe.motions, robot, dt=dt, mirror=recipe.mirror).to(recipe.device)
     expert = Expert(library.robot, recipe.policy).to(recipe.device)
     if recipe.init:
         expert.start_from(SavedRun(recipe.init).policy_as(Expert, "an expert (--init)", recipe.device))

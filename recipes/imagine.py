@@ -22,7 +22,8 @@ def main(recipe: ImagineRecipe) -> None:
     """Run the recipe."""
     recipe = on_device(recipe)
     torch.manual_seed(recipe.seed)
-    library = MotionLibrary.load(recipe.motions, get_robot(recipe.robot), mirror=recipe.mirror).to(recipe.device)
+    robot, dt = get_robot(recipe.robot), recipe.policy.timing.control_dt
+    library = MotionLibrary.load(recipe.motions, robot, dt=dt, mirror=recipe.mirror).to(recipe.device)
     kind: type[Any] = LatentPolicy if recipe.student == "latent" else PlainPolicy
     student = kind(library.robot, recipe.policy).to(recipe.device)
     if recipe.init:

@@ -98,7 +98,7 @@ def learn(
     run.finish()
     save_dynamics(recipe.out, model)
     if recipe.unseen:
-        unseen = make_task(MotionLibrary.load(recipe.unseen, library.robot).to(device))
+        unseen = make_task(MotionLibrary.load(recipe.unseen, library.robot, dt=library.dt).to(device))
         report_model_error(recipe.out, model, SimulatedTask(unseen, 64, device=device), actor)
 
 

@@ -25,6 +25,8 @@ def read(run: Path, metric: str) -> tuple[list[float], list[float]]:
 
 def main(recipe: CurvesRecipe) -> None:
     """Run the recipe."""
+    if not recipe.runs:
+        raise PlatError("no runs: give run directories, as in plat curves runs/expert")
     size = (4.5 * len(recipe.metrics), 3.2)
     figure, panels = pyplot().subplots(1, len(recipe.metrics), figsize=size, squeeze=False)
     for panel, metric in zip(panels[0], recipe.metrics, strict=True):

@@ -78,9 +78,13 @@ def inspect(command: Inspect) -> list[MotionReport]:
     Raises:
         MotionError: at the end, when files of a folder were left out.
     """
+    if command.out is not None:
+        pyplot()  # what is missing had better be said before the work
     skipped: list[MotionError] = []
     files = read(command, skipped)
     clips = [clip for file in files for clip in file.clips]
+    if not clips:
+        raise MotionError(f"no clips in {', '.join(map(repr, command.files))}; see above")
     robot = get_robot(command.robot)
     reports = validate_motions(clips, robot, command.limits)
     print_table(reports, [assumed(file, clip) for file in files for clip in file.clips])
@@ -331,6 +335,9 @@ def file_name(name: str) -> str:
 
 def main(command: MotionsCommand) -> list[MotionReport] | list[Path] | list[Retargeted]:
     """Run a command; return what it made."""
+    if not command.files:
+        name = type(command).__name__.lower()
+        raise MotionError(f"no files: give motion files, folders or globs, as in plat motions {name} clips.npz")
     if isinstance(command, Inspect):
         return inspect(command)
     if isinstance(command, Convert):

@@ -112,6 +112,8 @@ class PlayRecipe:
     """MP4 to write: the keyframe as a ghost, the time left as a bar, red after a failure"""
     viewer: bool = False
     """watch it live in MuJoCo's viewer; needs a display"""
+    robot: str = "g1"
+    """robot of the policy: its name, or path of its JSON description"""
 
 
 @dataclass(kw_only=True)
@@ -134,6 +136,8 @@ class StudioRecipe:
     """address to listen on; one beyond localhost asks visitors for a token, which is printed"""
     port: int = 8080
     """port to listen on"""
+    robot: str = "g1"
+    """robot of the policy: its name, or path of its JSON description"""
 
 
 @dataclass(kw_only=True)
@@ -260,6 +264,8 @@ class ExportRecipe:
     """run of stage 2 or 3, or plat-g1; scores in its evaluation.csv are taken along"""
     out: Path
     """folder to make"""
+    robot: str = "g1"
+    """robot of the policy: its name, or path of its JSON description"""
 
 
 @dataclass(kw_only=True)

@@ -28,6 +28,7 @@ from plat.control.shoves import Shoves
 from plat.errors import KeyframeError
 from plat.keyframes import KeyframeSequence
 from plat.rendering import Stage, check_video, film, stage_model, write_video
+from plat.robots import get_robot
 from plat.runs import load_policy
 from plat.spec.timing import Timing, timing_of
 
@@ -36,6 +37,7 @@ def main(recipe: PlayRecipe) -> list[KeyframeScore]:
     """Run the recipe: print a table, return its rows."""
     # networks for one robot are so small that more threads only get in each other's way
     torch.set_num_threads(1)
+    get_robot(recipe.robot)  # a description file makes the policy's robot known
     policy = load_policy(recipe.policy)
     robot, timing = policy.robot, timing_of(policy) or Timing()
     sequence = KeyframeSequence.load(recipe.keyframes, robot, split=recipe.split, timing=timing)

@@ -12,7 +12,7 @@ import torch
 
 from plat.cli.options import SimToSimRecipe
 from plat.control import Chase, Controller, KeyframeScore, KeyframeScorer, Simulator
-from plat.control.changed_physics import SETTINGS, Delayed, make_model
+from plat.control.changed_physics import SETTINGS, Delayed, PhysicsSetting, make_model
 from plat.deploy import PolicyRunner
 from plat.envs.transforms import CommandSchedule, Horizon
 from plat.errors import KeyframeError
@@ -34,11 +34,13 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
         sequences += motion_keyframes(library, recipe.seed, timing)
     if not sequences:
         raise KeyframeError("nothing to run: give --motions or --keyframes")
+    if len(possible_settings(robot)) < len(SETTINGS):
+        print(f"left out: settings with capsule feet, robot {robot.name!r} has no sole_capsules")
     seconds = sum(sequence.duration for sequence in sequences)
     print(f"{len(sequences)} sequences, {sum(map(len, sequences))} keyframes, {seconds:.0f} s")
     print(f"{'':<40}{'reached %':>10}{'falls %':>9}{'MPJPE@3 rad':>13}{'MPKPE@3 m':>11}")
     results = {}
-    for physics in SETTINGS:
+    for physics in possible_settings(robot):
         simulator = Simulator(make_model(robot, runner.robot, physics), timing.control_dt)
         controller = Delayed(runner, runner.robot, physics.delay)
         scores = [score for sequence in sequences for score in run(controller, sequence, simulator, robot)]
@@ -52,6 +54,11 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
         print(f"{physics.name:<40}{100 * share:>10.1f}{100 * falls:>9.1f}{joint:>13.3f}{keypoint:>11.3f}", flush=True)
     print("errors are means over the keyframes that were reached")
     return results
+
+
+def possible_settings(robot: Robot) -> list[PhysicsSetting]:
+    """Return the settings that a robot can be simulated at: capsule feet need its ``sole_capsules``."""
+    return [physics for physics in SETTINGS if physics.feet != "capsules" or robot.sole_capsules]
 
 
 def motion_keyframes(library: MotionLibrary, seed: int, timing: Timing = Timing()) -> list[KeyframeSequence]:

@@ -13,6 +13,7 @@ import plat.headless  # noqa: F401
 
 from plat.cli.options import StudioRecipe
 from plat.errors import StudioError
+from plat.robots import get_robot
 from plat.runs import load_policy
 
 
@@ -25,6 +26,7 @@ def main(recipe: StudioRecipe) -> None:
         raise StudioError("the studio needs: pip install 'plat-rl[studio]'") from error
     # networks for one robot are so small that more threads only get in each other's way
     torch.set_num_threads(1)
+    get_robot(recipe.robot)  # a description file makes the policies' robot known
     policies = {name: load_policy(run) for name, run in zip(_names(recipe.runs), recipe.runs, strict=True)}
     robot = next(iter(policies.values())).robot
     session = Session(robot, {name: policy.deployed() for name, policy in policies.items()})

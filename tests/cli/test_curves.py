@@ -30,3 +30,8 @@ def test_a_folder_without_metrics_and_an_unknown_column_are_named(tmp_path):
         curves.read(tmp_path / "nowhere", "loss")
     with pytest.raises(PlatError, match="'gain'"):
         curves.read(write_metrics(tmp_path / "run"), "gain")
+
+
+def test_no_runs_are_one_line():
+    with pytest.raises(PlatError, match="no runs: give run directories"):
+        curves.main(curves.CurvesRecipe(runs=()))

@@ -185,3 +185,18 @@ def test_errors_are_one_line():
     assert out.returncode == 1
     assert "error: motion file 'nowhere.csv': no such file" in out.stderr
     assert "Traceback" not in out.stderr
+
+
+@pytest.mark.parametrize(
+    "arguments", [["inspect"], ["convert", "--out", "x"], ["mirror", "--out", "x"], ["retarget", "--out", "x"]]
+)
+def test_no_files_are_one_line(arguments):
+    with pytest.raises(MotionError, match=f"no files: give .* as in plat motions {arguments[0]} clips.npz"):
+        run(*arguments)
+
+
+def test_missing_matplotlib_is_said_before_the_work(folder, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    monkeypatch.setattr(motions, "read", lambda *_: pytest.fail("read first"))
+    with pytest.raises(RenderingError, match=r"pip install 'plat-rl\[figures\]'"):
+        run("inspect", folder, "--out", tmp_path / "pictures")

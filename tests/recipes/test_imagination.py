@@ -13,9 +13,11 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
+from plat.cli import main
 from plat.envs.transforms import HORIZONS
 from plat.evaluation import evaluate
 from plat.modules import Expert, LatentPolicy, PlainPolicy
+from plat.recipes import expert_model, imagine
 from plat.robots import G1
 from plat.runs import load_dynamics, load_policy
 
@@ -122,3 +124,13 @@ def test_bad_input_is_one_clear_line(tmp_path, recipe):
         assert out.returncode == 1
         assert message in out.stderr
         assert "Traceback" not in out.stderr
+
+
+@pytest.mark.parametrize("recipe", [expert_model, imagine])
+def test_motions_have_the_control_step_of_the_policy(tmp_path, monkeypatch, recipe):
+    seen = []
+    monkeypatch.setattr(recipe, "learn", lambda _, library, *rest, **options: seen.append(library.dt))
+    name = recipe.__name__.rpartition(".")[2].replace("_", "-")
+    sizes = [str(argument) for argument in RECIPES[name]]
+    main([name, *sizes, "--policy.timing.control-dt", "0.04", "--device", "cpu", "--out", str(tmp_path)])
+    assert seen == [0.04]

@@ -9,9 +9,11 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
 
 import pytest
+import torch
 from safetensors.torch import load_file
 
 from plat.cli import main
@@ -201,3 +203,14 @@ def test_a_process_ends_with_one_line_and_no_traceback(tmp_path):
     assert out.returncode == 1
     assert "error: motion file 'nowhere.npz': no such" in out.stderr
     assert "Traceback" not in out.stderr
+
+
+def test_distillation_prints_no_warning_of_torch(tmp_path, stages):
+    torch.set_warn_always(True)  # else only the first run of a process would warn
+    try:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            run("distill", *stages["distill"], "--steps", 50, "--out", tmp_path / "dagger")
+    finally:
+        torch.set_warn_always(False)
+    assert not [str(warning.message) for warning in caught if "requires_grad" in str(warning.message)]

@@ -169,3 +169,29 @@ def test_commands_take_its_description(toy, tmp_path, monkeypatch, capsys):
     assert "\nexpert " in printed
     with pytest.raises(SystemExit, match="robot 'toy2' is unknown"):
         main(["expert", "--robot", "toy2", "--motions", str(motions), *small, "--out", str(tmp_path / "other")])
+
+
+def test_the_commands_take_its_description(toy, tmp_path, monkeypatch, capsys):
+    run, pose = write_run(tmp_path / "run", LatentPolicy(toy, LatentPolicyConfig(latent_size=4))), standing(toy)
+    KeyframeSequence(toy, pose, (pose.at(0.1),)).save(tmp_path / "stand.json")
+    play = ["play", "--policy", str(run), "--keyframes", str(tmp_path / "stand.json"), "--hold", "0"]
+    monkeypatch.delitem(registry._ROBOTS, "toy")
+    with pytest.raises(SystemExit, match="robot 'toy' is unknown"):
+        main(play)
+    main([*play, "--robot", str(DESCRIPTION)])
+    assert "of 1 reached" in capsys.readouterr().out
+
+
+def test_it_is_exported_and_run_at_the_physics_that_it_can_do(toy, tmp_path, monkeypatch, capsys):
+    for package in ("onnx", "onnxscript", "onnxruntime"):
+        pytest.importorskip(package)
+    run, pose = write_run(tmp_path / "run", LatentPolicy(toy, LatentPolicyConfig(latent_size=4))), standing(toy)
+    KeyframeSequence(toy, pose, (pose.at(0.1),)).save(tmp_path / "stand.json")
+    monkeypatch.delitem(registry._ROBOTS, "toy")
+    main(["export", str(run), "--out", str(tmp_path / "bundle"), "--robot", str(DESCRIPTION)])
+    keyframes = ["--motions", "--keyframes", str(tmp_path / "stand.json")]
+    main(["sim-to-sim", str(tmp_path / "bundle"), *keyframes, "--robot", str(DESCRIPTION)])
+    lines = capsys.readouterr().out.splitlines()
+    assert "left out: settings with capsule feet, robot 'toy' has no sole_capsules" in lines
+    assert any(line.startswith("1 ms physics steps") for line in lines)
+    assert not any(line.startswith(("capsule feet", "all: 1 ms")) for line in lines)
