@@ -38,6 +38,7 @@ from plat.motions import (
     validate_motions,
 )
 from plat.motions.checks.feet import Soles
+from plat.motions.formats.rate import without_rates
 from plat.motions.generation import PREFIX, generate_named
 from plat.motions.resample import resample_qpos
 from plat.motions.retargeting import (
@@ -198,7 +199,10 @@ def retarget(command: Retarget) -> list[Retargeted]:
 
 def write(out: Path, files: Sequence[MotionFile], form: str, robot: Robot = G1) -> list[Path]:
     """Write clips to one npz, or to a folder."""
-    clips = distinct([clip for file in files for clip in file.clips])
+    clips = [clip for file in files for clip in file.clips]
+    if form == "csv":  # whose names state the clip's own rate, and no other
+        clips = [replace(clip, name=without_rates(clip.name)) for clip in clips]
+    clips = distinct(clips)
     if not clips:
         raise PlatError("no clips are left to write")
     if out.suffix.lower() == ".npz" and form == "npz":

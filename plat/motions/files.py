@@ -18,6 +18,7 @@ from plat.errors import MotionError
 from plat.motions.clip import MotionClip
 from plat.motions.formats import MotionFile, QuatOrder, ReadOptions, csv_text
 from plat.motions.formats.foreign import refuse_foreign
+from plat.motions.formats.rate import without_rates
 from plat.motions.paths import find_files, is_named
 from plat.motions.readers import READERS
 from plat.robots import G1, Robot
@@ -125,7 +126,11 @@ def save_motions(path: str | Path, clips: Sequence[MotionClip], robot: Robot = G
     """Write clips of one frame rate to a plat motion file."""
     rates = {clip.fps for clip in clips}
     if len(rates) != 1:
-        raise MotionError(f"motion file {str(path)!r}: clips at {sorted(rates)} frames a second, expected one rate")
+        found = ", ".join(f"{rate:.5g}" for rate in sorted(rates))
+        raise MotionError(
+            f"motion file {str(path)!r}: clips at {found} frames a second, expected one rate: "
+            "plat motions convert --resample 50 gives all the same, and a folder takes each as it is"
+        )
     arrays = {clip.name: clip.qpos for clip in clips}
     taken = sorted(set(arrays) & set(_RESERVED))
     if taken or len(arrays) != len(clips):
@@ -135,8 +140,11 @@ def save_motions(path: str | Path, clips: Sequence[MotionClip], robot: Robot = G
 
 
 def save_csv(folder: str | Path, clip: MotionClip, robot: Robot = G1) -> Path:
-    """Write a clip to ``NAME_30fps.csv``: MuJoCo's ``qpos`` under a header, quaternion ``wxyz``."""
-    path = Path(folder) / f"{clip.name.replace('/', '_')}_{clip.fps:.10g}fps.csv"
+    """Write a clip to ``NAME_30fps.csv``: MuJoCo's ``qpos`` under a header, quaternion ``wxyz``.
+
+    A rate that the clip's name states gives way to the clip's own.
+    """
+    path = Path(folder) / f"{without_rates(clip.name).replace('/', '_')}_{clip.fps:.10g}fps.csv"
     path.write_text(csv_text(clip, robot.joint_names))
     return path
 

@@ -31,6 +31,18 @@ def test_round_trip(tmp_path, clip):
     np.testing.assert_allclose(loaded.qpos, clip.qpos, atol=1e-6)
 
 
+def test_several_rates_do_not_go_into_one_file(tmp_path, clip):
+    clips = [clip, MotionClip("b", clip.qpos, 29.8703)]
+    with pytest.raises(MotionError, match=r"clips at 29.87, 30 frames a second, expected one rate: .*--resample 50"):
+        save_motions(tmp_path / "two.npz", clips)
+
+
+@pytest.mark.parametrize("name", ["walk", "walk_30fps", "walk_60fps"])
+def test_csv_names_state_the_rate_once(tmp_path, clip, name):
+    written = save_csv(tmp_path, MotionClip(name, clip.qpos, 30.0))
+    assert written.name == "walk_30fps.csv"
+
+
 def test_joints_are_matched_by_name(tmp_path, clip):
     shuffled = np.random.default_rng(0).permutation(29)
     names = [f"{G1.joint_names[i]}_joint" for i in shuffled]

@@ -22,6 +22,9 @@ _DRIFT_SECONDS = 0.3
 # A foot stands when it rests, and is no higher than this over the lower one (m).
 _STANDING_HEIGHT = 0.04
 
+# How high resting feet may float for the sake of feet under the floor, median (m).
+_FLOATING = 0.01
+
 # Width of the mean over which a foot is levelled and let go (s).
 _LEVEL_SECONDS = 0.15
 
@@ -33,7 +36,8 @@ def ground_feet(clip: MotionClip, how: Grounding = "clip", robot: Robot = G1) ->
         clip: a motion that floats or sinks.
         how: ``"clip"`` lowers or raises all frames alike, so that the lower foot rests at height 0 in the median.
             ``"smooth"`` follows a floor that drifts: its height is taken where the lower foot rests, carried on in
-            between, so that jumps stay jumps, smoothed, and lowered where a foot would still be under it.
+            between, so that jumps stay jumps, smoothed, and lowered where a foot would still be under it. That
+            lowering makes resting feet float by 1 cm at most, in the median; the rest of a foot's dips stays.
         robot: the robot.
 
     >>> qpos = G1.default_qpos[None].repeat(60, 0)
@@ -55,7 +59,10 @@ def ground_feet(clip: MotionClip, how: Grounding = "clip", robot: Robot = G1) ->
         sunk = np.maximum(level - low, 0)
         reach = _reach(width)
         windows = np.lib.stride_tricks.sliding_window_view(np.pad(sunk, reach, mode="edge"), 2 * reach + 1)
-        level -= _smooth(windows.max(-1), width)
+        raised = _smooth(windows.max(-1), width)
+        # heels and toes that dip under the floor between short rests would lift the rests as well
+        floating = float(np.median((low - level + raised)[resting]))
+        level -= raised * min(1.0, _FLOATING / floating if floating > 0 else 1.0)
     qpos = clip.qpos.copy()
     qpos[:, 2] -= level
     return MotionClip(clip.name, qpos, clip.fps)

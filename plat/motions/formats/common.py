@@ -90,7 +90,7 @@ def arrange_joints(
     arranged = np.tile(robot.default_joint_pos.numpy(), (len(angles), 1)).astype(np.float64)
     arranged[:, [robot.joint_names.index(name) for name in listed]] = angles
     missing = [name for name in robot.joint_names if name not in listed]
-    if missing == [name for name in robot.joint_names if "wrist" in name]:
+    if missing and missing == [name for name in robot.joint_names if "wrist" in name]:
         notes.append("no wrists in the file: default pose")
     elif missing:
         notes.append(f"default pose for the missing {', '.join(missing)}")

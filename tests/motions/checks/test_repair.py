@@ -46,6 +46,25 @@ def test_a_floor_that_drifts_is_followed():
     assert np.abs(low[1][10:-10]).max() < 0.015
 
 
+def test_feet_that_dip_between_rests_do_not_make_the_rests_float():
+    clip = lifted(0.0)
+    plain = validate_motion(clip)
+    for start in range(5, 95, 15):  # the whole body sinks by 3 cm for 0.08 s, three times a second
+        clip.qpos[start : start + 4, 2] -= 0.03
+    before, after = validate_motion(clip), validate_motion(ground_feet(clip, "smooth"))
+    assert before.verdict == after.verdict == "use"
+    assert plain.floating < after.floating + 0.01 < 0.025
+    assert after.penetration < before.penetration
+
+
+def test_a_walk_whose_toes_dip_stays_fit_for_use(shared_data):
+    (clip,) = load_motions(shared_data / "formats" / "kimodo_walk_wxyz_30fps.csv")
+    before, after = validate_motion(clip), validate_motion(ground_feet(clip, "smooth"))
+    assert before.verdict == after.verdict == "use"
+    assert after.floating < 0.012
+    assert after.penetration < before.penetration - 0.008
+
+
 def test_a_jump_stays_a_jump():
     flight = np.arange(0, 0.5, 0.02)
     hop = np.zeros(150)
