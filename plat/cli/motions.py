@@ -34,6 +34,7 @@ from plat.motions import (
     read_motion_files,
     save_csv,
     save_motions,
+    smooth_steps,
     trim_motion,
     validate_motions,
 )
@@ -132,6 +133,12 @@ def repair(command: Convert, clip: MotionClip) -> MotionClip:
     robot = get_robot(command.robot)
     if any(command.trim):
         clip = trim_motion(clip, *command.trim)
+    if command.smooth_steps:
+        smoothed = smooth_steps(clip, command.limits.step_speed, robot)
+        if smoothed.steps:
+            changed = f"joints changed by {smoothed.largest_change:.2f} rad at most"
+            print(f"smoothed {smoothed.steps} single-frame step{'s' * (smoothed.steps != 1)} of {clip.name}: {changed}")
+        clip = smoothed.clip
     if command.clip_limits:
         clip = clip_to_limits(clip, robot)
     if command.level_feet:

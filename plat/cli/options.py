@@ -181,6 +181,8 @@ class Convert(MotionFiles):
     """put the feet on the floor: all frames of a clip alike, or following a floor that drifts"""
     level_feet: bool = False
     """turn the ankles of standing feet until their soles are level (motion from video)"""
+    smooth_steps: bool = False
+    """spread isolated single-frame steps of joints over 0.15 s to both sides"""
     clip_limits: bool = False
     """bring joint angles into their limits"""
     resample: float | None = None

@@ -7,6 +7,7 @@ from plat.lazy import lazy
 if TYPE_CHECKING:
     from plat.motions.checks.repair import clip_to_limits, ground_feet, level_feet, trim_motion
     from plat.motions.checks.settings import ValidationLimits
+    from plat.motions.checks.steps import joint_steps, smooth_steps
     from plat.motions.checks.validation import MotionReport, validate_motion, validate_motions
     from plat.motions.clip import MotionClip
     from plat.motions.files import load_motions, motion_paths, read_motion_files, save_csv, save_motions
@@ -27,6 +28,7 @@ __all__ = [
     "clip_to_limits",
     "generate_motions",
     "ground_feet",
+    "joint_steps",
     "level_feet",
     "load_motions",
     "mirror_motion",
@@ -34,6 +36,7 @@ __all__ = [
     "read_motion_files",
     "save_csv",
     "save_motions",
+    "smooth_steps",
     "trim_motion",
     "validate_motion",
     "validate_motions",

@@ -208,3 +208,15 @@ def test_missing_matplotlib_is_said_before_the_work(folder, tmp_path, monkeypatc
     monkeypatch.setattr(motions, "read", lambda *_: pytest.fail("read first"))
     with pytest.raises(RenderingError, match=r"pip install 'plat-rl\[figures\]'"):
         run("inspect", folder, "--out", tmp_path / "pictures")
+
+
+def test_single_frame_steps_are_smoothed(tmp_path, capsys):
+    clip = bowing_clip(60)
+    clip.qpos[30:, 7 + G1.joint_names.index("left_ankle_roll")] += 0.25
+    save_motions(tmp_path / "a.npz", [clip])
+    (report,) = run("inspect", tmp_path / "a.npz")
+    assert report.verdict == "repair"
+    run("convert", tmp_path / "a.npz", "--out", tmp_path / "b.npz", "--smooth-steps")
+    assert "smoothed 1 single-frame step of bow: joints changed by 0.1" in capsys.readouterr().out
+    (report,) = run("inspect", tmp_path / "b.npz")
+    assert report.verdict == "use"

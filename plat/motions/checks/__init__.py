@@ -7,6 +7,7 @@ from plat.lazy import lazy
 if TYPE_CHECKING:
     from plat.motions.checks.repair import clip_to_limits, ground_feet, level_feet, trim_motion
     from plat.motions.checks.settings import ValidationLimits
+    from plat.motions.checks.steps import joint_steps, smooth_steps
     from plat.motions.checks.validation import MotionReport, validate_motion, validate_motions
 else:
     lazy(__name__)
@@ -16,7 +17,9 @@ __all__ = [
     "ValidationLimits",
     "clip_to_limits",
     "ground_feet",
+    "joint_steps",
     "level_feet",
+    "smooth_steps",
     "trim_motion",
     "validate_motion",
     "validate_motions",

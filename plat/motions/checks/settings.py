@@ -17,6 +17,8 @@ class ValidationLimits:
     """the same (rad); more: drop, for clipped it would be another motion"""
     joint_speed: float = 35.0
     """fastest joint (rad/s); more: drop, for no motor of the G1 is that fast"""
+    step_speed: float = 10.0
+    """isolated single-frame step of a joint (rad/s); more: repair, smooth the steps"""
     penetration: float = 0.04
     """deepest sole point under the floor (m); more: repair, ground the feet"""
     floating: float = 0.02

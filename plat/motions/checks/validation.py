@@ -10,6 +10,7 @@ import torch
 from plat.motions.checks.collision import self_penetration
 from plat.motions.checks.feet import Soles, ground_level
 from plat.motions.checks.settings import ValidationLimits
+from plat.motions.checks.steps import JointStep, joint_steps
 from plat.motions.checks.tempo import Tempo
 from plat.motions.clip import MotionClip
 from plat.robots import G1, Robot
@@ -42,7 +43,8 @@ class MotionReport:
         self_penetration: depth of the deepest contact of two links of the robot (m), looked for ten times a second.
         tempo: how many times as often as people with that step length it steps, None where it has no regular gait; a
             wrong frame rate shows here.
-        jumps: when the root's path or turning breaks (s). A jump of a joint shows in ``joint_speed``.
+        jumps: when the root's path or turning breaks (s).
+        steps: isolated single-frame steps of joints; see :func:`~plat.motions.checks.steps.joint_steps`.
         verdict: ``use`` as it is, ``repair`` first, or ``drop``.
         reasons: what speaks against using it as it is, a phrase each.
     """
@@ -57,6 +59,7 @@ class MotionReport:
     self_penetration: float
     jumps: tuple[float, ...]
     tempo: float | None = None
+    steps: tuple[JointStep, ...] = ()
     verdict: Verdict = "use"
     reasons: tuple[str, ...] = ()
 
@@ -101,6 +104,7 @@ def _measure(clip: MotionClip, robot: Robot, limits: ValidationLimits, soles: So
         self_penetration=_self_penetration(clip, robot),
         jumps=_jumps(qpos, clip.fps, limits),
         tempo=None if (steps := Tempo.of(clip, robot)) is None else steps.ratio(clip.fps),
+        steps=tuple(joint_steps(clip, limits.step_speed, robot)),
     )
 
 
@@ -139,6 +143,9 @@ def _judged(report: MotionReport, limits: ValidationLimits) -> MotionReport:
         repair.append(f"{report.joint_excess:.2f} rad beyond a joint's limits")
     if report.joint_speed > limits.joint_speed:
         drop.append(f"a joint at {report.joint_speed:.0f} rad/s")
+    if report.steps:
+        first, count = report.steps[0], len(report.steps)
+        repair.append(f"{count} single-frame step{'s' * (count != 1)} of joints, the first {first}")
     if report.floating > limits.floating:
         repair.append(f"feet float at {100 * report.floating:.1f} cm")
     if report.penetration > limits.penetration:
