@@ -11,6 +11,7 @@ from plat.motions import (
     ground_feet,
     level_feet,
     load_motions,
+    smooth_steps,
     trim_motion,
     validate_motion,
     validate_motions,
@@ -59,6 +60,7 @@ def test_feet_that_dip_between_rests_do_not_make_the_rests_float():
 
 def test_a_walk_whose_toes_dip_stays_fit_for_use(shared_data):
     (clip,) = load_motions(shared_data / "formats" / "kimodo_walk_wxyz_30fps.csv")
+    clip = smooth_steps(clip).clip  # one ankle steps at 15 rad/s
     before, after = validate_motion(clip), validate_motion(ground_feet(clip, "smooth"))
     assert before.verdict == after.verdict == "use"
     assert after.floating < 0.012
