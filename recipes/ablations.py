@@ -106,7 +106,10 @@ def main(recipe: AblationsRecipe) -> dict[str, list[Score]]:
     rows = {name: rows[name] for name in ORDER if name in rows}
     if not rows:
         raise PlatError(f"--runs {str(recipe.runs)!r}: holds none of the runs {[row.folder for row in ROWS]}")
-    library = MotionLibrary.load(recipe.motions, get_robot(recipe.robot))
+    robot = get_robot(recipe.robot)
+    entrants = {candidate.slug: candidate.load(False) for candidates in rows.values() for candidate in candidates}
+    control_dt = evaluate.common_control_dt(entrants, recipe.horizon)
+    library = MotionLibrary.load(recipe.motions, robot, dt=control_dt)
     shown = evaluate.first_named(library, recipe.clip)
     print(f"{library.num_clips} motions, {library.duration:.0f} s; 95 % intervals over motions and training seeds")
     evaluate.print_head()
@@ -130,7 +133,7 @@ def main(recipe: AblationsRecipe) -> dict[str, list[Score]]:
     for split, of_split in splits.items():
         if of_split:
             pictures[split] = write(recipe.out / split, of_split, rows)
-    first = {name: candidates[0].load(False) for name, candidates in rows.items()}
+    first = {name: entrants[candidates[0].slug] for name, candidates in rows.items()}
     pictures["all"] += evaluate.draw_strips(recipe.out / "all", first, shown, recipe.seed, recipe.device)
     for logger in recipe.loggers:
         run = start_logging(logger, "ablations", recipe.out, {"motions": recipe.motions, "runs": str(recipe.runs)})

@@ -12,7 +12,7 @@ import plat.headless  # noqa: F401
 
 # isort: split
 from plat.cli.options import EvaluateRecipe, ScoringConfig
-from plat.envs.transforms import HORIZONS, RandomizationRanges
+from plat.envs.transforms import HORIZONS, RandomizationRanges, horizon_named
 from plat.errors import PlatError
 from plat.evaluation import HEADLINE, METRICS, CommandRecords, Entrant, EvaluationSetting, Score, write_csv
 from plat.evaluation.authored_scores import authored_table, evaluate_families
@@ -31,10 +31,7 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
         pyplot()  # what is missing had better be said before the evaluation
     for logger in recipe.loggers:
         check_logger(logger)
-    library = MotionLibrary.load(recipe.motions, get_robot(recipe.robot))
-    if recipe.only is not None:
-        library = library.only(*library.named(recipe.only))
-    shown = first_named(library, recipe.clip)
+    robot = get_robot(recipe.robot)
     names = [run.name for run in recipe.runs]
     entrants = {
         run.name if names.count(run.name) == 1 else str(run): Entrant.of_run(run, recipe.device, recipe.dense)
@@ -43,6 +40,10 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
     entrants |= {name: Entrant.of_tracker(tracker, recipe.dense) for name, tracker in recipe.trackers.load().items()}
     if not entrants:
         raise PlatError("nothing to evaluate: give run directories, or files of released trackers (--trackers.twist2)")
+    library = MotionLibrary.load(recipe.motions, robot, dt=common_control_dt(entrants, recipe.horizon))
+    if recipe.only is not None:
+        library = library.only(*library.named(recipe.only))
+    shown = first_named(library, recipe.clip)
     print(f"{library.num_clips} motions, {library.duration:.0f} s; 95 % intervals over motions in parentheses")
     randomization = recipe.randomization if recipe.domain_randomization else None
     print_head()
@@ -73,6 +74,24 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
             log_table(run, "evaluation", COLUMNS, rows(scores), pictures)
             run.finish()
     return scores
+
+
+def common_control_dt(entrants: Mapping[str, Entrant], horizons: Sequence[str]) -> float:
+    """Return the control step (s) of all entrants, by which motions are sampled.
+
+    Raises:
+        PlatError: when the entrants differ in it, or cannot all be given the same commands at a horizon.
+    """
+    steps = {name: entrant.timing.control_dt for name, entrant in entrants.items()}
+    if len(set(steps.values())) > 1:
+        told = ", ".join(f"{name} {step:g} s" for name, step in steps.items())
+        raise PlatError(f"policies of different control steps: {told}; score those of each step on their own")
+    for horizon in horizons:
+        lengths = {name: horizon_named(horizon, entrant.timing).longest for name, entrant in entrants.items()}
+        if len(set(lengths.values())) > 1:
+            told = ", ".join(f"{name} {length}" for name, length in lengths.items())
+            raise PlatError(f"horizon {horizon!r}: longest commands of {told} control steps, expected them all alike")
+    return next(iter(steps.values()))
 
 
 def print_authored(recipe: EvaluateRecipe, entrants: dict[str, Entrant], library: MotionLibrary) -> None:

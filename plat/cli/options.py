@@ -35,7 +35,7 @@ __all__ = [
 ]
 
 
-HorizonName = Literal["single", "short", "medium", "long", "mixed"]
+HorizonName = Literal["single", "short", "medium", "long", "mixed", "distant", "all"]
 
 
 @dataclass(kw_only=True)
@@ -46,7 +46,7 @@ class ScoringConfig:
     motions: tuple[str, ...]
     """motion files, folders or globs; "generated:val" or "generated:test" for generated motion"""
     horizon: tuple[HorizonName, ...] = ("single", "short", "medium", "long", "mixed")
-    """lengths of the commands"""
+    """lengths of the commands; distant and all are for policies with longer commands"""
     randomization: RandomizationRanges = RandomizationRanges()
     """ranges of the domain randomization, and pushes"""
     clip: str | None = None

@@ -9,7 +9,7 @@ from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torchrl.envs import Transform
 
-from plat.envs.transforms import HORIZONS, Horizon
+from plat.envs.transforms import Horizon, horizon_named
 from plat.evaluation.clip_playback import play
 from plat.evaluation.records import CommandRecords
 from plat.evaluation.scoring import evaluate
@@ -20,6 +20,7 @@ from plat.rendering.playback import Playback
 from plat.robots.robot import Robot
 from plat.runs.policies import Policy
 from plat.runs.saved_run import load_policy
+from plat.spec.timing import Timing, timing_of
 
 __all__ = ["Entrant", "ReferenceTracker"]
 
@@ -79,6 +80,11 @@ class Entrant:
         """Return a released tracker as an entrant."""
         return cls(tracker, tracker.robot, ReferenceView(dense, observe=tracker.observe))
 
+    @property
+    def timing(self) -> Timing:
+        """Return the timing that the policy carries; the default one when it has none."""
+        return timing_of(self.policy) or Timing()
+
     def evaluate(
         self, library: MotionLibrary, horizon: str | Horizon, setting: EvaluationSetting | None = None, **options: Any
     ) -> CommandRecords:
@@ -86,11 +92,11 @@ class Entrant:
 
         Args:
             library: motions of any robot with the same joints.
-            horizon: of the commands, or its name in :data:`plat.envs.transforms.HORIZONS`.
+            horizon: of the commands, or its name, see :func:`plat.envs.transforms.horizon_named`.
             setting: conditions.
             options: further arguments of :func:`plat.evaluation.evaluate`.
         """
-        lengths = HORIZONS[horizon] if isinstance(horizon, str) else horizon
+        lengths = horizon_named(horizon, self.timing) if isinstance(horizon, str) else horizon
         motions = library.for_robot(self.robot)
         return evaluate(self.policy, motions, lengths, setting, **vars(self.view), **options)
 

@@ -1,4 +1,5 @@
 import csv
+from dataclasses import replace
 
 import pytest
 
@@ -9,6 +10,7 @@ from plat.errors import MotionError, PlatError
 from plat.evaluation import entrant
 from plat.modules import Expert, ExpertConfig, PlainPolicy
 from plat.robots import G1
+from plat.spec.timing import Timing
 from tests.modules.policies.test_student import SMALL
 from tests.recipes.runs import save_run, write_motions
 
@@ -139,3 +141,25 @@ def test_authored_keyframes_have_a_table_of_their_own(runs, capsys):
     families = [line.split("|")[1].strip() for line in table.splitlines()[2:]]
     # nobody rests in a run, and a policy of 1 s has no 3 s
     assert families == ["arms", "steps", "crouch", "far"]
+
+
+def test_a_policy_of_other_timing_is_scored_by_its_own(runs, capsys):
+    save_run(runs / "slow", PlainPolicy(G1, replace(SMALL, timing=Timing(control_dt=0.04, max_steps=150))))
+    (score,) = evaluate.main(recipe(runs, "slow", horizon=("all",), num_envs=2))
+    assert score.horizon == "all"
+    assert int(score.records[0].length.sum()) == 2 * 50  # two clips of 2 s
+    assert capsys.readouterr().out.startswith("2 motions, 4 s")
+
+
+def test_commands_longer_than_a_policy_knows_are_refused(runs):
+    with pytest.raises(PlatError, match="horizon 'distant': 150 control steps, expected at most the policy's 50"):
+        evaluate.main(recipe(runs, "plain", horizon=("distant",)))
+
+
+def test_policies_of_different_timing_are_not_mixed(runs):
+    save_run(runs / "slow", PlainPolicy(G1, replace(SMALL, timing=Timing(control_dt=0.04))))
+    with pytest.raises(PlatError, match="different control steps: plain 0.02 s, slow 0.04 s"):
+        evaluate.main(recipe(runs, "plain", "slow"))
+    save_run(runs / "far", PlainPolicy(G1, replace(SMALL, timing=Timing(max_steps=150))))
+    with pytest.raises(PlatError, match="horizon 'all': longest commands of plain 50, far 150 control steps"):
+        evaluate.main(recipe(runs, "plain", "far", horizon=("all",)))
