@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from plat.cli.options import ScoringConfig
+from plat.cli.options import Imports, ScoringConfig
 from plat.envs import DistillationTaskConfig, KeyframeTaskConfig, TrackingTaskConfig
 from plat.modules import DynamicsConfig, ExpertConfig, LatentPolicyConfig, RefinementConfig
 from plat.objectives import ImaginationConfig, MotorGradientConfig, PPOConfig
@@ -116,6 +116,8 @@ class RefineRecipe(RecipeConfig):
     """hidden layers of the critic"""
     critic_warmup: int = 10
     """rollouts that train only the critic, before the policy is updated"""
+    imports: Imports = ()
+    """module that registers policy classes of your own"""
 
 
 @dataclass(kw_only=True)

@@ -22,6 +22,7 @@ from plat.motions import MotionLibrary
 from plat.rendering import RenderingError, Stage
 from plat.robots import get_robot
 from plat.runs import check_logger, log_table, on_device, start_logging
+from plat.runs.user_modules import import_modules
 
 
 def main(recipe: EvaluateRecipe) -> list[Score]:
@@ -31,6 +32,7 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
         pyplot()  # what is missing had better be said before the evaluation
     for logger in recipe.loggers:
         check_logger(logger)
+    import_modules(recipe.imports)
     robot = get_robot(recipe.robot)
     names = [run.name for run in recipe.runs]
     entrants = {

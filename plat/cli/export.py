@@ -6,10 +6,12 @@ plat export runs/plat --out bundle
 from plat.cli.options import ExportRecipe
 from plat.export import export_bundle
 from plat.robots import get_robot
+from plat.runs.user_modules import import_modules
 
 
 def main(recipe: ExportRecipe) -> None:
     """Run the recipe."""
+    import_modules(recipe.imports)
     get_robot(recipe.robot)  # a description file makes the policy's robot known
     check = export_bundle(recipe.run, recipe.out)
     print(f"wrote {recipe.out}: {', '.join(sorted(path.name for path in recipe.out.iterdir()))}")

@@ -21,6 +21,7 @@ __all__ = [
     "ExportRecipe",
     "FromMotion",
     "HorizonName",
+    "Imports",
     "Inspect",
     "KeyframesCommand",
     "Mirror",
@@ -34,6 +35,9 @@ __all__ = [
     "StudioRecipe",
 ]
 
+
+Imports: TypeAlias = Annotated[tuple[str, ...], tyro.conf.arg(name="import"), tyro.conf.UseAppendAction]
+"""Modules to import before a policy is loaded: ``--import NAME`` for each."""
 
 HorizonName = Literal["single", "short", "medium", "long", "mixed", "distant", "all"]
 
@@ -88,6 +92,8 @@ class EvaluateRecipe(ScoringConfig):
     """file to write every figure to, with its interval"""
     figures: Path | None = None
     """folder to draw radar plot, bars, success curves and film strips into, as PDF and PNG"""
+    imports: Imports = ()
+    """module that registers policy classes of your own"""
 
 
 @dataclass(kw_only=True)
@@ -114,6 +120,8 @@ class PlayRecipe:
     """watch it live in MuJoCo's viewer; needs a display"""
     robot: str = "g1"
     """robot of the policy: its name, or path of its JSON description"""
+    imports: Imports = ()
+    """module that registers policy classes of your own"""
 
 
 @dataclass(kw_only=True)
@@ -138,6 +146,8 @@ class StudioRecipe:
     """port to listen on"""
     robot: str = "g1"
     """robot of the policy: its name, or path of its JSON description"""
+    imports: Imports = ()
+    """module that registers policy classes of your own"""
 
 
 @dataclass(kw_only=True)
@@ -268,6 +278,8 @@ class ExportRecipe:
     """folder to make"""
     robot: str = "g1"
     """robot of the policy: its name, or path of its JSON description"""
+    imports: Imports = ()
+    """module that registers policy classes of your own"""
 
 
 @dataclass(kw_only=True)

@@ -30,6 +30,7 @@ from plat.keyframes import KeyframeSequence
 from plat.rendering import Stage, check_video, film, stage_model, write_video
 from plat.robots import get_robot
 from plat.runs import load_policy
+from plat.runs.user_modules import import_modules
 from plat.spec.timing import Timing, timing_of
 
 
@@ -37,6 +38,7 @@ def main(recipe: PlayRecipe) -> list[KeyframeScore]:
     """Run the recipe: print a table, return its rows."""
     # networks for one robot are so small that more threads only get in each other's way
     torch.set_num_threads(1)
+    import_modules(recipe.imports)
     get_robot(recipe.robot)  # a description file makes the policy's robot known
     policy = load_policy(recipe.policy)
     robot, timing = policy.robot, timing_of(policy) or Timing()

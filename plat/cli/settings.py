@@ -2,8 +2,10 @@
 
 import argparse
 import dataclasses
+import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
@@ -38,8 +40,37 @@ def parse(kind: Any, args: Sequence[str] | None = None, prog: str | None = None)
                 if field.default is field.default_factory is dataclasses.MISSING
             }
             options["default"] = kind(**required, **presets[chosen.preset])
-    with registry():
+    with registry(), _plain_help():
         return tyro.cli(kind, args=args, prog=prog, **options)
+
+
+class _PlainOutput:
+    """Stream that leaves out the double backquotes of docstrings and keeps the frames of help texts in place."""
+
+    def __init__(self, stream: Any):
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        # padding in the place of the quotes keeps the right edge of a frame straight
+        self._stream.write(re.sub(r"[^│\n]*``[^│\n]*", self._plain, text))
+        return len(text)
+
+    @staticmethod
+    def _plain(cell: re.Match[str]) -> str:
+        return cell[0].replace("``", "").ljust(len(cell[0]))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+@contextmanager
+def _plain_help() -> Iterator[None]:
+    stream = sys.stdout
+    sys.stdout = _PlainOutput(stream)
+    try:
+        yield
+    finally:
+        sys.stdout = stream
 
 
 def run(module: str, kind: Any, args: Sequence[str], prog: str) -> None:

@@ -15,6 +15,7 @@ from plat.cli.options import StudioRecipe
 from plat.errors import StudioError
 from plat.robots import get_robot
 from plat.runs import load_policy
+from plat.runs.user_modules import import_modules
 
 
 def main(recipe: StudioRecipe) -> None:
@@ -26,6 +27,7 @@ def main(recipe: StudioRecipe) -> None:
         raise StudioError("the studio needs: pip install 'plat-rl[studio]'") from error
     # networks for one robot are so small that more threads only get in each other's way
     torch.set_num_threads(1)
+    import_modules(recipe.imports)
     get_robot(recipe.robot)  # a description file makes the policies' robot known
     policies = {name: load_policy(run) for name, run in zip(_names(recipe.runs), recipe.runs, strict=True)}
     robot = next(iter(policies.values())).robot

@@ -141,7 +141,7 @@ def build_policy(spec: Any, path: Path) -> Policy:
     if spec["kind"] not in _KINDS:
         raise CheckpointError(
             f"{str(path)!r}: unknown kind of policy {spec['kind']!r}, expected one of {sorted(_KINDS)} "
-            "or one given to plat.runs.register_policy"
+            "or one given to plat.runs.register_policy (--import MODULE imports the module that does so)"
         )
     kind = _KINDS[spec["kind"]]
     base = build_policy(spec.get("student"), path) if kind.base == "student" else robot

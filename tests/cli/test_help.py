@@ -47,3 +47,12 @@ def test_an_unknown_command_is_one_line():
     with pytest.raises(SystemExit, match="'expret' is no command of plat, expected one of expert, .*distill") as error:
         main(["expret"])
     assert "\n" not in str(error.value)
+
+
+def test_help_has_no_backquotes_and_its_frame_is_straight(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "120")
+    with pytest.raises(SystemExit):
+        main(["expert", "--help"])
+    lines = capsys.readouterr().out.splitlines()
+    assert not any("``" in line for line in lines)
+    assert {len(line) for line in lines if "Delta_max, the longest command" in line} == {120}

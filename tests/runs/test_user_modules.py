@@ -1,0 +1,55 @@
+import sys
+
+import pytest
+
+from plat.cli import main
+from plat.errors import ConfigError
+from plat.modules import LatentPolicy
+from plat.robots import G1
+from plat.runs import policies
+from plat.runs.user_modules import import_modules
+from tests.modules.policies.test_student import SMALL
+from tests.recipes.runs import save_run, write_motions
+
+MODULE = """
+from plat.modules import LatentPolicy, LatentPolicyConfig
+from plat.runs import register_policy
+
+
+class Mine(LatentPolicy):
+    pass
+
+
+register_policy("mine", Mine, LatentPolicyConfig)
+"""
+
+
+def test_a_run_of_a_users_class_is_evaluated(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(policies, "_KINDS", dict(policies._KINDS))
+    monkeypatch.setattr(sys, "path", [path for path in sys.path if path])
+    run = save_run(tmp_path / "run", LatentPolicy(G1, SMALL))
+    config = run / "config.json"
+    config.write_text(config.read_text().replace('"latent"', '"mine"'))
+    arguments = ["evaluate", str(run), "--motions", write_motions(tmp_path), "--horizon", "long", "--device", "cpu"]
+    with pytest.raises(SystemExit, match=r"unknown kind of policy 'mine', expected one of .*--import MODULE"):
+        main(arguments)
+    (tmp_path / "my_policies.py").write_text(MODULE)
+    try:
+        main([*arguments, "--import", "json", "--import", "my_policies"])
+    finally:
+        sys.modules.pop("my_policies", None)
+    assert "long" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("text", "message"), [(None, "ModuleNotFoundError: No module named 'my_broken'"), ("1 / 0", "ZeroDivisionError")]
+)
+def test_a_module_that_fails_is_named(tmp_path, monkeypatch, text, message):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    if text:
+        (tmp_path / "my_broken.py").write_text(text)
+    with pytest.raises(ConfigError, match=f"--import my_broken: {message}") as error:
+        import_modules(["my_broken"])
+    assert "\n" not in str(error.value)
