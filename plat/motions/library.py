@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
@@ -19,6 +20,7 @@ from torch import Tensor
 
 from plat.errors import MotionError
 from plat.files import replace_file
+from plat.motions.checks.repair import clip_to_limits
 from plat.motions.checks.validation import Verdict, validate_motions
 from plat.motions.clip import MotionClip
 from plat.motions.files import load_motions, motion_paths
@@ -33,9 +35,12 @@ __all__ = ["MotionLibrary", "cache_dir"]
 # Frames worked on at a time while the table is built: large enough for vector speed, small enough for the cache.
 _CHUNK = 16384
 
+# Angles up to this far beyond a joint's limits are clipped when files are loaded (rad). Smoothing leaves such excesses.
+_SMALL_EXCESS = 0.15
+
 _LOGGER = logging.getLogger("plat.motions")
 
-TABLE_VERSION = 8
+TABLE_VERSION = 9
 """Part of every cache key. Raise it with any change of what readers, resampling, checks or the generator produce."""
 
 
@@ -203,6 +208,9 @@ class MotionLibrary:
     ) -> "MotionLibrary":
         """Return the library of motion files, kept on disk for the next time.
 
+        Joint angles up to 0.15 rad beyond their limits are clipped, for no robot can reach them. Clips that go further
+        are left as they are.
+
         Clips that :func:`~plat.motions.validate_motions` would repair or drop are counted in one warning under
         ``plat.motions``. They are measured when the table is built, and the counts are kept with it.
 
@@ -224,6 +232,7 @@ class MotionLibrary:
         def build() -> tuple["MotionLibrary", _Verdicts]:
             clips = [clip for name in generated for clip in generate_named(name, robot)]
             read = load_motions(files, robot) if files else []
+            read = [_within_limits(clip.checked(robot), robot) for clip in read]
             clips += read
             mirrored = [mirror_motion(clip.checked(robot), robot) for clip in clips] if mirror else []
             verdicts = Counter(report.verdict for report in validate_motions(read, robot))
@@ -288,6 +297,12 @@ def _build_table(qpos: Tensor, start: Tensor, length: Tensor, dt: float, robot: 
         frames["keypoint_lin_vel"][chunk] = finite_difference(frames["keypoint_pos"], before, after, dt)
         frames["keypoint_ang_vel"][chunk] = quat_finite_difference(frames["keypoint_quat"], before, after, dt)
     return table
+
+
+def _within_limits(clip: MotionClip, robot: Robot) -> MotionClip:
+    """Return the clip with small excesses over joint limits clipped; a clip with a larger one is left to the checks."""
+    clipped = clip_to_limits(clip, robot)
+    return clipped if np.abs(clipped.qpos - clip.qpos).max() <= _SMALL_EXCESS else clip
 
 
 def _warn_of_bad_clips(verdicts: _Verdicts, files: Sequence[str]) -> None:

@@ -95,6 +95,19 @@ def test_clips_that_would_be_repaired_are_told_of_each_time(tmp_path, monkeypatc
         monkeypatch.setattr("plat.motions.library.validate_motions", lambda *_: pytest.fail("measured again"))
 
 
+def test_small_excesses_over_joint_limits_are_clipped_and_large_ones_told_of(tmp_path, monkeypatch, caplog):
+    elbow = G1.joint_names.index("left_elbow")
+    high = float(G1.joint_range[elbow, 1])
+    for excess, loaded, told in ((0.1, 0.0, 0), (0.3, 0.3, 1)):
+        clip = bowing_clip()
+        clip.qpos[:, 7 + elbow] = high + excess
+        save_motions(tmp_path / f"{told}.npz", [clip])
+        caplog.clear()
+        library = MotionLibrary.load(tmp_path / f"{told}.npz", cache=False)
+        assert float(library.frames["joint_pos"][:, elbow].max()) == pytest.approx(high + loaded, abs=1e-5)
+        assert len([record for record in caplog.records if record.levelname == "WARNING"]) == told
+
+
 def test_clips_that_need_nothing_are_not_spoken_of(tmp_path, monkeypatch, caplog):
     monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
     save_motions(tmp_path / "a.npz", [bowing_clip()])
