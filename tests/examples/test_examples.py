@@ -1,0 +1,27 @@
+"""The examples that docs/components.md names run as they stand."""
+
+import runpy
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+PRINTED = {
+    "distill_loop": "",
+    "quantized_latent": "loss_kl",
+    "registered_policy": "WidePriorPolicy",
+    "score_anything": "more than the pose alone",
+    "shifted_latent": "",
+    "timed_physics": "ms a step",
+}
+
+
+def test_every_example_is_tried() -> None:
+    # teacher.py takes arguments and has a test file of its own
+    assert {path.stem for path in EXAMPLES.glob("*.py")} - {"__init__"} == {*PRINTED, "teacher"}
+
+
+@pytest.mark.parametrize("name", PRINTED)
+def test_it_runs(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
+    assert PRINTED[name] in capsys.readouterr().out
