@@ -7,6 +7,7 @@ plat keyframes show bow.json
 import numpy as np
 
 from plat.cli.options import FromMotion, KeyframesCommand, Show
+from plat.control import Feasibility
 from plat.errors import KeyframeError
 from plat.keyframes import KeyframeSequence
 from plat.motions import MotionClip, load_motions
@@ -54,7 +55,8 @@ def _spread(command: FromMotion, every: float, end: float) -> list[float]:
 
 def show(command: Show) -> KeyframeSequence:
     """Print the table; return what is in the file."""
-    sequence = KeyframeSequence.load(command.file, get_robot(command.robot), split=command.split, timing=command.timing)
+    robot = get_robot(command.robot)
+    sequence = KeyframeSequence.load(command.file, robot, split=command.split, timing=command.timing)
     print(f"{command.file}: {len(sequence)} keyframes for {sequence.robot.name!r} in {sequence.duration:g} s")
     print(f"{'':>3}  {'name':<20}  {'time s':>7}  {'steps':>5}  {'root x y z m':>20}  most changed joint")
     before, step = sequence.start, 0
@@ -67,6 +69,9 @@ def show(command: Show) -> KeyframeSequence:
             f"{sequence.robot.joint_names[joint]} {change[joint]:+.2f} rad"
         )
         before, step = keyframe, arrival
+    for index, concerns in enumerate(Feasibility(robot).sequence(sequence)):
+        if concerns:
+            print(f"keyframe {index} may be out of reach: {'; '.join(map(str, concerns))}")
     return sequence
 
 

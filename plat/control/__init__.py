@@ -16,8 +16,10 @@ from typing import TYPE_CHECKING
 from plat.lazy import lazy
 
 if TYPE_CHECKING:
+    from plat.control.authored import FAMILIES, Authored, author, resting_poses
     from plat.control.chase import Chase, ChaseStep, Controller
     from plat.control.chase_playback import record
+    from plat.control.feasibility import Concern, Feasibility, FeasibilityLimits
     from plat.control.policy import PolicyController
     from plat.control.pose_errors import PoseComparison, PoseErrors
     from plat.control.scores import KeyframeScore, KeyframeScorer, StepErrors
@@ -27,9 +29,14 @@ else:
     lazy(__name__)
 
 __all__ = [
+    "FAMILIES",
+    "Authored",
     "Chase",
     "ChaseStep",
+    "Concern",
     "Controller",
+    "Feasibility",
+    "FeasibilityLimits",
     "KeyframeScore",
     "KeyframeScorer",
     "PolicyController",
@@ -38,5 +45,7 @@ __all__ = [
     "Simulator",
     "StepErrors",
     "Viewer",
+    "author",
     "record",
+    "resting_poses",
 ]

@@ -26,9 +26,9 @@ class FeasibilityLimits:
     """Values beyond which a keyframe is doubted."""
 
     joint_speed: float = 20.0
-    """rad/s; the no-load speed of the G1's knee"""
+    """rad/s; limit of the G1's knee in Unitree's description"""
     root_speed: float = 3.5
-    """m/s, horizontal; the fastest running among recorded motion on the G1"""
+    """m/s, horizontal; fast running of recorded people, retargeted to the G1, peaks at 3.7 to 4.3"""
     root_acceleration: float = 9.81
     """m/s^2, horizontal; what a foot with a friction coefficient of 1 can push"""
     turn_speed: float = 6.0
@@ -116,7 +116,7 @@ class Feasibility:
                 name,
                 float(speed),
                 limits.joint_speed,
-                f"{name} would need {speed:.0f} rad/s, its motor reaches {limits.joint_speed:.0f}",
+                f"{name} would need {speed:.0f} rad/s, expected at most {limits.joint_speed:.0f}",
             )
             for name, speed in sorted(zip(self._robot.joint_names, speeds, strict=True), key=lambda pair: -pair[1])
             if speed > limits.joint_speed

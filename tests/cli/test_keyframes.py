@@ -5,7 +5,7 @@ import pytest
 
 from plat.cli import keyframes
 from plat.errors import KeyframeError, MotionError
-from plat.keyframes import KeyframeSequence
+from plat.keyframes import Keyframe, KeyframeSequence, standing
 from plat.motions import generate_motions, save_motions
 from plat.robots import G1
 
@@ -73,3 +73,12 @@ def test_show_prints_a_row_a_keyframe(capsys):
     assert len(rows) == 2 + 5
     assert "bow" in rows[3]
     assert "left_hip_pitch" in rows[3]
+
+
+def test_show_tells_what_is_out_of_reach(tmp_path, capsys):
+    stand = standing(G1)
+    away = Keyframe(1.0, stand.root_pos + np.array([2.5, 0, 0]), stand.root_quat, stand.joint_pos)
+    KeyframeSequence(G1, stand, (stand.at(0.5).at(0.2), away)).save(tmp_path / "far.json")
+    keyframes.main(keyframes.Show(file=tmp_path / "far.json"))
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if "out of reach" in line]
+    assert line.startswith("keyframe 1 may be out of reach: 2.5 m in 0.80 s takes ")

@@ -35,7 +35,7 @@ def test_a_fast_joint_is_named_with_its_speed(feasibility: Feasibility) -> None:
     (concern,) = feasibility(STAND, posed(0.1, left_knee=knee + 1.4))
     assert (concern.measure, concern.subject) == ("joint_speed", "left_knee")
     assert concern.value == pytest.approx(28.0)
-    assert str(concern) == "left_knee would need 28 rad/s, its motor reaches 20"
+    assert str(concern) == "left_knee would need 28 rad/s, expected at most 20"
     assert feasibility(STAND, posed(0.2, left_knee=knee + 1.4)) == ()
 
 
