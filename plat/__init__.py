@@ -28,7 +28,8 @@ def load(name: str, device: str = "cpu") -> "Policy":
 
     Args:
         name: ``"plat-g1"``, ``"dagger-g1"``, ``"expert-g1"``, ``"imagined-g1"``, or
-            ``"plat-generated-g1"``, which was trained on generated motions only. Data, license and scores are in ``plat/weights/README.md``.
+            ``"plat-generated-g1"``, which was trained on generated motions only. Data, license and scores are in
+            ``plat/weights/README.md``.
         device: of the weights.
 
     Raises:

@@ -21,7 +21,19 @@ RUNS = {
     "plat-generated": "plat-generated",
 }
 # files of the machine that trained, and how it was watched
-ABOUT = {"motions", "out", "init", "expert", "student", "resume", "device", "save_every", "video_every", "minutes"}
+ABOUT = {
+    "motions",
+    "out",
+    "init",
+    "expert",
+    "student",
+    "resume",
+    "device",
+    "save_every",
+    "video_every",
+    "minutes",
+    "unseen",
+}
 
 
 def leaves(values: dict[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
