@@ -14,15 +14,29 @@ from numpy.typing import NDArray
 from plat.deploy.description import Body, RobotDescription
 from plat.deploy.observation import ObservationTerm, observation_terms
 from plat.errors import BundleError
-from plat.json_file import parse_json
+from plat.json_file import parse_json, short
+from plat.rotations_np import UNIT_TOLERANCE
 from plat.spec.timing import Timing
 
-__all__ = ["INPUT", "METADATA_KEY", "OUTPUT", "Bundle", "BundleScore", "PolicyFacts", "TrainingFacts", "readable_json"]
+__all__ = [
+    "HASH_FIELD",
+    "INPUT",
+    "METADATA_KEY",
+    "OUTPUT",
+    "Bundle",
+    "BundleScore",
+    "PolicyFacts",
+    "TrainingFacts",
+    "readable_json",
+]
 
 _FORMAT, _VERSION = "plat-bundle", 1
+_MOST_STEPS = 1_000_000
 _TAU = "control steps left until the keyframe / max_steps"
 METADATA_KEY = _FORMAT
 """Under this name the same JSON is in the ONNX file's ``metadata_props``."""
+HASH_FIELD = "network_sha256"
+"""Field of ``bundle.json`` that the copy inside the network lacks."""
 INPUT = "observation"
 """The network's input ``[batch, F]``, float32."""
 OUTPUT = "joint_position_target"
@@ -78,6 +92,8 @@ class Bundle:
         policy: what kind of policy it is.
         training: where it comes from.
         scores: None when it has not been scored.
+        network_sha256: SHA-256 of the network's file, in hexadecimal; None in the copy inside that file, and in
+            bundles of plat 0.2 and before.
     """
 
     robot: RobotDescription
@@ -85,6 +101,7 @@ class Bundle:
     policy: PolicyFacts
     training: TrainingFacts
     scores: tuple[BundleScore, ...] | None
+    network_sha256: str | None = None
 
     @property
     def max_steps(self) -> int:
@@ -113,6 +130,8 @@ class Bundle:
             "training": asdict(self.training),
             "scores": None if self.scores is None else [asdict(score) for score in self.scores],
         }
+        if self.network_sha256 is not None:
+            content[HASH_FIELD] = self.network_sha256
         return readable_json(content)
 
     @classmethod
@@ -126,9 +145,14 @@ class Bundle:
         Raises:
             BundleError: naming the field that is missing, broken, or of another version of the format.
         """
-        content = _Object(
-            parse_json(text.encode(errors="surrogatepass"), BundleError, where, constants=True), "", where
+        return cls.from_content(
+            parse_json(text.encode(errors="surrogatepass"), BundleError, where, constants=True), where
         )
+
+    @classmethod
+    def from_content(cls, values: Any, where: str) -> Bundle:
+        """Read the object that :meth:`to_json` wrote as text; see :meth:`from_json`."""
+        content = _Object(values, "", where)
         content.expect("format", _FORMAT)
         content.expect("version", _VERSION)
         content.expect("quaternion_order", "wxyz")
@@ -141,6 +165,7 @@ class Bundle:
             policy=_policy(content.object("policy")),
             training=_training(content.object("training")),
             scores=None if content.content.get("scores") is None else tuple(map(_score, content.objects("scores"))),
+            network_sha256=content.optional(HASH_FIELD, str),
         )
         _check_terms(content.object("observation"), bundle.terms)
         return bundle
@@ -168,8 +193,8 @@ def _timing(command: _Object, control_dt: float) -> Timing:
     if "window" in command.content:  # bundles of version 0.1 do not say: it was 3 for all of them
         steps["window"] = command.value("window", int)
     for field, count in steps.items():
-        if count < 1:
-            raise command.fault(field, f"is {count}, expected at least 1")
+        if not 1 <= count <= _MOST_STEPS:
+            raise command.fault(field, f"is {short(count)}, expected at least 1 and at most {_MOST_STEPS}")
     return Timing(control_dt, **steps)
 
 
@@ -186,19 +211,28 @@ def _robot(content: _Object) -> RobotDescription:
         raise robot.fault("keypoints", f"{unknown[0]!r} is not the name of a body")
     if bodies[0].name != keypoints[0]:
         raise robot.fault("keypoints", f"the first is {keypoints[0]!r}, expected the root {bodies[0].name!r}")
+    joint_range = robot.numbers("joint_range", joints, 2)
+    if (reversed_joints := np.flatnonzero(joint_range[:, 0] > joint_range[:, 1])).size:
+        index = int(reversed_joints[0])
+        low, high = joint_range[index]
+        raise robot.fault(f"joint_range[{index}]", f"from {low:g} to {high:g}, expected lower before upper limit")
+    root_height = robot.value("root_height", float)
+    if root_height <= 0:
+        raise robot.fault("root_height", f"is {root_height:g}, expected a positive number of meters")
     return RobotDescription(
         name=robot.value("name", str),
         joint_names=joint_names,
-        root_height=robot.value("root_height", float),
+        root_height=root_height,
         control_dt=control_dt,
         keypoints=keypoints,
         bodies=bodies,
         default_joint_pos=robot.numbers("default_joint_pos", joints),
-        joint_range=robot.numbers("joint_range", joints, 2),
-        stiffness=robot.numbers("stiffness", joints),
-        damping=robot.numbers("damping", joints),
-        effort_limit=robot.numbers("effort_limit", joints),
-        action_scale=robot.numbers("action_scale", joints),
+        joint_range=joint_range,
+        stiffness=robot.at_least_zero("stiffness", joints),
+        damping=robot.at_least_zero("damping", joints),
+        effort_limit=robot.at_least_zero("effort_limit", joints),
+        # actions are computed back from targets, by division
+        action_scale=robot.at_least_zero("action_scale", joints, or_zero=False),
     )
 
 
@@ -209,8 +243,8 @@ def _body(entry: _Object, index: int, joints: int) -> Body:
     if not -1 <= joint < joints:
         raise entry.fault("joint", f"is {joint}, expected the index of a joint or -1")
     x, y, z = entry.numbers("pos", 3).tolist()
-    qw, qx, qy, qz = entry.numbers("quat", 4).tolist()
-    ax, ay, az = entry.numbers("axis", 3).tolist()
+    qw, qx, qy, qz = entry.direction("quat", 4).tolist()
+    ax, ay, az = (entry.numbers("axis", 3) if joint < 0 else entry.direction("axis", 3)).tolist()
     return Body(entry.value("name", str), parent, joint, (ax, ay, az), (x, y, z), (qw, qx, qy, qz))
 
 
@@ -262,18 +296,18 @@ class _Object:
 
     def expect(self, field: str, expected: str | int) -> None:
         found = self.content.get(field)
-        if found != expected:
-            raise self.fault(field, f"is {found!r}, expected {expected!r}")
+        if type(found) is not type(expected) or found != expected:
+            raise self.fault(field, f"is {short(found)}, expected {expected!r}")
 
     def value(self, field: str, kind: type) -> Any:
         if field not in self.content:
             raise self.fault(field, "is missing")
         value = self.content[field]
-        if kind is float and type(value) is int:
+        if kind is float and type(value) is int and abs(value) < 2**53:
             value = float(value)
         fits = type(value) is kind
         if not fits or (kind is float and not math.isfinite(value)):
-            raise self.fault(field, f"is {value!r}, expected {_KINDS[kind]}")
+            raise self.fault(field, f"is {short(value)}, expected {_KINDS[kind]}")
         return value
 
     def optional(self, field: str, kind: type) -> Any:
@@ -295,14 +329,33 @@ class _Object:
         return tuple(names)
 
     def numbers(self, field: str, *shape: int) -> NDArray[np.float64]:
+        listed = self.value(field, list)
         try:
-            values = np.array(self.value(field, list), dtype=np.float64)
-        except (TypeError, ValueError):
+            values = np.array(listed, dtype=np.float64)
+            # NumPy takes texts and truth values for numbers
+            if not all(type(number) in (int, float) for number in np.array(listed, dtype=object).ravel()):
+                raise TypeError
+        except (TypeError, ValueError, OverflowError):
             raise self.fault(field, "expected numbers only") from None
         if values.shape != shape:
             raise self.fault(field, f"has shape {values.shape}, expected {shape}")
         if not np.isfinite(values).all():
             raise self.fault(field, "expected finite numbers")
+        return values
+
+    def at_least_zero(self, field: str, size: int, *, or_zero: bool = True) -> NDArray[np.float64]:
+        values = self.numbers(field, size)
+        wrong = np.flatnonzero(values < 0 if or_zero else values <= 0)
+        if wrong.size:
+            expected = "at least 0" if or_zero else "more than 0"
+            raise self.fault(f"{field}[{wrong[0]}]", f"is {values[wrong[0]]:g}, expected {expected}")
+        return values
+
+    def direction(self, field: str, size: int) -> NDArray[np.float64]:
+        values = self.numbers(field, size)
+        length = float(np.linalg.norm(values))
+        if abs(length - 1.0) > UNIT_TOLERANCE:
+            raise self.fault(field, f"has length {length:.4g}, expected 1")
         return values
 
 

@@ -17,6 +17,10 @@ from plat.spec.observation import STUDENT_GROUPS, as_observed, observed, table
 __all__ = ["ObservationBuilder", "ObservationTerm", "observation_terms"]
 
 
+# numbers beyond this become infinite in float32, or in the squares that networks take
+_LARGEST = 1e15
+
+
 @dataclass(frozen=True)
 class ObservationTerm:
     """Slice of an observation: features of one quantity, with their unit and frame.
@@ -138,9 +142,12 @@ class ObservationBuilder:
         values = (value for group in groups for value in group.values())
         for part, value in zip(self._parts, values, strict=True):
             part[:] = value
-        if not np.isfinite(self._values).all():
+        largest = np.abs(self._values).max()
+        if not largest <= _LARGEST:  # not >, which NaN would pass
             _check_finite("robot state", state, self._state_widths)
-            raise StateError("observation: last_action or steps_left is not finite, expected finite numbers")
+            if not np.isfinite(largest):
+                raise StateError("observation: last_action or steps_left is not finite, expected finite numbers")
+            raise StateError(f"observation: holds {largest:.3g}, expected numbers that a robot measures")
         return self._values.astype(np.float32)
 
     def _set_target(self, keyframe: Pose) -> None:

@@ -7,6 +7,9 @@ from plat.errors import BundleError
 
 __all__ = ["open_session"]
 
+MAX_BYTES = 1 << 30
+"""Largest file that is read: released trackers take a tenth of it."""
+
 
 def open_session(path: Path) -> Any:
     """Return an onnxruntime session on one CPU thread; for networks this small, more threads are slower.
@@ -18,8 +21,13 @@ def open_session(path: Path) -> Any:
         import onnxruntime
     except ImportError as error:
         raise BundleError("ONNX policies need: pip install onnxruntime") from error
-    if not path.exists():
-        raise BundleError(f"ONNX policy {str(path)!r}: no such file")
+    if not path.is_file():
+        what = "not a regular file" if path.exists() else "no such file"
+        raise BundleError(f"ONNX policy {str(path)!r}: {what}")
+    if path.stat().st_size > MAX_BYTES:
+        raise BundleError(
+            f"ONNX policy {str(path)!r}: {path.stat().st_size / 1e6:.0f} MB, expected at most {MAX_BYTES / 1e6:.0f} MB"
+        )
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     try:

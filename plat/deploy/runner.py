@@ -1,5 +1,7 @@
 """Policy runner: the control step of an exported policy."""
 
+import hashlib
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -7,11 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from plat.deploy.bundle import INPUT, METADATA_KEY, OUTPUT, Bundle
+from plat.deploy.bundle import HASH_FIELD, INPUT, METADATA_KEY, OUTPUT, Bundle
 from plat.deploy.observation import ObservationBuilder
 from plat.deploy.onnx_session import open_session
 from plat.deploy.state import Array, Pose, RobotState
-from plat.errors import BundleError, StateError
+from plat.errors import ActionError, BundleError, StateError
+from plat.json_file import parse_json, read_json
 from plat.spec.timing import Timing
 
 __all__ = ["BUNDLE_FILE", "NETWORK_FILE", "JointCommand", "PolicyRunner"]
@@ -45,7 +48,11 @@ class PolicyRunner:
 
     Raises:
         BundleError: when a file is missing, broken, without metadata, of another version, of another robot or of
-            another control step; when onnxruntime is not installed.
+            another control step; when the network is not the one that the bundle was written with; when onnxruntime
+            is not installed.
+
+    Warns:
+        UserWarning: for a bundle of an older version, which does not hold its network's hash.
     """
 
     def __init__(self, bundle: str | Path, joint_names: Sequence[str] | None = None, control_dt: float | None = None):
@@ -63,7 +70,9 @@ class PolicyRunner:
                 f"bundle {str(path)!r}: control step of {robot.control_dt:g} s, not the {control_dt:g} s of this robot"
             )
         self._observe = ObservationBuilder(robot, self.bundle.max_steps)
-        _check_widths(f"ONNX policy {str(network)!r}", self._session, self._observe.size, len(robot.joint_names))
+        self._where = f"ONNX policy {str(network)!r}"
+        _check_widths(self._where, self._session, self._observe.size, len(robot.joint_names))
+        self._run(np.zeros(self._observe.size, np.float32))
         self.reset()
 
     @property
@@ -76,9 +85,16 @@ class PolicyRunner:
 
         Args:
             joint_target: last joint position target sent to the motors ``[J]`` (rad); None for the default pose.
+
+        Raises:
+            StateError: for a target of another size, or that is not finite.
         """
         robot = self.robot
-        target = robot.default_joint_pos if joint_target is None else joint_target
+        target = robot.default_joint_pos if joint_target is None else np.asarray(joint_target)
+        if target.shape != robot.default_joint_pos.shape or not np.isfinite(target).all():
+            raise StateError(
+                f"joint_target: shape {target.shape}, expected {robot.default_joint_pos.shape} finite numbers"
+            )
         self._last_action = (target - robot.default_joint_pos) / robot.action_scale
 
     def __call__(self, state: RobotState, keyframe: Pose, steps_left: float) -> NDArray[np.float64]:
@@ -90,8 +106,11 @@ class PolicyRunner:
             steps_left: control steps until its arrival, more than 0 and at most ``bundle.max_steps``.
 
         Raises:
-            StateError: naming what is wrong with state, keyframe or time. The motors should then hold
-                their last target.
+            StateError: naming what is wrong with state, keyframe or time.
+            ActionError: for a target that is not finite, naming the joint.
+
+        After either error the motors should hold their last target. The runner remembers that one too: the next call
+        goes on as if the refused step had not been.
         """
         if not 0 < steps_left <= self.bundle.max_steps + _TIME_TOLERANCE:
             longest, dt = self.bundle.max_steps, self.robot.control_dt
@@ -100,7 +119,13 @@ class PolicyRunner:
                 f"expected more than 0 and at most {longest} ({longest * dt:g} s)"
             )
         observation = self._observe(state, keyframe, steps_left, self._last_action)
-        (target,) = self._session.run([OUTPUT], {INPUT: observation[None]})[0].astype(np.float64)
+        target = self._run(observation)
+        if not np.isfinite(target).all():
+            joint = int(np.flatnonzero(~np.isfinite(target))[0])
+            raise ActionError(
+                f"{self._where}: the target of joint {self.robot.joint_names[joint]!r} is {target[joint]}, expected a "
+                "finite angle; hold the last targets"
+            )
         self._last_action = (target - self.robot.default_joint_pos) / self.robot.action_scale
         return target
 
@@ -108,6 +133,18 @@ class PolicyRunner:
         """Compute the motor command for a time in seconds: joint targets with the gains that they were trained with."""
         target = self(state, keyframe, time_left / self.robot.control_dt)
         return JointCommand(target, self.robot.stiffness, self.robot.damping)
+
+    def _run(self, observation: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Return the network's output ``[J]``."""
+        try:
+            output = self._session.run([OUTPUT], {INPUT: observation[None]})[0]
+        except Exception as error:  # onnxruntime has a class of its own for every kind of failure
+            line = str(error).strip().splitlines()[0]
+            raise BundleError(f"{self._where}: the network does not run ({line})") from error
+        expected = (1, len(self.robot.joint_names))
+        if output.shape != expected:
+            raise BundleError(f"{self._where}: the network's output has shape {output.shape}, expected {expected}")
+        return output[0].astype(np.float64)
 
 
 def _metadata(session: Any, network: Path) -> Bundle:
@@ -121,16 +158,33 @@ def _metadata(session: Any, network: Path) -> Bundle:
                 "expected a file that plat export wrote"
             )
         return Bundle.from_json(inside, f"metadata in {str(network)!r}")
-    try:
-        beside = path.read_text(encoding="utf-8")
-    except (OSError, ValueError) as error:
-        raise BundleError(f"{str(path)!r}: not readable ({error})") from None
-    bundle = Bundle.from_json(beside, repr(str(path)))
-    if inside is not None and inside != beside:
-        raise BundleError(
-            f"{str(path)!r} differs from the metadata in {str(network)!r}: are these files of two exports?"
-        )
+    beside = read_json(path, BundleError, repr(str(path)), constants=True)
+    bundle = Bundle.from_content(beside, repr(str(path)))
+    if inside is not None:
+        where = f"metadata in {str(network)!r}"
+        within = parse_json(inside.encode(errors="surrogatepass"), BundleError, where, constants=True)
+        # a file cannot hold its own hash
+        if within != {name: value for name, value in beside.items() if name != HASH_FIELD}:
+            raise BundleError(
+                f"{str(path)!r} differs from the metadata in {str(network)!r}: are these files of two exports?"
+            )
+    _check_hash(bundle, path, network)
     return bundle
+
+
+def _check_hash(bundle: Bundle, path: Path, network: Path) -> None:
+    if bundle.network_sha256 is None:
+        warnings.warn(
+            f"{str(path)!r} does not hold its network's hash: export it again, and a changed network is refused",
+            stacklevel=4,
+        )
+        return
+    found = hashlib.sha256(network.read_bytes()).hexdigest()
+    if found != bundle.network_sha256:
+        raise BundleError(
+            f"{str(network)!r} has the SHA-256 {found[:12]}..., {BUNDLE_FILE} was written with "
+            f"{bundle.network_sha256[:12]}...: the network was changed after its export"
+        )
 
 
 def _check_joints(where: str, ours: tuple[str, ...], given: tuple[str, ...]) -> None:
@@ -143,7 +197,7 @@ def _check_joints(where: str, ours: tuple[str, ...], given: tuple[str, ...]) -> 
 
 
 def _check_widths(where: str, session: Any, features: int, joints: int) -> None:
-    found = [(entry.name, entry.shape[-1]) for entry in (*session.get_inputs(), *session.get_outputs())]
+    found = [(entry.name, *entry.shape[-1:]) for entry in (*session.get_inputs(), *session.get_outputs())]
     expected = [(INPUT, features), (OUTPUT, joints)]
     if found != expected:
         raise BundleError(f"{where}: input and output {found}, expected {expected}")

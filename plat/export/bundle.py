@@ -1,9 +1,10 @@
 """Bundle export: network, metadata, model card and a worked example, from a run directory."""
 
+import hashlib
 import os
 import shutil
 import tempfile
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -69,14 +70,15 @@ def export_bundle(run: str | Path, out: str | Path) -> ExportCheck:
         )
     network = JointTargetNetwork(policy).eval()
     bundle = describe_policy(policy, saved)
-    content = bundle.to_json()
-    model = onnx_model(network, network.num_features, {METADATA_KEY: content})
+    model = onnx_model(network, network.num_features, {METADATA_KEY: bundle.to_json()})
     part: Path | None = None
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         part = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}-"))
-        (part / NETWORK_FILE).write_bytes(model.SerializeToString())
-        (part / BUNDLE_FILE).write_text(content, encoding="utf-8")
+        network_file = model.SerializeToString()
+        (part / NETWORK_FILE).write_bytes(network_file)
+        hashed = replace(bundle, network_sha256=hashlib.sha256(network_file).hexdigest())
+        (part / BUNDLE_FILE).write_text(hashed.to_json(), encoding="utf-8")
         check = _check(part / NETWORK_FILE, network)
         card = model_card(bundle, saved.settings, check.max_difference)
         (part / CARD_FILE).write_text(card, encoding="utf-8")

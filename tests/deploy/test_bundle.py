@@ -22,14 +22,15 @@ def bundle() -> Bundle:
 
 
 def test_reading_gives_back_what_was_written(bundle):
-    for original in (bundle, replace(bundle, scores=None)):
+    for original in (bundle, replace(bundle, scores=None), replace(bundle, network_sha256="0f" * 32)):
         copy = Bundle.from_json(original.to_json(), "here")
-        assert (copy.timing, copy.policy, copy.training, copy.scores, copy.terms) == (
+        assert (copy.timing, copy.policy, copy.training, copy.scores, copy.terms, copy.network_sha256) == (
             original.timing,
             original.policy,
             original.training,
             original.scores,
             original.terms,
+            original.network_sha256,
         )
         ours, theirs = asdict(copy.robot), asdict(original.robot)
         assert set(ours) == set(theirs)
@@ -59,12 +60,29 @@ def test_lists_of_numbers_are_on_one_line_and_unchanged(bundle):
         ({"quaternion_order": "xyzw"}, "quaternion_order: is 'xyzw', expected 'wxyz'"),
         ({"control_dt": 0}, "control_dt: is 0.0, expected a positive number"),
         ({"control_dt": None}, "control_dt: is None, expected a finite number"),
+        ({"control_dt": 10**400}, r"control_dt: is 1000.*000, expected a finite number"),
+        ({"version": True}, "version: is True, expected 1"),
+        ({"command.max_steps": 10**400}, "command.max_steps: is 1000.*000, expected at least 1 and at most 1000000"),
         ({"command.max_steps": 0}, "command.max_steps: is 0, expected at least 1"),
         ({"command.window": 0}, "command.window: is 0, expected at least 1"),
         ({"command.window": "3"}, "command.window: is '3', expected a whole number"),
         ({"command": 3}, "command is a int, expected an object"),
         ({"robot.stiffness": [1.0]}, r"robot.stiffness: has shape \(1,\), expected \(29,\)"),
         ({"robot.stiffness": ["a"] * 29}, "robot.stiffness: expected numbers only"),
+        ({"robot.stiffness": ["1.5"] * 29}, "robot.stiffness: expected numbers only"),
+        ({"robot.stiffness": [True] * 29}, "robot.stiffness: expected numbers only"),
+        ({"robot.stiffness": [10**400] * 29}, "robot.stiffness: expected numbers only"),
+        ({"robot.stiffness.3": -1.0}, r"robot.stiffness\[3\]: is -1, expected at least 0"),
+        ({"robot.damping.0": -0.5}, r"robot.damping\[0\]: is -0.5, expected at least 0"),
+        ({"robot.effort_limit.28": -80}, r"robot.effort_limit\[28\]: is -80, expected at least 0"),
+        ({"robot.action_scale.1": 0}, r"robot.action_scale\[1\]: is 0, expected more than 0"),
+        ({"robot.action_scale.1": -0.3}, r"robot.action_scale\[1\]: is -0.3, expected more than 0"),
+        ({"robot.action_scale.1": float("inf")}, "robot.action_scale: expected finite numbers"),
+        ({"robot.joint_range.2": [0.5, -0.5]}, r"robot.joint_range\[2\]: from 0.5 to -0.5, expected lower"),
+        ({"robot.root_height": -0.76}, "robot.root_height: is -0.76, expected a positive number of meters"),
+        ({"robot.bodies.1.quat": [2.0, 0, 0, 0]}, r"robot.bodies\[1\].quat: has length 2, expected 1"),
+        ({"robot.bodies.1.axis": [0, 0, 0]}, r"robot.bodies\[1\].axis: has length 0, expected 1"),
+        ({"network_sha256": 5}, "network_sha256: is 5, expected a text"),
         ({"robot.damping": [float("nan")] * 29}, "robot.damping: expected finite numbers"),
         ({"robot.joint_names": ["a", "a"]}, "robot.joint_names: expected a list of different names"),
         ({"robot.keypoints": ["tail"]}, "robot.keypoints: 'tail' is not the name of a body"),

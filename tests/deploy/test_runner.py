@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from plat.deploy import ObservationBuilder, PolicyRunner
-from plat.errors import BundleError, StateError
+from plat.errors import ActionError, BundleError, StateError
 from plat.export import JointTargetNetwork
 from plat.robots import G1
 from plat.runs import load_policy
@@ -65,14 +65,99 @@ def test_a_state_that_is_not_finite(bundle):
         runner(state_at(now), SomePose(goal), 10)
 
 
-def test_either_of_the_two_copies_of_the_metadata_is_enough(copy):
+@pytest.mark.parametrize("field", ["joint_pos", "joint_vel", "root_pos_w"])
+def test_a_state_that_no_robot_has(bundle, field):
+    runner, (now, goal) = PolicyRunner(bundle), random_qpos(2)
+    state = state_at(now)
+    getattr(state, field)[0] = 1e300
+    with pytest.raises(StateError, match=r"observation: holds \S+e\+\d+, expected numbers that a robot measures"):
+        runner(state, SomePose(goal), 10)
+
+
+@pytest.mark.parametrize("target", [np.full(29, np.nan), np.zeros(3), np.zeros((29, 1))])
+def test_a_last_target_that_no_motor_had(bundle, target):
+    with pytest.raises(StateError, match=r"joint_target: shape \(.*\), expected \(29,\) finite numbers"):
+        PolicyRunner(bundle).reset(target)
+
+
+OLD = pytest.warns(UserWarning, match="bundle.json' does not hold its network's hash: export it again")
+
+
+def change_network(folder, change):
+    """Change the network of a bundle, as one that was exported before bundles held its hash."""
     import onnx
 
-    PolicyRunner(copy / "policy.onnx")
+    model = onnx.load(folder / "policy.onnx")
+    change(model)
+    onnx.save(model, folder / "policy.onnx")
+    content = json.loads((folder / "bundle.json").read_text())
+    del content["network_sha256"]
+    (folder / "bundle.json").write_text(json.dumps(content))
+
+
+def multiply_outputs(model, factor):
+    """Multiply the joint position targets by a number."""
+    import onnx
+
+    graph = model.graph
+    last = next(node for node in graph.node if node.output[0] == "joint_position_target")
+    last.output[0] = "unscaled"
+    graph.initializer.append(onnx.helper.make_tensor("factor", onnx.TensorProto.FLOAT, (), [factor]))
+    graph.node.append(onnx.helper.make_node("Mul", ["unscaled", "factor"], ["joint_position_target"]))
+
+
+@pytest.mark.parametrize("factor", [float("nan"), float("inf")])
+def test_targets_that_are_not_finite_are_neither_returned_nor_remembered(copy, bundle, factor):
+    import onnxruntime
+
+    change_network(copy, lambda model: multiply_outputs(model, factor))
+    with OLD:
+        broken = PolicyRunner(copy)
+    good, poses = PolicyRunner(bundle), random_qpos(4)
+    first = good(state_at(poses[0]), SomePose(poses[1]), 10)
+    broken.reset(first)
+    with pytest.raises(ActionError, match=r"target of joint 'left_hip_pitch' is -?(nan|inf), expected a finite angle"):
+        broken(state_at(poses[2]), SomePose(poses[3]), 10)
+    with pytest.raises(ActionError, match="hold the last targets"):
+        broken.step(state_at(poses[2]), SomePose(poses[3]), 0.2)
+    # its network mended, it goes on from the last target that was sent
+    broken._session = onnxruntime.InferenceSession(str(bundle / "policy.onnx"))
+    again = broken(state_at(poses[2]), SomePose(poses[3]), 9)
+    np.testing.assert_array_equal(again, good(state_at(poses[2]), SomePose(poses[3]), 9))
+
+
+def test_a_network_that_was_changed(copy):
+    import onnx
+
     model = onnx.load(copy / "policy.onnx")
-    model.ClearField("metadata_props")
+    weights = model.graph.initializer[0]
+    weights.raw_data = bytes([weights.raw_data[0] ^ 1]) + weights.raw_data[1:]
     onnx.save(model, copy / "policy.onnx")
-    PolicyRunner(copy)
+    message = r"policy.onnx' has the SHA-256 .*, bundle.json was written with .*: the network was changed"
+    with pytest.raises(BundleError, match=message):
+        PolicyRunner(copy)
+
+
+def test_a_network_that_does_not_run(copy):
+    import onnx
+
+    def gather_beyond_the_end(model):
+        graph = model.graph
+        last = next(node for node in graph.node if node.output[0] == "joint_position_target")
+        last.output[0] = "whole"
+        graph.initializer.append(onnx.helper.make_tensor("columns", onnx.TensorProto.INT64, (29,), [99] * 29))
+        graph.node.append(onnx.helper.make_node("Gather", ["whole", "columns"], ["joint_position_target"], axis=1))
+
+    change_network(copy, gather_beyond_the_end)
+    with OLD, pytest.raises(BundleError, match=r"policy.onnx': the network does not run \(.*\)$"):
+        PolicyRunner(copy)
+
+
+def test_either_of_the_two_copies_of_the_metadata_is_enough(copy):
+    PolicyRunner(copy / "policy.onnx")
+    change_network(copy, lambda model: model.ClearField("metadata_props"))
+    with OLD:
+        PolicyRunner(copy)
     (copy / "bundle.json").unlink()
     with pytest.raises(BundleError, match=r"policy.onnx': no metadata in it and no bundle.json beside it"):
         PolicyRunner(copy)
@@ -99,13 +184,12 @@ def test_of_another_version(copy):
 
 
 def test_a_network_of_other_widths(copy):
-    import onnx
+    def rename(model):
+        model.graph.output[0].name = model.graph.node[-1].output[0] = "action"
+        model.ClearField("metadata_props")
 
-    model = onnx.load(copy / "policy.onnx")
-    model.graph.output[0].name = model.graph.node[-1].output[0] = "action"
-    model.ClearField("metadata_props")
-    onnx.save(model, copy / "policy.onnx")
-    with pytest.raises(BundleError, match=r"policy.onnx': input and output .*'action', 29.*, expected "):
+    change_network(copy, rename)
+    with OLD, pytest.raises(BundleError, match=r"policy.onnx': input and output .*'action', 29.*, expected "):
         PolicyRunner(copy)
 
 
