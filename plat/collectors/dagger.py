@@ -9,6 +9,7 @@ from torch import Tensor
 from torchrl.data import LazyTensorStorage, RandomSampler, TensorDictReplayBuffer
 
 from plat.collectors.goals import PrivilegedGoals
+from plat.errors import ActionError
 from plat.motions.library import MotionLibrary
 from plat.precision import Precision, autocast
 
@@ -40,12 +41,20 @@ class ExpertLabels:
 
     @torch.no_grad()
     def __call__(self, rollout: TensorDictBase) -> TensorDictBase:
-        """Return states ``[N * T]`` with ``expert_action``, from a rollout ``[N, T]``."""
+        """Return states ``[N * T]`` with ``expert_action``, from a rollout ``[N, T]``.
+
+        Raises:
+            ActionError: naming the entry, for states or labels that are not finite: they must not enter a buffer.
+        """
         flat = rollout.exclude("next").reshape(-1)
-        if self._expert is None:
-            return flat.select(*self._keys)
-        with autocast(rollout.device, self._precision):
-            return self._expert(flat).select(*self._keys)
+        if self._expert is not None:
+            with autocast(rollout.device, self._precision):
+                flat = self._expert(flat)
+        states = flat.select(*self._keys)
+        for key in self._keys:
+            if not states.get(key).isfinite().all():
+                raise ActionError(f"rollout: {key} holds NaN or infinity; nothing of it is kept")
+        return states
 
 
 class MixedPolicy(TensorDictModuleBase):

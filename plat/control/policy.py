@@ -8,6 +8,7 @@ from tensordict.nn import TensorDictModuleBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from plat.deploy import ObservationBuilder, Pose, RobotState
+from plat.errors import ActionError
 from plat.robots.describe import describe_robot
 from plat.robots.robot import Robot
 from plat.spec.timing import Timing, timing_of
@@ -42,6 +43,7 @@ class PolicyController:
         self.timing = timing or timing_of(policy) or Timing()
         description = describe_robot(robot, self.timing.control_dt)
         self._observe = ObservationBuilder(description, self.timing.max_steps)
+        self._joint_names = description.joint_names
         self._default = description.default_joint_pos
         self._scale = description.action_scale
         self.reset()
@@ -53,12 +55,22 @@ class PolicyController:
 
     @torch.no_grad()
     def __call__(self, state: RobotState, keyframe: Pose, steps_left: int) -> NDArray[np.float64]:
-        """Compute joint targets; see :class:`plat.control.Controller`."""
+        """Compute joint targets; see :class:`plat.control.Controller`.
+
+        Raises:
+            ActionError: for an action that is not finite, naming the joint; it is not remembered.
+        """
         values = torch.from_numpy(self._observe(state, keyframe, steps_left, self._last_action))[None]
         observation = TensorDict({}, [1])
         for term in self._observe.terms:
             observation[tuple(term.name.split("."))] = values[:, term.start : term.stop]
         with set_exploration_type(ExplorationType.DETERMINISTIC):
-            action = self._policy(observation)["action"][0]
-        self._last_action = action.double().numpy()
+            action = self._policy(observation)["action"][0].double().numpy()
+        wrong = np.flatnonzero(~np.isfinite(action))
+        if wrong.size:
+            raise ActionError(
+                f"the policy's action for joint {self._joint_names[wrong[0]]!r} is {action[wrong[0]]}, expected finite "
+                "numbers"
+            )
+        self._last_action = action
         return self._default + self._scale * self._last_action

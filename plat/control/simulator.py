@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plat.deploy import Pose, RobotState
-from plat.errors import RobotError
+from plat.errors import ActionError, RobotError
 from plat.spec.timing import Timing
 
 __all__ = ["Simulator"]
@@ -72,9 +72,21 @@ class Simulator:
         )
 
     def step(self, joint_target: NDArray[np.floating]) -> None:
-        """Hold joint position targets ``[J]`` (rad) for a control step."""
+        """Hold joint position targets ``[J]`` (rad) for a control step.
+
+        Raises:
+            ActionError: for a target that is not finite, naming the joint; when the simulation diverges. MuJoCo would
+                go on with the robot upright in its start.
+        """
+        wrong = np.flatnonzero(~np.isfinite(joint_target))
+        if wrong.size:
+            name = self.model.actuator(wrong[0]).name
+            raise ActionError(f"the target of joint {name!r} is {joint_target[wrong[0]]}, expected a finite angle")
+        time = self.data.time
         self.data.ctrl[:] = joint_target
         mujoco.mj_step(self.model, self.data, self.substeps)
+        if self.data.time < time:  # MuJoCo resets a simulation with a bad state, and its clock
+            raise ActionError(f"the simulation diverged {time:.2f} s after its start: targets or pushes are too large")
 
     def push(self, velocity_w: NDArray[np.floating]) -> None:
         """Add ``velocity_w`` ``[3]`` (m/s, world) to the velocity of the whole robot at once: a shove."""

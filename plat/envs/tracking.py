@@ -6,24 +6,20 @@ from torch import Tensor
 from torchrl.data import Binary, Composite, Unbounded
 from torchrl.envs import EnvBase
 
+from plat.envs.broken import BrokenRobots
 from plat.envs.physics import BatchedPhysics, PhysicsFactory
 from plat.envs.settings import ResetNoise
-from plat.errors import ActionError, MotionError, RobotError
+from plat.errors import MotionError, RobotError
 from plat.motions.library import MotionLibrary
 from plat.robots.robot import FootContacts
 from plat.rotations import quat_from_rotvec, quat_multiply, quat_rotate_inverse
 from plat.spec.observation import as_observed, entry_shapes
 
-__all__ = ["ABSURD_ACTION", "MotionTrackingEnv", "ResetNoise"]
+__all__ = ["MotionTrackingEnv", "ResetNoise"]
 
 # Sensors of a robot, and how many numbers each reads: contacts found, and for a foot the force on it (N).
 _SENSORS = {"left_foot_contact": 4, "right_foot_contact": 4, "ground_contact": 1, "self_contact": 1}
 _DONE_KEYS = ("done", "terminated", "truncated")
-
-ABSURD_ACTION = 1e4
-"""Actions beyond this, or not finite, terminate their robot: motors saturate at a few units."""
-# This many consecutive control steps with broken robots mean that the policy is broken.
-_BROKEN_STEPS = 50
 
 
 class MotionTrackingEnv(EnvBase):
@@ -119,9 +115,8 @@ class MotionTrackingEnv(EnvBase):
         """Robots ``[N]`` whose targets reach the motors one control step late."""
         self._frame = torch.zeros(num_envs, dtype=torch.int64, device=self.device)
         self._last_action = torch.zeros(num_envs, robot.num_joints, device=self.device)
-        self.num_broken = 0
-        """How often a robot was terminated because its action was absurd or its simulation diverged."""
-        self._broken_steps = 0
+        self.broken = BrokenRobots()
+        """Finds robots to terminate because their action is absurd or their simulation diverged."""
         self._make_specs()
         self._check_sensors()
 
@@ -183,9 +178,7 @@ class MotionTrackingEnv(EnvBase):
         )
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        action = tensordict["action"]
-        absurd = ~(action.abs() <= ABSURD_ACTION).all(-1)  # true for NaN as well
-        action = torch.where(absurd[:, None], 0.0, action)
+        action = self.broken.sound(tensordict["action"])
         applied = torch.where(self.delayed[:, None], self._last_action, action)
         target = self._default_joint_pos + self._action_scale * applied - self.encoder_bias
         self.physics.step(target, self.decimation)
@@ -194,25 +187,10 @@ class MotionTrackingEnv(EnvBase):
         truncated = (self._frame >= self.library.last_frame[self._frame])[:, None]
         out = self._observe()
         out["reward"] = torch.zeros(self.num_envs, 1, device=self.device)
-        broken = absurd | self.physics.diverged()
-        self._count_broken(broken)
-        out["terminated"] = broken[:, None]
+        out["terminated"] = self.broken.found(self.physics.diverged())[:, None]
         out["truncated"] = truncated
         out["done"] = out["terminated"] | truncated
         return out
-
-    def _count_broken(self, broken: Tensor) -> None:
-        if not broken.any():
-            self._broken_steps = 0
-            return
-        self.num_broken += int(broken.sum())
-        self._broken_steps += 1
-        if self._broken_steps >= _BROKEN_STEPS:
-            raise ActionError(
-                f"{int(broken.sum())} of {self.num_envs} robots had actions that are not finite or beyond "
-                f"{ABSURD_ACTION:g}, or left the simulation's bounds, and some did for {_BROKEN_STEPS} control steps "
-                "in a row: the policy is broken"
-            )
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_: object) -> TensorDictBase:
         mask = None if tensordict is None else tensordict.get("_reset", None)

@@ -12,6 +12,7 @@ from torchrl.envs.utils import ExplorationType
 from torchrl.objectives.common import LossModule
 
 from plat.objectives.divergence import gaussian_kl
+from plat.objectives.finite import check_loss
 
 __all__ = ["ImitationLoss", "LatentImitationLoss"]
 
@@ -106,7 +107,11 @@ class LatentImitationLoss(LossModule):
 
     @dispatch
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Compute the losses of a batch ``[B]``."""
+        """Compute the losses of a batch ``[B]``.
+
+        Raises:
+            ActionError: when one of them is not finite.
+        """
         keys = self.tensor_keys
         expert_action = tensordict.get(keys.expert_action)
         out = self.policy(tensordict.select(*self.policy.in_keys))
@@ -115,11 +120,15 @@ class LatentImitationLoss(LossModule):
         posterior, prior = out.get(keys.posterior), out.get(keys.prior)
         kl = self.divergence(*(group.get(name) for group in (posterior, prior) for name in self.parameter_names))
         penalized = kl.clamp_min(self.free_bits) if self.free_bits else kl
+        losses = {
+            "loss_posterior": posterior_error.sum(-1).mean(),
+            "loss_prior": self.prior_weight * prior_error.sum(-1).mean(),
+            "loss_kl": self.beta * penalized.sum(-1).mean(),
+        }
+        check_loss(torch.stack([*losses.values()]).sum(), "imitation loss")
         return TensorDict(
             {
-                "loss_posterior": posterior_error.sum(-1).mean(),
-                "loss_prior": self.prior_weight * prior_error.sum(-1).mean(),
-                "loss_kl": self.beta * penalized.sum(-1).mean(),
+                **losses,
                 "kl": kl.detach().sum(-1).mean(),
                 "posterior_error": posterior_error.detach().mean().sqrt(),
                 "prior_error": prior_error.detach().mean().sqrt(),
@@ -170,7 +179,12 @@ class ImitationLoss(LossModule):
 
     @dispatch
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Compute the loss of a batch ``[B]``."""
+        """Compute the loss of a batch ``[B]``.
+
+        Raises:
+            ActionError: when it is not finite.
+        """
         out = self.policy(tensordict.select(*self.policy.in_keys))
         error = (out.get(self.tensor_keys.action) - tensordict.get(self.tensor_keys.expert_action)).square()
-        return TensorDict({"loss_imitation": error.sum(-1).mean(), "error": error.detach().mean().sqrt()})
+        loss = check_loss(error.sum(-1).mean(), "imitation loss")
+        return TensorDict({"loss_imitation": loss, "error": error.detach().mean().sqrt()})

@@ -11,7 +11,9 @@ from torch.distributions import Normal
 from torchrl.objectives import ClipPPOLoss, KLAdaptiveLR
 from torchrl.objectives.value import GAE
 
+from plat.errors import ActionError
 from plat.objectives.divergence import gaussian_kl
+from plat.objectives.finite import check_loss
 from plat.objectives.settings import PPOConfig
 from plat.precision import autocast
 
@@ -95,6 +97,9 @@ class PPO:
         Returns:
             ``policy_loss``, ``value_loss``, ``entropy``, ``kl``, ``clip_fraction``, ``explained_variance``, ``lr``
             and ``std``, averaged over the updates.
+
+        Raises:
+            ActionError: for a rollout or a gradient that is not finite; the weights stay what they were before it.
         """
         data = self.prepare(rollout)
         if gradient is not None:
@@ -120,7 +125,9 @@ class PPO:
                     optimizer.zero_grad()
                 loss.backward()
                 for optimizer in optimizers:
-                    nn.utils.clip_grad_norm_(optimizer.param_groups[0]["params"], self.config.grad_norm)
+                    norm = nn.utils.clip_grad_norm_(optimizer.param_groups[0]["params"], self.config.grad_norm)
+                    check_loss(norm, "PPO: norm of the gradient")
+                for optimizer in optimizers:
                     optimizer.step()
                 updates += 1
                 for name in ("loss_objective", "loss_critic", "entropy", "clip_fraction"):
@@ -177,6 +184,9 @@ class PPO:
         data.update(seen.select(*self.critic.in_keys))
         for key in ("advantage", "value_target", "state_value"):
             data[key] = signals[key]
+        for key, values in data.items(True, True):
+            if not values.isfinite().all():
+                raise ActionError(f"PPO: {key!r} of the rollout holds NaN or infinity; nothing was learned from it")
         return data.reshape(-1)
 
     def _autocast(self, data: TensorDictBase) -> AbstractContextManager:

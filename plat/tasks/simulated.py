@@ -6,6 +6,7 @@ from torch import Tensor
 from torchrl.data import Binary, Composite, Unbounded
 from torchrl.envs import EnvBase
 
+from plat.envs.broken import BrokenRobots
 from plat.envs.physics import BatchedPhysics
 from plat.envs.state import GeneralizedState, joint_target
 from plat.robots.robot import FootContacts
@@ -20,7 +21,8 @@ class SimulatedTask(EnvBase):
     """N simulated robots with a :class:`Task`. The reward of a step is its cost, negative.
 
     Beside the task's observation it writes ``robot_state``, the packed :class:`plat.envs.GeneralizedState`
-    ``[N, 13 + 2 J]``, and the task's memory as the group ``"memory"``: what imagined rollouts start from.
+    ``[N, 13 + 2 J]``, and the task's memory as the group ``"memory"``: what imagined rollouts start from. A robot whose
+    action is absurd or not finite, or whose simulation diverges, is terminated.
 
     Args:
         task: the task.
@@ -54,6 +56,8 @@ class SimulatedTask(EnvBase):
         model.opt.timestep = task.dt / decimation
         self.physics = BatchedPhysics(model, num_envs, num_threads, device)
         self.decimation = decimation
+        self.broken = BrokenRobots()
+        """Finds robots to terminate because their action is absurd or their simulation diverged."""
         self._make_specs()
 
     def _make_specs(self) -> None:
@@ -72,10 +76,11 @@ class SimulatedTask(EnvBase):
         return GeneralizedState.unpack(torch.cat((self.physics.read("qpos"), self.physics.read("qvel")), -1))
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        task, action = self.task, tensordict["action"]
+        task, action = self.task, self.broken.sound(tensordict["action"])
         self.physics.step(joint_target(task.robot, action), self.decimation)
         state, memory = self._state(), task.advance(tensordict["memory"], action)
-        cost, failed = task.cost(state, memory), task.failed(state, memory) | ~_finite(state)
+        broken = self.broken.found(self.physics.diverged() | ~_finite(state))
+        cost, failed = task.cost(state, memory), task.failed(state, memory) | broken
         truncated = task.finished(memory) & ~failed
         task.record_failures(memory[failed])
         out = self._entries(state, task.renew(memory))

@@ -1,8 +1,10 @@
+import pytest
 import torch
 from torchrl.collectors import Collector
 
 from plat.collectors import LOOKUP_KEYS, ExpertLabels, MixedPolicy, dagger_buffer
 from plat.envs import make_keyframe_env
+from plat.errors import ActionError
 from plat.modules import STUDENT_KEYS, Expert, ExpertConfig, LatentPolicy
 from plat.robots import G1
 from tests.modules.policies.test_student import SMALL
@@ -96,3 +98,12 @@ def test_buffer_survives_a_checkpoint(library, tmp_path):
     assert torch.equal(other[:]["expert_action"], buffer[:]["expert_action"])
     other.extend(states)
     assert len(other) == 50
+
+
+@pytest.mark.parametrize("entry", [("robot", "joint_vel"), ("dense_goal", "joint_pos")])
+def test_states_that_are_not_finite_are_not_labeled(library, entry):
+    _, labels = labeller()
+    rollout = make_keyframe_env(library, 4).rollout(3, break_when_any_done=False)
+    rollout[entry].view(-1)[50] = float("nan")
+    with pytest.raises(ActionError, match=r"rollout: .* holds NaN or infinity; nothing of it is kept"):
+        labels(rollout)

@@ -6,6 +6,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 from plat.control import PolicyController, Simulator
 from plat.deploy import RobotState
 from plat.envs import make_keyframe_env
+from plat.errors import ActionError
 from plat.keyframes import Keyframe, standing
 from plat.modules import Expert, ExpertConfig, LatentPolicy, LatentPolicyConfig, PlainPolicy
 from plat.modules.policies.student import STUDENT_KEYS
@@ -97,3 +98,24 @@ def test_the_last_action_is_remembered_until_a_reset_and_can_be_handed_over():
     assert kept.any()
     assert not forgotten.any()
     np.testing.assert_allclose(handed, kept, atol=1e-6)
+
+
+def test_an_action_that_is_not_finite_is_not_remembered():
+    simulator = Simulator(G1.model())
+    simulator.reset(standing(G1))
+
+    class Broken(Recorder):
+        def forward(self, tensordict):
+            tensordict = super().forward(tensordict)
+            if len(self.seen) == 2:
+                tensordict["action"][0, 3] = torch.nan
+            return tensordict
+
+    recorder = Broken()
+    controller = PolicyController(recorder, G1)
+    target = controller(simulator.state(), standing(G1), 5)
+    with pytest.raises(ActionError, match="the policy's action for joint 'left_knee' is nan"):
+        controller(simulator.state(), standing(G1), 4)
+    controller(simulator.state(), standing(G1), 3)
+    kept = G1.default_joint_pos + G1.action_scale * recorder.seen[-1]["robot", "last_action"][0]
+    np.testing.assert_allclose(kept, target, atol=1e-6)

@@ -5,7 +5,7 @@ import torch
 
 from plat.control import Simulator
 from plat.envs import BatchedPhysics
-from plat.errors import RobotError
+from plat.errors import ActionError, RobotError
 from plat.keyframes import Keyframe, standing
 from plat.robots import G1
 
@@ -77,3 +77,20 @@ def test_finer_physics_take_more_steps_and_time_steps_that_do_not_fit_are_refuse
     model.opt.timestep = 0.003
     with pytest.raises(RobotError, match=r"physics time step of 0.003 s, expected a whole fraction of .* 0.02 s"):
         Simulator(model)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_target_that_is_not_finite(simulator, value):
+    target, before = np.zeros(29), simulator.data.qpos.copy()
+    target[3] = value
+    with pytest.raises(ActionError, match="target of joint 'left_knee_joint' is (nan|inf), expected a finite angle"):
+        simulator.step(target)
+    np.testing.assert_array_equal(simulator.data.qpos, before)
+
+
+def test_a_simulation_that_diverges(simulator):
+    for _ in range(3):
+        simulator.step(np.zeros(29))
+    simulator.push(np.array([1e12, 0.0, 0.0]))
+    with pytest.raises(ActionError, match=r"the simulation diverged 0.06 s after its start"):
+        simulator.step(np.zeros(29))

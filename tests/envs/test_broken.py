@@ -5,7 +5,8 @@ import torch
 from tensordict.nn import TensorDictModule
 
 from plat.envs import MotionTrackingEnv, make_keyframe_env
-from plat.envs.tracking import ABSURD_ACTION
+from plat.envs.broken import ABSURD_ACTION
+from plat.envs.transforms import pop_statistics
 from plat.errors import ActionError
 from plat.motions import MotionLibrary
 
@@ -28,7 +29,7 @@ def test_a_robot_with_an_absurd_action_is_terminated_and_its_siblings_are_untouc
         if broken:
             actions[1, 7] = value
         after.append(step(env, actions))
-        assert env.num_broken == int(broken)
+        assert env.broken.count == int(broken)
     assert after[0]["terminated"][:, 0].tolist() == [False, False, False]
     assert after[1]["terminated"][:, 0].tolist() == [False, True, False]
     assert after[1]["done"][:, 0].tolist() == [False, True, False]
@@ -58,6 +59,8 @@ def test_tasks_keep_the_termination(library: MotionLibrary) -> None:
     tensordict = env.reset()
     tensordict["action"] = torch.tensor([0.0, math.nan])[:, None].expand(2, 29).clone()
     assert bool(env.step(tensordict)["next", "terminated"][1])
+    assert pop_statistics(env)["broken"] == 1.0
+    assert "broken" not in pop_statistics(env)
 
 
 def test_a_policy_that_goes_on_like_that_is_stopped_by_one_line(library: MotionLibrary) -> None:

@@ -5,6 +5,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from plat.collectors import ExpertLabels, PrivilegedGoals
 from plat.envs import make_keyframe_env
+from plat.errors import ActionError
 from plat.modules import STUDENT_KEYS, Expert, LatentPolicy, PlainPolicy
 from plat.objectives import ImitationLoss, LatentImitationLoss, gaussian_kl
 from plat.robots import G1
@@ -170,3 +171,15 @@ def test_the_student_learns(batch, kind):
         total.backward()
         optimizer.step()
     assert error() < 0.3 * before
+
+
+@pytest.mark.parametrize("entry", [("robot", "joint_vel"), "expert_action"])
+@pytest.mark.parametrize("kind", [LatentPolicy, PlainPolicy])
+def test_a_batch_that_is_not_finite_is_refused(batch, kind, entry):
+    loss_class = LatentImitationLoss if kind is LatentPolicy else ImitationLoss
+    loss = loss_class(kind(G1).training_graph())
+    spoilt = batch.clone()
+    spoilt[entry][7, 2] = float("nan")
+    with pytest.raises(ActionError, match="imitation loss: nan, expected a finite number; nothing was learned"):
+        loss(spoilt)
+    loss(batch)

@@ -8,6 +8,7 @@ from torch import nn
 from torch.distributions import Independent, Normal, kl_divergence
 
 from plat.envs import make_keyframe_env
+from plat.errors import ActionError
 from plat.modules import (
     STUDENT_KEYS,
     Critic,
@@ -188,3 +189,29 @@ def test_an_outside_gradient_is_what_the_mean_gets():
     (along,) = torch.autograd.grad(toy.ppo.loss.normal.loc.sum(), toy.actor[0].module[-1].bias, retain_graph=True)
     torch.testing.assert_close(along, torch.tensor([float(len(data))]))
     assert losses["loss_objective"].requires_grad
+
+
+@pytest.mark.parametrize("entry", ["x", "action", ("next", "reward"), "action_log_prob"])
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_a_rollout_that_is_not_finite_teaches_nothing(entry, value):
+    toy = Toy()
+    rollout = toy.rollout()
+    rollout[entry].view(-1)[5] = value
+    before = [parameter.clone() for parameter in (*toy.actor.parameters(), *toy.critic.parameters())]
+    with pytest.raises(ActionError, match=r"PPO: .* of the rollout holds NaN or infinity; nothing was learned"):
+        toy.ppo.step(rollout)
+    after = [*toy.actor.parameters(), *toy.critic.parameters()]
+    assert all(torch.equal(old, new) for old, new in zip(before, after, strict=True))
+
+
+def test_a_gradient_that_is_not_finite_is_not_followed():
+    toy = Toy()
+    rollout = toy.rollout()
+    before = [parameter.clone() for parameter in (*toy.actor.parameters(), *toy.critic.parameters())]
+    gradient = torch.zeros(64, 8, 1)
+    gradient[3, 2] = float("inf")
+    with pytest.raises(ActionError, match=r"PPO: norm of the gradient: (nan|inf), expected a finite number"):
+        toy.ppo.step(rollout, gradient=gradient)
+    after = [*toy.actor.parameters(), *toy.critic.parameters()]
+    assert sum(not torch.equal(old, new) for old, new in zip(before, after, strict=True)) in (0, len(before))
+    assert all(parameter.isfinite().all() for parameter in after)

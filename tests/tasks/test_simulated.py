@@ -1,3 +1,6 @@
+import math
+
+import pytest
 import torch
 from tensordict import TensorDict
 from torchrl.envs.utils import check_env_specs
@@ -43,3 +46,31 @@ def test_only_failed_robots_start_again(library):
     after = env.reset(tensordict.set("_reset", reset))["robot_state"]
     assert after[1:3].equal(before[1:3])
     assert not after[0].equal(before[0])
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, 1e30])
+def test_a_robot_with_an_absurd_action_is_terminated_and_its_siblings_are_untouched(library, value):
+    after = []
+    for broken in (False, True):
+        torch.manual_seed(0)
+        env = SimulatedTask(Stand(G1), 3)
+        tensordict = env.reset()
+        tensordict["action"] = torch.zeros(3, 29)
+        if broken:
+            tensordict["action"][1, 7] = value
+        after.append(env.step(tensordict)["next"])
+        assert env.broken.count == int(broken)
+    assert after[1]["terminated"][:, 0].tolist() == [False, True, False]
+    same = [step["robot_state"][[0, 2]] for step in after]
+    torch.testing.assert_close(*same, rtol=0, atol=0)
+    assert all(entry.isfinite().all() for entry in after[1].values(True, True) if entry.is_floating_point())
+
+
+def test_a_simulation_that_diverges_is_terminated(library):
+    env = SimulatedTask(Stand(G1), 2)
+    tensordict = env.reset()
+    qpos, qvel = env.physics.state()
+    qvel[1, 10] = 1e12  # MuJoCo resets it in the next step, upright at the origin
+    env.physics.set_state(torch.arange(2), qpos.double(), qvel.double())
+    tensordict["action"] = torch.zeros(2, 29)
+    assert env.step(tensordict)["next", "terminated"][:, 0].tolist() == [False, True]

@@ -8,6 +8,7 @@ from torch import Tensor
 from torchrl.data import Composite, Unbounded
 from torchrl.envs import Transform, TransformedEnv
 
+from plat.envs.broken import BrokenRobots
 from plat.errors import TaskError
 
 __all__ = ["ObservationTransform", "Statistics", "check_entries", "check_step_entries", "pop_statistics"]
@@ -43,12 +44,18 @@ class Statistics:
 
 
 def pop_statistics(env: TransformedEnv) -> dict[str, float]:
-    """Return the means that an environment's transforms gathered since the last call."""
+    """Return the means that an environment's transforms gathered since the last call.
+
+    ``broken`` counts the robots that were terminated for an absurd action or a diverged simulation, if there were any.
+    """
     means: dict[str, float] = {}
     for transform in env.transform:
         statistics = getattr(transform, "statistics", None)
         if isinstance(statistics, Statistics):
             means.update(statistics.pop())
+    broken = getattr(env.base_env, "broken", None)
+    if isinstance(broken, BrokenRobots) and (count := broken.pop()):
+        means["broken"] = float(count)
     return means
 
 
