@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from plat.collectors.dagger import LOOKUP_KEYS, ExpertLabels, MixedPolicy, dagger_buffer
     from plat.collectors.goals import PrivilegedGoals, strided_offsets
     from plat.collectors.replay import RolloutReplay
-    from plat.collectors.rollouts import rollouts, simulation_threads
+    from plat.collectors.rollouts import Rollouts, rollouts, simulation_threads
 else:
     lazy(__name__)
 
@@ -18,6 +18,7 @@ __all__ = [
     "MixedPolicy",
     "PrivilegedGoals",
     "RolloutReplay",
+    "Rollouts",
     "dagger_buffer",
     "rollouts",
     "simulation_threads",

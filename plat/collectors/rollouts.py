@@ -1,63 +1,88 @@
 """Rollout collection: TorchRL's collector, set up for robots that are simulated in this process."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from typing import Any
 
 import torch
-from tensordict import TensorDictBase
+from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torchrl.collectors import Collector
 from torchrl.envs import EnvBase
 
 from plat.precision import Precision, autocast
 
-__all__ = ["rollouts", "simulation_threads"]
+__all__ = ["Rollouts", "rollouts", "simulation_threads"]
 
 # Below this many robots a second PyTorch thread costs the physics pool more than it gains the transforms: its
 # threads spin while they wait, on cores that the pool needs.
 _ROBOTS_PER_THREAD = 1024
 
 
-def rollouts(
-    env: EnvBase, policy: TensorDictModuleBase, steps: int, precision: Precision = "auto"
-) -> Iterator[TensorDictBase]:
-    """Yield rollouts ``[N, steps]`` of a policy without end, each continuing the last one.
+class Rollouts(Iterator[TensorDictBase]):
+    """Iterator over rollouts ``[N, steps]`` of a policy without end, each continuing the last one.
 
-    During simulation PyTorch uses few threads; between rollouts, where the caller learns, as many as before.
+    During simulation PyTorch uses few threads; between rollouts, where the caller learns, as many as before. Its state
+    holds the robots: a run that is restored goes on with the very next step.
 
     Args:
-        env: N robots.
+        env: N robots. They are reset here.
         policy: writes ``action``.
         steps: control steps of each robot in a rollout.
         precision: of the networks' hidden layers, see :func:`plat.objectives.autocast`. With the precision of the
             updates, the loss computes the same probability of an action as the acting policy.
 
     >>> from plat.envs import make_tracking_env
-    >>> from plat.motions import MotionLibrary
-    >>> from plat.robots import G1
-    >>> from plat.motions import generate_motions
     >>> from plat.modules import Expert
+    >>> from plat.motions import MotionLibrary, generate_motions
+    >>> from plat.robots import G1
     >>> env = make_tracking_env(MotionLibrary.from_clips(generate_motions("train", seconds=8)), num_envs=2)
-    >>> next(rollouts(env, Expert(G1).actor(), steps=3)).shape
+    >>> next(Rollouts(env, Expert(G1).actor(), steps=3)).shape
     torch.Size([2, 3])
     """
-    num_envs = env.batch_size[0]
-    collector = Collector(
-        env,
-        _AtPrecision(policy, env.device, precision),
-        frames_per_batch=num_envs * steps,
-        track_traj_ids=False,
-        trust_policy=True,
-        auto_register_policy_transforms=False,
-    )
-    batches = iter(collector)
-    try:
-        while True:
-            with simulation_threads(num_envs):
-                rollout = next(batches)
-            yield rollout
-    finally:
-        collector.shutdown()
+
+    def __init__(self, env: EnvBase, policy: TensorDictModuleBase, steps: int, precision: Precision = "auto"):
+        self.env = env
+        self._collector = Collector(
+            env,
+            _AtPrecision(policy, env.device, precision),
+            frames_per_batch=env.batch_size[0] * steps,
+            track_traj_ids=False,
+            trust_policy=True,
+            auto_register_policy_transforms=False,
+        )
+        self._batches = iter(self._collector)
+
+    def __next__(self) -> TensorDictBase:
+        with simulation_threads(self.env.batch_size[0]):
+            return next(self._batches)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the state from which the next rollout is the same: robots, transforms and the last observation."""
+        base = getattr(self.env, "base_env", self.env)
+        return {
+            "observation": self._collector._carrier.to_dict(),
+            "transforms": self.env.state_dict() if base is not self.env else {},
+            "robots": base.state_dict(),
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restore a state of :meth:`state_dict`.
+
+        Raises:
+            StateError: when it is of another number of robots, or of another model.
+        """
+        base, carrier = getattr(self.env, "base_env", self.env), self._collector._carrier
+        base.load_state_dict(state["robots"])
+        if base is not self.env:
+            self.env.load_state_dict(state["transforms"])
+        observation = TensorDict(state["observation"], self.env.batch_size, device=self.env.device)
+        self._collector._carrier = observation if carrier.device is not None else observation.clear_device_()
+
+
+def rollouts(env: EnvBase, policy: TensorDictModuleBase, steps: int, precision: Precision = "auto") -> Rollouts:
+    """Return :class:`Rollouts` of a policy: ``for rollout in rollouts(env, policy, steps=24): ...``."""
+    return Rollouts(env, policy, steps, precision)
 
 
 @contextmanager

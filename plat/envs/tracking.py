@@ -1,5 +1,7 @@
 """Base environment: simulated robots on a motion, joint-level control and reset onto the reference. It has no task."""
 
+from typing import Any
+
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
@@ -289,6 +291,26 @@ class MotionTrackingEnv(EnvBase):
             count,
             device=self.device,
         )
+
+    def get_extra_state(self) -> dict[str, Any]:
+        """Return, for :meth:`state_dict`, what the next steps of all robots depend on."""
+        return {
+            "physics": self.physics.state_dict(),
+            "frame": self._frame,
+            "last_action": self._last_action,
+            "encoder_bias": self.encoder_bias,
+            "delayed": self.delayed,
+            "num_broken": self.num_broken,
+            "broken_steps": self._broken_steps,
+        }
+
+    def set_extra_state(self, state: dict[str, Any]) -> None:
+        """Restore what :meth:`get_extra_state` returned."""
+        self.physics.load_state_dict(state["physics"])
+        self._frame, self._last_action, self.encoder_bias, self.delayed = (
+            state[name].to(self.device).clone() for name in ("frame", "last_action", "encoder_bias", "delayed")
+        )
+        self.num_broken, self._broken_steps = int(state["num_broken"]), int(state["broken_steps"])
 
     def _set_seed(self, seed: int | None) -> None:
         if seed is not None:

@@ -1,5 +1,7 @@
 """Simulated robots with a task: a TorchRL environment."""
 
+from typing import Any
+
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
@@ -101,6 +103,14 @@ class SimulatedTask(EnvBase):
         for key in _DONE_KEYS:
             out[key] = torch.zeros(*self.batch_size, 1, dtype=torch.bool, device=self.device)
         return out
+
+    def get_extra_state(self) -> dict[str, Any]:
+        """Return, for :meth:`state_dict`, the state of the simulations; the task's is beside it."""
+        return self.physics.state_dict()
+
+    def set_extra_state(self, state: dict[str, Any]) -> None:
+        """Restore what :meth:`get_extra_state` returned."""
+        self.physics.load_state_dict(state)
 
     def _set_seed(self, seed: int | None) -> None:
         if seed is not None:

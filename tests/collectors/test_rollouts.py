@@ -1,11 +1,16 @@
+import pytest
 import torch
+from tensordict.nn import TensorDictModule
 
-from plat.collectors import rollouts, simulation_threads
-from plat.envs import make_tracking_env
+from plat.collectors import Rollouts, rollouts, simulation_threads
+from plat.envs import TrackingTaskConfig, make_tracking_env
+from plat.envs.transforms import RandomizationRanges
+from plat.errors import StateError
 from plat.modules import Expert
 from plat.motions import MotionLibrary, generate_motions
 from plat.objectives import autocast
 from plat.robots import G1
+from plat.tasks import SimulatedTask, TimedKeyframes, TimedKeyframesConfig
 
 
 def small_env(num_envs: int = 2):
@@ -18,6 +23,45 @@ def test_each_rollout_goes_on_where_the_last_ended():
     ended, begun = first["next", "motion", "frame"][:, -1], second["motion", "frame"][:, 0]
     going = ~first["next", "done"][:, -1, 0]
     assert torch.equal(begun[going], ended[going])
+
+
+def flailing() -> TensorDictModule:
+    """Actions so wild that robots fall within a second."""
+    return TensorDictModule(lambda x: 3 * torch.randn(len(x), 29), [("robot", "joint_pos")], ["action"])
+
+
+def randomized_env(num_envs: int = 4):
+    config = TrackingTaskConfig(randomization=RandomizationRanges(push_interval=(0.04, 0.1), control_delay=0.5))
+    return make_tracking_env(MotionLibrary.from_clips(generate_motions("train", seconds=8)), num_envs, config)
+
+
+def simulated(num_envs: int = 4):
+    library = MotionLibrary.from_clips(generate_motions("train", seconds=8))
+    return SimulatedTask(TimedKeyframes(library, TimedKeyframesConfig(chains=6)), num_envs)
+
+
+@pytest.mark.parametrize("make", [randomized_env, simulated])
+def test_what_is_restored_goes_on_with_the_very_next_step(make, tmp_path):
+    policy = flailing()
+    first, second = Rollouts(make(), policy, steps=40), Rollouts(make(), policy, steps=40)
+    assert next(first)["next", "done"].any()
+    torch.save(first.state_dict(), tmp_path / "state")
+    generator = torch.get_rng_state()
+    wanted = next(first)
+    next(second)
+    second.load_state_dict(torch.load(tmp_path / "state", weights_only=True))
+    torch.set_rng_state(generator)
+    found = next(second)
+    assert set(found.keys(True, True)) == set(wanted.keys(True, True))
+    assert found["next", "done"].any()
+    for key, value in wanted.items(True, True):
+        assert torch.equal(found[key], value), key
+
+
+def test_a_state_of_other_robots_is_refused():
+    state = Rollouts(simulated(3), flailing(), steps=1).state_dict()
+    with pytest.raises(StateError, match="a state of 3 simulations"):
+        Rollouts(simulated(4), flailing(), steps=1).load_state_dict(state)
 
 
 def test_the_loss_sees_the_probabilities_of_the_policy_that_acted():

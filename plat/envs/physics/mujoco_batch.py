@@ -1,7 +1,7 @@
 """Batched MuJoCo physics: its native pool of threads over simulations, with torch tensors in and out."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import mujoco
@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from plat.envs.physics.protocol import Kinematics
+from plat.errors import StateError
 
 __all__ = ["BatchedPhysics", "available_cpus"]
 
@@ -194,6 +195,28 @@ class BatchedPhysics:
         if field not in self._model_fields:
             self._model_fields[field] = torch.from_numpy(self.batch.expand(field))
         return self._model_fields[field]
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the state from which all simulations go on the same: MuJoCo's, and each one's model parameters."""
+        fields = {name: values.clone() for name, values in self._model_fields.items()}
+        return {"state": torch.from_numpy(self.batch.state.copy()), "fields": fields}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restore a state of :meth:`state_dict`.
+
+        Raises:
+            StateError: when it is of another number of simulations, or of another model.
+        """
+        rows = state["state"].cpu().numpy()
+        if rows.shape != self.batch.state.shape:
+            raise StateError(
+                f"physics: a state of {rows.shape[0]} simulations with {rows.shape[1]} numbers each, expected "
+                f"{self.batch.state.shape[0]} with {self.batch.state.shape[1]}"
+            )
+        for name, values in state["fields"].items():
+            self.model_field(name).copy_(values)
+        self.batch.state[:] = rows
+        self.batch.forward(stage=_STAGE)
 
     def update_constants(self) -> None:
         """Recompute the constants that MuJoCo derives from the model (``mj_setConst``) in every simulation."""

@@ -1,8 +1,8 @@
 """Physics protocol: the interface between environments and their simulator."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import mujoco
 import torch
@@ -76,6 +76,15 @@ class Physics(Protocol):
 
     def push(self, ids: Tensor, velocity: Tensor) -> None:
         """Add to the velocity of the root ``[n, 6]``: linear (m/s, world), then angular (rad/s, root frame)."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return all that the next :meth:`step` depends on, as tensors and numbers: states and parameters.
+
+        A resumed training run goes on from it. A simulator without it cannot be resumed.
+        """
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restore a state of :meth:`state_dict`."""
 
 
 class PhysicsFactory(Protocol):

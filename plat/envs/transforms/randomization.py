@@ -31,6 +31,14 @@ class DomainRandomization(Transform):
         low, high = (seconds / self._env[0].library.dt for seconds in self._ranges.push_interval)
         return (low + (high - low) * torch.rand(count)).long().clamp_min(1)
 
+    def get_extra_state(self) -> Tensor:
+        """Return, for :meth:`state_dict`, the steps to each robot's next push; the parameters are the physics'."""
+        return self._steps_to_push
+
+    def set_extra_state(self, state: Tensor) -> None:
+        """Restore what :meth:`get_extra_state` returned."""
+        self._steps_to_push = state.clone()
+
     def _reset_env_preprocess(self, tensordict: TensorDictBase | None) -> TensorDictBase | None:
         env = self._env[0]
         mask = None if tensordict is None else tensordict.get("_reset", None)

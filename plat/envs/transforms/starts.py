@@ -1,5 +1,7 @@
 """Start sampling: failure-weighted starts, and fixed ones."""
 
+from typing import Any
+
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
@@ -116,6 +118,20 @@ class FailureWeightedStarts(Transform):
         self._failure_cdf = None
         self._scale = 1.0
         self._steps_since_cdf = 0
+
+    def get_extra_state(self) -> dict[str, Any]:
+        """Return, for :meth:`state_dict`, what the next draws depend on beside :attr:`failures`."""
+        return {
+            "failure_cdf": self._failure_cdf,
+            "scale": self._scale,
+            "steps_since_cdf": self._steps_since_cdf,
+        }
+
+    def set_extra_state(self, state: dict[str, Any]) -> None:
+        """Restore what :meth:`get_extra_state` returned."""
+        cdf = state["failure_cdf"]
+        self._failure_cdf = None if cdf is None else cdf.to(self.failures.device)
+        self._scale, self._steps_since_cdf = float(state["scale"]), int(state["steps_since_cdf"])
 
     def _advance(self) -> None:
         self._scale /= self._forget

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from plat.envs import MotionTrackingEnv, make_keyframe_env
-from plat.envs.physics import Kinematics
+from plat.envs.physics import BatchedPhysics, Kinematics
 from plat.envs.transforms import DomainRandomization
 
 
@@ -84,6 +84,31 @@ class PlainPhysics:
         for (model, data), change in zip(self._pairs(ids), velocity.numpy(), strict=True):
             data.qvel[:6] += change
             mujoco.mj_step1(model, data)
+
+    def state_dict(self):
+        spec = mujoco.mjtState.mjSTATE_INTEGRATION
+        states = np.empty((self.num_sims, mujoco.mj_stateSize(self.nominal, spec)))
+        for row, pair in zip(states, self._pairs(None), strict=True):
+            mujoco.mj_getState(*pair, row, spec)
+        return {"states": torch.from_numpy(states)}
+
+    def load_state_dict(self, state):
+        for row, (model, data) in zip(state["states"].numpy(), self._pairs(None), strict=True):
+            mujoco.mj_setState(model, data, row, mujoco.mjtState.mjSTATE_INTEGRATION)
+            mujoco.mj_step1(model, data)
+
+
+@pytest.mark.parametrize("physics", [BatchedPhysics, PlainPhysics])
+def test_a_restored_physics_goes_on_the_same(library, physics):
+    envs = [MotionTrackingEnv(library, 2, physics=physics) for _ in range(2)]
+    tensordicts = [env.reset() for env in envs]
+    action = 0.3 * torch.randn(2, 29)
+    for _ in range(3):
+        tensordicts[0] = envs[0].step(tensordicts[0].set("action", action))["next"].exclude("reward")
+    envs[1].load_state_dict(envs[0].state_dict())
+    ours, theirs = (env.step(tensordicts[0].copy().set("action", action))["next"] for env in envs)
+    for key, value in ours.items(True, True):
+        assert torch.equal(value, theirs[key]), key
 
 
 @pytest.mark.parametrize("randomize", [False, True])
