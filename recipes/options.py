@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal, TypeAlias
 
+from plat.bounds import Bounded, Count, Fraction, Layers, Natural, NonNegative, NotEmpty, Positive, Range, Seed
 from plat.cli.options import Imports, ScoringConfig
 from plat.envs import DistillationTaskConfig, KeyframeTaskConfig, TrackingTaskConfig
 from plat.modules import DynamicsConfig, ExpertConfig, LatentPolicyConfig, RefinementConfig
@@ -11,6 +12,7 @@ from plat.objectives import ImaginationConfig, MotorGradientConfig, PPOConfig
 from plat.precision import Precision
 from plat.recipes.presets import BEST, PRESETS
 from plat.runs import RecipeConfig
+from plat.runs.recipe import Robots
 from plat.tasks import TimedKeyframesConfig, TrackingCosts
 
 __all__ = [
@@ -25,6 +27,11 @@ __all__ = [
     "Training",
 ]
 
+Rollout: TypeAlias = Annotated[int, Range(1, 4096)]
+"""Control steps of a rollout."""
+Share: TypeAlias = Annotated[float, Range(0, 1, above=True)]
+"""Share of the budget."""
+
 
 @dataclass(kw_only=True)
 class ExpertRecipe(RecipeConfig):
@@ -35,13 +42,13 @@ class ExpertRecipe(RecipeConfig):
 
     init: Path | None = None
     """run of an expert to continue from, with other motions, rewards, frames or settings"""
-    init_lr: float = 3e-5
+    init_lr: Positive = 3e-5
     """with --init: upper bound on the initial and the minimum learning rate"""
-    rollout: int = 24
+    rollout: Rollout = 24
     """control steps of each robot between updates"""
-    critic_warmup: int = 10
+    critic_warmup: Natural = 10
     """with --init: rollouts that train only the critic, before the policy is updated"""
-    critic: tuple[int, ...] = (512, 256, 128)
+    critic: Layers = (512, 256, 128)
     """hidden layers of the critic"""
     policy: ExpertConfig = BEST["expert"]["policy"]
     task: TrackingTaskConfig = BEST["expert"]["task"]
@@ -63,31 +70,31 @@ class DistillRecipe(RecipeConfig):
     task: DistillationTaskConfig = field(default_factory=DistillationTaskConfig)
     horizon: Literal["single", "short", "medium", "long", "mixed", "distant", "all"] = "mixed"
     """lengths of the commands; "all" that the timing allows"""
-    rollout: int = 8
+    rollout: Rollout = 8
     """control steps of each robot between updates"""
-    updates: int = 8
+    updates: Count = 8
     """gradient steps after each rollout"""
-    batch_size: int = 2048
+    batch_size: Count = 2048
     """states a gradient step"""
-    buffer_size: int = 200_000
+    buffer_size: Count = 200_000
     """states that are kept"""
-    stride: int = 5
+    stride: Count = 5
     """keep every so-many-th frame of the privileged goal sequence"""
-    prior_weight: float = 1.0
+    prior_weight: NonNegative = 1.0
     """lambda_p: weight of imitation through the prior"""
-    beta: float = 0.01
+    beta: NonNegative = 0.01
     """weight of the divergence"""
-    beta_warmup: float = 0.2
+    beta_warmup: Share = 0.2
     """share of the budget over which beta rises from 0"""
-    free_bits: float = 0.0
+    free_bits: NonNegative = 0.0
     """divergence of each latent dimension that is free (nats)"""
-    expert_share: float = 0.5
+    expert_share: Fraction = 0.5
     """share of the steps that the expert takes at the start"""
-    expert_until: float = 0.2
+    expert_until: Share = 0.2
     """share of the budget over which that falls to 0"""
-    lr: float = 1e-3
+    lr: Positive = 1e-3
     """learning rate at the start; it falls to a tenth along a cosine"""
-    grad_norm: float = 5.0
+    grad_norm: Positive = 5.0
     """gradients are scaled down to this norm"""
     precision: Precision = "auto"
     """precision of the networks' hidden layers"""
@@ -110,11 +117,11 @@ class RefineRecipe(RecipeConfig):
     motor: MotorGradientConfig = field(default_factory=MotorGradientConfig)
     horizon: Literal["single", "short", "medium", "long", "mixed", "distant", "all"] = "mixed"
     """lengths of the commands; "all" that the timing allows"""
-    rollout: int = 24
+    rollout: Rollout = 24
     """control steps of each robot between updates"""
-    critic: tuple[int, ...] = (512, 256, 128)
+    critic: Layers = (512, 256, 128)
     """hidden layers of the critic"""
-    critic_warmup: int = 10
+    critic_warmup: Natural = 10
     """rollouts that train only the critic, before the policy is updated"""
     imports: Imports = ()
     """module that registers policy classes of your own"""
@@ -126,11 +133,11 @@ class ImaginationRecipe(RecipeConfig):
 
     init_model: Path | None = None
     """run whose model of the robot to go on from"""
-    rollout: int = 8
+    rollout: Rollout = 8
     """control steps of each robot between updates"""
-    noise: float = 0.25
+    noise: NonNegative = 0.25
     """standard deviation of the exploration noise, in units of action"""
-    replay: int = 600
+    replay: Count = 600
     """control steps of each robot that are kept"""
     unseen: tuple[str, ...] = ("generated:val@120",)
     """motions on which the model's error is reported"""
@@ -149,7 +156,7 @@ class ExpertModelRecipe(ImaginationRecipe):
     policy: ExpertConfig = field(default_factory=lambda: ExpertConfig(action="reference_velocity", ahead=(1, 2, 5, 10)))
     costs: TrackingCosts = TrackingCosts()
     """weights of the distances from the reference"""
-    uniform_starts: float = 0.3
+    uniform_starts: Fraction = 0.3
     """share of the episodes that start anywhere; the others start where failures are"""
 
 
@@ -168,22 +175,22 @@ class ImagineRecipe(ImaginationRecipe):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Training:
+class Training(Bounded):
     """How rows are trained: the same steps and settings for all rows of a stage."""
 
     motions: tuple[str, ...] = ()
     """motion files, folders or globs to train on"""
     mirror: bool = False
     """train on the mirror image of every motion as well"""
-    expert_steps: int = 12_000_000
+    expert_steps: Count = 12_000_000
     """environment steps of each tracker (stage 1)"""
-    student_steps: int = 3_000_000
+    student_steps: Count = 3_000_000
     """environment steps of each student (stage 2)"""
-    refine_steps: int = 3_000_000
+    refine_steps: Count = 3_000_000
     """environment steps of each refined policy (stage 3)"""
-    seeds: tuple[int, ...] = (0, 1, 2)
+    seeds: Annotated[tuple[Seed, ...], NotEmpty()] = (0, 1, 2)
     """training seeds of the refined policies; trackers and students are trained with the first"""
-    num_envs: int = 512
+    num_envs: Robots = 512
     """robots that are simulated at a time"""
 
 
@@ -203,18 +210,18 @@ class AblationsRecipe(ScoringConfig):
 
 
 @dataclass(kw_only=True)
-class DemoRecipe:
+class DemoRecipe(Bounded):
     """All three stages and the evaluation at a small scale."""
 
     out: Path = Path("runs/demo")
     """folder to write to"""
-    expert_minutes: float = 4.2
+    expert_minutes: Positive = 4.2
     """training time of stage 1"""
-    distill_minutes: float = 2.0
+    distill_minutes: Positive = 2.0
     """training time of stage 2"""
-    refine_minutes: float = 1.0
+    refine_minutes: Positive = 1.0
     """training time of stage 3"""
-    num_envs: int = 512
+    num_envs: Robots = 512
     """robots that are simulated at a time"""
-    seed: int = 0
+    seed: Seed = 0
     """seeds everything that is drawn"""

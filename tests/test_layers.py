@@ -13,6 +13,8 @@ LAYERS = [
     "lazy",
     "version",
     "errors",
+    "bounds",
+    "progress",
     "files",
     "json_file",
     "headless",

@@ -8,10 +8,12 @@ from typing import Annotated, Literal, TypeAlias
 import tyro
 
 from plat.baselines.released import ReleasedTrackers
+from plat.bounds import Bounded, Count, Natural, NonNegative, Positive, Range, Seed
 from plat.envs.transforms.settings import RandomizationRanges
 from plat.motions.checks.settings import ValidationLimits
 from plat.motions.retargeting.options import SolverOptions
 from plat.runs.loggers import LoggerName, chosen_loggers
+from plat.runs.recipe import Robots
 from plat.spec.timing import Timing
 
 __all__ = [
@@ -38,12 +40,14 @@ __all__ = [
 
 Imports: TypeAlias = Annotated[tuple[str, ...], tyro.conf.arg(name="import"), tyro.conf.UseAppendAction]
 """Modules to import before a policy is loaded: ``--import NAME`` for each."""
+Rate: TypeAlias = Annotated[float, Range(1, 1000)]
+"""Frames a second."""
 
 HorizonName = Literal["single", "short", "medium", "long", "mixed", "distant", "all"]
 
 
 @dataclass(kw_only=True)
-class ScoringConfig:
+class ScoringConfig(Bounded):
     """What the recipes that score policies have in common."""
 
     trackers: ReleasedTrackers = field(default_factory=ReleasedTrackers)
@@ -55,9 +59,9 @@ class ScoringConfig:
     """ranges of the domain randomization, and pushes"""
     clip: str | None = None
     """film strips show the first motion whose name this matches; by default the first of all"""
-    seed: int = 0
+    seed: Seed = 0
     """draws the commands, and the disturbances"""
-    num_envs: int = 256
+    num_envs: Robots = 256
     """robots that are simulated at a time; undisturbed, the figures do not depend on it"""
     wandb: bool = False
     """log table and figures to Weights & Biases; offline unless you are logged in"""
@@ -84,7 +88,7 @@ class EvaluateRecipe(ScoringConfig):
     """regular expression: score only motions whose names it matches, as in run|kick"""
     dense: bool = False
     """show policies the reference instead of the keyframe: how well a dense tracker tracks"""
-    authored: int = 0
+    authored: Natural = 0
     """chains per family of authored keyframes to score as well: arms, steps, crouch and so on"""
     domain_randomization: bool = False
     """draw robot, motors and ground anew for each motion, and push the robots"""
@@ -97,7 +101,7 @@ class EvaluateRecipe(ScoringConfig):
 
 
 @dataclass(kw_only=True)
-class PlayRecipe:
+class PlayRecipe(Bounded):
     """Let a policy chase the keyframes of a file."""
 
     policy: Path
@@ -106,13 +110,13 @@ class PlayRecipe:
     """keyframe file, see docs/keyframes.md; plat keyframes makes them out of motions"""
     split: bool = False
     """split intervals longer than the longest command into equal parts; else they are refused"""
-    hold: float = 1.0
+    hold: Annotated[float, Range(0, infinite=True)] = 1.0
     """seconds to hold the last keyframe after its arrival; "inf" with --viewer"""
-    push: float = 0.0
+    push: NonNegative = 0.0
     """shove the robot: change of its horizontal velocity (m/s), in a random direction"""
-    push_every: float = 1.5
+    push_every: Positive = 1.5
     """seconds from shove to shove"""
-    seed: int = 0
+    seed: Seed = 0
     """draws the directions"""
     video: Path | None = None
     """MP4 to write: the keyframe as a ghost, the time left as a bar, red after a failure"""
@@ -125,7 +129,7 @@ class PlayRecipe:
 
 
 @dataclass(kw_only=True)
-class StudioRecipe:
+class StudioRecipe(Bounded):
     """Open the keyframe studio, a web page."""
 
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional] = (
@@ -142,7 +146,7 @@ class StudioRecipe:
     """only folder that the page reads files from and writes files to"""
     host: str = "127.0.0.1"
     """address to listen on; one beyond localhost asks visitors for a token, which is printed"""
-    port: int = 8080
+    port: Annotated[int, Range(1, 65_535)] = 8080
     """port to listen on"""
     robot: str = "g1"
     """robot of the policy: its name, or path of its JSON description"""
@@ -151,14 +155,14 @@ class StudioRecipe:
 
 
 @dataclass(kw_only=True)
-class MotionFiles:
+class MotionFiles(Bounded):
     """Motion files, and how to read them."""
 
     files: Annotated[tuple[str, ...], tyro.conf.Positional]
     """motion files, folders or globs; "generated:val" for the motions that plat makes itself"""
     quat_order: Literal["wxyz", "xyzw"] | None = None
     """order of the root quaternion in these files, where they do not show it"""
-    fps: float | None = None
+    fps: Rate | None = None
     """frames a second of these files, where they do not say it, or say it wrong"""
     strict: bool = False
     """stop at the first bad file of a folder or glob; else it is named and left out"""
@@ -172,7 +176,7 @@ class Inspect(MotionFiles):
 
     out: Path | None = None
     """folder for a contact sheet and a plot a clip"""
-    pictures: int = 20
+    pictures: Natural = 20
     """how many clips get them, those to drop or repair first"""
     limits: ValidationLimits = field(default_factory=ValidationLimits)
 
@@ -185,7 +189,7 @@ class Convert(MotionFiles):
     """a file .npz for all clips, or a folder"""
     format: Literal["npz", "csv"] = "npz"
     """in a folder: an .npz for each file, or a .csv (wxyz, with a header) for each clip"""
-    trim: tuple[float, float] = (0.0, 0.0)
+    trim: tuple[NonNegative, NonNegative] = (0.0, 0.0)
     """seconds to take off the start and the end"""
     ground: Literal["clip", "smooth"] | None = None
     """put the feet on the floor: all frames of a clip alike, or following a floor that drifts"""
@@ -195,7 +199,7 @@ class Convert(MotionFiles):
     """spread isolated single-frame steps of joints over 0.15 s to both sides"""
     clip_limits: bool = False
     """bring joint angles into their limits"""
-    resample: float | None = None
+    resample: Rate | None = None
     """frames a second to write, for files of different rates"""
     drop_bad: bool = False
     """leave out what is to be dropped, after the repairs"""
@@ -211,7 +215,7 @@ class Mirror(MotionFiles):
 
 
 @dataclass(kw_only=True)
-class Retarget:
+class Retarget(Bounded):
     """Turn human motion capture (BVH, ASF and AMC) into motions of the G1."""
 
     files: Annotated[tuple[str, ...], tyro.conf.Positional]
@@ -220,18 +224,18 @@ class Retarget:
     """folder to write to"""
     map: Path | None = None
     """skeleton map (YAML), see docs/retargeting.md; by default one that comes with plat"""
-    fps: float | None = None
+    fps: Rate | None = None
     """frames a second of these files, where they do not say it, or say it wrong"""
     split: bool = False
     """write train.npz, val.npz and test.npz by clip name instead of a file for each capture"""
-    workers: int = field(default_factory=lambda: os.cpu_count() or 1)
+    workers: Annotated[int, Range(1, 1024)] = field(default_factory=lambda: os.cpu_count() or 1)
     """processes to spread the files over, at most; a few files are done in one"""
     solver: SolverOptions = SolverOptions()
     """how inverse kinematics is done"""
 
 
 @dataclass(kw_only=True)
-class FromMotion:
+class FromMotion(Bounded):
     """Take poses of a clip as keyframes."""
 
     motion: Annotated[str, tyro.conf.Positional]
@@ -240,13 +244,13 @@ class FromMotion:
     """keyframe file to write"""
     clip: str | None = None
     """name of the clip, where there are several"""
-    times: tuple[float, ...] = ()
+    times: tuple[NonNegative, ...] = ()
     """seconds of the clip at which the keyframes are"""
-    every: float | None = None
+    every: Positive | None = None
     """instead: evenly to the end of the clip, at most so many seconds apart"""
     names: tuple[str, ...] = ()
     """of the keyframes, in their order"""
-    begin: float = 0.0
+    begin: NonNegative = 0.0
     """second of the clip in which the sequence begins"""
     robot: str = "g1"
     """name of the robot, or path of its JSON description"""
@@ -255,7 +259,7 @@ class FromMotion:
 
 
 @dataclass(kw_only=True)
-class Show:
+class Show(Bounded):
     """Check a file and print what is in it."""
 
     file: Annotated[Path, tyro.conf.Positional]
@@ -269,7 +273,7 @@ class Show:
 
 
 @dataclass(kw_only=True)
-class ExportRecipe:
+class ExportRecipe(Bounded):
     """Write the policy of a run as a bundle for robots and other simulators."""
 
     run: Annotated[Path, tyro.conf.Positional]
@@ -283,7 +287,7 @@ class ExportRecipe:
 
 
 @dataclass(kw_only=True)
-class SimToSimRecipe:
+class SimToSimRecipe(Bounded):
     """Run a bundle in MuJoCo at other physics than it was trained in."""
 
     bundle: Annotated[Path, tyro.conf.Positional]
@@ -294,12 +298,12 @@ class SimToSimRecipe:
     """keyframe files to run as well"""
     robot: str = "g1"
     """name of the robot, or path of its JSON description"""
-    seed: int = 0
+    seed: Seed = 0
     """draws the keyframes' times in each motion, 0.02 to 1 s apart"""
 
 
 @dataclass(kw_only=True)
-class CurvesRecipe:
+class CurvesRecipe(Bounded):
     """Draw learning curves."""
 
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
@@ -308,7 +312,7 @@ class CurvesRecipe:
     """columns of metrics.csv, one panel each"""
     out: Path = Path("curves.png")
     """picture to write (PNG, PDF or SVG)"""
-    smooth: int = 5
+    smooth: Count = 5
     """rows that are averaged"""
 
 

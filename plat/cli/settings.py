@@ -2,16 +2,20 @@
 
 import argparse
 import dataclasses
+import io
+import itertools
+import os
 import re
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, redirect_stderr, suppress
 from importlib import import_module
 from typing import Any
 
 import tyro
 
 from plat.cli.compact import registry
+from plat.errors import PlatError
 from plat.runs.recipe import report_errors
 
 __all__ = ["parse", "run"]
@@ -30,8 +34,10 @@ def parse(kind: Any, args: Sequence[str] | None = None, prog: str | None = None)
     options: dict[str, Any] = {}
     if presets := getattr(kind, "presets", {}):
         names = argparse.ArgumentParser(add_help=False, allow_abbrev=False, prog=prog)
-        names.add_argument("--preset", choices=list(presets))
+        names.add_argument("--preset", nargs="?", default=None, const="")
         chosen, args = names.parse_known_args(args)
+        if chosen.preset not in (None, *presets):
+            sys.exit(f"error: --preset {chosen.preset!r}: expected one of {', '.join(presets)}")
         options["description"] = f"{kind.__doc__} --preset {{{','.join(presets)}}} chooses the defaults."
         if chosen.preset is not None:
             required = {
@@ -39,9 +45,74 @@ def parse(kind: Any, args: Sequence[str] | None = None, prog: str | None = None)
                 for field in dataclasses.fields(kind)
                 if field.default is field.default_factory is dataclasses.MISSING
             }
-            options["default"] = kind(**required, **presets[chosen.preset])
-    with registry(), _plain_help():
-        return tyro.cli(kind, args=args, prog=prog, **options)
+            options["default"] = _unchecked(kind, {**required, **presets[chosen.preset]})
+    try:
+        with registry(), _plain_help(), redirect_stderr(io.StringIO()):
+            return tyro.cli(kind, args=args, prog=prog, **options)
+    except SystemExit as end:
+        if not end.code:  # a help text
+            raise
+    except PlatError as error:
+        sys.exit(f"error: {in_flags(str(error))}; see {prog or 'plat'} --help")
+    with registry(), _wide(), redirect_stderr(io.StringIO()) as told, suppress(SystemExit):
+        tyro.cli(kind, args=args, prog=prog, **options)
+    sys.exit(f"error: {in_flags(one_line(told.getvalue()))}")
+
+
+def one_line(box: str) -> str:
+    """Return the message in a framed text of tyro.
+
+    >>> one_line("╭─ Value error ─╮\\n│ Error parsing --seed: no │\\n│ ──── │\\n│ plat demo --help │\\n╰────╯")
+    '--seed: no; see plat demo --help'
+    """
+    lines = [line.strip("│╭╮╰╯").rstrip() for line in box.splitlines()][1:]
+    inside = list(itertools.takewhile(lambda line: set(line) - {" "} != {"─"}, lines))
+    if inside and inside[0].strip().startswith("Missing from"):
+        inside = ["missing: " + ", ".join(line.strip() for line in inside if re.match(r" {5}\S", line))]
+    text = " ".join(line.strip() for line in inside).removeprefix("Error parsing ")
+    similar = re.split("Perhaps you meant|Arguments similar", box, maxsplit=1)[1:]
+    if meant := re.findall(r"^│ +(--[\w.-]+)", "".join(similar), re.MULTILINE):
+        text += f"; perhaps you meant {' or '.join(dict.fromkeys(meant))}"
+    text = text.replace("invalid literal for int() with base 10:", "expected a whole number, not")
+    text = text.replace("could not convert string to float:", "expected a number, not")
+    helped = re.search(r"plat [\w -]+ --help", box)
+    return text.rstrip(".") + (f"; see {helped[0]}" if helped else "")
+
+
+def in_flags(message: str) -> str:
+    """Return a message about a field of a dataclass with the flag in its place.
+
+    >>> in_flags("ppo: PPOConfig: min_lr is 2, expected less"), in_flags("DemoRecipe: num_envs is 0")
+    ('--ppo.min-lr is 2, expected less', '--num-envs is 0')
+    """
+    found = re.match(r"(?:-*([a-z][\w.-]+): )?(?:[A-Z]\w+: |timing: )+(\w+) is (.*)", message, re.DOTALL)
+    if found is None:
+        return message
+    group, field, rest = found.groups()
+    return f"--{f'{group}.' if group else ''}{field} is ".replace("_", "-") + rest
+
+
+def _unchecked(kind: Any, values: Mapping[str, Any]) -> Any:
+    """Return settings of which some are missing yet, so that their bounds cannot be checked."""
+    settings = object.__new__(kind)
+    for field in dataclasses.fields(kind):
+        made = field.default_factory() if field.default_factory is not dataclasses.MISSING else field.default
+        setattr(settings, field.name, values.get(field.name, made))
+    return settings
+
+
+@contextmanager
+def _wide() -> Iterator[None]:
+    """Keep tyro from breaking lines in the middle of a word."""
+    before = os.environ.get("COLUMNS")
+    os.environ["COLUMNS"] = "4000"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["COLUMNS"]
+        else:
+            os.environ["COLUMNS"] = before
 
 
 class _PlainOutput:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
+from plat.bounds import Bounded, Count, Fraction, NonNegative, Positive
 from plat.envs.settings import ResetNoise
 from plat.envs.transforms.settings import NoiseLevels, RandomizationRanges, TerminationLimits, TrackingLimits
 from plat.envs.transforms.tracking_rewards import DenseRewards, KeyframeRewards, Regularization
@@ -21,18 +22,18 @@ RewardTerms: TypeAlias = "tuple[Reward | RewardGroup, ...]"
 
 
 @dataclass(frozen=True)
-class SimulationConfig:
+class SimulationConfig(Bounded):
     """Settings of every training environment, whatever its task."""
 
-    decimation: int = 4
+    decimation: Count = 4
     """physics steps per control step"""
     feet: FootContacts = "spheres"
     """contact geometry of the soles"""
     reset_noise: ResetNoise = ResetNoise()
     """noise on the starting state"""
-    max_displacement: float | None = 0.5
+    max_displacement: Positive | None = 0.5
     """horizontal root error (m) that terminates a training episode; None for no such limit"""
-    uniform_starts: float = 0.5
+    uniform_starts: Fraction = 0.5
     """fraction of the episodes that start anywhere; the others start where failures are frequent"""
     noise: NoiseLevels | None = None
     """observation noise; None for none"""
@@ -48,7 +49,7 @@ class TrackingTaskConfig(SimulationConfig):
     """terms of the tracking reward"""
     regularization: Regularization = Regularization()
     """penalties"""
-    regularization_weight: float = 1.0
+    regularization_weight: NonNegative = 1.0
     """factor on the penalties, w_reg"""
     limits: TrackingLimits = TrackingLimits()
     """termination thresholds of tracking"""
@@ -80,11 +81,11 @@ class KeyframeTaskConfig(DistillationTaskConfig):
     """terms of the keyframe reward"""
     regularization: Regularization = Regularization()
     """penalties"""
-    dense_weight: float = 1.0
+    dense_weight: NonNegative = 1.0
     """factor on the dense reward, w_dense"""
-    sparse_weight: float = 5.0
+    sparse_weight: NonNegative = 5.0
     """factor on the keyframe reward, w_sparse"""
-    regularization_weight: float = 1.0
+    regularization_weight: NonNegative = 1.0
     """factor on the penalties, w_reg"""
 
     def rewards(self, robot: Robot) -> RewardTerms:

@@ -1,8 +1,10 @@
 """Shapes of the networks, apart from them so that a command line can show them without torch."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal, TypeAlias
 
+from plat.bounds import Bounded, Count, Layers, NonNegative, NotEmpty, Positive, Range
+from plat.errors import ConfigError
 from plat.spec.timing import Timing
 
 __all__ = [
@@ -14,54 +16,66 @@ __all__ = [
     "RefinementConfig",
 ]
 
+Width: TypeAlias = Annotated[int, Range(1, 65_536)]
+"""Number of features."""
+
 
 @dataclass(frozen=True)
-class NormalizerConfig:
+class NormalizerConfig(Bounded):
     """Constants of :class:`ObservationNormalizer`."""
 
-    eps: float = 0.01
+    eps: Positive = 0.01
     """added to the standard deviation; keeps nearly constant features from being blown up"""
-    clip: float = 10.0
+    clip: Positive = 10.0
     """bound on the normalized features"""
 
 
 @dataclass(frozen=True)
-class ExpertConfig:
+class ExpertConfig(Bounded):
     """Shape of the expert."""
 
-    hidden: tuple[int, ...] = (512, 256, 128)
+    hidden: Layers = (512, 256, 128)
     """hidden layers"""
     action: Literal["reference_residual", "reference_velocity", "default_offset"] = "reference_residual"
     """base of the action: goal joint angles, those with velocity feed-forward, or default pose"""
-    ahead: tuple[int, ...] = (1,)
+    ahead: Annotated[tuple[Count, ...], NotEmpty()] = (1,)
     """reference frames in the observation, counted from the current one"""
-    residual_limit: float = 5.0
+    residual_limit: Positive = 5.0
     """bound on the network's output where it is added to the reference"""
-    lead: float = 0.0
+    lead: NonNegative = 0.0
     """velocity feed-forward (s) of the reference; needs two frames in ahead"""
-    catch_up: float = 0.0
+    catch_up: NonNegative = 0.0
     """proportional gain on the position error: the reference is shown displaced by gain * error"""
-    catch_up_limit: float = 0.3
+    catch_up_limit: NonNegative = 0.3
     """longest position error that the gain is applied to (m)"""
-    init_std: float = 0.6
+    init_std: Positive = 0.6
     """exploration noise at the start, in units of action"""
-    min_std: float = 0.02
+    min_std: Positive = 0.02
     """lower bound on the exploration noise"""
     normalizer: NormalizerConfig = NormalizerConfig()
     """normalization of the observation"""
     timing: Timing = Timing()
     """control step that it acts at, and the commands that it is given"""
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.ahead) < 2 and self.action == "reference_velocity":
+            raise ConfigError(
+                f"ExpertConfig: ahead is {self.ahead}, expected two frames for the action 'reference_velocity'"
+            )
+        if len(self.ahead) < 2 and self.lead:
+            raise ConfigError(f"ExpertConfig: ahead is {self.ahead}, expected two frames for a lead of {self.lead:g} s")
+
 
 @dataclass(frozen=True)
-class PlainPolicyConfig:
+class PlainPolicyConfig(Bounded):
     """Shape of the student without a latent."""
 
-    backbone: tuple[int, ...] = (512,)
+    backbone: Layers = (512,)
     """hidden layers of the backbone"""
-    hidden_size: int = 256
+    hidden_size: Width = 256
     """size of h"""
-    decoder: tuple[int, ...] = (256, 128)
+    decoder: Layers = (256, 128)
     """hidden layers of the decoder"""
     normalizer: NormalizerConfig = NormalizerConfig()
     """normalization of the observation"""
@@ -73,39 +87,39 @@ class PlainPolicyConfig:
 class LatentPolicyConfig(PlainPolicyConfig):
     """Shape of the student with a privileged latent."""
 
-    latent_size: int = 32
+    latent_size: Width = 32
     """size of z"""
-    prior: tuple[int, ...] = (256,)
+    prior: Layers = (256,)
     """hidden layers of the prior"""
-    posterior: tuple[int, ...] = (256,)
+    posterior: Layers = (256,)
     """hidden layers of the posterior"""
-    encoder_size: int = 128
+    encoder_size: Width = 128
     """size of the goal-sequence code e"""
-    min_std: float = 0.01
+    min_std: Positive = 0.01
     """lower bound on the standard deviations of prior and posterior; bounds the divergence"""
 
 
 @dataclass(frozen=True)
-class RefinementConfig:
+class RefinementConfig(Bounded):
     """Size of the residual and exploration around the student."""
 
-    hidden: tuple[int, ...] = (256, 128)
+    hidden: Layers = (256, 128)
     """hidden layers of the residual"""
-    alpha: float = 0.5
+    alpha: NonNegative = 0.5
     """scale of the residual"""
-    init_std: float = 0.2
+    init_std: Positive = 0.2
     """exploration noise at the start, in units of what it is added to"""
-    lead: float = 0.0
+    lead: NonNegative = 0.0
     """feed-forward (s): shifts the keyframe along the way to it, against arriving late"""
-    shortest_lead: float = 0.1
+    shortest_lead: Positive = 0.1
     """shortest time to a keyframe that the feed-forward divides by (s)"""
-    min_std: float = 0.02
+    min_std: Positive = 0.02
     """lower bound on the exploration noise"""
 
 
 @dataclass(frozen=True)
-class DynamicsConfig:
+class DynamicsConfig(Bounded):
     """Shape of the model of the robot."""
 
-    hidden: tuple[int, ...] = (512, 512, 512)
+    hidden: Layers = (512, 512, 512)
     """hidden layers"""

@@ -161,5 +161,7 @@ def _config(config_class: Any, values: Any, path: Path) -> Any:
         return TypeAdapter(config_class).validate_python(values)
     except ValidationError as error:
         first = error.errors()[0]
-        field = ".".join(str(part) for part in first["loc"])
-        raise CheckpointError(f"{str(path)!r}: {config_class.__name__}.{field}: {first['msg']}") from error
+        told = first["msg"].removeprefix("Value error, ")
+        if first["loc"]:
+            told = f"{config_class.__name__}.{'.'.join(map(str, first['loc']))}: {told}"
+        raise CheckpointError(f"{str(path)!r}: {told}") from error

@@ -6,8 +6,9 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, TypeVar
+from typing import Annotated, Any, ClassVar, Protocol, TypeAlias, TypeVar
 
+from plat.bounds import Bounded, Count, NonNegative, NotEmpty, Positive, Range, Seed
 from plat.errors import PlatError
 from plat.runs.loggers import LoggerName, chosen_loggers
 
@@ -19,6 +20,8 @@ class _HasDevice(Protocol):
 
 
 R = TypeVar("R", bound=_HasDevice)
+Robots: TypeAlias = Annotated[int, Range(1, 65_536)]
+"""Number of robots that are simulated at a time."""
 
 
 def default_device() -> str:
@@ -36,7 +39,7 @@ def on_device(settings: R) -> R:
 
 
 @dataclass(kw_only=True)
-class RecipeConfig:
+class RecipeConfig(Bounded):
     """Base settings of a recipe: training data, budget and output.
 
     Attributes:
@@ -47,33 +50,33 @@ class RecipeConfig:
     name: ClassVar[str]
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
 
-    motions: tuple[str, ...]
+    motions: Annotated[tuple[str, ...], NotEmpty()]
     """motion files, folders or globs; "generated:train@600" for 10 minutes of generated motion"""
     mirror: bool = False
     """train on the mirror image of every motion as well"""
     out: Path
     """folder to write the run to"""
-    minutes: float | None = None
+    minutes: Positive | None = None
     """stop after this many minutes of training"""
-    steps: int | None = None
+    steps: Count | None = None
     """stop after this many environment steps, all robots together"""
     resume: bool = False
     """go on from the last checkpoint in OUT"""
-    seed: int = 0
+    seed: Seed = 0
     """seeds everything that is drawn"""
     device: str = "auto"
     """where networks and tensors live, "cuda" where there is one; physics runs on the CPU"""
     robot: str = "g1"
     """name of the robot, or path of its JSON description"""
-    num_envs: int = 512
+    num_envs: Robots = 512
     """robots that are simulated at a time"""
     wandb: bool = False
     """log to Weights & Biases; offline unless you are logged in"""
     trackio: bool = False
     """log to trackio, which keeps its files on this machine"""
-    video_every: float = 900.0
+    video_every: NonNegative = 900.0
     """seconds between logged videos of the policy on the first motion; 0 for none"""
-    save_every: float = 120.0
+    save_every: NonNegative = 120.0
     """seconds between checkpoints"""
 
     @property

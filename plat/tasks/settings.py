@@ -1,41 +1,44 @@
 """Settings of the tasks, apart from them so that a command line can show them without torch."""
 
 from dataclasses import dataclass
+from typing import Annotated
+
+from plat.bounds import Bounded, Count, Fraction, NonNegative, NotEmpty
 
 __all__ = ["CHAIN_FAMILIES", "AuthoredCosts", "TimedKeyframesConfig", "TrackingCosts"]
 
 
 @dataclass(frozen=True)
-class TrackingCosts:
+class TrackingCosts(Bounded):
     """Weights of the distances from a reference."""
 
-    root_pos: float = 2.0
+    root_pos: NonNegative = 2.0
     """of the root's position (m)"""
-    root_rot: float = 1.0
+    root_rot: NonNegative = 1.0
     """of its orientation (rad)"""
-    joint_pos: float = 3.0
+    joint_pos: NonNegative = 3.0
     """of the joint angles, mean over joints (rad)"""
-    root_lin_vel: float = 0.2
+    root_lin_vel: NonNegative = 0.2
     """of the root's velocity (m/s)"""
-    root_ang_vel: float = 0.05
+    root_ang_vel: NonNegative = 0.05
     """of its angular velocity, mean over axes (rad/s)"""
-    joint_vel: float = 0.03
+    joint_vel: NonNegative = 0.03
     """of the joint velocities, mean over joints (rad/s)"""
 
 
 @dataclass(frozen=True)
-class AuthoredCosts:
+class AuthoredCosts(Bounded):
     """Weights where there is no reference but the keyframe."""
 
-    underway: float = 0.15
+    underway: NonNegative = 0.15
     """pull to the line between keyframes before the arrival window, as a share of the pull in it"""
-    height: float = 0.5
+    height: NonNegative = 0.5
     """of the root's height above or below that line (m)"""
-    root_lin_vel: float = 0.02
+    root_lin_vel: NonNegative = 0.02
     """of the root's speed (m/s)"""
-    root_ang_vel: float = 0.01
+    root_ang_vel: NonNegative = 0.01
     """of its angular velocity, mean over axes (rad/s)"""
-    joint_vel: float = 0.01
+    joint_vel: NonNegative = 0.01
     """of the joint velocities, mean over joints (rad/s)"""
 
 
@@ -44,22 +47,22 @@ CHAIN_FAMILIES = ("hold", "arms", "poses", "steps", "crouch", "far")
 
 
 @dataclass(frozen=True)
-class TimedKeyframesConfig:
+class TimedKeyframesConfig(Bounded):
     """Where keyframes come from and what missing them costs."""
 
-    authored: float = 0.5
+    authored: Fraction = 0.5
     """share of the episodes with authored keyframes; the others follow motions"""
-    families: tuple[str, ...] = CHAIN_FAMILIES
+    families: Annotated[tuple[str, ...], NotEmpty()] = CHAIN_FAMILIES
     """families of authored keyframes"""
-    chains: int = 1200
+    chains: Count = 1200
     """number of authored chains that are drawn"""
-    from_standing: float = 0.6
+    from_standing: Fraction = 0.6
     """fraction of the authored episodes that start standing; the others start within a motion"""
-    shortest: int = 1
+    shortest: Count = 1
     """control steps of the shortest command along a motion"""
     tracking: TrackingCosts = TrackingCosts()
     """weights along a motion, and of a keyframe in its arrival window"""
     underway: AuthoredCosts = AuthoredCosts()
     """weights where there is no reference but the keyframe"""
-    uniform_starts: float = 0.3
+    uniform_starts: Fraction = 0.3
     """share of the episodes that start anywhere; the others start where failures are"""

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from plat.errors import ConfigError
 from plat.modules import Expert, ExpertConfig, LatentPolicy, PlainPolicy, ResidualLatentPolicy
 from plat.recipes import distill, expert, refine
 from plat.robots import G1
@@ -54,12 +55,11 @@ def test_going_on_from_what_is_no_expert(tmp_path):
 
 
 def test_an_expert_that_sees_too_few_frames(tmp_path):
-    policy = ExpertConfig(action="reference_velocity", ahead=(1,))
-    message = last_line(expert.main, expert.ExpertRecipe(policy=policy, **settings(tmp_path)))
-    assert message.startswith("error: ahead (1,): the action 'reference_velocity' needs two frames")
+    with pytest.raises(ConfigError, match=r"ahead is \(1,\), expected two frames for the action"):
+        expert.ExpertRecipe(policy=ExpertConfig(action="reference_velocity", ahead=(1,)), **settings(tmp_path))
 
 
 def test_a_stride_of_nothing(tmp_path):
     run = save_run(tmp_path / "expert", POLICIES["expert"]())
-    recipe = distill.DistillRecipe(expert=run, stride=0, **settings(tmp_path))
-    assert last_line(distill.main, recipe) == "error: stride: 0, expected at least 1"
+    with pytest.raises(ConfigError, match="stride is 0, expected a whole number of at least 1"):
+        distill.DistillRecipe(expert=run, stride=0, **settings(tmp_path))

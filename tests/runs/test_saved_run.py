@@ -319,7 +319,7 @@ def test_a_table_that_is_none(chaser, table):
 
 def test_a_config_that_makes_no_sense(run):
     edit(run, config={"hidden": [8], "action": "reference_velocity"})
-    with pytest.raises(CheckpointError, match="config.json': ExpertConfig: ahead .* needs two frames"):
+    with pytest.raises(CheckpointError, match="config.json': ExpertConfig: ahead .* expected two frames"):
         load_policy(run)
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
+from plat.bounds import Bounded, Fraction, Range
 from plat.envs.transforms.settings import TrackingTerm
 
 if TYPE_CHECKING:
@@ -17,9 +18,12 @@ if TYPE_CHECKING:
 
 __all__ = ["DenseRewards", "KeyframeRewards", "Regularization", "TrackingTerm"]
 
+Penalty: TypeAlias = Annotated[float, Range(high=0)]
+"""Weight of a penalty."""
+
 
 @dataclass(frozen=True)
-class DenseRewards:
+class DenseRewards(Bounded):
     """Rewards of frame-by-frame tracking.
 
     Source: BeyondMimic, arXiv 2508.08241, with twice its ``anchor_pos`` and a term on the joints.
@@ -58,7 +62,7 @@ class DenseRewards:
 
 
 @dataclass(frozen=True)
-class KeyframeRewards:
+class KeyframeRewards(Bounded):
     """Rewards of reaching a commanded keyframe, paid at each step of its arrival window."""
 
     joint_pos: TrackingTerm = TrackingTerm(1.0, 0.2)
@@ -84,24 +88,24 @@ class KeyframeRewards:
 
 
 @dataclass(frozen=True)
-class Regularization:
+class Regularization(Bounded):
     """Penalties on a step. The weights are negative; a weight of 0 switches a term off."""
 
-    action_rate: float = -0.1
+    action_rate: Penalty = -0.1
     """times the squared change of the action"""
-    joint_limit: float = -10.0
+    joint_limit: Penalty = -10.0
     """times the excess over the soft limits (rad)"""
-    stray_contact: float = -0.1
+    stray_contact: Penalty = -0.1
     """times the number of contacts that are not of a foot with the floor"""
-    torque: float = 0.0
+    torque: Penalty = 0.0
     """times the squared torque over the effort limit"""
-    foot_slip: float = 0.0
+    foot_slip: Penalty = 0.0
     """times the squared horizontal speed of a loaded foot (m/s)"""
-    impact: float = 0.0
+    impact: Penalty = 0.0
     """times the ground reaction beyond twice the robot's weight, in weights"""
-    floor: float | None = -5.0
+    floor: Penalty | None = -5.0
     """lower bound on the summed penalties per second; None for no bound"""
-    soft_limit: float = 0.95
+    soft_limit: Fraction = 0.95
     """fraction of each joint's range, about its middle, that is free"""
 
     def rewards(self, robot: Robot) -> tuple[Reward, ...]:

@@ -64,12 +64,6 @@ class Expert(nn.Module):
         super().__init__()
         self.robot = robot
         self.config = config = config or ExpertConfig()
-        if not config.ahead:
-            raise ConfigError("ahead is empty: an expert sees one frame of its reference at least, such as 1")
-        if config.action == "reference_velocity" and len(config.ahead) < 2:
-            raise ConfigError(f"ahead {config.ahead}: the action 'reference_velocity' needs two frames, such as 1 2")
-        if config.lead and len(config.ahead) < 2:
-            raise ConfigError(f"ahead {config.ahead}: a lead of {config.lead:g} s needs two frames, such as 1 2")
         self.goals = {"goal" if number == 0 else f"goal_{ahead}": ahead for number, ahead in enumerate(config.ahead)}
         self.dense_goals = {f"dense_{group}": ahead for group, ahead in self.goals.items()}
         keys = self._keys(tuple(self.goals))

@@ -2,16 +2,18 @@
 
 from dataclasses import dataclass
 
+from plat.bounds import Bounded, Count, Positive
+
 __all__ = ["SolverOptions"]
 
 
 @dataclass(frozen=True)
-class SolverOptions:
+class SolverOptions(Bounded):
     """How inverse kinematics is done."""
 
-    iterations: int = 4
+    iterations: Count = 4
     """steps of inverse kinematics a frame"""
-    first_frame_iterations: int = 60
+    first_frame_iterations: Count = 60
     """steps of it for the first frame, which starts from the default pose"""
-    max_joint_speed: float = 15.0
+    max_joint_speed: Positive = 15.0
     """fastest that a joint may turn (rad/s)"""

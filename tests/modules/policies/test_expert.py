@@ -90,7 +90,7 @@ def test_a_keyframe_has_no_velocity(library):
 
 
 def test_reference_velocity_needs_two_frames():
-    with pytest.raises(ConfigError, match=r"ahead \(1,\): the action 'reference_velocity' needs two frames"):
+    with pytest.raises(ConfigError, match=r"ahead is \(1,\), expected two frames for the action 'reference_velocity'"):
         Expert(G1, ExpertConfig(action="reference_velocity"))
 
 
@@ -134,12 +134,12 @@ def test_a_led_expert_labels_as_it_acts(library):
 
 
 def test_a_lead_needs_two_frames():
-    with pytest.raises(ConfigError, match=r"ahead \(1,\): a lead of 0.1 s needs two frames"):
+    with pytest.raises(ConfigError, match=r"ahead is \(1,\), expected two frames for a lead of 0.1 s"):
         Expert(G1, ExpertConfig(lead=0.1))
 
 
 def test_an_expert_without_a_frame():
-    with pytest.raises(ConfigError, match="ahead is empty"):
+    with pytest.raises(ConfigError, match=r"ahead is \(\), expected .* at least one"):
         Expert(G1, ExpertConfig(ahead=()))
 
 

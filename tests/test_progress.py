@@ -1,0 +1,49 @@
+import io
+
+from plat.progress import Progress, tracked
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_lines_where_there_is_no_terminal():
+    out = io.StringIO()
+    with Progress("evaluation", 4, "commands", every=0, stream=out) as progress:
+        progress.add()
+        progress.update(4)
+    first, last = out.getvalue().splitlines()
+    assert first.startswith("evaluation: 1 of 4 commands, 25 %, 0:00 to go")
+    assert last.startswith("evaluation: 4 of 4 commands, 100 %")
+
+
+def test_short_work_prints_no_lines():
+    out = io.StringIO()
+    with Progress("evaluation", 4, stream=out) as progress:
+        progress.update(4)
+    assert out.getvalue() == ""
+
+
+def test_a_bar_on_a_terminal_that_is_gone_at_the_end(monkeypatch):
+    out, now = Terminal(), [0.0]
+    monkeypatch.setattr("plat.progress.time.monotonic", lambda: now[0])
+    with Progress("video", 10, "pictures", stream=out) as progress:
+        now[0] = 5.0
+        progress.update(5)
+    line = out.getvalue().split("\r")[1]
+    assert line == "[############............] video: 5 of 10 pictures, 50 %, 0:05 to go"
+    assert out.getvalue().endswith("\r" + " " * len(line) + "\r")
+
+
+def test_without_a_total_the_time_is_shown(monkeypatch):
+    out, now = io.StringIO(), [0.0]
+    monkeypatch.setattr("plat.progress.time.monotonic", lambda: now[0])
+    progress = Progress("steps", unit="steps", stream=out)
+    now[0] = 65.0
+    progress.add(1200)
+    assert out.getvalue() == "steps: 1,200 steps, 1:05\n"
+
+
+def test_tracked_items_come_through():
+    assert list(tracked(iter("abc"), "letters")) == ["a", "b", "c"]
