@@ -1,5 +1,7 @@
 """Robots whose actions or simulations are broken: found, counted, and the end of a run when it goes on."""
 
+from collections.abc import Mapping
+
 import torch
 from torch import Tensor
 
@@ -31,6 +33,14 @@ class BrokenRobots:
         self._told = 0
         self._steps = 0
         self._absurd: Tensor | None = None
+
+    def state_dict(self) -> dict[str, int]:
+        """Return the counts, from which a resumed run goes on."""
+        return {"count": self.count, "told": self._told, "steps": self._steps}
+
+    def load_state_dict(self, state: Mapping[str, int]) -> None:
+        """Restore a state of :meth:`state_dict`."""
+        self.count, self._told, self._steps = (int(state[name]) for name in ("count", "told", "steps"))
 
     def sound(self, action: Tensor) -> Tensor:
         """Return actions ``[N, J]`` with 0 for robots whose action is absurd, which :meth:`found` then names."""

@@ -300,8 +300,7 @@ class MotionTrackingEnv(EnvBase):
             "last_action": self._last_action,
             "encoder_bias": self.encoder_bias,
             "delayed": self.delayed,
-            "num_broken": self.num_broken,
-            "broken_steps": self._broken_steps,
+            "broken": self.broken.state_dict(),
         }
 
     def set_extra_state(self, state: dict[str, Any]) -> None:
@@ -310,7 +309,7 @@ class MotionTrackingEnv(EnvBase):
         self._frame, self._last_action, self.encoder_bias, self.delayed = (
             state[name].to(self.device).clone() for name in ("frame", "last_action", "encoder_bias", "delayed")
         )
-        self.num_broken, self._broken_steps = int(state["num_broken"]), int(state["broken_steps"])
+        self.broken.load_state_dict(state["broken"])
 
     def _set_seed(self, seed: int | None) -> None:
         if seed is not None:

@@ -106,11 +106,12 @@ class SimulatedTask(EnvBase):
 
     def get_extra_state(self) -> dict[str, Any]:
         """Return, for :meth:`state_dict`, the state of the simulations; the task's is beside it."""
-        return self.physics.state_dict()
+        return {"physics": self.physics.state_dict(), "broken": self.broken.state_dict()}
 
     def set_extra_state(self, state: dict[str, Any]) -> None:
         """Restore what :meth:`get_extra_state` returned."""
-        self.physics.load_state_dict(state)
+        self.physics.load_state_dict(state["physics"])
+        self.broken.load_state_dict(state["broken"])
 
     def _set_seed(self, seed: int | None) -> None:
         if seed is not None:
