@@ -10,6 +10,7 @@ __all__ = [
     "axis_rotation",
     "heading_pitch_roll",
     "quat_from_heading_pitch_roll",
+    "quat_from_matrix",
     "quat_from_rotvec",
     "quat_multiply",
     "quat_slerp",
@@ -121,3 +122,28 @@ def quat_from_heading_pitch_roll(angles: ArrayLike) -> Array:
     heading, pitch, roll = np.asarray(angles, dtype=np.float64)
     tilt = quat_multiply(quat_from_rotvec([0.0, pitch, 0.0]), quat_from_rotvec([roll, 0.0, 0.0]))
     return quat_multiply(quat_from_rotvec([0.0, 0.0, heading]), tilt)
+
+
+def quat_from_matrix(matrix: ArrayLike) -> Array:
+    """Return the unit quaternions ``[*B, 4]`` of rotation matrices ``[*B, 3, 3]``; either of the two signs.
+
+    Source: Shepperd, "Quaternion from rotation matrix", 1978.
+
+    >>> quat_from_matrix(axis_rotation(2, np.array([np.pi]))).round(3).tolist()
+    [[0.0, 0.0, 0.0, 1.0]]
+    """
+    m = np.asarray(matrix, dtype=np.float64)
+    xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
+    wx, wy, wz = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
+    xy, xz, yz = m[..., 1, 0] + m[..., 0, 1], m[..., 0, 2] + m[..., 2, 0], m[..., 2, 1] + m[..., 1, 2]
+    rows = (
+        (1 + xx + yy + zz, wx, wy, wz),
+        (wx, 1 + xx - yy - zz, xy, xz),
+        (wy, xy, 1 - xx + yy - zz, yz),
+        (wz, xz, yz, 1 - xx - yy + zz),
+    )
+    # the outer product of the quaternion with itself, times 4: its longest row has the smallest error
+    outer = np.stack([np.stack(row, -1) for row in rows], -2)
+    longest = np.diagonal(outer, axis1=-2, axis2=-1).argmax(-1)
+    quat = np.take_along_axis(outer, longest[..., None, None], -2)[..., 0, :]
+    return quat / np.linalg.norm(quat, axis=-1, keepdims=True)

@@ -41,6 +41,7 @@ from plat.motions import (
 from plat.motions.checks.feet import Soles
 from plat.motions.formats.rate import without_rates
 from plat.motions.generation import PREFIX, generate_named
+from plat.motions.paths import names_apart
 from plat.motions.resample import resample_qpos
 from plat.motions.retargeting import (
     Retargeted,
@@ -60,15 +61,24 @@ SHEET_COLUMNS = 8
 def read(command: MotionFiles, skipped: list[MotionError] | None = None) -> list[MotionFile]:
     """Return the files; print what each was taken for, and which were left out."""
     skipped = [] if skipped is None else skipped
+    told: list[str] = []
     robot = get_robot(command.robot)
     generated = [name for name in command.files if name.startswith(PREFIX)]
     files = [MotionFile(Path(re.sub(r"\W", "_", name)), "generated", generate_named(name, robot)) for name in generated]
     if paths := [name for name in command.files if name not in generated]:
         files += read_motion_files(
-            paths, robot, quat_order=command.quat_order, fps=command.fps, strict=command.strict, skipped=skipped
+            paths,
+            robot,
+            quat_order=command.quat_order,
+            fps=command.fps,
+            strict=command.strict,
+            skipped=skipped,
+            told=told,
         )
     for file in files:
         print(f"{file.path}: {counted(file.clips)}, {file.facts}")
+    for line in told:
+        print(line)
     for error in skipped:
         print(f"skipped: {error}")
     return files
@@ -166,19 +176,24 @@ def retarget(command: Retarget) -> list[Retargeted]:
     Raises:
         MotionError: at the end, when a file could not be used; the others are written.
     """
-    paths = bvh_paths(command.files)
+    told: list[str] = []
+    paths = bvh_paths(command.files, told)
     skeleton = None if command.map is None else load_map(command.map)
     command.out.mkdir(parents=True, exist_ok=True)
     made, failed = [], 0
     columns = f"{'error cm':>10}{'depth mm':>10}{'float mm':>10}{'slip cm/s':>11}{'f/s':>6}  read as"
+    for line in told:
+        print(line)
     print(f"{'clip':<44}{'frames':>7}{'s':>7}{columns}")
     unknown: SkeletonMap | None = None
-    for result in retarget_all(paths, skeleton, options=command.solver, workers=command.workers, fps=command.fps):
+    results = retarget_all(paths, skeleton, options=command.solver, workers=command.workers, fps=command.fps)
+    for name, result in zip(names_apart(paths), results, strict=True):
         if isinstance(result, MotionError):
             print(f"skipped: {result}", flush=True)
             failed += 1
             unknown = unknown or getattr(result, "proposed", None)
             continue
+        result = replace(result, clip=replace(result.clip, name=name))
         made.append(result)
         clip, frames = result.clip, len(result.clip.qpos)
         print(

@@ -165,7 +165,7 @@ class MotionFiles(Bounded):
     fps: Rate | None = None
     """frames a second of these files, where they do not say it, or say it wrong"""
     strict: bool = False
-    """stop at the first bad file of a folder or glob; else it is named and left out"""
+    """stop at the first bad file of a folder, read copies; else they are named and left out"""
     robot: str = "g1"
     """name of the robot, or path of its JSON description"""
 
@@ -216,10 +216,10 @@ class Mirror(MotionFiles):
 
 @dataclass(kw_only=True)
 class Retarget(Bounded):
-    """Turn human motion capture (BVH, ASF and AMC) into motions of the G1."""
+    """Turn human motion capture (BVH, ASF and AMC, joint positions in npz) into motions of the G1."""
 
     files: Annotated[tuple[str, ...], tyro.conf.Positional]
-    """.bvh and .amc files, folders or globs; an .amc wants its .asf beside it"""
+    """.bvh, .amc and .npz files, folders or globs; an .amc wants its .asf beside it"""
     out: Path
     """folder to write to"""
     map: Path | None = None

@@ -30,13 +30,20 @@ _RESERVED = ("fps", "joint_names", "joint_pos", "file", "allow_pickle")
 _LOGGER = logging.getLogger("plat.motions")
 
 
-def motion_paths(patterns: str | Path | Sequence[str | Path]) -> list[Path]:
+def motion_paths(
+    patterns: str | Path | Sequence[str | Path], *, strict: bool = False, told: list[str] | None = None
+) -> list[Path]:
     """Return the motion files that paths, folders and globs name; see :func:`plat.motions.paths.find_files`.
+
+    Args:
+        patterns: a path, a folder, a glob, or several of these.
+        strict: take copies of a file as well.
+        told: is given a line for each copy that was left out, and for equal files that were not.
 
     Raises:
         MotionError: when one of them names no motion file.
     """
-    return find_files(patterns, READERS)
+    return find_files(patterns, READERS, copies=strict, told=told)
 
 
 def read_motion_files(
@@ -47,6 +54,7 @@ def read_motion_files(
     fps: float | None = None,
     strict: bool = False,
     skipped: list[MotionError] | None = None,
+    told: list[str] | None = None,
 ) -> list[MotionFile]:
     """Return motion files that were read, with what each was taken for; see :func:`load_motions`.
 
@@ -55,12 +63,20 @@ def read_motion_files(
         robot: whose motions they are.
         quat_order: of the root quaternion in these files.
         fps: frames a second of these files.
-        strict: raise for a bad file in a folder or glob too.
+        strict: raise for a bad file in a folder or glob too, and read copies.
         skipped: is given the errors of bad files in folders and globs; without it they are logged.
+        told: is given a line for each copy in a folder that was left out; without it they are logged.
     """
     options = ReadOptions(robot, quat_order, fps)
     files, errors = [], []
-    for path in motion_paths(patterns):
+    lines: list[str] = []
+    paths = motion_paths(patterns, strict=strict, told=lines)
+    if told is not None:
+        told += lines
+    else:
+        for line in lines:
+            _LOGGER.log(logging.INFO if line.startswith("ignored") else logging.DEBUG, "%s", line)
+    for path in paths:
         try:
             files.append(_read(path, options))
         except MotionError as error:
@@ -88,9 +104,10 @@ def load_motions(
     """Return every clip of some motion files.
 
     Formats: plat ``.npz``; tables (``.csv``) of root and joints, with or without names; the ``.npz`` of BeyondMimic,
-    mjlab, holosoma, HDMI, SOMA and Isaac Lab's AMP; the ``.pkl`` of GMR, TWIST2, ASAP and PBHC, of which no code is
-    run; human ``.bvh``, retargeted. What was assumed or detected is logged under ``plat.motions``, and stands in the
-    ``notes`` of each clip. A bad file in a folder is named there and skipped.
+    mjlab, holosoma, HDMI, SOMA, Kimodo, ARDY, loco-mujoco and Isaac Lab's AMP; the ``.pkl`` of GMR, TWIST2, ASAP and
+    PBHC, of which no code is run; human ``.bvh``, ``.amc`` and joint positions in ``.npz``, retargeted. What was
+    assumed or detected is logged under ``plat.motions``, and stands in the ``notes`` of each clip. A bad file in a
+    folder is named there and skipped.
 
     Args:
         patterns: a path, a folder, a glob, or several of these.
@@ -98,7 +115,7 @@ def load_motions(
         quat_order: order of the root quaternion in these files; by default what the format says, and for tables what
             the motion shows.
         fps: frames a second of these files; by default what they say, and 30 for a table that does not.
-        strict: raise for a bad file in a folder or glob too.
+        strict: raise for a bad file in a folder or glob too, and read copies.
 
     Raises:
         MotionError: naming file, clip and field, when a file is missing or broken, or does not tell which order its

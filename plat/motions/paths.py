@@ -1,27 +1,37 @@
 """Files that paths, folders and globs name."""
 
 import glob
+import hashlib
 import re
+from collections import Counter
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from plat.errors import MotionError
 
-__all__ = ["find_files", "is_named"]
+__all__ = ["find_files", "is_named", "names_apart"]
 
 # what file managers add to the name of a copy
 _COPY = re.compile(r"(?: ?\(\d+\)|(?: - |[ _-])(?:copy|kopie|copie)(?: ?\(?\d+\)?)?)$", re.IGNORECASE)
 
 
-def find_files(patterns: str | Path | Sequence[str | Path], endings: Collection[str]) -> list[Path]:
+def find_files(
+    patterns: str | Path | Sequence[str | Path],
+    endings: Collection[str],
+    *,
+    copies: bool = False,
+    told: list[str] | None = None,
+) -> list[Path]:
     """Return the files that paths, folders and globs name, without repeats, in sorted order for each.
 
     Hidden files and folders, and copies of a file such as ``walk (1).npz`` beside an equal ``walk.npz``, are left out
-    of what folders hold.
+    of what folders hold. Equal files that are not named as copies are taken, and told of.
 
     Args:
         patterns: a path, a folder, a glob, or several of these.
         endings: of the files to look for, in small letters.
+        copies: take copies as well.
+        told: is given a line for each copy that was left out, and for equal files that were not.
 
     Raises:
         MotionError: when one of them names no such file, or another kind of file.
@@ -33,7 +43,7 @@ def find_files(patterns: str | Path | Sequence[str | Path], endings: Collection[
         if path.is_dir():
             found = sorted(file for file in path.rglob("*") if file.suffix.lower() in endings)
             found = [file for file in found if not any(part.startswith(".") for part in file.relative_to(path).parts)]
-            found = [file for file in found if not _is_copy(file)]
+            found = found if copies else _without_copies(found, told)
         elif path.exists():
             found = [path]
         else:
@@ -55,8 +65,45 @@ def is_named(path: Path, patterns: str | Path | Sequence[str | Path]) -> bool:
     return any(Path(pattern).expanduser() == path for pattern in listed)
 
 
-def _is_copy(path: Path) -> bool:
-    if not _COPY.search(path.stem):
-        return False
-    original = path.with_name(_COPY.sub("", path.stem) + path.suffix)
-    return original.is_file() and original.read_bytes() == path.read_bytes()
+def names_apart(paths: Sequence[Path]) -> list[str]:
+    """Return a name for each file: its own without the ending, with its folder's before it where several are alike.
+
+    >>> names_apart([Path("a/walk.bvh"), Path("b/walk.bvh"), Path("b/run.bvh")])
+    ['a_walk', 'b_walk', 'run']
+    """
+    count, taken = Counter(path.stem for path in paths), Counter[str]()
+    names = []
+    for path in paths:
+        name = path.stem if count[path.stem] == 1 else f"{path.parent.name}_{path.stem}"
+        taken[name] += 1
+        names.append(name if taken[name] == 1 else f"{name}_{taken[name]}")
+    return names
+
+
+def _without_copies(paths: list[Path], told: list[str] | None) -> list[Path]:
+    """Return the files without those that are named as copies of an equal file beside them."""
+    kept: list[Path] = []
+    known: dict[bytes, Path] = {}
+    sizes = Counter(path.stat().st_size for path in paths if path.is_file())
+    for path in paths:
+        if not path.is_file() or sizes[path.stat().st_size] == 1:
+            kept.append(path)
+            continue
+        digest = _digest(path)
+        original = path.with_name(_COPY.sub("", path.stem) + path.suffix)
+        if original != path and original.is_file() and _digest(original) == digest:
+            if told is not None:
+                told.append(f"ignored: {path}, a copy of {original.name}")
+            continue
+        kept.append(path)
+        if known.setdefault(digest, path) != path and path.stat().st_size and told is not None:
+            told.append(f"read twice: {path} is the same as {known[digest]}")
+    return kept
+
+
+def _digest(path: Path) -> bytes:
+    digest = hashlib.blake2b()
+    with path.open("rb") as file:
+        while block := file.read(1 << 20):
+            digest.update(block)
+    return digest.digest()

@@ -4,12 +4,19 @@ from collections.abc import Callable
 from pathlib import Path
 
 from plat.motions.formats import MotionFile, ReadOptions, read_csv, read_npz, read_pickle
+from plat.motions.retargeting.joint_file import holds_human_joints
 from plat.motions.retargeting.reader import read_human_motion
 
 __all__ = ["READERS"]
 
+
+def _read_archive(path: Path, options: ReadOptions) -> MotionFile:
+    """Read an ``.npz``: joint positions of a human are retargeted, all else is a robot's."""
+    return read_human_motion(path, options) if holds_human_joints(path) else read_npz(path, options)
+
+
 READERS: dict[str, Callable[[Path, ReadOptions], MotionFile]] = {
-    ".npz": read_npz,
+    ".npz": _read_archive,
     ".csv": read_csv,
     ".pkl": read_pickle,
     ".pickle": read_pickle,

@@ -2,16 +2,27 @@
 
 import math
 import zipfile
+from collections.abc import Collection
 from io import BytesIO
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
 from plat.errors import MotionError
+from plat.motions.formats.common import number
 from plat.motions.formats.decompress import size_limit
 from plat.motions.formats.unpickle import PickledArray, unpickle
 
-__all__ = ["read_archive"]
+__all__ = ["archive_shapes", "read_archive", "states_rate", "take_rate"]
+
+_FPS = ("fps", "frequency", "frame_rate", "framerate", "hz", "mocap_framerate", "mocap_frame_rate")
+_STEP = ("dt", "timestep", "frame_time")
+# rates that differ by less are one, rounded
+_SAME_RATE = 1.02
+
+# arrays of Python objects that describe a motion and are not needed to read it
+_DESCRIPTIONS = frozenset(("metadata", "meta", "info", "config", "obs_container"))
 
 
 def read_archive(path: Path) -> dict[str, np.ndarray]:
@@ -28,26 +39,79 @@ def read_archive(path: Path) -> dict[str, np.ndarray]:
             raise MotionError("it unpacks to far more than its size, expected motions")
         for entry in archive.infolist():
             if entry.filename.endswith(".npy"):
+                name = entry.filename.removesuffix(".npy")
                 if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
                     raise MotionError(f"{entry.filename!r} is compressed in a way that NumPy does not use")
                 with archive.open(entry) as member:
                     # reading up to a size, and not to the end, holds a member to the size that it claims
                     data = member.read(entry.file_size + 1)
                     try:
-                        arrays[entry.filename.removesuffix(".npy")] = _array(data)
+                        array = _array(data)
                     except MotionError as error:
-                        raise MotionError(f"array {entry.filename.removesuffix('.npy')!r}: {error}") from None
+                        if name in _DESCRIPTIONS:
+                            continue
+                        raise MotionError(f"array {name!r}: {error}") from None
+                    if array is not None:
+                        arrays[name] = array
     return arrays
 
 
-def _array(data: bytes) -> np.ndarray:
-    """An ``.npy`` file; its header cannot ask for more memory than there are bytes."""
-    stream = BytesIO(data)
+def archive_shapes(path: Path) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of the arrays of an ``.npz`` by name, from their headers; nothing for a broken one."""
+    shapes = {}
+    try:
+        with zipfile.ZipFile(path) as archive:
+            for entry in archive.infolist():
+                if entry.filename.endswith(".npy"):
+                    with archive.open(entry) as member:
+                        shapes[entry.filename.removesuffix(".npy")] = _header(member)[0]
+    except Exception:  # whatever a broken file does: its reader says what is wrong
+        return {}
+    return shapes
+
+
+def states_rate(arrays: Collection[str]) -> bool:
+    """Return whether one of the arrays gives the frames a second."""
+    return any(name in arrays for name in (*_FPS, *_STEP))
+
+
+def take_rate(arrays: dict[str, np.ndarray], fps: float | None) -> float:
+    """Take the frames a second out of the arrays.
+
+    Args:
+        arrays: of an archive, by name.
+        fps: where the user states it.
+
+    Raises:
+        MotionError: when nothing states it, or arrays contradict each other.
+    """
+    stated = {name: number(arrays.pop(name), name) for name in _FPS if name in arrays}
+    steps = {name: 1 / max(number(arrays.pop(name), name), 1e-9) for name in _STEP if name in arrays}
+    if fps is not None:
+        return fps
+    rates = stated or steps
+    if not rates:
+        raise MotionError("no array 'fps', expected the frames a second (or state them: --fps)")
+    if max(rates.values()) > _SAME_RATE * min(rates.values()):
+        told = " and ".join(f"{name} {rate:g}" for name, rate in rates.items())
+        raise MotionError(f"it states {told}; state which: --fps")
+    return next(iter(rates.values()))
+
+
+def _header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
     version = np.lib.format.read_magic(stream)
-    read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, fortran, dtype = read_header(stream)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    return read(stream)
+
+
+def _array(data: bytes) -> np.ndarray | None:
+    """An ``.npy`` file, None where it holds None; its header cannot ask for more memory than there are bytes."""
+    stream = BytesIO(data)
+    shape, fortran, dtype = _header(stream)
     if dtype.hasobject:
         content = unpickle(data[stream.tell() :])
+        if isinstance(content, PickledArray) and content.value is not None and content.value.size == 0:
+            return None
         if not isinstance(content, PickledArray) or content.value is None:
             raise MotionError("an array holds Python objects, expected numbers or texts")
         return content.value

@@ -11,9 +11,9 @@ import numpy as np
 from plat.errors import MotionError
 from plat.motions.checks.feet import Soles
 from plat.motions.clip import MotionClip
-from plat.motions.formats.names import match_joint
+from plat.motions.formats.joint_columns import robot_columns
 from plat.motions.formats.units import angles_in_radians, place_in_meters, unit_quaternions, z_up
-from plat.motions.formats.unnamed_joints import OPTIONAL, unnamed_joints
+from plat.motions.formats.unnamed_joints import unnamed_joints
 from plat.robots.robot import Robot
 
 __all__ = ["MotionFile", "QuatOrder", "ReadOptions", "arrange_joints", "make_clip", "number", "strings"]
@@ -74,7 +74,7 @@ def arrange_joints(
 
     Joints are matched by ``names`` where the file has them, however it spells them; else they must stand in the
     robot's order. Wrists, and the waist's roll and pitch where there are names, may be missing, as in files for the
-    G1 with 23 joints: they get the default pose.
+    G1 with 23 joints: they get the default pose. Named columns of something else are left out.
 
     Raises:
         MotionError: for another number of joints, or names that the robot does not have.
@@ -84,9 +84,11 @@ def arrange_joints(
     if names is None:
         listed, notes = unnamed_joints(angles, robot, field), []
     else:
-        listed = _named(angles, names, robot)
+        columns, listed, left_out = robot_columns(names, angles.shape[1], robot)
+        angles = angles[:, columns]
         in_order = listed == [name for name in robot.joint_names if name in listed]
         notes = [] if in_order else ["joints reordered by name"]
+        notes += [f"{len(left_out)} columns left out ({', '.join(left_out[:3])})"] if left_out else []
     arranged = np.tile(robot.default_joint_pos.numpy(), (len(angles), 1)).astype(np.float64)
     arranged[:, [robot.joint_names.index(name) for name in listed]] = angles
     missing = [name for name in robot.joint_names if name not in listed]
@@ -95,19 +97,6 @@ def arrange_joints(
     elif missing:
         notes.append(f"default pose for the missing {', '.join(missing)}")
     return arranged, notes
-
-
-def _named(angles: np.ndarray, names: Sequence[str], robot: Robot) -> list[str]:
-    matched = [match_joint(name, robot) for name in names]
-    unknown = sorted(name for name, joint in zip(names, matched, strict=True) if joint is None)
-    listed = [joint for joint in matched if joint is not None]
-    missing = sorted(set(robot.joint_names) - set(listed))
-    expected = f"the {robot.num_joints} joints of {robot.name!r}"
-    if unknown or not all("wrist" in name or name in OPTIONAL for name in missing):
-        raise MotionError(f"'joint_names' lacks {missing} and has the unknown {unknown}, expected {expected}")
-    if len(listed) != angles.shape[1] or len(set(listed)) != len(listed):
-        raise MotionError(f"'joint_names' has {len(listed)} names, expected one for each of {angles.shape[1]} joints")
-    return listed
 
 
 def make_clip(

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -9,16 +10,15 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.motions.clip import MotionClip
-from plat.motions.formats.archive import read_archive
+from plat.motions.formats.archive import read_archive, states_rate, take_rate
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, number, strings
 from plat.motions.formats.foreign import refuse_human_body
+from plat.motions.formats.kimodo import KIMODO_FPS, has_links, read_kimodo
 from plat.motions.formats.quaternion_order import settle_joint_order, settle_quat_order
 from plat.motions.formats.tracker_file import read_tracker
 
 __all__ = ["read_npz"]
 
-_FPS = ("fps", "frequency", "frame_rate", "framerate", "hz", "mocap_framerate", "mocap_frame_rate")
-_STEP = ("dt", "timestep", "frame_time")
 # arrays by another name, by the name that plat knows them by
 _ALIASES = {
     # NVIDIA's AMP of Isaac Lab
@@ -39,7 +39,15 @@ _ALIASES = {
     "root_rot": "root_quat",
     "root_trans": "root_pos",
 }
-# names of what describes a motion beside it and is none
+# what loco-mujoco writes beside the motion: its model, and what follows from the motion
+_LOCO = frozenset(
+    (
+        *("split_points", "qvel", "xpos", "xquat", "cvel", "subtree_com", "site_xpos", "site_xmat", "body_names"),
+        *("site_names", "metadata", "njnt", "jnt_type", "nbody", "body_rootid", "body_weldid", "body_mocapid"),
+        *("body_pos", "body_quat", "body_ipos", "body_iquat", "nsite", "site_bodyid", "site_pos", "site_quat"),
+    )
+)
+# columns of an object behind the robot's
 _BESIDE = 7
 # clips of an archive that are looked at before all are
 _EXAMINED = 10
@@ -54,27 +62,18 @@ def read_npz(path: Path, options: ReadOptions) -> MotionFile:
     refuse_human_body(arrays)
     notes = _add_meta(path, arrays, options)
     names = strings(arrays.pop("joint_names"), "joint_names") if "joint_names" in arrays else None
-    fps = _rate(arrays, options)
-    if "joint_pos" in arrays:
+    links = has_links(arrays, options.robot)
+    if links and options.fps is None and not states_rate(arrays):
+        arrays["fps"] = np.array(KIMODO_FPS)
+        notes.append("fps as Kimodo writes it")
+    fps = take_rate(arrays, options.fps)
+    if links:
+        file = read_kimodo(path, arrays, fps, options)
+    elif "joint_pos" in arrays:
         file = read_tracker(path, arrays, fps, names, options)
     else:
         file = _clips(path, arrays, fps, names, options)
     return MotionFile(path, file.format, file.clips, (*notes, *file.notes))
-
-
-def _rate(arrays: dict[str, np.ndarray], options: ReadOptions) -> float:
-    """Take the frames a second out of the arrays."""
-    stated = {name: number(arrays.pop(name), name) for name in _FPS if name in arrays}
-    steps = {name: 1 / max(number(arrays.pop(name), name), 1e-9) for name in _STEP if name in arrays}
-    if options.fps is not None:
-        return options.fps
-    rates = stated or steps
-    if not rates:
-        raise MotionError("no array 'fps', expected the frames a second (or state them: --fps)")
-    if max(rates.values()) > 1.02 * min(rates.values()):
-        told = " and ".join(f"{name} {rate:g}" for name, rate in rates.items())
-        raise MotionError(f"it states {told}; state which: --fps")
-    return next(iter(rates.values()))
 
 
 def _add_meta(path: Path, arrays: dict[str, np.ndarray], options: ReadOptions) -> list[str]:
@@ -115,18 +114,32 @@ def _clips(
         for name, qpos in list(arrays.items())[:1] if len(arrays) == 1 else []:
             MotionClip(name, qpos, fps).checked(options.robot)  # says what is wrong
         raise MotionError(f"no clips, expected one array (frames, {max(widths)}) each; it has {told}")
-    left_out = [name for name in arrays if name not in fitting]
+    known = _LOCO if "split_points" in arrays else frozenset()
+    left_out = [name for name in arrays if name not in fitting and name not in known]
     # a file has one convention: where some of its clips raise no doubt, the others are not looked at
     some = [*fitting][:: max(1, len(fitting) // _EXAMINED)]
-    labels = {name: path.stem if name == "qpos" else name for name in fitting}
-    known = {name: _clip(labels[name], name, fitting[name], fps, names, options) for name in some}
-    doubtful = any(clip.notes for clip in known.values())
+    if "split_points" in arrays and list(fitting) == ["qpos"]:
+        fitting = _split(fitting["qpos"], arrays["split_points"])
+        some = [*fitting][:: max(1, len(fitting) // _EXAMINED)]
+    labels = {name: name.replace("qpos", path.stem, 1) if name.startswith("qpos") else name for name in fitting}
+    looked_at = {name: _clip(labels[name], name, fitting[name], fps, names, options) for name in some}
+    doubtful = any(clip.notes for clip in looked_at.values())
     clips = [
-        known.get(name) or _clip(labels[name], name, qpos, fps, names, options, doubtful)
+        looked_at.get(name) or _clip(labels[name], name, qpos, fps, names, options, doubtful)
         for name, qpos in fitting.items()
     ]
     notes = [f"{len(left_out)} other arrays left out ({', '.join(left_out[:3])})"] if left_out else []
     return MotionFile(path, "plat npz", clips, tuple(notes))
+
+
+def _split(qpos: np.ndarray, points: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the motions that stand one behind the other, by the first frame of each and the end of the last."""
+    ends = [int(point) for point in points.ravel()]
+    if ends != sorted(set(ends)) or len(ends) < 2 or ends[0] != 0 or ends[-1] != len(qpos):
+        raise MotionError(f"'split_points' is {ends[:6]}, expected rising numbers from 0 to the {len(qpos)} frames")
+    if len(ends) == 2:
+        return {"qpos": qpos}
+    return {f"qpos_{number}": qpos[start:end] for number, (start, end) in enumerate(pairwise(ends))}
 
 
 def _clip(
@@ -141,7 +154,7 @@ def _clip(
     robot = options.robot
     full, beside = 7 + robot.num_joints, 7 + robot.num_joints + _BESIDE
     notes = []
-    if qpos.ndim == 2 and qpos.shape[1] == beside and (names is None or len(names) == robot.num_joints):
+    if qpos.ndim == 2 and qpos.shape[1] == beside and (names is None or len(names) <= robot.num_joints + 1):
         qpos = qpos[:, :full]
         notes.append("the last 7 columns left out (an object)")
     if qpos.ndim != 2 or qpos.dtype.kind not in "fiu" or qpos.shape[1] not in _widths(names, options):
@@ -168,7 +181,7 @@ def _widths(names: list[str] | None, options: ReadOptions) -> tuple[int, ...]:
     joints = (
         robot.num_joints,
         sum("wrist" not in name for name in robot.joint_names),
-        *([len(names)] if names else []),
+        *([len(names), len(names) - 1] if names else []),  # the root has a name in some, and no angle
     )
     return (*(7 + count for count in joints), 7 + robot.num_joints + _BESIDE)
 

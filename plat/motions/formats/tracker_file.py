@@ -1,5 +1,6 @@
 """Archives of trackers: joints, and poses of bodies in the world that say how to read them."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ import torch
 
 from plat.errors import MotionError
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, strings
+from plat.motions.formats.joint_columns import robot_columns
 from plat.motions.formats.names import match_joint
 from plat.motions.formats.quaternion_order import breadth_first, settle_quat_order
 from plat.robots.kinematics import ForwardKinematics
@@ -17,7 +19,48 @@ __all__ = ["read_tracker"]
 # Bodies that a tracker's file records as they are (m): its robot may differ from ours by some millimeters.
 _SAME_PLACE = 0.01
 _CHECKED_FRAMES = 50
+# Named bodies that a motion is checked against, at least.
+_ENOUGH = 5
 _ORDERS: tuple[QuatOrder, ...] = ("wxyz", "xyzw")
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """Places of bodies in the world that a file records, to check a motion against.
+
+    Attributes:
+        places: of the bodies ``[T, B, 3]``.
+        kinematics: to the robot's bodies of these names, in their order, or to its keypoints.
+        named: whether the places are those of these bodies, and not of any.
+    """
+
+    places: torch.Tensor
+    kinematics: ForwardKinematics
+    named: bool
+
+    @classmethod
+    def of(cls, bodies: np.ndarray, arrays: dict[str, np.ndarray], robot: Robot) -> "Recorded":
+        """Return what a file records; bodies are matched by name where it names enough of them."""
+        places = torch.from_numpy(bodies.astype(np.float64))
+        names = strings(arrays["body_names"], "body_names") if "body_names" in arrays else []
+        model = robot.shared_model
+        known = {model.body(body).name.removesuffix("_link"): model.body(body).name for body in range(1, model.nbody)}
+        found = {name.removesuffix("_link"): column for column, name in enumerate(names)}
+        both = [name for name in found if name in known]
+        if len(names) != bodies.shape[1] or len(both) < _ENOUGH:
+            return cls(places, ForwardKinematics(robot, robot.keypoints), False)
+        kinematics = ForwardKinematics(robot, tuple(known[name] for name in both))
+        return cls(places[:, [found[name] for name in both]], kinematics, True)
+
+    def distance(self, root_pos: np.ndarray, root_quat: np.ndarray, joints: np.ndarray, frames: np.ndarray) -> float:
+        """Return the largest mean distance of a body from where the motion puts it (m)."""
+        parts = [torch.from_numpy(part.astype(np.float64)) for part in (root_pos, root_quat, joints)]
+        parts[1] = parts[1] / parts[1].norm(dim=-1, keepdim=True).clamp_min(1e-9)
+        pos_w, _ = self.kinematics(*parts)
+        recorded = self.places[frames]
+        if self.named:
+            return float((pos_w - recorded).norm(dim=-1).mean(0).amax())
+        return float(torch.cdist(pos_w, recorded).amin(-1).mean(0).amax())
 
 
 def read_tracker(
@@ -33,15 +76,19 @@ def read_tracker(
     robot = options.robot
     root_pos, root_quat, joint_pos, fields = _root(arrays, robot, names)
     bodies = arrays.get("body_pos_w")
+    beside: list[str] = []
+    if names is not None:
+        columns, names, left_out = robot_columns(names, joint_pos.shape[1], robot)
+        joint_pos = joint_pos[:, columns]
+        beside = [f"joints left out: {', '.join(left_out[:3])}"] if left_out else []
     stated = names
-    if names is not None and len(names) != joint_pos.shape[1]:
-        # names of a longer list, as of all joints where some are left out, say nothing
-        raise MotionError(f"'joint_names' has {len(names)} names, expected one for each of {joint_pos.shape[1]} joints")
     usable = bodies is not None and bodies.ndim == 3 and len(bodies) == len(joint_pos) and bodies.shape[2] == 3
     notes: list[str] = []
+    fits = False
     order: QuatOrder = options.quat_order or ("xyzw" if _scalar_last(arrays) else "wxyz")
     if usable and bodies is not None:
-        order, names, notes = _fit(bodies, root_pos, root_quat, joint_pos, order, stated, options)
+        recorded = Recorded.of(bodies, arrays, robot)
+        order, names, notes, fits = _fit(recorded, root_pos, root_quat, joint_pos, order, stated, options)
     elif names is None:
         raise MotionError(
             f"no array 'joint_names' and no usable 'body_pos_w' to find the order of its {joint_pos.shape[1]} joints "
@@ -49,14 +96,14 @@ def read_tracker(
         )
     arranged, more = arrange_joints(joint_pos, names, robot, "joint_pos")
     clip = make_clip(path.stem, root_pos, root_quat, arranged, fps, options, order, fields)
-    if not usable and options.quat_order is None:
+    if not fits and options.quat_order is None:
         in_file = clip.qpos.copy()
         if order == "xyzw":
             in_file[:, 3:7] = clip.qpos[:, [4, 5, 6, 3]]
         found, notes = settle_quat_order(in_file, fps, options.soles, order)
         if found != order:
             order, clip = found, make_clip(path.stem, root_pos, root_quat, arranged, fps, options, found, fields)
-    return MotionFile(path, "tracker npz", [clip], (f"quaternion {order}", *notes, *more))
+    return MotionFile(path, "tracker npz", [clip], (f"quaternion {order}", *notes, *more, *beside))
 
 
 def _root(
@@ -100,15 +147,15 @@ def _scalar_last(arrays: dict[str, np.ndarray]) -> bool:
 
 
 def _fit(
-    bodies: np.ndarray,
+    recorded: "Recorded",
     root_pos: np.ndarray,
     root_quat: np.ndarray,
     joint_pos: np.ndarray,
     order: QuatOrder,
     names: list[str] | None,
     options: ReadOptions,
-) -> tuple[QuatOrder, list[str], list[str]]:
-    """Return the orders of quaternion and joints that lead to the recorded bodies, and notes.
+) -> tuple[QuatOrder, list[str], list[str], bool]:
+    """Return the orders of quaternion and joints that lead to the recorded bodies, notes, and whether any do.
 
     Files of Isaac Lab number joints breadth first, those of MuJoCo depth first, and few say so. With the right
     orders forward kinematics leads to the recorded bodies, so names and order that a file states are tried as well.
@@ -132,14 +179,14 @@ def _fit(
             arranged, _ = arrange_joints(joint_pos[frames], listed, robot, "joint_pos")
             for which in orders:
                 quat = root_quat[frames][:, [3, 0, 1, 2]] if which == "xyzw" else root_quat[frames]
-                errors[label, which] = _distance(root_pos[frames], quat, arranged, bodies[frames], robot)
+                errors[label, which] = recorded.distance(root_pos[frames], quat, arranged, frames)
     fitting = [key for key, error in errors.items() if error < _SAME_PLACE]
     if names is not None:
         if ("as named", order) in fitting or not fitting:
-            return order, names, []
+            return order, names, [], bool(fitting)
         label, found = min(fitting, key=lambda key: (key[0] != "as named", key[1] != order))
         told = f"the bodies fit quaternion {found} and joints {label if label == 'as named' else f'numbered {label}'}"
-        return found, candidates[label], [told]
+        return found, candidates[label], [told], True
     labels = {label for label, _ in fitting}
     if len(labels) != 1:
         found_any = "more than one usual order of joints fits" if labels else "no usual order of joints fits"
@@ -150,15 +197,4 @@ def _fit(
     (label,) = labels
     found = order if (label, order) in fitting else next(which for _, which in fitting)
     told = f"no joint names, the bodies fit joints numbered {label}"
-    return found, candidates[label], [told, *([] if found == order else [f"the bodies fit quaternion {found}"])]
-
-
-def _distance(
-    root_pos: np.ndarray, root_quat: np.ndarray, joint_pos: np.ndarray, bodies: np.ndarray, robot: Robot
-) -> float:
-    """Return the largest mean distance of a keypoint from the nearest recorded body, whichever that is (m)."""
-    parts = (torch.from_numpy(part.astype(np.float64)) for part in (root_pos, root_quat, joint_pos, bodies))
-    place, quat, joints, recorded = parts
-    quat = quat / quat.norm(dim=-1, keepdim=True).clamp_min(1e-9)
-    pos_w, _ = ForwardKinematics(robot, robot.keypoints)(place, quat, joints)
-    return float(torch.cdist(pos_w, recorded).amin(-1).mean(0).amax())
+    return found, candidates[label], [told, *([] if found == order else [f"the bodies fit quaternion {found}"])], True

@@ -211,7 +211,9 @@ class _Machine:
         return np.frombuffer(raw, dtype.numpy).reshape(_expect(shape, tuple), order=order)  # type: ignore[call-overload]
 
     def _texts(self, items: Any) -> np.ndarray:
-        """The array that an array of objects stands for: of texts, such as names of joints."""
+        """The array that an array of objects stands for: of texts, such as names of joints; empty for None."""
+        if isinstance(items, list) and all(item is None for item in items):
+            return np.zeros(0)
         if not isinstance(items, list) or not all(isinstance(item, str) for item in items):
             raise MotionError("it holds an array of type 'O8' with Python objects, expected numbers or texts")
         self._claim(4 * len(items) * max(map(len, items), default=0))

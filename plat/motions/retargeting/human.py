@@ -67,8 +67,23 @@ def read_human(mocap: Mocap, skeleton: SkeletonMap, where: str) -> Human:
     axes = [(up + 1) % 3, (up + 2) % 3, up]
     origin = np.append(raw["hips"][0, axes[:2]], 0.0)
     positions = {role: unit * (position[:, axes] - origin) for role, position in raw.items()}
-    rotations = {role: mocap.rotations[first:, indices[role]][:, axes] for role in (f"{side}_ankle" for side in SIDES)}
+    rotations = {
+        f"{side}_ankle": _foot_axes(positions, side)
+        if mocap.rotations is None
+        else mocap.rotations[first:, indices[f"{side}_ankle"]][:, axes]
+        for side in SIDES
+    }
     return Human(positions, rotations, unit * leg, (*notes, *told, *more))
+
+
+def _foot_axes(at: dict[str, np.ndarray], side: str) -> np.ndarray:
+    """Return axes ``[T, 3, 3]`` that go with a foot: towards the toe, and as near to the line of the hips as can be."""
+    forward = at[f"{side}_toe"] - at[f"{side}_ankle"]
+    forward = forward / np.linalg.norm(forward, axis=1, keepdims=True).clip(1e-9)
+    left = at["left_hip"] - at["right_hip"]
+    left = left - forward * (left * forward).sum(1, keepdims=True)
+    left = left / np.linalg.norm(left, axis=1, keepdims=True).clip(1e-9)
+    return np.stack((forward, left, np.cross(forward, left)), -1)
 
 
 def _leg(raw: dict[str, np.ndarray], skeleton: SkeletonMap, where: str) -> float:

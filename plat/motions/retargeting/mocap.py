@@ -21,7 +21,7 @@ class Mocap:
         names: of joints and end sites; the end site of ``Hand`` is called ``Hand_end``.
         parents: index of the parent of each, -1 for a root.
         positions: ``[T, J, 3]``, in the file's own units and world axes.
-        rotations: ``[T, J, 3, 3]``, from the joint's axes to those of the world.
+        rotations: ``[T, J, 3, 3]``, from the joint's axes to those of the world; None where there are only positions.
         fps: frames a second.
         rest: places of the joints in the skeleton's rest pose ``[J, 3]``.
         notes: what was assumed or put right, a phrase each.
@@ -30,7 +30,7 @@ class Mocap:
     names: tuple[str, ...]
     parents: tuple[int, ...]
     positions: np.ndarray
-    rotations: np.ndarray
+    rotations: np.ndarray | None
     fps: float
     rest: np.ndarray
     notes: tuple[str, ...] = ()

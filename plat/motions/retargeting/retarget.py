@@ -14,12 +14,13 @@ import torch
 
 from plat.errors import MotionError
 from plat.motions.clip import MotionClip
-from plat.motions.paths import find_files
+from plat.motions.paths import find_files, is_named
 from plat.motions.retargeting.asf import read_amc
 from plat.motions.retargeting.builtin import find_map
 from plat.motions.retargeting.bvh import read_bvh
 from plat.motions.retargeting.geometry import TRACKED, RobotGeometry
 from plat.motions.retargeting.human import read_human
+from plat.motions.retargeting.joint_file import holds_human_joints, read_joint_file
 from plat.motions.retargeting.mocap import Mocap
 from plat.motions.retargeting.options import SolverOptions
 from plat.motions.retargeting.skeletons import SkeletonMap
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 
 __all__ = ["MOCAP_READERS", "Retargeted", "bvh_paths", "retarget", "retarget_all"]
 
-MOCAP_READERS: dict[str, Callable[..., Mocap]] = {".bvh": read_bvh, ".amc": read_amc}
+MOCAP_READERS: dict[str, Callable[..., Mocap]] = {".bvh": read_bvh, ".amc": read_amc, ".npz": read_joint_file}
 """Reader of each file ending of human motion capture."""
 
 # Files that a process must have to itself to be worth the seconds in which it starts.
@@ -61,19 +62,25 @@ class Retargeted:
     seconds: float
 
 
-def bvh_paths(patterns: Sequence[str | Path]) -> list[Path]:
+def bvh_paths(patterns: Sequence[str | Path], told: list[str] | None = None) -> list[Path]:
     """Return files of motion capture that paths, folders and globs name.
 
+    Of the ``.npz`` in folders and globs those are taken that hold joint positions of a human.
+
+    Args:
+        patterns: paths, folders and globs.
+        told: is given a line for each copy of a file that was left out.
+
     Raises:
-        MotionError: when there are none, one of them names no file, or two files have the same name.
+        MotionError: when there are none, or one of them names no file.
     """
-    paths = find_files(patterns, MOCAP_READERS)
+    paths = [
+        path
+        for path in find_files(patterns, MOCAP_READERS, told=told)
+        if path.suffix.lower() != ".npz" or is_named(path, patterns) or holds_human_joints(path)
+    ]
     if not paths:
         raise MotionError("motion capture files: none given, expected files, folders or globs")
-    by_name: dict[str, Path] = {}
-    for path in paths:
-        if by_name.setdefault(path.stem, path) != path:
-            raise MotionError(f"motion capture files {str(by_name[path.stem])!r} and {str(path)!r}: names must differ")
     return paths
 
 

@@ -13,6 +13,8 @@ from tests.motions.formats.writers import (
     WITHOUT_WRISTS,
     body_poses,
     bowing_clip,
+    link_arrays,
+    turned,
     write_full_tracker,
     write_tracker,
 )
@@ -276,3 +278,109 @@ def test_joints_that_nothing_names_are_looked_at(tmp_path):
     for found in (file.clips[0], file.clips[17]):
         np.testing.assert_allclose(found.qpos, clip.qpos, atol=1e-5)
         assert "joints numbered breadth first" in found.notes[0]
+
+
+def test_kimodo_and_ardy_on_the_robot(tmp_path):
+    clip = bowing_clip(heading=0.7)
+    arrays = link_arrays(clip)
+    places = {name: arrays[name] for name in ("global_rot_mats", "posed_joints")}
+    np.savez(tmp_path / "kimodo.npz", **places, foot_contacts=np.zeros((40, 4), dtype=bool))
+    np.savez(tmp_path / "ardy.npz", **arrays, fps=25.0, text="a bow")
+    ardy, kimodo = read_motion_files(tmp_path)
+    for file, rate in ((kimodo, 30), (ardy, 25)):
+        np.testing.assert_allclose(file.clips[0].qpos, clip.qpos, atol=1e-5)
+        assert (file.format, file.clips[0].fps) == ("Kimodo npz", rate)
+    assert "fps as Kimodo writes it" in kimodo.facts
+    assert "fps as" not in ardy.facts
+
+
+def test_links_that_are_not_this_robots_are_refused(tmp_path):
+    arrays = link_arrays(bowing_clip())
+    arrays["global_rot_mats"] = arrays["global_rot_mats"][:, ::-1]
+    np.savez(tmp_path / "a.npz", **arrays)
+    with pytest.raises(MotionError, match=r"put the joints \d+ cm from 'posed_joints': is it of robot 'g1'"):
+        load_motions(tmp_path / "a.npz")
+    arrays["global_rot_mats"] = np.ones((40, 34, 3, 3))
+    np.savez(tmp_path / "a.npz", **arrays)
+    with pytest.raises(MotionError, match="matrices that are no rotations"):
+        load_motions(tmp_path / "a.npz")
+
+
+def loco_arrays(*clips: MotionClip) -> dict[str, object]:
+    """Arrays as loco-mujoco has them: motions one behind the other, the root among the joints, None for what lacks."""
+    ends = np.cumsum([0, *(len(clip.qpos) for clip in clips)])
+    return {
+        "qpos": np.concatenate([clip.qpos for clip in clips]),
+        "qvel": np.zeros((ends[-1], 35)),
+        "split_points": ends,
+        "joint_names": ["root", *(f"{name}_joint" for name in G1.joint_names)],
+        "body_names": ["world", "pelvis"],
+        "frequency": 50.0,
+        "njnt": 30,
+        "metadata": None,
+        "site_names": None,
+        "xpos": np.zeros(0),
+    }
+
+
+def test_loco_mujoco(tmp_path):
+    clip = bowing_clip()
+    np.savez(tmp_path / "two.npz", **loco_arrays(clip, turned(clip, 1.0)))
+    np.savez(tmp_path / "one.npz", **{**loco_arrays(clip), "metadata": {"source": "us"}})
+    one, two = read_motion_files(tmp_path)
+    assert [found.name for found in (*one.clips, *two.clips)] == ["one", "two_0", "two_1"]
+    assert one.facts == "plat npz, 50 fps"
+    np.testing.assert_allclose(two.clips[1].qpos, turned(clip, 1.0).qpos, atol=1e-5)
+    np.savez(tmp_path / "one.npz", **{**loco_arrays(clip), "split_points": [0, 30]})
+    with pytest.raises(
+        MotionError, match=r"'split_points' is \[0, 30\], expected rising numbers from 0 to the 40 frames"
+    ):
+        load_motions(tmp_path / "one.npz")
+
+
+def test_joints_of_other_things_are_left_out(tmp_path):
+    # a door's joint, as HDMI has it, and the root's name with a column and without one
+    clip = bowing_clip()
+    names = [f"{name}_joint" for name in G1.joint_names]
+    joints = np.column_stack((np.zeros(40), clip.qpos[:, 7:], np.ones(40)))
+    pos, quat = body_poses(clip)
+    bodies = {"body_pos_w": pos, "body_quat_w": quat, "body_names": G1.keypoints, "fps": 50}
+    np.savez(tmp_path / "door.npz", joint_pos=joints, joint_names=["root", *names, "door_joint"], **bodies)
+    np.savez(tmp_path / "root.npz", joint_pos=clip.qpos[:, 7:], joint_names=["root", *names], **bodies)
+    door, root = read_motion_files(tmp_path)
+    for file in (door, root):
+        np.testing.assert_allclose(file.clips[0].qpos, clip.qpos, atol=1e-5)
+    assert "joints left out: door_joint, root" in door.facts
+    assert "left out" not in root.facts
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (
+            [f"joint_{number}_x" for number in range(29)],
+            "has the unknown .* and 21 more, as another body; expected the 29",
+        ),
+        (
+            [name.replace("elbow", "elbow_pitch").replace("wrist_roll", "elbow_roll") for name in G1.joint_names],
+            "of the first G1, whose elbows count from another angle",
+        ),
+    ],
+)
+def test_joints_of_other_bodies_are_refused(tmp_path, names, message):
+    np.savez(tmp_path / "a.npz", qpos=bowing_clip().qpos, joint_names=names, fps=50)
+    with pytest.raises(MotionError, match=message):
+        load_motions(tmp_path)
+
+
+@pytest.mark.parametrize("order", ["wxyz", "xyzw"])
+def test_some_bodies_by_name_are_enough(tmp_path, order):
+    # eleven bodies, as AMP files for the G1 have them
+    clip = bowing_clip(heading=0.7)
+    arrays = amp_arrays(clip, order)
+    some = [0, 1, 2, 3, 4, 6]
+    for name in ("body_positions", "body_rotations"):
+        arrays[name] = arrays[name][:, some]
+    arrays["body_names"] = [G1.keypoints[index] for index in some]
+    np.savez(tmp_path / "amp.npz", **arrays)
+    np.testing.assert_allclose(load_motions(tmp_path / "amp.npz")[0].qpos, clip.qpos, atol=1e-5)

@@ -9,6 +9,7 @@ from io import BytesIO
 from pathlib import Path
 from unittest import mock
 
+import mujoco
 import numpy as np
 import torch
 
@@ -44,7 +45,7 @@ def bowing_clip(frames: int = 40, heading: float = 0.0) -> MotionClip:
 
 def turned(clip: MotionClip, angle: float) -> MotionClip:
     """The clip somewhere else, turned about the vertical."""
-    qpos = torch.from_numpy(clip.qpos).double()
+    qpos = torch.from_numpy(clip.qpos).double().clone()
     turn = torch.tensor([np.cos(angle / 2), 0, 0, np.sin(angle / 2)], dtype=torch.float64)
     qpos[:, :3] = quat_rotate(turn, qpos[:, :3])
     qpos[:, 3:7] = quat_multiply(turn.expand(len(qpos), 4), qpos[:, 3:7])
@@ -54,6 +55,24 @@ def turned(clip: MotionClip, angle: float) -> MotionClip:
 def body_poses(clip: MotionClip) -> tuple[np.ndarray, np.ndarray]:
     pos, quat = ForwardKinematics(G1)(*torch.from_numpy(clip.qpos).split((3, 4, 29), -1))
     return pos.numpy(), quat.numpy()
+
+
+def link_arrays(clip: MotionClip) -> dict[str, np.ndarray]:
+    """Arrays as Kimodo and ARDY write them for the G1: y up, z forward, ends of feet and hands behind the last link."""
+    model = G1.shared_model
+    data = mujoco.MjData(model)
+    axes = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+    links = [1]
+    for joint, name in enumerate(G1.joint_names, start=1):
+        links += [int(model.jnt_bodyid[joint])] * (1 + name.endswith(("ankle_roll", "wrist_yaw")))
+    rotations, places = [], []
+    for qpos in clip.qpos:
+        data.qpos[:] = qpos
+        mujoco.mj_kinematics(model, data)
+        rotations.append(axes @ data.xmat[links].reshape(-1, 3, 3) @ axes.T)
+        places.append(data.xpos[links] @ axes.T)
+    joints = np.array(places)
+    return {"global_rot_mats": np.array(rotations), "posed_joints": joints, "root_positions": joints[:, 0]}
 
 
 def write_plat(path: Path, clip: MotionClip) -> None:

@@ -1,0 +1,56 @@
+"""Which of the columns that a file names are joints of the robot."""
+
+from collections.abc import Sequence
+
+from plat.errors import MotionError
+from plat.motions.formats.names import match_joint, tokens
+from plat.motions.formats.unnamed_joints import OPTIONAL
+from plat.robots.robot import Robot
+
+__all__ = ["robot_columns"]
+
+# what files call the joint between world and robot
+_ROOT_WORDS = frozenset(("root", "floating", "base", "free", "freejoint", "joint", "pelvis", "floatingbase", "world"))
+# names of the first G1, whose elbows count from another zero
+_OLD = frozenset(("elbow", "roll"))
+
+
+def robot_columns(names: Sequence[str], count: int, robot: Robot) -> tuple[list[int], list[str], list[str]]:
+    """Return the columns of the robot's joints, the names of these joints, and the names that were left out.
+
+    Names beside a whole robot, such as those of hands, of a door or of the root, are left out.
+
+    Args:
+        names: as the file lists them.
+        count: of the columns that they name; the root's name may have no column.
+        robot: whose joints are looked for.
+
+    Raises:
+        MotionError: for joints that are missing, named twice, or not as many as columns.
+    """
+    listed = list(names)
+    roots = [name for name in listed if set(tokens(name)) <= _ROOT_WORDS]
+    if len(listed) == count + 1 and len(roots) == 1:
+        listed.remove(roots[0])
+    if old := sorted(name for name in listed if set(tokens(name)) >= _OLD):
+        raise MotionError(
+            f"it has the joint names {old} of the first G1, whose elbows count from another angle; retarget it to "
+            f"{robot.name!r} anew"
+        )
+    matched = [match_joint(name, robot) for name in listed]
+    found = [joint for joint in matched if joint is not None]
+    missing = sorted(set(robot.joint_names) - set(found))
+    unknown = sorted(name for name, joint in zip(listed, matched, strict=True) if joint is None)
+    expected = f"the {robot.num_joints} joints of {robot.name!r}"
+    in_doubt = bool(set(unknown) - set(roots))  # one of these may be what is missing
+    if missing and (in_doubt or not all("wrist" in name or name in OPTIONAL for name in missing)):
+        told = f"'joint_names' lacks {_some(missing)} and has the unknown {_some(unknown)}"
+        another = ", as another body" if len(found) < robot.num_joints // 3 else ""
+        raise MotionError(f"{told}{another}; expected {expected}")
+    if len(listed) != count or len(set(found)) != len(found):
+        raise MotionError(f"'joint_names' has {len(listed)} names, expected one for each of {count} joints")
+    return [column for column, joint in enumerate(matched) if joint is not None], found, unknown
+
+
+def _some(names: Sequence[str]) -> str:
+    return f"{list(names[:8])}" + (f" and {len(names) - 8} more" if len(names) > 8 else "")

@@ -1,0 +1,138 @@
+"""Archives of joint positions of humans: Kimodo and ARDY on their human skeletons, and the SMPL family's joints."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from plat.errors import MotionError
+from plat.motions.formats.archive import archive_shapes, read_archive, states_rate, take_rate
+from plat.motions.formats.common import strings
+from plat.motions.formats.kimodo import KIMODO_FPS
+from plat.motions.retargeting.mocap import Mocap
+from plat.motions.retargeting.skeletons import ROLES
+
+__all__ = ["holds_human_joints", "read_joint_file"]
+
+# arrays of joints' places [T, J, 3], the likelier first; and of their names
+_PLACES = (
+    "posed_joints",
+    "global_joint_positions",
+    "joint_positions",
+    "joints",
+    "joints3d",
+    "human_joints",
+    "positions",
+)
+_NAMES = ("joint_names", "joints_names", "names")
+# arrays that make an archive one of a robot
+_ROBOT = ("qpos", "joint_pos", "dof_pos", "dof_positions", "robot_joint_pos")
+
+_ARM, _LEG, _CORE_LEG = (
+    ("Shoulder", "Arm", "ForeArm", "Hand"),
+    ("Leg", "Shin", "Foot", "ToeBase"),
+    ("UpLeg", "Leg", "Foot", "ToeBase"),
+)
+_SOMA_TRUNK = ("Hips", "Spine1", "Spine2", "Chest", "Neck1", "Neck2", "Head")
+_CORE_TRUNK = ("Hips", "Spine", "Spine1", "Spine2", "Spine3", "Neck", "Head")
+_SMPL_TREE = (
+    *("pelvis -", "left_hip pelvis", "right_hip pelvis", "spine1 pelvis", "left_knee left_hip", "right_knee right_hip"),
+    *("spine2 spine1", "left_ankle left_knee", "right_ankle right_knee", "spine3 spine2", "left_foot left_ankle"),
+    *("right_foot right_ankle", "neck spine3", "left_collar spine3", "right_collar spine3", "head neck"),
+    *("left_shoulder left_collar", "right_shoulder right_collar", "left_elbow left_shoulder"),
+    *("right_elbow right_shoulder", "left_wrist left_elbow", "right_wrist right_elbow"),
+)
+# column of a joint, and its parent's name
+_Layout = dict[str, tuple[int, str]]
+
+
+def _chain(first: int, names: Sequence[str], parent: str, side: str = "") -> _Layout:
+    """Return joints in columns that follow each other, each the child of the one before."""
+    listed = [side + name for name in names]
+    return {name: (first + n, listed[n - 1] if n else parent) for n, name in enumerate(listed)}
+
+
+# Columns of the joints that are needed, by the number of joints. Source: nv-tlabs/kimodo, and its kin ARDY,
+# skeleton/definitions.py; all members of the SMPL family have the same first 22 joints.
+_SMPL: _Layout = {row.split()[0]: (column, row.split()[1]) for column, row in enumerate(_SMPL_TREE)}
+_LAYOUTS: dict[int, _Layout] = {
+    77: _chain(0, _SOMA_TRUNK, "-")
+    | _chain(11, _ARM, "Chest", "Left")
+    | _chain(39, _ARM, "Chest", "Right")
+    | _chain(67, _LEG, "Hips", "Left")
+    | _chain(72, _LEG, "Hips", "Right"),
+    30: _chain(0, _SOMA_TRUNK, "-")
+    | _chain(10, _ARM, "Chest", "Left")
+    | _chain(16, _ARM, "Chest", "Right")
+    | _chain(22, _LEG, "Hips", "Left")
+    | _chain(26, _LEG, "Hips", "Right"),
+    27: _chain(0, _CORE_TRUNK, "-")
+    | _chain(7, _ARM, "Spine3", "Right")
+    | _chain(13, _ARM, "Spine3", "Left")
+    | _chain(19, _CORE_LEG, "Hips", "Right")
+    | _chain(23, _CORE_LEG, "Hips", "Left"),
+    **dict.fromkeys((22, 24, 45, 52, 55, 73, 127, 144), _SMPL),
+}
+
+
+def holds_human_joints(path: Path) -> bool:
+    """Return whether an ``.npz`` holds joint positions of a human, and no motion of a robot."""
+    shapes = archive_shapes(path)
+    return not set(_ROBOT) & set(shapes) and _places(shapes) is not None
+
+
+def read_joint_file(path: str | Path, fps: float | None = None) -> Mocap:
+    """Read joint positions ``[T, J, 3]`` of a human from an ``.npz``.
+
+    Joints are known by their names where the archive has them, else by their number: 77 or 30 of SOMA, 27 of ARDY's
+    skeleton, 22 and more of the SMPL family.
+
+    Args:
+        path: the file.
+        fps: frames a second, where the user states them; else the archive does, and 30 for Kimodo.
+
+    Raises:
+        MotionError: naming the file, when it holds no such joints or does not state its frame rate.
+    """
+    where = f"NPZ file {str(path)!r}"
+    try:
+        arrays = read_archive(Path(path))
+        name = _places({name: array.shape for name, array in arrays.items()})
+        if name is None:
+            raise MotionError(f"no joint positions of a human, expected {' or '.join(_PLACES)} of (frames, joints, 3)")
+        notes = []
+        if name == "posed_joints" and fps is None and not states_rate(arrays):
+            arrays["fps"] = np.array(KIMODO_FPS)
+            notes.append("fps as Kimodo writes it")
+        rate = take_rate(arrays, fps)
+        places = arrays[name].astype(np.float64)
+        if not np.isfinite(places).all():
+            raise MotionError(f"{name!r} holds a value that is not finite")
+        listed = next((strings(arrays[key], key) for key in _NAMES if key in arrays), None)
+        named = listed is not None and len(listed) == places.shape[1]
+        layout = {name: (column, "-") for column, name in enumerate(listed or ())}
+        layout = layout if named else _LAYOUTS[places.shape[1]]
+    except MotionError as error:
+        raise MotionError(f"{where}: {error}") from None
+    except Exception as error:  # whatever a parser stumbles over: the file is broken
+        raise MotionError(f"{where}: not a readable .npz file ({error})") from error
+    if not named:
+        notes.append(f"joints by their number, {places.shape[1]}")
+    columns = [column for column, _ in layout.values()]
+    positions = places[:, columns]
+    found = arrays.get("global_rot_mats")
+    with_rotations = found is not None and found.shape == (*places.shape[:2], 3, 3)
+    rotations = found[:, columns].astype(np.float64) if with_rotations and found is not None else None
+    index = {name: number for number, name in enumerate(layout)}
+    parents = tuple(index.get(parent, -1) for _, parent in layout.values())
+    return Mocap(tuple(layout), parents, positions, rotations, rate, np.zeros((len(layout), 3)), tuple(notes))
+
+
+def _places(shapes: Mapping[str, tuple[int, ...]]) -> str | None:
+    """Return which array holds the joints."""
+    named = any(name in shapes for name in _NAMES)
+    for name in _PLACES:
+        shape = shapes.get(name, ())
+        if len(shape) == 3 and shape[2] == 3 and (shape[1] in _LAYOUTS or (named and shape[1] >= len(ROLES))):
+            return name
+    return None

@@ -1,0 +1,87 @@
+"""Joint positions of humans in archives, against the same human in BVH."""
+
+import numpy as np
+import pytest
+
+from plat.errors import MotionError
+from plat.motions import read_motion_files
+from plat.motions.retargeting import builtin_maps, read_bvh, retarget
+from plat.motions.retargeting.joint_file import holds_human_joints, read_joint_file
+
+from .human import write_human
+
+MAPS = {skeleton.name: skeleton for skeleton in builtin_maps()}
+TURNS = {"LeftUpLeg": (0, 0, 30), "RightForeArm": (40, 0, 0), "Hips": (0, 40, 0)}
+# number of joints, map by which they are known, columns of hips, left toe and right wrist
+LAYOUTS = {
+    77: ("soma", 0, 70, 42),
+    30: ("soma", 0, 25, 19),
+    27: ("animated_drawings", 0, 26, 10),
+    22: ("amass", 0, 10, 21),
+}
+
+
+@pytest.fixture(scope="module")
+def person(tmp_path_factory):
+    """A human that is retargeted from BVH."""
+    pytest.importorskip("mink")
+    path = write_human(tmp_path_factory.mktemp("bvh") / "person.bvh", frames=12, turns=TURNS)
+    return read_bvh(path), retarget(path)
+
+
+def joints(mocap, name: str, count: int) -> np.ndarray:
+    """The human's joints in the columns of a layout, in meters."""
+    from plat.motions.retargeting.joint_file import _LAYOUTS
+
+    places = np.zeros((len(mocap.positions), count, 3))
+    for role, joint in MAPS[name].joints.items():
+        places[:, _LAYOUTS[count][joint][0]] = 0.01 * mocap.positions[:, mocap.names.index(MAPS["lafan1"].joints[role])]
+    return places
+
+
+@pytest.mark.parametrize("count", LAYOUTS)
+def test_the_number_of_joints_tells_the_skeleton(tmp_path, person, count):
+    mocap, made = person
+    name, *columns = LAYOUTS[count]
+    places = joints(mocap, name, count)
+    for role, column in zip(("hips", "left_toe", "right_wrist"), columns, strict=True):
+        index = mocap.names.index(MAPS["lafan1"].joints[role])
+        np.testing.assert_allclose(places[:, column], 0.01 * mocap.positions[:, index])
+    np.savez(tmp_path / "joints.npz", posed_joints=places, fps=30)
+    (file,) = read_motion_files(tmp_path)
+    assert file.format == "human NPZ, retargeted"
+    assert f"map {name}" in file.facts
+    assert f"joints by their number, {count}" in file.facts
+    # the pitch of pelvis and trunk is the map's, all else is the human's
+    difference = np.abs(file.clips[0].qpos - made.clip.qpos)
+    legs = [7 + index for index in (3, 4, 9, 10)]
+    assert difference[:, legs].max() < 0.2
+    assert difference[:, :3].max() < 0.06
+
+
+def test_rates_names_and_rotations(tmp_path, person):
+    mocap, _ = person
+    places = joints(mocap, "soma", 30)
+    np.savez(tmp_path / "kimodo.npz", posed_joints=places, global_rot_mats=np.tile(np.eye(3), (12, 30, 1, 1)))
+    found = read_joint_file(tmp_path / "kimodo.npz")
+    assert found.fps == 30
+    assert "fps as Kimodo writes it" in found.notes
+    assert found.rotations.shape == (12, 23, 3, 3)
+    np.savez(tmp_path / "smpl.npz", joints=joints(mocap, "amass", 22))
+    with pytest.raises(MotionError, match="NPZ file '.*smpl.npz': no array 'fps'"):
+        read_joint_file(tmp_path / "smpl.npz")
+    assert read_joint_file(tmp_path / "smpl.npz", fps=20).fps == 20
+    np.savez(tmp_path / "named.npz", joints=0.01 * mocap.positions, joint_names=mocap.names, mocap_framerate=60)
+    named = read_joint_file(tmp_path / "named.npz")
+    assert named.fps == 60
+    assert named.names == mocap.names
+    assert named.notes == ()
+
+
+def test_which_archives_hold_a_human(tmp_path):
+    np.savez(tmp_path / "robot.npz", qpos=np.zeros((3, 36)), human_joints=np.zeros((3, 22, 3)), fps=30)
+    np.savez(tmp_path / "links.npz", posed_joints=np.zeros((3, 34, 3)))
+    np.savez(tmp_path / "human.npz", joints=np.zeros((3, 52, 3)))
+    (tmp_path / "broken.npz").write_bytes(b"no archive")
+    found = [path.stem for path in sorted(tmp_path.iterdir()) if holds_human_joints(path)]
+    assert found == ["human"]
