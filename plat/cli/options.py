@@ -9,6 +9,7 @@ import tyro
 
 from plat.baselines.released import ReleasedTrackers
 from plat.bounds import Bounded, Count, Natural, NonNegative, Positive, Range, Seed
+from plat.control.settings import ReachLimits
 from plat.envs.transforms.settings import RandomizationRanges
 from plat.motions.checks.settings import ValidationLimits
 from plat.motions.retargeting.options import SolverOptions
@@ -118,8 +119,9 @@ class PlayRecipe(Bounded):
     """seconds from shove to shove"""
     seed: Seed = 0
     """draws the directions"""
+    reach: ReachLimits = field(default_factory=ReachLimits)
     video: Path | None = None
-    """MP4 to write: the keyframe as a ghost, the time left as a bar, red after a failure"""
+    """MP4 to write: the keyframe as a ghost, the time left as a bar, the outcome in words"""
     viewer: bool = False
     """watch it live in MuJoCo's viewer; needs a display"""
     robot: str = "g1"

@@ -16,6 +16,7 @@ from plat.cli.options import PlayRecipe
 from plat.control import (
     Chase,
     ChaseStep,
+    HoldScore,
     KeyframeScore,
     KeyframeScorer,
     PolicyController,
@@ -23,6 +24,7 @@ from plat.control import (
     StepErrors,
     Viewer,
     record,
+    tally,
 )
 from plat.control.shoves import Shoves
 from plat.errors import KeyframeError
@@ -51,7 +53,8 @@ def main(recipe: PlayRecipe) -> list[KeyframeScore]:
         stage = Stage(robot)
     simulator = Simulator(stage_model(robot) if recipe.viewer else robot.model(), timing.control_dt)
     chase = Chase(PolicyController(policy.deployed(), robot), sequence, simulator, hold=recipe.hold)
-    scorer, shoves = KeyframeScorer(robot), Shoves(recipe.push, recipe.push_every, recipe.seed, timing.control_dt)
+    scorer = KeyframeScorer(robot, recipe.reach)
+    shoves = Shoves(recipe.push, recipe.push_every, recipe.seed, timing.control_dt)
     viewer = Viewer(simulator) if recipe.viewer else None
     steps: list[tuple[ChaseStep, StepErrors]] = []
     for step in chase:
@@ -63,27 +66,34 @@ def main(recipe: PlayRecipe) -> list[KeyframeScore]:
             viewer.show(step)
     if viewer is not None:
         viewer.close()
-    print_table(scorer.scores())
+    print_table(scorer.scores(), scorer.hold())
     if stage is not None and recipe.video is not None:
-        write_video(recipe.video, film(stage, record(steps)))
+        write_video(recipe.video, film(stage, record(steps, scorer)))
         stage.close()
         print(f"wrote {recipe.video}")
     return scorer.scores()
 
 
-def print_table(scores: Sequence[KeyframeScore]) -> None:
-    """A row a keyframe, and what they come to."""
-    print(f"{'':>3}  {'keyframe':<20}  {'time s':>6}  {'reached':<7}  {'MPJPE@3 rad':>11}  {'MPKPE@3 m':>9}")
+def print_table(scores: Sequence[KeyframeScore], hold: HoldScore | None = None) -> None:
+    """A row a keyframe, what they come to, and what became of the hold."""
+    print(f"{'':>3}  {'keyframe':<20}  {'time s':>6}  {'TKS@3':<5}  {'MPJPE@3 rad':>11}  {'MPKPE@3 m':>9}  outcome")
     for score in scores:
-        outcome = "yes" if score.reached else "fell" if score.fell else "no"
+        success = "yes" if score.success else "no"
         print(
-            f"{score.index:>3}  {score.name or '':<20.20}  {score.time:>6.2f}  {outcome:<7}  "
-            f"{score.joint_error:>11.3f}  {score.keypoint_error:>9.3f}"
+            f"{score.index:>3}  {score.name or '':<20.20}  {score.time:>6.2f}  {success:<5}  "
+            f"{score.joint_error:>11.3f}  {score.keypoint_error:>9.3f}  {score.words}"
         )
-    reached = [score for score in scores if score.reached]
-    summary = f"{len(reached)} of {len(scores)} reached"
-    if reached:
-        joint = np.mean([score.joint_error for score in reached])
-        keypoint = np.mean([score.keypoint_error for score in reached])
-        summary += f"; these with MPJPE@3 {joint:.3f} rad, MPKPE@3 {keypoint:.3f} m"
-    print(summary)
+    print(summary(scores))
+    if hold is not None:
+        print(hold.words)
+
+
+def summary(scores: Sequence[KeyframeScore]) -> str:
+    """Return how many keyframes had each outcome, and the errors of those that TKS@3 counts."""
+    succeeded = [score for score in scores if score.success]
+    errors = f"TKS@3 {len(succeeded)} of {len(scores)}"
+    if succeeded:
+        joint = np.mean([score.joint_error for score in succeeded])
+        keypoint = np.mean([score.keypoint_error for score in succeeded])
+        errors += f", these with MPJPE@3 {joint:.3f} rad, MPKPE@3 {keypoint:.3f} m"
+    return f"{tally(scores)}; {errors}"

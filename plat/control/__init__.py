@@ -22,7 +22,18 @@ if TYPE_CHECKING:
     from plat.control.feasibility import Concern, Feasibility, FeasibilityLimits
     from plat.control.policy import PolicyController
     from plat.control.pose_errors import PoseComparison, PoseErrors
-    from plat.control.scores import KeyframeScore, KeyframeScorer, StepErrors
+    from plat.control.scores import (
+        FELL,
+        LATE_OR_OFF,
+        REACHED,
+        HoldScore,
+        KeyframeScore,
+        KeyframeScorer,
+        Outcome,
+        StepErrors,
+        tally,
+    )
+    from plat.control.settings import ReachLimits
     from plat.control.simulator import Simulator
     from plat.control.viewer import Viewer
 else:
@@ -30,6 +41,9 @@ else:
 
 __all__ = [
     "FAMILIES",
+    "FELL",
+    "LATE_OR_OFF",
+    "REACHED",
     "Authored",
     "Chase",
     "ChaseStep",
@@ -37,15 +51,19 @@ __all__ = [
     "Controller",
     "Feasibility",
     "FeasibilityLimits",
+    "HoldScore",
     "KeyframeScore",
     "KeyframeScorer",
+    "Outcome",
     "PolicyController",
     "PoseComparison",
     "PoseErrors",
+    "ReachLimits",
     "Simulator",
     "StepErrors",
     "Viewer",
     "author",
     "record",
     "resting_poses",
+    "tally",
 ]

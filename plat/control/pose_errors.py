@@ -6,14 +6,17 @@ import mujoco
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from tensordict import TensorDict
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
 
+from plat.control.settings import ReachLimits
 from plat.deploy import RobotState
-from plat.envs.transforms.terminations import TerminationLimits, fallen, off_pose
+from plat.envs.transforms.terminations import fallen, off_pose
 from plat.keyframes import Keyframe
 from plat.robots.robot import Robot
+from plat.rotations import quat_angle
 
-__all__ = ["PoseComparison", "PoseErrors"]
+__all__ = ["PoseComparison", "PoseErrors", "down"]
 
 
 @dataclass(frozen=True)
@@ -24,10 +27,18 @@ class PoseErrors:
     """mean absolute error of the joint angles (rad): MPJPE"""
     keypoint: float
     """mean Euclidean error of the keypoints in the world (m): MPKPE"""
+    root: float
+    """distance of the root (m)"""
+    height: float
+    """largest error of the height of anchor, ankles and wrists (m)"""
+    turn: float
+    """angle between the anchor's orientations (rad)"""
     off_pose: bool
     """whether anchor, ankles or wrists are too far off to count as arrived"""
     fallen: bool
-    """whether the root is at the wrong height or tilt"""
+    """whether the root is at the wrong height or tilt, by the limits of TKS@3"""
+    down: bool
+    """whether the robot lies: see :func:`down`"""
 
 
 class PoseComparison:
@@ -42,27 +53,34 @@ class PoseComparison:
     >>> from plat.control import Simulator
     >>> simulator, pose = Simulator(G1.model()), standing(G1)
     >>> simulator.reset(pose)
-    >>> PoseComparison(G1)(simulator.state(), pose)
-    PoseErrors(joint=0.0, keypoint=0.0, off_pose=False, fallen=False)
+    >>> errors = PoseComparison(G1)(simulator.state(), pose)
+    >>> errors.joint, errors.keypoint, errors.root, errors.off_pose, errors.fallen, errors.down
+    (0.0, 0.0, 0.0, False, False, False)
     """
 
-    def __init__(self, robot: Robot, limits: TerminationLimits | None = None):
+    def __init__(self, robot: Robot, limits: ReachLimits | None = None):
         self._robot = robot
-        self._limits = limits or TerminationLimits()
+        self._limits = limits or ReachLimits()
         self._model = robot.model()
         self._data = mujoco.MjData(self._model)
         self._keypoints = [self._model.body(name).id for name in robot.keypoints]
+        self._watched = [robot.anchor_index, *robot.end_effector_indices]
 
     def __call__(self, state: RobotState, pose: Keyframe) -> PoseErrors:
         """Errors of a state against a pose."""
         actual = self._keypoints_of(state.qpos)
         wanted = self._keypoints_of(pose.qpos)
-        distance = torch.linalg.vector_norm(actual["keypoint_pos_w"] - wanted["keypoint_pos_w"], dim=-1)
+        apart = actual["keypoint_pos_w"] - wanted["keypoint_pos_w"]
+        anchors = (poses["keypoint_quat_w"][:, self._robot.anchor_index] for poses in (actual, wanted))
         return PoseErrors(
             joint=float(np.abs(state.joint_pos - pose.joint_pos).mean()),
-            keypoint=float(distance.mean()),
-            off_pose=bool(off_pose(actual, wanted, self._robot, self._limits)),
-            fallen=bool(fallen(actual, wanted, self._limits)),
+            keypoint=float(torch.linalg.vector_norm(apart, dim=-1).mean()),
+            root=float(apart[0, 0].norm()),
+            height=float(apart[0, self._watched, 2].abs().max()),
+            turn=float(quat_angle(*anchors)),
+            off_pose=bool(off_pose(actual, wanted, self._robot, self._limits.window)),
+            fallen=bool(fallen(actual, wanted, self._limits.window)),
+            down=bool(down(actual, wanted, self._limits)),
         )
 
     def _keypoints_of(self, qpos: NDArray[np.floating]) -> TensorDict:
@@ -71,3 +89,18 @@ class PoseComparison:
         mujoco.mj_kinematics(self._model, self._data)
         poses = {"keypoint_pos_w": self._data.xpos, "keypoint_quat_w": self._data.xquat}
         return TensorDict({key: torch.from_numpy(rows[self._keypoints])[None] for key, rows in poses.items()}, [1])
+
+
+def down(state: TensorDictBase, reference: TensorDictBase, limits: ReachLimits) -> Tensor:
+    """Return the mask ``[N]`` of robots that lie: a low or tilted pelvis that was not commanded to be so.
+
+    Args:
+        state: with ``keypoint_pos_w`` ``[N, K, 3]`` (m) and ``keypoint_quat_w`` ``[N, K, 4]``, the root first.
+        reference: the same of the pose that is commanded for now.
+        limits: what is too low and too much tilt.
+    """
+    height, wanted = state["keypoint_pos_w"][:, 0, 2], reference["keypoint_pos_w"][:, 0, 2]
+    # the vertical component of the root's z axis is 1 - 2 (x^2 + y^2)
+    up, wanted_up = (1 - 2 * group["keypoint_quat_w"][:, 0, 1:3].square().sum(-1) for group in (state, reference))
+    low = (height < limits.fallen_height) & (wanted >= limits.fallen_height)
+    return low | ((wanted_up - up) > limits.fallen_tilt)

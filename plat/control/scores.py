@@ -1,27 +1,57 @@
-"""Scores of one robot's keyframes. The twin of :mod:`plat.evaluation.records`, which scores batches."""
+"""What became of each keyframe of a chase: reached, late or off, or fell."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Literal, TypeAlias
 
+import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from plat.control.chase import ChaseStep
 from plat.control.pose_errors import PoseComparison, PoseErrors
-from plat.envs.transforms import TerminationLimits
+from plat.control.settings import ReachLimits
 from plat.robots.robot import Robot
 
-__all__ = ["KeyframeScore", "KeyframeScorer", "StepErrors"]
+__all__ = [
+    "FELL",
+    "LATE_OR_OFF",
+    "REACHED",
+    "HoldScore",
+    "KeyframeScore",
+    "KeyframeScorer",
+    "Outcome",
+    "StepErrors",
+    "tally",
+]
+
+Outcome: TypeAlias = Literal["reached", "late or off", "fell"]
+"""What became of a keyframe."""
+REACHED: Outcome = "reached"
+LATE_OR_OFF: Outcome = "late or off"
+FELL: Outcome = "fell"
 
 
 @dataclass(frozen=True)
 class KeyframeScore:
     """Score of a keyframe.
 
+    A keyframe is *reached* when the robot is near enough at its arrival, within the limits of TKS@3 at each step of the
+    arrival window, and has not lain down on the way. Near enough: the root within 0.2 m and the joints within 0.2 rad
+    on average (:class:`plat.control.ReachLimits`). If it lay down, it *fell*; else the keyframe is *late or off*.
+
     Args:
         index: its number in the sequence.
         name: its name.
         time: of its arrival (s).
-        reached: whether the robot had not fallen before the arrival window and was in the pose throughout it.
-        fell: whether the root was at the wrong height or tilt at some step of the command.
+        outcome: ``"reached"``, ``"late or off"`` or ``"fell"``.
+        faults: by how much it is late or off, in words: ``("0.24 s late", "0.35 m off")``.
+        late: seconds from the arrival until the robot first came near enough, while the next keyframe was
+            commanded or in the hold; None when it was in time or never did.
+        fell_afterwards: of the last keyframe, whether the robot fell while holding it.
+        arrival: the robot's distance from the keyframe at its arrival.
+        success: TKS@3: in the pose at each step of the arrival window, and its root not off before.
+        root_off: whether the root's height or tilt was beyond the limits of TKS@3 at some step of the command.
         joint_error: mean absolute joint error over the arrival window (rad): MPJPE@3.
         keypoint_error: mean error of the keypoints in the world over the arrival window (m): MPKPE@3.
     """
@@ -29,10 +59,60 @@ class KeyframeScore:
     index: int
     name: str | None
     time: float
-    reached: bool
-    fell: bool
+    outcome: Outcome
+    faults: tuple[str, ...]
+    late: float | None
+    fell_afterwards: bool
+    arrival: PoseErrors
+    success: bool
+    root_off: bool
     joint_error: float
     keypoint_error: float
+
+    @property
+    def reached(self) -> bool:
+        """Return whether it was reached."""
+        return self.outcome == REACHED
+
+    @property
+    def fell(self) -> bool:
+        """Return whether the robot lay down before the arrival."""
+        return self.outcome == FELL
+
+    @property
+    def words(self) -> str:
+        """Return the outcome for a person: ``"late or off: 0.24 s late, 0.35 m off; fell afterwards"``."""
+        told = self.outcome + (f": {', '.join(self.faults)}" if self.faults else "")
+        return f"{told}; fell afterwards" if self.fell_afterwards else told
+
+
+@dataclass(frozen=True)
+class HoldScore:
+    """Score of the hold of the last keyframe.
+
+    Args:
+        seconds: held so far.
+        fell_at: second of the hold at which the robot lay down; None when it did not, or lay already.
+        down: whether the robot lies at the end.
+        foot_travel: greatest distance of a foot from where it was when the hold had settled (m).
+        stepped: whether that is a step.
+    """
+
+    seconds: float
+    fell_at: float | None
+    down: bool
+    foot_travel: float
+    stepped: bool
+
+    @property
+    def words(self) -> str:
+        """Return the hold for a person: ``"held for 1.0 s"``."""
+        if self.fell_at is not None:
+            return f"fell afterwards: {self.fell_at:.2f} s after the last arrival"
+        if self.down:
+            return "on the floor"
+        stepped = f", a foot moved by {self.foot_travel:.2f} m" if self.stepped else ""
+        return f"held for {self.seconds:.1f} s{stepped}"
 
 
 @dataclass(frozen=True)
@@ -40,30 +120,40 @@ class StepErrors(PoseErrors):
     """Distance of the robot from the sequence at the end of a control step."""
 
     failed: bool
-    """whether this step alone fails the command: off the pose in the arrival window, fallen before it"""
+    """whether this step alone fails the command by TKS@3: off the pose in the arrival window, fallen before it"""
 
 
 class KeyframeScorer:
-    """Scorer of every command of a chase, by the rules of :func:`plat.evaluation.evaluate` but without resets.
+    """Scorer of every command of a chase, without resets.
 
     A command's arrival window is its last three control steps. The robot is compared with the sequence at the same time
-    (:meth:`plat.keyframes.KeyframeSequence.sample`), which is the keyframe at the arrival.
+    (:meth:`plat.keyframes.KeyframeSequence.sample`), which is the keyframe at the arrival. TKS@3 and its errors follow
+    the rules of :func:`plat.evaluation.evaluate`.
 
     Args:
         robot: the robot.
-        limits: what counts as too far, and as fallen.
+        limits: what counts as reached, as too far, and as fallen.
     """
 
-    def __init__(self, robot: Robot, limits: TerminationLimits | None = None):
-        self._compare = PoseComparison(robot, limits)
+    def __init__(self, robot: Robot, limits: ReachLimits | None = None):
+        self.limits = limits or ReachLimits()
+        self._compare = PoseComparison(robot, self.limits)
+        self._feet = _Feet(robot)
         self._steps: dict[int, list[tuple[ChaseStep, StepErrors]]] = {}
+        self._near_after: dict[int, float] = {}
+        self._hold: list[tuple[float, bool]] = []  # time, down
+        self._foot_places: list[NDArray[np.floating]] = []
 
     def add(self, step: ChaseStep) -> StepErrors:
         """Add a step; return the robot's distance from the sequence at its end."""
         errors = self._compare(step.after, step.reference)
         failed = errors.off_pose if step.in_window else errors.fallen
-        scored = StepErrors(errors.joint, errors.keypoint, errors.off_pose, errors.fallen, failed)
-        if not step.holding:
+        scored = StepErrors(**{field.name: getattr(errors, field.name) for field in fields(errors)}, failed=failed)
+        self._watch_late(step)
+        if step.holding:
+            self._hold.append((step.time, errors.down))
+            self._foot_places.append(self._feet(step.after.qpos))
+        else:
             self._steps.setdefault(step.command.index, []).append((step, scored))
         return scored
 
@@ -71,15 +161,88 @@ class KeyframeScorer:
         """Return the scores of the keyframes that have arrived."""
         return [self._score(steps) for _, steps in sorted(self._steps.items()) if steps[-1][0].command.steps_left == 1]
 
+    def hold(self) -> HoldScore | None:
+        """Return the score of the hold so far; None before it."""
+        if not self._hold:
+            return None
+        arrival = self._steps[max(self._steps)][-1]
+        times = np.array([time for time, _ in self._hold]) - arrival[0].time
+        lay = [] if arrival[1].down else [time for time, (_, down) in zip(times, self._hold, strict=True) if down]
+        settled = [place for time, place in zip(times, self._foot_places, strict=True) if time > self.limits.settling]
+        apart = np.linalg.norm(np.array(settled) - settled[0], axis=-1) if settled else np.zeros(1)
+        travel = float(apart.max())
+        stepped = travel > self.limits.foot_travel
+        return HoldScore(float(times[-1]), float(lay[0]) if lay else None, self._hold[-1][1], travel, stepped)
+
+    def _watch_late(self, step: ChaseStep) -> None:
+        """Find out when a keyframe that was missed is come near to after its arrival."""
+        index = step.command.index if step.holding else step.command.index - 1
+        steps = self._steps.get(index)
+        if index in self._near_after or not steps or self._near(steps[-1][1]):
+            return
+        missed = steps[-1][0]
+        if self._near(self._compare(step.after, missed.command.keyframe)):
+            self._near_after[index] = round(step.time - missed.time, 6)
+
+    def _near(self, errors: PoseErrors) -> bool:
+        return not errors.down and errors.root <= self.limits.root and errors.joint <= self.limits.joints
+
     def _score(self, steps: list[tuple[ChaseStep, StepErrors]]) -> KeyframeScore:
+        last, arrival = steps[-1]
         window = [errors for step, errors in steps if step.in_window]
-        command = steps[-1][0].command
+        fell = any(errors.down for _, errors in steps)
+        reached = not fell and self._near(arrival) and not any(errors.off_pose for errors in window)
+        late = None if fell else self._near_after.get(last.command.index)
+        hold = self.hold() if last.command.index == max(self._steps) else None
         return KeyframeScore(
-            command.index,
-            command.keyframe.name,
-            command.keyframe.time,
-            reached=not any(errors.failed for _, errors in steps),
-            fell=any(errors.fallen for _, errors in steps),
+            last.command.index,
+            last.command.keyframe.name,
+            last.command.keyframe.time,
+            outcome=FELL if fell else REACHED if reached else LATE_OR_OFF,
+            faults=() if fell or reached else self._faults(arrival, window, late),
+            late=late,
+            fell_afterwards=hold is not None and hold.fell_at is not None,
+            arrival=PoseErrors(**{field.name: getattr(arrival, field.name) for field in fields(PoseErrors)}),
+            success=not any(errors.failed for _, errors in steps),
+            root_off=any(errors.fallen for _, errors in steps),
             joint_error=float(np.mean([errors.joint for errors in window])),
             keypoint_error=float(np.mean([errors.keypoint for errors in window])),
         )
+
+    def _faults(self, arrival: PoseErrors, window: Sequence[PoseErrors], late: float | None) -> tuple[str, ...]:
+        limits = self.limits
+        height, turn = (max(getattr(errors, name) for errors in window) for name in ("height", "turn"))
+        faults = [
+            (late is not None, f"{late or 0:.2f} s late"),
+            (arrival.root > limits.root, f"{arrival.root:.2f} m off"),
+            (arrival.joint > limits.joints, f"joints {arrival.joint:.2f} rad off"),
+            (
+                height > min(limits.window.anchor_height, limits.window.end_effector_height),
+                f"a hand, a foot or the torso {height:.2f} m too high or low",
+            ),
+            (turn**2 > limits.window.anchor_rot_squared, f"turned by {turn:.2f} rad"),
+        ]
+        return tuple(words for present, words in faults if present)
+
+
+def tally(scores: Sequence[KeyframeScore]) -> str:
+    """Return how many keyframes had each outcome: ``"3 of 5 reached, 2 late or off; fell afterwards"``."""
+    counts = {outcome: sum(score.outcome == outcome for score in scores) for outcome in (LATE_OR_OFF, FELL)}
+    told = [f"{sum(score.reached for score in scores)} of {len(scores)} {REACHED}"]
+    told += [f"{count} {outcome}" for outcome, count in counts.items() if count]
+    afterwards = "; fell afterwards" if any(score.fell_afterwards for score in scores) else ""
+    return ", ".join(told) + afterwards
+
+
+class _Feet:
+    """Places of a robot's feet ``[feet, 3]`` (m, world) in a pose."""
+
+    def __init__(self, robot: Robot):
+        self._model = robot.model()
+        self._data = mujoco.MjData(self._model)
+        self._bodies = [self._model.body(name).id for name in robot.feet]
+
+    def __call__(self, qpos: NDArray[np.floating]) -> NDArray[np.floating]:
+        self._data.qpos[:] = qpos
+        mujoco.mj_kinematics(self._model, self._data)
+        return self._data.xpos[self._bodies].copy()

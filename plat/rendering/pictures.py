@@ -111,7 +111,7 @@ def add_ghost(
 
 
 def film(stage: Stage, playback: Playback, fps: float = 25.0) -> Iterator[np.ndarray]:
-    """Yield pictures of a playback, with a bar of the time left that turns red when a command fails."""
+    """Yield pictures of a playback, with its words, and a bar of the time left that turns red when a command fails."""
     stage.look_at(playback.qpos[0])
     failed_until = -1
     for step in _steps(playback, fps):
@@ -121,7 +121,7 @@ def film(stage: Stage, playback: Playback, fps: float = 25.0) -> Iterator[np.nda
         picture = stage.draw(playback.qpos[step], playback.target_qpos[step]).copy()
         fraction = playback.steps_left[step] / max(playback.command_length[step], 1)
         _bar(picture, fraction, failed=step < failed_until)
-        yield picture
+        yield _titled(picture, playback.words[step]) if playback.words else picture
 
 
 def stills(
@@ -220,6 +220,27 @@ def _bar(picture: np.ndarray, fraction: float, failed: bool) -> None:
     top, bottom = height - height // 40, height - height // 120
     picture[top:bottom] = (120, 40, 35) if failed else (picture[top:bottom] * 0.6).astype(np.uint8)
     picture[top:bottom, : round(fraction * width)] = (220, 70, 60) if failed else (40, 190, 130)
+
+
+def _titled(picture: np.ndarray, words: str) -> np.ndarray:
+    """Return a picture with a line of text at its bottom, above the bar."""
+    if not words:
+        return picture
+    from PIL import Image, ImageDraw  # comes with imageio, which writes the pictures
+
+    height, width = picture.shape[:2]
+    image = Image.fromarray(picture)
+    draw = ImageDraw.Draw(image)
+    left, top, right, bottom = draw.textbbox((0, 0), words)
+    # Pillow's own font has one size: the line is drawn small, then enlarged
+    line = Image.new("L", (int(right - left) + 8, int(bottom - top) + 6), 0)
+    ImageDraw.Draw(line).text((4 - left, 3 - top), words, fill=255)
+    scale = min(height / 240, 0.96 * width / line.width)
+    line = line.resize((max(1, int(line.width * scale)), max(1, int(line.height * scale))), Image.Resampling.BICUBIC)
+    corner = (width // 50, height - height // 30 - line.height)
+    image.paste((35, 40, 45), (*corner, corner[0] + line.width, corner[1] + line.height))
+    image.paste((255, 255, 255), corner, line)
+    return np.asarray(image)
 
 
 def stage_model(robot: Robot, width: int = 640, height: int = 480) -> mujoco.MjModel:

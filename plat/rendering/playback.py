@@ -19,6 +19,7 @@ class Playback:
         failed: whether the command was failed at this step ``[T]``.
         reached_qpos: the robot at the end of the step ``[T, 7 + J]``.
         dt: seconds a step.
+        words: line of text at each step ``[T]``; empty for none.
     """
 
     qpos: np.ndarray
@@ -28,3 +29,4 @@ class Playback:
     failed: np.ndarray
     reached_qpos: np.ndarray
     dt: float
+    words: tuple[str, ...] = ()

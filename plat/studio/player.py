@@ -110,9 +110,9 @@ def simulator(robot: Robot, controller: Controller) -> Simulator:
 
 
 def score(robot: Robot, controller: Controller, sequence: KeyframeSequence) -> list[KeyframeScore]:
-    """Compute the scores of a chase at full speed, equal to those of a :class:`Player`."""
+    """Compute the scores of a chase and its hold at full speed, equal to those of a :class:`Player`."""
     scorer = KeyframeScorer(robot)
-    for step in Chase(controller, sequence, simulator(robot, controller)):
+    for step in Chase(controller, sequence, simulator(robot, controller), hold=HOLD):
         scorer.add(step)
     return scorer.scores()
 

@@ -279,7 +279,7 @@ class Session:
         scorer = KeyframeScorer(self.robot)
         stage = Stage(self.robot, distance=2.6)
         try:
-            write_video(path, film(stage, record((step, scorer.add(step)) for step in chase)))
+            write_video(path, film(stage, record(((step, scorer.add(step)) for step in chase), scorer)))
         finally:
             stage.close()
 

@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 from html import escape
 
-from plat.control import KeyframeScore
+from plat.control import FELL, LATE_OR_OFF, REACHED, KeyframeScore
 from plat.studio.timeline import Timeline
 
 __all__ = ["strip"]
 
-_NEUTRAL, _REACHED, _MISSED, _SELECTED, _NOW = "#8d99a6", "#12b76a", "#e5484d", "#1c7ed6", "#f08c00"
+_NEUTRAL, _SELECTED, _NOW = "#8d99a6", "#1c7ed6", "#f08c00"
+_COLORS = {REACHED: "#12b76a", LATE_OR_OFF: "#f76707", FELL: "#e5484d"}
 _HEIGHT, _AXIS = 52, 34
 # Begin and end of a panel's sliders (pixels), so that keyframes stand above their knobs.
 _LEFT, _RIGHT = 118, 11
@@ -23,7 +24,7 @@ def strip(
         timeline: the keyframes.
         end: length of the axis (s).
         now: time being played (s).
-        scores: of the keyframes; reached ones are green, others red.
+        scores: of the keyframes; reached ones are green, late or off ones orange, falls red.
 
     >>> from plat.robots import G1
     >>> strip(Timeline.empty(G1).inserted(G1.default_qpos), end=1.0).count("<path")
@@ -39,7 +40,8 @@ def strip(
         selected = number == timeline.selected
         color, size = _NEUTRAL, 9 if selected else 7
         if scores is not None and number > 0:
-            color = _REACHED if scores[number - 1].reached else _MISSED
+            scored = scores[number - 1]
+            color = _COLORS[FELL if scored.fell_afterwards else scored.outcome]
         diamond = (
             f'<path d="M0 {_AXIS - size} l{size} {size} l-{size} {size} l-{size} -{size}z" fill="{color}" '
             f'stroke="{_SELECTED if selected else "white"}" stroke-width="2.5"/>'

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from plat.control import ChaseStep, KeyframeScore, PoseErrors
+from plat.control import ChaseStep, KeyframeScore, PoseErrors, tally
 from plat.studio.player import Summary
 from plat.studio.timeline import Timeline
 
@@ -19,32 +19,31 @@ def live_line(step: ChaseStep, errors: PoseErrors) -> str:
     number, name = step.command.index + 1, step.command.keyframe.name
     called = _plain(f"{number} {name or ''}".strip())
     when = "held" if step.holding else f"in {(step.command.steps_left - 1) * step.timing.control_dt:.2f} s"
-    fallen = " **fallen**" if errors.fallen else ""
+    fallen = " **fallen**" if errors.down else ""
     away = f"{errors.keypoint:.2f} m and {errors.joint:.2f} rad away"
     return f"{step.time:.1f} s: keyframe **{called}** {when}, {away}{fallen}"
 
 
 def keyframe_table(timeline: Timeline, scores: Sequence[KeyframeScore] | None) -> str:
-    """Return a table with a row per keyframe: whether it was reached, and its errors. Empty without scores."""
+    """Return a table with a row per keyframe: its outcome in words, and its errors. Empty without scores."""
     if scores is None:
         return ""
-    rows = ["| keyframe | at | reached | joints rad | keypoints m |", "|---|---|---|---|---|"]
+    rows = ["| keyframe | at | outcome | joints rad | keypoints m |", "|---|---|---|---|---|"]
     for label, score in zip(timeline.labels[1:], scores, strict=True):
-        reached = "yes" if score.reached else "fell" if score.fell else "no"
         errors = f"{score.joint_error:.3f} | {score.keypoint_error:.3f}"
-        rows.append(f"| {_plain(label)} | {score.time:.2f} s | {reached} | {errors} |")
+        rows.append(f"| {_plain(label)} | {score.time:.2f} s | {score.words} | {errors} |")
     return "\n".join(rows)
 
 
 def policy_table(scores: Mapping[str, Sequence[KeyframeScore]]) -> str:
-    """Return a table with a row per policy: number of keyframes reached, and mean errors. Empty without scores."""
+    """Return a table with a row per policy: the outcomes of its keyframes, and mean errors. Empty without scores."""
     if not scores:
         return ""
-    rows = ["| policy | reached | joints rad | keypoints m |", "|---|---|---|---|"]
+    rows = ["| policy | outcome | joints rad | keypoints m |", "|---|---|---|---|"]
     for policy, of_policy in scores.items():
         mean = Summary.of(of_policy)
         errors = f"{mean.joint_error:.3f} | {mean.keypoint_error:.3f}"
-        rows.append(f"| {_plain(policy)} | {mean.reached} of {mean.total} | {errors} |")
+        rows.append(f"| {_plain(policy)} | {tally(of_policy)} | {errors} |")
     return "\n".join(rows)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from plat.cli import play
+from plat.control import ReachLimits
 from plat.errors import CheckpointError, KeyframeError
 from plat.keyframes import KeyframeSequence, standing
 from plat.rendering import RenderingError, Stage
@@ -26,8 +27,10 @@ def test_the_committed_policies_reach_every_keyframe_of_the_example(policy, caps
     assert [score.reached for score in scores] == [True] * 5
     assert all(score.keypoint_error < 0.25 for score in scores)
     lines = capsys.readouterr().out.splitlines()
-    assert re.match(r"  1  bow +1.42  yes +0\.\d{3} +0\.\d{3}$", lines[2])
-    assert re.match(r"5 of 5 reached; these with MPJPE@3 0\.\d{3} rad, MPKPE@3 0\.\d{3} m$", lines[-1])
+    assert re.match(r"  1  bow +1.42  yes +0\.\d{3} +0\.\d{3}  reached$", lines[2])
+    figures = r"MPJPE@3 0\.\d{3} rad, MPKPE@3 0\.\d{3} m"
+    assert re.match(f"5 of 5 reached; TKS@3 5 of 5, these with {figures}$", lines[-2])
+    assert lines[-1].startswith("held for 1.0 s")
 
 
 def test_shoves_are_felt_and_a_seed_repeats_them(capsys):
@@ -49,7 +52,17 @@ def test_a_keyframe_that_is_out_of_reach_is_said_to_be_missed(tmp_path, capsys):
     KeyframeSequence(G1, pose, (up.at(0.4),)).save(tmp_path / "fly.json")
     (score,) = play.main(play.PlayRecipe(policy=PLAT, keyframes=tmp_path / "fly.json", hold=0.0))
     assert not score.reached
-    assert capsys.readouterr().out.splitlines()[-1] == "0 of 1 reached"
+    row, total = capsys.readouterr().out.splitlines()[-2:]
+    assert re.search(r"  no .* late or off: 0\.\d\d m off", row)
+    assert total == "0 of 1 reached, 1 late or off; TKS@3 0 of 1"
+
+
+def test_a_tolerance_can_be_chosen_and_it_decides_who_has_reached():
+    recipe = play.PlayRecipe(policy=PLAT, keyframes=EXAMPLE, hold=0.0)
+    strict = play.main(dataclasses.replace(recipe, reach=ReachLimits(joints=1e-3)))
+    assert [score.outcome for score in strict] == ["late or off"] * 5
+    assert all(score.success for score in strict)  # TKS@3 stays what it is
+    assert re.match(r"(\d\.\d\d s late, )?joints 0\.\d\d rad off$", ", ".join(strict[0].faults))
 
 
 def test_a_video_is_written(tmp_path):

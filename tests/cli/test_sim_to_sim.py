@@ -43,7 +43,7 @@ def test_a_controller_that_holds_the_reference_reaches_keyframes(library):
     pose = standing(G1)
     sequence = sim_to_sim.KeyframeSequence(G1, pose, (pose.at(0.2), pose.at(0.4)))
     scores = sim_to_sim.run(Track(), sequence, Simulator(model(timestep=0.001)))
-    assert [score.reached for score in scores] == [True, True]
+    assert [score.success for score in scores] == [True, True]
 
 
 def test_the_table(tmp_path, capsys):
@@ -59,7 +59,7 @@ def test_the_table(tmp_path, capsys):
     assert lines[0] == "1 sequences, 2 keyframes, 0 s"
     assert [len(scores) for scores in results.values()] == [2] * len(sim_to_sim.SETTINGS)
     for physics, line in zip(sim_to_sim.SETTINGS, lines[2:], strict=False):
-        share = 100 * np.mean([score.reached for score in results[physics.name]])
+        share = 100 * np.mean([score.success for score in results[physics.name]])
         assert line.startswith(physics.name)
         assert f"{share:.1f}" in line
 

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 
 from plat.control import Chase, KeyframeScorer, Simulator, record
@@ -11,7 +13,7 @@ SEQUENCE = KeyframeSequence(G1, standing(G1), (standing(G1).at(0.3), standing(G1
 def recorded(controller):
     scorer = KeyframeScorer(G1)
     chase = Chase(controller, SEQUENCE, Simulator(G1.model()), hold=0.1)
-    return record((step, scorer.add(step)) for step in chase)
+    return record(((step, scorer.add(step)) for step in chase), scorer)
 
 
 def test_a_chase_is_recorded_step_by_step():
@@ -34,3 +36,24 @@ def test_a_fall_is_a_failure_from_then_on():
 def test_a_recorded_step_ends_where_the_next_one_begins():
     playback = recorded(Limp())
     np.testing.assert_array_equal(playback.reached_qpos[:-1], playback.qpos[1:])
+
+
+def test_the_outcome_is_told_for_a_moment_after_each_arrival():
+    words = recorded(Puppet()).words
+    assert words[14] == ""
+    assert words[15] == words[50] == "1: reached"
+    assert words[64] == ""
+    # this puppet does not balance: it is tipping over at the second arrival, and lies in the hold
+    assert words[65].startswith("2: late or off: 0.")
+    assert words[-1].endswith(", fell afterwards")
+    assert recorded(Limp()).words[-1] == "2: fell"
+
+
+def test_a_keyframe_that_was_missed_marks_its_arrival():
+    aside = standing(G1).at(0.2)
+    aside = replace(aside, root_pos=aside.root_pos + np.array([0.6, 0.0, 0.0]))
+    scorer = KeyframeScorer(G1)
+    chase = Chase(Puppet(), KeyframeSequence(G1, standing(G1), (aside,)), Simulator(G1.model()), hold=0.1)
+    playback = record(((step, scorer.add(step)) for step in chase), scorer)
+    assert playback.failed.nonzero()[0].tolist() == [9]
+    assert playback.words[-1] == "1: late or off: 0.59 m off"

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plat.control import PoseComparison
+from plat.control import PoseComparison, ReachLimits
 from plat.deploy import RobotState
 from plat.envs.transforms import TerminationLimits
 from plat.keyframes import Keyframe, standing
@@ -58,5 +58,26 @@ def test_limits_are_those_of_the_evaluation(compare, changes, off_pose, fallen):
 
 
 def test_limits_can_be_chosen():
-    strict = PoseComparison(G1, TerminationLimits(root_height=0.1))
+    strict = PoseComparison(G1, ReachLimits(window=TerminationLimits(root_height=0.1)))
     assert strict(state(moved(root_pos=POSE.root_pos - np.array([0, 0, 0.15]))), POSE).fallen
+
+
+def test_root_height_and_turn_are_told_apart(compare):
+    errors = compare(state(moved(root_pos=POSE.root_pos + np.array([0.3, 0.0, 0.4]))), POSE)
+    assert errors.root == pytest.approx(0.5)
+    assert errors.height == pytest.approx(0.4)
+    assert errors.turn == pytest.approx(0)
+    turned = compare(state(moved(root_quat=np.array([np.cos(0.3), 0, 0, np.sin(0.3)]))), POSE)
+    assert turned.turn == pytest.approx(0.6)
+    assert turned.root == pytest.approx(0)
+
+
+LOW = moved(root_pos=POSE.root_pos - np.array([0, 0, 0.37]))
+LYING = moved(root_quat=np.array([np.cos(0.75), 0, np.sin(0.75), 0]))
+
+
+@pytest.mark.parametrize(
+    ("there", "wanted", "down"), [(LOW, POSE, True), (LOW, LOW, False), (LYING, POSE, True), (LYING, LYING, False)]
+)
+def test_whoever_is_low_or_tilted_without_being_told_to_is_down(compare, there, wanted, down):
+    assert compare(state(there), wanted).down is down

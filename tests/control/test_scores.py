@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from plat.control import Chase, KeyframeScorer, PolicyController, Simulator
+from plat.control import Chase, KeyframeScorer, PolicyController, ReachLimits, Simulator, tally
 from plat.envs.transforms import Horizon
 from plat.evaluation import evaluate
 from plat.keyframes import KeyframeSequence, standing
@@ -46,15 +46,56 @@ def test_a_fall_before_the_window_counts_though_the_pose_is_right_at_last():
             step = replace(step, after=replace(step.after, root_pos_w=down.root_pos))
         scorer.add(step)
     (score,) = scorer.scores()
-    assert score.fell
-    assert not score.reached
+    assert score.root_off
+    assert not score.success
     assert score.joint_error < 0.05
+    assert score.reached  # it was low for a moment, but it did not lie, and it is there in time
+
+
+def test_the_three_outcomes_and_by_how_much():
+    """The robot of each step is put where the test wants it."""
+    aside = replace(POSE, root_pos=POSE.root_pos + np.array([0.5, 0.0, 0.0]))
+    sequence = KeyframeSequence(G1, POSE, (POSE.at(0.2), replace(aside, name="late").at(0.4), aside.at(0.6)))
+    scorer = KeyframeScorer(G1)
+    for step in Chase(Puppet(), sequence, Simulator(G1.model()), hold=0.2):
+        x = 0.0 if step.time < 0.45 else 0.5
+        height = 0.3 if step.time > 0.71 else 0.76
+        after = replace(step.after, root_pos_w=np.array([x, 0.0, height]), joint_pos=POSE.joint_pos)
+        scorer.add(replace(step, after=replace(after, root_quat_w=POSE.root_quat)))
+    reached, late, last = scorer.scores()
+    assert (reached.outcome, reached.words) == ("reached", "reached")
+    assert (late.outcome, late.late) == ("late or off", 0.06)
+    assert late.words == "late or off: 0.06 s late, 0.50 m off"
+    assert late.success  # TKS@3 does not ask where the robot stands
+    assert last.words == "reached; fell afterwards"
+    assert tally([reached, late, last]) == "2 of 3 reached, 1 late or off; fell afterwards"
+    hold = scorer.hold()
+    assert hold.fell_at == pytest.approx(0.12)
+    assert hold.words == "fell afterwards: 0.12 s after the last arrival"
+
+
+def test_a_foot_that_leaves_its_place_in_a_hold_has_stepped():
+    def held(after):
+        scorer = KeyframeScorer(G1, ReachLimits(settling=0.1))
+        for step in Chase(Puppet(), KeyframeSequence(G1, POSE, (POSE.at(0.1),)), Simulator(G1.model()), hold=0.4):
+            there = np.array([after(step.time), 0.0, 0.76])
+            state = replace(step.after, root_pos_w=there, root_quat_w=POSE.root_quat, joint_pos=POSE.joint_pos)
+            scorer.add(replace(step, after=state))
+        return scorer.hold()
+
+    assert not held(lambda time: 0.0).stepped
+    assert not held(lambda time: 0.1 if time < 0.19 else 0.0).stepped  # before it has settled
+    stepped = held(lambda time: 0.05 if 0.3 < time < 0.4 else 0.0)
+    assert stepped.stepped
+    assert stepped.words == "held for 0.4 s, a foot moved by 0.05 m"
 
 
 def test_a_limp_robot_falls():
     *_, last = scores(Limp(), KeyframeSequence(G1, POSE, (POSE.at(1.0), POSE.at(2.0))))
     assert last.fell
+    assert last.words == "fell"
     assert not last.reached
+    assert not last.success
 
 
 def test_holding_is_no_keyframe_and_one_whose_arrival_has_not_come_has_no_score():
@@ -94,6 +135,6 @@ def test_scores_are_those_of_the_evaluation():
     np.testing.assert_allclose(
         [row.keypoint_error for row in rows[:until]], records.window["keypoint_error"][:until], atol=2e-4
     )
-    assert all(row.reached for row in rows[:until])
+    assert all(row.success for row in rows[:until])
     if until < len(rows):
-        assert not rows[until].reached
+        assert not rows[until].success

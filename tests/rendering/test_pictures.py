@@ -127,3 +127,15 @@ def test_a_missing_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     with pytest.raises(RenderingError, match=r"pip install 'plat-rl\[video\]'"):
         check_video("film.mp4")
+
+
+def test_words_stand_at_the_bottom_of_each_picture_and_fit_it(stage, playback):
+    words = ("",) * len(playback.qpos)
+    plain = next(iter(film(stage, replace(playback, words=words))))
+    line = "bow: late or off: 0.24 s late, 0.35 m off"
+    told = next(iter(film(stage, replace(playback, words=(line, *words[1:])))))
+    assert told.shape == plain.shape
+    changed = (told != plain).any(-1)
+    assert changed.any()
+    assert not changed[: plain.shape[0] // 2].any()
+    assert not changed[:, -3:].any()

@@ -1,9 +1,9 @@
 import re
 
-from plat.control import KeyframeScore
 from plat.robots import G1
 from plat.studio.strip import strip
 from plat.studio.timeline import Timeline
+from tests.control.made_up import score
 
 TIMELINE = Timeline.empty(G1).inserted(G1.default_qpos, 0.5).inserted(G1.default_qpos, 1.0, "<wave>")
 
@@ -20,16 +20,18 @@ def test_labels_are_not_taken_for_html():
     assert "2 &lt;wave&gt;" in strip(TIMELINE, end=2.0)
 
 
-def test_scores_are_green_and_red():
+def test_scores_are_green_orange_and_red():
     plain = strip(TIMELINE, end=2.0)
     scores = [
-        KeyframeScore(0, None, 0.5, True, False, 0.1, 0.1),
-        KeyframeScore(1, None, 1.5, False, True, 0.1, 0.1),
+        score(0, None, 0.5),
+        score(1, None, 1.5, "late or off"),
     ]
     scored = strip(TIMELINE, end=2.0, scores=scores)
-    for color in ("#12b76a", "#e5484d"):
+    for color in ("#12b76a", "#f76707"):
         assert color not in plain
         assert scored.count(color) == 1
+    assert "#e5484d" in strip(TIMELINE, end=2.0, scores=[scores[0], score(1, None, 1.5, "fell")])
+    assert "#e5484d" in strip(TIMELINE, end=2.0, scores=[scores[0], score(1, None, 1.5, fell_afterwards=True)])
 
 
 def test_the_time_that_is_played_stays_on_the_axis():

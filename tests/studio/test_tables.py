@@ -1,30 +1,38 @@
-from dataclasses import replace
-
 import pytest
 
-from plat.control import KeyframeScore, PoseErrors
+from plat.control import PoseErrors
 from plat.robots import G1
 from plat.studio.player import Player
 from plat.studio.tables import keyframe_table, live_line, policy_table
 from plat.studio.timeline import Timeline
+from tests.control import made_up
+from tests.control.made_up import score
 from tests.control.puppets import Puppet
 
 SCORES = [
-    KeyframeScore(0, "squat", 0.5, True, False, 0.1, 0.02),
-    KeyframeScore(1, None, 1.0, False, False, 0.2, 0.04),
+    score(0, "squat", 0.5),
+    score(1, None, 1.0, "late or off", 0.2, 0.04, faults=("0.12 s late", "0.35 m off")),
 ]
 
 
 def test_a_row_a_keyframe(sequence):
     rows = keyframe_table(Timeline.of(sequence), SCORES).splitlines()
-    assert rows[2:] == ["| 1 squat | 0.50 s | yes | 0.100 | 0.020 |", "| 2 | 1.00 s | no | 0.200 | 0.040 |"]
-    fell = [SCORES[0], replace(SCORES[1], fell=True)]
+    assert rows[2:] == [
+        "| 1 squat | 0.50 s | reached | 0.100 | 0.020 |",
+        "| 2 | 1.00 s | late or off: 0.12 s late, 0.35 m off | 0.200 | 0.040 |",
+    ]
+    fell = [SCORES[0], score(1, None, 1.0, "fell")]
     assert "| fell |" in keyframe_table(Timeline.of(sequence), fell)
+    afterwards = [SCORES[0], score(1, None, 1.0, fell_afterwards=True)]
+    assert "| reached; fell afterwards |" in keyframe_table(Timeline.of(sequence), afterwards)
 
 
 def test_a_row_a_policy():
     rows = policy_table({"plat": SCORES, "expert": SCORES[1:] * 2}).splitlines()
-    assert rows[2:] == ["| plat | 1 of 2 | 0.150 | 0.030 |", "| expert | 0 of 2 | 0.200 | 0.040 |"]
+    assert rows[2:] == [
+        "| plat | 1 of 2 reached, 1 late or off | 0.150 | 0.030 |",
+        "| expert | 0 of 2 reached, 2 late or off | 0.200 | 0.040 |",
+    ]
 
 
 def test_no_scores_no_table(sequence):
@@ -41,13 +49,13 @@ def test_names_are_not_taken_for_markdown():
 @pytest.mark.parametrize(
     ("steps", "errors", "expected"),
     [
-        (1, PoseErrors(0.25, 0.5, False, False), "0.0 s: keyframe **1 squat** in 0.48 s, 0.50 m and 0.25 rad away"),
+        (1, made_up.errors(0.25, 0.5), "0.0 s: keyframe **1 squat** in 0.48 s, 0.50 m and 0.25 rad away"),
         (
             30,
-            PoseErrors(0.25, 0.5, False, True),
+            made_up.errors(0.25, 0.5, down=True),
             "0.6 s: keyframe **2** in 0.40 s, 0.50 m and 0.25 rad away **fallen**",
         ),
-        (55, PoseErrors(0.0, 0.0, False, False), "1.1 s: keyframe **2** held, 0.00 m and 0.00 rad away"),
+        (55, made_up.errors(), "1.1 s: keyframe **2** held, 0.00 m and 0.00 rad away"),
     ],
 )
 def test_live(sequence, steps: int, errors: PoseErrors, expected: str):

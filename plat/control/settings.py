@@ -1,0 +1,28 @@
+"""Settings of the scores on keyframes, apart from them so that a command line can show them without torch."""
+
+from dataclasses import dataclass
+
+from plat.bounds import Bounded, NonNegative, Positive
+from plat.envs.transforms.settings import TerminationLimits
+
+__all__ = ["ReachLimits"]
+
+
+@dataclass(frozen=True)
+class ReachLimits(Bounded):
+    """When a keyframe is reached, when a robot has fallen, and when it steps in a hold."""
+
+    root: Positive = 0.2
+    """distance of the root at arrival (m)"""
+    joints: Positive = 0.2
+    """mean absolute joint error at arrival (rad)"""
+    fallen_height: Positive = 0.4
+    """a pelvis below this has fallen (m), unless it is commanded to be there"""
+    fallen_tilt: Positive = 0.7
+    """so much more tilt than commanded is a fall, in gravity's component along the root's z"""
+    settling: NonNegative = 1.0
+    """seconds of a hold before the feet are watched"""
+    foot_travel: Positive = 0.03
+    """a foot that moves further from its place in a hold has stepped (m)"""
+    window: TerminationLimits = TerminationLimits()
+    """thresholds of TKS@3, for every step of the arrival window"""
