@@ -9,7 +9,8 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 from torchrl.envs import InitTracker, Transform
 
-from plat.baselines.tracker_reference import TrackerReference
+from plat.baselines.tracker_reference import PlannedReference, TrackerReference
+from plat.evaluation.in_between import Interface, Plan
 from plat.motions.library import MotionLibrary
 from plat.robots.robot import FootContacts, Robot
 
@@ -72,14 +73,17 @@ class Tracker(TensorDictModuleBase):
         self.robot = robot
         self._memory: dict[str, Tensor] = {}
 
-    def observe(self, library: MotionLibrary, dense: bool) -> list[Transform]:
+    def observe(self, library: MotionLibrary, dense: bool, interface: Interface = "next-frame") -> list[Transform]:
         """Return the transforms that add the tracker's inputs, see :func:`plat.evaluation.evaluate`.
 
         Args:
             library: motions of its :attr:`robot`.
-            dense: show the reference itself; otherwise the commanded keyframe, at rest, in the place of every
-                reference frame.
+            dense: show the reference itself; otherwise what ``interface`` says.
+            interface: the commanded keyframe, at rest, in the place of every reference frame; or a motion that leads
+                to it.
         """
+        if not dense and interface != "next-frame":
+            return [Plan(library), PlannedReference(library, interface, self.ahead), InitTracker()]
         if dense:
             reference = TrackerReference(library, ahead=self.ahead)
         else:

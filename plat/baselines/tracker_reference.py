@@ -5,9 +5,17 @@ from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
 from plat.envs.transforms.base import ObservationTransform
+from plat.evaluation.in_between import InBetween, Interface
 from plat.motions.library import MotionLibrary
 
-__all__ = ["TrackerReference"]
+__all__ = ["PlannedReference", "TrackerReference"]
+
+
+def _shapes(library: MotionLibrary, ahead: Tensor) -> dict[NestedKey, tuple[int, ...]]:
+    joints = library.robot.num_joints
+    widths = {"joint_pos": joints, "joint_vel": joints, "root_pos_w": 3, "root_quat_w": 4}
+    widths |= {"root_lin_vel_w": 3, "root_ang_vel_w": 3, "anchor_pos_w": 3}
+    return {("tracker_reference", key): (*ahead.shape, width) for key, width in widths.items()}
 
 
 class TrackerReference(ObservationTransform):
@@ -32,14 +40,8 @@ class TrackerReference(ObservationTransform):
         ahead: int | tuple[int, ...] = 1,
         velocities: bool = True,
     ):
-        joints = library.robot.num_joints
-        widths = {"joint_pos": joints, "joint_vel": joints, "root_pos_w": 3, "root_quat_w": 4}
-        widths |= {"root_lin_vel_w": 3, "root_ang_vel_w": 3, "anchor_pos_w": 3}
         self._ahead = torch.tensor(ahead, device=library.device)  # [] or [F]
-        super().__init__(
-            in_keys=[frame],
-            out_shapes={("tracker_reference", key): (*self._ahead.shape, width) for key, width in widths.items()},
-        )
+        super().__init__(in_keys=[frame], out_shapes=_shapes(library, self._ahead))
         self._library = library
         self._frame = frame
         self._velocities = velocities
@@ -60,5 +62,33 @@ class TrackerReference(ObservationTransform):
             "root_quat_w": states["keypoint_quat"][..., 0, :],
             "anchor_pos_w": states["keypoint_pos"][..., self._library.robot.anchor_index, :],
             **velocities,
+        }
+        return {("tracker_reference", key): value for key, value in entries.items()}
+
+
+class PlannedReference(ObservationTransform):
+    """Transform that adds ``"tracker_reference"`` from an in-between motion, as :class:`TrackerReference` has it.
+
+    It needs :class:`plat.evaluation.in_between.Plan` before it.
+
+    Args:
+        library: motions that the keyframes are taken from.
+        interface: of the in-between motion.
+        ahead: frames from the current one, or several of them.
+    """
+
+    def __init__(self, library: MotionLibrary, interface: Interface, ahead: int | tuple[int, ...] = 1):
+        self._ahead = torch.tensor(ahead, device=library.device)
+        super().__init__(in_keys=InBetween.in_keys, out_shapes=_shapes(library, self._ahead))
+        self._motion = InBetween(library, interface, (library.robot.anchor,))
+
+    def compute(self, tensordict: TensorDictBase) -> dict[NestedKey, Tensor]:
+        poses = self._motion.poses(tensordict, self._ahead)
+        entries = {
+            "joint_pos": poses["joint_pos"],
+            "root_pos_w": poses["root_pos"],
+            "root_quat_w": poses["root_quat"],
+            "anchor_pos_w": poses["keypoint_pos"][..., 0, :],
+            **self._motion.velocities(tensordict, self._ahead),
         }
         return {("tracker_reference", key): value for key, value in entries.items()}

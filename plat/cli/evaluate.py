@@ -130,12 +130,12 @@ def first_named(library: MotionLibrary, pattern: str | None) -> MotionLibrary:
 
 def print_head() -> None:
     """Headings of the lines that :func:`print_score` prints."""
-    print(f"{'policy':<22}{'horizon':<9}{'TKS@3 %':<21}{'MPJPE@3 rad':<22}{'MPKPE@3 m':<22}{'falls %':<9}seconds")
+    print(f"{'policy':<22}{'horizon':<9}{'TKS@3 %':<21}{'MPJPE@3 rad':<22}{'MPKPE@3 mm':<22}{'falls %':<9}seconds")
 
 
 def print_score(score: Score, seconds: float) -> None:
     """A line of the table."""
-    cells = (f"{score.figures[name]:.{METRICS[name].digits}f}" for name in HEADLINE)
+    cells = (METRICS[name].text(score.figures[name]) for name in HEADLINE)
     falls = f"{score.figures['fall_rate'].value:.1f}"
     tks, mpjpe, mpkpe = cells
     print(f"{score.policy:<22}{score.horizon:<9}{tks:<21}{mpjpe:<22}{mpkpe:<22}{falls:<9}{seconds:.0f}", flush=True)

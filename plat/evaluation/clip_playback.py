@@ -9,7 +9,7 @@ from tensordict.nn import TensorDictModuleBase
 from plat.envs.state import GeneralizedState
 from plat.envs.transforms import NEXT_FRAME, CommandSchedule, Horizon
 from plat.evaluation.rollout import make_evaluation_env
-from plat.evaluation.setting import EvaluationSetting, Observe, ReferenceView
+from plat.evaluation.setting import EvaluationSetting, Interface, Observe, ReferenceView
 from plat.motions.library import MotionLibrary
 from plat.rendering.playback import Playback
 from plat.spec.timing import Timing, timing_of
@@ -27,6 +27,7 @@ def play(
     dense: bool = False,
     goals: Mapping[str, int] = NEXT_FRAME,
     observe: Observe | None = None,
+    interface: Interface = "next-frame",
     timing: Timing | None = None,
     device: torch.device | str = "cpu",
 ) -> Playback:
@@ -38,7 +39,8 @@ def play(
         clip: number of the clip.
         horizon: range of the commands' lengths.
         seed: of the commands.
-        dense, goals, observe: how the policy is shown its reference, see :class:`plat.evaluation.ReferenceView`.
+        dense, goals, observe, interface: how the policy is shown its reference, see
+            :class:`plat.evaluation.ReferenceView`.
         timing: of the policy; None for the one that it carries.
         device: of the policy.
     """
@@ -46,7 +48,7 @@ def play(
     timing = timing or timing_of(policy)
     schedule = CommandSchedule(library, horizon, seed)
     setting = EvaluationSetting(seed=seed, timing=timing, num_threads=1, device=device)
-    task = make_evaluation_env(library, schedule, 1, ReferenceView(dense, goals, observe), setting)
+    task = make_evaluation_env(library, schedule, 1, ReferenceView(dense, goals, observe, interface), setting)
     rows: list[tuple[np.ndarray, np.ndarray, int, int, bool, np.ndarray]] = []
     for step in task.steps(policy):
         target, steps_left = step["command", "target_frame"], int(step["command", "steps_left"])

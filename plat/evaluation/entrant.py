@@ -11,9 +11,11 @@ from torchrl.envs import Transform
 
 from plat.envs.transforms import Horizon, horizon_named
 from plat.evaluation.clip_playback import play
+from plat.evaluation.clip_records import ClipRecords
 from plat.evaluation.records import CommandRecords
 from plat.evaluation.scoring import evaluate
-from plat.evaluation.setting import EvaluationSetting, ReferenceView
+from plat.evaluation.setting import EvaluationSetting, Interface, ReferenceView
+from plat.evaluation.whole_clip import evaluate_clips
 from plat.modules import Expert
 from plat.motions.library import MotionLibrary
 from plat.rendering.playback import Playback
@@ -45,6 +47,7 @@ class Entrant:
         policy: deterministic policy.
         robot: that it drives.
         view: how it is shown its reference.
+        tracks: whether it is a dense tracker, for which :data:`plat.evaluation.setting.Interface` is a choice.
 
     >>> from plat.motions import generate_motions
     >>> from plat.robots import G1
@@ -57,28 +60,38 @@ class Entrant:
     policy: TensorDictModuleBase
     robot: Robot
     view: ReferenceView = field(default_factory=ReferenceView)
+    tracks: bool = False
 
     @classmethod
-    def of_policy(cls, policy: Policy, dense: bool = False) -> "Entrant":
-        """Return a policy of plat as an entrant. An expert with the dense reference is shown all frames it asks for.
+    def of_policy(cls, policy: Policy, dense: bool = False, interface: Interface = "next-frame") -> "Entrant":
+        """Return a policy of plat as an entrant. An expert is shown all frames it asks for, where there are any.
 
         Args:
             policy: as :func:`plat.load` and :func:`plat.runs.load_policy` return it.
             dense: show the reference motion in place of the keyframe.
+            interface: motion that an expert is shown on its way to a keyframe; of no effect on other policies.
         """
-        if dense and isinstance(policy, Expert):
-            return cls(policy.deployed(tuple(policy.goals)), policy.robot, ReferenceView(True, policy.goals))
-        return cls(policy.deployed(), policy.robot, ReferenceView(dense))
+        if not isinstance(policy, Expert):
+            return cls(policy.deployed(), policy.robot, ReferenceView(dense))
+        if dense or interface != "next-frame":
+            view = ReferenceView(dense, policy.goals, interface=interface)
+            return cls(policy.deployed(tuple(policy.goals)), policy.robot, view, tracks=True)
+        return cls(policy.deployed(), policy.robot, tracks=True)
 
     @classmethod
-    def of_run(cls, run: Path, device: str = "cpu", dense: bool = False) -> "Entrant":
+    def of_run(
+        cls, run: Path, device: str = "cpu", dense: bool = False, interface: Interface = "next-frame"
+    ) -> "Entrant":
         """Return the policy of a run directory as an entrant."""
-        return cls.of_policy(load_policy(run, device), dense)
+        return cls.of_policy(load_policy(run, device), dense, interface)
 
     @classmethod
-    def of_tracker(cls, tracker: ReferenceTracker, dense: bool = False) -> "Entrant":
+    def of_tracker(
+        cls, tracker: ReferenceTracker, dense: bool = False, interface: Interface = "next-frame"
+    ) -> "Entrant":
         """Return a released tracker as an entrant."""
-        return cls(tracker, tracker.robot, ReferenceView(dense, observe=tracker.observe))
+        view = ReferenceView(dense, observe=tracker.observe, interface=interface)
+        return cls(tracker, tracker.robot, view, tracks=True)
 
     @property
     def timing(self) -> Timing:
@@ -99,6 +112,27 @@ class Entrant:
         lengths = horizon_named(horizon, self.timing) if isinstance(horizon, str) else horizon
         motions = library.for_robot(self.robot)
         return evaluate(self.policy, motions, lengths, setting, **vars(self.view), **options)
+
+    def evaluate_clips(
+        self,
+        library: MotionLibrary,
+        rule: str,
+        horizon: str | Horizon | None = None,
+        setting: EvaluationSetting | None = None,
+        **options: Any,
+    ) -> ClipRecords:
+        """Return its records on whole clips.
+
+        Args:
+            library: motions of any robot with the same joints.
+            rule: of success.
+            horizon: of the commands, or its name.
+            setting: conditions.
+            options: further arguments of :func:`plat.evaluation.evaluate_clips`.
+        """
+        lengths = horizon_named(horizon, self.timing) if isinstance(horizon, str) else horizon
+        motions = library.for_robot(self.robot)
+        return evaluate_clips(self.policy, motions, rule, lengths, setting, **vars(self.view), **options)
 
     def play(self, library: MotionLibrary, horizon: Horizon, **options: Any) -> Playback:
         """Return its playback on a library's first motion; options are those of :func:`plat.evaluation.play`."""

@@ -1,10 +1,10 @@
 """Records of every command of an evaluation. Their twin for one robot is :class:`plat.control.KeyframeScorer`."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -17,12 +17,48 @@ from plat.errors import RecordsError
 from plat.files import replace_file
 from plat.motions.library import MotionLibrary
 
-__all__ = ["STEP_METRICS", "WINDOW_METRICS", "CommandRecorder", "CommandRecords"]
+__all__ = [
+    "STEP_METRICS",
+    "WINDOW_METRICS",
+    "CommandRecorder",
+    "CommandRecords",
+    "join_columns",
+    "read_columns",
+    "write_columns",
+]
 
 WINDOW_METRICS = ("joint_error", "keypoint_error", "keypoint_error_root")
 """Errors that are averaged over a command's arrival window."""
 STEP_METRICS = ("action_change", "joint_jerk", "foot_slip")
 """Quantities that are averaged over all steps."""
+
+
+_Table = TypeVar("_Table")
+
+
+def write_columns(path: Path, columns: Mapping[str, Tensor], about: Mapping[str, Any]) -> None:
+    """Write a table of records and its description (JSON values) to a ``.safetensors`` file."""
+    replace_file(path, lambda part: save_file(dict(columns), part, {"about": json.dumps(dict(about))}))
+
+
+def read_columns(path: Path, make: Callable[[Mapping[str, Tensor]], _Table]) -> tuple[_Table, dict[str, Any]]:
+    """Return the table that ``make`` makes of a file's columns, and the file's description.
+
+    Raises:
+        RecordsError: when the file cannot be read or is another kind of file.
+    """
+    try:
+        with safe_open(path, "pt") as file:
+            columns = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
+            about = json.loads(file.metadata()["about"])
+        return make(columns), about
+    except (OSError, SafetensorError, KeyError, TypeError, ValueError) as error:
+        raise RecordsError(f"{str(path)!r}: not a readable file of evaluation records ({error})") from error
+
+
+def join_columns(parts: Sequence[Mapping[str, Tensor]]) -> dict[str, Tensor]:
+    """Return columns whose rows are those of several tables, one after the other."""
+    return {name: torch.cat([part[name] for part in parts]) for name in parts[0]}
 
 
 @dataclass
@@ -51,19 +87,41 @@ class CommandRecords:
     arrival_error: Tensor
     step: dict[str, Tensor]
 
-    def of_clips(self, clips: Sequence[int]) -> "CommandRecords":
-        """Return the rows of some motions."""
-        rows = torch.isin(self.clip, torch.tensor(clips))
-        columns = {name: value[rows] for name, value in vars(self).items() if isinstance(value, Tensor)}
-        window = {name: column[rows] for name, column in self.window.items()}
-        return CommandRecords(**columns, window=window, step={name: column[rows] for name, column in self.step.items()})
-
-    def save(self, path: Path, about: Mapping[str, Any]) -> None:
-        """Write the table and a description of it (JSON values) to a ``.safetensors`` file."""
+    def columns(self) -> dict[str, Tensor]:
+        """Return every column by its name in files."""
         columns = {name: value for name, value in vars(self).items() if isinstance(value, Tensor)}
         for group in ("window", "step"):
             columns |= {f"{group}.{name}": column for name, column in getattr(self, group).items()}
-        replace_file(path, lambda part: save_file(columns, part, {"about": json.dumps(dict(about))}))
+        return columns
+
+    @classmethod
+    def from_columns(cls, columns: Mapping[str, Tensor]) -> "CommandRecords":
+        """Return the table of :meth:`columns`.
+
+        Raises:
+            KeyError, TypeError: when one is missing, or unknown.
+        """
+        rest = dict(columns)
+        window = {name: rest.pop(f"window.{name}") for name in WINDOW_METRICS}
+        step = {name: rest.pop(f"step.{name}") for name in STEP_METRICS}
+        return cls(**rest, window=window, step=step)
+
+    def of_rows(self, rows: Tensor) -> "CommandRecords":
+        """Return the rows that a mask ``[M]`` or indices choose."""
+        return CommandRecords.from_columns({name: column[rows] for name, column in self.columns().items()})
+
+    def of_clips(self, clips: Sequence[int]) -> "CommandRecords":
+        """Return the rows of some motions."""
+        return self.of_rows(torch.isin(self.clip, torch.tensor(clips)))
+
+    @classmethod
+    def joined(cls, parts: "Sequence[CommandRecords]") -> "CommandRecords":
+        """Return the rows of several tables, one after the other."""
+        return cls.from_columns(join_columns([part.columns() for part in parts]))
+
+    def save(self, path: Path, about: Mapping[str, Any]) -> None:
+        """Write the table and a description of it (JSON values) to a ``.safetensors`` file."""
+        write_columns(path, self.columns(), about)
 
     @classmethod
     def load(cls, path: Path) -> "tuple[CommandRecords, dict[str, Any]]":
@@ -72,15 +130,7 @@ class CommandRecords:
         Raises:
             RecordsError: when the file cannot be read or is another kind of file.
         """
-        try:
-            with safe_open(path, "pt") as file:
-                columns = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
-                about = json.loads(file.metadata()["about"])
-            window = {name: columns.pop(f"window.{name}") for name in WINDOW_METRICS}
-            step = {name: columns.pop(f"step.{name}") for name in STEP_METRICS}
-            return cls(**columns, window=window, step=step), about
-        except (OSError, SafetensorError, KeyError, TypeError, ValueError) as error:
-            raise RecordsError(f"{str(path)!r}: not a readable file of evaluation records ({error})") from error
+        return read_columns(path, cls.from_columns)
 
 
 class CommandRecorder:

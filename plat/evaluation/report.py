@@ -2,14 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from plat.errors import RecordsError
+from plat.evaluation.clip_records import CLIP_ERRORS, ClipRecords
 from plat.evaluation.records import STEP_METRICS, CommandRecords
 
-__all__ = ["Estimate", "Penalties", "compare", "report", "success_curve"]
+__all__ = ["Estimate", "Penalties", "compare", "report", "report_clips", "success_curve"]
 
 
 @dataclass(frozen=True)
@@ -60,16 +62,32 @@ def report(
     Raises:
         RecordsError: when the tables are of different commands.
     """
-    table = _Table(records, penalties or Penalties())
-    generator = torch.Generator().manual_seed(seed)
-    clip_weights = _draws(len(table.clips), resamples, generator)
-    resampled = table.resampled(clip_weights, generator)
-    return {name: _estimate(value, resampled[name]) for name, value in table.figures().items()}
+    return _estimates(_Table(_as_runs(records), penalties or Penalties()), resamples, seed)
+
+
+def report_clips(
+    records: ClipRecords | Sequence[ClipRecords], resamples: int = 1000, seed: int = 0
+) -> dict[str, Estimate]:
+    """Return the metrics of whole clips, with 95 % intervals.
+
+    Args:
+        records: of one policy, or one table for each of its training seeds; all of the same clips.
+        resamples, seed: as in :func:`report`.
+
+    Returns:
+        ``clip_success`` (%): clips that were followed to the end; ``clip_progress`` (%): their frames before a failure;
+        over these frames, ``clip_mpjpe`` (rad), ``clip_mpkpe`` and ``clip_mpkpe_root`` (m), ``vel_dist`` (m/frame) and
+        ``accel_dist`` (m/frame²).
+
+    Raises:
+        RecordsError: when the tables are of different clips, or judged by different rules.
+    """
+    return _estimates(_Table(_as_runs(records), Penalties()), resamples, seed)
 
 
 def compare(
-    ours: CommandRecords | Sequence[CommandRecords],
-    theirs: CommandRecords | Sequence[CommandRecords],
+    ours: CommandRecords | Sequence[CommandRecords] | Sequence[ClipRecords],
+    theirs: CommandRecords | Sequence[CommandRecords] | Sequence[ClipRecords],
     penalties: Penalties | None = None,
     resamples: int = 1000,
     seed: int = 0,
@@ -85,12 +103,14 @@ def compare(
         penalties, resamples, seed: as in :func:`report`.
 
     Returns:
-        For each metric of :func:`report`, ours minus theirs.
+        For each metric of :func:`report` or :func:`report_clips`, ours minus theirs.
 
     Raises:
         RecordsError: when the records are of different commands.
     """
-    tables = [_Table(records, penalties or Penalties()) for records in (ours, theirs)]
+    tables = [_Table(_as_runs(records), penalties or Penalties()) for records in (ours, theirs)]
+    if tables[0].rule != tables[1].rule:
+        raise RecordsError(f"clips judged by {tables[0].rule!r} and by {tables[1].rule!r}, expected one rule")
     if not torch.equal(tables[0].clip, tables[1].clip):
         raise RecordsError("records of different commands, expected the same commands for both policies")
     generator = torch.Generator().manual_seed(seed)
@@ -121,13 +141,16 @@ def success_curve(records: CommandRecords | Sequence[CommandRecords], points: in
 class _Table:
     """Numerators and denominators of each metric, summed over the commands of a motion: ``[runs, clips]``."""
 
-    def __init__(self, records: CommandRecords | Sequence[CommandRecords], penalties: Penalties):
-        runs = [records] if isinstance(records, CommandRecords) else list(records)
+    def __init__(self, runs: "list[CommandRecords] | list[ClipRecords]", penalties: Penalties):
         self.clip = runs[0].clip
+        rules = {run.rule if isinstance(run, ClipRecords) else None for run in runs}
+        if len(rules) != 1:
+            raise RecordsError(f"clips judged by the rules {sorted(map(str, rules))}, expected one rule")
+        self.rule = rules.pop()
         if any(not torch.equal(run.clip, self.clip) for run in runs):
             raise RecordsError("records of different commands, expected the same commands for every training seed")
         self.clips, rows = torch.unique(self.clip, return_inverse=True)
-        ratios = [_ratios(run, penalties) for run in runs]
+        ratios = [_clip_ratios(run) if isinstance(run, ClipRecords) else _ratios(run, penalties) for run in runs]
         self._num_runs = len(runs)
         self._sums: dict[str, tuple[Tensor, ...]] = {}
         for name in ratios[0]:
@@ -165,6 +188,28 @@ def _ratios(records: CommandRecords, penalties: Penalties) -> dict[str, tuple[Te
     for name in STEP_METRICS:
         ratios[name] = (records.step[name], records.steps)
     return ratios
+
+
+def _clip_ratios(records: ClipRecords) -> dict[str, tuple[Tensor, Tensor]]:
+    """Return each metric's numerator and denominator ``[C]``."""
+    every = torch.ones_like(records.frames)
+    short = ("clip_mpjpe", "clip_mpkpe", "clip_mpkpe_root", "vel_dist", "accel_dist")
+    return {
+        "clip_success": (100.0 * ~records.failed, every),
+        "clip_progress": (100.0 * records.tracked, records.frames),
+        **{name: (records.errors[error], records.tracked) for name, error in zip(short, CLIP_ERRORS, strict=True)},
+    }
+
+
+def _as_runs(records: "CommandRecords | ClipRecords | Sequence[CommandRecords] | Sequence[ClipRecords]") -> Any:
+    return [records] if isinstance(records, (CommandRecords, ClipRecords)) else list(records)
+
+
+def _estimates(table: _Table, resamples: int, seed: int) -> dict[str, Estimate]:
+    generator = torch.Generator().manual_seed(seed)
+    clip_weights = _draws(len(table.clips), resamples, generator)
+    resampled = table.resampled(clip_weights, generator)
+    return {name: _estimate(value, resampled[name]) for name, value in table.figures().items()}
 
 
 def _draws(count: int, resamples: int, generator: torch.Generator) -> Tensor:

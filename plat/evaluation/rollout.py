@@ -13,7 +13,6 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 from plat.envs.tracking import MotionTrackingEnv
 from plat.envs.transforms import (
     CommandSchedule,
-    DomainRandomization,
     KeyframeClock,
     KeyframeCommand,
     KeyframeMetrics,
@@ -21,6 +20,7 @@ from plat.envs.transforms import (
     ReferenceMotion,
     ScheduledStarts,
 )
+from plat.evaluation.disturbance import disturbing, loaded_physics, observing_noise
 from plat.evaluation.finite import check_actions
 from plat.evaluation.setting import EvaluationSetting, ReferenceView
 from plat.motions.library import MotionLibrary
@@ -76,7 +76,7 @@ def make_evaluation_env(
     view: ReferenceView | None = None,
     setting: EvaluationSetting | None = None,
 ) -> EvaluationEnv:
-    """Return the environment of :func:`plat.evaluation.evaluate`: no sensor noise, no reward.
+    """Return the environment of :func:`plat.evaluation.evaluate`: no reward, and sensor noise only by ``setting``.
 
     Args:
         library: motions, on the device of ``setting``.
@@ -94,9 +94,11 @@ def make_evaluation_env(
         feet=setting.feet,
         num_threads=setting.num_threads,
         device=setting.device,
+        physics=loaded_physics(library.robot, setting.disturbance),
     )
     starts = ScheduledStarts(env.library, schedule, num_envs)
     transforms: list[Transform] = [
+        *disturbing(env, setting.randomization, setting.disturbance),
         ReferenceMotion(env.library),
         KeyframeClock(timing.window),
         KeyframeTermination(env.robot, setting.limits),
@@ -104,9 +106,8 @@ def make_evaluation_env(
         starts,
         KeyframeCommand(env.library, schedule.horizon, schedule, view.command_group, timing),
         *view.transforms(env.library),
+        *observing_noise(env.robot, setting.disturbance),
     ]
-    if setting.randomization is not None:
-        transforms.append(DomainRandomization(env, setting.randomization))
     return EvaluationEnv(TransformedEnv(env, Compose(*transforms)), schedule, starts)
 
 

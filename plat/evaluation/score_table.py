@@ -9,39 +9,80 @@ from plat.evaluation.records import CommandRecords
 from plat.evaluation.report import Estimate, compare, report
 from plat.files import replace_file
 
-__all__ = ["COLUMNS", "HEADLINE", "METRICS", "Metric", "Score", "differences", "markdown", "rows", "write_csv"]
+__all__ = [
+    "CLIP_METRICS",
+    "COLUMNS",
+    "HEADLINE",
+    "METRICS",
+    "Metric",
+    "Score",
+    "differences",
+    "markdown",
+    "rows",
+    "write_csv",
+]
 
 
 @dataclass(frozen=True)
 class Metric:
-    """Title, unit and digits of a metric of :func:`plat.evaluation.report`."""
+    """Title, unit and digits of a metric of :func:`plat.evaluation.report` and :func:`plat.evaluation.report_clips`.
+
+    Attributes:
+        title: in tables.
+        unit: that tables and figures show.
+        digits: that they show.
+        higher_is_better: or lower.
+        factor: from the SI unit of reports and CSV files to the unit shown.
+
+    >>> METRICS["mpkpe"].text(0.0478)
+    '48'
+    """
 
     title: str
     unit: str
     digits: int
     higher_is_better: bool = False
+    factor: float = 1.0
 
     @property
     def heading(self) -> str:
         """Title and unit."""
         return f"{self.title} ({self.unit})" if self.unit else self.title
 
+    def text(self, value: "float | Estimate", sign: str = "") -> str:
+        """Return a value in the unit of tables; an estimate with its interval."""
+        if isinstance(value, Estimate):
+            value = Estimate(*(self.factor * part for part in (value.value, value.low, value.high)))
+        else:
+            value = self.factor * value
+        return f"{value:{sign}.{self.digits}f}"
+
 
 METRICS = {
     "tks": Metric("TKS@3", "%", 1, higher_is_better=True),
     "mpjpe": Metric("MPJPE@3", "rad", 3),
-    "mpkpe": Metric("MPKPE@3", "m", 3),
-    "mpkpe_root": Metric("MPKPE@3 in the root frame", "m", 3),
+    "mpkpe": Metric("MPKPE@3", "mm", 0, factor=1000),
+    "mpkpe_root": Metric("MPKPE@3 in the root frame", "mm", 0, factor=1000),
     "mpjpe_all": Metric("MPJPE@3, all commands", "rad", 3),
-    "mpkpe_all": Metric("MPKPE@3, all commands", "m", 3),
-    "mpkpe_root_all": Metric("MPKPE@3 in the root frame, all commands", "m", 3),
+    "mpkpe_all": Metric("MPKPE@3, all commands", "mm", 0, factor=1000),
+    "mpkpe_root_all": Metric("MPKPE@3 in the root frame, all commands", "mm", 0, factor=1000),
     "success_area": Metric("area under the success curve", "%", 1, higher_is_better=True),
     "fall_rate": Metric("falls", "%", 1),
     "action_change": Metric("change of action", "", 3),
     "joint_jerk": Metric("joint jerk", "rad/s³", 0),
     "foot_slip": Metric("foot slip", "m/s", 3),
 }
-"""All metrics, in the order of the tables."""
+"""All metrics of commands, in the order of the tables."""
+CLIP_METRICS = {
+    "clip_success": Metric("success", "%", 1, higher_is_better=True),
+    "clip_progress": Metric("frames before a failure", "%", 1, higher_is_better=True),
+    "clip_mpjpe": Metric("MPJPE", "rad", 3),
+    "clip_mpkpe": Metric("MPKPE", "mm", 0, factor=1000),
+    "clip_mpkpe_root": Metric("MPKPE in the root frame", "mm", 0, factor=1000),
+    "vel_dist": Metric("vel_dist", "mm/frame", 2, factor=1000),
+    "accel_dist": Metric("accel_dist", "mm/frame²", 2, factor=1000),
+}
+"""All metrics of whole clips."""
 HEADLINE = ("tks", "mpjpe", "mpkpe")
 """The three metrics of the paper."""
 COLUMNS = ("policy", "horizon", "seeds", "metric", "value", "low", "high")
@@ -104,7 +145,7 @@ def markdown(scores: Sequence[Score]) -> str:
         columns = [score for score in scores if score.horizon == horizon]
         rows = [["", *(score.policy for score in columns)]]
         for name, metric in METRICS.items():
-            rows.append([metric.heading, *(f"{score.figures[name]:.{metric.digits}f}" for score in columns)])
+            rows.append([metric.heading, *(metric.text(score.figures[name]) for score in columns)])
         parts.append(f"**{horizon}**\n\n{_table(rows)}")
     return "\n\n".join(parts) + "\n"
 
@@ -128,7 +169,7 @@ def differences(scores: Sequence[Score], ours: str) -> str:
 
 
 def _difference(figure: Estimate, metric: Metric) -> str:
-    value, low, high = (f"{part:+.{metric.digits}f}" for part in (figure.value, figure.low, figure.high))
+    value, low, high = (metric.text(part, "+") for part in (figure.value, figure.low, figure.high))
     text = f"{value} ({low} to {high})"
     if figure.low <= 0 <= figure.high:
         return text
@@ -136,7 +177,7 @@ def _difference(figure: Estimate, metric: Metric) -> str:
 
 
 def _headline(score: Score) -> str:
-    return " / ".join(f"{score.figures[name].value:.{METRICS[name].digits}f}" for name in HEADLINE)
+    return " / ".join(METRICS[name].text(score.figures[name].value) for name in HEADLINE)
 
 
 def _table(rows: Sequence[Sequence[str]]) -> str:

@@ -1,6 +1,6 @@
 """Run a policy through every command of a schedule."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,11 +11,11 @@ from plat.envs.transforms import NEXT_FRAME, CommandSchedule, Horizon
 from plat.envs.transforms.command import check_timing
 from plat.evaluation.records import CommandRecorder, CommandRecords
 from plat.evaluation.rollout import make_evaluation_env
-from plat.evaluation.setting import EvaluationSetting, Observe, ReferenceView
+from plat.evaluation.setting import EvaluationSetting, Interface, Observe, ReferenceView
 from plat.motions.library import MotionLibrary
 from plat.spec.timing import Timing, timing_of
 
-__all__ = ["evaluate"]
+__all__ = ["evaluate", "schedule_of_clips"]
 
 
 def evaluate(
@@ -27,6 +27,8 @@ def evaluate(
     dense: bool = False,
     goals: Mapping[str, int] = NEXT_FRAME,
     observe: Observe | None = None,
+    interface: Interface = "next-frame",
+    clips: Sequence[int] | None = None,
     progress: Callable[[float], None] | None = None,
     **conditions: Any,
 ) -> CommandRecords:
@@ -41,7 +43,9 @@ def evaluate(
         library: motions, of the robot that the policy drives.
         horizon: range of the commands' lengths.
         setting: seed, randomization and the other conditions.
-        dense, goals, observe: how the policy is shown its reference, see :class:`plat.evaluation.ReferenceView`.
+        dense, goals, observe, interface: how the policy is shown its reference, see
+            :class:`plat.evaluation.ReferenceView`.
+        clips: numbers of the motions to follow, by the commands that they have among all; None for all motions.
         progress: called after each step with the fraction of the commands' steps that is done.
         conditions: fields of :class:`plat.evaluation.EvaluationSetting` that replace those of ``setting``.
 
@@ -64,13 +68,14 @@ def evaluate(
     setting = replace(setting, timing=timing)
     check_timing(library, horizon, timing)
     library = library.to(setting.device)
-    schedule = CommandSchedule(library, horizon, setting.seed)
+    chosen = range(library.num_clips) if clips is None else clips
+    library, schedule = schedule_of_clips(library, horizon, setting.seed, chosen)
     recorder = CommandRecorder(library, schedule)
     total_steps = int((schedule.target_frame >= 0).sum())
     done_steps = 0
     with torch.random.fork_rng(devices=[]):
         torch.default_generator.manual_seed(setting.seed)  # the generator of the domain randomization
-        view = ReferenceView(dense, goals, observe)
+        view = ReferenceView(dense, goals, observe, interface)
         task = make_evaluation_env(library, schedule, min(setting.num_envs, library.num_clips), view, setting)
         for step in task.steps(policy):
             recorder.add(step["motion", "frame"], task.active, step["next"])
@@ -78,4 +83,33 @@ def evaluate(
             if progress is not None:
                 progress(min(1.0, done_steps / total_steps))
     task.close()
-    return recorder.records()
+    records = recorder.records()
+    records.clip = torch.tensor(list(chosen))[records.clip]
+    return records
+
+
+def schedule_of_clips(
+    library: MotionLibrary, horizon: Horizon, seed: int, clips: Sequence[int], *, whole: bool = False
+) -> tuple[MotionLibrary, CommandSchedule]:
+    """Return some motions of a library, and the commands that they have in the schedule of all.
+
+    Args:
+        library: all motions.
+        horizon: range of the commands' lengths.
+        seed: of the schedule.
+        clips: numbers of the motions.
+        whole: command what is left at a clip's end as well, however short.
+    """
+    schedule = CommandSchedule(library, horizon, seed)
+    chosen = list(clips)
+    if chosen == list(range(library.num_clips)) and not whole:
+        return library, schedule
+    first = schedule.first_frame.to(library.device)
+    of_clip, target = library.clip_of_frame[first], schedule.target_frame[first]
+    arrivals = []
+    for clip in chosen:
+        ends = (target[of_clip == clip] - library.clip_start[clip]).tolist()
+        last = int(library.clip_length[clip]) - 1
+        arrivals.append([*ends, last] if whole and ends[-1] < last else ends)
+    motions = library.only(*chosen)
+    return motions, CommandSchedule.of_arrivals(motions, arrivals)

@@ -7,15 +7,18 @@ import torch
 from torchrl.envs import Transform
 
 from plat.envs.transforms import NEXT_FRAME, DenseGoal, RandomizationRanges, TerminationLimits
+from plat.evaluation.disturbance import Disturbance
+from plat.evaluation.in_between import Interface, PlannedGoal
 from plat.motions.library import MotionLibrary
 from plat.robots.robot import FootContacts
 from plat.spec.timing import Timing
 
-__all__ = ["EvaluationSetting", "Observe", "ReferenceView"]
+__all__ = ["EvaluationSetting", "Interface", "Observe", "ReferenceView"]
 
-Observe = Callable[[MotionLibrary, bool], Sequence[Transform]]
+Observe = Callable[..., Sequence[Transform]]
 """Makes transforms that add further groups for a policy to read. Arguments: motions, and whether the policy is shown
-the dense reference. :meth:`plat.baselines.Tracker.observe` is one."""
+the dense reference; also ``interface=``, where that is not the next frame. :meth:`plat.baselines.Tracker.observe` is
+one."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,7 @@ class EvaluationSetting:
         seed: of the commands and of the randomization.
         randomization: ranges of domain randomization and pushes, drawn at every reset; None for the nominal robot.
             The random stream depends on resets, so disturbances differ between policies after their first failure.
+        disturbance: of fixed strength, for robustness curves; None for none.
         limits: when a command has failed.
         timing: of the policy; None for the one that it carries, or the default at the control step of the motions.
         decimation: physics steps in a control step.
@@ -37,6 +41,7 @@ class EvaluationSetting:
 
     seed: int = 0
     randomization: RandomizationRanges | None = None
+    disturbance: Disturbance | None = None
     limits: TerminationLimits | None = None
     timing: Timing | None = None
     decimation: int = 4
@@ -54,6 +59,7 @@ class ReferenceView:
         dense: show the reference motion in place of the keyframe. Commands still set the windows in which it is scored.
         goals: with ``dense``, the groups that hold the reference, and how many frames ahead each is.
         observe: adds what the policy reads beside those groups.
+        interface: motion that a dense tracker is shown on its way to a keyframe; of no effect with ``dense``.
 
     >>> ReferenceView().command_group, ReferenceView(dense=True).command_group
     ('goal', 'keyframe')
@@ -62,13 +68,27 @@ class ReferenceView:
     dense: bool = False
     goals: Mapping[str, int] = field(default_factory=lambda: NEXT_FRAME)
     observe: Observe | None = None
+    interface: Interface = "next-frame"
+
+    @property
+    def planned(self) -> bool:
+        """Return whether the policy is shown a motion that leads to the keyframe."""
+        return not self.dense and self.interface != "next-frame"
 
     @property
     def command_group(self) -> str:
-        """Return the group of the commanded keyframe; with ``dense``, one that the policy does not read."""
-        return "keyframe" if self.dense else "goal"
+        """Return the group of the commanded keyframe; one that the policy does not read where it is shown a motion."""
+        return "keyframe" if self.dense or self.planned else "goal"
 
     def transforms(self, library: MotionLibrary) -> list[Transform]:
         """Return the transforms that show it, to stand after the one that issues commands."""
-        dense = DenseGoal.of_groups(library, self.goals) if self.dense else []
-        return [*dense, *(self.observe(library, self.dense) if self.observe is not None else ())]
+        shown: list[Transform] = []
+        if self.dense:
+            shown = DenseGoal.of_groups(library, self.goals)
+        elif self.planned and self.observe is None:
+            shown = PlannedGoal.of_groups(library, self.goals, self.interface)
+        if self.observe is None:
+            return shown
+        if self.planned:
+            return [*shown, *self.observe(library, False, interface=self.interface)]
+        return [*shown, *self.observe(library, self.dense)]

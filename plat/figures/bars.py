@@ -36,14 +36,16 @@ def ablation_bars(scores: Sequence[Score], horizon: str, metrics: Sequence[str] 
         figure, panels = plt.subplots(1, len(metrics), figsize=size, sharey=True, squeeze=False)
         for panel, key in zip(panels[0], metrics, strict=True):
             metric, figures = METRICS[key], [row.figures[key] for row in rows]
-            values = np.array([figure.value for figure in figures])
-            spread = np.array([[f.value - f.low for f in figures], [f.high - f.value for f in figures]])
+            values = metric.factor * np.array([figure.value for figure in figures])
+            spread = metric.factor * np.array([[f.value - f.low for f in figures], [f.high - f.value for f in figures]])
             colors = [drawn[row.policy].color for row in rows]
             # a mean of ratios may lie outside its percentile interval by a hair
             panel.barh(places, values, 0.72, color=colors, alpha=0.85, xerr=spread.clip(0), **_ERROR_BARS)
-            top = np.nanmax([100.0 if metric.unit == "%" else 0.0, *(figure.high for figure in figures)])
+            top = np.nanmax(
+                [100.0 if metric.unit == "%" else 0.0, *(metric.factor * figure.high for figure in figures)]
+            )
             for place, figure_ in zip(places, figures, strict=True):
-                panel.text(1.04 * top, place, f"{figure_.value:.{metric.digits}f}", va="center", fontsize=7)
+                panel.text(1.04 * top, place, metric.text(figure_.value), va="center", fontsize=7)
             panel.set_xlim(0, 1.02 * top)
             panel.set_title(f"{metric.heading} {'↑' if metric.higher_is_better else '↓'}", pad=3)
             panel.grid(axis="x")

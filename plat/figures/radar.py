@@ -35,7 +35,10 @@ def radar_plot(scores: Sequence[Score], metrics: Sequence[str] = HEADLINE) -> An
         size = (PAGE / 3 * len(metrics), PAGE / 3 + 0.25)
         figure, panels = plt.subplots(1, len(metrics), figsize=size, subplot_kw={"projection": "polar"}, squeeze=False)
         for panel, metric in zip(panels[0], metrics, strict=True):
-            values = {name: [cells[name, horizon].figures[metric].value for horizon in horizons] for name in names}
+            factor = METRICS[metric].factor
+            values = {
+                name: [factor * cells[name, horizon].figures[metric].value for horizon in horizons] for name in names
+            }
             worst, best, ticks = _range([value for row in values.values() for value in row], metric)
             for name, row in values.items():
                 look = drawn[name]

@@ -2,6 +2,8 @@ import torch
 from tensordict import TensorDict
 
 from plat.baselines import TrackerReference
+from plat.baselines.tracker_reference import PlannedReference
+from plat.envs.state import GeneralizedState
 from plat.motions import MotionLibrary
 from tests.conftest import standing_clip
 
@@ -48,3 +50,20 @@ def test_several_frames_at_once():
         for key, value in alone.items():
             assert torch.equal(together[key][:, number], value)
     assert torch.equal(together["root_pos_w"][1, 1], shown([100], ahead=0)["root_pos_w"][0])  # the clip's last frame
+
+
+def test_a_planned_reference_is_the_line_to_the_keyframe():
+    library = MotionLibrary.from_clips([standing_clip()])
+    start = GeneralizedState.from_motion(library.states(torch.tensor([0])))
+    tensordict = TensorDict(
+        {
+            "command": {"target_frame": torch.tensor([50]), "steps_left": torch.tensor([[40]])},
+            "plan": {"start": start.pack(), "length": torch.tensor([[50]])},
+        },
+        [1],
+    )
+    planned = PlannedReference(library, "line", (1, 11))._call(tensordict)["tracker_reference"]
+    motion = shown([10], ahead=(1, 11))
+    assert planned.keys() == motion.keys()
+    for key, value in motion.items():
+        torch.testing.assert_close(planned[key], value, atol=3e-3, rtol=0)

@@ -24,6 +24,12 @@ def evaluate_puppet(
     monkeypatch: pytest.MonkeyPatch, library: MotionLibrary, horizon: Horizon, offset: Offset, **kwargs
 ) -> CommandRecords:
     """Evaluate a robot that is on the reference but for an ``offset`` of its qpos ``[n, 36]`` at frames ``[n]``."""
+    monkeypatch.setattr("plat.evaluation.rollout.MotionTrackingEnv", puppet(offset))
+    return evaluate(still, library, horizon, **kwargs)
+
+
+def puppet(offset: Offset) -> type[MotionTrackingEnv]:
+    """Environment whose robots are on the reference but for an offset."""
 
     class Puppet(MotionTrackingEnv):
         def _step(self, tensordict: TensorDictBase) -> TensorDict:
@@ -36,8 +42,7 @@ def evaluate_puppet(
             flags = {"terminated": torch.zeros_like(truncated), "truncated": truncated, "done": truncated.clone()}
             return out.update({"reward": torch.zeros(self.num_envs, 1), **flags})
 
-    monkeypatch.setattr("plat.evaluation.rollout.MotionTrackingEnv", Puppet)
-    return evaluate(still, library, horizon, **kwargs)
+    return Puppet
 
 
 def nowhere(frame: Tensor) -> Tensor:

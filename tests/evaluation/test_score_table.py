@@ -35,9 +35,9 @@ def test_markdown_has_the_papers_table_and_one_a_horizon(scores):
     text = markdown(scores)
     overview, *rest = text.split("\n\n")
     lines = overview.splitlines()
-    assert lines[0] == "| TKS@3 (%) / MPJPE@3 (rad) / MPKPE@3 (m) | long | mixed |"
-    assert lines[2] == "| TWIST2 | 75.0 / 0.400 / 0.200 |  |"  # not scored at mixed
-    assert lines[3].startswith("| PLAT | 75.0 / 0.400 / 0.200 | 75.0")
+    assert lines[0] == "| TKS@3 (%) / MPJPE@3 (rad) / MPKPE@3 (mm) | long | mixed |"
+    assert lines[2] == "| TWIST2 | 75.0 / 0.400 / 200 |  |"  # not scored at mixed
+    assert lines[3].startswith("| PLAT | 75.0 / 0.400 / 200 | 75.0")
     assert rest[0] == "**long**"
     assert rest[1].splitlines()[0] == "|  | TWIST2 | PLAT |"
     tks = scores[0].figures["tks"]
@@ -51,7 +51,7 @@ def test_differences_say_who_is_ahead():
         Score.of(name, "long", [spread(shift)]) for name, shift in (("worse", 0.02), ("better", -0.02), ("PLAT", 0))
     ]
     lines = differences(scores, "PLAT").splitlines()
-    assert lines[0] == "| PLAT minus | horizon | TKS@3 (%) | MPJPE@3 (rad) | MPKPE@3 (m) |"
+    assert lines[0] == "| PLAT minus | horizon | TKS@3 (%) | MPJPE@3 (rad) | MPKPE@3 (mm) |"
     assert lines[2].startswith("| worse | long | +0.0 (+0.0 to +0.0) | **-0.020 (-0.020 to -0.020)** |")
     assert lines[3].startswith("| better | long | +0.0 (+0.0 to +0.0) | *+0.020 (+0.020 to +0.020)* |")
 

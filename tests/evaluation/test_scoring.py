@@ -3,7 +3,8 @@ import torch
 
 from plat.envs.transforms import HORIZONS, PAPER_HORIZONS, CommandSchedule, Horizon, RandomizationRanges
 from plat.errors import MotionError
-from plat.evaluation import evaluate, report
+from plat.evaluation import CommandRecords, evaluate, report
+from plat.evaluation.scoring import schedule_of_clips
 from plat.modules import Expert
 from plat.motions import MotionLibrary
 from plat.robots import G1
@@ -208,3 +209,21 @@ def test_a_motion_too_short_for_the_horizon_is_named(two_clips):
     short = MotionLibrary.from_clips([standing_clip("blink", frames=13)])
     with pytest.raises(MotionError, match="'blink'"):
         evaluate(still, short, HORIZONS["long"])
+
+
+def test_parts_are_pieces_of_the_whole(library):
+    policy = Expert(G1).deployed()
+    whole = evaluate(policy, library, HORIZONS["long"])
+    parts = [evaluate(policy, library, HORIZONS["long"], clips=clips) for clips in ([0, 1], [2, 3, 4])]
+    joined = CommandRecords.joined(parts)
+    assert parts[1].clip.unique().tolist() == [2, 3, 4]
+    expected = whole.of_clips(range(5))
+    assert torch.equal(joined.length, expected.length)
+    assert torch.equal(joined.steps, expected.steps)
+    torch.testing.assert_close(joined.window["joint_error"], expected.window["joint_error"], equal_nan=True)
+
+
+def test_what_is_left_of_a_clip_is_a_command_of_whole_clips():
+    library = MotionLibrary.from_clips([standing_clip(frames=61)])  # 100 steps: 40, 40 and 20 that are too few
+    _, schedule = schedule_of_clips(library, Horizon(40, 40), 0, [0], whole=True)
+    assert schedule.target_frame[schedule.first_frame].tolist() == [40, 80, 100]

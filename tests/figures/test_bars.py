@@ -1,5 +1,6 @@
 import pytest
 
+from plat.evaluation import METRICS
 from plat.figures import ablation_bars
 from tests.figures.scores import made_up
 
@@ -12,19 +13,21 @@ def test_a_bar_a_policy_with_value_and_interval():
     assert [text.get_text() for text in figure.axes[0].get_yticklabels()] == ["DAgger", "mine", "PLAT"]
     for panel, metric in zip(figure.axes, ("tks", "mpjpe", "mpkpe"), strict=True):
         figures = [score.figures[metric] for score in scores if score.horizon == "long"]
-        assert [bar.get_width() for bar in panel.patches] == [figure.value for figure in figures]
+        assert [bar.get_width() for bar in panel.patches] == [
+            METRICS[metric].factor * figure.value for figure in figures
+        ]
         assert [bar.get_x() for bar in panel.patches] == [0, 0, 0]
         (intervals,) = panel.collections
+        factor = METRICS[metric].factor
         for interval, wanted in zip(intervals.get_segments(), figures, strict=True):
-            assert interval[0][0] == pytest.approx(min(wanted.low, wanted.value))
-            assert interval[1][0] == pytest.approx(max(wanted.high, wanted.value))
-        digits = 1 if metric == "tks" else 3
-        assert [text.get_text() for text in panel.texts] == [f"{figure.value:.{digits}f}" for figure in figures]
+            assert interval[0][0] == pytest.approx(factor * min(wanted.low, wanted.value))
+            assert interval[1][0] == pytest.approx(factor * max(wanted.high, wanted.value))
+        assert [text.get_text() for text in panel.texts] == [METRICS[metric].text(figure.value) for figure in figures]
 
 
 def test_the_best_is_told_from_the_worst():
     titles = [panel.get_title() for panel in ablation_bars(made_up("PLAT"), "long").axes]
-    assert titles == ["TKS@3 (%) ↑", "MPJPE@3 (rad) ↓", "MPKPE@3 (m) ↓"]
+    assert titles == ["TKS@3 (%) ↑", "MPJPE@3 (rad) ↓", "MPKPE@3 (mm) ↓"]
 
 
 def test_a_horizon_that_was_not_scored_is_named():

@@ -1,0 +1,197 @@
+"""Disturbances of known strength: pushes, friction, payload, latency, motor gains and sensor noise."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from types import MappingProxyType
+from typing import Any, Literal
+
+import mujoco
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.envs import Transform
+
+from plat.envs.physics import BatchedPhysics, Physics, PhysicsFactory
+from plat.envs.tracking import MotionTrackingEnv
+from plat.envs.transforms import DomainRandomization, NoiseLevels, ObservationNoise
+from plat.envs.transforms.settings import RandomizationRanges
+from plat.robots.robot import Robot
+
+__all__ = [
+    "STRENGTHS",
+    "Disturbance",
+    "DisturbanceName",
+    "Disturbed",
+    "Strength",
+    "disturbing",
+    "loaded_physics",
+    "observing_noise",
+]
+
+DisturbanceName = Literal["push", "friction", "payload", "latency", "motors", "noise"]
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """Disturbance of fixed strength; the default changes nothing.
+
+    Attributes:
+        push: change of the root's horizontal velocity (m/s), in a random direction every 1 to 3 s.
+        friction: sliding friction of the soles; None for the robot's own.
+        payload: mass added at the anchor's center of mass (kg).
+        latency: control steps by which joint targets arrive late.
+        motors: half width of the relative error of each motor's stiffness and damping.
+        noise: factor on the sensor noise of :class:`plat.envs.transforms.NoiseLevels`.
+
+    >>> Disturbance(push=0.5).push
+    0.5
+    """
+
+    push: float = 0.0
+    friction: float | None = None
+    payload: float = 0.0
+    latency: int = 0
+    motors: float = 0.0
+    noise: float = 0.0
+
+
+@dataclass(frozen=True)
+class Strength:
+    """Strengths of one disturbance, weakest first.
+
+    Attributes:
+        unit: with which a strength is labeled.
+        values: what the unit counts; the first is the undisturbed robot.
+        to_field: factor from a value to the field of :class:`Disturbance`.
+    """
+
+    unit: str
+    values: tuple[float, ...]
+    to_field: float = 1.0
+
+    def disturbance(self, name: DisturbanceName, value: float) -> Disturbance | None:
+        """Return the disturbance of a strength; None for the undisturbed robot."""
+        if value == self.values[0]:
+            return None
+        field = value * self.to_field
+        fields: dict[str, Any] = {name: round(field) if name == "latency" else field}
+        return Disturbance(**fields)
+
+
+STRENGTHS: Mapping[DisturbanceName, Strength] = MappingProxyType(
+    {
+        "push": Strength("m/s", (0.0, 0.25, 0.5, 0.75, 1.0, 1.5)),
+        "friction": Strength("coefficient", (0.8, 0.6, 0.4, 0.3, 0.2, 0.1)),
+        "payload": Strength("kg", (0.0, 2.0, 4.0, 6.0, 8.0, 10.0)),
+        "latency": Strength("control steps", (0.0, 1.0, 2.0, 3.0, 4.0)),
+        "motors": Strength("%", (0.0, 10.0, 20.0, 30.0, 40.0, 50.0), to_field=0.01),
+        "noise": Strength("x training noise", (0.0, 1.0, 2.0, 3.0, 4.0)),
+    }
+)
+"""Strengths of the robustness curves. Sole friction is 0.8 in the G1's description."""
+
+_PUSH_INTERVAL = (1.0, 3.0)  # seconds
+
+
+class Disturbed(Transform):
+    """Transform that pushes robots, delays their joint targets, and sets friction and motor gains at resets.
+
+    A late target is preceded by the pose that the robot starts in. The observed last action is the one that the
+    policy gave, also for the transforms behind it: put it first.
+
+    Args:
+        env: simulated robots, whose physics it changes.
+        disturbance: its strength.
+    """
+
+    def __init__(self, env: MotionTrackingEnv, disturbance: Disturbance):
+        super().__init__()
+        self._env = [env]  # in a list: nn.Module would otherwise adopt the environment as a child
+        self._disturbance = disturbance
+        self._steps_to_push = self._intervals(env.num_envs)
+        default = torch.zeros(env.num_envs, env.robot.num_joints, device=env.device)
+        self._coming = [default] * disturbance.latency
+        self._given = default
+
+    def _intervals(self, count: int) -> Tensor:
+        low, high = (seconds / self._env[0].library.dt for seconds in _PUSH_INTERVAL)
+        return (low + (high - low) * torch.rand(count)).long().clamp_min(1)
+
+    def _reset_env_preprocess(self, tensordict: TensorDictBase | None) -> TensorDictBase | None:
+        env, strength = self._env[0], self._disturbance
+        mask = None if tensordict is None else tensordict.get("_reset", None)
+        ids = torch.arange(env.num_envs) if mask is None else mask.view(-1).cpu().nonzero()[:, 0]
+        if strength.friction is not None:
+            friction = torch.full((len(ids),), strength.friction, dtype=torch.float64)
+            env.physics.set_friction(ids, env.robot.feet, friction)
+        if strength.motors:
+            draws = 2 * torch.rand(2, len(ids), env.robot.num_joints, dtype=torch.float64) - 1
+            env.physics.set_gains(ids, *(1 + strength.motors * draws))
+        self._steps_to_push[ids] = self._intervals(len(ids))
+        return tensordict
+
+    def _reset(self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
+        if self._coming:
+            robot, joint_pos = self._env[0].robot, tensordict_reset["state", "joint_pos"]
+            start = (joint_pos - robot.default_joint_pos.to(joint_pos)) / robot.action_scale.to(joint_pos)
+            mask = tensordict.get("_reset", None)
+            rows = (
+                torch.ones(len(start), 1, dtype=torch.bool, device=start.device) if mask is None else mask.view(-1, 1)
+            )
+            self._coming = [torch.where(rows, start, action) for action in self._coming]
+        return tensordict_reset
+
+    def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
+        if self._disturbance.push:
+            self._push()
+        if self._coming:
+            self._coming = [*self._coming, tensordict["action"]]
+            self._given = tensordict["action"]
+            tensordict["action"] = self._coming.pop(0)
+        return tensordict
+
+    def _push(self) -> None:
+        env = self._env[0]
+        self._steps_to_push -= 1
+        due = (self._steps_to_push <= 0).nonzero()[:, 0]
+        if len(due):
+            angle = 2 * torch.pi * torch.rand(len(due), dtype=torch.float64)
+            push = torch.zeros(len(due), 6, dtype=torch.float64)
+            push[:, 0], push[:, 1] = angle.cos(), angle.sin()
+            env.physics.push(due, self._disturbance.push * push)
+            self._steps_to_push[due] = self._intervals(len(due))
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        if self._coming:
+            tensordict["action"] = next_tensordict["robot", "last_action"] = self._given
+        return next_tensordict
+
+
+def observing_noise(robot: Robot, disturbance: Disturbance | None) -> list[Transform]:
+    """Return the transform that adds a disturbance's sensor noise; none without it."""
+    if disturbance is None or not disturbance.noise:
+        return []
+    levels = {name: disturbance.noise * width for name, width in asdict(NoiseLevels()).items()}
+    return [ObservationNoise(robot, NoiseLevels(**levels))]
+
+
+def disturbing(
+    env: MotionTrackingEnv, randomization: RandomizationRanges | None, disturbance: Disturbance | None
+) -> Sequence[Transform]:
+    """Return the transforms that randomize and disturb the robots of an environment, to stand before all others."""
+    transforms: list[Transform] = [] if randomization is None else [DomainRandomization(env, randomization)]
+    return transforms if disturbance is None else [*transforms, Disturbed(env, disturbance)]
+
+
+def loaded_physics(robot: Robot, disturbance: Disturbance | None) -> PhysicsFactory:
+    """Return the factory of a physics whose robots carry the disturbance's payload at their anchor."""
+    if disturbance is None or not disturbance.payload:
+        return BatchedPhysics
+    payload = disturbance.payload
+
+    def make(model: mujoco.MjModel, num_sims: int, num_threads: int | None, device: Any) -> Physics:
+        model.body(robot.anchor).mass += payload
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+        return BatchedPhysics(model, num_sims, num_threads, device)
+
+    return make
