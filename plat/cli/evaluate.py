@@ -15,11 +15,19 @@ from plat.cli.options import EvaluateRecipe, ScoringConfig
 from plat.envs.transforms import HORIZONS, RandomizationRanges, horizon_named
 from plat.errors import PlatError
 from plat.evaluation import HEADLINE, METRICS, CommandRecords, Entrant, EvaluationSetting, Score, write_csv
-from plat.evaluation.authored_scores import authored_table, evaluate_families
+from plat.evaluation.authored_playback import play_authored
+from plat.evaluation.authored_rollout import Pushes
+from plat.evaluation.authored_scores import (
+    AuthoredRecords,
+    author_families,
+    authored_table,
+    evaluate_families,
+    write_authored_csv,
+)
 from plat.evaluation.score_table import COLUMNS, rows
 from plat.figures import ablation_bars, film_strip, pyplot, radar_plot, save_figure, success_plot
 from plat.motions import MotionLibrary
-from plat.rendering import RenderingError, Stage
+from plat.rendering import Playback, RenderingError, Stage
 from plat.robots import get_robot
 from plat.runs import check_logger, log_table, on_device, start_logging
 from plat.runs.user_modules import import_modules
@@ -57,7 +65,11 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
             scores.append(Score.of(name, horizon, [records]))
             print_score(scores[-1], time.monotonic() - started)
     if recipe.authored:
-        print_authored(recipe, entrants, library)
+        authored = score_authored(recipe, entrants, library)
+        if recipe.csv is not None:
+            write_authored_csv(recipe.csv.with_name(f"{recipe.csv.stem}_authored.csv"), authored)
+        if recipe.strips is not None:
+            draw_authored_strips(recipe, recipe.strips, entrants, library)
     if recipe.csv is not None:
         write_csv(recipe.csv, scores)
     pictures: list[Path] = []
@@ -96,19 +108,56 @@ def common_control_dt(entrants: Mapping[str, Entrant], horizons: Sequence[str]) 
     return next(iter(steps.values()))
 
 
-def print_authored(recipe: EvaluateRecipe, entrants: dict[str, Entrant], library: MotionLibrary) -> None:
-    """Print a table of authored keyframes for every entrant."""
+def score_authored(
+    recipe: EvaluateRecipe, entrants: dict[str, Entrant], library: MotionLibrary
+) -> dict[str, AuthoredRecords]:
+    """Print a table of authored keyframes for every entrant; return their records."""
+    scored = {}
     for name, entrant in entrants.items():
-        records = evaluate_families(
+        scored[name] = evaluate_families(
             entrant.policy,
             entrant.robot,
             library.for_robot(entrant.robot),
             recipe.authored,
             recipe.seed,
             observe=replace(entrant.view, dense=False).transforms,
+            pushes=pushes_of(recipe),
             device=recipe.device,
         )
-        print(f"\n{name}, authored keyframes\n{authored_table(records)}", end="", flush=True)
+        pushed = f", pushes of {recipe.pushes:g} m/s every 1.5 s" if recipe.pushes else ""
+        print(f"\n{name}, authored keyframes{pushed}\n{authored_table(scored[name])}", end="", flush=True)
+    return scored
+
+
+def pushes_of(recipe: EvaluateRecipe) -> Pushes | None:
+    """Return the pushes that were asked for."""
+    return Pushes(recipe.pushes, seed=recipe.seed) if recipe.pushes else None
+
+
+def draw_authored_strips(
+    recipe: EvaluateRecipe, folder: Path, entrants: Mapping[str, Entrant], library: MotionLibrary
+) -> list[Path]:
+    """Draw a film strip of the first chain of each family; where this machine cannot, say what to install."""
+    playbacks: dict[str, dict[str, Playback]] = {}
+    for name, entrant in entrants.items():
+        motions = library.for_robot(entrant.robot)
+        chains = author_families(entrant.robot, motions, 1, recipe.seed, entrant.timing)
+        observe = replace(entrant.view, dense=False).transforms
+        played = play_authored(
+            entrant.policy, entrant.robot, chains, observe=observe, pushes=pushes_of(recipe), device=recipe.device
+        )
+        for chain, playback in zip(chains, played, strict=True):
+            playbacks.setdefault(chain.family, {})[name] = playback
+    written = []
+    try:
+        stage = Stage(library.robot, width=400, height=440, distance=2.2)
+        for family, of_family in playbacks.items():
+            strip = film_strip(stage, of_family, commands=6)
+            written += save_figure(strip, folder / f"authored_{family}")
+        stage.close()
+    except RenderingError as error:
+        print(f"no film strips: {error}")
+    return written
 
 
 def evaluated(

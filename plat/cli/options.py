@@ -91,10 +91,14 @@ class EvaluateRecipe(ScoringConfig):
     """show policies the reference instead of the keyframe: how well a dense tracker tracks"""
     authored: Natural = 0
     """chains per family of authored keyframes to score as well: arms, steps, crouch and so on"""
+    pushes: NonNegative = 0.0
+    """push robots on authored keyframes every 1.5 s: change of their horizontal velocity (m/s)"""
+    strips: Path | None = None
+    """folder to draw a film strip of each authored family into, as PDF and PNG"""
     domain_randomization: bool = False
     """draw robot, motors and ground anew for each motion, and push the robots"""
     csv: Path | None = None
-    """file to write every figure to, with its interval"""
+    """file for every figure with its interval; those of authored keyframes go to NAME_authored.csv"""
     figures: Path | None = None
     """folder to draw radar plot, bars, success curves and film strips into, as PDF and PNG"""
     imports: Imports = ()

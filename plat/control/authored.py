@@ -152,7 +152,7 @@ def resting_poses(library: MotionLibrary) -> Pose:
 
 def _sequence(robot: Robot, keyframes: Sequence[Keyframe], timing: Timing) -> KeyframeSequence:
     start = standing(robot)
-    return KeyframeSequence(robot, start, split_long_intervals(start, keyframes))
+    return KeyframeSequence(robot, start, split_long_intervals(start, keyframes, timing), timing)
 
 
 class _Draw:

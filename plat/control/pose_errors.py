@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from tensordict import TensorDict, TensorDictBase
-from torch import Tensor
+from tensordict import TensorDict
 
+from plat.control.reach import down
 from plat.control.settings import ReachLimits
 from plat.deploy import RobotState
 from plat.envs.transforms.terminations import fallen, off_pose
@@ -16,7 +16,7 @@ from plat.keyframes import Keyframe
 from plat.robots.robot import Robot
 from plat.rotations import quat_angle
 
-__all__ = ["PoseComparison", "PoseErrors", "down"]
+__all__ = ["PoseComparison", "PoseErrors"]
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class PoseErrors:
     fallen: bool
     """whether the root is at the wrong height or tilt, by the limits of TKS@3"""
     down: bool
-    """whether the robot lies: see :func:`down`"""
+    """whether the robot lies: see :func:`plat.control.reach.down`"""
 
 
 class PoseComparison:
@@ -89,18 +89,3 @@ class PoseComparison:
         mujoco.mj_kinematics(self._model, self._data)
         poses = {"keypoint_pos_w": self._data.xpos, "keypoint_quat_w": self._data.xquat}
         return TensorDict({key: torch.from_numpy(rows[self._keypoints])[None] for key, rows in poses.items()}, [1])
-
-
-def down(state: TensorDictBase, reference: TensorDictBase, limits: ReachLimits) -> Tensor:
-    """Return the mask ``[N]`` of robots that lie: a low or tilted pelvis that was not commanded to be so.
-
-    Args:
-        state: with ``keypoint_pos_w`` ``[N, K, 3]`` (m) and ``keypoint_quat_w`` ``[N, K, 4]``, the root first.
-        reference: the same of the pose that is commanded for now.
-        limits: what is too low and too much tilt.
-    """
-    height, wanted = state["keypoint_pos_w"][:, 0, 2], reference["keypoint_pos_w"][:, 0, 2]
-    # the vertical component of the root's z axis is 1 - 2 (x^2 + y^2)
-    up, wanted_up = (1 - 2 * group["keypoint_quat_w"][:, 0, 1:3].square().sum(-1) for group in (state, reference))
-    low = (height < limits.fallen_height) & (wanted >= limits.fallen_height)
-    return low | ((wanted_up - up) > limits.fallen_tilt)

@@ -16,6 +16,10 @@ class ReachLimits(Bounded):
     """distance of the root at arrival (m)"""
     joints: Positive = 0.2
     """mean absolute joint error at arrival (rad)"""
+    bodies: Positive = 0.2
+    """largest distance of a commanded body at arrival (m), of a partial keyframe"""
+    turn: Positive = 0.2
+    """angle of the root at arrival (rad), of a partial keyframe"""
     fallen_height: Positive = 0.4
     """a pelvis below this has fallen (m), unless it is commanded to be there"""
     fallen_tilt: Positive = 0.7

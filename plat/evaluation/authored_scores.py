@@ -1,51 +1,44 @@
-"""Scores on authored keyframes: success rate, falls before the arrival, and falls during the hold."""
+"""Scores on authored keyframes: success rate, falls before the arrival, falls and steps during the hold."""
 
-from collections.abc import Callable, Sequence
+import csv
+import io
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
-import numpy as np
 import torch
-from tensordict import TensorDict
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
-from torchrl.envs import Compose, Transform, TransformedEnv, step_mdp
-from torchrl.envs.utils import ExplorationType, set_exploration_type
+from torchrl.envs import Transform
 
 from plat.control.authored import FAMILIES, Authored, author, resting_poses
-from plat.envs.tracking import MotionTrackingEnv
-from plat.envs.transforms import FirstFrames, KeyframeClock, KeyframeCommand, ReferenceMotion
-from plat.envs.transforms.command import CommandSchedule
-from plat.envs.transforms.terminations import TerminationLimits, off_pose
+from plat.control.feasibility import Feasibility
+from plat.control.reach import distances, down
+from plat.control.settings import ReachLimits
+from plat.envs.transforms.terminations import off_pose
 from plat.errors import RecordsError
-from plat.evaluation.finite import check_actions
-from plat.motions import MotionClip, MotionLibrary
+from plat.evaluation.authored_rollout import AuthoredRollout, Pushes
+from plat.files import replace_file
+from plat.motions import MotionLibrary
 from plat.robots import Robot
 from plat.spec.timing import Timing, timing_of
 
 __all__ = [
     "AuthoredRecords",
     "AuthoredScore",
-    "ReachLimits",
+    "author_families",
     "authored_table",
     "evaluate_authored",
     "evaluate_families",
+    "write_authored_csv",
 ]
 
+_HOLD_MEASURES = ("support_margin", "floating", "self_penetration", "floor_penetration")
+_NEVER = torch.iinfo(torch.int64).max
 
-@dataclass(frozen=True)
-class ReachLimits:
-    """Thresholds of success at a keyframe, and of a fall."""
-
-    root: float = 0.2
-    """m: distance of the root at arrival"""
-    joints: float = 0.2
-    """rad: mean absolute joint error at arrival"""
-    fallen_height: float = 0.4
-    """m: a pelvis below this has fallen, unless it is commanded to be there"""
-    fallen_tilt: float = 0.7
-    """1: so much more vertical tilt than commanded, in gravity's component along the root's z, is a fall"""
-    window: TerminationLimits = TerminationLimits()
-    """thresholds of every step of the arrival window"""
+Interval = tuple[float, float, float]
+"""Percentage and its interval: value, low, high; nan where there was nothing to count."""
 
 
 @dataclass
@@ -55,18 +48,30 @@ class AuthoredRecords:
     Attributes:
         family: of each chain, ``[C]``.
         reached: in time, near enough and not fallen before ``[C, K]``.
-        root_error: distance of the root at arrival ``[C, K]`` (m).
-        joint_error: mean absolute joint error at arrival ``[C, K]`` (rad).
+        fell_before: fallen by the arrival ``[C, K]``; what is neither was late or off.
+        root_error: distance of the root at arrival ``[C, K]`` (m), in what is commanded of it.
+        joint_error: mean absolute error of the commanded joints at arrival ``[C, K]`` (rad).
+        body_error: largest distance of a commanded body at arrival ``[C, K]`` (m).
+        feasible: without a concern of :class:`plat.control.Feasibility` ``[C, K]``.
         fell: at some moment, the hold included ``[C]``.
         fell_in_hold: for the first time after the last arrival ``[C]``.
+        foot_travel: greatest distance of a foot in the hold from where it was when that had settled ``[C]`` (m).
+        stepped: whether that is a step ``[C]``.
+        at_rest: whether the last keyframe can be held at rest, and nothing pushed the robot ``[C]``.
     """
 
     family: list[str]
     reached: Tensor
+    fell_before: Tensor
     root_error: Tensor
     joint_error: Tensor
+    body_error: Tensor
+    feasible: Tensor
     fell: Tensor
     fell_in_hold: Tensor
+    foot_travel: Tensor
+    stepped: Tensor
+    at_rest: Tensor
 
 
 @dataclass(frozen=True)
@@ -78,14 +83,20 @@ class AuthoredScore:
         chains: how many.
         fell: of chains in which the robot fell at some moment: value, low, high.
         reached: of keyframes that were reached.
+        late_or_off: of keyframes that were not, though the robot had not fallen.
+        reached_feasible: of keyframes without a concern that were reached.
         fell_in_hold: of holds that began upright and ended in a fall.
+        stepped: of upright holds of a pose that can be held at rest, those in which a foot left its place.
     """
 
     family: str
     chains: int
-    fell: tuple[float, float, float]
-    reached: tuple[float, float, float]
-    fell_in_hold: tuple[float, float, float]
+    fell: Interval
+    reached: Interval
+    late_or_off: Interval
+    reached_feasible: Interval
+    fell_in_hold: Interval
+    stepped: Interval
 
     @classmethod
     def of(cls, records: AuthoredRecords, family: str, resamples: int = 1000, seed: int = 0) -> "AuthoredScore":
@@ -99,15 +110,20 @@ class AuthoredScore:
             raise RecordsError(f"authored family {family!r}: no records, expected one of {sorted(set(records.family))}")
         fell, late = records.fell[rows].double(), records.fell_in_hold[rows].double()
         standing = 1 - fell + late  # chains that were upright when the hold began
-        reached = records.reached[rows].double().mean(1)
+        reached, feasible = records.reached[rows].double(), records.feasible[rows].double()
+        neither = 1 - reached - records.fell_before[rows].double()
+        resting = (1 - fell) * records.at_rest[rows].double()
         draws = torch.randint(len(rows), (resamples, len(rows)), generator=torch.Generator().manual_seed(seed))
         ones = torch.ones_like(fell)
         return cls(
             family,
             len(rows),
             _interval(fell, ones, draws),
-            _interval(reached, ones, draws),
+            _interval(reached.mean(1), ones, draws),
+            _interval(neither.mean(1), ones, draws),
+            _interval((reached * feasible).sum(1), feasible.sum(1), draws),
             _interval(late, standing, draws),
+            _interval(records.stepped[rows].double() * resting, resting, draws),
         )
 
 
@@ -119,22 +135,15 @@ def evaluate_authored(
     *,
     limits: ReachLimits | None = None,
     observe: Callable[[MotionLibrary], Sequence[Transform]] | None = None,
+    pushes: Pushes | None = None,
     num_threads: int | None = None,
     device: torch.device | str = "cpu",
 ) -> AuthoredRecords:
-    """Evaluate a policy on authored chains, one robot per chain, without resets.
-
-    A robot begins at rest in the chain's start. In the hold its command is the last keyframe by the next step,
-    over and over. Between keyframes it is compared with the straight line between them.
+    """Evaluate a policy on authored chains, see :class:`plat.evaluation.authored_rollout.AuthoredRollout`.
 
     Args:
-        policy: deterministic policy that reads ``"robot"``, ``"goal"`` and ``"command"`` and writes ``action``.
-        robot: that it drives.
-        chains: of :func:`plat.control.author`; all with the same number of keyframes.
+        policy, robot, chains, observe, pushes, num_threads, device: of the rollout.
         limits: when a keyframe is reached and when a robot has fallen.
-        observe: makes the transforms that show a policy what it reads beside those groups.
-        num_threads: threads of the physics pool.
-        device: where the policy and tensors live.
 
     >>> from plat.control.authored import author
     >>> from plat.modules import PlainPolicy
@@ -144,53 +153,77 @@ def evaluate_authored(
     torch.Size([2, 5])
     """
     limits = limits or ReachLimits()
-    timing = timing_of(policy) or Timing()
-    library, arrivals, ends = _library(robot, chains)
-    schedule = CommandSchedule.of_arrivals(library.to(device), _with_holds(arrivals, library))
-    env = MotionTrackingEnv(library, len(chains), num_threads=num_threads, device=device)
-    transforms: list[Transform] = [
-        FirstFrames(env.library),
-        ReferenceMotion(env.library),
-        KeyframeClock(timing.window),
-        KeyframeCommand(env.library, schedule.horizon, schedule, timing=timing),
-        *(() if observe is None else observe(env.library)),
-    ]
-    task = TransformedEnv(env, Compose(*transforms))
-    arrival_steps, end_steps = torch.tensor(arrivals, device=device), torch.tensor(ends, device=device)
-    count, keyframes = arrival_steps.shape
-    missed = torch.zeros(count, keyframes, dtype=torch.bool, device=device)
-    root_error = torch.zeros(count, keyframes, device=device)
-    joint_error = torch.zeros(count, keyframes, device=device)
-    fell_at = torch.full((count,), torch.iinfo(torch.int64).max, device=device)
-    with set_exploration_type(ExplorationType.DETERMINISTIC):
-        current = task.reset()
-        for step in range(1, int(end_steps.max()) + 1):
-            current = policy(current)
-            check_actions(current["action"])
-            after = task.step(current)["next"]
-            state, reference = after["state"], after["reference"]
-            fallen = _fallen(state, reference, limits) & (step <= end_steps)
-            fell_at = torch.where(fallen, fell_at.clamp_max(step), fell_at)
-            # a window is the last steps of a command, the arrival among them
-            in_window = (arrival_steps - step >= 0) & (arrival_steps - step < timing.window)
-            off = off_pose(state, reference, robot, limits.window)
-            missed |= in_window & off[:, None]
-            now = arrival_steps == step
-            distance = (state["keypoint_pos_w"][:, 0] - reference["keypoint_pos_w"][:, 0]).norm(dim=-1)
-            angles = (state["joint_pos"] - reference["joint_pos"]).abs().mean(-1)
-            root_error = torch.where(now, distance[:, None], root_error)
-            joint_error = torch.where(now, angles[:, None], joint_error)
-            current = step_mdp(TensorDict({"next": after}, after.batch_size), exclude_done=True)
-    near = (root_error <= limits.root) & (joint_error <= limits.joints)
-    fell = fell_at <= end_steps
+    rollout = AuthoredRollout(
+        policy, robot, chains, observe=observe, pushes=pushes, num_threads=num_threads, device=device
+    )
+    arrivals, ends, timing = rollout.arrivals, rollout.ends, rollout.timing
+    feet = [robot.keypoints.index(foot) for foot in robot.feet]
+    settled = arrivals[:, -1] + round(limits.settling / timing.control_dt)
+    missed = torch.zeros_like(arrivals, dtype=torch.bool)
+    near = torch.zeros_like(arrivals, dtype=torch.bool)
+    errors = {name: torch.zeros(arrivals.shape, device=device) for name in ("root", "joints", "bodies")}
+    fell_at = torch.full_like(ends, _NEVER)
+    foot_travel = torch.zeros(ends.shape, device=device)
+    places: Tensor | None = None
+    for step in rollout:
+        state, reference, number = step.after["state"], step.after["reference"], step.number
+        fallen = down(state, reference, limits) & (number <= ends)
+        fell_at = torch.where(fallen, fell_at.clamp_max(number), fell_at)
+        # a window is the last steps of a command, the arrival among them
+        in_window = (arrivals >= number) & (arrivals - number < timing.window)
+        missed |= in_window & off_pose(state, reference, robot, limits.window)[:, None]
+        now = arrivals == number
+        if bool(now.any()):
+            away = distances(state, reference)
+            near |= now & away.near(limits)[:, None]
+            for name, values in errors.items():
+                errors[name] = torch.where(now, getattr(away, name)[:, None], values)
+        standing = state["keypoint_pos_w"][:, feet]
+        places = standing if places is None else torch.where((number <= settled)[:, None, None], standing, places)
+        travel = (standing - places).norm(dim=-1).amax(-1) * (number <= ends)
+        foot_travel = torch.maximum(foot_travel, travel)
+    fell = fell_at <= ends
+    fell_before = fell_at[:, None] <= arrivals
+    feasible, at_rest = _feasibility(robot, chains)
     return AuthoredRecords(
         [chain.family for chain in chains],
-        (near & ~missed & (fell_at[:, None] > arrival_steps)).cpu(),
-        root_error.cpu(),
-        joint_error.cpu(),
-        fell.cpu(),
-        (fell & (fell_at > arrival_steps[:, -1])).cpu(),
+        reached=(near & ~missed & ~fell_before).cpu(),
+        fell_before=fell_before.cpu(),
+        root_error=errors["root"].cpu(),
+        joint_error=errors["joints"].cpu(),
+        body_error=errors["bodies"].cpu(),
+        feasible=feasible,
+        fell=fell.cpu(),
+        fell_in_hold=(fell & (fell_at > arrivals[:, -1])).cpu(),
+        foot_travel=foot_travel.cpu(),
+        stepped=foot_travel.cpu() > limits.foot_travel,
+        at_rest=at_rest & (pushes is None),
     )
+
+
+def author_families(
+    robot: Robot, motions: MotionLibrary, count: int, seed: int = 0, timing: Timing | None = None
+) -> list[Authored]:
+    """Return ``count`` chains of every authored family that a policy of a timing can be given.
+
+    Families of resting poses are left out when the motions have none, and ``far3s`` when the longest command is shorter
+    than its 3 s.
+
+    Args:
+        robot: whose keyframes they are.
+        motions: source of resting poses.
+        count: chains per family.
+        seed: of the chains.
+        timing: of the policy.
+    """
+    timing = timing or Timing()
+    resting = resting_poses(motions)
+    return [
+        chain
+        for family in FAMILIES.values()
+        if family.interval[1] <= timing.longest and not (family.resting and len(resting) == 0)
+        for chain in author(family.name, robot, count, seed, resting, timing)
+    ]
 
 
 def evaluate_families(
@@ -201,74 +234,79 @@ def evaluate_families(
     seed: int = 0,
     *,
     observe: Callable[[MotionLibrary], Sequence[Transform]] | None = None,
+    pushes: Pushes | None = None,
     num_threads: int | None = None,
     device: torch.device | str = "cpu",
 ) -> AuthoredRecords:
-    """Return records of ``count`` chains of every authored family.
-
-    Families of resting poses are left out when the motions have none, and ``far3s`` when the policy's longest command
-    is shorter than its 3 s.
+    """Return records of ``count`` chains of every authored family, see :func:`author_families`.
 
     Args:
-        policy, robot, observe, num_threads, device: as for :func:`evaluate_authored`.
+        policy, robot, observe, pushes, num_threads, device: as for :func:`evaluate_authored`.
         motions: source of resting poses.
         count: chains per family.
         seed: of the chains; the same for every policy.
     """
-    timing = timing_of(policy) or Timing()
-    resting = resting_poses(motions)
-    chains = [
-        chain
-        for family in FAMILIES.values()
-        if family.interval[1] <= timing.longest and not (family.resting and len(resting) == 0)
-        for chain in author(family.name, robot, count, seed, resting, timing)
-    ]
-    return evaluate_authored(policy, robot, chains, observe=observe, num_threads=num_threads, device=device)
+    chains = author_families(robot, motions, count, seed, timing_of(policy))
+    return evaluate_authored(
+        policy, robot, chains, observe=observe, pushes=pushes, num_threads=num_threads, device=device
+    )
+
+
+_COLUMNS = {
+    "fell": "fell %",
+    "reached": "reached %",
+    "reached_feasible": "reached of feasible %",
+    "fell_in_hold": "fell while holding %",
+    "stepped": "stepped while holding %",
+}
 
 
 def authored_table(records: AuthoredRecords) -> str:
     """Return the scores of every family as a Markdown table."""
-    lines = ["| family | chains | fell % | reached % | fell while holding % |", "|---|---|---|---|---|"]
+    lines = [f"| family | chains | {' | '.join(_COLUMNS.values())} |", "|---" * (2 + len(_COLUMNS)) + "|"]
     for family in dict.fromkeys(records.family):
         score = AuthoredScore.of(records, family)
-        cells = ("{:.1f} ({:.1f}-{:.1f})".format(*figure) for figure in (score.fell, score.reached, score.fell_in_hold))
+        cells = (_cell(getattr(score, name)) for name in _COLUMNS)
         lines.append(f"| {family} | {score.chains} | {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
 
-def _fallen(state: TensorDict, reference: TensorDict, limits: ReachLimits) -> Tensor:
-    """Return the mask ``[N]`` of robots with a low or tilted pelvis that was not commanded to be so."""
-    height, wanted = state["keypoint_pos_w"][:, 0, 2], reference["keypoint_pos_w"][:, 0, 2]
-    # the vertical component of the root's z axis is 1 - 2 (x^2 + y^2)
-    up, wanted_up = (1 - 2 * group["keypoint_quat_w"][:, 0, 1:3].square().sum(-1) for group in (state, reference))
-    low = (height < limits.fallen_height) & (wanted >= limits.fallen_height)
-    return low | ((wanted_up - up) > limits.fallen_tilt)
+def write_authored_csv(path: Path, records: Mapping[str, AuthoredRecords]) -> None:
+    """Write the scores of every policy and family: a line per figure, with its interval.
+
+    Args:
+        path: the file; it is replaced atomically or not at all.
+        records: by the names of the policies.
+    """
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(("policy", "family", "chains", "metric", "value", "low", "high"))
+    for policy, of_policy in records.items():
+        for family in dict.fromkeys(of_policy.family):
+            score = AuthoredScore.of(of_policy, family)
+            for name in ("fell", "reached", "late_or_off", "reached_feasible", "fell_in_hold", "stepped"):
+                figures = ("" if math.isnan(value) else f"{value:.3f}" for value in getattr(score, name))
+                table.writerow((policy, family, score.chains, name, *figures))
+    replace_file(path, lambda part: part.write_text(text.getvalue(), encoding="utf-8"))
 
 
-def _library(robot: Robot, chains: Sequence[Authored]) -> tuple[MotionLibrary, list[list[int]], list[int]]:
-    """Return lines between keyframes as clips of equal length, arrival steps ``[C][K]`` and last steps ``[C]``."""
-    dt = chains[0].sequence.timing.control_dt
-    arrivals = [list(chain.sequence.arrival_steps) for chain in chains]
-    ends = [steps[-1] + round(chain.hold / dt) for steps, chain in zip(arrivals, chains, strict=True)]
-    # one more frame, so that no robot is at the end of its clip while another goes on
-    frames = max(ends) + 2
-    clips = [
-        MotionClip(f"{number}", np.stack([chain.sequence.sample(step * dt).qpos for step in range(frames)]), 1 / dt)
-        for number, chain in enumerate(chains)
-    ]
-    return MotionLibrary.from_clips(clips, robot=robot, dt=dt), arrivals, ends
+def _feasibility(robot: Robot, chains: Sequence[Authored]) -> tuple[Tensor, Tensor]:
+    """Return which keyframes raise no concern ``[C, K]``, and which last ones can be held at rest ``[C]``."""
+    feasibility = Feasibility(robot)
+    concerns = [feasibility.sequence(chain.sequence) for chain in chains]
+    feasible = torch.tensor([[not found for found in of_chain] for of_chain in concerns])
+    at_rest = [not any(concern.measure in _HOLD_MEASURES for concern in of_chain[-1]) for of_chain in concerns]
+    return feasible, torch.tensor(at_rest)
 
 
-def _with_holds(arrivals: Sequence[Sequence[int]], library: MotionLibrary) -> list[list[int]]:
-    """Return the arrivals within each clip, and one at every further frame: the commands of the hold."""
-    return [
-        [*steps, *range(steps[-1] + 1, int(length))]
-        for steps, length in zip(arrivals, library.clip_length, strict=True)
-    ]
-
-
-def _interval(top: Tensor, bottom: Tensor, draws: Tensor) -> tuple[float, float, float]:
-    value = 100 * float(top.sum() / bottom.sum().clamp_min(1e-9))
+def _interval(top: Tensor, bottom: Tensor, draws: Tensor) -> Interval:
+    if not bool(bottom.any()):
+        return math.nan, math.nan, math.nan
+    value = 100 * float(top.sum() / bottom.sum())
     resampled = 100 * top[draws].sum(1) / bottom[draws].sum(1).clamp_min(1e-9)
     low, high = torch.quantile(resampled, torch.tensor([0.025, 0.975], dtype=torch.float64)).tolist()
     return value, low, high
+
+
+def _cell(figure: Interval) -> str:
+    return "-" if math.isnan(figure[0]) else "{:.1f} ({:.1f}-{:.1f})".format(*figure)

@@ -133,10 +133,12 @@ def test_the_table_goes_to_wandb(runs, monkeypatch):
     assert list((runs / "wandb").glob("offline-run-*"))
 
 
-def test_authored_keyframes_have_a_table_of_their_own(runs, capsys):
-    evaluate.main(recipe(runs, "plain", authored=1, only="run"))
+def test_authored_keyframes_have_a_table_of_their_own(runs, capsys, tmp_path):
+    evaluate.main(recipe(runs, "plain", authored=1, only="run", csv=tmp_path / "scores.csv", pushes=0.2))
+    assert (tmp_path / "scores.csv").exists()
+    assert "plain,far,1,reached," in (tmp_path / "scores_authored.csv").read_text()
     printed = capsys.readouterr().out
-    assert "plain, authored keyframes" in printed
+    assert "plain, authored keyframes, pushes of 0.2 m/s every 1.5 s" in printed
     table = printed[printed.index("| family") :]
     families = [line.split("|")[1].strip() for line in table.splitlines()[2:]]
     # nobody rests in a run, and a policy of 1 s has no 3 s

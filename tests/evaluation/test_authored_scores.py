@@ -1,11 +1,22 @@
+from pathlib import Path
+
+import numpy as np
 import pytest
 import torch
 from tensordict.nn import TensorDictModule
 
 import plat
+from plat.control import Chase, KeyframeScorer, PolicyController, Simulator
 from plat.control.authored import Authored, author
 from plat.errors import RecordsError
-from plat.evaluation.authored_scores import AuthoredRecords, AuthoredScore, authored_table, evaluate_authored
+from plat.evaluation.authored_rollout import AuthoredRollout, Pushes
+from plat.evaluation.authored_scores import (
+    AuthoredRecords,
+    AuthoredScore,
+    authored_table,
+    evaluate_authored,
+    write_authored_csv,
+)
 from plat.keyframes import KeyframeSequence, standing
 from plat.robots import G1
 
@@ -52,14 +63,19 @@ def test_a_robot_does_not_depend_on_its_neighbors() -> None:
 
 
 def records() -> AuthoredRecords:
-    reached = torch.tensor([[True, True], [True, False], [False, False], [True, True]])
     return AuthoredRecords(
         ["a", "a", "a", "b"],
-        reached,
-        torch.zeros(4, 2),
-        torch.zeros(4, 2),
+        reached=torch.tensor([[True, True], [True, False], [False, False], [True, True]]),
+        fell_before=torch.tensor([[False, False], [False, False], [False, True], [False, False]]),
+        root_error=torch.zeros(4, 2),
+        joint_error=torch.zeros(4, 2),
+        body_error=torch.zeros(4, 2),
+        feasible=torch.tensor([[True, True], [True, False], [True, False], [False, False]]),
         fell=torch.tensor([False, True, True, False]),
         fell_in_hold=torch.tensor([False, True, False, False]),
+        foot_travel=torch.zeros(4),
+        stepped=torch.tensor([True, True, False, False]),
+        at_rest=torch.tensor([True, True, True, False]),
     )
 
 
@@ -70,13 +86,67 @@ def test_scores_are_shares_of_chains_keyframes_and_holds() -> None:
     assert score.reached[0] == pytest.approx(50.0)
     assert score.fell_in_hold[0] == pytest.approx(50.0)  # of two that began upright
     assert score.fell[1] < score.fell[0] <= score.fell[2]
-    assert AuthoredScore.of(records(), "b").fell == (0.0, 0.0, 0.0)
+    assert score.late_or_off[0] == pytest.approx(100 / 3)  # of the three that were not reached one had fallen
+    assert score.reached_feasible[0] == pytest.approx(75.0)
+    assert score.stepped[0] == pytest.approx(100.0)  # of the one that did not fall
+    other = AuthoredScore.of(records(), "b")
+    assert other.fell == (0.0, 0.0, 0.0)
+    assert np.isnan(other.reached_feasible).all()  # no keyframe was feasible
+    assert np.isnan(other.stepped).all()
 
 
 def test_a_table_has_a_row_a_family() -> None:
     lines = authored_table(records()).splitlines()
     assert [line.split("|")[1].strip() for line in lines[2:]] == ["a", "b"]
     assert "| 50.0 (" in lines[2]
+    assert lines[3].endswith("| - | 0.0 (0.0-0.0) | - |")
+
+
+def test_a_file_has_a_line_for_every_figure(tmp_path: Path) -> None:
+    write_authored_csv(tmp_path / "scores.csv", {"plat": records()})
+    lines = (tmp_path / "scores.csv").read_text().splitlines()
+    assert lines[0] == "policy,family,chains,metric,value,low,high"
+    assert len(lines) == 1 + 2 * 6
+    assert "plat,b,1,stepped,,," in lines
+    assert [line for line in lines if line.startswith("plat,a,3,late_or_off,33.333,")]
+
+
+def test_pushes_are_felt_and_a_seed_repeats_them() -> None:
+    policy, chains = plat.load("plat-g1").deployed(), [still(1.0), still(1.0)]
+    calm = evaluate_authored(policy, G1, chains)
+    one, again, other = (
+        evaluate_authored(policy, G1, chains, pushes=Pushes(0.4, every=0.9, seed=seed)) for seed in (1, 1, 2)
+    )
+    torch.testing.assert_close(one.root_error, again.root_error)
+    torch.testing.assert_close(one.root_error[:, :4], calm.root_error[:, :4])  # before the first push
+    assert float((one.root_error - calm.root_error)[:, 4].abs().min()) > 0.005
+    assert float((one.root_error - other.root_error)[:, 4].abs().max()) > 1e-4
+    assert calm.at_rest.all()
+    assert not one.at_rest.any()
+
+
+def test_a_robot_begins_at_rest() -> None:
+    rollout = AuthoredRollout(plat.load("plat-g1").deployed(), G1, author("steps", G1, 2, seed=0))
+    first = next(iter(rollout)).before["robot"]
+    for velocity in ("joint_vel", "root_ang_vel_b", "root_lin_vel_b"):
+        assert not bool(first[velocity].any())
+
+
+def test_a_chain_is_scored_like_a_chase() -> None:
+    """One robot in plain MuJoCo, by the scorer of ``plat play``."""
+    policy = plat.load("plat-g1").deployed()
+    (chain,) = author("steps", G1, 1, seed=0)
+    records = evaluate_authored(policy, G1, [chain])
+    scorer = KeyframeScorer(G1)
+    controller = PolicyController(policy, G1)
+    for step in Chase(controller, chain.sequence, Simulator(G1.model()), hold=chain.hold):
+        scorer.add(step)
+    # contacts amplify the rounding of two simulations: the first two keyframes are compared
+    scores, figures = scorer.scores()[:2], {"root": records.root_error, "joint": records.joint_error}
+    for name, errors in figures.items():
+        np.testing.assert_allclose([getattr(score.arrival, name) for score in scores], errors[0, :2], atol=5e-3)
+    assert [score.reached for score in scores] == records.reached[0, :2].tolist()
+    assert [score.fell for score in scores] == records.fell_before[0, :2].tolist()
 
 
 def test_another_family_is_named() -> None:

@@ -1,0 +1,156 @@
+"""Rollout of a policy on authored chains: one robot per chain, without resets."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from tensordict import TensorDict
+from tensordict.nn import TensorDictModuleBase
+from torch import Tensor
+from torchrl.envs import Compose, Transform, TransformedEnv, step_mdp
+from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+from plat.control.authored import Authored
+from plat.envs.tracking import MotionTrackingEnv
+from plat.envs.transforms import FirstFrames, KeyframeClock, KeyframeCommand, ReferenceMotion
+from plat.envs.transforms.command import CommandSchedule
+from plat.evaluation.finite import check_actions
+from plat.motions import MotionClip, MotionLibrary
+from plat.robots import Robot
+from plat.spec.timing import Timing, timing_of
+
+__all__ = ["AuthoredRollout", "AuthoredStep", "Pushes"]
+
+
+@dataclass(frozen=True)
+class Pushes:
+    """Pushes of every robot at regular intervals, each in a horizontal direction of its own.
+
+    Args:
+        speed: change of the root's velocity (m/s).
+        every: seconds in between.
+        seed: draws the directions.
+    """
+
+    speed: float
+    every: float = 1.5
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class AuthoredStep:
+    """Control step of all robots.
+
+    Attributes:
+        number: of the step, from 1.
+        before: entries that the policy read.
+        after: entries at the end of the step, ``"state"`` and ``"reference"`` among them.
+    """
+
+    number: int
+    before: TensorDict
+    after: TensorDict
+
+
+class AuthoredRollout:
+    """Rollout of a policy on authored chains.
+
+    A robot begins at rest in its chain's start. In the hold its command is the last keyframe by the next step, over and
+    over. Its reference is the straight line between keyframes.
+
+    Args:
+        policy: deterministic policy that reads ``"robot"``, ``"goal"`` and ``"command"`` and writes ``action``.
+        robot: that it drives.
+        chains: of :func:`plat.control.author`; all with the same number of keyframes.
+        observe: makes the transforms that show a policy what it reads beside those groups.
+        pushes: of the robots; None for none.
+        num_threads: threads of the physics pool.
+        device: where the policy and tensors live.
+
+    Attributes:
+        timing: of the policy.
+        library: the lines between keyframes as clips of equal length.
+        arrivals: control step of each arrival ``[C, K]``.
+        ends: last control step of each hold ``[C]``.
+    """
+
+    def __init__(
+        self,
+        policy: TensorDictModuleBase,
+        robot: Robot,
+        chains: Sequence[Authored],
+        *,
+        observe: Callable[[MotionLibrary], Sequence[Transform]] | None = None,
+        pushes: Pushes | None = None,
+        num_threads: int | None = None,
+        device: torch.device | str = "cpu",
+    ):
+        self.timing = timing_of(policy) or Timing()
+        self._policy = policy
+        dt = chains[0].sequence.timing.control_dt
+        arrivals = [list(chain.sequence.arrival_steps) for chain in chains]
+        ends = [steps[-1] + round(chain.hold / dt) for steps, chain in zip(arrivals, chains, strict=True)]
+        self.library = _lines(robot, chains, max(ends), dt).to(device)
+        self.arrivals, self.ends = torch.tensor(arrivals, device=device), torch.tensor(ends, device=device)
+        schedule = CommandSchedule.of_arrivals(self.library, _with_holds(arrivals, self.library))
+        self._env = MotionTrackingEnv(self.library, len(chains), num_threads=num_threads, device=device)
+        transforms: list[Transform] = [
+            FirstFrames(self.library),
+            ReferenceMotion(self.library),
+            KeyframeClock(self.timing.window),
+            KeyframeCommand(self.library, schedule.horizon, schedule, timing=self.timing),
+            *(() if observe is None else observe(self.library)),
+        ]
+        self._task = TransformedEnv(self._env, Compose(*transforms))
+        self._pushes = pushes
+
+    @torch.no_grad()
+    def __iter__(self) -> Iterator[AuthoredStep]:
+        """Yield the control steps to the end of the longest hold."""
+        with set_exploration_type(ExplorationType.DETERMINISTIC):
+            current = self._task.reset()
+            pushes = None if self._pushes is None else self._draw_pushes(self._pushes)
+            for number in range(1, int(self.ends.max()) + 1):
+                if pushes is not None and number in pushes:
+                    self._env.physics.push(torch.arange(len(self.ends)), pushes[number])
+                current = self._policy(current)
+                check_actions(current["action"])
+                after = self._task.step(current)["next"]
+                yield AuthoredStep(number, current, after)
+                current = step_mdp(TensorDict({"next": after}, after.batch_size), exclude_done=True)
+
+    def _draw_pushes(self, pushes: Pushes) -> dict[int, Tensor]:
+        """Return the changes of root velocity ``[C, 6]`` by the step before which they happen."""
+        generator = torch.Generator().manual_seed(pushes.seed)
+        every = max(1, round(pushes.every / self.timing.control_dt))
+        drawn = {}
+        for number in range(every, int(self.ends.max()) + 1, every):
+            angle = 2 * torch.pi * torch.rand(len(self.ends), generator=generator, dtype=torch.float64)
+            zero = torch.zeros_like(angle)
+            direction = torch.stack((angle.cos(), angle.sin(), zero, zero, zero, zero), -1)
+            drawn[number] = pushes.speed * direction
+        return drawn
+
+
+def _lines(robot: Robot, chains: Sequence[Authored], last: int, dt: float) -> MotionLibrary:
+    """Return lines between keyframes as clips of equal length."""
+    # one more frame, so that no robot is at the end of its clip while another goes on
+    frames = last + 2
+    clips = [
+        MotionClip(f"{number}", np.stack([chain.sequence.sample(step * dt).qpos for step in range(frames)]), 1 / dt)
+        for number, chain in enumerate(chains)
+    ]
+    library = MotionLibrary.from_clips(clips, robot=robot, dt=dt)
+    # the line moves from the first frame on, but the robot begins at rest
+    for velocity in ("keypoint_lin_vel", "keypoint_ang_vel", "joint_vel"):
+        library.frames[velocity][library.clip_start] = 0.0
+    return library
+
+
+def _with_holds(arrivals: Sequence[Sequence[int]], library: MotionLibrary) -> list[list[int]]:
+    """Return the arrivals within each clip, and one at every further frame: the commands of the hold."""
+    return [
+        [*steps, *range(steps[-1] + 1, int(length))]
+        for steps, length in zip(arrivals, library.clip_length.tolist(), strict=True)
+    ]

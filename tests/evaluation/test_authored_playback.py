@@ -1,0 +1,30 @@
+import numpy as np
+
+import plat
+from plat.control.authored import Authored
+from plat.evaluation.authored_playback import play_authored
+from plat.keyframes import KeyframeSequence, standing
+from plat.robots import G1
+from tests.evaluation.test_authored_scores import limp
+
+STAND = standing(G1)
+CHAINS = [
+    Authored("long", KeyframeSequence(G1, STAND, (STAND.at(0.2), STAND.at(0.5))), 0.3),
+    Authored("short", KeyframeSequence(G1, STAND, (STAND.at(0.1), STAND.at(0.2))), 0.1),
+]
+
+
+def test_the_hold_is_one_more_command() -> None:
+    long, short = play_authored(plat.load("plat-g1").deployed(), G1, CHAINS)
+    assert long.steps_left.tolist() == [*range(10, 0, -1), *range(15, 0, -1), *range(15, 0, -1)]
+    assert short.steps_left.tolist() == [*range(5, 0, -1), *range(5, 0, -1), *range(5, 0, -1)]
+    assert short.command_length.tolist() == [5] * 15
+    assert not long.failed.any()
+    np.testing.assert_array_equal(long.qpos[1:], long.reached_qpos[:-1])
+    np.testing.assert_allclose(long.qpos[0], G1.default_qpos, atol=1e-6)
+
+
+def test_a_fall_shows_at_the_end_of_the_hold() -> None:
+    falling = Authored("still", KeyframeSequence(G1, STAND, (STAND.at(0.1),)), 1.5)
+    (playback,) = play_authored(limp(), G1, [falling])
+    assert playback.failed.nonzero()[0].tolist()[-1] == 79
