@@ -144,7 +144,7 @@ def test_a_chain_is_scored_like_a_chase() -> None:
     # contacts amplify the rounding of two simulations: the first keyframe is compared
     scores, figures = scorer.scores()[:1], {"root": records.root_error, "joint": records.joint_error}
     for name, errors in figures.items():
-        np.testing.assert_allclose([getattr(score.arrival, name) for score in scores], errors[0, :1], atol=5e-3)
+        np.testing.assert_allclose([getattr(score.arrival, name) for score in scores], errors[0, :1], atol=0.01)
     assert [score.reached for score in scores] == records.reached[0, :1].tolist()
     assert [score.fell for score in scores] == records.fell_before[0, :1].tolist()
 
