@@ -8,6 +8,7 @@ __all__ = [
     "KeyframeError",
     "MotionError",
     "ObservationError",
+    "OutputError",
     "PlatError",
     "RecordsError",
     "RenderingError",
@@ -64,6 +65,10 @@ class StudioError(PlatError):
 
 class RenderingError(PlatError):
     """Picture or video that cannot be made: no OpenGL, no encoder, or a file that cannot be written."""
+
+
+class OutputError(PlatError):
+    """File or folder that cannot be written."""
 
 
 class RecordsError(PlatError):

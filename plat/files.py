@@ -1,11 +1,14 @@
-"""Files that are written whole or not at all."""
+"""Files that are written whole or not at all, and places that are checked before the work."""
 
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
-__all__ = ["replace_file"]
+from plat.errors import OutputError
+
+__all__ = ["check_file", "check_folder", "replace_file"]
 
 
 def replace_file(path: Path, write: Callable[[Path], object]) -> None:
@@ -14,12 +17,17 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
     The file beside it ends in the same suffix. Folders that are missing are made. Whatever ``write`` raises goes
     through, and the file that was there is intact.
 
+    Raises:
+        OutputError: for a folder or a device.
+
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     replace_file(Path(folder) / "new" / "a.txt", lambda part: part.write_text("whole"))
     ...     (Path(folder) / "new" / "a.txt").read_text()
     'whole'
     """
+    if path.exists() and not path.is_file():  # a device that root may replace, say
+        raise OutputError(f"{str(path)!r}: is a {'folder' if path.is_dir() else 'device'}, expected a file")
     path.parent.mkdir(parents=True, exist_ok=True)
     descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-", suffix=f".part{path.suffix}")
     os.close(descriptor)
@@ -30,3 +38,53 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
+
+
+def check_file(path: Path, what: str = "--out", suffixes: Sequence[str] = ()) -> None:
+    """Raise an error for a file that could not be written; folders that are missing would be made.
+
+    Args:
+        path: the file.
+        what: begins the message.
+        suffixes: endings that the file may have; any if there are none.
+
+    Raises:
+        OutputError: when it is a folder or a device, ends otherwise, or its folder takes no files.
+    """
+    if suffixes and path.suffix.lower() not in suffixes:
+        raise OutputError(f"{what} {str(path)!r}: expected a file that ends in {' or '.join(suffixes)}")
+    try:
+        if path.is_dir():
+            raise OutputError(f"{what} {str(path)!r}: is a folder, expected a file")
+        if path.exists() and not path.is_file():
+            raise OutputError(f"{what} {str(path)!r}: is a device, expected a file")
+    except OSError as error:
+        raise OutputError(f"{what} {str(path)!r}: {error.strerror}") from None
+    check_folder(path.parent, what)
+
+
+def check_folder(path: Path, what: str = "--out") -> None:
+    """Raise an error for a folder that could not be made or takes no files. It is tried, and nothing stays behind.
+
+    Args:
+        path: the folder.
+        what: begins the message.
+
+    Raises:
+        OutputError: when it is a file, or cannot be written to.
+    """
+    try:
+        if path.exists() and not path.is_dir():
+            raise OutputError(f"{what} {str(path)!r}: is a file, expected a folder")
+        missing = [folder for folder in (path, *path.parents) if not folder.exists()]
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=path):
+                pass
+        finally:
+            for folder in missing:
+                with suppress(OSError):
+                    folder.rmdir()
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise OutputError(f"{what} {str(path)!r}: cannot be written to: {reason}") from None

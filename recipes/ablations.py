@@ -27,7 +27,7 @@ from plat.evaluation import CommandRecords, Entrant, Score, differences, markdow
 from plat.evaluation.score_table import COLUMNS
 from plat.evaluation.score_table import rows as table_rows
 from plat.figures import pyplot
-from plat.files import replace_file
+from plat.files import check_folder, replace_file
 from plat.motions import MotionLibrary
 from plat.recipes import distill, expert, refine
 from plat.recipes.options import AblationsRecipe
@@ -98,6 +98,7 @@ class Candidate:
 def main(recipe: AblationsRecipe) -> dict[str, list[Score]]:
     """Run the recipe: the scores of each split."""
     recipe = on_device(recipe)
+    check_folder(recipe.out)
     pyplot()  # what is missing had better be said before hours of work
     released = released_rows(recipe.trackers)
     if recipe.train:

@@ -17,6 +17,7 @@ from plat.cli import play as play_recipe
 from plat.cli.settings import parse
 from plat.envs.transforms import PAPER_HORIZONS
 from plat.evaluation import HEADLINE, Score, play
+from plat.files import check_folder
 from plat.motions import MotionLibrary
 from plat.recipes import distill, expert, refine
 from plat.recipes.options import DemoRecipe
@@ -33,6 +34,7 @@ NAMES = {"expert": "expert as sparse policy", "dagger": "DAgger", "plat": "PLAT"
 def main(recipe: DemoRecipe) -> None:
     """Run the demo."""
     began = time.monotonic()
+    check_folder(recipe.out)
     motions, out = (f"generated:train/{FAMILIES}",), recipe.out
     minutes = recipe.expert_minutes + recipe.distill_minutes + recipe.refine_minutes
     print(f"plat demo: {minutes:.1f} minutes of training, then about two of evaluation and pictures; no network needed")

@@ -20,13 +20,13 @@ from plat.objectives import ImitationLoss, LatentImitationLoss, autocast
 from plat.recipes.options import DistillRecipe
 from plat.rendering import Films
 from plat.robots import get_robot
-from plat.runs import Budget, Run, SavedRun, on_device, report_errors
+from plat.runs import Budget, Run, SavedRun, begin, report_errors
 from plat.spec.timing import timing_of
 
 
 def main(recipe: DistillRecipe) -> None:
     """Run the recipe."""
-    recipe, robot = on_device(recipe), get_robot(recipe.robot)
+    recipe, robot = begin(recipe), get_robot(recipe.robot)
     torch.manual_seed(recipe.seed)
     device, timing = recipe.device, recipe.policy.timing
     expected = "a teacher, such as the expert of stage 1 (--expert)"

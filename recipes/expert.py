@@ -21,12 +21,12 @@ from plat.objectives import PPO, PPOConfig, motor_gradient
 from plat.recipes.options import ExpertRecipe
 from plat.rendering import Films
 from plat.robots import get_robot
-from plat.runs import Budget, Run, SavedRun, on_device, report_errors
+from plat.runs import Budget, Run, SavedRun, begin, report_errors
 
 
 def main(recipe: ExpertRecipe) -> None:
     """Run the recipe."""
-    recipe = on_device(recipe)
+    recipe = begin(recipe)
     torch.manual_seed(recipe.seed)
     timing = recipe.policy.timing
     library = MotionLibrary.load(recipe.motions, get_robot(recipe.robot), dt=timing.control_dt, mirror=recipe.mirror)

@@ -14,13 +14,13 @@ from plat.motions import MotionLibrary
 from plat.recipes.learning import learn
 from plat.recipes.options import ImagineRecipe
 from plat.robots import get_robot
-from plat.runs import SavedRun, on_device, report_errors
+from plat.runs import SavedRun, begin, report_errors
 from plat.tasks import TimedKeyframes
 
 
 def main(recipe: ImagineRecipe) -> None:
     """Run the recipe."""
-    recipe = on_device(recipe)
+    recipe = begin(recipe)
     torch.manual_seed(recipe.seed)
     robot, dt = get_robot(recipe.robot), recipe.policy.timing.control_dt
     library = MotionLibrary.load(recipe.motions, robot, dt=dt, mirror=recipe.mirror).to(recipe.device)

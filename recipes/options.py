@@ -7,6 +7,7 @@ from typing import Annotated, Literal, TypeAlias
 from plat.bounds import Bounded, Count, Fraction, Layers, Natural, NonNegative, NotEmpty, Positive, Range, Seed
 from plat.cli.options import Imports, ScoringConfig
 from plat.envs import DistillationTaskConfig, KeyframeTaskConfig, TrackingTaskConfig
+from plat.errors import ConfigError
 from plat.modules import DynamicsConfig, ExpertConfig, LatentPolicyConfig, RefinementConfig
 from plat.objectives import ImaginationConfig, MotorGradientConfig, PPOConfig
 from plat.precision import Precision
@@ -33,6 +34,16 @@ Share: TypeAlias = Annotated[float, Range(0, 1, above=True)]
 """Share of the budget."""
 
 
+def check_minibatches(recipe: "ExpertRecipe | RefineRecipe", ppo: PPOConfig) -> None:
+    """Raise an error for more minibatches than a rollout has states."""
+    states = recipe.num_envs * recipe.rollout
+    if ppo.minibatches > states:
+        raise ConfigError(
+            f"{type(recipe).__name__}: ppo.minibatches is {ppo.minibatches}, expected at most {states:,}, "
+            "the states of a rollout (num_envs times rollout)"
+        )
+
+
 @dataclass(kw_only=True)
 class ExpertRecipe(RecipeConfig):
     """Train a dense motion-tracking expert."""
@@ -54,6 +65,15 @@ class ExpertRecipe(RecipeConfig):
     task: TrackingTaskConfig = BEST["expert"]["task"]
     ppo: PPOConfig = field(default_factory=PPOConfig)
     motor: MotorGradientConfig = field(default_factory=MotorGradientConfig)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_minibatches(self, self.ppo)
+        if self.motor.weight and not self.policy.ahead[0] <= self.motor.steps < self.rollout:
+            raise ConfigError(
+                f"ExpertRecipe: motor.steps is {self.motor.steps}, expected from {self.policy.ahead[0]}, the "
+                f"first of policy.ahead, to less than {self.rollout}, the rollout; a weight of 0 switches it off"
+            )
 
 
 @dataclass(kw_only=True)
@@ -99,6 +119,13 @@ class DistillRecipe(RecipeConfig):
     precision: Precision = "auto"
     """precision of the networks' hidden layers"""
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.buffer_size < self.batch_size:
+            raise ConfigError(
+                f"DistillRecipe: buffer_size is {self.buffer_size}, expected at least batch_size, {self.batch_size}"
+            )
+
 
 @dataclass(kw_only=True)
 class RefineRecipe(RecipeConfig):
@@ -125,6 +152,10 @@ class RefineRecipe(RecipeConfig):
     """rollouts that train only the critic, before the policy is updated"""
     imports: Imports = ()
     """module that registers policy classes of your own"""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_minibatches(self, self.ppo)
 
 
 @dataclass(kw_only=True)

@@ -27,7 +27,7 @@ from plat.objectives import PPO, motor_gradient
 from plat.recipes.options import RefineRecipe
 from plat.rendering import Films
 from plat.robots import get_robot
-from plat.runs import Budget, Run, SavedRun, on_device, report_errors
+from plat.runs import Budget, Run, SavedRun, begin, report_errors
 from plat.runs.user_modules import import_modules
 from plat.spec.timing import Timing, timing_of
 
@@ -42,7 +42,7 @@ VARIANTS: dict[str, type[Refinement]] = {
 def main(recipe: RefineRecipe) -> None:
     """Run the recipe."""
     import_modules(recipe.imports)
-    recipe, robot = on_device(recipe), get_robot(recipe.robot)
+    recipe, robot = begin(recipe), get_robot(recipe.robot)
     torch.manual_seed(recipe.seed)
     device = recipe.device
     expected = "a student with a latent, of plat distill (--student)"

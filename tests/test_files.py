@@ -1,6 +1,10 @@
+import os
+from pathlib import Path
+
 import pytest
 
-from plat.files import replace_file
+from plat.errors import OutputError
+from plat.files import check_file, check_folder, replace_file
 
 
 def test_a_failed_write_leaves_the_file_before_it_and_nothing_else(tmp_path):
@@ -20,3 +24,38 @@ def test_a_failed_write_leaves_the_file_before_it_and_nothing_else(tmp_path):
 def test_the_new_file_can_be_read_by_others(tmp_path):
     replace_file(tmp_path / "a.txt", lambda part: part.write_text("x"))
     assert (tmp_path / "a.txt").stat().st_mode & 0o777 == 0o644
+
+
+def test_places_that_can_be_written_to_are_left_as_they_were(tmp_path):
+    check_folder(tmp_path / "a" / "b")
+    check_file(tmp_path / "a" / "b.npz")
+    (tmp_path / "old.csv").write_text("old")
+    check_file(tmp_path / "old.csv", suffixes=(".csv",))
+    check_folder(tmp_path)
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"old.csv": "old"}
+
+
+def test_places_that_cannot_be_written_to(tmp_path):
+    (tmp_path / "file").write_text("")
+    os.mkfifo(tmp_path / "fifo")
+    for check, path, message in (
+        (check_folder, tmp_path / "file", "--out .*file': is a file, expected a folder"),
+        (check_folder, tmp_path / "file" / "below", "--out .*below': cannot be written to: "),
+        (check_folder, Path("/proc/none/below"), "cannot be written to"),
+        (check_file, tmp_path, "is a folder, expected a file"),
+        (check_file, tmp_path / "fifo", "is a device, expected a file"),
+        (check_file, tmp_path / "file" / "below" / "deep", "below': cannot be written to"),
+    ):
+        with pytest.raises(OutputError, match=message):
+            check(path)
+    with pytest.raises(OutputError, match="--csv .*x.txt': expected a file that ends in .csv or .tsv"):
+        check_file(tmp_path / "x.txt", "--csv", (".csv", ".tsv"))
+
+
+def test_devices_and_folders_are_not_replaced(tmp_path):
+    os.mkfifo(tmp_path / "fifo")
+    for path in (tmp_path / "fifo", tmp_path):
+        with pytest.raises(OutputError, match="expected a file"):
+            replace_file(path, lambda part: part.write_text("new"))
+    assert (tmp_path / "fifo").is_fifo()
+    assert [path.name for path in tmp_path.iterdir()] == ["fifo"]

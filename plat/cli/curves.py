@@ -9,6 +9,7 @@ from pathlib import Path
 from plat.cli.options import CurvesRecipe
 from plat.errors import PlatError
 from plat.figures import pyplot
+from plat.files import check_file
 
 
 def read(run: Path, metric: str) -> tuple[list[float], list[float]]:
@@ -27,6 +28,9 @@ def main(recipe: CurvesRecipe) -> None:
     """Run the recipe."""
     if not recipe.runs:
         raise PlatError("no runs: give run directories, as in plat curves runs/expert")
+    if not recipe.metrics:
+        raise PlatError("no metrics: give columns of metrics.csv, as in --metrics reward_per_second")
+    check_file(recipe.out, suffixes=(".png", ".pdf", ".svg"))
     size = (4.5 * len(recipe.metrics), 3.2)
     figure, panels = pyplot().subplots(1, len(recipe.metrics), figsize=size, squeeze=False)
     for panel, metric in zip(panels[0], recipe.metrics, strict=True):

@@ -26,6 +26,7 @@ from plat.evaluation.authored_scores import (
 )
 from plat.evaluation.score_table import COLUMNS, rows
 from plat.figures import ablation_bars, film_strip, pyplot, radar_plot, save_figure, success_plot
+from plat.files import check_file, check_folder
 from plat.motions import MotionLibrary
 from plat.rendering import Playback, RenderingError, Stage
 from plat.robots import get_robot
@@ -36,7 +37,10 @@ from plat.runs.user_modules import import_modules
 def main(recipe: EvaluateRecipe) -> list[Score]:
     """Run the recipe: print a table, return its rows."""
     recipe = on_device(recipe)
+    if recipe.csv is not None:
+        check_file(recipe.csv, "--csv")
     if recipe.figures is not None:
+        check_folder(recipe.figures, "--figures")
         pyplot()  # what is missing had better be said before the evaluation
     for logger in recipe.loggers:
         check_logger(logger)

@@ -9,6 +9,7 @@ import numpy as np
 from plat.cli.options import FromMotion, KeyframesCommand, Show
 from plat.control import Feasibility
 from plat.errors import KeyframeError
+from plat.files import check_file
 from plat.keyframes import KeyframeSequence
 from plat.motions import MotionClip, load_motions
 from plat.motions.generation import PREFIX, generate_named
@@ -17,6 +18,7 @@ from plat.robots import get_robot
 
 def from_motion(command: FromMotion) -> KeyframeSequence:
     """Write the file; return what is in it."""
+    check_file(command.out)
     clip = _clip(command)
     if bool(command.times) == (command.every is not None):
         raise KeyframeError("keyframes of a motion: expected either --times or --every")

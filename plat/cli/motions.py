@@ -21,8 +21,9 @@ import plat.headless  # noqa: F401
 # isort: split
 
 from plat.cli.options import Convert, Inspect, Mirror, MotionFiles, MotionsCommand, Retarget
-from plat.errors import MotionError, PlatError
+from plat.errors import MotionError, OutputError, PlatError
 from plat.figures import pyplot
+from plat.files import check_file, check_folder
 from plat.motions import (
     MotionClip,
     MotionFile,
@@ -91,6 +92,7 @@ def inspect(command: Inspect) -> list[MotionReport]:
         MotionError: at the end, when files of a folder were left out.
     """
     if command.out is not None:
+        check_folder(command.out)
         pyplot()  # what is missing had better be said before the work
     skipped: list[MotionError] = []
     files = read(command, skipped)
@@ -116,6 +118,7 @@ def inspect(command: Inspect) -> list[MotionReport]:
 
 def convert(command: Convert) -> list[Path]:
     """Write the files; return their paths."""
+    check_out(command.out, command.format)
     files = [replace(file, clips=repaired(command, file.clips)) for file in read(command)]
     return write(command.out, [file for file in files if file.clips], command.format, get_robot(command.robot))
 
@@ -156,8 +159,6 @@ def repair(command: Convert, clip: MotionClip) -> MotionClip:
     if command.ground:
         clip = ground_feet(clip, command.ground, robot)
     if command.resample is not None:
-        if not 1 <= command.resample <= 1000:
-            raise PlatError(f"--resample {command.resample:g}: expected 1 to 1000 frames a second")
         qpos = resample_qpos(torch.from_numpy(clip.qpos), clip.fps, 1 / command.resample).numpy()
         clip = MotionClip(clip.name, qpos, command.resample)
     return clip
@@ -165,6 +166,7 @@ def repair(command: Convert, clip: MotionClip) -> MotionClip:
 
 def mirror(command: Mirror) -> list[Path]:
     """Write the files; return their paths."""
+    check_out(command.out, "npz")
     robot = get_robot(command.robot)
     files = [replace(file, clips=[mirror_motion(clip, robot) for clip in file.clips]) for file in read(command)]
     return write(command.out, files, "npz", robot)
@@ -176,6 +178,7 @@ def retarget(command: Retarget) -> list[Retargeted]:
     Raises:
         MotionError: at the end, when a file could not be used; the others are written.
     """
+    check_folder(command.out)
     told: list[str] = []
     paths = bvh_paths(command.files, told)
     skeleton = None if command.map is None else load_map(command.map)
@@ -231,8 +234,6 @@ def write(out: Path, files: Sequence[MotionFile], form: str, robot: Robot = G1) 
         out.parent.mkdir(parents=True, exist_ok=True)
         save_motions(out, clips, robot)
         written = [out]
-    elif out.suffix.lower() in (".npz", ".csv"):
-        raise PlatError(f"--out {str(out)!r}: expected a file .npz, or a folder (for --format csv always a folder)")
     else:
         out.mkdir(parents=True, exist_ok=True)
         if form == "csv":
@@ -245,6 +246,20 @@ def write(out: Path, files: Sequence[MotionFile], form: str, robot: Robot = G1) 
     seconds = sum(clip.duration for clip in clips)
     print(f"wrote {counted(clips)}, {seconds:.0f} s, to {out}")
     return written
+
+
+def check_out(out: Path, form: str) -> None:
+    """Raise an error for a file or folder that clips could not be written to.
+
+    Raises:
+        OutputError: saying what would be right.
+    """
+    if out.suffix.lower() == ".npz" and form == "npz":
+        check_file(out)
+    elif out.suffix.lower() in (".npz", ".csv"):
+        raise OutputError(f"--out {str(out)!r}: expected a file .npz, or a folder (for --format csv always a folder)")
+    else:
+        check_folder(out)
 
 
 def counted(clips: Sequence[object]) -> str:

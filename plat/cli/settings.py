@@ -85,7 +85,7 @@ def in_flags(message: str) -> str:
     >>> in_flags("ppo: PPOConfig: min_lr is 2, expected less"), in_flags("DemoRecipe: num_envs is 0")
     ('--ppo.min-lr is 2, expected less', '--num-envs is 0')
     """
-    found = re.match(r"(?:-*([a-z][\w.-]+): )?(?:[A-Z]\w+: |timing: )+(\w+) is (.*)", message, re.DOTALL)
+    found = re.match(r"(?:-*([a-z][\w.-]+): )?(?:[A-Z]\w+: |timing: )+([\w.]+) is (.*)", message, re.DOTALL)
     if found is None:
         return message
     group, field, rest = found.groups()

@@ -21,6 +21,7 @@ from plat.export.card import model_card
 from plat.export.facts import describe_policy
 from plat.export.network import JointTargetNetwork
 from plat.export.onnx_file import onnx_model
+from plat.files import check_folder
 from plat.keyframes import Keyframe
 from plat.modules import Expert, ObservationNormalizer
 from plat.runs import SavedRun
@@ -61,6 +62,7 @@ def export_bundle(run: str | Path, out: str | Path) -> ExportCheck:
     run, out = Path(run), Path(out)
     if out.exists():
         raise BundleError(f"{str(out)!r} is there already: choose another --out or remove it")
+    check_folder(out)
     saved = SavedRun(run)
     policy = saved.policy()
     if isinstance(policy, Expert):

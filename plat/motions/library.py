@@ -150,12 +150,12 @@ class MotionLibrary:
     def poses(self, frame: Tensor) -> TensorDict:
         """Return ``joint_pos``, ``keypoint_pos`` and ``keypoint_quat`` of frames ``[*B]``."""
         rows = self._table[:, : self._pose_width].index_select(0, frame.flatten())
-        return _unpack(rows.view(*frame.shape, -1), _POSE_FIELDS, self.robot)
+        return _unpack(rows.view(*frame.shape, rows.shape[1]), _POSE_FIELDS, self.robot)
 
     def states(self, frame: Tensor) -> TensorDict:
         """Return all fields of frames ``[*B]``: poses and velocities."""
         rows = self._table.index_select(0, frame.flatten())
-        return _unpack(rows.view(*frame.shape, -1), _POSE_FIELDS + _VELOCITY_FIELDS, self.robot)
+        return _unpack(rows.view(*frame.shape, rows.shape[1]), _POSE_FIELDS + _VELOCITY_FIELDS, self.robot)
 
     def qpos(self, frame: Tensor) -> Tensor:
         """Return MuJoCo position vectors ``[*B, 7 + J]`` of frames ``[*B]``."""

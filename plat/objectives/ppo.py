@@ -105,7 +105,7 @@ class PPO:
         if gradient is not None:
             data["gradient"] = gradient.flatten(0, 1)
         optimizers = (self.optimizer, self.critic_optimizer) if learn_policy else (self.critic_optimizer,)
-        batch_size = len(data) // self.config.minibatches
+        batch_size = self.config.batch_size(len(data))
         totals: dict[str, Tensor] = {}
         updates = 0
         # shuffled once: the same minibatches in every epoch, and no copy of any of them

@@ -48,6 +48,18 @@ class PPOConfig(Bounded):
         if self.min_lr > self.max_lr:
             raise ConfigError(f"PPOConfig: min_lr is {self.min_lr:g}, expected at most max_lr, {self.max_lr:g}")
 
+    def batch_size(self, states: int) -> int:
+        """Return the number of states in a minibatch of a rollout.
+
+        Raises:
+            ConfigError: when there are fewer states than minibatches.
+        """
+        if states < self.minibatches:
+            raise ConfigError(
+                f"PPOConfig: minibatches is {self.minibatches}, expected at most the {states} states of a rollout"
+            )
+        return states // self.minibatches
+
 
 @dataclass(frozen=True)
 class MotorGradientConfig(Bounded):

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from plat.errors import RenderingError
-from plat.files import replace_file
+from plat.files import check_file, replace_file
 from plat.rendering.playback import Playback
 from plat.robots.robot import Robot
 
@@ -160,10 +160,12 @@ def check_video(path: str | Path) -> None:
 
     Raises:
         RenderingError: when the extra ``plat-rl[video]`` is not installed, or the file is no ``.mp4``.
+        OutputError: when its folder cannot be written to.
     """
     _imageio()
     if Path(path).suffix != ".mp4":
         raise RenderingError(f"video {str(path)!r}: expected a file name that ends in .mp4")
+    check_file(Path(path), "video")
 
 
 def write_video(path: str | Path, pictures: Iterator[np.ndarray], fps: float = 25.0) -> None:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from plat.runs.loggers import check_logger, log_table, log_video, start_logging
     from plat.runs.metrics import MetricsFile
     from plat.runs.policies import Policy, policy_spec, register_policy
-    from plat.runs.recipe import RecipeConfig, default_device, on_device, report_errors
+    from plat.runs.recipe import RecipeConfig, begin, default_device, on_device, report_errors
     from plat.runs.run import Run
     from plat.runs.saved_run import RunScore, SavedRun, load_policy, save_weights
 else:
@@ -26,6 +26,7 @@ __all__ = [
     "Run",
     "RunScore",
     "SavedRun",
+    "begin",
     "check_logger",
     "default_device",
     "load_dynamics",

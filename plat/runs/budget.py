@@ -25,7 +25,7 @@ class Budget:
 
     def __init__(self, minutes: float | None = None, steps: int | None = None):
         limits = [limit for limit in (minutes, steps) if limit is not None]
-        if not limits or min(limits) <= 0:
+        if not limits or not all(0 < limit < float("inf") for limit in limits):
             raise PlatError(f"budget: --minutes {minutes}, --steps {steps}; expected a positive number for one of them")
         self._minutes_limit = minutes
         self._steps_limit = steps

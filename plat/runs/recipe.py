@@ -1,5 +1,6 @@
 """Settings that all training recipes have in common."""
 
+import errno
 import logging
 import sys
 from collections.abc import Iterator, Mapping
@@ -9,10 +10,12 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Protocol, TypeAlias, TypeVar
 
 from plat.bounds import Bounded, Count, NonNegative, NotEmpty, Positive, Range, Seed
-from plat.errors import PlatError
+from plat.errors import ConfigError, PlatError
+from plat.files import check_folder
+from plat.runs.budget import Budget
 from plat.runs.loggers import LoggerName, chosen_loggers
 
-__all__ = ["RecipeConfig", "default_device", "on_device", "report_errors"]
+__all__ = ["RecipeConfig", "begin", "check_device", "default_device", "on_device", "report_errors"]
 
 
 class _HasDevice(Protocol):
@@ -20,6 +23,7 @@ class _HasDevice(Protocol):
 
 
 R = TypeVar("R", bound=_HasDevice)
+T = TypeVar("T", bound="RecipeConfig")
 Robots: TypeAlias = Annotated[int, Range(1, 65_536)]
 """Number of robots that are simulated at a time."""
 
@@ -32,10 +36,46 @@ def default_device() -> str:
 
 
 def on_device(settings: R) -> R:
-    """Return settings whose ``device`` is one: what :func:`default_device` says in the place of ``"auto"``."""
-    if settings.device != "auto":
-        return settings
-    return replace(settings, device=default_device())  # type: ignore[type-var]
+    """Return settings whose ``device`` is one: what :func:`default_device` says in the place of ``"auto"``.
+
+    Raises:
+        ConfigError: for a device that this machine does not have.
+    """
+    if settings.device == "auto":
+        return replace(settings, device=default_device())  # type: ignore[type-var]
+    check_device(settings.device)
+    return settings
+
+
+def check_device(device: str) -> None:
+    """Raise an error for a device that this machine does not have.
+
+    Raises:
+        ConfigError: naming it, and the one that there is.
+
+    >>> check_device("cpu")
+    """
+    import torch
+
+    try:
+        if torch.device(device).type == "meta":
+            raise RuntimeError("it holds no numbers")
+        torch.zeros(1, device=device)
+    except (RuntimeError, AssertionError, NotImplementedError) as error:
+        reason = str(error).partition("\n")[0][:120]
+        raise ConfigError(f"--device {device!r}: not on this machine ({reason}); expected {default_device()}") from None
+
+
+def begin(recipe: T) -> T:
+    """Return the settings of a recipe on its device, after a check of all that does not need its motions.
+
+    Raises:
+        PlatError: for a device that is not there, no budget, or a folder that cannot be written to.
+    """
+    recipe = on_device(recipe)
+    Budget(recipe.minutes, recipe.steps)
+    check_folder(recipe.out)
+    return recipe
 
 
 @dataclass(kw_only=True)
@@ -87,8 +127,9 @@ class RecipeConfig(Bounded):
 
 @contextmanager
 def report_errors() -> Iterator[None]:
-    """Exit with one line on plat's own errors, without a traceback; TorchRL's context of an error is left out.
+    """Exit with one line on plat's own errors and those of files, without a traceback.
 
+    TorchRL's context of an error is left out.
     Assumptions that plat makes about motion files are printed.
     """
     logging.getLogger("torchrl").setLevel(logging.WARNING)
@@ -100,3 +141,7 @@ def report_errors() -> Iterator[None]:
         yield
     except PlatError as error:
         sys.exit(f"error: {error}")
+    except OSError as error:
+        if error.filename is None and error.errno != errno.ENOSPC:
+            raise
+        sys.exit(f"error: {'' if error.filename is None else f'{str(error.filename)!r}: '}{error.strerror}")

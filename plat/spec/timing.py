@@ -1,11 +1,13 @@
 """Timing of the keyframe task: control step, longest command and arrival window."""
 
-import math
 from dataclasses import dataclass
 
 from plat.errors import PlatError
 
 __all__ = ["Timing", "timing_of"]
+
+LONGEST = 10_000
+"""Most control steps of a command or an arrival window."""
 
 
 @dataclass(frozen=True)
@@ -31,12 +33,12 @@ class Timing:
     window: int = 3
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.control_dt) and self.control_dt > 0):
-            raise PlatError(f"timing: control_dt is {self.control_dt} s, expected a positive number")
+        if not 0.001 <= self.control_dt <= 1:
+            raise PlatError(f"timing: control_dt is {self.control_dt} s, expected a number from 0.001 to 1")
         for field in ("max_steps", "window"):
             value = getattr(self, field)
-            if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-                raise PlatError(f"timing: {field} is {value!r}, expected a positive whole number of control steps")
+            if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= LONGEST:
+                raise PlatError(f"timing: {field} is {value!r}, expected 1 to {LONGEST:,} control steps")
 
     @property
     def longest(self) -> float:

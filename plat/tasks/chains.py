@@ -66,7 +66,7 @@ def draw_chains(
         seed: draws them, apart from the global generator.
 
     Raises:
-        TaskError: for an unknown family.
+        TaskError: for an unknown family, or where none of the families can be drawn.
 
     >>> from plat.motions import generate_motions
     >>> library = MotionLibrary.from_clips(generate_motions("train", seconds=8))
@@ -81,6 +81,8 @@ def draw_chains(
         torch.manual_seed(seed)
         resting = _resting_poses(library).cpu()
         drawn = [family for family in families if len(resting) or family not in ("hold", "poses")]
+        if not drawn:
+            raise TaskError(f"families: {', '.join(families)} start from poses at rest, which the motions have none of")
         per_family = -(-count // len(drawn))
         parts: list[tuple[str, Tensor, Tensor, int]] = []
         for family in drawn:

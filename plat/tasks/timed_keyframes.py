@@ -68,6 +68,7 @@ class TimedKeyframes(Task):
         super().__init__(library.robot, library.dt)
         self.config = config = config or TimedKeyframesConfig()
         self.timing = timing or Timing()
+        self.timing.check_steps(config.shortest, "shortest command along a motion (task.shortest)")
         self.reset_noise = reset_noise
         self.chains = chains = draw_chains(library, config.chains, config.families, seed=seed)
         self._frames = frames = len(library)

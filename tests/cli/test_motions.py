@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import tyro
 
-from plat.cli import motions
+from plat.cli import main, motions
 from plat.cli.options import MotionsCommand
 from plat.errors import MotionError, PlatError
 from plat.motions import MotionClip, ground_feet, level_feet, load_motions, mirror_motion, save_motions
@@ -180,8 +180,8 @@ def test_names_are_made_distinct():
 def test_what_cannot_be_written_is_said(folder, tmp_path):
     with pytest.raises(PlatError, match="expected a file .npz, or a folder"):
         run("convert", folder, "--out", tmp_path / "x.csv")
-    with pytest.raises(PlatError, match="--resample 0: expected 1 to 1000"):
-        run("convert", folder, "--out", tmp_path / "x.npz", "--resample", 0)
+    with pytest.raises(SystemExit, match="error: --resample is 0.0, expected a number from 1 to 1,000"):
+        main(["motions", "convert", str(folder), "--out", str(tmp_path / "x.npz"), "--resample", "0"])
     with pytest.raises(PlatError, match="no clips are left"):
         run("convert", folder / "two.npz", "--trim", 1, 0, "--out", tmp_path / "x.npz", "--drop-bad")
 

@@ -98,7 +98,10 @@ def edit(run, **changes) -> None:
     ("changes", "message"),
     [
         ({"robot": "h1"}, "robot 'h1' is unknown, expected one of \\['g1'"),
-        ({"config": {"timing": {"max_steps": 0}}}, "ExpertConfig.timing: .*max_steps is 0, expected a positive"),
+        (
+            {"config": {"timing": {"max_steps": 0}}},
+            "ExpertConfig.timing: .*max_steps is 0, expected 1 to",
+        ),
         ({"kind": "oracle"}, "unknown kind of policy 'oracle'"),
         ({"config": {"hidden": "wide"}}, "ExpertConfig.hidden"),
         ({"config": {"layers": 3}}, "unknown fields \\['layers'\\] of ExpertConfig"),

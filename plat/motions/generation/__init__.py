@@ -22,6 +22,9 @@ PREFIX = "generated:"
 SPLITS = ("train", "val", "test")
 """Sets of motions that share no seed."""
 
+LONGEST = 1e5
+"""Most seconds of motion that are generated at a time; more than a day of them."""
+
 _ATTEMPTS = 20
 _LOG = logging.getLogger(__name__)
 
@@ -51,6 +54,8 @@ def generate_motions(
     """
     if split not in SPLITS:
         raise MotionError(f"generated motions: no set {split!r}, expected one of {SPLITS}")
+    if not 0 < seconds <= LONGEST:
+        raise MotionError(f"generated motions: {seconds:g} s, expected above 0 and at most {LONGEST:,g} s")
     unknown = sorted(set(families) - set(FAMILIES))
     if unknown:
         raise MotionError(f"generated motions: no family {unknown}, expected some of {sorted(FAMILIES)}")
