@@ -98,7 +98,7 @@ class EvaluateRecipe(ScoringConfig):
     domain_randomization: bool = False
     """draw robot, motors and ground anew for each motion, and push the robots"""
     csv: Path | None = None
-    """file for every figure with its interval; those of authored keyframes go to NAME_authored.csv"""
+    """file for every figure and interval; authored keyframes go to NAME_authored.csv"""
     figures: Path | None = None
     """folder to draw radar plot, bars, success curves and film strips into, as PDF and PNG"""
     imports: Imports = ()
