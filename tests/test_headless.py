@@ -1,6 +1,7 @@
 import ctypes
 import importlib
 import os
+import re
 import subprocess
 import sys
 
@@ -42,3 +43,29 @@ def test_without_the_library_nothing_is_set_and_mujoco_can_still_be_imported(mon
     monkeypatch.setattr(os, "environ", environment := {})
     importlib.reload(plat.headless)
     assert environment == {}
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("osmesa", "MUJOCO_GL=osmesa: libOSMesa.so is not installed .*apt install libosmesa6"),
+        ("EGL", "MUJOCO_GL=egl: libEGL.so.1 is not installed"),
+        ("vulkan", "MUJOCO_GL='vulkan': no renderer of MuJoCo, expected egl, osmesa or glfw"),
+    ],
+)
+def test_a_renderer_that_is_not_there_stops_only_what_draws(value, message):
+    program = f"""
+import ctypes, os
+os.environ["MUJOCO_GL"] = {value!r}
+def missing(name): raise OSError(name)
+ctypes.CDLL, real = missing, ctypes.CDLL
+import plat.headless
+ctypes.CDLL = real
+from plat.rendering import Stage
+from plat.robots import G1
+print(os.environ.get("MUJOCO_GL"))
+Stage(G1)
+"""
+    out = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert out.stdout == "None\n"
+    assert re.search(f"RenderingError: {message}", out.stderr.splitlines()[-1])

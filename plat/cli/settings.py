@@ -14,6 +14,7 @@ from typing import Any
 
 import tyro
 
+import plat.headless  # noqa: F401 - before MuJoCo
 from plat.cli.compact import registry
 from plat.errors import PlatError
 from plat.runs.recipe import report_errors

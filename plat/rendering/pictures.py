@@ -11,6 +11,7 @@ import numpy as np
 
 from plat.errors import RenderingError
 from plat.files import check_file, replace_file
+from plat.headless import unusable
 from plat.rendering.playback import Playback
 from plat.robots.robot import Robot
 
@@ -82,6 +83,8 @@ class Stage:
 
 
 def _check_display() -> None:
+    if unusable is not None:
+        raise RenderingError(unusable)
     # GLFW's second failure to open a window ends the whole program
     windowed = getattr(mujoco, "GLContext", object).__module__ == "mujoco.glfw"
     if windowed and sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ):
