@@ -126,6 +126,8 @@ class PlayRecipe(Bounded):
     reach: ReachLimits = field(default_factory=ReachLimits)
     video: Path | None = None
     """MP4 to write: the keyframe as a ghost, the time left as a bar, the outcome in words"""
+    csv: Path | None = None
+    """file for the outcome of each keyframe, and its errors"""
     viewer: bool = False
     """watch it live in MuJoCo's viewer; needs a display"""
     robot: str = "g1"

@@ -3,7 +3,10 @@
 plat play --policy plat-g1 --keyframes recipes/examples/bow.json --video bow.mp4
 """
 
+import csv
+import io
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -28,7 +31,8 @@ from plat.control import (
 )
 from plat.control.shoves import Shoves
 from plat.errors import KeyframeError
-from plat.keyframes import KeyframeSequence
+from plat.files import replace_file
+from plat.keyframes import KeyframeSequence, long_intervals_of_file
 from plat.rendering import Stage, check_video, film, stage_model, write_video
 from plat.robots import get_robot
 from plat.runs import load_policy
@@ -45,6 +49,8 @@ def main(recipe: PlayRecipe) -> list[KeyframeScore]:
     policy = load_policy(recipe.policy)
     robot, timing = policy.robot, timing_of(policy) or Timing()
     sequence = KeyframeSequence.load(recipe.keyframes, robot, split=recipe.split, timing=timing)
+    for interval in long_intervals_of_file(recipe.keyframes, robot, timing):
+        print(interval.words)
     if not recipe.viewer and not np.isfinite(recipe.hold):
         raise KeyframeError(f"hold is {recipe.hold} s, expected a finite number without --viewer")
     stage = None
@@ -67,6 +73,9 @@ def main(recipe: PlayRecipe) -> list[KeyframeScore]:
     if viewer is not None:
         viewer.close()
     print_table(scorer.scores(), scorer.hold())
+    if recipe.csv is not None:
+        write_scores(recipe.csv, scorer.scores())
+        print(f"wrote {recipe.csv}")
     if stage is not None and recipe.video is not None:
         write_video(recipe.video, film(stage, record(steps, scorer)))
         stage.close()
@@ -86,6 +95,23 @@ def print_table(scores: Sequence[KeyframeScore], hold: HoldScore | None = None) 
     print(summary(scores))
     if hold is not None:
         print(hold.words)
+
+
+COLUMNS = ("keyframe", "name", "time_s", "outcome", "late_s", "root_m", "joints_rad", "fell_afterwards")
+"""Of the file of scores, before the figures of TKS@3."""
+
+
+def write_scores(path: Path, scores: Sequence[KeyframeScore]) -> None:
+    """Write a CSV with a row a keyframe."""
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow((*COLUMNS, "tks3", "mpjpe3_rad", "mpkpe3_m"))
+    for score in scores:
+        late = "" if score.late is None else f"{score.late:.3f}"
+        away = (f"{score.arrival.root:.4f}", f"{score.arrival.joint:.4f}", int(score.fell_afterwards))
+        figures = (int(score.success), f"{score.joint_error:.4f}", f"{score.keypoint_error:.4f}")
+        table.writerow((score.index, score.name or "", score.time, score.outcome, late, *away, *figures))
+    replace_file(path, lambda part: part.write_text(text.getvalue(), encoding="utf-8"))
 
 
 def summary(scores: Sequence[KeyframeScore]) -> str:

@@ -6,7 +6,9 @@ a hold. The same seed gives the same chains.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
+import mujoco
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -14,6 +16,7 @@ from numpy.typing import NDArray
 from plat.errors import KeyframeError
 from plat.keyframes import Keyframe, KeyframeSequence, split_long_intervals, standing
 from plat.motions import MotionLibrary
+from plat.motions.checks.collision import self_penetration
 from plat.motions.generation.whole_body import WholeBody
 from plat.robots import ForwardKinematics, Robot
 from plat.rotations import quat_from_rotvec, quat_multiply
@@ -28,6 +31,8 @@ Pose = NDArray[np.float64]
 _JOINT_SPEED, _ROOT_SPEED, _PELVIS_HEIGHT = 0.6, 0.1, 0.55  # rad/s, m/s, m
 _LENGTH = 5
 _FOOT_OFF = 5e-3  # m
+# Poses that reach: least distance of the hands before the root, deepest collision, poses that are tried at a time.
+_AHEAD, _INSIDE, _TRIES = 0.1, 0.02, 64  # m, m
 
 
 @dataclass(frozen=True)
@@ -39,12 +44,17 @@ class Family:
         interval: shortest and longest time between keyframes (s).
         hold: seconds in the last keyframe.
         resting: whether it needs poses out of clips.
+        commands: what is commanded of each pose: all of it, or some of :data:`COMMANDS`.
+        bodies: largest distance of a commanded body for a keyframe to be reached (m); None for that of
+            :class:`plat.control.ReachLimits`.
     """
 
     name: str
     interval: tuple[float, float] = (0.5, 1.0)
     hold: float = 3.0
     resting: bool = False
+    commands: Literal["whole", "hands", "three_point", "waypoint"] = "whole"
+    bodies: float | None = None
 
 
 FAMILIES: dict[str, Family] = {
@@ -55,11 +65,18 @@ FAMILIES: dict[str, Family] = {
         Family("poses", resting=True),
         Family("steps"),
         Family("crouch"),
+        Family("reach", commands="hands", bodies=0.05),
+        Family("three_point", commands="three_point", bodies=0.1),
+        Family("waypoint", commands="waypoint"),
         Family("far"),
         Family("far3s", interval=(3.0, 3.0)),
     )
 }
-"""The families by name: ``far`` is out of reach within its 0.5 to 1 s, ``far3s`` is the same with 3 s to go there."""
+"""The families by name: ``far`` is out of reach within its 0.5 to 1 s, ``far3s`` is the same with 3 s to go there.
+
+``reach`` commands the positions of the hands, ``three_point`` those of hands and torso, which carries the head, and
+``waypoint`` the root's horizontal position and orientation.
+"""
 
 
 @dataclass(frozen=True)
@@ -109,7 +126,7 @@ def author(
     timing = timing or Timing()
     chains = []
     for _ in range(count):
-        poses = getattr(draw, family.removesuffix("3s"))()
+        poses: list[Pose] = getattr(draw, family.removesuffix("3s"))()
         times = np.cumsum(random.uniform(*kind.interval, len(poses)))
         keyframes = [
             Keyframe.from_qpos(round(float(time), 2), pose, name=f"{family} {number}")
@@ -117,6 +134,17 @@ def author(
         ]
         chains.append(Authored(family, _sequence(robot, keyframes, timing), kind.hold))
     return chains
+
+
+def hands(robot: Robot) -> tuple[str, ...]:
+    """Return the bodies of a robot's hands: the end effectors that are no feet.
+
+    >>> from plat.robots import G1
+    >>> hands(G1)
+    ('left_wrist_yaw_link', 'right_wrist_yaw_link')
+    """
+    ends = (robot.keypoints[index] for index in robot.end_effector_indices)
+    return tuple(name for name in ends if name not in robot.feet)
 
 
 def resting_poses(library: MotionLibrary) -> Pose:
@@ -167,6 +195,9 @@ class _Draw:
         self._feet_pos, self._feet_quat = feet(stand[:3], stand[3:7], stand[7:])
         self._com = self._body.center_of_mass(stand[None])[0, :2]
         self._legs = robot.leg_joints
+        self._hands = ForwardKinematics(robot, hands(robot))
+        self._model = robot.shared_model
+        self._data = mujoco.MjData(self._model)
 
     def _chain(self, draw: Callable[[], Pose]) -> list[Pose]:
         return [draw() for _ in range(_LENGTH)]
@@ -221,6 +252,41 @@ class _Draw:
                     return pose
 
         return self._chain(draw)
+
+    def reach(self) -> list[Pose]:
+        """Return standing poses with the hands anywhere in front of the body and above the pelvis."""
+        return self._chain(lambda: self._reaching(self._stand))
+
+    def three_point(self) -> list[Pose]:
+        """Return poses with the hands in front, the pelvis up to 0.15 m lower, and a trunk lean of up to 0.3 rad."""
+
+        def draw() -> Pose:
+            while True:
+                pose, off = self._crouched(self._random.uniform(0.0, 0.15), self._random.uniform(0.0, 0.3))
+                if off < _FOOT_OFF:
+                    return self._reaching(pose)
+
+        return self._chain(draw)
+
+    def waypoint(self) -> list[Pose]:
+        """Return standing poses as :meth:`steps` does."""
+        return self.steps()
+
+    def _reaching(self, base: Pose) -> Pose:
+        """Return a pose with other joints than the legs' drawn until both hands are in front, and no links collide."""
+        low, high = self._robot.joint_range.double().numpy().T
+        upper = np.setdiff1d(np.arange(self._robot.num_joints), self._legs)
+        while True:
+            poses = np.tile(base, (_TRIES, 1))
+            share = self._random.uniform(0.2, 0.8, (_TRIES, len(upper)))
+            poses[:, 7 + upper] = low[upper] + share * (high - low)[upper]
+            root_pos, root_quat, joint_pos = torch.from_numpy(poses).split((3, 4, self._robot.num_joints), -1)
+            places, _ = self._hands(root_pos, root_quat, joint_pos)
+            ahead = places[..., 0] - root_pos[:, None, 0] > _AHEAD
+            above = places[..., 2] > root_pos[:, None, 2]
+            for row in (ahead & above).all(-1).nonzero()[:, 0].tolist():
+                if self_penetration(self._model, poses[row], self._data) < _INSIDE:
+                    return poses[row]
 
     def _crouched(self, lowered: float, lean: float) -> tuple[Pose, float]:
         """Return a crouch, and the error of a foot's position (m)."""

@@ -49,7 +49,8 @@ class Concern:
 
     Args:
         measure: the field of :class:`FeasibilityLimits` that is exceeded.
-        subject: what it is about: a joint's name, ``"root"``, ``"center of mass"``, ``"links"``, ``"feet"``.
+        subject: what it is about: a joint's name, names of two links, ``"root"``, ``"center of mass"``, ``"feet"``,
+            ``"floor"``.
         value: measured, in the limit's unit.
         limit: its limit.
         words: a sentence for a person.
@@ -142,8 +143,9 @@ class Feasibility:
         limits, concerns = self.limits, []
         depth = self_penetration(self._model, pose.qpos, self._data)
         if depth > limits.self_penetration:
-            words = f"links are {100 * depth:.0f} cm inside each other"
-            concerns.append(Concern("self_penetration", "links", depth, limits.self_penetration, words))
+            one, other = self._deepest_links()
+            words = f"{one} and {other} are {100 * depth:.0f} cm inside each other"
+            concerns.append(Concern("self_penetration", f"{one}, {other}", depth, limits.self_penetration, words))
         sunk = -self._floor_distance()
         if sunk > limits.floor_penetration:
             words = f"the robot is {100 * sunk:.0f} cm inside the floor"
@@ -162,6 +164,13 @@ class Feasibility:
             words = f"the center of mass is {-100 * margin:.0f} cm outside the feet: it would tip over"
             concerns.append(Concern("support_margin", "center of mass", margin, limits.support_margin, words))
         return concerns
+
+    def _deepest_links(self) -> tuple[str, str]:
+        """Names of the two links that are deepest in each other, in the pose of ``_data``."""
+        bodies = self._model.geom_bodyid[self._data.contact.geom]
+        among_links = np.where((bodies > 0).all(-1), self._data.contact.dist, np.inf)
+        one, other = (self._model.body(body).name for body in bodies[int(among_links.argmin())])
+        return one, other
 
     def _floor_distance(self) -> float:
         """Least distance of the robot's geoms from the floor (m), negative inside it; in the pose of ``_data``."""

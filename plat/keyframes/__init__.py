@@ -7,13 +7,17 @@ Needs numpy only. This interface is stable: :class:`Keyframe`, :class:`KeyframeS
 
 from plat.keyframes.keyframe import Keyframe, RobotJoints, interpolate, standing
 from plat.keyframes.sequence import Command, KeyframeSequence, split_long_intervals
+from plat.keyframes.splits import LongInterval, long_intervals, long_intervals_of_file
 
 __all__ = [
     "Command",
     "Keyframe",
     "KeyframeSequence",
+    "LongInterval",
     "RobotJoints",
     "interpolate",
+    "long_intervals",
+    "long_intervals_of_file",
     "split_long_intervals",
     "standing",
 ]

@@ -142,7 +142,7 @@ def test_authored_keyframes_have_a_table_of_their_own(runs, capsys, tmp_path):
     table = printed[printed.index("| family") :]
     families = [line.split("|")[1].strip() for line in table.splitlines()[2:]]
     # nobody rests in a run, and a policy of 1 s has no 3 s
-    assert families == ["arms", "steps", "crouch", "far"]
+    assert families == ["arms", "steps", "crouch", "reach", "three_point", "waypoint", "far"]
 
 
 def test_a_policy_of_other_timing_is_scored_by_its_own(runs, capsys):

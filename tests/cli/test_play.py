@@ -1,3 +1,4 @@
+import csv
 import dataclasses
 import math
 import os
@@ -57,6 +58,16 @@ def test_a_keyframe_that_is_out_of_reach_is_said_to_be_missed(tmp_path, capsys):
     assert total == "0 of 1 reached, 1 late or off; TKS@3 0 of 1"
 
 
+def test_outcomes_go_to_a_file(tmp_path):
+    path = tmp_path / "new" / "scores.csv"
+    scores = play.main(play.PlayRecipe(policy=PLAT, keyframes=EXAMPLE, hold=0.0, csv=path))
+    rows = list(csv.DictReader(path.read_text().splitlines()))
+    assert [(row["name"], row["outcome"], row["late_s"]) for row in rows] == [
+        (score.name, "reached", "") for score in scores
+    ]
+    assert [float(row["root_m"]) for row in rows] == pytest.approx([score.arrival.root for score in scores], abs=1e-4)
+
+
 def test_a_tolerance_can_be_chosen_and_it_decides_who_has_reached():
     recipe = play.PlayRecipe(policy=PLAT, keyframes=EXAMPLE, hold=0.0)
     strict = play.main(dataclasses.replace(recipe, reach=ReachLimits(joints=1e-3)))
@@ -83,13 +94,17 @@ def test_a_video_is_written(tmp_path):
     assert abs(bar[1][1] - bar[1][0]) < 30
 
 
-def test_long_intervals_are_split_where_that_is_asked_for(tmp_path):
+def test_long_intervals_are_split_where_that_is_asked_for_and_the_rule_is_told(tmp_path, capsys):
     content = EXAMPLE.read_text().replace('"time": 3.54', '"time": 5.0')
     (tmp_path / "slow.json").write_text(content)
     recipe = play.PlayRecipe(policy=PLAT, keyframes=tmp_path / "slow.json", hold=0.0)
     with pytest.raises(KeyframeError, match=r"slow.json': keyframe 4 \('stand'\): time is 5 s, 108 control steps"):
         play.main(recipe)
     scores = play.main(dataclasses.replace(recipe, split=True))
+    assert capsys.readouterr().out.startswith(
+        "keyframe 4 ('stand') comes 2.16 s after the one before, the policy's longest command is 1 s: "
+        "split into 3 equal parts, at poses on the straight line between the two\n"
+    )
     assert [score.name for score in scores[-3:]] == ["stand 1/3", "stand 2/3", "stand"]
 
 

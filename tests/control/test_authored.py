@@ -2,12 +2,13 @@ import numpy as np
 import pytest
 import torch
 
-from plat.control.authored import FAMILIES, author, resting_poses
+from plat.control.authored import FAMILIES, author, hands, resting_poses
 from plat.control.feasibility import Feasibility
 from plat.errors import KeyframeError
 from plat.keyframes import KeyframeSequence
 from plat.motions import MotionLibrary
 from plat.robots import G1, ForwardKinematics
+from plat.spec.timing import Timing
 
 UPPER = [joint for joint in range(29) if joint not in G1.leg_joints]
 
@@ -76,6 +77,25 @@ def test_crouching_keeps_the_feet_in_place_and_the_balance(resting: np.ndarray) 
             assert "support_margin" not in [concern.measure for concern in held]
 
 
+@pytest.mark.parametrize("family", ["reach", "three_point"])
+def test_hands_reach_in_front_and_above_and_nothing_collides(family: str, resting: np.ndarray) -> None:
+    chains = poses(family, resting, count=4).reshape(-1, 36)
+    places, _ = ForwardKinematics(G1, hands(G1))(*torch.from_numpy(chains).split((3, 4, 29), -1))
+    root = torch.from_numpy(chains[:, None, :3])
+    assert float((places - root)[..., 0].min()) > 0.1
+    assert float((places - root)[..., 2].min()) > 0
+    assert float(places[..., 1].max() - places[..., 1].min()) > 0.3  # not one place
+    feet = ForwardKinematics(G1, G1.feet)
+    at_rest, _ = feet(*torch.from_numpy(G1.default_qpos).split((3, 4, 29)))
+    there, _ = feet(*torch.from_numpy(chains).split((3, 4, 29), -1))
+    assert float((there - at_rest).norm(dim=-1).max()) < 0.01
+    feasibility = Feasibility(G1)
+    for chain in author(family, G1, 4, seed=3):
+        for frame in chain.sequence.keyframes:
+            found = feasibility(frame.at(frame.time - 1.0), frame)
+            assert "self_penetration" not in [concern.measure for concern in found]
+
+
 def test_resting_poses_rest(library: MotionLibrary, resting: np.ndarray) -> None:
     assert 0 < len(resting) <= library.num_clips
     assert (resting[:, 2] > 0.55).all()
@@ -84,6 +104,12 @@ def test_resting_poses_rest(library: MotionLibrary, resting: np.ndarray) -> None
     np.testing.assert_allclose(heading, 0, atol=1e-5)
     chains = poses("hold", resting, count=3)
     np.testing.assert_array_equal(chains[:, 0], chains[:, 4])
+
+
+def test_three_seconds_stay_for_a_policy_of_three() -> None:
+    (chain,) = author("far3s", G1, 1, seed=0, timing=Timing(max_steps=150))
+    assert len(chain.sequence) == 5
+    assert chain.sequence.arrival_steps == (150, 300, 450, 600, 750)
 
 
 def test_three_seconds_are_split_for_a_policy_of_one() -> None:

@@ -1,3 +1,4 @@
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -86,7 +87,10 @@ def test_feet_in_the_air_and_in_the_floor(feasibility: Feasibility) -> None:
 
 
 def test_links_inside_each_other(feasibility: Feasibility) -> None:
-    assert measures(feasibility(STAND, posed(left_shoulder_roll=-1.2))) == ["self_penetration"]
+    (concern,) = feasibility(STAND, posed(left_shoulder_roll=-1.2))
+    assert concern.measure == "self_penetration"
+    assert "left_" in concern.subject
+    assert re.match(r"\w+ and \w+ are \d+ cm inside each other$", concern.words)
 
 
 def test_limits_are_the_callers() -> None:

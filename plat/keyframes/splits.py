@@ -1,0 +1,72 @@
+"""Intervals that are longer than a policy's longest command, and the rule by which they are split."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+from plat.keyframes.files import read_keyframes
+from plat.keyframes.keyframe import Keyframe, RobotJoints, standing
+from plat.spec.timing import Timing
+
+__all__ = ["LongInterval", "long_intervals", "long_intervals_of_file"]
+
+
+@dataclass(frozen=True)
+class LongInterval:
+    """Interval that a policy cannot be given as one command.
+
+    Args:
+        index: number of the keyframe at its end.
+        name: of that keyframe.
+        seconds: of the interval.
+        longest: seconds of the policy's longest command.
+        parts: commands that it is split into by :func:`plat.keyframes.split_long_intervals`.
+    """
+
+    index: int
+    name: str | None
+    seconds: float
+    longest: float
+    parts: int
+
+    @property
+    def words(self) -> str:
+        """Return what happens to it, for a person."""
+        label = f"keyframe {self.index}" + (f" ({self.name!r})" if self.name else "")
+        return (
+            f"{label} comes {self.seconds:g} s after the one before, the policy's longest command is "
+            f"{self.longest:g} s: split into {self.parts} equal parts, at poses on the straight line between the two"
+        )
+
+
+def long_intervals(start: Keyframe, keyframes: Sequence[Keyframe], timing: Timing) -> tuple[LongInterval, ...]:
+    """Return the intervals that :func:`plat.keyframes.split_long_intervals` would split.
+
+    >>> from plat.keyframes import standing
+    >>> from plat.robots import G1
+    >>> pose = standing(G1)
+    >>> (interval,) = long_intervals(pose, [pose.at(1.0), pose.at(3.5)], Timing())
+    >>> interval.index, interval.seconds, interval.parts
+    (1, 2.5, 3)
+    """
+    found = []
+    for index, (before, after) in enumerate(pairwise((start, *keyframes))):
+        steps = timing.steps(after.time) - timing.steps(before.time)
+        if steps > timing.max_steps:
+            parts = -(-steps // timing.max_steps)
+            seconds = round(after.time - before.time, 6)
+            found.append(LongInterval(index, after.name, seconds, timing.longest, parts))
+    return tuple(found)
+
+
+def long_intervals_of_file(path: Path, robot: RobotJoints, timing: Timing) -> tuple[LongInterval, ...]:
+    """Return the :func:`long_intervals` of a keyframe file.
+
+    Raises:
+        KeyframeError: as :meth:`plat.keyframes.KeyframeSequence.load` does.
+    """
+    start, keyframes = read_keyframes(path, robot)
+    return long_intervals(start or standing(robot), keyframes, timing)
