@@ -8,8 +8,8 @@ from typing import Any
 import torch
 
 from plat.cli.settings import parse
-from plat.errors import CheckpointError
-from plat.modules import LatentPolicy, PlainPolicy
+from plat.errors import CheckpointError, ConfigError
+from plat.modules import LatentPolicy, PlainPolicy, take_over
 from plat.motions import MotionLibrary
 from plat.recipes.learning import learn
 from plat.recipes.options import ImagineRecipe
@@ -23,6 +23,11 @@ def main(recipe: ImagineRecipe) -> None:
     recipe = begin(recipe)
     torch.manual_seed(recipe.seed)
     robot, dt = get_robot(recipe.robot), recipe.policy.timing.control_dt
+    if recipe.task.partial > 0 and "parts" not in recipe.policy.also:
+        raise ConfigError(
+            f"task.partial: {recipe.task.partial:g} of the keyframes are partial, but the policy does not see which "
+            "parts are commanded: add --policy.also parts clock, or --task.partial 0"
+        )
     library = MotionLibrary.load(recipe.motions, robot, dt=dt, mirror=recipe.mirror).to(recipe.device)
     kind: type[Any] = LatentPolicy if recipe.student == "latent" else PlainPolicy
     student = kind(library.robot, recipe.policy).to(recipe.device)
@@ -30,11 +35,10 @@ def main(recipe: ImagineRecipe) -> None:
         trained = SavedRun(recipe.init).policy_as(
             kind, f"a {recipe.student} student (--init, --student)", recipe.device
         )
-        if trained.config != student.config:
-            raise CheckpointError(
-                f"--init {str(recipe.init)!r}: a student of {trained.config}, expected {student.config} (--policy)"
-            )
-        student.load_state_dict(trained.state_dict())
+        try:
+            take_over(student, trained)
+        except ConfigError as error:
+            raise CheckpointError(f"--init {str(recipe.init)!r}: {error}") from None
 
     def task(motions: MotionLibrary) -> TimedKeyframes:
         return TimedKeyframes(motions, recipe.task, timing=recipe.policy.timing, seed=recipe.seed)

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
         PlainPolicyConfig,
         RefinementConfig,
     )
+    from plat.modules.widening import take_over
     from plat.spec.observation import STUDENT_KEYS
 else:
     lazy(__name__)
@@ -75,4 +76,5 @@ __all__ = [
     "gaussian_action",
     "mlp",
     "sample_latent",
+    "take_over",
 ]

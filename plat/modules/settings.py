@@ -81,6 +81,8 @@ class PlainPolicyConfig(Bounded):
     """normalization of the observation"""
     timing: Timing = Timing()
     """control step that it acts at, and the commands that it is given"""
+    also: tuple[Literal["parts", "clock"], ...] = ()
+    """observed beside robot, goal and command: parts (partial keyframes), clock (the last 0.2 s)"""
 
 
 @dataclass(frozen=True)

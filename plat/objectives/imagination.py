@@ -129,7 +129,7 @@ class ImaginationLoss(LossModule):
             effort_before = effort
             with torch.no_grad():
                 alive = alive * ~task.finished(memory)
-            memory = task.renew(memory)
+            memory = task.renew(memory, state)
             observed = self._observe(state, memory)
         out = {}
         if self.critic is not None:

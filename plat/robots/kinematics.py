@@ -45,8 +45,12 @@ class ForwardKinematics:
             (body, int(model.body_parentid[body]), max(int(model.body_jntadr[body]) - 1, -1)) for body in sorted(needed)
         ]
         """Bodies between the root and the wanted ones: MuJoCo's ids of body and parent, and the joint's index or -1."""
-        self._body_pos = torch.from_numpy(model.body_pos).float()
-        self._body_quat = torch.from_numpy(model.body_quat).float()
+        self._levels, row_of = _levels(self.chain)
+        self._rows = [row_of[body] for body in self._wanted]
+        ids = [body for level in self._levels for body, _, _ in level]
+        self._joints = [joint for level in self._levels for _, _, joint in level]
+        self._body_pos = torch.from_numpy(model.body_pos[ids]).float()
+        self._body_quat = torch.from_numpy(model.body_quat[ids]).float()
         self._axis = torch.from_numpy(model.jnt_axis[1:]).float()
 
     def __call__(self, root_pos_w: Tensor, root_quat_w: Tensor, joint_pos: Tensor) -> tuple[Tensor, Tensor]:
@@ -63,15 +67,34 @@ class ForwardKinematics:
         body_pos, body_quat, axis = (tensor.to(root_pos_w) for tensor in (self._body_pos, self._body_quat, self._axis))
         half = 0.5 * joint_pos[..., None]
         joint_quat = torch.cat((half.cos(), half.sin() * axis), -1)  # (*B, J, 4)
-        pos_w = {1: root_pos_w}
-        quat_w = {1: root_quat_w}
-        for body, parent, joint in self.chain:
-            pos_w[body] = pos_w[parent] + quat_rotate(quat_w[parent], body_pos[body])
-            local = body_quat[body]
-            if joint >= 0:
-                local = quat_multiply(local.expand_as(joint_quat[..., joint, :]), joint_quat[..., joint, :])
-            quat_w[body] = quat_multiply(quat_w[parent], local.expand_as(root_quat_w))
-        return (
-            torch.stack([pos_w[body] for body in self._wanted], -2),
-            torch.stack([quat_w[body] for body in self._wanted], -2),
+        # a body without a joint finds no turn behind the last joint
+        no_turn = torch.nn.functional.pad(joint_quat.new_ones(*joint_quat.shape[:-2], 1, 1), (0, 3))
+        local = quat_multiply(
+            body_quat.expand(*joint_pos.shape[:-1], -1, -1), torch.cat((joint_quat, no_turn), -2)[..., self._joints, :]
         )
+        pos_w, quat_w = root_pos_w[..., None, :], root_quat_w[..., None, :]
+        begin = 0
+        for level in self._levels:  # all bodies at the same number of joints from the root at once
+            rows, parents = slice(begin, begin + len(level)), [parent for _, parent, _ in level]
+            parent_quat = quat_w[..., parents, :]
+            new_pos = pos_w[..., parents, :] + quat_rotate(
+                parent_quat, body_pos[rows].expand(*parent_quat.shape[:-1], 3)
+            )
+            new_quat = quat_multiply(parent_quat, local[..., rows, :])
+            pos_w, quat_w = torch.cat((pos_w, new_pos), -2), torch.cat((quat_w, new_quat), -2)
+            begin = rows.stop
+        return pos_w[..., self._rows, :], quat_w[..., self._rows, :]
+
+
+def _levels(chain: list[tuple[int, int, int]]) -> tuple[list[list[tuple[int, int, int]]], dict[int, int]]:
+    """Return bodies by their distance from the root, each with the row of its parent and its joint, and their rows."""
+    row_of, depth_of = {1: 0}, {1: 0}
+    deepest: dict[int, list[tuple[int, int, int]]] = {}
+    for body, parent, joint in chain:
+        depth_of[body] = depth_of[parent] + 1
+        deepest.setdefault(depth_of[body], []).append((body, parent, joint))
+    levels = []
+    for depth in sorted(deepest):
+        levels.append([(body, row_of[parent], joint) for body, parent, joint in deepest[depth]])
+        row_of.update({body: len(row_of) + number for number, (body, _, _) in enumerate(deepest[depth])})
+    return levels, row_of

@@ -12,6 +12,7 @@ from plat.errors import ObservationError
 __all__ = [
     "COMMAND_KEYS",
     "OBSERVATION",
+    "OPTIONAL_GROUPS",
     "ROBOT_KEYS",
     "STUDENT_GROUPS",
     "STUDENT_KEYS",
@@ -26,6 +27,7 @@ __all__ = [
     "observation_size",
     "observed",
     "observing",
+    "optional_groups",
     "privileged_keys",
     "robot_keys",
     "student_keys",
@@ -38,6 +40,9 @@ _View = TypeVar("_View")
 
 STUDENT_GROUPS = ("robot", "goal", "command")
 """Groups that a deployed policy observes, in this order: ``o_t = [s_t, g_{t+Delta}, tau_t]``."""
+
+OPTIONAL_GROUPS = ("parts", "clock")
+"""Groups that some policies observe after those: what a partial keyframe commands, and the end of the time to it."""
 
 # "goal" is what the policy is to reach; "goal_6" the reference six frames ahead; "dense_goal", "dense_goal_6" the same
 # beside a keyframe; "keyframe" a keyframe beside a dense goal; "led_..." any of them, moved ahead by a lead
@@ -96,8 +101,8 @@ class ObservationTable:
     """Entries of every group of observations, in the order in which networks observe them.
 
     Args:
-        groups: entries of ``"robot"``, ``"goal"``, ``"command"`` and ``"privileged"``. Every goal group
-            (:func:`is_goal`) has the entries of ``"goal"``.
+        groups: entries of ``"robot"``, ``"goal"``, ``"command"``, ``"parts"``, ``"clock"`` and ``"privileged"``. Every
+            goal group (:func:`is_goal`) has the entries of ``"goal"``.
 
     Raises:
         ObservationError: when a group has two entries of one name.
@@ -178,6 +183,15 @@ OBSERVATION = ObservationTable(
             ),
         ),
         "command": (Entry("horizon", "1", "tau", size=1),),
+        "parts": (
+            Entry("joints", "1", "1 for every commanded joint angle", per_joint=1),
+            Entry("bodies", "1", "1 for every commanded body position", per_body=1),
+            Entry("root", "1", "1 for a commanded horizontal position, height, orientation of the root", size=3),
+        ),
+        "clock": (
+            Entry("soon", "1", "time to the keyframe, in 0.2 s, at most 1", size=1),
+            Entry("in_window", "1", "1 where the step ends in the arrival window", size=1),
+        ),
         "privileged": (
             Entry("keypoint_pos_b", "m", "from the robot's root to its keypoints, root frame", per_body=3),
             Entry("keypoint_lin_vel_b", "m/s", "velocity in the world, root frame", per_body=3),
@@ -267,9 +281,29 @@ def privileged_keys() -> tuple[Key, ...]:
     return table().keys("privileged")
 
 
-def student_keys() -> tuple[Key, ...]:
-    """Return the keys of all that a deployed policy observes."""
-    return table().keys(*STUDENT_GROUPS)
+def student_keys(also: Sequence[str] = ()) -> tuple[Key, ...]:
+    """Return the keys of all that a deployed policy observes.
+
+    Args:
+        also: those of :data:`OPTIONAL_GROUPS` that it observes as well, in the order of that tuple.
+
+    Raises:
+        ObservationError: for a group that is not optional.
+    """
+    unknown = [group for group in also if group not in OPTIONAL_GROUPS]
+    if unknown:
+        raise ObservationError(f"observation group {unknown[0]!r}: expected some of {OPTIONAL_GROUPS}")
+    return table().keys(*STUDENT_GROUPS, *(group for group in OPTIONAL_GROUPS if group in also))
+
+
+def optional_groups(keys: Iterable[Any]) -> tuple[str, ...]:
+    """Return those of :data:`OPTIONAL_GROUPS` that a policy with these input keys observes.
+
+    >>> optional_groups(student_keys(("clock",)))
+    ('clock',)
+    """
+    seen = {key[0] for key in keys if isinstance(key, tuple)}
+    return tuple(group for group in OPTIONAL_GROUPS if group in seen)
 
 
 ROBOT_KEYS = robot_keys()

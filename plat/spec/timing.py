@@ -4,7 +4,10 @@ from dataclasses import dataclass
 
 from plat.errors import PlatError
 
-__all__ = ["Timing", "timing_of"]
+__all__ = ["SOON", "Timing", "timing_of"]
+
+SOON = 0.2
+"""Seconds before a keyframe in which the group ``"clock"`` shows the time to it on a finer scale."""
 
 LONGEST = 10_000
 """Most control steps of a command or an arrival window."""

@@ -11,6 +11,7 @@ from plat.motions.library import MotionLibrary
 from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
 from plat.rotations import quat_conjugate, quat_from_rotvec, quat_multiply, quat_to_rotvec, quat_yaw
+from plat.spec.timing import Timing
 from plat.tasks.settings import CHAIN_FAMILIES
 
 __all__ = ["CHAIN_FAMILIES", "KeyframeChains", "draw_chains"]
@@ -18,6 +19,10 @@ __all__ = ["CHAIN_FAMILIES", "KeyframeChains", "draw_chains"]
 
 # keyframes of a chain
 _LENGTH = 5
+# control steps of a second
+_SECOND = 50
+# families that lead away from where they begin
+_MOVING = ("steps", "far", "distant")
 
 
 @dataclass(frozen=True)
@@ -32,6 +37,7 @@ class KeyframeChains:
         first_row: first row ``[C]`` of each chain.
         duration: control steps ``[C]`` of each chain with the hold after it.
         family: name of each of the C chains.
+        moves: whether each of the C chains leads away from where it begins.
     """
 
     qpos: Tensor
@@ -41,10 +47,16 @@ class KeyframeChains:
     first_row: Tensor
     duration: Tensor
     family: tuple[str, ...]
+    moves: Tensor
 
 
 def draw_chains(
-    library: MotionLibrary, count: int, families: Sequence[str] = CHAIN_FAMILIES, *, seed: int = 0
+    library: MotionLibrary,
+    count: int,
+    families: Sequence[str] = CHAIN_FAMILIES,
+    *,
+    seed: int = 0,
+    timing: Timing | None = None,
 ) -> KeyframeChains:
     """Draw ``count`` chains, as many of each family as of the others.
 
@@ -57,13 +69,17 @@ def draw_chains(
     steps      the standing pose 0.25 to 0.5 m further, turned by up to 0.4 rad                    3 s
     crouch     pelvis 0.05 to 0.3 m lower, leaning by up to 0.5 rad, feet in place                 3 s
     far        the standing pose 1.5 to 2.5 m further, turned by up to 2 rad, commanded for 3 s    3 s
+    distant    the same 0.8 to 2.5 m further, 1.5 s apart or more, where the timing allows 2 s     3 s
     =========  ==================================================================================  =======
+
+    Where the timing allows more than a second, three of ten keyframes take up to its longest command.
 
     Args:
         library: motions with the resting poses; families that need some are left out where there are none.
         count: number of chains.
         families: some of :data:`CHAIN_FAMILIES`.
         seed: draws them, apart from the global generator.
+        timing: of the policy.
 
     Raises:
         TaskError: for an unknown family, or where none of the families can be drawn.
@@ -80,14 +96,24 @@ def draw_chains(
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         resting = _resting_poses(library).cpu()
-        drawn = [family for family in families if len(resting) or family not in ("hold", "poses")]
+        longest = (timing or Timing()).max_steps
+        left_out = {*(() if len(resting) else ("hold", "poses")), *(() if longest >= 2 * _SECOND else ("distant",))}
+        drawn = [family for family in families if family not in left_out]
         if not drawn:
-            raise TaskError(f"families: {', '.join(families)} start from poses at rest, which the motions have none of")
+            raise TaskError(
+                f"families: {', '.join(families)} start from poses at rest, which the motions have none of, or need a "
+                f"longest command of {2 * _SECOND} steps"
+            )
         per_family = -(-count // len(drawn))
         parts: list[tuple[str, Tensor, Tensor, int]] = []
         for family in drawn:
             poses = _DRAW[family](per_family, library.robot, resting)
-            steps = torch.randint(25, 51, poses.shape[:2])
+            steps = torch.randint(_SECOND // 2, _SECOND + 1, poses.shape[:2])
+            if family == "distant":
+                steps = torch.randint(3 * _SECOND // 2, longest + 1, poses.shape[:2])
+            elif longest > _SECOND and family != "far":
+                slow = torch.rand(poses.shape[:2]) < 0.3
+                steps = torch.where(slow, torch.randint(_SECOND, longest + 1, poses.shape[:2]), steps)
             parts.append((family, poses, steps, 250 if family == "hold" else 150))
     return _joined(parts, count, library)
 
@@ -119,6 +145,7 @@ def _joined(parts: Sequence[tuple[str, Tensor, Tensor, int]], count: int, librar
         first_row=torch.tensor(first, device=device),
         duration=torch.tensor(duration, device=device),
         family=tuple(names),
+        moves=torch.tensor([name in _MOVING for name in names], device=device),
     )
 
 
@@ -187,6 +214,10 @@ def _far(count: int, robot: Robot, resting: Tensor) -> Tensor:
     return _walk(count, robot, (1.5, 2.5), 2.0, 2).repeat_interleave(3, 1)
 
 
+def _distant(count: int, robot: Robot, resting: Tensor) -> Tensor:
+    return _walk(count, robot, (0.8, 2.5), 2.0, 2)
+
+
 def _crouch(count: int, robot: Robot, resting: Tensor) -> Tensor:
     qpos = _standing(robot, count * _LENGTH)
     lean, about = _uniform(0.0, 0.5, len(qpos)), _uniform(-torch.pi, torch.pi, len(qpos))
@@ -235,4 +266,5 @@ _DRAW: dict[str, Callable[[int, Robot, Tensor], Tensor]] = {
     "steps": _steps,
     "crouch": _crouch,
     "far": _far,
+    "distant": _distant,
 }

@@ -129,7 +129,11 @@ class DenseTracking(Task):
 
 
 def off_reference(
-    state: GeneralizedState, reference: GeneralizedState, height: float, distance: float | Tensor, tilted: float = 0.8
+    state: GeneralizedState,
+    reference: GeneralizedState,
+    height: float | Tensor,
+    distance: float | Tensor,
+    tilted: float = 0.8,
 ) -> Tensor:
     """Mask ``[*B]``: the root is too far off in height (m), distance (m) or the vertical component of gravity."""
     off = state.root_pos_w - reference.root_pos_w

@@ -24,6 +24,8 @@ class TrackingCosts(Bounded):
     """of its angular velocity, mean over axes (rad/s)"""
     joint_vel: NonNegative = 0.03
     """of the joint velocities, mean over joints (rad/s)"""
+    bodies: float = 2.0
+    """of the bodies that a partial keyframe commands, mean over them (m)"""
 
 
 @dataclass(frozen=True)
@@ -40,9 +42,11 @@ class AuthoredCosts(Bounded):
     """of its angular velocity, mean over axes (rad/s)"""
     joint_vel: NonNegative = 0.01
     """of the joint velocities, mean over joints (rad/s)"""
+    not_commanded: float = 0.05
+    """pull to the line of what a partial keyframe leaves open, as a share of the pull in the window"""
 
 
-CHAIN_FAMILIES = ("hold", "arms", "poses", "steps", "crouch", "far")
+CHAIN_FAMILIES = ("hold", "arms", "poses", "steps", "crouch", "far", "distant")
 """Names of the families, see :func:`draw_chains`."""
 
 
@@ -60,6 +64,16 @@ class TimedKeyframesConfig(Bounded):
     """fraction of the authored episodes that start standing; the others start within a motion"""
     shortest: Count = 1
     """control steps of the shortest command along a motion"""
+    usual: int = 50
+    """control steps of the longest usual command"""
+    distant: float = 0.25
+    """share of the commands that are of all lengths up to the timing's longest; the others are usual"""
+    partial: float = 0.0
+    """share of the commands that are partial keyframes; the policy has to see "parts" (--policy.also)"""
+    masks: int = 801
+    """number of masks that partial keyframes are drawn from"""
+    partial_tracking: float = 0.5
+    """factor on the cost along a motion while the keyframe commands a part of it"""
     tracking: TrackingCosts = TrackingCosts()
     """weights along a motion, and of a keyframe in its arrival window"""
     underway: AuthoredCosts = AuthoredCosts()

@@ -85,7 +85,7 @@ class SimulatedTask(EnvBase):
         cost, failed = task.cost(state, memory), task.failed(state, memory) | broken
         truncated = task.finished(memory) & ~failed
         task.record_failures(memory[failed])
-        out = self._entries(state, task.renew(memory))
+        out = self._entries(state, task.renew(memory, state))
         out["reward"] = -cost[:, None]
         out["terminated"], out["truncated"] = failed[:, None], truncated[:, None]
         out["done"] = out["terminated"] | out["truncated"]

@@ -49,8 +49,8 @@ class Task(nn.Module):
         """Memory after a control step with ``action``: clocks go on, nothing new is commanded yet."""
         return memory.copy().set("last_action", action)
 
-    def renew(self, memory: TensorDictBase) -> TensorDictBase:
-        """Memory in which a new command has taken the place of each that has ended."""
+    def renew(self, memory: TensorDictBase, state: GeneralizedState) -> TensorDictBase:
+        """Memory in which a new command has taken the place of each that has ended, for robots in these states."""
         return memory
 
     def failed(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:

@@ -4,16 +4,18 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
-from plat.envs.goals import robot_centric_goal
+from plat.envs.goals import clock_entries, parts_entries, robot_centric_goal
 from plat.envs.state import GeneralizedState
 from plat.envs.tracking import ResetNoise
 from plat.motions.library import MotionLibrary
-from plat.rotations import quat_conjugate, quat_multiply, quat_rotate, quat_yaw
+from plat.robots.kinematics import ForwardKinematics
+from plat.rotations import quat_conjugate, quat_multiply, quat_rotate, quat_rotate_inverse, quat_yaw
 from plat.spec.timing import Timing
 from plat.tasks.chains import draw_chains
 from plat.tasks.costs import pose_cost, tracking_cost
 from plat.tasks.dense_tracking import START_NOISE, off_reference
 from plat.tasks.distances import smooth_length
+from plat.tasks.partial import draw_parts, partial_pose_cost, points_cost
 from plat.tasks.pose_table import PoseTable
 from plat.tasks.settings import TimedKeyframesConfig
 from plat.tasks.starts import ClipStarts, FailureWeights, disturbed
@@ -26,13 +28,19 @@ class TimedKeyframes(Task):
     """Stages 2 and 3 at once: keyframes out of motions and authored ones, each with the time to be there.
 
     The policy sees what it sees in :func:`plat.envs.make_keyframe_env`: the groups ``"robot"``, ``"goal"`` and
-    ``"command"``. Where a command is from a motion, a step costs the distance from that motion, which the policy does
-    not see, and in the arrival window that from the keyframe as well. An authored keyframe has no reference: before its
-    window it costs a share of the distance from the straight line to it, and height and speeds a little.
+    ``"command"``, and if it asks for them ``"parts"`` and ``"clock"``. Where a command is from a motion, a step costs
+    the distance from that motion, which the policy does not see, and in the arrival window that from the keyframe as
+    well. An authored keyframe has no reference: before its window it costs a share of the distance from the straight
+    line to it, and height and speeds a little.
+
+    A share of the commands are partial keyframes. Along a
+    motion the cost of what a partial keyframe leaves open is still the distance from the motion, as a weaker pull. A
+    robot that was free to go elsewhere goes on from there: the motion is moved to where the robot is.
 
     The memory holds ``last_action``, ``frame`` of the motion, rows of the commanded pose ``goal`` and of the one
     ``before`` it, ``steps_left`` of how many in all (``length``), ``age`` of the episode, and whether it is
-    ``authored``.
+    ``authored``. With partial keyframes it also holds the row of the mask ``parts``, and where the motion was moved to:
+    ``anchor_pos`` and ``anchor_quat``.
 
     Args:
         library: motions.
@@ -55,6 +63,8 @@ class TimedKeyframes(Task):
     _chain: Tensor
     _first_row: Tensor
     _duration: Tensor
+    _moves: Tensor
+    parts: Tensor
 
     def __init__(
         self,
@@ -70,7 +80,7 @@ class TimedKeyframes(Task):
         self.timing = timing or Timing()
         self.timing.check_steps(config.shortest, "shortest command along a motion (task.shortest)")
         self.reset_noise = reset_noise
-        self.chains = chains = draw_chains(library, config.chains, config.families, seed=seed)
+        self.chains = chains = draw_chains(library, config.chains, config.families, seed=seed, timing=self.timing)
         self._frames = frames = len(library)
         self.table = PoseTable.of_library(library).then(PoseTable.of_poses(chains.qpos.cpu(), library.robot))
         self.starts = ClipStarts(library, uniform=config.uniform_starts)
@@ -82,8 +92,24 @@ class TimedKeyframes(Task):
             ("_chain", chains.chain),
             ("_first_row", chains.first_row + frames),
             ("_duration", chains.duration),
+            ("_moves", chains.moves),
+            ("parts", self._draw_parts(seed).to(library.device)),
         ):
             self.register_buffer(name, value, persistent=False)
+        self._masks = config.masks
+        self._kinematics = ForwardKinematics(library.robot)
+
+    def _draw_parts(self, seed: int) -> Tensor:
+        """Masks ``[2 R, J + K + 3]``: in the second half, for chains that lead away, the root is always commanded."""
+        drawn = draw_parts(self.robot, self.config.masks, seed).float()
+        rooted = drawn.clone()
+        rooted[:, -3:] = 1.0
+        return torch.cat((drawn, rooted))
+
+    @property
+    def partial(self) -> bool:
+        """Whether some keyframes command a part of a pose."""
+        return self.config.partial > 0
 
     def start(self, count: int) -> tuple[GeneralizedState, TensorDict]:
         """Starts along motions and of authored chains, in the configured share."""
@@ -102,7 +128,7 @@ class TimedKeyframes(Task):
         """Starts at frames ``[n]`` of the motions, each with its first command."""
         state = self._disturbed(self.table.state(frame))
         memory = self._memory(len(frame), frame=frame, goal=frame, before=frame)
-        return state, self.renew(memory)
+        return state, self.renew(memory, state)
 
     def authored(self, chain: Tensor) -> tuple[GeneralizedState, TensorDict]:
         """Starts of authored chains ``[n]``: standing, or in a moment of a motion that is moved to the origin."""
@@ -112,22 +138,25 @@ class TimedKeyframes(Task):
         parts = zip(self.table.state(row), moment, strict=True)
         state = self._disturbed(GeneralizedState(*(torch.where(standing, ours, theirs) for ours, theirs in parts)))
         memory = self._memory(len(chain), frame=torch.zeros_like(row), goal=row, before=row)
-        return state, self.renew(memory.set("authored", torch.ones_like(memory["authored"])))
+        return state, self.renew(memory.set("authored", torch.ones_like(memory["authored"])), state)
 
     def observe(self, state: GeneralizedState, memory: TensorDictBase) -> TensorDict:
-        """Groups ``"robot"``, ``"goal"`` and ``"command"``."""
-        goal = robot_centric_goal(self.table.pose(memory["goal"]), state.root_pos_w, state.root_quat_w)
+        """Groups ``"robot"``, ``"goal"``, ``"command"``, ``"clock"``; ``"parts"`` where keyframes are partial."""
+        parts = self.parts[memory["parts"]] if self.partial else None
+        here = self._on_motion(state, memory)
+        goal = robot_centric_goal(self.table.pose(memory["goal"]), here.root_pos_w, here.root_quat_w, parts)
+        steps_left = memory["steps_left"][:, None]
+        groups = {
+            "robot": robot_entries(state, memory["last_action"], self.robot),
+            "goal": goal,
+            "command": {"horizon": steps_left / self.timing.max_steps},
+            "clock": clock_entries(steps_left, self.timing),
+        }
+        if parts is not None:
+            groups["parts"] = parts_entries(parts, self.robot)
         batch, device = memory.batch_size, memory["goal"].device
-        horizon = memory["steps_left"][:, None] / self.timing.max_steps
-        return TensorDict(
-            {
-                "robot": robot_entries(state, memory["last_action"], self.robot),
-                "goal": TensorDict(goal, batch, device=device),
-                "command": TensorDict({"horizon": horizon}, batch, device=device),
-            },
-            batch,
-            device=device,
-        )
+        entries = {name: TensorDict(group, batch, device=device) for name, group in groups.items()}
+        return TensorDict(entries, batch, device=device)
 
     def advance(self, memory: TensorDictBase, action: Tensor) -> TensorDictBase:
         """One frame on along a motion, one step less to the keyframe."""
@@ -139,12 +168,12 @@ class TimedKeyframes(Task):
         out["age"] = memory["age"] + 1
         return out
 
-    def renew(self, memory: TensorDictBase) -> TensorDictBase:
+    def renew(self, memory: TensorDictBase, state: GeneralizedState) -> TensorDictBase:
         """The next keyframe where the last one's time is up."""
         due, authored, frame = memory["steps_left"] <= 0, memory["authored"], memory["frame"]
         if not due.any():
             return memory
-        drawn = torch.randint_like(frame, self.config.shortest, self.timing.max_steps + 1)
+        drawn = self._draw_steps(frame)
         # along a motion: that many frames ahead; of a chain: its next row, and the last one again and again
         chain_row = (memory["goal"] - self._frames).clamp_min(0)
         following = self._next_row[chain_row]
@@ -160,18 +189,76 @@ class TimedKeyframes(Task):
         out["goal"] = torch.where(due, goal, memory["goal"])
         out["steps_left"] = torch.where(due, steps, memory["steps_left"])
         out["length"] = torch.where(due, steps, memory["length"])
+        if self.partial:
+            self._move_motion(out, memory, state, due & ~authored)
+            # a pose that is held stays commanded by the parts that it was commanded by
+            change = due & ~(authored & held)
+            out["parts"] = torch.where(change, self._draw_masks(authored, chain_row), memory["parts"])
         return out
+
+    def _draw_steps(self, frame: Tensor) -> Tensor:
+        """Lengths of commands along motions, like ``frame``."""
+        config, longest = self.config, self.timing.max_steps
+        usual = min(config.usual, longest)
+        drawn = torch.randint_like(frame, config.shortest, usual + 1)
+        if usual == longest:
+            return drawn
+        any_length = torch.rand(frame.shape, device=frame.device) < config.distant
+        return torch.where(any_length, torch.randint_like(frame, config.shortest, longest + 1), drawn)
+
+    def _draw_masks(self, authored: Tensor, chain_row: Tensor) -> Tensor:
+        """Rows of masks for new commands."""
+        row = torch.randint_like(chain_row, 1, max(2, self._masks))
+        row = torch.where(authored & self._moves[self._chain[chain_row]], row + self._masks, row)
+        return torch.where(torch.rand(row.shape, device=row.device) < self.config.partial, row, 0)
+
+    @torch.no_grad()
+    def _move_motion(self, out: TensorDictBase, memory: TensorDictBase, state: GeneralizedState, ended: Tensor) -> None:
+        """Move the motion to the robot where the command that ``ended`` left open where the robot goes."""
+        parts = self.parts[memory["parts"]]
+        open_pos = ended & ~(parts[:, self.robot.num_joints : -2] > 0).any(-1)  # neither bodies nor the root's place
+        open_yaw = open_pos & ~(parts[:, -1] > 0)
+        here, reference = self._on_motion(state, memory), self.table.state(memory["frame"])
+        turned = quat_multiply(quat_yaw(state.root_quat_w), quat_conjugate(quat_yaw(reference.root_quat_w)))
+        quat = torch.where(open_yaw[:, None], turned, memory["anchor_quat"])
+        on_motion = torch.where(open_pos[:, None], reference.root_pos_w, here.root_pos_w)
+        pos = (state.root_pos_w - quat_rotate(quat, on_motion)) * quat.new_tensor([1.0, 1.0, 0.0])
+        out["anchor_quat"], out["anchor_pos"] = quat, torch.where(open_pos[:, None], pos, memory["anchor_pos"])
+
+    def _on_motion(self, state: GeneralizedState, memory: TensorDictBase) -> GeneralizedState:
+        """The robot's state in the world of the motion, which may have been moved."""
+        if not self.partial:
+            return state
+        pos, quat = memory["anchor_pos"], memory["anchor_quat"]
+        return state._replace(
+            root_pos_w=quat_rotate_inverse(quat, state.root_pos_w - pos),
+            root_quat_w=quat_multiply(quat_conjugate(quat), state.root_quat_w),
+            root_lin_vel_w=quat_rotate_inverse(quat, state.root_lin_vel_w),
+        )
 
     def cost(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
         """Distance ``[N]`` from the motion, or from the line to the keyframe, and in its window from the keyframe."""
         weights, moderate = self.config.tracking, self.config.underway
+        state = self._on_motion(state, memory)
         in_window = memory["steps_left"] < self.timing.window
         along = tracking_cost(state, self.table.state(memory["frame"]), weights)
-        along = along + in_window * pose_cost(state, self.table.state(memory["goal"]), weights)
-        line = self._line(memory)
+        goal, line = self.table.state(memory["goal"]), self._line(memory)
         share = torch.where(in_window, 1.0, moderate.underway)
+        if self.partial:
+            parts, whole = self.parts[memory["parts"]], memory["parts"] == 0
+            along = torch.where(whole, 1.0, self.config.partial_tracking) * along
+            at_goal, at_line = (partial_pose_cost(state, pose, parts, weights) for pose in (goal, line))
+            at_line = at_line + torch.where(whole, 0.0, moderate.not_commanded / share) * pose_cost(
+                state, line, weights
+            )
+            counts = ~whole & (in_window | memory["authored"])
+            points = weights.bodies * self._points_cost(state, memory, parts, counts)
+            at_goal, at_line = at_goal + points, at_line + points
+        else:
+            at_goal, at_line = pose_cost(state, goal, weights), pose_cost(state, line, weights)
+        along = along + in_window * at_goal
         authored = (
-            share * pose_cost(state, line, weights)
+            share * at_line
             + moderate.height * (state.root_pos_w[:, 2] - line.root_pos_w[:, 2]).abs()
             + moderate.root_lin_vel * smooth_length(state.root_lin_vel_w)
             + moderate.root_ang_vel * state.root_ang_vel_b.abs().mean(-1)
@@ -179,9 +266,33 @@ class TimedKeyframes(Task):
         )
         return torch.where(memory["authored"], authored, along)
 
+    def _points_cost(self, state: GeneralizedState, memory: TensorDictBase, parts: Tensor, counts: Tensor) -> Tensor:
+        """Mean distance ``[N]`` (m) of the commanded bodies from the line to where they are to be; 0 for the others."""
+        bodies = parts[:, self.robot.num_joints : -3]
+        rows = (counts & (bodies > 0).any(-1)).nonzero()[:, 0]
+        out = torch.zeros_like(state.root_pos_w[:, 0])
+        if len(rows) == 0:
+            return out
+        points, _ = self._kinematics(state.root_pos_w[rows], state.root_quat_w[rows], state.joint_pos[rows])
+        before, after = (
+            self.table.keypoint_pos.index_select(0, memory[key][rows]).view(points.shape) for key in ("before", "goal")
+        )
+        share = torch.where(memory["authored"], 1 - memory["steps_left"] / memory["length"], 1.0)[rows]
+        wanted = before.lerp(after, share.clamp(0, 1)[:, None, None])
+        return out.index_add(0, rows, points_cost(points, wanted, bodies[rows]))
+
     def failed(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
-        """Mask ``[N]``: 0.3 m too high or low, too far off, or tilted otherwise than motion or line."""
-        return off_reference(state, self._wanted(memory), height=0.3, distance=self._leeway(memory))
+        """Mask ``[N]``: 0.3 m too high or low, too far off, or tilted otherwise than motion or line.
+
+        Where a keyframe leaves the height open, that is 0.5 m, and where it leaves the place open, 2 m.
+        """
+        state, wanted = self._on_motion(state, memory), self._wanted(memory)
+        height, leeway = torch.full_like(state.root_pos_w[:, 2], 0.3), self._leeway(memory)
+        if self.partial:
+            parts = self.parts[memory["parts"]]
+            height = torch.where(parts[:, -2] > 0, height, 0.5)
+            leeway = torch.where(parts[:, -3] > 0, leeway, leeway.clamp_min(2.0))
+        return off_reference(state, wanted, height=height, distance=leeway)
 
     def lost(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
         """Mask ``[N]``: 0.6 m too high or low."""
@@ -204,6 +315,9 @@ class TimedKeyframes(Task):
     def _memory(self, count: int, **rows: Tensor) -> TensorDict:
         device = self._chain.device
         zero = torch.zeros(count, dtype=torch.int64, device=device)
+        if self.partial:
+            quat = torch.nn.functional.pad(torch.ones(count, 1, device=device), (0, 3))
+            rows |= {"parts": zero.clone(), "anchor_pos": torch.zeros(count, 3, device=device), "anchor_quat": quat}
         return TensorDict(
             {
                 "last_action": torch.zeros(count, self.robot.num_joints, device=device),

@@ -74,7 +74,7 @@ def test_dense_tracking_is_the_tracking_environment(library):
         assert_same(task.observe(state_of(before), memory), before)
         memory = task.advance(memory, before["action"])
         assert memory["frame"].equal(after["motion", "frame"])
-        assert_same(task.observe(state_of(after), task.renew(memory))[going_on], after[going_on])
+        assert_same(task.observe(state_of(after), task.renew(memory, state_of(after)))[going_on], after[going_on])
         assert task.finished(memory).equal(after["truncated"][:, 0])
         ended += int((~going_on).sum())
     assert ended > 0
@@ -112,7 +112,7 @@ def test_timed_keyframes_are_the_keyframe_environment(library):
         assert (memory["steps_left"] == 0).equal(after["command", "arrived"][:, 0])
         # the same command goes on in both, and where it is over both set another one
         same = going_on & ~after["command", "arrived"][:, 0]
-        new = task.renew(memory)
+        new = task.renew(memory, state_of(after))
         assert new["steps_left"][same].equal(after["command", "steps_left"][same, 0])
         assert new["goal"][same].equal(after["command", "target_frame"][same])
         assert (new["steps_left"] >= 1).all()

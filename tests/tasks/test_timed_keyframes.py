@@ -14,7 +14,8 @@ def play(task, memory, steps):
     """Memories while nobody moves, command after command."""
     action = torch.zeros(len(memory["goal"]), 29)
     for _ in range(steps):
-        memory = task.renew(task.advance(memory, action))
+        memory = task.advance(memory, action)
+        memory = task.renew(memory, task.table.state(memory["goal"]))
         yield memory
 
 

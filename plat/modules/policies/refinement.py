@@ -85,9 +85,9 @@ class Refinement(nn.Module):
     def shown(self) -> tuple[list[TensorDictModuleBase], list[NestedKey]]:
         """Return what comes before the student, and where the student then finds its observation."""
         if not self.config.lead:
-            return [], list(student_keys())
+            return [], list(student_keys(self.student.config.also))
         lead = KeyframeLead(self.config.lead, self.timing.longest, self.config.shortest_lead)
-        return [lead], led(student_keys(), lead)
+        return [lead], led(student_keys(self.student.config.also), lead)
 
     def frozen(self) -> TensorDictModuleBase:
         """Return the part that never changes: writes what the head reads."""

@@ -200,8 +200,9 @@ class PlainPolicy(nn.Module):
 
 
 def _observation_normalizer(robot: Robot, config: PlainPolicyConfig) -> ObservationNormalizer:
-    return ObservationNormalizer(student_keys(), observation_size(student_keys(), robot), config.normalizer)
+    keys = student_keys(config.also)
+    return ObservationNormalizer(keys, observation_size(keys, robot), config.normalizer)
 
 
 def _backbone(robot: Robot, config: PlainPolicyConfig) -> Backbone:
-    return Backbone(observation_size(student_keys(), robot), config.backbone, config.hidden_size)
+    return Backbone(observation_size(student_keys(config.also), robot), config.backbone, config.hidden_size)

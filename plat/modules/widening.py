@@ -1,0 +1,104 @@
+"""Going on from a smaller student: one that observes less, knows shorter times, or has narrower layers."""
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from plat.errors import ConfigError
+from plat.modules.settings import PlainPolicyConfig
+from plat.robots.robot import Robot
+from plat.spec.observation import observation_size, student_keys
+
+__all__ = ["take_over"]
+
+_FIRST_LAYER = "backbone.module.0.0.weight"
+
+
+@torch.no_grad()
+def take_over(student: Any, trained: Any) -> None:
+    """Give a student the weights of a trained one that observes the same or less and is as wide or narrower.
+
+    At first the student acts like the trained one: what only it observes counts for nothing, units that only it has
+    lead nowhere yet, and the time to the keyframe, ``tau = steps_left / max_steps``, counts for the same number of
+    steps.
+
+    Args:
+        student: a :class:`plat.modules.PlainPolicy` or :class:`plat.modules.LatentPolicy`.
+        trained: one of the same class, with as many layers.
+
+    Raises:
+        ConfigError: saying what differs.
+
+    Source: function-preserving widening as in Net2Net, arXiv 1511.05641, with new units instead of copied ones.
+
+    >>> from plat.modules import PlainPolicy
+    >>> from plat.robots import G1
+    >>> from plat.spec.timing import Timing
+    >>> student = PlainPolicy(G1, PlainPolicyConfig(also=("clock",), timing=Timing(max_steps=150)))
+    >>> take_over(student, PlainPolicy(G1))
+    >>> bool((student.backbone.module[0][0].weight[:, 177:] == 0).all())
+    True
+    """
+    ours: PlainPolicyConfig = student.config
+    theirs: PlainPolicyConfig = trained.config
+    missing = [group for group in theirs.also if group not in ours.also]
+    if missing:
+        raise ConfigError(f"the trained student observes {missing[0]!r}, this one does not: add it (--policy.also)")
+    if student.decoder.network[0].in_features - ours.hidden_size and ours.hidden_size != theirs.hidden_size:
+        raise ConfigError(f"hidden_size: {theirs.hidden_size} of the trained student with a latent, expected the same")
+    weights = trained.state_dict()
+    _observe_more(weights, ours, theirs, student.robot)
+    state = student.state_dict()
+    for name, ours_value in state.items():
+        if name not in weights:
+            raise ConfigError(f"the trained student has no {name}: both need as many layers")
+        weights[name] = _wider(name, weights[name], ours_value)
+    if len(weights) > len(state):
+        raise ConfigError(
+            f"the trained student has more than this one: {next(name for name in weights if name not in state)}"
+        )
+    student.load_state_dict(weights)
+
+
+def _observe_more(weights: dict[str, Tensor], ours: PlainPolicyConfig, theirs: PlainPolicyConfig, robot: Robot) -> None:
+    """Put the columns of a trained student's first layer and normalizer where this student has those entries."""
+    seen, now = student_keys(theirs.also), student_keys(ours.also)
+    begins = _columns(now, robot)
+    columns = torch.cat([begins[key] for key in seen])
+    size = observation_size(now, robot)
+    mean, var = torch.full((size,), 0.5), torch.full((size,), 0.25)
+    mean[columns], var[columns] = weights["normalizer.mean"], weights["normalizer.var"]
+    first = weights[_FIRST_LAYER].new_zeros(len(weights[_FIRST_LAYER]), size)
+    first[:, columns] = weights[_FIRST_LAYER]
+    horizon, ratio = begins["command", "horizon"], ours.timing.max_steps / theirs.timing.max_steps
+    eps = ours.normalizer.eps
+    before = var[horizon].sqrt() + eps
+    mean[horizon], var[horizon] = mean[horizon] / ratio, var[horizon] / ratio**2
+    first[:, horizon] *= (var[horizon].sqrt() + eps) * ratio / before
+    weights.update({"normalizer.mean": mean, "normalizer.var": var, _FIRST_LAYER: first})
+
+
+def _wider(name: str, trained: Tensor, drawn: Tensor) -> Tensor:
+    """Return a trained tensor, or one as large as ``drawn`` with it in its corner.
+
+    The units that it has keep their inputs, and take nothing from new ones.
+    """
+    if trained.shape == drawn.shape:
+        return trained
+    if trained.ndim != drawn.ndim or any(a > b for a, b in zip(trained.shape, drawn.shape, strict=True)):
+        raise ConfigError(f"the trained student has {tuple(trained.shape)} for {name}, this one {tuple(drawn.shape)}")
+    out = drawn.clone()
+    out[: len(trained)] = 0.0
+    out[tuple(slice(size) for size in trained.shape)] = trained
+    return out
+
+
+def _columns(keys: tuple[tuple[str, str], ...], robot: Robot) -> dict[tuple[str, str], Tensor]:
+    """Return the columns of every entry in an observation."""
+    columns, begin = {}, 0
+    for key in keys:
+        width = observation_size([key], robot)
+        columns[key] = torch.arange(begin, begin + width)
+        begin += width
+    return columns

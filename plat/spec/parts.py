@@ -1,0 +1,135 @@
+"""Parts of a pose that a keyframe commands: joints, bodies and components of the root."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from plat.errors import KeyframeError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["ROOT_PARTS", "Parts", "RobotParts"]
+
+ROOT_PARTS = ("horizontal", "height", "orientation")
+"""Components of the root that a keyframe commands apart from each other."""
+
+
+class RobotParts(Protocol):
+    """Protocol of the robot data that parts are named by; :class:`plat.robots.Robot` has it."""
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Return the names of the J joints."""
+        ...
+
+    @property
+    def keypoints(self) -> tuple[str, ...]:
+        """Return the names of the K keypoint bodies."""
+        ...
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Parts of a pose that a keyframe commands; the policy chooses the others.
+
+    Args:
+        joints: for each of the J joints, whether its angle is commanded.
+        bodies: for each of the K keypoint bodies, whether its position in the world is commanded.
+        root: whether the root's horizontal position, height and orientation are.
+
+    Raises:
+        KeyframeError: when nothing is commanded, or the root has not three flags.
+
+    Source: the masks of MaskedMimic, arXiv 2409.14393, and of HOVER, arXiv 2410.21229.
+
+    >>> from plat.robots import G1
+    >>> hands = Parts.only(G1, bodies=("left_wrist_yaw_link", "right_wrist_yaw_link"))
+    >>> hands.whole, sum(hands.values()), len(hands.values())
+    (False, 2, 46)
+    """
+
+    joints: tuple[bool, ...]
+    bodies: tuple[bool, ...]
+    root: tuple[bool, bool, bool]
+
+    def __post_init__(self) -> None:
+        if len(self.root) != len(ROOT_PARTS):
+            raise KeyframeError(f"root: {len(self.root)} flags, expected {len(ROOT_PARTS)} ({', '.join(ROOT_PARTS)})")
+        if not any(self.values()):
+            raise KeyframeError("parts: nothing is commanded, expected a joint, a body or a part of the root")
+
+    @classmethod
+    def all(cls, robot: RobotParts) -> Parts:
+        """Return the parts of a whole pose."""
+        return cls((True,) * len(robot.joint_names), (True,) * len(robot.keypoints), (True, True, True))
+
+    @classmethod
+    def only(
+        cls, robot: RobotParts, joints: Iterable[str] = (), bodies: Iterable[str] = (), root: Iterable[str] = ()
+    ) -> Parts:
+        """Return the parts with these names.
+
+        Args:
+            robot: gives the names.
+            joints: names of joints.
+            bodies: names of keypoint bodies.
+            root: some of :data:`ROOT_PARTS`.
+
+        Raises:
+            KeyframeError: naming what does not exist, or when nothing is commanded.
+        """
+        return cls(
+            _flags(joints, robot.joint_names, "joints"),
+            _flags(bodies, robot.keypoints, "bodies"),
+            _flags(root, ROOT_PARTS, "root"),  # type: ignore[arg-type]  # three flags
+        )
+
+    @classmethod
+    def of_values(cls, values: Iterable[float], num_joints: int) -> Parts:
+        """Return the parts of flags as :meth:`values` returns them."""
+        flags = tuple(bool(value) for value in values)
+        return cls(flags[:num_joints], flags[num_joints:-3], flags[-3:])  # type: ignore[arg-type]
+
+    @property
+    def whole(self) -> bool:
+        """Return whether everything is commanded."""
+        return all(self.values())
+
+    def values(self) -> tuple[bool, ...]:
+        """Return all flags ``[J + K + 3]``: joints, bodies, root."""
+        return (*self.joints, *self.bodies, *self.root)
+
+    def mask(self) -> NDArray[np.float64]:
+        """Return all flags as numbers ``[J + K + 3]``."""
+        return np.array(self.values(), dtype=np.float64)
+
+    def check(self, robot: RobotParts) -> None:
+        """Raise an error when the flags are not those of a robot.
+
+        Raises:
+            KeyframeError: naming the field.
+        """
+        for field, names in (("joints", robot.joint_names), ("bodies", robot.keypoints)):
+            if len(getattr(self, field)) != len(names):
+                raise KeyframeError(f"parts: {field} has {len(getattr(self, field))} flags, expected {len(names)}")
+
+    def names(self, robot: RobotParts) -> dict[str, list[str]]:
+        """Return the names of what is commanded, by ``joints``, ``bodies`` and ``root``."""
+        groups = (("joints", robot.joint_names), ("bodies", robot.keypoints), ("root", ROOT_PARTS))
+        return {
+            field: [name for name, flag in zip(names, getattr(self, field), strict=True) if flag]
+            for field, names in groups
+        }
+
+
+def _flags(chosen: Iterable[str], names: Collection[str], field: str) -> tuple[bool, ...]:
+    wanted = (chosen,) if isinstance(chosen, str) else tuple(chosen)
+    unknown = [name for name in wanted if name not in names]
+    if unknown:
+        raise KeyframeError(f"parts: {field} has {unknown[0]!r}, expected some of {', '.join(names)}")
+    return tuple(name in wanted for name in names)

@@ -1,0 +1,63 @@
+import pytest
+import torch
+from tensordict import TensorDict
+
+from plat.errors import ConfigError
+from plat.modules import LatentPolicy, LatentPolicyConfig, PlainPolicy, PlainPolicyConfig, take_over
+from plat.robots import G1
+from plat.spec.observation import entry_shapes
+from plat.spec.timing import Timing
+
+
+def observation(count=16, steps_left=10, timing=None):
+    torch.manual_seed(0)
+    groups = {
+        group: {name: torch.randn(count, *shape) for name, shape in entry_shapes(group, G1).items()}
+        for group in ("robot", "goal", "parts", "clock")
+    }
+    tau = steps_left / (timing or Timing()).max_steps
+    return TensorDict({**groups, "command": {"horizon": torch.full((count, 1), tau)}}, [count])
+
+
+@pytest.mark.parametrize("kind", [(PlainPolicy, PlainPolicyConfig), (LatentPolicy, LatentPolicyConfig)])
+def test_a_student_that_sees_more_acts_like_the_trained_one(kind):
+    policy, config = kind
+    torch.manual_seed(1)
+    trained = policy(G1)
+    trained.normalizer.update(observation(64))
+    trained.normalizer.var[-1] = 0.09
+    student = policy(G1, config(also=("parts", "clock"), timing=Timing(max_steps=150)))
+    take_over(student, trained)
+    for steps in (1, 10, 50):
+        wanted = trained.deployed()(observation(steps_left=steps))["action"]
+        actual = student.deployed()(observation(steps_left=steps, timing=student.timing))["action"]
+        torch.testing.assert_close(actual, wanted, atol=1e-4, rtol=1e-4)
+
+
+def test_wider_layers_change_nothing_at_first():
+    trained = PlainPolicy(G1)
+    student = PlainPolicy(G1, PlainPolicyConfig(backbone=(700,), hidden_size=300, decoder=(300, 200), also=("clock",)))
+    take_over(student, trained)
+    shown = observation()
+    torch.testing.assert_close(student.deployed()(shown)["action"], trained.deployed()(shown)["action"])
+    # and the new units can learn
+    student.deployed()(shown)["action"].square().sum().backward()
+    assert (student.decoder.network[-1].weight.grad[:, 128:] != 0).any()
+
+
+@pytest.mark.parametrize("layers", [{"backbone": (256,)}, {"backbone": (512, 512)}, {"backbone": ()}])
+def test_other_layers_are_refused(layers):
+    student = PlainPolicy(G1, PlainPolicyConfig(**layers))
+    with pytest.raises(ConfigError, match=r"backbone.module.0"):
+        take_over(student, PlainPolicy(G1))
+
+
+def test_a_latent_student_keeps_its_hidden_size():
+    student = LatentPolicy(G1, LatentPolicyConfig(hidden_size=300))
+    with pytest.raises(ConfigError, match="hidden_size"):
+        take_over(student, LatentPolicy(G1))
+
+
+def test_a_trained_student_that_sees_more_is_refused():
+    with pytest.raises(ConfigError, match="'clock'"):
+        take_over(PlainPolicy(G1), PlainPolicy(G1, PlainPolicyConfig(also=("clock",))))

@@ -1,0 +1,150 @@
+import pytest
+import torch
+
+from plat.envs import GeneralizedState
+from plat.robots import G1
+from plat.rotations import quat_from_rotvec, quat_multiply, quat_rotate, quat_yaw
+from plat.spec.parts import Parts
+from plat.spec.timing import Timing
+from plat.tasks import TimedKeyframes, TimedKeyframesConfig
+from plat.tasks.partial import draw_parts, partial_pose_cost
+
+LEFT_HAND = G1.keypoints.index("left_wrist_yaw_link")
+
+
+@pytest.fixture(scope="module")
+def task(library):
+    config = TimedKeyframesConfig(chains=40, partial=1.0)
+    return TimedKeyframes(library, config, timing=Timing(max_steps=150), reset_noise=None)
+
+
+def row_of(task, **names):
+    """The row of a mask, put in the task's table."""
+    task.parts[1] = torch.tensor(Parts.only(G1, **names).values(), dtype=torch.float32)
+    return torch.tensor([1])
+
+
+def command(task, steps_left=10, authored=False, **names):
+    """A robot on its motion with a partial keyframe to come."""
+    _, memory = task.along(torch.tensor([5]))
+    memory["frame"], memory["steps_left"], memory["length"] = (
+        torch.tensor([5]),
+        torch.tensor([steps_left]),
+        torch.tensor([30]),
+    )
+    memory["goal"] = torch.tensor([5 + steps_left])
+    memory["parts"] = row_of(task, **names)
+    return task.table.state(memory["frame"]), memory
+
+
+def test_masks_are_of_every_kind_and_never_empty():
+    masks = draw_parts(G1, 801)
+    assert masks[0].all()
+    assert masks.any(-1).all()
+    assert not masks[1:].all(-1).any()
+    hands = torch.zeros(46, dtype=torch.bool)
+    hands[[29 + G1.keypoints.index(f"{side}_wrist_yaw_link") for side in ("left", "right")]] = True
+    assert (masks == hands).all(-1).sum() > 20
+    root_alone = torch.zeros(46, dtype=torch.bool)
+    root_alone[-3:] = True
+    assert (masks == root_alone).all(-1).sum() > 20
+    assert draw_parts(G1, 9, seed=3).equal(draw_parts(G1, 9, seed=3))
+
+
+def test_what_is_not_commanded_is_not_shown(task):
+    state, memory = command(task, bodies=["left_wrist_yaw_link"], joints=["right_knee"], root=["height"])
+    goal = task.observe(state, memory)["goal"]
+    whole = task.observe(state, memory.clone().set("parts", torch.zeros(1, dtype=torch.int64)))["goal"]
+    points, whole_points = goal["keypoint_pos_b"].view(14, 3), whole["keypoint_pos_b"].view(14, 3)
+    assert points[LEFT_HAND].equal(whole_points[LEFT_HAND])
+    assert (points.abs().sum(-1) > 0).nonzero()[:, 0].tolist() == [LEFT_HAND]
+    knee = G1.joint_names.index("right_knee")
+    assert (goal["joint_pos"][0] != 0).nonzero()[:, 0].tolist() == [knee]
+    assert (goal["root_rot6d_b"] == 0).all()
+    # the commanded height is a vertical line in the world, whatever the tilt of the root
+    height = task.table.state(memory["goal"]).root_pos_w[0, 2] - state.root_pos_w[0, 2]
+    torch.testing.assert_close(quat_rotate(state.root_quat_w, goal["root_pos_b"])[0], torch.tensor([0.0, 0.0, height]))
+
+
+def test_masks_are_shown(task):
+    state, memory = command(task, bodies=["left_wrist_yaw_link"], root=["orientation"])
+    parts = task.observe(state, memory)["parts"]
+    assert parts["bodies"][0].nonzero()[:, 0].tolist() == [LEFT_HAND]
+    assert parts["root"][0].tolist() == [0, 0, 1]
+    assert (parts["joints"] == 0).all()
+
+
+def test_only_what_is_commanded_costs(task):
+    _, memory = command(task, joints=["left_elbow"])
+    goal = task.table.state(memory["goal"])
+    elsewhere = goal._replace(root_pos_w=goal.root_pos_w + 1.0, joint_pos=goal.joint_pos.clone())
+    elbow = G1.joint_names.index("left_elbow")
+    elsewhere.joint_pos[:, :elbow] += 1.0
+    parts, weights = task.parts[memory["parts"]], task.config.tracking
+    at_goal = partial_pose_cost(goal, goal, parts, weights)
+    torch.testing.assert_close(partial_pose_cost(elsewhere, goal, parts, weights), at_goal)
+    elsewhere.joint_pos[:, elbow] += 0.5
+    torch.testing.assert_close(partial_pose_cost(elsewhere, goal, parts, weights), at_goal + 1.5)
+
+
+def test_a_commanded_hand_costs_its_distance_in_the_window(task):
+    state, memory = command(task, steps_left=2, bodies=["left_wrist_yaw_link"])
+    memory["goal"] = memory["frame"].clone()
+    there = task.cost(state, memory)
+    raised = state._replace(root_pos_w=state.root_pos_w + torch.tensor([0.0, 0.0, 0.3]))
+    # half of the tracking cost of 2 a meter, and the hand's own 2 a meter
+    torch.testing.assert_close(
+        task.cost(raised, memory) - there, torch.tensor([0.5 * 2 * 0.3 + 2 * 0.3]), atol=0.03, rtol=0
+    )
+
+
+def turned_away(state: GeneralizedState) -> GeneralizedState:
+    turn = quat_from_rotvec(torch.tensor([[0.0, 0.0, 1.0]]))
+    return state._replace(
+        root_pos_w=state.root_pos_w + torch.tensor([1.0, -2.0, 0.0]),
+        root_quat_w=quat_multiply(turn, state.root_quat_w),
+        root_lin_vel_w=quat_rotate(turn, state.root_lin_vel_w),
+    )
+
+
+def test_a_motion_goes_on_where_the_robot_was_free_to_go(task):
+    state, memory = command(task, joints=["left_elbow"])
+    memory["steps_left"] = torch.tensor([0])
+    new = task.renew(memory, turned_away(state))
+    new["parts"] = torch.zeros(1, dtype=torch.int64)
+    # on the moved motion nothing is off: the same cost and the same view as on the motion itself
+    unmoved = new.clone()
+    unmoved["anchor_pos"], unmoved["anchor_quat"] = memory["anchor_pos"], memory["anchor_quat"]
+    moved = turned_away(state)
+    torch.testing.assert_close(task.cost(moved, new), task.cost(state, unmoved), atol=1e-3, rtol=0)
+    for key in ("goal", "robot"):
+        seen, wanted = task.observe(moved, new)[key], task.observe(state, unmoved)[key]
+        for name, value in wanted.items():
+            torch.testing.assert_close(seen[name], value, atol=1e-4, rtol=0)
+    assert not task.failed(moved, new).any()
+
+
+def test_a_motion_stays_where_the_command_said_so(task):
+    state, memory = command(task, root=["horizontal", "orientation"])
+    memory["steps_left"] = torch.tensor([0])
+    new = task.renew(memory, turned_away(state))
+    assert (new["anchor_pos"] == 0).all()
+    assert quat_yaw(new["anchor_quat"])[0].tolist() == [1, 0, 0, 0]
+
+
+def test_chains_that_lead_away_command_the_root(task):
+    moving = task._moves.nonzero()[:, 0]
+    _, memory = task.authored(moving)
+    assert (task.parts[memory["parts"]][:, -3:] == 1).all()
+    # and there are partial ones among them
+    assert (memory["parts"] > 0).all()
+
+
+def test_commands_along_motions_are_usual_or_distant(task):
+    frame = torch.zeros(4000, dtype=torch.int64)
+    steps = task._draw_steps(frame)
+    assert steps.min() >= 1
+    assert steps.max() <= 150
+    distant = (steps > 50).float().mean()
+    # a quarter of all lengths, of which two thirds are beyond a second
+    assert 0.12 < distant < 0.21
