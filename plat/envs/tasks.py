@@ -106,7 +106,8 @@ def make_keyframe_env(
     """Make the environment of stages 2 and 3: reaching one timed keyframe after another.
 
     Observations are ``("robot", ...)``, ``("goal", ...)`` (the commanded keyframe), ``("command", ...)``,
-    ``("privileged", ...)`` and, for the expert that labels, ``("dense_goal", ...)`` (the next reference frame).
+    ``("parts", ...)`` (what is commanded), ``("clock", ...)``, ``("privileged", ...)`` and, for the expert that labels,
+    ``("dense_goal", ...)`` (the next reference frame).
 
     Args:
         library: motions.
@@ -134,11 +135,12 @@ def make_keyframe_env(
     env = _simulation(library, num_envs, config, horizon.shortest, num_threads, device, physics)
     rewards = config.rewards(env.robot) if rewards is None else rewards
     termination = KeyframeTermination(env.robot, config.limits, max_displacement=config.max_displacement)
-    judges: list[Transform] = [KeyframeClock(timing.window), *_reward_transforms(env, rewards), termination]
+    num_parts = KeyframeCommand.num_parts(env.robot) if config.partial else 0
+    judges: list[Transform] = [KeyframeClock(timing.window, num_parts), *_reward_transforms(env, rewards), termination]
     if rewards:
         judges.append(TrackingError())
     observations = [
-        KeyframeCommand(env.library, horizon, timing=timing),
+        KeyframeCommand(env.library, horizon, timing=timing, partial=config.partial),
         *DenseGoal.of_groups(env.library, dense_goals),
         PrivilegedState(env.library),
     ]

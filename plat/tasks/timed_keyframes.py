@@ -5,6 +5,7 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from plat.envs.goals import clock_entries, parts_entries, robot_centric_goal
+from plat.envs.parts import draw_parts
 from plat.envs.state import GeneralizedState
 from plat.envs.tracking import ResetNoise
 from plat.motions.library import MotionLibrary
@@ -15,7 +16,7 @@ from plat.tasks.chains import draw_chains
 from plat.tasks.costs import pose_cost, tracking_cost
 from plat.tasks.dense_tracking import START_NOISE, off_reference
 from plat.tasks.distances import smooth_length
-from plat.tasks.partial import draw_parts, partial_pose_cost, points_cost
+from plat.tasks.partial import partial_pose_cost, points_cost
 from plat.tasks.pose_table import PoseTable
 from plat.tasks.settings import TimedKeyframesConfig
 from plat.tasks.starts import ClipStarts, FailureWeights, disturbed

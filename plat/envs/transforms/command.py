@@ -1,5 +1,6 @@
 """Sparse timed keyframe commands: one future pose and the time to its arrival."""
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -10,10 +11,12 @@ from torch import Tensor
 from torchrl.data import Composite, Unbounded
 from torchrl.envs import Transform
 
-from plat.envs.goals import robot_centric_goal
+from plat.envs.goals import clock_entries, parts_entries, robot_centric_goal
+from plat.envs.parts import draw_parts
 from plat.envs.transforms.base import ObservationTransform
 from plat.errors import MotionError, TaskError
 from plat.motions.library import MotionLibrary
+from plat.robots.robot import Robot
 from plat.spec.observation import as_observed, entry_shapes
 from plat.spec.timing import Timing
 
@@ -27,6 +30,10 @@ __all__ = [
     "check_timing",
     "horizon_named",
 ]
+
+
+# number of masks that partial keyframes are drawn from
+_MASKS = 801
 
 
 @dataclass(frozen=True)
@@ -135,6 +142,18 @@ class CommandSchedule:
         """Number of the command that is active at each frame ``[F]``; -1 where there is none."""
         self.first_frame = torch.tensor(first_frames)
         """Frame at which each command is issued, in the order of the library."""
+        self.parts: Tensor | None = None
+        """What each command commands ``[M, J + K + 3]``, see :class:`plat.spec.parts.Parts`; None for whole poses."""
+
+    def with_parts(self, parts: Tensor) -> "CommandSchedule":
+        """Return the same commands for parts of the poses.
+
+        Args:
+            parts: masks ``[M, J + K + 3]``, or one for all commands ``[J + K + 3]``.
+        """
+        schedule = copy.copy(self)
+        schedule.parts = parts.float().to(self.target_frame.device).expand(self.num_commands, -1)
+        return schedule
 
     @property
     def num_commands(self) -> int:
@@ -171,15 +190,17 @@ class KeyframeClock(Transform):
     Put it before the transforms that read the window, and :class:`KeyframeCommand` after them. It keeps
     ``("command", "target_frame")`` of the previous step and writes ``("command", "steps_left")`` ``[1]``. For the
     command that the step belonged to, it writes ``("command", "in_window")`` and ``("command", "arrived")``, each
-    ``[1]``.
+    ``[1]``. Of partial keyframes it keeps what is commanded, ``("command", "parts")``.
 
     Args:
         window: control steps of the arrival window, the arrival step among them.
+        num_parts: ``J + K + 3`` for partial keyframes; 0 for whole ones, where ``("command", "parts")`` is not there.
     """
 
-    def __init__(self, window: int = Timing.window):
+    def __init__(self, window: int = Timing.window, num_parts: int = 0):
         super().__init__()
         self._window = window
+        self._num_parts = num_parts
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         steps_left = tensordict["command", "steps_left"] - 1
@@ -187,6 +208,8 @@ class KeyframeClock(Transform):
         next_tensordict["command", "steps_left"] = steps_left
         next_tensordict["command", "in_window"] = steps_left < self._window
         next_tensordict["command", "arrived"] = steps_left == 0
+        if self._num_parts:
+            next_tensordict["command", "parts"] = tensordict["command", "parts"]
         return next_tensordict
 
     def _reset(self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
@@ -195,6 +218,8 @@ class KeyframeClock(Transform):
         tensordict_reset["command", "steps_left"] = torch.zeros_like(frame)[:, None]
         for flag in ("in_window", "arrived"):
             tensordict_reset["command", flag] = torch.zeros_like(frame, dtype=torch.bool)[:, None]
+        if self._num_parts:
+            tensordict_reset["command", "parts"] = torch.ones(len(frame), self._num_parts, device=frame.device)
         return tensordict_reset
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
@@ -208,6 +233,8 @@ class KeyframeClock(Transform):
             shape=count,
             device=device,
         )
+        if self._num_parts:
+            observation_spec["command", "parts"] = Unbounded((*count, self._num_parts), device=device)
         return observation_spec
 
 
@@ -217,7 +244,8 @@ class KeyframeCommand(ObservationTransform):
     Where ``("command", "steps_left")`` is 0, a new target is set: from ``schedule``, or a uniform draw of the horizon
     that is cut at the clip's end. Writes ``("command", "target_frame")`` ``[]``, ``("command", "steps_left")``
     ``[1]``, ``("command", "horizon")`` ``[1]`` (``tau = steps_left / Delta_max``) and the goal group: the target in
-    the robot's frame, see :func:`plat.envs.robot_centric_goal`.
+    the robot's frame, see :func:`plat.envs.robot_centric_goal`. It also writes the groups that some policies read:
+    ``"parts"``, what is commanded, and ``"clock"``, the last 0.2 s.
 
     Args:
         library: motions.
@@ -225,10 +253,15 @@ class KeyframeCommand(ObservationTransform):
         schedule: fixed commands; None draws them at random.
         group: name of the goal group.
         timing: of the policy; None for the default at the library's control step.
+        partial: share of the random commands that are partial keyframes, of the kinds in :data:`plat.envs.PART_KINDS`.
+            A schedule brings its own.
+
+    Partial keyframes need a :class:`KeyframeClock` that keeps ``("command", "parts")``, see :meth:`num_parts`.
 
     Raises:
         MotionError: when a clip is shorter than the horizon's shortest command.
         PlatError: when library or horizon do not fit the timing.
+        TaskError: for a share that is none.
     """
 
     def __init__(
@@ -238,23 +271,37 @@ class KeyframeCommand(ObservationTransform):
         schedule: CommandSchedule | None = None,
         group: str = "goal",
         timing: Timing | None = None,
+        partial: float = 0.0,
     ):
         timing = timing or Timing(control_dt=library.dt)
         check_timing(library, horizon, timing)
         check_clip_lengths(library, horizon)
+        if not 0 <= partial <= 1:
+            raise TaskError(f"partial: {partial}, expected a share from 0 to 1")
+        robot = library.robot
+        masks = None
+        if schedule is not None:
+            masks = schedule.parts
+        elif partial:
+            masks = draw_parts(robot, _MASKS).float().to(library.device)
+        num_parts = self.num_parts(robot) if masks is not None else 0
+        in_keys: list[NestedKey] = [
+            ("motion", "frame"),
+            ("command", "target_frame"),
+            ("command", "steps_left"),
+            ("state", "root_pos_w"),
+            ("state", "root_quat_w"),
+        ]
+        kept: dict[NestedKey, tuple[int, ...]] = {("command", "target_frame"): (), ("command", "steps_left"): (1,)}
+        if num_parts:
+            in_keys.append(("command", "parts"))
+            kept["command", "parts"] = (num_parts,)
+        groups = {"command": "command", group: "goal", "parts": "parts", "clock": "clock"}
         super().__init__(
-            in_keys=[
-                ("motion", "frame"),
-                ("command", "target_frame"),
-                ("command", "steps_left"),
-                ("state", "root_pos_w"),
-                ("state", "root_quat_w"),
-            ],
+            in_keys=in_keys,
             out_shapes={
-                ("command", "target_frame"): (),
-                ("command", "steps_left"): (1,),
-                **{("command", key): shape for key, shape in entry_shapes("command", library.robot).items()},
-                **{(group, key): shape for key, shape in entry_shapes("goal", library.robot).items()},
+                **kept,
+                **{(name, key): shape for name, of in groups.items() for key, shape in entry_shapes(of, robot).items()},
             },
             out_dtypes={("command", "target_frame"): torch.int64, ("command", "steps_left"): torch.int64},
         )
@@ -262,24 +309,52 @@ class KeyframeCommand(ObservationTransform):
         self._horizon = horizon
         self._schedule = schedule
         self._group = group
-        self._max_steps = timing.max_steps
+        self._timing = timing
+        self._partial = partial
+        self._masks = masks
+        self._whole = torch.ones(self.num_parts(robot), device=library.device)
+
+    @staticmethod
+    def num_parts(robot: Robot) -> int:
+        """Return the number of flags that say what a keyframe commands: joints, bodies, and 3 of the root."""
+        return robot.num_joints + len(robot.keypoints) + 3
 
     def compute(self, tensordict: TensorDictBase) -> dict[NestedKey, Tensor]:
         frame, steps_left = tensordict["motion", "frame"], tensordict["command", "steps_left"]
-        target_frame = tensordict["command", "target_frame"]
-        target_frame = torch.where(steps_left[:, 0] == 0, self._next_target(frame), target_frame)
+        over = steps_left[:, 0] == 0
+        target_frame = torch.where(over, self._next_target(frame), tensordict["command", "target_frame"])
         # at the clip's end no target is left: the episode is over, and no action follows this command
         steps_left = (target_frame - frame).clamp_min(1)[:, None]
-        goal = robot_centric_goal(
-            self._library.poses(target_frame), tensordict["state", "root_pos_w"], tensordict["state", "root_quat_w"]
-        )
-        command = as_observed("command", {"horizon": steps_left / self._max_steps})
-        return {
+        out: dict[NestedKey, Tensor] = {
             ("command", "target_frame"): target_frame,
             ("command", "steps_left"): steps_left,
-            **{("command", key): value for key, value in command.items()},
-            **{(self._group, key): value for key, value in goal.items()},
         }
+        parts = None
+        if self._masks is not None:
+            parts = torch.where(over[:, None], self._next_parts(frame), tensordict["command", "parts"])
+            out["command", "parts"] = parts
+        goal = robot_centric_goal(
+            self._library.poses(target_frame),
+            tensordict["state", "root_pos_w"],
+            tensordict["state", "root_quat_w"],
+            parts,
+        )
+        groups = {
+            "command": as_observed("command", {"horizon": steps_left / self._timing.max_steps}),
+            self._group: goal,
+            "parts": parts_entries(self._whole.expand(len(frame), -1) if parts is None else parts, self._library.robot),
+            "clock": clock_entries(steps_left, self._timing),
+        }
+        return out | {(name, key): value for name, group in groups.items() for key, value in group.items()}
+
+    def _next_parts(self, frame: Tensor) -> Tensor:
+        """Masks ``[N, J + K + 3]`` of new commands."""
+        assert self._masks is not None
+        if self._schedule is not None:
+            command = self._schedule.command_of_frame[frame]
+            return torch.where(command[:, None] < 0, 1.0, self._masks[command])
+        row = torch.randint_like(frame, 1, len(self._masks))
+        return self._masks[torch.where(torch.rand(len(row), device=row.device) < self._partial, row, 0)]
 
     def _next_target(self, frame: Tensor) -> Tensor:
         if self._schedule is not None:

@@ -7,11 +7,11 @@ from torchrl.data import Composite, Unbounded
 from torchrl.envs import Transform
 
 from plat.envs.transforms.base import Statistics, check_entries
-from plat.envs.transforms.terminations import TerminationLimits, fallen
+from plat.envs.transforms.terminations import TerminationLimits, commanded_parts, fallen
 from plat.motions.library import MotionLibrary
 from plat.rotations import quat_to_matrix
 
-__all__ = ["METRIC_KEYS", "KeyframeMetrics", "TrackingError"]
+__all__ = ["METRIC_KEYS", "KeyframeMetrics", "TrackingError", "commanded_joints_and_bodies"]
 
 METRIC_KEYS = (
     "joint_error",
@@ -56,6 +56,9 @@ class KeyframeMetrics(Transform):
     mean horizontal speed of the feet that bear load (m/s); ``fallen``: 1 where the root is at the wrong height or
     tilt. Needs :class:`ReferenceMotion` before it.
 
+    Of a partial keyframe, means are over the commanded joints and bodies, and NaN where there are none. A root whose
+    horizontal position and height are commanded counts as a body.
+
     Args:
         library: motions; gives the robot and the control step.
         limits: what counts as fallen.
@@ -77,14 +80,18 @@ class KeyframeMetrics(Transform):
         reference_body = _in_own_root(reference_pos, reference["keypoint_quat_w"])
         loaded = state["foot_force"] > self._loaded
         speed = torch.linalg.vector_norm(state["keypoint_lin_vel_w"][:, self._feet, :2], dim=-1)
+        parts = commanded_parts(next_tensordict)
+        joints = bodies = None
+        if parts is not None:
+            joints, bodies = commanded_joints_and_bodies(parts, state["joint_pos"].shape[-1])
         values = {
-            "joint_error": (state["joint_pos"] - reference["joint_pos"]).abs().mean(-1),
-            "keypoint_error": torch.linalg.vector_norm(pos - reference_pos, dim=-1).mean(-1),
-            "keypoint_error_root": torch.linalg.vector_norm(body - reference_body, dim=-1).mean(-1),
+            "joint_error": _mean_of((state["joint_pos"] - reference["joint_pos"]).abs(), joints),
+            "keypoint_error": _mean_of(torch.linalg.vector_norm(pos - reference_pos, dim=-1), bodies),
+            "keypoint_error_root": _mean_of(torch.linalg.vector_norm(body - reference_body, dim=-1), bodies),
             "action_change": (tensordict["action"] - tensordict["robot", "last_action"]).abs().mean(-1),
             "joint_jerk": self._jerk(state["joint_vel"]),
             "foot_slip": (speed * loaded).sum(-1) / loaded.sum(-1).clamp_min(1),
-            "fallen": fallen(state, reference, self._limits).float(),
+            "fallen": fallen(state, reference, self._limits, parts).float(),
         }
         for key, value in values.items():
             next_tensordict["metrics", key] = value[:, None]
@@ -114,6 +121,21 @@ class KeyframeMetrics(Transform):
         entries = {key: Unbounded((*count, 1), device=device) for key in METRIC_KEYS}
         observation_spec["metrics"] = Composite(entries, shape=count, device=device)
         return observation_spec
+
+
+def commanded_joints_and_bodies(parts: Tensor, num_joints: int) -> tuple[Tensor, Tensor]:
+    """Return which joints ``[N, J]`` and bodies ``[N, K]`` errors are averaged over, of masks ``[N, J + K + 3]``.
+
+    The root counts as its body where its horizontal position and its height are commanded.
+    """
+    bodies = parts[:, num_joints:-3].clone()
+    bodies[:, 0] = torch.maximum(bodies[:, 0], parts[:, -3] * parts[:, -2])
+    return parts[:, :num_joints], bodies
+
+
+def _mean_of(errors: Tensor, commanded: Tensor | None) -> Tensor:
+    """Return the mean of errors ``[N, n]`` over those that are commanded; NaN where there are none."""
+    return errors.mean(-1) if commanded is None else (errors * commanded).sum(-1) / commanded.sum(-1)
 
 
 def _in_own_root(keypoint_pos_w: Tensor, keypoint_quat_w: Tensor) -> Tensor:

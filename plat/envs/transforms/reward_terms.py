@@ -6,8 +6,10 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
+from plat.envs.transforms.metrics import commanded_joints_and_bodies
 from plat.envs.transforms.rewards import Reward, RewardFunction
 from plat.envs.transforms.settings import TrackingTerm
+from plat.envs.transforms.terminations import commanded_parts
 from plat.rotations import quat_angle
 
 __all__ = [
@@ -15,6 +17,9 @@ __all__ = [
     "anchor_pos_error",
     "anchor_rot_error",
     "arriving",
+    "commanded_joint_pos_error",
+    "commanded_keypoint_pos_error",
+    "commanded_rot_error",
     "difference",
     "foot_slip",
     "joint_pos_error",
@@ -39,13 +44,30 @@ def tracking(name: str, term: TrackingTerm, squared_error: _SquaredError) -> Rew
     return Reward(name, term.weight, _kernel(squared_error, term.scale), needs=(("reference", "joint_pos"),))
 
 
-def arriving(name: str, term: TrackingTerm, squared_error: _SquaredError) -> Reward:
-    """Return a term that is paid in the arrival window."""
+# The same over what is commanded, for masks [N, J + K + 3]: the squared error [N], and whether anything of it is.
+_PartialError = Callable[[TensorDictBase, TensorDictBase, Tensor], tuple[Tensor, Tensor]]
+
+
+def arriving(name: str, term: TrackingTerm, squared_error: _SquaredError, partial_error: _PartialError) -> Reward:
+    """Return a term that is paid in the arrival window, for the commanded part alone.
+
+    Args:
+        name: of the term.
+        term: weight and scale.
+        squared_error: of a whole keyframe.
+        partial_error: of a partial one; where nothing of it is commanded, nothing is paid.
+    """
     kernel = _kernel(squared_error, term.scale)
     needs: tuple[NestedKey, ...] = (("reference", "joint_pos"), _IN_WINDOW)
-    return Reward(
-        f"keyframe_{name}", term.weight, lambda before, after: kernel(before, after) * after[_IN_WINDOW][:, 0], needs
-    )
+
+    def paid(before: TensorDictBase, after: TensorDictBase) -> Tensor:
+        in_window, parts = after[_IN_WINDOW][:, 0], commanded_parts(after)
+        if parts is None:
+            return kernel(before, after) * in_window
+        error, commanded = partial_error(after["state"], after["reference"], parts)
+        return torch.exp(error / -(term.scale**2)) * (in_window & commanded)
+
+    return Reward(f"keyframe_{name}", term.weight, paid, needs)
 
 
 def difference(entry: str, reference_entry: str | None = None) -> _SquaredError:
@@ -62,6 +84,30 @@ def squared_distance(actual: Tensor, wanted: Tensor) -> Tensor:
 def joint_pos_error(state: TensorDictBase, reference: TensorDictBase) -> Tensor:
     """Return the mean over joints of the squared error ``[N]`` (rad^2)."""
     return (state["joint_pos"] - reference["joint_pos"]).square().mean(-1)
+
+
+def commanded_joint_pos_error(state: TensorDictBase, reference: TensorDictBase, parts: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the mean squared error ``[N]`` (rad^2) of the commanded joints, and whether there are some."""
+    errors = (state["joint_pos"] - reference["joint_pos"]).square()
+    return _mean_of(errors, commanded_joints_and_bodies(parts, errors.shape[-1])[0])
+
+
+def commanded_keypoint_pos_error(
+    state: TensorDictBase, reference: TensorDictBase, parts: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Return the mean squared distance ``[N]`` (m^2) of the commanded bodies, and whether there are some."""
+    errors = (state["keypoint_pos_w"] - reference["keypoint_pos_w"]).square().sum(-1)
+    return _mean_of(errors, commanded_joints_and_bodies(parts, state["joint_pos"].shape[-1])[1])
+
+
+def commanded_rot_error(state: TensorDictBase, reference: TensorDictBase, parts: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the squared angle ``[N]`` (rad^2) of the root, and whether its orientation is commanded."""
+    return anchor_rot_error(state, reference, anchor=0), parts[:, -1] > 0
+
+
+def _mean_of(errors: Tensor, commanded: Tensor) -> tuple[Tensor, Tensor]:
+    count = commanded.sum(-1)
+    return (errors * commanded).sum(-1) / count.clamp_min(1.0), count > 0
 
 
 def anchor_pos_error(state: TensorDictBase, reference: TensorDictBase, anchor: int) -> Tensor:

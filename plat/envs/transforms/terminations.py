@@ -16,6 +16,7 @@ __all__ = [
     "TerminationLimits",
     "TrackingLimits",
     "TrackingTermination",
+    "commanded_parts",
     "fallen",
     "off_pose",
     "off_track",
@@ -48,7 +49,9 @@ class _Termination(Transform):
         failed = self.failed(next_tensordict)[:, None]
         if self.max_displacement is not None:
             root, wanted = (next_tensordict[group, "keypoint_pos_w"][:, 0, :2] for group in ("state", "reference"))
-            failed = failed | ((root - wanted).square().sum(-1, keepdim=True) > self.max_displacement**2)
+            displaced = (root - wanted).square().sum(-1, keepdim=True) > self.max_displacement**2
+            parts = commanded_parts(next_tensordict)
+            failed = failed | (displaced if parts is None else displaced & (parts[:, -3:-2] > 0))
         self.statistics.add("terminated", failed.float())
         next_tensordict["terminated"] = next_tensordict["terminated"] | failed
         next_tensordict["done"] = next_tensordict["terminated"] | next_tensordict["truncated"]
@@ -95,12 +98,17 @@ class KeyframeTermination(_Termination):
     def failed(self, next_tensordict: TensorDictBase) -> Tensor:
         """Return the mask ``[N]`` of the robots whose command has failed."""
         state, reference = next_tensordict["state"], next_tensordict["reference"]
-        in_window = next_tensordict["command", "in_window"][:, 0]
+        in_window, parts = next_tensordict["command", "in_window"][:, 0], commanded_parts(next_tensordict)
         return torch.where(
             in_window,
-            off_pose(state, reference, self.robot, self.limits),
-            fallen(state, reference, self.limits),
+            off_pose(state, reference, self.robot, self.limits, parts),
+            fallen(state, reference, self.limits, parts),
         )
+
+
+def commanded_parts(next_tensordict: TensorDictBase) -> Tensor | None:
+    """Return the masks ``[N, J + K + 3]`` of the commands that a step belonged to; None for whole keyframes."""
+    return next_tensordict.get(("command", "parts"), None)
 
 
 def _height_error(state: TensorDictBase, reference: TensorDictBase, keypoints: list[int]) -> Tensor:
@@ -111,8 +119,12 @@ def _height_error(state: TensorDictBase, reference: TensorDictBase, keypoints: l
 def _tilt_error(state: TensorDictBase, reference: TensorDictBase, keypoint: int) -> Tensor:
     """Return the difference ``[N]`` of the vertical component of gravity in a body's frame."""
     # that component is 1 - 2 (x^2 + y^2)
-    lean = [group["keypoint_quat_w"][:, keypoint, 1:3].square().sum(-1) for group in (state, reference)]
-    return 2 * (lean[0] - lean[1]).abs()
+    return 2 * (_lean(state, keypoint) - _lean(reference, keypoint)).abs()
+
+
+def _lean(group: TensorDictBase, keypoint: int) -> Tensor:
+    """Return ``x^2 + y^2`` of a body's quaternion ``[N]``: 0 when it is upright, 1 upside down."""
+    return group["keypoint_quat_w"][:, keypoint, 1:3].square().sum(-1)
 
 
 def off_track(state: TensorDictBase, reference: TensorDictBase, robot: Robot, limits: TrackingLimits) -> Tensor:
@@ -126,19 +138,61 @@ def off_track(state: TensorDictBase, reference: TensorDictBase, robot: Robot, li
     )
 
 
-def off_pose(state: TensorDictBase, reference: TensorDictBase, robot: Robot, limits: TerminationLimits) -> Tensor:
-    """Return the mask ``[N]`` of robots beyond the arrival window's thresholds against the time-aligned reference."""
+def off_pose(
+    state: TensorDictBase,
+    reference: TensorDictBase,
+    robot: Robot,
+    limits: TerminationLimits,
+    parts: Tensor | None = None,
+) -> Tensor:
+    """Return the mask ``[N]`` of robots beyond the arrival window's thresholds against the time-aligned reference.
+
+    Of a partial keyframe, the root's height and orientation count in place of the anchor's, and the heights of bodies,
+    each where it is commanded; and a robot that has :func:`fallen` is off any pose.
+
+    Args:
+        state, reference: keypoints of robot and reference.
+        robot: names the bodies.
+        limits: thresholds.
+        parts: masks ``[N, J + K + 3]`` of what is commanded; None for whole keyframes.
+    """
     anchor = robot.anchor_index
     turn = quat_angle(state["keypoint_quat_w"][:, anchor], reference["keypoint_quat_w"][:, anchor])
-    return (
+    whole = (
         (_height_error(state, reference, [anchor]) > limits.anchor_height)
         | (turn.square() > limits.anchor_rot_squared)
         | (_height_error(state, reference, robot.end_effector_indices) > limits.end_effector_height)
     )
-
-
-def fallen(state: TensorDictBase, reference: TensorDictBase, limits: TerminationLimits) -> Tensor:
-    """Return the mask ``[N]`` of robots whose root height or tilt is far from the reference's."""
-    return (_height_error(state, reference, [0]) > limits.root_height) | (
-        _tilt_error(state, reference, 0) > limits.root_tilt
+    if parts is None:
+        return whole
+    commanded = parts > 0
+    heights = (state["keypoint_pos_w"][..., 2] - reference["keypoint_pos_w"][..., 2]).abs()
+    turn = quat_angle(state["keypoint_quat_w"][:, 0], reference["keypoint_quat_w"][:, 0])
+    off = (
+        (commanded[:, -2] & (heights[:, 0] > limits.anchor_height))
+        | (commanded[:, -1] & (turn.square() > limits.anchor_rot_squared))
+        | (commanded[:, robot.num_joints : -3] & (heights > limits.end_effector_height)).any(-1)
+        | fallen(state, reference, limits, parts)
     )
+    return torch.where(commanded.all(-1), whole, off)
+
+
+# m: a root below this, where its height is not commanded, has fallen if the reference has not
+_LOW = 0.4
+
+
+def fallen(
+    state: TensorDictBase, reference: TensorDictBase, limits: TerminationLimits, parts: Tensor | None = None
+) -> Tensor:
+    """Return the mask ``[N]`` of robots whose root height or tilt is far from the reference's.
+
+    Where height or orientation is not commanded, it has to be that of a fall as well: low, or more tilted.
+    """
+    low = _height_error(state, reference, [0]) > limits.root_height
+    tilted = _tilt_error(state, reference, 0) > limits.root_tilt
+    if parts is not None:
+        height, wanted = state["keypoint_pos_w"][:, 0, 2], reference["keypoint_pos_w"][:, 0, 2]
+        low &= (parts[:, -2] > 0) | ((height < _LOW) & (height < wanted))
+        more = _lean(state, 0) > _lean(reference, 0)
+        tilted &= (parts[:, -1] > 0) | more
+    return low | tilted

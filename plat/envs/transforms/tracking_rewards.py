@@ -63,7 +63,10 @@ class DenseRewards(Bounded):
 
 @dataclass(frozen=True)
 class KeyframeRewards(Bounded):
-    """Rewards of reaching a commanded keyframe, paid at each step of its arrival window."""
+    """Rewards of reaching a commanded keyframe, paid at each step of its arrival window.
+
+    Of a partial keyframe they are for what is commanded: joints, bodies, and the root's orientation.
+    """
 
     joint_pos: TrackingTerm = TrackingTerm(1.0, 0.2)
     """joint angles (rad)"""
@@ -79,11 +82,14 @@ class KeyframeRewards(Bounded):
         """
         from plat.envs.transforms import reward_terms as terms  # torch: a help text has no use for it
 
-        anchor = robot.anchor_index
+        turned, keypoints = (
+            partial(terms.anchor_rot_error, anchor=robot.anchor_index),
+            terms.difference("keypoint_pos_w"),
+        )
         return (
-            terms.arriving("joint_pos", self.joint_pos, terms.joint_pos_error),
-            terms.arriving("keypoint_pos", self.keypoint_pos, terms.difference("keypoint_pos_w")),
-            terms.arriving("anchor_rot", self.anchor_rot, partial(terms.anchor_rot_error, anchor=anchor)),
+            terms.arriving("joint_pos", self.joint_pos, terms.joint_pos_error, terms.commanded_joint_pos_error),
+            terms.arriving("keypoint_pos", self.keypoint_pos, keypoints, terms.commanded_keypoint_pos_error),
+            terms.arriving("anchor_rot", self.anchor_rot, turned, terms.commanded_rot_error),
         )
 
 
