@@ -14,10 +14,10 @@ from plat.collectors import ExpertLabels, MixedPolicy, dagger_buffer, rollouts
 from plat.envs import make_keyframe_env
 from plat.envs.transforms import horizon_named, pop_statistics
 from plat.evaluation import play
-from plat.modules import STUDENT_KEYS, LatentPolicy, PlainPolicy, Teacher
+from plat.modules import LatentPolicy, PlainPolicy, Teacher
 from plat.motions import MotionLibrary
 from plat.objectives import ImitationLoss, LatentImitationLoss, autocast
-from plat.recipes.options import DistillRecipe
+from plat.recipes.options import DistillRecipe, check_partial
 from plat.rendering import Films
 from plat.robots import get_robot
 from plat.runs import Budget, Run, SavedRun, begin, report_errors
@@ -34,6 +34,7 @@ def main(recipe: DistillRecipe) -> None:
     library = MotionLibrary.load(recipe.motions, robot, dt=timing.control_dt, mirror=recipe.mirror).to(device)
     (timing_of(teacher) or timing).check_control_dt(timing.control_dt, f"--expert {str(recipe.expert)!r}")
     horizon = horizon_named(recipe.horizon, timing)
+    check_partial(recipe.task.partial, recipe.policy.also)
     env = make_keyframe_env(
         library,
         recipe.num_envs,
@@ -72,7 +73,7 @@ def main(recipe: DistillRecipe) -> None:
         loggers=recipe.loggers,
         film=films.take,
     )
-    labeled = ExpertLabels(None if teacher.stateful else labels, STUDENT_KEYS, recipe.precision)
+    labeled = ExpertLabels(None if teacher.stateful else labels, student.normalizer.in_keys, recipe.precision)
     for rollout in rollouts(env, policy, recipe.rollout, recipe.precision):
         states = labeled(rollout)
         budget.add(len(states))

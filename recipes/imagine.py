@@ -12,7 +12,7 @@ from plat.errors import CheckpointError, ConfigError
 from plat.modules import LatentPolicy, PlainPolicy, take_over
 from plat.motions import MotionLibrary
 from plat.recipes.learning import learn
-from plat.recipes.options import ImagineRecipe
+from plat.recipes.options import ImagineRecipe, check_partial
 from plat.robots import get_robot
 from plat.runs import SavedRun, begin, report_errors
 from plat.tasks import TimedKeyframes
@@ -23,11 +23,7 @@ def main(recipe: ImagineRecipe) -> None:
     recipe = begin(recipe)
     torch.manual_seed(recipe.seed)
     robot, dt = get_robot(recipe.robot), recipe.policy.timing.control_dt
-    if recipe.task.partial > 0 and "parts" not in recipe.policy.also:
-        raise ConfigError(
-            f"task.partial: {recipe.task.partial:g} of the keyframes are partial, but the policy does not see which "
-            "parts are commanded: add --policy.also parts clock, or --task.partial 0"
-        )
+    check_partial(recipe.task.partial, recipe.policy.also)
     library = MotionLibrary.load(recipe.motions, robot, dt=dt, mirror=recipe.mirror).to(recipe.device)
     kind: type[Any] = LatentPolicy if recipe.student == "latent" else PlainPolicy
     student = kind(library.robot, recipe.policy).to(recipe.device)

@@ -1,5 +1,6 @@
 """Settings of the recipes, apart from what runs so that help texts need no torch."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
@@ -26,6 +27,7 @@ __all__ = [
     "ImagineRecipe",
     "RefineRecipe",
     "Training",
+    "check_partial",
 ]
 
 Rollout: TypeAlias = Annotated[int, Range(1, 4096)]
@@ -256,3 +258,20 @@ class DemoRecipe(Bounded):
     """robots that are simulated at a time"""
     seed: Seed = 0
     """seeds everything that is drawn"""
+
+
+def check_partial(partial: float, also: Sequence[str]) -> None:
+    """Raise an error when keyframes are partial and a policy does not see which parts are commanded.
+
+    Args:
+        partial: share of the commands that are partial keyframes.
+        also: groups that the policy observes beside robot, goal and command.
+
+    Raises:
+        ConfigError: naming the flags.
+    """
+    if partial > 0 and "parts" not in also:
+        raise ConfigError(
+            f"task.partial: {partial:g} of the keyframes are partial, but the policy does not see which parts are "
+            "commanded: train one with --policy.also parts clock, or set --task.partial 0"
+        )

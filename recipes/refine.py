@@ -13,7 +13,6 @@ from plat.envs import make_keyframe_env
 from plat.envs.transforms import horizon_named, pop_statistics
 from plat.evaluation import play
 from plat.modules import (
-    STUDENT_KEYS,
     Critic,
     FinetunedPolicy,
     LatentNoisePolicy,
@@ -24,11 +23,12 @@ from plat.modules import (
 )
 from plat.motions import MotionLibrary
 from plat.objectives import PPO, motor_gradient
-from plat.recipes.options import RefineRecipe
+from plat.recipes.options import RefineRecipe, check_partial
 from plat.rendering import Films
 from plat.robots import get_robot
 from plat.runs import Budget, Run, SavedRun, begin, report_errors
 from plat.runs.user_modules import import_modules
+from plat.spec.observation import student_keys
 from plat.spec.timing import Timing, timing_of
 
 VARIANTS: dict[str, type[Refinement]] = {
@@ -49,10 +49,11 @@ def main(recipe: RefineRecipe) -> None:
     student = SavedRun(recipe.student).policy_as(LatentPolicy, expected)
     timing = timing_of(student) or Timing()
     horizon = horizon_named(recipe.horizon, timing)
+    check_partial(recipe.task.partial, student.config.also)
     library = MotionLibrary.load(recipe.motions, robot, dt=timing.control_dt, mirror=recipe.mirror).to(device)
     env = make_keyframe_env(library, recipe.num_envs, recipe.task, horizon=horizon, timing=timing, device=device)
     policy = VARIANTS[recipe.variant](student, recipe.policy).to(device)
-    critic = Critic(library.robot, STUDENT_KEYS, recipe.critic).to(device)
+    critic = Critic(library.robot, student_keys(student.config.also), recipe.critic).to(device)
     ppo = PPO(policy.head(), critic.head(), critic.observe(), recipe.ppo, action_key=policy.sample_key)
     budget = Budget(recipe.minutes, recipe.steps)
     watch = partial(play, policy.deployed(), library, 0, horizon, device=device)

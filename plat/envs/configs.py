@@ -65,7 +65,7 @@ class DistillationTaskConfig(SimulationConfig):
 
     limits: TerminationLimits = TerminationLimits()
     """termination thresholds of a command"""
-    partial: float = 0.0
+    partial: Fraction = 0.0
     """share of the commands that are partial keyframes; the policy has to see "parts" (--policy.also)"""
 
     def rewards(self, robot: Robot) -> RewardTerms:

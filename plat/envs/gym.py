@@ -51,7 +51,7 @@ class _Task:
         lengths = horizon_named(horizon, timing)
         library = MotionLibrary.load(motions, dt=timing.control_dt)
         self.env = make_keyframe_env(library, num_envs, task, horizon=lengths, timing=timing, device=device)
-        self.env.insert_transform(1, KeyframeMetrics(library))  # after the reference, which it reads
+        self.env.insert_transform(2, KeyframeMetrics(library))  # after the reference and the clock, which it reads
         self._starts = next(part for part in self.env.transform if isinstance(part, FailureWeightedStarts))
         self.robot = library.robot
         size = observation_size(student_keys(), self.robot)

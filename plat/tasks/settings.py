@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from plat.bounds import Bounded, Count, Fraction, NonNegative, NotEmpty
+from plat.bounds import Bounded, Count, Fraction, NonNegative, NotEmpty, Range
 
 __all__ = ["CHAIN_FAMILIES", "AuthoredCosts", "TimedKeyframesConfig", "TrackingCosts"]
 
@@ -24,7 +24,7 @@ class TrackingCosts(Bounded):
     """of its angular velocity, mean over axes (rad/s)"""
     joint_vel: NonNegative = 0.03
     """of the joint velocities, mean over joints (rad/s)"""
-    bodies: float = 2.0
+    bodies: NonNegative = 2.0
     """of the bodies that a partial keyframe commands, mean over them (m)"""
 
 
@@ -42,7 +42,7 @@ class AuthoredCosts(Bounded):
     """of its angular velocity, mean over axes (rad/s)"""
     joint_vel: NonNegative = 0.01
     """of the joint velocities, mean over joints (rad/s)"""
-    not_commanded: float = 0.05
+    not_commanded: NonNegative = 0.05
     """pull to the line of what a partial keyframe leaves open, as a share of the pull in the window"""
 
 
@@ -64,15 +64,15 @@ class TimedKeyframesConfig(Bounded):
     """fraction of the authored episodes that start standing; the others start within a motion"""
     shortest: Count = 1
     """control steps of the shortest command along a motion"""
-    usual: int = 50
+    usual: Count = 50
     """control steps of the longest usual command"""
-    distant: float = 0.25
+    distant: Fraction = 0.25
     """share of the commands that are of all lengths up to the timing's longest; the others are usual"""
-    partial: float = 0.0
+    partial: Fraction = 0.0
     """share of the commands that are partial keyframes; the policy has to see "parts" (--policy.also)"""
-    masks: int = 801
+    masks: Annotated[int, Range(2)] = 801
     """number of masks that partial keyframes are drawn from"""
-    partial_tracking: float = 0.5
+    partial_tracking: Fraction = 0.5
     """factor on the cost along a motion while the keyframe commands a part of it"""
     tracking: TrackingCosts = TrackingCosts()
     """weights along a motion, and of a keyframe in its arrival window"""

@@ -261,7 +261,6 @@ class KeyframeCommand(ObservationTransform):
     Raises:
         MotionError: when a clip is shorter than the horizon's shortest command.
         PlatError: when library or horizon do not fit the timing.
-        TaskError: for a share that is none.
     """
 
     def __init__(
@@ -276,8 +275,6 @@ class KeyframeCommand(ObservationTransform):
         timing = timing or Timing(control_dt=library.dt)
         check_timing(library, horizon, timing)
         check_clip_lengths(library, horizon)
-        if not 0 <= partial <= 1:
-            raise TaskError(f"partial: {partial}, expected a share from 0 to 1")
         robot = library.robot
         masks = None
         if schedule is not None:
