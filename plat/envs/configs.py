@@ -66,7 +66,7 @@ class DistillationTaskConfig(SimulationConfig):
     limits: TerminationLimits = TerminationLimits()
     """termination thresholds of a command"""
     partial: Fraction = 0.0
-    """share of the commands that are partial keyframes; the policy has to see "parts" (--policy.also)"""
+    """share of the partial keyframes; needs a policy that sees "parts" (--policy.also)"""
 
     def rewards(self, robot: Robot) -> RewardTerms:
         """Return no rewards."""

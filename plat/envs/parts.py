@@ -5,7 +5,10 @@ from torch import Tensor
 
 from plat.robots.robot import Robot
 
-__all__ = ["PART_KINDS", "draw_parts"]
+__all__ = ["NUM_MASKS", "PART_KINDS", "draw_parts"]
+
+NUM_MASKS = 801
+"""Number of masks, the whole pose among them, that partial keyframes are drawn from in training."""
 
 PART_KINDS = ("hands", "hands_and_head", "hands_and_feet", "root", "upper_body", "legs", "bodies", "joints")
 """Kinds of partial keyframes that are drawn."""

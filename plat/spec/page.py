@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from plat.spec.observation import STUDENT_GROUPS, Entry, table
+from plat.spec.observation import OPTIONAL_GROUPS, STUDENT_GROUPS, Entry, table
 
 __all__ = ["observation_page"]
 
@@ -24,6 +24,14 @@ _GROUPS = {
         "together changes nothing. The last column names the part of a keyframe that an entry belongs to."
     ),
     "command": "`tau` is the number of control steps until the keyframe, divided by `Timing.max_steps` of the policy.",
+    "parts": (
+        "What the keyframe commands: entries of the goal that it does not command are 0. Only policies trained with\n"
+        "`--policy.also parts` observe this group; others are given whole keyframes alone."
+    ),
+    "clock": (
+        "The end of the time to the keyframe, on a finer scale than `tau`. Only policies trained with\n"
+        "`--policy.also clock` observe it. A policy that observes one of the two groups has it right after `command`."
+    ),
     "privileged": "Only a critic observes these, in training.",
 }
 _CLOSING = """\
@@ -45,12 +53,13 @@ def observation_page(num_joints: int, num_keypoints: int) -> str:
         rows = []
         for entry in table().entries(group):
             stop = start + entry.width(num_joints, num_keypoints)
-            columns = f"{start}:{stop}" if group in STUDENT_GROUPS else "-"
-            rows.append(_row(entry, columns))
-            start = stop if group in STUDENT_GROUPS else start
+            observed = group in (*STUDENT_GROUPS, *OPTIONAL_GROUPS)
+            rows.append(_row(entry, f"{start}:{stop}" if observed else "-"))
+            start = stop if observed else start
         head = "| entry | width | columns | unit | frame | scale | commanded by |\n|---|---|---|---|---|---|---|\n"
         sections.append(f"## `{group}`\n\n{text}\n\n{head}" + "".join(rows))
-    opening = _OPENING.format(joints=num_joints, bodies=num_keypoints, size=start)
+    size = sum(entry.width(num_joints, num_keypoints) for group in STUDENT_GROUPS for entry in table().entries(group))
+    opening = _OPENING.format(joints=num_joints, bodies=num_keypoints, size=size)
     return "\n".join([opening, *sections, _CLOSING])
 
 

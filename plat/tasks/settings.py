@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from plat.bounds import Bounded, Count, Fraction, NonNegative, NotEmpty, Range
+from plat.bounds import Bounded, Count, Fraction, NonNegative, NotEmpty
 
 __all__ = ["CHAIN_FAMILIES", "AuthoredCosts", "TimedKeyframesConfig", "TrackingCosts"]
 
@@ -64,14 +64,10 @@ class TimedKeyframesConfig(Bounded):
     """fraction of the authored episodes that start standing; the others start within a motion"""
     shortest: Count = 1
     """control steps of the shortest command along a motion"""
-    usual: Count = 50
-    """control steps of the longest usual command"""
     distant: Fraction = 0.25
-    """share of the commands that are of all lengths up to the timing's longest; the others are usual"""
+    """share of the commands of any length; the others take a second at most"""
     partial: Fraction = 0.0
-    """share of the commands that are partial keyframes; the policy has to see "parts" (--policy.also)"""
-    masks: Annotated[int, Range(2)] = 801
-    """number of masks that partial keyframes are drawn from"""
+    """share of the partial keyframes; needs a policy that sees "parts" (--policy.also)"""
     partial_tracking: Fraction = 0.5
     """factor on the cost along a motion while the keyframe commands a part of it"""
     tracking: TrackingCosts = TrackingCosts()

@@ -5,7 +5,7 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from plat.envs.goals import clock_entries, parts_entries, robot_centric_goal
-from plat.envs.parts import draw_parts
+from plat.envs.parts import NUM_MASKS, draw_parts
 from plat.envs.state import GeneralizedState
 from plat.envs.tracking import ResetNoise
 from plat.motions.library import MotionLibrary
@@ -97,12 +97,11 @@ class TimedKeyframes(Task):
             ("parts", self._draw_parts(seed).to(library.device)),
         ):
             self.register_buffer(name, value, persistent=False)
-        self._masks = config.masks
         self._kinematics = ForwardKinematics(library.robot)
 
     def _draw_parts(self, seed: int) -> Tensor:
         """Masks ``[2 R, J + K + 3]``: in the second half, for chains that lead away, the root is always commanded."""
-        drawn = draw_parts(self.robot, self.config.masks, seed).float()
+        drawn = draw_parts(self.robot, NUM_MASKS, seed).float()
         rooted = drawn.clone()
         rooted[:, -3:] = 1.0
         return torch.cat((drawn, rooted))
@@ -200,7 +199,7 @@ class TimedKeyframes(Task):
     def _draw_steps(self, frame: Tensor) -> Tensor:
         """Lengths of commands along motions, like ``frame``."""
         config, longest = self.config, self.timing.max_steps
-        usual = min(config.usual, longest)
+        usual = min(round(1.0 / self.dt), longest)
         drawn = torch.randint_like(frame, config.shortest, usual + 1)
         if usual == longest:
             return drawn
@@ -209,8 +208,8 @@ class TimedKeyframes(Task):
 
     def _draw_masks(self, authored: Tensor, chain_row: Tensor) -> Tensor:
         """Rows of masks for new commands."""
-        row = torch.randint_like(chain_row, 1, max(2, self._masks))
-        row = torch.where(authored & self._moves[self._chain[chain_row]], row + self._masks, row)
+        row = torch.randint_like(chain_row, 1, NUM_MASKS)
+        row = torch.where(authored & self._moves[self._chain[chain_row]], row + NUM_MASKS, row)
         return torch.where(torch.rand(row.shape, device=row.device) < self.config.partial, row, 0)
 
     @torch.no_grad()

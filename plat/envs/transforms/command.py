@@ -12,7 +12,7 @@ from torchrl.data import Composite, Unbounded
 from torchrl.envs import Transform
 
 from plat.envs.goals import clock_entries, parts_entries, robot_centric_goal
-from plat.envs.parts import draw_parts
+from plat.envs.parts import NUM_MASKS, draw_parts
 from plat.envs.transforms.base import ObservationTransform
 from plat.errors import MotionError, TaskError
 from plat.motions.library import MotionLibrary
@@ -30,10 +30,6 @@ __all__ = [
     "check_timing",
     "horizon_named",
 ]
-
-
-# number of masks that partial keyframes are drawn from
-_MASKS = 801
 
 
 @dataclass(frozen=True)
@@ -280,7 +276,7 @@ class KeyframeCommand(ObservationTransform):
         if schedule is not None:
             masks = schedule.parts
         elif partial:
-            masks = draw_parts(robot, _MASKS).float().to(library.device)
+            masks = draw_parts(robot, NUM_MASKS).float().to(library.device)
         num_parts = self.num_parts(robot) if masks is not None else 0
         in_keys: list[NestedKey] = [
             ("motion", "frame"),
