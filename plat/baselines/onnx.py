@@ -28,7 +28,8 @@ class OnnxPolicy:
     """
 
     def __init__(self, path: str | Path, inputs: int, outputs: int):
-        self._session = open_session(Path(path))
+        self._path = Path(path)
+        self._session = open_session(self._path)
         (entry,), (result,) = self._session.get_inputs(), self._session.get_outputs()
         if (entry.shape[-1], result.shape[-1]) != (inputs, outputs):
             raise CheckpointError(
@@ -37,6 +38,22 @@ class OnnxPolicy:
             )
         self._entry = entry.name
         self._single = entry.shape[0] == 1
+
+    def constant(self, name: str) -> Tensor:
+        """Return a constant of the network, flat, float32. Needs the package onnx.
+
+        Raises:
+            CheckpointError: when there is none of that name.
+        """
+        import onnx  # only for networks whose constants are asked for
+
+        graph = onnx.load(self._path).graph
+        for initializer in graph.initializer:
+            if initializer.name == name:
+                return torch.from_numpy(onnx.numpy_helper.to_array(initializer).astype(np.float32)).flatten()
+        raise CheckpointError(
+            f"ONNX policy {str(self._path)!r}: no constant {name!r} in it, expected the released file"
+        )
 
     def __call__(self, observation: Tensor) -> Tensor:
         """Compute the output ``[N, outputs]`` for ``[N, inputs]``."""

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from plat.baselines.catalog import CATALOG
 
+if TYPE_CHECKING:
     from plat.baselines.tracker import Tracker
 
 __all__ = ["ReleasedTrackers"]
@@ -16,18 +16,24 @@ __all__ = ["ReleasedTrackers"]
 
 @dataclass(frozen=True, kw_only=True)
 class ReleasedTrackers:
-    """Files of released dense trackers, which plat does not ship."""
+    """Files of released dense trackers, which plat does not ship; plat baselines says where to get them."""
 
     sonic: Path | None = None
-    """folder with SONIC's model_encoder.onnx and model_decoder.onnx"""
+    """folder with the first SONIC's model_encoder.onnx and model_decoder.onnx"""
+    sonic_1_1: Path | None = None
+    """the same of SONIC 1.1"""
+    protomotions: Path | None = None
+    """folder with ProtoMotions' unified_pipeline.onnx and .yaml"""
     twist2: Path | None = None
     """TWIST2's .onnx"""
     wbc: Path | None = None
     """the .onnx of wbc-mjlab"""
+    yahmp: Path | None = None
+    """YAHMP's .onnx"""
 
     def files(self) -> dict[str, Path | None]:
         """Return the path of each by its name in tables."""
-        return {"SONIC": self.sonic, "TWIST2": self.twist2, "wbc": self.wbc}
+        return {name: getattr(self, baseline.flag.replace("-", "_")) for name, baseline in CATALOG.items()}
 
     def load(self) -> dict[str, Tracker]:
         """Load the trackers whose files were given, by their names in tables.
@@ -36,9 +42,4 @@ class ReleasedTrackers:
             BundleError: when a file cannot be read.
             CheckpointError: when it is another network.
         """
-        from plat.baselines.sonic import Sonic  # torch: a help text has no use for it
-        from plat.baselines.twist2 import Twist2
-        from plat.baselines.wbc import Wbc
-
-        kinds: dict[str, Callable[[Path], Tracker]] = {"SONIC": Sonic, "TWIST2": Twist2, "wbc": Wbc}
-        return {name: kinds[name](path) for name, path in self.files().items() if path is not None}
+        return {name: CATALOG[name].load(path) for name, path in self.files().items() if path is not None}

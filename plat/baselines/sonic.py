@@ -9,15 +9,12 @@ from torch import Tensor
 from plat.baselines.onnx import OnnxPolicy
 from plat.baselines.tracker import Tracker, tuned_robot
 from plat.robots import G1, Robot
-from plat.rotations import quat_conjugate, quat_multiply, quat_to_matrix
+from plat.rotations import quat_conjugate, quat_multiply, quat_to_matrix, quat_yaw
 
-__all__ = ["Sonic", "sonic_robot"]
+__all__ = ["Sonic", "Sonic11", "sonic_robot"]
 
 _FRAMES = 10  # of the reference, 0.1 s apart, and of the history, a control step apart
 _TOKEN = 64
-# Entries of the encoder's observation for other inputs than a robot's motion (VR trackers, human bodies). For a
-# robot's motion they are 0. They lie between joint velocities and orientations, and after those.
-_UNUSED_BETWEEN, _UNUSED_AFTER = 10 + 1 + 6, 240 + 9 + 12 + 720 + 60 + 60
 
 
 def sonic_robot(robot: Robot = G1) -> Robot:
@@ -54,12 +51,15 @@ class Sonic(Tracker):
     """
 
     ahead = tuple(range(0, 5 * _FRAMES, 5))
+    # Entries of the encoder's observation for other inputs than a robot's motion (VR trackers, human bodies). For a
+    # robot's motion they are 0. They lie between joint velocities and orientations, and after those.
+    _unused = 10 + 1 + 6, 240 + 9 + 12 + 720 + 60 + 60
 
     def __init__(self, folder: str | Path, robot: Robot | None = None):
         super().__init__(robot or sonic_robot())
         self.in_keys = [*self.in_keys, ("state", "root_quat_w")]
         joints = self.robot.num_joints
-        encoder_size = 4 + _FRAMES * (2 * joints + 6) + _UNUSED_BETWEEN + _UNUSED_AFTER
+        encoder_size = 4 + _FRAMES * (2 * joints + 6) + sum(self._unused)
         decoder_size = _TOKEN + _FRAMES * (6 + 3 * joints)
         self._encoder = OnnxPolicy(Path(folder) / "model_encoder.onnx", encoder_size, _TOKEN)
         self._decoder = OnnxPolicy(Path(folder) / "model_decoder.onnx", decoder_size, joints)
@@ -84,17 +84,22 @@ class Sonic(Tracker):
         return self.robot.default_joint_pos.to(action) + scale * action[:, self._back.to(action.device)]
 
     def _reference(self, reference: TensorDictBase, root_quat_w: Tensor) -> Tensor:
-        order = self._order.to(root_quat_w.device)
+        order, (between, after) = self._order.to(root_quat_w.device), self._unused
+        root_quat_w = self._seen_from(root_quat_w)
         turn = quat_multiply(quat_conjugate(root_quat_w)[:, None], reference["root_quat_w"])
         parts = (
             root_quat_w.new_zeros(len(root_quat_w), 4),
             reference["joint_pos"][..., order].flatten(1),
             reference["joint_vel"][..., order].flatten(1),
-            root_quat_w.new_zeros(len(root_quat_w), _UNUSED_BETWEEN),
+            root_quat_w.new_zeros(len(root_quat_w), between),
             quat_to_matrix(turn)[..., :2].flatten(1),
-            root_quat_w.new_zeros(len(root_quat_w), _UNUSED_AFTER),
+            root_quat_w.new_zeros(len(root_quat_w), after),
         )
         return torch.cat(parts, -1)
+
+    def _seen_from(self, root_quat_w: Tensor) -> Tensor:
+        """Return the frame that the reference's orientation is expressed in: the robot's root."""
+        return root_quat_w
 
     def _with_past(self, name: str, now: Tensor, starting: Tensor) -> Tensor:
         """Return the last ten values ``[N, 10, n]`` of a quantity ``[N, n]``, oldest first, with the one of now."""
@@ -103,6 +108,18 @@ class Sonic(Tracker):
         past = torch.where(starting[:, None, None], repeated, past)
         self.remember(f"past {name}", past)
         return past
+
+
+class Sonic11(Sonic):
+    """Released SONIC 1.1 policy. It reads the reference's orientation in the heading frame of the robot's root.
+
+    **Unverified**, as :class:`Sonic`: tested with networks of the same shapes only (encoder 1751 to 64).
+    """
+
+    _unused = 0, 6 + 240 + 9 + 12 + 720 + 60 + 60
+
+    def _seen_from(self, root_quat_w: Tensor) -> Tensor:
+        return quat_yaw(root_quat_w)
 
 
 def _by_depth(robot: Robot) -> Tensor:

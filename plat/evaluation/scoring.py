@@ -74,7 +74,8 @@ def evaluate(
     total_steps = int((schedule.target_frame >= 0).sum())
     done_steps = 0
     with torch.random.fork_rng(devices=[]):
-        torch.default_generator.manual_seed(setting.seed)  # the generator of the domain randomization
+        # the generator of the domain randomization; another for each part
+        torch.default_generator.manual_seed(setting.seed + 1_000_003 * chosen[0])
         view = ReferenceView(dense, goals, observe, interface)
         task = make_evaluation_env(library, schedule, min(setting.num_envs, library.num_clips), view, setting)
         for step in task.steps(policy):

@@ -101,7 +101,8 @@ def evaluate_clips(
             if progress is not None:
                 progress((done + fraction * (len(motions) - motions.num_clips)) / total)
 
-        part = _follow(policy, motions, schedule, judge.failed, view, setting, timing, told)
+        seeded = replace(setting, seed=setting.seed + 1_000_003 * min(batch))
+        part = _follow(policy, motions, schedule, judge.failed, view, seeded, timing, told)
         part["clip"] = torch.tensor(batch)
         parts.append(part)
         done += len(motions) - motions.num_clips

@@ -5,7 +5,7 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from plat.baselines import Sonic, sonic_robot
+from plat.baselines import Sonic, Sonic11, sonic_robot
 from plat.envs.transforms import HORIZONS
 from plat.errors import BundleError
 from plat.evaluation import evaluate
@@ -27,7 +27,8 @@ def seen(monkeypatch) -> dict[str, list[torch.Tensor]]:
     class Recorder:
         def __init__(self, path, inputs, outputs):
             self.name, self.outputs = Path(path).name, outputs
-            assert (inputs, outputs) == {"model_encoder.onnx": (1762, 64), "model_decoder.onnx": (994, 29)}[self.name]
+            known = {"model_encoder.onnx": [(1762, 64), (1751, 64)], "model_decoder.onnx": [(994, 29)]}
+            assert (inputs, outputs) in known[self.name]
 
         def __call__(self, observation):
             shown[self.name].append(observation)
@@ -83,6 +84,22 @@ def test_what_the_encoder_sees(seen):
     used = torch.zeros(1762, dtype=torch.bool)
     used[4:584] = used[601:661] = True
     assert (row[~used] == 0).all()
+
+
+def test_the_encoder_of_1_1_sees_orientations_in_the_heading_frame(seen):
+    entries = situation(0)
+    tilt = quat_from_rotvec(torch.tensor([[0.4, 0.0, 0.0]]))
+    upright = situation(0)["state", "root_quat_w"]
+    entries["state", "root_quat_w"] = quat_multiply(upright, tilt)
+    Sonic11("anywhere")(entries)
+    row = seen["model_encoder.onnx"][0][0]
+    assert row.shape == (1751,)
+    Sonic("anywhere")(situation(0))
+    first = seen["model_encoder.onnx"][1][0]
+    assert torch.equal(row[:584], first[:584])
+    # tilting the robot changes nothing, and the first release sees the same from a robot that is upright
+    torch.testing.assert_close(row[584:644], first[601:661], atol=1e-6, rtol=0)
+    assert (row[644:] == 0).all()
 
 
 def test_what_the_decoder_sees(seen):

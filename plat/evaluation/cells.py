@@ -1,0 +1,300 @@
+"""Cells of a comparison: policies times conditions, in parts, on all cores, kept on disk and taken up again."""
+
+import functools
+import hashlib
+import multiprocessing
+import re
+import signal
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import torch
+
+from plat.envs.physics import available_cpus
+from plat.errors import RecordsError
+from plat.evaluation.clip_records import ClipRecords
+from plat.evaluation.entrant import Entrant
+from plat.evaluation.records import CommandRecords
+from plat.evaluation.setting import EvaluationSetting
+from plat.motions.library import MotionLibrary
+from plat.progress import Progress
+from plat.runs.user_modules import import_modules
+from plat.version import __version__
+
+__all__ = ["PART", "Candidate", "Cell", "Records", "evaluate_cells", "fingerprint", "motions_fingerprint"]
+
+PART = 64
+"""Clips of a part. Parts are the same whatever the number of processes, so the records are as well."""
+
+Records: TypeAlias = CommandRecords | ClipRecords
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Candidate of a comparison: a policy that any process can load.
+
+    Attributes:
+        name: in tables and figures.
+        load: returns it; it can be pickled, such as ``functools.partial(Entrant.of_run, path)``.
+        fingerprint: of its weights and of how it is shown its reference, see :func:`fingerprint`.
+    """
+
+    name: str
+    load: Callable[[], Entrant]
+    fingerprint: str
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Cell of a comparison: a candidate under some conditions.
+
+    Attributes:
+        candidate: the policy.
+        horizon: name of the commands' horizon.
+        setting: conditions.
+        rule: of whole-clip success; None for scores of commands.
+        label: what tells cells of a candidate and horizon apart, in names of files.
+    """
+
+    candidate: Candidate
+    horizon: str
+    setting: EvaluationSetting = EvaluationSetting()
+    rule: str | None = None
+    label: str = ""
+
+    @property
+    def stem(self) -> str:
+        """Return the name of its file of records, without ending."""
+        words = (self.candidate.name, self.horizon, self.rule, self.label)
+        return "-".join(re.sub(r"[^\w.]+", "_", word).strip("_") for word in words if word)
+
+    def about(self, motions: str) -> dict[str, Any]:
+        """Return what its records depend on, with the fingerprint of the motions."""
+        # devices and threads round differently at most
+        setting = replace(self.setting, num_threads=None, device="cpu")
+        about = {
+            "policy": self.candidate.fingerprint,
+            "motions": motions,
+            "horizon": self.horizon,
+            "seed": setting.seed,
+            "setting": repr(setting),
+            "plat": __version__,
+        }
+        return about if self.rule is None else {**about, "rule": self.rule}
+
+    def evaluate(self, entrant: Entrant, library: MotionLibrary, **options: Any) -> Records:
+        """Return the records of the candidate, which was loaded before."""
+        if self.rule is None:
+            return entrant.evaluate(library, self.horizon, self.setting, **options)
+        return entrant.evaluate_clips(library, self.rule, self.horizon, self.setting, **options)
+
+    def load(self, path: Path) -> tuple[Records, dict[str, Any]]:
+        """Return the records in a file and what they depend on."""
+        return CommandRecords.load(path) if self.rule is None else ClipRecords.load(path)
+
+    def joined(self, parts: Sequence[Any]) -> Records:
+        """Return the records of several parts as one table."""
+        return CommandRecords.joined(parts) if self.rule is None else ClipRecords.joined(parts)
+
+
+def evaluate_cells(
+    cells: Sequence[Cell],
+    library: MotionLibrary,
+    *,
+    folder: Path | None = None,
+    workers: int | None = None,
+    modules: Sequence[str] = (),
+    what: str = "evaluation",
+) -> Iterator[tuple[Cell, Records]]:
+    """Yield every cell with its records, in the given order, as soon as it is done.
+
+    A cell is evaluated in parts of :data:`PART` clips, spread over processes. With a folder, finished parts are kept
+    there: an evaluation that was stopped goes on where it was, and finished cells are not evaluated again. Progress is
+    shown on standard error.
+
+    Args:
+        cells: of the comparison.
+        library: motions.
+        folder: for the records; None keeps nothing.
+        workers: processes; None for one a core. The records do not depend on it.
+        modules: that the processes import first, see :func:`plat.runs.user_modules.import_modules`.
+        what: name of the work in the progress.
+
+    Raises:
+        PlatError: what the evaluation of a cell raises.
+    """
+    with tempfile.TemporaryDirectory(prefix="plat-evaluation-") as scratch:
+        desk = _Desk(folder or Path(scratch), library)
+        missing = [(cell, number) for cell in cells for number in desk.missing(cell)]
+        count = min(workers or available_cpus(), len(missing))
+        total = sum(desk.steps(number) for _, number in missing)
+        with Progress(what, total, "control steps") as progress:
+            if count > 1:
+                yield from _on_processes(cells, missing, desk, Path(scratch), count, modules, progress)
+            else:
+                yield from _in_process(cells, missing, desk, progress)
+
+
+class _Desk:
+    """Files of an evaluation: those of whole cells, and those of parts that wait for the rest of their cell."""
+
+    def __init__(self, folder: Path, library: MotionLibrary):
+        self.folder, self.library = folder, library
+        self.motions = motions_fingerprint(library)
+        self.parts = [
+            list(range(first, min(first + PART, library.num_clips))) for first in range(0, library.num_clips, PART)
+        ]
+
+    def steps(self, number: int) -> int:
+        """Return the control steps of a part."""
+        return int((self.library.clip_length[self.parts[number]] - 1).sum())
+
+    def whole(self, cell: Cell) -> Path:
+        """Return the path of a cell's records."""
+        return self.folder / f"{cell.stem}.safetensors"
+
+    def part(self, cell: Cell, number: int) -> Path:
+        """Return the path of a part's records."""
+        return self.folder / f"{cell.stem}.part{number:03d}.safetensors"
+
+    def read(self, cell: Cell, path: Path) -> Records | None:
+        """Return the records in a file, if there are any of this very cell."""
+        if not path.exists():
+            return None
+        try:
+            records, known = cell.load(path)
+        except RecordsError as error:
+            print(f"evaluated again: {error}")
+            return None
+        return records if known == cell.about(self.motions) else None
+
+    def missing(self, cell: Cell) -> list[int]:
+        """Return the parts of a cell that are not there yet."""
+        if self.read(cell, self.whole(cell)) is not None:
+            return []
+        return [number for number in range(len(self.parts)) if self.read(cell, self.part(cell, number)) is None]
+
+    def finished(self, cell: Cell) -> Records:
+        """Return a cell's records, and leave one file of them."""
+        records = self.read(cell, self.whole(cell))
+        paths = [self.part(cell, number) for number in range(len(self.parts))]
+        if records is None:
+            parts = [self.read(cell, path) for path in paths]
+            records = cell.joined(parts)
+            records.save(self.whole(cell), cell.about(self.motions))
+        for path in paths:
+            path.unlink(missing_ok=True)
+        return records
+
+
+def _in_process(
+    cells: Sequence[Cell], missing: Sequence[tuple[Cell, int]], desk: _Desk, progress: Progress
+) -> Iterator[tuple[Cell, Records]]:
+    for cell in cells:
+        numbers = [number for other, number in missing if other is cell]
+        if numbers:
+            entrant = cell.candidate.load()
+        for number in numbers:
+            before, steps = progress.done, desk.steps(number)
+
+            def told(fraction: float, before: int = before, steps: int = steps) -> None:
+                progress.update(before + int(fraction * steps))
+
+            with _one_thread():
+                records = cell.evaluate(entrant, desk.library, clips=desk.parts[number], progress=told)
+            records.save(desk.part(cell, number), cell.about(desk.motions))
+            progress.update(before + steps)
+        yield cell, desk.finished(cell)
+
+
+def _on_processes(
+    cells: Sequence[Cell],
+    missing: Sequence[tuple[Cell, int]],
+    desk: _Desk,
+    scratch: Path,
+    count: int,
+    modules: Sequence[str],
+    progress: Progress,
+) -> Iterator[tuple[Cell, Records]]:
+    motions = scratch / "motions.pt"
+    torch.save(desk.library.to("cpu"), motions)
+    # spawned, for a child that runs torch after a fork may hang
+    pool = ProcessPoolExecutor(
+        count, multiprocessing.get_context("spawn"), initializer=_begin, initargs=(motions, tuple(modules))
+    )
+    try:
+        futures: dict[str, list[Future[None]]] = {}
+        for cell, number in missing:
+            job = (cell, desk.parts[number], desk.part(cell, number), cell.about(desk.motions))
+            future = pool.submit(_work, *job)
+            future.add_done_callback(functools.partial(_told, progress, desk.steps(number)))
+            futures.setdefault(cell.stem, []).append(future)
+        for cell in cells:
+            for future in futures.pop(cell.stem, []):
+                future.result()
+            yield cell, desk.finished(cell)
+    except BaseException:
+        # stopped, by a key or an error: what is running would only be thrown away
+        pool.shutdown(wait=False, cancel_futures=True)
+        for process in multiprocessing.active_children():
+            process.terminate()
+        raise
+    finally:
+        pool.shutdown()
+
+
+def _told(progress: Progress, steps: int, future: "Future[None]") -> None:
+    progress.add(steps)
+
+
+_process: dict[str, Any] = {}
+"""Motions and policies of a worker process."""
+
+
+def _begin(motions: Path, modules: Sequence[str]) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process tells
+    torch.set_num_threads(1)
+    import_modules(modules)
+    _process["motions"] = torch.load(motions, weights_only=False, mmap=True)
+
+
+def _work(cell: Cell, clips: list[int], path: Path, about: dict[str, Any]) -> None:
+    key = cell.candidate.fingerprint
+    if key not in _process:
+        _process[key] = cell.candidate.load()
+    cell = replace(cell, setting=replace(cell.setting, num_threads=1))
+    cell.evaluate(_process[key], _process["motions"], clips=clips).save(path, about)
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Keep PyTorch on one thread, as in worker processes: sums over more round differently."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+def fingerprint(parts: Iterable[bytes]) -> str:
+    """Return a fingerprint of some bytes.
+
+    >>> fingerprint([b"a", b"b"]) == fingerprint([b"ab"])
+    False
+    """
+    total = hashlib.blake2b(digest_size=16)
+    for part in parts:
+        total.update(hashlib.blake2b(part).digest())
+    return total.hexdigest()
+
+
+def motions_fingerprint(library: MotionLibrary) -> str:
+    """Return a fingerprint of the motions of a library."""
+    frames = (library.frames[entry].cpu().numpy().tobytes() for entry in ("joint_pos", "keypoint_pos"))
+    return fingerprint([*frames, library.clip_length.cpu().numpy().tobytes(), repr(library.dt).encode()])

@@ -1,0 +1,136 @@
+import functools
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import torch
+
+from plat.errors import PlatError
+from plat.evaluation import CommandRecords, Entrant, EvaluationSetting, cells
+from plat.evaluation.cells import Candidate, Cell, evaluate_cells, fingerprint
+from plat.evaluation.disturbance import Disturbance
+from plat.modules import PlainPolicy
+from plat.motions import MotionLibrary
+from plat.robots import G1
+from tests.conftest import standing_clip
+from tests.modules.policies.test_student import SMALL
+from tests.recipes.runs import save_run
+
+SETTING = EvaluationSetting(num_threads=1)
+
+
+@pytest.fixture(scope="module")
+def clips() -> MotionLibrary:
+    return MotionLibrary.from_clips(
+        [standing_clip(name, frames=20 + 7 * number) for number, name in enumerate("abcde")]
+    )
+
+
+@pytest.fixture
+def candidate(tmp_path) -> Candidate:
+    run = save_run(tmp_path / "plain", PlainPolicy(G1, SMALL))
+    return Candidate("a/plain", functools.partial(Entrant.of_run, run), fingerprint([b"plain"]))
+
+
+@pytest.fixture
+def parts_of_two(monkeypatch):
+    monkeypatch.setattr(cells, "PART", 2)
+
+
+@pytest.fixture
+def counted(monkeypatch) -> list[list[int]]:
+    """The clips of every part that is evaluated."""
+    done: list[list[int]] = []
+    original = Cell.evaluate
+
+    def evaluate(self, entrant, library, **options):
+        done.append(options["clips"])
+        return original(self, entrant, library, **options)
+
+    monkeypatch.setattr(Cell, "evaluate", evaluate)
+    return done
+
+
+def same(one: CommandRecords, other: CommandRecords) -> bool:
+    columns = other.columns()
+    return all(
+        torch.equal(column.nan_to_num(-1.0), columns[name].nan_to_num(-1.0)) for name, column in one.columns().items()
+    )
+
+
+def test_parts_make_the_whole(candidate, clips, parts_of_two, counted):
+    ((cell, records),) = evaluate_cells([Cell(candidate, "short", SETTING)], clips, workers=1)
+    assert counted == [[0, 1], [2, 3], [4]]
+    whole = candidate.load().evaluate(clips, "short", SETTING)
+    assert torch.equal(records.clip, whole.clip)
+    assert torch.equal(records.length, whole.length)
+    torch.testing.assert_close(records.window["joint_error"], whole.window["joint_error"], equal_nan=True)
+    assert cell.stem == "a_plain-short"
+
+
+def test_finished_parts_are_not_evaluated_again(candidate, clips, parts_of_two, counted, tmp_path, monkeypatch):
+    cell = Cell(candidate, "short", SETTING)
+    ((_, complete),) = evaluate_cells([cell], clips, workers=1)
+    counted.clear()
+
+    def stop_at_the_second(self, entrant, library, **options):
+        if options["clips"] == [2, 3]:
+            raise KeyboardInterrupt
+        return evaluate(self, entrant, library, **options)
+
+    evaluate = Cell.evaluate
+    monkeypatch.setattr(Cell, "evaluate", stop_at_the_second)
+    with pytest.raises(KeyboardInterrupt):
+        list(evaluate_cells([cell], clips, folder=tmp_path / "records", workers=1))
+    monkeypatch.setattr(Cell, "evaluate", evaluate)
+    assert [path.name for path in (tmp_path / "records").iterdir()] == ["a_plain-short.part000.safetensors"]
+    ((_, records),) = evaluate_cells([cell], clips, folder=tmp_path / "records", workers=1)
+    assert counted == [[0, 1], [2, 3], [4]]
+    assert same(records, complete)
+    assert [path.name for path in (tmp_path / "records").iterdir()] == ["a_plain-short.safetensors"]
+    ((_, again),) = evaluate_cells([cell], clips, folder=tmp_path / "records", workers=1)
+    assert len(counted) == 3
+    assert same(again, complete)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda cell: Cell(cell.candidate, "short", EvaluationSetting(seed=1)),
+        lambda cell: Cell(cell.candidate, "short", EvaluationSetting(disturbance=Disturbance(push=1.0))),
+        lambda cell: Cell(Candidate("a/plain", cell.candidate.load, "other weights"), "short", SETTING),
+    ],
+    ids=["seed", "disturbance", "weights"],
+)
+def test_other_conditions_are_evaluated_anew(change: Callable[[Cell], Cell], candidate, clips, counted, tmp_path: Path):
+    cell = Cell(candidate, "short", SETTING)
+    for one, times in ((cell, 1), (cell, 1), (change(cell), 2)):
+        list(evaluate_cells([one], clips, folder=tmp_path / "records", workers=1))
+        assert len(counted) == times
+
+
+def test_a_broken_file_is_replaced(candidate, clips, counted, tmp_path, capsys):
+    folder = tmp_path / "records"
+    folder.mkdir()
+    (folder / "a_plain-short.safetensors").write_bytes(b"nonsense")
+    list(evaluate_cells([Cell(candidate, "short", SETTING)], clips, folder=folder, workers=1))
+    assert len(counted) == 1
+    assert "evaluated again" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_processes_give_the_records_of_one(candidate, clips, parts_of_two, tmp_path):
+    wanted = [
+        Cell(candidate, "short", EvaluationSetting(disturbance=Disturbance(push=0.5, motors=0.2))),
+        Cell(candidate, "mixed", SETTING, rule="humantracker"),
+    ]
+    one = dict(evaluate_cells(wanted, clips, workers=1))
+    too_far = Cell(candidate, "distant", SETTING)
+    several = {}
+    with pytest.raises(PlatError, match="horizon 'distant'"):  # an error in a process is told
+        several.update(evaluate_cells([*wanted, too_far], clips, workers=2, folder=tmp_path / "records"))
+    several = dict(evaluate_cells(wanted, clips, workers=2, folder=tmp_path / "records"))  # read, not run again
+    assert list(several) == wanted
+    for cell in wanted:
+        assert same(one[cell], several[cell])
+    assert several[wanted[1]].rule == "humantracker"
