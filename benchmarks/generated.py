@@ -3,7 +3,8 @@
 python benchmarks/generated.py --trackers DIR
 
 DIR holds ``twist2/twist2_1017_20k.onnx`` and ``wbc/policy_066ab15.onnx``; without it only generation and soundness are
-measured. Trackers need the extra ``baselines``, and ``--sheets`` the extra ``video``.
+measured. ``--expert expert-g1`` lets an expert of plat follow as
+well. Trackers need the extra ``baselines``, and ``--sheets`` the extra ``video``.
 """
 
 import logging
@@ -16,11 +17,13 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-import plat.headless  # noqa: F401
+import plat.headless
 
 # isort: split
 
+import plat
 from plat.baselines import Tracker, Twist2, Wbc, follow
+from plat.evaluation import Entrant
 from plat.motions import MotionClip, MotionLibrary, generate_motions, load_motions
 from plat.motions.generation.soundness import Soundness, measure_soundness
 from plat.rendering import Stage, stills, write_picture
@@ -39,9 +42,11 @@ class GeneratedBenchmark:
     seconds: float = 600.0
     """seconds of motion"""
     families: tuple[str, ...] = ()
-    """only these families; by default all"""
+    """only these families or groups; by default those of the plain set"""
     motions: tuple[str, ...] = ()
     """motion files to follow instead of the generated set (a check of the adapters)"""
+    expert: str = ""
+    """expert of plat that is to follow the clips, such as expert-g1"""
     every: int = 1
     """use every n-th clip of those files"""
     sheets: Path | None = None
@@ -84,7 +89,18 @@ def print_soundness(clips: list[MotionClip], redraws: Counter[str]) -> None:
         print(line + "".join(f"{value:>18.4f}" for value in worst))
 
 
-def print_followed(clips: list[MotionClip], trackers: dict[str, Tracker]) -> None:
+def follow_by(tracker: Tracker | Entrant, clips: list[MotionClip]) -> tuple[list[str], list[float]]:
+    """Return the clips' names and the fraction of each that a tracker follows."""
+    library = MotionLibrary.from_clips(clips, tracker.robot)
+    if isinstance(tracker, Entrant):
+        view = tracker.view
+        fractions = follow(tracker.policy, library, observe=lambda library, dense: view.transforms(library))
+    else:
+        fractions = follow(tracker, library)
+    return library.clip_names, fractions.tolist()
+
+
+def print_followed(clips: list[MotionClip], trackers: dict[str, Tracker | Entrant]) -> None:
     """Print the clips that each tracker followed to the end, family by family; their lengths are similar."""
     print(f"\n{'followed':<12}" + "".join(f"{name:>12}" for name in trackers))
     total: Counter[str] = Counter()
@@ -92,14 +108,13 @@ def print_followed(clips: list[MotionClip], trackers: dict[str, Tracker]) -> Non
     for family, numbers in by_family(clips).items():
         line = f"{family:<12}"
         for name, tracker in trackers.items():
-            library = MotionLibrary.from_clips([clips[number] for number in numbers], tracker.robot)
-            fractions = follow(tracker, library).tolist()
+            names, fractions = follow_by(tracker, [clips[number] for number in numbers])
             done = sum(fraction == 1 for fraction in fractions)
             total[name] += done
             line += f"{f'{done}/{len(fractions)}':>12}"
             lost += [
                 f"{name} lost {clip} after {fraction:.0%}"
-                for clip, fraction in zip(library.clip_names, fractions, strict=True)
+                for clip, fraction in zip(names, fractions, strict=True)
                 if fraction < 1
             ]
         print(line, flush=True)
@@ -134,11 +149,13 @@ def main(config: GeneratedBenchmark) -> None:
         length = sum(clip.duration for clip in clips)
         print(f"{len(clips)} clips, {length:.0f} s of motion, made in {spent:.1f} s ({cpu:.1f} s of CPU)")
         print_soundness(clips, redraws.count)
+    trackers: dict[str, Tracker | Entrant] = {}
+    if config.expert:
+        trackers[config.expert] = Entrant.of_policy(plat.load(config.expert), dense=True)
     if config.trackers is not None:
-        trackers: dict[str, Tracker] = {
-            "TWIST2": Twist2(config.trackers / "twist2" / "twist2_1017_20k.onnx"),
-            "wbc": Wbc(config.trackers / "wbc" / "policy_066ab15.onnx"),
-        }
+        trackers["TWIST2"] = Twist2(config.trackers / "twist2" / "twist2_1017_20k.onnx")
+        trackers["wbc"] = Wbc(config.trackers / "wbc" / "policy_066ab15.onnx")
+    if trackers:
         print_followed(clips, trackers)
     if config.sheets is not None:
         write_sheets(config.sheets, clips)

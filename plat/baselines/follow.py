@@ -11,6 +11,7 @@ from plat.baselines.tracker_reference import TrackerReference
 from plat.envs.tracking import MotionTrackingEnv
 from plat.envs.transforms import FirstFrames, ReferenceMotion, TrackingLimits, TrackingTermination
 from plat.evaluation.rollout import policy_steps
+from plat.evaluation.setting import Observe
 from plat.motions.library import MotionLibrary
 
 __all__ = ["follow"]
@@ -21,6 +22,7 @@ def follow(
     library: MotionLibrary,
     *,
     ahead: int = 1,
+    observe: Observe | None = None,
     limits: TrackingLimits | None = None,
     num_threads: int | None = None,
 ) -> Tensor:
@@ -33,6 +35,8 @@ def follow(
         policy: reads ``"robot"``, ``"tracker_reference"`` and ``is_init``, writes ``action``.
         library: motions of the robot that the policy drives.
         ahead: frame of the reference in the observation, counted from the current one.
+        observe: makes the transforms that show the reference, in place of ``"tracker_reference"``; an expert of
+            plat needs those of its :class:`plat.evaluation.ReferenceView`.
         limits: termination limits.
         num_threads: threads of the physics pool.
 
@@ -40,13 +44,14 @@ def follow(
         Fraction ``[C]`` of each clip's frames before termination; 1 for a clip that was tracked to its end.
     """
     count = library.num_clips
+    views = [TrackerReference(library, ahead=ahead)] if observe is None else observe(library, True)
     env = TransformedEnv(
         MotionTrackingEnv(library, count, num_threads=num_threads),
         Compose(
             ReferenceMotion(library),
             TrackingTermination(library.robot, limits),
             FirstFrames(library),
-            TrackerReference(library, ahead=ahead),
+            *views,
             InitTracker(),
         ),
     )

@@ -6,15 +6,16 @@ import zlib
 import numpy as np
 
 from plat.errors import MotionError, RobotError
+from plat.motions.checks.validation import validate_motion
 from plat.motions.clip import MotionClip
-from plat.motions.generation.families import FAMILIES, Family
+from plat.motions.generation.families import FAMILIES, GROUPS, ON_QUICK_FEET, WIDE_FAMILIES, Family
 from plat.motions.generation.script import MotionScript
 from plat.motions.generation.solver import DT, Solver
-from plat.motions.generation.soundness import measure_soundness
+from plat.motions.generation.soundness import QUICK_FEET, SoundnessLimits, measure_soundness
 from plat.motions.generation.whole_body import WholeBody
 from plat.robots import G1, Robot
 
-__all__ = ["FAMILIES", "PREFIX", "SPLITS", "generate_motions", "generate_named"]
+__all__ = ["FAMILIES", "GROUPS", "PREFIX", "SPLITS", "WIDE_FAMILIES", "generate_motions", "generate_named"]
 
 PREFIX = "generated:"
 """What the name of a generated set begins with, where motion files are asked for."""
@@ -39,10 +40,14 @@ def generate_motions(
     bodies intersect. Other draws are rejected (and logged at level DEBUG). The same arguments give the
     same clips on every machine up to rounding.
 
+    Wide families are judged by :data:`plat.motions.generation.soundness.QUICK_FEET` where feet roll and fly, and
+    :func:`plat.motions.validate_motion` has to call every clip *use*.
+
     Args:
         split: ``"train"``, ``"val"`` or ``"test"``: sets that share no seed.
         seconds: smallest total length of the motion.
-        families: names from :data:`plat.motions.generation.families.FAMILIES`; by default all.
+        families: names from :data:`FAMILIES`, :data:`WIDE_FAMILIES` and :data:`GROUPS` (``"wide"`` or ``"all"``). By
+            default all of :data:`FAMILIES`.
         robot: the robot.
 
     Raises:
@@ -56,9 +61,11 @@ def generate_motions(
         raise MotionError(f"generated motions: no set {split!r}, expected one of {SPLITS}")
     if not 0 < seconds <= LONGEST:
         raise MotionError(f"generated motions: {seconds:g} s, expected above 0 and at most {LONGEST:,g} s")
-    unknown = sorted(set(families) - set(FAMILIES))
+    known = {**FAMILIES, **WIDE_FAMILIES}
+    families = tuple(member for name in families for member in GROUPS.get(name, (name,)))
+    unknown = sorted(set(families) - set(known))
     if unknown:
-        raise MotionError(f"generated motions: no family {unknown}, expected some of {sorted(FAMILIES)}")
+        raise MotionError(f"generated motions: no family {unknown}, expected some of {sorted({*known, *GROUPS})}")
     if robot.joint_names != G1.joint_names:
         raise RobotError(f"robot {robot.name!r}: motions are generated for the joints of the G1 only")
     solver = Solver(WholeBody(robot))
@@ -67,7 +74,8 @@ def generate_motions(
     while True:
         for family in families or FAMILIES:
             name = f"{family}_{split}_{number:03d}"
-            clips.append(MotionClip(name, _sound(name, FAMILIES[family], solver), 1 / DT))
+            qpos = _sound(name, known[family], solver, family in WIDE_FAMILIES, family in ON_QUICK_FEET)
+            clips.append(MotionClip(name, qpos, 1 / DT))
             total += clips[-1].duration
             if total >= seconds:
                 return clips
@@ -76,7 +84,7 @@ def generate_motions(
 
 def generate_named(name: str, robot: Robot = G1) -> list[MotionClip]:
     """Generate the clips of ``generated:SPLIT``, ``generated:SPLIT@SECONDS``, or either with ``/FAMILY+FAMILY`` after
-    SPLIT.
+    SPLIT. ``wide`` stands for all wide families, and ``all`` for all there are.
 
     Raises:
         MotionError: for a name of another form, or a split or family that there is not.
@@ -96,8 +104,12 @@ def generate_named(name: str, robot: Robot = G1) -> list[MotionClip]:
     return generate_motions(split, duration, chosen, robot)
 
 
-def _sound(name: str, family: Family, solver: Solver) -> np.ndarray:
-    """Return the first sound draw of a family."""
+def _sound(name: str, family: Family, solver: Solver, inspected: bool, quick: bool) -> np.ndarray:
+    """Return the first sound draw of a family.
+
+    ``inspected`` draws have to pass the checks of motion files as well, and ``quick`` ones move on quick feet.
+    """
+    limits = QUICK_FEET if quick else SoundnessLimits()
     # the name is the seed, so that a set of other size or families holds the same clips
     rng = np.random.default_rng(zlib.crc32(name.encode()))
     for _ in range(_ATTEMPTS):
@@ -107,7 +119,9 @@ def _sound(name: str, family: Family, solver: Solver) -> np.ndarray:
         script.wait(0.4)
         try:
             qpos = solver.poses(script.draft(DT)).astype(np.float32)
-            faults = measure_soundness(solver.robot, qpos, DT).faults()
+            faults = measure_soundness(solver.robot, qpos, DT, limits).faults(limits)
+            if inspected and not faults:
+                faults = list(validate_motion(MotionClip(name, qpos, 1 / DT), solver.robot).reasons)
         except MotionError as error:
             faults = [str(error)]
         if not faults:

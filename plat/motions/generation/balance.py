@@ -5,7 +5,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-__all__ = ["InvertedPendulum", "zero_moment_point"]
+__all__ = ["InvertedPendulum", "VaryingPendulum", "ground_reaction", "zero_moment_point", "zmp_of"]
 
 _GRAVITY = 9.81
 
@@ -60,21 +60,88 @@ def zero_moment_point(model: mujoco.MjModel, qpos: np.ndarray, dt: float) -> np.
 
     Source: Vukobratovic and Borovac, "Zero-moment point - thirty five years of its life", 2004.
     """
+    force, moment = ground_reaction(model, qpos, dt)
+    return zmp_of(force, moment, qpos)
+
+
+def zmp_of(force: np.ndarray, moment: np.ndarray, qpos: np.ndarray, least: float | None = None) -> np.ndarray:
+    """Return the zero-moment point ``[F, 2]`` (m) of a ground reaction as :func:`ground_reaction` gives it.
+
+    A vertical force under ``least`` (N) is taken to be that much, for in flight there is no such point.
+    """
+    x, y, z = qpos[:, :3].T
+    vertical = force[:, 2] if least is None else np.maximum(force[:, 2], least)
+    return np.stack(
+        (x - (moment[:, 1] + z * force[:, 0]) / vertical, y + (moment[:, 0] - z * force[:, 1]) / vertical), -1
+    )
+
+
+def ground_reaction(model: mujoco.MjModel, qpos: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the force ``[F, 3]`` (N) and the moment about the root ``[F, 3]`` (N m, world) that a motion needs.
+
+    Arguments as for :func:`zero_moment_point`.
+    """
     data = mujoco.MjData(model)
     flags = int(model.opt.disableflags)
     model.opt.disableflags = flags | mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
     between = np.zeros((len(qpos) + 1, model.nv))  # velocities before and after every frame
     for frame in range(1, len(qpos)):
         mujoco.mj_differentiatePos(model, between[frame], dt, qpos[frame - 1], qpos[frame])
-    result = np.empty((len(qpos), 2))
+    force, moment = np.empty((len(qpos), 3)), np.empty((len(qpos), 3))
     for frame, pose in enumerate(qpos):
         data.qpos[:] = pose
         rest = frame in (0, len(qpos) - 1)
         data.qvel[:] = 0.0 if rest else (between[frame] + between[frame + 1]) / 2
         data.qacc[:] = 0.0 if rest else (between[frame + 1] - between[frame]) / dt
         mujoco.mj_inverse(model, data)
-        force, moment = data.qfrc_inverse[:3], data.xmat[1].reshape(3, 3) @ data.qfrc_inverse[3:6]
-        x, y, z = pose[:3]
-        result[frame] = x - (moment[1] + z * force[0]) / force[2], y + (moment[0] - z * force[1]) / force[2]
+        force[frame], moment[frame] = data.qfrc_inverse[:3], data.xmat[1].reshape(3, 3) @ data.qfrc_inverse[3:6]
     model.opt.disableflags = flags
-    return result
+    return force, moment
+
+
+class VaryingPendulum:
+    """Horizontal center of mass over a given zero-moment point, where its height is given and varies.
+
+    With height ``z`` the pendulum obeys ``c'' = (z'' + g) / z (c - p)``. In flight ``z'' = -g``, and the center of mass
+    goes straight on. The motion is at rest over its first and last point.
+
+    Args:
+        height: of the center of mass above the floor ``[F]`` (m).
+        dt: seconds per frame.
+
+    >>> still = np.full((20, 2), 0.1)
+    >>> np.allclose(VaryingPendulum(np.full(20, 0.7), 0.02).com(still), still)
+    True
+    """
+
+    def __init__(self, height: np.ndarray, dt: float):
+        vertical = np.zeros(len(height))
+        vertical[1:-1] = np.diff(height, n=2) / dt**2
+        self.load = (vertical / _GRAVITY + 1).clip(0)
+        """Vertical force ``[F]``, in units of weight."""
+        self._coupling = self.load * _GRAVITY / height * dt**2
+
+    def com(self, zmp: np.ndarray) -> np.ndarray:
+        """Return the horizontal center of mass ``[F, 2]`` (m) for a zero-moment point ``[F, 2]`` (m)."""
+        bands = np.ones((3, len(zmp)))
+        bands[1] = -2 - self._coupling
+        right = -self._coupling[:, None] * zmp
+        for end, inner in ((0, (0, 1)), (-1, (2, -2))):
+            bands[1, end], bands[inner], right[end] = 1.0, 0.0, zmp[end]
+        return _solve_tridiagonal(bands, right)
+
+
+def _solve_tridiagonal(bands: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solve for ``[F, K]``; ``bands`` ``[3, F]``: above (its column), on and below the diagonal, as LAPACK has them."""
+    above, middle, below = bands
+    count = len(right)
+    factor, solution = np.zeros(count), np.array(right, dtype=np.float64)
+    pivot = middle[0]
+    solution[0] /= pivot
+    for row in range(1, count):
+        factor[row] = above[row] / pivot
+        pivot = middle[row] - below[row - 1] * factor[row]
+        solution[row] = (solution[row] - below[row - 1] * solution[row - 1]) / pivot
+    for row in range(count - 2, -1, -1):
+        solution[row] -= factor[row + 1] * solution[row + 1]
+    return solution

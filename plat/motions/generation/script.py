@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plat.motions.generation.curves import fade, minimum_jerk, moves
+from plat.motions.generation.curves import fade, minimum_jerk, moves, quintic
 
 __all__ = ["LEFT", "RIGHT", "SIDES", "SOLE_CENTER", "Draft", "MotionScript"]
 
@@ -26,6 +26,8 @@ class Draft:
         foot_pos: x, y and height (m) of the left and right sole at the ankle, were the foot flat ``[F, 2, 3]``.
         foot_yaw: ``[F, 2]`` (rad).
         zmp: wanted zero-moment point ``[F, 2]`` (m).
+        com_rise: height of the center of mass over that of the first frame ``[F]`` (m), where the script gives it;
+            None leaves it to ``pelvis_height`` and the legs.
     """
 
     time: np.ndarray
@@ -33,6 +35,7 @@ class Draft:
     foot_pos: np.ndarray
     foot_yaw: np.ndarray
     zmp: np.ndarray
+    com_rise: np.ndarray | None = None
 
     def channel(self, name: str) -> np.ndarray:
         """Return the value ``[F]`` of any channel."""
@@ -46,6 +49,7 @@ class _Swing:
     duration: float
     change: np.ndarray  # of x, y (m) and yaw (rad)
     clearance: float
+    snatched: bool
 
 
 class MotionScript:
@@ -83,6 +87,7 @@ class MotionScript:
         self._swings: list[_Swing] = []
         self._start = self.feet.copy()
         self._weight: list[tuple[float, np.ndarray]] = [(0.0, self.under(0.5))]
+        self._rises: list[tuple[float, float, float, float]] = []
 
     def under(self, right: float, forward: float = 0.0) -> np.ndarray:
         """Return a point on the floor ``[2]`` (m) between the middles of the soles, ``right`` 0..1 of the way to the
@@ -128,10 +133,29 @@ class MotionScript:
         begin = self.now + delay
         self._weight += [(begin, self._weight[-1][1]), (begin + seconds, np.asarray(point))]
 
-    def step(self, foot: int, place: np.ndarray, seconds: float, clearance: float, delay: float = 0.0) -> None:
-        """Move a foot to x, y (m) and yaw (rad) ``[3]``; the sole rises to ``clearance`` (m) on the way."""
+    def rise(self, height: float, speed: float = 0.0, acceleration: float = 0.0, delay: float = 0.0) -> None:
+        """Pass the center of mass through a height (m, over the start) with a speed (m/s) and acceleration (m/s^2).
+
+        Knots are joined by polynomials of fifth degree. Between two knots of free fall that is the parabola of a
+        flight. A script with any knot gives the height of the center of mass throughout.
+        """
+        self._rises.append((self.now + delay, height, speed, acceleration))
+
+    def step(
+        self,
+        foot: int,
+        place: np.ndarray,
+        seconds: float,
+        clearance: float,
+        delay: float = 0.0,
+        snatched: bool = False,
+    ) -> None:
+        """Move a foot to x, y (m) and yaw (rad) ``[3]``; the sole rises to ``clearance`` (m) on the way.
+
+        A snatched foot leaves the floor and comes down fast, as in running and jumping.
+        """
         change = np.asarray(place) - self.feet[foot]
-        self._swings.append(_Swing(foot, self.now + delay, seconds, change, clearance))
+        self._swings.append(_Swing(foot, self.now + delay, seconds, change, clearance, snatched))
         self.feet[foot] = place
 
     def draft(self, dt: float) -> Draft:
@@ -141,8 +165,12 @@ class MotionScript:
         up = np.zeros((len(time), 2))
         for swing in self._swings:
             progress = ((time - swing.begin) / swing.duration).clip(0, 1)
-            place[:, swing.foot] += minimum_jerk(progress)[:, None] * swing.change
-            up[:, swing.foot] += swing.clearance * 16 * (progress * (1 - progress)) ** 2
+            if swing.snatched:
+                place[:, swing.foot] += (progress**2 * (3 - 2 * progress))[:, None] * swing.change
+                up[:, swing.foot] += swing.clearance * (4 * progress * (1 - progress)) ** 1.5
+            else:
+                place[:, swing.foot] += minimum_jerk(progress)[:, None] * swing.change
+                up[:, swing.foot] += swing.clearance * 16 * (progress * (1 - progress)) ** 2
         names = sorted({*self.home, *self._changes, *(channel for channel, _ in self._waves)})
         channels = {name: moves(time, self.home.get(name, 0.0), self._changes[name]) for name in names}
         for channel, (begin, seconds, amplitude, frequency, phase, edge) in self._waves:
@@ -157,7 +185,8 @@ class MotionScript:
             up[:, foot] += channels.get(f"{side}_foot_up", np.zeros(1))
         knots, points = np.array([knot for knot, _ in self._weight]), np.array([point for _, point in self._weight])
         zmp = np.stack([np.interp(time, knots, points[:, axis]) for axis in range(2)], -1)
-        return Draft(time, channels, np.concatenate((place[..., :2], up[..., None]), -1), place[..., 2], zmp)
+        rise = quintic(time, [(0.0, 0.0, 0.0, 0.0), *self._rises]) if self._rises else None
+        return Draft(time, channels, np.concatenate((place[..., :2], up[..., None]), -1), place[..., 2], zmp, rise)
 
     def _follow_feet(self, time: np.ndarray, place: np.ndarray, channels: dict[str, np.ndarray]) -> None:
         between, yaw = place[:, LEFT, :2] - place[:, RIGHT, :2], place[..., 2].mean(-1)

@@ -7,10 +7,10 @@ import mujoco
 import numpy as np
 
 from plat.motions.checks.collision import self_penetration
-from plat.motions.generation.balance import zero_moment_point
+from plat.motions.generation.balance import ground_reaction, zmp_of
 from plat.robots.robot import Robot, without_side
 
-__all__ = ["Soundness", "SoundnessLimits", "measure_soundness", "speed_limits"]
+__all__ = ["QUICK_FEET", "Soundness", "SoundnessLimits", "contact_points", "measure_soundness", "speed_limits"]
 
 # Top speeds of the G1's motors (rad/s), as in its public description (unitree_ros, g1_29dof_rev_1_0.urdf).
 _MOTOR_SPEED = {
@@ -19,6 +19,8 @@ _MOTOR_SPEED = {
     **dict.fromkeys(("wrist_pitch", "wrist_yaw"), 22.0),
 }
 _MOTOR_SPEED_5020 = 37.0
+_GRAVITY = 9.81
+_BEARING = 0.3  # units of weight: under this vertical force the zero-moment point means little
 _DOWN = 0.003  # m: points of the sole up to this height bear load
 
 
@@ -31,22 +33,33 @@ class SoundnessLimits:
     penetration: float = 0.005
     """largest depth of a sole's point below the floor (m)"""
     balanced: float = 0.99
-    """smallest fraction of the frames with the zero-moment point inside the support polygon"""
+    """smallest fraction of the frames that bear weight with the zero-moment point inside the support polygon"""
+    falling: float = 0.5
+    """largest difference of the center of mass's acceleration in flight from that of free fall (m/s^2)"""
     joint_excess: float = 0.0
     """largest excess over a joint's range (rad)"""
     speed: float = 0.7
     """largest joint speed, as a fraction of the motor's top speed"""
     self_penetration: float = 0.005
     """largest depth of self-collision (m)"""
+    tolerance: float = 0.0
+    """how far outside the support polygon the zero-moment point counts as inside (m)"""
+    raised: float = 0.003
+    """up to this height a point of the sole bears weight (m): a foot that rolls is loaded while its heel rises"""
+
+
+QUICK_FEET = SoundnessLimits(balanced=0.7, falling=1.0, tolerance=0.03, raised=0.015)
+"""Limits of running and jumping, where the weight rolls over the toes while the heel rises."""
 
 
 @dataclass(frozen=True)
 class Soundness:
-    """Result of :func:`measure_soundness`; fields as in :class:`SoundnessLimits`."""
+    """Result of :func:`measure_soundness`; fields are named as in :class:`SoundnessLimits`."""
 
     slip: float
     penetration: float
     balanced: float
+    falling: float
     joint_excess: float
     speed: float
     self_penetration: float
@@ -55,8 +68,8 @@ class Soundness:
         """Return what exceeds its limit, in words; empty for a sound motion."""
         limits = limits or SoundnessLimits()
         faults = []
-        for name, limit in vars(limits).items():
-            value = getattr(self, name)
+        for name, value in vars(self).items():
+            limit = getattr(limits, name)
             if value < limit if name == "balanced" else value > limit:
                 faults.append(f"{name} {value:.4f} (limit {limit})")
         return faults
@@ -67,27 +80,38 @@ def speed_limits(robot: Robot) -> np.ndarray:
     return np.array([_MOTOR_SPEED.get(without_side(name), _MOTOR_SPEED_5020) for name in robot.joint_names])
 
 
-def measure_soundness(robot: Robot, qpos: np.ndarray, dt: float) -> Soundness:
+def measure_soundness(robot: Robot, qpos: np.ndarray, dt: float, limits: SoundnessLimits | None = None) -> Soundness:
     """Measure feet, balance, joints and self-collision of poses ``[F, 7 + J]``, ``dt`` seconds apart.
+
+    The limits say how the support polygon is measured.
 
     >>> from plat.robots import G1
     >>> raised = np.tile(G1.default_qpos, (5, 1))
     >>> raised[:, 2] += 0.1
     >>> measure_soundness(G1, raised, 0.02).faults()
-    ['balanced 0.0000 (limit 0.99)']
+    ['balanced 0.0000 (limit 0.99)', 'falling 9.8100 (limit 0.5)']
     """
+    limits = limits or SoundnessLimits()
     qpos = qpos.astype(np.float64)
     model = robot.model()
-    points, depth = _contacts(robot, model, qpos)  # (F, 2 feet, 4 points, 3)
-    zmp = zero_moment_point(model, qpos, dt)
+    points, depth = contact_points(robot, model, qpos)  # (F, 2 feet, 4 points, 3)
+    force, moment = ground_reaction(model, qpos, dt)
+    force /= _GRAVITY * model.body_subtreemass[0]  # in units of weight
+    zmp = zmp_of(force, moment / (_GRAVITY * model.body_subtreemass[0]), qpos, least=_BEARING)
     down = points[..., 2] < _DOWN
+    bearing = force[:, 2] > _BEARING
     low, high = robot.joint_range.double().numpy().T
     joint_pos = qpos[:, 7:]
     speed = np.abs(np.diff(joint_pos, axis=0)).max(0) / dt / speed_limits(robot)
     return Soundness(
         slip=_slip(points, down),
         penetration=float(max(0.0, -points[..., 2].min())),
-        balanced=float((support_margin(points, down, zmp) >= 0).mean()),
+        balanced=float(
+            (support_margin(points, points[..., 2] < limits.raised, zmp) >= -limits.tolerance)[bearing].mean()
+        )
+        if bearing.any()
+        else 0.0,
+        falling=_GRAVITY * float(np.linalg.norm(force, axis=-1)[_in_flight(down)].max(initial=0.0)),
         # clips are stored in single precision
         joint_excess=float(np.maximum(low - joint_pos, joint_pos - high).max().clip(1e-6) - 1e-6),
         speed=float(speed.max()),
@@ -95,7 +119,17 @@ def measure_soundness(robot: Robot, qpos: np.ndarray, dt: float) -> Soundness:
     )
 
 
-def _contacts(robot: Robot, model: mujoco.MjModel, qpos: np.ndarray) -> tuple[np.ndarray, float]:
+def _in_flight(down: np.ndarray) -> np.ndarray:
+    """Return the frames ``[F]`` in which no point is down, nor in the frames beside them."""
+    aloft = ~down.reshape(len(down), -1).any(-1)
+    inner = aloft.copy()
+    inner[1:] &= aloft[:-1]
+    inner[:-1] &= aloft[1:]
+    inner[[0, -1]] = False  # there the motion is at rest
+    return inner
+
+
+def contact_points(robot: Robot, model: mujoco.MjModel, qpos: np.ndarray) -> tuple[np.ndarray, float]:
     """Return the lowest points of the soles ``[F, 2, P, 3]`` (m, world) and the depth of self-collision (m)."""
     data = mujoco.MjData(model)
     soles = robot.sole_geoms(model)

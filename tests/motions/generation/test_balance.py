@@ -1,7 +1,13 @@
 import numpy as np
 import pytest
 
-from plat.motions.generation.balance import InvertedPendulum, zero_moment_point
+from plat.motions.generation.balance import (
+    InvertedPendulum,
+    VaryingPendulum,
+    ground_reaction,
+    zero_moment_point,
+    zmp_of,
+)
 from plat.robots import G1
 
 MASS_HEIGHT = 0.67
@@ -54,3 +60,31 @@ def test_the_model_is_left_as_it_was():
     flags = int(model.opt.disableflags)
     zero_moment_point(model, np.tile(G1.default_qpos, (3, 1)), 0.02)
     assert model.opt.disableflags == flags
+
+
+def test_at_constant_height_the_varying_pendulum_is_the_plain_one():
+    zmp = np.random.default_rng(0).normal(size=(80, 2))
+    plain = InvertedPendulum(80, MASS_HEIGHT, 0.02).com(zmp)
+    np.testing.assert_allclose(VaryingPendulum(np.full(80, MASS_HEIGHT), 0.02).com(zmp), plain, atol=1e-9)
+
+
+def test_in_flight_the_varying_pendulum_goes_straight_on():
+    time = np.arange(60) * 0.02
+    height = 0.7 + np.where((time >= 0.4) & (time <= 0.8), 0.5 * 9.81 * (time - 0.4) * (0.8 - time), 0.0)
+    zmp = np.stack((np.where(time < 0.6, 0.0, 0.5), np.zeros(60)), -1)
+    pendulum = VaryingPendulum(height, 0.02)
+    com = pendulum.com(zmp)
+    flight = slice(22, 39)
+    np.testing.assert_allclose(pendulum.load[flight], 0.0, atol=1e-9)
+    np.testing.assert_allclose(np.diff(com[flight, 0], n=2), 0.0, atol=1e-9)
+    assert com[40, 0] > com[20, 0]
+
+
+def test_a_falling_robot_needs_no_ground():
+    time = np.arange(11) * 0.02
+    qpos = np.tile(G1.default_qpos, (11, 1))
+    qpos[:, 2] += 1.0 - 9.81 / 2 * time**2
+    model = G1.model()
+    force, moment = ground_reaction(model, qpos, 0.02)
+    np.testing.assert_allclose(force[1:-1], 0.0, atol=1e-6)
+    assert np.isfinite(zmp_of(force, moment, qpos, least=10.0)).all()

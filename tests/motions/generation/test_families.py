@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from plat.motions.generation.families import FAMILIES
+from plat.motions.generation.families import FAMILIES, WIDE_FAMILIES
 from plat.motions.generation.script import MotionScript
 
 STANCE = np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]])
@@ -9,12 +9,12 @@ STANCE = np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]])
 
 def written(family: str, seed: int) -> MotionScript:
     script = MotionScript(STANCE, {"left_elbow": 0.7, "right_elbow": 0.7})
-    FAMILIES[family](script, np.random.default_rng(seed))
+    {**FAMILIES, **WIDE_FAMILIES}[family](script, np.random.default_rng(seed))
     script.wait(0.1)
     return script
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("family", [*FAMILIES, *WIDE_FAMILIES])
 @pytest.mark.parametrize("seed", range(3))
 def test_phrases_end_as_they_began(family, seed):
     script = written(family, seed)
@@ -27,7 +27,7 @@ def test_phrases_end_as_they_began(family, seed):
     np.testing.assert_allclose(draft.zmp[-1], script.under(0.5), atol=1e-9)
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("family", [*FAMILIES, *WIDE_FAMILIES])
 def test_every_seed_is_another_motion(family):
     assert written(family, 0).now != written(family, 1).now
 

@@ -5,9 +5,11 @@ import pytest
 
 from plat.errors import MotionError
 from plat.motions import generate_motions, generation
-from plat.motions.generation import DT, FAMILIES, Solver, generate_named
+from plat.motions.checks import validate_motion
+from plat.motions.generation import DT, FAMILIES, GROUPS, WIDE_FAMILIES, Solver, generate_named
+from plat.motions.generation.families import ON_QUICK_FEET
 from plat.motions.generation.script import MotionScript
-from plat.motions.generation.soundness import measure_soundness
+from plat.motions.generation.soundness import QUICK_FEET, SoundnessLimits, contact_points, measure_soundness
 from plat.motions.generation.whole_body import WholeBody
 from plat.robots import G1
 
@@ -98,6 +100,58 @@ def test_a_foot_that_cannot_get_there_names_the_joint():
     script.wait(0.6)
     with pytest.raises(MotionError, match="foot is out of reach at frame \\d+, with .*ankle_pitch.* at their limits"):
         Solver(WholeBody(G1)).poses(script.draft(DT))
+
+
+@pytest.fixture(scope="module", params=sorted(WIDE_FAMILIES))
+def wide_clip(request):
+    """One clip of each wide family, and its family."""
+    return generate_named(f"generated:train/{request.param}@0.1")[0], request.param
+
+
+def test_wide_clips_are_sound_and_pass_inspection(wide_clip):
+    clip, family = wide_clip
+    limits = QUICK_FEET if family in ON_QUICK_FEET else SoundnessLimits()
+    found = measure_soundness(G1, clip.qpos, DT, limits)
+    assert found.faults(limits) == []
+    assert found.slip < 0.005
+    assert validate_motion(clip).verdict == "use"
+    for end in (clip.qpos[:3], clip.qpos[-3:]):
+        assert np.abs(np.diff(end[:, 7:], axis=0)).max() / DT < 0.3
+    if family in ("run", "jump", "hop"):
+        assert _aloft(clip.qpos) >= 4
+
+
+def test_plain_sets_are_as_they_were():
+    # published scores rest on them
+    middles = {
+        "stand_val_000": (247, -0.0013, 0.004, 0.7543, 0.6831, 0.7435),
+        "reach_val_000": (222, -0.0486, -0.0257, 0.759, 0.6203, 0.2318),
+        "walk_val_000": (299, 0.4426, -0.0545, 0.7567, 1.0586, 0.5443),
+        "squat_val_000": (190, -0.0659, -0.0001, 0.5861, 1.6096, 0.5036),
+        "wave_val_000": (264, -0.0171, 0.0024, 0.7381, 0.8276, -0.0642),
+    }
+    for clip in generate_motions("val", seconds=20):
+        frames, *numbers = middles[clip.name]
+        assert len(clip.qpos) == frames
+        np.testing.assert_allclose(clip.qpos[frames // 2, [0, 1, 2, 10, 25]], numbers, atol=2e-4)
+
+
+def test_groups_stand_for_their_families():
+    assert GROUPS["wide"] == tuple(WIDE_FAMILIES)
+    assert not set(WIDE_FAMILIES) & set(FAMILIES)
+    clips = generate_motions("val", seconds=9, families=("wide",))
+    assert [clip.name.split("_")[0] for clip in clips] == list(WIDE_FAMILIES)[: len(clips)]
+
+
+def test_running_is_fast():
+    (clip,) = generate_motions("val", seconds=1, families=("run",))
+    assert np.linalg.norm(np.diff(clip.qpos[:, :2], axis=0), axis=1).max() / DT > 2.2
+
+
+def _aloft(qpos: np.ndarray) -> int:
+    """Return the number of frames in which neither foot touches the floor."""
+    points, _ = contact_points(G1, G1.model(), qpos.astype(np.float64))
+    return int((points[..., 2].min((-1, -2)) > 0.003).sum())
 
 
 def test_names_choose_families_and_length():

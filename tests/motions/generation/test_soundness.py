@@ -92,3 +92,13 @@ def test_support_margin_of_a_triangle():
     down = np.array([[[True, True], [True, False]]]).repeat(2, 0)
     margin = soundness.support_margin(points, down, np.array([[0.25, 0.25], [1.0, 1.0]]))
     np.testing.assert_allclose(margin, [0.25, -np.sqrt(0.5)])
+
+
+def test_a_robot_that_falls_freely_is_sound_in_flight_and_one_that_hangs_is_not(standing):
+    time = np.arange(60) * DT
+    hanging = standing.copy()
+    hanging[10:50, 2] += 0.2
+    assert measure_soundness(G1, hanging, DT).falling == pytest.approx(9.81, abs=0.01)
+    jumping = standing.copy()
+    jumping[:, 2] += np.where((time > 0.2) & (time < 0.6), 9.81 / 2 * (time - 0.2) * (0.6 - time), 0.0)
+    assert measure_soundness(G1, jumping, DT).falling < 1e-6

@@ -4,6 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from plat.motions.generation.families.agile import cut, halt, run, shuffle, stumble
+from plat.motions.generation.families.athletic import arms, fetch, high_kick, hop, jump, low_work, squat_deep
 from plat.motions.generation.families.legs import balance, bow, kick, lunge, squat, weight_shift
 from plat.motions.generation.families.upper_body import gesture, punch, reach, stand, twist, wave
 from plat.motions.generation.families.walking import (
@@ -16,7 +18,7 @@ from plat.motions.generation.families.walking import (
 )
 from plat.motions.generation.script import MotionScript
 
-__all__ = ["FAMILIES", "Family", "sequence"]
+__all__ = ["FAMILIES", "GROUPS", "ON_QUICK_FEET", "WIDE_FAMILIES", "Family", "sequence"]
 
 Family = Callable[[MotionScript, np.random.Generator], None]
 """Writes one phrase; every parameter comes from the generator."""
@@ -52,4 +54,26 @@ def sequence(script: MotionScript, rng: np.random.Generator) -> None:
 
 
 FAMILIES: dict[str, Family] = {**_PHRASES, "sequence": sequence}
-"""Every kind of motion by name."""
+"""Every kind of motion of the plain sets, by name."""
+
+WIDE_FAMILIES: dict[str, Family] = {
+    "run": run,
+    "arms": arms,
+    "jump": jump,
+    "lowwork": low_work,
+    "cut": cut,
+    "fetch": fetch,
+    "halt": halt,
+    "highkick": high_kick,
+    "stumble": stumble,
+    "deepsquat": squat_deep,
+    "shuffle": shuffle,
+    "hop": hop,
+}
+"""Wider and harder kinds of motion by name; sets hold them only where they are asked for."""
+
+ON_QUICK_FEET = frozenset(("run", "jump", "cut", "halt", "stumble", "shuffle", "hop"))
+"""Families whose feet roll, fly and land: weight may leave the soles a little, as in running."""
+
+GROUPS: dict[str, tuple[str, ...]] = {"wide": tuple(WIDE_FAMILIES), "all": (*FAMILIES, *WIDE_FAMILIES)}
+"""Names that stand for several families."""

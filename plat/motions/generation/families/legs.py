@@ -6,7 +6,7 @@ from plat.motions.generation.families.upper_body import arm
 from plat.motions.generation.gait import Gait, take_steps
 from plat.motions.generation.script import LEFT, RIGHT, SIDES, MotionScript
 
-__all__ = ["balance", "bow", "kick", "lunge", "squat", "weight_shift"]
+__all__ = ["balance", "bow", "kick", "lift_foot", "lower_foot", "lunge", "place_beside", "squat", "weight_shift"]
 
 
 def squat(script: MotionScript, rng: np.random.Generator) -> None:
@@ -57,12 +57,12 @@ def lunge(script: MotionScript, rng: np.random.Generator) -> None:
     clearance = rng.uniform(0.04, 0.07)
     if rng.random() < 0.65:
         length, depth = rng.uniform(0.25, 0.42), rng.uniform(0.05, 0.18)
-        out = _beside(script, foot, length, -0.03)
+        out = place_beside(script, foot, length, -0.03)
         gait = Gait(step_time=rng.uniform(0.55, 0.75), clearance=clearance, onset=rng.uniform(0.4, 0.5))
         heel = rng.uniform(0.8, 1.2) * length + 1.5 * depth
     else:
         apart = np.linalg.norm(script.feet[LEFT, :2] - script.feet[RIGHT, :2])
-        out, depth, heel = _beside(script, foot, 0.0, rng.uniform(0.26, 0.3) - apart), rng.uniform(0.03, 0.08), 0.0
+        out, depth, heel = place_beside(script, foot, 0.0, rng.uniform(0.26, 0.3) - apart), rng.uniform(0.03, 0.08), 0.0
         # quick, so that the weight stays near the middle: an ankle cannot tilt far sideways
         gait = Gait(step_time=rng.uniform(0.45, 0.55), clearance=clearance, onset=rng.uniform(0.25, 0.35))
     take_steps(script, [(foot, out)], gait)
@@ -87,11 +87,11 @@ def balance(script: MotionScript, rng: np.random.Generator) -> None:
     script.shift(arm(LEFT, {"shoulder_roll": out}) | arm(RIGHT, {"shoulder_roll": out}), seconds)
     script.wait(0.8 * seconds)
     seconds = rng.uniform(0.8, 1.2)
-    _lift(
+    lift_foot(
         script, foot, seconds, up=rng.uniform(0.06, 0.25), forward=rng.uniform(-0.15, 0.15), inward=rng.uniform(0, 0.04)
     )
     script.wait(seconds + rng.uniform(0.8, 3.0))
-    _down(script, foot, rng)
+    lower_foot(script, foot, rng)
 
 
 def kick(script: MotionScript, rng: np.random.Generator) -> None:
@@ -104,25 +104,25 @@ def kick(script: MotionScript, rng: np.random.Generator) -> None:
     way = rng.choice(("front", "front", "side", "back"))
     for _ in range(rng.integers(1, 3)):
         chamber = rng.uniform(0.5, 0.7)
-        _lift(script, foot, chamber, up=rng.uniform(0.1, 0.16))
+        lift_foot(script, foot, chamber, up=rng.uniform(0.1, 0.16))
         script.wait(chamber)
         out = rng.uniform(0.45, 0.65)
         if way == "front":
-            _lift(script, foot, out, up=rng.uniform(0.15, 0.42), forward=rng.uniform(0.25, 0.45))
+            lift_foot(script, foot, out, up=rng.uniform(0.15, 0.42), forward=rng.uniform(0.25, 0.45))
             script.shift({"waist_pitch": -0.1}, out)
         elif way == "back":
-            _lift(script, foot, out, up=rng.uniform(0.12, 0.25), forward=-rng.uniform(0.2, 0.35))
+            lift_foot(script, foot, out, up=rng.uniform(0.12, 0.25), forward=-rng.uniform(0.2, 0.35))
             script.shift({"waist_pitch": 0.15}, out)
         else:
-            _lift(script, foot, out, up=rng.uniform(0.12, 0.22), inward=-rng.uniform(0.15, 0.3))
+            lift_foot(script, foot, out, up=rng.uniform(0.12, 0.22), inward=-rng.uniform(0.15, 0.3))
         script.wait(out + rng.uniform(0.0, 0.15))
-        _lift(script, foot, 0.6, up=0.1)
+        lift_foot(script, foot, 0.6, up=0.1)
         script.shift({"waist_pitch": 0.0}, 0.6)
         script.wait(0.6)
-    _down(script, foot, rng)
+    lower_foot(script, foot, rng)
 
 
-def _beside(script: MotionScript, foot: int, forward: float, outward: float) -> np.ndarray:
+def place_beside(script: MotionScript, foot: int, forward: float, outward: float) -> np.ndarray:
     """Return a place ``[3]`` relative to a foot's position."""
     x, y, yaw = script.feet[foot]
     heading, sideways = script.feet[:, 2].mean(), outward * (1 if foot == LEFT else -1)
@@ -135,7 +135,7 @@ def _onto(script: MotionScript, standing: int, seconds: float) -> None:
     script.weigh(script.under(float(standing)), seconds)
 
 
-def _lift(
+def lift_foot(
     script: MotionScript, foot: int, seconds: float, up: float, forward: float = 0.0, inward: float = 0.0
 ) -> None:
     side, sign = SIDES[foot], (-1 if foot == LEFT else 1)
@@ -146,7 +146,7 @@ def _lift(
     )
 
 
-def _down(script: MotionScript, foot: int, rng: np.random.Generator) -> None:
+def lower_foot(script: MotionScript, foot: int, rng: np.random.Generator) -> None:
     side, seconds = SIDES[foot], rng.uniform(0.8, 1.1)
     script.move({f"{side}_foot_forward": 0.0, f"{side}_foot_sideways": 0.0}, 0.85 * seconds)
     script.move({f"{side}_foot_up": 0.0}, seconds)
