@@ -121,7 +121,7 @@ def measure_soundness(robot: Robot, qpos: np.ndarray, dt: float, limits: Soundne
 
 def _in_flight(down: np.ndarray) -> np.ndarray:
     """Return the frames ``[F]`` in which no point is down, nor in the frames beside them."""
-    aloft = ~down.reshape(len(down), -1).any(-1)
+    aloft = np.asarray(~down.reshape(len(down), -1).any(-1))
     inner = aloft.copy()
     inner[1:] &= aloft[:-1]
     inner[:-1] &= aloft[1:]
