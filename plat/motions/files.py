@@ -17,13 +17,15 @@ import numpy as np
 from plat.errors import MotionError
 from plat.motions.clip import MotionClip
 from plat.motions.formats import MotionFile, QuatOrder, ReadOptions, csv_text
+from plat.motions.formats.csv_file import ASSUMED_RATE
 from plat.motions.formats.foreign import refuse_foreign
+from plat.motions.formats.pace import UnfitRateError
 from plat.motions.formats.rate import without_rates
 from plat.motions.paths import find_files, is_named
 from plat.motions.readers import READERS
 from plat.robots import G1, Robot
 
-__all__ = ["load_motions", "motion_paths", "read_motion_files", "save_csv", "save_motions"]
+__all__ = ["load_motions", "motion_paths", "read_along", "read_motion_files", "save_csv", "save_motions"]
 
 # names with a meaning in the file, and to the function that writes it
 _RESERVED = ("fps", "joint_names", "joint_pos", "file", "allow_pickle")
@@ -44,6 +46,16 @@ def motion_paths(
         MotionError: when one of them names no motion file.
     """
     return find_files(patterns, READERS, copies=strict, told=told)
+
+
+def read_along(path: Path) -> list[Path]:
+    """Return the files that are read along with one: what says its frame rate, its names or its skeleton."""
+    beside = {
+        ".csv": [path.with_suffix(".npz"), path.with_suffix(".pkl")],
+        ".npz": [path.with_name("meta.json")],
+        ".amc": sorted(path.parent.glob("*.asf")),
+    }
+    return [file for file in beside.get(path.suffix.lower(), []) if file.is_file()]
 
 
 def read_motion_files(
@@ -83,6 +95,10 @@ def read_motion_files(
             if strict or is_named(path, patterns):
                 raise
             errors.append(error)
+    files, unsure = _with_sure_rates(files, errors)
+    if unsure and strict:
+        raise unsure[0]
+    errors += unsure
     if errors and not files:
         raise errors[0] if len(errors) == 1 else MotionError(f"none of {len(errors)} files can be used; {errors[0]}")
     if skipped is not None:
@@ -181,6 +197,25 @@ def _named_apart(files: list[MotionFile]) -> list[MotionFile]:
     return [replace(file, clips=[apart(clip, file.path) for clip in file.clips]) for file in files]
 
 
+def _with_sure_rates(
+    files: list[MotionFile], errors: Sequence[MotionError]
+) -> tuple[list[MotionFile], list[MotionError]]:
+    """Return the files without those whose rate was assumed, where more files contradict the assumption than fit it.
+
+    Tables that do not state their rate come in sets of one rate, and of most motions the rate is not to be told.
+    """
+    against = sum(isinstance(error, UnfitRateError) for error in errors)
+    confirmed = sum(any(note.startswith("fps assumed, and") for note in file.notes) for file in files)
+    if against <= confirmed:
+        return files, []
+    unsure = [file for file in files if ASSUMED_RATE in file.notes]
+    told = (
+        f"nothing states its frames a second, and {against} such files beside it do not fit the usual ones: state --fps"
+    )
+    found = [MotionError(f"motion file {str(file.path)!r}: {told}") for file in unsure]
+    return [file for file in files if file not in unsure], found
+
+
 def _read(path: Path, options: ReadOptions) -> MotionFile:
     ending = path.suffix.lower()
     try:
@@ -188,6 +223,7 @@ def _read(path: Path, options: ReadOptions) -> MotionFile:
             refuse_foreign(file.read(64))
         return READERS[ending](path, options)
     except MotionError as error:
-        raise MotionError(f"motion file {str(path)!r}: {error}") from None
+        kind = UnfitRateError if isinstance(error, UnfitRateError) else MotionError
+        raise kind(f"motion file {str(path)!r}: {error}") from None
     except Exception as error:  # whatever a parser stumbles over: the file is broken
         raise MotionError(f"motion file {str(path)!r}: not a readable {ending} file ({error})") from error

@@ -23,7 +23,7 @@ from plat.files import replace_file
 from plat.motions.checks.repair import clip_to_limits
 from plat.motions.checks.validation import Verdict, validate_motions
 from plat.motions.clip import MotionClip
-from plat.motions.files import load_motions, motion_paths
+from plat.motions.files import load_motions, motion_paths, read_along
 from plat.motions.generation import PREFIX, generate_named
 from plat.motions.mirror import mirror_motion
 from plat.motions.resample import finite_difference, quat_finite_difference, resample_qpos
@@ -324,7 +324,7 @@ def _content_hash(generated: Sequence[str], paths: Sequence[Path], robot: Robot,
     digest = hashlib.blake2b(digest_size=16)
     digest.update(json.dumps([TABLE_VERSION, generated, robot.name, robot.keypoints, dt, mirror]).encode())
     digest.update(hashlib.blake2b(asset).digest())
-    for path in paths:
+    for path in (part for path in paths for part in (path, *read_along(path))):
         # clips are named by their files, and a name may say the frame rate
         digest.update(path.name.encode(errors="surrogateescape") + b"\0")
         with path.open("rb") as file:

@@ -40,6 +40,8 @@ class ValidationLimits(Bounded):
     """break in the root's turning, the same way (rad)"""
     tempo: Annotated[float, Range(1, infinite=True)] = 1.6
     """step rate over or under that of people, as a factor; more: repair, state the frame rate"""
+    gravity: Annotated[float, Range(1, infinite=True)] = 2.7
+    """acceleration of falls over or under that of gravity, as a factor; more: repair, state the frame rate"""
     trim_seconds: Limit = 0.5
     """how near to an end (s) a jump is trimmed away"""
 

@@ -6,16 +6,20 @@ from pathlib import Path
 import numpy as np
 
 from plat.errors import MotionError
-from plat.motions.checks.tempo import Tempo
 from plat.motions.clip import MotionClip
+from plat.motions.formats.beside import rate_beside
 from plat.motions.formats.clock import rate_of_times, stated_rates
 from plat.motions.formats.columns import Parts, split_columns
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip
+from plat.motions.formats.pace import Pace, UnfitRateError
 from plat.motions.formats.quaternion_order import choose_quat_order, settle_joint_order, settle_quat_order
 from plat.motions.formats.rate import without_rates
 from plat.motions.formats.table import Table, read_table
 
-__all__ = ["csv_text", "read_csv"]
+__all__ = ["ASSUMED_RATE", "csv_text", "read_csv"]
+
+ASSUMED_RATE = "fps assumed (another can stand in the file name: x_60fps.csv)"
+"""Note of a table whose frame rate nothing states and nothing in the motion confirms."""
 
 # of the LAFAN1 retargeting data set, whose files do not say it, and of BONES-SEED, whose header is known
 _USUAL_FPS = 30.0
@@ -102,6 +106,8 @@ def _rate(
     if options.fps is not None:
         return clip.fps, ()
     stated = stated_rates(path, table.comments)
+    if not stated and (beside := rate_beside(path, len(table.values))) is not None:
+        stated = [beside]
     if parts.times is not None:
         stated.insert(0, (rate_of_times(*parts.times), "the column of times"))
     elif parts.seed and not stated:
@@ -110,18 +116,19 @@ def _rate(
     for rate, source in stated:
         if all(abs(rate - other) > _SAME_RATE * other for other, _ in distinct):
             distinct.append((rate, source))
-    pace = Tempo.of(clip, options.robot)
     if len(distinct) == 1:
         return distinct[0][0], (f"fps from {distinct[0][1]}",)
+    pace = Pace(clip, options.robot)
     if len(distinct) > 1:
         told = " and ".join(f"{rate:g} ({source})" for rate, source in distinct)
-        fitting = [rate for rate, _ in distinct if pace is not None and pace.fits(rate)]
+        fitting = [rate for rate, _ in distinct if pace.confirmed_by(rate)]
         if len(fitting) != 1:
             raise MotionError(f"it states {told} frames a second; state which: --fps {distinct[-1][0]:g}")
-        return fitting[0], (f"fps {fitting[0]:g} of {told}: the one that fits its steps",)
-    if pace is not None and not pace.fits(_USUAL_FPS):
-        raise MotionError(
-            f"nothing states its frames a second; the usual {_USUAL_FPS:g} do not fit its steps, which look like about "
-            f"{pace.likely_rate:.0f}: state --fps"
+        return fitting[0], (f"fps {fitting[0]:g} of {told}: the one that fits its {pace.confirmed_by(fitting[0])}",)
+    if against := pace.against(_USUAL_FPS):
+        raise UnfitRateError(
+            f"nothing states its frames a second; the usual {_USUAL_FPS:g} do not fit {against}: state --fps"
         )
-    return _USUAL_FPS, ("fps assumed (another can stand in the file name: x_60fps.csv)",)
+    if confirmed := pace.confirmed_by(_USUAL_FPS):
+        return _USUAL_FPS, (f"fps assumed, and its {confirmed} fit",)
+    return _USUAL_FPS, (ASSUMED_RATE,)

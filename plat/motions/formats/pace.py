@@ -1,0 +1,42 @@
+"""What a motion itself says about its frame rate."""
+
+from plat.errors import MotionError
+from plat.motions.checks.flight import Flight
+from plat.motions.checks.tempo import Tempo
+from plat.motions.clip import MotionClip
+from plat.robots.robot import Robot
+
+__all__ = ["Pace", "UnfitRateError"]
+
+
+class UnfitRateError(MotionError):
+    """A file that states no frame rate, and whose motion does not fit the usual one."""
+
+
+class Pace:
+    """The evidence of a motion for its frame rate: the steps of a gait, and the fall of a flight.
+
+    Args:
+        clip: whose frame rate is not looked at.
+        robot: whose motion it is.
+    """
+
+    def __init__(self, clip: MotionClip, robot: Robot):
+        named = (("steps", Tempo.of(clip, robot)), ("flight", Flight.of(clip, robot)))
+        self._found = {what: found for what, found in named if found is not None}
+
+    def against(self, fps: float) -> str:
+        """Return what speaks against a rate, with the rate that it looks like; empty where nothing does.
+
+        >>> from plat.motions import generate_motions
+        >>> from plat.robots import G1
+        >>> walk = next(clip for clip in generate_motions("train", seconds=60) if clip.name.startswith("walk"))
+        >>> Pace(walk, G1).against(walk.fps), Pace(walk, G1).against(4 * walk.fps)[:9]
+        ('', 'its steps')
+        """
+        unfit = [(what, found) for what, found in self._found.items() if not found.fits(fps)]
+        return " and ".join(f"its {what} (about {found.likely_rate:.0f})" for what, found in unfit)
+
+    def confirmed_by(self, fps: float) -> str:
+        """Return what speaks for a rate, where nothing speaks against it; empty where nothing does."""
+        return "" if self.against(fps) else " and ".join(self._found)

@@ -1,0 +1,52 @@
+"""Rates of tables from the same motion beside them."""
+
+import numpy as np
+import pytest
+
+from plat.errors import MotionError
+from plat.motions import MotionClip, read_motion_files
+from plat.motions.formats.beside import rate_beside
+from tests.motions.checks.test_flight import jump
+
+from .writers import bowing_clip, write_asap, write_csv, write_gmr, write_tracker
+
+
+@pytest.mark.parametrize("write", [write_tracker, write_gmr, write_asap])
+def test_the_same_motion_in_another_format_gives_the_rate(tmp_path, write):
+    clip = bowing_clip()
+    write_csv(tmp_path / "bow.csv", clip)
+    assert rate_beside(tmp_path / "bow.csv", 40) is None
+    beside = tmp_path / f"bow{'.npz' if write is write_tracker else '.pkl'}"
+    write(beside, clip) if write is not write_asap else write_asap_of_one(beside, clip)
+    assert rate_beside(tmp_path / "bow.csv", 41) == (50, f"{beside.name} beside it")
+    assert rate_beside(tmp_path / "bow.csv", 80) is None
+    (file,) = read_motion_files(tmp_path / "bow.csv")
+    assert file.clips[0].fps == 50
+    assert f"fps from {beside.name} beside it" in file.facts
+    beside.write_bytes(b"version https://git-lfs")
+    assert rate_beside(tmp_path / "bow.csv", 40) is None
+
+
+def write_asap_of_one(path, clip):
+    from .writers import asap_motions, joblib_bytes
+
+    path.write_bytes(joblib_bytes(asap_motions(clip, ("bow",))))
+
+
+def unstated(clip: MotionClip, path) -> None:
+    write_csv(path, clip)
+
+
+def test_a_set_whose_motions_fall_too_slowly_is_refused(tmp_path):
+    unstated(bowing_clip(), tmp_path / "bow.csv")
+    unstated(jump(60), tmp_path / "jump.csv")
+    with pytest.raises(MotionError, match=r"none of 2 files.*jump.csv': nothing states its frames a second; "):
+        read_motion_files(tmp_path)
+    # the same with a jump that fits, which also outweighs one that does not
+    unstated(jump(30), tmp_path / "fits.csv")
+    skipped: list[MotionError] = []
+    found = read_motion_files(tmp_path, skipped=skipped)
+    assert [file.clips[0].name for file in found] == ["bow", "fits"]
+    assert "fps assumed, and its flight fit" in found[1].facts
+    assert len(skipped) == 1
+    assert all(np.isclose(file.clips[0].fps, 30) for file in found)
