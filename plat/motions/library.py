@@ -324,7 +324,8 @@ def _content_hash(generated: Sequence[str], paths: Sequence[Path], robot: Robot,
     digest = hashlib.blake2b(digest_size=16)
     digest.update(json.dumps([TABLE_VERSION, generated, robot.name, robot.keypoints, dt, mirror]).encode())
     digest.update(hashlib.blake2b(asset).digest())
-    for path in (part for path in paths for part in (path, *read_along(path))):
+    read = [part for path in paths for part in (path, *read_along(path))]
+    for path in read:
         # clips are named by their files, and a name may say the frame rate
         digest.update(path.name.encode(errors="surrogateescape") + b"\0")
         with path.open("rb") as file:
