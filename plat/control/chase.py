@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from plat.control.simulator import Simulator
 from plat.deploy import Pose, RobotState
+from plat.errors import KeyframeError
 from plat.keyframes import Command, Keyframe, KeyframeSequence
 from plat.spec.timing import Timing
 
@@ -81,7 +82,8 @@ class Chase(Iterator[ChaseStep]):
         simulator: the robot.
 
     Raises:
-        KeyframeError: for a command that is longer than the policy's timing allows.
+        KeyframeError: for a command that is longer than the policy's timing allows, or that a policy for whole poses
+            cannot follow.
         PlatError: when policy and simulator have different control steps.
 
     >>> from plat.robots import G1
@@ -98,7 +100,7 @@ class Chase(Iterator[ChaseStep]):
         controller.timing.check_control_dt(simulator.control_dt, "simulator")
         self.simulator = simulator
         self._controller = controller
-        self._sequence = sequence.with_timing(controller.timing)
+        self._sequence = _for_controller(sequence, controller)
         self._hold = hold
         self.restart()
 
@@ -110,7 +112,7 @@ class Chase(Iterator[ChaseStep]):
     @controller.setter
     def controller(self, controller: Controller) -> None:
         controller.timing.check_control_dt(self.simulator.control_dt, "simulator")
-        sequence = self._sequence.with_timing(controller.timing)
+        sequence = _for_controller(self._sequence, controller)
         controller.reset(self._joint_target)
         self._controller, self._sequence = controller, sequence
 
@@ -121,7 +123,7 @@ class Chase(Iterator[ChaseStep]):
 
     @sequence.setter
     def sequence(self, sequence: KeyframeSequence) -> None:
-        self._sequence = sequence.with_timing(self._controller.timing)
+        self._sequence = _for_controller(sequence, self._controller)
 
     @property
     def time(self) -> float:
@@ -150,3 +152,15 @@ class Chase(Iterator[ChaseStep]):
         after, reference = self.simulator.state(), self.sequence.sample(self.time)
         timing = self._controller.timing
         return ChaseStep(self.time, command, holding, before, self._joint_target, after, reference, timing)
+
+
+def _for_controller(sequence: KeyframeSequence, controller: Controller) -> KeyframeSequence:
+    """Return a sequence at the timing of a controller that can follow it."""
+    partial = sequence.partial
+    if partial is not None and not getattr(controller, "sees_parts", True):
+        label = f" ({partial.name!r})" if partial.name else ""
+        raise KeyframeError(
+            f"the keyframe at {partial.time:g} s{label} commands a part of its pose, but this policy was trained on "
+            "whole poses: command all of it, or use a policy that sees which parts are commanded"
+        )
+    return sequence.with_timing(controller.timing)

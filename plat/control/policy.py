@@ -11,6 +11,7 @@ from plat.deploy import ObservationBuilder, Pose, RobotState
 from plat.errors import ActionError
 from plat.robots.describe import describe_robot
 from plat.robots.robot import Robot
+from plat.spec.observation import optional_groups
 from plat.spec.timing import Timing, timing_of
 
 __all__ = ["PolicyController"]
@@ -26,6 +27,7 @@ class PolicyController:
 
     Attributes:
         timing: of the policy.
+        sees_parts: whether the policy sees which parts of a pose a keyframe commands.
 
     >>> from plat.robots import G1
     >>> from plat.keyframes import standing
@@ -42,8 +44,10 @@ class PolicyController:
         self._policy = policy
         self.timing = timing or timing_of(policy) or Timing()
         description = describe_robot(robot, self.timing.control_dt)
-        self._observe = ObservationBuilder(description, self.timing.max_steps)
+        also = optional_groups(getattr(policy, "in_keys", ()))
+        self._observe = ObservationBuilder(description, self.timing.max_steps, also, self.timing.window)
         self._joint_names = description.joint_names
+        self.sees_parts = "parts" in also
         self._default = description.default_joint_pos
         self._scale = description.action_scale
         self.reset()

@@ -8,13 +8,15 @@ import torch
 from numpy.typing import NDArray
 from tensordict import TensorDict
 
-from plat.control.reach import down
+from plat.control.reach import distances, down
 from plat.control.settings import ReachLimits
 from plat.deploy import RobotState
+from plat.envs.transforms.metrics import commanded_joints_and_bodies
 from plat.envs.transforms.terminations import fallen, off_pose
 from plat.keyframes import Keyframe
 from plat.robots.robot import Robot
 from plat.rotations import quat_angle
+from plat.spec.parts import Parts
 
 __all__ = ["PoseComparison", "PoseErrors"]
 
@@ -24,15 +26,19 @@ class PoseErrors:
     """Distance of a robot from a pose."""
 
     joint: float
-    """mean absolute error of the joint angles (rad): MPJPE"""
+    """mean absolute error of the commanded joint angles (rad): MPJPE; 0 where none are commanded"""
     keypoint: float
-    """mean Euclidean error of the keypoints in the world (m): MPKPE"""
+    """mean Euclidean error of the commanded keypoints in the world (m): MPKPE; 0 where none are commanded"""
     root: float
-    """distance of the root (m)"""
+    """distance of the root in what is commanded of its position (m)"""
+    bodies: float
+    """largest distance of a body whose position a partial keyframe commands (m); 0 for whole ones"""
     height: float
-    """largest error of the height of anchor, ankles and wrists (m)"""
+    """largest error of the height of anchor, ankles and wrists, or of the commanded bodies (m)"""
     turn: float
-    """angle between the anchor's orientations (rad)"""
+    """angle between the anchor's orientations; of a partial keyframe the root's, where it is commanded (rad)"""
+    near: bool
+    """whether everything that is commanded is near enough: see :class:`plat.control.ReachLimits`"""
     off_pose: bool
     """whether anchor, ankles or wrists are too far off to count as arrived"""
     fallen: bool
@@ -66,20 +72,35 @@ class PoseComparison:
         self._keypoints = [self._model.body(name).id for name in robot.keypoints]
         self._watched = [robot.anchor_index, *robot.end_effector_indices]
 
-    def __call__(self, state: RobotState, pose: Keyframe) -> PoseErrors:
-        """Errors of a state against a pose."""
+    def __call__(self, state: RobotState, pose: Keyframe, commands: Parts | None = None) -> PoseErrors:
+        """Errors of a state against a pose, or against the parts of it that are commanded."""
         actual = self._keypoints_of(state.qpos)
         wanted = self._keypoints_of(pose.qpos)
-        apart = actual["keypoint_pos_w"] - wanted["keypoint_pos_w"]
-        anchors = (poses["keypoint_quat_w"][:, self._robot.anchor_index] for poses in (actual, wanted))
+        parts = None
+        if commands is not None and not commands.whole:
+            parts = torch.tensor(commands.values(), dtype=torch.float64)[None]
+        for poses, joint_pos in ((actual, state.joint_pos), (wanted, pose.joint_pos)):
+            poses["joint_pos"] = torch.from_numpy(np.asarray(joint_pos, dtype=np.float64))[None]
+        away = distances(actual, wanted, parts)
+        heights = (actual["keypoint_pos_w"] - wanted["keypoint_pos_w"])[0, :, 2].abs()
+        points = torch.linalg.vector_norm(actual["keypoint_pos_w"] - wanted["keypoint_pos_w"], dim=-1)[0]
+        if parts is None or commands is None:
+            anchors = (poses["keypoint_quat_w"][:, self._robot.anchor_index] for poses in (actual, wanted))
+            turn, watched, counted = quat_angle(*anchors), self._watched, torch.ones_like(points)
+        else:
+            turn = away.turn
+            watched = [row for row, flag in enumerate(commands.bodies) if flag or (row == 0 and commands.root[1])]
+            counted = commanded_joints_and_bodies(parts, len(state.joint_pos))[1][0]
         return PoseErrors(
-            joint=float(np.abs(state.joint_pos - pose.joint_pos).mean()),
-            keypoint=float(torch.linalg.vector_norm(apart, dim=-1).mean()),
-            root=float(apart[0, 0].norm()),
-            height=float(apart[0, self._watched, 2].abs().max()),
-            turn=float(quat_angle(*anchors)),
-            off_pose=bool(off_pose(actual, wanted, self._robot, self._limits.window)),
-            fallen=bool(fallen(actual, wanted, self._limits.window)),
+            joint=float(away.joints),
+            keypoint=float((points * counted).sum() / counted.sum().clamp_min(1.0)),
+            root=float(away.root),
+            bodies=0.0 if parts is None else float(away.bodies),
+            height=float(heights[watched].max()) if watched else 0.0,
+            turn=float(turn),
+            near=bool(away.near(self._limits)),
+            off_pose=bool(off_pose(actual, wanted, self._robot, self._limits.window, parts)),
+            fallen=bool(fallen(actual, wanted, self._limits.window, parts)),
             down=bool(down(actual, wanted, self._limits)),
         )
 

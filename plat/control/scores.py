@@ -38,7 +38,8 @@ class KeyframeScore:
 
     A keyframe is *reached* when the robot is near enough at its arrival, within the limits of TKS@3 at each step of the
     arrival window, and has not lain down on the way. Near enough: the root within 0.2 m and the joints within 0.2 rad
-    on average (:class:`plat.control.ReachLimits`). If it lay down, it *fell*; else the keyframe is *late or off*.
+    on average; of a partial keyframe all that it commands (:class:`plat.control.ReachLimits`). If it lay down, it
+    *fell*; else the keyframe is *late or off*.
 
     Args:
         index: its number in the sequence.
@@ -146,7 +147,7 @@ class KeyframeScorer:
 
     def add(self, step: ChaseStep) -> StepErrors:
         """Add a step; return the robot's distance from the sequence at its end."""
-        errors = self._compare(step.after, step.reference)
+        errors = self._compare(step.after, step.reference, step.command.keyframe.commands)
         failed = errors.off_pose if step.in_window else errors.fallen
         scored = StepErrors(**{field.name: getattr(errors, field.name) for field in fields(errors)}, failed=failed)
         self._watch_late(step)
@@ -181,11 +182,11 @@ class KeyframeScorer:
         if index in self._near_after or not steps or self._near(steps[-1][1]):
             return
         missed = steps[-1][0]
-        if self._near(self._compare(step.after, missed.command.keyframe)):
+        if self._near(self._compare(step.after, missed.command.keyframe, missed.command.keyframe.commands)):
             self._near_after[index] = round(step.time - missed.time, 6)
 
     def _near(self, errors: PoseErrors) -> bool:
-        return not errors.down and errors.root <= self.limits.root and errors.joint <= self.limits.joints
+        return not errors.down and errors.near
 
     def _score(self, steps: list[tuple[ChaseStep, StepErrors]]) -> KeyframeScore:
         last, arrival = steps[-1]
@@ -216,6 +217,7 @@ class KeyframeScorer:
             (late is not None, f"{late or 0:.2f} s late"),
             (arrival.root > limits.root, f"{arrival.root:.2f} m off"),
             (arrival.joint > limits.joints, f"joints {arrival.joint:.2f} rad off"),
+            (arrival.bodies > limits.bodies, f"a commanded body {arrival.bodies:.2f} m off"),
             (
                 height > min(limits.window.anchor_height, limits.window.end_effector_height),
                 f"a hand, a foot or the torso {height:.2f} m too high or low",

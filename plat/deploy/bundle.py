@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plat.deploy.description import Body, RobotDescription
-from plat.deploy.observation import ObservationTerm, observation_terms
+from plat.deploy.observation import ObservationBuilder, ObservationTerm, observation_terms
 from plat.errors import BundleError
 from plat.json_file import parse_json, short
 from plat.rotations_np import UNIT_TOLERANCE
+from plat.spec.observation import OPTIONAL_GROUPS
 from plat.spec.timing import Timing
 
 __all__ = [
@@ -94,6 +95,7 @@ class Bundle:
         scores: None when it has not been scored.
         network_sha256: SHA-256 of the network's file, in hexadecimal; None in the copy inside that file, and in
             bundles of plat 0.2 and before.
+        also: groups that the policy observes beside robot, goal and command: ``"parts"``, ``"clock"``.
     """
 
     robot: RobotDescription
@@ -102,6 +104,7 @@ class Bundle:
     training: TrainingFacts
     scores: tuple[BundleScore, ...] | None
     network_sha256: str | None = None
+    also: tuple[str, ...] = ()
 
     @property
     def max_steps(self) -> int:
@@ -111,7 +114,11 @@ class Bundle:
     @property
     def terms(self) -> tuple[ObservationTerm, ...]:
         """Return the layout of an observation: its terms in order."""
-        return observation_terms(len(self.robot.joint_names), len(self.robot.keypoints))
+        return observation_terms(len(self.robot.joint_names), len(self.robot.keypoints), self.also)
+
+    def observation_builder(self) -> ObservationBuilder:
+        """Return the builder of the policy's observations."""
+        return ObservationBuilder(self.robot, self.timing.max_steps, self.also, self.timing.window)
 
     def to_json(self) -> str:
         """Return the content of ``bundle.json``. Numbers survive a round trip exactly."""
@@ -166,6 +173,7 @@ class Bundle:
             training=_training(content.object("training")),
             scores=None if content.content.get("scores") is None else tuple(map(_score, content.objects("scores"))),
             network_sha256=content.optional(HASH_FIELD, str),
+            also=_also(content.object("observation")),
         )
         _check_terms(content.object("observation"), bundle.terms)
         return bundle
@@ -264,6 +272,12 @@ def _training(entry: _Object) -> TrainingFacts:
 def _score(entry: _Object) -> BundleScore:
     figures = (entry.value(name, float) for name in ("value", "low", "high"))
     return BundleScore(entry.value("horizon", str), entry.value("metric", str), *figures)
+
+
+def _also(observation: _Object) -> tuple[str, ...]:
+    """Return the optional groups that the terms of an observation are of."""
+    groups = {entry.value("name", str).split(".")[0] for entry in observation.objects("terms")}
+    return tuple(group for group in OPTIONAL_GROUPS if group in groups)
 
 
 def _check_terms(observation: _Object, known: tuple[ObservationTerm, ...]) -> None:

@@ -1,7 +1,9 @@
 """Observation of a policy: robot state, next keyframe and time to it, as one vector."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +14,9 @@ from plat.deploy.kinematics import KeypointKinematics
 from plat.deploy.state import Array, Pose, RobotState
 from plat.errors import StateError
 from plat.rotations_np import UNIT_TOLERANCE, quat_to_matrix
-from plat.spec.observation import STUDENT_GROUPS, as_observed, observed, table
+from plat.spec.observation import OPTIONAL_GROUPS, STUDENT_GROUPS, as_observed, observed, table
+from plat.spec.parts import Parts
+from plat.spec.timing import SOON, Timing
 
 __all__ = ["ObservationBuilder", "ObservationTerm", "observation_terms"]
 
@@ -40,8 +44,13 @@ class ObservationTerm:
     frame: str
 
 
-def observation_terms(num_joints: int, num_keypoints: int) -> tuple[ObservationTerm, ...]:
+def observation_terms(num_joints: int, num_keypoints: int, also: Sequence[str] = ()) -> tuple[ObservationTerm, ...]:
     """Return the terms of a policy's observation in order: the robot's state, the goal, the normalized horizon.
+
+    Args:
+        num_joints: J.
+        num_keypoints: K.
+        also: groups that follow, some of :data:`plat.spec.observation.OPTIONAL_GROUPS`.
 
     >>> terms = observation_terms(num_joints=29, num_keypoints=14)
     >>> terms[0]
@@ -50,7 +59,7 @@ def observation_terms(num_joints: int, num_keypoints: int) -> tuple[ObservationT
     ('command.horizon', 177)
     """
     terms, start = [], 0
-    for group in STUDENT_GROUPS:
+    for group in (*STUDENT_GROUPS, *(group for group in OPTIONAL_GROUPS if group in also)):
         for entry in table().entries(group):
             stop = start + entry.width(num_joints, num_keypoints)
             terms.append(ObservationTerm(f"{group}.{entry.name}", start, stop, entry.unit, entry.frame))
@@ -66,6 +75,8 @@ class ObservationBuilder:
     Args:
         robot: the robot.
         max_steps: ``Delta_max``, the longest command in control steps.
+        also: groups that the policy observes beside robot, goal and command.
+        window: control steps of the arrival window.
 
     >>> from types import SimpleNamespace
     >>> from plat.robots import G1
@@ -81,11 +92,23 @@ class ObservationBuilder:
     ((177,), 0.5)
     """
 
-    def __init__(self, robot: RobotDescription, max_steps: int):
+    def __init__(
+        self,
+        robot: RobotDescription,
+        max_steps: int,
+        also: Sequence[str] = (),
+        window: int = Timing.window,
+    ):
         joints, keypoints = len(robot.joint_names), len(robot.keypoints)
         self._kinematics = KeypointKinematics(robot)
         self._default_joint_pos = robot.default_joint_pos
         self._max_steps = max_steps
+        self._window = window
+        self._soon = robot.control_dt / SOON
+        self._joints = joints
+        self._whole = np.ones(joints + keypoints + 3)
+        self.also = tuple(group for group in OPTIONAL_GROUPS if group in also)
+        """Groups that are observed beside robot, goal and command."""
         self._state_widths = {
             "joint_pos": joints,
             "joint_vel": joints,
@@ -98,12 +121,12 @@ class ObservationBuilder:
         self._target = np.full(3 + 4 + joints, np.nan)
         self._target_keypoints_w = np.empty((keypoints, 3))
         self._target_to_world = np.empty((3, 3))
-        self.terms = observation_terms(joints, keypoints)
+        self.terms = observation_terms(joints, keypoints, self.also)
         """What lies where in an observation."""
         self.size = self.terms[-1].stop
         """Number of features F."""
         self._values = np.empty(self.size)
-        self._parts = [self._values[term.start : term.stop] for term in self.terms]
+        self._slices = [self._values[term.start : term.stop] for term in self.terms]
 
     def __call__(self, state: RobotState, keyframe: Pose, steps_left: float, last_action: Array) -> NDArray[np.float32]:
         """Return the observation ``[F]``.
@@ -116,7 +139,7 @@ class ObservationBuilder:
 
         Raises:
             StateError: naming the field of state or keyframe that has another size, is not finite, or is no unit
-                quaternion.
+                quaternion; for a partial keyframe, when the policy does not see what is commanded.
         """
         _check_shapes("robot state", state, self._state_widths)
         _check_shapes("keyframe", keyframe, self._pose_widths)
@@ -124,7 +147,9 @@ class ObservationBuilder:
         root_to_world = _unit_rotation("robot state: root_quat_w", state.root_quat_w)
         # a row vector times the matrix is the inverse rotation: from the world into the root frame
         keypoint_pos_b = (self._target_keypoints_w - state.root_pos_w) @ root_to_world
-        view = GoalView(state, self._target[7:], self._target_to_world, root_to_world, keypoint_pos_b)
+        parts = self._mask(keyframe)
+        to_target = self._target[:3] - np.asarray(state.root_pos_w, dtype=np.float64)
+        view = GoalView(state, self._target[7:], self._target_to_world, root_to_world, keypoint_pos_b, to_target, parts)
         robot = {
             "joint_pos": state.joint_pos - self._default_joint_pos,
             "joint_vel": state.joint_vel,
@@ -134,13 +159,20 @@ class ObservationBuilder:
             "last_action": last_action,
         }
         command = {"horizon": steps_left / self._max_steps}
-        groups = (
+        groups: list[dict[str, Any]] = [
             as_observed("robot", robot),
             observed("goal", GOAL_ENTRIES, view),
             as_observed("command", command),
-        )
+        ]
+        if "parts" in self.also:
+            flags = self._whole if parts is None else parts
+            joints, bodies, root = np.split(flags, (self._joints, len(flags) - 3))
+            groups.append(as_observed("parts", {"joints": joints, "bodies": bodies, "root": root}))
+        if "clock" in self.also:
+            clock = {"soon": min(steps_left * self._soon, 1.0), "in_window": float(steps_left <= self._window)}
+            groups.append(as_observed("clock", clock))
         values = (value for group in groups for value in group.values())
-        for part, value in zip(self._parts, values, strict=True):
+        for part, value in zip(self._slices, values, strict=True):
             part[:] = value
         largest = np.abs(self._values).max()
         if not largest <= _LARGEST:  # not >, which NaN would pass
@@ -149,6 +181,21 @@ class ObservationBuilder:
                 raise StateError("observation: last_action or steps_left is not finite, expected finite numbers")
             raise StateError(f"observation: holds {largest:.3g}, expected numbers that a robot measures")
         return self._values.astype(np.float32)
+
+    def _mask(self, keyframe: Pose) -> NDArray[np.float64] | None:
+        """Return the mask of a partial keyframe; None for a whole one."""
+        commands: Parts | None = getattr(keyframe, "commands", None)
+        if commands is None or commands.whole:
+            return None
+        if "parts" not in self.also:
+            raise StateError(
+                "keyframe: commands a part of the pose, but this policy was trained on whole poses: command all of it, "
+                "or use a policy that observes which parts are commanded"
+            )
+        mask = commands.mask()
+        if len(mask) != len(self._whole):
+            raise StateError(f"keyframe: commands has {len(mask)} flags, expected {len(self._whole)}")
+        return mask
 
     def _set_target(self, keyframe: Pose) -> None:
         target = np.concatenate((keyframe.root_pos, keyframe.root_quat, keyframe.joint_pos))

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plat.deploy.bundle import HASH_FIELD, INPUT, METADATA_KEY, OUTPUT, Bundle
-from plat.deploy.observation import ObservationBuilder
 from plat.deploy.onnx_session import open_session
 from plat.deploy.state import Array, Pose, RobotState
 from plat.errors import ActionError, BundleError, StateError
@@ -69,7 +68,7 @@ class PolicyRunner:
             raise BundleError(
                 f"bundle {str(path)!r}: control step of {robot.control_dt:g} s, not the {control_dt:g} s of this robot"
             )
-        self._observe = ObservationBuilder(robot, self.bundle.max_steps)
+        self._observe = self.bundle.observation_builder()
         self._where = f"ONNX policy {str(network)!r}"
         _check_widths(self._where, self._session, self._observe.size, len(robot.joint_names))
         self._run(np.zeros(self._observe.size, np.float32))
@@ -79,6 +78,11 @@ class PolicyRunner:
     def timing(self) -> Timing:
         """Return the policy's control step, longest command and arrival window."""
         return self.bundle.timing
+
+    @property
+    def sees_parts(self) -> bool:
+        """Return whether the policy sees which parts of a pose a keyframe commands."""
+        return "parts" in self.bundle.also
 
     def reset(self, joint_target: Array | None = None) -> None:
         """Start a new episode.

@@ -35,7 +35,11 @@ class RobotState:
 
 
 class Pose(Protocol):
-    """Protocol of a whole-body pose in the world; :class:`plat.keyframes.Keyframe` is one."""
+    """Protocol of a pose in the world; :class:`plat.keyframes.Keyframe` is one.
+
+    A pose may have an attribute ``commands``, the :class:`plat.spec.parts.Parts` that it commands; without one, or
+    with None, it commands everything.
+    """
 
     @property
     def root_pos(self) -> Array:

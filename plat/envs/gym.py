@@ -47,6 +47,7 @@ class _Task:
         task: KeyframeTaskConfig | None,
         device: str,
         timing: Timing,
+        also: Sequence[str],
     ):
         lengths = horizon_named(horizon, timing)
         library = MotionLibrary.load(motions, dt=timing.control_dt)
@@ -54,7 +55,8 @@ class _Task:
         self.env.insert_transform(2, KeyframeMetrics(library))  # after the reference and the clock, which it reads
         self._starts = next(part for part in self.env.transform if isinstance(part, FailureWeightedStarts))
         self.robot = library.robot
-        size = observation_size(student_keys(), self.robot)
+        self._keys = student_keys(also)
+        size = observation_size(self._keys, self.robot)
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float32)
         bound = np.full(self.robot.num_joints, _ACTION_BOUND, np.float32)
         self.action_space = gymnasium.spaces.Box(-bound, bound)
@@ -81,7 +83,11 @@ class _Task:
             self._starts.forget()
         with self._own_randomness(seed):
             self.current = self.env.reset()
-        return _flat(self.current)
+        return self.flat(self.current)
+
+    def flat(self, tensordict: TensorDictBase) -> np.ndarray:
+        """Return observations ``[N, F]``."""
+        return torch.cat([tensordict[key] for key in self._keys], -1).cpu().numpy()
 
     def step(self, actions: np.ndarray, auto_reset: bool) -> tuple[TensorDictBase, TensorDictBase]:
         """Step the environment; return the entries after the step, and those from which the next step begins."""
@@ -119,6 +125,7 @@ class G1TimedKeyframeEnv(gymnasium.Env):
         render_mode: ``"rgb_array"`` for pictures by :meth:`render`.
         device: where tensors live.
         timing: control step, longest command and arrival window.
+        also: groups that the observation has as well: ``"parts"``, which ``task.partial`` asks for, and ``"clock"``.
 
     Raises:
         TaskError: for an unknown horizon.
@@ -136,8 +143,9 @@ class G1TimedKeyframeEnv(gymnasium.Env):
         render_mode: str | None = None,
         device: str = "cpu",
         timing: Timing = Timing(),
+        also: Sequence[str] = (),
     ):
-        self._task = _Task(1, motions, horizon, task, device, timing)
+        self._task = _Task(1, motions, horizon, task, device, timing, also)
         self.metadata = {**self.metadata, "render_fps": round(1 / timing.control_dt)}
         self.observation_space = self._task.observation_space
         self.action_space = self._task.action_space
@@ -156,7 +164,7 @@ class G1TimedKeyframeEnv(gymnasium.Env):
         after, following = self._task.step(np.asarray(action)[None], auto_reset=False)
         flags = (bool(after[key]) for key in ("terminated", "truncated"))
         info = {key: values[0].item() for key, values in _info(after, following).items()}
-        return _flat(after)[0], float(after["reward"]), *flags, info
+        return self._task.flat(after)[0], float(after["reward"]), *flags, info
 
     def render(self) -> np.ndarray | None:
         """Return a picture ``[480, 640, 3]`` of the robot and a translucent copy in its keyframe.
@@ -189,7 +197,7 @@ class G1TimedKeyframeVectorEnv(VectorEnv):
 
     Args:
         num_envs: number of robots.
-        motions, horizon, task, device, timing: as for :class:`G1TimedKeyframeEnv`.
+        motions, horizon, task, device, timing, also: as for :class:`G1TimedKeyframeEnv`.
 
     >>> env = gymnasium.make_vec("plat/G1TimedKeyframe-v0", num_envs=4)
     >>> env.reset(seed=0)[0].shape
@@ -206,9 +214,10 @@ class G1TimedKeyframeVectorEnv(VectorEnv):
         task: KeyframeTaskConfig | None = None,
         device: str = "cpu",
         timing: Timing = Timing(),
+        also: Sequence[str] = (),
         **_: Any,
     ):
-        self._task = _Task(num_envs, motions, horizon, task, device, timing)
+        self._task = _Task(num_envs, motions, horizon, task, device, timing, also)
         self.num_envs = num_envs
         self.single_observation_space = self._task.observation_space
         self.single_action_space = self._task.action_space
@@ -233,15 +242,11 @@ class G1TimedKeyframeVectorEnv(VectorEnv):
         info |= {f"_{key}": np.ones(self.num_envs, bool) for key in info}
         if done.any():
             final = np.empty(self.num_envs, object)
-            observations = _flat(after)
+            observations = self._task.flat(after)
             for index in done.nonzero()[0]:
                 final[index] = observations[index]
             info |= {"final_obs": final, "_final_obs": done}
-        return _flat(following), reward.astype(np.float64), terminated, truncated, info
-
-
-def _flat(tensordict: TensorDictBase) -> np.ndarray:
-    return torch.cat([tensordict[key] for key in student_keys()], -1).cpu().numpy()
+        return self._task.flat(following), reward.astype(np.float64), terminated, truncated, info
 
 
 def _info(after: TensorDictBase, following: TensorDictBase) -> dict[str, np.ndarray]:

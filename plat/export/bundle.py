@@ -13,7 +13,6 @@ import torch
 
 from plat.deploy import PolicyRunner, RobotDescription, RobotState
 from plat.deploy.bundle import INPUT, METADATA_KEY, OUTPUT, Bundle, readable_json
-from plat.deploy.observation import ObservationBuilder
 from plat.deploy.onnx_session import open_session
 from plat.deploy.runner import BUNDLE_FILE, NETWORK_FILE
 from plat.errors import BundleError
@@ -122,7 +121,7 @@ def _example(folder: Path, network: JointTargetNetwork, bundle: Bundle) -> dict[
     robot = bundle.robot
     state, keyframe, last_action = _some_step(robot)
     steps_left = min(20, bundle.max_steps)
-    observation = ObservationBuilder(robot, bundle.max_steps)(state, keyframe, steps_left, last_action)
+    observation = bundle.observation_builder()(state, keyframe, steps_left, last_action)
     target = network(torch.from_numpy(observation)).numpy()
     runner = PolicyRunner(folder, robot.joint_names)
     runner.reset(robot.default_joint_pos + robot.action_scale * last_action)

@@ -4,6 +4,7 @@ from plat.deploy.bundle import Bundle, BundleScore, PolicyFacts, TrainingFacts
 from plat.modules import LatentPolicy, ResidualActionPolicy, ResidualLatentPolicy
 from plat.robots.describe import describe_robot
 from plat.runs import Policy, SavedRun, policy_spec
+from plat.spec.observation import optional_groups
 from plat.spec.timing import Timing, timing_of
 
 __all__ = ["describe_policy"]
@@ -37,4 +38,5 @@ def describe_policy(policy: Policy, run: SavedRun) -> Bundle:
             **{name: run.made_with.get(name) for name in ("plat", "torch", "commit")},
         ),
         scores=None if scores is None else tuple(BundleScore(*score) for score in scores),
+        also=optional_groups(policy.deployed().in_keys),
     )

@@ -11,7 +11,7 @@ from plat.errors import BundleError
 from plat.modules import ObservationNormalizer
 from plat.modules.lead import LEAD_KEYS, KeyframeShift
 from plat.runs.policies import Policy
-from plat.spec.observation import entry_shapes, student_keys
+from plat.spec.observation import entry_shapes, optional_groups, student_keys
 
 __all__ = ["JointTargetNetwork"]
 
@@ -44,7 +44,9 @@ class JointTargetNetwork(nn.Module):
         self._slices: dict[NestedKey, slice] = {}
         self.num_features = 0
         """Size of an observation F."""
-        for group, name in student_keys():
+        self.keys = student_keys(optional_groups(policy.deployed().in_keys))
+        """Entries of an observation, in order."""
+        for group, name in self.keys:
             start, (width,) = self.num_features, entry_shapes(group, robot)[name]
             self.num_features = start + width
             self._slices[group, name] = slice(start, self.num_features)
@@ -75,7 +77,7 @@ class JointTargetNetwork(nn.Module):
             if unknown := [key for key in step.in_keys if key not in known]:
                 raise BundleError(
                     f"the deployed policy reads {unknown[0]!r}, which a robot does not observe; expected some of "
-                    f"{student_keys()}"
+                    f"{self.keys}"
                 )
             known |= set(step.out_keys)
         if "action" not in known:
@@ -83,7 +85,7 @@ class JointTargetNetwork(nn.Module):
 
     def forward(self, observation: Tensor) -> Tensor:
         """Compute joint position targets ``[*B, J]`` (rad) for observations ``[*B, F]`` in the order of
-        ``student_keys()``.
+        :attr:`keys`.
         """
         values: dict[NestedKey, Tensor] = {}
         for part, (in_keys, out_keys) in zip(self.parts, self._keys, strict=True):

@@ -12,10 +12,13 @@ from plat.errors import KeyframeError
 from plat.files import replace_file
 from plat.json_file import read_json, short
 from plat.keyframes.keyframe import Keyframe, RobotJoints
+from plat.spec.parts import Parts
 
 __all__ = ["is_keyframe_file", "read_keyframes", "write_keyframes"]
 
-_FORMAT, _VERSION = "plat-keyframes", 1
+_FORMAT = "plat-keyframes"
+# version 2 adds the field "commands" of partial keyframes; files without one are written as version 1
+_VERSIONS = (1, 2)
 _POSE_FIELDS = ("root_pos", "root_quat", "joint_pos")
 # positions of w, x, y, z in a quaternion of each order
 _QUATERNION_ORDERS = {"wxyz": [0, 1, 2, 3], "xyzw": [3, 0, 1, 2]}
@@ -52,7 +55,7 @@ def write_keyframes(path: Path, robot: RobotJoints, start: Keyframe, keyframes: 
     """
     content = {
         "format": _FORMAT,
-        "version": _VERSION,
+        "version": 1 if all(keyframe.whole for keyframe in keyframes) else 2,
         "robot": robot.name,
         "quaternion_order": "wxyz",
         "start": _entry(start, robot),
@@ -67,8 +70,9 @@ def write_keyframes(path: Path, robot: RobotJoints, start: Keyframe, keyframes: 
 def _parse(content: Any, robot: RobotJoints) -> tuple[Keyframe | None, tuple[Keyframe, ...]]:
     if not isinstance(content, dict) or content.get("format") != _FORMAT:
         raise KeyframeError(f"not a keyframe file, expected an object with 'format': {_FORMAT!r}")
-    if content.get("version") != _VERSION:
-        raise KeyframeError(f"version is {short(content.get('version'))}, expected {_VERSION}")
+    version = content.get("version")
+    if isinstance(version, bool) or version not in _VERSIONS:
+        raise KeyframeError(f"version is {short(version)}, expected 1 or 2")
     required = ("format", "version", "robot", "quaternion_order", "keyframes")
     _check_fields(content, required, ("start",))
     if content["robot"] != robot.name:
@@ -80,12 +84,14 @@ def _parse(content: Any, robot: RobotJoints) -> tuple[Keyframe | None, tuple[Key
         raise KeyframeError("keyframes: expected a list")
     start = _keyframe(content["start"], "start", _POSE_FIELDS, order, robot) if "start" in content else None
     return start, tuple(
-        _keyframe(entry, f"keyframe {index}", ("time", *_POSE_FIELDS), order, robot)
+        _keyframe(entry, f"keyframe {index}", ("time", *_POSE_FIELDS), order, robot, version)
         for index, entry in enumerate(content["keyframes"])
     )
 
 
-def _keyframe(entry: Any, label: str, required: Sequence[str], order: str, robot: RobotJoints) -> Keyframe:
+def _keyframe(
+    entry: Any, label: str, required: Sequence[str], order: str, robot: RobotJoints, version: int = 1
+) -> Keyframe:
     """Return the keyframe of a JSON object; one without a time is at 0."""
     if not isinstance(entry, dict):
         raise KeyframeError(f"{label} is {short(entry)}, expected an object")
@@ -93,7 +99,7 @@ def _keyframe(entry: Any, label: str, required: Sequence[str], order: str, robot
     if isinstance(name, str):
         label += f" ({short(name)})"
     try:
-        _check_fields(entry, required, ("name",))
+        _check_fields(entry, required, ("name",) if version == 1 else ("name", "commands"))
         if not isinstance(name, (str, type(None))):
             raise KeyframeError(f"name is {short(name)}, expected a text")
         return Keyframe(
@@ -102,9 +108,27 @@ def _keyframe(entry: Any, label: str, required: Sequence[str], order: str, robot
             _numbers(entry["root_quat"], "root_quat", 4, order)[_QUATERNION_ORDERS[order]],
             _joints(entry["joint_pos"], robot),
             name,
+            _commands(entry["commands"], robot) if "commands" in entry else None,
         ).checked(robot)
     except KeyframeError as error:
         raise KeyframeError(f"{label}: {error}") from None
+
+
+def _commands(content: Any, robot: RobotJoints) -> Parts:
+    """Return the parts that lists of names say."""
+    if not isinstance(content, dict):
+        raise KeyframeError(f"commands is {short(content)}, expected an object of lists of names")
+    fields = ("joints", "bodies", "root")
+    unknown = [field for field in content if field not in fields]
+    if unknown:
+        raise KeyframeError(f"commands: unknown field {short(unknown[0])}, expected {', '.join(fields)}")
+    for field, names in content.items():
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            raise KeyframeError(f"commands: {field} is {short(names)}, expected a list of names")
+    try:
+        return Parts.only(robot, **content)
+    except KeyframeError as error:
+        raise KeyframeError(f"commands: {error}") from None
 
 
 def _joints(content: Any, robot: RobotJoints) -> np.ndarray:
@@ -154,4 +178,10 @@ def _entry(keyframe: Keyframe, robot: RobotJoints) -> dict[str, Any]:
         "root_pos": keyframe.root_pos.tolist(),
         "root_quat": keyframe.root_quat.tolist(),
         "joint_pos": dict(zip(robot.joint_names, keyframe.joint_pos.tolist(), strict=True)),
+        **({} if keyframe.commands is None or keyframe.whole else {"commands": _names(keyframe.commands, robot)}),
     }
+
+
+def _names(commands: Parts, robot: RobotJoints) -> dict[str, list[str]]:
+    """Return the names of what is commanded, without empty lists."""
+    return {field: names for field, names in commands.names(robot).items() if names}

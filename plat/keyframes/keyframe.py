@@ -1,4 +1,4 @@
-"""Keyframe: a whole-body pose and its arrival time."""
+"""Keyframe: a pose, whole or in parts, and its arrival time."""
 
 from __future__ import annotations  # the types of motions and robots bring torch with them
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from plat.errors import KeyframeError
 from plat.rotations_np import UNIT_TOLERANCE, quat_slerp
+from plat.spec.parts import Parts
 
 if TYPE_CHECKING:
     from plat.motions.clip import MotionClip
@@ -38,13 +39,19 @@ class RobotJoints(Protocol):
         """Return lower and upper limits ``[J, 2]`` (rad), an array or a tensor."""
 
     @property
+    def keypoints(self) -> tuple[str, ...]:
+        """Return the names of the K bodies whose positions a partial keyframe may command."""
+
+    @property
     def default_qpos(self) -> np.ndarray:
         """Return the default pose at the origin ``[7 + J]``: root position, quaternion ``wxyz``, joint angles."""
 
 
 @dataclass(frozen=True, eq=False)
 class Keyframe:
-    """Whole-body pose with an arrival time.
+    """Pose with an arrival time. It commands the whole pose, or the parts that ``commands`` names.
+
+    The values that a partial keyframe does not command are shown to nobody but people: they are how it is drawn.
 
     Args:
         time: seconds since the start of the sequence.
@@ -52,6 +59,7 @@ class Keyframe:
         root_quat: orientation of the root ``[4]``, ``wxyz``, root to world.
         joint_pos: joint angles ``[J]`` (rad, the robot's joint order).
         name: label in tables and messages.
+        commands: parts that are commanded; None for the whole pose. See :func:`plat.keyframes.only` for a short way.
 
     >>> from plat.robots import G1
     >>> Keyframe.from_qpos(0.5, G1.default_qpos, name="stand").root_pos
@@ -63,6 +71,7 @@ class Keyframe:
     root_quat: np.ndarray
     joint_pos: np.ndarray
     name: str | None = None
+    commands: Parts | None = None
 
     @classmethod
     def from_qpos(cls, time: float, qpos: np.ndarray, name: str | None = None) -> Keyframe:
@@ -91,6 +100,11 @@ class Keyframe:
         """Return the MuJoCo position vector ``[7 + J]``."""
         return np.concatenate((self.root_pos, self.root_quat, self.joint_pos))
 
+    @property
+    def whole(self) -> bool:
+        """Return whether the whole pose is commanded."""
+        return self.commands is None or self.commands.whole
+
     def at(self, time: float) -> Keyframe:
         """Return the same pose at another time."""
         return replace(self, time=time)
@@ -100,7 +114,7 @@ class Keyframe:
 
         Raises:
             KeyframeError: naming the field, for a wrong shape, a value that is not finite, a quaternion that is not of
-                unit length, or a joint angle outside the joint's range.
+                unit length, a joint angle outside the joint's range, or commands of another robot.
         """
         if not np.isfinite(self.time):
             raise KeyframeError(f"time is {self.time}, expected a finite number of seconds")
@@ -121,7 +135,9 @@ class Keyframe:
                 f"joint_pos: {robot.joint_names[worst]!r} is {joint_pos[worst]:.4g} rad, "
                 f"expected {low:.4g} to {high:.4g} (its range)"
             )
-        return Keyframe(float(self.time), root_pos, root_quat / length, joint_pos, self.name)
+        if self.commands is not None:
+            self.commands.check(robot)
+        return Keyframe(float(self.time), root_pos, root_quat / length, joint_pos, self.name, self.commands)
 
 
 def standing(robot: RobotJoints) -> Keyframe:

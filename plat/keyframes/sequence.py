@@ -86,6 +86,11 @@ class KeyframeSequence:
         return len(self.keyframes)
 
     @property
+    def partial(self) -> Keyframe | None:
+        """Return the first keyframe that commands a part of its pose; None when all are whole."""
+        return next((keyframe for keyframe in self.keyframes if not keyframe.whole), None)
+
+    @property
     def duration(self) -> float:
         """Return the time of the last arrival (s)."""
         return self.keyframes[-1].time
@@ -208,7 +213,7 @@ def split_long_intervals(
     """Insert keyframes into intervals of more than ``timing.max_steps`` steps; return the new sequence of keyframes.
 
     Such an interval is split into as few equal parts as possible, to a control step, at poses of :func:`interpolate`.
-    An added keyframe is named after the one that it leads to: ``wave 1/3``, ``wave 2/3``.
+    An added keyframe is named after the one that it leads to: ``wave 1/3``, ``wave 2/3``. It commands the same parts.
 
     Raises:
         KeyframeError: for times that do not increase.
@@ -228,7 +233,7 @@ def split_long_intervals(
         for part in range(1, parts):
             time = round((first + part * steps // parts) * timing.control_dt, 6)
             name = keyframe.name and f"{keyframe.name} {part}/{parts}"
-            result.append(replace(interpolate(before, keyframe, time), name=name))
+            result.append(replace(interpolate(before, keyframe, time), name=name, commands=keyframe.commands))
         result.append(keyframe)
         before = keyframe
     return tuple(result)

@@ -5,7 +5,18 @@ from plat.control import KeyframeScore, Outcome, PoseErrors
 
 def errors(joint: float = 0.0, keypoint: float = 0.0, *, down: bool = False) -> PoseErrors:
     """Errors with the root as far off as the keypoints."""
-    return PoseErrors(joint, keypoint, root=keypoint, height=0.0, turn=0.0, off_pose=False, fallen=down, down=down)
+    return PoseErrors(
+        joint,
+        keypoint,
+        root=keypoint,
+        bodies=0.0,
+        height=0.0,
+        turn=0.0,
+        near=not down,
+        off_pose=False,
+        fallen=down,
+        down=down,
+    )
 
 
 def score(

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from plat.control import Chase, Simulator
-from plat.keyframes import KeyframeSequence, standing
+from plat.errors import KeyframeError
+from plat.keyframes import KeyframeSequence, only, standing
 from plat.robots import G1
 from tests.control.puppets import DEFAULT, Limp, Puppet
 
@@ -87,3 +88,18 @@ def test_a_push_between_steps_is_felt(simulator):
     pushed = list(chase)[-1].after
     assert pushed.root_pos_w[1] > still.root_pos_w[1] + 0.05
     assert DEFAULT.shape == pushed.joint_pos.shape
+
+
+def test_a_policy_for_whole_poses_is_not_given_parts(simulator):
+    class Whole(Puppet):
+        sees_parts = False
+
+    partial = KeyframeSequence(G1, POSE, (POSE.at(0.1), only(G1, 0.2, root=(0.1, 0.0), name="there")))
+    with pytest.raises(KeyframeError, match=r"keyframe at 0.2 s \('there'\) commands a part"):
+        Chase(Whole(), partial, simulator)
+    chase = Chase(Puppet(), partial, simulator)
+    with pytest.raises(KeyframeError, match="commands a part"):
+        chase.controller = Whole()
+    whole = Chase(Whole(), sequence(0.1), simulator)
+    with pytest.raises(KeyframeError, match="commands a part"):
+        whole.sequence = partial

@@ -8,6 +8,7 @@ from plat.deploy import RobotState
 from plat.envs.transforms import TerminationLimits
 from plat.keyframes import Keyframe, standing
 from plat.robots import G1
+from plat.spec.parts import Parts
 
 POSE = standing(G1)
 
@@ -81,3 +82,25 @@ LYING = moved(root_quat=np.array([np.cos(0.75), 0, np.sin(0.75), 0]))
 )
 def test_whoever_is_low_or_tilted_without_being_told_to_is_down(compare, there, wanted, down):
     assert compare(state(there), wanted).down is down
+
+
+def test_only_what_is_commanded_is_off(compare):
+    elbow = G1.joint_names.index("left_elbow")
+    joint_pos = POSE.joint_pos.copy()
+    joint_pos[elbow] += 0.5
+    away = state(moved(joint_pos=joint_pos, root_pos=POSE.root_pos + np.array([0.5, 0.0, 0.1])))
+    right = compare(away, POSE, Parts.only(G1, joints=["right_elbow"]))
+    assert (right.joint, right.root, right.bodies, right.near) == (0.0, 0.0, 0.0, True)
+    left = compare(away, POSE, Parts.only(G1, joints=["left_elbow"]))
+    assert left.joint == pytest.approx(0.5)
+    assert not left.near
+    assert compare(away, POSE, Parts.only(G1, root=["height"])).root == pytest.approx(0.1)
+    assert compare(away, POSE, Parts.only(G1, root=["horizontal"])).root == pytest.approx(0.5)
+    torso = compare(away, POSE, Parts.only(G1, bodies=["torso_link"]))
+    assert torso.bodies == torso.keypoint == pytest.approx(np.hypot(0.5, 0.1))
+    assert torso.height == pytest.approx(0.1)
+
+
+def test_all_parts_are_the_whole_pose(compare):
+    away = state(moved(root_pos=POSE.root_pos + np.array([0.1, 0.0, 0.0])))
+    assert compare(away, POSE, Parts.all(G1)) == compare(away, POSE)

@@ -3,11 +3,12 @@ import pytest
 import torch
 
 from plat.deploy import ObservationBuilder, RobotState, observation_terms
-from plat.envs import make_keyframe_env
+from plat.envs import KeyframeTaskConfig, make_keyframe_env
 from plat.errors import StateError
 from plat.modules import STUDENT_KEYS
 from plat.robots import G1
-from plat.spec.observation import entry_shapes
+from plat.spec.observation import entry_shapes, student_keys
+from plat.spec.parts import Parts
 from tests.deploy.robots import SomePose, describe_g1, random_qpos, state_at
 
 
@@ -45,6 +46,44 @@ def test_agrees_with_the_environment(build, library):
         ours = build(state, SomePose(target.numpy()), int(step["command", "steps_left"]), robot["last_action"].numpy())
         expected = torch.cat([step[key] for key in STUDENT_KEYS])
         np.testing.assert_allclose(ours, expected, atol=5e-6)
+
+
+def test_agrees_with_the_environment_on_partial_keyframes(library):
+    build = ObservationBuilder(describe_g1(), 50, ("parts", "clock"))
+    keys = student_keys(("parts", "clock"))
+    assert [tuple(term.name.split(".")) for term in build.terms] == list(keys)
+    env = make_keyframe_env(library, 6, KeyframeTaskConfig(partial=0.8, max_displacement=None))
+    rollout = env.rollout(
+        40, lambda tensordict: tensordict.set("action", torch.randn(6, 29)), break_when_any_done=False
+    )
+    partial = 0
+    for step in rollout.flatten():
+        pose = library.poses(step["command", "target_frame"])
+        robot, root, mask = step["robot"], step["state"], step["command", "parts"]
+        state = RobotState(
+            joint_pos=(robot["joint_pos"] + G1.default_joint_pos).numpy(),
+            joint_vel=robot["joint_vel"].numpy(),
+            root_pos_w=root["root_pos_w"].numpy(),
+            root_quat_w=root["root_quat_w"].numpy(),
+            root_lin_vel_b=robot["root_lin_vel_b"].numpy(),
+            root_ang_vel_b=robot["root_ang_vel_b"].numpy(),
+        )
+        target = SomePose(torch.cat((pose["keypoint_pos"][0], pose["keypoint_quat"][0], pose["joint_pos"])).numpy())
+        target.commands = Parts.of_values(mask.tolist(), 29)
+        partial += not target.commands.whole
+        ours = build(state, target, int(step["command", "steps_left"]), robot["last_action"].numpy())
+        np.testing.assert_allclose(ours, torch.cat([step[key] for key in keys]), atol=5e-6)
+    assert partial > 100
+
+
+def test_a_policy_for_whole_poses_refuses_parts(build):
+    now, target = random_qpos(2)
+    pose = SomePose(target)
+    pose.commands = Parts.only(G1, joints=["left_elbow"])
+    with pytest.raises(StateError, match="trained on whole poses"):
+        build(state_at(now), pose, 10, np.zeros(29))
+    pose.commands = Parts.all(G1)
+    assert build(state_at(now), pose, 10, np.zeros(29)).shape == (177,)
 
 
 def test_a_pose_that_is_changed_in_place_is_seen(build):

@@ -9,6 +9,7 @@ import torch
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
+from plat.envs import KeyframeTaskConfig
 from plat.errors import RenderingError, TaskError
 
 
@@ -142,3 +143,18 @@ def test_vector_form():
             break
     assert ended
     env.close()
+
+
+def test_partial_keyframes_are_seen():
+    task = KeyframeTaskConfig(partial=0.5)
+    env = gymnasium.make("plat/G1TimedKeyframe-v0", motions="generated:val@8", task=task, also=("parts", "clock"))
+    observation, _ = env.reset(seed=3)
+    assert observation.shape == (225,)
+    masks = []
+    for _ in range(80):
+        observation, reward, terminated, truncated, _ = env.step(np.zeros(29, np.float32))
+        masks.append(observation[177:223])
+        assert np.isfinite(reward)
+        if terminated or truncated:
+            observation, _ = env.reset()
+    assert set(np.unique(masks)) == {0.0, 1.0}

@@ -89,7 +89,7 @@ def change(*path, to):
     ("broken", "message"),
     [
         (change("format", to="plat-run"), "not a keyframe file, expected an object with 'format': 'plat-keyframes'"),
-        (change("version", to=2), "version is 2, expected 1"),
+        (change("version", to=3), "version is 3, expected 1 or 2"),
         (change("robot", to="h1"), "robot is 'h1', expected 'g1'"),
         (change("robot", to=None), "robot is missing"),
         (change("quaternion_order", to=None), "quaternion_order is missing"),

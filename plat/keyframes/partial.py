@@ -1,0 +1,161 @@
+"""Partial keyframes in a line: hands, bodies, joints or the root alone, from a pose that reaches them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plat.deploy.kinematics import KeypointKinematics
+from plat.errors import KeyframeError
+from plat.keyframes.keyframe import Keyframe, standing
+from plat.spec.parts import Parts
+
+if TYPE_CHECKING:
+    from plat.robots.robot import Robot
+
+__all__ = ["hands_of", "only"]
+
+# Steps of the inverse kinematics, its damping (m), and how far an angle may change in a step (rad).
+_STEPS, _DAMPING, _LARGEST = 60, 0.03, 0.3
+_NUDGE = 1e-4
+
+
+def only(
+    robot: Robot,
+    time: float,
+    *,
+    left_hand: Sequence[float] | None = None,
+    right_hand: Sequence[float] | None = None,
+    bodies: Mapping[str, Sequence[float]] | None = None,
+    joints: Mapping[str, float] | None = None,
+    root: Sequence[float] | None = None,
+    height: float | None = None,
+    heading: float | None = None,
+    base: Keyframe | None = None,
+    name: str | None = None,
+) -> Keyframe:
+    """Return a keyframe that commands what is given, and nothing else.
+
+    The rest of its pose is that of ``base``, with the limbs bent so that the bodies come as near as they can to
+    their places; the root stays.
+
+    Args:
+        robot: whose keyframe it is.
+        time: of the arrival (s).
+        left_hand: position of the left hand ``[3]`` (m, world): the last body of the arm.
+        right_hand: of the right one.
+        bodies: positions of keypoint bodies by name ``[3]`` (m, world).
+        joints: angles by name (rad).
+        root: horizontal position of the root ``[2]`` (m, world).
+        height: of the root (m, world).
+        heading: orientation of the root: upright, turned by this angle about the vertical (rad).
+        base: pose to begin from; None for the default pose.
+        name: label in tables and messages.
+
+    Raises:
+        KeyframeError: when nothing is given, a name does not exist, or a position has not three numbers.
+
+    >>> from plat.robots import G1
+    >>> keyframe = only(G1, 1.0, left_hand=(0.35, 0.2, 0.95), right_hand=(0.35, -0.2, 0.95))
+    >>> keyframe.commands.names(G1)["bodies"]
+    ['left_wrist_yaw_link', 'right_wrist_yaw_link']
+    """
+    wanted = dict(bodies or {})
+    for place, body in zip((left_hand, right_hand), hands_of(robot), strict=True):
+        if place is not None:
+            wanted[body] = place
+    angles = dict(joints or {})
+    root_parts = [
+        part
+        for part, value in (("horizontal", root), ("height", height), ("orientation", heading))
+        if value is not None
+    ]
+    commands = Parts.only(robot, angles, wanted, root_parts)
+    pose = base or standing(robot)
+    qpos = pose.qpos
+    if root is not None:
+        qpos[:2] = _numbers("root", root, 2)
+    if height is not None:
+        qpos[2] = height
+    if heading is not None:
+        qpos[3:7] = (np.cos(heading / 2), 0.0, 0.0, np.sin(heading / 2))
+    for joint, angle in angles.items():
+        qpos[7 + robot.joint_names.index(joint)] = angle
+    places = {body: _numbers(f"bodies: {body!r}", place, 3) for body, place in wanted.items()}
+    if places:
+        qpos = _reaching(robot, qpos, places, fixed=angles)
+    return replace(Keyframe.from_qpos(time, qpos, name), commands=commands).checked(robot)
+
+
+def hands_of(robot: Robot) -> tuple[str, str]:
+    """Return the bodies that a robot's left and right hand are: its end effectors that are no feet.
+    Two empty names for a robot that has not two of them.
+
+    >>> from plat.robots import G1
+    >>> hands_of(G1)
+    ('left_wrist_yaw_link', 'right_wrist_yaw_link')
+    """
+    hands = [body for body in robot.end_effectors if body not in robot.feet]
+    if len(hands) != 2:
+        return ("", "")
+    left, right = hands
+    return (left, right) if not right.startswith("left") else (right, left)
+
+
+def _numbers(field: str, values: Sequence[float], count: int) -> NDArray[np.float64]:
+    try:
+        numbers = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        numbers = np.empty(0)
+    if numbers.shape != (count,) or not np.isfinite(numbers).all():
+        raise KeyframeError(f"{field} is {values!r}, expected {count} finite numbers (m, world)")
+    return numbers
+
+
+def _reaching(
+    robot: Robot, qpos: NDArray[np.float64], places: Mapping[str, NDArray[np.float64]], fixed: Mapping[str, float]
+) -> NDArray[np.float64]:
+    """Return a pose in which bodies are near their places, by damped least squares over the joints that move them."""
+    from plat.robots.describe import describe_robot  # mujoco: reading keyframes has no use for it
+
+    description = describe_robot(robot, control_dt=0.02)
+    kinematics = KeypointKinematics(description)
+    rows = [robot.keypoints.index(body) for body in places]
+    targets = np.stack(list(places.values()))
+    parents = {body.name: body for body in description.bodies}
+    free: set[int] = set()
+    for body in places:
+        link = parents[body]
+        while link.parent >= 0:
+            if link.joint >= 0 and robot.joint_names[link.joint] not in fixed:
+                free.add(link.joint)
+            link = description.bodies[link.parent]
+    columns = sorted(free)
+    low, high = np.asarray(robot.joint_range, dtype=np.float64)[columns].T
+    # joints near the root turn the whole trunk: they give way last
+    ease = np.array([1.0 if any(word in robot.joint_names[column] for word in _LIMBS) else 0.3 for column in columns])
+    qpos = qpos.copy()
+
+    def points(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+        qpos[[7 + column for column in columns]] = angles
+        return kinematics(qpos[:3], qpos[3:7], qpos[7:])[rows].ravel()
+
+    angles = qpos[[7 + column for column in columns]]
+    for _ in range(_STEPS):
+        now = points(angles)
+        off = targets.ravel() - now
+        if np.abs(off).max() < 1e-4:
+            break
+        jacobian = np.stack([(points(angles + _NUDGE * unit) - now) / _NUDGE for unit in np.eye(len(columns))], -1)
+        eased = jacobian * ease
+        step = ease * (eased.T @ np.linalg.solve(eased @ eased.T + _DAMPING**2 * np.eye(len(off)), off))
+        angles = np.clip(angles + step.clip(-_LARGEST, _LARGEST), low, high)
+    points(angles)
+    return qpos
+
+
+_LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")

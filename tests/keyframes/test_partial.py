@@ -1,0 +1,114 @@
+import json
+
+import numpy as np
+import pytest
+
+from plat.deploy.kinematics import KeypointKinematics
+from plat.errors import KeyframeError
+from plat.keyframes import KeyframeSequence, Parts, only, standing
+from plat.robots import G1
+from plat.robots.describe import describe_robot
+from plat.spec.timing import Timing
+
+LEFT, RIGHT = "left_wrist_yaw_link", "right_wrist_yaw_link"
+
+
+def place(keyframe, body):
+    points = KeypointKinematics(describe_robot(G1, control_dt=0.02))(
+        keyframe.root_pos, keyframe.root_quat, keyframe.joint_pos
+    )
+    return points[G1.keypoints.index(body)]
+
+
+@pytest.mark.parametrize("left", [(0.35, 0.2, 0.95), (0.1, 0.4, 1.2), (0.2, 0.25, 0.75)])
+def test_hands_are_where_they_are_asked_to_be(left):
+    right = (left[0], -left[1], left[2])
+    keyframe = only(G1, 1.0, left_hand=left, right_hand=right)
+    np.testing.assert_allclose(place(keyframe, LEFT), left, atol=0.005)
+    np.testing.assert_allclose(place(keyframe, RIGHT), right, atol=0.005)
+    assert keyframe.commands == Parts.only(G1, bodies=(LEFT, RIGHT))
+    # nothing but the arms and the waist moved
+    moved = np.abs(keyframe.joint_pos - standing(G1).joint_pos) > 1e-6
+    assert not moved[G1.leg_joints].any()
+    np.testing.assert_array_equal(keyframe.root_pos, standing(G1).root_pos)
+
+
+def test_a_hand_out_of_reach_is_stretched_towards_its_place():
+    keyframe = only(G1, 1.0, left_hand=(2.0, 0.0, 1.0))
+    hand = place(keyframe, LEFT)
+    assert hand[0] > 0.3
+    keyframe.checked(G1)
+
+
+def test_a_waypoint_commands_place_and_heading():
+    keyframe = only(G1, 2.0, root=(1.0, 0.5), heading=np.pi / 2, name="there")
+    assert keyframe.commands.names(G1) == {"joints": [], "bodies": [], "root": ["horizontal", "orientation"]}
+    np.testing.assert_allclose(keyframe.root_pos, (1.0, 0.5, G1.root_height))
+    np.testing.assert_allclose(keyframe.root_quat, (np.sqrt(0.5), 0, 0, np.sqrt(0.5)))
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({}, "nothing is commanded"),
+        ({"left_hand": (1, 2)}, "expected 3 finite numbers"),
+        ({"bodies": {"left_tail": (0, 0, 0)}}, "left_tail"),
+        ({"joints": {"left_elbow": 99.0}}, "left_elbow"),
+        ({"root": (0.0, float("nan"))}, "root is"),
+    ],
+)
+def test_bad_parts_are_named(given, message):
+    with pytest.raises(KeyframeError, match=message):
+        only(G1, 1.0, **given)
+
+
+def test_files_keep_what_is_commanded(tmp_path):
+    start = standing(G1)
+    sequence = KeyframeSequence(G1, start, (only(G1, 0.5, left_hand=(0.3, 0.2, 0.9)), start.at(1.0)))
+    path = tmp_path / "hands.json"
+    sequence.save(path)
+    content = json.loads(path.read_text())
+    assert content["version"] == 2
+    assert content["keyframes"][0]["commands"] == {"bodies": [LEFT]}
+    assert "commands" not in content["keyframes"][1]
+    again = KeyframeSequence.load(path, G1)
+    assert again.keyframes[0].commands == sequence.keyframes[0].commands
+    assert again.keyframes[1].whole
+    assert again.partial is again.keyframes[0]
+
+
+def test_whole_keyframes_are_written_as_version_1(tmp_path):
+    start = standing(G1)
+    KeyframeSequence(G1, start, (start.at(1.0),)).save(tmp_path / "whole.json")
+    assert json.loads((tmp_path / "whole.json").read_text())["version"] == 1
+
+
+@pytest.mark.parametrize(
+    ("version", "commands", "message"),
+    [
+        (1, {"bodies": [LEFT]}, "unknown field 'commands'"),
+        (2, {"bodies": ["left_tail"]}, "commands: parts: bodies has 'left_tail'"),
+        (2, {"hands": [LEFT]}, "commands: unknown field 'hands'"),
+        (2, {"bodies": LEFT}, "commands: bodies is"),
+        (2, [LEFT], "commands is"),
+        (2, {}, "nothing is commanded"),
+        (True, {"bodies": [LEFT]}, "version is"),
+        (3, {"bodies": [LEFT]}, "version is 3, expected 1 or 2"),
+    ],
+)
+def test_broken_commands_are_one_line(tmp_path, version, commands, message):
+    path = tmp_path / "broken.json"
+    KeyframeSequence(G1, standing(G1), (only(G1, 0.5, left_hand=(0.3, 0.2, 0.9)),)).save(path)
+    content = json.loads(path.read_text())
+    content["version"], content["keyframes"][0]["commands"] = version, commands
+    path.write_text(json.dumps(content))
+    with pytest.raises(KeyframeError, match=message) as error:
+        KeyframeSequence.load(path, G1)
+    assert "\n" not in str(error.value)
+
+
+def test_a_split_keyframe_stays_partial():
+    sequence = KeyframeSequence(G1, standing(G1), (only(G1, 2.5, root=(2.0, 0.0)),), Timing(max_steps=150))
+    split = sequence.with_timing(Timing(), split=True)
+    assert len(split) == 3
+    assert {keyframe.commands for keyframe in split.keyframes} == {sequence.keyframes[0].commands}

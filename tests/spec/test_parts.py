@@ -1,0 +1,39 @@
+import numpy as np
+import pytest
+
+from plat.errors import KeyframeError
+from plat.robots import G1
+from plat.spec.parts import Parts
+
+
+def test_names_go_there_and_back():
+    names = {"joints": ["left_knee"], "bodies": ["torso_link", "left_wrist_yaw_link"], "root": ["height"]}
+    parts = Parts.only(G1, **names)
+    assert parts.names(G1) == names
+    assert Parts.of_values(parts.mask(), 29) == parts
+    assert parts.mask().sum() == 4
+    assert not parts.whole
+
+
+def test_all_is_whole():
+    assert Parts.all(G1).whole
+    np.testing.assert_array_equal(Parts.all(G1).mask(), np.ones(46))
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        ({}, "nothing is commanded"),
+        ({"joints": ["left_tail"]}, "joints has 'left_tail'"),
+        ({"bodies": ["head"]}, "bodies has 'head'"),
+        ({"root": ["yaw"]}, "expected some of horizontal, height, orientation"),
+    ],
+)
+def test_names_that_do_not_exist(names, message):
+    with pytest.raises(KeyframeError, match=message):
+        Parts.only(G1, **names)
+
+
+def test_flags_of_another_robot():
+    with pytest.raises(KeyframeError, match="joints has 3 flags, expected 29"):
+        Parts((True,) * 3, (True,) * 14, (True, True, True)).check(G1)
