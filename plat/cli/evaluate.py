@@ -63,9 +63,10 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
     print_head()
     scores = []
     for horizon in recipe.horizon:
+        motions = long_enough(library, horizon)
         for name, entrant in entrants.items():
             started = time.monotonic()
-            records = evaluated(recipe, entrant, library, horizon, randomization)
+            records = evaluated(recipe, entrant, motions, horizon, randomization, recipe.partial)
             scores.append(Score.of(name, horizon, [records]))
             print_score(scores[-1], time.monotonic() - started)
     if recipe.authored:
@@ -92,6 +93,24 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
             log_table(run, "evaluation", COLUMNS, rows(scores), pictures)
             run.finish()
     return scores
+
+
+def long_enough(library: MotionLibrary, horizon: str) -> MotionLibrary:
+    """Return the motions that a horizon's shortest command fits into; say how many are left out.
+
+    Raises:
+        PlatError: when none is long enough.
+    """
+    shortest = HORIZONS[horizon].shortest if horizon in HORIZONS else 1
+    kept = (library.clip_length - 1 >= shortest).nonzero()[:, 0].tolist()
+    if len(kept) == library.num_clips:
+        return library
+    told = f"horizon {horizon!r}: {library.num_clips - len(kept)} of {library.num_clips} motions are shorter than"
+    told += f" {shortest * library.dt:g} s, its shortest command"
+    if not kept:
+        raise PlatError(f"{told}: give longer ones or a shorter horizon (--horizon)")
+    print(f"{told}, and are left out")
+    return library.only(*kept)
 
 
 def common_control_dt(entrants: Mapping[str, Entrant], horizons: Sequence[str]) -> float:
@@ -170,9 +189,12 @@ def evaluated(
     library: MotionLibrary,
     horizon: str,
     randomization: RandomizationRanges | None,
+    partial: str | None = None,
 ) -> CommandRecords:
     """Return what an entrant does with the commands of every motion."""
-    setting = EvaluationSetting(recipe.seed, randomization, num_envs=recipe.num_envs, device=recipe.device)
+    setting = EvaluationSetting(
+        recipe.seed, randomization, num_envs=recipe.num_envs, device=recipe.device, partial=partial
+    )
     return entrant.evaluate(library, horizon, setting)
 
 

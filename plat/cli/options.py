@@ -47,6 +47,12 @@ Rate: TypeAlias = Annotated[float, Range(1, 1000)]
 HorizonName = Literal["single", "short", "medium", "long", "mixed", "distant", "all"]
 
 
+PartKind: TypeAlias = Literal[
+    "hands", "hands_and_head", "hands_and_feet", "root", "upper_body", "legs", "bodies", "joints"
+]
+"""Kind of partial keyframes, see :data:`plat.envs.parts.PART_KINDS`."""
+
+
 @dataclass(kw_only=True)
 class ScoringConfig(Bounded):
     """What the recipes that score policies have in common."""
@@ -85,6 +91,8 @@ class EvaluateRecipe(ScoringConfig):
 
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
     """runs, or names such as plat-g1; an expert sees the keyframe as its next frame (Scratch RL)"""
+    partial: PartKind | None = None
+    """score partial keyframes of a kind; policies for whole poses cannot follow them"""
     only: str | None = None
     """regular expression: score only motions whose names it matches, as in run|kick"""
     dense: bool = False

@@ -175,16 +175,21 @@ def _ratios(records: CommandRecords, penalties: Penalties) -> dict[str, tuple[Te
     """Return each metric's numerator and denominator ``[M]``."""
     every = torch.ones_like(records.steps)
     reached = records.window_steps > 0
+    # partial keyframes that command no body have no error of bodies
+    at_arrival = ~records.arrival_error.isnan()
+    area = 100.0 * (1 - records.arrival_error.nan_to_num(_LARGEST).clamp_max(_LARGEST) / _LARGEST)
     ratios: dict[str, tuple[Tensor, Tensor]] = {
         "tks": (100.0 * ~records.failed, every),
         "fall_rate": (100.0 * records.fell, every),
-        "success_area": (100.0 * (1 - records.arrival_error.clamp_max(_LARGEST) / _LARGEST), every),
+        "success_area": (area * at_arrival, every * at_arrival),
     }
     for name, short in (("joint_error", "mpjpe"), ("keypoint_error", "mpkpe"), ("keypoint_error_root", "mpkpe_root")):
         error, cap = records.window[name], getattr(penalties, name)
-        ratios[short] = (error.nan_to_num(0.0) * reached, reached.double())
+        measured = reached & ~error.isnan()
+        ratios[short] = (error.nan_to_num(0.0) * measured, measured.double())
         capped = torch.where(records.failed, cap, error.nan_to_num(cap).clamp_max(cap))
-        ratios[f"{short}_all"] = (capped, every)
+        counts = measured | ~reached  # a window in which nothing of it was commanded says nothing
+        ratios[f"{short}_all"] = (capped * counts, every * counts)
     for name in STEP_METRICS:
         ratios[name] = (records.step[name], records.steps)
     return ratios

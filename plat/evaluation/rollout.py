@@ -100,7 +100,7 @@ def make_evaluation_env(
     transforms: list[Transform] = [
         *disturbing(env, setting.randomization, setting.disturbance),
         ReferenceMotion(env.library),
-        KeyframeClock(timing.window),
+        KeyframeClock(timing.window, 0 if schedule.parts is None else schedule.parts.shape[1]),
         KeyframeTermination(env.robot, setting.limits),
         KeyframeMetrics(env.library, setting.limits),
         starts,

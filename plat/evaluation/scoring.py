@@ -7,12 +7,15 @@ from typing import Any
 import torch
 from tensordict.nn import TensorDictModuleBase
 
+from plat.envs.parts import draw_parts
 from plat.envs.transforms import NEXT_FRAME, CommandSchedule, Horizon
 from plat.envs.transforms.command import check_timing
+from plat.errors import TaskError
 from plat.evaluation.records import CommandRecorder, CommandRecords
 from plat.evaluation.rollout import make_evaluation_env
 from plat.evaluation.setting import EvaluationSetting, Interface, Observe, ReferenceView
 from plat.motions.library import MotionLibrary
+from plat.spec.observation import optional_groups
 from plat.spec.timing import Timing, timing_of
 
 __all__ = ["evaluate", "schedule_of_clips"]
@@ -53,6 +56,7 @@ def evaluate(
         MotionError: when a motion is shorter than the horizon's shortest command.
         ActionError: when the policy gives an action that is not finite.
         PlatError: when motions or horizon do not fit the policy's timing.
+        TaskError: for partial keyframes, when the policy does not see what is commanded.
 
     >>> from plat.robots import G1
     >>> from plat.motions import generate_motions
@@ -70,6 +74,8 @@ def evaluate(
     library = library.to(setting.device)
     chosen = range(library.num_clips) if clips is None else clips
     library, schedule = schedule_of_clips(library, horizon, setting.seed, chosen)
+    if setting.partial is not None:
+        schedule = _partial(policy, library, schedule, setting.partial, setting.seed, chosen)
     recorder = CommandRecorder(library, schedule)
     total_steps = int((schedule.target_frame >= 0).sum())
     done_steps = 0
@@ -114,3 +120,25 @@ def schedule_of_clips(
         arrivals.append([*ends, last] if whole and ends[-1] < last else ends)
     motions = library.only(*chosen)
     return motions, CommandSchedule.of_arrivals(motions, arrivals)
+
+
+def _partial(
+    policy: TensorDictModuleBase,
+    library: MotionLibrary,
+    schedule: CommandSchedule,
+    kind: str,
+    seed: int,
+    clips: Sequence[int],
+) -> CommandSchedule:
+    """Return a schedule of partial keyframes; those of a clip are the same whatever the other clips."""
+    if "parts" not in optional_groups(getattr(policy, "in_keys", ())):
+        raise TaskError(
+            f"partial keyframes ({kind}): this policy was trained on whole poses, expected one that sees which parts "
+            "are commanded (--policy.also parts)"
+        )
+    of_clip = library.clip_of_frame[schedule.first_frame.to(library.device)]
+    masks = []
+    for row, clip in enumerate(clips):
+        count = int((of_clip == row).sum())
+        masks.append(draw_parts(library.robot, count + 1, seed * 1_000_003 + clip, (kind,), root=False)[1:])
+    return schedule.with_parts(torch.cat(masks))

@@ -31,6 +31,8 @@ class EvaluationSetting:
             The random stream depends on resets, so disturbances differ between policies after their first failure.
         disturbance: of fixed strength, for robustness curves; None for none.
         limits: when a command has failed.
+        partial: kind of partial keyframes that all commands are, one of :data:`plat.envs.parts.PART_KINDS`; None for
+            whole ones.
         timing: of the policy; None for the one that it carries, or the default at the control step of the motions.
         decimation: physics steps in a control step.
         feet: contact geometry of the soles.
@@ -43,6 +45,7 @@ class EvaluationSetting:
     randomization: RandomizationRanges | None = None
     disturbance: Disturbance | None = None
     limits: TerminationLimits | None = None
+    partial: str | None = None
     timing: Timing | None = None
     decimation: int = 4
     feet: FootContacts = "spheres"

@@ -1,6 +1,8 @@
+import pytest
 import torch
 
-from plat.envs.parts import draw_parts
+from plat.envs.parts import PART_KINDS, draw_parts
+from plat.errors import TaskError
 from plat.robots import G1
 
 
@@ -16,3 +18,18 @@ def test_masks_are_of_every_kind_and_never_empty():
     root_alone[-3:] = True
     assert (masks == root_alone).all(-1).sum() > 20
     assert draw_parts(G1, 9, seed=3).equal(draw_parts(G1, 9, seed=3))
+
+
+def test_kinds_are_chosen_by_name():
+    masks = draw_parts(G1, 5, kinds=["upper_body"], root=False)[1:]
+    legs = set(G1.leg_joints)
+    assert all(mask.nonzero()[:, 0].tolist() == [joint for joint in range(29) if joint not in legs] for mask in masks)
+    with pytest.raises(TaskError, match="kind 'wings', expected some of hands"):
+        draw_parts(G1, 5, kinds=["wings"])
+
+
+def test_every_kind_can_be_drawn():
+    for kind in PART_KINDS:
+        masks = draw_parts(G1, 20, kinds=[kind], root=False)[1:]
+        assert masks.any(-1).all(), kind
+        assert masks[:, -3:].all() == (kind == "root")

@@ -2,10 +2,10 @@ import pytest
 import torch
 
 from plat.envs.transforms import HORIZONS, PAPER_HORIZONS, CommandSchedule, Horizon, RandomizationRanges
-from plat.errors import MotionError
+from plat.errors import MotionError, TaskError
 from plat.evaluation import CommandRecords, evaluate, report
 from plat.evaluation.scoring import schedule_of_clips
-from plat.modules import Expert
+from plat.modules import Expert, PlainPolicy, PlainPolicyConfig
 from plat.motions import MotionLibrary
 from plat.robots import G1
 from tests.conftest import standing_clip
@@ -227,3 +227,31 @@ def test_what_is_left_of_a_clip_is_a_command_of_whole_clips():
     library = MotionLibrary.from_clips([standing_clip(frames=61)])  # 100 steps: 40, 40 and 20 that are too few
     _, schedule = schedule_of_clips(library, Horizon(40, 40), 0, [0], whole=True)
     assert schedule.target_frame[schedule.first_frame].tolist() == [40, 80, 100]
+
+
+def test_of_a_partial_keyframe_the_commanded_part_counts(monkeypatch, two_clips):
+    def raised(frame):
+        out = nowhere(frame)
+        out[:, 7 + G1.joint_names.index("left_elbow")] = 0.8
+        return out
+
+    monkeypatch.setattr(still, "in_keys", [("parts", "joints")], raising=False)
+    elsewhere = report(evaluate_puppet(monkeypatch, two_clips, HORIZONS["long"], raised, partial="legs"))
+    assert elsewhere["mpjpe"].value == pytest.approx(0, abs=1e-5)
+    assert elsewhere["mpkpe"].value != elsewhere["mpkpe"].value  # no body was commanded: NaN
+    arms = report(evaluate_puppet(monkeypatch, two_clips, HORIZONS["long"], raised, partial="upper_body"))
+    assert arms["mpjpe"].value == pytest.approx(0.8 / 17, rel=1e-3)
+    hands = report(evaluate_puppet(monkeypatch, two_clips, HORIZONS["long"], raised, partial="hands"))
+    assert hands["mpkpe"].value > 0.02
+
+
+def test_a_policy_for_whole_poses_has_no_score_on_parts(two_clips):
+    with pytest.raises(TaskError, match="trained on whole poses"):
+        evaluate(Expert(G1).deployed(), two_clips, HORIZONS["long"], partial="hands")
+
+
+def test_partial_commands_of_a_clip_are_the_same_in_parts(two_clips):
+    policy = PlainPolicy(G1, PlainPolicyConfig(also=("parts",))).deployed()
+    both = evaluate(policy, two_clips, HORIZONS["medium"], partial="bodies")
+    second = evaluate(policy, two_clips, HORIZONS["medium"], partial="bodies", clips=[1])
+    torch.testing.assert_close(both.of_clips([1]).arrival_error, second.arrival_error, equal_nan=True)
