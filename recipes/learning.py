@@ -12,7 +12,7 @@ from torch import nn
 from torchrl.envs import EnvBase
 
 from plat.collectors import RolloutReplay, rollouts
-from plat.errors import RenderingError
+from plat.errors import ConfigError, RenderingError
 from plat.evaluation.model_error import model_errors
 from plat.figures import save_figure
 from plat.figures.model_error_plot import model_error_plot
@@ -47,6 +47,10 @@ def learn(
         effort: entry of the actor that is kept small.
     """
     device, settings = recipe.device, recipe.imagination
+    if settings.window > (kept := _multiple(recipe.replay, recipe.rollout)):
+        raise ConfigError(f"--imagination.window {settings.window}: expected at most the {kept} steps of --replay")
+    # read before the work: what is wrong with them had better be said now
+    unseen = MotionLibrary.load(recipe.unseen, library.robot, dt=library.dt).to(device) if recipe.unseen else None
     if recipe.init_model:
         model = load_dynamics(recipe.init_model, library.robot, device)
         # it knows the robot, and needs to see only what the new task makes of it
@@ -97,9 +101,8 @@ def learn(
             break
     run.finish()
     save_dynamics(recipe.out, model)
-    if recipe.unseen:
-        unseen = make_task(MotionLibrary.load(recipe.unseen, library.robot, dt=library.dt).to(device))
-        report_model_error(recipe.out, model, SimulatedTask(unseen, 64, device=device), actor)
+    if unseen is not None:
+        report_model_error(recipe.out, model, SimulatedTask(make_task(unseen), 64, device=device), actor)
 
 
 def failures_per_second(rollout: TensorDictBase, dt: float) -> dict[str, float]:

@@ -20,6 +20,7 @@ LAYERS = [
     "headless",
     "precision",
     "spec",
+    "entries",
     "rotations",
     "rotations_np",
     "deploy",

@@ -21,7 +21,10 @@ def read(run: Path, metric: str) -> tuple[list[float], list[float]]:
         rows = [row for row in csv.DictReader(file) if row.get(metric)]
     if not rows:
         raise PlatError(f"{str(path)!r}: no values in a column {metric!r}")
-    return [float(row["seconds"]) / 60 for row in rows], [float(row[metric]) for row in rows]
+    try:
+        return [float(row["seconds"]) / 60 for row in rows], [float(row[metric]) for row in rows]
+    except (KeyError, TypeError, ValueError) as error:
+        raise PlatError(f"{str(path)!r}: expected numbers in the columns seconds and {metric!r} ({error})") from None
 
 
 def main(recipe: CurvesRecipe) -> None:

@@ -48,6 +48,8 @@ def _spread(command: FromMotion, every: float, end: float) -> list[float]:
     control_dt, longest = command.timing.control_dt, command.timing.longest
     if not control_dt <= every <= longest:
         raise KeyframeError(f"every is {every:g} s, expected {control_dt:g} to {longest:g}")
+    if command.begin >= end:
+        raise KeyframeError(f"begin is {command.begin:g} s, expected less than the {end:g} s of the clip")
     # the small margin is for clips that last a multiple of it up to rounding
     parts = int(np.ceil((end - command.begin) / every - 1e-6))
     even = np.linspace(command.begin, end, parts + 1)[1:]

@@ -182,7 +182,6 @@ def retarget(command: Retarget) -> list[Retargeted]:
     told: list[str] = []
     paths = bvh_paths(command.files, told)
     skeleton = None if command.map is None else load_map(command.map)
-    command.out.mkdir(parents=True, exist_ok=True)
     made, failed = [], 0
     columns = f"{'error cm':>10}{'depth mm':>10}{'float mm':>10}{'slip cm/s':>11}{'f/s':>6}  read as"
     for line in told:
@@ -206,11 +205,13 @@ def retarget(command: Retarget) -> list[Retargeted]:
             flush=True,
         )
         if not command.split:
+            command.out.mkdir(parents=True, exist_ok=True)
             save_motions(command.out / f"{clip.name}.npz", [clip])
     if command.split:
         for split in ("train", "val", "test"):
             clips = [result.clip for result in made if split_of(result.clip.name) == split]
             if clips:
+                command.out.mkdir(parents=True, exist_ok=True)
                 save_motions(command.out / f"{split}.npz", clips)
             print(f"{split}: {len(clips)} clips, {sum(clip.duration for clip in clips):.0f} s")
     if unknown is not None:

@@ -6,6 +6,7 @@ from tensordict import NestedKey
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 
+from plat.entries import expects
 from plat.modules.networks import mlp
 
 __all__ = ["Backbone"]
@@ -36,6 +37,7 @@ class Backbone(TensorDictModule):
     ):
         network = nn.Sequential(mlp(in_features, hidden, out_features, exact=False), _Float32ELU())
         super().__init__(network, in_keys=[in_key], out_keys=[out_key])
+        expects(self, {in_key: (in_features,)}, "backbone")
 
 
 class _Float32ELU(nn.ELU):

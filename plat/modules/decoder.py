@@ -7,6 +7,8 @@ from tensordict import NestedKey
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 
+from plat.entries import expects
+from plat.errors import ConfigError
 from plat.modules.networks import mlp
 
 __all__ = ["ActionDecoder"]
@@ -32,6 +34,7 @@ class ActionDecoder(nn.Module):
 
     def __init__(self, hidden_features: int, latent_size: int, num_actions: int, hidden: Sequence[int]):
         super().__init__()
+        self.widths = (hidden_features, latent_size)[: 2 if latent_size else 1]
         self.network = mlp(hidden_features + latent_size, hidden, num_actions)
 
     def forward(self, *features: Tensor) -> Tensor:
@@ -39,5 +42,12 @@ class ActionDecoder(nn.Module):
         return self.network(torch.cat(features, -1))
 
     def using(self, *in_keys: NestedKey, out_key: NestedKey = "action") -> TensorDictModule:
-        """Return this decoder as a module that reads ``h`` and ``z`` from ``in_keys``."""
-        return TensorDictModule(self, in_keys=list(in_keys), out_keys=[out_key])
+        """Return this decoder as a module that reads ``h`` and ``z`` from ``in_keys``.
+
+        Raises:
+            ConfigError: for another number of keys than the decoder reads.
+        """
+        if len(in_keys) != len(self.widths):
+            raise ConfigError(f"decoder: {len(in_keys)} entries {in_keys}, expected {len(self.widths)}")
+        shapes = {key: (width,) for key, width in zip(in_keys, self.widths, strict=True)}
+        return expects(TensorDictModule(self, in_keys=list(in_keys), out_keys=[out_key]), shapes, "decoder")

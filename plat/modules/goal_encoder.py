@@ -8,6 +8,8 @@ from tensordict import NestedKey
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 
+from plat.entries import expects
+
 __all__ = ["GoalSequenceEncoder"]
 
 
@@ -39,6 +41,7 @@ class GoalSequenceEncoder(TensorDictModule):
         out_key: NestedKey = "goal_code",
     ):
         super().__init__(_LastState(in_features, hidden_size), in_keys=list(in_keys), out_keys=[out_key])
+        expects(self, {in_keys[0]: ("L", in_features)}, "goal encoder")
 
 
 class _LastState(nn.Module):

@@ -13,6 +13,7 @@ from tensordict.nn import (
 from torch import Tensor, nn
 from torchrl.modules import IndependentNormal
 
+from plat.entries import expects
 from plat.robots.robot import Robot
 
 __all__ = ["GaussianNoise", "ReferenceOffset", "gaussian_action"]
@@ -56,6 +57,7 @@ class ReferenceOffset(TensorDictModule):
         limit: float = 5.0,
     ):
         super().__init__(_Offset(robot, interval, limit), in_keys=list(in_keys), out_keys=[out_key])
+        expects(self, dict.fromkeys(in_keys, (robot.num_joints,)), "action on the reference")
 
 
 class _Offset(nn.Module):
@@ -98,6 +100,7 @@ class GaussianNoise(TensorDictModule):
     ):
         scale = AddStateIndependentNormalScale(num_actions, init_value=math.log(init_std), scale_lb=min_std)
         super().__init__(scale, in_keys=[in_key], out_keys=list(out_keys))
+        expects(self, {in_key: (num_actions,)}, "exploration noise")
 
 
 def gaussian_action(out_key: NestedKey = "action") -> ProbabilisticTensorDictModule:

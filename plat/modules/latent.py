@@ -8,6 +8,7 @@ from tensordict.nn import InteractionType, ProbabilisticTensorDictModule, Tensor
 from torch import Tensor, nn
 from torchrl.modules import IndependentNormal, NormalParamExtractor
 
+from plat.entries import expects
 from plat.modules.networks import mlp
 
 __all__ = ["GaussianLatent", "LatentPosterior", "LatentPrior", "sample_latent"]
@@ -70,6 +71,7 @@ class LatentPrior(GaussianLatent):
         min_std: float = 0.01,
     ):
         super().__init__(hidden_features, latent_size, hidden, [in_key], group, min_std)
+        expects(self, {in_key: (hidden_features,)}, group)
 
 
 class LatentPosterior(GaussianLatent):
@@ -91,6 +93,7 @@ class LatentPosterior(GaussianLatent):
         min_std: float = 0.01,
     ):
         super().__init__(hidden_features + code_features, latent_size, hidden, in_keys, group, min_std)
+        expects(self, {in_keys[0]: (hidden_features,), in_keys[1]: (code_features,)}, group)
 
 
 def sample_latent(group: str) -> ProbabilisticTensorDictModule:

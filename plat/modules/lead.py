@@ -7,6 +7,7 @@ from tensordict import NestedKey
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 
+from plat.entries import Shape, expects
 from plat.errors import ConfigError
 
 __all__ = ["LEAD_KEYS", "GoalLead", "KeyframeLead", "KeyframeShift", "led"]
@@ -58,6 +59,7 @@ class GoalLead(TensorDictModule):
         in_keys: list[NestedKey] = [(group, key) for group in groups for key in LEAD_KEYS]
         out_keys: list[NestedKey] = [(f"led_{group}", key) for group in groups for key in LEAD_KEYS]
         super().__init__(_Shift(lead / interval, gain, limit), in_keys=in_keys, out_keys=out_keys)
+        expects(self, {key: (3,) if key[-1] == LEAD_KEYS[0] else ("3 K",) for key in in_keys}, "lead")
 
 
 class KeyframeLead(TensorDictModule):
@@ -81,6 +83,8 @@ class KeyframeLead(TensorDictModule):
         in_keys: list[NestedKey] = [*(("goal", key) for key in LEAD_KEYS), ("command", "horizon")]
         out_keys: list[NestedKey] = [("led_goal", key) for key in LEAD_KEYS]
         super().__init__(KeyframeShift(lead / horizon, shortest / horizon), in_keys=in_keys, out_keys=out_keys)
+        shapes: tuple[Shape, ...] = ((3,), ("3 K",), (1,))
+        expects(self, dict(zip(in_keys, shapes, strict=True)), "lead")
 
 
 class KeyframeShift(nn.Module):

@@ -7,7 +7,8 @@ from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 
-from plat.errors import ActionError
+from plat.entries import Shape, check_entries, expects
+from plat.errors import ActionError, ConfigError
 from plat.modules.settings import NormalizerConfig
 
 __all__ = ["NormalizerConfig", "ObservationNormalizer"]
@@ -24,6 +25,7 @@ class ObservationNormalizer(nn.Module):
         in_keys: entries ``[*B, n_i]`` that :meth:`update` reads, and :meth:`using` by default.
         num_features: their total size F.
         config: offset of the standard deviation, and bound on the result.
+        widths: size of each entry; entries are checked against it. None for entries that are not checked.
 
     >>> from tensordict import TensorDict
     >>> normalizer = ObservationNormalizer(["a", "b"], num_features=3)
@@ -37,8 +39,17 @@ class ObservationNormalizer(nn.Module):
     var: Tensor
     count: Tensor
 
-    def __init__(self, in_keys: Sequence[NestedKey], num_features: int, config: NormalizerConfig | None = None):
+    def __init__(
+        self,
+        in_keys: Sequence[NestedKey],
+        num_features: int,
+        config: NormalizerConfig | None = None,
+        widths: Sequence[int] | None = None,
+    ):
         super().__init__()
+        if widths is not None and sum(widths) != num_features:
+            raise ConfigError(f"widths: {sum(widths)} in all, expected num_features, {num_features}")
+        self.widths = None if widths is None else tuple(widths)
         config = config or NormalizerConfig()
         self.in_keys = list(in_keys)
         self.eps = config.eps
@@ -56,7 +67,16 @@ class ObservationNormalizer(nn.Module):
 
     def using(self, in_keys: Sequence[NestedKey] | None = None, out_key: NestedKey = "observation") -> TensorDictModule:
         """Return this normalizer as a module; several may share its statistics and read different entries."""
-        return TensorDictModule(self, in_keys=list(in_keys or self.in_keys), out_keys=[out_key])
+        keys = list(in_keys or self.in_keys)
+        return expects(TensorDictModule(self, in_keys=keys, out_keys=[out_key]), self._shapes(keys), "observation")
+
+    def _shapes(self, keys: Sequence[NestedKey]) -> dict[NestedKey, Shape]:
+        """Return the shapes of entries in the place of ``in_keys``; a single one holds them all side by side."""
+        if len(keys) == 1:
+            return {keys[0]: (len(self.mean),)}
+        if self.widths is None or len(self.widths) != len(keys):
+            return {}
+        return {key: (width,) for key, width in zip(keys, self.widths, strict=True)}
 
     @torch.no_grad()
     def update(self, tensordict: TensorDictBase) -> None:
@@ -64,7 +84,9 @@ class ObservationNormalizer(nn.Module):
 
         Raises:
             ActionError: naming the entry, for a batch that is not finite; the statistics stay what they were.
+            ObservationError: for an entry that is missing or of another width.
         """
+        check_entries(tensordict, self._shapes(self.in_keys), "observation")
         values = torch.cat([tensordict.get(key) for key in self.in_keys], -1).flatten(0, -2)
         batch_mean = values.mean(0)
         batch_var = (values - batch_mean).square_().mean(0)  # torch.var_mean takes six times as long over rows

@@ -7,6 +7,7 @@ from tensordict import NestedKey
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 
+from plat.entries import expects
 from plat.modules.networks import mlp
 
 __all__ = ["Residual"]
@@ -45,6 +46,8 @@ class Residual(TensorDictModule):
     ):
         correction = _Correction(hidden_features + latent_size, hidden, num_outputs, alpha)
         super().__init__(correction, in_keys=list(in_keys), out_keys=[out_key])
+        widths = (hidden_features, latent_size, num_outputs)
+        expects(self, {key: (width,) for key, width in zip(in_keys, widths, strict=True)}, "residual")
 
 
 class _Correction(nn.Module):

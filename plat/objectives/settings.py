@@ -1,13 +1,16 @@
 """Hyperparameters, apart from the updates so that a command line can show them without torch."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal, TypeAlias
 
-from plat.bounds import Bounded, Count, Fraction, Natural, NonNegative, Positive
+from plat.bounds import Bounded, Count, Fraction, Natural, NonNegative, Positive, Range
 from plat.errors import ConfigError
 from plat.precision import Precision
 
 __all__ = ["ImaginationConfig", "MotorGradientConfig", "PPOConfig"]
+
+Steps: TypeAlias = Annotated[int, Range(1, 1000)]
+"""Control steps of a rollout of the model."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +84,7 @@ class ImaginationConfig(Bounded):
     """updates of the model per iteration"""
     model_batch: Count = 512
     """windows per update of the model"""
-    window: Count = 8
+    window: Steps = 8
     """control steps that the model predicts autoregressively"""
     model_lr: Positive = 1e-3
     """Adam's learning rate for the model's last layer and biases"""
@@ -91,7 +94,7 @@ class ImaginationConfig(Bounded):
     """updates of the policy per iteration"""
     policy_batch: Count = 512
     """imagined rollouts per update of the policy"""
-    steps: Count = 24
+    steps: Steps = 24
     """control steps of an imagined rollout"""
     recent: Count = 200
     """imagined rollouts start in one of this many last control steps"""

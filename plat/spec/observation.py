@@ -330,8 +330,18 @@ def observation_size(keys: Iterable[Any], robot: RobotSizes) -> int:
     >>> observation_size(STUDENT_KEYS, G1)
     177
     """
+    return sum(observation_widths(keys, robot))
+
+
+def observation_widths(keys: Iterable[Any], robot: RobotSizes) -> list[int]:
+    """Return the width of each of some entries, see :func:`observation_size`.
+
+    >>> from plat.robots import G1
+    >>> observation_widths([("robot", "joint_pos"), ("command", "horizon")], G1)
+    [29, 1]
+    """
     joints, bodies = robot.num_joints, len(robot.keypoints)
-    return sum(table().entry(group, name).width(joints, bodies) for group, name in keys)
+    return [table().entry(group, name).width(joints, bodies) for group, name in keys]
 
 
 def as_observed(group: str, quantities: Mapping[str, _Value]) -> dict[str, _Value]:

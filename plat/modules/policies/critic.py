@@ -6,10 +6,11 @@ from tensordict import NestedKey
 from tensordict.nn import TensorDictModule
 from torch import nn
 
+from plat.entries import expects
 from plat.modules.networks import mlp
 from plat.modules.normalizer import ObservationNormalizer
 from plat.robots.robot import Robot
-from plat.spec.observation import observation_size, privileged_keys
+from plat.spec.observation import observation_widths, privileged_keys
 
 __all__ = ["Critic"]
 
@@ -31,8 +32,9 @@ class Critic(nn.Module):
     def __init__(self, robot: Robot, keys: Sequence[NestedKey], hidden: tuple[int, ...] = (512, 256, 128)):
         super().__init__()
         keys = [*keys, *privileged_keys()]
-        size = observation_size(keys, robot)
-        self.normalizer = ObservationNormalizer(keys, size)
+        widths = observation_widths(keys, robot)
+        size = sum(widths)
+        self.normalizer = ObservationNormalizer(keys, size, widths=widths)
         self.network = mlp(size, hidden, 1)
 
     def observe(self) -> TensorDictModule:
@@ -41,4 +43,5 @@ class Critic(nn.Module):
 
     def head(self) -> TensorDictModule:
         """Module that writes ``state_value`` ``[*B, 1]`` of a ``critic_observation``."""
-        return TensorDictModule(self.network, in_keys=["critic_observation"], out_keys=["state_value"])
+        head = TensorDictModule(self.network, in_keys=["critic_observation"], out_keys=["state_value"])
+        return expects(head, {"critic_observation": (len(self.normalizer.mean),)}, "critic")

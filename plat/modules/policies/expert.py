@@ -23,7 +23,7 @@ from plat.modules.normalizer import ObservationNormalizer
 from plat.modules.settings import ExpertConfig
 from plat.motions.library import MotionLibrary
 from plat.robots.robot import Robot
-from plat.spec.observation import goal_keys, observation_size, robot_keys
+from plat.spec.observation import goal_keys, observation_size, observation_widths, robot_keys
 from plat.spec.timing import Timing
 
 __all__ = ["Expert", "ExpertConfig"]
@@ -67,8 +67,9 @@ class Expert(nn.Module):
         self.goals = {"goal" if number == 0 else f"goal_{ahead}": ahead for number, ahead in enumerate(config.ahead)}
         self.dense_goals = {f"dense_{group}": ahead for group, ahead in self.goals.items()}
         keys = self._keys(tuple(self.goals))
-        size = observation_size(keys, robot)
-        self.normalizer = ObservationNormalizer(keys, size, config.normalizer)
+        widths = observation_widths(keys, robot)
+        size = sum(widths)
+        self.normalizer = ObservationNormalizer(keys, size, config.normalizer, widths)
         self.network = network or mlp(size, config.hidden, robot.num_joints, out_scale=0.1)
         self.noise = noise or GaussianNoise(robot.num_joints, config.init_std, config.min_std)
 

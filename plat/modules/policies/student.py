@@ -14,7 +14,7 @@ from plat.modules.latent import LatentPosterior, LatentPrior, sample_latent
 from plat.modules.normalizer import ObservationNormalizer
 from plat.modules.settings import LatentPolicyConfig, PlainPolicyConfig
 from plat.robots.robot import Robot
-from plat.spec.observation import STUDENT_KEYS, goal_keys, observation_size, student_keys
+from plat.spec.observation import STUDENT_KEYS, goal_keys, observation_size, observation_widths, student_keys
 from plat.spec.timing import Timing
 
 __all__ = ["STUDENT_KEYS", "LatentPolicy", "LatentPolicyConfig", "PlainPolicy", "PlainPolicyConfig"]
@@ -76,7 +76,9 @@ class LatentPolicy(nn.Module):
         self.normalizer = normalizer or _observation_normalizer(robot, config)
         self.backbone = backbone or _backbone(robot, config)
         self.prior = prior or LatentPrior(hidden, latent, config.prior, min_std=config.min_std)
-        self.goal_normalizer = goal_normalizer or ObservationNormalizer(goal_keys(), goal_size, config.normalizer)
+        self.goal_normalizer = goal_normalizer or ObservationNormalizer(
+            goal_keys(), goal_size, config.normalizer, observation_widths(goal_keys(), robot)
+        )
         self.encoder = encoder or GoalSequenceEncoder(goal_size, code)
         self.posterior = posterior or LatentPosterior(hidden, code, latent, config.posterior, min_std=config.min_std)
         self.decoder = decoder or ActionDecoder(hidden, latent, robot.num_joints, config.decoder)
@@ -201,7 +203,8 @@ class PlainPolicy(nn.Module):
 
 def _observation_normalizer(robot: Robot, config: PlainPolicyConfig) -> ObservationNormalizer:
     keys = student_keys(config.also)
-    return ObservationNormalizer(keys, observation_size(keys, robot), config.normalizer)
+    widths = observation_widths(keys, robot)
+    return ObservationNormalizer(keys, sum(widths), config.normalizer, widths)
 
 
 def _backbone(robot: Robot, config: PlainPolicyConfig) -> Backbone:

@@ -1,0 +1,119 @@
+"""Checks of TensorDict entries: an entry that is missing or of the wrong shape is named, before torch meets it.
+
+Only metadata is looked at, never values: a check costs microseconds.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from typing import Any, TypeVar
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from torch import Tensor, nn
+
+from plat.errors import ObservationError
+
+__all__ = ["Shape", "check_entries", "expects"]
+
+M = TypeVar("M", bound=nn.Module)
+Shape = Sequence[int | str]
+"""Trailing dimensions of an entry. A letter is a dimension of any size, ``"3 K"`` one of any multiple of 3."""
+
+
+def check_entries(
+    tensordict: TensorDictBase, shapes: Mapping[NestedKey, Shape], what: str, *, double: bool = True
+) -> None:
+    """Raise an error for the first entry that is missing, holds no floating-point numbers or has a wrong shape.
+
+    Args:
+        tensordict: the entries.
+        shapes: trailing dimensions of each, such as ``(29,)`` or ``("L", 64)``; what stands before them has to be
+            the same for all.
+        what: reads the entries; begins the message.
+        double: whether float64 will do.
+
+    Raises:
+        ObservationError: naming the entry and the shape that would be right.
+
+    >>> from tensordict import TensorDict
+    >>> check_entries(TensorDict({"action": torch.zeros(4, 28)}, [4]), {"action": (29,)}, "step")
+    Traceback (most recent call last):
+    ...
+    plat.errors.ObservationError: step: entry 'action' has shape (4, 28), expected [*B, 29]
+    """
+    if not isinstance(tensordict, TensorDictBase):
+        raise ObservationError(f"{what}: got a {type(tensordict).__name__}, expected a TensorDict")
+    batch: tuple[NestedKey, torch.Size] | None = None
+    for key, shape in shapes.items():
+        value = tensordict.get(key, None)
+        if not isinstance(value, Tensor):
+            raise ObservationError(f"{what}: no entry {key!r}, expected one of shape {_text(shape)}")
+        here, size = value.shape, len(shape)
+        if len(here) < size or any(
+            not _fits(expected, found) for expected, found in zip(shape, here[-size:], strict=True)
+        ):
+            raise ObservationError(f"{what}: entry {key!r} has shape {tuple(here)}, expected {_text(shape)}")
+        if not value.is_floating_point() or (value.dtype == torch.float64 and not double):
+            raise ObservationError(f"{what}: entry {key!r} is {_dtype(value)}, expected float32")
+        first = here[: len(here) - size]
+        if batch is None:
+            batch = key, first
+        elif batch[1] != first:
+            raise ObservationError(
+                f"{what}: entry {key!r} has batch {tuple(first)}, expected {tuple(batch[1])} as of {batch[0]!r}"
+            )
+
+
+def expects(module: M, shapes: Mapping[NestedKey, Shape], what: str) -> M:
+    """Let a TensorDict module check its entries when it is called, see :func:`check_entries`; return it.
+
+    Calls with tensors in the place of a TensorDict are not checked.
+
+    Args:
+        module: the module.
+        shapes: trailing dimensions of the entries that it reads.
+        what: name of the module in messages.
+
+    >>> from tensordict import TensorDict
+    >>> from tensordict.nn import TensorDictModule
+    >>> layer = TensorDictModule(nn.Linear(3, 2), in_keys=["x"], out_keys=["y"])
+    >>> expects(layer, {"x": (3,)}, "layer")(TensorDict({"z": torch.zeros(3)}))
+    Traceback (most recent call last):
+    ...
+    plat.errors.ObservationError: layer: no entry 'x', expected one of shape [*B, 3]
+    """
+    module.register_forward_pre_hook(_Expected(dict(shapes), what))
+    return module
+
+
+@dataclass(frozen=True)
+class _Expected:
+    """Hook that checks what a module is called with."""
+
+    shapes: dict[NestedKey, Shape]
+    what: str
+
+    def __call__(self, module: nn.Module, args: tuple[Any, ...]) -> None:
+        if args and isinstance(args[0], TensorDictBase):
+            check_entries(args[0], self.shapes, self.what, double=_is_double(module))
+
+
+def _is_double(module: nn.Module) -> bool:
+    first = next(chain(module.parameters(), module.buffers()), None)
+    return first is None or first.dtype == torch.float64
+
+
+def _fits(expected: int | str, found: int) -> bool:
+    if isinstance(expected, int):
+        return expected == found
+    factor = expected.split()[0]
+    return not factor.isdigit() or found % int(factor) == 0
+
+
+def _text(shape: Shape) -> str:
+    return f"[{', '.join(map(str, ('*B', *shape)))}]"
+
+
+def _dtype(value: Tensor) -> str:
+    return str(value.dtype).removeprefix("torch.")
