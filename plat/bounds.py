@@ -26,9 +26,11 @@ __all__ = [
     "NotEmpty",
     "Positive",
     "Range",
+    "Robots",
     "Seed",
     "Within",
     "check_fields",
+    "check_value",
 ]
 
 
@@ -99,6 +101,8 @@ Natural: TypeAlias = Annotated[int, Range(0)]
 """Whole number that is not negative."""
 Seed: TypeAlias = Annotated[int, Range(0, 2**32 - 1)]
 """Seed of a random number generator; all of them take 32 bits."""
+Robots: TypeAlias = Annotated[int, Range(1, 65_536)]
+"""Number of robots that are simulated at a time."""
 Layers: TypeAlias = tuple[Annotated[int, Range(1, 65_536)], ...]
 """Sizes of hidden layers."""
 Within: TypeAlias = Annotated[tuple[Annotated[float, Range(0)], Annotated[float, Range(0)]], Ascending()]
@@ -144,6 +148,27 @@ def check_fields(settings: Any) -> None:
             )
 
 
+def check_value(what: str, value: Any, hint: Any) -> None:
+    """Check one value against a type with bounds.
+
+    Args:
+        what: names the value; begins the message.
+        value: the value.
+        hint: its type, such as :data:`Positive`.
+
+    Raises:
+        ConfigError: saying what would be right.
+
+    >>> check_value("noise: init_std", 0.0, Positive)
+    Traceback (most recent call last):
+    ...
+    plat.errors.ConfigError: noise: init_std is 0.0, expected a number above 0
+    """
+    holds, expected = _check(hint)
+    if not holds(value):
+        raise ConfigError(f"{what} is {reprlib.repr(value)}, expected {expected}")
+
+
 @cache
 def _checks(kind: type) -> dict[str, tuple[_Check, str]]:
     """Return the check of each field, and what it expects in words."""
@@ -177,7 +202,7 @@ def _check(hint: Any) -> tuple[_Check, str]:
         return (lambda value: isinstance(value, str)), "a text"
     if isinstance(hint, type) and issubclass(hint, os.PathLike):
         return (lambda value: isinstance(value, os.PathLike)), "a path"
-    if dataclasses.is_dataclass(hint) and isinstance(hint, type):
+    if isinstance(hint, type) and hint is not object and not getattr(hint, "_is_protocol", False):
         return (lambda value: isinstance(value, hint)), f"a {hint.__name__}"
     return (lambda value: True), ""
 

@@ -3,7 +3,7 @@
 Only metadata is looked at, never values: a check costs microseconds.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any, TypeVar
@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from plat.errors import ObservationError
 
-__all__ = ["Shape", "check_entries", "expects"]
+__all__ = ["Shape", "check_entries", "check_rollout", "expects"]
 
 M = TypeVar("M", bound=nn.Module)
 Shape = Sequence[int | str]
@@ -63,6 +63,25 @@ def check_entries(
             raise ObservationError(
                 f"{what}: entry {key!r} has batch {tuple(first)}, expected {tuple(batch[1])} as of {batch[0]!r}"
             )
+
+
+def check_rollout(rollout: TensorDictBase, what: str, keys: Iterable[NestedKey]) -> None:
+    """Raise an error for a rollout that is not ``[N, T]`` or lacks an entry or a group.
+
+    Args:
+        rollout: of N robots over T steps.
+        what: reads it; begins the message.
+        keys: entries and groups.
+
+    Raises:
+        ObservationError: naming what is wrong.
+    """
+    if not isinstance(rollout, TensorDictBase) or len(rollout.batch_size) != 2:
+        found = tuple(rollout.batch_size) if isinstance(rollout, TensorDictBase) else type(rollout).__name__
+        raise ObservationError(f"{what}: rollout has batch {found}, expected [N, T]: robots and control steps")
+    for key in keys:
+        if rollout.get(key, None) is None:
+            raise ObservationError(f"{what}: no entry {key!r} in the rollout")
 
 
 def expects(module: M, shapes: Mapping[NestedKey, Shape], what: str) -> M:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
-from plat.bounds import Bounded, Count, Fraction, Layers, Natural, NonNegative, NotEmpty, Positive, Range, Seed
+from plat.bounds import Bounded, Count, Fraction, Layers, Natural, NonNegative, NotEmpty, Positive, Range, Robots, Seed
 from plat.cli.options import Imports, ScoringConfig
 from plat.envs import DistillationTaskConfig, KeyframeTaskConfig, TrackingTaskConfig
 from plat.errors import ConfigError
@@ -14,7 +14,6 @@ from plat.objectives import ImaginationConfig, MotorGradientConfig, PPOConfig
 from plat.precision import Precision
 from plat.recipes.presets import BEST, PRESETS
 from plat.runs import RecipeConfig
-from plat.runs.recipe import Robots
 from plat.tasks import TimedKeyframesConfig, TrackingCosts
 
 __all__ = [

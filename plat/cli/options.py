@@ -8,13 +8,12 @@ from typing import Annotated, Literal, TypeAlias
 import tyro
 
 from plat.baselines.released import ReleasedTrackers
-from plat.bounds import Bounded, Count, Natural, NonNegative, Positive, Range, Seed
+from plat.bounds import Bounded, Count, Natural, NonNegative, Positive, Range, Robots, Seed
 from plat.control.settings import ReachLimits
 from plat.envs.transforms.settings import RandomizationRanges
 from plat.motions.checks.settings import ValidationLimits
 from plat.motions.retargeting.options import SolverOptions
 from plat.runs.loggers import LoggerName, chosen_loggers
-from plat.runs.recipe import Robots
 from plat.spec.timing import Timing
 
 __all__ = [

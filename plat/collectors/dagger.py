@@ -8,6 +8,7 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 from torchrl.data import LazyTensorStorage, RandomSampler, TensorDictReplayBuffer
 
+from plat.bounds import Count, Fraction, check_value
 from plat.collectors.goals import PrivilegedGoals
 from plat.errors import ActionError
 from plat.motions.library import MotionLibrary
@@ -78,6 +79,7 @@ class MixedPolicy(TensorDictModuleBase):
         keep_labels: bool = False,
     ):
         super().__init__()
+        check_value("mixed policy: expert_share", expert_share, Fraction)
         self.student = student
         self.expert = expert
         self.keep_labels = keep_labels
@@ -111,6 +113,8 @@ def dagger_buffer(
         batch_size: states per sample.
         stride: see :class:`PrivilegedGoals`.
     """
+    check_value("buffer: capacity", capacity, Count)
+    check_value("buffer: batch_size", batch_size, Count)
     return TensorDictReplayBuffer(
         storage=LazyTensorStorage(capacity, device=device),
         sampler=RandomSampler(),

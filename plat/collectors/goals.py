@@ -5,8 +5,8 @@ from tensordict import TensorDictBase
 from torch import Tensor
 from torchrl.envs import Transform
 
+from plat.bounds import Count, check_value
 from plat.envs.goals import robot_centric_goal
-from plat.errors import ConfigError
 from plat.motions.library import MotionLibrary
 
 __all__ = ["PrivilegedGoals", "strided_offsets"]
@@ -32,8 +32,7 @@ class PrivilegedGoals(Transform):
 
     def __init__(self, library: MotionLibrary, stride: int = 1):
         super().__init__()
-        if stride < 1:
-            raise ConfigError(f"stride: {stride}, expected at least 1")
+        check_value("privileged goals: stride", stride, Count)
         self._library = library
         self._stride = stride
 

@@ -9,7 +9,9 @@ from torch import Tensor
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from torchrl.data.replay_buffers import ImmutableDatasetWriter, Sampler, Storage
 
-from plat.errors import ConfigError
+from plat.bounds import Count, Robots, check_value
+from plat.entries import check_rollout
+from plat.errors import ConfigError, ObservationError
 
 __all__ = ["RolloutReplay", "WindowSampler"]
 
@@ -37,6 +39,8 @@ class RolloutReplay:
     """
 
     def __init__(self, num_envs: int, capacity: int, keys: Sequence[NestedKey], device: torch.device | str = "cpu"):
+        check_value("replay: num_envs", num_envs, Robots)
+        check_value("replay: capacity", capacity, Count)
         self.num_envs = num_envs
         self.capacity = capacity
         self._keys = list(keys)
@@ -62,6 +66,9 @@ class RolloutReplay:
         Raises:
             ConfigError: when the capacity is no multiple of its length: a rollout would wrap around the end.
         """
+        check_rollout(rollout, "replay", (*self._keys, ("next", "done")))
+        if len(rollout) != self.num_envs:
+            raise ObservationError(f"replay: rollout of {len(rollout)} robots, expected {self.num_envs}")
         length = rollout.shape[1]
         if self.capacity % length:
             raise ConfigError(f"capacity is {self.capacity}, expected a multiple of the rollouts' {length} steps")

@@ -10,6 +10,7 @@ from tensordict.nn import TensorDictModuleBase
 from torchrl.collectors import Collector
 from torchrl.envs import EnvBase
 
+from plat.bounds import Count, check_value
 from plat.precision import Precision, autocast
 
 __all__ = ["Rollouts", "rollouts", "simulation_threads"]
@@ -42,6 +43,7 @@ class Rollouts(Iterator[TensorDictBase]):
     """
 
     def __init__(self, env: EnvBase, policy: TensorDictModuleBase, steps: int, precision: Precision = "auto"):
+        check_value("rollouts: steps", steps, Count)
         self.env = env
         self._collector = Collector(
             env,

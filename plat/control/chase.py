@@ -2,11 +2,12 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from plat.bounds import Range, check_value
 from plat.control.simulator import Simulator
 from plat.deploy import Pose, RobotState
 from plat.errors import KeyframeError
@@ -98,6 +99,7 @@ class Chase(Iterator[ChaseStep]):
 
     def __init__(self, controller: Controller, sequence: KeyframeSequence, simulator: Simulator, *, hold: float = 0.0):
         controller.timing.check_control_dt(simulator.control_dt, "simulator")
+        check_value("chase: hold", hold, Annotated[float, Range(0, infinite=True)])
         self.simulator = simulator
         self._controller = controller
         self._sequence = _for_controller(sequence, controller)

@@ -8,7 +8,7 @@ from tensordict.nn import TensorDictModuleBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from plat.deploy import ObservationBuilder, Pose, RobotState
-from plat.errors import ActionError
+from plat.errors import ActionError, StateError
 from plat.robots.describe import describe_robot
 from plat.robots.robot import Robot
 from plat.spec.observation import optional_groups
@@ -53,8 +53,14 @@ class PolicyController:
         self.reset()
 
     def reset(self, joint_target: NDArray[np.floating] | None = None) -> None:
-        """Start a new chase; see :class:`plat.control.Controller`."""
-        target = self._default if joint_target is None else joint_target
+        """Start a new chase; see :class:`plat.control.Controller`.
+
+        Raises:
+            StateError: for a target of another size, or that is not finite.
+        """
+        target = self._default if joint_target is None else np.asarray(joint_target)
+        if target.shape != self._default.shape or not np.isfinite(target).all():
+            raise StateError(f"joint_target: shape {target.shape}, expected {self._default.shape} finite numbers")
         self._last_action = (target - self._default) / self._scale
 
     @torch.no_grad()
@@ -63,7 +69,10 @@ class PolicyController:
 
         Raises:
             ActionError: for an action that is not finite, naming the joint; it is not remembered.
+            StateError: naming what is wrong with state, keyframe or time.
         """
+        if not 0 < steps_left <= self.timing.max_steps:
+            raise StateError(f"steps_left is {steps_left}, expected above 0 and at most {self.timing.max_steps}")
         values = torch.from_numpy(self._observe(state, keyframe, steps_left, self._last_action))[None]
         observation = TensorDict({}, [1])
         for term in self._observe.terms:

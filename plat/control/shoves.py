@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from plat.bounds import NonNegative, Positive, check_value
 from plat.control.simulator import Simulator
 
 __all__ = ["Shoves"]
@@ -18,6 +19,8 @@ class Shoves:
     """
 
     def __init__(self, speed: float, every: float, seed: int, control_dt: float):
+        check_value("push: speed", speed, NonNegative)
+        check_value("push: seconds in between", every, Positive)
         self._speed, self._steps, self._dt = speed, max(1, round(every / control_dt)), control_dt
         self._random = np.random.default_rng(seed)
         self._count = 0

@@ -4,8 +4,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from plat.bounds import Positive, check_value
 from plat.deploy import Pose, RobotState
-from plat.errors import ActionError, RobotError
+from plat.errors import ActionError, RobotError, StateError
 from plat.spec.timing import Timing
 
 __all__ = ["Simulator"]
@@ -36,6 +37,7 @@ class Simulator:
     """
 
     def __init__(self, model: mujoco.MjModel, control_dt: float = Timing.control_dt):
+        check_value("simulator: control_dt", control_dt, Positive)
         self.model = model
         self.control_dt = control_dt
         """Seconds of a control step."""
@@ -49,7 +51,14 @@ class Simulator:
             )
 
     def reset(self, pose: Pose) -> None:
-        """Reset the robot to a pose, at rest."""
+        """Reset the robot to a pose, at rest.
+
+        Raises:
+            StateError: for a pose of another number of joints.
+        """
+        joints = self.model.nq - 7
+        if np.shape(pose.joint_pos) != (joints,):
+            raise StateError(f"pose: joint_pos has shape {np.shape(pose.joint_pos)}, expected {(joints,)}")
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:] = np.concatenate((pose.root_pos, pose.root_quat, pose.joint_pos))
         mujoco.mj_forward(self.model, self.data)

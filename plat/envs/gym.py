@@ -26,6 +26,7 @@ from tensordict import TensorDictBase
 from plat.envs.configs import KeyframeTaskConfig
 from plat.envs.tasks import make_keyframe_env
 from plat.envs.transforms import FailureWeightedStarts, KeyframeMetrics, horizon_named
+from plat.errors import ActionError
 from plat.motions.library import MotionLibrary
 from plat.spec.observation import observation_size, student_keys
 from plat.spec.timing import Timing
@@ -91,6 +92,10 @@ class _Task:
 
     def step(self, actions: np.ndarray, auto_reset: bool) -> tuple[TensorDictBase, TensorDictBase]:
         """Step the environment; return the entries after the step, and those from which the next step begins."""
+        actions, expected = np.asarray(actions), (self.env.batch_size[0], self.robot.num_joints)
+        if actions.shape != expected or actions.dtype.kind not in "fiu" or np.isnan(actions).any():
+            found = f"shape {actions.shape} and type {actions.dtype}"
+            raise ActionError(f"action: {found}, expected numbers of shape {expected[-1:]} for each robot, none NaN")
         clipped = np.clip(actions, -_ACTION_BOUND, _ACTION_BOUND).astype(np.float32)
         with self._own_randomness():
             self.current["action"] = torch.from_numpy(clipped).to(self.env.device)

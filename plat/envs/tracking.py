@@ -8,6 +8,8 @@ from torch import Tensor
 from torchrl.data import Binary, Composite, Unbounded
 from torchrl.envs import EnvBase
 
+from plat.bounds import Count, Natural, Robots, check_value
+from plat.entries import check_entries
 from plat.envs.broken import BrokenRobots
 from plat.envs.physics import BatchedPhysics, PhysicsFactory
 from plat.envs.settings import ResetNoise
@@ -92,6 +94,10 @@ class MotionTrackingEnv(EnvBase):
         device: torch.device | str = "cpu",
         physics: PhysicsFactory = BatchedPhysics,
     ):
+        check_value("environment: num_envs", num_envs, Robots)
+        check_value("environment: decimation", decimation, Count)
+        check_value("environment: min_frames_left", min_frames_left, Natural)
+        check_value("environment: num_threads", num_threads, Count | None)
         super().__init__(device=torch.device(device), batch_size=torch.Size([num_envs]))
         self.library = library.to(device)
         self.robot = robot = library.robot
@@ -180,6 +186,7 @@ class MotionTrackingEnv(EnvBase):
         )
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        check_entries(tensordict, {"action": (self.num_envs, self.robot.num_joints)}, "environment step")
         action = self.broken.sound(tensordict["action"])
         applied = torch.where(self.delayed[:, None], self._last_action, action)
         target = self._default_joint_pos + self._action_scale * applied - self.encoder_bias

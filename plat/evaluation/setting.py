@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import torch
 from torchrl.envs import Transform
 
+from plat.bounds import Bounded, Count, Robots, Seed
 from plat.envs.transforms import NEXT_FRAME, DenseGoal, RandomizationRanges, TerminationLimits
 from plat.evaluation.disturbance import Disturbance
 from plat.evaluation.in_between import Interface, PlannedGoal
@@ -22,7 +23,7 @@ one."""
 
 
 @dataclass(frozen=True)
-class EvaluationSetting:
+class EvaluationSetting(Bounded):
     """Conditions that are the same for every policy of a comparison.
 
     Attributes:
@@ -41,16 +42,16 @@ class EvaluationSetting:
         device: of policy and tensors.
     """
 
-    seed: int = 0
+    seed: Seed = 0
     randomization: RandomizationRanges | None = None
     disturbance: Disturbance | None = None
     limits: TerminationLimits | None = None
     partial: str | None = None
     timing: Timing | None = None
-    decimation: int = 4
+    decimation: Count = 4
     feet: FootContacts = "spheres"
-    num_envs: int = 256
-    num_threads: int | None = None
+    num_envs: Robots = 256
+    num_threads: Count | None = None
     device: torch.device | str = "cpu"
 
 

@@ -13,6 +13,7 @@ from tensordict.nn import (
 from torch import Tensor, nn
 from torchrl.modules import IndependentNormal
 
+from plat.bounds import NonNegative, Positive, check_value
 from plat.entries import expects
 from plat.robots.robot import Robot
 
@@ -98,6 +99,8 @@ class GaussianNoise(TensorDictModule):
         in_key: NestedKey = "loc",
         out_keys: tuple[NestedKey, NestedKey] = ("loc", "scale"),
     ):
+        check_value("exploration noise: init_std", init_std, Positive)
+        check_value("exploration noise: min_std", min_std, NonNegative)
         scale = AddStateIndependentNormalScale(num_actions, init_value=math.log(init_std), scale_lb=min_std)
         super().__init__(scale, in_keys=[in_key], out_keys=list(out_keys))
         expects(self, {in_key: (num_actions,)}, "exploration noise")

@@ -10,6 +10,7 @@ import zlib
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import torch
@@ -18,6 +19,7 @@ from safetensors.torch import save_file
 from tensordict import TensorDict
 from torch import Tensor
 
+from plat.bounds import Range, check_value
 from plat.errors import MotionError
 from plat.files import replace_file
 from plat.motions.checks.repair import clip_to_limits
@@ -107,12 +109,24 @@ class MotionLibrary:
         return MotionLibrary(table, start, length, self.clip_names, self.dt, self.robot)
 
     def only(self, *clips: int) -> "MotionLibrary":
-        """Return a library of some of the clips, in the given order."""
+        """Return a library of some of the clips, in the given order.
+
+        Raises:
+            MotionError: for no clips, or one that is not there.
+        """
+        if not clips:
+            raise MotionError("motion library: only() of no clips, expected at least one clip")
+        for clip in clips:
+            self._check_clip(clip)
         length = self.clip_length[list(clips)]
         starts = (int(self.clip_start[clip]) for clip in clips)
         parts = [self._table[start : start + count] for start, count in zip(starts, length.tolist(), strict=True)]
         names = [self.clip_names[clip] for clip in clips]
         return MotionLibrary(torch.cat(parts), length.cumsum(0) - length, length, names, self.dt, self.robot)
+
+    def _check_clip(self, number: int) -> None:
+        if not isinstance(number, int | np.integer) or not 0 <= number < self.num_clips:
+            raise MotionError(f"motion library: no clip {number!r}, expected 0 to {self.num_clips - 1}")
 
     def named(self, pattern: str) -> list[int]:
         """Return the indices of clips whose names match a regular expression, case-insensitively.
@@ -165,11 +179,15 @@ class MotionLibrary:
     def clip(self, number: int) -> MotionClip:
         """Return one of the clips, at the control rate.
 
+        Raises:
+            MotionError: for a number that is not from 0 to ``num_clips - 1``.
+
         >>> from plat.motions import generate_motions
         >>> library = MotionLibrary.from_clips(generate_motions("train", seconds=8))
         >>> library.clip(0).name == library.clip_names[0], library.clip(0).qpos.shape[1]
         (True, 36)
         """
+        self._check_clip(number)
         start, length = int(self.clip_start[number]), int(self.clip_length[number])
         frames = torch.arange(start, start + length, device=self.device)
         return MotionClip(self.clip_names[number], self.qpos(frames).cpu().numpy(), 1 / self.dt)
@@ -181,6 +199,7 @@ class MotionLibrary:
         Raises:
             MotionError: when there is no clip, or a clip is broken or lasts less than one control step.
         """
+        check_value("motion library: dt", dt, Annotated[float, Range(0.001, 1)])
         if not clips:
             raise MotionError("motion library: no clips, expected at least one")
         resampled = []

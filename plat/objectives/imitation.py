@@ -11,6 +11,8 @@ from torch import Tensor
 from torchrl.envs.utils import ExplorationType
 from torchrl.objectives.common import LossModule
 
+from plat.bounds import NonNegative, check_value
+from plat.entries import check_entries
 from plat.objectives.divergence import gaussian_kl
 from plat.objectives.finite import check_loss
 
@@ -90,6 +92,8 @@ class LatentImitationLoss(LossModule):
         parameters: Sequence[str] = ("loc", "scale"),
     ):
         super().__init__()
+        for name, value in (("prior_weight", prior_weight), ("beta", beta), ("free_bits", free_bits)):
+            check_value(f"imitation loss: {name}", value, NonNegative)
         self.policy = policy
         self.divergence = divergence
         self.parameter_names = tuple(parameters)
@@ -113,8 +117,8 @@ class LatentImitationLoss(LossModule):
             ActionError: when one of them is not finite.
         """
         keys = self.tensor_keys
-        expert_action = tensordict.get(keys.expert_action)
-        out = self.policy(tensordict.select(*self.policy.in_keys))
+        out = self.policy(tensordict.select(*self.policy.in_keys, strict=False))
+        expert_action = expert_actions(tensordict, keys.expert_action, out.get(keys.posterior_action))
         posterior_error = (out.get(keys.posterior_action) - expert_action).square()
         prior_error = (out.get(keys.prior_action) - expert_action).square()
         posterior, prior = out.get(keys.posterior), out.get(keys.prior)
@@ -134,6 +138,16 @@ class LatentImitationLoss(LossModule):
                 "prior_error": prior_error.detach().mean().sqrt(),
             }
         )
+
+
+def expert_actions(tensordict: TensorDictBase, key: NestedKey, action: Tensor) -> Tensor:
+    """Return the expert's actions, which have to have the shape of the policy's.
+
+    Raises:
+        ObservationError: naming the entry, when it is missing or has another shape.
+    """
+    check_entries(tensordict, {key: tuple(action.shape)}, "imitation loss")
+    return tensordict.get(key)
 
 
 class ImitationLoss(LossModule):
@@ -184,7 +198,8 @@ class ImitationLoss(LossModule):
         Raises:
             ActionError: when it is not finite.
         """
-        out = self.policy(tensordict.select(*self.policy.in_keys))
-        error = (out.get(self.tensor_keys.action) - tensordict.get(self.tensor_keys.expert_action)).square()
+        out = self.policy(tensordict.select(*self.policy.in_keys, strict=False))
+        action = out.get(self.tensor_keys.action)
+        error = (action - expert_actions(tensordict, self.tensor_keys.expert_action, action)).square()
         loss = check_loss(error.sum(-1).mean(), "imitation loss")
         return TensorDict({"loss_imitation": loss, "error": error.detach().mean().sqrt()})

@@ -4,6 +4,7 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
+from plat.entries import check_rollout
 from plat.errors import ConfigError
 from plat.objectives.settings import MotorGradientConfig
 from plat.robots.robot import Robot
@@ -56,6 +57,7 @@ def motor_gradient(
     torch.Size([2, 6, 29])
     """
     config = config or MotorGradientConfig()
+    check_rollout(rollout, "motor gradient", (("robot", "joint_pos"), (goal, "joint_pos"), ("next", "done")))
     steps = config.steps
     if steps < ahead:
         raise ConfigError(

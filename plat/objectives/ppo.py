@@ -11,13 +11,16 @@ from torch.distributions import Normal
 from torchrl.objectives import ClipPPOLoss, KLAdaptiveLR
 from torchrl.objectives.value import GAE
 
-from plat.errors import ActionError
+from plat.entries import check_rollout
+from plat.errors import ActionError, ConfigError, ObservationError
 from plat.objectives.divergence import gaussian_kl
 from plat.objectives.finite import check_loss
 from plat.objectives.settings import PPOConfig
 from plat.precision import autocast
 
 __all__ = ["PPO", "PPOConfig"]
+
+_NEXT = tuple(("next", key) for key in ("reward", "done", "terminated", "truncated"))
 
 
 class _ClipPPOLoss(ClipPPOLoss):
@@ -63,6 +66,8 @@ class PPO:
         config: PPOConfig | None = None,
         action_key: str = "action",
     ):
+        if not isinstance(critic, TensorDictModuleBase):
+            raise ConfigError(f"PPO: critic is a network {type(critic).__name__}, expected a module of a TensorDict")
         self.config = config = config or PPOConfig()
         self.actor = actor
         self.critic = critic
@@ -99,10 +104,14 @@ class PPO:
             and ``std``, averaged over the updates.
 
         Raises:
+            ObservationError: for a rollout that lacks an entry or is not ``[N, T]``, and a gradient of another shape.
             ActionError: for a rollout or a gradient that is not finite; the weights stay what they were before it.
         """
         data = self.prepare(rollout)
         if gradient is not None:
+            if gradient.shape != rollout["loc"].shape:
+                shapes = f"{tuple(gradient.shape)}, expected {tuple(rollout['loc'].shape)}"
+                raise ObservationError(f"PPO: gradient has shape {shapes}, that of 'loc'")
             data["gradient"] = gradient.flatten(0, 1)
         optimizers = (self.optimizer, self.critic_optimizer) if learn_policy else (self.critic_optimizer,)
         batch_size = self.config.batch_size(len(data))
@@ -156,7 +165,8 @@ class PPO:
         """Compute values, advantages and targets of a rollout ``[N, T]``; return it flat, with the entries that the
         loss reads.
         """
-        seen = self.observe(rollout.select(*self.observe.in_keys))
+        check_rollout(rollout, "PPO", (*self.actor.in_keys, *self._sample_keys, "loc", "scale", *_NEXT))
+        seen = self.observe(rollout.select(*self.observe.in_keys, strict=False))
         with self._autocast(rollout):
             root = self.critic(seen)["state_value"]
         # the state after a step is the state before the next one, except where an episode ended or the rollout
@@ -165,7 +175,7 @@ class PPO:
         truncated = rollout["next", "truncated"].squeeze(-1)
         ask = truncated.clone() if self.config.truncated == "state" else torch.zeros_like(truncated)
         ask[:, -1] = True
-        after = self.observe(rollout["next"].select(*self.observe.in_keys)[ask])
+        after = self.observe(rollout["next"].select(*self.observe.in_keys, strict=False)[ask])
         next_value[ask] = self.critic(after)["state_value"]
         if self.config.truncated == "mean":
             next_value[truncated] = root.mean()

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Protocol, TypeAlias, TypeVar
+from typing import Annotated, Any, ClassVar, Protocol, TypeVar
 
-from plat.bounds import Bounded, Count, NonNegative, NotEmpty, Positive, Range, Seed
+from plat.bounds import Bounded, Count, NonNegative, NotEmpty, Positive, Robots, Seed
 from plat.errors import ConfigError, PlatError
 from plat.files import check_folder
 from plat.runs.budget import Budget
@@ -24,8 +24,6 @@ class _HasDevice(Protocol):
 
 R = TypeVar("R", bound=_HasDevice)
 T = TypeVar("T", bound="RecipeConfig")
-Robots: TypeAlias = Annotated[int, Range(1, 65_536)]
-"""Number of robots that are simulated at a time."""
 
 
 def default_device() -> str:

@@ -1,7 +1,9 @@
 """Timing of the keyframe task: control step, longest command and arrival window."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
+from plat.bounds import Bounded, Range
 from plat.errors import PlatError
 
 __all__ = ["SOON", "Timing", "timing_of"]
@@ -14,7 +16,7 @@ LONGEST = 10_000
 
 
 @dataclass(frozen=True)
-class Timing:
+class Timing(Bounded):
     """Time constants of the keyframe task. They belong to a policy: saved, exported and checked with it.
 
     Args:
@@ -23,7 +25,7 @@ class Timing:
         window: control steps of the arrival window, the arrival step among them.
 
     Raises:
-        PlatError: naming the field that makes no sense.
+        ConfigError: naming the field that makes no sense.
 
     >>> Timing().longest
     1.0
@@ -31,17 +33,9 @@ class Timing:
     125
     """
 
-    control_dt: float = 0.02
-    max_steps: int = 50
-    window: int = 3
-
-    def __post_init__(self) -> None:
-        if not 0.001 <= self.control_dt <= 1:
-            raise PlatError(f"timing: control_dt is {self.control_dt} s, expected a number from 0.001 to 1")
-        for field in ("max_steps", "window"):
-            value = getattr(self, field)
-            if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= LONGEST:
-                raise PlatError(f"timing: {field} is {value!r}, expected 1 to {LONGEST:,} control steps")
+    control_dt: Annotated[float, Range(0.001, 1)] = 0.02
+    max_steps: Annotated[int, Range(1, LONGEST)] = 50
+    window: Annotated[int, Range(1, LONGEST)] = 3
 
     @property
     def longest(self) -> float:

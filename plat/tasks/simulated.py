@@ -8,6 +8,8 @@ from torch import Tensor
 from torchrl.data import Binary, Composite, Unbounded
 from torchrl.envs import EnvBase
 
+from plat.bounds import Robots, check_value
+from plat.entries import check_entries
 from plat.envs.broken import BrokenRobots
 from plat.envs.physics import BatchedPhysics
 from plat.envs.state import GeneralizedState, joint_target
@@ -52,6 +54,7 @@ class SimulatedTask(EnvBase):
         num_threads: int | None = None,
         device: torch.device | str = "cpu",
     ):
+        check_value("environment: num_envs", num_envs, Robots)
         super().__init__(device=torch.device(device), batch_size=torch.Size([num_envs]))
         self.task = task.to(device)
         model = task.robot.model(feet)
@@ -78,6 +81,7 @@ class SimulatedTask(EnvBase):
         return GeneralizedState.unpack(torch.cat((self.physics.read("qpos"), self.physics.read("qvel")), -1))
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        check_entries(tensordict, {"action": (*self.batch_size, self.task.robot.num_joints)}, "environment step")
         task, action = self.task, self.broken.sound(tensordict["action"])
         self.physics.step(joint_target(task.robot, action), self.decimation)
         state, memory = self._state(), task.advance(tensordict["memory"], action)

@@ -100,7 +100,7 @@ def edit(run, **changes) -> None:
         ({"robot": "h1"}, "robot 'h1' is unknown, expected one of \\['g1'"),
         (
             {"config": {"timing": {"max_steps": 0}}},
-            "ExpertConfig.timing: .*max_steps is 0, expected 1 to",
+            "ExpertConfig.timing: .*max_steps is 0, expected a whole number from 1 to",
         ),
         ({"kind": "oracle"}, "unknown kind of policy 'oracle'"),
         ({"config": {"hidden": "wide"}}, "ExpertConfig.hidden"),

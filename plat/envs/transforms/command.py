@@ -11,6 +11,7 @@ from torch import Tensor
 from torchrl.data import Composite, Unbounded
 from torchrl.envs import Transform
 
+from plat.bounds import Seed, check_value
 from plat.envs.goals import clock_entries, parts_entries, robot_centric_goal
 from plat.envs.parts import NUM_MASKS, draw_parts
 from plat.envs.transforms.base import ObservationTransform
@@ -40,6 +41,8 @@ class Horizon:
     longest: int
 
     def __post_init__(self) -> None:
+        if not (isinstance(self.shortest, int) and isinstance(self.longest, int)):
+            raise TaskError(f"horizon: {self.shortest!r} to {self.longest!r}, expected whole numbers of control steps")
         if not 1 <= self.shortest <= self.longest:
             raise TaskError(f"horizon: {self.shortest} to {self.longest} steps, expected 1 <= shortest <= longest")
 
@@ -97,6 +100,7 @@ class CommandSchedule:
     """
 
     def __init__(self, library: MotionLibrary, horizon: Horizon, seed: int):
+        check_value("commands: seed", seed, Seed)
         check_clip_lengths(library, horizon)
         arrivals = []
         for clip, length in enumerate(library.clip_length.tolist()):

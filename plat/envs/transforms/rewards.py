@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Annotated, TypeAlias
 
 import torch
 from tensordict import NestedKey, TensorDictBase
@@ -10,6 +10,7 @@ from torch import Tensor
 from torchrl.data import Composite
 from torchrl.envs import Transform
 
+from plat.bounds import NotEmpty, check_value
 from plat.envs.transforms.base import Statistics, check_step_entries
 from plat.errors import TaskError
 
@@ -36,6 +37,10 @@ class Reward:
     needs: tuple[NestedKey, ...] = ()
     """entries after a step that earlier transforms must write; checked when the task is built"""
 
+    def __post_init__(self) -> None:
+        check_value("reward: name", self.name, Annotated[str, NotEmpty()])
+        check_value(f"reward {self.name!r}: weight", self.weight, float)
+
     def __call__(self, before: TensorDictBase, after: TensorDictBase) -> Tensor:
         """Compute the weighted term ``[N]``.
 
@@ -61,6 +66,10 @@ class RewardGroup:
     """the terms"""
     floor: float | None = None
     """lower bound on the sum, for penalties: all terms are scaled alike to meet it; None for no bound"""
+
+    def __post_init__(self) -> None:
+        check_value("reward group: weight", self.weight, float)
+        check_value("reward group: floor", self.floor, float | None)
 
     def terms(self, before: TensorDictBase, after: TensorDictBase) -> dict[str, Tensor]:
         """Compute the weighted terms ``[N]`` of a step, without the factor of the group."""
