@@ -1,6 +1,7 @@
 """Scores of several policies as tables."""
 
 import csv
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,7 +51,9 @@ class Metric:
         return f"{self.title} ({self.unit})" if self.unit else self.title
 
     def text(self, value: "float | Estimate", sign: str = "") -> str:
-        """Return a value in the unit of tables; an estimate with its interval."""
+        """Return a value in the unit of tables; an estimate with its interval; a dash for what was not measured."""
+        if math.isnan(value.value if isinstance(value, Estimate) else value):
+            return "-"
         if isinstance(value, Estimate):
             value = Estimate(*(self.factor * part for part in (value.value, value.low, value.high)))
         else:

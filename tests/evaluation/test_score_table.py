@@ -2,7 +2,7 @@ import csv
 
 import pytest
 
-from plat.evaluation import METRICS, Score, differences, markdown, report, write_csv
+from plat.evaluation import METRICS, Estimate, Score, differences, markdown, report, write_csv
 from tests.evaluation.test_report import records, spread
 
 
@@ -58,3 +58,9 @@ def test_differences_say_who_is_ahead():
 
 def test_no_differences_without_the_policy(scores):
     assert differences(scores[:1], "PLAT") == ""
+
+
+def test_what_was_not_measured_is_a_dash():
+    nothing = float("nan")
+    assert METRICS["mpkpe"].text(nothing) == "-"
+    assert METRICS["mpjpe"].text(Estimate(nothing, nothing, nothing)) == "-"
