@@ -26,6 +26,8 @@ from plat.control import (
     Simulator,
     StepErrors,
     Viewer,
+    error_text,
+    mean_errors,
     record,
     tally,
 )
@@ -90,7 +92,7 @@ def print_table(scores: Sequence[KeyframeScore], hold: HoldScore | None = None) 
         success = "yes" if score.success else "no"
         print(
             f"{score.index:>3}  {score.name or '':<20.20}  {score.time:>6.2f}  {success:<5}  "
-            f"{score.joint_error:>11.3f}  {score.keypoint_error:>9.3f}  {score.words}"
+            f"{error_text(score.joint_error):>11}  {error_text(score.keypoint_error):>9}  {score.words}"
         )
     print(summary(scores))
     if hold is not None:
@@ -119,7 +121,6 @@ def summary(scores: Sequence[KeyframeScore]) -> str:
     succeeded = [score for score in scores if score.success]
     errors = f"TKS@3 {len(succeeded)} of {len(scores)}"
     if succeeded:
-        joint = np.mean([score.joint_error for score in succeeded])
-        keypoint = np.mean([score.keypoint_error for score in succeeded])
-        errors += f", these with MPJPE@3 {joint:.3f} rad, MPKPE@3 {keypoint:.3f} m"
+        joint, keypoint = mean_errors(succeeded)
+        errors += f", these with MPJPE@3 {error_text(joint, ' rad')}, MPKPE@3 {error_text(keypoint, ' m')}"
     return f"{tally(scores)}; {errors}"

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
         KeyframeScorer,
         Outcome,
         StepErrors,
+        error_text,
+        mean_errors,
         tally,
     )
     from plat.control.settings import ReachLimits
@@ -63,6 +65,8 @@ __all__ = [
     "StepErrors",
     "Viewer",
     "author",
+    "error_text",
+    "mean_errors",
     "record",
     "resting_poses",
     "tally",

@@ -1,5 +1,6 @@
 """What became of each keyframe of a chase: reached, late or off, or fell."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Literal, TypeAlias
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from plat.control.chase import ChaseStep
 from plat.control.pose_errors import PoseComparison, PoseErrors
 from plat.control.settings import ReachLimits
+from plat.keyframes import Keyframe
 from plat.robots.robot import Robot
 
 __all__ = [
@@ -22,6 +24,8 @@ __all__ = [
     "KeyframeScorer",
     "Outcome",
     "StepErrors",
+    "error_text",
+    "mean_errors",
     "tally",
 ]
 
@@ -53,8 +57,10 @@ class KeyframeScore:
         arrival: the robot's distance from the keyframe at its arrival.
         success: TKS@3: in the pose at each step of the arrival window, and its root not off before.
         root_off: whether the root's height or tilt was beyond the limits of TKS@3 at some step of the command.
-        joint_error: mean absolute joint error over the arrival window (rad): MPJPE@3.
-        keypoint_error: mean error of the keypoints in the world over the arrival window (m): MPKPE@3.
+        joint_error: mean absolute joint error over the arrival window (rad): MPJPE@3. NaN where a partial keyframe
+            commands no joint.
+        keypoint_error: mean error of the keypoints in the world over the arrival window (m): MPKPE@3. NaN where it
+            commands no place.
     """
 
     index: int
@@ -194,6 +200,7 @@ class KeyframeScorer:
         fell = any(errors.down for _, errors in steps)
         reached = not fell and self._near(arrival) and not any(errors.off_pose for errors in window)
         late = None if fell else self._near_after.get(last.command.index)
+        joints, points = _measured(last.command.keyframe)
         hold = self.hold() if last.command.index == max(self._steps) else None
         return KeyframeScore(
             last.command.index,
@@ -206,8 +213,8 @@ class KeyframeScorer:
             arrival=PoseErrors(**{field.name: getattr(arrival, field.name) for field in fields(PoseErrors)}),
             success=not any(errors.failed for _, errors in steps),
             root_off=any(errors.fallen for _, errors in steps),
-            joint_error=float(np.mean([errors.joint for errors in window])),
-            keypoint_error=float(np.mean([errors.keypoint for errors in window])),
+            joint_error=float(np.mean([errors.joint for errors in window])) if joints else math.nan,
+            keypoint_error=float(np.mean([errors.keypoint for errors in window])) if points else math.nan,
         )
 
     def _faults(self, arrival: PoseErrors, window: Sequence[PoseErrors], late: float | None) -> tuple[str, ...]:
@@ -225,6 +232,34 @@ class KeyframeScorer:
             (turn**2 > limits.window.anchor_rot_squared, f"turned by {turn:.2f} rad"),
         ]
         return tuple(words for present, words in faults if present)
+
+
+def _measured(keyframe: Keyframe) -> tuple[bool, bool]:
+    """Return whether a keyframe commands joints, and whether it commands places of bodies."""
+    commands = keyframe.commands
+    if commands is None:
+        return True, True
+    return any(commands.joints), any(commands.bodies) or commands.root[:2] == (True, True)
+
+
+def mean_errors(scores: Sequence[KeyframeScore]) -> tuple[float, float]:
+    """Return the means of MPJPE@3 (rad) and MPKPE@3 (m) over the keyframes that command joints, and places of bodies.
+
+    NaN where none does.
+    """
+    columns = ([score.joint_error for score in scores], [score.keypoint_error for score in scores])
+    known = [[value for value in column if not math.isnan(value)] for column in columns]
+    joint, keypoint = (float(np.mean(column)) if column else math.nan for column in known)
+    return joint, keypoint
+
+
+def error_text(value: float, unit: str = "") -> str:
+    """Return an error for a table, with three digits; a dash where nothing was commanded.
+
+    >>> error_text(0.0321, " rad"), error_text(math.nan)
+    ('0.032 rad', '-')
+    """
+    return "-" if math.isnan(value) else f"{value:.3f}{unit}"
 
 
 def tally(scores: Sequence[KeyframeScore]) -> str:

@@ -14,6 +14,7 @@ from plat.control import (
     PoseComparison,
     PoseErrors,
     Simulator,
+    mean_errors,
 )
 from plat.keyframes import KeyframeSequence
 from plat.robots.robot import Robot
@@ -140,6 +141,5 @@ class Summary:
         return cls(
             sum(score.reached for score in scores),
             len(scores),
-            float(np.mean([score.joint_error for score in scores])),
-            float(np.mean([score.keypoint_error for score in scores])),
+            *mean_errors(scores),
         )

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from plat.control import ChaseStep, KeyframeScore, PoseErrors, tally
+from plat.control import ChaseStep, KeyframeScore, PoseErrors, error_text, tally
 from plat.studio.player import Summary
 from plat.studio.timeline import Timeline
 
@@ -30,7 +30,7 @@ def keyframe_table(timeline: Timeline, scores: Sequence[KeyframeScore] | None) -
         return ""
     rows = ["| keyframe | at | outcome | joints rad | keypoints m |", "|---|---|---|---|---|"]
     for label, score in zip(timeline.labels[1:], scores, strict=True):
-        errors = f"{score.joint_error:.3f} | {score.keypoint_error:.3f}"
+        errors = f"{error_text(score.joint_error)} | {error_text(score.keypoint_error)}"
         rows.append(f"| {_plain(label)} | {score.time:.2f} s | {score.words} | {errors} |")
     return "\n".join(rows)
 
@@ -42,7 +42,7 @@ def policy_table(scores: Mapping[str, Sequence[KeyframeScore]]) -> str:
     rows = ["| policy | outcome | joints rad | keypoints m |", "|---|---|---|---|"]
     for policy, of_policy in scores.items():
         mean = Summary.of(of_policy)
-        errors = f"{mean.joint_error:.3f} | {mean.keypoint_error:.3f}"
+        errors = f"{error_text(mean.joint_error)} | {error_text(mean.keypoint_error)}"
         rows.append(f"| {_plain(policy)} | {tally(of_policy)} | {errors} |")
     return "\n".join(rows)
 

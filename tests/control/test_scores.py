@@ -1,16 +1,18 @@
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 
-from plat.control import Chase, KeyframeScorer, PolicyController, ReachLimits, Simulator, tally
+from plat.control import Chase, KeyframeScorer, PolicyController, ReachLimits, Simulator, mean_errors, tally
 from plat.envs.transforms import Horizon
 from plat.evaluation import evaluate
-from plat.keyframes import KeyframeSequence, standing
+from plat.keyframes import KeyframeSequence, only, standing
 from plat.modules import LatentPolicy
 from plat.motions import MotionLibrary, generate_motions
 from plat.robots import G1
+from tests.control.made_up import score
 from tests.control.puppets import Limp, Puppet
 
 POSE = standing(G1)
@@ -138,3 +140,30 @@ def test_scores_are_those_of_the_evaluation():
     assert all(row.success for row in rows[:until])
     if until < len(rows):
         assert not rows[until].success
+
+
+def test_errors_of_what_was_not_commanded_are_no_errors():
+    nothing = float("nan")
+    scores = [score(0, None, 0.5, joint=nothing, keypoint=0.04), score(1, None, 1.0, joint=0.1, keypoint=0.02)]
+    joint, keypoint = mean_errors(scores)
+    assert (joint, keypoint) == (pytest.approx(0.1), pytest.approx(0.03))
+    assert math.isnan(mean_errors(scores[:1])[0])
+
+
+@pytest.mark.parametrize(
+    ("given", "joints", "places"),
+    [
+        ({"left_hand": (0.3, 0.2, 1.0)}, False, True),
+        ({"joints": {"left_elbow": 0.6}}, True, False),
+        ({"root": (0.0, 0.0)}, False, False),
+        ({"root": (0.0, 0.0), "height": 0.76}, False, True),
+    ],
+)
+def test_a_partial_keyframe_has_the_errors_of_what_it_commands(given, joints, places):
+    sequence = KeyframeSequence(G1, standing(G1), (only(G1, 0.1, **given),))
+    scorer = KeyframeScorer(G1)
+    for step in Chase(Puppet(), sequence, Simulator(G1.model())):
+        scorer.add(step)
+    (result,) = scorer.scores()
+    assert math.isnan(result.joint_error) == (not joints)
+    assert math.isnan(result.keypoint_error) == (not places)
