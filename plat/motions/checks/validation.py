@@ -11,6 +11,7 @@ from plat.motions.checks.collision import self_penetration
 from plat.motions.checks.feet import Soles, ground_level
 from plat.motions.checks.flight import Flight
 from plat.motions.checks.settings import ValidationLimits
+from plat.motions.checks.sides import EXCHANGED, apart
 from plat.motions.checks.steps import JointStep, joint_steps
 from plat.motions.checks.tempo import Tempo
 from plat.motions.clip import MotionClip
@@ -45,6 +46,8 @@ class MotionReport:
         tempo: how many times as often as people with that step length it steps, None where it has no regular gait; a
             wrong frame rate shows here.
         gravity: acceleration of its fastest free fall (g), None where it has none; a wrong frame rate shows here.
+        sides: roll of the left shoulder over that of the right one, mean (rad), None for a robot without; negative
+            where left and right are exchanged.
         jumps: when the root's path or turning breaks (s).
         steps: isolated single-frame steps of joints; see :func:`~plat.motions.checks.steps.joint_steps`.
         verdict: ``use`` as it is, ``repair`` first, or ``drop``.
@@ -62,6 +65,7 @@ class MotionReport:
     jumps: tuple[float, ...]
     tempo: float | None = None
     gravity: float | None = None
+    sides: float | None = None
     steps: tuple[JointStep, ...] = ()
     verdict: Verdict = "use"
     reasons: tuple[str, ...] = ()
@@ -106,6 +110,7 @@ def _measure(clip: MotionClip, robot: Robot, limits: ValidationLimits, soles: So
         slip=_slip(points, level, clip.fps),
         self_penetration=_self_penetration(clip, robot),
         jumps=_jumps(qpos, clip.fps, limits),
+        sides=apart(clip.qpos[:, 7:], robot, "shoulder_roll"),
         gravity=None if (flight := Flight.of(clip, robot)) is None else flight.gravity(clip.fps),
         tempo=None if (steps := Tempo.of(clip, robot)) is None else steps.ratio(clip.fps),
         steps=tuple(joint_steps(clip, limits.step_speed, robot)),
@@ -162,6 +167,8 @@ def _judged(report: MotionReport, limits: ValidationLimits) -> MotionReport:
         repair.append(f"{report.tempo:.2g} times as many steps a second as people take: is its frame rate right?")
     if report.gravity is not None and not 1 / limits.gravity < report.gravity < limits.gravity:
         repair.append(f"it falls at {report.gravity:.2g} g: is its frame rate right?")
+    if report.sides is not None and report.sides < EXCHANGED:
+        drop.append("left and right arms are exchanged: are its joint names right?")
     if report.jumps:
         inside = [time for time in report.jumps if limits.trim_seconds < time < report.seconds - limits.trim_seconds]
         (drop if inside else repair).append(f"the root jumps at {(inside or report.jumps)[0]:.2f} s")

@@ -8,6 +8,7 @@ import torch
 
 from plat.errors import MotionError
 from plat.motions.checks.feet import Soles, lowest_step
+from plat.motions.checks.sides import EXCHANGED, apart
 from plat.motions.formats.common import QuatOrder, ReadOptions
 from plat.robots.robot import Robot
 from plat.rotations import quat_rotate
@@ -27,6 +28,9 @@ __all__ = [
 _MARGIN = 0.5
 # The same where a format or a header says otherwise.
 _OVERRULING = 1.0
+# The roll of the left hip over that of the right one (rad, mean): below the first no clip of 365 is, and between the
+# two it does not say whether legs are exchanged as arms are.
+_LEGS_EXCHANGED, _LEGS_UNDECIDED = -0.25, 0.05
 # What a radian beyond the joints' limits costs (summed over joints, mean over frames), and the most that counts. With
 # it, of 149 clips none was taken for one with its joints in the other order, nor the other way round.
 _BEYOND, _MOST_BEYOND = 10.0, 0.3
@@ -109,12 +113,50 @@ def settle_joint_order(
 ) -> tuple[np.ndarray, list[str]]:
     """Return joints that stand in an order which nothing states, in the robot's; and notes.
 
+    Orders that are tried are depth first and breadth first, and either with the right side before the left.
+
     Args:
         joints: angles ``[T, J]``.
         read: makes the motion ``[T, 7 + J]`` of joints in the robot's order, or raises a ``MotionError``.
         options: give robot and soles.
         quat_order: of the motion; None where it is not known.
+
+    Raises:
+        MotionError: where left and right are exchanged for some of the joints, and which is not to be told.
     """
+    arranged, notes = _settle_depth(joints, read, options, quat_order)
+    exchanged, more = _settle_sides(arranged, options.robot)
+    return exchanged, [*notes, *more]
+
+
+def _settle_sides(joints: np.ndarray, robot: Robot) -> tuple[np.ndarray, list[str]]:
+    """Return joints with left and right exchanged where the arms show that they are, and notes."""
+    arms, legs = (apart(joints, robot, part) for part in ("shoulder_roll", "hip_roll"))
+    if arms is None or legs is None:
+        return joints, []
+    if arms > EXCHANGED and legs > _LEGS_EXCHANGED:
+        return joints, []
+    if arms > EXCHANGED or legs > _LEGS_UNDECIDED:
+        some, others = ("legs", "arms") if arms > EXCHANGED else ("arms", "legs")
+        raise MotionError(
+            f"its {some} have left and right exchanged and its {others} do not, if its joints stand in the robot's "
+            "order; name them in a header"
+        )
+    other = {"left": "right", "right": "left"}
+    listed = [name.split("_", 1) for name in robot.joint_names]
+    source = ["_".join((other.get(side, side), *rest)) for side, *rest in listed]
+    return joints[:, [robot.joint_names.index(name) for name in source]], [
+        "joints numbered with the right side first: only so do arms and legs stand apart"
+    ]
+
+
+def _settle_depth(
+    joints: np.ndarray,
+    read: Callable[[np.ndarray], np.ndarray],
+    options: ReadOptions,
+    quat_order: QuatOrder | None,
+) -> tuple[np.ndarray, list[str]]:
+    """Return joints that are numbered depth or breadth first in the robot's order, and notes."""
     listed = breadth_first(options.robot)
     other = joints[:, [listed.index(joint) for joint in options.robot.joint_names]]
     try:

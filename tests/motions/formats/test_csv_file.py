@@ -4,11 +4,11 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from plat.errors import MotionError
-from plat.motions import MotionClip, generate_motions, load_motions, read_motion_files, save_csv
+from plat.motions import MotionClip, generate_motions, load_motions, read_motion_files, save_csv, validate_motion
 from plat.motions.resample import resample_qpos
 from plat.robots import G1
 from plat.rotations_np import quat_multiply
-from tests.motions.formats.writers import ISAAC_ORDER, WITHOUT_WRISTS, bowing_clip, turned, write_csv
+from tests.motions.formats.writers import ISAAC_ORDER, WITHOUT_WRISTS, bowing_clip, turned, write_csv, write_plat
 
 
 @pytest.mark.parametrize("order", ["wxyz", "xyzw"])
@@ -326,3 +326,46 @@ def test_degrees(tmp_path):
     clip = bowing_clip()
     write_table(tmp_path / "a_50fps.csv", np.hstack((clip.qpos[:, :7], np.rad2deg(clip.qpos[:, 7:]))))
     np.testing.assert_allclose(read_back(tmp_path / "a_50fps.csv")[1].qpos, clip.qpos, atol=1e-5)
+
+
+def right_first(clip: MotionClip) -> MotionClip:
+    """The clip with its columns as a program lists them that begins with the right side."""
+    other = {"left": "right", "right": "left"}
+    names = [name.split("_", 1) for name in G1.joint_names]
+    columns = [G1.joint_names.index("_".join((other.get(side, side), *rest))) for side, *rest in names]
+    return MotionClip(clip.name, clip.qpos[:, [*range(7), *(7 + column for column in columns)]], clip.fps)
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_the_right_side_may_come_first(tmp_path, named):
+    # arms of the bow hang out by 0.2 rad and more; legs are set apart
+    clip = bowing_clip(heading=0.7)
+    for side, sign in (("left", 1), ("right", -1)):
+        clip.qpos[:, 7 + G1.joint_names.index(f"{side}_hip_roll")] += 0.1 * sign
+        clip.qpos[:, 7 + G1.joint_names.index(f"{side}_ankle_roll")] -= 0.1 * sign
+        clip.qpos[:, 7 + G1.joint_names.index(f"{side}_shoulder_roll")] += 0.1 * sign
+    if named:
+        write_plat(tmp_path / "bow.npz", right_first(clip))
+        assert "left and right arms are exchanged" in str(validate_motion(load_motions(tmp_path)[0]).reasons)
+        return
+    write_csv(tmp_path / "bow_50fps.csv", right_first(clip))
+    (file,) = read_motion_files(tmp_path, quat_order="wxyz")
+    np.testing.assert_allclose(file.clips[0].qpos, clip.qpos, atol=1e-5)
+    assert "joints numbered with the right side first" in file.facts
+    assert "right side" not in read_motion_files_of(tmp_path / "left_50fps.csv", clip)
+
+
+def read_motion_files_of(path, clip: MotionClip) -> str:
+    write_csv(path, clip)
+    return read_motion_files(path, quat_order="wxyz")[0].facts
+
+
+def test_arms_alone_exchanged_are_refused(tmp_path):
+    clip = bowing_clip()
+    swapped = right_first(clip).qpos.copy()
+    swapped[:, :22] = clip.qpos[:, :22]
+    for side, sign in (("left", 1), ("right", -1)):
+        swapped[:, 7 + G1.joint_names.index(f"{side}_hip_roll")] += 0.1 * sign
+    write_csv(tmp_path / "bow_50fps.csv", MotionClip("bow", swapped, 50.0))
+    with pytest.raises(MotionError, match="its arms have left and right exchanged and its legs do not"):
+        load_motions(tmp_path, quat_order="wxyz")
