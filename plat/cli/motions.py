@@ -4,6 +4,7 @@ plat motions inspect FILES --out pictures
 plat motions convert FILES --out motions.npz --ground smooth --drop-bad
 plat motions mirror  FILES --out mirrored.npz
 plat motions retarget MOCAP --out folder
+plat motions map      MOCAP --out folder
 """
 
 import itertools
@@ -20,9 +21,9 @@ import plat.headless  # noqa: F401
 
 # isort: split
 
-from plat.cli.options import Convert, Inspect, Mirror, MotionFiles, MotionsCommand, Retarget
+from plat.cli.options import Convert, Inspect, Map, Mirror, MotionFiles, MotionsCommand, Retarget
 from plat.errors import MotionError, OutputError, PlatError
-from plat.figures import pyplot
+from plat.figures import draw_skeleton, pyplot
 from plat.files import check_file, check_folder
 from plat.motions import (
     MotionClip,
@@ -45,18 +46,23 @@ from plat.motions.generation import PREFIX, generate_named
 from plat.motions.paths import names_apart
 from plat.motions.resample import resample_qpos
 from plat.motions.retargeting import (
+    MOCAP_READERS,
     Retargeted,
     SkeletonMap,
+    UnknownSkeletonError,
     bvh_paths,
+    find_map,
     load_map,
     retarget_all,
     save_map,
     split_of,
+    with_joints,
 )
 from plat.rendering import RenderingError, Stage, stills
 from plat.robots import G1, Robot, get_robot
 
 SHEET_COLUMNS = 8
+_PROPOSED = "proposed from names and tree: check every joint, then pass it with --map"
 
 
 def read(command: MotionFiles, skipped: list[MotionError] | None = None) -> list[MotionFile]:
@@ -187,13 +193,14 @@ def retarget(command: Retarget) -> list[Retargeted]:
     for line in told:
         print(line)
     print(f"{'clip':<44}{'frames':>7}{'s':>7}{columns}")
-    unknown: SkeletonMap | None = None
+    unknown: tuple[Path, SkeletonMap] | None = None
     results = retarget_all(paths, skeleton, options=command.solver, workers=command.workers, fps=command.fps)
-    for name, result in zip(names_apart(paths), results, strict=True):
+    for path, name, result in zip(paths, names_apart(paths), results, strict=True):
         if isinstance(result, MotionError):
             print(f"skipped: {result}", flush=True)
             failed += 1
-            unknown = unknown or getattr(result, "proposed", None)
+            if unknown is None and (found := getattr(result, "proposed", None)) is not None:
+                unknown = path, found
             continue
         result = replace(result, clip=replace(result.clip, name=name))
         made.append(result)
@@ -216,11 +223,52 @@ def retarget(command: Retarget) -> list[Retargeted]:
             print(f"{split}: {len(clips)} clips, {sum(clip.duration for clip in clips):.0f} s")
     if unknown is not None:
         proposed = command.out / "proposed_map.yaml"
-        save_map(proposed, unknown, "proposed from names and tree: check every joint, then pass it with --map")
-        print(f"wrote {proposed}: a map to check and to pass with --map")
+        save_map(proposed, unknown[1], _PROPOSED)
+        print(f"wrote {proposed}: a map to check and to pass with --map (plat motions map draws it)")
     if failed:
         raise MotionError(f"{failed} of {len(paths)} files could not be used; see above")
     return made
+
+
+def draw_maps(command: Map) -> list[Path]:
+    """Write pictures, and proposed maps; return their paths.
+
+    Raises:
+        MotionError: at the end, when a file has no map, or a map that is wrong.
+    """
+    pyplot()  # what is missing had better be said before the work
+    paths = bvh_paths(command.files)
+    stated = None if command.map is None else load_map(command.map)
+    command.out.mkdir(parents=True, exist_ok=True)
+    written: list[Path] = []
+    wrong = 0
+    for path, name in zip(paths, names_apart(paths), strict=True):
+        where = f"{path.suffix[1:].upper()} file {str(path)!r}"
+        try:
+            mocap = MOCAP_READERS[path.suffix.lower()](path)
+            skeleton, kind = (
+                (find_map(mocap, where), "known") if stated is None else (with_joints(stated, mocap, where), "stated")
+            )
+        except UnknownSkeletonError as error:
+            if error.proposed is None:
+                print(f"skipped: {error}")
+                wrong += 1
+                continue
+            skeleton, kind = error.proposed, "proposed"
+        except MotionError as error:
+            print(f"skipped: {error}")
+            wrong += 1
+            continue
+        if kind == "proposed":
+            written.append(command.out / f"{name}_map.yaml")
+            save_map(written[-1], skeleton, _PROPOSED)
+        written.append(command.out / f"{name}_map.png")
+        told = draw_skeleton(written[-1], mocap, skeleton)
+        wrong += bool(told)
+        print(f"{path}: {kind} map {skeleton.name!r}{f', {told}' if told else ''}; wrote {written[-1]}")
+    if wrong:
+        raise MotionError(f"{wrong} of {len(paths)} files have no map, or one that looks wrong; see above")
+    return written
 
 
 def write(out: Path, files: Sequence[MotionFile], form: str, robot: Robot = G1) -> list[Path]:
@@ -386,4 +434,6 @@ def main(command: MotionsCommand) -> list[MotionReport] | list[Path] | list[Reta
         return convert(command)
     if isinstance(command, Mirror):
         return mirror(command)
+    if isinstance(command, Map):
+        return draw_maps(command)
     return retarget(command)

@@ -26,6 +26,7 @@ __all__ = [
     "Imports",
     "Inspect",
     "KeyframesCommand",
+    "Map",
     "Mirror",
     "MotionFiles",
     "MotionsCommand",
@@ -250,6 +251,18 @@ class Retarget(Bounded):
 
 
 @dataclass(kw_only=True)
+class Map(Bounded):
+    """Draw captures with the skeleton map that fits, or that is proposed and written as YAML."""
+
+    files: Annotated[tuple[str, ...], tyro.conf.Positional]
+    """.bvh, .amc and .npz files, folders or globs; one of a kind is enough"""
+    out: Path
+    """folder for <name>_map.png, and <name>_map.yaml of a proposed map"""
+    map: Path | None = None
+    """skeleton map (YAML) to look at; by default one that comes with plat, else a proposed one"""
+
+
+@dataclass(kw_only=True)
 class FromMotion(Bounded):
     """Take poses of a clip as keyframes."""
 
@@ -331,5 +344,5 @@ class CurvesRecipe(Bounded):
     """rows that are averaged"""
 
 
-MotionsCommand: TypeAlias = Inspect | Convert | Mirror | Retarget
+MotionsCommand: TypeAlias = Inspect | Convert | Mirror | Retarget | Map
 KeyframesCommand: TypeAlias = FromMotion | Show

@@ -4,7 +4,8 @@ from plat.figures.bars import ablation_bars
 from plat.figures.film_strip import film_strip
 from plat.figures.pyplot import pyplot
 from plat.figures.radar import radar_plot
+from plat.figures.skeleton import draw_skeleton
 from plat.figures.style import save_figure
 from plat.figures.success import success_plot
 
-__all__ = ["ablation_bars", "film_strip", "pyplot", "radar_plot", "save_figure", "success_plot"]
+__all__ = ["ablation_bars", "draw_skeleton", "film_strip", "pyplot", "radar_plot", "save_figure", "success_plot"]

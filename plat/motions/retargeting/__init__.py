@@ -6,17 +6,18 @@ from plat.lazy import lazy
 
 if TYPE_CHECKING:
     from plat.motions.retargeting.asf import read_amc
-    from plat.motions.retargeting.builtin import UnknownSkeletonError, builtin_maps
+    from plat.motions.retargeting.builtin import UnknownSkeletonError, builtin_maps, find_map, with_joints
     from plat.motions.retargeting.bvh import read_bvh
     from plat.motions.retargeting.mocap import Mocap
     from plat.motions.retargeting.options import SolverOptions
-    from plat.motions.retargeting.retarget import Retargeted, bvh_paths, retarget, retarget_all
+    from plat.motions.retargeting.retarget import MOCAP_READERS, Retargeted, bvh_paths, retarget, retarget_all
     from plat.motions.retargeting.skeletons import SkeletonMap, load_map, save_map
     from plat.motions.split import split_of
 else:
     lazy(__name__)
 
 __all__ = [
+    "MOCAP_READERS",
     "Mocap",
     "Retargeted",
     "SkeletonMap",
@@ -24,6 +25,7 @@ __all__ = [
     "UnknownSkeletonError",
     "builtin_maps",
     "bvh_paths",
+    "find_map",
     "load_map",
     "read_amc",
     "read_bvh",
@@ -31,4 +33,5 @@ __all__ = [
     "retarget_all",
     "save_map",
     "split_of",
+    "with_joints",
 ]

@@ -15,7 +15,7 @@ from plat.motions.retargeting.mocap import Mocap
 from plat.motions.retargeting.propose import propose_map
 from plat.motions.retargeting.skeletons import SIDES, SkeletonMap, load_map
 
-__all__ = ["UnknownSkeletonError", "builtin_maps", "find_map", "joint_keys"]
+__all__ = ["UnknownSkeletonError", "builtin_maps", "find_map", "joint_keys", "with_joints"]
 
 # Lengths below this share of a leg give no direction.
 _SHORT = 0.01
@@ -87,6 +87,18 @@ def find_map(mocap: Mocap, where: str) -> SkeletonMap:
         f"see docs/retargeting.md. Its joints are: {', '.join(mocap.names[:60])}",
         propose_map(mocap, "proposed"),
     )
+
+
+def with_joints(skeleton: SkeletonMap, mocap: Mocap, where: str) -> SkeletonMap:
+    """Return a map whose joints a capture has.
+
+    Raises:
+        MotionError: naming the joints that it lacks; ``where`` is for its message.
+    """
+    missing = sorted(set(skeleton.joints.values()) - set(mocap.names))
+    if missing:
+        raise MotionError(f"{where}: lacks the joints {missing} of skeleton map {skeleton.name!r}")
+    return skeleton
 
 
 def _prefixes(names: Sequence[str]) -> list[str]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.motions.retargeting.axes import AXES, check_sides, find_up
+from plat.motions.retargeting.builtin import with_joints
 from plat.motions.retargeting.mocap import Mocap
 from plat.motions.retargeting.skeletons import SIDES, UNITS, SkeletonMap
 
@@ -47,9 +48,7 @@ def read_human(mocap: Mocap, skeleton: SkeletonMap, where: str) -> Human:
         MotionError: when a joint of the map is missing, the up axis is not to be told, left and right are
             exchanged, or limbs have lengths that no human's have.
     """
-    missing = sorted(set(skeleton.joints.values()) - set(mocap.names))
-    if missing:
-        raise MotionError(f"{where}: lacks the joints {missing} of skeleton map {skeleton.name!r}")
+    with_joints(skeleton, mocap, where)
     indices = {role: mocap.names.index(name) for role, name in skeleton.joints.items()}
     raw = {role: mocap.positions[:, index] for role, index in indices.items()}
     leg = _leg(raw, skeleton, where)

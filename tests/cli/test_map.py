@@ -1,0 +1,35 @@
+"""``plat motions map``: pictures of maps, and proposed ones."""
+
+import pytest
+import tyro
+
+from plat.cli import motions
+from plat.cli.options import MotionsCommand
+from plat.errors import MotionError
+from plat.motions.retargeting import load_map
+from tests.motions.retargeting.human import write_human
+from tests.motions.retargeting.test_propose import ODD
+
+
+def run(*arguments: object) -> object:
+    return motions.main(tyro.cli(MotionsCommand, args=["map", *map(str, arguments)]))
+
+
+def test_known_and_proposed_maps_are_drawn(tmp_path, capsys):
+    write_human(tmp_path / "known.bvh", frames=3)
+    write_human(tmp_path / "odd.bvh", frames=3, names=ODD)
+    written = run(tmp_path / "known.bvh", tmp_path / "odd.bvh", "--out", tmp_path / "out")
+    assert [path.name for path in written] == ["known_map.png", "odd_map.yaml", "odd_map.png"]
+    assert all(path.stat().st_size > 100 for path in written)
+    assert load_map(written[1]).joints["hips"] == "Bassin"
+    out = capsys.readouterr().out
+    assert "known map 'lafan1'" in out
+    assert "proposed map 'proposed'" in out
+
+
+def test_what_has_no_map_is_named(tmp_path, capsys):
+    names = {name: f"joint{number}" for number, name in enumerate(ODD)}
+    write_human(tmp_path / "odd.bvh", frames=3, names=names)
+    with pytest.raises(MotionError, match="1 of 1 files have no map, or one that looks wrong"):
+        run(tmp_path / "odd.bvh", "--out", tmp_path / "out")
+    assert "skipped: BVH file" in capsys.readouterr().out
