@@ -42,9 +42,10 @@ def robot_columns(names: Sequence[str], count: int, robot: Robot) -> tuple[list[
     missing = sorted(set(robot.joint_names) - set(found))
     unknown = sorted(name for name, joint in zip(listed, matched, strict=True) if joint is None)
     expected = f"the {robot.num_joints} joints of {robot.name!r}"
-    # a name that shares a word with a missing joint may be that joint
+    # a name that shares a word with a missing joint may be that joint, and so may one that makes up the number
     words = {word for joint in missing for word in tokens(joint)}
-    in_doubt = any(words & set(tokens(name)) for name in unknown)
+    others = set(unknown) - set(roots)
+    in_doubt = any(words & set(tokens(name)) for name in others) or (bool(others) and count == robot.num_joints)
     if missing and (in_doubt or not all("wrist" in name or name in OPTIONAL for name in missing)):
         told = f"'joint_names' lacks {_some(missing)} and has the unknown {_some(unknown)}"
         another = ", as another body" if len(found) < robot.num_joints // 3 else ""
