@@ -32,7 +32,7 @@ from plat.motions import MotionLibrary
 from plat.recipes import distill, expert, refine
 from plat.recipes.options import AblationsRecipe
 from plat.robots import get_robot
-from plat.runs import SavedRun, log_table, on_device, report_errors, start_logging
+from plat.runs import SavedRun, is_run, log_table, on_device, report_errors, start_logging
 
 
 @dataclass(frozen=True)
@@ -163,7 +163,7 @@ def train(recipe: AblationsRecipe) -> None:
                 "out": out,
                 "steps": steps,
                 "seed": seed,
-                "resume": True,
+                "resume": is_run(out),
                 "wandb": recipe.wandb,
                 "trackio": recipe.trackio,
                 "device": recipe.device,
@@ -174,7 +174,7 @@ def train(recipe: AblationsRecipe) -> None:
 
 def steps_of(run: Path) -> int:
     """Steps of a finished run; 0 where there is none."""
-    return SavedRun(run).steps if (run / "config.json").exists() else 0
+    return SavedRun(run).steps if is_run(run) else 0
 
 
 def released_rows(trackers: ReleasedTrackers) -> dict[str, list[Candidate]]:

@@ -22,7 +22,7 @@ from plat.motions import MotionLibrary
 from plat.recipes import distill, expert, refine
 from plat.recipes.options import DemoRecipe
 from plat.rendering import RenderingError, Stage, contact_sheet, film, write_picture, write_video
-from plat.runs import load_policy, report_errors
+from plat.runs import is_run, load_policy, report_errors
 from plat.runs.shipped import shipped_runs
 
 # what can be learned in a few minutes
@@ -47,7 +47,7 @@ def main(recipe: DemoRecipe) -> None:
             minutes=recipe.expert_minutes,
             num_envs=recipe.num_envs,
             seed=recipe.seed,
-            resume=True,
+            resume=is_run(out / "expert"),
         )
     )
     print("\n2/5  DAgger: a student that sees keyframes only learns from the expert", flush=True)
@@ -59,7 +59,7 @@ def main(recipe: DemoRecipe) -> None:
             minutes=recipe.distill_minutes,
             num_envs=recipe.num_envs,
             seed=recipe.seed,
-            resume=True,
+            resume=is_run(out / "dagger"),
         )
     )
     print("\n3/5  PLAT: PPO on a residual in the student's latent", flush=True)
@@ -71,7 +71,7 @@ def main(recipe: DemoRecipe) -> None:
             minutes=recipe.refine_minutes,
             num_envs=recipe.num_envs,
             seed=recipe.seed,
-            resume=True,
+            resume=is_run(out / "plat"),
         )
     )
     print("\n4/5  evaluation on generated motions that training did not see", flush=True)

@@ -20,7 +20,7 @@ from plat.objectives import ImitationLoss, LatentImitationLoss, autocast
 from plat.recipes.options import DistillRecipe, check_partial
 from plat.rendering import Films
 from plat.robots import get_robot
-from plat.runs import Budget, Run, SavedRun, begin, report_errors
+from plat.runs import Budget, Run, SavedRun, begin, report_errors, run_inputs
 from plat.spec.timing import timing_of
 
 
@@ -60,6 +60,7 @@ def main(recipe: DistillRecipe) -> None:
     labels = teacher.labels()
     policy = MixedPolicy(student.sampled(), labels, recipe.expert_share, keep_labels=teacher.stateful)
     budget = Budget(recipe.minutes, recipe.steps)
+    source = rollouts(env, policy, recipe.rollout, recipe.precision)
     watch = partial(play, student.deployed(), library, 0, horizon, device=device)
     films = Films(recipe.out / "videos", library.robot, watch, recipe.video_every)
     run = Run(
@@ -67,46 +68,48 @@ def main(recipe: DistillRecipe) -> None:
         recipe=recipe,
         policy=student,
         budget=budget,
-        state={"optimizer": optimizer, "buffer": buffer, "env": env},
+        state={"optimizer": optimizer, "rollouts": source, **({"buffer": buffer} if recipe.save_buffer else {})},
+        inputs=run_inputs(library, expert=teacher if isinstance(teacher, nn.Module) else None),
         resume=recipe.resume,
         save_every=recipe.save_every,
         loggers=recipe.loggers,
         film=films.take,
     )
     labeled = ExpertLabels(None if teacher.stateful else labels, student.normalizer.in_keys, recipe.precision)
-    for rollout in rollouts(env, policy, recipe.rollout, recipe.precision):
-        states = labeled(rollout)
-        budget.add(len(states))
-        buffer.extend(states)
-        student.update_normalizers(states)
-        policy.expert_share.fill_(recipe.expert_share * max(0.0, 1 - budget.fraction / recipe.expert_until))
-        if recipe.student == "latent":
-            loss.beta.fill_(recipe.beta * min(1.0, budget.fraction / recipe.beta_warmup))
-        for group in optimizer.param_groups:
-            group["lr"] = cosine(recipe.lr, 0.1 * recipe.lr, budget.fraction)
-        for _ in range(recipe.updates):
-            batch = buffer.sample()
-            with autocast(device, recipe.precision):
-                losses = loss(batch)
-            total = sum(value for name, value in losses.items() if name.startswith("loss_"))
-            optimizer.zero_grad()
-            total.backward()
-            nn.utils.clip_grad_norm_(student.parameters(), recipe.grad_norm)
-            optimizer.step()
-        statistics = pop_statistics(env)
-        terminations = statistics["terminated"] / library.dt
-        run.log(
-            {
-                **statistics,
-                **{name: float(value) for name, value in losses.detach().items()},
-                "terminations_per_second": terminations,
-                "expert_share": float(policy.expert_share),
-            },
-            {"failures": f"{terminations:.2f}/s", "loss": f"{float(total.detach()):.2f}"},
-        )
-        if budget.done:
-            break
-    run.finish()
+    with run:
+        while not budget.done:
+            # set before the rollout: a resumed run knows its budget alone
+            policy.expert_share.fill_(recipe.expert_share * max(0.0, 1 - budget.fraction / recipe.expert_until))
+            rollout = next(source)
+            states = labeled(rollout)
+            budget.add(len(states))
+            buffer.extend(states)
+            student.update_normalizers(states)
+            if recipe.student == "latent":
+                loss.beta.fill_(recipe.beta * min(1.0, budget.fraction / recipe.beta_warmup))
+            for group in optimizer.param_groups:
+                group["lr"] = cosine(recipe.lr, 0.1 * recipe.lr, budget.fraction)
+            for _ in range(recipe.updates):
+                batch = buffer.sample()
+                with autocast(device, recipe.precision):
+                    losses = loss(batch)
+                total = sum(value for name, value in losses.items() if name.startswith("loss_"))
+                optimizer.zero_grad()
+                total.backward()
+                nn.utils.clip_grad_norm_(student.parameters(), recipe.grad_norm)
+                optimizer.step()
+            statistics = pop_statistics(env)
+            terminations = statistics["terminated"] / library.dt
+            run.log(
+                {
+                    **statistics,
+                    **{name: float(value) for name, value in losses.detach().items()},
+                    "terminations_per_second": terminations,
+                    "expert_share": float(policy.expert_share),
+                },
+                {"failures": f"{terminations:.2f}/s", "loss": f"{float(total.detach()):.2f}"},
+            )
+        run.finish()
 
 
 def cosine(start: float, end: float, fraction: float) -> float:

@@ -21,7 +21,7 @@ from plat.objectives import PPO, PPOConfig, motor_gradient
 from plat.recipes.options import ExpertRecipe
 from plat.rendering import Films
 from plat.robots import get_robot
-from plat.runs import Budget, Run, SavedRun, begin, report_errors
+from plat.runs import Budget, Run, SavedRun, begin, report_errors, run_inputs
 
 
 def main(recipe: ExpertRecipe) -> None:
@@ -31,13 +31,13 @@ def main(recipe: ExpertRecipe) -> None:
     timing = recipe.policy.timing
     library = MotionLibrary.load(recipe.motions, get_robot(recipe.robot), dt=timing.control_dt, mirror=recipe.mirror)
     expert = Expert(library.robot, recipe.policy)
-    if recipe.init:
-        start_from(expert, recipe.init)
+    start = start_from(expert, recipe.init) if recipe.init else None
     expert = expert.to(recipe.device)
     env = make_tracking_env(library, recipe.num_envs, recipe.task, goals=expert.goals, device=recipe.device)
     critic = Critic(library.robot, expert.normalizer.in_keys, recipe.critic).to(recipe.device)
     ppo = PPO(expert.head(), critic.head(), critic.observe(), ppo_config(recipe))
     budget = Budget(recipe.minutes, recipe.steps)
+    source = rollouts(env, expert.actor(), recipe.rollout, recipe.ppo.precision)
     lengths = Horizon(1, timing.max_steps)
     watch = partial(play, expert.deployed(tuple(expert.goals)), library, 0, lengths, device=recipe.device)
     films = Films(
@@ -48,38 +48,34 @@ def main(recipe: ExpertRecipe) -> None:
         recipe=recipe,
         policy=expert,
         budget=budget,
-        state={
-            "critic": critic,
-            "optimizer": ppo.optimizer,
-            "critic_optimizer": ppo.critic_optimizer,
-            "env": env,
-        },
+        state={"critic": critic, "ppo": ppo, "rollouts": source},
+        inputs=run_inputs(library, init=start),
         resume=recipe.resume,
         save_every=recipe.save_every,
         loggers=recipe.loggers,
         film=films.take,
     )
     warmup_steps = recipe.critic_warmup * recipe.num_envs * recipe.rollout if recipe.init else 0
-    for rollout in rollouts(env, expert.actor(), recipe.rollout, recipe.ppo.precision):
-        budget.add(rollout.numel())
-        statistics = pop_statistics(env)
-        # the first rollout of a run only fills the normalizers: learning from raw observations would be wasted
-        warming = budget.steps <= warmup_steps
-        gradient = None
-        if recipe.motor.weight:
-            gradient = motor_gradient(rollout, expert.robot, recipe.motor, ahead=expert.goals["goal"])
-        losses = ppo.step(rollout, not warming, gradient) if critic.normalizer.count > 0 else {}
-        expert.normalizer.update(rollout)
-        critic.normalizer.update(rollout)
-        terminations = statistics["terminated"] / library.dt
-        keypoint_error = statistics["error/keypoint_aligned"]
-        run.log(
-            {**statistics, **losses, "terminations_per_second": terminations},
-            {"terminations": f"{terminations:.2f}/s", "keypoint error": f"{100 * keypoint_error:.1f} cm"},
-        )
-        if budget.done:
-            break
-    run.finish()
+    with run:
+        while not budget.done:
+            rollout = next(source)
+            budget.add(rollout.numel())
+            statistics = pop_statistics(env)
+            # the first rollout of a run only fills the normalizers: learning from raw observations would be wasted
+            warming = budget.steps <= warmup_steps
+            gradient = None
+            if recipe.motor.weight:
+                gradient = motor_gradient(rollout, expert.robot, recipe.motor, ahead=expert.goals["goal"])
+            losses = ppo.step(rollout, not warming, gradient) if critic.normalizer.count > 0 else {}
+            expert.normalizer.update(rollout)
+            critic.normalizer.update(rollout)
+            terminations = statistics["terminated"] / library.dt
+            keypoint_error = statistics["error/keypoint_aligned"]
+            run.log(
+                {**statistics, **losses, "terminations_per_second": terminations},
+                {"terminations": f"{terminations:.2f}/s", "keypoint error": f"{100 * keypoint_error:.1f} cm"},
+            )
+        run.finish()
 
 
 def ppo_config(recipe: ExpertRecipe) -> PPOConfig:
@@ -88,8 +84,11 @@ def ppo_config(recipe: ExpertRecipe) -> PPOConfig:
     return replace(config, lr=min(config.lr, most), min_lr=min(config.min_lr, most)) if recipe.init else config
 
 
-def start_from(expert: Expert, folder: Path) -> None:
+def start_from(expert: Expert, folder: Path) -> Expert:
     """Give the expert the weights of a run, and say in which settings it differs from the one that they are of.
+
+    Returns:
+        The expert of that run.
 
     Raises:
         CheckpointError: when the run holds something else, or an expert of other sizes.
@@ -103,6 +102,7 @@ def start_from(expert: Expert, folder: Path) -> None:
     changed = [f"{name} {new[name]} in place of {old[name]}" for name in new if new[name] != old[name]]
     if changed:
         print(f"--init {str(folder)!r} goes on with {', '.join(changed)}")
+    return policy
 
 
 if __name__ == "__main__":

@@ -22,8 +22,10 @@ def main(recipe: ExpertModelRecipe) -> None:
     robot, dt = get_robot(recipe.robot), recipe.policy.timing.control_dt
     library = MotionLibrary.load(recipe.motions, robot, dt=dt, mirror=recipe.mirror).to(recipe.device)
     expert = Expert(library.robot, recipe.policy).to(recipe.device)
+    start = None
     if recipe.init:
-        expert.start_from(SavedRun(recipe.init).policy_as(Expert, "an expert (--init)", recipe.device))
+        start = SavedRun(recipe.init).policy_as(Expert, "an expert (--init)", recipe.device)
+        expert.start_from(start)
 
     def task(motions: MotionLibrary) -> DenseTracking:
         return DenseTracking(motions, expert.goals, costs=recipe.costs, uniform=recipe.uniform_starts)
@@ -31,7 +33,7 @@ def main(recipe: ExpertModelRecipe) -> None:
     # what the network adds to the reference is kept small, not the reference
     residual = recipe.policy.action != "default_offset"
     actor = expert.deployed(tuple(expert.goals)).reset_out_keys()
-    learn(recipe, library, expert, actor, task, effort="residual" if residual else "action")
+    learn(recipe, library, expert, actor, task, init=start, effort="residual" if residual else "action")
 
 
 if __name__ == "__main__":

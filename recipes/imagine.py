@@ -27,6 +27,7 @@ def main(recipe: ImagineRecipe) -> None:
     library = MotionLibrary.load(recipe.motions, robot, dt=dt, mirror=recipe.mirror).to(recipe.device)
     kind: type[Any] = LatentPolicy if recipe.student == "latent" else PlainPolicy
     student = kind(library.robot, recipe.policy).to(recipe.device)
+    trained: Any = None
     if recipe.init:
         trained = SavedRun(recipe.init).policy_as(
             kind, f"a {recipe.student} student (--init, --student)", recipe.device
@@ -39,7 +40,7 @@ def main(recipe: ImagineRecipe) -> None:
     def task(motions: MotionLibrary) -> TimedKeyframes:
         return TimedKeyframes(motions, recipe.task, timing=recipe.policy.timing, seed=recipe.seed)
 
-    learn(recipe, library, student, student.deployed(), task)
+    learn(recipe, library, student, student.deployed(), task, init=trained)
 
 
 if __name__ == "__main__":

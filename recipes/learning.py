@@ -1,6 +1,5 @@
 """The loop that the recipes of imagination share: simulate, learn the robot, imagine, learn the policy."""
 
-import time
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -20,7 +19,7 @@ from plat.modules import DynamicsModel
 from plat.motions import MotionLibrary
 from plat.objectives import ExploitationWatch, ImaginationLearner, exploring
 from plat.recipes.options import ImaginationRecipe
-from plat.runs import Budget, Run, load_dynamics, save_dynamics
+from plat.runs import DYNAMICS_FILE, Budget, Run, load_dynamics, run_inputs
 from plat.tasks import SimulatedTask, Task
 
 MODEL_STEPS = 48
@@ -34,6 +33,7 @@ def learn(
     actor: TensorDictModuleBase,
     make_task: Callable[[MotionLibrary], Task],
     *,
+    init: nn.Module | None = None,
     effort: NestedKey = "action",
 ) -> None:
     """Train a policy by imagination into a run directory.
@@ -44,6 +44,7 @@ def learn(
         policy: what learns; the moving average of its weights is saved.
         actor: its deterministic actor.
         make_task: the task on some motions.
+        init: the policy that it started from, if any.
         effort: entry of the actor that is kept small.
     """
     device, settings = recipe.device, recipe.imagination
@@ -51,8 +52,10 @@ def learn(
         raise ConfigError(f"--imagination.window {settings.window}: expected at most the {kept} steps of --replay")
     # read before the work: what is wrong with them had better be said now
     unseen = MotionLibrary.load(recipe.unseen, library.robot, dt=library.dt).to(device) if recipe.unseen else None
-    if recipe.init_model:
-        model = load_dynamics(recipe.init_model, library.robot, device)
+    start = load_dynamics(recipe.init_model, library.robot, device) if recipe.init_model else None
+    inputs = run_inputs(library, init=init, init_model=start)
+    if start is not None:
+        model = start
         # it knows the robot, and needs to see only what the new task makes of it
         settings = replace(settings, warmup=min(settings.warmup, 8))
     else:
@@ -64,45 +67,46 @@ def learn(
         recipe.num_envs, _multiple(recipe.replay, recipe.rollout), ["robot_state", "memory", "action"], device
     )
     watch, budget = ExploitationWatch(), Budget(recipe.minutes, recipe.steps)
+    source = rollouts(env, exploring(actor, recipe.noise), recipe.rollout, settings.precision)
     run = Run(
         recipe.out,
         recipe=recipe,
         policy=learner.average,
         budget=budget,
-        state={"learner": learner, "env": env},
+        state={"learner": learner, "rollouts": source, **({"replay": replay} if recipe.save_replay else {})},
+        inputs=inputs,
+        modules={DYNAMICS_FILE: model},
         resume=recipe.resume,
         save_every=recipe.save_every,
         loggers=recipe.loggers,
     )
-    saved = time.monotonic()
-    for rollout in rollouts(env, exploring(actor, recipe.noise), recipe.rollout, settings.precision):
-        budget.add(rollout.numel())
-        replay.extend(rollout)
-        learner.observe(rollout)
-        losses = learner.step(replay, budget.fraction)
-        simulated = -float(rollout["next", "reward"].mean())
-        warning = watch.add(losses["imagined_cost"], simulated) if "imagined_cost" in losses else None
-        if warning:
-            warnings.warn(warning, stacklevel=1)
-        failures = failures_per_second(rollout, library.dt)
-        run.log(
-            {**losses, **failures, "simulated_cost": simulated},
-            {
-                **{name.replace("_", " "): f"{value:.2f}" for name, value in failures.items()},
-                "cost": f"{simulated:.3f}",
-                "imagined": f"{losses.get('imagined_cost', float('nan')):.3f}",
-                "model": f"{losses.get('model/loss', float('nan')):.2f}",
-            },
-        )
-        if time.monotonic() - saved >= recipe.save_every:
-            saved = time.monotonic()
-            save_dynamics(recipe.out, model)
-        if budget.done:
-            break
-    run.finish()
-    save_dynamics(recipe.out, model)
-    if unseen is not None:
-        report_model_error(recipe.out, model, SimulatedTask(make_task(unseen), 64, device=device), actor)
+    if run.finished:
+        return
+    with run:
+        while not budget.done:
+            rollout = next(source)
+            budget.add(rollout.numel())
+            replay.extend(rollout)
+            learner.observe(rollout)
+            losses = learner.step(replay, budget.fraction)
+            simulated = -float(rollout["next", "reward"].mean())
+            warning = watch.add(losses["imagined_cost"], simulated) if "imagined_cost" in losses else None
+            if warning:
+                warnings.warn(warning, stacklevel=1)
+            failures = failures_per_second(rollout, library.dt)
+            run.log(
+                {**losses, **failures, "simulated_cost": simulated},
+                {
+                    **{name.replace("_", " "): f"{value:.2f}" for name, value in failures.items()},
+                    "cost": f"{simulated:.3f}",
+                    "imagined": f"{losses.get('imagined_cost', float('nan')):.3f}",
+                    "model": f"{losses.get('model/loss', float('nan')):.2f}",
+                },
+            )
+        run.save()  # what follows may fail, or be killed
+        if unseen is not None:
+            report_model_error(recipe.out, model, SimulatedTask(make_task(unseen), 64, device=device), actor)
+        run.finish()
 
 
 def failures_per_second(rollout: TensorDictBase, dt: float) -> dict[str, float]:

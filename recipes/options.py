@@ -99,6 +99,8 @@ class DistillRecipe(RecipeConfig):
     """states a gradient step"""
     buffer_size: Count = 200_000
     """states that are kept"""
+    save_buffer: bool = True
+    """keep these states in checkpoints; without, a resumed run gathers them anew and differs"""
     stride: Count = 5
     """keep every so-many-th frame of the privileged goal sequence"""
     prior_weight: NonNegative = 1.0
@@ -171,6 +173,8 @@ class ImaginationRecipe(RecipeConfig):
     """standard deviation of the exploration noise, in units of action"""
     replay: Count = 600
     """control steps of each robot that are kept"""
+    save_replay: bool = True
+    """keep these steps in checkpoints; without, a resumed run gathers them anew and differs"""
     unseen: tuple[str, ...] = ("generated:val@120",)
     """motions on which the model's error is reported"""
     model: DynamicsConfig = field(default_factory=DynamicsConfig)

@@ -26,7 +26,7 @@ from plat.objectives import PPO, motor_gradient
 from plat.recipes.options import RefineRecipe, check_partial
 from plat.rendering import Films
 from plat.robots import get_robot
-from plat.runs import Budget, Run, SavedRun, begin, report_errors
+from plat.runs import Budget, Run, SavedRun, begin, report_errors, run_inputs
 from plat.runs.user_modules import import_modules
 from plat.spec.observation import student_keys
 from plat.spec.timing import Timing, timing_of
@@ -56,6 +56,7 @@ def main(recipe: RefineRecipe) -> None:
     critic = Critic(library.robot, student_keys(student.config.also), recipe.critic).to(device)
     ppo = PPO(policy.head(), critic.head(), critic.observe(), recipe.ppo, action_key=policy.sample_key)
     budget = Budget(recipe.minutes, recipe.steps)
+    source = rollouts(env, policy.actor(), recipe.rollout, recipe.ppo.precision)
     watch = partial(play, policy.deployed(), library, 0, horizon, device=device)
     films = Films(recipe.out / "videos", library.robot, watch, recipe.video_every)
     run = Run(
@@ -63,36 +64,32 @@ def main(recipe: RefineRecipe) -> None:
         recipe=recipe,
         policy=policy,
         budget=budget,
-        state={
-            "critic": critic,
-            "optimizer": ppo.optimizer,
-            "critic_optimizer": ppo.critic_optimizer,
-            "env": env,
-        },
+        state={"critic": critic, "ppo": ppo, "rollouts": source},
+        inputs=run_inputs(library, student=student),
         resume=recipe.resume,
         save_every=recipe.save_every,
         loggers=recipe.loggers,
         film=films.take,
     )
     warmup_steps = recipe.critic_warmup * recipe.num_envs * recipe.rollout
-    for rollout in rollouts(env, policy.actor(), recipe.rollout, recipe.ppo.precision):
-        budget.add(rollout.numel())
-        statistics = pop_statistics(env)
-        warming = budget.steps <= warmup_steps
-        gradient = None
-        if recipe.motor.weight and policy.sample_key == "action":
-            gradient = motor_gradient(rollout, library.robot, recipe.motor, goal="dense_goal")
-        losses = ppo.step(rollout, not warming, gradient) if critic.normalizer.count > 0 else {}
-        critic.normalizer.update(rollout)
-        terminations = statistics["terminated"] / library.dt
-        reward = float(rollout["next", "reward"].mean()) / library.dt
-        run.log(
-            {**statistics, **losses, "terminations_per_second": terminations, "reward_per_second": reward},
-            {"failures": f"{terminations:.2f}/s", "reward": f"{reward:.2f}/s"},
-        )
-        if budget.done:
-            break
-    run.finish()
+    with run:
+        while not budget.done:
+            rollout = next(source)
+            budget.add(rollout.numel())
+            statistics = pop_statistics(env)
+            warming = budget.steps <= warmup_steps
+            gradient = None
+            if recipe.motor.weight and policy.sample_key == "action":
+                gradient = motor_gradient(rollout, library.robot, recipe.motor, goal="dense_goal")
+            losses = ppo.step(rollout, not warming, gradient) if critic.normalizer.count > 0 else {}
+            critic.normalizer.update(rollout)
+            terminations = statistics["terminated"] / library.dt
+            reward = float(rollout["next", "reward"].mean()) / library.dt
+            run.log(
+                {**statistics, **losses, "terminations_per_second": terminations, "reward_per_second": reward},
+                {"failures": f"{terminations:.2f}/s", "reward": f"{reward:.2f}/s"},
+            )
+        run.finish()
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Replay buffer of recent rollouts, sampled as windows of one episode each."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import torch
@@ -79,6 +79,16 @@ class RolloutReplay:
         self._episode = self._episode + ended[:, -1]
         self.buffer.extend(kept.transpose(0, 1).contiguous().view(-1))
         self.steps += length
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the rows that are kept, and where the ring is."""
+        return {"buffer": self.buffer.state_dict(), "episode": self._episode, "steps": self.steps}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restore a state of :meth:`state_dict`."""
+        self.buffer.load_state_dict(state["buffer"])
+        self._episode = state["episode"].to(self._episode.device)
+        self.steps = int(state["steps"])
 
     def windows(self, batch: int, length: int, recent: int | None = None) -> TensorDictBase:
         """Sample windows ``[batch, length]`` of successive steps of one episode; fewer where most episodes are shorter.

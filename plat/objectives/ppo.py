@@ -199,5 +199,23 @@ class PPO:
                 raise ActionError(f"PPO: {key!r} of the rollout holds NaN or infinity; nothing was learned from it")
         return data.reshape(-1)
 
+    def state_dict(self) -> dict[str, Any]:
+        """Return the state of both optimizers, and the learning rates that they were configured with."""
+        return {
+            "optimizer": self.optimizer.state_dict(),
+            "critic_optimizer": self.critic_optimizer.state_dict(),
+            "lr": self.config.lr,
+            "critic_lr": self.config.critic_lr,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restore a state of :meth:`state_dict`; a learning rate that is configured otherwise now is the new one."""
+        for name, optimizer in (("", self.optimizer), ("critic_", self.critic_optimizer)):
+            optimizer.load_state_dict(state[f"{name}optimizer"])
+            rate = getattr(self.config, f"{name}lr")
+            if state[f"{name}lr"] != rate:
+                for group in optimizer.param_groups:
+                    group["lr"] = rate
+
     def _autocast(self, data: TensorDictBase) -> AbstractContextManager:
         return autocast(data.device, self.config.precision)

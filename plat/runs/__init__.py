@@ -6,11 +6,13 @@ from plat.lazy import lazy
 
 if TYPE_CHECKING:
     from plat.runs.budget import Budget
-    from plat.runs.dynamics import load_dynamics, save_dynamics
+    from plat.runs.dynamics import DYNAMICS_FILE, load_dynamics, save_dynamics
+    from plat.runs.inputs import run_inputs
     from plat.runs.json_object import read_json, write_json
-    from plat.runs.locate import run_folder, shipped_runs
+    from plat.runs.locate import is_run, run_folder, shipped_runs
     from plat.runs.loggers import check_logger, log_table, log_video, start_logging
     from plat.runs.metrics import MetricsFile
+    from plat.runs.outputs import check_out
     from plat.runs.policies import Policy, policy_spec, register_policy
     from plat.runs.recipe import RecipeConfig, begin, default_device, on_device, report_errors
     from plat.runs.run import Run
@@ -19,6 +21,7 @@ else:
     lazy(__name__)
 
 __all__ = [
+    "DYNAMICS_FILE",
     "Budget",
     "MetricsFile",
     "Policy",
@@ -28,7 +31,9 @@ __all__ = [
     "SavedRun",
     "begin",
     "check_logger",
+    "check_out",
     "default_device",
+    "is_run",
     "load_dynamics",
     "load_policy",
     "log_table",
@@ -39,6 +44,7 @@ __all__ = [
     "register_policy",
     "report_errors",
     "run_folder",
+    "run_inputs",
     "save_dynamics",
     "save_weights",
     "shipped_runs",

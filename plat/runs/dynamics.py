@@ -13,14 +13,14 @@ from plat.robots.robot import Robot
 from plat.runs.json_object import read_json
 from plat.runs.saved_run import save_weights
 
-__all__ = ["load_dynamics", "save_dynamics"]
+__all__ = ["DYNAMICS_FILE", "load_dynamics", "save_dynamics"]
 
-_FILE = "dynamics.safetensors"
+DYNAMICS_FILE = "dynamics.safetensors"
 
 
 def save_dynamics(folder: Path, model: DynamicsModel) -> None:
     """Write the weights of a model into a run's folder; its settings are saved with the recipe's."""
-    save_weights(folder / _FILE, model)
+    save_weights(folder / DYNAMICS_FILE, model)
 
 
 def load_dynamics(folder: Path, robot: Robot, device: torch.device | str = "cpu") -> DynamicsModel:
@@ -34,7 +34,7 @@ def load_dynamics(folder: Path, robot: Robot, device: torch.device | str = "cpu"
     Raises:
         CheckpointError: naming file and field, when the run has no model, or one of another robot.
     """
-    path, settings = folder / _FILE, read_json(folder / "config.json")
+    path, settings = folder / DYNAMICS_FILE, read_json(folder / "config.json")
     if not path.exists():
         raise CheckpointError(f"{str(path)!r}: no such file; expected the run of `plat expert-model` or `plat imagine`")
     shape = settings.get("recipe", {}).get("settings", {}).get("model", {})

@@ -5,7 +5,7 @@ from pathlib import Path
 from plat.errors import CheckpointError
 from plat.runs.json_object import read_json
 
-__all__ = ["CONFIG_FILE", "run_folder", "shipped_runs"]
+__all__ = ["CONFIG_FILE", "is_run", "run_folder", "shipped_runs"]
 
 CONFIG_FILE = "config.json"
 _WEIGHTS = Path(__file__).parents[1] / "weights"
@@ -19,6 +19,15 @@ def shipped_runs() -> dict[str, Path]:
     """
     configs = {path.parent: read_json(path) for path in sorted(_WEIGHTS.glob(f"*/{CONFIG_FILE}"))}
     return {f"{folder.name}-{config['policy']['robot']}": folder for folder, config in configs.items()}
+
+
+def is_run(folder: Path) -> bool:
+    """Return whether a directory holds a run, finished or not.
+
+    >>> is_run(Path("/nowhere"))
+    False
+    """
+    return (folder / CONFIG_FILE).exists()
 
 
 def run_folder(run: str | Path) -> Path:

@@ -13,6 +13,9 @@ __all__ = ["MetricsFile"]
 class MetricsFile:
     """CSV writer of metrics with one row a step; columns are added as new metrics come up.
 
+    Training never stops for its sake. A damaged file is put aside, with its readable rows kept, and what a full disk
+    did not take is written once it can be.
+
     Args:
         path: the file.
         keep_until: rows of later steps are dropped, which a killed run wrote after its last checkpoint.
@@ -32,12 +35,10 @@ class MetricsFile:
         self.path = path
         self._columns = ["step"]
         self._rows: list[dict[str, Any]] = []
+        self._behind = False
+        """Whether the file lacks rows."""
         if path.exists():
-            with path.open(newline="") as file:
-                reader = csv.DictReader(file)
-                self._columns = list(reader.fieldnames or ["step"])
-                # a row cut short by a kill has no number in its first column, or fewer columns
-                self._rows = [row for row in reader if 0 <= _step(row) <= keep_until]
+            self._read(keep_until)
         self._rewrite()
 
     def write(self, step: int, metrics: Mapping[str, float]) -> None:
@@ -45,25 +46,66 @@ class MetricsFile:
         row = {"step": step, **{name: f"{value:.6g}" for name, value in metrics.items()}}
         self._rows.append(row)
         new = [name for name in row if name not in self._columns]
-        if new:
-            self._columns += new
+        self._columns += new
+        if new or self._behind:
             self._rewrite()
             return
-        with self.path.open("a", newline="") as file:
-            csv.DictWriter(file, self._columns, lineterminator="\n").writerow(row)
+        try:
+            with self.path.open("a", newline="", encoding="utf-8") as file:
+                csv.DictWriter(file, self._columns, lineterminator="\n").writerow(row)
+        except OSError as error:
+            self._fall_behind(error)
+
+    def _read(self, keep_until: int) -> None:
+        damage = None
+        try:
+            lines = self.path.read_bytes().decode("utf-8", errors="replace").splitlines()
+            columns, *rows = [_cells(line) for line in lines] or [[]]
+            if columns[:1] != ["step"] or len(set(columns)) < len(columns):
+                raise ValueError(f"its first line is {','.join(columns)[:40]!r}, expected 'step,...'")
+            self._columns = columns
+            good = [len(row) == len(columns) and row[0].isdecimal() and len(row[0]) < 19 for row in rows]
+            self._rows = [
+                dict(zip(columns, row, strict=True))
+                for row, is_good in zip(rows, good, strict=True)
+                if is_good and int(row[0]) <= keep_until
+            ]
+            # a kill cuts the last line at most
+            if not all(good[:-1]):
+                damage = "lines that are no rows are left out"
+        except (OSError, ValueError) as error:
+            damage = str(error)
+        if damage is not None:
+            aside = self.path.with_name(f"damaged-{self.path.name}")
+            print(f"{str(self.path)!r} is damaged ({damage}): kept as {aside.name}, going on", flush=True)
+            try:
+                self.path.replace(aside)
+            except OSError as error:
+                self._fall_behind(error)
 
     def _rewrite(self) -> None:
-        replace_file(self.path, self._write_all)
+        try:
+            replace_file(self.path, self._write_all)
+        except OSError as error:
+            self._fall_behind(error)
+        else:
+            self._behind = False
+
+    def _fall_behind(self, error: OSError) -> None:
+        if not self._behind:
+            print(f"{str(self.path)!r} cannot be written ({error}): rows are kept, training goes on", flush=True)
+        self._behind = True
 
     def _write_all(self, part: Path) -> None:
-        with part.open("w", newline="") as file:
+        with part.open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, self._columns, lineterminator="\n")
             writer.writeheader()
             writer.writerows(self._rows)
 
 
-def _step(row: Mapping[str, str]) -> int:
+def _cells(line: str) -> list[str]:
+    """Return the cells of a line; none where it is no text, or no CSV."""
     try:
-        return int(row["step"]) if None not in row.values() else -1
-    except (TypeError, ValueError):
-        return -1
+        return [] if "\0" in line or "\ufffd" in line else next(csv.reader([line]), [])
+    except csv.Error:
+        return []

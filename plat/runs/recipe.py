@@ -14,6 +14,7 @@ from plat.errors import ConfigError, PlatError
 from plat.files import check_folder
 from plat.runs.budget import Budget
 from plat.runs.loggers import LoggerName, chosen_loggers
+from plat.runs.outputs import check_out
 
 __all__ = ["RecipeConfig", "begin", "check_device", "default_device", "on_device", "report_errors"]
 
@@ -68,11 +69,13 @@ def begin(recipe: T) -> T:
     """Return the settings of a recipe on its device, after a check of all that does not need its motions.
 
     Raises:
-        PlatError: for a device that is not there, no budget, or a folder that cannot be written to.
+        PlatError: for a device that is not there, no budget, a folder that cannot be written to, one that holds a run
+            already, or one that holds none to resume.
     """
     recipe = on_device(recipe)
     Budget(recipe.minutes, recipe.steps)
     check_folder(recipe.out)
+    check_out(recipe.out, resume=recipe.resume)
     return recipe
 
 
@@ -127,7 +130,7 @@ class RecipeConfig(Bounded):
 def report_errors() -> Iterator[None]:
     """Exit with one line on plat's own errors and those of files, without a traceback.
 
-    TorchRL's context of an error is left out.
+    TorchRL's context of an error is left out, and Ctrl-C ends with one line.
     Assumptions that plat makes about motion files are printed.
     """
     logging.getLogger("torchrl").setLevel(logging.WARNING)
@@ -143,3 +146,6 @@ def report_errors() -> Iterator[None]:
         if error.filename is None and error.errno != errno.ENOSPC:
             raise
         sys.exit(f"error: {'' if error.filename is None else f'{str(error.filename)!r}: '}{error.strerror}")
+    except KeyboardInterrupt:
+        print("stopped", file=sys.stderr)
+        sys.exit(130)

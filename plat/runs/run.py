@@ -2,62 +2,78 @@
 
 ====================  ====================================================================================
 ``config.json``       all settings of the recipe, the policy's description, and settings of earlier parts of the run
+``inputs.json``       fingerprints of motions, robot and other weights that the run depends on
 ``model.safetensors`` the policy's weights at the last checkpoint
 ``metrics.csv``       one row an iteration
-``checkpoints/``      everything that a resumed run needs; the last two are kept
+``checkpoints/``      everything that a resumed run needs, with hashes; the last two are kept
+``.lock``             held by the process that trains
 ``wandb/``            with ``--wandb``, and ``videos/``
 ====================  ====================================================================================
 """
 
-import shutil
+import json
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, NoReturn
 
 import torch
 from pydantic import TypeAdapter
+from safetensors.torch import load_file
 from torch import nn
-from torchrl.checkpoint import (
-    Checkpoint,
-    CheckpointRotation,
-    GlobalRNGState,
-    StateDictCheckpointAdapter,
-)
-from torchrl.checkpoint import CheckpointError as TorchRLCheckpointError
+from torchrl.checkpoint import GlobalRNGState
 
 from plat.errors import CheckpointError
 from plat.runs.budget import Budget
+from plat.runs.changes import changes
+from plat.runs.checkpoints import Checkpoints
+from plat.runs.inputs import changed_inputs
+from plat.runs.interrupts import StopSignal
 from plat.runs.json_object import read_json, write_json
+from plat.runs.lock import LOCK_FILE, RunLock
 from plat.runs.loggers import LoggerName, check_logger, log_video, start_logging
 from plat.runs.metrics import MetricsFile
+from plat.runs.outputs import CHECKPOINTS, check_out
 from plat.runs.policies import complete_spec, policy_spec
 from plat.runs.saved_run import CONFIG_FILE, WEIGHTS_FILE, save_weights
 from plat.version import __version__
 
 __all__ = ["Run"]
 
+_INPUTS_FILE, _METRICS_FILE = "inputs.json", "metrics.csv"
+
 
 class Run:
     """Writer of a training run into a directory, from which it can be resumed.
+
+    A resumed run ends as if it had never been interrupted, where ``state`` holds all that the next iteration depends on
+    and the budget is in steps. Use it as a context: Ctrl-C then stops after the iteration, with a checkpoint.
 
     Args:
         folder: the directory.
         recipe: a dataclass with the settings of the run.
         policy: the policy in training; its weights go to ``model.safetensors``.
         budget: counts steps and time.
-        state: by name, everything else that a resumed run needs (critic, optimizer, buffer, environment ...): objects
+        state: by name, everything else that a resumed run needs (critic, optimizer, buffer, rollouts ...): objects
             with ``state_dict`` and ``load_state_dict``. The random number generators are included.
+        inputs: fingerprints of what the run depends on beside its settings, see :func:`plat.runs.run_inputs`.
+        modules: further modules whose weights are written beside the policy's, by file name.
         resume: go on from the last checkpoint in ``folder``.
         save_every: seconds between checkpoints.
         loggers: experiment loggers that metrics and videos are logged to.
         film: makes a video of the policy as it is at a step, when one is due, for the loggers.
 
+    Attributes:
+        finished: whether the run was finished before, and has no more to do.
+
     Raises:
-        CheckpointError: when the directory already holds a run and ``resume`` is False, or the run in it was of
-            another policy, or cannot be read.
+        CheckpointError: when the directory already holds a run and ``resume`` is False, or holds none and it is True;
+            when another process trains into it; when settings, inputs or policy are others than the run was started
+            with, except for budget and learning rates; or when no checkpoint can be read.
     """
 
     def __init__(
@@ -68,6 +84,8 @@ class Run:
         policy: nn.Module,
         budget: Budget,
         state: Mapping[str, Any],
+        inputs: Mapping[str, Any] | None = None,
+        modules: Mapping[str, nn.Module] | None = None,
         resume: bool = False,
         save_every: float = 120.0,
         loggers: Sequence[LoggerName] = (),
@@ -78,62 +96,151 @@ class Run:
         self.folder = folder
         self.policy = policy
         self.budget = budget
+        self.finished = False
+        self._named = hasattr(type(recipe), "name")  # else called by the program, which says less
         self._save_every = save_every
-        config_path = folder / CONFIG_FILE
-        self._rotation = CheckpointRotation(folder / "checkpoints", keep_last=2)
-        # plain files in torch's own format, read back with weights_only: a full disk is then an error and not a
-        # crash, and loading runs no code
-        adapter = StateDictCheckpointAdapter(payload_format="torch")
-        self._checkpoint = Checkpoint()
-        for name, component in {"policy": policy, "budget": budget, "random": GlobalRNGState(), **state}.items():
-            self._checkpoint.register(name, component, adapter=adapter)
-        config = {
-            "format": "plat-run",
-            "version": 1,
-            "policy": policy_spec(policy),
-            "recipe": {
-                "name": getattr(type(recipe), "name", Path(sys.argv[0]).stem),
-                # as any: a task or config of the user's own class is written with the fields that it adds
-                "settings": TypeAdapter(type(recipe)).dump_python(recipe, mode="json", serialize_as_any=True),
-            },
-            "made_with": {"plat": __version__, "torch": torch.__version__, "commit": _commit()},
-        }
-        if resume and config_path.exists():
-            self._restore(config)
-        elif config_path.exists():
-            raise CheckpointError(f"{str(folder)!r} already holds a run: go on with --resume or choose another --out")
-        else:
-            write_json(config_path, config)
-        for leftover in (folder / "checkpoints").glob(".*"):  # unfinished checkpoint of a killed run
-            shutil.rmtree(leftover, ignore_errors=True)
-        self._metrics = MetricsFile(folder / "metrics.csv", keep_until=budget.steps)
-        self._tracked = [start_logging(logger, folder.name, folder, config) for logger in loggers]
         self._film = film
+        self._modules = {WEIGHTS_FILE: policy, **(modules or {})}
+        self._checkpoints = Checkpoints(
+            folder / CHECKPOINTS, {"policy": policy, "budget": budget, "random": GlobalRNGState(), **state}
+        )
+        config = _plain(
+            {
+                "format": "plat-run",
+                "version": 1,
+                "policy": policy_spec(policy),
+                "recipe": {
+                    "name": getattr(type(recipe), "name", Path(sys.argv[0]).stem),
+                    # as any: a task or config of the user's own class is written with the fields that it adds
+                    "settings": TypeAdapter(type(recipe)).dump_python(recipe, mode="json", serialize_as_any=True),
+                },
+                "made_with": {"plat": __version__, "torch": torch.__version__, "commit": _commit()},
+            }
+        )
+        check_out(folder, resume=resume)
+        made = not folder.exists()
+        self._lock = RunLock(folder)
+        self._stop = StopSignal()
+        try:
+            check_out(folder, resume=resume)  # once more: now nobody else can begin one
+        except CheckpointError:
+            self._lock.release()
+            raise
+        try:
+            self._checkpoints.clear_leftovers()
+            if resume:
+                self._restore(config, _plain(dict(inputs or {})))
+            else:
+                self._begin(config, _plain(dict(inputs or {})))
+            self._metrics = MetricsFile(folder / _METRICS_FILE, keep_until=budget.steps)
+            self._tracked = [start_logging(logger, folder.name, folder, config) for logger in loggers]
+        except BaseException:
+            self._lock.release()
+            if not resume:
+                self._clear(made)
+            raise
         self._last_save = time.monotonic()
         self._last_line = 0.0
 
-    def _restore(self, config: Mapping[str, Any]) -> None:
+    def __enter__(self) -> "Run":
+        self._stop.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stop.__exit__(kind, error, trace)
+        self._lock.release()
+
+    def _begin(self, config: Mapping[str, Any], inputs: Mapping[str, Any]) -> None:
+        (self.folder / _METRICS_FILE).unlink(missing_ok=True)  # of a start that did not get to a checkpoint
+        write_json(self.folder / _INPUTS_FILE, inputs)
+        write_json(self.folder / CONFIG_FILE, config)
+
+    def _clear(self, made: bool) -> None:
+        """Remove what a start that failed has written, and the folder if it was made for it and holds no more."""
+        for name in (CONFIG_FILE, _INPUTS_FILE, _METRICS_FILE, LOCK_FILE):
+            (self.folder / name).unlink(missing_ok=True)
+        if made and not any(self.folder.iterdir()):
+            self.folder.rmdir()
+
+    def _restore(self, config: dict[str, Any], inputs: Mapping[str, Any]) -> None:
         path = self.folder / CONFIG_FILE
         before = read_json(path)
+        if not self._checkpoints.all() and not (self.folder / WEIGHTS_FILE).exists():
+            print(f"{str(self.folder)!r}: the run has no checkpoint yet, it starts over", flush=True)
+            self._begin(config, inputs)
+            return
+        changed = self._check_changes(before, config, inputs)
+        ended = before.get("finished")
+        if isinstance(ended, dict):
+            self.budget.load_state_dict(ended)
+            self.finished = self.budget.done
+        if self.finished:
+            print(
+                f"{str(self.folder)!r}: the run is finished, with {self.budget.steps:,} steps; "
+                "it goes on with more --steps or --minutes",
+                flush=True,
+            )
+            if (self.folder / WEIGHTS_FILE).exists():
+                self.policy.load_state_dict(load_file(self.folder / WEIGHTS_FILE))
+            return
+        latest = self._checkpoints.load()
+        if latest is None:
+            raise CheckpointError(
+                f"{str(self.folder)!r}: the run has weights but no checkpoint to go on from; start another one with "
+                "--init where the recipe has it"
+            )
+        print(f"resumed from {latest} at {self.budget.steps:,} steps", flush=True)
+        for name, (old, new) in changed.items():
+            print(f"goes on with {name} {new} in place of {old}", flush=True)
+        part = {key: before[key] for key in ("recipe", "made_with") if key in before}
+        earlier = [*before.get("earlier", []), {"until_step": self.budget.steps, "changed": changed, **part}]
+        try:
+            write_json(path, {**config, "earlier": earlier})
+        except CheckpointError as error:  # a full disk: training goes on, the settings are those of before in all else
+            print(f"not written down: {error}", flush=True)
+
+    def _check_changes(
+        self, before: Mapping[str, Any], config: Mapping[str, Any], inputs: Mapping[str, Any]
+    ) -> dict[str, tuple[Any, Any]]:
+        """Return the settings that differ and may; raise CheckpointError naming those that may not."""
+        recipe = before.get("recipe", {})
+        found = changes(recipe.get("settings", {}), config["recipe"]["settings"], inputs)
+        wrong = [f"{name} is {new}, was {old}" for name, (old, new) in found.refused.items()]
+        name, was = config["recipe"]["name"], recipe.get("name")
+        if was != name and self._named and was is not None:
+            wrong.insert(0, f"the recipe is {name}, was {was}")
+        wrong += changed_inputs(self._inputs_before(), inputs)
+        if wrong:
+            more = f" and {len(wrong) - 5} more" if len(wrong) > 5 else ""
+            raise CheckpointError(
+                f"{str(self.folder)!r} cannot be resumed: {'; '.join(wrong[:5])}{more}. Budget and learning rates may "
+                "change; resume with the other settings as they were, or choose another --out"
+            )
+        path = self.folder / CONFIG_FILE
         if complete_spec(before.get("policy"), path) != config["policy"]:
             raise CheckpointError(
                 f"{str(path)!r}: the run was of another policy ({before.get('policy')}), "
                 f"which does not fit {config['policy']}; resume with the settings it was started with"
             )
-        latest = self._rotation.latest()
-        if latest is None:
-            return  # killed before its first checkpoint
+        return found.free
+
+    def _inputs_before(self) -> dict[str, Any]:
+        path = self.folder / _INPUTS_FILE
+        if not path.exists():  # a run of an older plat
+            return {}
         try:
-            self._checkpoint.load(latest, map_location="cpu")
-        except (TorchRLCheckpointError, OSError, RuntimeError, ValueError, KeyError) as error:
-            raise CheckpointError(f"{str(latest)!r}: this checkpoint cannot be resumed from ({error})") from error
-        print(f"resumed from {latest} at {self.budget.steps:,} steps", flush=True)
-        part = {key: before[key] for key in ("recipe", "made_with") if key in before}
-        earlier = [*before.get("earlier", []), {"until_step": self.budget.steps, **part}]
-        write_json(path, {**config, "earlier": earlier})
+            return read_json(path)
+        except CheckpointError as error:
+            print(f"{error}; going on without a comparison of the inputs", flush=True)
+            return {}
 
     def log(self, metrics: Mapping[str, float], headline: Mapping[str, str] | None = None) -> None:
         """Write a row of metrics; from time to time also a line on screen and a checkpoint.
+
+        Call it at the end of an iteration: what a checkpoint holds is the state between two of them. A disk that does
+        not take a checkpoint does not end training.
 
         Args:
             metrics: numbers for the file.
@@ -142,9 +249,8 @@ class Run:
         self._metrics.write(self.budget.steps, {"seconds": self.budget.seconds, **metrics})
         for run in self._tracked:
             run.log(dict(metrics), step=self.budget.steps)
-        if self._tracked and self._film is not None and (video := self._film(self.budget.steps)) is not None:
-            for run in self._tracked:
-                log_video(run, video, self.budget.steps)
+        if self._tracked and self._film is not None:
+            self._take_film(self._film)
         now = time.monotonic()
         if now - self._last_line >= 5 or self.budget.done:
             self._last_line = now
@@ -154,32 +260,76 @@ class Run:
                 f"{self.budget.rate:,.0f}/s  {shown}  {_clock(self.budget.seconds_left)} to go",
                 flush=True,
             )
+        if self._stop.asked and not self.budget.done:
+            self._stop_here()
         if now - self._last_save >= self._save_every:
+            try:
+                self.save()
+            except CheckpointError as error:
+                self._last_save = time.monotonic()
+                print(f"training goes on without a checkpoint: {error}", flush=True)
+
+    def _take_film(self, film: Callable[[int], Path | None]) -> None:
+        with _same_randomness():  # whether a video is due depends on the clock
+            video = film(self.budget.steps)
+        if video is not None:
+            for run in self._tracked:
+                log_video(run, video, self.budget.steps)
+
+    def _stop_here(self) -> NoReturn:
+        """Save and end the program."""
+        try:
             self.save()
+            print(f"stopped with a checkpoint at {self.budget.steps:,} steps", flush=True)
+        except CheckpointError as error:
+            print(f"stopped: {error}", flush=True)
+        print(f"go on with the same command and --resume (--out {self.folder})", flush=True)
+        self._end_logs()
+        sys.exit(130)
 
     def save(self) -> None:
-        """Write a checkpoint and the policy's weights.
+        """Write a checkpoint and the weights.
 
         Raises:
             CheckpointError: when the disk does not take them; the checkpoint before is intact.
         """
-        try:
-            self._rotation.save(self._checkpoint, step=self.budget.steps)
-        except (OSError, RuntimeError) as error:
-            raise CheckpointError(
-                f"{str(self._rotation.directory)!r}: a checkpoint could not be written ({error}); "
-                "the one before it is intact, go on from it with --resume"
-            ) from error
-        save_weights(self.folder / WEIGHTS_FILE, self.policy)
+        self._checkpoints.save(self.budget.steps)
+        for name, module in self._modules.items():
+            save_weights(self.folder / name, module)
         self._last_save = time.monotonic()
 
     def finish(self) -> None:
-        """Write the last checkpoint, record the progress of training in ``config.json`` and close the logs."""
-        self.save()
-        path = self.folder / CONFIG_FILE
-        write_json(path, {**read_json(path), "finished": self.budget.state_dict()})
+        """Write the last checkpoint, record the progress of training in ``config.json`` and close the logs.
+
+        Nothing is written for a run that was finished before.
+        """
+        if not self.finished:
+            self.save()
+            path = self.folder / CONFIG_FILE
+            write_json(path, {**read_json(path), "finished": self.budget.state_dict()})
+        self.finished = True
+        self._end_logs()
+        self._lock.release()
+
+    def _end_logs(self) -> None:
         for run in self._tracked:
             run.finish()
+
+
+@contextmanager
+def _same_randomness() -> Iterator[None]:
+    """Leave the random number generators, as a context, as they were."""
+    generators = GlobalRNGState()
+    before = generators.state_dict()
+    try:
+        yield
+    finally:
+        generators.load_state_dict(before)
+
+
+def _plain(values: dict[str, Any]) -> dict[str, Any]:
+    """Return values as they come back from a JSON file: lists for tuples."""
+    return json.loads(json.dumps(values))
 
 
 def _clock(seconds: float) -> str:

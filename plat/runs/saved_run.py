@@ -15,11 +15,12 @@ from plat.errors import CheckpointError
 from plat.files import replace_file
 from plat.runs.json_object import read_json
 from plat.runs.locate import CONFIG_FILE, run_folder
+from plat.runs.outputs import WEIGHTS_FILE
 from plat.runs.policies import Policy, build_policy
 
 __all__ = ["CONFIG_FILE", "SCORES_FILE", "WEIGHTS_FILE", "RunScore", "SavedRun", "load_policy", "save_weights"]
 
-WEIGHTS_FILE, SCORES_FILE = "model.safetensors", "evaluation.csv"
+SCORES_FILE = "evaluation.csv"
 P = TypeVar("P")
 _FIGURES = ("value", "low", "high")
 

@@ -1,5 +1,7 @@
 import csv
 
+import pytest
+
 from plat.runs import MetricsFile
 
 
@@ -41,3 +43,40 @@ def test_a_new_run_starts_an_empty_file(tmp_path):
     path.write_text("step,a\n10,1\n")
     MetricsFile(path)
     assert rows(path) == []
+
+
+@pytest.mark.parametrize(
+    ("content", "kept"),
+    [
+        (b"\x00\xff\x13 nothing of a table", []),
+        (b"", []),
+        (b"loss,step\n1,2\n", []),
+        (b"step,loss\n1,0.5\n\x00\x00\x00\n2,0.4\n3,0.3\n", ["1", "2", "3"]),
+        (b"step,loss\n1,0.5\nhalf\n2,0.4\n3,\xff\xfe\n", ["1", "2"]),
+        (b"step,loss\n" + b"9" * 200_000 + b",1\n1,0.5\n", ["1"]),
+        (b"step,loss\n" + b"x" * 200_000 + b"\n1,0.5\n", ["1"]),
+    ],
+)
+def test_a_damaged_file_is_put_aside_and_its_rows_are_kept(tmp_path, capsys, content, kept):
+    path = tmp_path / "metrics.csv"
+    path.write_bytes(content)
+    metrics = MetricsFile(path, keep_until=3)
+    metrics.write(4, {"loss": 0.2})
+    with path.open(newline="") as file:
+        assert [row["step"] for row in csv.DictReader(file)] == [*kept, "4"]
+    assert "is damaged" in capsys.readouterr().out
+    assert (tmp_path / "damaged-metrics.csv").read_bytes() == content
+
+
+def test_a_row_cut_short_by_a_kill_is_no_damage(tmp_path, capsys):
+    path = tmp_path / "metrics.csv"
+    path.write_text("step,loss,kl\n1,0.5,0.1\n2,0.")
+    MetricsFile(path, keep_until=3)
+    assert path.read_text() == "step,loss,kl\n1,0.5,0.1\n"
+    assert capsys.readouterr().out == ""
+
+
+def test_a_folder_in_the_place_of_the_file_stops_nothing(tmp_path):
+    (tmp_path / "metrics.csv").mkdir()
+    MetricsFile(tmp_path / "metrics.csv").write(1, {"loss": 0.5})
+    assert (tmp_path / "metrics.csv").read_text() == "step,loss\n1,0.5\n"

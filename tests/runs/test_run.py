@@ -1,7 +1,10 @@
+import hashlib
 import os
-import subprocess
-import sys
+import shutil
+import signal
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 import torch
@@ -9,28 +12,38 @@ import torch
 from plat.errors import CheckpointError
 from plat.modules import Expert, ExpertConfig
 from plat.robots import G1
-from plat.runs import Budget, Run, load_policy, read_json, write_json
+from plat.runs import Budget, Run, check_out, load_policy, read_json, write_json
 
 
 @dataclass
 class Settings:
     speed: float = 1.0
+    lr: float = 0.1
 
 
 def start(
-    folder, *, resume: bool = False, hidden: tuple[int, ...] = (8,), speed: float = 1.0
+    folder,
+    *,
+    resume: bool = False,
+    hidden: tuple[int, ...] = (8,),
+    speed: float = 1.0,
+    lr: float = 0.1,
+    steps: int = 1000,
+    save_every: float = 1e9,
+    **other,
 ) -> tuple[Run, Expert, torch.optim.Adam, Budget]:
     policy = Expert(G1, ExpertConfig(hidden=hidden))
     optimizer = torch.optim.Adam(policy.parameters(), lr=1e-3)
-    budget = Budget(steps=1000)
+    budget = Budget(steps=steps)
     run = Run(
         folder,
-        recipe=Settings(speed),
+        recipe=Settings(speed, lr),
         policy=policy,
         budget=budget,
         state={"optimizer": optimizer},
         resume=resume,
-        save_every=1e9,
+        save_every=save_every,
+        **other,
     )
     return run, policy, optimizer, budget
 
@@ -69,7 +82,7 @@ def test_weights_beside_the_checkpoint_are_the_policys(tmp_path):
 def test_config_says_what_was_run(tmp_path):
     start(tmp_path / "a")
     config = read_json(tmp_path / "a" / "config.json")
-    assert config["recipe"]["settings"] == {"speed": 1.0}
+    assert config["recipe"]["settings"] == {"speed": 1.0, "lr": 0.1}
     assert config["policy"]["config"]["hidden"] == [8]
     assert set(config["made_with"]) == {"plat", "torch", "commit"}
 
@@ -85,22 +98,40 @@ def test_config_has_the_settings_that_a_users_subclass_adds(tmp_path):
 
     policy = Expert(G1, ExpertConfig(hidden=(8,)))
     Run(tmp_path / "a", recipe=Recipe(Faster()), policy=policy, budget=Budget(steps=1), state={})
-    assert read_json(tmp_path / "a" / "config.json")["recipe"]["settings"] == {"settings": {"speed": 1.0, "boost": 2.0}}
+    assert read_json(tmp_path / "a" / "config.json")["recipe"]["settings"] == {
+        "settings": {"speed": 1.0, "lr": 0.1, "boost": 2.0}
+    }
 
 
-def test_config_says_what_earlier_parts_of_a_run_had(tmp_path):
+def test_what_may_change_changes_and_is_written_down(tmp_path, capsys):
     run, _, _, budget = start(tmp_path / "a")
     budget.add(10)
     run.save()
-    start(tmp_path / "a", resume=True, speed=2.0)
+    start(tmp_path / "a", resume=True, lr=0.2)
+    assert "goes on with lr 0.2 in place of 0.1\n" in capsys.readouterr().out
     config = read_json(tmp_path / "a" / "config.json")
-    assert config["recipe"]["settings"] == {"speed": 2.0}
+    assert config["recipe"]["settings"] == {"speed": 1.0, "lr": 0.2}
     assert [part["until_step"] for part in config["earlier"]] == [10]
-    assert config["earlier"][0]["recipe"]["settings"] == {"speed": 1.0}
+    assert config["earlier"][0]["changed"] == {"lr": [0.1, 0.2]}
+    assert config["earlier"][0]["recipe"]["settings"] == {"speed": 1.0, "lr": 0.1}
+
+
+def test_what_may_not_change_is_refused_by_name(tmp_path):
+    inputs = {"motions": [["walk", 9, 0.5, 0.1]], "expert": "ab"}
+    run, *_ = start(tmp_path / "a", inputs=inputs)
+    run.save()
+    before = (tmp_path / "a" / "config.json").read_bytes()
+    inputs = {"motions": [["walk", 9, 0.5, 0.2]], "expert": "ac"}
+    with pytest.raises(CheckpointError) as error:
+        start(tmp_path / "a", resume=True, speed=2.0, inputs=inputs)
+    message = str(error.value)
+    assert "speed is 2.0, was 1.0; expert: other content; motions: clip 0 'walk' has other content." in message
+    assert "Budget and learning rates may change" in message
+    assert (tmp_path / "a" / "config.json").read_bytes() == before
 
 
 def test_a_run_is_not_overwritten_by_accident(tmp_path):
-    start(tmp_path / "a")
+    start(tmp_path / "a")[0].save()
     with pytest.raises(CheckpointError, match="already holds a run: go on with --resume"):
         start(tmp_path / "a")
 
@@ -111,13 +142,55 @@ def test_resuming_with_another_policy_is_refused(tmp_path):
         start(tmp_path / "a", resume=True, hidden=(16,))
 
 
-def test_resuming_before_the_first_checkpoint_starts_over(tmp_path):
-    start(tmp_path / "a")
-    assert start(tmp_path / "a", resume=True)[3].steps == 0
+def test_resuming_before_the_first_checkpoint_starts_over(tmp_path, capsys):
+    start(tmp_path / "a")[0].log({"loss": 1.0})
+    assert start(tmp_path / "a", resume=True, speed=2.0)[3].steps == 0
+    assert "the run has no checkpoint yet, it starts over" in capsys.readouterr().out
+    assert read_json(tmp_path / "a" / "config.json")["recipe"]["settings"]["speed"] == 2.0
+    assert (tmp_path / "a" / "metrics.csv").read_text() == "step\n"
 
 
-def test_resuming_what_is_not_there_starts(tmp_path):
-    assert start(tmp_path / "a", resume=True)[3].steps == 0
+@pytest.mark.parametrize("there", [False, True])
+def test_resuming_what_is_not_there_does_nothing(tmp_path, there):
+    folder = tmp_path / "a"
+    if there:
+        folder.mkdir()
+    with pytest.raises(CheckpointError, match="holds no run to go on with: leave out --resume"):
+        start(folder, resume=True)
+    assert folder.exists() == there
+    assert not list(folder.glob("*"))
+
+
+def test_a_run_without_checkpoints_is_not_started_over(tmp_path):
+    start(tmp_path / "a")[0].save()
+    shutil.rmtree(tmp_path / "a" / "checkpoints")
+    weights = (tmp_path / "a" / "model.safetensors").read_bytes()
+    with pytest.raises(CheckpointError, match="weights but no checkpoint to go on from"):
+        start(tmp_path / "a", resume=True)
+    assert (tmp_path / "a" / "model.safetensors").read_bytes() == weights
+
+
+def test_a_start_that_fails_blocks_no_other(tmp_path, monkeypatch):
+    folder = tmp_path / "new" / "a"
+    monkeypatch.setattr("plat.runs.run.start_logging", lambda *_: (_ for _ in ()).throw(RuntimeError("no network")))
+    monkeypatch.setattr("plat.runs.run.check_logger", lambda _: None)
+    with pytest.raises(RuntimeError, match="no network"):
+        start(folder, loggers=("wandb",))
+    assert not folder.exists()
+    start(folder)  # and one that fails in its first iteration, which leaves settings and metrics
+    run, _, _, budget = start(folder, speed=3.0)
+    budget.add(10)
+    run.log({"loss": 1.0})
+    assert read_json(folder / "config.json")["recipe"]["settings"]["speed"] == 3.0
+    assert (folder / "metrics.csv").read_text().count("\n") == 2
+
+
+def test_a_foreign_config_is_not_overwritten(tmp_path):
+    (tmp_path / "config.json").write_text('{"name": "another program"}')
+    with pytest.raises(CheckpointError, match="already holds a run"):
+        start(tmp_path)
+    with pytest.raises(CheckpointError, match="already holds a run"):
+        check_out(tmp_path, resume=False)
 
 
 def test_two_checkpoints_are_kept_and_leftovers_cleared(tmp_path):
@@ -132,13 +205,57 @@ def test_two_checkpoints_are_kept_and_leftovers_cleared(tmp_path):
     assert len(list(folder.iterdir())) == 2
 
 
-def test_an_unreadable_checkpoint_is_named(tmp_path):
+def damage(folder: Path, step: int) -> None:
+    """Change one byte of a checkpoint."""
+    (payload,) = folder.glob(f"checkpoints/*{step}/components/*optimizer*/state.pt")
+    content = bytearray(payload.read_bytes())
+    content[len(content) // 2] ^= 1
+    payload.write_bytes(content)
+
+
+def test_a_damaged_checkpoint_falls_back_to_the_one_before(tmp_path, capsys):
     run, _, _, budget = start(tmp_path / "a")
-    budget.add(10)
-    run.save()
-    (payload,) = (tmp_path / "a" / "checkpoints").glob("*/components/*optimizer*/state.pt")
-    payload.write_bytes(payload.read_bytes()[:50])
-    with pytest.raises(CheckpointError, match="checkpoint-000000000010'?: this checkpoint cannot be resumed from"):
+    for _ in range(2):
+        budget.add(10)
+        run.save()
+    damage(tmp_path / "a", 20)
+    run, _, _, budget = start(tmp_path / "a", resume=True)
+    assert budget.steps == 10
+    out = capsys.readouterr().out
+    assert "checkpoint-000000000020' is damaged (optimizer: state.pt is not what was written)" in out
+    for _ in range(2):  # the damaged one does not push out whole ones
+        budget.add(5)
+        run.save()
+    names = sorted(path.name for path in (tmp_path / "a" / "checkpoints").iterdir())
+    assert names == ["checkpoint-000000000015", "checkpoint-000000000020", "damaged-checkpoint-000000000020"]
+
+
+def test_checkpoints_that_are_all_damaged_are_named(tmp_path):
+    run, _, _, budget = start(tmp_path / "a")
+    for _ in range(2):
+        budget.add(10)
+        run.save()
+        damage(tmp_path / "a", budget.steps)
+    before = sorted(path for path in (tmp_path / "a").rglob("*") if "checkpoint" in str(path))
+    with pytest.raises(
+        CheckpointError, match=r"no checkpoint can be resumed from \(checkpoint-000000000020: optimizer"
+    ):
+        start(tmp_path / "a", resume=True)
+    assert sorted(path for path in (tmp_path / "a").rglob("*") if "checkpoint" in str(path)) == before
+
+
+@pytest.mark.parametrize("name", ["manifest.json", "components/*optimizer*/state.pt"])
+def test_a_checkpoint_that_lacks_a_file_or_half_of_one_is_damaged(tmp_path, name):
+    run, _, _, budget = start(tmp_path / "a")
+    for _ in range(2):
+        budget.add(10)
+        run.save()
+    (path,) = (tmp_path / "a" / "checkpoints" / "checkpoint-000000000020").glob(name)
+    path.write_bytes(path.read_bytes()[:50])
+    assert start(tmp_path / "a", resume=True)[3].steps == 10
+    (path,) = (tmp_path / "a" / "checkpoints" / "checkpoint-000000000010").glob(name)
+    path.unlink()
+    with pytest.raises(CheckpointError, match="no checkpoint can be resumed from"):
         start(tmp_path / "a", resume=True)
 
 
@@ -148,6 +265,8 @@ def test_checkpoints_run_no_code(tmp_path):
     run.save()
     (payload,) = (tmp_path / "a" / "checkpoints").glob("*/components/*optimizer*/state.pt")
     torch.save(Evil(), payload)
+    # whoever writes such a file writes its hash as well
+    payload.with_name("state.pt.blake2b").write_text(hashlib.blake2b(payload.read_bytes(), digest_size=32).hexdigest())
     with pytest.raises(CheckpointError, match="cannot be resumed from"):
         start(tmp_path / "a", resume=True)
     assert not os.path.exists(Evil.proof)
@@ -160,28 +279,15 @@ class Evil:
         return (os.system, (f"touch {self.proof}",))
 
 
-@pytest.mark.skipif(os.name != "posix", reason="needs file size limits")
 def test_a_full_disk_leaves_the_last_checkpoint(tmp_path):
-    program = (
-        "import resource, signal, sys\n"
-        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
-        "from pathlib import Path\n"
-        "from plat.runs import report_errors\n"
-        "from tests.runs.test_run import start\n"
-        f"run, policy, optimizer, budget = start(Path({str(tmp_path / 'a')!r}))\n"
-        "budget.add(10)\n"
-        "run.save()\n"
-        "resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))\n"
-        "budget.add(10)\n"
-        "with report_errors():\n"
-        "    run.save()\n"
-    )
-    out = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
-    assert out.returncode == 1
-    assert "a checkpoint could not be written" in out.stderr
-    assert "Traceback" not in out.stderr
-    _, _, _, budget = start(tmp_path / "a", resume=True)
-    assert budget.steps == 10
+    run, _, _, budget = start(tmp_path / "a")
+    for _ in range(2):
+        budget.add(10)
+        run.save()
+    budget.add(10)
+    with full_disk(), pytest.raises(CheckpointError, match="a checkpoint could not be written"):
+        run.save()
+    assert start(tmp_path / "a", resume=True)[3].steps == 20
     load_policy(tmp_path / "a")
 
 
@@ -198,13 +304,109 @@ def test_a_run_of_an_older_plat_is_resumed(tmp_path):
         start(tmp_path / "a", resume=True)
 
 
-def test_a_finished_run_says_how_far_it_went(tmp_path):
-    run, _, _, budget = start(tmp_path / "a")
+def test_a_finished_run_stays_finished(tmp_path, capsys):
+    run, _, _, budget = start(tmp_path / "a", steps=70)
     budget.add(70)
     assert "finished" not in read_json(tmp_path / "a" / "config.json")
     run.finish()
     finished = read_json(tmp_path / "a" / "config.json")["finished"]
     assert finished["steps"] == 70
     assert finished["seconds"] > 0
-    start(tmp_path / "a", resume=True)  # and one that goes on is not finished
-    assert "finished" not in read_json(tmp_path / "a" / "config.json")
+    before = {path: path.read_bytes() for path in (tmp_path / "a").rglob("*") if path.is_file()}
+    run, policy, _, budget = start(tmp_path / "a", steps=70, resume=True)
+    assert run.finished
+    assert budget.done
+    assert torch.equal(policy.state_dict()["normalizer.mean"], load_policy(tmp_path / "a").normalizer.mean)
+    run.finish()
+    assert {path: path.read_bytes() for path in (tmp_path / "a").rglob("*") if path.is_file()} == before
+    assert "the run is finished, with 70 steps; it goes on with more --steps" in capsys.readouterr().out
+
+
+def test_a_finished_run_goes_on_with_more_steps(tmp_path):
+    run, _, _, budget = start(tmp_path / "a", steps=70)
+    budget.add(70)
+    run.finish()
+    run, *_ = start(tmp_path / "a", resume=True, steps=100)
+    assert not run.finished
+    assert "finished" not in read_json(tmp_path / "a" / "config.json")  # one that goes on is not
+
+
+def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path, capsys):
+    run, _, _, budget = start(tmp_path / "a")
+
+    def train():
+        with run:
+            budget.add(10)
+            run.log({"loss": 1.0})
+            signal.raise_signal(signal.SIGINT)
+            budget.add(10)  # the iteration goes on to its end
+            run.log({"loss": 1.0})
+            budget.add(10)
+
+    with pytest.raises(SystemExit) as ended:
+        train()
+    assert ended.value.code == 130
+    out = capsys.readouterr().out
+    assert "stopped with a checkpoint at 20 steps\n" in out
+    assert f"go on with the same command and --resume (--out {tmp_path / 'a'})\n" in out
+    assert start(tmp_path / "a", resume=True)[3].steps == 20
+
+
+@contextmanager
+def full_disk():
+    """Files that grow beyond a few bytes fail, as a context."""
+    resource = pytest.importorskip("resource", reason="needs file size limits")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (12, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
+
+
+def test_training_goes_on_where_the_disk_is_full(tmp_path, monkeypatch):
+    said = []
+    monkeypatch.setattr("builtins.print", lambda *words, **_: said.append(" ".join(words)))
+    run, _, _, budget = start(tmp_path / "a", save_every=0)
+    budget.add(10)
+    run.log({"loss": 1})
+    with full_disk():
+        for _ in range(3):
+            budget.add(10)
+            run.log({"loss": 1})
+    out = "\n".join(said)
+    assert out.count("training goes on without a checkpoint") == 3
+    assert out.count("rows are kept, training goes on") == 1
+    assert start(tmp_path / "a", resume=True)[3].steps == 10
+    budget.add(10)
+    run.log({"loss": 1})
+    rows = (tmp_path / "a" / "metrics.csv").read_text().splitlines()
+    assert [row.split(",")[0] for row in rows] == ["step", "10", "20", "30", "40", "50"]
+    assert start(tmp_path / "a", resume=True)[3].steps == 50
+
+
+def test_a_run_is_resumed_where_the_disk_is_full(tmp_path, monkeypatch):
+    said = []
+    monkeypatch.setattr("builtins.print", lambda *words, **_: said.append(" ".join(words)))
+    start(tmp_path / "a")[0].save()
+    with full_disk():
+        run, *_ = start(tmp_path / "a", resume=True)
+        run.log({"loss": 1})
+    assert any(line.startswith("not written down: ") for line in said)
+
+
+def test_videos_take_no_random_numbers(tmp_path, monkeypatch):
+    class Logger:
+        def log(self, *_, **__):
+            pass
+
+    monkeypatch.setattr("plat.runs.run.start_logging", lambda *_: Logger())
+    monkeypatch.setattr("plat.runs.run.check_logger", lambda _: None)
+    run, *_ = start(tmp_path / "a", loggers=("wandb",), film=lambda step: (torch.rand(3), None)[1])
+    torch.manual_seed(0)
+    wanted = torch.rand(1)
+    torch.manual_seed(0)
+    run.log({})
+    assert torch.equal(torch.rand(1), wanted)

@@ -1,0 +1,131 @@
+"""Checkpoints of a run: written whole, with hashes, the last two kept."""
+
+import hashlib
+import shutil
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from torchrl.checkpoint import Checkpoint, CheckpointRotation, StateDictCheckpointAdapter
+from torchrl.checkpoint import CheckpointError as TorchRLCheckpointError
+
+from plat.errors import CheckpointError, PlatError
+
+__all__ = ["Checkpoints"]
+
+_HASH_SUFFIX = ".blake2b"
+
+
+class Checkpoints:
+    """Checkpoints in a folder, on TorchRL's ``CheckpointRotation``. Each file has a hash beside it.
+
+    Args:
+        folder: the folder.
+        components: by name, objects with ``state_dict`` and ``load_state_dict``.
+    """
+
+    def __init__(self, folder: Path, components: Mapping[str, Any]):
+        self._folder = folder
+        self._rotation = CheckpointRotation(folder, keep_last=2)
+        self._checkpoint = Checkpoint()
+        # plain files in torch's own format, read back with weights_only: a full disk is then an error and not a
+        # crash, and loading runs no code
+        adapter = _HashedAdapter(payload_format="torch")
+        for name, component in components.items():
+            self._checkpoint.register(name, component, adapter=adapter)
+
+    def all(self) -> list[Path]:
+        """Return the checkpoints that are there, damaged ones too, the newest first."""
+        if not self._folder.is_dir():
+            return []
+        found = [path for path in self._folder.glob("checkpoint-*") if path.name.rpartition("-")[2].isdigit()]
+        return sorted(found, key=lambda path: int(path.name.rpartition("-")[2]), reverse=True)
+
+    def save(self, step: int) -> None:
+        """Write a checkpoint, and remove all but the last two.
+
+        Raises:
+            CheckpointError: when the disk does not take it; those that were there are intact.
+        """
+        try:
+            self._rotation.save(self._checkpoint, step=step)
+        except (OSError, RuntimeError) as error:
+            raise CheckpointError(
+                f"{str(self._folder)!r}: a checkpoint could not be written ({error}); "
+                "the one before it is intact, go on from it with --resume"
+            ) from error
+
+    def load(self) -> Path | None:
+        """Restore the components from the newest checkpoint that is whole; None where there is no checkpoint.
+
+        A damaged one is said, and renamed when an older one is taken.
+
+        Raises:
+            CheckpointError: when none is whole, or one does not fit.
+        """
+        damaged: dict[Path, str] = {}
+        for path in self.all():
+            problem = next(_problems(path), None)
+            if problem is not None:
+                damaged[path] = problem
+                continue
+            self._load(path)
+            for other, what in damaged.items():
+                print(f"{str(other)!r} is damaged ({what}): going on from the checkpoint before it", flush=True)
+                aside = other.with_name(f"damaged-{other.name}")
+                shutil.rmtree(aside, ignore_errors=True)
+                other.rename(aside)
+            return path
+        if damaged:
+            reasons = "; ".join(f"{path.name}: {what}" for path, what in damaged.items())
+            raise CheckpointError(f"{str(self._folder)!r}: no checkpoint can be resumed from ({reasons})")
+        return None
+
+    def _load(self, path: Path) -> None:
+        try:
+            self._checkpoint.load(path, map_location="cpu")
+        except PlatError:
+            raise
+        except (TorchRLCheckpointError, OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
+            first = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise CheckpointError(f"{str(path)!r}: this checkpoint cannot be resumed from ({first})") from error
+
+    def clear_leftovers(self) -> None:
+        """Remove what a killed process did not finish writing."""
+        for leftover in self._folder.glob(".*"):
+            shutil.rmtree(leftover, ignore_errors=True)
+
+
+class _HashedAdapter(StateDictCheckpointAdapter):
+    """Adapter that writes the hash of a component's file beside it, before the checkpoint is published."""
+
+    def save(self, component: Any, path: Path, *, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> Any:
+        state = super().save(component, path, args=args, kwargs=kwargs)
+        file = path / self.state_torch
+        file.with_name(file.name + _HASH_SUFFIX).write_text(_hash(file))
+        return state
+
+
+def _problems(path: Path) -> Iterator[str]:
+    """Yield what is wrong with the files of a checkpoint; one without hashes is of an older plat."""
+    try:
+        manifest = Checkpoint.manifest(path)
+        for name, record in manifest["components"].items():
+            for file in record["files"]:
+                found = path / record["path"] / file
+                if not found.exists():
+                    yield f"{name}: {file} is missing"
+                    continue
+                noted = found.with_name(found.name + _HASH_SUFFIX)
+                if noted.exists() and noted.read_text().strip() != _hash(found):
+                    yield f"{name}: {file} is not what was written"
+    except (TorchRLCheckpointError, OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        yield str(error).splitlines()[0] if str(error) else type(error).__name__
+
+
+def _hash(path: Path) -> str:
+    digest = hashlib.blake2b(digest_size=32)
+    with path.open("rb") as file:
+        while block := file.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()

@@ -1,0 +1,97 @@
+"""Inputs of a run as fingerprints: motions, robot and other weights, so that a resumed run gets the same."""
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Mapping
+from itertools import zip_longest
+from typing import Any
+
+import torch
+from torch import nn
+
+from plat.motions.library import MotionLibrary
+from plat.robots.robot import Robot
+
+__all__ = ["changed_inputs", "motions_print", "robot_print", "run_inputs", "weights_print"]
+
+# Rounding differs by less from one processor to another, and a change of a motion is more.
+_TOLERANCE = 5e-6
+_CHUNK = 1 << 16
+
+
+def run_inputs(library: MotionLibrary, **modules: nn.Module | None) -> dict[str, Any]:
+    """Return the fingerprints of motions, their robot, and other runs' weights by name; None is left out.
+
+    >>> from plat.motions import generate_motions
+    >>> library = MotionLibrary.from_clips(generate_motions("train", seconds=8))
+    >>> sorted(run_inputs(library, expert=nn.Linear(2, 1)))
+    ['expert', 'motions', 'robot']
+    """
+    weights = {name: weights_print(module) for name, module in modules.items() if module is not None}
+    return {"motions": motions_print(library), "robot": robot_print(library.robot), **weights}
+
+
+def motions_print(library: MotionLibrary) -> list[list[Any]]:
+    """Return name, frames and two figures of each clip, in their order.
+
+    The figures are means over the frames: one of a weighted sum of root pose and joint angles, one that depends on the
+    order of the frames as well.
+    """
+    clip = library.clip_of_frame.cpu()
+    time = torch.arange(len(library)) - library.clip_start.cpu()[clip]
+    sums = torch.zeros(library.num_clips, 2, dtype=torch.float64)
+    for frames in torch.arange(len(library)).split(_CHUNK):
+        pose = library.qpos(frames.to(library.device)).cpu().double()
+        # unequal weights, none of them small
+        value = pose @ (1 + 0.618 * torch.arange(pose.shape[1], dtype=torch.float64) % 1)
+        sums.index_add_(0, clip[frames], torch.stack((value, value * (0.37 * time[frames]).cos()), -1))
+    length = library.clip_length.cpu()
+    figures = (sums / length[:, None]).tolist()
+    return [
+        [name, frames, *pair] for name, frames, pair in zip(library.clip_names, length.tolist(), figures, strict=True)
+    ]
+
+
+def robot_print(robot: Robot) -> str:
+    """Return a hash of a robot's description and of its MJCF file, wherever that lies."""
+    fields = {name: value for name, value in dataclasses.asdict(robot).items() if name != "asset"}
+    text = json.dumps(fields, sort_keys=True, default=str).encode()
+    return hashlib.blake2b(text + robot.asset_path.read_bytes(), digest_size=16).hexdigest()
+
+
+def weights_print(module: nn.Module) -> str:
+    """Return a hash of a module's weights."""
+    digest = hashlib.blake2b(digest_size=16)
+    for name, tensor in module.state_dict().items():
+        digest.update(name.encode())
+        digest.update(tensor.detach().cpu().contiguous().view(-1).view(torch.uint8).numpy().tobytes())
+    return digest.hexdigest()
+
+
+def changed_inputs(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """Describe the inputs that differ; those that one side does not know are the same.
+
+    >>> changed_inputs({"motions": [["walk", 9, 0.5, 0.1]]}, {"motions": [["run", 9, 0.5, 0.1]]})
+    ["motions: clip 0 is 'run', was 'walk'"]
+    """
+    changes = []
+    for name in sorted(set(before) & set(now)):
+        if name == "motions":
+            changes += [f"motions: {change}" for change in _changed_clips(before[name], now[name])][:1]
+        elif before[name] != now[name]:
+            changes.append(f"{name}: other content")
+    return changes
+
+
+def _changed_clips(before: Any, now: list[list[Any]]) -> list[str]:
+    for number, (old, new) in enumerate(zip_longest(before, now)):
+        if old is None or new is None:
+            return [f"{len(now)} clips, were {len(before)}"]
+        if old[0] != new[0]:
+            return [f"clip {number} is {new[0]!r}, was {old[0]!r}"]
+        if old[1] != new[1]:
+            return [f"clip {number} {new[0]!r} has {new[1]} frames, had {old[1]}"]
+        if any(abs(a - b) > _TOLERANCE * max(1.0, abs(a)) for a, b in zip(old[2:], new[2:], strict=True)):
+            return [f"clip {number} {new[0]!r} has other content"]
+    return []

@@ -1,0 +1,101 @@
+"""Lock on a run directory, so that one process at a time trains into it."""
+
+import contextlib
+import errno
+import os
+import sys
+from pathlib import Path
+from typing import IO, Any
+
+from plat.errors import CheckpointError
+
+__all__ = ["LOCK_FILE", "RunLock"]
+
+LOCK_FILE = ".lock"
+# where Windows locks a byte: beyond what is written, which others could not read otherwise
+_LOCKED_BYTE = 4096
+_BUSY = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
+
+
+class RunLock:
+    """Lock on a run directory; the operating system frees it when its process ends, however it ends.
+
+    Several locks of one process share it. File systems without locks are used without.
+
+    Args:
+        folder: the directory, which is made if it is missing.
+
+    Raises:
+        CheckpointError: when another process holds the lock, or the directory cannot be written.
+
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     lock = RunLock(Path(folder))
+    ...     lock.release()
+    """
+
+    _held: dict[Path, "_Holding"] = {}  # one for the process
+
+    def __init__(self, folder: Path):
+        self._key: Path | None = None
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            key = folder.resolve()
+            if key not in self._held:
+                self._held[key] = _Holding(folder)
+        except OSError as error:
+            raise CheckpointError(f"{str(folder)!r} cannot be written ({error}); choose another --out") from error
+        self._held[key].count += 1
+        self._key = key
+
+    def release(self) -> None:
+        """Free the lock; again has no effect."""
+        key, self._key = self._key, None
+        if key is None:
+            return
+        holding = self._held[key]
+        holding.count -= 1
+        if holding.count == 0:
+            del self._held[key]
+            holding.file.close()
+
+    def __del__(self) -> None:
+        self.release()
+
+
+class _Holding:
+    """The open file whose lock this process holds, and how many share it."""
+
+    def __init__(self, folder: Path):
+        self.count = 0
+        self.file = (folder / LOCK_FILE).open("a+")
+        try:
+            _lock(self.file)
+        except OSError as error:
+            if error.errno not in _BUSY:
+                return  # a file system without locks
+            self.file.seek(0)
+            process = self.file.read(20).strip()
+            self.file.close()
+            raise CheckpointError(
+                f"{str(folder)!r}: process {process or 'unknown'} is training into it; wait until it ends, or choose "
+                "another --out"
+            ) from None
+        with contextlib.suppress(OSError):  # a full disk: the number is for messages only
+            self.file.truncate(0)
+            self.file.write(f"{os.getpid()}\n")
+            self.file.flush()
+
+
+def _lock(file: IO[Any]) -> None:
+    """Lock an open file without waiting; raise OSError where another process holds it."""
+    if sys.platform == "win32":
+        import msvcrt
+
+        file.seek(_LOCKED_BYTE)
+        msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+        file.seek(0)
+    else:
+        import fcntl
+
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

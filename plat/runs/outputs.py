@@ -1,0 +1,43 @@
+"""Folders that runs are written to: may one begin there, or be resumed?"""
+
+from pathlib import Path
+
+from plat.errors import CheckpointError
+from plat.runs.json_object import read_json
+from plat.runs.locate import CONFIG_FILE
+
+__all__ = ["CHECKPOINTS", "WEIGHTS_FILE", "check_out"]
+
+CHECKPOINTS, WEIGHTS_FILE = "checkpoints", "model.safetensors"
+
+
+def check_out(folder: Path, *, resume: bool) -> None:
+    """Check that a run can begin in a directory, or be resumed from it.
+
+    A start that did not get to a checkpoint leaves nothing that is worth keeping, and blocks nothing.
+
+    Raises:
+        CheckpointError: when it holds a run already, or none that can be resumed; then nothing is touched.
+
+    >>> check_out(Path("/nowhere/run"), resume=True)
+    Traceback (most recent call last):
+    ...
+    plat.errors.CheckpointError: '/nowhere/run' holds no run to go on with: leave out --resume to start one
+    """
+    config = folder / CONFIG_FILE
+    if resume:
+        if not config.exists():
+            raise CheckpointError(f"{str(folder)!r} holds no run to go on with: leave out --resume to start one")
+        read_json(config)
+    elif config.exists() and not _is_abandoned(folder):
+        raise CheckpointError(f"{str(folder)!r} already holds a run: go on with --resume or choose another --out")
+
+
+def _is_abandoned(folder: Path) -> bool:
+    """Return whether a directory holds a run without weights and checkpoints."""
+    try:
+        config = read_json(folder / CONFIG_FILE)
+    except CheckpointError:
+        return False
+    kept = (folder / WEIGHTS_FILE).exists() or any((folder / CHECKPOINTS).glob("*checkpoint-*"))
+    return config.get("format") == "plat-run" and "finished" not in config and not kept

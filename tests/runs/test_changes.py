@@ -1,0 +1,32 @@
+import pytest
+
+from plat.runs.changes import changes
+
+
+@pytest.mark.parametrize(
+    "name", ["steps", "minutes", "out", "device", "lr", "init_lr", "ppo.min_lr", "imagination.model_lr", "unseen"]
+)
+def test_what_may_change(name):
+    assert changes(nested(name, 1), nested(name, 2), {}) == ({name: (1, 2)}, {})
+
+
+@pytest.mark.parametrize("name", ["seed", "num_envs", "policy.hidden", "policy.timing.control_dt", "task.noise", "clr"])
+def test_what_may_not_change(name):
+    assert changes(nested(name, 1), nested(name, 2), {}) == ({}, {name: (1, 2)})
+
+
+def nested(name: str, value: object) -> dict:
+    first, _, rest = name.partition(".")
+    return {first: nested(rest, value) if rest else value}
+
+
+def test_paths_may_change_where_their_content_is_compared():
+    before, now = {"motions": ["a.npz"], "expert": "runs/a"}, {"motions": ["b.npz"], "expert": "runs/b"}
+    assert changes(before, now, {"motions": []}).refused == {"expert": ("runs/a", "runs/b")}
+    assert changes(before, now, {"motions": [], "expert": ""}).refused == {}
+    assert changes({"init": None}, {"init": "runs/a"}, {"init": ""}).refused == {"init": (None, "runs/a")}
+
+
+def test_fields_of_another_version_do_not_count():
+    assert changes({"old": 1, "same": {"x": 1}}, {"new": 1, "same": {"x": 1}}, {}) == ({}, {})
+    assert changes({"noise": None}, {"noise": {"x": 1}}, {}).refused == {"noise": (None, {"x": 1})}
