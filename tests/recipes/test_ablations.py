@@ -151,9 +151,9 @@ def test_every_row_is_trained_with_the_budget_of_its_stage(recipe, trained, tmp_
     assert [made.out.name for made in trained] == names
     assert [made.steps for made in trained] == [9, 9, 6, 6] + [3] * 6
     assert [made.seed for made in trained] == [4, 4, 4, 4] + [4, 5] * 3
-    assert all(made.motions == ("train.npz",) and made.resume for made in trained)
+    assert all(made.motions == ("train.npz",) and not made.resume for made in trained)
     assert trained[0].policy == dataclasses.replace(trained[1].policy, ahead=(1, 2, 6, 11, 16, 21, 26, 31, 36, 41))
-    assert trained[1].policy == ablations.expert.ExpertRecipe(motions=(), out=tmp_path).policy
+    assert trained[1].policy == ablations.expert.ExpertRecipe(motions=("train.npz",), out=tmp_path).policy
     assert [made.student for made in trained[2:4]] == ["plain", "latent"]
     assert trained[2].expert == trained[3].expert == tmp_path / "new" / "expert"
     assert [made.variant for made in trained[4::2]] == ["finetune", "action", "latent"]
