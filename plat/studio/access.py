@@ -10,6 +10,8 @@ from typing import Any
 from unittest import mock
 from urllib.parse import parse_qs, urlsplit
 
+from plat.studio.dock import Dock, unzipped
+
 __all__ = ["Access", "guarded_server"]
 
 _LOCAL = ("127.0.0.1", "localhost", "::1")
@@ -84,10 +86,14 @@ def _cookie_token(headers: Mapping[str, str]) -> str:
 
 
 @contextmanager
-def guarded_server(access: Access) -> Iterator[None]:
+def guarded_server(access: Access, dock: Dock | None = None) -> Iterator[None]:
     """Make the viser server started in this context check every request with ``access``, pages and websockets alike.
 
-    viser has no hook for this. It passes its own ``process_request`` to ``websockets``; here that is wrapped.
+    viser has no hook for this. It passes its own handlers to ``websockets``; here they are wrapped.
+
+    Args:
+        access: the check.
+        dock: is added to the page, and has files and a websocket of its own.
     """
     import websockets.asyncio.server as websockets_server
     from websockets.datastructures import Headers
@@ -95,19 +101,33 @@ def guarded_server(access: Access) -> Iterator[None]:
 
     serve = websockets_server.serve
 
-    def guarded(*args: Any, process_request: Any = None, **kwargs: Any) -> Any:
+    def guarded(handler: Any, *args: Any, process_request: Any = None, **kwargs: Any) -> Any:
+        async def routed(connection: Any) -> None:
+            if dock is not None and dock.is_channel(connection.request.path):
+                await dock.serve(connection)
+            else:
+                await handler(connection)
+
         def checked(connection: Any, request: Any) -> Any:
             reason = access.refusal(request.path, request.headers)
             if reason is not None:
                 body = f"The studio refuses this request: {reason}\n".encode()
                 headers = Headers({"Content-Type": "text/plain; charset=utf-8", "Content-Length": str(len(body))})
                 return Response(http.HTTPStatus.FORBIDDEN.value, "Forbidden", headers, body)
+            file = None if dock is None else dock.file(request.path)
+            if file is not None:
+                headers = {"Content-Type": file[0], "Content-Length": str(len(file[1])), "Cache-Control": "no-cache"}
+                return Response(http.HTTPStatus.OK.value, "OK", Headers(**headers), file[1])
             response = None if process_request is None else process_request(connection, request)
+            if dock is not None and response is not None and "html" in response.headers.get("Content-Type", ""):
+                body = dock.page(unzipped(response.body, response.headers.get("Content-Encoding")))
+                headers = {"Content-Type": "text/html; charset=utf-8", "Content-Length": str(len(body))}
+                response = Response(response.status_code, response.reason_phrase, Headers(**headers), body)
             if response is not None and access.cookie is not None:
                 response.headers["Set-Cookie"] = access.cookie
             return response
 
-        return serve(*args, process_request=checked, **kwargs)
+        return serve(routed, *args, process_request=checked, **kwargs)
 
     with mock.patch.object(websockets_server, "serve", guarded):
         yield

@@ -1,11 +1,13 @@
 """Page context that panels share: server, session, and helpers for inputs, buttons and messages."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from threading import Lock
 from typing import Any
 
 import viser
 
 from plat.studio.desk import Desk, Task
+from plat.studio.dock import Dock
 from plat.studio.session import Session
 
 __all__ = ["Page"]
@@ -18,13 +20,16 @@ class Page:
         server: the server.
         session: the session.
         desk: does what the page is asked for.
+        dock: the studio's own part of the page.
     """
 
-    def __init__(self, server: viser.ViserServer, session: Session, desk: Desk):
+    def __init__(self, server: viser.ViserServer, session: Session, desk: Desk, dock: Dock):
         self.server = server
         self.gui = server.gui
         self.session = session
         self.desk = desk
+        self.dock = dock
+        self._lock = Lock()
 
     def when_changed(self, handle: viser.GuiInputHandle[Any], task: Task | None = None) -> None:
         """Run a task, and update the page, when a user has changed an input.
@@ -51,18 +56,66 @@ class Page:
 
         row.on_click(called)
 
-    def key(self, label: str, key: Any, task: Task, modifier: Any = None) -> None:
-        """Bind a key to what a button does; the list of commands shows it as well."""
+    def button(self, label: str, task: Task, **look: Any) -> viser.GuiButtonHandle:
+        """Add a button with its task."""
+        button = self.gui.add_button(label, **look)
 
-        async def called(_: viser.CommandEvent) -> None:
+        async def called(_: object) -> None:
             self.desk.ask(task)
 
-        self.gui.add_command(label, hotkey=key, modifier=modifier).on_trigger(called)
+        button.on_click(called)
+        return button
 
-    def notify(self, title: str, text: str, color: str = "blue") -> None:
-        """Show a message to everybody who has the page open."""
-        for client in self.server.get_clients().values():
-            client.add_notification(title, text, auto_close_seconds=8.0, color=color)
+    def slow_button(self, label: str, work: Callable[[], Task], waits: str, **look: Any) -> viser.GuiButtonHandle:
+        """Add a button with slow work, see :meth:`Desk.ask_elsewhere`.
+
+        Until the work is done the page says that it waits, and the button cannot be clicked again.
+
+        Args:
+            label: of the button.
+            work: is run on another thread; the task that it returns is run on the desk's.
+            waits: what the page says meanwhile.
+            look: of the button.
+        """
+        button = self.gui.add_button(label, **look)
+
+        async def called(_: object) -> None:
+            self.start(work, waits, button)
+
+        button.on_click(called)
+        return button
+
+    def start(self, work: Callable[[], Task], waits: str, button: viser.GuiButtonHandle) -> None:
+        """Start the slow work of a button, unless it is on."""
+        if button.disabled:
+            return
+        button.disabled = True
+        self.wait(waits)
+
+        def guarded() -> Task:
+            try:
+                return work()
+            finally:
+                button.disabled = False
+                self.wait_no_more(waits)
+
+        self.desk.ask_elsewhere(guarded)
+
+    def wait(self, text: str) -> None:
+        """Say that the page waits for something."""
+        with self._lock:
+            self.dock.show("busy", [*self.dock.state.get("busy", []), text])
+
+    def wait_no_more(self, text: str) -> None:
+        """Take back what :meth:`wait` said."""
+        with self._lock:
+            busy = list(self.dock.state.get("busy", []))
+            busy.remove(text)
+            self.dock.show("busy", busy)
+
+    def notify(self, title: str, text: str, kind: str = "info") -> None:
+        """Show a message; ``kind`` is ``"info"``, ``"good"`` or ``"error"``."""
+        self.dock.note(title, text, kind)
 
 
 def _nothing() -> None:

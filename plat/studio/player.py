@@ -58,6 +58,26 @@ class Player:
         """Seconds since the start, for each step that was taken."""
         self.errors: list[PoseErrors] = []
         """For each step, how far the robot was from the keyframe that it was commanded to."""
+        self.steps: list[ChaseStep] = []
+        """All steps that were taken, to look at them again."""
+        self._poses = [self.qpos]
+
+    @property
+    def time(self) -> float:
+        """Return the seconds since the start."""
+        return self._chase.time
+
+    def pose_at(self, time: float) -> np.ndarray:
+        """Return the robot's pose ``[7 + J]`` at a time that was played (s), to a control step."""
+        return self._poses[min(max(self._number(time), 0), len(self._poses) - 1)]
+
+    def step_at(self, time: float) -> ChaseStep | None:
+        """Return the step that ended at a time that was played (s); None at the start."""
+        number = min(self._number(time), len(self.steps))
+        return self.steps[number - 1] if number > 0 else None
+
+    def _number(self, time: float) -> int:
+        return self._chase.controller.timing.steps(time)
 
     @property
     def qpos(self) -> np.ndarray:
@@ -86,16 +106,18 @@ class Player:
         due = int(self._ahead / control_dt + 1e-9)  # the margin is for rounding
         self._ahead = self._ahead - due * control_dt if due <= _CATCH_UP else 0.0
         for _ in range(min(due, _CATCH_UP)):
-            if not self.finished:
-                self._take_step()
+            self.take_step()
 
-    def _take_step(self) -> None:
-        step = next(self._chase, None)
+    def take_step(self) -> None:
+        """Take one control step, unless all is over."""
+        step = None if self.finished else next(self._chase, None)
         if step is None:
             self.finished = True
             return
         self._scorer.add(step)
         self.step = step
+        self.steps.append(step)
+        self._poses.append(self.qpos)
         self.times.append(step.time)
         self.errors.append(self._compare(step.after, step.command.keyframe))
 

@@ -1,4 +1,4 @@
-"""Interactive inverse kinematics: one pose, dragged by its hands, feet and pelvis."""
+"""Interactive inverse kinematics: one pose, dragged by its hands, feet, elbows, knees, pelvis, chest and head."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -15,17 +15,30 @@ from plat.rotations import quat_yaw
 __all__ = ["HANDLES", "Frame", "Poser"]
 
 HANDLES = {
-    "pelvis": "pelvis",
-    "left hand": "left_wrist",
-    "right hand": "right_wrist",
-    "left foot": "left_ankle",
-    "right foot": "right_ankle",
+    "head": ("geom", "head_collision"),
+    "chest": ("geom", "chest_collision"),
+    "pelvis": ("body", TRACKED["pelvis"]),
+    **{
+        f"{side} {name}": ("body", TRACKED[f"{side}_{role}"])
+        for name, role in (("hand", "wrist"), ("elbow", "elbow"), ("knee", "knee"), ("foot", "ankle"))
+        for side in ("left", "right")
+    },
 }
-"""Handles of a pose, each with its role among the bodies that retargeting tracks."""
+"""Handles of a pose, each with kind and name of its frame in the model."""
+
+_LIMBS = {
+    "hand": ("shoulder", "elbow", "wrist"),
+    "elbow": ("shoulder",),
+    "knee": ("hip",),
+    "foot": ("hip", "knee", "ankle"),
+    "chest": ("waist",),
+    "head": ("waist",),
+}
 
 # Weight of a meter of position and of a radian of orientation. Held handles outweigh the dragged one, and feet
 # outweigh the rest: a target out of reach stretches the limb and leaves the stance alone.
 _DRAGGED = (3.0, 0.3)
+_DRAGGED_POINT = (3.0, 0.0)
 _HELD = (15.0, 5.0)
 _HELD_FOOT = (30.0, 10.0)
 # Weight of a radian from the initial pose: determines joints that no handle constrains, such as an elbow.
@@ -65,7 +78,7 @@ class Poser:
     def __init__(self, robot: Robot):
         self._model = robot.shared_model
         self._data = mujoco.MjData(self._model)
-        self._bodies = {handle: TRACKED[role] for handle, role in HANDLES.items()}
+        self._joint_names = robot.joint_names
         self._limit = mink.ConfigurationLimit(self._model, gain=1.0)
         self._ankle_height = RobotGeometry.of(robot).ankle_height
         self._range = robot.joint_range.double().numpy()
@@ -74,8 +87,21 @@ class Poser:
         """Return the body pose of each handle in a robot pose ``[7 + J]``."""
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, self._data)
-        bodies = {handle: self._data.body(body) for handle, body in self._bodies.items()}
-        return {handle: Frame(body.xpos.copy(), body.xquat.copy()) for handle, body in bodies.items()}
+        return {handle: self._frame(*frame) for handle, frame in HANDLES.items()}
+
+    def _frame(self, kind: str, name: str) -> Frame:
+        if kind == "body":
+            body = self._data.body(name)
+            return Frame(body.xpos.copy(), body.xquat.copy())
+        geom, quat = self._data.geom(name), np.empty(4)
+        mujoco.mju_mat2Quat(quat, geom.xmat)
+        return Frame(geom.xpos.copy(), quat)
+
+    def limb(self, handle: str) -> list[int]:
+        """Return the joints between the trunk and a handle; none for the pelvis."""
+        side, _, part = handle.rpartition(" ")
+        starts = tuple(f"{side}_{name}".lstrip("_") for name in _LIMBS.get(part, ()))
+        return [joint for joint, name in enumerate(self._joint_names) if starts and name.startswith(starts)]
 
     def dragged(
         self,
@@ -84,6 +110,7 @@ class Poser:
         target: Frame,
         held: Mapping[str, Frame],
         rest: np.ndarray | None = None,
+        limb_only: bool = False,
     ) -> np.ndarray:
         """Return the pose with a handle at a target, or as near to it as joint limits and held handles allow.
 
@@ -93,8 +120,13 @@ class Poser:
             target: desired pose of the handle.
             held: handles to hold, with their poses; ``handle`` among them is ignored.
             rest: regularization target of all other joints ``[7 + J]``; by default ``qpos``.
+            limb_only: whether only the joints of :meth:`limb` move; of the pelvis, only the root.
         """
-        tasks = [self._task(handle, target, _DRAGGED)]
+        tasks = [self._task(handle, target, _DRAGGED_POINT if handle.endswith(("elbow", "knee")) else _DRAGGED)]
+        if limb_only:
+            limb = self.limb(handle)
+            free = [6 + joint for joint in limb] or list(range(6))
+            return self._solve(qpos, tasks, qpos if rest is None else rest, free)
         for other, frame in held.items():
             if other != handle:
                 tasks.append(self._task(other, frame, _HELD_FOOT if other.endswith("foot") else _HELD))
@@ -114,19 +146,33 @@ class Poser:
         return self._solve(qpos, tasks, qpos)
 
     def _task(self, handle: str, frame: Frame, cost: tuple[float, float]) -> mink.FrameTask:
-        task = mink.FrameTask(self._bodies[handle], "body", *cost, lm_damping=_ERROR_DAMPING)
+        kind, name = HANDLES[handle]
+        task = mink.FrameTask(name, kind, *cost, lm_damping=_ERROR_DAMPING)
         task.set_target(mink.SE3(np.concatenate((frame.quat, frame.pos))))
         return task
 
-    def _solve(self, qpos: np.ndarray, tasks: list[mink.FrameTask], rest: np.ndarray) -> np.ndarray:
+    def _solve(
+        self, qpos: np.ndarray, tasks: list[mink.FrameTask], rest: np.ndarray, free: list[int] | None = None
+    ) -> np.ndarray:
+        """Return the solution; ``free`` are the degrees of freedom that may move, by default all."""
         start = np.array(qpos, dtype=np.float64)
         # outside the limits the quadratic program has no solution
         start[7:] = np.clip(start[7:], *self._range.T)
         configuration = mink.Configuration(self._model, start)
         posture = mink.PostureTask(self._model, _REST_COST)
         posture.set_target(rest)
+        frozen = [] if free is None else [dof for dof in range(self._model.nv) if dof not in free]
+        fixed = [mink.DofFreezingTask(self._model, frozen)] if frozen else None
         for _ in range(_ITERATIONS):
-            step = mink.solve_ik(configuration, [*tasks, posture], 1.0, "daqp", damping=_DAMPING, limits=[self._limit])
+            step = mink.solve_ik(
+                configuration,
+                [*tasks, posture],
+                1.0,
+                "daqp",
+                damping=_DAMPING,
+                limits=[self._limit],
+                constraints=fixed,
+            )
             configuration.integrate_inplace(step, 1.0)
             if np.abs(step).max() < _SETTLED:
                 break

@@ -8,7 +8,7 @@ from plat.motions import MotionClip, mirror_motion
 from plat.robots.robot import Robot
 from plat.rotations import quat_conjugate, quat_multiply, quat_yaw, yaw_multiply, yaw_rotate
 
-__all__ = ["Floor", "mirrored", "placed"]
+__all__ = ["Floor", "mirrored", "placed", "symmetric"]
 
 
 def placed(qpos: np.ndarray, origin: np.ndarray, place: np.ndarray) -> np.ndarray:
@@ -43,6 +43,27 @@ def mirrored(qpos: np.ndarray, robot: Robot) -> np.ndarray:
     at_origin = placed(qpos, qpos, robot.default_qpos)
     image = mirror_motion(MotionClip("pose", at_origin[None], fps=1.0), robot).qpos[0]
     return placed(image, robot.default_qpos, qpos)
+
+
+def symmetric(qpos: np.ndarray, side: str, robot: Robot) -> np.ndarray:
+    """Return the pose ``[7 + J]`` with the joints of one side mirrored to the other; the rest stays.
+
+    Args:
+        qpos: pose.
+        side: ``"left"`` or ``"right"``, which is copied.
+        robot: the robot.
+
+    >>> from plat.robots import G1
+    >>> raised = G1.default_qpos.copy()
+    >>> raised[7 + G1.joint_names.index("left_elbow")] = 1.0
+    >>> float(symmetric(raised, "left", G1)[7 + G1.joint_names.index("right_elbow")])
+    1.0
+    """
+    other = {"left": "right_", "right": "left_"}[side]
+    image, result = mirrored(qpos, robot), np.array(qpos, dtype=np.float64)
+    joints = [7 + joint for joint, name in enumerate(robot.joint_names) if name.startswith(other)]
+    result[joints] = image[joints]
+    return result
 
 
 class Floor:

@@ -1,19 +1,26 @@
-"""Scene: the robot, translucent keyframe poses, and handles to drag them by. Needs the extra ``plat-rl[studio]``."""
+"""Scene: robots, poses of keyframes, and how they stand. Needs the extra ``plat-rl[studio]``."""
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Collection, Coroutine
+from functools import cached_property
 
 import mujoco
 import numpy as np
+import trimesh
 import viser
 from mjviser.conversions import merge_geoms
 
 from plat.robots.robot import Robot
+from plat.studio.checker import Stance
 
-__all__ = ["Ghosts", "RobotView", "set_the_stage"]
+__all__ = ["Bodies", "Figure", "RobotView", "StanceView", "coarse", "set_the_stage"]
 
-CAMERA, LOOK_AT = (2.2, -1.5, 1.25), (0.0, 0.0, 0.45)
-"""Where the page looks from, and at which point (m)."""
+CAMERA, LOOK_AT, FIELD_OF_VIEW = (2.45, -1.65, 1.2), (0.0, 0.0, 0.6), 45.0
+"""Where the page looks from, at which point (m), and its vertical field of view (degrees)."""
+
+# Size of the cells in which vertices of figures are merged (m): an eighth of the triangles, hardly to be seen.
+_CELL = 0.012
+_SOLID, _FAINT = 1.0, 0.25
+_INSIDE = (214, 54, 59)
 
 _VISUAL_GROUP = 2
 
@@ -34,11 +41,16 @@ def set_the_stage(server: viser.ViserServer, world: str) -> None:
         fade_distance=25.0,
         shadow_opacity=0.3,
     )
-    server.initial_camera.position, server.initial_camera.look_at = CAMERA, LOOK_AT
+    camera = server.initial_camera
+    camera.position, camera.look_at, camera.fov = CAMERA, LOOK_AT, float(np.radians(FIELD_OF_VIEW))
 
 
-class _Bodies:
-    """Meshes of a robot's bodies, and their poses."""
+class Bodies:
+    """Meshes of a robot's bodies, and their poses; shared by all that draw the robot.
+
+    Args:
+        robot: the robot.
+    """
 
     def __init__(self, robot: Robot):
         self._model = robot.shared_model
@@ -49,7 +61,17 @@ class _Bodies:
                 geoms.setdefault(int(self._model.geom_bodyid[geom]), []).append(geom)
         self.ids = list(geoms)
         self.names = [self._model.body(body).name for body in geoms]
-        self.meshes = [merge_geoms(self._model, list(parts)) for parts in geoms.values()]
+        self._geoms = list(geoms.values())
+
+    @cached_property
+    def meshes(self) -> list[trimesh.Trimesh]:
+        """Return the shape of each body."""
+        return [merge_geoms(self._model, list(parts)) for parts in self._geoms]
+
+    @cached_property
+    def coarse_meshes(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return vertices and faces of each body's shape with an eighth of the triangles."""
+        return [coarse(np.asarray(mesh.vertices), np.asarray(mesh.faces), _CELL) for mesh in self.meshes]
 
     def placed(self, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return positions ``[B, 3]`` (m, world) and orientations ``[B, 4]`` of the bodies in a pose ``[7 + J]``."""
@@ -63,70 +85,154 @@ class RobotView:
 
     Args:
         server: the page.
-        robot: the robot.
+        bodies: of the robot.
         name: of its node in the scene.
     """
 
-    def __init__(self, server: viser.ViserServer, robot: Robot, name: str):
+    def __init__(self, server: viser.ViserServer, bodies: Bodies, name: str):
         self._server = server
-        self._bodies = _Bodies(robot)
+        self._bodies = bodies
+        self._root = server.scene.add_frame(name, show_axes=False)
         self._handles = [
             server.scene.add_mesh_trimesh(f"{name}/{body}", mesh)
             for body, mesh in zip(self._bodies.names, self._bodies.meshes, strict=True)
         ]
 
-    def show(self, qpos: np.ndarray) -> None:
-        """Draw the robot in a pose ``[7 + J]``."""
+    def show(self, qpos: np.ndarray | None) -> None:
+        """Draw the robot in a pose ``[7 + J]``, or hide it."""
         with self._server.atomic():
-            for handle, pos, quat in zip(self._handles, *self._bodies.placed(qpos), strict=True):
-                handle.position, handle.wxyz = pos, quat
+            if self._root.visible != (qpos is not None):
+                self._root.visible = qpos is not None
+            if qpos is not None:
+                for handle, pos, quat in zip(self._handles, *self._bodies.placed(qpos), strict=True):
+                    handle.position, handle.wxyz = pos, quat
 
 
-class Ghosts:
-    """Translucent robots of one color, any number of them.
+class Figure:
+    """Robot of one color that shows a pose, in coarser meshes.
 
     Args:
         server: the page.
-        robot: the robot.
-        name: of their node in the scene.
+        bodies: of the robot.
+        name: of its node in the scene.
         color: red, green, blue, 0 to 255.
         opacity: 0 to 1.
+        clicked: given the name of a body that was clicked on.
     """
 
-    def __init__(self, server: viser.ViserServer, robot: Robot, name: str, color: tuple[int, int, int], opacity: float):
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        bodies: Bodies,
+        name: str,
+        color: tuple[int, int, int],
+        opacity: float,
+        clicked: Callable[[str], None] | None = None,
+    ):
         self._server = server
-        self._bodies = _Bodies(robot)
-        self._look: dict[str, Any] = {"batched_colors": color, "opacity": opacity, "lod": "off", "cast_shadow": False}
-        self._name = name
-        self._handles: list[viser.BatchedMeshHandle] = []
-        self._poses = np.empty((0, len(robot.default_qpos)))
-
-    def show(self, poses: Sequence[np.ndarray]) -> None:
-        """Draw one robot for each pose ``[7 + J]``."""
-        asked = np.array(poses).reshape(-1, self._poses.shape[1])
-        if np.array_equal(asked, self._poses):
-            return
-        with self._server.atomic():
-            if len(asked) != len(self._poses):
-                self._remake(len(asked))
-            self._poses = asked
-            if not poses:
-                return
-            placed = [self._bodies.placed(qpos) for qpos in poses]
-            pos, quat = (np.stack(parts, 1).astype(np.float32) for parts in zip(*placed, strict=True))
-            for index, handle in enumerate(self._handles):
-                handle.batched_positions, handle.batched_wxyzs = pos[index], quat[index]
-
-    def _remake(self, count: int) -> None:
-        for handle in self._handles:
-            handle.remove()
+        self._bodies = bodies
+        self._color, self._opacity = color, opacity
+        self._look: list[tuple[object, object]] = []
+        self._root = server.scene.add_frame(name, show_axes=False, visible=False)
+        self._pose: np.ndarray | None = None
         self._handles = []
-        if count == 0:
-            return
-        for body, mesh in zip(self._bodies.names, self._bodies.meshes, strict=True):
-            nowhere, upright = np.zeros((count, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
-            self._handles.append(
-                self._server.scene.add_batched_meshes_simple(
-                    f"{self._name}/{body}", mesh.vertices, mesh.faces, upright, nowhere, **self._look
-                )
+        for body, (vertices, faces) in zip(self._bodies.names, bodies.coarse_meshes, strict=True):
+            handle = server.scene.add_mesh_simple(
+                f"{name}/{body}", vertices, faces, color=color, opacity=opacity, cast_shadow=False
             )
+            if clicked is not None:
+                handle.on_click(_clicker(body, clicked))
+            self._handles.append(handle)
+        self._look = [(color, opacity)] * len(self._handles)
+
+    def show(
+        self,
+        qpos: np.ndarray | None,
+        color: tuple[int, int, int] | None = None,
+        faint: Collection[str] = (),
+        inside: Collection[str] = (),
+    ) -> None:
+        """Draw a pose, or hide it.
+
+        Args:
+            qpos: ``[7 + J]``, or None.
+            color: by default the figure's own.
+            faint: bodies that are only to be guessed.
+            inside: bodies to be drawn in red.
+        """
+        with self._server.atomic():
+            if self._root.visible != (qpos is not None):
+                self._root.visible = qpos is not None
+            if qpos is None:
+                return
+            if self._pose is None or not np.array_equal(qpos, self._pose):
+                self._pose = np.array(qpos)
+                for handle, pos, quat in zip(self._handles, *self._bodies.placed(qpos), strict=True):
+                    handle.position, handle.wxyz = pos, quat
+            for index, (handle, body) in enumerate(zip(self._handles, self._bodies.names, strict=True)):
+                shade = _INSIDE if body in inside else color or self._color
+                opacity = self._opacity * (_FAINT if body in faint else _SOLID)
+                if self._look[index] != (shade, opacity):
+                    self._look[index] = shade, opacity
+                    handle.color, handle.opacity = shade, opacity
+
+
+class StanceView:
+    """Support polygon and center of mass on the floor.
+
+    Args:
+        server: the page.
+        name: of its node in the scene.
+    """
+
+    def __init__(self, server: viser.ViserServer, name: str):
+        self._server, self._name = server, name
+        self._root = server.scene.add_frame(name, show_axes=False)
+        nowhere = np.zeros((1, 2, 3), dtype=np.float32)
+        self._lines = server.scene.add_line_segments(f"{name}/support", nowhere, (0, 0, 0), line_width=3.0)
+        self._spot = server.scene.add_icosphere(f"{name}/center", 0.022, (0, 0, 0), cast_shadow=False)
+
+    def show(self, stance: Stance | None) -> None:
+        """Draw it, in green where the robot is balanced and in red where it is not; None hides it."""
+        with self._server.atomic():
+            self._root.visible = stance is not None
+            if stance is None:
+                return
+            balanced = stance.margin is not None and stance.margin >= 0
+            color = (18, 161, 94) if balanced else (214, 54, 59)
+            corners = [np.array([*corner, 0.006]) for corner in stance.support]
+            edges = list(zip(corners, [*corners[1:], *corners[:1]], strict=True))
+            below = np.array([*stance.center[:2], 0.006])
+            segments = np.array([*edges, (below, stance.center)], dtype=np.float32)
+            self._lines.points, self._lines.colors = segments, np.tile(np.uint8(color), (len(segments), 2, 1))
+            self._spot.position, self._spot.color = below, color
+
+
+def coarse(vertices: np.ndarray, faces: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return a mesh with fewer triangles, by merging all vertices in a cell of a grid (vertex clustering).
+
+    Args:
+        vertices: ``[V, 3]`` (m).
+        faces: ``[F, 3]``.
+        cell: edge of a cell (m).
+
+    >>> box = trimesh.creation.box()
+    >>> [part.shape for part in coarse(box.vertices, box.faces, 0.1)]
+    [(8, 3), (12, 3)]
+    """
+    cells, members = np.unique(np.round(vertices / cell).astype(np.int64), axis=0, return_inverse=True)
+    members = members.reshape(-1)
+    merged = np.zeros((len(cells), 3))
+    np.add.at(merged, members, vertices)
+    merged /= np.bincount(members, minlength=len(cells))[:, None]
+    corners = members[faces]
+    corners = corners[(corners[:, 0] != corners[:, 1]) & (corners[:, 1] != corners[:, 2]) & (corners[:, 2] != corners[:, 0])]
+    _, first = np.unique(np.sort(corners, 1), axis=0, return_index=True)
+    return merged.astype(np.float32), corners[np.sort(first)].astype(np.uint32)
+
+
+def _clicker(body: str, clicked: Callable[[str], None]) -> Callable[[object], Coroutine[None, None, None]]:
+    async def call(_: object) -> None:
+        clicked(body)
+
+    return call

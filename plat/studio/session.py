@@ -1,27 +1,29 @@
 """Studio session without its page: keyframes with undo, posing, playing, scores and files."""
 
 from collections.abc import Callable, Collection, Hashable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 from tensordict.nn import TensorDictModuleBase
 
-from plat.control import Chase, KeyframeScore, KeyframeScorer, PolicyController, record
-from plat.errors import KeyframeError, StudioError
-from plat.keyframes import Keyframe, KeyframeSequence
-from plat.keyframes.files import read_keyframes
+from plat.control import Chase, KeyframeScorer, record
+from plat.errors import KeyframeError
+from plat.keyframes import Keyframe, KeyframeSequence, standing
+from plat.keyframes.files import read_keyframes, write_keyframes
 from plat.motions import MotionClip
 from plat.rendering import Stage, check_video, film, write_video
 from plat.robots.robot import Robot
-from plat.spec.timing import Timing, timing_of
 from plat.studio.history import History
-from plat.studio.player import HOLD, Player, score, simulator
+from plat.studio.playback import Playback
+from plat.studio.player import HOLD, simulator
 from plat.studio.poser import Frame, Poser
-from plat.studio.poses import Floor, mirrored, placed
+from plat.studio.poses import Floor, mirrored, placed, symmetric
+from plat.studio.templates import template
 from plat.studio.timeline import Timeline
 
-__all__ = ["Session", "common_timing"]
+__all__ = ["Session"]
 
 
 class Session:
@@ -47,18 +49,19 @@ class Session:
 
     def __init__(self, robot: Robot, policies: Mapping[str, TensorDictModuleBase]):
         self.robot = robot
-        self.policies = dict(policies)
-        self.timing = common_timing(self.policies)
+        self.playback = Playback(robot, policies, lambda: self.timeline)
+        """Plays the keyframes."""
+        self.timing = self.playback.timing
         """Timing of the keyframes: what every policy can chase."""
-        self.policy = next(iter(self.policies))
-        """Name of the policy that plays."""
         self.history = History(Timeline.empty(robot, self.timing))
-        self.player: Player | None = None
-        """The chase that is on, or was the last one; None before the first and after :meth:`stop`."""
-        self.scores: dict[str, list[KeyframeScore]] = {}
-        """By policy, of the keyframes as they are now."""
         self.poser = Poser(robot)
+        self.limb_only = False
+        """Whether a dragged handle moves nothing but its limb."""
+        self.symmetric = False
+        """Whether what one side does is done by the other, too."""
         self._floor = Floor(robot)
+        self.saved = self.timeline
+        """The keyframes as they were when they were last saved or loaded."""
         self._clipboard: Keyframe | None = None
         self._grip: tuple[str, np.ndarray, dict[str, Frame]] | None = None
 
@@ -83,6 +86,21 @@ class Session:
         """Select another pose; this is no undo step."""
         self.history.end_gesture()
         self.history.state = self.timeline.select(number)
+        self._follow()
+
+    def seek(self, time: float) -> None:
+        """Show a time (s); a pose that is arrived at at this time is selected."""
+        self.playback.seek(time)
+        number = self.timeline.at(self.playback.cursor)
+        if number is not None and number != self.timeline.selected:
+            self.history.end_gesture()
+            self.history.state = self.timeline.select(number)
+
+    @property
+    def shows_selected(self) -> bool:
+        """Return whether the cursor is on the selected pose, or in its hold."""
+        time = self.timeline.pose.time
+        return time - 1e-6 <= self.playback.cursor <= time + self.timeline.hold + 1e-6
 
     def undo(self) -> None:
         """Undo the last edit."""
@@ -99,8 +117,24 @@ class Session:
         self.edit(Timeline.empty(self.robot, self.timing))
 
     def add(self) -> None:
-        """Add a keyframe after the selected pose, in the same pose."""
-        self.edit(self.timeline.inserted(self.timeline.pose.qpos))
+        """Add a keyframe: at the cursor where it is between poses, else after the selected pose, in the same pose."""
+        if self.shows_selected:
+            self.edit(self.timeline.inserted(replace(self.timeline.pose, name=None)))
+        elif self.playback.cursor < self.timeline.duration:
+            self.edit(self.timeline.inserted_at(self.playback.cursor))
+        else:
+            self.edit(self.timeline.select(len(self.timeline.keyframes)).inserted(self.timeline.poses[-1]))
+
+    def cut(self) -> None:
+        """Remove the selected keyframe, to be pasted."""
+        removed = self.timeline.removed()
+        self.copy()
+        self.edit(removed)
+
+    @property
+    def can_paste(self) -> bool:
+        """Return whether something was copied."""
+        return self._clipboard is not None
 
     def copy(self) -> None:
         """Copy the selected pose for :meth:`paste`."""
@@ -114,16 +148,16 @@ class Session:
         """
         if self._clipboard is None:
             raise KeyframeError("nothing to paste: copy a keyframe first")
-        self.edit(self.timeline.inserted(self._clipboard.qpos, name=self._clipboard.name))
+        self.edit(self.timeline.inserted(self._clipboard))
 
     def _keyframes_changed(self) -> None:
-        self.scores.clear()
-        if self.player is None:
-            return
-        if self.player.finished or not self.timeline.keyframes:
-            self.stop()
-        else:
-            self.player.sequence = self.timeline.sequence()
+        self.playback.changed()
+        self._follow()
+
+    def _follow(self) -> None:
+        """Move the cursor to the selected pose, unless a robot is playing."""
+        if not self.playback.playing:
+            self.playback.cursor = self.timeline.pose.time
 
     # the selected pose
 
@@ -134,14 +168,23 @@ class Session:
     def set_joint(self, joint: int, angle: float) -> None:
         """Set a joint of the selected pose to an angle (rad)."""
         qpos = self.timeline.pose.qpos
-        qpos[7 + joint] = angle
-        self.pose(qpos, gesture=("joint", joint))
+        low, high = self.robot.joint_range[joint].tolist()
+        qpos[7 + joint] = min(max(angle, low), high)
+        self.pose(self._both_sides(qpos, self.robot.joint_names[joint]), gesture=("joint", joint))
 
     def set_root(self, root: np.ndarray, gesture: Hashable) -> None:
         """Set position and orientation of the selected pose's root ``[7]`` (m, ``wxyz``)."""
         qpos = self.timeline.pose.qpos
         qpos[:7] = root
         self.pose(qpos, gesture)
+
+    def insert_template(self, name: str) -> None:
+        """Add the keyframes of a template after the selected pose.
+
+        Raises:
+            StudioError: for a name that is none of :data:`plat.studio.templates.TEMPLATES`.
+        """
+        self.edit(template(name, self.timeline, self.poser))
 
     def change_pose(self, change: Callable[[np.ndarray], np.ndarray]) -> None:
         """Replace the selected pose by a function of it."""
@@ -174,8 +217,12 @@ class Session:
         """Move the grabbed handle to a target, or as near as it comes."""
         if self._grip is not None:
             handle, rest, held = self._grip
-            qpos = self.poser.dragged(self.timeline.pose.qpos, handle, target, held, rest)
-            self.pose(qpos, gesture=("drag", handle))
+            qpos = self.poser.dragged(self.timeline.pose.qpos, handle, target, held, rest, self.limb_only)
+            self.pose(self._both_sides(qpos, handle), gesture=("drag", handle))
+
+    def _both_sides(self, qpos: np.ndarray, moved: str) -> np.ndarray:
+        side = moved.partition("_")[0].partition(" ")[0]
+        return symmetric(qpos, side, self.robot) if self.symmetric and side in ("left", "right") else qpos
 
     def release(self) -> None:
         """End the drag."""
@@ -203,7 +250,7 @@ class Session:
             Keyframe.from_qpos(frame.time, placed(frame.qpos, sequence.start.qpos, self.timeline.start.qpos))
             for frame in (sequence.start, *sequence.keyframes)
         ]
-        self.edit(Timeline.of(KeyframeSequence(self.robot, there[0], tuple(there[1:]), self.timing)))
+        self.edit(Timeline.of(there[0], there[1:], self.robot, self.timing))
 
     def _within_limits(self, clip: MotionClip) -> MotionClip:
         # recorded motions are sometimes slightly beyond the joint limits; keyframes must not be
@@ -212,54 +259,6 @@ class Session:
         return MotionClip(clip.name, qpos, clip.fps)
 
     # playing
-
-    @property
-    def playing(self) -> bool:
-        """Return whether a robot is playing."""
-        return self.player is not None and not self.player.finished
-
-    def play(self) -> None:
-        """Start playing from the start pose.
-
-        Raises:
-            KeyframeError: when there is no keyframe.
-        """
-        self.player = Player(self.robot, self._controller(self.policy), self.timeline.sequence())
-
-    def stop(self) -> None:
-        """Stop playing and remove the robot."""
-        self.player = None
-
-    def choose(self, policy: str) -> None:
-        """Select another policy; it takes over while playing."""
-        self.policy = policy
-        if self.player is not None and self.playing:
-            self.player.hand_over(self._controller(policy))
-
-    def tick(self, seconds: float) -> None:
-        """Advance a playing robot in time."""
-        if self.player is None or self.player.finished:
-            return
-        self.player.advance(seconds)
-        if self.player.finished and (scores := self.player.scores) is not None:
-            self.scores[self.policy] = scores
-
-    def compare(self, timeline: Timeline) -> dict[str, list[KeyframeScore]]:
-        """Compute the scores of every policy on some keyframes, at full speed.
-
-        It changes no state, so another thread may call it.
-
-        Raises:
-            KeyframeError: when there is no keyframe.
-        """
-        sequence = timeline.sequence()
-        return {name: score(self.robot, self._controller(name), sequence) for name in self.policies}
-
-    def take_scores(self, timeline: Timeline, scores: Mapping[str, list[KeyframeScore]]) -> None:
-        """Store scores, if they belong to the current keyframes."""
-        now = self.timeline
-        if timeline.start is now.start and timeline.keyframes is now.keyframes:
-            self.scores.update(scores)
 
     def record(self, timeline: Timeline, policy: str, path: str | Path) -> None:
         """Write a video of a policy that chases some keyframes.
@@ -274,7 +273,7 @@ class Session:
         path = Path(path).expanduser()
         check_video(path)
         sequence = timeline.sequence()
-        controller = self._controller(policy)
+        controller = self.playback.controller(policy)
         chase = Chase(controller, sequence, simulator(self.robot, controller), hold=HOLD)
         scorer = KeyframeScorer(self.robot)
         stage = Stage(self.robot, distance=2.6)
@@ -282,9 +281,6 @@ class Session:
             write_video(path, film(stage, record(((step, scorer.add(step)) for step in chase), scorer)))
         finally:
             stage.close()
-
-    def _controller(self, policy: str) -> PolicyController:
-        return PolicyController(self.policies[policy], self.robot)
 
     # files
 
@@ -294,52 +290,50 @@ class Session:
         Raises:
             KeyframeError: when there is no keyframe, or the disk does not take it.
         """
-        self.timeline.sequence().save(Path(path).expanduser())
+        self.write(path)
+        self.saved = self.timeline
 
-    def load(self, path: str | Path) -> int:
+    def write(self, path: str | Path) -> None:
+        """Write the keyframes to a file as :meth:`save` does, as a copy that does not count as saved."""
+        timeline = self.timeline
+        timeline.sequence()  # for its checks
+        write_keyframes(Path(path).expanduser(), self.robot, timeline.start, timeline.to_keyframes())
+
+    def load(self, path: str | Path) -> None:
         """Load the keyframes of a file; this can be undone.
-
-        Returns:
-            Number of keyframes added because others were too far apart.
 
         Raises:
             KeyframeError: naming file, keyframe and field.
         """
         path = Path(path).expanduser()
-        sequence = KeyframeSequence.load(path, self.robot, split=True, timing=self.timing)
-        self.edit(Timeline.of(sequence))
-        return len(sequence) - len(read_keyframes(path, self.robot)[1])
+        start, keyframes = read_keyframes(path, self.robot)
+        try:
+            timeline = Timeline.of(start or standing(self.robot), keyframes, self.robot, self.timing)
+        except KeyframeError as error:
+            raise KeyframeError(f"keyframe file {str(path)!r}: {error}") from None
+        self.edit(timeline)
+        self.saved = timeline
+
+    @property
+    def unsaved(self) -> bool:
+        """Return whether there is anything that no file holds."""
+        now, saved = self.timeline, self.saved
+        same = now.start is saved.start and now.keyframes is saved.keyframes and now.holds is saved.holds
+        return bool(now.keyframes) and not same
 
     def to_json(self) -> bytes:
         """Return the content of the file that :meth:`save` writes."""
         with TemporaryDirectory() as folder:
             path = Path(folder) / "keyframes.json"
-            self.save(path)
+            self.write(path)
             return path.read_bytes()
 
-    def from_json(self, name: str, content: bytes) -> int:
+    def from_json(self, name: str, content: bytes) -> None:
         """Load keyframes from a file's content; ``name`` stands for the file in messages."""
         with TemporaryDirectory() as folder:
             path = Path(folder) / "keyframes.json"
             path.write_bytes(content)
             try:
-                return self.load(path)
+                self.load(path)
             except KeyframeError as error:
                 raise KeyframeError(str(error).replace(str(path), name)) from None
-
-
-def common_timing(policies: Mapping[str, TensorDictModuleBase]) -> Timing:
-    """Return the timing whose keyframes all of some policies can chase: that with the shortest commands.
-
-    Raises:
-        StudioError: when the policies have different control steps.
-    """
-    timings = {name: timing_of(policy) or Timing() for name, policy in policies.items()}
-    (first, shortest), *others = timings.items()
-    for name, timing in others:
-        if timing.control_dt != shortest.control_dt:
-            raise StudioError(
-                f"policy {name!r} has a control step of {timing.control_dt:g} s and {first!r} one of "
-                f"{shortest.control_dt:g} s: open them apart"
-            )
-    return min(timings.values(), key=lambda timing: timing.max_steps)

@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 
-from plat.control import ChaseStep, KeyframeScore, PoseErrors, error_text, tally
+from plat.control import FELL, ChaseStep, KeyframeScore, PoseErrors, error_text, tally
 from plat.studio.player import Summary
 from plat.studio.timeline import Timeline
 
-__all__ = ["keyframe_table", "live_line", "policy_table"]
+__all__ = ["grade", "keyframe_table", "live_line", "policy_table"]
 
 
 def live_line(step: ChaseStep, errors: PoseErrors) -> str:
@@ -24,14 +24,21 @@ def live_line(step: ChaseStep, errors: PoseErrors) -> str:
     return f"{step.time:.1f} s: keyframe **{called}** {when}, {away}{fallen}"
 
 
+def grade(score: KeyframeScore) -> str:
+    """Return the outcome in a word, for a color: ``"reached"``, ``"late"`` or ``"fell"``."""
+    if score.fell_afterwards or score.outcome == FELL:
+        return "fell"
+    return "reached" if score.reached else "late"
+
+
 def keyframe_table(timeline: Timeline, scores: Sequence[KeyframeScore] | None) -> str:
     """Return a table with a row per keyframe: its outcome in words, and its errors. Empty without scores."""
     if scores is None:
         return ""
     rows = ["| keyframe | at | outcome | joints rad | keypoints m |", "|---|---|---|---|---|"]
-    for label, score in zip(timeline.labels[1:], scores, strict=True):
+    for number, score in zip(timeline.numbers(), scores, strict=True):
         errors = f"{error_text(score.joint_error)} | {error_text(score.keypoint_error)}"
-        rows.append(f"| {_plain(label)} | {score.time:.2f} s | {score.words} | {errors} |")
+        rows.append(f"| {_plain(timeline.labels[number])} | {score.time:.2f} s | {score.words} | {errors} |")
     return "\n".join(rows)
 
 

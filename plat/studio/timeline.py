@@ -1,30 +1,36 @@
-"""Editable timeline: poses, their times, and the selection."""
+"""Editable timeline: poses, their times, how long they are held, and the selection."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
 from plat.errors import KeyframeError
-from plat.keyframes import Keyframe, KeyframeSequence, RobotJoints, standing
+from plat.keyframes import Keyframe, KeyframeSequence, RobotJoints, interpolate, split_long_intervals, standing
 from plat.spec.timing import Timing
 
-__all__ = ["NEW_INTERVAL", "Timeline"]
+__all__ = ["LONGEST_INTERVAL", "NEW_INTERVAL", "Timeline"]
 
 NEW_INTERVAL = 0.6
 """Seconds that a new keyframe gives to arrive in it."""
+LONGEST_INTERVAL = 30.0
+"""Longest time between two keyframes, and longest hold (s)."""
+
+# Ends the name of the keyframe that ends a hold, in files.
+_HOLD = "(hold)"
 
 
 @dataclass(frozen=True, eq=False)
 class Timeline:
     """Timeline of a start pose and keyframes, one of them selected. Every edit returns a new timeline.
 
-    A keyframe keeps its interval from the pose before it: inserting, removing and stretching move all later
-    keyframes in time. Intervals are whole control steps and never longer than ``timing.max_steps`` of them, so there is
-    nothing to split and, other than being empty, nothing that :class:`plat.keyframes.KeyframeSequence` refuses.
+    A keyframe can be held: the robot stays in it until ``time + hold``. Its interval is the time from the end of the
+    previous pose to its arrival. Inserting, removing and stretching keep all intervals and move later keyframes in time.
+
+    Intervals are whole control steps. Those that are longer than a command are split when they are played, see
+    :meth:`sequence`, so that other than being empty there is nothing that cannot be played.
 
     Args:
         robot: whose keyframes they are.
@@ -32,13 +38,14 @@ class Timeline:
         keyframes: in the order of their times.
         selected: 0 for the start, else the number of a keyframe, counted from 1.
         timing: of the policies that are to chase them.
+        holds: seconds that each keyframe is held; by default none is.
 
     >>> from plat.robots import G1
     >>> timeline = Timeline.empty(G1)
     >>> for _ in range(3):
     ...     timeline = timeline.inserted(timeline.pose.qpos, 0.5)
-    >>> [keyframe.time for keyframe in timeline.select(1).removed().keyframes]
-    [0.5, 1.0]
+    >>> [keyframe.time for keyframe in timeline.select(1).held(0.4).keyframes]
+    [0.5, 1.4, 1.9]
     """
 
     robot: RobotJoints
@@ -46,6 +53,11 @@ class Timeline:
     keyframes: tuple[Keyframe, ...] = ()
     selected: int = 0
     timing: Timing = Timing()
+    holds: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if len(self.holds) != len(self.keyframes):
+            object.__setattr__(self, "holds", (0.0,) * len(self.keyframes))
 
     @classmethod
     def empty(cls, robot: RobotJoints, timing: Timing = Timing()) -> Timeline:
@@ -53,17 +65,47 @@ class Timeline:
         return cls(robot, standing(robot), timing=timing)
 
     @classmethod
-    def of(cls, sequence: KeyframeSequence) -> Timeline:
-        """Return the timeline of a sequence, the first keyframe selected."""
-        return cls(sequence.robot, sequence.start, sequence.keyframes, 1, sequence.timing)
+    def of(cls, start: Keyframe, keyframes: Sequence[Keyframe], robot: RobotJoints, timing: Timing) -> Timeline:
+        """Return the timeline of the keyframes of a file, the first one selected.
+
+        Raises:
+            KeyframeError: for times that do not increase, or keyframes of another robot.
+        """
+        # for its checks
+        KeyframeSequence(robot, start, split_long_intervals(start, keyframes, timing), timing)
+        frames: list[Keyframe] = []
+        holds: list[float] = []
+        for frame in keyframes:
+            if frames and (frame.name or "").endswith(_HOLD) and np.array_equal(frame.qpos, frames[-1].qpos):
+                holds[-1] = round(frame.time - frames[-1].time, 6)
+            else:
+                frames.append(frame)
+                holds.append(0.0)
+        return cls(robot, start, tuple(frames), 1, timing, tuple(holds))
+
+    def to_keyframes(self) -> tuple[Keyframe, ...]:
+        """Return the keyframes, each hold as another keyframe in the same pose, for a file."""
+        frames: list[Keyframe] = []
+        for frame, hold in zip(self.keyframes, self.holds, strict=True):
+            frames.append(frame)
+            if hold:
+                name = f"{frame.name or ''} {_HOLD}".strip()
+                frames.append(replace(frame, time=round(frame.time + hold, 6), name=name))
+        return tuple(frames)
 
     def sequence(self) -> KeyframeSequence:
-        """Return the sequence to play and save.
+        """Return the sequence to play: with the ends of holds, and long intervals split.
 
         Raises:
             KeyframeError: while there is no keyframe.
         """
-        return KeyframeSequence(self.robot, self.start, self.keyframes, self.timing)
+        frames = split_long_intervals(self.start, self.to_keyframes(), self.timing)
+        return KeyframeSequence(self.robot, self.start, frames, self.timing)
+
+    def numbers(self) -> tuple[int, ...]:
+        """Return for each keyframe of :meth:`sequence` the number of the keyframe here that it leads to or holds."""
+        ends = [frame.time + hold + 1e-6 for frame, hold in zip(self.keyframes, self.holds, strict=True)]
+        return tuple(int(np.searchsorted(ends, frame.time)) + 1 for frame in self.sequence().keyframes)
 
     @property
     def poses(self) -> tuple[Keyframe, ...]:
@@ -82,8 +124,34 @@ class Timeline:
 
     @property
     def interval(self) -> float:
-        """Return the seconds from the previous pose to the selected one; 0 for the start."""
-        return self.timing.control_dt * self._steps()[self.selected - 1] if self.selected else 0.0
+        """Return the seconds from the end of the previous pose to the selected one; 0 for the start."""
+        return round(self.timing.control_dt * self._gaps()[self.selected - 1], 6) if self.selected else 0.0
+
+    @property
+    def hold(self) -> float:
+        """Return the seconds that the selected pose is held."""
+        return self.holds[self.selected - 1] if self.selected else 0.0
+
+    @property
+    def duration(self) -> float:
+        """Return the end of the last keyframe (s)."""
+        return round(self.keyframes[-1].time + self.holds[-1], 6) if self.keyframes else 0.0
+
+    def sample(self, time: float) -> Keyframe:
+        """Return the pose at a time (s): held, or interpolated between keyframes."""
+        before, end = self.start, 0.0
+        for frame, hold in zip(self.keyframes, self.holds, strict=True):
+            if time < frame.time:
+                return interpolate(before.at(end), frame, max(time, end))
+            before, end = frame, frame.time + hold
+            if time <= end:
+                break
+        return before.at(time)
+
+    def at(self, time: float) -> int | None:
+        """Return the number of the pose that is arrived at at a time, to a control step; None between poses."""
+        step = self.timing.steps(time)
+        return next((number for number, pose in enumerate(self.poses) if self.timing.steps(pose.time) == step), None)
 
     def select(self, number: int) -> Timeline:
         """Select another pose; numbers beyond the ends select the ends."""
@@ -91,24 +159,48 @@ class Timeline:
 
     def posed(self, qpos: np.ndarray) -> Timeline:
         """Replace the selected pose by ``[7 + J]``; its time and name stay."""
-        pose = Keyframe.from_qpos(self.pose.time, qpos, self.pose.name)
-        frames = [*self.poses]
-        frames[self.selected] = pose
-        return replace(self, start=frames[0], keyframes=tuple(frames[1:]))
+        pose = Keyframe.from_qpos(self.pose.time, qpos)
+        new = replace(self.pose, root_pos=pose.root_pos, root_quat=pose.root_quat, joint_pos=pose.joint_pos)
+        return self._with_pose(new)
 
     def renamed(self, name: str) -> Timeline:
         """Rename the selected keyframe; an empty name removes it."""
         self._check_keyframe("renamed")
-        frames = [*self.keyframes]
-        frames[self.selected - 1] = replace(self.pose, name=name.strip() or None)
-        return replace(self, keyframes=tuple(frames))
+        return self._with_pose(replace(self.pose, name=name.strip().removesuffix(_HOLD).strip() or None))
 
-    def inserted(self, qpos: np.ndarray, interval: float = NEW_INTERVAL, name: str | None = None) -> Timeline:
-        """Insert a keyframe ``[7 + J]`` ``interval`` seconds after the selected pose, and select it."""
-        frames, steps = [*self.keyframes], self._steps()
-        frames.insert(self.selected, Keyframe.from_qpos(0.0, qpos, name))
-        steps.insert(self.selected, self._allowed(interval))
-        return self._spaced(frames, steps, self.selected + 1)
+    def inserted(
+        self, pose: np.ndarray | Keyframe, interval: float = NEW_INTERVAL, name: str | None = None, hold: float = 0.0
+    ) -> Timeline:
+        """Insert a pose ``[7 + J]`` or a keyframe ``interval`` seconds after the selected one, and select it."""
+        new = pose if isinstance(pose, Keyframe) else Keyframe.from_qpos(0.0, pose, name)
+        frames, gaps, holds = [*self.keyframes], self._gaps(), self._hold_steps()
+        frames.insert(self.selected, new)
+        gaps.insert(self.selected, self._allowed(interval))
+        holds.insert(self.selected, max(self._allowed(hold, 0), 0))
+        return self._spaced(frames, gaps, holds, self.selected + 1)
+
+    def inserted_at(self, time: float) -> Timeline:
+        """Insert the interpolated pose at a time (s) and select it; no keyframe moves.
+
+        Within a hold or on a keyframe there is no room: then the keyframe there is selected.
+        """
+        step = self.timing.steps(time)
+        if step <= 0:
+            return self.select(0)
+        arrivals = [self.timing.steps(frame.time) for frame in self.keyframes]
+        ends = [arrival + hold for arrival, hold in zip(arrivals, self._hold_steps(), strict=True)]
+        for number, (arrival, end) in enumerate(zip(arrivals, ends, strict=True), 1):
+            if arrival <= step <= end:
+                return self.select(number)
+        here = sum(end < step for end in ends)
+        frames, gaps, holds = [*self.keyframes], self._gaps(), self._hold_steps()
+        before = ends[here - 1] if here else 0
+        frames.insert(here, replace(self.sample(step * self.timing.control_dt), name=None))
+        gaps.insert(here, step - before)
+        holds.insert(here, 0)
+        if here + 1 < len(gaps):
+            gaps[here + 1] -= step - before
+        return self._spaced(frames, gaps, holds, here + 1)
 
     def removed(self) -> Timeline:
         """Remove the selected keyframe and select its successor.
@@ -117,23 +209,25 @@ class Timeline:
             KeyframeError: for the start.
         """
         self._check_keyframe("removed")
-        frames, steps = [*self.keyframes], self._steps()
-        del frames[self.selected - 1], steps[self.selected - 1]
-        return self._spaced(frames, steps, min(self.selected, len(frames)))
+        frames, gaps, holds = [*self.keyframes], self._gaps(), self._hold_steps()
+        for values in (frames, gaps, holds):
+            del values[self.selected - 1]  # type: ignore[attr-defined]
+        return self._spaced(frames, gaps, holds, min(self.selected, len(frames)))
 
     def moved(self, places: int) -> Timeline:
-        """Move the selected keyframe later (or earlier) in the order, with its interval; it stays selected.
+        """Move the selected keyframe later (or earlier) in the order, with interval and hold; it stays selected.
 
         Raises:
             KeyframeError: for the start.
         """
         self._check_keyframe("moved")
-        frames, steps = [*self.keyframes], self._steps()
+        frames, gaps, holds = [*self.keyframes], self._gaps(), self._hold_steps()
         here = self.selected - 1
         there = min(max(here + places, 0), len(frames) - 1)
         frames.insert(there, frames.pop(here))
-        steps.insert(there, steps.pop(here))
-        return self._spaced(frames, steps, there + 1)
+        gaps.insert(there, gaps.pop(here))
+        holds.insert(there, holds.pop(here))
+        return self._spaced(frames, gaps, holds, there + 1)
 
     def stretched(self, interval: float) -> Timeline:
         """Set the selected keyframe's interval from the previous pose (s); later keyframes move along.
@@ -142,41 +236,65 @@ class Timeline:
             KeyframeError: for the start.
         """
         self._check_keyframe("moved in time")
-        steps = self._steps()
-        steps[self.selected - 1] = self._allowed(interval)
-        return self._spaced(self.keyframes, steps, self.selected)
+        gaps = self._gaps()
+        gaps[self.selected - 1] = self._allowed(interval)
+        return self._spaced(self.keyframes, gaps, self._hold_steps(), self.selected)
+
+    def held(self, seconds: float) -> Timeline:
+        """Set how long the selected keyframe is held (s); later keyframes move along.
+
+        Raises:
+            KeyframeError: for the start.
+        """
+        self._check_keyframe("held")
+        holds = self._hold_steps()
+        holds[self.selected - 1] = self._allowed(seconds, 0)
+        return self._spaced(self.keyframes, self._gaps(), holds, self.selected)
 
     def retimed(self, number: int, time: float) -> Timeline:
-        """Move keyframe ``number`` to a time (s), limited by its neighbors; no other one moves."""
-        steps = self._steps()
-        before, longest = sum(steps[: number - 1]), self.timing.max_steps
-        if number < len(steps):
-            both = steps[number - 1] + steps[number]
-            span = range(max(1, both - longest), min(longest, both - 1) + 1)
-        else:
-            both = None
-            span = range(1, longest + 1)
-        steps[number - 1] = min(max(self.timing.steps(time) - before, span[0]), span[-1])
-        if both is not None:
-            steps[number] = both - steps[number - 1]
-        return self._spaced(self.keyframes, steps, self.selected)
+        """Move keyframe ``number`` to a time (s) between its neighbors; no other one moves."""
+        gaps, holds = self._gaps(), self._hold_steps()
+        before = sum(gaps[: number - 1]) + sum(holds[: number - 1])
+        asked = self._allowed(self.timing.control_dt * (self.timing.steps(time) - before))
+        if number < len(gaps):
+            both = gaps[number - 1] + gaps[number]
+            asked = min(asked, both - 1)
+            gaps[number] = both - asked
+        gaps[number - 1] = asked
+        return self._spaced(self.keyframes, gaps, holds, self.selected)
 
-    def _steps(self) -> list[int]:
-        """Return the control steps from each pose to the next."""
-        arrivals = [self.timing.steps(pose.time) for pose in self.poses]
-        return [after - before for before, after in pairwise(arrivals)]
+    def _with_pose(self, pose: Keyframe) -> Timeline:
+        frames = [*self.poses]
+        frames[self.selected] = pose
+        return replace(self, start=frames[0], keyframes=tuple(frames[1:]))
 
-    def _spaced(self, frames: Sequence[Keyframe], steps: Sequence[int], selected: int) -> Timeline:
-        arrivals = np.cumsum(steps).tolist()
-        timed = tuple(
-            frame.at(round(step * self.timing.control_dt, 6)) for frame, step in zip(frames, arrivals, strict=True)
-        )  # rounded, so that files hold 0.6 and not 0.6000000000000001
-        return replace(self, keyframes=timed, selected=selected)
+    def _gaps(self) -> list[int]:
+        """Return the control steps from the end of each pose to the arrival of the next."""
+        gaps, end = [], 0
+        for frame, hold in zip(self.keyframes, self._hold_steps(), strict=True):
+            arrival = self.timing.steps(frame.time)
+            gaps.append(arrival - end)
+            end = arrival + hold
+        return gaps
+
+    def _hold_steps(self) -> list[int]:
+        return [self.timing.steps(hold) for hold in self.holds]
+
+    def _spaced(
+        self, frames: Sequence[Keyframe], gaps: Sequence[int], holds: Sequence[int], selected: int
+    ) -> Timeline:
+        timed, end, control_dt = [], 0, self.timing.control_dt
+        for frame, gap, hold in zip(frames, gaps, holds, strict=True):
+            # rounded, so that files hold 0.6 and not 0.6000000000000001
+            timed.append(frame.at(round((end + gap) * control_dt, 6)))
+            end += gap + hold
+        seconds = tuple(round(hold * control_dt, 6) for hold in holds)
+        return replace(self, keyframes=tuple(timed), holds=seconds, selected=selected)
 
     def _check_keyframe(self, what: str) -> None:
         if self.selected == 0:
             raise KeyframeError(f"the start pose cannot be {what}: select a keyframe")
 
-    def _allowed(self, interval: float) -> int:
-        """Return the control steps nearest to an interval (s) that a command can be long."""
-        return min(max(self.timing.steps(interval), 1), self.timing.max_steps)
+    def _allowed(self, seconds: float, least: int = 1) -> int:
+        """Return the control steps nearest to an interval or hold (s) that are allowed."""
+        return min(max(self.timing.steps(seconds), least), self.timing.steps(LONGEST_INTERVAL))

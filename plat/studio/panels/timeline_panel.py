@@ -1,110 +1,170 @@
-"""Panel of keyframes over time."""
+"""Timeline at the bottom of the page: what a user does there, and the state that it shows."""
 
-from math import ceil
+from collections.abc import Callable, Mapping
+from typing import Any
 
+from plat.control import KeyframeScore
+from plat.errors import StudioError
+from plat.studio.checker import Checker
+from plat.studio.dock import Message
 from plat.studio.page import Page
-from plat.studio.strip import strip
+from plat.studio.playback import SPEEDS
+from plat.studio.tables import grade
 
 __all__ = ["TimelinePanel"]
 
+# Messages that come many times a second while something is dragged: only the last one counts.
+_DRAGGED = ("seek", "retime", "hold")
+
 
 class TimelinePanel:
-    """Panel that adds, moves, copies, mirrors, times, removes and plays keyframes."""
+    """Panel that edits and plays keyframes over time.
 
-    def __init__(self, page: Page):
-        self._page, session = page, page.session
-        control_dt, longest = session.timing.control_dt, session.timing.longest
-        self._strip = page.gui.add_html("")
-        self._arrivals = page.gui.add_multi_slider(
-            "Arrivals (s)",
-            min=0.0,
-            max=longest,
-            step=control_dt,
-            initial_value=(longest,),
-            hint="Drag a keyframe to another time; the others stay.",
-        )
-        self._selected = page.gui.add_dropdown("Selected", session.timeline.labels)
-        self._interval = page.gui.add_slider(
-            "Takes (s)",
-            min=control_dt,
-            max=longest,
-            step=control_dt,
-            initial_value=longest,
-            hint="From the pose before; later keyframes move along.",
-        )
-        self._name = page.gui.add_text("Name", "")
-        page.buttons(
-            "Keyframe",
-            {
-                "Add": session.add,
-                "Copy": session.copy,
-                "Paste": session.paste,
-                "Mirror": session.mirror,
-                "Earlier": lambda: session.edit(session.timeline.moved(-1)),
-                "Later": lambda: session.edit(session.timeline.moved(1)),
-                "Remove": lambda: session.edit(session.timeline.removed()),
-            },
-        )
-        play = {"Play": session.play, "Stop": session.stop, "Undo": session.undo, "Redo": session.redo}
-        page.buttons("", {**play, "New": session.new})
-        page.when_changed(self._arrivals, self._retime)
-        page.when_changed(self._selected, lambda: session.select(self._selected.options.index(self._selected.value)))
-        page.when_changed(self._interval, self._stretch)
-        page.when_changed(self._name, self._rename)
-        page.key("Play", "space", lambda: session.stop() if session.playing else session.play())
-        page.key("Undo", "Z", session.undo, "cmd/ctrl")
-        page.key("Redo", "Z", session.redo, "cmd/ctrl+shift")
-        page.key("Previous keyframe", "arrowleft", lambda: session.select(session.timeline.selected - 1))
-        page.key("Next keyframe", "arrowright", lambda: session.select(session.timeline.selected + 1))
+    Args:
+        page: the page.
+        checker: says what is doubtful about keyframes.
+        actions: what else a user can ask for, by name.
+    """
 
-    def _retime(self) -> None:
+    def __init__(self, page: Page, checker: Checker, actions: Mapping[str, Callable[[], None]]):
+        self._page, self._checker = page, checker
+        session, playback = page.session, page.session.playback
+        self._latest: dict[str, Message] = {}
+        self._coalesced = {name: self._latest_task(name) for name in _DRAGGED}
+        edit = session.edit
+        self._actions: dict[str, Callable[[Message], None]] = {
+            **{name: _ignoring(action) for name, action in actions.items()},
+            "toggle": lambda _: playback.toggle(),
+            "stop": lambda _: playback.stop(),
+            "step": lambda message: playback.step(int(_number(message, "value"))),
+            "speed": self._set_speed,
+            "loop": lambda _: setattr(playback, "loop", not playback.loop),
+            "select": lambda message: session.select(int(_number(message, "number"))),
+            "previous": lambda _: session.select(session.timeline.selected - 1),
+            "next": lambda _: session.select(session.timeline.selected + 1),
+            "first": lambda _: session.select(0),
+            "last": lambda _: session.select(len(session.timeline.keyframes)),
+            "seek": lambda message: session.seek(_number(message, "time")),
+            "retime": self._retime,
+            "nudge": self._nudge,
+            "hold": lambda message: edit(
+                session.timeline.held(_number(message, "value")), ("hold", session.timeline.selected)
+            ),
+            "interval": lambda message: edit(session.timeline.stretched(_number(message, "value"))),
+            "rename": lambda message: edit(session.timeline.renamed(str(message.get("value", ""))[:60])),
+            "end": lambda _: session.history.end_gesture(),
+            "add": self._add,
+            "copy": lambda _: session.copy(),
+            "cut": lambda _: session.cut(),
+            "paste": lambda _: session.paste(),
+            "mirror": lambda _: session.mirror(),
+            "stand": lambda _: session.stand(),
+            "floor": lambda _: session.drop(),
+            "remove": lambda _: edit(session.timeline.removed()),
+            "undo": lambda _: session.undo(),
+            "redo": lambda _: session.redo(),
+        }
+
+    def receive(self, message: Message) -> None:
+        """Queue what a user did; unknown requests are ignored."""
+        name = message["do"]
+        if name in self._coalesced:
+            self._latest[name] = message
+            self._page.desk.ask(self._coalesced[name], once=True)
+        elif name in self._actions:
+            self._page.desk.ask(lambda: self._actions[name](message))
+
+    def _latest_task(self, name: str) -> Callable[[], None]:
+        return lambda: self._actions[name](self._latest[name])
+
+    def _add(self, message: Message) -> None:
+        if "time" in message:
+            self._page.session.seek(_number(message, "time"))
+        self._page.session.add()
+
+    def _retime(self, message: Message) -> None:
+        session, number = self._page.session, int(_number(message, "number"))
+        if 0 < number < len(session.timeline.poses):
+            session.edit(session.timeline.select(number).retimed(number, _number(message, "time")), ("time", number))
+
+    def _nudge(self, message: Message) -> None:
         session = self._page.session
-        timeline = session.timeline
-        asked = self._arrivals.value
-        if len(asked) != len(timeline.keyframes):
-            return  # of a slider that is no longer there
-        shifts = [abs(time - frame.time) for time, frame in zip(asked, timeline.keyframes, strict=True)]
-        number = shifts.index(max(shifts)) + 1
-        session.edit(timeline.select(number).retimed(number, asked[number - 1]), ("arrival", number))
+        number, pose = session.timeline.selected, session.timeline.pose
+        if number:
+            time = pose.time + _number(message, "value") * session.timing.control_dt
+            session.edit(session.timeline.retimed(number, time), ("nudge", number))
 
-    def _stretch(self) -> None:
-        timeline = self._page.session.timeline
-        self._page.session.edit(timeline.stretched(self._interval.value), ("interval", timeline.selected))
-
-    def _rename(self) -> None:
-        timeline = self._page.session.timeline
-        self._page.session.edit(timeline.renamed(self._name.value), ("name", timeline.selected))
+    def _set_speed(self, message: Message) -> None:
+        label = message.get("value")
+        if label not in SPEEDS:
+            raise StudioError(f"speed {label!r}, expected one of {', '.join(SPEEDS)}")
+        self._page.session.playback.speed = SPEEDS[label]
 
     def show(self) -> None:
-        """Update the inputs."""
-        timeline = self._page.session.timeline
-        times = tuple(frame.time for frame in timeline.keyframes)
-        self._arrivals.visible = bool(times)
-        if times:
-            # the same while the last one is dragged, so that the scale does not change under the mouse
-            self._arrivals.max = self._end()
-            self._arrivals.value = times
-        if self._selected.options != timeline.labels:
-            self._selected.options = timeline.labels
-        self._selected.value = timeline.labels[timeline.selected]
-        self._interval.disabled = self._name.disabled = timeline.selected == 0
-        if timeline.selected:
-            self._interval.value = round(timeline.interval, 2)
-        name = timeline.pose.name or "" if timeline.selected else ""
-        if self._name.value.strip() != name:  # a space that is being typed stays
-            self._name.value = name
+        """Update all that is not only the time."""
+        session = self._page.session
+        timeline, scores = session.timeline, session.playback.scores.get(session.playback.policy)
+        verdicts = self._checker.timeline(timeline)
+        numbers = timeline.numbers() if timeline.keyframes else ()
+        poses: list[dict[str, Any]] = []
+        for number, (pose, label) in enumerate(zip(timeline.poses, timeline.labels, strict=True)):
+            own = [] if scores is None else [score for score, of in zip(scores, numbers, strict=True) if of == number]
+            verdict = verdicts[number - 1] if number else None
+            poses.append(
+                {
+                    "time": pose.time,
+                    "hold": timeline.holds[number - 1] if number else 0.0,
+                    "label": label,
+                    "name": pose.name or "",
+                    "words": [] if verdict is None else verdict.words,
+                    "joint": "" if verdict is None else verdict.joint,
+                    "speed": 0.0 if verdict is None else round(verdict.speed, 2),
+                    "share": 0.0 if verdict is None else round(verdict.share, 3),
+                    **_result(own),
+                }
+            )
+        arrivals = {pose.time for pose in timeline.to_keyframes()}
+        marks = [] if not numbers else [f.time for f in timeline.sequence().keyframes if f.time not in arrivals]
+        self._page.dock.show(
+            "timeline",
+            {
+                "poses": poses,
+                "selected": timeline.selected,
+                "interval": timeline.interval,
+                "duration": timeline.duration,
+                "marks": marks,
+                "undo": session.history.can_undo,
+                "redo": session.history.can_redo,
+                "paste": session.can_paste,
+            },
+        )
+        shown = timeline.pose if session.shows_selected else timeline.sample(session.playback.cursor)
+        self._page.dock.show("check", self._checker.stance(shown.qpos).words)
         self.show_time()
 
     def show_time(self) -> None:
-        """Update the picture of the timeline."""
-        session = self._page.session
-        step = None if session.player is None else session.player.step
-        self._strip.content = strip(
-            session.timeline, self._end(), None if step is None else step.time, session.scores.get(session.policy)
-        )
+        """Update the time that is shown."""
+        playback = self._page.session.playback
+        mode = "playing" if playback.playing else "paused" if playback.paused else "still"
+        speed = next(label for label, speed in SPEEDS.items() if speed == playback.speed)
+        state = {"cursor": round(playback.cursor, 4), "simulated": round(playback.simulated, 4), "mode": mode}
+        self._page.dock.show("time", {**state, "speed": speed, "loop": playback.loop})
 
-    def _end(self) -> float:
-        """Return the end of the shown time axis (s): the latest time that the last keyframe can be moved to."""
-        longest = self._page.session.timing.longest
-        frames = self._page.session.timeline.keyframes
-        return float(ceil(2 * (frames[-2].time + longest if len(frames) > 1 else longest)) / 2)
+
+def _result(scores: list[KeyframeScore]) -> dict[str, str]:
+    """Return status and words of the scores of a keyframe, of the ways to it and of its hold."""
+    if not scores:
+        return {"status": "waiting", "result": ""}
+    worst = next((score for score in scores if grade(score) != "reached"), scores[-1])
+    return {"status": grade(worst), "result": worst.words}
+
+
+def _ignoring(action: Callable[[], None]) -> Callable[[Message], None]:
+    return lambda _: action()
+
+
+def _number(message: Message, entry: str) -> float:
+    value = message.get(entry)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < 1e6:
+        raise StudioError(f"{entry} is {value!r}, expected a number")
+    return float(value)

@@ -1,0 +1,151 @@
+"""Checker of poses while they are made: what the robot cannot do, in words and for the picture."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import torch
+
+from plat.control import Feasibility
+from plat.control.feasibility import support_margin
+from plat.keyframes import Keyframe
+from plat.motions.checks.feet import Soles
+from plat.robots.robot import Robot
+from plat.studio.timeline import Timeline
+
+__all__ = ["Checker", "Stance", "Verdict", "convex_hull"]
+
+_ON_FLOOR = 0.015
+"""Height of a point of a sole that still counts as on the floor (m)."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is to be said about one keyframe.
+
+    Args:
+        words: reasons to doubt it, the gravest first; empty where there are none.
+        joint: the joint that has to be fastest on the way.
+        speed: its least peak speed (rad/s).
+        share: that speed as a share of what a joint can do.
+    """
+
+    words: tuple[str, ...]
+    joint: str
+    speed: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Stance:
+    """How a robot would stand in a pose.
+
+    Args:
+        center: center of mass ``[3]`` (m, world).
+        support: corners of the support polygon ``[P, 2]`` (m, world), counterclockwise; empty in the air.
+        margin: how far the center of mass is inside it (m), negative outside; None in the air.
+        feet: whether the left and the right foot are on the floor.
+        inside: bodies whose shapes are inside each other.
+    """
+
+    center: np.ndarray
+    support: np.ndarray
+    margin: float | None
+    feet: tuple[bool, bool]
+    inside: frozenset[str]
+
+    @property
+    def words(self) -> str:
+        """Return the stance in a line."""
+        if self.margin is None:
+            return "no foot on the floor"
+        standing = {(True, True): "both feet", (True, False): "left foot", (False, True): "right foot"}[self.feet]
+        if self.margin >= 0:
+            return f"on {standing}, balanced with {100 * self.margin:.0f} cm to spare"
+        return f"on {standing}, {-100 * self.margin:.0f} cm out of balance"
+
+
+class Checker:
+    """Checker of keyframes and poses; verdicts are kept until their keyframes change.
+
+    Args:
+        robot: the robot.
+
+    >>> from plat.robots import G1
+    >>> far = G1.default_qpos + 3 * np.eye(36)[0]
+    >>> Checker(G1).timeline(Timeline.empty(G1).inserted(far, 1.0))[0].words[0]
+    '3.0 m in 1.00 s takes 6.0 m/s'
+    """
+
+    def __init__(self, robot: Robot):
+        self._robot = robot
+        self._feasibility = Feasibility(robot)
+        self._soles = Soles(robot)
+        self._model = robot.shared_model
+        self._data = mujoco.MjData(self._model)
+        self._known: dict[tuple[Keyframe, Keyframe, float, bool], Verdict] = {}
+
+    def timeline(self, timeline: Timeline) -> tuple[Verdict, ...]:
+        """Return the verdict on each keyframe; those that are held, and the last one, must be balanced."""
+        known, verdicts = {}, []
+        before, end = timeline.start, 0.0
+        for number, (frame, hold) in enumerate(zip(timeline.keyframes, timeline.holds, strict=True), 1):
+            held = hold > 0 or number == len(timeline.keyframes)
+            key = before, frame, round(frame.time - end, 6), held
+            verdict = self._known.get(key) or self._verdict(before.at(end), frame, held)
+            known[key] = verdict
+            verdicts.append(verdict)
+            before, end = frame, frame.time + hold
+        self._known = known
+        return tuple(verdicts)
+
+    def stance(self, qpos: np.ndarray) -> Stance:
+        """Return how the robot would stand in a pose ``[7 + J]``."""
+        model, data = self._model, self._data
+        data.qpos[:] = qpos
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_collision(model, data)
+        bodies = model.geom_bodyid[data.contact.geom].reshape(-1, 2)
+        deep = (bodies > 0).all(-1) & (data.contact.dist < -self._feasibility.limits.self_penetration)
+        inside = frozenset(model.body(int(body)).name for body in np.unique(bodies[deep]))
+        points = self._soles.points(torch.from_numpy(np.asarray(qpos, dtype=np.float64))[None])[0].numpy()
+        down = points[..., 2] < _ON_FLOOR
+        support = convex_hull(points[down][:, :2])
+        center = data.subtree_com[1].copy()
+        margin = support_margin(center[:2], support) if len(support) else None
+        return Stance(center, support, margin, (bool(down[0].any()), bool(down[1].any())), inside)
+
+    def _verdict(self, before: Keyframe, after: Keyframe, held: bool) -> Verdict:
+        concerns = self._feasibility(before, after, held=held)
+        speeds = 2 * np.abs(after.joint_pos - before.joint_pos) / (after.time - before.time)
+        worst = int(speeds.argmax())
+        speed = float(speeds[worst])
+        share = speed / self._feasibility.limits.joint_speed
+        return Verdict(tuple(map(str, concerns)), self._robot.joint_names[worst], speed, share)
+
+
+def convex_hull(points: np.ndarray) -> np.ndarray:
+    """Return the corners of the convex hull of points ``[P, 2]``, counterclockwise, by Andrew's monotone chain.
+
+    >>> convex_hull(np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.5]])).tolist()
+    [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
+    """
+    ordered = sorted({(float(x), float(y)) for x, y in points})
+    if len(ordered) < 3:
+        return np.array(ordered).reshape(-1, 2)
+
+    def chain(sequence: list[tuple[float, float]]) -> list[tuple[float, float]]:
+        corners: list[tuple[float, float]] = []
+        for point in sequence:
+            while len(corners) >= 2 and _turn(corners[-2], corners[-1], point) <= 0:
+                corners.pop()
+            corners.append(point)
+        return corners[:-1]
+
+    return np.array(chain(ordered) + chain(ordered[::-1]))
+
+
+def _turn(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> float:
+    """Return twice the area of a triangle, positive counterclockwise."""
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])

@@ -1,0 +1,212 @@
+"""Playback of the keyframes by one policy or two: play, pause, step, slow motion, and looking at it again."""
+
+from collections.abc import Callable, Mapping
+from itertools import pairwise
+
+from tensordict.nn import TensorDictModuleBase
+
+from plat.control import KeyframeScore, PolicyController
+from plat.errors import StudioError
+from plat.robots.robot import Robot
+from plat.spec.timing import Timing, timing_of
+from plat.studio.player import Player, score
+from plat.studio.timeline import Timeline
+
+__all__ = ["SPEEDS", "Playback", "common_timing"]
+
+SPEEDS = {"1x": 1.0, "1/2": 0.5, "1/4": 0.25, "1/10": 0.1}
+"""Speeds of playback by label: seconds of the robot per second."""
+
+
+class Playback:
+    """Playback of the keyframes by the chosen policy, and by another one beside it.
+
+    A chase is simulated once, from the start on. What was simulated can be looked at again at any time, until the
+    keyframes are edited.
+
+    Args:
+        robot: the robot.
+        policies: deterministic policies by name, at least one, all of one control step.
+        timeline: returns the keyframes as they are now.
+
+    Raises:
+        StudioError: when the policies have different control steps.
+    """
+
+    def __init__(
+        self, robot: Robot, policies: Mapping[str, TensorDictModuleBase], timeline: Callable[[], Timeline]
+    ):
+        self._robot = robot
+        self.policies = dict(policies)
+        self.timing = common_timing(self.policies)
+        """Timing of the keyframes: what every policy can chase."""
+        self.policy = next(iter(self.policies))
+        """Name of the policy that plays."""
+        self.beside: str | None = None
+        """Name of the policy that plays beside it."""
+        self.speed = 1.0
+        """Seconds of the robot per second."""
+        self.loop = False
+        """Whether to begin again at the end."""
+        self.cursor = 0.0
+        """The time that is shown (s)."""
+        self.player: Player | None = None
+        """The chase that is on, or was the last one; None before the first and after :meth:`stop`."""
+        self.second: Player | None = None
+        """That of the policy beside it."""
+        self.scores: dict[str, list[KeyframeScore]] = {}
+        """By policy, of the keyframes as they are now."""
+        self._timeline = timeline
+        self._paused = False
+
+    @property
+    def playing(self) -> bool:
+        """Return whether a robot is moving."""
+        return self.player is not None and not self.player.finished and not self._paused
+
+    @property
+    def paused(self) -> bool:
+        """Return whether a chase was interrupted and can go on."""
+        return self.player is not None and not self.player.finished and self._paused
+
+    @property
+    def players(self) -> dict[str, Player]:
+        """Return the chases by policy: one, two or none."""
+        named = ((self.policy, self.player), (self.beside, self.second))
+        return {name: player for name, player in named if name is not None and player is not None}
+
+    @property
+    def simulated(self) -> float:
+        """Return the end of what was simulated (s)."""
+        return 0.0 if self.player is None else self.player.time
+
+    def play(self) -> None:
+        """Start from the start pose.
+
+        Raises:
+            KeyframeError: when there is no keyframe.
+        """
+        sequence = self._timeline().sequence()
+        self.player = Player(self._robot, self.controller(self.policy), sequence)
+        self.second = None
+        if self.beside is not None:
+            self.second = Player(self._robot, self.controller(self.beside), sequence)
+        self._paused, self.cursor = False, 0.0
+
+    def toggle(self) -> None:
+        """Pause when playing, go on when paused, else play."""
+        if self.playing:
+            self._paused = True
+        elif self.paused:
+            self._paused, self.cursor = False, self.simulated
+        else:
+            self.play()
+
+    def stop(self) -> None:
+        """End the chase and forget it; go to the start."""
+        self.player = self.second = None
+        self._paused, self.cursor = False, 0.0
+
+    def seek(self, time: float) -> None:
+        """Show a time (s): of what was simulated, or of the keyframes; a chase that is on is paused."""
+        self._paused = self.player is not None and not self.player.finished
+        self.cursor = min(max(float(time), 0.0), max(self._timeline().duration, self.simulated))
+
+    def step(self, steps: int) -> None:
+        """Go some control steps ahead (or back), pausing; simulate those that were not yet."""
+        if self.player is None:
+            self.play()
+        assert self.player is not None
+        self._paused = True
+        control_dt = self.timing.control_dt
+        goal = max(round(self.cursor / control_dt) + steps, 0) * control_dt
+        while self.simulated + 1e-9 < goal and not self.player.finished:
+            for player in self.players.values():
+                player.take_step()
+        self._take_scores()
+        self.cursor = min(goal, self.simulated)
+
+    def choose(self, policy: str) -> None:
+        """Select another policy; it takes over while playing."""
+        self._check(policy)
+        self.policy = policy
+        if self.player is not None and not self.player.finished:
+            self.player.hand_over(self.controller(policy))
+
+    def set_beside(self, policy: str | None) -> None:
+        """Select the policy that plays beside; it does from the next start on."""
+        if policy is not None:
+            self._check(policy)
+        self.beside = policy
+        self.second = None
+
+    def tick(self, seconds: float) -> None:
+        """Advance in time."""
+        if not self.playing or self.player is None:
+            return
+        for player in self.players.values():
+            player.advance(seconds * self.speed)
+        self.cursor = self.simulated
+        self._take_scores()
+        if self.player.finished and self.loop:
+            self.play()
+
+    def _take_scores(self) -> None:
+        for name, player in self.players.items():
+            if player.finished and (scores := player.scores) is not None:
+                self.scores[name] = scores
+
+    def changed(self) -> None:
+        """Obey edited keyframes: a chase that is on goes on with them, one that is over is forgotten."""
+        self.scores.clear()
+        timeline = self._timeline()
+        if self.player is None:
+            return
+        if self.player.finished or not timeline.keyframes:
+            cursor = min(self.cursor, timeline.duration)
+            self.stop()
+            self.cursor = cursor
+        else:
+            for player in self.players.values():
+                player.sequence = timeline.sequence()
+
+    def compare(self, timeline: Timeline) -> dict[str, list[KeyframeScore]]:
+        """Compute the scores of every policy on some keyframes, at full speed.
+
+        It changes no state, so another thread may call it.
+
+        Raises:
+            KeyframeError: when there is no keyframe.
+        """
+        sequence = timeline.sequence()
+        return {name: score(self._robot, self.controller(name), sequence) for name in self.policies}
+
+    def take_scores(self, timeline: Timeline, scores: Mapping[str, list[KeyframeScore]]) -> None:
+        """Store scores, if they belong to the current keyframes."""
+        now = self._timeline()
+        if timeline.start is now.start and timeline.keyframes is now.keyframes and timeline.holds is now.holds:
+            self.scores.update(scores)
+
+    def controller(self, policy: str) -> PolicyController:
+        """Return a controller of a policy."""
+        return PolicyController(self.policies[policy], self._robot)
+
+    def _check(self, policy: str) -> None:
+        if policy not in self.policies:
+            raise StudioError(f"policy {policy!r}, expected one of {', '.join(self.policies)}")
+
+
+def common_timing(policies: Mapping[str, TensorDictModuleBase]) -> Timing:
+    """Return the timing whose keyframes all of some policies can chase: that with the shortest commands.
+
+    Raises:
+        StudioError: when the policies have different control steps.
+    """
+    timings = {name: timing_of(policy) or Timing() for name, policy in policies.items()}
+    for (first, shortest), (name, timing) in pairwise(timings.items()):
+        if timing.control_dt != shortest.control_dt:
+            raise StudioError(
+                f"policy {name!r} has a control step of {timing.control_dt:g} s and {first!r} one of "
+                f"{shortest.control_dt:g} s: open them apart"
+            )
+    return min(timings.values(), key=lambda timing: timing.max_steps)
