@@ -164,6 +164,8 @@ class StudioRecipe(Bounded):
     """address to listen on; one beyond localhost asks visitors for a token, which is printed"""
     port: Annotated[int, Range(1, 65_535)] = 8080
     """port to listen on"""
+    browser: bool = True
+    """open the page in the browser, where there is a screen"""
     robot: str = "g1"
     """robot of the policy: its name, or path of its JSON description"""
     imports: Imports = ()

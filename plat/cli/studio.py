@@ -3,6 +3,9 @@
 plat studio plat-g1 dagger-g1 expert-g1 --motions generated:val
 """
 
+import os
+import sys
+import webbrowser
 from pathlib import Path
 
 import torch
@@ -32,19 +35,28 @@ def main(recipe: StudioRecipe) -> None:
     policies = {name: load_policy(run) for name, run in zip(_names(recipe.runs), recipe.runs, strict=True)}
     robot = next(iter(policies.values())).robot
     session = Session(robot, {name: policy.deployed() for name, policy in policies.items()})
-    if recipe.keyframes is not None:
+    if recipe.keyframes is None:
+        session.begin_with("wave")
+    else:
         session.load(recipe.keyframes)
     path = "keyframes.json" if recipe.keyframes is None else recipe.keyframes.name
     studio = Studio(
         session, host=recipe.host, port=recipe.port, motions=recipe.motions, path=path, folder=recipe.folder
     )
     print(f"keyframe studio: {studio.access.url} (Ctrl-C ends it)", flush=True)
+    if recipe.browser and _has_screen():
+        webbrowser.open(studio.access.url)
     try:
         studio.run()
     except KeyboardInterrupt:
         pass
     finally:
         studio.stop()
+
+
+def _has_screen() -> bool:
+    # elsewhere a browser that works in a terminal would take the terminal
+    return sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
 def _names(runs: tuple[Path, ...]) -> list[str]:

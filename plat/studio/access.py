@@ -108,6 +108,10 @@ def guarded_server(access: Access, dock: Dock | None = None) -> Iterator[None]:
             else:
                 await handler(connection)
 
+        def page(kind: str, body: bytes) -> Any:
+            headers = Headers({"Content-Type": kind, "Content-Length": str(len(body)), "Cache-Control": "no-cache"})
+            return Response(http.HTTPStatus.OK.value, "OK", headers, body)
+
         def checked(connection: Any, request: Any) -> Any:
             reason = access.refusal(request.path, request.headers)
             if reason is not None:
@@ -116,13 +120,11 @@ def guarded_server(access: Access, dock: Dock | None = None) -> Iterator[None]:
                 return Response(http.HTTPStatus.FORBIDDEN.value, "Forbidden", headers, body)
             file = None if dock is None else dock.file(request.path)
             if file is not None:
-                headers = {"Content-Type": file[0], "Content-Length": str(len(file[1])), "Cache-Control": "no-cache"}
-                return Response(http.HTTPStatus.OK.value, "OK", Headers(**headers), file[1])
+                return page(*file)
             response = None if process_request is None else process_request(connection, request)
             if dock is not None and response is not None and "html" in response.headers.get("Content-Type", ""):
                 body = dock.page(unzipped(response.body, response.headers.get("Content-Encoding")))
-                headers = {"Content-Type": "text/html; charset=utf-8", "Content-Length": str(len(body))}
-                response = Response(response.status_code, response.reason_phrase, Headers(**headers), body)
+                response = page("text/html; charset=utf-8", body)
             if response is not None and access.cookie is not None:
                 response.headers["Set-Cookie"] = access.cookie
             return response

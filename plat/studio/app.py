@@ -10,16 +10,24 @@ import viser
 from plat.errors import StudioError
 from plat.motions import MotionLibrary
 from plat.studio.access import Access, guarded_server
+from plat.studio.autosave import Autosave
+from plat.studio.checker import Checker
 from plat.studio.desk import Desk
+from plat.studio.dock import Dock, Message
 from plat.studio.folder import Folder
 from plat.studio.page import Page
 from plat.studio.panels import FilePanel, MotionPanel, PlayPanel, PosePanel, TimelinePanel
-from plat.studio.scene import Ghosts, RobotView, set_the_stage
+from plat.studio.player import Player
+from plat.studio.scene import Bodies, Figure, RobotView, StanceView, set_the_stage
 from plat.studio.session import Session
+from plat.studio.timeline import Timeline
 
 __all__ = ["Studio"]
 
-_WORLD = "/world"
+_WORLD, _BESIDE = "/world", "/world/beside"
+_GREEN, _BETWEEN = (18, 183, 106), (150, 170, 160)
+# Where a second robot is, seen from the first (m): to its left.
+_SIDE = (0.0, 1.0, 0.0)
 # Texts and plots are for reading: redrawing them at every step would only load browsers.
 _READING_INTERVAL = 0.12
 # Pause (s) after which a touched slider starts another undo step.
@@ -54,19 +62,32 @@ class Studio:
         _check_port(host, port)
         self.access = Access(host, port)
         self.session, robot = session, session.robot
-        with guarded_server(self.access):
+        files = Folder(folder)
+        dock = Dock(self._receive)
+        with guarded_server(self.access, dock):
             self.server = server = viser.ViserServer(host=host, port=port, verbose=False)
         self._desk = Desk(self._tick, self._show, self._report, interval=session.timing.control_dt)
-        self._page = page = Page(server, session, self._desk)
+        self._page = page = Page(server, session, self._desk, dock)
+        self._checker = Checker(robot)
+        self._autosave = Autosave(session, files.root)
         set_the_stage(server, _WORLD)
         self._world = server.scene.add_frame(_WORLD, show_axes=False)
-        self._robot = RobotView(server, robot, f"{_WORLD}/robot")
-        self._ghost = Ghosts(server, robot, f"{_WORLD}/selected", (18, 183, 106), 0.5)
-        self._others = Ghosts(server, robot, f"{_WORLD}/keyframes", (60, 110, 220), 0.12)
-        self._taken = Ghosts(server, robot, f"{_WORLD}/motion", (240, 140, 0), 0.4)
+        server.scene.add_frame(_BESIDE, show_axes=False, position=_SIDE)
+        bodies = Bodies(robot)
+        self._robot = RobotView(server, bodies, f"{_WORLD}/robot")
+        self._second = RobotView(server, bodies, f"{_BESIDE}/robot")
+        self._posed = Figure(server, bodies, f"{_WORLD}/pose", _GREEN, 1.0, self._clicked)
+        self._goals = tuple(Figure(server, bodies, f"{at}/goal", _GREEN, 0.4) for at in (_WORLD, _BESIDE))
+        self._before = Figure(server, bodies, f"{_WORLD}/before", (60, 110, 220), 0.2)
+        self._after = Figure(server, bodies, f"{_WORLD}/after", (240, 140, 0), 0.2)
+        self._taken = Figure(server, bodies, f"{_WORLD}/motion", (240, 140, 0), 0.6)
+        self._stance = StanceView(server, f"{_WORLD}/stance")
+        self._names = [server.scene.add_label(f"{at}/name", "", visible=False) for at in (_WORLD, _BESIDE)]
         self._next_reading = 0.0
-        self._build(page, motions, path, Folder(folder))
+        self._build(page, motions, path, files)
         self._show()
+        if self._autosave.found:
+            page.notify("Autosave", "keyframes of an earlier session were not saved: Files, Restore autosave")
 
     def _build(self, page: Page, motions: str, path: str, folder: Folder) -> None:
         gui, robot = page.gui, self.session.robot
@@ -80,14 +101,26 @@ class Studio:
         with tabs.add_tab("Motion"):
             self._motion = MotionPanel(page, motions, lambda names: MotionLibrary.load(names.split(), robot))
         with tabs.add_tab("Files"):
-            self._files = FilePanel(page, path, folder)
+            self._files = FilePanel(page, path, folder, self._autosave)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(340)
-        bottom = gui.add_panel()
-        with bottom.add_tab("Timeline"):
-            self._timeline = TimelinePanel(page)
-        bottom.float(x=12, y=-12, width=720)
-        page.key("Look at the selected pose", "F", self._look)
+        self._timeline = TimelinePanel(
+            page,
+            self._checker,
+            {
+                "save": self._files.save,
+                "look": self._look,
+                "hide": lambda: _flip(self._pose.robot_hidden),
+                "onion": lambda: _flip(self._pose.onion),
+                "axes": self._pose.toggle_axes,
+            },
+        )
+
+    def _receive(self, message: Message) -> None:
+        self._timeline.receive(message)
+
+    def _clicked(self, body: str) -> None:
+        self._desk.ask(lambda: self._pose.click_body(body))
 
     def run(self) -> None:
         """Serve until :meth:`stop`."""
@@ -99,15 +132,18 @@ class Studio:
         self.server.stop()
 
     def _tick(self, seconds: float) -> None:
-        session = self.session
+        session, playback = self.session, self.session.playback
         if time.monotonic() >= self._rest_at:
             session.rest()
-        if not session.playing:
+        if self._autosave.tick():
+            self._files.show()
+        if self._motion.clip_playing:
+            self._motion.tick(seconds)
+            self._taken.show(self._motion.preview())
+        if not playback.playing:
             return
-        session.tick(seconds)
-        if not session.playing:
-            if self._play.loop.value:
-                session.play()
+        playback.tick(seconds)
+        if not playback.playing:
             self._show()
             return
         self._show_robots()
@@ -118,42 +154,94 @@ class Studio:
 
     def _show(self) -> None:
         self._rest_at = time.monotonic() + _PAUSE
-        for panel in (self._timeline, self._pose, self._play):
+        for panel in (self._timeline, self._pose, self._play, self._files):
             panel.show()
-        shown = self._pose.all_keyframes.value and not self.session.playing
-        self._others.show([pose.qpos for pose in self.session.timeline.keyframes] if shown else [])
         self._taken.show(self._motion.preview())
         self._show_robots()
 
     def _show_robots(self) -> None:
-        """Draw the moving parts: the robot, its commanded keyframe, and their surroundings."""
-        session, start = self.session, self.session.timeline.start
-        player = session.player
-        if player is None or player.step is None:
-            # the robot itself stands in the start
-            qpos, target = start.qpos, session.timeline.pose.qpos if session.timeline.selected else None
-        else:
-            qpos = player.qpos
-            target = player.step.command.keyframe.qpos if session.playing else session.timeline.pose.qpos
+        """Draw robots and poses at the time of the cursor."""
+        session, playback = self.session, self.session.playback
+        timeline, cursor = session.timeline, playback.cursor
+        player, second = playback.player, playback.second
+        # an edited pose, a pose between keyframes, or what is commanded to a playing robot
+        posing = not playback.playing and session.shows_selected
+        between = not playback.playing and not posing and player is None
         with self.server.atomic():
-            self._robot.show(qpos)
-            self._ghost.show([] if target is None else [target])
-            followed = session.playing and self._play.follow.value
-            away = qpos[:2] - start.root_pos[:2] if followed else np.zeros(2)
-            self._world.position = (-away[0], -away[1], 0.0)
+            self._robot.show(self._shown(player))
+            self._second.show(self._shown(second))
+            for name, view, goal in zip((playback.policy, playback.beside), (player, second), self._goals, strict=True):
+                step = None if view is None or posing else view.step_at(cursor)
+                goal.show(None if step is None else step.command.keyframe.qpos)
+                self._name(goal is self._goals[1], name, view if second is not None else None)
+            shown = timeline.pose.qpos if posing else timeline.sample(cursor).qpos if between else None
+            stance = None if shown is None else self._checker.stance(shown)
+            self._posed.show(shown, _BETWEEN if between else None, (), () if stance is None else stance.inside)
+            self._stance.show(stance)
+            neighbors = _neighbors(timeline) if posing and self._pose.onion.value else (None, None)
+            self._before.show(neighbors[0])
+            self._after.show(neighbors[1])
+            self._place(player)
+
+    def _shown(self, player: Player | None) -> np.ndarray | None:
+        playback = self.session.playback
+        if player is None or (self._pose.robot_hidden.value and not playback.playing):
+            return None
+        return player.pose_at(playback.cursor)
+
+    def _name(self, beside: bool, name: str | None, player: Player | None) -> None:
+        label = self._names[beside]
+        if label.visible != (player is not None):
+            label.visible = player is not None
+        if player is not None:
+            if label.text != (name or ""):
+                label.text = name or ""
+            label.position = player.pose_at(self.session.playback.cursor)[:3] + np.array([0.0, 0.0, 0.75])
+
+    def _place(self, player: Player | None) -> None:
+        """Move the world under a robot that is followed, and the second robot to the side of the first."""
+        playback, start = self.session.playback, self.session.timeline.start
+        followed = player is not None and playback.playing and self._play.follow.value
+        away = player.pose_at(playback.cursor)[:2] - start.root_pos[:2] if followed and player else np.zeros(2)
+        self._world.position = (-away[0], -away[1], 0.0)
 
     def _look(self) -> None:
         """Move every camera to the selected pose."""
         for client in self.server.get_clients().values():
             camera = client.camera
-            away = self.session.timeline.pose.root_pos[:2] - camera.look_at[:2]
+            away = self._look_at()[:2] - camera.look_at[:2]
             shift = np.array([*away, 0.0])
             with client.atomic():
                 # to set the position moves the point that is looked at along
                 camera.position = camera.position + shift
 
+    def _look_at(self) -> np.ndarray:
+        playback = self.session.playback
+        if playback.player is not None and not self.session.shows_selected:
+            return playback.player.pose_at(playback.cursor)[:3]
+        return self.session.timeline.sample(playback.cursor).root_pos
+
     def _report(self, message: str) -> None:
-        self._page.notify("That did not work", message, "red")
+        self._page.notify("That did not work", message, "error")
+
+
+def _neighbors(timeline: Timeline) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Return the poses before and after the selected one; None where there is none, or it is the same pose."""
+    here, poses = timeline.selected, timeline.poses
+    before = poses[here - 1] if here > 0 else None
+    after = poses[here + 1] if here + 1 < len(poses) else None
+    seen = [timeline.pose.qpos]
+    result: list[np.ndarray | None] = []
+    for pose in (before, after):
+        new = pose is not None and not any(np.allclose(pose.qpos, qpos, atol=1e-6) for qpos in seen)
+        result.append(pose.qpos if pose is not None and new else None)
+        if pose is not None:
+            seen.append(pose.qpos)
+    return result[0], result[1]
+
+
+def _flip(box: viser.GuiCheckboxHandle) -> None:
+    box.value = not box.value
 
 
 def _check_port(host: str, port: int) -> None:

@@ -33,9 +33,7 @@ class Playback:
         StudioError: when the policies have different control steps.
     """
 
-    def __init__(
-        self, robot: Robot, policies: Mapping[str, TensorDictModuleBase], timeline: Callable[[], Timeline]
-    ):
+    def __init__(self, robot: Robot, policies: Mapping[str, TensorDictModuleBase], timeline: Callable[[], Timeline]):
         self._robot = robot
         self.policies = dict(policies)
         self.timing = common_timing(self.policies)

@@ -97,6 +97,14 @@ class Poser:
         mujoco.mju_mat2Quat(quat, geom.xmat)
         return Frame(geom.xpos.copy(), quat)
 
+    def joint_frame(self, qpos: np.ndarray, joint: int) -> Frame:
+        """Return the place of a joint in a pose ``[7 + J]``, and an orientation whose z axis is the joint's."""
+        self._data.qpos[:] = qpos
+        mujoco.mj_kinematics(self._model, self._data)
+        axis, quat = self._data.xaxis[joint + 1], np.empty(4)
+        mujoco.mju_quatZ2Vec(quat, axis)
+        return Frame(self._data.xanchor[joint + 1].copy(), quat)
+
     def limb(self, handle: str) -> list[int]:
         """Return the joints between the trunk and a handle; none for the pelvis."""
         side, _, part = handle.rpartition(" ")

@@ -204,7 +204,10 @@ class StanceView:
             edges = list(zip(corners, [*corners[1:], *corners[:1]], strict=True))
             below = np.array([*stance.center[:2], 0.006])
             segments = np.array([*edges, (below, stance.center)], dtype=np.float32)
-            self._lines.points, self._lines.colors = segments, np.tile(np.uint8(color), (len(segments), 2, 1))
+            self._lines.points, self._lines.colors = (
+                segments,
+                np.tile(np.array(color, dtype=np.uint8), (len(segments), 2, 1)),
+            )
             self._spot.position, self._spot.color = below, color
 
 
@@ -226,7 +229,7 @@ def coarse(vertices: np.ndarray, faces: np.ndarray, cell: float) -> tuple[np.nda
     np.add.at(merged, members, vertices)
     merged /= np.bincount(members, minlength=len(cells))[:, None]
     corners = members[faces]
-    corners = corners[(corners[:, 0] != corners[:, 1]) & (corners[:, 1] != corners[:, 2]) & (corners[:, 2] != corners[:, 0])]
+    corners = corners[(corners != np.roll(corners, 1, axis=1)).all(1)]  # those with an area
     _, first = np.unique(np.sort(corners, 1), axis=0, return_index=True)
     return merged.astype(np.float32), corners[np.sort(first)].astype(np.uint32)
 

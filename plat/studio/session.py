@@ -186,6 +186,16 @@ class Session:
         """
         self.edit(template(name, self.timeline, self.poser))
 
+    def begin_with(self, name: str) -> None:
+        """Open a template as an example, which counts as saved and cannot be undone.
+
+        Raises:
+            StudioError: for a name that is none of :data:`plat.studio.templates.TEMPLATES`.
+        """
+        self.history = History(template(name, Timeline.empty(self.robot, self.timing), self.poser))
+        self.saved = self.timeline
+        self._follow()
+
     def change_pose(self, change: Callable[[np.ndarray], np.ndarray]) -> None:
         """Replace the selected pose by a function of it."""
         self.pose(change(self.timeline.pose.qpos))
@@ -217,7 +227,9 @@ class Session:
         """Move the grabbed handle to a target, or as near as it comes."""
         if self._grip is not None:
             handle, rest, held = self._grip
-            qpos = self.poser.dragged(self.timeline.pose.qpos, handle, target, held, rest, self.limb_only)
+            qpos = self.poser.dragged(
+                self.timeline.pose.qpos, handle, target, held, rest, self.limb_only or self.symmetric
+            )
             self.pose(self._both_sides(qpos, handle), gesture=("drag", handle))
 
     def _both_sides(self, qpos: np.ndarray, moved: str) -> np.ndarray:

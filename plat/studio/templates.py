@@ -66,7 +66,9 @@ class _Maker:
             qpos[7 + self._joints[joint]] = angle
         return qpos
 
-    def moved(self, handle: str, forward: float = 0.0, left: float = 0.0, up: float = 0.0, base: Pose | None = None) -> Pose:
+    def moved(
+        self, handle: str, forward: float = 0.0, left: float = 0.0, up: float = 0.0, base: Pose | None = None
+    ) -> Pose:
         """Return the pose with a handle moved in the robot's heading (m), the other feet and the rest held."""
         qpos = self.base if base is None else base
         frames = self._poser.frames(qpos)

@@ -27,7 +27,7 @@ class Timeline:
     """Timeline of a start pose and keyframes, one of them selected. Every edit returns a new timeline.
 
     A keyframe can be held: the robot stays in it until ``time + hold``. Its interval is the time from the end of the
-    previous pose to its arrival. Inserting, removing and stretching keep all intervals and move later keyframes in time.
+    previous pose to its arrival. Inserting, removing and stretching keep all intervals and move later keyframes.
 
     Intervals are whole control steps. Those that are longer than a command are split when they are played, see
     :meth:`sequence`, so that other than being empty there is nothing that cannot be played.
@@ -211,7 +211,7 @@ class Timeline:
         self._check_keyframe("removed")
         frames, gaps, holds = [*self.keyframes], self._gaps(), self._hold_steps()
         for values in (frames, gaps, holds):
-            del values[self.selected - 1]  # type: ignore[attr-defined]
+            del values[self.selected - 1]
         return self._spaced(frames, gaps, holds, min(self.selected, len(frames)))
 
     def moved(self, places: int) -> Timeline:
@@ -280,9 +280,7 @@ class Timeline:
     def _hold_steps(self) -> list[int]:
         return [self.timing.steps(hold) for hold in self.holds]
 
-    def _spaced(
-        self, frames: Sequence[Keyframe], gaps: Sequence[int], holds: Sequence[int], selected: int
-    ) -> Timeline:
+    def _spaced(self, frames: Sequence[Keyframe], gaps: Sequence[int], holds: Sequence[int], selected: int) -> Timeline:
         timed, end, control_dt = [], 0, self.timing.control_dt
         for frame, gap, hold in zip(frames, gaps, holds, strict=True):
             # rounded, so that files hold 0.6 and not 0.6000000000000001

@@ -1,4 +1,4 @@
-"""The studio in a headless Chromium: what a user does with the mouse, and what is then to be seen."""
+"""The studio in a headless Chromium: what a user does with mouse and keys, and what is then to be seen."""
 
 import shutil
 import socket
@@ -9,11 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from plat.errors import StudioError
 from plat.robots import G1
-from plat.rotations import quat_rotate
 
 pytest.importorskip("viser", reason="the extra plat-rl[studio] is not installed")
 pytest.importorskip("mjviser", reason="the extra plat-rl[studio] is not installed")
@@ -23,8 +21,11 @@ pytest.importorskip("playwright.sync_api", reason="playwright is not installed (
 from playwright.sync_api import Browser, Locator, sync_playwright
 
 from plat.studio.app import Studio
-from plat.studio.scene import CAMERA, LOOK_AT
+from plat.studio.autosave import AUTOSAVE
+from plat.studio.scene import CAMERA, FIELD_OF_VIEW, LOOK_AT
 from plat.studio.session import Session
+from plat.studio.templates import template
+from plat.studio.timeline import Timeline
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 _PATIENCE = 180_000  # ms: a browser that draws in software, on a machine that has other things to do
@@ -36,15 +37,20 @@ def free_port() -> int:
         return probe.getsockname()[1]
 
 
-@pytest.fixture
-def studio(policies, tmp_path) -> Iterator[Studio]:
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    return tmp_path_factory.mktemp("studio")
+
+
+@pytest.fixture(scope="module")
+def studio(policies, folder) -> Iterator[Studio]:
     studio = Studio(
         Session(G1, policies),
         host="127.0.0.1",
         port=free_port(),
         motions="generated:val@8",
         path="keyframes.json",
-        folder=tmp_path,
+        folder=folder,
     )
     thread = threading.Thread(target=studio.run)
     thread.start()
@@ -69,19 +75,37 @@ class User:
     """Somebody with the page open."""
 
     def __init__(self, studio: Studio, browser: Browser):
-        self.session = studio.session
-        self.page = browser.new_page(viewport={"width": 960, "height": 640})
+        self.studio, self.session = studio, studio.session
+        self.page = browser.new_page(viewport={"width": 1000, "height": 560})
         self.page.set_default_timeout(_PATIENCE)
-        self.open(studio)
-
-    def open(self, studio: Studio) -> None:
         self.page.goto(f"http://127.0.0.1:{studio.server.get_port()}")
-        self.page.get_by_role("button", name="Add", exact=True).wait_for()
+        self.page.wait_for_function("document.querySelector('#dock-cover').style.display === 'none'")
+
+    def begin(self, name: str | None = None) -> None:
+        """Put everything back, with the keyframes of a template."""
+        session, done = self.session, threading.Event()
+
+        def reset() -> None:
+            session.playback.stop()
+            timeline = Timeline.empty(G1, session.timing)
+            session.edit(timeline if name is None else template(name, timeline, session.poser))
+            session.select(1)
+
+        self.studio._desk.ask(reset)
+        self.studio._desk.ask(done.set)
+        assert done.wait(30)
+        count = len(session.timeline.poses)
+        self.until(lambda: self.page.locator("#dock [data-key]").count() == count)
+        self.page.evaluate("document.activeElement.blur()")
 
     def press(self, *buttons: str) -> None:
         for button in buttons:
             # forced: not after the button has stood still for two frames, which can take seconds to draw
             self.page.get_by_role("button", name=button, exact=True).first.click(force=True)
+
+    def key(self, *keys: str) -> None:
+        for key in keys:
+            self.page.keyboard.press(key)
 
     def tab(self, name: str) -> None:
         self.page.get_by_role("tab", name=name, exact=True).click(force=True)
@@ -99,6 +123,32 @@ class User:
     def sees(self, text: str) -> None:
         self.page.get_by_text(text).first.wait_for()
 
+    def center(self, selector: str) -> tuple[float, float]:
+        # in one go: the timeline may be drawn anew at any time
+        return tuple(
+            self.page.evaluate(
+                "name => { const box = document.querySelector(name).getBoundingClientRect();"
+                "return [box.x + box.width / 2, box.y + box.height / 2]; }",
+                selector,
+            )
+        )
+
+    def at(self, seconds: float) -> tuple[float, float]:
+        """A point of the timeline, above the keyframes."""
+        track = self.page.locator("#dock svg.track").bounding_box()
+        first, last = (self.center(f'#dock [data-key="{n}"] path')[0] for n in (0, 1))
+        return first + (last - first) * seconds / self.session.timeline.keyframes[0].time, track["y"] + 12
+
+    def drag(self, begin: tuple[float, float], end: tuple[float, float], pause: int = 60) -> None:
+        mouse = self.page.mouse
+        mouse.move(*begin)
+        self.page.wait_for_timeout(pause)
+        mouse.down()
+        for share in np.linspace(0, 1, 6):
+            mouse.move(*(np.array(begin) + share * np.subtract(end, begin)))
+            self.page.wait_for_timeout(pause)
+        mouse.up()
+
     def pixel(self, point: np.ndarray) -> np.ndarray:
         """Where a point of the world is on the screen, for the camera that the page begins with."""
         box = self.page.locator("canvas").first.bounding_box()
@@ -106,13 +156,9 @@ class User:
         right = np.cross(forward, [0.0, 0.0, 1.0])
         right /= np.linalg.norm(right)
         ray = point - np.array(CAMERA)
-        scale = 0.5 * box["height"] / np.tan(np.radians(75 / 2)) / (ray @ forward)  # viser's field of view
+        scale = 0.5 * box["height"] / np.tan(np.radians(FIELD_OF_VIEW / 2)) / (ray @ forward)
         offset = scale * np.array([ray @ right, -ray @ np.cross(right, forward)])
         return np.array([box["x"] + box["width"] / 2, box["y"] + box["height"] / 2]) + offset
-
-    def table(self) -> list[str]:
-        """The rows of the keyframes' scores."""
-        return self.page.locator("table", has_text="keyframe").locator("tr").all_inner_texts()
 
     def until(self, done) -> None:
         deadline = time.monotonic() + _PATIENCE / 1000
@@ -121,105 +167,193 @@ class User:
             self.page.wait_for_timeout(50)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def user(studio, browser) -> Iterator[User]:
     user = User(studio, browser)
     yield user
     user.page.close()
 
 
-def test_keyframes_are_made_played_saved_and_loaded(user, studio, tmp_path):
-    session, joint = user.session, G1.joint_names.index("left_shoulder_pitch")
-    user.page.get_by_text("Left arm").click(force=True)
-    for count, angle in enumerate((-0.5, -1.0, -1.5), 1):
-        user.press("Add")
-        user.until(lambda count=count: len(session.timeline.keyframes) == count)
-        user.enter("shoulder_pitch", str(angle))
-        user.until(lambda angle=angle: np.isclose(session.timeline.pose.joint_pos[joint], angle))
+def test_the_page_has_its_name_and_the_timeline_covers_nothing(user):
+    user.begin("wave")
+    user.until(lambda: "plat keyframe studio" in user.page.title())
+    assert user.page.locator('link[rel="icon"]').get_attribute("href").endswith("icon.svg")
+    canvas, dock = (user.page.locator(name).first.bounding_box() for name in ("canvas", "#dock"))
+    assert canvas["y"] + canvas["height"] <= dock["y"] + 1
 
-    user.box("Name").press_sequentially("arm up")
-    user.until(lambda: session.timeline.labels[3] == "3 arm up")
 
+def test_keyframes_are_selected_dragged_and_held_with_the_mouse(user):
+    session = user.session
+    user.begin("bow")
+    user.page.mouse.click(*user.center('#dock [data-key="2"] path'))
+    user.until(lambda: session.timeline.selected == 2)
+    begin = user.center('#dock [data-key="2"] path')
+    step = user.at(1.0)[0] - user.at(0.0)[0]
+    user.drag(begin, (begin[0] - 0.4 * step, begin[1]))
+    user.until(lambda: session.timeline.keyframes[1].time == pytest.approx(1.8, abs=0.03))
+    assert session.timeline.keyframes[0].time == 0.8, "the others stay"
+    edge = user.center('#dock [data-edge="1"]')
+    user.drag(edge, (edge[0] + 0.2 * step, edge[1]))
+    user.until(lambda: session.timeline.holds[0] == pytest.approx(0.8, abs=0.04))
+    user.key("Control+z", "Control+z")
+    user.until(lambda: [frame.time for frame in session.timeline.keyframes] == [0.8, 2.2])
+
+
+def test_the_playhead_is_scrubbed_and_the_view_zoomed(user):
+    session = user.session
+    user.begin("bow")
+    user.drag(user.at(0.1), user.at(0.4))
+    user.until(lambda: session.playback.cursor == pytest.approx(0.4, abs=0.03))
+    assert not session.shows_selected, "the pose between keyframes is shown"
+    user.drag(user.at(0.4), (user.at(0.8)[0] + 3, user.at(0.8)[1]))
+    user.until(lambda: session.playback.cursor == 0.8)
+    assert session.timeline.selected == 1, "it snaps to keyframes"
+    before = user.at(1.0)[0] - user.at(0.0)[0]
+    user.page.mouse.wheel(0, -200)
+    user.until(lambda: user.at(1.0)[0] - user.at(0.0)[0] > 1.5 * before)
+    user.key("0")
+    user.until(lambda: user.at(1.0)[0] - user.at(0.0)[0] == pytest.approx(before))
+
+
+def test_keys_add_mirror_copy_paste_and_delete(user):
+    session = user.session
+    user.begin("reach")
+    user.key("Control+c", "End", "Control+v")
+    user.until(lambda: session.timeline.labels == ("start", "1 reach", "2 back", "3 reach"))
+    pose = session.timeline.pose.qpos
+    user.key("m")
+    user.until(lambda: not np.allclose(session.timeline.pose.qpos, pose, atol=0.1))
+    user.key("Control+z", "Delete", "a")
+    user.until(lambda: session.timeline.labels == ("start", "1 reach", "2 back", "3"))
+    user.key("Home", "ArrowRight")
+    user.until(lambda: session.timeline.selected == 1)
+    user.page.get_by_label("Name", exact=True).fill("am")
+    user.key("Enter")
+    user.until(lambda: session.timeline.labels[1] == "1 am")
+    assert len(session.timeline.keyframes) == 3, "keys that are typed into a box do nothing else"
+    user.key("?")
+    user.sees("Keys and mouse")
+    user.key("Escape")
+    user.page.get_by_text("Keys and mouse").wait_for(state="hidden")
+
+
+def test_playing_is_paused_stepped_slowed_and_scored(user):
+    session, playback = user.session, user.session.playback
+    user.begin("bow")
+    user.page.get_by_label("Speed").select_option("1/10")
+    user.until(lambda: playback.speed == 0.1)
+    user.page.evaluate("document.activeElement.blur()")
+    user.key("Space")
+    user.until(lambda: playback.playing)
+    user.key("Space")
+    user.until(lambda: playback.paused)
+    before = playback.cursor
+    user.key(".", ".", ".")
+    user.until(lambda: playback.cursor == pytest.approx(before + 0.06))
+    user.key(",")
+    user.until(lambda: playback.cursor == pytest.approx(before + 0.04))
+    user.page.get_by_label("Speed").select_option("1x")
+    user.page.evaluate("document.activeElement.blur()")
+    user.key("Space")
+    user.until(lambda: "plat" in playback.scores)
+    user.until(lambda: user.page.locator('#dock [data-key="1"] path[fill="#12a15e"]').count() == 1)
     user.tab("Play")
-    user.press("Play")
-    user.until(lambda: "plat" in session.scores)
-    user.sees("held")
-    assert session.player.qpos[7 + joint] < -1.0, "the arm is raised"
-    user.until(lambda: len(user.table()) == 4)
-    first = user.table()
-    assert all("yes" in row for row in first[1:]), first
-
-    user.tab("Files")
-    user.press("Save")
-    user.sees("Saved")
-    assert (tmp_path / "keyframes.json").exists()
-    user.press("New")
-    user.until(lambda: not session.timeline.keyframes)
-    user.open(studio)  # as after a reload of the page
-    user.tab("Files")
-    user.press("Load")
-    user.until(lambda: len(session.timeline.keyframes) == 3)
-    user.tab("Play")
-    user.press("Play")
-    user.until(lambda: "plat" in session.scores)
-    user.until(lambda: len(user.table()) == 4)
-    assert user.table() == first
-
+    user.sees("reached")
+    user.drag(user.at(0.1), user.at(0.5))
+    user.until(lambda: playback.cursor == pytest.approx(0.5, abs=0.03))
+    assert playback.player is not None, "what was played can be looked at again"
     user.press("Compare all policies")
-    user.sees("3 of 3")
-    user.until(lambda: set(session.scores) == {"plat", "expert"})
+    user.until(lambda: set(playback.scores) == {"plat", "expert"})
+    user.sees("3 of 3 reached")
+    user.tab("Pose")
+    assert session.timeline.labels == ("start", "1 bow", "2 rise")
+
+
+def test_two_policies_play_side_by_side(user):
+    playback = user.session.playback
+    user.begin("bow")
+    playback.set_beside("expert")
+    user.key("Space")
+    user.until(lambda: set(playback.players) == {"plat", "expert"} and playback.cursor > 0.1)
+    user.key("Escape")
+    user.until(lambda: not playback.players)
+    playback.set_beside(None)
 
 
 def test_a_hand_is_dragged_and_the_drag_undone(user):
     session = user.session
-    user.press("Add")
-    user.until(lambda: session.timeline.keyframes)
-    before = session.poser.frames(session.timeline.pose.qpos)
-    hand = before["left hand"]
-    # the arrow that points away from the hand's upper side
-    up = quat_rotate(torch.from_numpy(hand.quat), torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)).numpy()
-    begin, end = user.pixel(hand.pos + 0.16 * up), user.pixel(hand.pos + 0.36 * up)
-    mouse = user.page.mouse
-    mouse.move(*begin)
+    user.begin("reach")
+    user.key("End", "a")
+    user.until(lambda: len(session.timeline.keyframes) == 3)
+    pose = session.timeline.pose.qpos
+    hand, foot = (session.poser.frames(pose)[name] for name in ("left hand", "left foot"))
+    user.key("w")  # the arrow that points up in the world
+    up = np.array([0.0, 0.0, 1.0])
+    user.until(lambda: np.allclose(user.studio._pose._gizmo.wxyz, [1, 0, 0, 0]))
     user.page.wait_for_timeout(1500)  # until the page has found out what is under the mouse
-    mouse.down()
-    for share in np.linspace(0, 1, 8):
-        mouse.move(*(begin + share * (end - begin)))
-        user.page.wait_for_timeout(150)
-    mouse.up()
-    user.until(lambda: not np.allclose(session.timeline.pose.qpos, G1.default_qpos, atol=0.1))
-    user.page.wait_for_timeout(1000)
+    user.drag(tuple(user.pixel(hand.pos + 0.15 * up)), tuple(user.pixel(hand.pos + 0.3 * up)), pause=200)
+    user.until(lambda: not np.allclose(session.timeline.pose.qpos, pose, atol=0.1))
+    user.page.wait_for_timeout(500)
     after = session.poser.frames(session.timeline.pose.qpos)
-    np.testing.assert_allclose(after["left hand"].pos, hand.pos + 0.2 * up, atol=0.04)
-    np.testing.assert_allclose(after["left foot"].pos, before["left foot"].pos, atol=0.01)
-    user.page.keyboard.press("Control+z")
-    user.until(lambda: np.allclose(session.timeline.pose.qpos, G1.default_qpos))
-    user.press("Redo")
-    user.until(lambda: not np.allclose(session.timeline.pose.qpos, G1.default_qpos, atol=0.1))
+    np.testing.assert_allclose(after["left hand"].pos, hand.pos + 0.15 * up, atol=0.05)
+    np.testing.assert_allclose(after["left foot"].pos, foot.pos, atol=0.01)
+    user.key("Control+z")
+    user.until(lambda: np.allclose(session.timeline.pose.qpos, pose))
+    user.key("w")
 
 
-def test_poses_come_out_of_motions(user):
+def test_the_impossible_is_explained(user):
     session = user.session
+    user.begin("bow")
+    user.studio._desk.ask(lambda: session.set_root(session.timeline.pose.qpos[:7] + 3 * np.eye(7)[0], "far"))
+    user.page.locator("#dock .status", has_text="m in 0.80 s takes 7.").wait_for()
+    assert user.page.locator('#dock [data-key="1"]', has_text="▲!").count() == 1
+
+
+def test_poses_and_clips_are_found_and_taken(user):
+    session = user.session
+    user.begin("bow")
     user.tab("Motion")
+    user.press("As new")
+    user.sees("press Load motions first")
     user.press("Load motions")
     user.sees("2 clips")
+    user.box("Search").fill("hand")
+    user.until(lambda: "found" in user.studio._motion._pose.options[0] and user.studio._motion._found)
+    user.press("As new")
+    user.until(lambda: len(session.timeline.keyframes) == 3)
     user.press("Replace all keyframes")
     user.until(lambda: len(session.timeline.keyframes) >= 8)
-    user.press("As new")
-    user.until(lambda: len(session.timeline.keyframes) >= 9)
+    user.tab("Pose")
 
 
-def test_what_goes_wrong_is_said_on_the_page(user):
-    user.press("Play")
-    user.sees("expected at least one")
+def test_files_are_saved_asked_about_and_kept(user, folder):
+    session = user.session
+    user.begin("bow")
+    user.until(lambda: (folder / AUTOSAVE).exists())
+    user.key("Control+s")
+    user.until(lambda: (folder / "keyframes.json").exists())
+    user.sees("Saved")
+    assert not (folder / AUTOSAVE).exists(), "it is of no use any more"
+    user.key("Control+s")
+    user.until(lambda: not session.unsaved)
     user.tab("Files")
     user.enter("File", "nowhere.json")
     user.press("Load")
     user.sees("no such file")
-    user.tab("Motion")
-    user.enter("Motions", "nothing.npz")
-    user.press("Load motions")
-    user.sees("no such file, folder")
+    (folder / "other.json").write_bytes((folder / "keyframes.json").read_bytes())
+    user.enter("File", "other.json")
+    user.press("Save")
+    user.press("Cancel")
+    user.press("New")
+    user.until(lambda: not session.timeline.keyframes)
+    user.press("Load")
+    user.until(lambda: session.timeline.labels == ("start", "1 bow", "2 rise"))
+    with user.page.expect_file_chooser() as chooser:
+        user.press("Upload")
+    chooser.value.set_files(folder / "other.json")
+    user.until(lambda: len(session.timeline.keyframes) == 2)
+    user.tab("Pose")
 
 
 def test_a_port_that_is_taken(studio, policies):
@@ -232,21 +366,3 @@ def test_a_port_that_is_taken(studio, policies):
             path="",
             folder=Path(),
         )
-
-
-def test_downloads_and_uploads(user, tmp_path):
-    session = user.session
-    user.press("Add", "Add")
-    user.until(lambda: len(session.timeline.keyframes) == 2)
-    user.tab("Files")
-    user.press("Download")
-    with user.page.expect_download() as download:
-        user.page.get_by_text("keyframes.json").last.click()
-    path = Path(tmp_path) / "mine.json"
-    download.value.save_as(path)
-    user.press("New")
-    user.until(lambda: not session.timeline.keyframes)
-    with user.page.expect_file_chooser() as chooser:
-        user.press("Upload")
-    chooser.value.set_files(path)
-    user.until(lambda: len(session.timeline.keyframes) == 2)

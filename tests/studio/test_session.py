@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from plat.errors import KeyframeError, MotionError
+from plat.errors import KeyframeError, MotionError, StudioError
 from plat.motions import MotionClip, generate_motions
 from plat.rendering import RenderingError
 from plat.robots import G1
@@ -33,9 +33,9 @@ def with_squat(session: Session) -> Session:
 
 
 def play(session: Session) -> None:
-    session.play()
-    while session.playing:
-        session.tick(0.05)
+    session.playback.play()
+    while session.playback.playing:
+        session.playback.tick(0.05)
 
 
 def test_a_slider_is_one_step_to_undo(session):
@@ -143,68 +143,68 @@ def test_poses_are_mirrored_dropped_and_flattened(session):
 def test_playing_ends_with_scores(session):
     with_squat(session)
     play(session)
-    assert [keyframe.reached for keyframe in session.scores["plat"]] == [True, True]
-    session.choose("expert")
+    assert [keyframe.reached for keyframe in session.playback.scores["plat"]] == [True, True]
+    session.playback.choose("expert")
     play(session)
-    assert set(session.scores) == {"plat", "expert"}
+    assert set(session.playback.scores) == {"plat", "expert"}
 
 
 def test_edits_throw_scores_away(session):
     with_squat(session)
     play(session)
     session.select(1)
-    assert session.scores
+    assert session.playback.scores
     session.set_joint(LEFT_ELBOW, 0.0)
-    assert not session.scores
-    assert session.player is None, "what it played is no more"
+    assert not session.playback.scores
+    assert session.playback.player is None, "what it played is no more"
 
 
 def test_edits_are_obeyed_while_playing(session):
     with_squat(session)
-    session.play()
-    session.tick(0.1)
+    session.playback.play()
+    session.playback.tick(0.1)
     session.select(2)
     session.set_joint(LEFT_ELBOW, 0.0)
-    assert session.playing
-    assert session.player.sequence.keyframes[1].joint_pos[LEFT_ELBOW] == 0.0
-    while session.playing:
-        session.tick(0.05)
-    assert not session.scores, "half of it was played with other keyframes"
-    session.play()
+    assert session.playback.playing
+    assert session.playback.player.sequence.keyframes[1].joint_pos[LEFT_ELBOW] == 0.0
+    while session.playback.playing:
+        session.playback.tick(0.05)
+    assert not session.playback.scores, "half of it was played with other keyframes"
+    session.playback.play()
     session.new()
-    assert not session.playing
+    assert not session.playback.playing
 
 
 def test_another_policy_takes_over(session):
     with_squat(session)
-    session.play()
-    session.tick(0.1)
-    session.choose("expert")
-    while session.playing:
-        session.tick(0.05)
-    assert session.player.times[-1] > 1.0
-    assert not session.scores
+    session.playback.play()
+    session.playback.tick(0.1)
+    session.playback.choose("expert")
+    while session.playback.playing:
+        session.playback.tick(0.05)
+    assert session.playback.player.times[-1] > 1.0
+    assert not session.playback.scores
 
 
 def test_nothing_to_play(session):
     with pytest.raises(KeyframeError, match="expected at least one"):
-        session.play()
+        session.playback.play()
 
 
 def test_all_policies_are_compared_as_if_played(session):
     with_squat(session)
     play(session)
-    played = session.scores["plat"]
-    scores = session.compare(session.timeline)
+    played = session.playback.scores["plat"]
+    scores = session.playback.compare(session.timeline)
     assert list(scores) == ["plat", "expert"]
     assert scores["plat"] == played
     compared = session.timeline
     session.select(1)
-    session.take_scores(compared, scores)
-    assert set(session.scores) == {"plat", "expert"}
+    session.playback.take_scores(compared, scores)
+    assert set(session.playback.scores) == {"plat", "expert"}
     session.set_joint(LEFT_ELBOW, 0.0)
-    session.take_scores(compared, scores)
-    assert not session.scores, "they are of other keyframes"
+    session.playback.take_scores(compared, scores)
+    assert not session.playback.scores, "they are of other keyframes"
 
 
 def test_files_come_back_with_the_same_scores(session, policies, tmp_path):
@@ -212,22 +212,82 @@ def test_files_come_back_with_the_same_scores(session, policies, tmp_path):
     play(session)
     session.save(tmp_path / "squat.json")
     other = Session(G1, policies)
-    assert other.load(tmp_path / "squat.json") == 0
+    other.load(tmp_path / "squat.json")
     assert other.timeline.selected == 1
     play(other)
-    assert other.scores == session.scores
+    assert other.playback.scores == session.playback.scores
     other.undo()
     assert other.timeline.labels == ("start",)
-    assert other.from_json("mine.json", session.to_json()) == 0
+    other.from_json("mine.json", session.to_json())
     assert [frame.time for frame in other.timeline.keyframes] == [frame.time for frame in session.timeline.keyframes]
 
 
-def test_keyframes_too_far_apart_are_split(session):
+def test_keyframes_far_apart_stay_as_they_are_in_files(session):
     with_squat(session)
     content = json.loads(session.to_json())
     content["keyframes"][1]["time"] = 3.2
-    assert session.from_json("far.json", json.dumps(content).encode()) == 2
-    assert len(session.timeline.keyframes) == 4
+    session.from_json("far.json", json.dumps(content).encode())
+    assert [frame.time for frame in session.timeline.keyframes] == [0.6, 3.2]
+    assert len(session.timeline.sequence()) == 4, "they are split when they are played"
+
+
+def test_unsaved_changes_are_known(session, tmp_path):
+    assert not session.unsaved
+    with_squat(session)
+    assert session.unsaved
+    session.to_json()
+    assert session.unsaved, "a download is no file of the studio's"
+    session.save(tmp_path / "a.json")
+    session.select(0)
+    assert not session.unsaved
+    session.set_joint(LEFT_ELBOW, 0.0)
+    assert session.unsaved
+
+
+def test_a_keyframe_is_added_at_the_cursor(session):
+    with_squat(session)
+    session.seek(0.3)
+    assert not session.shows_selected
+    session.add()
+    assert [frame.time for frame in session.timeline.keyframes] == [0.3, 0.6, 1.2]
+    knee = 7 + G1.joint_names.index("left_knee")
+    assert session.timeline.pose.qpos[knee] == pytest.approx((G1.default_qpos[knee] + 1.2) / 2)
+    session.seek(1.2)
+    assert session.timeline.selected == 3
+    session.add()
+    assert session.timeline.duration == pytest.approx(1.8)
+
+
+def test_cut_keyframes_can_be_pasted(session):
+    with_squat(session)
+    session.select(1)
+    session.cut()
+    assert len(session.timeline.keyframes) == 1
+    session.paste()
+    np.testing.assert_array_equal(session.timeline.pose.qpos, squat())
+
+
+def test_symmetric_posing_moves_both_sides(session):
+    session.add()
+    session.symmetric = True
+    session.set_joint(LEFT_ELBOW, 0.9)
+    assert session.timeline.pose.joint_pos[G1.joint_names.index("right_elbow")] == pytest.approx(0.9)
+    frames = session.poser.frames(session.timeline.pose.qpos)
+    hand = frames["left hand"]
+    session.grab("left hand", ["left foot", "right foot", "pelvis"])
+    session.drag(Frame(hand.pos + np.array([0.1, 0.05, 0.2]), hand.quat))
+    session.release()
+    after = session.poser.frames(session.timeline.pose.qpos)
+    np.testing.assert_allclose(after["left hand"].pos * [1, -1, 1], after["right hand"].pos, atol=2e-3)
+
+
+def test_templates_follow_the_selected_pose(session):
+    session.add()
+    session.insert_template("bow")
+    assert session.timeline.labels == ("start", "1", "2 bow", "3 rise")
+    assert session.timeline.selected == 2
+    with pytest.raises(StudioError, match="expected one of wave, bow"):
+        session.insert_template("fly")
 
 
 @pytest.mark.parametrize("content", [b"", b"{}", b"\xff\xfe", b'{"format": "plat-keyframes", "version": 7}'])

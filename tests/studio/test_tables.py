@@ -9,6 +9,11 @@ from tests.control import made_up
 from tests.control.made_up import score
 from tests.control.puppets import Puppet
 
+
+def timeline_of(sequence) -> Timeline:
+    return Timeline.of(sequence.start, sequence.keyframes, G1, sequence.timing)
+
+
 SCORES = [
     score(0, "squat", 0.5),
     score(1, None, 1.0, "late or off", 0.2, 0.04, faults=("0.12 s late", "0.35 m off")),
@@ -16,15 +21,15 @@ SCORES = [
 
 
 def test_a_row_a_keyframe(sequence):
-    rows = keyframe_table(Timeline.of(sequence), SCORES).splitlines()
+    rows = keyframe_table(timeline_of(sequence), SCORES).splitlines()
     assert rows[2:] == [
         "| 1 squat | 0.50 s | reached | 0.100 | 0.020 |",
         "| 2 | 1.00 s | late or off: 0.12 s late, 0.35 m off | 0.200 | 0.040 |",
     ]
     fell = [SCORES[0], score(1, None, 1.0, "fell")]
-    assert "| fell |" in keyframe_table(Timeline.of(sequence), fell)
+    assert "| fell |" in keyframe_table(timeline_of(sequence), fell)
     afterwards = [SCORES[0], score(1, None, 1.0, fell_afterwards=True)]
-    assert "| reached; fell afterwards |" in keyframe_table(Timeline.of(sequence), afterwards)
+    assert "| reached; fell afterwards |" in keyframe_table(timeline_of(sequence), afterwards)
 
 
 def test_a_row_a_policy():
@@ -36,7 +41,7 @@ def test_a_row_a_policy():
 
 
 def test_no_scores_no_table(sequence):
-    assert keyframe_table(Timeline.of(sequence), None) == ""
+    assert keyframe_table(timeline_of(sequence), None) == ""
     assert policy_table({}) == ""
 
 

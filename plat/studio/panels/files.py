@@ -4,9 +4,11 @@ from pathlib import Path
 
 import viser
 
+from plat.studio.autosave import AUTOSAVE, Autosave
 from plat.studio.desk import Task
 from plat.studio.folder import Folder
 from plat.studio.page import Page
+from plat.studio.timeline import Timeline
 
 __all__ = ["FilePanel"]
 
@@ -18,13 +20,19 @@ class FilePanel:
         page: the page.
         path: initial text of the file box.
         folder: folder of the files.
+        autosave: keeps unsaved keyframes.
     """
 
-    def __init__(self, page: Page, path: str, folder: Folder):
+    def __init__(self, page: Page, path: str, folder: Folder, autosave: Autosave):
         self._page, self._folder, session, gui = page, folder, page.session, page.gui
+        self._autosave = autosave
+        self._own: Path | None = None
         self._path = gui.add_text("File", path, hint=f"In {folder.root}, on the machine that the studio runs on.")
-        page.buttons("", {"Save": self._save, "Load": self._load})
+        page.buttons("", {"Save": self.save, "Load": self._load, "New": session.new})
         gui.add_markdown(f"Folder: `{folder.root}`")
+        self._restore_button = page.button(
+            "Restore autosave", self._restore, icon=viser.Icon.HISTORY, visible=autosave.found
+        )
         download = gui.add_button("Download", icon=viser.Icon.DOWNLOAD)
         upload = gui.add_upload_button("Upload", icon=viser.Icon.UPLOAD, mime_type="application/json")
 
@@ -33,6 +41,7 @@ class FilePanel:
             self._record_button = gui.add_button(
                 "Record", icon=viser.Icon.VIDEO, hint="May take a minute without a GPU."
             )
+        page.when_changed(self._path)
 
         async def download_clicked(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
             client = event.client
@@ -41,7 +50,7 @@ class FilePanel:
 
         async def uploaded(event: viser.GuiEvent[viser.GuiUploadButtonHandle]) -> None:
             file = event.target.value
-            page.desk.ask(lambda: self._loaded(file.name, session.from_json(file.name, file.content)))
+            page.desk.ask(lambda: self._loaded(file.name, lambda: session.from_json(file.name, file.content)))
 
         async def record_clicked(_: object) -> None:
             page.desk.ask(self._ask_to_record)
@@ -50,18 +59,36 @@ class FilePanel:
         download.on_click(download_clicked)
         upload.on_upload(uploaded)
 
-    def _save(self) -> None:
+    def save(self) -> None:
+        """Save to the file in the box; a file that is not of this session is only replaced when the user agrees."""
         path = self._folder.file(self._path.value, ".json")
 
         def save() -> None:
             self._page.session.save(path)
-            self._page.notify("Saved", str(path), "green")
+            self._own = path
+            self._autosave.path.unlink(missing_ok=True)
+            self._autosave.words = ""
+            self._page.notify("Saved", str(path), "good")
 
-        self._once_agreed(path, save)
+        if path == self._own:
+            save()
+        else:
+            self._once_agreed(path, save)
 
     def _load(self) -> None:
         path = self._folder.file(self._path.value, ".json")
-        self._loaded(self._path.value, self._page.session.load(path))
+        self._loaded(self._path.value, lambda: self._page.session.load(path))
+        self._own = path
+
+    def _restore(self) -> None:
+        self._loaded(AUTOSAVE, lambda: self._page.session.load(self._autosave.path))
+        self._page.session.saved = Timeline.empty(self._page.session.robot)  # it is in no file of the user's
+        self._restore_button.visible = False
+
+    def show(self) -> None:
+        """Update the line about the file."""
+        state = {"name": Path(self._path.value).name, "unsaved": self._page.session.unsaved}
+        self._page.dock.show("file", {**state, "autosave": self._autosave.words})
 
     def _ask_to_record(self) -> None:
         path = self._folder.file(self._video.value, ".mp4")
@@ -69,19 +96,13 @@ class FilePanel:
         self._once_agreed(path, lambda: self._start_to_record(path))
 
     def _start_to_record(self, path: Path) -> None:
-        if self._record_button.disabled:
-            return
-        self._record_button.disabled = True
-        self._page.notify("Video", f"{self._page.session.policy} is being recorded")
-        self._page.desk.ask_elsewhere(lambda: self._record(path))
+        policy = self._page.session.playback.policy
+        self._page.start(lambda: self._record(path), f"Recording {policy} …", self._record_button)
 
     def _record(self, path: Path) -> Task:
         session = self._page.session
-        try:
-            session.record(session.timeline, session.policy, path)
-        finally:
-            self._record_button.disabled = False
-        return lambda: self._page.notify("Video", f"written to {path}", "green")
+        session.record(session.timeline, session.playback.policy, path)
+        return lambda: self._page.notify("Video", f"written to {path}", "good")
 
     def _once_agreed(self, path: Path, write: Task) -> None:
         """Write at once where nothing is replaced; otherwise ask the user first."""
@@ -104,7 +125,6 @@ class FilePanel:
         replace.on_click(replaced)
         cancel.on_click(cancelled)
 
-    def _loaded(self, name: str, added: int) -> None:
-        count = len(self._page.session.timeline.keyframes)
-        split = f", {added} of them added between keyframes that were too far apart" if added else ""
-        self._page.notify("Loaded", f"{name}: {count} keyframes{split}", "green")
+    def _loaded(self, name: str, load: Task) -> None:
+        load()
+        self._page.notify("Loaded", f"{name}: {len(self._page.session.timeline.keyframes)} keyframes", "good")

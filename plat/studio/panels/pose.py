@@ -1,7 +1,9 @@
 """Panel of the selected pose: joint angles, root, and the handles to drag it by."""
 
 from math import ceil, floor
+from typing import Any
 
+import mujoco
 import numpy as np
 import viser
 
@@ -9,6 +11,7 @@ from plat.robots.robot import without_side
 from plat.rotations_np import heading_pitch_roll, quat_from_heading_pitch_roll
 from plat.studio.page import Page
 from plat.studio.poser import HANDLES, Frame
+from plat.studio.templates import TEMPLATES
 
 __all__ = ["PosePanel"]
 
@@ -20,6 +23,7 @@ _LIMBS = {
     "Right leg": ("right_hip", "right_knee", "right_ankle"),
 }
 _POSITION_DIGITS = 3
+_UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 _HANDLE_COLOR, _CHOSEN_COLOR = (240, 140, 0), (28, 126, 214)
 
 
@@ -33,17 +37,34 @@ class PosePanel:
 
     def __init__(self, page: Page, world: str):
         self._page, session, gui = page, page.session, page.gui
+        self._world_axes = False
+        self._joint: int | None = None
+        self._grabbed: tuple[Frame, float] | None = None
+        self._template = gui.add_dropdown("Begin with", tuple(TEMPLATES), hint="Keyframes after the selected one.")
+        page.buttons("", {"Add template": lambda: session.insert_template(self._template.value)})
         self._handle = gui.add_dropdown(
-            "Drag by", tuple(HANDLES), initial_value="left hand", hint="Or click on one of the orange balls."
+            "Drag by", tuple(HANDLES), initial_value="left hand", hint="Or click on one of the balls."
         )
-        page.when_changed(self._handle)
+        page.when_changed(self._handle, lambda: self._choose(self._handle.value))
+        self._options = {
+            "one limb only": gui.add_checkbox("One limb only", initial_value=False, hint="Nothing else moves along."),
+            "symmetric": gui.add_checkbox("Symmetric", initial_value=False, hint="The other side does the same."),
+            "axes": gui.add_checkbox("Axes of the world", initial_value=False, hint="Else those of the limb. Key: W"),
+        }
+        for box in self._options.values():
+            page.when_changed(box, self._set_options)
         with gui.add_folder("Hold while dragging"):
             self._hold = {
-                part: gui.add_checkbox(part, initial_value=part != "hands") for part in ("feet", "pelvis", "hands")
+                part: gui.add_checkbox(part, initial_value=part != "hands")
+                for part in ("feet", "pelvis", "chest", "hands")
             }
         page.buttons("Put", {"On floor": session.drop, "Feet flat": session.flatten_feet, "Standing": session.stand})
-        self.all_keyframes = gui.add_checkbox("Show all keyframes", initial_value=True)
-        page.when_changed(self.all_keyframes)
+        self.robot_hidden = gui.add_checkbox("Hide the robot", initial_value=False, hint="While posing. Key: H")
+        self.onion = gui.add_checkbox(
+            "Poses before and after", initial_value=True, hint="In blue and in orange. Key: O"
+        )
+        for box in (self.robot_hidden, self.onion):
+            page.when_changed(box)
         with gui.add_folder("Pelvis", expand_by_default=False):
             self._position = gui.add_vector3("x, y, z (m)", (0.0, 0.0, 0.0), step=0.01)
             self._angles = gui.add_vector3("heading, pitch, roll (deg)", (0.0, 0.0, 0.0), step=1.0)
@@ -55,10 +76,46 @@ class PosePanel:
                 for joint, name in enumerate(session.robot.joint_names):
                     if name.startswith(starts):
                         self._sliders[joint] = self._slider(joint, name)
-        self._gizmo = page.server.scene.add_transform_controls(f"{world}/gizmo", scale=0.22, depth_test=False)
+        scene = page.server.scene
+        self._gizmo = scene.add_transform_controls(f"{world}/gizmo", scale=0.2, line_width=3.5, depth_test=False)
+        self._ring = scene.add_transform_controls(
+            f"{world}/ring",
+            scale=0.2,
+            line_width=5.0,
+            depth_test=False,
+            active_axes=(True, True, False),
+            disable_axes=True,
+            disable_sliders=True,
+            visible=False,
+        )
         self._gizmo.on_update(self._dragged)
+        self._ring.on_update(self._turned)
         self._dragging = False
         self._balls = {name: self._ball(world, name) for name in HANDLES}
+
+    def toggle_axes(self) -> None:
+        """Exchange the world's axes and the limb's."""
+        self._options["axes"].value = not self._options["axes"].value
+        self._set_options()
+
+    def _set_options(self) -> None:
+        session = self._page.session
+        session.limb_only = self._options["one limb only"].value
+        session.symmetric = self._options["symmetric"].value
+        self._world_axes = self._options["axes"].value
+
+    def _choose(self, handle: str) -> None:
+        self._handle.value, self._joint = handle, None
+
+    def click_body(self, body: str) -> None:
+        """Select the joint that moves a body; the pelvis, which none moves, becomes the handle."""
+        model = self._page.session.robot.shared_model
+        number = model.body(body).id
+        joints = [joint for joint in range(1, model.njnt) if model.jnt_bodyid[joint] == number]
+        if joints:
+            self._joint = joints[0] - 1
+        else:
+            self._choose("pelvis")
 
     def _slider(self, joint: int, name: str) -> viser.GuiSliderHandle[float]:
         low, high = self._page.session.robot.joint_range[joint].tolist()
@@ -75,10 +132,11 @@ class PosePanel:
 
     def _ball(self, world: str, name: str) -> viser.IcosphereHandle:
         node = f"{world}/handles/{name.replace(' ', '_')}"
-        ball = self._page.server.scene.add_icosphere(node, 0.035, _HANDLE_COLOR, opacity=0.8, cast_shadow=False)
+        size = 0.026 if name.endswith(("elbow", "knee")) else 0.033
+        ball = self._page.server.scene.add_icosphere(node, size, _HANDLE_COLOR, opacity=0.85, cast_shadow=False)
 
         def choose() -> None:
-            self._handle.value = name
+            self._choose(name)
 
         async def clicked(_: viser.SceneNodePointerEvent[viser.IcosphereHandle]) -> None:
             self._page.desk.ask(choose)
@@ -103,17 +161,49 @@ class PosePanel:
 
     def _grab(self) -> None:
         held = {"feet": ("left foot", "right foot"), "pelvis": ("pelvis",), "hands": ("left hand", "right hand")}
-        self._page.session.grab(
-            self._handle.value, [name for part, box in self._hold.items() if box.value for name in held[part]]
+        if self._handle.value.endswith(("hand", "elbow")):  # else it is what moves
+            held["chest"] = ("chest",)
+        session = self._page.session
+        self._grabbed = session.poser.frames(session.timeline.pose.qpos)[self._handle.value], 0.0
+        session.grab(
+            self._handle.value, [name for part, box in self._hold.items() if box.value for name in held.get(part, ())]
         )
         self._dragging = True
 
     def _drag(self) -> None:
-        self._page.session.drag(Frame(self._gizmo.position.copy(), self._gizmo.wxyz.copy()))
+        pos, quat = self._gizmo.position.copy(), self._gizmo.wxyz.copy()
+        if self._world_axes and self._grabbed is not None:
+            quat = _multiplied(quat, self._grabbed[0].quat)  # the gizmo began upright
+        self._page.session.drag(Frame(pos, quat))
 
     def _release(self) -> None:
         self._page.session.release()
         self._dragging = False
+
+    async def _turned(self, event: viser.TransformControlsEvent) -> None:
+        tasks = {"start": self._grab_joint, "update": self._turn_joint, "end": self._release}
+        self._page.desk.ask(tasks[event.phase], once=event.phase == "update")
+
+    def _grab_joint(self) -> None:
+        if self._joint is not None:
+            self._page.session.history.end_gesture()
+            pose = self._page.session.timeline.pose
+            self._grabbed = self._ring_frame(pose.qpos), float(pose.joint_pos[self._joint])
+            self._dragging = True
+
+    def _turn_joint(self) -> None:
+        if self._joint is not None and self._grabbed is not None:
+            frame, angle = self._grabbed
+            conjugate = frame.quat * [1.0, -1.0, -1.0, -1.0]
+            turn = _multiplied(conjugate, self._ring.wxyz)
+            turned = 2 * np.arctan2(turn[3], turn[0])
+            turned = (turned + np.pi) % (2 * np.pi) - np.pi
+            self._page.session.set_joint(self._joint, angle + float(turned))
+
+    def _ring_frame(self, qpos: np.ndarray) -> Frame:
+        """Return the frame of the selected joint, its axis along z."""
+        assert self._joint is not None
+        return self._page.session.poser.joint_frame(qpos, self._joint)
 
     def show(self) -> None:
         """Update sliders, numbers and handles."""
@@ -124,10 +214,37 @@ class PosePanel:
         self._position.value = tuple(qpos[:3].round(_POSITION_DIGITS).tolist())
         self._angles.value = tuple(np.degrees(heading_pitch_roll(qpos[3:7])).round(1).tolist())
         frames = session.poser.frames(qpos)
+        posing = not session.playback.playing and session.shows_selected
         for name, ball in self._balls.items():
-            ball.visible = not session.playing
+            _set(ball, "visible", posing)
             ball.position = frames[name].pos
-            ball.color = _CHOSEN_COLOR if name == self._handle.value else _HANDLE_COLOR
-        self._gizmo.visible = not session.playing
-        if not self._dragging:  # the mouse has it
-            self._gizmo.position, self._gizmo.wxyz = frames[self._handle.value]
+            _set(ball, "color", _CHOSEN_COLOR if name == self._handle.value and self._joint is None else _HANDLE_COLOR)
+        _set(self._gizmo, "visible", posing and self._joint is None)
+        _set(self._ring, "visible", posing and self._joint is not None)
+        if self._dragging:  # the mouse has it
+            return
+        pos, quat = frames[self._handle.value]
+        self._gizmo.position, self._gizmo.wxyz = pos, _UPRIGHT if self._world_axes else quat
+        if self._joint is not None:
+            self._ring.position, self._ring.wxyz = self._ring_frame(qpos)
+
+    @property
+    def words(self) -> str:
+        """Return what is selected, in a line."""
+        session = self._page.session
+        if self._joint is None:
+            return ""
+        low, high = session.robot.joint_range[self._joint].tolist()
+        angle = float(session.timeline.pose.joint_pos[self._joint])
+        return f"{session.robot.joint_names[self._joint]} {angle:.2f} rad ({low:.2f} to {high:.2f})"
+
+
+def _set(handle: Any, field: str, value: Any) -> None:
+    if getattr(handle, field) != value:
+        setattr(handle, field, value)
+
+
+def _multiplied(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    product = np.empty(4)
+    mujoco.mju_mulQuat(product, np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64))
+    return product

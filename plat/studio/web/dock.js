@@ -64,6 +64,11 @@
     return at[name];
   }
 
+  function primary(element) {
+    element.classList.add("play");
+    return element;
+  }
+
   function field(name, kind, label, what) {
     at[name] = make("input", { class: kind, "aria-label": label, title: label });
     const commit = () => send(what, { value: kind === "number" ? Number(at[name].value) : at[name].value });
@@ -82,7 +87,7 @@
     at.file = make("span", { class: "file" });
     at.dock = make("div", { id: "dock" },
       make("div", { class: "bar" },
-        button("play", "Play", "Play or pause (space)", () => send("toggle")),
+        primary(button("play", "Play", "Play or pause (space)", () => send("toggle"))),
         button("stop", "■", "Stop and go to the start (Esc)", () => send("stop")),
         button("back", "◂", "A step back (,)", () => send("step", { value: -1 })),
         button("ahead", "▸", "A step ahead (.)", () => send("step", { value: 1 })),
