@@ -291,7 +291,7 @@ def test_a_hand_is_dragged_and_the_drag_undone(user):
     up = np.array([0.0, 0.0, 1.0])
     user.until(lambda: np.allclose(user.studio._pose._gizmo.wxyz, [1, 0, 0, 0]))
     user.page.wait_for_timeout(1500)  # until the page has found out what is under the mouse
-    user.drag(tuple(user.pixel(hand.pos + 0.15 * up)), tuple(user.pixel(hand.pos + 0.3 * up)), pause=200)
+    user.drag(tuple(user.pixel(hand.pos + 0.222 * up)), tuple(user.pixel(hand.pos + 0.372 * up)), pause=200)
     user.until(lambda: not np.allclose(session.timeline.pose.qpos, pose, atol=0.1))
     user.page.wait_for_timeout(500)
     after = session.poser.frames(session.timeline.pose.qpos)

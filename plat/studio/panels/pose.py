@@ -23,6 +23,16 @@ _LIMBS = {
     "Right leg": ("right_hip", "right_knee", "right_ankle"),
 }
 _POSITION_DIGITS = 3
+# Where the ball of a handle is, in its frame (m): outside the body, to be seen and clicked on.
+_BALLS = {
+    "head": (0.0, 0.0, 0.16),
+    "chest": (0.15, 0.0, 0.0),
+    "pelvis": (0.14, 0.0, 0.0),
+    "hand": (0.12, 0.0, 0.0),
+    "elbow": (-0.075, 0.0, 0.0),
+    "knee": (0.085, 0.0, 0.0),
+    "foot": (0.17, 0.0, 0.0),
+}
 _UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 _HANDLE_COLOR, _CHOSEN_COLOR = (240, 140, 0), (28, 126, 214)
 
@@ -77,10 +87,10 @@ class PosePanel:
                     if name.startswith(starts):
                         self._sliders[joint] = self._slider(joint, name)
         scene = page.server.scene
-        self._gizmo = scene.add_transform_controls(f"{world}/gizmo", scale=0.2, line_width=3.5, depth_test=False)
+        self._gizmo = scene.add_transform_controls(f"{world}/gizmo", scale=0.23, line_width=4.0, depth_test=False)
         self._ring = scene.add_transform_controls(
             f"{world}/ring",
-            scale=0.2,
+            scale=0.23,
             line_width=5.0,
             depth_test=False,
             active_axes=(True, True, False),
@@ -217,7 +227,7 @@ class PosePanel:
         posing = not session.playback.playing and session.shows_selected
         for name, ball in self._balls.items():
             _set(ball, "visible", posing)
-            ball.position = frames[name].pos
+            ball.position = _beside(frames[name], _BALLS[name.split()[-1]])
             _set(ball, "color", _CHOSEN_COLOR if name == self._handle.value and self._joint is None else _HANDLE_COLOR)
         _set(self._gizmo, "visible", posing and self._joint is None)
         _set(self._ring, "visible", posing and self._joint is not None)
@@ -242,6 +252,12 @@ class PosePanel:
 def _set(handle: Any, field: str, value: Any) -> None:
     if getattr(handle, field) != value:
         setattr(handle, field, value)
+
+
+def _beside(frame: Frame, offset: tuple[float, float, float]) -> np.ndarray:
+    turned = np.empty(3)
+    mujoco.mju_rotVecQuat(turned, np.array(offset), frame.quat)
+    return frame.pos + turned
 
 
 def _multiplied(first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -283,7 +283,7 @@
         for (const one of keys.length > 9 || /^[a-z]/.test(keys) ? [keys] : keys.split(" ")) cell.append(make("kbd", { text: one }), " ");
         table.append(make("tr", {}, cell, make("td", { text })));
       }
-      columns.append(make("h3", { text: title }), table);
+      columns.append(make("section", {}, make("h3", { text: title }), table));
     }
     return make("div", {}, make("h2", { text: "Keys and mouse" }), columns);
   }
