@@ -11,6 +11,7 @@ from torch import nn
 from torchrl.envs import EnvBase
 
 from plat.collectors import RolloutReplay, rollouts
+from plat.envs.transforms import NoiseLevels, RandomizationRanges
 from plat.errors import ConfigError, RenderingError
 from plat.evaluation.model_error import model_errors
 from plat.figures import save_figure
@@ -21,6 +22,7 @@ from plat.objectives import ExploitationWatch, ImaginationLearner, exploring
 from plat.recipes.options import ImaginationRecipe
 from plat.runs import DYNAMICS_FILE, Budget, Run, load_dynamics, run_inputs
 from plat.tasks import SimulatedTask, Task
+from plat.tasks.disturbed import measuring, num_physics
 
 MODEL_STEPS = 48
 """Control steps over which the model's error is reported."""
@@ -52,16 +54,22 @@ def learn(
         raise ConfigError(f"--imagination.window {settings.window}: expected at most the {kept} steps of --replay")
     # read before the work: what is wrong with them had better be said now
     unseen = MotionLibrary.load(recipe.unseen, library.robot, dt=library.dt).to(device) if recipe.unseen else None
-    start = load_dynamics(recipe.init_model, library.robot, device) if recipe.init_model else None
+    num_parameters = num_physics(library.robot) if recipe.disturbed else 0
+    randomization = RandomizationRanges().scaled(recipe.disturbed) if recipe.disturbed else None
+    if recipe.disturbed:
+        actor = measuring(actor, NoiseLevels().scaled(recipe.disturbed))
+    start = None
+    if recipe.init_model:
+        start = load_dynamics(recipe.init_model, library.robot, device, num_parameters)
     inputs = run_inputs(library, init=init, init_model=start)
     if start is not None:
         model = start
         # it knows the robot, and needs to see only what the new task makes of it
         settings = replace(settings, warmup=min(settings.warmup, 8))
     else:
-        model = DynamicsModel(library.robot, recipe.model, library.dt).to(device)
+        model = DynamicsModel(library.robot, recipe.model, library.dt, num_parameters).to(device)
     task = make_task(library)
-    env = SimulatedTask(task, recipe.num_envs, device=device)
+    env = SimulatedTask(task, recipe.num_envs, device=device, randomization=randomization)
     learner = ImaginationLearner(policy, actor, model, task, settings, effort=effort)
     replay = RolloutReplay(
         recipe.num_envs, _multiple(recipe.replay, recipe.rollout), ["robot_state", "memory", "action"], device

@@ -175,6 +175,8 @@ class ImaginationRecipe(RecipeConfig):
     """control steps of each robot that are kept"""
     save_replay: bool = True
     """keep these steps in checkpoints; without, a resumed run gathers them anew and differs"""
+    disturbed: Fraction = 0.0
+    """strength of domain randomization, pushes and sensor noise; 1 is the full set"""
     unseen: tuple[str, ...] = ("generated:val@120",)
     """motions on which the model's error is reported"""
     model: DynamicsConfig = field(default_factory=DynamicsConfig)

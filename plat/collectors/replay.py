@@ -72,7 +72,9 @@ class RolloutReplay:
         length = rollout.shape[1]
         if self.capacity % length:
             raise ConfigError(f"capacity is {self.capacity}, expected a multiple of the rollouts' {length} steps")
-        done = rollout["next", "done"][..., 0].long()
+        ends = rollout["next", "done"][..., 0]
+        pushed = rollout.get(("next", "pushed"), None)  # no window leads over a push, which nobody can foresee
+        done = (ends if pushed is None else ends | pushed).long()
         ended = done.cumsum(1)
         kept = rollout.select(*self._keys)
         kept["episode"] = self._episode[:, None] + ended - done

@@ -11,6 +11,7 @@ from torch import Tensor
 from plat.envs.state import GeneralizedState, joint_target
 from plat.modules.dynamics import DynamicsModel
 from plat.rotations import quat_angle
+from plat.tasks.disturbed import applied_action
 
 __all__ = ["ModelErrors", "model_errors"]
 
@@ -57,11 +58,14 @@ def model_errors(model: DynamicsModel, windows: TensorDictBase) -> ModelErrors:
     >>> model_errors(DynamicsModel(G1), windows).joint_pos.shape
     torch.Size([4])
     """
-    states, targets = windows["robot_state"], joint_target(model.robot, windows["action"])
+    memory, actions, parameters = windows.get("memory", None), windows["action"], None
+    if memory is not None:
+        actions, parameters = applied_action(memory, actions), memory[:, 0].get("physics", None)
+    states, targets = windows["robot_state"], joint_target(model.robot, actions)
     first = state = GeneralizedState.unpack(states[:, 0])
     rows = []
     for step in range(1, states.shape[1]):
-        state = model(state, targets[:, step - 1])
+        state = model(state, targets[:, step - 1], parameters)
         actual = GeneralizedState.unpack(states[:, step])
         rows.append([*_errors(state, actual), *_errors(first, actual)])
     return ModelErrors(*(torch.stack(column) for column in zip(*rows, strict=True)))

@@ -4,6 +4,7 @@ import torch
 from torch import Tensor, nn
 
 from plat.envs.state import GeneralizedState
+from plat.errors import ConfigError
 from plat.modules.networks import mlp
 from plat.modules.settings import DynamicsConfig
 from plat.robots.robot import Robot
@@ -36,6 +37,7 @@ class DynamicsModel(nn.Module):
         robot: the robot.
         config: shape of the network.
         dt: control step (s).
+        num_parameters: of the robot's physics that it is told, P: friction, mass, gains; 0 for the nominal robot.
 
     Attributes:
         spread: standard deviation of the change of a step ``[12 + 3 J]``: root linear and angular velocity, joint
@@ -55,28 +57,30 @@ class DynamicsModel(nn.Module):
     spread: Tensor
     batches: Tensor
 
-    def __init__(self, robot: Robot, config: DynamicsConfig | None = None, dt: float = 0.02):
+    def __init__(self, robot: Robot, config: DynamicsConfig | None = None, dt: float = 0.02, num_parameters: int = 0):
         super().__init__()
+        self.num_parameters = num_parameters
         self.robot = robot
         self.config = config = config or DynamicsConfig()
         self.dt = dt
         joints = robot.num_joints
         self._parts = (3, 3, joints, 3, 3, joints)
-        features = 10 + 3 * joints
+        features = 10 + 3 * joints + num_parameters
         self.network = mlp(features, config.hidden, sum(self._parts), out_scale=0.1)
         self.register_buffer("mean", torch.zeros(features))
         self.register_buffer("std", torch.ones(features))
         self.register_buffer("spread", torch.ones(sum(self._parts)))
         self.register_buffer("batches", torch.zeros((), dtype=torch.int64))
 
-    def forward(self, state: GeneralizedState, target: Tensor) -> GeneralizedState:
+    def forward(self, state: GeneralizedState, target: Tensor, parameters: Tensor | None = None) -> GeneralizedState:
         """State after a control step.
 
         Args:
             state: now, ``[*B]``.
             target: joint position targets ``[*B, J]`` (rad) that are held for the step.
+            parameters: of the robots' physics ``[*B, P]``, about -1 to 1; None for the nominal robot, all 0.
         """
-        features, lin_vel_b = self._features(state, target)
+        features, lin_vel_b = self._features(state, target, parameters)
         # five standard deviations: beyond what it has seen, the model is not asked to extrapolate
         normalized = ((features - self.mean) / self.std).clamp(-5.0, 5.0)
         change = self.network(normalized) * self.spread
@@ -99,12 +103,18 @@ class DynamicsModel(nn.Module):
         )
 
     @torch.no_grad()
-    def update_statistics(self, state: GeneralizedState, target: Tensor, next_state: GeneralizedState) -> None:
+    def update_statistics(
+        self,
+        state: GeneralizedState,
+        target: Tensor,
+        next_state: GeneralizedState,
+        parameters: Tensor | None = None,
+    ) -> None:
         """Take steps ``[*B]`` into the statistics of the inputs, which forget by ``1 / e`` in 50 batches.
 
         The spread of the output is that of the first three batches: later it would change what the network says.
         """
-        features = self._features(state, target)[0].flatten(0, -2)
+        features = self._features(state, target, parameters)[0].flatten(0, -2)
         rate = max(1.0 / (int(self.batches) + 1), 0.02)
         mean = features.mean(0)
         self.mean.lerp_(mean, rate)
@@ -114,9 +124,32 @@ class DynamicsModel(nn.Module):
             self.spread.lerp_(change.std(0).clamp_min_(1e-6), rate)
         self.batches += 1
 
-    def _features(self, state: GeneralizedState, target: Tensor) -> tuple[Tensor, Tensor]:
+    @torch.no_grad()
+    def take_over(self, trained: "DynamicsModel") -> None:
+        """Take the weights of a model that was told less of the physics; what it was not told counts for nothing yet.
+
+        Raises:
+            ConfigError: when the layers differ.
+        """
+        weights, further = trained.state_dict(), self.num_parameters - trained.num_parameters
+        if further < 0 or trained.config != self.config:
+            raise ConfigError(
+                f"a model of {trained.config} with {trained.num_parameters} parameters, expected {self.config} and at "
+                f"most {self.num_parameters}"
+            )
+        pad = torch.nn.functional.pad
+        weights["network.0.weight"] = pad(weights["network.0.weight"], (0, further))
+        weights["mean"], weights["std"] = (
+            pad(weights["mean"], (0, further)),
+            pad(weights["std"], (0, further), value=0.6),
+        )
+        self.load_state_dict(weights)
+
+    def _features(
+        self, state: GeneralizedState, target: Tensor, parameters: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
         gravity_b, lin_vel_b = state.in_root_frame()
-        features = (
+        features: tuple[Tensor, ...] = (
             gravity_b,
             state.root_pos_w[..., 2:],
             lin_vel_b,
@@ -125,6 +158,9 @@ class DynamicsModel(nn.Module):
             state.joint_vel,
             target - state.joint_pos,
         )
+        if self.num_parameters:
+            nominal = target.new_zeros(*target.shape[:-1], self.num_parameters)
+            features = (*features, nominal if parameters is None else parameters)
         return torch.cat(features, -1), lin_vel_b
 
     def _change(self, state: GeneralizedState, after: GeneralizedState) -> Tensor:

@@ -12,6 +12,7 @@ from torchrl.objectives.common import LossModule
 from plat.envs.state import GeneralizedState, joint_target
 from plat.modules.dynamics import DynamicsModel
 from plat.tasks.distances import smooth_angle
+from plat.tasks.disturbed import applied_action
 
 __all__ = ["DynamicsLoss", "muon_and_adam"]
 
@@ -73,6 +74,11 @@ class DynamicsLoss(LossModule):
         # time first: the states of a step are then contiguous
         states = tensordict.get(self.tensor_keys.state).transpose(0, 1).contiguous()
         actions = tensordict.get(self.tensor_keys.action).transpose(0, 1).contiguous()
+        memory = tensordict.get("memory", None)
+        parameters = None
+        if memory is not None:  # of randomized robots it says what reached the motors, and their physics
+            actions = applied_action(memory.transpose(0, 1), actions)
+            parameters = memory[:, 0].get("physics", None)
         targets = joint_target(self.model.robot, actions)
         joints = self.model.robot.num_joints
         lin, ang, joint = (part.mean() for part in self.model.spread[: 6 + joints].split((3, 3, joints)))
@@ -80,7 +86,7 @@ class DynamicsLoss(LossModule):
         state = GeneralizedState.unpack(states[0])
         total = states.new_zeros(())
         for target, values in zip(targets[:-1], states[1:], strict=True):
-            state, actual = self.model(state, target), GeneralizedState.unpack(values)
+            state, actual = self.model(state, target, parameters), GeneralizedState.unpack(values)
             root_pos = _mean_distance(state.root_pos_w, actual.root_pos_w)
             root_rot = smooth_angle(state.root_quat_w, actual.root_quat_w).mean()
             joint_pos = _mean_distance(state.joint_pos, actual.joint_pos)

@@ -11,6 +11,7 @@ from torchrl.objectives.utils import hold_out_net
 
 from plat.envs.state import GeneralizedState, joint_target
 from plat.modules.dynamics import DynamicsModel
+from plat.tasks.disturbed import applied_action, shown
 from plat.tasks.task import Task
 
 __all__ = ["ImaginationLoss"]
@@ -116,7 +117,8 @@ class ImaginationLoss(LossModule):
             acted = self.policy(observed.copy())
             action, effort = acted.get(keys.action), acted.get(keys.effort)
             with hold_out_net(self.model):
-                state = self.model(state, joint_target(task.robot, action))
+                target = joint_target(task.robot, applied_action(memory, action))
+                state = self.model(state, target, memory.get("physics", None))
             memory = task.advance(memory, action)
             cost = task.cost(state, memory)
             with torch.no_grad():
@@ -144,7 +146,7 @@ class ImaginationLoss(LossModule):
     def _observe(self, state: GeneralizedState, memory: TensorDictBase) -> TensorDictBase:
         # half precision is for networks: positions of a few meters would be off by millimeters
         with torch.autocast(state.root_pos_w.device.type, enabled=False):
-            return self.task.observe(state, memory)
+            return shown(self.task, state, memory)
 
     def _moderation(self, effort: Tensor, before: Tensor | None) -> Tensor:
         total = self.effort_weight * effort.square().mean()

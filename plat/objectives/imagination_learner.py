@@ -15,6 +15,7 @@ from plat.objectives.dynamics import DynamicsLoss, muon_and_adam
 from plat.objectives.imagination import ImaginationLoss
 from plat.objectives.settings import ImaginationConfig
 from plat.precision import autocast
+from plat.tasks.disturbed import applied_action
 from plat.tasks.task import Task
 
 __all__ = ["ImaginationConfig", "ImaginationLearner", "exploring"]
@@ -97,10 +98,17 @@ class ImaginationLearner:
             return
         before, after = (GeneralizedState.unpack(part["robot_state"]) for part in (rollout, rollout["next"]))
         going_on = ~rollout["next", "done"][..., 0]
-        target = joint_target(self.model.robot, rollout["action"])
+        if ("next", "pushed") in rollout.keys(True):
+            going_on &= ~rollout["next", "pushed"]
+        memory, action = rollout.get("memory", None), rollout["action"]
+        parameters = None
+        if memory is not None:
+            action, parameters = applied_action(memory, action), memory.get("physics", None)
+        target = joint_target(self.model.robot, action)[going_on]
         # what follows an episode's end is the next one's start in some collectors
         kept = (GeneralizedState(*(field[going_on] for field in state)) for state in (before, after))
-        self.model.update_statistics(next(kept), target[going_on], next(kept))
+        told = None if parameters is None else parameters[going_on]
+        self.model.update_statistics(next(kept), target, next(kept), told)
 
     def step(self, replay: Windows, fraction: float = 0.0) -> dict[str, float]:
         """Run the updates of one iteration.

@@ -7,7 +7,7 @@ from pydantic import TypeAdapter, ValidationError
 from safetensors import SafetensorError
 from safetensors.torch import load_file
 
-from plat.errors import CheckpointError
+from plat.errors import CheckpointError, ConfigError
 from plat.modules.dynamics import DynamicsConfig, DynamicsModel
 from plat.robots.robot import Robot
 from plat.runs.json_object import read_json
@@ -23,13 +23,16 @@ def save_dynamics(folder: Path, model: DynamicsModel) -> None:
     save_weights(folder / DYNAMICS_FILE, model)
 
 
-def load_dynamics(folder: Path, robot: Robot, device: torch.device | str = "cpu") -> DynamicsModel:
+def load_dynamics(
+    folder: Path, robot: Robot, device: torch.device | str = "cpu", num_parameters: int = 0
+) -> DynamicsModel:
     """Return the dynamics model that a run has learned.
 
     Args:
         folder: run directory of ``plat expert-model`` or ``plat imagine``.
         robot: the modeled robot.
         device: device of the model.
+        num_parameters: of the robot's physics that it is to be told; a model that was told less knows nothing of them.
 
     Raises:
         CheckpointError: naming file and field, when the run has no model, or one of another robot.
@@ -39,9 +42,14 @@ def load_dynamics(folder: Path, robot: Robot, device: torch.device | str = "cpu"
         raise CheckpointError(f"{str(path)!r}: no such file; expected the run of `plat expert-model` or `plat imagine`")
     shape = settings.get("recipe", {}).get("settings", {}).get("model", {})
     try:
-        model = DynamicsModel(robot, TypeAdapter(DynamicsConfig).validate_python(shape))
-        model.load_state_dict(load_file(path))
-    except (ValidationError, SafetensorError, OSError, RuntimeError) as error:
+        weights, config = load_file(path), TypeAdapter(DynamicsConfig).validate_python(shape)
+        told = len(weights["mean"]) - len(DynamicsModel(robot, DynamicsConfig(hidden=(1,))).mean)
+        trained = model = DynamicsModel(robot, config, num_parameters=max(told, 0))
+        trained.load_state_dict(weights)
+        if told != num_parameters:
+            model = DynamicsModel(robot, config, num_parameters=num_parameters)
+            model.take_over(trained)
+    except (KeyError, ConfigError, ValidationError, SafetensorError, OSError, RuntimeError) as error:
         first = str(error).splitlines()[0]
         raise CheckpointError(f"{str(path)!r}: not a model of robot {robot.name!r} ({first})") from error
     return model.to(device)

@@ -13,7 +13,9 @@ from plat.entries import check_entries
 from plat.envs.broken import BrokenRobots
 from plat.envs.physics import BatchedPhysics
 from plat.envs.state import GeneralizedState, joint_target
+from plat.envs.transforms.settings import RandomizationRanges
 from plat.robots.robot import FootContacts
+from plat.tasks.disturbed import PhysicsDraws, applied_action, shown
 from plat.tasks.task import Task
 
 __all__ = ["SimulatedTask"]
@@ -35,6 +37,8 @@ class SimulatedTask(EnvBase):
         feet: contact geometry of the soles, see :meth:`plat.robots.Robot.spec`.
         num_threads: threads of the physics pool; None takes all CPUs.
         device: where tensors live; physics runs on the CPU.
+        randomization: ranges of the robots' physics and of pushes, drawn at every reset; None for the nominal robot.
+            ``("next", "pushed")`` then says which steps no model can foresee.
 
     >>> from plat.motions import MotionLibrary, generate_motions
     >>> from plat.tasks import DenseTracking
@@ -53,6 +57,7 @@ class SimulatedTask(EnvBase):
         feet: FootContacts = "spheres",
         num_threads: int | None = None,
         device: torch.device | str = "cpu",
+        randomization: RandomizationRanges | None = None,
     ):
         check_value("environment: num_envs", num_envs, Robots)
         super().__init__(device=torch.device(device), batch_size=torch.Size([num_envs]))
@@ -61,13 +66,19 @@ class SimulatedTask(EnvBase):
         model.opt.timestep = task.dt / decimation
         self.physics = BatchedPhysics(model, num_envs, num_threads, device)
         self.decimation = decimation
+        self.draws: PhysicsDraws | None = None
+        """Draws of the robots' physics; None for the nominal robot."""
+        if randomization is not None:
+            self.draws = PhysicsDraws(task.robot, self.physics, num_envs, randomization, task.dt)
         self.broken = BrokenRobots()
         """Finds robots to terminate because their action is absurd or their simulation diverged."""
         self._make_specs()
 
     def _make_specs(self) -> None:
         count, joints = self.batch_size, self.task.robot.num_joints
-        example = self._entries(*self.task.start(count[0]))
+        example = self._entries(*self._start(torch.arange(count[0])))
+        if self.draws is not None:
+            example["pushed"] = torch.zeros(count, dtype=torch.bool, device=self.device)
         self.observation_spec = _spec_of(example)
         self.action_spec = Unbounded((*count, joints), device=self.device)
         self.reward_spec = Unbounded((*count, 1), device=self.device)
@@ -75,7 +86,14 @@ class SimulatedTask(EnvBase):
         self.full_done_spec = Composite(flags, shape=count, device=self.device)
 
     def _entries(self, state: GeneralizedState, memory: TensorDictBase) -> TensorDict:
-        return self.task.observe(state, memory).update({"robot_state": state.pack(), "memory": memory})
+        return shown(self.task, state, memory).update({"robot_state": state.pack(), "memory": memory})
+
+    def _start(self, ids: Tensor) -> tuple[GeneralizedState, TensorDict]:
+        """States and memories of robots ``[n]`` that begin an episode."""
+        state, memory = self.task.start(len(ids))
+        if self.draws is not None:
+            memory.update({key: value.to(self.device) for key, value in self.draws.draw(ids).items()})
+        return state, memory
 
     def _state(self) -> GeneralizedState:
         return GeneralizedState.unpack(torch.cat((self.physics.read("qpos"), self.physics.read("qvel")), -1))
@@ -83,13 +101,18 @@ class SimulatedTask(EnvBase):
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         check_entries(tensordict, {"action": (*self.batch_size, self.task.robot.num_joints)}, "environment step")
         task, action = self.task, self.broken.sound(tensordict["action"])
-        self.physics.step(joint_target(task.robot, action), self.decimation)
+        self.physics.step(joint_target(task.robot, applied_action(tensordict["memory"], action)), self.decimation)
         state, memory = self._state(), task.advance(tensordict["memory"], action)
         broken = self.broken.found(self.physics.diverged() | ~_finite(state))
         cost, failed = task.cost(state, memory), task.failed(state, memory) | broken
         truncated = task.finished(memory) & ~failed
         task.record_failures(memory[failed])
+        pushed = None if self.draws is None else self.draws.push().to(self.device)
+        if pushed is not None and pushed.any():
+            state = self._state()
         out = self._entries(state, task.renew(memory, state))
+        if pushed is not None:
+            out["pushed"] = pushed
         out["reward"] = -cost[:, None]
         out["terminated"], out["truncated"] = failed[:, None], truncated[:, None]
         out["done"] = out["terminated"] | out["truncated"]
@@ -99,23 +122,28 @@ class SimulatedTask(EnvBase):
         mask = None if tensordict is None else tensordict.get("_reset", None)
         everyone = torch.ones(self.batch_size, dtype=torch.bool, device=self.device)
         ids = (everyone if mask is None else mask.view(-1)).nonzero()[:, 0]
-        state, memory = self.task.start(len(ids))
+        state, memory = self._start(ids)
         self.physics.set_state(ids, state.qpos.double(), state.qvel.double())
         started = self._entries(state, memory)
         out = started.new_zeros(self.batch_size)  # the other robots' rows are never looked at
         out[ids] = started
         for key in _DONE_KEYS:
             out[key] = torch.zeros(*self.batch_size, 1, dtype=torch.bool, device=self.device)
+        if self.draws is not None:
+            out["pushed"] = torch.zeros(self.batch_size, dtype=torch.bool, device=self.device)
         return out
 
     def get_extra_state(self) -> dict[str, Any]:
         """Return, for :meth:`state_dict`, the state of the simulations; the task's is beside it."""
-        return {"physics": self.physics.state_dict(), "broken": self.broken.state_dict()}
+        state = {"physics": self.physics.state_dict(), "broken": self.broken.state_dict()}
+        return state if self.draws is None else {**state, "steps_to_push": self.draws.steps_to_push}
 
     def set_extra_state(self, state: dict[str, Any]) -> None:
         """Restore what :meth:`get_extra_state` returned."""
         self.physics.load_state_dict(state["physics"])
         self.broken.load_state_dict(state["broken"])
+        if self.draws is not None:
+            self.draws.steps_to_push = state["steps_to_push"].clone()
 
     def _set_seed(self, seed: int | None) -> None:
         if seed is not None:

@@ -20,6 +20,7 @@ from plat.modules import Expert, LatentPolicy, PlainPolicy
 from plat.recipes import expert_model, imagine
 from plat.robots import G1
 from plat.runs import load_dynamics, load_policy
+from plat.tasks.disturbed import num_physics
 
 ROOT = Path(__file__).parents[2]
 SMALL = [
@@ -101,9 +102,14 @@ def test_the_model_of_an_expert_serves_a_keyframe_policy(tmp_path):
     expert, policy = tmp_path / "expert", tmp_path / "policy"
     run("expert-model", *RECIPES["expert-model"], "--out", expert, "--steps", 300)
     latent = ["--student", "latent", "--policy.prior", 16, "--policy.posterior", 16]
-    run("imagine", *RECIPES["imagine"], *latent, "--init-model", expert, "--out", policy, "--steps", 100)
+    # for robots of all kinds: the model is told which, and learns what to make of it
+    disturbed = ["--disturbed", 1, "--init-model", expert, "--out", policy, "--steps", 100]
+    run("imagine", *RECIPES["imagine"], *latent, *disturbed)
     assert isinstance(load_policy(policy), LatentPolicy)
-    before, after = (load_dynamics(folder, G1).network[0].weight for folder in (expert, policy))
+    told = num_physics(G1)
+    before, after = (load_dynamics(folder, G1, num_parameters=told).network[0].weight for folder in (expert, policy))
+    assert (before[:, -told:] == 0).all()
+    assert (after[:, -told:] != 0).any()
     assert 0 < float((before - after).detach().norm()) < 0.5 * float(torch.linalg.norm(before.detach()))
 
 

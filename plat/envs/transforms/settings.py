@@ -28,6 +28,10 @@ class NoiseLevels(Bounded):
     gravity_b: NonNegative = 0.05
     """components of the direction of gravity"""
 
+    def scaled(self, strength: float) -> "NoiseLevels":
+        """Return these levels times a factor."""
+        return NoiseLevels(**{name: strength * width for name, width in vars(self).items()})
+
 
 @dataclass(frozen=True)
 class RandomizationRanges(Bounded):
@@ -49,6 +53,25 @@ class RandomizationRanges(Bounded):
     """half widths of the change of root velocity by a push (m/s, world)"""
     push_ang_vel: Widths = (0.52, 0.52, 0.78)
     """half widths of the change of root angular velocity by a push (rad/s, root frame)"""
+
+    def scaled(self, strength: float) -> "RandomizationRanges":
+        """Return ranges narrowed by a factor from 0 (the nominal robot, with a friction of 1) to 1 (these)."""
+        low, high = self.foot_friction
+        return RandomizationRanges(
+            foot_friction=(1 - strength + strength * low, 1 - strength + strength * high),
+            torso_com=_scaled(self.torso_com, strength),
+            encoder_bias=strength * self.encoder_bias,
+            motor_gain=strength * self.motor_gain,
+            control_delay=strength * self.control_delay,
+            push_interval=self.push_interval,
+            push_lin_vel=_scaled(self.push_lin_vel, strength),
+            push_ang_vel=_scaled(self.push_ang_vel, strength),
+        )
+
+
+def _scaled(widths: tuple[float, float, float], factor: float) -> tuple[float, float, float]:
+    first, second, third = widths
+    return factor * first, factor * second, factor * third
 
 
 @dataclass(frozen=True)
