@@ -138,5 +138,6 @@ def test_motions_have_the_control_step_of_the_policy(tmp_path, monkeypatch, reci
     monkeypatch.setattr(recipe, "learn", lambda _, library, *rest, **options: seen.append(library.dt))
     name = recipe.__name__.rpartition(".")[2].replace("_", "-")
     sizes = [str(argument) for argument in RECIPES[name]]
-    main([name, *sizes, "--policy.timing.control-dt", "0.04", "--device", "cpu", "--out", str(tmp_path)])
+    about = ["--policy.timing.control-dt", "0.04", "--device", "cpu", "--steps", "10", "--out", str(tmp_path / "run")]
+    main([name, *sizes, *about])
     assert seen == [0.04]
