@@ -11,7 +11,7 @@ import torch
 
 from plat.modules import LatentPolicy, LatentPolicyConfig, LatentPrior
 from plat.robots import G1, Robot
-from plat.runs import Budget, Run, load_policy, register_policy
+from plat.runs import Budget, Run, is_run, load_policy, register_policy
 
 
 class WidePriorPolicy(LatentPolicy):
@@ -34,9 +34,10 @@ class Settings:
 
 folder, student, budget = Path(mkdtemp()) / "run", WidePriorPolicy(G1), Budget(steps=2000)
 optimizer = torch.optim.Adam(student.parameters(), lr=Settings().lr)
-run = Run(folder, recipe=Settings(), policy=student, budget=budget, state={"optimizer": optimizer}, resume=True)
-while not budget.done:
-    budget.add(1000)  # here something is learned
-    run.log({"loss": 1.0})
-run.finish()
+state = {"optimizer": optimizer}
+with Run(folder, recipe=Settings(), policy=student, budget=budget, state=state, resume=is_run(folder)) as run:
+    while not budget.done:
+        budget.add(1000)  # here something is learned
+        run.log({"loss": 1.0})
+    run.finish()
 print(type(load_policy(folder)).__name__)  # WidePriorPolicy

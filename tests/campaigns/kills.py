@@ -140,6 +140,14 @@ def broken(task: str, folder: Path, steps: int, seconds: float, chance: random.R
     return kills, found or list(differences(out, folder / task))
 
 
+def needed(tasks: list[str]) -> list[str]:
+    """Tasks and those whose runs they start from, in an order in which they can be trained."""
+    names = set(tasks)
+    for task in reversed(TASKS):
+        names |= {run for run in TASKS if task in names and f"{{{run}}}" in TASKS[task]}
+    return [task for task in TASKS if task in names]
+
+
 @contextmanager
 def workplace() -> Iterator[Path]:
     """A folder for the runs, with one thread and one cache of motions."""
@@ -156,14 +164,15 @@ def campaign(kills: int, seed: int, iterations: int, tasks: list[str]) -> int:
     steps = 4 * 4 * iterations
     with workplace() as folder:
         seconds = {}
-        for task in TASKS:  # the others need the first ones
-            if task in tasks or task in ("expert", "distill"):
-                seconds[task] = unbroken(task, folder, steps)
-                print(f"{task:<14} unbroken in {seconds[task]:.1f} s, {len(rows(folder / task))} rows", flush=True)
+        for task in needed(tasks):
+            seconds[task] = unbroken(task, folder, steps)
+            print(f"{task:<14} unbroken in {seconds[task]:.1f} s, {len(rows(folder / task))} rows", flush=True)
         while sum(hit.values()) < kills:
             task = min(tasks, key=lambda name: hit[name])
             count, found = broken(task, folder, steps, seconds[task], chance)
             tried[task], hit[task], same[task] = tried[task] + 1, hit[task] + count, same[task] + (not found)
+            if sum(tried.values()) % 10 == 0:
+                print(f"{sum(hit.values())} kills in {sum(tried.values())} runs", flush=True)
             if found:
                 print(f"{task}: try {tried[task]} with {count} kills differs: {'; '.join(found)}", flush=True)
     for task in tasks:
