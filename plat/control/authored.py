@@ -5,7 +5,7 @@ a hold. The same seed gives the same chains.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import mujoco
@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 
 from plat.errors import KeyframeError
 from plat.keyframes import Keyframe, KeyframeSequence, split_long_intervals, standing
+from plat.keyframes.partial import hands_of
 from plat.motions import MotionLibrary
 from plat.motions.checks.collision import self_penetration
 from plat.motions.generation.whole_body import WholeBody
 from plat.robots import ForwardKinematics, Robot
 from plat.rotations import quat_from_rotvec, quat_multiply
+from plat.spec.parts import Parts
 from plat.spec.timing import Timing
 
 __all__ = ["FAMILIES", "Authored", "Family", "author", "resting_poses"]
@@ -44,7 +46,8 @@ class Family:
         interval: shortest and longest time between keyframes (s).
         hold: seconds in the last keyframe.
         resting: whether it needs poses out of clips.
-        commands: what is commanded of each pose: all of it, or some of :data:`COMMANDS`.
+        commands: what is commanded of each pose: all of it; positions of the hands; of hands and torso; or the
+            root's horizontal position and orientation.
         bodies: largest distance of a commanded body for a keyframe to be reached (m); None for that of
             :class:`plat.control.ReachLimits`.
     """
@@ -87,11 +90,13 @@ class Authored:
         family: it is of.
         sequence: the chain.
         hold: seconds in the last keyframe.
+        bodies: as in :class:`Family`.
     """
 
     family: str
     sequence: KeyframeSequence
     hold: float
+    bodies: float | None = None
 
 
 def author(
@@ -124,27 +129,17 @@ def author(
     random = np.random.default_rng([seed, *family.encode()])
     draw = _Draw(robot, random, resting)
     timing = timing or Timing()
+    commands = _commanded(kind, robot)
     chains = []
     for _ in range(count):
         poses: list[Pose] = getattr(draw, family.removesuffix("3s"))()
         times = np.cumsum(random.uniform(*kind.interval, len(poses)))
         keyframes = [
-            Keyframe.from_qpos(round(float(time), 2), pose, name=f"{family} {number}")
+            replace(Keyframe.from_qpos(round(float(time), 2), pose, name=f"{family} {number}"), commands=commands)
             for number, (time, pose) in enumerate(zip(times, poses, strict=True), 1)
         ]
-        chains.append(Authored(family, _sequence(robot, keyframes, timing), kind.hold))
+        chains.append(Authored(family, _sequence(robot, keyframes, timing), kind.hold, kind.bodies))
     return chains
-
-
-def hands(robot: Robot) -> tuple[str, ...]:
-    """Return the bodies of a robot's hands: the end effectors that are no feet.
-
-    >>> from plat.robots import G1
-    >>> hands(G1)
-    ('left_wrist_yaw_link', 'right_wrist_yaw_link')
-    """
-    ends = (robot.keypoints[index] for index in robot.end_effector_indices)
-    return tuple(name for name in ends if name not in robot.feet)
 
 
 def resting_poses(library: MotionLibrary) -> Pose:
@@ -178,6 +173,16 @@ def resting_poses(library: MotionLibrary) -> Pose:
     return torch.stack(poses).double().numpy()
 
 
+def _commanded(family: Family, robot: Robot) -> Parts | None:
+    """Return the parts that the keyframes of a family command; None for whole poses."""
+    if family.commands == "whole":
+        return None
+    if family.commands == "waypoint":
+        return Parts.only(robot, root=("horizontal", "orientation"))
+    head = (robot.keypoints[robot.anchor_index],) if family.commands == "three_point" else ()
+    return Parts.only(robot, bodies=(*hands_of(robot), *head))
+
+
 def _sequence(robot: Robot, keyframes: Sequence[Keyframe], timing: Timing) -> KeyframeSequence:
     start = standing(robot)
     return KeyframeSequence(robot, start, split_long_intervals(start, keyframes, timing), timing)
@@ -195,7 +200,7 @@ class _Draw:
         self._feet_pos, self._feet_quat = feet(stand[:3], stand[3:7], stand[7:])
         self._com = self._body.center_of_mass(stand[None])[0, :2]
         self._legs = robot.leg_joints
-        self._hands = ForwardKinematics(robot, hands(robot))
+        self._hands = ForwardKinematics(robot, hands_of(robot))
         self._model = robot.shared_model
         self._data = mujoco.MjData(self._model)
 

@@ -17,6 +17,7 @@ from plat.keyframes import Keyframe, KeyframeSequence
 from plat.motions.checks.collision import self_penetration
 from plat.motions.checks.feet import Soles
 from plat.robots import Robot
+from plat.spec.parts import Parts
 
 __all__ = ["Concern", "Feasibility", "FeasibilityLimits", "support_margin"]
 
@@ -31,6 +32,8 @@ class FeasibilityLimits:
     """m/s, horizontal; fast running of recorded people, retargeted to the G1, peaks at 3.7 to 4.3"""
     root_acceleration: float = 9.81
     """m/s^2, horizontal; what a foot with a friction coefficient of 1 can push"""
+    body_speed: float = 8.0
+    """m/s of a body that a partial keyframe commands; faster than punches and kicks of the G1"""
     turn_speed: float = 6.0
     """rad/s of the root about any axis"""
     support_margin: float = 0.0
@@ -98,10 +101,12 @@ class Feasibility:
 
         Args:
             before: the pose that the robot comes from, with its time.
-            after: the keyframe.
+            after: the keyframe; of a partial one only what it commands is measured.
             held: whether the robot stays in it, and so must balance there.
         """
-        return (*self._move(before, after), *self._pose(after, held))
+        if after.whole:
+            return (*self._move(before, after), *self._pose(after, held))
+        return (*self._move(before, after), *self._bodies(before, after))
 
     def sequence(self, keyframes: KeyframeSequence) -> tuple[tuple[Concern, ...], ...]:
         """Return the concerns about each keyframe of a sequence; the last one is held."""
@@ -110,7 +115,8 @@ class Feasibility:
 
     def _move(self, before: Keyframe, after: Keyframe) -> list[Concern]:
         limits, seconds = self.limits, after.time - before.time
-        speeds = 2 * np.abs(after.joint_pos - before.joint_pos) / seconds
+        commands = after.commands or Parts.all(self._robot)
+        speeds = 2 * np.abs(after.joint_pos - before.joint_pos) / seconds * np.array(commands.joints)
         concerns = [
             Concern(
                 "joint_speed",
@@ -122,9 +128,9 @@ class Feasibility:
             for name, speed in sorted(zip(self._robot.joint_names, speeds, strict=True), key=lambda pair: -pair[1])
             if speed > limits.joint_speed
         ]
-        distance = float(np.linalg.norm(after.root_pos[:2] - before.root_pos[:2]))
+        distance = float(np.linalg.norm(after.root_pos[:2] - before.root_pos[:2])) * commands.root[0]
         speed, acceleration = 2 * distance / seconds, 4 * distance / seconds**2
-        turn = 2 * _angle(before.root_quat, after.root_quat) / seconds
+        turn = 2 * _angle(before.root_quat, after.root_quat) / seconds * commands.root[2]
         for measure, value, limit, words in (
             ("root_speed", speed, limits.root_speed, f"{distance:.1f} m in {seconds:.2f} s takes {speed:.1f} m/s"),
             (
@@ -138,6 +144,29 @@ class Feasibility:
             if value > limit:
                 concerns.append(Concern(measure, "root", value, limit, words))
         return concerns
+
+    def _bodies(self, before: Keyframe, after: Keyframe) -> list[Concern]:
+        """Concerns about the bodies that a partial keyframe commands; the rest of it is the policy's to choose."""
+        assert after.commands is not None
+        places = [self._places(pose) for pose in (before, after)]
+        speeds = 2 * np.linalg.norm(places[1] - places[0], axis=-1) / (after.time - before.time)
+        limits, concerns = self.limits, []
+        for name, commanded, speed, height in zip(
+            self._robot.keypoints, after.commands.bodies, speeds, places[1][:, 2], strict=True
+        ):
+            if commanded and speed > limits.body_speed:
+                words = f"{name} would need {speed:.0f} m/s, expected at most {limits.body_speed:.0f}"
+                concerns.append(Concern("body_speed", name, float(speed), limits.body_speed, words))
+            if commanded and -height > limits.floor_penetration:
+                words = f"{name} is {-100 * height:.0f} cm inside the floor"
+                concerns.append(Concern("floor_penetration", name, -float(height), limits.floor_penetration, words))
+        return concerns
+
+    def _places(self, pose: Keyframe) -> NDArray[np.floating]:
+        """Positions of the keypoints ``[K, 3]`` (m, world)."""
+        self._data.qpos[:] = pose.qpos
+        mujoco.mj_kinematics(self._model, self._data)
+        return self._data.xpos[[self._model.body(name).id for name in self._robot.keypoints]].copy()
 
     def _pose(self, pose: Keyframe, held: bool) -> list[Concern]:
         limits, concerns = self.limits, []

@@ -207,7 +207,7 @@ class KeyframeScorer:
             last.command.keyframe.name,
             last.command.keyframe.time,
             outcome=FELL if fell else REACHED if reached else LATE_OR_OFF,
-            faults=() if fell or reached else self._faults(arrival, window, late),
+            faults=() if fell or reached else self._faults(arrival, window, late, not last.command.keyframe.whole),
             late=late,
             fell_afterwards=hold is not None and hold.fell_at is not None,
             arrival=PoseErrors(**{field.name: getattr(arrival, field.name) for field in fields(PoseErrors)}),
@@ -217,9 +217,12 @@ class KeyframeScorer:
             keypoint_error=float(np.mean([errors.keypoint for errors in window])) if points else math.nan,
         )
 
-    def _faults(self, arrival: PoseErrors, window: Sequence[PoseErrors], late: float | None) -> tuple[str, ...]:
+    def _faults(
+        self, arrival: PoseErrors, window: Sequence[PoseErrors], late: float | None, partial: bool
+    ) -> tuple[str, ...]:
         limits = self.limits
         height, turn = (max(getattr(errors, name) for errors in window) for name in ("height", "turn"))
+        turned = partial and arrival.turn > limits.turn
         faults = [
             (late is not None, f"{late or 0:.2f} s late"),
             (arrival.root > limits.root, f"{arrival.root:.2f} m off"),
@@ -229,7 +232,7 @@ class KeyframeScorer:
                 height > min(limits.window.anchor_height, limits.window.end_effector_height),
                 f"a hand, a foot or the torso {height:.2f} m too high or low",
             ),
-            (turn**2 > limits.window.anchor_rot_squared, f"turned by {turn:.2f} rad"),
+            (turn**2 > limits.window.anchor_rot_squared or turned, f"turned by {turn:.2f} rad"),
         ]
         return tuple(words for present, words in faults if present)
 

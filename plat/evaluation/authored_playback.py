@@ -40,12 +40,14 @@ def play_authored(
     """
     limits = limits or ReachLimits()
     rollout = AuthoredRollout(policy, robot, chains, observe=observe, pushes=pushes, num_threads=1, device=device)
+    bodies = torch.tensor([limits.bodies if chain.bodies is None else chain.bodies for chain in chains], device=device)
     before, after, failed = [], [], []
     for step in rollout:
         state, reference = step.after["state"], step.after["reference"]
         before.append(_qpos(GeneralizedState.from_entries(step.before)))
         after.append(_qpos(GeneralizedState.from_entries(step.after)))
-        failed.append((down(state, reference, limits) | ~distances(state, reference).near(limits)).cpu().numpy())
+        near = distances(state, reference, rollout.commanded(step.number)).near(limits, bodies)
+        failed.append((down(state, reference, limits) | ~near).cpu().numpy())
     qpos, reached, misses = (np.stack(values, 1) for values in (before, after, failed))
     ends = torch.cat((rollout.arrivals, rollout.ends[:, None]), 1).tolist()
     return [

@@ -18,6 +18,8 @@ from plat.envs.transforms.command import CommandSchedule
 from plat.evaluation.finite import check_actions
 from plat.motions import MotionClip, MotionLibrary
 from plat.robots import Robot
+from plat.spec.observation import optional_groups
+from plat.spec.parts import Parts
 from plat.spec.timing import Timing, timing_of
 
 __all__ = ["AuthoredRollout", "AuthoredStep", "Pushes"]
@@ -57,7 +59,8 @@ class AuthoredRollout:
     """Rollout of a policy on authored chains.
 
     A robot begins at rest in its chain's start. In the hold its command is the last keyframe by the next step, over and
-    over. Its reference is the straight line between keyframes.
+    over. Its reference is the straight line between keyframes. A policy that does not see which parts of a pose are
+    commanded is shown the whole pose of a partial keyframe.
 
     Args:
         policy: deterministic policy that reads ``"robot"``, ``"goal"`` and ``"command"`` and writes ``action``.
@@ -73,6 +76,7 @@ class AuthoredRollout:
         library: the lines between keyframes as clips of equal length.
         arrivals: control step of each arrival ``[C, K]``.
         ends: last control step of each hold ``[C]``.
+        parts: masks of what each keyframe commands ``[C, K, J + bodies + 3]``.
     """
 
     def __init__(
@@ -93,17 +97,27 @@ class AuthoredRollout:
         ends = [steps[-1] + round(chain.hold / dt) for steps, chain in zip(arrivals, chains, strict=True)]
         self.library = _lines(robot, chains, max(ends), dt).to(device)
         self.arrivals, self.ends = torch.tensor(arrivals, device=device), torch.tensor(ends, device=device)
+        self.parts = _parts(robot, chains).to(device)
         schedule = CommandSchedule.of_arrivals(self.library, _with_holds(arrivals, self.library))
+        sees_parts = "parts" in optional_groups(getattr(policy, "in_keys", ()))
+        if sees_parts and not bool(self.parts.all()):
+            schedule = schedule.with_parts(_of_commands(self.parts, self.arrivals, schedule, self.library))
+        num_parts = 0 if schedule.parts is None else self.parts.shape[-1]
         self._env = MotionTrackingEnv(self.library, len(chains), num_threads=num_threads, device=device)
         transforms: list[Transform] = [
             FirstFrames(self.library),
             ReferenceMotion(self.library),
-            KeyframeClock(self.timing.window),
+            KeyframeClock(self.timing.window, num_parts),
             KeyframeCommand(self.library, schedule.horizon, schedule, timing=self.timing),
             *(() if observe is None else observe(self.library)),
         ]
         self._task = TransformedEnv(self._env, Compose(*transforms))
         self._pushes = pushes
+
+    def commanded(self, number: int) -> Tensor:
+        """Return the masks ``[C, J + bodies + 3]`` of the commands that a step belongs to; held ones go on."""
+        command = (self.arrivals < number).sum(-1).clamp_max(self.arrivals.shape[1] - 1)
+        return self.parts[torch.arange(len(command), device=command.device), command]
 
     @torch.no_grad()
     def __iter__(self) -> Iterator[AuthoredStep]:
@@ -146,6 +160,22 @@ def _lines(robot: Robot, chains: Sequence[Authored], last: int, dt: float) -> Mo
     for velocity in ("keypoint_lin_vel", "keypoint_ang_vel", "joint_vel"):
         library.frames[velocity][library.clip_start] = 0.0
     return library
+
+
+def _parts(robot: Robot, chains: Sequence[Authored]) -> Tensor:
+    """Return masks of what each keyframe commands ``[C, K, J + bodies + 3]``."""
+    whole = Parts.all(robot)
+    rows = [[(frame.commands or whole).values() for frame in chain.sequence.keyframes] for chain in chains]
+    return torch.tensor(rows, dtype=torch.float32)
+
+
+def _of_commands(parts: Tensor, arrivals: Tensor, schedule: CommandSchedule, library: MotionLibrary) -> Tensor:
+    """Return the masks of every command of a schedule ``[M, J + bodies + 3]``."""
+    first = schedule.first_frame.to(parts.device)
+    chain = library.clip_of_frame[first]
+    begin = first - library.clip_start[chain]
+    command = (arrivals[chain] <= begin[:, None]).sum(-1).clamp_max(parts.shape[1] - 1)
+    return parts[chain, command]
 
 
 def _with_holds(arrivals: Sequence[Sequence[int]], library: MotionLibrary) -> list[list[int]]:

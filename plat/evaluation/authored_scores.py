@@ -4,7 +4,7 @@ import csv
 import io
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
@@ -163,6 +163,7 @@ def evaluate_authored(
     near = torch.zeros_like(arrivals, dtype=torch.bool)
     errors = {name: torch.zeros(arrivals.shape, device=device) for name in ("root", "joints", "bodies")}
     fell_at = torch.full_like(ends, _NEVER)
+    bodies = torch.tensor([limits.bodies if chain.bodies is None else chain.bodies for chain in chains], device=device)
     foot_travel = torch.zeros(ends.shape, device=device)
     places: Tensor | None = None
     for step in rollout:
@@ -170,12 +171,13 @@ def evaluate_authored(
         fallen = down(state, reference, limits) & (number <= ends)
         fell_at = torch.where(fallen, fell_at.clamp_max(number), fell_at)
         # a window is the last steps of a command, the arrival among them
+        parts = rollout.commanded(number)
         in_window = (arrivals >= number) & (arrivals - number < timing.window)
-        missed |= in_window & off_pose(state, reference, robot, limits.window)[:, None]
+        missed |= in_window & off_pose(state, reference, robot, limits.window, parts)[:, None]
         now = arrivals == number
         if bool(now.any()):
-            away = distances(state, reference)
-            near |= now & away.near(limits)[:, None]
+            away = distances(state, reference, parts)
+            near |= now & away.near(limits, bodies)[:, None]
             for name, values in errors.items():
                 errors[name] = torch.where(now, getattr(away, name)[:, None], values)
         standing = state["keypoint_pos_w"][:, feet]
@@ -293,10 +295,14 @@ def write_authored_csv(path: Path, records: Mapping[str, AuthoredRecords]) -> No
 def _feasibility(robot: Robot, chains: Sequence[Authored]) -> tuple[Tensor, Tensor]:
     """Return which keyframes raise no concern ``[C, K]``, and which last ones can be held at rest ``[C]``."""
     feasibility = Feasibility(robot)
-    concerns = [feasibility.sequence(chain.sequence) for chain in chains]
-    feasible = torch.tensor([[not found for found in of_chain] for of_chain in concerns])
-    at_rest = [not any(concern.measure in _HOLD_MEASURES for concern in of_chain[-1]) for of_chain in concerns]
-    return feasible, torch.tensor(at_rest)
+    feasible = [[not found for found in feasibility.sequence(chain.sequence)] for chain in chains]
+    at_rest = []
+    for chain in chains:
+        # of a partial keyframe the whole pose that was drawn: there is at least that one
+        last = replace(chain.sequence.keyframes[-1], commands=None)
+        concerns = feasibility(last.at(0.0), last.at(1.0), held=True)
+        at_rest.append(not any(concern.measure in _HOLD_MEASURES for concern in concerns))
+    return torch.tensor(feasible), torch.tensor(at_rest)
 
 
 def _interval(top: Tensor, bottom: Tensor, draws: Tensor) -> Interval:

@@ -2,10 +2,11 @@ import numpy as np
 import pytest
 import torch
 
-from plat.control.authored import FAMILIES, author, hands, resting_poses
+from plat.control.authored import FAMILIES, author, resting_poses
 from plat.control.feasibility import Feasibility
 from plat.errors import KeyframeError
 from plat.keyframes import KeyframeSequence
+from plat.keyframes.partial import hands_of
 from plat.motions import MotionLibrary
 from plat.robots import G1, ForwardKinematics
 from plat.spec.timing import Timing
@@ -77,10 +78,23 @@ def test_crouching_keeps_the_feet_in_place_and_the_balance(resting: np.ndarray) 
             assert "support_margin" not in [concern.measure for concern in held]
 
 
+def test_families_command_what_they_are_named_after(resting: np.ndarray) -> None:
+    hands = list(hands_of(G1))
+    for family, expected in {
+        "reach": {"joints": [], "bodies": hands, "root": []},
+        "three_point": {"joints": [], "bodies": ["torso_link", *hands], "root": []},
+        "waypoint": {"joints": [], "bodies": [], "root": ["horizontal", "orientation"]},
+    }.items():
+        for frame in author(family, G1, 1, seed=0)[0].sequence.keyframes:
+            assert frame.commands is not None
+            assert frame.commands.names(G1) == expected
+    assert all(frame.whole for frame in author("poses", G1, 1, 0, resting)[0].sequence.keyframes)
+
+
 @pytest.mark.parametrize("family", ["reach", "three_point"])
 def test_hands_reach_in_front_and_above_and_nothing_collides(family: str, resting: np.ndarray) -> None:
     chains = poses(family, resting, count=4).reshape(-1, 36)
-    places, _ = ForwardKinematics(G1, hands(G1))(*torch.from_numpy(chains).split((3, 4, 29), -1))
+    places, _ = ForwardKinematics(G1, hands_of(G1))(*torch.from_numpy(chains).split((3, 4, 29), -1))
     root = torch.from_numpy(chains[:, None, :3])
     assert float((places - root)[..., 0].min()) > 0.1
     assert float((places - root)[..., 2].min()) > 0

@@ -7,6 +7,7 @@ import pytest
 from plat.control.feasibility import Feasibility, FeasibilityLimits, support_margin
 from plat.keyframes import Keyframe, KeyframeSequence, standing
 from plat.robots import G1
+from plat.spec.parts import Parts
 
 STAND = standing(G1)
 
@@ -91,6 +92,31 @@ def test_links_inside_each_other(feasibility: Feasibility) -> None:
     assert concern.measure == "self_penetration"
     assert "left_" in concern.subject
     assert re.match(r"\w+ and \w+ are \d+ cm inside each other$", concern.words)
+
+
+def test_of_a_partial_keyframe_only_what_it_commands_is_measured(feasibility: Feasibility) -> None:
+    """The whole pose is far away, in the air, bent into itself and held."""
+    there = posed(0.1, left_shoulder_roll=-1.2, left_knee=2.0)
+    there = replace(there, root_pos=STAND.root_pos + np.array([2.0, 0, 0.3]))
+    assert len(feasibility(STAND, there, held=True)) > 3
+    elbow = replace(there, commands=Parts.only(G1, joints=["left_elbow"]))
+    assert feasibility(STAND, elbow, held=True) == ()
+    height = replace(there, commands=Parts.only(G1, root=["height"]))
+    assert feasibility(STAND, height, held=True) == ()
+    away = replace(there, commands=Parts.only(G1, root=["horizontal"]))
+    assert measures(feasibility(STAND, away)) == ["root_speed", "root_acceleration"]
+
+
+def test_bodies_that_are_too_far_or_below_the_floor(feasibility: Feasibility) -> None:
+    hand = Parts.only(G1, bodies=["left_wrist_yaw_link"])
+    away = replace(STAND.at(0.2), root_pos=STAND.root_pos + np.array([2.0, 0, 0]), commands=hand)
+    (concern,) = feasibility(STAND, away)
+    assert (concern.measure, concern.subject) == ("body_speed", "left_wrist_yaw_link")
+    assert concern.value == pytest.approx(20.0)
+    below = replace(STAND.at(2.0), root_pos=STAND.root_pos - np.array([0, 0, 1.2]), commands=hand)
+    (concern,) = feasibility(STAND, below)
+    assert concern.measure == "floor_penetration"
+    assert re.match(r"left_wrist_yaw_link is \d+ cm inside the floor$", concern.words)
 
 
 def test_limits_are_the_callers() -> None:

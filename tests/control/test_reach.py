@@ -1,0 +1,77 @@
+import math
+
+import pytest
+import torch
+from tensordict import TensorDict
+
+from plat.control import ReachLimits
+from plat.control.reach import distances, down
+from plat.robots import G1
+from plat.spec.parts import Parts
+
+WHOLE = Parts.all(G1)
+
+
+def robots(**changes: torch.Tensor) -> TensorDict:
+    """One robot in a pose of zeros."""
+    entries = {
+        "keypoint_pos_w": torch.zeros(1, 14, 3),
+        "keypoint_quat_w": torch.tensor([1.0, 0, 0, 0]).expand(1, 14, 4).clone(),
+        "joint_pos": torch.zeros(1, 29),
+    }
+    return TensorDict({**entries, **changes}, [1])
+
+
+def mask(parts: Parts) -> torch.Tensor:
+    return torch.tensor(parts.values(), dtype=torch.float32)[None]
+
+
+def test_distances_are_of_what_is_commanded():
+    places = torch.zeros(1, 14, 3)
+    places[0, 0] = torch.tensor([0.3, 0.4, 1.2])
+    places[0, 10] = torch.tensor([0.0, 0.1, 0.0])
+    angles = torch.zeros(1, 29)
+    angles[0, :2] = torch.tensor([0.2, 0.4])
+    state = robots(keypoint_pos_w=places, joint_pos=angles)
+
+    def of(parts: Parts | None):
+        return distances(state, robots(), None if parts is None else mask(parts))
+
+    for whole in (of(None), of(WHOLE)):
+        assert float(whole.root) == pytest.approx(1.3)
+        assert float(whole.joints) == pytest.approx(0.6 / 29)
+        assert bool(whole.whole)
+    assert float(of(Parts.only(G1, root=["horizontal"])).root) == pytest.approx(0.5)
+    assert float(of(Parts.only(G1, root=["height"])).root) == pytest.approx(1.2)
+    assert float(of(Parts.only(G1, joints=G1.joint_names[:1])).joints) == pytest.approx(0.2)
+    hand = of(Parts.only(G1, bodies=["left_wrist_yaw_link"]))
+    assert float(hand.bodies) == pytest.approx(0.1)
+    assert (float(hand.root), float(hand.joints), float(hand.turn)) == (0, 0, 0)
+    assert not bool(hand.whole)
+
+
+def test_a_partial_keyframe_is_near_when_all_that_it_commands_is():
+    turned = torch.tensor([math.cos(0.15), 0, 0, math.sin(0.15)]).expand(1, 14, 4)  # 0.3 rad
+    places = torch.zeros(1, 14, 3)
+    places[0, 10, 0] = 0.1
+    state = robots(keypoint_pos_w=places, keypoint_quat_w=turned)
+
+    def near(parts: Parts, limits: ReachLimits | None = None, bodies: float | None = None) -> bool:
+        return bool(distances(state, robots(), mask(parts)).near(limits or ReachLimits(), bodies))
+
+    hand = Parts.only(G1, bodies=["left_wrist_yaw_link"])
+    assert near(WHOLE)  # of a whole pose, root and joints count
+    assert near(hand)
+    assert not near(hand, bodies=0.05)
+    assert not near(hand, ReachLimits(bodies=0.05))
+    assert not near(Parts.only(G1, root=["horizontal", "orientation"]))
+    assert near(Parts.only(G1, root=["horizontal", "orientation"]), ReachLimits(turn=0.4))
+
+
+def test_who_is_down():
+    low, upright = torch.zeros(1, 14, 3), torch.zeros(1, 14, 3)
+    low[..., 2], upright[..., 2] = 0.3, 0.76
+    limits = ReachLimits()
+    assert bool(down(robots(keypoint_pos_w=low), robots(keypoint_pos_w=upright), limits))
+    assert not bool(down(robots(keypoint_pos_w=low), robots(keypoint_pos_w=low), limits))
+    assert not bool(down(robots(keypoint_pos_w=low), robots(keypoint_pos_w=upright), ReachLimits(fallen_height=0.2)))
