@@ -4,7 +4,8 @@ import json
 import re
 from pathlib import Path
 
-from plat.keyframes import KeyframeSequence
+from plat.keyframes import KeyframeSequence, standing
+from plat.keyframes.partial import only
 from plat.robots import G1
 
 ROOT = Path(__file__).parents[2]
@@ -19,14 +20,17 @@ def fields(content: object) -> set[str]:
     return set()
 
 
-def test_the_schema_is_that_of_the_files():
+def test_the_schema_is_that_of_the_files(tmp_path):
     written = fields(json.loads((ROOT / "recipes" / "examples" / "bow.json").read_text())) - set(G1.joint_names)
+    partial = only(G1, 1.0, left_hand=(0.35, 0.2, 0.95))
+    KeyframeSequence(G1, standing(G1), (partial,)).save(tmp_path / "hand.json")
+    written |= set(json.loads((tmp_path / "hand.json").read_text())["keyframes"][0])
     explained = set(re.findall(r"^\| `(\w+)` \| (?:text|integer|number|list|object|\d numbers)", PAGE, re.MULTILINE))
     assert written == explained
 
 
 def test_the_example_file_is_one_once_its_dots_are_filled_in(tmp_path):
-    (text,) = re.findall(r"```json\n(.*?)```", PAGE, re.DOTALL)
+    text, *_ = re.findall(r"```json\n(.*?)```", PAGE, re.DOTALL)
     content = json.loads(text)
     for pose in (content["start"], *content["keyframes"]):
         del pose["joint_pos"]["..."]
