@@ -17,6 +17,7 @@ from plat.studio.dock import Dock, Message
 from plat.studio.folder import Folder
 from plat.studio.page import Page
 from plat.studio.panels import FilePanel, MotionPanel, PlayPanel, PosePanel, TimelinePanel
+from plat.studio.pins import faint_bodies
 from plat.studio.player import Player
 from plat.studio.scene import Bodies, Figure, RobotView, StanceView, set_the_stage
 from plat.studio.session import Session
@@ -113,6 +114,7 @@ class Studio:
                 "hide": lambda: _flip(self._pose.robot_hidden),
                 "onion": lambda: _flip(self._pose.onion),
                 "axes": self._pose.toggle_axes,
+                "pin": self._pose.pin,
             },
         )
 
@@ -176,7 +178,8 @@ class Studio:
                 self._name(goal is self._goals[1], name, view if second is not None else None)
             shown = timeline.pose.qpos if posing else timeline.sample(cursor).qpos if between else None
             stance = None if shown is None else self._checker.stance(shown)
-            self._posed.show(shown, _BETWEEN if between else None, (), () if stance is None else stance.inside)
+            faint = faint_bodies(timeline.pose, session.robot) if posing else frozenset()
+            self._posed.show(shown, _BETWEEN if between else None, faint, () if stance is None else stance.inside)
             self._stance.show(stance)
             neighbors = _neighbors(timeline) if posing and self._pose.onion.value else (None, None)
             self._before.show(neighbors[0])

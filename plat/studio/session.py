@@ -16,6 +16,7 @@ from plat.motions import MotionClip
 from plat.rendering import Stage, check_video, film, write_video
 from plat.robots.robot import Robot
 from plat.studio.history import History
+from plat.studio.pins import toggled
 from plat.studio.playback import Playback
 from plat.studio.player import HOLD, simulator
 from plat.studio.poser import Frame, Poser
@@ -177,6 +178,14 @@ class Session:
         qpos = self.timeline.pose.qpos
         qpos[:7] = root
         self.pose(qpos, gesture)
+
+    def pin(self, handle: str) -> None:
+        """Command a handle of the selected keyframe, or leave it to the policy; see :func:`plat.studio.pins.toggled`.
+
+        Raises:
+            KeyframeError: for the start.
+        """
+        self.edit(self.timeline.commanding(toggled(self.timeline.pose, handle, self.robot)))
 
     def insert_template(self, name: str) -> None:
         """Add the keyframes of a template after the selected pose.

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from plat.errors import KeyframeError
-from plat.keyframes import Keyframe, KeyframeSequence, RobotJoints, interpolate, split_long_intervals, standing
+from plat.keyframes import Keyframe, KeyframeSequence, Parts, RobotJoints, interpolate, split_long_intervals, standing
 from plat.spec.timing import Timing
 
 __all__ = ["LONGEST_INTERVAL", "NEW_INTERVAL", "Timeline"]
@@ -167,6 +167,15 @@ class Timeline:
         """Rename the selected keyframe; an empty name removes it."""
         self._check_keyframe("renamed")
         return self._with_pose(replace(self.pose, name=name.strip().removesuffix(_HOLD).strip() or None))
+
+    def commanding(self, commands: Parts | None) -> Timeline:
+        """Set what the selected keyframe commands; None for the whole pose.
+
+        Raises:
+            KeyframeError: for the start.
+        """
+        self._check_keyframe("commanded in part")
+        return self._with_pose(replace(self.pose, commands=commands))
 
     def inserted(
         self, pose: np.ndarray | Keyframe, interval: float = NEW_INTERVAL, name: str | None = None, hold: float = 0.0

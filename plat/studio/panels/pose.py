@@ -10,6 +10,7 @@ import viser
 from plat.robots.robot import without_side
 from plat.rotations_np import heading_pitch_roll, quat_from_heading_pitch_roll
 from plat.studio.page import Page
+from plat.studio.pins import PRESETS, pinned, preset
 from plat.studio.poser import HANDLES, Frame
 from plat.studio.templates import TEMPLATES
 
@@ -34,7 +35,8 @@ _BALLS = {
     "foot": (0.17, 0.0, 0.0),
 }
 _UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
-_HANDLE_COLOR, _CHOSEN_COLOR = (240, 140, 0), (28, 126, 214)
+_HANDLE_COLOR, _CHOSEN_COLOR, _FREE_COLOR = (240, 140, 0), (28, 126, 214), (200, 205, 210)
+_CUSTOM = "what is pinned"
 
 
 class PosePanel:
@@ -63,6 +65,10 @@ class PosePanel:
         }
         for box in self._options.values():
             page.when_changed(box, self._set_options)
+        self._commands = gui.add_dropdown(
+            "Commands", (*PRESETS, _CUSTOM), hint="The rest is faint: the policy chooses it. Key P pins a handle."
+        )
+        page.when_changed(self._commands, self._set_commands)
         with gui.add_folder("Hold while dragging"):
             self._hold = {
                 part: gui.add_checkbox(part, initial_value=part != "hands")
@@ -102,6 +108,24 @@ class PosePanel:
         self._ring.on_update(self._turned)
         self._dragging = False
         self._balls = {name: self._ball(world, name) for name in HANDLES}
+
+    def pin(self) -> None:
+        """Pin the chosen handle, or take out its pin."""
+        self._page.session.pin(self._handle.value)
+
+    def _set_commands(self) -> None:
+        session = self._page.session
+        if self._commands.value != _CUSTOM:
+            session.edit(session.timeline.commanding(preset(self._commands.value, session.robot)))
+
+    def _show_commands(self) -> frozenset[str]:
+        """Show what is commanded; return the pinned handles."""
+        session = self._page.session
+        pins = pinned(session.timeline.pose, session.robot)
+        whole = session.timeline.pose.whole
+        known = (name for name, handles in PRESETS.items() if not whole and pins == frozenset(handles))
+        _set(self._commands, "value", "whole pose" if whole else next(known, _CUSTOM))
+        return pins
 
     def toggle_axes(self) -> None:
         """Exchange the world's axes and the limb's."""
@@ -225,10 +249,12 @@ class PosePanel:
         self._angles.value = tuple(np.degrees(heading_pitch_roll(qpos[3:7])).round(1).tolist())
         frames = session.poser.frames(qpos)
         posing = not session.playback.playing and session.shows_selected
+        pins = self._show_commands()
         for name, ball in self._balls.items():
             _set(ball, "visible", posing)
             ball.position = _beside(frames[name], _BALLS[name.split()[-1]])
-            _set(ball, "color", _CHOSEN_COLOR if name == self._handle.value and self._joint is None else _HANDLE_COLOR)
+            chosen = name == self._handle.value and self._joint is None
+            _set(ball, "color", _CHOSEN_COLOR if chosen else _HANDLE_COLOR if name in pins else _FREE_COLOR)
         _set(self._gizmo, "visible", posing and self._joint is None)
         _set(self._ring, "visible", posing and self._joint is not None)
         if self._dragging:  # the mouse has it

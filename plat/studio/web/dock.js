@@ -227,7 +227,7 @@
 
   const KEYS = {
     " ": ["toggle"], Escape: ["stop"], Delete: ["remove"], Backspace: ["remove"], a: ["add"], m: ["mirror"], l: ["loop"], f: ["look"], h: ["hide"],
-    w: ["axes"], o: ["onion"], t: ["stand"], g: ["floor"],
+    w: ["axes"], p: ["pin"], o: ["onion"], t: ["stand"], g: ["floor"],
     ArrowLeft: ["previous"], ArrowRight: ["next"], ",": ["step", { value: -1 }], ".": ["step", { value: 1 }], "<": ["step", { value: -10 }], ">": ["step", { value: 10 }],
     Home: ["first"], End: ["last"], "[": ["nudge", { value: -1 }], "]": ["nudge", { value: 1 }],
   };
@@ -269,7 +269,7 @@
       "Play": [["space", "play, pause, go on"], ["Esc", "stop, to the start"], [", .", "a control step back, ahead"], ["< >", "ten steps"], ["L", "loop"]],
       "Keyframes": [["A", "add: at the playhead, or after the selected one"], ["← →", "select the one before, after"], ["[ ]", "a step earlier, later"],
         ["Del", "delete"], ["Ctrl C X V", "copy, cut, paste"], ["Ctrl Z", "undo; with Shift: redo"], ["Ctrl S", "save"], ["Home End", "first, last"]],
-      "Pose": [["M", "mirror left and right"], ["T", "stand"], ["G", "lowest point on the floor"], ["W", "handle along the world or the limb"], ["F", "look at the pose"],
+      "Pose": [["M", "mirror left and right"], ["T", "stand"], ["G", "lowest point on the floor"], ["P", "command the handle, or leave it to the policy"], ["W", "handle along the world or the limb"], ["F", "look at the pose"],
         ["H", "hide the robot while posing"], ["O", "poses before and after on, off"]],
       "Mouse, in the timeline": [["click", "select a keyframe; elsewhere: move the playhead"], ["drag", "a keyframe to another time; its right edge to hold it"],
         ["double click", "add a keyframe there"], ["wheel", "zoom; with Shift: move"], ["+ - 0", "zoom in, out, fit"]],

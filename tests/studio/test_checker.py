@@ -1,0 +1,67 @@
+import numpy as np
+import pytest
+
+from plat.robots import G1
+from plat.studio.checker import Checker, convex_hull
+from plat.studio.timeline import Timeline
+from tests.studio.conftest import squat
+
+CHECKER = Checker(G1)
+
+
+def moved(*by: float) -> np.ndarray:
+    qpos = G1.default_qpos.copy()
+    qpos[: len(by)] += by
+    return qpos
+
+
+def test_the_default_pose_is_balanced_on_both_feet():
+    stance = CHECKER.stance(G1.default_qpos)
+    assert stance.feet == (True, True)
+    assert stance.margin > 0.03
+    assert stance.words.startswith("on both feet, balanced")
+    assert not stance.inside
+
+
+def test_a_pose_out_of_balance_and_one_in_the_air_are_told():
+    leaning = G1.default_qpos.copy()
+    for side in ("left", "right"):
+        leaning[7 + G1.joint_names.index(f"{side}_ankle_pitch")] -= 0.45
+    turn = 0.45 / 2
+    leaning[3:7] = np.cos(turn), 0.0, np.sin(turn), 0.0
+    assert "out of balance" in CHECKER.stance(leaning).words or CHECKER.stance(leaning).margin is None
+    flying = CHECKER.stance(moved(0.0, 0.0, 0.5))
+    assert flying.margin is None
+    assert flying.words == "no foot on the floor"
+    assert len(flying.support) == 0
+
+
+def test_links_inside_each_other_are_named():
+    folded = G1.default_qpos.copy()
+    folded[7 + G1.joint_names.index("left_shoulder_roll")] = -1.2
+    assert any("left" in body for body in CHECKER.stance(folded).inside)
+
+
+def test_the_fastest_joint_and_impossible_distances_are_told():
+    timeline = Timeline.empty(G1).inserted(squat(), 0.5).inserted(squat() + 3 * np.eye(36)[0], 1.0)
+    first, second = CHECKER.timeline(timeline)
+    assert first.joint == "left_shoulder_pitch"
+    assert first.speed == pytest.approx(2 * 1.2 / 0.5)
+    assert first.share == pytest.approx(first.speed / 20)
+    assert not first.words
+    assert "3.0 m in 1.00 s takes 6.0 m/s" in second.words
+
+
+def test_verdicts_follow_edits():
+    timeline = Timeline.empty(G1).inserted(squat(), 0.5)
+    assert not CHECKER.timeline(timeline)[0].words
+    assert "rad/s" in CHECKER.timeline(timeline.stretched(0.06))[0].words[0]
+    assert CHECKER.timeline(timeline.held(1.0))[0].speed == CHECKER.timeline(timeline)[0].speed
+
+
+def test_a_hull_contains_all_points():
+    points = np.random.default_rng(0).normal(size=(40, 2))
+    hull = convex_hull(points)
+    for begin, end in zip(hull, np.roll(hull, -1, axis=0), strict=True):
+        edge, away = end - begin, points - begin
+        assert (edge[0] * away[:, 1] - edge[1] * away[:, 0] >= -1e-9).all(), "all are to the left of each edge"

@@ -1,0 +1,81 @@
+import numpy as np
+import pytest
+
+from plat.errors import StudioError
+from plat.robots import G1
+from plat.studio.playback import Playback
+from plat.studio.timeline import Timeline
+from tests.studio.conftest import squat
+
+TIMELINE = Timeline.empty(G1).inserted(squat(), 0.4, "squat").inserted(G1.default_qpos, 0.4)
+
+
+@pytest.fixture
+def playback(policies) -> Playback:
+    return Playback(G1, policies, lambda: TIMELINE)
+
+
+def test_a_pause_keeps_the_robot_where_it_is(playback):
+    playback.toggle()
+    playback.tick(0.1)
+    playback.toggle()
+    assert playback.paused
+    playback.tick(0.5)
+    assert playback.cursor == pytest.approx(0.1)
+    playback.toggle()
+    playback.tick(0.1)
+    assert playback.cursor == pytest.approx(0.2)
+
+
+def test_slow_motion_takes_longer(playback):
+    playback.speed = 0.25
+    playback.play()
+    for _ in range(8):
+        playback.tick(0.1)
+    assert playback.cursor == pytest.approx(0.2)
+
+
+def test_steps_go_both_ways_and_simulate_what_was_not_yet(playback):
+    playback.step(3)
+    assert playback.paused
+    assert playback.cursor == pytest.approx(0.06)
+    end = playback.player.qpos
+    playback.step(-2)
+    assert playback.cursor == pytest.approx(0.02)
+    assert playback.simulated == pytest.approx(0.06)
+    playback.step(2)
+    np.testing.assert_array_equal(playback.player.pose_at(playback.cursor), end)
+    playback.step(1000)
+    assert playback.player.finished
+    assert set(playback.scores) == {"plat"}
+
+
+def test_what_was_played_can_be_looked_at_again(playback):
+    playback.step(1000)
+    playback.seek(0.4)
+    step = playback.player.step_at(playback.cursor)
+    assert step.time == pytest.approx(0.4)
+    np.testing.assert_array_equal(playback.player.pose_at(0.4), step.after.qpos)
+    assert playback.player.step_at(0.0) is None
+    playback.seek(99.0)
+    assert playback.cursor == playback.simulated
+
+
+def test_a_loop_begins_again(playback):
+    playback.loop = True
+    playback.play()
+    for _ in range(18):
+        playback.tick(0.1)
+    assert playback.playing
+    assert playback.cursor < 0.6
+
+
+def test_two_policies_play_the_same_keyframes(playback):
+    with pytest.raises(StudioError, match="expected one of plat, expert"):
+        playback.set_beside("nobody")
+    playback.set_beside("expert")
+    playback.step(1000)
+    assert set(playback.players) == set(playback.scores) == {"plat", "expert"}
+    assert not np.allclose(playback.player.pose_at(0.4), playback.second.pose_at(0.4))
+    playback.set_beside(None)
+    assert playback.second is None

@@ -1,0 +1,34 @@
+import pytest
+
+from plat.robots import G1
+
+pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
+
+from plat.studio.checker import Checker
+from plat.studio.playback import Playback
+from plat.studio.poser import Poser
+from plat.studio.templates import TEMPLATES, template
+from plat.studio.timeline import Timeline
+
+POSER, EMPTY = Poser(G1), Timeline.empty(G1)
+
+
+@pytest.mark.parametrize("name", TEMPLATES)
+def test_nothing_about_a_template_is_doubtful(name: str):
+    timeline = template(name, EMPTY, POSER)
+    assert timeline.selected == 1
+    for label, verdict in zip(timeline.labels[1:], Checker(G1).timeline(timeline), strict=True):
+        assert not verdict.words, label
+
+
+def test_the_committed_policy_reaches_a_wave(policies):
+    timeline = template("wave", EMPTY, POSER)
+    scores = Playback(G1, policies, lambda: timeline).compare(timeline)["plat"]
+    assert all(score.reached for score in scores)
+
+
+def test_a_template_continues_where_the_selected_pose_is():
+    there = G1.default_qpos.copy()
+    there[:2] = 1.0, 2.0
+    timeline = template("side step", EMPTY.inserted(there, 1.0), POSER)
+    assert timeline.keyframes[-1].root_pos[:2].tolist() == pytest.approx([1.0, 2.2], abs=1e-6)
