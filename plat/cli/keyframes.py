@@ -2,18 +2,22 @@
 
 plat keyframes from-motion generated:val/bow@1 --every 0.7 --out bow.json
 plat keyframes show bow.json
+plat keyframes convert g1_with_keys.xml --out keys.json
 """
 
 import numpy as np
 
-from plat.cli.options import FromMotion, KeyframesCommand, Show
+from plat.cli.options import ConvertKeyframes, FromMotion, KeyframesCommand, Show
 from plat.control import Feasibility
 from plat.errors import KeyframeError
 from plat.files import check_file
-from plat.keyframes import KeyframeSequence
+from plat.keyframes import Keyframe, KeyframeSequence, standing
+from plat.keyframes.files import is_keyframe_file, read_keyframes, write_keyframes
+from plat.keyframes.kimodo import read_constraints, write_constraints
+from plat.keyframes.mjcf import read_mjcf_keys, write_mjcf_keys
 from plat.motions import MotionClip, load_motions
 from plat.motions.generation import PREFIX, generate_named
-from plat.robots import get_robot
+from plat.robots import Robot, get_robot
 
 
 def from_motion(command: FromMotion) -> KeyframeSequence:
@@ -79,6 +83,47 @@ def show(command: Show) -> KeyframeSequence:
     return sequence
 
 
-def main(command: KeyframesCommand) -> KeyframeSequence:
+def convert(command: ConvertKeyframes) -> list[Keyframe]:
+    """Write the file; return the poses that are in it, the start first."""
+    robot = get_robot(command.robot)
+    poses, told = _poses(command, robot)
+    for line in told:
+        print(line)
+    if poses[0].time > 0:
+        poses.insert(0, standing(robot))
+    form = "MJCF keys" if command.out.suffix.lower() == ".xml" else "keyframes"
+    if command.out.suffix.lower() == ".xml":
+        write_mjcf_keys(command.out, robot, poses)
+    elif command.kimodo:
+        form = "constraints"
+        write_constraints(command.out, robot, poses, command.fps)
+    else:
+        start, *others = (pose.checked(robot) for pose in poses)
+        if not others:
+            others = [start.at(command.every)]
+        write_keyframes(command.out, robot, start, others)
+    print(f"wrote {command.out}: {len(poses)} poses as {form}, the first at {poses[0].time:g} s")
+    return poses
+
+
+def _poses(command: ConvertKeyframes, robot: Robot) -> tuple[list[Keyframe], list[str]]:
+    """Return the poses of a file in any of the forms, in the order of their times, and lines for the user."""
+    if command.file.suffix.lower() == ".xml":
+        keys = read_mjcf_keys(command.file, robot)
+        times = [key.time for key in keys]
+        if times == sorted(set(times)):
+            return keys, []
+        told = f"its keys have no times of their own: {command.every:g} s apart"
+        return [key.at((number + 1) * command.every) for number, key in enumerate(keys)], [told]
+    if is_keyframe_file(command.file):
+        start, others = read_keyframes(command.file, robot)
+        return [*([] if start is None else [start]), *others], []
+    poses, left_out = read_constraints(command.file, robot, command.fps)
+    return poses, [f"left out: {', '.join(left_out)}"] if left_out else []
+
+
+def main(command: KeyframesCommand) -> KeyframeSequence | list[Keyframe]:
     """Run a command; return the sequence."""
+    if isinstance(command, ConvertKeyframes):
+        return convert(command)
     return from_motion(command) if isinstance(command, FromMotion) else show(command)

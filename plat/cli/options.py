@@ -289,6 +289,24 @@ class FromMotion(Bounded):
 
 
 @dataclass(kw_only=True)
+class ConvertKeyframes(Bounded):
+    """Bring keyframes from or to an MJCF file with keys, or Kimodo's constraints."""
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """keyframe file, .xml with <key> elements, or .json of Kimodo's constraints"""
+    out: Path
+    """file to write: .xml for MJCF, .json else"""
+    kimodo: bool = False
+    """write Kimodo's constraints and not a keyframe file"""
+    fps: Rate = 30.0
+    """frames a second that constraints count; 30 for Kimodo"""
+    every: Annotated[float, Range(0.02, 60)] = 1.0
+    """seconds between keys of an .xml that have no times"""
+    robot: str = "g1"
+    """name of the robot, or path of its JSON description"""
+
+
+@dataclass(kw_only=True)
 class Show(Bounded):
     """Check a file and print what is in it."""
 
@@ -347,4 +365,4 @@ class CurvesRecipe(Bounded):
 
 
 MotionsCommand: TypeAlias = Inspect | Convert | Mirror | Retarget | Map
-KeyframesCommand: TypeAlias = FromMotion | Show
+KeyframesCommand: TypeAlias = FromMotion | Show | Annotated[ConvertKeyframes, tyro.conf.subcommand("convert")]

@@ -135,6 +135,8 @@ def _joints(content: Any, robot: RobotJoints) -> np.ndarray:
     """Return joint angles in the robot's order."""
     if not isinstance(content, dict):
         raise KeyframeError("joint_pos: expected an object of joint names and angles")
+    # robots' own files say left_knee_joint
+    content = {name if name in robot.joint_names else name.removesuffix("_joint"): content[name] for name in content}
     unknown = [name for name in content if name not in robot.joint_names]
     missing = [name for name in robot.joint_names if name not in content]
     if unknown or missing:

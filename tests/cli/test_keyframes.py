@@ -82,3 +82,25 @@ def test_show_tells_what_is_out_of_reach(tmp_path, capsys):
     keyframes.main(keyframes.Show(file=tmp_path / "far.json"))
     (line,) = [line for line in capsys.readouterr().out.splitlines() if "out of reach" in line]
     assert line.startswith("keyframe 1 may be out of reach: 2.5 m in 0.80 s takes ")
+
+
+def test_keyframes_to_mjcf_and_constraints_and_back(tmp_path, capsys):
+    def convert(source: Path, out: str, **more: object) -> KeyframeSequence | None:
+        keyframes.main(keyframes.ConvertKeyframes(file=source, out=tmp_path / out, **more))
+        return KeyframeSequence.load(tmp_path / out, G1) if out.startswith("plat") else None
+
+    example = KeyframeSequence.load(EXAMPLE, G1)
+    convert(EXAMPLE, "keys.xml")
+    convert(tmp_path / "keys.xml", "constraints.json", kimodo=True)
+    for source in ("keys.xml", "constraints.json"):
+        found = convert(tmp_path / source, "plat.json")
+        for ours, theirs in zip(found.keyframes, example.keyframes, strict=True):
+            assert ours.time == pytest.approx(theirs.time, abs=1 / 60)
+            np.testing.assert_allclose(ours.qpos, theirs.qpos, atol=1e-4)
+    text = (tmp_path / "keys.xml").read_text()
+    for time in (0, *(keyframe.time for keyframe in example.keyframes)):
+        text = text.replace(f' time="{time:.9g}"', "")
+    (tmp_path / "untimed.xml").write_text(text)
+    found = convert(tmp_path / "untimed.xml", "plat.json", every=0.5)
+    assert [keyframe.time for keyframe in found.keyframes] == [0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
+    assert "its keys have no times of their own: 0.5 s apart" in capsys.readouterr().out

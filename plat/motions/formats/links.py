@@ -12,7 +12,7 @@ import numpy as np
 from plat.robots.robot import Robot
 from plat.rotations_np import quat_from_matrix, quat_multiply
 
-__all__ = ["link_count", "links_of_qpos", "qpos_of_links"]
+__all__ = ["link_count", "links_of_qpos", "qpos_of_links", "world_rotations"]
 
 # joints that an end follows: the toes and the hand
 _BEFORE_ENDS = ("ankle_roll", "wrist_yaw")
@@ -65,6 +65,27 @@ def links_of_qpos(qpos: np.ndarray, robot: Robot) -> tuple[np.ndarray, np.ndarra
         hinge = quat_multiply(offset, np.concatenate((np.cos(half), np.sin(half) * axis), 1))
         local[:, link] = quat_multiply(turn, quat_multiply(hinge, _inverse(turn)))
     return local, qpos[:, :3] @ _AXES.T
+
+
+def world_rotations(local: np.ndarray, robot: Robot) -> np.ndarray:
+    """Return rotations of links to the world ``[T, L, 3, 3]`` of quaternions to their parents ``[T, L, 4]``.
+
+    Args:
+        local: as :func:`links_of_qpos` returns them.
+        robot: whose links they are.
+    """
+    parents = {link: parent for link, parent, *_ in _tree(robot)}
+    world = local.copy()
+    for link in range(1, local.shape[1]):
+        # an end follows the link before it
+        world[:, link] = quat_multiply(world[:, parents.get(link, link - 1)], local[:, link])
+    w, x, y, z = np.moveaxis(world, -1, 0)
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return np.stack([np.stack(row, -1) for row in rows], -2)
 
 
 def _with_ends(robot: Robot) -> list[int | None]:

@@ -1,0 +1,135 @@
+"""Keyframes of MuJoCo's model files: ``<key>`` elements, read and written.
+
+Source: MuJoCo's XML reference, ``keyframe``. The positions of a key are those of all joints in the order of the model,
+a free joint with seven numbers; angles are in radians whatever the compiler says.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from plat.errors import KeyframeError
+from plat.files import replace_file
+from plat.keyframes.keyframe import Keyframe
+from plat.motions.formats.names import match_joint
+
+if TYPE_CHECKING:
+    from plat.robots.robot import Robot
+
+__all__ = ["read_mjcf_keys", "write_mjcf_keys"]
+
+_MAX_BYTES = 16 << 20
+_WIDTHS = {"free": 7, "ball": 4, "slide": 1, "hinge": 1}
+
+
+def read_mjcf_keys(path: Path, robot: Robot) -> list[Keyframe]:
+    """Return the keys of an MJCF file, at their own times.
+
+    Joints are matched by name where the file, or one that it includes, has the robot's bodies; joints of other things
+    are left out. Else the positions stand in the robot's order.
+
+    Raises:
+        KeyframeError: naming file and key, when the file is broken, has no keys, or they are of another robot.
+    """
+    where = f"MJCF file {str(path)!r}"
+    roots = _roots(path, where)
+    columns = _columns(roots, robot, where)
+    keyframes = []
+    for number, key in enumerate(key for root in roots for key in root.findall("./keyframe/key")):
+        label = f"{where}: key {key.get('name') or number}"
+        if key.get("qpos") is None:
+            raise KeyframeError(f"{label} has no 'qpos', expected the positions of all joints")
+        qpos = _numbers(key.get("qpos", ""), label)
+        if columns is None and len(qpos) != 7 + len(robot.joint_names):
+            raise KeyframeError(
+                f"{label} has {len(qpos)} positions, expected {7 + len(robot.joint_names)} for {robot.name!r}"
+            )
+        if columns is not None and len(qpos) <= max(columns):
+            raise KeyframeError(f"{label} has {len(qpos)} positions, fewer than the joints of the file")
+        (time,) = _numbers(key.get("time", "0"), label) or [0.0]
+        picked = qpos if columns is None else [qpos[column] for column in columns]
+        keyframes.append(Keyframe.from_qpos(time, np.array(picked), key.get("name")))
+    if not keyframes:
+        raise KeyframeError(f"{where}: no keys, expected <keyframe> with at least one <key>")
+    return keyframes
+
+
+def write_mjcf_keys(path: Path, robot: Robot, keyframes: Sequence[Keyframe]) -> None:
+    """Write keyframes as an MJCF file to include in the robot's model.
+
+    Raises:
+        KeyframeError: for a partial keyframe, or when the disk does not take the file.
+    """
+    lines = [f"<!-- keyframes of {robot.name}, joints in the order: {' '.join(robot.joint_names)} -->", "<mujoco>"]
+    lines.append("  <keyframe>")
+    for number, keyframe in enumerate(keyframes):
+        if not keyframe.whole:
+            raise KeyframeError(f"keyframe {number}: it commands parts of a pose, and MJCF has whole ones only")
+        qpos = " ".join(f"{value:.9g}" for value in keyframe.qpos)
+        name = quoteattr(keyframe.name or f"key{number}")
+        lines.append(f'    <key name={name} time="{keyframe.time:.9g}" qpos="{qpos}"/>')
+    lines += ["  </keyframe>", "</mujoco>", ""]
+    try:
+        replace_file(path, lambda part: part.write_text("\n".join(lines), encoding="utf-8"))
+    except OSError as error:
+        raise KeyframeError(f"MJCF file {str(path)!r} could not be written ({error})") from error
+
+
+def _roots(path: Path, where: str, depth: int = 0) -> list[ElementTree.Element]:
+    """Return the root element of a file, and those of the files that it includes."""
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise KeyframeError(f"{where}: larger than {_MAX_BYTES >> 20} MiB")
+        text = path.read_bytes()
+        if b"<!ENTITY" in text:
+            raise KeyframeError(f"{where}: it defines entities, which no MJCF needs")
+        root = ElementTree.fromstring(text)
+    except OSError as error:
+        raise KeyframeError(f"{where}: cannot be read ({error})") from None
+    except ElementTree.ParseError as error:
+        raise KeyframeError(f"{where}: not readable XML ({error})") from None
+    if root.tag not in ("mujoco", "mujocoinclude"):
+        raise KeyframeError(f"{where}: begins with <{root.tag}>, expected <mujoco>")
+    included = [path.parent / name for part in root.iter("include") if (name := part.get("file"))]
+    found = [root]
+    for other in included if depth < 4 else []:
+        if other.is_file():
+            found += _roots(other, where, depth + 1)
+    return found
+
+
+def _columns(roots: Sequence[ElementTree.Element], robot: Robot, where: str) -> list[int] | None:
+    """Return which positions are the root's and the robot's joints', in the robot's order; None without any joints."""
+    found: dict[str, int] = {}
+    free, start = None, 0
+    for root in roots:
+        for joint in (part for body in root.findall("worldbody") for part in body.iter() if part.tag.endswith("joint")):
+            kind = "free" if joint.tag == "freejoint" else joint.get("type", "hinge")
+            if kind not in _WIDTHS or joint.tag not in ("joint", "freejoint"):
+                raise KeyframeError(f"{where}: a joint of type {kind!r}, expected one of {', '.join(_WIDTHS)}")
+            name = match_joint(joint.get("name", ""), robot) if kind == "hinge" else None
+            if kind == "free" and free is None:
+                free = start
+            if name is not None:
+                found[name] = start
+            start += _WIDTHS[kind]
+    if start == 0:
+        return None
+    missing = [name for name in robot.joint_names if name not in found]
+    if missing or free is None:
+        lacks = f"the joints {missing[:4]}" if missing else "a free joint of the root"
+        raise KeyframeError(f"{where}: lacks {lacks}, expected the model of {robot.name!r}")
+    return [*range(free, free + 7), *(found[name] for name in robot.joint_names)]
+
+
+def _numbers(text: str, label: str) -> list[float]:
+    try:
+        return [float(word) for word in text.split()]
+    except ValueError as error:
+        raise KeyframeError(f"{label}: {error}") from None

@@ -1,0 +1,73 @@
+"""Keys of MuJoCo's model files, against MuJoCo itself."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from plat.errors import KeyframeError
+from plat.keyframes import Keyframe
+from plat.keyframes.mjcf import read_mjcf_keys, write_mjcf_keys
+from plat.robots import G1
+
+POSES = [
+    Keyframe.from_qpos(0.5, G1.default_qpos, "a & b"),
+    Keyframe.from_qpos(1.5, G1.default_qpos + np.eye(36)[20] * 0.1),
+]
+
+
+def model(names, keys: str, more: str = "") -> str:
+    """A chain of hinges under a free root, with a box that may fall."""
+    bodies = "".join(f'<body><geom size=".1"/><joint name="{name}_joint"/>' for name in names) + "</body>" * len(names)
+    pelvis = f'<body name="pelvis"><freejoint name="root"/><geom size=".1"/>{bodies}</body>'
+    box = '<body name="box"><freejoint/><geom size=".1"/></body>'
+    other = '<body name="other"><geom size=".1"/><joint type="ball"/></body>'
+    world = f"<worldbody>{pelvis}{box}{other}</worldbody>"
+    return f"<mujoco>{more}{world}<keyframe>{keys}</keyframe></mujoco>"
+
+
+def test_keys_are_read_by_the_names_of_joints(tmp_path):
+    names = G1.joint_names[::-1]
+    qpos = np.arange(36 + 7 + 4) / 100
+    qpos[3:7] = 0.5
+    text = model(names, f'<key name="pose" time="2" qpos="{" ".join(map(str, qpos))}"/>')
+    (tmp_path / "a.xml").write_text(text)
+    compiled = mujoco.MjModel.from_xml_string(text)
+    (pose,) = read_mjcf_keys(tmp_path / "a.xml", G1)
+    assert (pose.name, pose.time) == ("pose", 2)
+    np.testing.assert_allclose(pose.qpos[:7], compiled.key_qpos[0, :7])
+    wanted = [compiled.key_qpos[0, compiled.joint(f"{name}_joint").qposadr[0]] for name in G1.joint_names]
+    np.testing.assert_allclose(pose.joint_pos, wanted)
+
+
+def test_what_is_written_is_read_and_fits_the_model(tmp_path):
+    write_mjcf_keys(tmp_path / "keys.xml", G1, POSES)
+    found = read_mjcf_keys(tmp_path / "keys.xml", G1)
+    for pose, again in zip(POSES, found, strict=True):
+        np.testing.assert_allclose(again.qpos, pose.qpos, atol=1e-8)
+        assert again.time == pose.time
+    assert [pose.name for pose in found] == ["a & b", "key1"]
+    # with the robot's own bodies, through an include
+    text = model(G1.joint_names, "", '<include file="keys.xml"/>').replace("<keyframe></keyframe>", "")
+    (tmp_path / "scene.xml").write_text(text)
+    compiled = read_mjcf_keys(tmp_path / "scene.xml", G1)
+    np.testing.assert_allclose(compiled[1].qpos, POSES[1].qpos, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("<mujoco><keyframe/></mujoco>", "no keys, expected <keyframe>"),
+        ("<mujoco><keyframe><key qpos='1 2'/></keyframe></mujoco>", "key 0 has 2 positions, expected 36 for 'g1'"),
+        ("<mujoco><keyframe><key qpos='1 x'/></keyframe></mujoco>", "key 0: could not convert"),
+        ("<mujoco><keyframe><key/></keyframe></mujoco>", "key 0 has no 'qpos'"),
+        ("<robot/>", "begins with <robot>, expected <mujoco>"),
+        ("<mujoco>", "not readable XML"),
+        ('<!DOCTYPE a [<!ENTITY b "c">]><mujoco/>', "defines entities"),
+        (model(G1.joint_names[1:], "<key qpos='1'/>"), r"lacks the joints \['left_hip_pitch'\]"),
+        (model(G1.joint_names, "<key qpos='1 2 3'/>"), "has 3 positions, fewer than the joints of the file"),
+    ],
+)
+def test_what_is_no_keys_of_the_robot(tmp_path, text, message):
+    (tmp_path / "a.xml").write_text(text)
+    with pytest.raises(KeyframeError, match=rf"a.xml'.*{message}"):
+        read_mjcf_keys(tmp_path / "a.xml", G1)
