@@ -46,6 +46,14 @@ def test_joints_are_read_by_name_and_quaternions_in_the_order_that_the_file_says
         np.testing.assert_allclose(after.qpos, before.qpos, rtol=0, atol=1e-15)
 
 
+def test_joints_may_be_called_as_in_the_robots_own_files(content, wave, tmp_path):
+    for entry in (content["start"], *content["keyframes"]):
+        entry["joint_pos"] = {f"{name}_joint": value for name, value in entry["joint_pos"].items()}
+    (tmp_path / "a.json").write_text(json.dumps(content))
+    back = KeyframeSequence.load(tmp_path / "a.json", G1)
+    np.testing.assert_array_equal(back.keyframes[0].joint_pos, wave.keyframes[0].joint_pos)
+
+
 def test_without_a_start_the_robot_stands_at_the_origin(content, tmp_path):
     del content["start"]
     (tmp_path / "a.json").write_text(json.dumps(content))

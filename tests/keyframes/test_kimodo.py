@@ -58,7 +58,6 @@ def test_what_is_left_out_and_what_is_refused(tmp_path):
     found, left_out = read_constraints(tmp_path / "c.json", G1, fps=60)
     assert left_out == ["constraint 0 of type 'root2d'"]
     assert [round(pose.time, 3) for pose in found] == [0.3, 0.7, 1.0]
-    np.zeros((3, 77, 3)).tolist()
     for text, message in (
         ([path], "no constraint of type 'fullbody'"),
         ({}, "expected a list of objects"),
