@@ -56,6 +56,7 @@ def main(recipe: ExpertRecipe) -> None:
         film=films.take,
     )
     warmup_steps = recipe.critic_warmup * recipe.num_envs * recipe.rollout if recipe.init else 0
+    begins(recipe, library, recipe.ppo.precision, "fewer than 0.3 terminations a second, keypoint error below 6 cm")
     with run:
         while not budget.done:
             rollout = next(source)
@@ -76,6 +77,11 @@ def main(recipe: ExpertRecipe) -> None:
                 {"terminations": f"{terminations:.2f}/s", "keypoint error": f"{100 * keypoint_error:.1f} cm"},
             )
         run.finish()
+
+
+def after(recipe: ExpertRecipe) -> str:
+    """Return the lines that say where the run is and what comes next."""
+    return next_command(recipe.out, *DISTILL, recipe.out, "--motions", recipe.motions, *STUDENT)
 
 
 def ppo_config(recipe: ExpertRecipe) -> PPOConfig:

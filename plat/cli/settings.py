@@ -149,4 +149,7 @@ def run(module: str, kind: Any, args: Sequence[str], prog: str) -> None:
     """Parse the settings of a command, import its module and run it; user errors end the program with one line."""
     settings = parse(kind, args, prog)
     with report_errors():
-        import_module(module).main(settings)
+        command = import_module(module)
+        command.main(settings)
+        if hasattr(command, "after"):  # not in main: a recipe that runs several stages says what is next itself
+            print(command.after(settings))

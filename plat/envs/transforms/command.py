@@ -178,8 +178,11 @@ def check_timing(library: MotionLibrary, horizon: Horizon, timing: Timing) -> No
     """Raise a :class:`PlatError` for motions or commands that do not fit a policy's timing.
 
     Raises:
-        PlatError: when the motions have another control step, or the horizon's longest command is too long.
+        PlatError: when the motions have another control step, the horizon's longest command is too long, or it is
+            no :class:`Horizon`.
     """
+    if not isinstance(horizon, Horizon):
+        raise TaskError(f"horizon is {horizon!r}, expected a Horizon, as in HORIZONS['mixed'] or horizon_named")
     timing.check_control_dt(library.dt, f"motion library of {library.num_clips} clips")
     timing.check_steps(horizon.longest, f"horizon of {horizon.shortest} to {horizon.longest} steps")
 

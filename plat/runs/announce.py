@@ -1,0 +1,62 @@
+"""Lines on the screen when a training begins, and the command that comes next."""
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import torch
+
+from plat.envs.physics.mujoco_batch import available_cpus
+from plat.precision import Precision, has_fast_bfloat16
+
+if TYPE_CHECKING:
+    from plat.motions.library import MotionLibrary
+    from plat.runs.recipe import RecipeConfig
+
+__all__ = ["DISTILL", "STUDENT", "begins", "next_command"]
+
+DISTILL = ("plat distill", "--expert")
+STUDENT = ("--minutes", "15", "--out", "runs/dagger")
+"""Words of the command behind stage 1, before the expert and after its motions."""
+
+
+def begins(recipe: "RecipeConfig", library: "MotionLibrary", precision: Precision, good: str) -> None:
+    """Print what is trained on what, with what, for how long and where to.
+
+    Args:
+        recipe: settings, on a device.
+        library: motions.
+        precision: of the networks.
+        good: which figures on the lines to come are good.
+    """
+    half = precision == "bfloat16" or (precision == "auto" and has_fast_bfloat16(recipe.device))
+    limits = [
+        *([f"{recipe.minutes:g} minutes"] if recipe.minutes is not None else []),
+        *([f"{recipe.steps:,} steps"] if recipe.steps is not None else []),
+    ]
+    print(
+        f"{recipe.name}: {_counted(library.num_clips, 'clip')}, {library.duration:.0f} s; "
+        f"{_counted(recipe.num_envs, 'robot')} on {_counted(available_cpus(), 'CPU')}; networks on {recipe.device}, "
+        f"{_counted(torch.get_num_threads(), 'thread')}, {'bfloat16' if half else 'float32'}; "
+        f"for {' or '.join(limits)}\n"
+        f"into {recipe.out}, a checkpoint every {recipe.save_every:g} s; good: {good}",
+        flush=True,
+    )
+
+
+def next_command(out: Path, *words: str | Path | Sequence[str]) -> str:
+    """Return the lines that say where a run is and which command comes next.
+
+    >>> print(next_command(Path("runs/a b"), "plat evaluate", Path("runs/a b"), "--motions", ("x.npz", "*.csv")))
+    the run is in runs/a b: model.safetensors, metrics.csv, config.json
+    next: plat evaluate 'runs/a b' --motions x.npz '*.csv'
+    """
+    flat = [part for word in words for part in ([word] if isinstance(word, str | Path) else word)]
+    first, *rest = flat
+    command = " ".join([str(first), *(shlex.quote(str(word)) for word in rest)])
+    return f"the run is in {out}: model.safetensors, metrics.csv, config.json\nnext: {command}"
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number:,} {what}{'s' * (number != 1)}"
