@@ -21,6 +21,7 @@ from plat.recipes.options import DistillRecipe, check_partial
 from plat.rendering import Films
 from plat.robots import get_robot
 from plat.runs import Budget, Run, SavedRun, begin, report_errors, run_inputs
+from plat.runs.announce import begins, next_command
 from plat.spec.timing import timing_of
 
 
@@ -76,6 +77,7 @@ def main(recipe: DistillRecipe) -> None:
         film=films.take,
     )
     labeled = ExpertLabels(None if teacher.stateful else labels, student.normalizer.in_keys, recipe.precision)
+    begins(recipe, library, recipe.precision, "failures that fall; plat evaluate says how many commands are met")
     with run:
         while not budget.done:
             # set before the rollout: a resumed run knows its budget alone
@@ -110,6 +112,14 @@ def main(recipe: DistillRecipe) -> None:
                 {"failures": f"{terminations:.2f}/s", "loss": f"{float(total.detach()):.2f}"},
             )
         run.finish()
+
+
+def after(recipe: DistillRecipe) -> str:
+    """Return the lines that say where the run is and what comes next."""
+    if recipe.student == "plain":
+        return next_command(recipe.out, "plat evaluate", recipe.out, "--motions", recipe.motions)
+    rest = ("--minutes", "10", "--out", "runs/plat")
+    return next_command(recipe.out, "plat refine", "--student", recipe.out, "--motions", recipe.motions, *rest)
 
 
 def cosine(start: float, end: float, fraction: float) -> float:

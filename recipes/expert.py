@@ -22,6 +22,7 @@ from plat.recipes.options import ExpertRecipe
 from plat.rendering import Films
 from plat.robots import get_robot
 from plat.runs import Budget, Run, SavedRun, begin, report_errors, run_inputs
+from plat.runs.announce import DISTILL, STUDENT, begins, next_command
 
 
 def main(recipe: ExpertRecipe) -> None:

@@ -12,6 +12,7 @@ from plat.recipes.learning import learn
 from plat.recipes.options import ExpertModelRecipe
 from plat.robots import get_robot
 from plat.runs import SavedRun, begin, report_errors
+from plat.runs.announce import DISTILL, STUDENT, begins, next_command
 from plat.tasks import DenseTracking
 
 
@@ -33,7 +34,13 @@ def main(recipe: ExpertModelRecipe) -> None:
     # what the network adds to the reference is kept small, not the reference
     residual = recipe.policy.action != "default_offset"
     actor = expert.deployed(tuple(expert.goals)).reset_out_keys()
+    begins(recipe, library, recipe.imagination.precision, "fewer than 0.3 failures a second")
     learn(recipe, library, expert, actor, task, init=start, effort="residual" if residual else "action")
+
+
+def after(recipe: ExpertModelRecipe) -> str:
+    """Return the lines that say where the run is and what comes next."""
+    return next_command(recipe.out, *DISTILL, recipe.out, "--motions", recipe.motions, *STUDENT)
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from plat.recipes.learning import learn
 from plat.recipes.options import ImagineRecipe, check_partial
 from plat.robots import get_robot
 from plat.runs import SavedRun, begin, report_errors
+from plat.runs.announce import begins, next_command
 from plat.tasks import TimedKeyframes
 
 
@@ -40,7 +41,13 @@ def main(recipe: ImagineRecipe) -> None:
     def task(motions: MotionLibrary) -> TimedKeyframes:
         return TimedKeyframes(motions, recipe.task, timing=recipe.policy.timing, seed=recipe.seed)
 
+    begins(recipe, library, recipe.imagination.precision, "failures that fall; plat evaluate says the rest")
     learn(recipe, library, student, student.deployed(), task, init=trained)
+
+
+def after(recipe: ImagineRecipe) -> str:
+    """Return the lines that say where the run is and what comes next."""
+    return next_command(recipe.out, "plat evaluate", recipe.out, "--motions", recipe.motions)
 
 
 if __name__ == "__main__":

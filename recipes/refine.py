@@ -27,6 +27,7 @@ from plat.recipes.options import RefineRecipe, check_partial
 from plat.rendering import Films
 from plat.robots import get_robot
 from plat.runs import Budget, Run, SavedRun, begin, report_errors, run_inputs
+from plat.runs.announce import begins, next_command
 from plat.runs.user_modules import import_modules
 from plat.spec.observation import student_keys
 from plat.spec.timing import Timing, timing_of
@@ -72,6 +73,7 @@ def main(recipe: RefineRecipe) -> None:
         film=films.take,
     )
     warmup_steps = recipe.critic_warmup * recipe.num_envs * recipe.rollout
+    begins(recipe, library, recipe.ppo.precision, "failures that fall; plat evaluate says how many commands are met")
     with run:
         while not budget.done:
             rollout = next(source)
@@ -90,6 +92,11 @@ def main(recipe: RefineRecipe) -> None:
                 {"failures": f"{terminations:.2f}/s", "reward": f"{reward:.2f}/s"},
             )
         run.finish()
+
+
+def after(recipe: RefineRecipe) -> str:
+    """Return the lines that say where the run is and what comes next."""
+    return next_command(recipe.out, "plat evaluate", recipe.student, recipe.out, "--motions", recipe.motions)
 
 
 if __name__ == "__main__":

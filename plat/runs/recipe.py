@@ -2,6 +2,7 @@
 
 import errno
 import logging
+import os
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -133,6 +134,7 @@ def report_errors() -> Iterator[None]:
     TorchRL's context of an error is left out, and Ctrl-C ends with one line.
     Assumptions that plat makes about motion files are printed.
     """
+    os.environ.setdefault("RL_LOGGING_LEVEL", "WARNING")  # TorchRL sets its level when it is imported
     logging.getLogger("torchrl").setLevel(logging.WARNING)
     motions = logging.getLogger("plat.motions")
     motions.setLevel(logging.INFO)
