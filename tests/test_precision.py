@@ -47,3 +47,8 @@ def test_no_device_is_the_cpu():
 def test_auto_follows_the_hardware():
     with autocast("cpu", "auto"):
         assert torch.is_autocast_enabled("cpu") == has_fast_bfloat16("cpu")
+
+
+def test_a_torch_that_does_not_say_what_the_cpu_has(monkeypatch):
+    monkeypatch.delattr(torch.cpu, "get_capabilities")
+    assert not has_fast_bfloat16("cpu")
