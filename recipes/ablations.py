@@ -8,22 +8,21 @@ there is left out. ``--train`` trains what is missing or unfinished first. Every
 again after it was killed, the recipe goes on where it was.
 """
 
-import hashlib
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-import plat
-from plat.baselines import ReleasedTrackers
+from plat.baselines import CATALOG, ReleasedTrackers
 from plat.cli import evaluate
 from plat.cli.options import HorizonName
 from plat.cli.settings import parse
 from plat.envs.transforms import RandomizationRanges
-from plat.errors import MotionError, PlatError, RecordsError
-from plat.evaluation import CommandRecords, Entrant, Score, differences, markdown, write_csv
+from plat.errors import MotionError, PlatError
+from plat.evaluation import CommandRecords, Entrant, EvaluationSetting, Score, cells, differences, markdown, write_csv
+from plat.evaluation.cells import Cell, evaluate_cells, fingerprint
 from plat.evaluation.score_table import COLUMNS
 from plat.evaluation.score_table import rows as table_rows
 from plat.figures import pyplot
@@ -82,8 +81,8 @@ ROWS = (
     Row("Residual action", "action", "refine_steps", partial(train_refined, variant="action"), True),
     Row("PLAT", "plat", "refine_steps", partial(train_refined, variant="latent"), True),
 )
-ORDER = ("SONIC", "SONIC-style", "TWIST2", "wbc", *(row.name for row in ROWS[1:]))
-TRACKERS = ("SONIC", "SONIC-style", "TWIST2", "wbc", "Scratch RL")
+ORDER = ("SONIC", "SONIC 1.1", "SONIC-style", "ProtoMotions", "TWIST2", "wbc", "YAHMP", *(row.name for row in ROWS[1:]))
+TRACKERS = (*CATALOG, "SONIC-style", "Scratch RL")
 
 
 @dataclass(frozen=True)
@@ -179,15 +178,20 @@ def steps_of(run: Path) -> int:
 
 def released_rows(trackers: ReleasedTrackers) -> dict[str, list[Candidate]]:
     """Rows of the released trackers whose files were given."""
-    loaded = trackers.load()
     rows = {}
     for name, path in trackers.files().items():
+        baseline = CATALOG[name]
         if path is None:
-            print(f"{name}: left out, give --trackers.{name.lower()}")
+            print(f"{name}: left out, give --trackers.{baseline.flag}")
             continue
-        files = tuple(sorted(path.glob("*.onnx"))) if path.is_dir() else (path,)
-        rows[name] = [Candidate(name.lower(), files, partial(Entrant.of_tracker, loaded[name]))]
+        released_entrant(name, path, dense=False)  # what is wrong with a file had better be said first
+        rows[name] = [Candidate(baseline.flag, tuple(baseline.paths(path)), partial(released_entrant, name, path))]
     return rows
+
+
+def released_entrant(name: str, path: Path, dense: bool) -> Entrant:
+    """A released tracker."""
+    return Entrant.of_tracker(CATALOG[name].load(path), dense)
 
 
 def trained_rows(recipe: AblationsRecipe) -> dict[str, list[Candidate]]:
@@ -219,62 +223,35 @@ def score(
     randomization: RandomizationRanges | None = None,
 ) -> list[Score]:
     """Scores of every row, from records that are there or made now."""
-    motions = digest(library.frames[entry].cpu().numpy().tobytes() for entry in ("joint_pos", "keypoint_pos"))
-    scores = []
-    for horizon in horizons:
-        for name, candidates in rows.items():
-            started = time.monotonic()
-            records = [
-                records_of(candidate, library, motions, horizon, dense, randomization, recipe)
-                for candidate in candidates
-            ]
-            scores.append(Score.of(name, horizon, records))
-            evaluate.print_score(scores[-1], time.monotonic() - started)
+    setting = EvaluationSetting(recipe.seed, randomization, num_envs=recipe.num_envs, device=recipe.device)
+    label = "-".join(["dense"] * dense + ["randomized"] * (randomization is not None))
+    named = {candidate.slug: name for name, candidates in rows.items() for candidate in candidates}
+    policies = {candidate.slug: entrant_of(candidate, dense) for row in rows.values() for candidate in row}
+    wanted = [
+        Cell(policies[candidate.slug], horizon, setting, label=label)
+        for horizon in horizons
+        for candidates in rows.values()
+        for candidate in candidates
+    ]
+    scores: list[Score] = []
+    waiting: list[CommandRecords] = []
+    since = time.monotonic()
+    done = evaluate_cells(wanted, library, folder=recipe.out / "records", workers=recipe.workers or None)
+    for cell, records in done:
+        assert isinstance(records, CommandRecords)
+        waiting.append(records)
+        name = named[cell.candidate.name]
+        if len(waiting) == len(rows[name]):
+            scores.append(Score.of(name, cell.horizon, waiting))
+            evaluate.print_score(scores[-1], time.monotonic() - since)
+            waiting, since = [], time.monotonic()
     return scores
 
 
-def records_of(
-    candidate: Candidate,
-    library: MotionLibrary,
-    motions: str,
-    horizon: str,
-    dense: bool,
-    randomization: RandomizationRanges | None,
-    recipe: AblationsRecipe,
-) -> CommandRecords:
-    """What a policy did with the commands: read, if it is known of these very weights and motions, else found out."""
-    about = {
-        "policy": digest(path.read_bytes() for path in candidate.files),
-        "motions": motions,
-        "horizon": horizon,
-        "seed": recipe.seed,
-        "dense": dense,
-        "plat": plat.__version__,
-    }
-    name = f"{candidate.slug}-{horizon}{'-dense' if dense else ''}"
-    if randomization is not None:
-        about |= {"randomization": repr(randomization), "num_envs": recipe.num_envs}
-        name += "-randomized"
-    path = recipe.out / "records" / f"{name}.safetensors"
-    if path.exists():
-        try:
-            records, known = CommandRecords.load(path)
-        except RecordsError as error:
-            print(f"evaluated again: {error}")
-        else:
-            if known == about:
-                return records
-    records = evaluate.evaluated(recipe, candidate.load(dense), library, horizon, randomization)
-    records.save(path, about)
-    return records
-
-
-def digest(parts: Iterable[bytes]) -> str:
-    """Fingerprint of some bytes."""
-    total = hashlib.blake2b(digest_size=16)
-    for part in parts:
-        total.update(hashlib.blake2b(part).digest())
-    return total.hexdigest()
+def entrant_of(candidate: Candidate, dense: bool) -> cells.Candidate:
+    """The policy of a row as any process can load it."""
+    weights = [path.read_bytes() for path in candidate.files]
+    return cells.Candidate(candidate.slug, partial(candidate.load, dense), fingerprint([*weights, str(dense).encode()]))
 
 
 def write(folder: Path, scores: Sequence[Score], rows: dict[str, list[Candidate]]) -> list[Path]:

@@ -10,7 +10,8 @@ from torch import Tensor
 from torchrl.envs import InitTracker, Transform
 
 from plat.baselines.tracker_reference import PlannedReference, TrackerReference
-from plat.evaluation.in_between import Interface, Plan
+from plat.evaluation.in_between import Plan
+from plat.evaluation.names import Interface
 from plat.motions.library import MotionLibrary
 from plat.robots.robot import FootContacts, Robot
 

@@ -5,7 +5,8 @@ from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
 from plat.envs.transforms.base import ObservationTransform
-from plat.evaluation.in_between import InBetween, Interface
+from plat.evaluation.in_between import InBetween
+from plat.evaluation.names import Interface
 from plat.motions.library import MotionLibrary
 
 __all__ = ["PlannedReference", "TrackerReference"]

@@ -70,6 +70,16 @@ COMMANDS = {
         "all three stages and the evaluation, small, in a few minutes",
     ),
     "evaluate": Command("plat.cli.evaluate", "EvaluateRecipe", "score policies on motions: timed keyframe tracking"),
+    "benchmark": Command(
+        "plat.cli.benchmark",
+        "BenchmarkRecipe",
+        "score policies and released trackers on public motions, in one table",
+    ),
+    "baselines": Command(
+        "plat.cli.baselines",
+        "BaselinesRecipe",
+        "list released trackers: owner, version, hash, license, how to get them",
+    ),
     "play": Command("plat.cli.play", "PlayRecipe", "let a policy chase the keyframes of a file"),
     "studio": Command(
         "plat.cli.studio",

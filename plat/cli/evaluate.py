@@ -6,15 +6,17 @@ plat evaluate runs/plat runs/dagger runs/expert --motions clips.npz --horizon mi
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import plat.headless  # noqa: F401
 
 # isort: split
-from plat.cli.options import EvaluateRecipe, ScoringConfig
-from plat.envs.transforms import HORIZONS, RandomizationRanges, horizon_named
+from plat.cli.candidates import candidates_of
+from plat.cli.options import EvaluateRecipe
+from plat.envs.transforms import HORIZONS, horizon_named
 from plat.errors import PlatError
-from plat.evaluation import HEADLINE, METRICS, CommandRecords, Entrant, EvaluationSetting, Score, write_csv
+from plat.evaluation import HEADLINE, METRICS, Entrant, EvaluationSetting, Score, markdown, write_csv
 from plat.evaluation.authored_playback import play_authored
 from plat.evaluation.authored_rollout import Pushes
 from plat.evaluation.authored_scores import (
@@ -24,9 +26,11 @@ from plat.evaluation.authored_scores import (
     evaluate_families,
     write_authored_csv,
 )
+from plat.evaluation.families import families_of, read_manifest
 from plat.evaluation.score_table import COLUMNS, rows
+from plat.evaluation.study import Study, StudyPlan, run_study
 from plat.figures import ablation_bars, film_strip, pyplot, radar_plot, save_figure, success_plot
-from plat.files import check_file, check_folder
+from plat.files import check_file, check_folder, replace_file
 from plat.motions import MotionLibrary
 from plat.rendering import Playback, RenderingError, Stage
 from plat.robots import get_robot
@@ -46,37 +50,62 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
         check_logger(logger)
     import_modules(recipe.imports)
     robot = get_robot(recipe.robot)
-    names = [run.name for run in recipe.runs]
-    entrants = {
-        run.name if names.count(run.name) == 1 else str(run): Entrant.of_run(run, recipe.device, recipe.dense)
-        for run in recipe.runs
-    }
-    entrants |= {name: Entrant.of_tracker(tracker, recipe.dense) for name, tracker in recipe.trackers.load().items()}
-    if not entrants:
-        raise PlatError("nothing to evaluate: give run directories, or files of released trackers (--trackers.twist2)")
+    if recipe.out is not None:
+        check_folder(recipe.out, "--out")
+    if recipe.partial and recipe.whole_clips:
+        raise PlatError("--whole-clips: judges whole poses, expected no --partial beside it")
+    found = candidates_of(
+        recipe.runs,
+        recipe.trackers,
+        device=recipe.device,
+        dense=recipe.dense,
+        interfaces=recipe.interface,
+        robot=recipe.robot,
+    )
+    entrants = {candidate.name: entrant for candidate, entrant in found.items()}
     library = MotionLibrary.load(recipe.motions, robot, dt=common_control_dt(entrants, recipe.horizon))
     if recipe.only is not None:
         library = library.only(*library.named(recipe.only))
     shown = first_named(library, recipe.clip)
     print(f"{library.num_clips} motions, {library.duration:.0f} s; 95 % intervals over motions in parentheses")
-    randomization = recipe.randomization if recipe.domain_randomization else None
+    families = families_of(library.clip_names, read_manifest(recipe.manifest)) if recipe.manifest else None
+    plan = StudyPlan(
+        horizons=recipe.horizon,
+        setting=EvaluationSetting(
+            recipe.seed,
+            recipe.randomization if recipe.domain_randomization else None,
+            num_envs=recipe.num_envs,
+            device=recipe.device,
+            partial=recipe.partial,
+        ),
+        rules=recipe.whole_clips,
+        families=families,
+        difficulty=recipe.difficulty,
+        robustness=recipe.robustness,
+    )
     print_head()
-    scores = []
-    for horizon in recipe.horizon:
-        motions = long_enough(library, horizon)
-        for name, entrant in entrants.items():
-            started = time.monotonic()
-            records = evaluated(recipe, entrant, motions, horizon, randomization, recipe.partial)
-            scores.append(Score.of(name, horizon, [records]))
-            print_score(scores[-1], time.monotonic() - started)
+    study = run_study(
+        found,
+        library,
+        plan,
+        folder=recipe.out and recipe.out / "records",
+        workers=recipe.workers or None,
+        modules=recipe.imports,
+        told=Teller(recipe),
+        motions=partial(long_enough, library),
+    )
+    scores = study.scores
+    if tables := study.markdown():
+        print(f"\n{tables}", end="")
+    if recipe.out is not None:
+        text = "\n".join(filter(None, (markdown(scores), tables)))
+        replace_file(recipe.out / "scores.md", lambda part: part.write_text(text, encoding="utf-8"))
     if recipe.authored:
         authored = score_authored(recipe, entrants, library)
         if recipe.csv is not None:
             write_authored_csv(recipe.csv.with_name(f"{recipe.csv.stem}_authored.csv"), authored)
         if recipe.strips is not None:
             draw_authored_strips(recipe, recipe.strips, entrants, library)
-    if recipe.csv is not None:
-        write_csv(recipe.csv, scores)
     pictures: list[Path] = []
     if recipe.figures is not None:
         pictures = draw_scores(recipe.figures, scores)
@@ -93,6 +122,25 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
             log_table(run, "evaluation", COLUMNS, rows(scores), pictures)
             run.finish()
     return scores
+
+
+class Teller:
+    """Line of the table for each score as it comes, and files that hold what there is so far."""
+
+    def __init__(self, recipe: EvaluateRecipe):
+        self._recipe = recipe
+        self._told = 0
+        self._since = time.monotonic()
+
+    def __call__(self, study: Study) -> None:
+        """Print the scores that are new."""
+        for score in study.scores[self._told :]:
+            print_score(score, time.monotonic() - self._since)
+        if len(study.scores) > self._told and self._recipe.csv is not None:
+            write_csv(self._recipe.csv, study.scores)
+        self._told, self._since = len(study.scores), time.monotonic()
+        if self._recipe.out is not None:
+            study.write(self._recipe.out)
 
 
 def long_enough(library: MotionLibrary, horizon: str) -> MotionLibrary:
@@ -181,21 +229,6 @@ def draw_authored_strips(
     except RenderingError as error:
         print(f"no film strips: {error}")
     return written
-
-
-def evaluated(
-    recipe: ScoringConfig,
-    entrant: Entrant,
-    library: MotionLibrary,
-    horizon: str,
-    randomization: RandomizationRanges | None,
-    partial: str | None = None,
-) -> CommandRecords:
-    """Return what an entrant does with the commands of every motion."""
-    setting = EvaluationSetting(
-        recipe.seed, randomization, num_envs=recipe.num_envs, device=recipe.device, partial=partial
-    )
-    return entrant.evaluate(library, horizon, setting)
 
 
 def first_named(library: MotionLibrary, pattern: str | None) -> MotionLibrary:

@@ -11,12 +11,15 @@ from plat.baselines.released import ReleasedTrackers
 from plat.bounds import Bounded, Count, Natural, NonNegative, Positive, Range, Robots, Seed
 from plat.control.settings import ReachLimits
 from plat.envs.transforms.settings import RandomizationRanges
+from plat.evaluation.names import DisturbanceName, Interface, RuleName
 from plat.motions.checks.settings import ValidationLimits
 from plat.motions.retargeting.options import SolverOptions
 from plat.runs.loggers import LoggerName, chosen_loggers
 from plat.spec.timing import Timing
 
 __all__ = [
+    "BaselinesRecipe",
+    "BenchmarkRecipe",
     "Convert",
     "CurvesRecipe",
     "EvaluateRecipe",
@@ -74,6 +77,8 @@ class ScoringConfig(Bounded):
     """log table and figures to Weights & Biases; offline unless you are logged in"""
     trackio: bool = False
     """log table and figures to trackio, which keeps its files on this machine"""
+    workers: Natural = 0
+    """processes to spread motions over, 0 for one a core; the figures do not depend on it"""
     device: str = "auto"
     """where networks and tensors live, "cuda" where there is one"""
     robot: str = "g1"
@@ -90,13 +95,25 @@ class EvaluateRecipe(ScoringConfig):
     """Score policies on motions."""
 
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
-    """runs, or names such as plat-g1; an expert sees the keyframe as its next frame (Scratch RL)"""
+    """runs, names such as plat-g1, bundles, or .onnx files of released trackers"""
     partial: PartKind | None = None
     """score partial keyframes of a kind; policies for whole poses cannot follow them"""
     only: str | None = None
     """regular expression: score only motions whose names it matches, as in run|kick"""
     dense: bool = False
     """show policies the reference instead of the keyframe: how well a dense tracker tracks"""
+    interface: tuple[Interface, ...] = ("next-frame",)
+    """how dense trackers are told of a keyframe; with several, the table has each"""
+    whole_clips: tuple[RuleName, ...] = ()
+    """success rules to judge whole clips by, each followed once from its first frame"""
+    manifest: tuple[Path, ...] = ()
+    """CSV files with the columns clip and family: scores by family"""
+    difficulty: bool = False
+    """scores by difficulty, measured from the motion"""
+    robustness: tuple[DisturbanceName, ...] = ()
+    """disturbances of growing strength: TKS@3 against each"""
+    out: Path | None = None
+    """folder for records and tables; started again, it goes on where it was"""
     authored: Natural = 0
     """chains per family of authored keyframes to score as well: arms, steps, crouch and so on"""
     pushes: NonNegative = 0.0
@@ -111,6 +128,55 @@ class EvaluateRecipe(ScoringConfig):
     """folder to draw radar plot, bars, success curves and film strips into, as PDF and PNG"""
     imports: Imports = ()
     """module that registers policy classes of your own"""
+
+
+@dataclass(kw_only=True)
+class BenchmarkRecipe(Bounded):
+    """Score policies and released trackers on public motions, in one table."""
+
+    runs: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
+    """runs, names such as plat-g1, bundles, or .onnx files of released trackers"""
+    out: Path
+    """folder for the table, figures and records; started again, it goes on where it was"""
+    trackers: ReleasedTrackers = field(default_factory=ReleasedTrackers)
+    bandai: Path | None = None
+    """folder of Bandai-Namco's .bvh files, retargeted here; or an .npz of them for the G1"""
+    hard: tuple[Path, ...] = ()
+    """.npz files of hard motion, a section for each"""
+    manifest: tuple[Path, ...] = ()
+    """CSV files with the columns clip and family of the hard motion"""
+    generated: Positive = 300.0
+    """seconds of generated motion, of the split test"""
+    interface: tuple[Interface, ...] = ("next-frame", "line", "cascade")
+    """how dense trackers are told of a keyframe; the table shows the best of each"""
+    rule: RuleName = "humantracker"
+    """success rule of whole clips"""
+    robustness: tuple[DisturbanceName, ...] = ("push", "friction", "payload", "latency", "motors", "noise")
+    """disturbances of growing strength, on the first set of motions"""
+    ours: str | None = None
+    """row that is compared with each other one; by default the first"""
+    every: Count = 1
+    """score every n-th motion of each set, to try the command out"""
+    seed: Seed = 0
+    """draws commands and disturbances"""
+    num_envs: Robots = 256
+    """robots that are simulated at a time"""
+    workers: Natural = 0
+    """processes to spread motions over, 0 for one a core; the figures do not depend on it"""
+    device: str = "auto"
+    """where networks and tensors live, "cuda" where there is one"""
+    robot: str = "g1"
+    """name of the robot, or path of its JSON description"""
+    imports: Imports = ()
+    """module that registers policy classes of your own"""
+
+
+@dataclass(kw_only=True)
+class BaselinesRecipe(Bounded):
+    """List the released trackers that plat can run."""
+
+    files: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
+    """files to identify by their SHA-256; without any, the list of trackers is printed"""
 
 
 @dataclass(kw_only=True)

@@ -31,6 +31,8 @@ __all__ = ["PART", "Candidate", "Cell", "Records", "evaluate_cells", "fingerprin
 PART = 64
 """Clips of a part. Parts are the same whatever the number of processes, so the records are as well."""
 
+_WORTH_PROCESSES = 50_000  # control steps
+
 Records: TypeAlias = CommandRecords | ClipRecords
 
 
@@ -121,7 +123,7 @@ def evaluate_cells(
         cells: of the comparison.
         library: motions.
         folder: for the records; None keeps nothing.
-        workers: processes; None for one a core. The records do not depend on it.
+        workers: processes; None for one a core where there is enough to do. The records do not depend on it.
         modules: that the processes import first, see :func:`plat.runs.user_modules.import_modules`.
         what: name of the work in the progress.
 
@@ -131,8 +133,9 @@ def evaluate_cells(
     with tempfile.TemporaryDirectory(prefix="plat-evaluation-") as scratch:
         desk = _Desk(folder or Path(scratch), library)
         missing = [(cell, number) for cell in cells for number in desk.missing(cell)]
-        count = min(workers or available_cpus(), len(missing))
         total = sum(desk.steps(number) for _, number in missing)
+        # a process takes seconds to start
+        count = min(workers or (available_cpus() if total > _WORTH_PROCESSES else 1), len(missing))
         with Progress(what, total, "control steps") as progress:
             if count > 1:
                 yield from _on_processes(cells, missing, desk, Path(scratch), count, modules, progress)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any
 
 import mujoco
 import torch
@@ -15,6 +15,7 @@ from plat.envs.physics import BatchedPhysics, Physics, PhysicsFactory
 from plat.envs.tracking import MotionTrackingEnv
 from plat.envs.transforms import DomainRandomization, NoiseLevels, ObservationNoise
 from plat.envs.transforms.settings import RandomizationRanges
+from plat.evaluation.names import DisturbanceName
 from plat.robots.robot import Robot
 
 __all__ = [
@@ -27,8 +28,6 @@ __all__ = [
     "loaded_physics",
     "observing_noise",
 ]
-
-DisturbanceName = Literal["push", "friction", "payload", "latency", "motors", "noise"]
 
 
 @dataclass(frozen=True)

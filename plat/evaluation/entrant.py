@@ -10,6 +10,7 @@ from tensordict.nn import TensorDictModuleBase
 from torchrl.envs import Transform
 
 from plat.envs.transforms import Horizon, horizon_named
+from plat.evaluation.bundle_policy import BundlePolicy
 from plat.evaluation.clip_playback import play
 from plat.evaluation.clip_records import ClipRecords
 from plat.evaluation.records import CommandRecords
@@ -19,6 +20,7 @@ from plat.evaluation.whole_clip import evaluate_clips
 from plat.modules import Expert
 from plat.motions.library import MotionLibrary
 from plat.rendering.playback import Playback
+from plat.robots import G1
 from plat.robots.robot import Robot
 from plat.runs.policies import Policy
 from plat.runs.saved_run import load_policy
@@ -84,6 +86,16 @@ class Entrant:
     ) -> "Entrant":
         """Return the policy of a run directory as an entrant."""
         return cls.of_policy(load_policy(run, device), dense, interface)
+
+    @classmethod
+    def of_bundle(cls, bundle: Path, robot: Robot = G1) -> "Entrant":
+        """Return the policy of an exported bundle as an entrant.
+
+        Args:
+            bundle: its folder, or the ``.onnx`` file alone.
+            robot: that it drives.
+        """
+        return cls(BundlePolicy(bundle, robot), robot)
 
     @classmethod
     def of_tracker(

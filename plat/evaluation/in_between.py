@@ -1,7 +1,6 @@
 """In-between motion: what a dense tracker is shown on its way to a sparse keyframe."""
 
 from collections.abc import Mapping
-from typing import Literal
 
 import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
@@ -12,6 +11,7 @@ from torchrl.envs import Transform
 from plat.envs.goals import robot_centric_goal
 from plat.envs.state import GeneralizedState
 from plat.envs.transforms.base import ObservationTransform, check_entries
+from plat.evaluation.names import Interface
 from plat.motions.library import MotionLibrary
 from plat.robots.kinematics import ForwardKinematics
 from plat.rotations import quat_conjugate, quat_from_rotvec, quat_multiply, quat_to_rotvec
@@ -19,10 +19,8 @@ from plat.spec.observation import entry_shapes
 
 __all__ = ["INTERFACES", "InBetween", "Interface", "Plan", "PlannedGoal"]
 
-Interface = Literal["next-frame", "line", "cascade"]
-"""How a dense tracker is told of a sparse keyframe: as its next reference frame, at rest; by a straight line to it; or
-by an interpolated motion that goes on from the robot's velocity (a cascade of planner and tracker)."""
 INTERFACES: tuple[Interface, ...] = ("next-frame", "line", "cascade")
+"""All interfaces of :data:`plat.evaluation.names.Interface`."""
 
 _BLEND = 0.4  # seconds in which a cascade's velocity turns from the robot's to the mean one
 _PLAN: dict[NestedKey, torch.dtype] = {("plan", "start"): torch.float32, ("plan", "length"): torch.int64}

@@ -9,7 +9,8 @@ from torchrl.envs import Transform
 from plat.bounds import Bounded, Count, Robots, Seed
 from plat.envs.transforms import NEXT_FRAME, DenseGoal, RandomizationRanges, TerminationLimits
 from plat.evaluation.disturbance import Disturbance
-from plat.evaluation.in_between import Interface, PlannedGoal
+from plat.evaluation.in_between import PlannedGoal
+from plat.evaluation.names import Interface
 from plat.motions.library import MotionLibrary
 from plat.robots.robot import FootContacts
 from plat.spec.timing import Timing

@@ -3,19 +3,18 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Literal, get_args
+from typing import get_args
 
 from tensordict import TensorDictBase
 from torch import Tensor
 
 from plat.envs.transforms.terminations import TerminationLimits, fallen
 from plat.errors import RecordsError
+from plat.evaluation.names import RuleName
 from plat.robots.robot import Robot
 from plat.rotations import quat_angle
 
 __all__ = ["RULES", "RuleName", "SuccessRule", "rule_named"]
-
-RuleName = Literal["humantracker", "supermimic"]
 
 
 @dataclass(frozen=True)

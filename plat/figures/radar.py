@@ -16,6 +16,9 @@ __all__ = ["radar_plot"]
 def radar_plot(scores: Sequence[Score], metrics: Sequence[str] = HEADLINE) -> Any:
     """Return a figure with one radar for each metric. Outward is better on each, so errors fall toward the rim.
 
+    Where errors, or what is missing to 100 %, differ by more than a factor of five, the scale is logarithmic: rows that
+    are good stay apart, and rows that are bad stay in the picture.
+
     Args:
         scores: of any policies at three horizons or more; a policy that lacks a horizon is left out.
         metrics: names in :data:`plat.evaluation.METRICS`.
@@ -56,6 +59,9 @@ def radar_plot(scores: Sequence[Score], metrics: Sequence[str] = HEADLINE) -> An
                 )
             panel.set_theta_zero_location("N")
             panel.set_theta_direction(-1)
+            if spread_out([value for row in values.values() for value in row], metric):
+                worst, best, ticks = _log_range([value for row in values.values() for value in row], metric)
+                panel.set_yscale("function", functions=_shortfall_scale(metric))
             panel.set_ylim(worst, best)
             panel.set_yticks(ticks, [""] * len(ticks))
             for tick in ticks:  # over the outlines, where matplotlib's own labels would be under them
@@ -75,6 +81,53 @@ _RING_LABEL: dict[str, Any] = {
     "fontsize": 6,
     "bbox": {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.4},
 }
+
+
+_SPREAD = 5.0  # factor between errors from which the scale is logarithmic
+_LEAST = {"%": 0.1}  # shortfall (%) at which the logarithmic scale ends; of errors it is the smallest value
+
+
+def _shortfall(value: Any, metric: str) -> Any:
+    """Return an error as it is, and what is missing to 100 of a percentage."""
+    return 100.0 - value if METRICS[metric].higher_is_better else value
+
+
+def spread_out(values: Sequence[float], metric: str) -> bool:
+    """Return whether errors, or what is missing to 100 %, differ by more than a factor of five.
+
+    >>> spread_out([99.9, 99.0], "tks"), spread_out([95.0, 93.0], "tks"), spread_out([50.0, 900.0], "mpkpe")
+    (True, False, True)
+    """
+    found = [_shortfall(value, metric) for value in values if math.isfinite(value)]
+    least = max(min(found, default=1.0), _LEAST.get(METRICS[metric].unit, 1e-6))
+    return max(found, default=1.0) > _SPREAD * least
+
+
+def _shortfall_scale(metric: str) -> tuple[Any, Any]:
+    """Return the functions to and from a logarithmic scale of :func:`_shortfall`, which grows with the metric."""
+    sign = -1.0 if METRICS[metric].higher_is_better else 1.0
+    least = _LEAST.get(METRICS[metric].unit, 1e-6)
+
+    def forward(value: Any) -> Any:
+        return sign * np.log10(np.maximum(_shortfall(np.asarray(value, float), metric), least))
+
+    def backward(scaled: Any) -> Any:
+        return _shortfall(10.0 ** (sign * np.asarray(scaled, float)), metric)
+
+    return forward, backward
+
+
+def _log_range(values: Sequence[float], metric: str) -> tuple[float, float, list[float]]:
+    """Return the values at center and rim, and the rings: shortfalls of 1, 2 or 5 times a power of ten."""
+    least = _LEAST.get(METRICS[metric].unit, 1e-6)
+    found = [max(_shortfall(value, metric), least) for value in values if math.isfinite(value)]
+    low, high = min(found), 1.3 * max(found)
+    powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    round_numbers = [factor * 10.0**power for power in powers for factor in (1, 2, 5)]
+    inside = [number for number in round_numbers if low * 0.999 <= number <= high]
+    rings = inside[:: -(-len(inside) // 5)] or [high]
+    center, rim, *ticks = (float(_shortfall(number, metric)) for number in (high, low, *rings))
+    return center, rim, ticks
 
 
 def _range(values: Sequence[float], metric: str) -> tuple[float, float, list[float]]:

@@ -1,0 +1,94 @@
+"""Candidates of a comparison, from what a command line names: runs, bundles and released trackers."""
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+from plat.baselines import CATALOG, ReleasedTrackers, identify
+from plat.deploy.runner import BUNDLE_FILE
+from plat.errors import PlatError
+from plat.evaluation import Entrant, Interface
+from plat.evaluation.cells import Candidate, fingerprint
+from plat.robots import get_robot
+from plat.runs.locate import CONFIG_FILE, run_folder
+from plat.runs.saved_run import WEIGHTS_FILE
+
+__all__ = ["candidates_of"]
+
+
+def candidates_of(
+    paths: Sequence[Path],
+    trackers: ReleasedTrackers,
+    *,
+    device: str = "cpu",
+    dense: bool = False,
+    interfaces: Sequence[Interface] = ("next-frame",),
+    robot: str = "g1",
+) -> dict[Candidate, Entrant]:
+    """Return every candidate with its policy, loaded. Dense trackers are there once for each interface.
+
+    Args:
+        paths: runs or names of shipped weights, bundles, and ``.onnx`` files of bundles or released trackers.
+        trackers: further released trackers.
+        device: of the policies.
+        dense: show the reference motion in place of keyframes.
+        interfaces: how dense trackers are told of a keyframe.
+        robot: of bundles.
+
+    Raises:
+        PlatError: when something cannot be loaded, or an ``.onnx`` file is of no tracker that plat knows.
+    """
+    released = {name: path for name, path in trackers.files().items() if path is not None}
+    names = [path.name for path in paths]
+    found: dict[Candidate, Entrant] = {}
+    for path in paths:
+        tracker = identify(path) if path.suffix == ".onnx" and path.is_file() else None
+        if tracker is not None:
+            released[tracker.name] = path
+            continue
+        name = path.name if names.count(path.name) == 1 else str(path)
+        if path.suffix == ".onnx" or (path / BUNDLE_FILE).exists():
+            found |= _once(name, partial(_bundle, path, robot), _files(path), "bundle")
+        else:
+            found |= _of_run(name, path, device, dense, interfaces)
+    for name, path in released.items():
+        files = CATALOG[name].paths(path)
+        for interface in interfaces if not dense else interfaces[:1]:
+            label = name if len(interfaces) == 1 or dense else f"{name}, {interface}"
+            found |= _once(label, partial(_tracker, name, path, dense, interface), files, f"{dense} {interface}")
+    if not found:
+        raise PlatError("nothing to evaluate: give run directories, or files of released trackers (--trackers.twist2)")
+    return found
+
+
+def _of_run(
+    name: str, path: Path, device: str, dense: bool, interfaces: Sequence[Interface]
+) -> dict[Candidate, Entrant]:
+    folder = run_folder(path)
+    files = [folder / CONFIG_FILE, folder / WEIGHTS_FILE]
+    first = partial(Entrant.of_run, path, device, dense, interfaces[0])
+    found = _once(name, first, files, f"{dense} {interfaces[0]}")
+    if len(interfaces) == 1 or dense or not next(iter(found.values())).tracks:
+        return found
+    found = {}
+    for interface in interfaces:
+        load = partial(Entrant.of_run, path, device, dense, interface)
+        found |= _once(f"{name}, {interface}", load, files, f"{dense} {interface}")
+    return found
+
+
+def _once(name: str, load: "partial[Entrant]", files: Sequence[Path], shown: str) -> dict[Candidate, Entrant]:
+    entrant = load()  # first: it says what is wrong with the files
+    return {Candidate(name, load, fingerprint([*(file.read_bytes() for file in files), shown.encode()])): entrant}
+
+
+def _bundle(path: Path, robot: str) -> Entrant:
+    return Entrant.of_bundle(path, get_robot(robot))
+
+
+def _tracker(name: str, path: Path, dense: bool, interface: Interface) -> Entrant:
+    return Entrant.of_tracker(CATALOG[name].load(path), dense, interface)
+
+
+def _files(bundle: Path) -> list[Path]:
+    return [bundle] if bundle.suffix == ".onnx" else sorted(file for file in bundle.iterdir() if file.is_file())

@@ -1,0 +1,63 @@
+"""Families of motion, from the column of a manifest."""
+
+import csv
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from plat.errors import RecordsError
+
+__all__ = ["OTHER", "families_of", "read_manifest"]
+
+OTHER = "other"
+"""Family of clips that no manifest names."""
+
+
+def read_manifest(paths: Iterable[Path], column: str = "family") -> dict[str, str]:
+    """Return the family of each clip that manifests name.
+
+    A manifest is a CSV file with the columns ``clip`` and ``family``, among others.
+
+    Args:
+        paths: of the files.
+        column: with the families.
+
+    Raises:
+        RecordsError: naming the file that cannot be read, or lacks a column.
+    """
+    families: dict[str, str] = {}
+    for path in paths:
+        try:
+            with Path(path).open(newline="", encoding="utf-8") as file:
+                rows = csv.DictReader(file)
+                missing = {"clip", column} - set(rows.fieldnames or ())
+                if missing:
+                    raise RecordsError(f"manifest {str(path)!r}: no column {sorted(missing)}, it has {rows.fieldnames}")
+                families |= {row["clip"]: row[column] for row in rows}
+        except (OSError, UnicodeDecodeError, csv.Error) as error:
+            raise RecordsError(f"manifest {str(path)!r}: not a readable CSV file ({error})") from error
+    return families
+
+
+def families_of(clips: Sequence[str], families: dict[str, str]) -> list[str]:
+    """Return the family of each clip; :data:`OTHER` for those that are not in the manifest.
+
+    Clips of one name in several files have that of their file before theirs, and are found by the rest.
+
+    Raises:
+        RecordsError: when no clip is in the manifest.
+
+    >>> families_of(["a", "second_a", "b"], {"a": "walk"})
+    ['walk', 'walk', 'other']
+    """
+    found = [_family(clip, families) for clip in clips]
+    if not any(found):
+        raise RecordsError(f"manifest: names none of the {len(clips)} clips, which are called {clips[0]!r} and so on")
+    return [family or OTHER for family in found]
+
+
+def _family(clip: str, families: dict[str, str]) -> str | None:
+    while clip not in families:
+        _, found, clip = clip.partition("_")
+        if not found:
+            return None
+    return families[clip]

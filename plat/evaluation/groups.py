@@ -1,0 +1,83 @@
+"""Scores by groups of commands or clips: families of motion, bins of difficulty."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+
+from plat.errors import RecordsError
+from plat.evaluation.clip_records import ClipRecords
+from plat.evaluation.records import CommandRecords
+from plat.evaluation.report import Estimate, report, report_clips
+from plat.evaluation.score_table import CLIP_METRICS, METRICS, Metric
+
+__all__ = ["GroupScore", "group_table", "score_groups"]
+
+
+@dataclass(frozen=True)
+class GroupScore:
+    """Metrics of a policy on one group.
+
+    Attributes:
+        policy: its name.
+        test: horizon of the commands, or success rule of whole clips.
+        group: its name.
+        count: commands or clips in it.
+        figures: their report.
+    """
+
+    policy: str
+    test: str
+    group: str
+    count: int
+    figures: Mapping[str, Estimate]
+
+
+def score_groups(
+    policy: str,
+    test: str,
+    runs: Sequence[CommandRecords] | Sequence[ClipRecords],
+    labels: Sequence[str],
+    order: Sequence[str] = (),
+    resamples: int = 1000,
+) -> list[GroupScore]:
+    """Return the scores of every group that has a command or clip.
+
+    Args:
+        policy: name of the policy.
+        test: horizon or rule.
+        runs: records, one table per training seed.
+        labels: group of each row of the records.
+        order: of the groups; those that are not in it follow by name.
+        resamples: of the bootstrap.
+
+    Raises:
+        RecordsError: when there are not as many labels as rows.
+    """
+    if len(labels) != len(runs[0].clip):
+        raise RecordsError(f"{len(labels)} labels for {len(runs[0].clip)} rows of records, expected one each")
+    groups = [name for name in order if name in labels] + sorted(set(labels) - set(order))
+    scores = []
+    for group in groups:
+        rows = torch.tensor([label == group for label in labels])
+        parts: list[Any] = [run.of_rows(rows) for run in runs]
+        scores.append(GroupScore(policy, test, group, int(rows.sum()), _report(parts, resamples)))
+    return scores
+
+
+def _report(parts: list[Any], resamples: int) -> dict[str, Estimate]:
+    return (report_clips if isinstance(parts[0], ClipRecords) else report)(parts, resamples=resamples)
+
+
+def group_table(scores: Sequence[GroupScore], metric: str = "tks") -> str:
+    """Return one metric as a Markdown table: a row per policy, a column per group with its count."""
+    shown: Metric = (METRICS | CLIP_METRICS)[metric]
+    columns = {score.group: score.count for score in scores}
+    head = [shown.heading, *(f"{group} ({count})" for group, count in columns.items())]
+    rows = [head]
+    for policy in dict.fromkeys(score.policy for score in scores):
+        cells = {score.group: shown.text(score.figures[metric]) for score in scores if score.policy == policy}
+        rows.append([policy, *(cells.get(group, "") for group in columns)])
+    first, *rest = (f"| {' | '.join(row)} |" for row in rows)
+    return "\n".join([first, "|" + "---|" * len(head), *rest]) + "\n"

@@ -1,0 +1,58 @@
+"""Plot of a metric by groups: families of motion, or bins of difficulty."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from plat.errors import RecordsError
+from plat.evaluation.groups import GroupScore
+from plat.evaluation.score_table import CLIP_METRICS, METRICS
+from plat.figures.style import PAGE, looks, paper_style
+
+__all__ = ["group_plot"]
+
+
+def group_plot(scores: Sequence[GroupScore], metric: str = "tks") -> Any:
+    """Return a figure with a column per group: a point per policy, with its 95 % interval.
+
+    Args:
+        scores: of any policies.
+        metric: name in :data:`plat.evaluation.METRICS` or :data:`plat.evaluation.CLIP_METRICS`.
+
+    Raises:
+        RecordsError: without scores.
+        RenderingError: when the extra ``plat-rl[figures]`` is not installed.
+    """
+    if not scores:
+        raise RecordsError("plot by groups: no scores, expected at least one")
+    shown = (METRICS | CLIP_METRICS)[metric]
+    groups = {score.group: score.count for score in scores}
+    drawn = looks(list(dict.fromkeys(score.policy for score in scores)))
+    with paper_style() as plt:
+        figure, panel = plt.subplots(figsize=(PAGE, 2.3 + 0.06 * len(drawn)))
+        width = 0.8 / len(drawn)
+        for number, (name, look) in enumerate(drawn.items()):
+            found = {score.group: score.figures[metric] for score in scores if score.policy == name}
+            places = [place for place, group in enumerate(groups) if group in found]
+            figures = [found[group] for group in groups if group in found]
+            values = shown.factor * np.array([figure.value for figure in figures])
+            spread = shown.factor * np.array(
+                [[one.value - one.low for one in figures], [one.high - one.value for one in figures]]
+            )
+            panel.errorbar(
+                np.array(places) + (number + 0.5) * width - 0.4,
+                values,
+                spread.clip(0),
+                fmt=look.marker,
+                color=look.color,
+                markersize=3.5,
+                elinewidth=0.8,
+                capsize=1.5,
+                label=name,
+            )
+        panel.set_xticks(range(len(groups)), [f"{group}\n({count})" for group, count in groups.items()])
+        panel.set_ylabel(shown.heading)
+        panel.grid(axis="y")
+        figure.legend(loc="outside lower center", ncols=4)
+    return figure

@@ -1,0 +1,75 @@
+"""Plot of success against the time that a command gives."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import torch
+
+from plat.errors import RecordsError
+from plat.evaluation.records import CommandRecords
+from plat.evaluation.score_table import Score
+from plat.figures.style import PAGE, looks, paper_style, policies
+
+__all__ = ["horizon_plot"]
+
+_EDGES = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.5, 2.0, 2.5, 3.0)  # seconds
+
+
+def horizon_plot(scores: Sequence[Score], dt: float = 0.02) -> Any:
+    """Return a figure of TKS@3 and of the mean position error against the commands' time, one line per policy.
+
+    Commands of all horizons are pooled and binned by their length: to 1 s for the paper's horizons, to 3 s with
+    "distant" or "all". The error counts failed commands at 1 m.
+
+    Args:
+        scores: of any policies.
+        dt: control step (s).
+
+    Raises:
+        RecordsError: without scores.
+        RenderingError: when the extra ``plat-rl[figures]`` is not installed.
+    """
+    if not scores:
+        raise RecordsError("plot over horizons: no scores, expected at least one")
+    drawn = looks(policies(scores))
+    with paper_style() as plt:
+        size = (PAGE, 2.2 + 0.075 * len(drawn))
+        figure, (success, error) = plt.subplots(1, 2, figsize=size)
+        for name, look in drawn.items():
+            runs = [run for score in scores if score.policy == name for run in score.records]
+            times, shares, errors = _binned(runs, dt)
+            for panel, values in ((success, shares), (error, errors)):
+                panel.plot(
+                    times,
+                    values,
+                    look.dashes,
+                    color=look.color,
+                    linewidth=look.width,
+                    marker=look.marker,
+                    markersize=3,
+                    label=name,
+                )
+        success.set(xlabel="time of the command (s)", ylabel="TKS@3 (%)", xlim=(0, None))
+        error.set(xlabel="time of the command (s)", ylabel="MPKPE@3, all commands (mm)", xlim=(0, None), ylim=(0, None))
+        for panel in (success, error):
+            panel.grid()
+        handles, labels = success.get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=4, handlelength=2.4)
+    return figure
+
+
+def _binned(runs: Sequence[CommandRecords], dt: float) -> tuple[list[float], list[float], list[float]]:
+    """Return the middle of each bin that has commands, TKS@3 (%) and the error (mm) in it."""
+    seconds = torch.cat([run.length for run in runs]) * dt
+    failed = torch.cat([run.failed for run in runs])
+    error = torch.cat([run.window["keypoint_error"] for run in runs]).nan_to_num(1.0).clamp_max(1.0)
+    error = torch.where(failed, 1.0, error)
+    times, shares, errors = [], [], []
+    for low, high in pairwise(_EDGES):
+        rows = (seconds > low + 1e-6) & (seconds <= high + 1e-6)
+        if rows.any():
+            times.append((low + high) / 2)
+            shares.append(100 * float((~failed[rows]).double().mean()))
+            errors.append(1000 * float(error[rows].mean()))
+    return times, shares, errors
