@@ -1,0 +1,25 @@
+import pytest
+
+from plat.errors import RecordsError
+from plat.evaluation.families import families_of, read_manifest
+
+
+def test_families_are_a_column(tmp_path):
+    (tmp_path / "one.csv").write_text("clip,source,family\na,x,walk\nb,y,jump\n")
+    (tmp_path / "two.csv").write_text("family,clip\nrun,c\n")
+    families = read_manifest([tmp_path / "one.csv", tmp_path / "two.csv"])
+    assert families_of(["b", "c", "a", "unknown"], families) == ["jump", "run", "walk", "other"]
+
+
+def test_a_clip_named_apart_by_its_file_is_found():
+    assert families_of(["hard_free_run_c0"], {"run_c0": "run"}) == ["run"]
+
+
+def test_what_is_missing_is_named(tmp_path):
+    with pytest.raises(RecordsError, match="nothing.csv.*not a readable CSV"):
+        read_manifest([tmp_path / "nothing.csv"])
+    (tmp_path / "bad.csv").write_text("clip,kind\na,walk\n")
+    with pytest.raises(RecordsError, match=r"bad.csv.*no column \['family'\]"):
+        read_manifest([tmp_path / "bad.csv"])
+    with pytest.raises(RecordsError, match="names none of the 1 clips, which are called 'z'"):
+        families_of(["z"], {"a": "walk"})

@@ -1,0 +1,80 @@
+import csv
+from functools import partial
+
+import pytest
+
+from plat.evaluation import Entrant, EvaluationSetting, Score
+from plat.evaluation.cells import Candidate, fingerprint
+from plat.evaluation.disturbance import STRENGTHS, Strength
+from plat.evaluation.study import Study, StudyPlan, best_interfaces, run_study
+from plat.modules import PlainPolicy
+from plat.motions import MotionLibrary
+from plat.robots import G1
+from tests.conftest import standing_clip
+from tests.figures.scores import records
+from tests.modules.policies.test_student import SMALL
+from tests.recipes.runs import save_run
+
+
+def test_every_test_of_a_plan(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        "plat.evaluation.study.STRENGTHS", {**STRENGTHS, "friction": Strength("coefficient", (0.8, 0.1))}
+    )
+    run = save_run(tmp_path / "plain", PlainPolicy(G1, SMALL))
+    candidate = Candidate("plain", partial(Entrant.of_run, run), fingerprint([b"plain"]))
+    library = MotionLibrary.from_clips([standing_clip(name, frames=20) for name in "ab"])
+    plan = StudyPlan(
+        horizons=("short",),
+        setting=EvaluationSetting(num_threads=1),
+        rules=("supermimic",),
+        families=["walk", "run"],
+        difficulty=True,
+        robustness=("friction",),
+    )
+    told: list[int] = []
+    study = run_study(
+        {candidate: candidate.load()}, library, plan, workers=1, told=lambda study: told.append(len(study.scores))
+    )
+    assert [score.horizon for score in study.scores] == ["short"]
+    assert [(score.rule, len(score.records.clip)) for score in study.clips] == [("supermimic", 2)]
+    assert {kind: sorted({one.group for one in found}) for kind, found in study.groups.items()} == {
+        "family": ["run", "walk"],
+        "family, supermimic": ["run", "walk"],
+        "difficulty": ["calm"],
+    }
+    assert [(point.disturbance, point.strength) for point in study.curves] == [("friction", 0.8), ("friction", 0.1)]
+    assert study.curves[0].tks == study.scores[0].figures["tks"]
+    assert told == [1, 1, 1]
+    study.write(tmp_path / "out")
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "scores.csv",
+        "whole_clips.csv",
+        "groups.csv",
+        "robustness.csv",
+    }
+    with (tmp_path / "out" / "whole_clips.csv").open(newline="") as file:
+        assert {row["rule"] for row in csv.DictReader(file)} == {"supermimic"}
+    text = study.markdown()
+    for wanted in ("**whole clips**", "| supermimic | plain |", "**by family**", "**robustness: friction**"):
+        assert wanted in text
+
+
+def test_the_best_interface_of_each_tracker():
+    scores = [
+        Score.of(name, "mixed", [records(failures, 0.1, error)])
+        for name, failures, error in (
+            ("PLAT", 0.1, 0.1),
+            ("wbc, next-frame", 0.1, 0.4),
+            ("wbc, line", 0.1, 0.2),
+            ("wbc, cascade", 0.5, 0.1),
+        )
+    ]
+    best = best_interfaces(scores, "mixed")
+    assert best == {"PLAT": "PLAT", "wbc, line": "wbc (line)"}
+    chosen = Study(scores=scores).of(best)
+    assert [score.policy for score in chosen.scores] == ["PLAT", "wbc (line)"]
+
+
+@pytest.mark.parametrize(("horizons", "expected"), [(("long", "mixed"), "mixed"), (("long", "short"), "long")])
+def test_the_main_horizon(horizons, expected):
+    assert StudyPlan(horizons=horizons).main_horizon == expected
