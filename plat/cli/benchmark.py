@@ -23,7 +23,7 @@ from plat.errors import PlatError
 from plat.evaluation import RULES, Entrant, EvaluationSetting, differences, markdown
 from plat.evaluation.cells import Candidate, motions_fingerprint
 from plat.evaluation.families import families_of, read_manifest
-from plat.evaluation.study import Study, StudyPlan, best_interfaces, run_study
+from plat.evaluation.study import Study, StudyPlan, best_interfaces, group_metric, run_study
 from plat.figures import (
     difference_plot,
     group_plot,
@@ -213,8 +213,7 @@ def draw(folder: Path, study: Study, ours: str | None) -> list[Path]:
     written += save_figure(horizon_plot(scores), folder / "horizon")
     for kind, groups in study.groups.items():
         name = kind.partition(",")[0] + ("_clips" if "," in kind else "")
-        metric = "clip_success" if "," in kind else "tks"
-        written += save_figure(group_plot(groups, metric), folder / f"by_{name}")
+        written += save_figure(group_plot(groups, group_metric(groups)), folder / f"by_{name}")
     if study.curves:
         written += save_figure(robustness_plot(study.curves), folder / "robustness")
     if len({score.policy for score in scores}) > 1:

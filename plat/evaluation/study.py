@@ -23,7 +23,7 @@ from plat.files import replace_file
 from plat.motions.library import MotionLibrary
 from plat.spec.timing import Timing
 
-__all__ = ["ClipScore", "CurvePoint", "Study", "StudyPlan", "best_interfaces", "run_study"]
+__all__ = ["ClipScore", "CurvePoint", "Study", "StudyPlan", "best_interfaces", "group_metric", "run_study"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,7 +132,8 @@ class Study:
         parts = []
         if self.clips:
             parts.append(f"**whole clips**\n\n{self.clip_table()}")
-        parts += [f"**by {kind}**\n\n{group_table(scores)}" for kind, scores in self.groups.items()]
+        for kind, scores in self.groups.items():
+            parts.append(f"**by {kind}**\n\n{group_table(scores, group_metric(scores))}")
         names = dict.fromkeys(point.disturbance for point in self.curves)
         parts += [f"**robustness: {name}**, TKS@3 (%)\n\n{self.curve_table(name)}" for name in names]
         return "\n".join(parts)
@@ -253,6 +254,11 @@ def _add(study: Study, plan: StudyPlan, cell: Cell, records: CommandRecords | Cl
         order = [part.name for part in BINS]
         scores = score_groups(name, cell.horizon, [records], labels.difficulty, order, resamples=200)
         study.groups.setdefault("difficulty", []).extend(scores)
+
+
+def group_metric(scores: Sequence[GroupScore]) -> str:
+    """Return the metric that tables and figures of groups show: TKS@3 of commands, success of whole clips."""
+    return "tks" if "tks" in scores[0].figures else "clip_success"
 
 
 def _named(disturbance: str) -> DisturbanceName:
