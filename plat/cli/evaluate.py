@@ -223,7 +223,7 @@ def draw_authored_strips(
     try:
         stage = Stage(library.robot, width=400, height=440, distance=2.2)
         for family, of_family in playbacks.items():
-            strip = film_strip(stage, of_family, commands=6)
+            strip = film_strip(stage, of_family, commands=6, last="held")
             written += save_figure(strip, folder / f"authored_{family}")
         stage.close()
     except RenderingError as error:

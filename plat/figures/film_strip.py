@@ -15,7 +15,7 @@ __all__ = ["film_strip"]
 _REACHED, _FAILED = "#009E73", "#D55E00"
 
 
-def film_strip(stage: "Stage", playbacks: "Mapping[str, Playback]", commands: int = 4) -> Any:
+def film_strip(stage: "Stage", playbacks: "Mapping[str, Playback]", commands: int = 4, last: str = "arrival") -> Any:
     """Return a figure with one strip for each policy: halfway to each of the first keyframes, and at its arrival.
 
     The keyframe is a ghost. Arrivals have a green frame; a command that failed has a red one and shows the robot
@@ -25,6 +25,7 @@ def film_strip(stage: "Stage", playbacks: "Mapping[str, Playback]", commands: in
         stage: draws the pictures; upright ones fill a page best.
         playbacks: by the policies' names, of the same commands.
         commands: number of keyframes, where there are as many.
+        last: what the last picture shows.
 
     Raises:
         RenderingError: when the extra ``plat-rl[figures]`` is not installed.
@@ -48,7 +49,8 @@ def film_strip(stage: "Stage", playbacks: "Mapping[str, Playback]", commands: in
                     spine.set(visible=color is not None, color=color, linewidth=1.5)
             row[0].set_ylabel(name, fontsize=7)
         for number, (panel, time) in enumerate(zip(panels[0], times, strict=True)):
-            panel.set_title(f"{time:.2f} s, arrival" if number % 2 else f"{time:.2f} s", pad=3, fontsize=7)
+            shown = last if number == len(times) - 1 else "arrival"
+            panel.set_title(f"{time:.2f} s, {shown}" if number % 2 else f"{time:.2f} s", pad=3, fontsize=7)
     return figure
 
 

@@ -73,12 +73,16 @@ def test_halfway_and_arrival_of_each_keyframe(well):
     assert titles[1] == f"{first * 0.02:.2f} s, arrival"
     assert titles[2] == f"{(first + second // 2) * 0.02:.2f} s"
     assert [edge is not None for edge in edges(figure)] == [False, True, False, True]
+    held = film_strip(Painter(), {"PLAT": well}, commands=2, last="held")
+    titles = [panel.get_title() for panel in held.axes]
+    assert [title.split(", ")[-1] for title in titles[1::2]] == ["arrival", "held"]
 
 
 def test_a_failed_command_shows_where_it_failed(well):
     length = well.command_length[0]
     keep = np.r_[0:5, length : len(well.qpos)]  # failed in its fifth step, put back at the next command
-    columns = {field.name: getattr(well, field.name) for field in dataclasses.fields(well) if field.name != "dt"}
+    arrays = [field.name for field in dataclasses.fields(well) if field.name not in ("dt", "words")]
+    columns = {name: getattr(well, name) for name in arrays}
     failing = dataclasses.replace(well, **{name: column[keep] for name, column in columns.items()})
     failing.failed[4] = True
     painter = Painter()
