@@ -125,7 +125,7 @@ def _by_place(
     notes: list[str] = []
     sizes = (robot.num_joints, sum("wrist" not in name for name in robot.joint_names))
     joints = values.shape[1] - 7
-    if joints not in sizes and joints - 1 == sizes[0] and _even(values[:, 0]):
+    if joints not in sizes and joints - 1 in sizes and _even(values[:, 0]):
         # a first column that goes on evenly and is no coordinate: a counter, or the time
         first, values = values[:, 0], values[:, 1:]
         columns, joints = columns[1:], joints - 1
