@@ -52,7 +52,10 @@ class Range:
 
     def holds(self, value: float) -> bool:
         """Return whether a number lies in the range."""
-        if math.isinf(value) and not self.infinite:
+        try:
+            if math.isinf(value) and not self.infinite:
+                return False
+        except OverflowError:  # a whole number of hundreds of digits
             return False
         return (value > self.low if self.above else value >= self.low) and value <= self.high
 

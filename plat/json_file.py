@@ -13,8 +13,13 @@ __all__ = ["parse_json", "read_json", "short"]
 MAX_BYTES = 32 << 20
 """Largest file that is read: an hour of keyframes takes a fifth of it."""
 
+_MOST_OBJECTS = 1_000_000
+"""Objects and lists of a file: an hour of keyframes, one every 20 ms, has 720,000."""
+_MOST_LETTERS = 400
+
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = 60
+_SHORT.maxlevel = 2
 
 
 def read_json(path: Path, error: type[PlatError], label: str, *, constants: bool = False) -> Any:
@@ -71,6 +76,9 @@ def parse_json(content: bytes, error: type[PlatError], label: str, *, constants:
             raise error(f"{label}: field {short(name)} comes twice in one object")
         return values
 
+    # each takes a hundred bytes of memory, and three of the file
+    if content.count(b"{") + content.count(b"[") > _MOST_OBJECTS:
+        raise error(f"{label}: more than {_MOST_OBJECTS:,} objects and lists, expected fewer")
     try:
         text = content.decode("utf-8-sig")
         values = json.loads(text, parse_constant=float if constants else constant, object_pairs_hook=unique)
@@ -98,4 +106,6 @@ def short(value: object) -> str:
     >>> short([1, 2]), len(short("x" * 1000)) < 80
     ('[1, 2]', True)
     """
-    return _SHORT.repr(value).encode("utf-8", "backslashreplace").decode()
+    # arrays are written over several lines
+    text = " ".join(_SHORT.repr(value).encode("utf-8", "backslashreplace").decode().split())
+    return text if len(text) <= _MOST_LETTERS else f"{text[:_MOST_LETTERS]} ..."

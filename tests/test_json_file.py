@@ -60,3 +60,16 @@ def test_files_that_are_none_are_named(tmp_path: Path) -> None:
 def test_values_in_messages_are_short() -> None:
     for value in ("x" * 10_000, list(range(10_000)), {"a": {"b": "\ud800" * 1000}}):
         assert len(short(value).encode()) < 400
+
+
+@pytest.mark.parametrize("item", [b"{}", b"[]"])
+def test_a_million_empty_objects(item: bytes) -> None:
+    with pytest.raises(KeyframeError, match="file: more than 1,000,000 objects and lists, expected fewer"):
+        parse_json(b"[" + b",".join([item] * 1_000_000) + b"]", KeyframeError, "file")
+
+
+def test_references_of_references_are_short_in_messages() -> None:
+    value: list[object] = ["x"]
+    for _ in range(30):
+        value = [value] * 10
+    assert len(short(value)) < 500

@@ -10,6 +10,7 @@ from plat.cli.options import CurvesRecipe
 from plat.errors import PlatError
 from plat.figures import pyplot
 from plat.files import check_file
+from plat.json_file import short
 
 
 def read(run: Path, metric: str) -> tuple[list[float], list[float]]:
@@ -17,14 +18,15 @@ def read(run: Path, metric: str) -> tuple[list[float], list[float]]:
     path = run / "metrics.csv"
     if not path.exists():
         raise PlatError(f"{str(path)!r}: no such file, expected the metrics of a run")
-    with path.open(newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row.get(metric)]
-    if not rows:
-        raise PlatError(f"{str(path)!r}: no values in a column {metric!r}")
     try:
-        return [float(row["seconds"]) / 60 for row in rows], [float(row[metric]) for row in rows]
-    except (KeyError, TypeError, ValueError) as error:
-        raise PlatError(f"{str(path)!r}: expected numbers in the columns seconds and {metric!r} ({error})") from None
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = [row for row in csv.DictReader(file) if row.get(metric)]
+        values = [(float(row["seconds"]) / 60, float(row[metric])) for row in rows]
+    except (OSError, KeyError, TypeError, ValueError, csv.Error) as error:
+        raise PlatError(f"{str(path)!r}: not the metrics of a run ({short(error)})") from None
+    if not values:
+        raise PlatError(f"{str(path)!r}: no values in a column {metric!r}")
+    return [minutes for minutes, _ in values], [value for _, value in values]
 
 
 def main(recipe: CurvesRecipe) -> None:

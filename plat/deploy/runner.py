@@ -153,7 +153,10 @@ class PolicyRunner:
 
 def _metadata(session: Any, network: Path) -> Bundle:
     """Return the metadata from inside the network's file and from beside it. One is enough; two must agree."""
-    inside = session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
+    try:
+        inside = session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
+    except UnicodeDecodeError:
+        raise BundleError(f"ONNX policy {str(network)!r}: its metadata are no UTF-8") from None
     path = network.with_name(BUNDLE_FILE)
     if not path.exists():
         if inside is None:

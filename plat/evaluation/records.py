@@ -15,6 +15,7 @@ from torch import Tensor
 from plat.envs.transforms.command import CommandSchedule
 from plat.errors import RecordsError
 from plat.files import replace_file
+from plat.json_file import parse_json
 from plat.motions.library import MotionLibrary
 
 __all__ = [
@@ -50,10 +51,15 @@ def read_columns(path: Path, make: Callable[[Mapping[str, Tensor]], _Table]) -> 
     try:
         with safe_open(path, "pt") as file:
             columns = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
-            about = json.loads(file.metadata()["about"])
+            about = parse_json(file.metadata()["about"].encode(), RecordsError, repr(str(path)), constants=True)
+        if not isinstance(about, dict) or len({column.shape[:1] for column in columns.values()}) != 1:
+            raise ValueError("no description, or columns of different lengths")
         return make(columns), about
-    except (OSError, SafetensorError, KeyError, TypeError, ValueError) as error:
-        raise RecordsError(f"{str(path)!r}: not a readable file of evaluation records ({error})") from error
+    except RecordsError:
+        raise
+    except (OSError, RuntimeError, SafetensorError, KeyError, TypeError, ValueError) as error:
+        told = str(error).strip().partition("\n")[0]
+        raise RecordsError(f"{str(path)!r}: not a readable file of evaluation records ({told})") from error
 
 
 def join_columns(parts: Sequence[Mapping[str, Tensor]]) -> dict[str, Tensor]:

@@ -1,5 +1,7 @@
 """Metadata of a run for its bundle."""
 
+import math
+
 from plat.deploy.bundle import Bundle, BundleScore, PolicyFacts, TrainingFacts
 from plat.modules import LatentPolicy, ResidualActionPolicy, ResidualLatentPolicy
 from plat.robots.describe import describe_robot
@@ -23,7 +25,7 @@ def describe_policy(policy: Policy, run: SavedRun) -> Bundle:
     timing = timing_of(policy) or Timing()
     student = getattr(policy, "student", policy)
     refined = isinstance(policy, ResidualLatentPolicy | ResidualActionPolicy)
-    scores = run.scores
+    scores = run.scores or ()
     return Bundle(
         robot=describe_robot(policy.robot, timing.control_dt),
         timing=timing,
@@ -37,6 +39,7 @@ def describe_policy(policy: Policy, run: SavedRun) -> Bundle:
             recipe=run.recipe,
             **{name: run.made_with.get(name) for name in ("plat", "torch", "commit")},
         ),
-        scores=None if scores is None else tuple(BundleScore(*score) for score in scores),
+        # a metric without a case is NaN, which JSON does not have
+        scores=tuple(BundleScore(*score) for score in scores if all(map(math.isfinite, score[2:]))) or None,
         also=optional_groups(policy.deployed().in_keys),
     )

@@ -381,7 +381,7 @@ def _read_table(path: Path, robot: Robot) -> tuple[MotionLibrary, _Verdicts] | N
             return None
         names, verdicts = json.loads(metadata["clip_names"]), json.loads(metadata["verdicts"])
         return MotionLibrary(table, start, length, names, float(metadata["dt"]), robot), verdicts
-    except (OSError, SafetensorError, KeyError, ValueError, TypeError):
+    except (AttributeError, OSError, RuntimeError, SafetensorError, KeyError, ValueError, TypeError):
         return None
 
 

@@ -1,10 +1,9 @@
 """Registry of robots by name, for saved policies, recipes and the command line."""
 
-import json
 from pathlib import Path
-from typing import Any
 
 from plat.errors import RobotError
+from plat.json_file import read_json, short
 from plat.robots.g1 import G1
 from plat.robots.robot import Robot
 
@@ -46,12 +45,14 @@ def get_robot(name_or_path: str | Path) -> Robot:
     >>> get_robot("g1").num_joints
     29
     """
+    if not isinstance(name_or_path, (str, Path)):
+        raise RobotError(f"robot {short(name_or_path)} is unknown, expected a name or the path of a JSON description")
     if str(name_or_path) in _ROBOTS:
         return _ROBOTS[str(name_or_path)]
     path = Path(name_or_path)
     if path.suffix != ".json":
         raise RobotError(
-            f"robot {str(name_or_path)!r} is unknown, expected one of {sorted(_ROBOTS)}, one that "
+            f"robot {short(str(name_or_path))} is unknown, expected one of {sorted(_ROBOTS)}, one that "
             "plat.robots.register_robot was given, or the path of a JSON description"
         )
     return register_robot(_read(path))
@@ -63,10 +64,9 @@ def _read(path: Path) -> Robot:
         ValidationError,
     )  # imported here: it takes 0.1 s, and only description files need it
 
-    try:
-        values: Any = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise RobotError(f"{str(path)!r}: not a readable JSON file ({error})") from None
+    values = read_json(path, RobotError, repr(str(path)))
+    if not isinstance(values, dict):
+        raise RobotError(f"{str(path)!r}: holds {short(values)}, expected an object with the fields of a robot")
     try:
         robot = TypeAdapter(Robot).validate_python(values)
     except ValidationError as error:

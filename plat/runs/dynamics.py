@@ -1,15 +1,17 @@
 """Saved dynamics model: the learned model of the robot in a run directory, beside the policy."""
 
 from pathlib import Path
+from typing import Any
 
 import torch
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 from safetensors import SafetensorError
 from safetensors.torch import load_file
 
-from plat.errors import CheckpointError, ConfigError
+from plat.errors import CheckpointError
 from plat.modules.dynamics import DynamicsConfig, DynamicsModel
 from plat.robots.robot import Robot
+from plat.runs.allocations import LimitedAllocations
 from plat.runs.json_object import read_json
 from plat.runs.saved_run import save_weights
 
@@ -40,16 +42,19 @@ def load_dynamics(
     path, settings = folder / DYNAMICS_FILE, read_json(folder / "config.json")
     if not path.exists():
         raise CheckpointError(f"{str(path)!r}: no such file; expected the run of `plat expert-model` or `plat imagine`")
-    shape = settings.get("recipe", {}).get("settings", {}).get("model", {})
+    shape: Any = settings
+    for name in ("recipe", "settings", "model"):
+        shape = shape.get(name, {}) if isinstance(shape, dict) else {}
     try:
         weights, config = load_file(path), TypeAdapter(DynamicsConfig).validate_python(shape)
         told = len(weights["mean"]) - len(DynamicsModel(robot, DynamicsConfig(hidden=(1,))).mean)
-        trained = model = DynamicsModel(robot, config, num_parameters=max(told, 0))
+        with LimitedAllocations():
+            trained = model = DynamicsModel(robot, config, num_parameters=max(told, 0))
         trained.load_state_dict(weights)
         if told != num_parameters:
             model = DynamicsModel(robot, config, num_parameters=num_parameters)
             model.take_over(trained)
-    except (KeyError, ConfigError, ValidationError, SafetensorError, OSError, RuntimeError) as error:
-        first = str(error).splitlines()[0]
+    except (ArithmeticError, KeyError, OSError, RuntimeError, SafetensorError, TypeError, ValueError) as error:
+        first = str(error).strip().partition("\n")[0]
         raise CheckpointError(f"{str(path)!r}: not a model of robot {robot.name!r} ({first})") from error
     return model.to(device)

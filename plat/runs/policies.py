@@ -9,6 +9,7 @@ from pydantic import TypeAdapter, ValidationError
 from tensordict.nn import TensorDictModuleBase
 
 from plat.errors import CheckpointError, ConfigError, RobotError
+from plat.json_file import short
 from plat.modules.policies import (
     Expert,
     ExpertConfig,
@@ -24,6 +25,7 @@ from plat.modules.policies import (
     ResidualLatentPolicy,
 )
 from plat.robots import Robot, get_robot
+from plat.runs.allocations import LimitedAllocations
 
 __all__ = ["Policy", "build_policy", "complete_spec", "policy_spec", "register_policy"]
 
@@ -138,25 +140,30 @@ def build_policy(spec: Any, path: Path) -> Policy:
         robot = get_robot(spec["robot"])
     except RobotError as error:
         raise CheckpointError(f"{str(path)!r}: the policy is for another robot: {error}") from None
-    if spec["kind"] not in _KINDS:
+    if not isinstance(spec["kind"], str) or spec["kind"] not in _KINDS:
         raise CheckpointError(
-            f"{str(path)!r}: unknown kind of policy {spec['kind']!r}, expected one of {sorted(_KINDS)} "
+            f"{str(path)!r}: unknown kind of policy {short(spec['kind'])}, expected one of {sorted(_KINDS)} "
             "or one given to plat.runs.register_policy (--import MODULE imports the module that does so)"
         )
     kind = _KINDS[spec["kind"]]
     base = build_policy(spec.get("student"), path) if kind.base == "student" else robot
     config = _config(kind.config_class, spec["config"], path)
+    where = f"{str(path)!r}: {kind.config_class.__name__}"
     try:
-        return getattr(kind.policy_class, "build", kind.policy_class)(base, config)
+        with LimitedAllocations():
+            return getattr(kind.policy_class, "build", kind.policy_class)(base, config)
     except ConfigError as error:
-        raise CheckpointError(f"{str(path)!r}: {kind.config_class.__name__}: {error}") from None
+        raise CheckpointError(f"{where}: {error}") from None
+    except (ArithmeticError, IndexError, MemoryError, RuntimeError, TypeError, ValueError) as error:
+        told = str(error).strip().partition("\n")[0]
+        raise CheckpointError(f"{where}: no policy can be built of it ({type(error).__name__}: {told})") from error
 
 
 def _config(config_class: Any, values: Any, path: Path) -> Any:
     known = {field.name for field in dataclasses.fields(config_class)}
     unknown = set(values) - known if isinstance(values, dict) else set()
     if unknown:
-        raise CheckpointError(f"{str(path)!r}: unknown fields {sorted(unknown)} of {config_class.__name__}")
+        raise CheckpointError(f"{str(path)!r}: unknown fields {short(sorted(unknown))} of {config_class.__name__}")
     try:
         return TypeAdapter(config_class).validate_python(values)
     except ValidationError as error:

@@ -13,6 +13,7 @@ from torch.nn.parameter import is_lazy
 
 from plat.errors import CheckpointError
 from plat.files import replace_file
+from plat.json_file import short
 from plat.runs.json_object import read_json
 from plat.runs.locate import CONFIG_FILE, run_folder
 from plat.runs.outputs import WEIGHTS_FILE
@@ -22,6 +23,8 @@ __all__ = ["CONFIG_FILE", "SCORES_FILE", "WEIGHTS_FILE", "RunScore", "SavedRun",
 
 SCORES_FILE = "evaluation.csv"
 P = TypeVar("P")
+# a table of hundreds of policies
+_MOST_BYTES = 16 << 20
 _FIGURES = ("value", "low", "high")
 
 
@@ -88,7 +91,8 @@ class SavedRun:
     @property
     def steps(self) -> int:
         """Return the environment steps of a finished run; 0 for one that is not finished."""
-        return int(self._object("finished").get("steps", 0))
+        steps = self._object("finished").get("steps", 0)
+        return steps if isinstance(steps, int) else 0
 
     def _object(self, name: str) -> dict[str, Any]:
         value = self.config.get(name)
@@ -119,16 +123,17 @@ class SavedRun:
         return policy
 
     def _weights(self, path: Path, expected: dict[str, Tensor]) -> dict[str, Tensor]:
-        if not path.exists():
+        if not path.is_file():
             raise CheckpointError(f"{str(path)!r}: no such file; has the run saved a checkpoint yet?")
         try:
             weights = load_file(path)
-        except (OSError, SafetensorError) as error:
-            raise CheckpointError(f"{str(path)!r}: not a readable safetensors file ({error})") from error
+        except (OSError, RuntimeError, SafetensorError, ValueError, KeyError) as error:
+            told = str(error).strip().partition("\n")[0]
+            raise CheckpointError(f"{str(path)!r}: not a readable safetensors file ({told})") from error
         missing, unknown = sorted(set(expected) - set(weights)), sorted(set(weights) - set(expected))
         if missing or unknown:
             raise CheckpointError(
-                f"{str(path)!r}: lacks {missing[:3]} and has the unknown {unknown[:3]} "
+                f"{str(path)!r}: lacks {short(missing[:3])} and has the unknown {short(unknown[:3])} "
                 f"({len(missing)} missing, {len(unknown)} unknown), expected the weights of a {self.kind!r} policy"
             )
         for name, tensor in expected.items():
@@ -163,17 +168,19 @@ class SavedRun:
 
 def _read_scores(path: Path) -> dict[str, tuple[RunScore, ...]]:
     """Return the scores in a table by the name of the policy; empty where there is none."""
-    if not path.exists():
+    if not path.is_file():
         return {}
-    scores: dict[str, tuple[RunScore, ...]] = {}
+    if path.stat().st_size > _MOST_BYTES:
+        raise CheckpointError(f"{str(path)!r}: {path.stat().st_size / 1e6:.0f} MB, expected a table of scores")
+    scores: dict[str, list[RunScore]] = {}
     try:
         with path.open(newline="", encoding="utf-8") as file:
             for row in csv.DictReader(file):
                 score = RunScore(row["horizon"], row["metric"], *(float(row[figure]) for figure in _FIGURES))
-                scores[row["policy"]] = (*scores.get(row["policy"], ()), score)
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise CheckpointError(f"{str(path)!r}: not a table of plat evaluate --csv ({error!r})") from None
-    return scores
+                scores.setdefault(row["policy"], []).append(score)
+    except (OSError, ValueError, KeyError, TypeError, csv.Error) as error:
+        raise CheckpointError(f"{str(path)!r}: not a table of plat evaluate --csv ({short(error)})") from None
+    return {policy: tuple(rows) for policy, rows in scores.items()}
 
 
 def load_policy(run: str | Path, device: torch.device | str = "cpu") -> Policy:

@@ -35,3 +35,10 @@ def test_a_folder_without_metrics_and_an_unknown_column_are_named(tmp_path):
 def test_no_runs_are_one_line():
     with pytest.raises(PlatError, match="no runs: give run directories"):
         curves.main(curves.CurvesRecipe(runs=()))
+
+
+@pytest.mark.parametrize("text", ["step,loss\n10,2.0\n", "seconds,loss\n1,many\n", "seconds,loss\n1," + "1" * 200_000])
+def test_a_broken_table_is_named(tmp_path, text):
+    (tmp_path / "metrics.csv").write_text(text)
+    with pytest.raises(PlatError, match=r"metrics.csv': not the metrics of a run \(.*\)$"):
+        curves.read(tmp_path, "loss")

@@ -153,6 +153,26 @@ def test_a_network_that_does_not_run(copy):
         PolicyRunner(copy)
 
 
+def test_a_network_that_asks_for_terabytes(copy):
+    import onnx
+
+    def add_a_maximum_of_zeros(model):
+        graph = model.graph
+        last = next(node for node in graph.node if node.output[0] == "joint_position_target")
+        last.output[0] = "whole"
+        graph.initializer.append(onnx.helper.make_tensor("shape", onnx.TensorProto.INT64, (1,), [10**12]))
+        for operation, inputs, output, more in (
+            ("ConstantOfShape", ["shape"], "zeros", {}),
+            ("ReduceMax", ["zeros"], "zero", {"keepdims": 0}),
+            ("Add", ["whole", "zero"], "joint_position_target", {}),
+        ):
+            graph.node.append(onnx.helper.make_node(operation, inputs, [output], **more))
+
+    change_network(copy, add_a_maximum_of_zeros)
+    with OLD, pytest.raises(BundleError, match=r"policy.onnx': the network does not run \(.*memory.*\)$"):
+        PolicyRunner(copy)
+
+
 def test_either_of_the_two_copies_of_the_metadata_is_enough(copy):
     PolicyRunner(copy / "policy.onnx")
     change_network(copy, lambda model: model.ClearField("metadata_props"))

@@ -2,6 +2,7 @@ import dataclasses
 
 import pytest
 import torch
+from safetensors.torch import save_file
 
 from plat.errors import RecordsError
 from plat.evaluation import CommandRecords, report
@@ -52,3 +53,18 @@ def test_a_safetensors_file_of_something_else_is_named(tmp_path):
     save_file({"weight": torch.zeros(2)}, tmp_path / "model.safetensors")
     with pytest.raises(RecordsError, match="not a readable file of evaluation records"):
         CommandRecords.load(tmp_path / "model.safetensors")
+
+
+@pytest.mark.parametrize("about", ["[" * 50_000, "[1]", '{"a": 1, "a": 2}', "{"])
+def test_a_broken_description(tmp_path, about):
+    columns = {name: value for name, value in vars(records()).items() if isinstance(value, torch.Tensor)}
+    save_file(columns, tmp_path / "a.safetensors", {"about": about})
+    with pytest.raises(RecordsError, match=r"^'.*a.safetensors': [^\n]*$"):
+        CommandRecords.load(tmp_path / "a.safetensors")
+
+
+def test_columns_of_different_lengths(tmp_path):
+    columns = {name: value for name, value in vars(records()).items() if isinstance(value, torch.Tensor)}
+    save_file({**columns, "length": torch.zeros(2)}, tmp_path / "a.safetensors", {"about": "{}"})
+    with pytest.raises(RecordsError, match="not a readable file of evaluation records .*different lengths"):
+        CommandRecords.load(tmp_path / "a.safetensors")

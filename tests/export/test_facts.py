@@ -70,3 +70,12 @@ def test_a_registered_class_is_described(tmp_path, monkeypatch):
     policy = OwnPolicy(G1)
     facts = describe_policy(policy, SavedRun(write_run(tmp_path / "run", policy))).policy
     assert (facts.kind, facts.latent_size, facts.residual_alpha) == ("own", None, None)
+
+
+def test_a_metric_without_a_case_is_left_out(tmp_path):
+    policy = small_policy("plain")
+    run = write_run(tmp_path / "run", policy)
+    (run / "evaluation.csv").write_text(TABLE + "run,single,mpjpe,nan,nan,nan\n")
+    facts = describe_policy(policy, SavedRun(run))
+    assert [score.horizon for score in facts.scores] == ["long", "long"]
+    facts.to_json()

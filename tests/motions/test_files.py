@@ -129,7 +129,7 @@ def write(path, **arrays) -> None:
         ({"a": np.zeros((5, 36))}, "no array 'fps'"),
         ({"fps": 30}, "no clips"),
         ({"a": np.zeros((5, 35)), "fps": 30}, "motion 'a': qpos has 35 columns"),
-        ({"a": np.zeros((5, 36)), "fps": np.array(["thirty"])}, "'fps' is of type str"),
+        ({"a": np.zeros((5, 36)), "fps": np.array(["thirty"])}, "'fps' is 'thirty', expected one number"),
         ({"a": np.zeros((5, 36)), "fps": 30}, "quaternion of frame 0"),
         ({"a": np.zeros((5, 36)), "fps": 30, "joint_names": ["left_knee"]}, "'joint_names' lacks"),
         ({"a": np.array([{}], dtype=object), "fps": 30}, "with Python objects"),

@@ -63,5 +63,14 @@ def test_a_wrong_field_is_named(tmp_path, change, message):
 
 
 def test_a_file_that_is_none(tmp_path):
-    with pytest.raises(RobotError, match="not a readable JSON file"):
+    with pytest.raises(RobotError, match="nowhere.json': no such file"):
         get_robot(tmp_path / "nowhere.json")
+    (tmp_path / "robot.json").write_text('["g1"]')
+    with pytest.raises(RobotError, match=r"robot.json': holds \['g1'\], expected an object with the fields of a robot"):
+        get_robot(tmp_path / "robot.json")
+
+
+@pytest.mark.parametrize("name", [["g1"], 3, "x" * 5000])
+def test_what_is_no_name(name):
+    with pytest.raises(RobotError, match=r"^robot .{1,80} is unknown, expected"):
+        get_robot(name)

@@ -24,6 +24,8 @@ _IN_FRONT = 0.08
 _LEAST_STEPS = 4
 # Standard deviation of the logarithm of steps' durations beyond which there is no gait.
 _IRREGULAR = 0.35
+# Steps are counted in so many frames: kinematics takes kilobytes for each.
+_MOST_FRAMES = 20_000
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class Tempo:
     @classmethod
     def of(cls, clip: MotionClip, robot: Robot) -> "Tempo | None":
         """Return the steps of a clip, or None where it has no regular gait. The clip's frame rate is not looked at."""
-        qpos = torch.from_numpy(clip.qpos).double()
+        qpos = torch.from_numpy(clip.qpos[:_MOST_FRAMES]).double()
         feet, _ = ForwardKinematics(robot, robot.feet)(*qpos.split((3, 4, robot.num_joints), -1))
         forward = quat_rotate(qpos[:, 3:7], qpos.new_tensor([1.0, 0.0, 0.0]))[:, :2]
         forward = forward / forward.norm(dim=-1, keepdim=True).clamp_min(1e-6)

@@ -10,8 +10,9 @@ from typing import IO
 import numpy as np
 
 from plat.errors import MotionError
+from plat.json_file import short
 from plat.motions.formats.common import number
-from plat.motions.formats.decompress import size_limit
+from plat.motions.formats.decompress import check_numbers, size_limit
 from plat.motions.formats.unpickle import PickledArray, unpickle
 
 __all__ = ["archive_shapes", "read_archive", "states_rate", "take_rate"]
@@ -41,7 +42,7 @@ def read_archive(path: Path) -> dict[str, np.ndarray]:
             if entry.filename.endswith(".npy"):
                 name = entry.filename.removesuffix(".npy")
                 if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-                    raise MotionError(f"{entry.filename!r} is compressed in a way that NumPy does not use")
+                    raise MotionError(f"{short(entry.filename)} is compressed in a way that NumPy does not use")
                 with archive.open(entry) as member:
                     # reading up to a size, and not to the end, holds a member to the size that it claims
                     data = member.read(entry.file_size + 1)
@@ -50,9 +51,10 @@ def read_archive(path: Path) -> dict[str, np.ndarray]:
                     except MotionError as error:
                         if name in _DESCRIPTIONS:
                             continue
-                        raise MotionError(f"array {name!r}: {error}") from None
+                        raise MotionError(f"array {short(name)}: {error}") from None
                     if array is not None:
                         arrays[name] = array
+    check_numbers(sum(array.size for array in arrays.values()), path.stat().st_size)
     return arrays
 
 
@@ -105,7 +107,10 @@ def _header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
 
 
 def _array(data: bytes) -> np.ndarray | None:
-    """An ``.npy`` file, None where it holds None; its header cannot ask for more memory than there are bytes."""
+    """An ``.npy`` file, None where it holds neither numbers nor texts.
+
+    Its header cannot ask for more memory than there are bytes.
+    """
     stream = BytesIO(data)
     shape, fortran, dtype = _header(stream)
     if dtype.hasobject:
@@ -115,6 +120,9 @@ def _array(data: bytes) -> np.ndarray | None:
         if not isinstance(content, PickledArray) or content.value is None:
             raise MotionError("an array holds Python objects, expected numbers or texts")
         return content.value
-    if math.prod(shape) * dtype.itemsize != len(data) - stream.tell():
-        raise MotionError(f"an array of shape {shape} does not have the bytes for it")
+    if dtype.kind not in "biufSU":
+        return None  # no motion: a table of something, or dates
+    # rows of no columns and texts of no letters take no bytes, and a thousand million of them are claimed as easily
+    if math.prod(shape) * dtype.itemsize != len(data) - stream.tell() or max(shape, default=0) > len(data):
+        raise MotionError(f"an array of shape {short(shape)} does not have the bytes for it")
     return np.frombuffer(data, dtype, offset=stream.tell()).reshape(shape, order="F" if fortran else "C")

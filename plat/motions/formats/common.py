@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from plat.errors import MotionError
+from plat.json_file import short
 from plat.motions.checks.feet import Soles
 from plat.motions.clip import MotionClip
 from plat.motions.formats.joint_columns import robot_columns
@@ -150,8 +151,8 @@ def number(value: Any, field: str) -> float:
     """A number from a scalar or an array that holds one."""
     if isinstance(value, np.ndarray) and value.size == 1:
         value = value.item()
-    if not isinstance(value, (int, float)):
-        raise MotionError(f"{field!r} is of type {type(value).__name__}, expected one number")
+    if not isinstance(value, (int, float)) or abs(value) > 1e300:
+        raise MotionError(f"{field!r} is {short(value)}, expected one number")
     return float(value)
 
 

@@ -6,10 +6,13 @@ import zlib
 
 from plat.errors import MotionError
 
-__all__ = ["decompress", "size_limit"]
+__all__ = ["check_numbers", "decompress", "size_limit"]
 
 _GENEROUS = 64 << 20
 _MOST_RATIO = 20
+# Numbers become eight bytes each, and what looks at them takes several times that. An hour at 60 Hz is 8 million.
+_GENEROUS_NUMBERS = 8 << 20
+_MOST_NUMBERS_A_BYTE = 10
 
 _DECOMPRESSORS = (
     (b"\x1f\x8b", lambda: zlib.decompressobj(wbits=31)),
@@ -27,6 +30,24 @@ def size_limit(compressed: int) -> int:
     64
     """
     return max(_GENEROUS, _MOST_RATIO * compressed)
+
+
+def check_numbers(numbers: int, compressed: int) -> None:
+    """Raise for more numbers than a file of a size is believed to hold, such as an hour of zeros in a few kilobytes.
+
+    Args:
+        numbers: in its motions.
+        compressed: bytes of the file.
+
+    Raises:
+        MotionError: for more than ten a byte, and more than an hour at 60 Hz.
+
+    >>> check_numbers(36 * 1000, compressed=2000)
+    """
+    if numbers > max(_GENEROUS_NUMBERS, _MOST_NUMBERS_A_BYTE * compressed):
+        raise MotionError(
+            f"it unpacks to {numbers / 1e6:.0f} million numbers, expected motions: no recording shrinks so much"
+        )
 
 
 def decompress(data: bytes) -> bytes:

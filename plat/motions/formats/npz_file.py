@@ -1,6 +1,5 @@
 """NumPy archives: plat's own, those of trackers and of retargeters."""
 
-import json
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from plat.errors import MotionError
+from plat.json_file import read_json, short
 from plat.motions.clip import MotionClip
 from plat.motions.formats.archive import read_archive, states_rate, take_rate
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, number, strings
@@ -81,22 +81,24 @@ def _add_meta(path: Path, arrays: dict[str, np.ndarray], options: ReadOptions) -
     beside = path.with_name("meta.json")
     if not beside.is_file():
         return []
-    try:
-        meta: Any = json.loads(beside.read_text(encoding="utf-8-sig"))
-    except ValueError as error:
-        raise MotionError(f"the 'meta.json' beside it is no JSON ({error})") from None
+    meta: Any = read_json(beside, MotionError, "the 'meta.json' beside it")
     if not isinstance(meta, dict):
         return []
     added = []
     for name in ("fps", "joint_names", "body_names"):
         if name in meta and name not in arrays:
-            arrays[name] = np.array(meta[name])
+            value = meta[name]
+            fits = isinstance(value, list) and all(isinstance(entry, str) for entry in value)
+            if not (type(value) in (int, float) if name == "fps" else fits):
+                expected = "a number" if name == "fps" else "a list of names"
+                raise MotionError(f"the 'meta.json' beside it: {name!r} is {short(value)}, expected {expected}")
+            arrays[name] = np.array(value)
             added.append(name)
     conflicts = "fps" in meta and "fps" not in added and options.fps is None
     if conflicts and abs(number(arrays["fps"], "fps") - number(meta["fps"], "fps")) > 0.5:
         raise MotionError(
             f"it states {number(arrays['fps'], 'fps'):g} frames a second and the 'meta.json' beside it "
-            f"{meta['fps']:g}; state which: --fps"
+            f"{number(meta['fps'], 'fps'):g}; state which: --fps"
         )
     return [f"{', '.join(added)} from meta.json"] if added else []
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.motions.formats.rate import rates_in_name
-from plat.motions.retargeting.mocap import Mocap
+from plat.motions.retargeting.mocap import Mocap, check_extent
 from plat.rotations_np import axis_rotation
 
 __all__ = ["find_asf", "read_amc"]
@@ -75,6 +75,7 @@ def read_amc(path: str | Path, fps: float | None = None) -> Mocap:
     path = Path(path)
     skeleton = _read_asf(find_asf(path))
     frames, degrees = _read_frames(path, skeleton)
+    check_extent(f"AMC file {str(path)!r}", 2 * len(skeleton.bones), len(frames), path.stat().st_size)
     notes = []
     turns = (_turns(skeleton, name, values) for row in frames for name, values in row.items())
     largest = max((abs(value) for values in turns for value in values), default=0.0)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from plat.errors import MotionError
-from plat.motions.retargeting.mocap import Mocap, checked_rate
+from plat.motions.retargeting.mocap import Mocap, check_extent, checked_rate
 from plat.rotations_np import axis_rotation
 
 __all__ = ["read_bvh"]
@@ -70,6 +70,7 @@ def read_bvh(path: str | Path, fps: float | None = None) -> Mocap:
     joints = _hierarchy(lines)
     values, seconds, notes = _motion(lines, sum(len(joint.channels) for joint in joints))
     rate = checked_rate(path, seconds) if fps is None else fps
+    check_extent(f"BVH file {str(path)!r}", len(joints), len(values), len(text))
     positions, rotations = _forward_kinematics(joints, values)
     names, parents = zip(*((joint.name, joint.parent) for joint in joints), strict=True)
     rest = np.zeros((len(joints), 3))

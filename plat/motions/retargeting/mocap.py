@@ -7,8 +7,11 @@ import numpy as np
 
 from plat.errors import MotionError
 
-__all__ = ["FPS", "Mocap", "checked_rate"]
+__all__ = ["FPS", "Mocap", "check_extent", "checked_rate"]
 
+# A body with fingers and a face has 200 joints.
+_MOST_JOINTS = 2000
+_GENEROUS_NUMBERS, _MOST_NUMBERS_A_BYTE = 8 << 20, 4
 FPS = (8.0, 1000.0)
 """Frames a second of motion capture, lowest and highest."""
 
@@ -34,6 +37,30 @@ class Mocap:
     fps: float
     rest: np.ndarray
     notes: tuple[str, ...] = ()
+
+
+def check_extent(where: str, joints: int, frames: int, size: int) -> None:
+    """Raise for a capture whose skeleton and frames need far more memory than its file.
+
+    A joint with a channel takes at least two bytes a frame; those without take none, and twelve numbers in memory.
+
+    Args:
+        where: begins the message.
+        joints: of its skeleton, with end sites.
+        frames: of its motion.
+        size: bytes of the file.
+
+    Raises:
+        MotionError: for more than 2,000 joints, or more than four numbers a byte and 8 million.
+
+    >>> check_extent("BVH file 'a.bvh'", joints=80, frames=400_000, size=300_000_000)
+    """
+    if joints > _MOST_JOINTS:
+        raise MotionError(f"{where}: {joints} joints, expected at most {_MOST_JOINTS}")
+    if 12 * joints * frames > max(_GENEROUS_NUMBERS, _MOST_NUMBERS_A_BYTE * size):
+        raise MotionError(
+            f"{where}: {joints} joints over {frames} frames in {size / 1e6:.3g} MB: most of them do not move"
+        )
 
 
 def checked_rate(path: str | Path, seconds: float) -> float:

@@ -7,6 +7,8 @@ from typing import Any
 
 from plat.errors import MotionError
 from plat.files import replace_file
+from plat.json_file import short
+from plat.motions.retargeting.yaml_file import read_yaml
 
 __all__ = ["ROLES", "SIDES", "UNITS", "SkeletonMap", "load_map", "save_map"]
 
@@ -54,17 +56,21 @@ class SkeletonMap:
         if not isinstance(self.joints, dict) or set(self.joints) != set(ROLES):
             given = set(self.joints) if isinstance(self.joints, dict) else set()
             raise MotionError(
-                f"{where}: 'joints' lacks {sorted(set(ROLES) - given)} and has the unknown {sorted(given - set(ROLES))}"
+                f"{where}: 'joints' lacks {sorted(set(ROLES) - given)} and has the unknown "
+                f"{short(sorted(map(str, given - set(ROLES))))}"
             )
+        for role, name in self.joints.items():
+            if not isinstance(name, str) or not name:
+                raise MotionError(f"{where}: 'joints': {role!r} is {short(name)}, expected the name of a joint")
         if self.units not in ("auto", *UNITS) and not (_is_number(self.units) and float(self.units) > 0):
             raise MotionError(
-                f"{where}: 'units' is {self.units!r}, expected auto, m, cm, mm, in, in/0.45 or meters a unit"
+                f"{where}: 'units' is {short(self.units)}, expected auto, m, cm, mm, in, in/0.45 or meters a unit"
             )
         if self.up not in ("auto", *_AXES):
-            raise MotionError(f"{where}: 'up' is {self.up!r}, expected auto, x, y or z")
+            raise MotionError(f"{where}: 'up' is {short(self.up)}, expected auto, x, y or z")
         for field in ("pelvis_pitch", "torso_pitch"):
             if not _is_number(getattr(self, field)):
-                raise MotionError(f"{where}: {field!r} is {getattr(self, field)!r}, expected degrees")
+                raise MotionError(f"{where}: {field!r} is {short(getattr(self, field))}, expected degrees")
 
 
 def load_map(path: str | Path) -> SkeletonMap:
@@ -73,19 +79,23 @@ def load_map(path: str | Path) -> SkeletonMap:
     Raises:
         MotionError: when the file cannot be read or has a wrong field.
     """
-    try:
-        import yaml
-    except ImportError as error:
-        raise MotionError("retargeting needs: pip install 'plat-rl[retarget]'") from error
     where = f"skeleton map {str(path)!r}"
-    try:
-        content: Any = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise MotionError(f"{where}: not a readable YAML file ({error})") from error
+    content = read_yaml(Path(path), where)
     known = {field.name for field in fields(SkeletonMap)} - {"name"}
     if not isinstance(content, dict) or "joints" not in content or not set(content) <= known:
         raise MotionError(f"{where}: expected the field 'joints' and any of {sorted(known - {'joints'})}")
+    for field in ("units", "pelvis_pitch", "torso_pitch"):
+        if field in content and field not in UNITS:
+            content[field] = _number_of(content[field])
     return SkeletonMap(name=Path(path).stem, **content)
+
+
+def _number_of(value: Any) -> Any:
+    """Return the number that a text is, or the text."""
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return value
 
 
 def save_map(path: str | Path, skeleton: SkeletonMap, comment: str) -> None:

@@ -6,7 +6,7 @@ import zlib
 import pytest
 
 from plat.errors import MotionError
-from plat.motions.formats.decompress import decompress, size_limit
+from plat.motions.formats.decompress import check_numbers, decompress, size_limit
 
 COMPRESSORS = {
     "zlib": zlib.compress,
@@ -55,3 +55,11 @@ def test_lz4_is_named():
 def test_limits_grow_with_the_file():
     assert size_limit(10) == size_limit(1000)
     assert size_limit(1 << 30) == 20 << 30
+
+
+def test_real_data_sets_hold_fewer_numbers_than_are_believed():
+    for frames, clips in ((120 * 3600, 1), (300, 10_000)):
+        numbers = 36 * frames * clips
+        check_numbers(numbers, compressed=numbers)  # float32, a quarter of its size
+        with pytest.raises(MotionError, match=r"it unpacks to \d+ million numbers, expected motions"):
+            check_numbers(numbers, compressed=numbers // 20)

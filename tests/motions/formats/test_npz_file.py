@@ -384,3 +384,48 @@ def test_some_bodies_by_name_are_enough(tmp_path, order):
     arrays["body_names"] = [G1.keypoints[index] for index in some]
     np.savez(tmp_path / "amp.npz", **arrays)
     np.testing.assert_allclose(load_motions(tmp_path / "amp.npz")[0].qpos, clip.qpos, atol=1e-5)
+
+
+def test_an_hour_of_nothing_in_a_few_kilobytes(tmp_path):
+    qpos = np.zeros((300_000, 36), np.int8)
+    qpos[:, 3] = 1
+    np.savez_compressed(tmp_path / "long.npz", qpos=qpos, fps=120)
+    with pytest.raises(MotionError, match="long.npz': it unpacks to 11 million numbers, expected motions"):
+        load_motions(tmp_path / "long.npz")
+
+
+@pytest.mark.parametrize(
+    ("kind", "shape"), [("<f8", (10**9, 0)), ("<U0", (10**9,)), ("|S0", (3, 10**9)), ("<f8", (-1,))]
+)
+def test_rows_without_content(tmp_path, kind, shape):
+    member = io.BytesIO()
+    np.lib.format.write_array_header_1_0(member, {"descr": kind, "fortran_order": False, "shape": shape})
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        archive.writestr("joint_names.npy", member.getvalue())
+    with pytest.raises(MotionError, match=r"'joint_names': an array of shape \(.*\) does not have the bytes for it"):
+        load_motions(tmp_path / "a.npz")
+
+
+def test_a_table_of_something_else_beside_a_motion(tmp_path):
+    table = np.zeros(3, dtype=[("contact", "f4"), ("foot", "i4")])
+    clip = bowing_clip()
+    np.savez(tmp_path / "a.npz", qpos=clip.qpos, fps=50, contacts=table, day=np.array(["2026-01-01"], "M8[D]"))
+    assert len(load_motions(tmp_path / "a.npz")[0].qpos) == len(clip.qpos)
+
+
+@pytest.mark.parametrize(
+    ("meta", "message"),
+    [
+        ('{"fps": "fast"}', "'fps' is 'fast', expected a number"),
+        ('{"fps": true}', "'fps' is True, expected a number"),
+        ('{"fps": 1%s}' % ("0" * 400), "'fps' is 10*.*0, expected one number"),
+        ('{"fps": 50, "joint_names": [["a"]]}', r"'joint_names' is \[\['a'\]\], expected a list of names"),
+        ('{"fps": 50, "fps": 60}', "field 'fps' comes twice in one object"),
+        ("[" * 50_000, r"not a readable JSON file \(nested too deeply\)"),
+    ],
+)
+def test_a_broken_meta_json(tmp_path, meta, message):
+    np.savez(tmp_path / "a.npz", qpos=bowing_clip().qpos)
+    (tmp_path / "meta.json").write_text(meta)
+    with pytest.raises(MotionError, match=f"a.npz': .*{message}"):
+        load_motions(tmp_path / "a.npz")

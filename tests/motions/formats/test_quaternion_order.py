@@ -1,10 +1,12 @@
 import numpy as np
 import pytest
+import torch
 
 from plat.motions import load_motions
 from plat.motions.checks.feet import Soles
 from plat.motions.formats import ReadOptions
 from plat.motions.formats.quaternion_order import (
+    _some_frames,
     breadth_first,
     detect_joint_order,
     detect_quat_order,
@@ -72,3 +74,12 @@ def test_real_motions_are_never_mistaken(shared_data):
                 assert found in (order, None), (clip.name, angle)
                 refused += found is None
     assert refused <= 0.01 * 6 * len(clips)
+
+
+def test_a_long_motion_is_judged_by_blocks_of_its_frames():
+    motion = turned(bowing_clip(400), 1.0)
+    long = np.concatenate([motion.qpos] * 60)  # 24,000 frames, of which 10,000 are looked at
+    assert detect_quat_order(long, motion.fps, SOLES) == detect_quat_order(motion.qpos, motion.fps, SOLES) == "wxyz"
+    frames = _some_frames(torch.arange(100_000.0)[:, None])
+    assert len(frames) == 10_000
+    assert (frames[0], frames[-1]) == (0, 99_999)

@@ -148,3 +148,18 @@ def test_damaged_files_are_read_or_refused(tmp_path):
         except MotionError:
             refused += 1
     assert refused > 50
+
+
+def test_joints_that_do_not_move_take_no_memory(tmp_path):
+    joints = "".join(f"JOINT j{index} {{\nOFFSET 0 1 0\n" for index in range(500))
+    head = f"HIERARCHY\nROOT a {{\nOFFSET 0 0 0\nCHANNELS 1 Xrotation\n{joints}{'} ' * 501}\nMOTION\n"
+    text = head + "Frames: 2000\nFrame Time: 0.01\n" + "0\n" * 2000
+    with pytest.raises(MotionError, match=r"clip.bvh': 501 joints over 2000 frames in 0.\d+ MB: most of them do not"):
+        read(tmp_path, text)
+
+
+def test_more_joints_than_any_body_has(tmp_path):
+    joints = "".join(f"JOINT j{index} {{\nOFFSET 0 1 0\n" for index in range(2000))
+    text = f"HIERARCHY\nROOT a {{\nOFFSET 0 0 0\nCHANNELS 1 Xrotation\n{joints}{'} ' * 2001}\nMOTION\n"
+    with pytest.raises(MotionError, match="clip.bvh': 2001 joints, expected at most 2000"):
+        read(tmp_path, text + "Frames: 1\nFrame Time: 0.01\n0\n")

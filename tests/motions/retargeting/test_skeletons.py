@@ -27,11 +27,16 @@ def test_a_map_of_ones_own(tmp_path):
         ("joints: [Hips]", r"'joints' lacks \['chest'"),
         ("joints: {tail: Tail}", r"has the unknown \['tail'\]"),
         ("units: cm", "expected the field 'joints'"),
+        ("joints: {joints}\nunits: &a [1]\nup: *a", r"has a reference \(\*name\), expected plain values"),
+        ("joints: {joints}\njoints: {joints}", "field 'joints' comes twice in one object"),
+        ("joints: {joints}\nunits: 2001-99-99", "'units' is '2001-99-99'"),
+        ("joints: {joints}\nunits: " + "9" * 5000, r"'units' is inf, expected"),
+        ("joints: {hips: [a]}", "'joints' lacks"),
         ("joints: {}\nscale: 2", "expected the field 'joints' and any of"),
         ("joints: {", "not a readable YAML file"),
         ("joints: {joints}\nunits: yard", "'units' is 'yard', expected auto, m, cm, mm, in, in/0.45 or meters"),
         ("joints: {joints}\nunits: -1", "'units' is -1"),
-        ("joints: {joints}\nunits: [1]", r"'units' is \[1\]"),
+        ("joints: {joints}\nunits: [1]", r"'units' is \['1'\]"),
         ("joints: {joints}\nup: w", "'up' is 'w', expected auto, x, y or z"),
         ("joints: {joints}\ntorso_pitch: much", "'torso_pitch' is 'much', expected degrees"),
     ],
@@ -43,7 +48,7 @@ def test_errors_of_a_map_name_file_and_field(tmp_path, text, message):
 
 
 def test_missing_map():
-    with pytest.raises(MotionError, match=r"'nowhere.yaml': not a readable"):
+    with pytest.raises(MotionError, match=r"'nowhere.yaml': no such file"):
         load_map("nowhere.yaml")
 
 

@@ -1,0 +1,206 @@
+"""Every reader of plat with valid files that it reads."""
+
+import json
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+from plat.deploy import Bundle, PolicyFacts, PolicyRunner, TrainingFacts
+from plat.deploy.bundle import INPUT, METADATA_KEY, OUTPUT
+from plat.evaluation.records import STEP_METRICS, WINDOW_METRICS, CommandRecords
+from plat.keyframes import KeyframeSequence, standing
+from plat.motions.files import read_motion_files
+from plat.motions.readers import READERS
+from plat.motions.retargeting.skeletons import load_map
+from plat.robots import G1, describe_robot
+from plat.robots.registry import _read as read_robot
+from plat.runs import SavedRun
+from plat.spec.timing import Timing
+from tests.export.runs import small_policy, write_run
+from tests.motions.formats.writers import WRITERS, bowing_clip
+from tests.motions.retargeting.human import write_human
+
+__all__ = ["Subject", "subjects"]
+
+_MAPS = Path(__file__).parents[2] / "plat" / "motions" / "retargeting" / "skeletons"
+_ROBOT = Path(__file__).parents[1] / "robots" / "toy.json"
+_MOST_RETARGETED = 20_000
+_KINDS = {".csv": "text", ".bvh": "text", ".amc": "text", ".asf": "text", ".npz": "archive", ".pkl": "compressed"}
+_KINDS |= {".json": "json", ".yaml": "text", ".txt": "text"}
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A reader and files that it reads, of which one is to be spoilt.
+
+    Attributes:
+        name: of reader and file.
+        files: content of each by its name in a folder.
+        target: the file to spoil.
+        kind: of mutation, a key of ``tests.fuzz.mutations.MUTATIONS``.
+        read: reads the folder or file at a path: that of ``start``.
+        start: name in the folder that the reader is given; "" for the folder itself.
+    """
+
+    name: str
+    files: dict[str, bytes]
+    target: str
+    kind: str
+    read: Callable[[Path], object]
+    start: str
+
+
+def subjects() -> list[Subject]:
+    """Return all of them; files are made in a folder that is gone afterwards."""
+    folder = Path(tempfile.mkdtemp(prefix="fuzz-"))
+    try:
+        return [*_motions(folder), *_captures(folder), *_settings(folder), *_runs(folder), *_bundles()]
+    finally:
+        shutil.rmtree(folder)
+
+
+def _one(name: str, path: Path, read: Callable[[Path], object], kind: str = "") -> Subject:
+    return Subject(name, {path.name: path.read_bytes()}, path.name, kind or _KINDS[path.suffix], read, path.name)
+
+
+def _read_motions(path: Path) -> None:
+    for file in read_motion_files(path):
+        for clip in file.clips:
+            assert np.isfinite(clip.qpos).all()
+            assert file.facts
+
+
+def _retarget(path: Path) -> None:
+    # retargeting takes milliseconds a frame, which is no hang
+    from plat.motions.retargeting.bvh import read_bvh
+
+    (read_bvh if path.stat().st_size > _MOST_RETARGETED else _read_motions)(path)
+
+
+def _motions(folder: Path) -> Iterator[Subject]:
+    clip = bowing_clip(6)
+    for name, write in WRITERS.items():
+        path = folder / name
+        write(path, clip)
+        yield _one(f"motion {name}", path, _read_motions)
+    archive = folder / "hdmi.npz"
+    np.savez(archive, qpos=clip.qpos)
+    meta = json.dumps({"fps": 50, "joint_names": G1.joint_names, "body_names": ["pelvis"]}).encode()
+    files = {"hdmi.npz": archive.read_bytes(), "meta.json": meta}
+    yield Subject("motion meta.json", files, "meta.json", "json", _read_motions, "hdmi.npz")
+    # a file of another format under every ending that has a reader
+    for suffix in READERS:
+        for source in ("plat.npz", "asap.pkl", "headed_50fps.csv"):
+            content, name = (folder / source).read_bytes(), f"{source.partition('.')[0]}{suffix}"
+            yield Subject(f"{source} as {suffix}", {name: content}, name, "bytes", _read_motions, name)
+
+
+def _captures(folder: Path) -> Iterator[Subject]:
+    if not find_spec("scipy"):
+        return
+    from plat.motions.retargeting.asf import read_amc
+    from plat.motions.retargeting.bvh import read_bvh
+    from tests.motions.retargeting.test_asf import write_amc, write_asf
+
+    yield _one("bvh", write_human(folder / "human.bvh", frames=4), read_bvh)
+    # a few go through retargeting, which takes much longer
+    yield _one("retargeted bvh", write_human(folder / "walk.bvh", frames=4), _retarget)
+    write_asf(folder / "person.asf")
+    write_amc(folder / "person.amc")
+    files = {name: (folder / name).read_bytes() for name in ("person.asf", "person.amc")}
+    for name in files:
+        yield Subject(name[-3:], files, name, "text", read_amc, "person.amc")
+
+
+def _settings(folder: Path) -> Iterator[Subject]:
+    pose, path = standing(G1), folder / "wave.json"
+    KeyframeSequence(G1, pose, (pose.at(0.5), pose.at(1.0))).save(path)
+    yield _one("keyframes", path, lambda path: KeyframeSequence.load(path, G1, split=True))
+    yield _one("robot", _ROBOT, read_robot)
+    for name in ("lafan1", "mixamo"):
+        found = sorted(_MAPS.glob(f"*{name}*.yaml")) or sorted(_MAPS.glob("*.yaml"))[:1]
+        yield _one("skeleton map", found[0], load_map)
+
+
+def _run_files(folder: Path, kind: str) -> dict[str, bytes]:
+    run = write_run(folder / kind, small_policy(kind))
+    table = "policy,horizon,metric,value,low,high\nrun,long,tks,99.5,99.25,99.75\nrun,long,mpjpe,0.1,0.05,0.2\n"
+    (run / "evaluation.csv").write_text(table)
+    return {path.name: path.read_bytes() for path in run.iterdir()}
+
+
+def _runs(folder: Path) -> Iterator[Subject]:
+    for kind in ("residual_latent", "plain", "expert"):
+        files = _run_files(folder, kind)
+        policy = partial(_read_policy)
+        yield Subject(f"config.json of {kind}", files, "config.json", "json", policy, "")
+        yield Subject(f"weights of {kind}", files, "model.safetensors", "bytes", policy, "")
+    yield Subject("evaluation.csv", files, "evaluation.csv", "text", _read_scores, "")
+    records = folder / "records.safetensors"
+    columns = {
+        name: _column() for name in ("clip", "length", "steps", "failed", "fell", "window_steps", "arrival_error")
+    }
+    window, step = ({name: _column() for name in names} for names in (WINDOW_METRICS, STEP_METRICS))
+    CommandRecords(**columns, window=window, step=step).save(records, {"policy": "run"})
+    yield _one("records", records, CommandRecords.load, "bytes")
+
+
+def _column() -> object:
+    import torch
+
+    return torch.zeros(3)
+
+
+def _read_policy(folder: Path) -> None:
+    run = SavedRun(folder)
+    run.policy()
+    assert isinstance(run.steps, int)
+    assert isinstance(run.settings, dict)
+
+
+def _read_scores(folder: Path) -> None:
+    assert SavedRun(folder).scores is None or SavedRun(folder).scores
+
+
+def _bundles() -> Iterator[Subject]:
+    if not (find_spec("onnx") and find_spec("onnxruntime")):
+        return
+    content = Bundle(
+        describe_robot(G1, 0.02), Timing(), PolicyFacts("plain", None, None), TrainingFacts("r", *[None] * 4), None
+    ).to_json()
+    files = {"policy.onnx": _network(content), "bundle.json": content.encode()}
+    yield Subject("bundle.json", files, "bundle.json", "json", _read_bundle, "bundle.json")
+    yield Subject(
+        "policy.onnx", {"policy.onnx": files["policy.onnx"]}, "policy.onnx", "bytes", PolicyRunner, "policy.onnx"
+    )
+
+
+def _read_bundle(path: Path) -> None:
+    Bundle.from_json(path.read_text(encoding="utf-8", errors="surrogateescape"), str(path))
+
+
+def _network(metadata: str) -> bytes:
+    import onnx
+    from onnx import TensorProto, helper, numpy_helper
+
+    rng = np.random.default_rng(0)
+    weights = [rng.normal(0, 0.1, shape).astype(np.float32) for shape in ((177, 16), (16, 29))]
+    nodes = [
+        helper.make_node("MatMul", [INPUT, "w0"], ["h0"]),
+        helper.make_node("Elu", ["h0"], ["h1"]),
+        helper.make_node("MatMul", ["h1", "w1"], [OUTPUT]),
+    ]
+    entry = helper.make_tensor_value_info(INPUT, TensorProto.FLOAT, ["batch", 177])
+    result = helper.make_tensor_value_info(OUTPUT, TensorProto.FLOAT, ["batch", 29])
+    constants = [numpy_helper.from_array(values, f"w{index}") for index, values in enumerate(weights)]
+    graph = helper.make_graph(nodes, "policy", [entry], [result], constants)
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 20)], ir_version=9)
+    helper.set_model_props(model, {METADATA_KEY: metadata})
+    onnx.checker.check_model(model)
+    return model.SerializeToString()
