@@ -216,6 +216,7 @@ class StudioRecipe(Bounded):
 
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional] = (
         Path("plat-g1"),
+        Path("imagined-g1"),
         Path("dagger-g1"),
         Path("expert-g1"),
     )

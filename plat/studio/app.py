@@ -87,8 +87,6 @@ class Studio:
         self._next_reading = 0.0
         self._build(page, motions, path, files)
         self._show()
-        if self._autosave.found:
-            page.notify("Autosave", "keyframes of an earlier session were not saved: Files, Restore autosave")
 
     def _build(self, page: Page, motions: str, path: str, folder: Folder) -> None:
         gui, robot = page.gui, self.session.robot

@@ -28,10 +28,16 @@ class Autosave:
         """The file."""
         self.words = ""
         """When it was written, or why it could not be."""
-        self.found = self.path.exists()
-        """Whether a former studio left one."""
+        self.former: bytes | None = self._read()
+        """Content of the file that a former studio left; this one may write over it."""
         self._edited_at: float | None = None
         self._last = session.timeline
+
+    def _read(self) -> bytes | None:
+        try:
+            return self.path.read_bytes()
+        except OSError:
+            return None
 
     def tick(self) -> bool:
         """Write the copy when it is due; return whether something was written."""

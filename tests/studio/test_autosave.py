@@ -17,7 +17,7 @@ def session(policies) -> Session:
 def test_an_edit_is_kept_when_it_has_rested(session, tmp_path, monkeypatch):
     monkeypatch.setattr(autosave, "_AFTER", 0.0)
     keeper = Autosave(session, tmp_path)
-    assert not keeper.found
+    assert keeper.former is None
     assert not keeper.tick(), "nothing was edited"
     session.add()
     assert keeper.tick()
@@ -25,8 +25,8 @@ def test_an_edit_is_kept_when_it_has_rested(session, tmp_path, monkeypatch):
     assert session.unsaved, "the user has no file of it"
     assert not keeper.tick(), "once is enough"
     again = Session(G1, session.playback.policies)
-    assert Autosave(again, tmp_path).found
-    again.load(keeper.path)
+    former = Autosave(again, tmp_path).former
+    again.from_json("autosave", former)
     assert again.timeline.labels == session.timeline.labels
 
 

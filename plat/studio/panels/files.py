@@ -31,7 +31,7 @@ class FilePanel:
         page.buttons("", {"Save": self.save, "Load": self._load, "New": session.new})
         gui.add_markdown(f"Folder: `{folder.root}`")
         self._restore_button = page.button(
-            "Restore autosave", self._restore, icon=viser.Icon.HISTORY, visible=autosave.found
+            "Restore autosave", self._restore, icon=viser.Icon.HISTORY, visible=autosave.former is not None
         )
         download = gui.add_button("Download", icon=viser.Icon.DOWNLOAD)
         upload = gui.add_upload_button("Upload", icon=viser.Icon.UPLOAD, mime_type="application/json")
@@ -81,13 +81,20 @@ class FilePanel:
         self._own = path
 
     def _restore(self) -> None:
-        self._loaded(AUTOSAVE, lambda: self._page.session.load(self._autosave.path))
+        content = self._autosave.former
+        if content is None:
+            return
+        self._loaded(AUTOSAVE, lambda: self._page.session.from_json(AUTOSAVE, content))
         self._page.session.saved = Timeline.empty(self._page.session.robot)  # it is in no file of the user's
         self._restore_button.visible = False
 
     def show(self) -> None:
         """Update the line about the file."""
-        state = {"name": Path(self._path.value).name, "unsaved": self._page.session.unsaved}
+        state = {
+            "name": Path(self._path.value).name,
+            "unsaved": self._page.session.unsaved,
+            "restorable": self._restore_button.visible,
+        }
         self._page.dock.show("file", {**state, "autosave": self._autosave.words})
 
     def _ask_to_record(self) -> None:

@@ -295,12 +295,16 @@
     for (const note of state.notes) {
       if (note.id <= lastNote) continue;
       lastNote = note.id;
-      const box = make("div", { class: `note ${note.kind}` }, make("b", { text: note.title }), make("span", { text: note.text }),
-        make("button", { text: "×", "aria-label": "Close", onclick: () => box.remove() }));
-      at.notes.append(box);
-      while (at.notes.children.length > 4) at.notes.firstChild.remove();
-      setTimeout(() => box.remove(), note.kind === "error" ? 15000 : 6000);
+      showNote(note);
     }
+  }
+
+  function showNote(note) {
+    const box = make("div", { class: `note ${note.kind}` }, make("b", { text: note.title }), make("span", { text: note.text }),
+      make("button", { text: "×", "aria-label": "Close", onclick: () => box.remove() }));
+    at.notes.append(box);
+    while (at.notes.children.length > 4) at.notes.firstChild.remove();
+    setTimeout(() => box.remove(), note.kind === "error" ? 15000 : 6000);
   }
 
   function show() {
@@ -330,8 +334,10 @@
 
   function uncover() {
     if (!document.querySelector("#root canvas")) { setTimeout(show, 100); return; }
-    opened = true;
     at.cover.style.display = "none";
+    if (!opened && state.file && state.file.restorable)
+      showNote({ kind: "error", title: "Autosave", text: "Keyframes of an earlier session were not saved: Files, Restore autosave." });
+    opened = true;
   }
 
   function fill(input, value) {
