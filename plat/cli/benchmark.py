@@ -9,6 +9,7 @@ import shlex
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -81,7 +82,7 @@ def main(recipe: BenchmarkRecipe) -> dict[str, Study]:
             folder=folder / "records",
             workers=recipe.workers or None,
             modules=recipe.imports,
-            told=lambda study, folder=folder: study.write(folder),
+            told=partial(Study.write, folder=folder),
         )
         chosen = study.of(best_interfaces(study.scores, "mixed"))
         studies[motions.name] = chosen
@@ -89,7 +90,7 @@ def main(recipe: BenchmarkRecipe) -> dict[str, Study]:
         draw(folder, chosen, recipe.ours)
         # after each set: what is done can be read while the next one runs
         text = "\n".join([head(recipe, candidates, sets), *sections])
-        replace_file(recipe.out / "benchmark.md", lambda part, text=text: part.write_text(text, encoding="utf-8"))
+        replace_file(recipe.out / "benchmark.md", partial(Path.write_text, data=text, encoding="utf-8"))
     print(f"\n{recipe.out / 'benchmark.md'}")
     return studies
 

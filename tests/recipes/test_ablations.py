@@ -44,10 +44,10 @@ def evaluated(monkeypatch) -> list[tuple[str, str]]:
     calls: list[tuple[str, str]] = []
     original = evaluate.Entrant.evaluate
 
-    def record(self, library, horizon, setting):
+    def record(self, library, horizon, setting, **options):
         kind = "dense" if self.view.dense else "randomized" if setting.randomization else "plain"
         calls.append((horizon, kind))
-        return original(self, library, horizon, setting)
+        return original(self, library, horizon, setting, **options)
 
     monkeypatch.setattr(evaluate.Entrant, "evaluate", record)
     return calls
