@@ -51,6 +51,7 @@ TASKS: dict[str, list[str]] = {
     "expert-init": [*EXPERT, "--critic-warmup", "3", "--init", "{expert}"],
     "expert-model": ["expert-model", "--policy.hidden", "16", *IMAGINED],
     "imagine": ["imagine", "--task.chains", "6", *NETWORKS, *IMAGINED],
+    "disturbed": ["imagine", "--disturbed", "1", "--task.chains", "6", *NETWORKS, *IMAGINED],
     "distill": ["distill", "--expert", "{expert}", *NETWORKS, *LATENT],
     "distill-plain": ["distill", "--expert", "{expert}", "--student", "plain", *NETWORKS, *LATENT],
     "refine": ["refine", "--student", "{distill}", "--critic", "16", "--critic-warmup", "3", "--policy.hidden", "16"],

@@ -37,7 +37,9 @@ def randomized_env(num_envs: int = 4):
 
 def simulated(num_envs: int = 4):
     library = MotionLibrary.from_clips(generate_motions("train", seconds=8))
-    return SimulatedTask(TimedKeyframes(library, TimedKeyframesConfig(chains=6)), num_envs)
+    task = TimedKeyframes(library, TimedKeyframesConfig(chains=6))
+    ranges = RandomizationRanges(push_interval=(0.04, 0.1), control_delay=0.5)
+    return SimulatedTask(task, num_envs, randomization=ranges)
 
 
 @pytest.mark.parametrize("make", [randomized_env, simulated])
