@@ -158,6 +158,7 @@ def train(recipe: AblationsRecipe) -> None:
             settings = {
                 "motions": recipe.training.motions,
                 "mirror": recipe.training.mirror,
+                "drop_bad": recipe.training.drop_bad,
                 "num_envs": recipe.training.num_envs,
                 "out": out,
                 "steps": steps,

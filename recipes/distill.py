@@ -32,7 +32,9 @@ def main(recipe: DistillRecipe) -> None:
     device, timing = recipe.device, recipe.policy.timing
     expected = "a teacher, such as the expert of stage 1 (--expert)"
     teacher: Teacher = SavedRun(recipe.expert).policy_as(Teacher, expected, device)  # type: ignore[type-abstract]
-    library = MotionLibrary.load(recipe.motions, robot, dt=timing.control_dt, mirror=recipe.mirror).to(device)
+    library = MotionLibrary.load(
+        recipe.motions, robot, dt=timing.control_dt, mirror=recipe.mirror, drop_bad=recipe.drop_bad
+    ).to(device)
     (timing_of(teacher) or timing).check_control_dt(timing.control_dt, f"--expert {str(recipe.expert)!r}")
     horizon = horizon_named(recipe.horizon, timing)
     check_partial(recipe.task.partial, recipe.policy.also)

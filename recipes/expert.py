@@ -30,7 +30,9 @@ def main(recipe: ExpertRecipe) -> None:
     recipe = begin(recipe)
     torch.manual_seed(recipe.seed)
     timing = recipe.policy.timing
-    library = MotionLibrary.load(recipe.motions, get_robot(recipe.robot), dt=timing.control_dt, mirror=recipe.mirror)
+    library = MotionLibrary.load(
+        recipe.motions, get_robot(recipe.robot), dt=timing.control_dt, mirror=recipe.mirror, drop_bad=recipe.drop_bad
+    )
     expert = Expert(library.robot, recipe.policy)
     start = start_from(expert, recipe.init) if recipe.init else None
     expert = expert.to(recipe.device)

@@ -21,7 +21,9 @@ def main(recipe: ExpertModelRecipe) -> None:
     recipe = begin(recipe)
     torch.manual_seed(recipe.seed)
     robot, dt = get_robot(recipe.robot), recipe.policy.timing.control_dt
-    library = MotionLibrary.load(recipe.motions, robot, dt=dt, mirror=recipe.mirror).to(recipe.device)
+    library = MotionLibrary.load(recipe.motions, robot, dt=dt, mirror=recipe.mirror, drop_bad=recipe.drop_bad).to(
+        recipe.device
+    )
     expert = Expert(library.robot, recipe.policy).to(recipe.device)
     start = None
     if recipe.init:

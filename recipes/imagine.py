@@ -25,7 +25,9 @@ def main(recipe: ImagineRecipe) -> None:
     torch.manual_seed(recipe.seed)
     robot, dt = get_robot(recipe.robot), recipe.policy.timing.control_dt
     check_partial(recipe.task.partial, recipe.policy.also)
-    library = MotionLibrary.load(recipe.motions, robot, dt=dt, mirror=recipe.mirror).to(recipe.device)
+    library = MotionLibrary.load(recipe.motions, robot, dt=dt, mirror=recipe.mirror, drop_bad=recipe.drop_bad).to(
+        recipe.device
+    )
     kind: type[Any] = LatentPolicy if recipe.student == "latent" else PlainPolicy
     student = kind(library.robot, recipe.policy).to(recipe.device)
     trained: Any = None

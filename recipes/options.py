@@ -220,6 +220,8 @@ class Training(Bounded):
     """motion files, folders or globs to train on"""
     mirror: bool = False
     """train on the mirror image of every motion as well"""
+    drop_bad: bool = False
+    """leave out motions of files that plat motions inspect would drop"""
     expert_steps: Count = 12_000_000
     """environment steps of each tracker (stage 1)"""
     student_steps: Count = 3_000_000

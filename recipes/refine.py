@@ -51,7 +51,9 @@ def main(recipe: RefineRecipe) -> None:
     timing = timing_of(student) or Timing()
     horizon = horizon_named(recipe.horizon, timing)
     check_partial(recipe.task.partial, student.config.also)
-    library = MotionLibrary.load(recipe.motions, robot, dt=timing.control_dt, mirror=recipe.mirror).to(device)
+    library = MotionLibrary.load(
+        recipe.motions, robot, dt=timing.control_dt, mirror=recipe.mirror, drop_bad=recipe.drop_bad
+    ).to(device)
     env = make_keyframe_env(library, recipe.num_envs, recipe.task, horizon=horizon, timing=timing, device=device)
     policy = VARIANTS[recipe.variant](student, recipe.policy).to(device)
     critic = Critic(library.robot, student_keys(student.config.also), recipe.critic).to(device)

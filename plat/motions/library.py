@@ -224,6 +224,7 @@ class MotionLibrary:
         dt: float = 0.02,
         cache: bool = True,
         mirror: bool = False,
+        drop_bad: bool = False,
     ) -> "MotionLibrary":
         """Return the library of motion files, kept on disk for the next time.
 
@@ -239,9 +240,10 @@ class MotionLibrary:
             cache: keep the finished table under :func:`cache_dir`, named by names and content of the files and of the
                 code that reads or makes motions.
             mirror: add every clip's mirror image, left and right exchanged.
+            drop_bad: leave out clips of files that would be dropped.
 
         Raises:
-            MotionError: when a file is missing or broken.
+            MotionError: when a file is missing or broken, or no clip is left.
         """
         names = [str(name) for name in ([motions] if isinstance(motions, (str, Path)) else motions)]
         generated = [name for name in names if name.startswith(PREFIX)]
@@ -252,20 +254,26 @@ class MotionLibrary:
             clips = [clip for name in generated for clip in generate_named(name, robot)]
             read = load_motions(files, robot) if files else []
             read = [_within_limits(clip.checked(robot), robot) for clip in read]
+            reports = validate_motions(read, robot)
+            verdicts = Counter(report.verdict for report in reports)
+            if drop_bad:
+                read = [clip for clip, report in zip(read, reports, strict=True) if report.verdict != "drop"]
             clips += read
+            if not clips:
+                raise MotionError(f"no clip is left of {len(reports)}, all would be dropped: run plat motions inspect")
             mirrored = [mirror_motion(clip.checked(robot), robot) for clip in clips] if mirror else []
-            verdicts = Counter(report.verdict for report in validate_motions(read, robot))
             return cls.from_clips(clips + mirrored, robot, dt), dict(verdicts)
 
         if not cache:
             library, verdicts = build()
         else:
-            cached = cache_dir() / "motions" / f"{_content_hash(generated, paths, robot, dt, mirror)}.safetensors"
+            content = _content_hash(generated, paths, robot, dt, mirror, drop_bad)
+            cached = cache_dir() / "motions" / f"{content}.safetensors"
             known = _read_table(cached, robot)
             library, verdicts = known or build()
             if known is None:
                 _write_table(cached, library, verdicts)
-        _warn_of_bad_clips(verdicts, files)
+        _warn_of_bad_clips(verdicts, files, drop_bad)
         return library
 
 
@@ -324,8 +332,12 @@ def _within_limits(clip: MotionClip, robot: Robot) -> MotionClip:
     return clipped if np.abs(clipped.qpos - clip.qpos).max() <= _SMALL_EXCESS else clip
 
 
-def _warn_of_bad_clips(verdicts: _Verdicts, files: Sequence[str]) -> None:
-    bad = [f"{count} would be {_DONE[verdict]}" for verdict, count in sorted(verdicts.items()) if verdict in _DONE]
+def _warn_of_bad_clips(verdicts: _Verdicts, files: Sequence[str], dropped: bool) -> None:
+    bad = [
+        f"{count} {'were left out' if dropped and verdict == 'drop' else f'would be {_DONE[verdict]}'}"
+        for verdict, count in sorted(verdicts.items())
+        if verdict in _DONE
+    ]
     if bad:
         total = sum(verdicts.values())
         _LOGGER.warning("of %d clips %s: run plat motions inspect %s", total, " and ".join(bad), " ".join(files))
@@ -338,10 +350,13 @@ def cache_dir() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "plat"
 
 
-def _content_hash(generated: Sequence[str], paths: Sequence[Path], robot: Robot, dt: float, mirror: bool) -> str:
+def _content_hash(
+    generated: Sequence[str], paths: Sequence[Path], robot: Robot, dt: float, mirror: bool, drop_bad: bool
+) -> str:
     asset = robot.asset_path.read_bytes()
     digest = hashlib.blake2b(digest_size=16)
-    digest.update(json.dumps([TABLE_VERSION, generated, robot.name, robot.keypoints, dt, mirror]).encode())
+    settings = [TABLE_VERSION, generated, robot.name, robot.keypoints, dt, mirror, drop_bad]
+    digest.update(json.dumps(settings).encode())
     digest.update(hashlib.blake2b(asset).digest())
     read = [part for path in paths for part in (path, *read_along(path))]
     for path in read:

@@ -96,6 +96,8 @@ class RecipeConfig(Bounded):
     """motion files, folders or globs; "generated:train@600" for 10 minutes of generated motion"""
     mirror: bool = False
     """train on the mirror image of every motion as well"""
+    drop_bad: bool = False
+    """leave out motions of files that plat motions inspect would drop"""
     out: Path
     """folder to write the run to"""
     minutes: Positive | None = None

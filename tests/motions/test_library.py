@@ -95,6 +95,24 @@ def test_clips_that_would_be_repaired_are_told_of_each_time(tmp_path, monkeypatc
         monkeypatch.setattr("plat.motions.library.validate_motions", lambda *_: pytest.fail("measured again"))
 
 
+def test_clips_that_would_be_dropped_are_left_out_on_request(tmp_path, monkeypatch, caplog):
+    monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
+    floating, short = bowing_clip(), bowing_clip(frames=5)
+    floating.qpos[:, 2] += 0.1
+    save_motions(
+        tmp_path / "a.npz", [bowing_clip(), MotionClip("b", floating.qpos, 50.0), MotionClip("c", short.qpos, 50.0)]
+    )
+    assert MotionLibrary.load(tmp_path / "a.npz").num_clips == 3
+    for _ in range(2):  # made, and from the cache
+        caplog.clear()
+        assert MotionLibrary.load(tmp_path / "a.npz", drop_bad=True).clip_names == [bowing_clip().name, "b"]
+        (line,) = [record.message for record in caplog.records if record.levelname == "WARNING"]
+        assert line.startswith("of 3 clips 1 were left out and 1 would be repaired: run plat motions inspect")
+    save_motions(tmp_path / "c.npz", [MotionClip("c", short.qpos, 50.0)])
+    with pytest.raises(MotionError, match="no clip is left of 1, all would be dropped"):
+        MotionLibrary.load(tmp_path / "c.npz", drop_bad=True)
+
+
 def test_small_excesses_over_joint_limits_are_clipped_and_large_ones_told_of(tmp_path, monkeypatch, caplog):
     elbow = G1.joint_names.index("left_elbow")
     high = float(G1.joint_range[elbow, 1])

@@ -7,14 +7,14 @@ import numpy as np
 from plat.motions.clip import MotionClip
 from plat.robots import G1, Robot
 
-__all__ = ["JointStep", "SmoothedSteps", "joint_steps", "smooth_steps"]
+__all__ = ["SPREAD_SECONDS", "JointStep", "SmoothedSteps", "joint_steps", "smooth_steps"]
 
 # A step is this much faster than anything else of the joint within _AROUND (s) to both sides.
 _ISOLATED = 3.0
 _AROUND = 0.1
 
-# A step is spread over this long to both sides (s).
-_SPREAD = 0.15
+SPREAD_SECONDS = 0.15
+"""How long to both sides a step is spread over (s)."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def smooth_steps(clip: MotionClip, speed: float = 10.0, robot: Robot = G1) -> Sm
     angles = qpos[:, 7:]
     before = angles.copy()
     change = np.diff(before, axis=0)
-    reach = max(1, round(_SPREAD * clip.fps))
+    reach = max(1, round(SPREAD_SECONDS * clip.fps))
     for frame, joint in np.argwhere(found):
         height = change[frame, joint] - usual[frame, joint]
         first, last = max(0, frame - reach), min(len(angles) - 1, frame + 1 + reach)

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-__all__ = ["contact_weight", "hold", "lift"]
+__all__ = ["contact_weight", "hold", "levelling", "lift"]
 
 # A toe lower than the first height and slower than the first speed is on the ground, beyond the second it is not
 # (m above its lowest, m/s of the human).
@@ -13,6 +13,8 @@ _HEIGHTS = (0.02, 0.04)
 _SPEEDS = (0.3, 0.7)
 # Seconds in which a foot comes back to the human's path after it was held.
 _RETURN_TIME = 0.2
+# Seconds in which a foot turns flat before it stands, and turns as the human's after it.
+_LEVEL_TIME = 0.12
 # Seconds over which a correction of the robot's height is spread.
 _LIFT_TIME = 0.1
 # How much more a still foot counts in contact than a path that is followed outside.
@@ -36,6 +38,22 @@ def contact_weight(height: np.ndarray, position: np.ndarray, fps: float) -> np.n
     for value, (low, high) in ((height, _HEIGHTS), (speed, _SPEEDS)):
         weight *= np.clip((high - value) / (high - low), 0, 1)
     return weight
+
+
+def levelling(contact: np.ndarray, fps: float) -> np.ndarray:
+    """How far a foot is turned flat ``[T]`` in 0..1: nowhere less than in contact, and never all of it in one frame.
+
+    Args:
+        contact: how sure it is that it stands ``[T]`` in 0..1.
+        fps: frames a second.
+
+    >>> levelling(np.array([0.0, 0, 0, 1, 1, 1, 0, 0, 0]), 20.0).round(2).tolist()
+    [0.0, 0.17, 0.67, 1.0, 1.0, 1.0, 0.67, 0.17, 0.0]
+    """
+    reach = max(1, round(_LEVEL_TIME * fps))
+    kernel = np.hanning(2 * reach + 1)
+    padded = np.pad(maximum_filter1d(contact, 2 * reach + 1), reach, mode="edge")
+    return np.asarray(np.maximum(contact, np.convolve(padded, kernel / kernel.sum(), mode="valid")))
 
 
 def hold(path: np.ndarray, weight: np.ndarray, fps: float) -> np.ndarray:

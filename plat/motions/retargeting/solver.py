@@ -4,6 +4,8 @@ import mink
 import mujoco
 import numpy as np
 
+from plat.motions.checks.steps import SPREAD_SECONDS, JointStep, joint_steps, smooth_steps
+from plat.motions.clip import MotionClip
 from plat.motions.retargeting.geometry import TRACKED
 from plat.motions.retargeting.options import SolverOptions
 from plat.motions.retargeting.targets import Targets
@@ -25,6 +27,13 @@ _WRIST_COST = 0.2
 # Weight of a radian from the frame before: calms arms near their singular poses.
 _STILL_COST = 0.05
 _DAMPING = 1e-3
+# A step of a joint that is isolated and faster than this (rad/s) is spread over time; then the joint is kept near its
+# new path at this weight of a radian, while the others give way.
+_STEP_SPEED = 8.0
+_PATH_COST = 1.0
+_SETTLING_ROUNDS = 6
+_TAPER_SECONDS = 0.06
+_SETTLING_ITERATIONS = 2
 # Narrower than the robot's own limits (rad): beyond them lie poses in which a leg or an arm is turned inside out to
 # reach the same points. A human's hip turns no further; knee and elbow do not bend backward.
 _HUMAN_RANGE = {
@@ -92,9 +101,10 @@ def solve(targets: Targets, robot: Robot, fps: float, options: SolverOptions) ->
         start[column] = angles[0]
     start[7:] = np.clip(start[7:], lowest, highest)
     configuration.update(start)
-    for frame in range(len(places)):
+
+    def aim(frame: int) -> None:
+        """Set the targets of a frame, all but that of ``still``."""
         positions.target = places[frame]
-        still.set_target(configuration.q)
         posture.set_target(
             [led[column][frame] if column in led else angle for column, angle in enumerate(robot.default_qpos)]
         )
@@ -105,16 +115,78 @@ def solve(targets: Targets, robot: Robot, fps: float, options: SolverOptions) ->
             rotations[role].set_orientation_cost(_ROTATION_COST["ankle"] + contact[frame] * _GROUND_ROTATION_COST)
         for role, task in rotations.items():
             task.set_target(mink.SE3(np.concatenate((quats[role][frame], np.zeros(3)))))
+
+    def approach(iterations: int) -> None:
+        for _ in range(iterations):
+            velocity = mink.solve_ik(configuration, tasks, 1.0, "daqp", damping=_DAMPING, limits=[limit])
+            configuration.integrate_inplace(velocity, 1.0)
+
+    for frame in range(len(places)):
+        aim(frame)
+        still.set_target(configuration.q)
         if frame > 0:
             # mink's own speed limit would bound each iteration, not the frame
             reach = options.max_joint_speed / fps
             limit.lower[7:] = np.maximum(lowest, configuration.q[7:] - reach)
             limit.upper[7:] = np.minimum(highest, configuration.q[7:] + reach)
-        for _ in range(options.iterations if frame > 0 else options.first_frame_iterations):
-            velocity = mink.solve_ik(configuration, tasks, 1.0, "daqp", damping=_DAMPING, limits=[limit])
-            configuration.integrate_inplace(velocity, 1.0)
+        approach(options.iterations if frame > 0 else options.first_frame_iterations)
         qpos[frame] = configuration.q
+
+    # Each frame knows only the one before, so a joint that has to be elsewhere gets there in one step. Such steps are
+    # spread over time, and the frames around them solved again near the path that this gives.
+    reach = options.max_joint_speed / fps
+    for _ in range(_SETTLING_ROUNDS):
+        steps = joint_steps(MotionClip("", qpos, fps), _STEP_SPEED, robot)
+        if not steps:
+            break
+        smooth = smooth_steps(MotionClip("", qpos, fps), _STEP_SPEED, robot).clip.qpos
+        near_path = np.full(model.nv, _STILL_COST)
+        near_path[[6 + robot.joint_names.index(step.joint) for step in steps]] = _PATH_COST
+        still.set_cost(near_path)
+        before = qpos.copy()
+        for window in _windows(steps, len(qpos), fps):
+            solved = smooth[window].copy()
+            for row, frame in enumerate(range(window.start, window.stop)):
+                aim(frame)
+                still.set_target(smooth[frame])
+                last = qpos[frame - 1, 7:] if row == 0 and frame > 0 else solved[row - 1, 7:] if row else smooth[0, 7:]
+                limit.lower[7:], limit.upper[7:] = np.maximum(lowest, last - reach), np.minimum(highest, last + reach)
+                configuration.update(smooth[frame])
+                approach(_SETTLING_ITERATIONS)
+                solved[row] = configuration.q
+            for candidate in (_tapered(solved, smooth[window], fps), smooth[window]):
+                qpos[window] = candidate
+                if _fastest(qpos, window) <= max(reach, _fastest(before, window)) * (1 + 1e-9):
+                    break
+                qpos[window] = before[window]
+        if np.array_equal(before, qpos):
+            break
     return qpos
+
+
+def _windows(steps: list[JointStep], count: int, fps: float) -> list[slice]:
+    """Return the stretches of frames over which steps are spread; those that meet are one."""
+    frames = np.arange(count)
+    near = np.zeros(count + 1, bool)
+    for step in steps:
+        near[:-1] |= np.abs(frames - step.frame - 0.5) <= SPREAD_SECONDS * fps + 1
+    edges = np.flatnonzero(np.diff(near.astype(int), prepend=0))
+    return [slice(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
+
+
+def _tapered(solved: np.ndarray, path: np.ndarray, fps: float) -> np.ndarray:
+    """Return solved poses ``[T, 7 + J]`` that go over into a path at both ends."""
+    frames = np.arange(len(path))
+    inside = np.minimum(frames, frames[::-1]) / (_TAPER_SECONDS * fps)
+    share = inside.clip(0, 1)[:, None]
+    mixed = path + share * (solved - path)
+    mixed[:, 3:7] /= np.linalg.norm(mixed[:, 3:7], axis=1, keepdims=True)
+    return mixed
+
+
+def _fastest(qpos: np.ndarray, window: slice) -> float:
+    """Return the largest change of a joint between two frames (rad), in a stretch and at its ends."""
+    return float(np.abs(np.diff(qpos[max(0, window.start - 1) : window.stop + 1, 7:], axis=0)).max())
 
 
 def _cost(costs: dict[str, float], role: str) -> float:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from plat.motions.retargeting.feet import contact_weight, hold
+from plat.motions.retargeting.feet import contact_weight, hold, levelling
 from plat.motions.retargeting.geometry import RobotGeometry
 from plat.motions.retargeting.human import Human
 from plat.motions.retargeting.skeletons import SIDES, SkeletonMap
@@ -36,6 +36,7 @@ class Targets:
     positions: dict[str, np.ndarray] = field(default_factory=dict)
     rotations: dict[str, np.ndarray] = field(default_factory=dict)
     contact: dict[str, np.ndarray] = field(default_factory=dict)
+    flat: dict[str, np.ndarray] = field(default_factory=dict)
     clearance: dict[str, np.ndarray] = field(default_factory=dict)
     posture: dict[str, np.ndarray] = field(default_factory=dict)
 
@@ -108,8 +109,9 @@ def _plant(
 
     yaw, pitch, roll = _euler(_foot_frame(human, side, ground["ankle"] - ground["toe"]))
     yaw = hold(np.unwrap(yaw)[:, None], contact, fps)[:, 0]
-    pitch = pitch - contact * np.clip(pitch, -_FLAT_PITCH, _FLAT_PITCH)
-    rotation = axis_rotation(2, yaw) @ axis_rotation(1, pitch) @ axis_rotation(0, (1 - contact) * roll)
+    flat = levelling(contact, fps)
+    pitch = pitch - flat * np.clip(pitch, -_FLAT_PITCH, _FLAT_PITCH)
+    rotation = axis_rotation(2, yaw) @ axis_rotation(1, pitch) @ axis_rotation(0, (1 - flat) * roll)
 
     tip = rotation @ [robot.sole[:, 0].max(), 0, -robot.ankle_height]
     level = hold((ankle + tip)[:, :2], contact, fps) - tip[:, :2]
@@ -117,6 +119,7 @@ def _plant(
     targets.positions[role] = np.column_stack((level, clearance - lowest))
     targets.rotations[role] = rotation
     targets.contact[role] = contact
+    targets.flat[role] = flat
     targets.clearance[role] = clearance
 
 
