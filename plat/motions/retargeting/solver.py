@@ -135,7 +135,7 @@ def solve(targets: Targets, robot: Robot, fps: float, options: SolverOptions) ->
     # Each frame knows only the one before, so a joint that has to be elsewhere gets there in one step. Such steps are
     # spread over time, and the frames around them solved again near the path that this gives.
     reach = options.max_joint_speed / fps
-    for _ in range(_SETTLING_ROUNDS):
+    for number in range(_SETTLING_ROUNDS):
         steps = joint_steps(MotionClip("", qpos, fps), _STEP_SPEED, robot)
         if not steps:
             break
@@ -154,7 +154,9 @@ def solve(targets: Targets, robot: Robot, fps: float, options: SolverOptions) ->
                 configuration.update(smooth[frame])
                 approach(_SETTLING_ITERATIONS)
                 solved[row] = configuration.q
-            for candidate in (_tapered(solved, smooth[window], fps), smooth[window]):
+            # solving may bring a step back: in the end the smooth path is taken as it is
+            solutions = [_tapered(solved, smooth[window], fps)] if number < _SETTLING_ROUNDS // 2 else []
+            for candidate in (*solutions, smooth[window]):
                 qpos[window] = candidate
                 if _fastest(qpos, window) <= max(reach, _fastest(before, window)) * (1 + 1e-9):
                     break
