@@ -57,5 +57,5 @@ def test_lookup_needs_only_where_to_look(library: MotionLibrary):
 
 
 def test_stride_must_be_positive(library):
-    with pytest.raises(ValueError, match="stride: 0"):
+    with pytest.raises(ValueError, match="stride is 0, expected a whole number of at least 1"):
         PrivilegedGoals(library, 0)

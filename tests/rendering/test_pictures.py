@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from plat.envs.transforms import HORIZONS
+from plat.errors import OutputError
 from plat.evaluation import play
 from plat.modules import Expert
 from plat.motions import MotionLibrary
@@ -119,7 +120,7 @@ def test_a_video_that_cannot_be_written_is_named(tmp_path):
         write_video("film.gif", iter([]))
     (tmp_path / "film.mp4").mkdir()
     pictures = iter([np.zeros((64, 64, 3), np.uint8)] * 9)
-    with pytest.raises(RenderingError, match=r"film.mp4' could not be written .*directory"):
+    with pytest.raises(OutputError, match=r"film.mp4': is a folder, expected a file"):
         write_video(tmp_path / "film.mp4", pictures)
 
 

@@ -41,7 +41,7 @@ class ValidationLimits(Bounded):
     tempo: Annotated[float, Range(1, infinite=True)] = 1.6
     """step rate over or under that of people, as a factor; more: repair, state the frame rate"""
     gravity: Annotated[float, Range(1, infinite=True)] = 2.7
-    """acceleration of falls over or under that of gravity, as a factor; more: repair, state the frame rate"""
+    """factor of falls over or under gravity; more: repair, state the frame rate"""
     trim_seconds: Limit = 0.5
     """how near to an end (s) a jump is trimmed away"""
 
