@@ -126,7 +126,7 @@ def settings() -> Iterator[Misuse]:
             if hints[field.name] in (Any, object) or "Mapping" in str(hints[field.name]):
                 continue
             for value in (float("nan"), "wide", -1.5, (0, -1), object()):
-                if isinstance(value, str) and hints[field.name] is str:
+                if isinstance(value, str) and (hints[field.name] is str or "str |" in str(hints[field.name])):
                     continue
                 if value == -1.5 and kind is Regularization:
                     value = 1.5

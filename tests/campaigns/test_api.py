@@ -1,0 +1,45 @@
+"""A part of the campaign: every field of every configuration, and calls without sense."""
+
+import pytest
+import torch
+
+from plat.modules import (
+    FinetunedPolicy,
+    LatentNoisePolicy,
+    LatentPolicy,
+    ResidualActionPolicy,
+    ResidualLatentPolicy,
+)
+from plat.objectives import LatentImitationLoss
+from plat.robots import G1
+from tests.campaigns.api import Misuse, calls, faults, settings
+from tests.modules.policies.test_student import SMALL
+
+
+def test_settings_without_sense_are_refused():
+    misuses = list(settings())
+    assert len(misuses) >= 200
+    assert [misuse.name for misuse in misuses if faults(misuse)[0]] == []
+
+
+def test_calls_without_sense_are_refused(tmp_path):
+    misuses = list(calls(tmp_path))
+    assert len(misuses) >= 100
+    assert {misuse.name: faults(misuse) for misuse in misuses if faults(misuse)[0]} == {}
+
+
+def test_a_fault_is_found():
+    assert faults(Misuse("fine", "", lambda: None))[0] == "was not refused"
+    assert faults(Misuse("torch's words", "", lambda: torch.zeros(2) + torch.zeros(3)))[0] == "raises RuntimeError"
+
+
+@pytest.mark.parametrize("wrap", [FinetunedPolicy, LatentNoisePolicy, ResidualActionPolicy, ResidualLatentPolicy])
+def test_wrapping_a_policy_leaves_it_as_it_was(wrap):
+    latent = LatentPolicy(G1, SMALL).train()
+    before = {name: value.clone() for name, value in latent.state_dict().items()}
+    wrapped = wrap(latent)
+    wrapped.eval()
+    LatentImitationLoss(latent.training_graph())
+    assert all(parameter.requires_grad for parameter in latent.parameters())
+    assert all(module.training for module in latent.modules())
+    assert all(torch.equal(value, before[name]) for name, value in latent.state_dict().items())
