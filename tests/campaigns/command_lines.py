@@ -12,6 +12,7 @@ import argparse
 import contextlib
 import io
 import os
+import re
 import shlex
 import shutil
 import signal
@@ -745,13 +746,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="only what is refused before any work")
     parser.add_argument("--work", action="store_true", help="only the others")
-    parser.add_argument("--only", default="", help="only command lines with this in them")
+    parser.add_argument("--only", default="", help="only command lines in which this regular expression is found")
     parser.add_argument("--verbose", action="store_true", help="print the message of every case")
     chosen = parser.parse_args()
     everything = cases(QUICK) if chosen.quick else [*cases(), *environment_cases()]
     if chosen.work:
         everything = [*cases(FULL), *environment_cases()]
-    everything = [case for case in everything if chosen.only in f"{case.environment} {case.words}"]
+    everything = [case for case in everything if re.search(chosen.only, f"{case.environment} {case.words}")]
     held = 0
     with tempfile.TemporaryDirectory() as folder:
         for outcome in outcomes(everything, Path(folder) / "props"):
