@@ -66,18 +66,23 @@ def one_line(box: str) -> str:
     >>> one_line("╭─ Value error ─╮\\n│ Error parsing --seed: no │\\n│ ──── │\\n│ plat demo --help │\\n╰────╯")
     '--seed: no; see plat demo --help'
     """
-    lines = [line.strip("│╭╮╰╯").rstrip() for line in box.splitlines()][1:]
-    inside = list(itertools.takewhile(lambda line: set(line) - {" "} != {"─"}, lines))
+    # the frame is of spaces where the screen has no lines to draw with
+    lines = [line.replace("│", " ").rstrip("╮╯ ") for line in box.splitlines()][1:]
+    inside = list(itertools.takewhile(lambda line: not _is_rule(line), itertools.dropwhile(_is_rule, lines)))
     if inside and inside[0].strip().startswith("Missing from"):
-        inside = ["missing: " + ", ".join(line.strip() for line in inside if re.match(r" {5}\S", line))]
+        inside = ["missing: " + ", ".join(line.strip() for line in inside if re.match(r" {6}\S", line))]
     text = " ".join(line.strip() for line in inside).removeprefix("Error parsing ")
-    similar = re.split("Perhaps you meant|Arguments similar", box, maxsplit=1)[1:]
-    if meant := re.findall(r"^│ +(--[\w.-]+)", "".join(similar), re.MULTILINE):
+    similar = re.split("Perhaps you meant|Arguments similar", "\n".join(lines), maxsplit=1)[1:]
+    if meant := re.findall(r"^ +(--[a-z][\w.-]+)", "".join(similar), re.MULTILINE):
         text += f"; perhaps you meant {' or '.join(dict.fromkeys(meant))}"
     text = text.replace("invalid literal for int() with base 10:", "expected a whole number, not")
     text = text.replace("could not convert string to float:", "expected a number, not")
     helped = re.search(r"plat [\w -]+ --help", box)
     return text.rstrip(".") + (f"; see {helped[0]}" if helped else "")
+
+
+def _is_rule(line: str) -> bool:
+    return bool(line.strip()) and not set(line.strip()) - {"─", "-"}
 
 
 def in_flags(message: str) -> str:

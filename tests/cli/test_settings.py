@@ -1,4 +1,6 @@
+import io
 import shlex
+import sys
 from pathlib import Path
 
 import pytest
@@ -53,3 +55,36 @@ def test_presets():
     assert (other.policy.lead, other.motor.weight) == (0.02, 0)  # settings override the preset
     with pytest.raises(SystemExit):
         parse(ExpertRecipe, [*REQUIRED, "--preset", "worst"])
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--ppo.gamma", "2"], "--ppo.gamma is 2.0, expected a number from 0 to 1; see plat expert --help"),
+        (["--num-envs", "0"], "--num-envs is 0, expected a whole number from 1 to 65,536; see plat expert --help"),
+        (["--num-envs", "x"], "--num-envs: expected a whole number, not 'x'; see plat expert --help"),
+        (
+            ["--num-env", "3"],
+            "Unrecognized options: --num-env, 3; perhaps you meant --num-envs; see plat expert --help",
+        ),
+        (["--task.reset-noise", "yaw=-1"], "--task.reset-noise.yaw is -1.0, expected a number of at least 0; see"),
+        (
+            ["--policy.timing.max-steps", "0"],
+            "--policy.timing.max-steps is 0, expected a whole number from 1 to 10,000",
+        ),
+        (["--out"], "Missing value for argument '--out'. Expected 1 values; see plat expert --help"),
+        (["--preset", "worst"], "--preset 'worst': expected one of best, paper"),
+    ],
+)
+def test_misuse_is_one_line_with_the_flag(words, message, monkeypatch):
+    for out in (sys.stdout, io.StringIO()):  # with lines to draw frames with, and without
+        monkeypatch.setattr(sys, "stdout", out)
+        with pytest.raises(SystemExit) as error:
+            parse(ExpertRecipe, [*REQUIRED, *words], prog="plat expert")
+        assert str(error.value).startswith(f"error: {message}")
+        assert "\n" not in str(error.value)
+
+
+def test_what_is_missing_is_named():
+    with pytest.raises(SystemExit, match=r"^error: missing: --motions .*, --out PATH; see plat expert --help$"):
+        parse(ExpertRecipe, [], prog="plat expert")
