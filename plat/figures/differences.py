@@ -52,6 +52,6 @@ def difference_plot(scores: Sequence[Score], ours: str, horizons: Sequence[str] 
                 panel.invert_xaxis()
             panel.grid(axis="x")
         panels[0][0].set_yticks(range(len(labels)), labels)
-        panels[0][0].invert_yaxis()
+        panels[0][0].set_ylim(len(labels) - 0.5, -0.5)
         panels[0][0].set_xlabel(f"{ours} minus each")
     return figure
