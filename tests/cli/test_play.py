@@ -22,7 +22,7 @@ EXAMPLE = ROOT / "recipes" / "examples" / "bow.json"
 PLAT = ROOT / "plat" / "weights" / "plat"
 
 
-@pytest.mark.parametrize("policy", ["plat", "dagger", "expert"])
+@pytest.mark.parametrize("policy", ["plat", "dagger", "expert", "imagined"])
 def test_the_committed_policies_reach_every_keyframe_of_the_example(policy, capsys):
     scores = play.main(play.PlayRecipe(policy=ROOT / "plat" / "weights" / policy, keyframes=EXAMPLE))
     assert [score.reached for score in scores] == [True] * 5
@@ -32,6 +32,15 @@ def test_the_committed_policies_reach_every_keyframe_of_the_example(policy, caps
     figures = r"MPJPE@3 0\.\d{3} rad, MPKPE@3 0\.\d{3} m"
     assert re.match(f"5 of 5 reached; TKS@3 5 of 5, these with {figures}$", lines[-2])
     assert lines[-1].startswith("held for 1.0 s")
+
+
+def test_hands_alone_are_led_along_a_circle(capsys):
+    recipe = play.PlayRecipe(policy=ROOT / "plat" / "weights" / "imagined", keyframes=EXAMPLE.with_name("hands.json"))
+    scores = play.main(recipe)
+    assert [score.outcome for score in scores] == ["reached"] * 9
+    assert all(score.keypoint_error < 0.12 for score in scores)
+    with pytest.raises(KeyframeError, match="commands a part of its pose"):
+        play.main(dataclasses.replace(recipe, policy=PLAT))
 
 
 def test_shoves_are_felt_and_a_seed_repeats_them(capsys):

@@ -25,6 +25,7 @@ ABOUT = {
     "motions",
     "out",
     "init",
+    "init_model",
     "expert",
     "student",
     "resume",
