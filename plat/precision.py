@@ -21,7 +21,7 @@ def has_fast_bfloat16(device: torch.device | str) -> bool:
     if device.type == "cuda":
         return torch.cuda.get_device_capability(device)[0] >= 8
     # PyTorch 2.10 does not say what a CPU has: there "auto" is float32
-    features = getattr(torch.cpu, "get_capabilities", dict)()
+    features: dict[str, bool] = getattr(torch.cpu, "get_capabilities", dict)()
     return device.type == "cpu" and bool(features.get("amx_bf16") or features.get("avx512_bf16"))
 
 
