@@ -48,7 +48,7 @@ def levelling(contact: np.ndarray, fps: float) -> np.ndarray:
         fps: frames a second.
 
     >>> levelling(np.array([0.0, 0, 0, 1, 1, 1, 0, 0, 0]), 20.0).round(2).tolist()
-    [0.0, 0.17, 0.67, 1.0, 1.0, 1.0, 0.67, 0.17, 0.0]
+    [0.25, 0.75, 1.0, 1.0, 1.0, 1.0, 1.0, 0.75, 0.25]
     """
     reach = max(1, round(_LEVEL_TIME * fps))
     kernel = np.hanning(2 * reach + 1)

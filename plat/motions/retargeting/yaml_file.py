@@ -28,7 +28,7 @@ def read_yaml(path: Path, label: str) -> Any:
 
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     _ = Path(folder, "a.yaml").write_text("joints: {hips: Hips}\nup: z")
+    ...     _ = Path(folder, "a.yaml").write_text("{joints: {hips: Hips}, up: z}")
     ...     read_yaml(Path(folder, "a.yaml"), "example")
     {'joints': {'hips': 'Hips'}, 'up': 'z'}
     """
