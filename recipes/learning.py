@@ -11,6 +11,7 @@ from torch import nn
 from torchrl.envs import EnvBase
 
 from plat.collectors import RolloutReplay, rollouts
+from plat.envs.randomized_physics import num_physics
 from plat.envs.transforms import NoiseLevels, RandomizationRanges
 from plat.errors import ConfigError, RenderingError
 from plat.evaluation.model_error import model_errors
@@ -22,7 +23,7 @@ from plat.objectives import ExploitationWatch, ImaginationLearner, exploring
 from plat.recipes.options import ImaginationRecipe
 from plat.runs import DYNAMICS_FILE, Budget, Run, load_dynamics, run_inputs
 from plat.tasks import SimulatedTask, Task
-from plat.tasks.disturbed import measuring, num_physics
+from plat.tasks.disturbed import measuring
 
 MODEL_STEPS = 48
 """Control steps over which the model's error is reported."""

@@ -8,10 +8,10 @@ from typing import Any
 import mujoco
 import torch
 from tensordict import TensorDictBase
-from torch import Tensor
 from torchrl.envs import Transform
 
 from plat.envs.physics import BatchedPhysics, Physics, PhysicsFactory
+from plat.envs.randomized_physics import PushClock
 from plat.envs.tracking import MotionTrackingEnv
 from plat.envs.transforms import DomainRandomization, NoiseLevels, ObservationNoise
 from plat.envs.transforms.settings import RandomizationRanges
@@ -107,14 +107,10 @@ class Disturbed(Transform):
         super().__init__()
         self._env = [env]  # in a list: nn.Module would otherwise adopt the environment as a child
         self._disturbance = disturbance
-        self._steps_to_push = self._intervals(env.num_envs)
+        self._pushes = PushClock(_PUSH_INTERVAL, env.library.dt, env.num_envs)
         default = torch.zeros(env.num_envs, env.robot.num_joints, device=env.device)
         self._coming = [default] * disturbance.latency
         self._given = default
-
-    def _intervals(self, count: int) -> Tensor:
-        low, high = (seconds / self._env[0].library.dt for seconds in _PUSH_INTERVAL)
-        return (low + (high - low) * torch.rand(count)).long().clamp_min(1)
 
     def _reset_env_preprocess(self, tensordict: TensorDictBase | None) -> TensorDictBase | None:
         env, strength = self._env[0], self._disturbance
@@ -126,7 +122,7 @@ class Disturbed(Transform):
         if strength.motors:
             draws = 2 * torch.rand(2, len(ids), env.robot.num_joints, dtype=torch.float64) - 1
             env.physics.set_gains(ids, *(1 + strength.motors * draws))
-        self._steps_to_push[ids] = self._intervals(len(ids))
+        self._pushes.restart(ids)
         return tensordict
 
     def _reset(self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
@@ -150,15 +146,13 @@ class Disturbed(Transform):
         return tensordict
 
     def _push(self) -> None:
-        env = self._env[0]
-        self._steps_to_push -= 1
-        due = (self._steps_to_push <= 0).nonzero()[:, 0]
+        due = self._pushes.tick()
         if len(due):
             angle = 2 * torch.pi * torch.rand(len(due), dtype=torch.float64)
             push = torch.zeros(len(due), 6, dtype=torch.float64)
             push[:, 0], push[:, 1] = angle.cos(), angle.sin()
-            env.physics.push(due, self._disturbance.push * push)
-            self._steps_to_push[due] = self._intervals(len(due))
+            self._env[0].physics.push(due, self._disturbance.push * push)
+            self._pushes.restart(due)
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         if self._coming:

@@ -8,10 +8,10 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 
-from plat.envs.state import GeneralizedState, joint_target
+from plat.envs.state import GeneralizedState
 from plat.modules.dynamics import DynamicsModel
 from plat.rotations import quat_angle
-from plat.tasks.disturbed import applied_action
+from plat.tasks.disturbed import told_to_model
 
 __all__ = ["ModelErrors", "model_errors"]
 
@@ -58,10 +58,8 @@ def model_errors(model: DynamicsModel, windows: TensorDictBase) -> ModelErrors:
     >>> model_errors(DynamicsModel(G1), windows).joint_pos.shape
     torch.Size([4])
     """
-    memory, actions, parameters = windows.get("memory", None), windows["action"], None
-    if memory is not None:
-        actions, parameters = applied_action(memory, actions), memory[:, 0].get("physics", None)
-    states, targets = windows["robot_state"], joint_target(model.robot, actions)
+    targets, physics = told_to_model(model.robot, windows, windows["action"])
+    states, parameters = windows["robot_state"], None if physics is None else physics[:, 0]
     first = state = GeneralizedState.unpack(states[:, 0])
     rows = []
     for step in range(1, states.shape[1]):

@@ -26,7 +26,7 @@ from plat.evaluation.setting import EvaluationSetting, ReferenceView
 from plat.motions.library import MotionLibrary
 from plat.spec.timing import Timing
 
-__all__ = ["EvaluationEnv", "make_evaluation_env", "policy_steps"]
+__all__ = ["EvaluationEnv", "make_evaluation_env", "policy_steps", "simulated_robots"]
 
 
 @dataclass(frozen=True)
@@ -87,15 +87,7 @@ def make_evaluation_env(
     """
     view, setting = view or ReferenceView(), setting or EvaluationSetting()
     timing = setting.timing or Timing(control_dt=library.dt)
-    env = MotionTrackingEnv(
-        library,
-        num_envs,
-        decimation=setting.decimation,
-        feet=setting.feet,
-        num_threads=setting.num_threads,
-        device=setting.device,
-        physics=loaded_physics(library.robot, setting.disturbance),
-    )
+    env = simulated_robots(library, num_envs, setting)
     starts = ScheduledStarts(env.library, schedule, num_envs)
     transforms: list[Transform] = [
         *disturbing(env, setting.randomization, setting.disturbance),
@@ -109,6 +101,25 @@ def make_evaluation_env(
         *observing_noise(env.robot, setting.disturbance),
     ]
     return EvaluationEnv(TransformedEnv(env, Compose(*transforms)), schedule, starts)
+
+
+def simulated_robots(library: MotionLibrary, num_envs: int, setting: EvaluationSetting) -> MotionTrackingEnv:
+    """Return the robots of an evaluation, with the load of its disturbance.
+
+    Args:
+        library: motions, on the device of ``setting``.
+        num_envs: number of robots; takes the place of ``setting.num_envs``.
+        setting: conditions.
+    """
+    return MotionTrackingEnv(
+        library,
+        num_envs,
+        decimation=setting.decimation,
+        feet=setting.feet,
+        num_threads=setting.num_threads,
+        device=setting.device,
+        physics=loaded_physics(library.robot, setting.disturbance),
+    )
 
 
 def policy_steps(

@@ -10,7 +10,6 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 from torchrl.envs import Compose, TransformedEnv
 
-from plat.envs.tracking import MotionTrackingEnv
 from plat.envs.transforms import (
     NEXT_FRAME,
     CommandSchedule,
@@ -23,9 +22,9 @@ from plat.envs.transforms import (
 )
 from plat.envs.transforms.command import check_timing
 from plat.evaluation.clip_records import CLIP_ERRORS, ClipRecords
-from plat.evaluation.disturbance import disturbing, loaded_physics, observing_noise
+from plat.evaluation.disturbance import disturbing, observing_noise
 from plat.evaluation.finite import check_actions
-from plat.evaluation.rollout import policy_steps
+from plat.evaluation.rollout import policy_steps, simulated_robots
 from plat.evaluation.scoring import schedule_of_clips
 from plat.evaluation.setting import EvaluationSetting, Interface, Observe, ReferenceView
 from plat.evaluation.success_rules import rule_named
@@ -122,15 +121,7 @@ def _follow(
     progress: Callable[[float], None],
 ) -> dict[str, Tensor]:
     """Return the columns of :class:`ClipRecords` for the clips of a library, but for their numbers."""
-    env = MotionTrackingEnv(
-        library,
-        library.num_clips,
-        decimation=setting.decimation,
-        feet=setting.feet,
-        num_threads=setting.num_threads,
-        device=setting.device,
-        physics=loaded_physics(library.robot, setting.disturbance),
-    )
+    env = simulated_robots(library, library.num_clips, setting)
     task = TransformedEnv(
         env,
         Compose(

@@ -8,7 +8,7 @@ from torch import Tensor
 from plat.errors import ConfigError
 from plat.modules.settings import PlainPolicyConfig
 from plat.robots.robot import Robot
-from plat.spec.observation import observation_size, student_keys
+from plat.spec.observation import observation_widths, student_keys
 
 __all__ = ["take_over"]
 
@@ -64,14 +64,15 @@ def take_over(student: Any, trained: Any) -> None:
 def _observe_more(weights: dict[str, Tensor], ours: PlainPolicyConfig, theirs: PlainPolicyConfig, robot: Robot) -> None:
     """Put the columns of a trained student's first layer and normalizer where this student has those entries."""
     seen, now = student_keys(theirs.also), student_keys(ours.also)
-    begins = _columns(now, robot)
-    columns = torch.cat([begins[key] for key in seen])
-    size = observation_size(now, robot)
+    widths = observation_widths(now, robot)
+    size = sum(widths)
+    columns_of = dict(zip(now, torch.arange(size).split(widths), strict=True))
+    columns = torch.cat([columns_of[key] for key in seen])
     mean, var = torch.full((size,), 0.5), torch.full((size,), 0.25)
     mean[columns], var[columns] = weights["normalizer.mean"], weights["normalizer.var"]
     first = weights[_FIRST_LAYER].new_zeros(len(weights[_FIRST_LAYER]), size)
     first[:, columns] = weights[_FIRST_LAYER]
-    horizon, ratio = begins["command", "horizon"], ours.timing.max_steps / theirs.timing.max_steps
+    horizon, ratio = columns_of["command", "horizon"], ours.timing.max_steps / theirs.timing.max_steps
     eps = ours.normalizer.eps
     before = var[horizon].sqrt() + eps
     mean[horizon], var[horizon] = mean[horizon] / ratio, var[horizon] / ratio**2
@@ -92,13 +93,3 @@ def _wider(name: str, trained: Tensor, drawn: Tensor) -> Tensor:
     out[: len(trained)] = 0.0
     out[tuple(slice(size) for size in trained.shape)] = trained
     return out
-
-
-def _columns(keys: tuple[tuple[str, str], ...], robot: Robot) -> dict[tuple[str, str], Tensor]:
-    """Return the columns of every entry in an observation."""
-    columns, begin = {}, 0
-    for key in keys:
-        width = observation_size([key], robot)
-        columns[key] = torch.arange(begin, begin + width)
-        begin += width
-    return columns

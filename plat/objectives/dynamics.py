@@ -9,10 +9,10 @@ from tensordict.nn import dispatch
 from torch import Tensor, nn
 from torchrl.objectives.common import LossModule
 
-from plat.envs.state import GeneralizedState, joint_target
+from plat.envs.state import GeneralizedState
 from plat.modules.dynamics import DynamicsModel
 from plat.tasks.distances import smooth_angle
-from plat.tasks.disturbed import applied_action
+from plat.tasks.disturbed import told_to_model
 
 __all__ = ["DynamicsLoss", "muon_and_adam"]
 
@@ -73,13 +73,9 @@ class DynamicsLoss(LossModule):
         """Compute the loss of windows ``[B, K + 1]``; the action of a window's last state is not used."""
         # time first: the states of a step are then contiguous
         states = tensordict.get(self.tensor_keys.state).transpose(0, 1).contiguous()
-        actions = tensordict.get(self.tensor_keys.action).transpose(0, 1).contiguous()
-        memory = tensordict.get("memory", None)
-        parameters = None
-        if memory is not None:  # of randomized robots it says what reached the motors, and their physics
-            actions = applied_action(memory.transpose(0, 1), actions)
-            parameters = memory[:, 0].get("physics", None)
-        targets = joint_target(self.model.robot, actions)
+        targets, physics = told_to_model(self.model.robot, tensordict, tensordict.get(self.tensor_keys.action))
+        targets = targets.transpose(0, 1).contiguous()
+        parameters = None if physics is None else physics[:, 0]
         joints = self.model.robot.num_joints
         lin, ang, joint = (part.mean() for part in self.model.spread[: 6 + joints].split((3, 3, joints)))
         position = self.position_weight / self.model.dt

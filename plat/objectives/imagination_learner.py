@@ -9,13 +9,13 @@ from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequ
 from torch import Tensor, nn
 from torchrl.envs.utils import ExplorationType, exploration_type
 
-from plat.envs.state import GeneralizedState, joint_target
+from plat.envs.state import GeneralizedState
 from plat.modules.dynamics import DynamicsModel
 from plat.objectives.dynamics import DynamicsLoss, muon_and_adam
 from plat.objectives.imagination import ImaginationLoss
 from plat.objectives.settings import ImaginationConfig
 from plat.precision import autocast
-from plat.tasks.disturbed import applied_action
+from plat.tasks.disturbed import told_to_model
 from plat.tasks.task import Task
 
 __all__ = ["ImaginationConfig", "ImaginationLearner", "exploring"]
@@ -100,15 +100,11 @@ class ImaginationLearner:
         going_on = ~rollout["next", "done"][..., 0]
         if ("next", "pushed") in rollout.keys(True):
             going_on &= ~rollout["next", "pushed"]
-        memory, action = rollout.get("memory", None), rollout["action"]
-        parameters = None
-        if memory is not None:
-            action, parameters = applied_action(memory, action), memory.get("physics", None)
-        target = joint_target(self.model.robot, action)[going_on]
+        target, physics = told_to_model(self.model.robot, rollout, rollout["action"])
         # what follows an episode's end is the next one's start in some collectors
         kept = (GeneralizedState(*(field[going_on] for field in state)) for state in (before, after))
-        told = None if parameters is None else parameters[going_on]
-        self.model.update_statistics(next(kept), target, next(kept), told)
+        parameters = None if physics is None else physics[going_on]
+        self.model.update_statistics(next(kept), target[going_on], next(kept), parameters)
 
     def step(self, replay: Windows, fraction: float = 0.0) -> dict[str, float]:
         """Run the updates of one iteration.

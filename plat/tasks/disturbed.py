@@ -5,78 +5,12 @@ from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequential
 from torch import Tensor, nn
 
-from plat.envs.physics import Physics
-from plat.envs.transforms.settings import NoiseLevels, RandomizationRanges
+from plat.envs.state import joint_target
+from plat.envs.transforms.settings import NoiseLevels
 from plat.robots.robot import Robot
 from plat.tasks.task import Task
 
-__all__ = ["PhysicsDraws", "applied_action", "measuring", "num_physics", "shown"]
-
-
-def num_physics(robot: Robot) -> int:
-    """Return the number of parameters P that a dynamics model is told: friction, center of mass, motor gains.
-
-    >>> from plat.robots import G1
-    >>> num_physics(G1)
-    62
-    """
-    return 4 + 2 * robot.num_joints
-
-
-class PhysicsDraws:
-    """Draws of the physics of N robots, and pushes.
-
-    A robot's memory then holds ``physics`` ``[P]``, about -1 to 1 each, which the dynamics model is told. It also holds
-    what is a matter of measuring and sending: ``encoder_bias`` ``[J]`` (rad), and ``delayed``, whether its targets
-    arrive a control step late. The policy is shown none of them.
-
-    Args:
-        robot: the robot.
-        physics: its simulations.
-        count: of robots N.
-        ranges: of the parameters.
-        dt: control step (s).
-    """
-
-    def __init__(self, robot: Robot, physics: Physics, count: int, ranges: RandomizationRanges, dt: float):
-        self._robot = robot
-        self._physics = physics
-        self._ranges = ranges
-        self._dt = dt
-        self.steps_to_push = self._draw_intervals(count)
-        """Control steps until each robot is pushed."""
-
-    def draw(self, ids: Tensor) -> dict[str, Tensor]:
-        """Draw the physics of robots ``[n]`` that begin an episode; return the entries of their memories."""
-        ranges, robot, count = self._ranges, self._robot, len(ids)
-        drawn = 2 * torch.rand(count, num_physics(robot)) - 1
-        friction, com, stiffness, damping = drawn.double().split((1, 3, robot.num_joints, robot.num_joints), -1)
-        low, high = ranges.foot_friction
-        self._physics.set_friction(ids, robot.feet, (0.5 * (low + high) + 0.5 * (high - low) * friction)[:, 0])
-        self._physics.set_com(ids, robot.anchor, com * torch.tensor(ranges.torso_com, dtype=torch.float64))
-        self._physics.set_gains(ids, 1 + ranges.motor_gain * stiffness, 1 + ranges.motor_gain * damping)
-        self.steps_to_push[ids.cpu()] = self._draw_intervals(count)
-        return {
-            "physics": drawn,
-            "encoder_bias": ranges.encoder_bias * (2 * torch.rand(count, robot.num_joints) - 1),
-            "delayed": torch.rand(count) < ranges.control_delay,
-        }
-
-    def push(self) -> Tensor:
-        """Push the robots whose time has come; return the mask ``[N]`` of them."""
-        self.steps_to_push -= 1
-        pushed = self.steps_to_push <= 0
-        due = pushed.nonzero()[:, 0]
-        if len(due):
-            ranges = self._ranges
-            widths = torch.tensor((*ranges.push_lin_vel, *ranges.push_ang_vel), dtype=torch.float64)
-            self._physics.push(due, widths * (2 * torch.rand(len(due), 6, dtype=torch.float64) - 1))
-            self.steps_to_push[due] = self._draw_intervals(len(due))
-        return pushed
-
-    def _draw_intervals(self, count: int) -> Tensor:
-        low, high = (seconds / self._dt for seconds in self._ranges.push_interval)
-        return (low + (high - low) * torch.rand(count)).long().clamp_min(1)
+__all__ = ["applied_action", "measuring", "shown", "told_to_model"]
 
 
 def applied_action(memory: TensorDictBase, action: Tensor) -> Tensor:
@@ -88,6 +22,23 @@ def applied_action(memory: TensorDictBase, action: Tensor) -> Tensor:
     """
     delayed = memory.get("delayed", None)
     return action if delayed is None else torch.where(delayed[..., None], memory["last_action"], action)
+
+
+def told_to_model(robot: Robot, steps: TensorDictBase, action: Tensor) -> tuple[Tensor, Tensor | None]:
+    """Return what a dynamics model is told of simulated steps: joint targets that reached the motors, and physics.
+
+    Args:
+        robot: the robot.
+        steps: with the task's ``memory`` where robots are randomized ``[*B]``.
+        action: of the policy ``[*B, J]``.
+
+    Returns:
+        Targets ``[*B, J]`` (rad), and parameters ``[*B, P]``; None for nominal robots.
+    """
+    memory = steps.get("memory", None)
+    if memory is None:
+        return joint_target(robot, action), None
+    return joint_target(robot, applied_action(memory, action)), memory.get("physics", None)
 
 
 def shown(task: Task, state: object, memory: TensorDictBase) -> TensorDict:

@@ -12,10 +12,11 @@ from plat.bounds import Robots, check_value
 from plat.entries import check_entries
 from plat.envs.broken import BrokenRobots
 from plat.envs.physics import BatchedPhysics
+from plat.envs.randomized_physics import RandomizedPhysics
 from plat.envs.state import GeneralizedState, joint_target
 from plat.envs.transforms.settings import RandomizationRanges
 from plat.robots.robot import FootContacts
-from plat.tasks.disturbed import PhysicsDraws, applied_action, shown
+from plat.tasks.disturbed import applied_action, shown
 from plat.tasks.task import Task
 
 __all__ = ["SimulatedTask"]
@@ -66,10 +67,10 @@ class SimulatedTask(EnvBase):
         model.opt.timestep = task.dt / decimation
         self.physics = BatchedPhysics(model, num_envs, num_threads, device)
         self.decimation = decimation
-        self.draws: PhysicsDraws | None = None
+        self.draws: RandomizedPhysics | None = None
         """Draws of the robots' physics; None for the nominal robot."""
         if randomization is not None:
-            self.draws = PhysicsDraws(task.robot, self.physics, num_envs, randomization, task.dt)
+            self.draws = RandomizedPhysics(task.robot, self.physics, num_envs, randomization, task.dt)
         self.broken = BrokenRobots()
         """Finds robots to terminate because their action is absurd or their simulation diverged."""
         self._make_specs()
@@ -92,7 +93,7 @@ class SimulatedTask(EnvBase):
         """States and memories of robots ``[n]`` that begin an episode."""
         state, memory = self.task.start(len(ids))
         if self.draws is not None:
-            memory.update({key: value.to(self.device) for key, value in self.draws.draw(ids).items()})
+            memory.update({key: value.to(self.device) for key, value in self.draws.draw(ids.cpu())._asdict().items()})
         return state, memory
 
     def _state(self) -> GeneralizedState:
@@ -107,12 +108,13 @@ class SimulatedTask(EnvBase):
         cost, failed = task.cost(state, memory), task.failed(state, memory) | broken
         truncated = task.finished(memory) & ~failed
         task.record_failures(memory[failed])
-        pushed = None if self.draws is None else self.draws.push().to(self.device)
-        if pushed is not None and pushed.any():
+        due = None if self.draws is None else self.draws.push().to(self.device)
+        if due is not None and len(due):
             state = self._state()
         out = self._entries(state, task.renew(memory, state))
-        if pushed is not None:
-            out["pushed"] = pushed
+        if due is not None:
+            out["pushed"] = torch.zeros(self.batch_size, dtype=torch.bool, device=self.device)
+            out["pushed"][due] = True
         out["reward"] = -cost[:, None]
         out["terminated"], out["truncated"] = failed[:, None], truncated[:, None]
         out["done"] = out["terminated"] | out["truncated"]
@@ -136,14 +138,14 @@ class SimulatedTask(EnvBase):
     def get_extra_state(self) -> dict[str, Any]:
         """Return, for :meth:`state_dict`, the state of the simulations; the task's is beside it."""
         state = {"physics": self.physics.state_dict(), "broken": self.broken.state_dict()}
-        return state if self.draws is None else {**state, "steps_to_push": self.draws.steps_to_push}
+        return state if self.draws is None else {**state, "steps_to_push": self.draws.clock.steps}
 
     def set_extra_state(self, state: dict[str, Any]) -> None:
         """Restore what :meth:`get_extra_state` returned."""
         self.physics.load_state_dict(state["physics"])
         self.broken.load_state_dict(state["broken"])
         if self.draws is not None:
-            self.draws.steps_to_push = state["steps_to_push"].clone()
+            self.draws.clock.steps = state["steps_to_push"].clone()
 
     def _set_seed(self, seed: int | None) -> None:
         if seed is not None:

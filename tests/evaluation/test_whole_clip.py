@@ -22,7 +22,7 @@ def followed(monkeypatch, two_clips):
     """Evaluate a robot that is on the reference but for an offset."""
 
     def follow(offset, rule="humantracker", **options) -> ClipRecords:
-        monkeypatch.setattr("plat.evaluation.whole_clip.MotionTrackingEnv", puppet(offset))
+        monkeypatch.setattr("plat.evaluation.rollout.MotionTrackingEnv", puppet(offset))
         return evaluate_clips(still, two_clips, rule, **options)
 
     return follow

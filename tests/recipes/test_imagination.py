@@ -14,13 +14,13 @@ import torch
 from safetensors.torch import load_file
 
 from plat.cli import main
+from plat.envs.randomized_physics import num_physics
 from plat.envs.transforms import HORIZONS
 from plat.evaluation import evaluate
 from plat.modules import Expert, LatentPolicy, PlainPolicy
 from plat.recipes import expert_model, imagine
 from plat.robots import G1
 from plat.runs import load_dynamics, load_policy
-from plat.tasks.disturbed import num_physics
 
 ROOT = Path(__file__).parents[2]
 SMALL = [

@@ -3,13 +3,14 @@ import torch
 from tensordict import TensorDict
 
 from plat.collectors import RolloutReplay
+from plat.envs.randomized_physics import num_physics
 from plat.envs.transforms import NoiseLevels, RandomizationRanges
 from plat.errors import ConfigError
 from plat.modules import DynamicsConfig, DynamicsModel, PlainPolicy
 from plat.objectives import DynamicsLoss, ImaginationLoss
 from plat.robots import G1
 from plat.tasks import SimulatedTask, TimedKeyframes, TimedKeyframesConfig
-from plat.tasks.disturbed import applied_action, measuring, num_physics
+from plat.tasks.disturbed import applied_action, measuring
 
 RANGES = RandomizationRanges(push_interval=(0.1, 0.2), control_delay=0.5)
 

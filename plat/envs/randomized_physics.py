@@ -1,0 +1,119 @@
+"""Draws of a robot's physics, and the clock of its pushes, for every environment that randomizes them."""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from plat.envs.physics import Physics
+from plat.envs.transforms.settings import RandomizationRanges
+from plat.robots.robot import Robot
+
+__all__ = ["PhysicsDraw", "PushClock", "RandomizedPhysics", "num_physics"]
+
+
+def num_physics(robot: Robot) -> int:
+    """Return the number of parameters P of a draw: friction, center of mass, motor gains.
+
+    >>> from plat.robots import G1
+    >>> num_physics(G1)
+    62
+    """
+    return 4 + 2 * robot.num_joints
+
+
+class PushClock:
+    """Clock that says when each of N robots is pushed, at random intervals.
+
+    Args:
+        interval: shortest and longest time between pushes (s).
+        dt: control step (s).
+        count: robots N.
+
+    Attributes:
+        steps: control steps until each robot's next push ``[N]``.
+    """
+
+    def __init__(self, interval: tuple[float, float], dt: float, count: int):
+        self._low, self._high = (seconds / dt for seconds in interval)
+        self.steps = self._draw(count)
+
+    def restart(self, ids: Tensor) -> None:
+        """Draw the intervals of robots ``[n]`` anew."""
+        self.steps[ids] = self._draw(len(ids))
+
+    def tick(self) -> Tensor:
+        """Let a control step pass; return the robots that are due ``[n]``. Restart them when they are pushed."""
+        self.steps -= 1
+        return (self.steps <= 0).nonzero()[:, 0]
+
+    def _draw(self, count: int) -> Tensor:
+        return (self._low + (self._high - self._low) * torch.rand(count)).long().clamp_min(1)
+
+
+class PhysicsDraw(NamedTuple):
+    """Draw of the physics of n robots.
+
+    Attributes:
+        physics: friction, center of mass, stiffness and damping ``[n, P]``, each from -1 to 1 within its range.
+        encoder_bias: constant error of each joint encoder ``[n, J]`` (rad).
+        delayed: whether the joint targets arrive a control step late ``[n]``.
+    """
+
+    physics: Tensor
+    encoder_bias: Tensor
+    delayed: Tensor
+
+
+class RandomizedPhysics:
+    """Randomized physics of N robots: draws it where episodes begin, and pushes the robots.
+
+    Args:
+        robot: the robot.
+        physics: its simulations, which are changed.
+        count: robots N.
+        ranges: of the parameters.
+        dt: control step (s).
+
+    Attributes:
+        clock: of the pushes.
+
+    Source: the randomization of BeyondMimic, arXiv 2508.08241.
+    """
+
+    def __init__(self, robot: Robot, physics: Physics, count: int, ranges: RandomizationRanges, dt: float):
+        self._robot = robot
+        self._physics = physics
+        self._ranges = ranges
+        self.clock = PushClock(ranges.push_interval, dt, count)
+
+    def draw(self, ids: Tensor) -> PhysicsDraw:
+        """Set the physics of robots ``[n]``, on the CPU, to random values; return them."""
+        ranges, robot, count = self._ranges, self._robot, len(ids)
+        joints = robot.num_joints
+        low, high = ranges.foot_friction
+        friction = torch.rand(count, 1, dtype=torch.float64)
+        self._physics.set_friction(ids, robot.feet, (low + (high - low) * friction)[:, 0])
+        com = torch.zeros(count, 3, dtype=torch.float64)
+        if any(ranges.torso_com):
+            com = _uniform(count, 3)
+            self._physics.set_com(ids, robot.anchor, torch.tensor(ranges.torso_com, dtype=torch.float64) * com)
+        stiffness, damping = _uniform(count, joints), _uniform(count, joints)
+        self._physics.set_gains(ids, 1 + ranges.motor_gain * stiffness, 1 + ranges.motor_gain * damping)
+        encoder_bias = (ranges.encoder_bias * _uniform(count, joints)).float()
+        delayed = torch.rand(count) < ranges.control_delay
+        self.clock.restart(ids)
+        return PhysicsDraw(torch.cat((2 * friction - 1, com, stiffness, damping), -1).float(), encoder_bias, delayed)
+
+    def push(self) -> Tensor:
+        """Let a control step pass, and push the robots that are due ``[n]``; return them."""
+        due, ranges = self.clock.tick(), self._ranges
+        if len(due):
+            widths = torch.tensor((*ranges.push_lin_vel, *ranges.push_ang_vel), dtype=torch.float64)
+            self._physics.push(due, widths * _uniform(len(due), 6))
+            self.clock.restart(due)
+        return due
+
+
+def _uniform(*shape: int) -> Tensor:
+    return 2 * torch.rand(shape, dtype=torch.float64) - 1
