@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from plat.errors import TaskError
+from plat.keyframes.partial import hands_of
 from plat.motions.library import MotionLibrary
 from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
@@ -23,6 +24,10 @@ _LENGTH = 5
 _SECOND = 50
 # families that lead away from where they begin
 _MOVING = ("steps", "far", "distant")
+# families of partial keyframes, with the kind of their masks
+_PARTIAL = {"reach": "hands", "three_point": "hands_and_head"}
+# Poses that reach: least distance of the hands before the root, and poses that are tried for each.
+_AHEAD, _TRIES = 0.1, 64  # m
 
 
 @dataclass(frozen=True)
@@ -38,6 +43,7 @@ class KeyframeChains:
         duration: control steps ``[C]`` of each chain with the hold after it.
         family: name of each of the C chains.
         moves: whether each of the C chains leads away from where it begins.
+        commands: kind of the masks of each of the C chains (:data:`plat.envs.parts.PART_KINDS`); empty for any.
     """
 
     qpos: Tensor
@@ -48,6 +54,7 @@ class KeyframeChains:
     duration: Tensor
     family: tuple[str, ...]
     moves: Tensor
+    commands: tuple[str, ...]
 
 
 def draw_chains(
@@ -58,24 +65,27 @@ def draw_chains(
     seed: int = 0,
     timing: Timing | None = None,
 ) -> KeyframeChains:
-    """Draw ``count`` chains, as many of each family as of the others.
+    """Draw ``count`` chains, as many of each family as of the others to within one.
 
-    =========  ==================================================================================  =======
-    family     keyframes, 0.5 to 1 s apart                                                         hold
-    =========  ==================================================================================  =======
-    hold       one resting pose of a motion                                                        5 s
-    arms       legs and root as they stand, the other joints in the middle 60 % of their ranges    3 s
-    poses      resting poses of different motions, within 0.1 m and 0.2 rad                        3 s
-    steps      the standing pose 0.25 to 0.5 m further, turned by up to 0.4 rad                    3 s
-    crouch     pelvis 0.05 to 0.3 m lower, leaning by up to 0.5 rad, feet in place                 3 s
-    far        the standing pose 1.5 to 2.5 m further, turned by up to 2 rad, commanded for 3 s    3 s
-    distant    the same 0.8 to 2.5 m further, 1.5 s apart or more, where the timing allows 2 s     3 s
-    =========  ==================================================================================  =======
+    ===========  ==================================================================================  =======
+    family       keyframes, 0.5 to 1 s apart                                                         hold
+    ===========  ==================================================================================  =======
+    hold         one resting pose of a motion                                                        5 s
+    arms         legs and root as they stand, the other joints in the middle 60 % of their ranges    3 s
+    poses        resting poses of different motions, within 0.1 m and 0.2 rad                        3 s
+    steps        the standing pose 0.25 to 0.5 m further, turned by up to 0.4 rad                    3 s
+    crouch       pelvis 0.05 to 0.3 m lower, leaning by up to 0.5 rad, feet in place                 3 s
+    reach        legs and root as they stand, the hands in front; they alone are commanded           3 s
+    three_point  crouches of up to 0.15 m, the hands in front; they and the trunk are commanded      3 s
+    far          the standing pose 1.5 to 2.5 m further, turned by up to 2 rad: out of reach         3 s
+    distant      the same 0.8 to 2.5 m further, 1.5 s apart or more, where the timing allows 2 s     3 s
+    ===========  ==================================================================================  =======
 
     Where the timing allows more than a second, three of ten keyframes take up to its longest command.
 
     Args:
-        library: motions with the resting poses; families that need some are left out where there are none.
+        library: motions with the resting poses; families that need some are left out where there are none, and those
+            that reach where the robot has no hands.
         count: number of chains.
         families: some of :data:`CHAIN_FAMILIES`.
         seed: draws them, apart from the global generator.
@@ -98,16 +108,17 @@ def draw_chains(
         resting = _resting_poses(library).cpu()
         longest = (timing or Timing()).max_steps
         left_out = {*(() if len(resting) else ("hold", "poses")), *(() if longest >= 2 * _SECOND else ("distant",))}
+        left_out |= set() if all(hands_of(library.robot)) else set(_PARTIAL)
         drawn = [family for family in families if family not in left_out]
         if not drawn:
             raise TaskError(
-                f"families: {', '.join(families)} start from poses at rest, which the motions have none of, or need a "
-                f"longest command of {2 * _SECOND} steps"
+                f"families: {', '.join(families)} start from poses at rest, which the motions have none of, need a "
+                f"longest command of {2 * _SECOND} steps, or hands"
             )
-        per_family = -(-count // len(drawn))
         parts: list[tuple[str, Tensor, Tensor, int]] = []
-        for family in drawn:
-            poses = _DRAW[family](per_family, library.robot, resting)
+        for number, family in enumerate(drawn[:count]):
+            share = (count - number - 1) // len(drawn) + 1  # the first families have one more where it does not divide
+            poses = _DRAW[family](share, library.robot, resting)
             steps = torch.randint(_SECOND // 2, _SECOND + 1, poses.shape[:2])
             if family == "distant":
                 steps = torch.randint(3 * _SECOND // 2, longest + 1, poses.shape[:2])
@@ -115,18 +126,18 @@ def draw_chains(
                 slow = torch.rand(poses.shape[:2]) < 0.3
                 steps = torch.where(slow, torch.randint(_SECOND, longest + 1, poses.shape[:2]), steps)
             parts.append((family, poses, steps, 250 if family == "hold" else 150))
-    return _joined(parts, count, library)
+    return _joined(parts, library)
 
 
-def _joined(parts: Sequence[tuple[str, Tensor, Tensor, int]], count: int, library: MotionLibrary) -> KeyframeChains:
-    """One table of the first ``count`` chains, given by family with poses, times and hold."""
+def _joined(parts: Sequence[tuple[str, Tensor, Tensor, int]], library: MotionLibrary) -> KeyframeChains:
+    """One table of chains, given by family with poses, times and hold."""
     standing = torch.as_tensor(library.robot.default_qpos, dtype=torch.float32)
     rows, steps, next_row, chain = [], [], [], []
     first, duration = [], []
     names: list[str] = []
     begin = 0
     for family, poses, times, hold in parts:
-        for path, path_steps in zip(poses[: count - len(names)], times, strict=False):
+        for path, path_steps in zip(poses, times, strict=True):
             last = begin + len(path)
             rows.append(torch.cat((standing[None], path)))
             steps.append(torch.nn.functional.pad(path_steps, (1, 0)))
@@ -146,6 +157,7 @@ def _joined(parts: Sequence[tuple[str, Tensor, Tensor, int]], count: int, librar
         duration=torch.tensor(duration, device=device),
         family=tuple(names),
         moves=torch.tensor([name in _MOVING for name in names], device=device),
+        commands=tuple(_PARTIAL.get(name, "") for name in names),
     )
 
 
@@ -210,8 +222,10 @@ def _steps(count: int, robot: Robot, resting: Tensor) -> Tensor:
 
 
 def _far(count: int, robot: Robot, resting: Tensor) -> Tensor:
-    # out of reach within a second: each is commanded three times
-    return _walk(count, robot, (1.5, 2.5), 2.0, 2).repeat_interleave(3, 1)
+    # out of reach within a second: in half of the chains each is commanded three times, the others lead on and on
+    again = _walk(count, robot, (1.5, 2.5), 2.0, 2).repeat_interleave(3, 1)
+    onward = _walk(count, robot, (1.5, 2.5), 2.0, 6)
+    return torch.where(torch.rand(count, 1, 1) < 0.5, again, onward)
 
 
 def _distant(count: int, robot: Robot, resting: Tensor) -> Tensor:
@@ -219,16 +233,40 @@ def _distant(count: int, robot: Robot, resting: Tensor) -> Tensor:
 
 
 def _crouch(count: int, robot: Robot, resting: Tensor) -> Tensor:
-    qpos = _standing(robot, count * _LENGTH)
-    lean, about = _uniform(0.0, 0.5, len(qpos)), _uniform(-torch.pi, torch.pi, len(qpos))
-    axis = torch.stack((about.cos(), about.sin(), torch.zeros(len(qpos))), -1)
-    drop = _uniform(0.05, 0.3, len(qpos))
+    return _crouched(count * _LENGTH, robot, (0.05, 0.3), 0.5).unflatten(0, (count, _LENGTH))
+
+
+def _reach(count: int, robot: Robot, resting: Tensor) -> Tensor:
+    return _reaching(_standing(robot, count * _LENGTH), robot).unflatten(0, (count, _LENGTH))
+
+
+def _three_point(count: int, robot: Robot, resting: Tensor) -> Tensor:
+    return _reaching(_crouched(count * _LENGTH, robot, (0.0, 0.15), 0.3), robot).unflatten(0, (count, _LENGTH))
+
+
+def _reaching(qpos: Tensor, robot: Robot) -> Tensor:
+    """The same poses ``[R, 7 + J]`` with other joints than the legs' drawn until both hands are in front."""
+    upper = [7 + joint for joint in range(robot.num_joints) if joint not in robot.leg_joints]
+    hands = ForwardKinematics(robot, hands_of(robot))
+    low, high = robot.joint_range[[joint - 7 for joint in upper]].unbind(-1)
+    tried = qpos[:, None].repeat(1, _TRIES, 1)
+    tried[..., upper] = low + _uniform(0.2, 0.8, *tried.shape[:2], len(upper)) * (high - low)
+    ahead = hands(*_split(tried))[0][..., 0].amin(-1) - tried[..., 0] > _AHEAD
+    return tried[torch.arange(len(qpos)), ahead.int().argmax(1)]
+
+
+def _crouched(count: int, robot: Robot, lowered: tuple[float, float], most_lean: float) -> Tensor:
+    """Poses ``[count, 7 + J]`` with the pelvis lower, leaning to any side, and the feet in place."""
+    qpos = _standing(robot, count)
+    lean, about = _uniform(0.0, most_lean, count), _uniform(-torch.pi, torch.pi, count)
+    axis = torch.stack((about.cos(), about.sin(), torch.zeros(count)), -1)
+    drop = _uniform(*lowered, count)
     # the pelvis gives way to where the trunk does not lean, as a person's does: the weight stays above the feet
     back = 0.2 * lean.sin()[:, None] * torch.stack((-axis[:, 1], axis[:, 0]), -1)
     qpos[:, :2] += back
     qpos[:, 2] -= drop
     qpos[:, 3:7] = quat_from_rotvec(lean[:, None] * axis)
-    return _feet_in_place(qpos, robot).unflatten(0, (count, _LENGTH))
+    return _feet_in_place(qpos, robot)
 
 
 def _feet_in_place(qpos: Tensor, robot: Robot, iterations: int = 12) -> Tensor:
@@ -265,6 +303,8 @@ _DRAW: dict[str, Callable[[int, Robot, Tensor], Tensor]] = {
     "poses": _poses,
     "steps": _steps,
     "crouch": _crouch,
+    "reach": _reach,
+    "three_point": _three_point,
     "far": _far,
     "distant": _distant,
 }

@@ -34,7 +34,7 @@ class AuthoredCosts(Bounded):
 
     underway: NonNegative = 0.15
     """pull to the line between keyframes before the arrival window, as a share of the pull in it"""
-    height: NonNegative = 0.5
+    height: NonNegative = 1.0
     """of the root's height above or below that line (m)"""
     root_lin_vel: NonNegative = 0.02
     """of the root's speed (m/s)"""
@@ -44,9 +44,13 @@ class AuthoredCosts(Bounded):
     """of the joint velocities, mean over joints (rad/s)"""
     not_commanded: NonNegative = 0.05
     """pull to the line of what a partial keyframe leaves open, as a share of the pull in the window"""
+    lean: NonNegative = 3.0
+    """of leaning more than 0.3 further than the line does (difference of the unit vectors along gravity)"""
+    still: NonNegative = 0.1
+    """of the joint velocities while a pose is held, mean over joints (rad/s)"""
 
 
-CHAIN_FAMILIES = ("hold", "arms", "poses", "steps", "crouch", "far", "distant")
+CHAIN_FAMILIES = ("hold", "arms", "poses", "steps", "crouch", "reach", "three_point", "far", "distant")
 """Names of the families, see :func:`draw_chains`."""
 
 

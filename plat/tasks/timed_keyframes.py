@@ -13,7 +13,7 @@ from plat.robots.kinematics import ForwardKinematics
 from plat.rotations import quat_conjugate, quat_multiply, quat_rotate, quat_rotate_inverse, quat_yaw
 from plat.spec.timing import Timing
 from plat.tasks.chains import draw_chains
-from plat.tasks.costs import pose_cost, tracking_cost
+from plat.tasks.costs import down_b, pose_cost, tracking_cost
 from plat.tasks.dense_tracking import START_NOISE, off_reference
 from plat.tasks.distances import smooth_length
 from plat.tasks.partial import partial_pose_cost, points_cost
@@ -23,6 +23,11 @@ from plat.tasks.starts import ClipStarts, FailureWeights, disturbed
 from plat.tasks.task import Task, robot_entries
 
 __all__ = ["TimedKeyframes", "TimedKeyframesConfig"]
+
+# how much further than the line a robot may lean without cost (difference of unit vectors)
+_LEAN = 0.3
+# how far a robot may be left behind by keyframes out of reach (m)
+_BEHIND = 8.0
 
 
 class TimedKeyframes(Task):
@@ -65,6 +70,8 @@ class TimedKeyframes(Task):
     _first_row: Tensor
     _duration: Tensor
     _moves: Tensor
+    _roams: Tensor
+    _mask: Tensor
     parts: Tensor
 
     def __init__(
@@ -94,17 +101,31 @@ class TimedKeyframes(Task):
             ("_first_row", chains.first_row + frames),
             ("_duration", chains.duration),
             ("_moves", chains.moves),
+            ("_roams", torch.tensor([name == "far" for name in chains.family], device=library.device)),
             ("parts", self._draw_parts(seed).to(library.device)),
+            ("_mask", self._mask_of_chains().to(library.device)),
         ):
             self.register_buffer(name, value, persistent=False)
         self._kinematics = ForwardKinematics(library.robot)
 
     def _draw_parts(self, seed: int) -> Tensor:
-        """Masks ``[2 R, J + K + 3]``: in the second half, for chains that lead away, the root is always commanded."""
+        """Masks ``[2 R + F, J + K + 3]``: R drawn ones; those with the root, for chains that lead away; those of chains
+        that are of one kind.
+        """
         drawn = draw_parts(self.robot, NUM_MASKS, seed).float()
         rooted = drawn.clone()
         rooted[:, -3:] = 1.0
-        return torch.cat((drawn, rooted))
+        fixed = [draw_parts(self.robot, 2, seed, [kind], root=False)[1:].float() for kind in self._kinds()]
+        return torch.cat((drawn, rooted, *fixed))
+
+    def _kinds(self) -> list[str]:
+        """Kinds of masks that whole chains are of."""
+        return sorted({kind for kind in self.chains.commands if kind})
+
+    def _mask_of_chains(self) -> Tensor:
+        """Row ``[C]`` of the mask that all keyframes of a chain have; 0 where it is drawn."""
+        row = {kind: 2 * NUM_MASKS + number for number, kind in enumerate(self._kinds())}
+        return torch.tensor([row.get(kind, 0) for kind in self.chains.commands])
 
     @property
     def partial(self) -> bool:
@@ -209,8 +230,10 @@ class TimedKeyframes(Task):
     def _draw_masks(self, authored: Tensor, chain_row: Tensor) -> Tensor:
         """Rows of masks for new commands."""
         row = torch.randint_like(chain_row, 1, NUM_MASKS)
-        row = torch.where(authored & self._moves[self._chain[chain_row]], row + NUM_MASKS, row)
-        return torch.where(torch.rand(row.shape, device=row.device) < self.config.partial, row, 0)
+        chain = self._chain[chain_row]
+        row = torch.where(authored & self._moves[chain], row + NUM_MASKS, row)
+        row = torch.where(torch.rand(row.shape, device=row.device) < self.config.partial, row, 0)
+        return torch.where(authored & (self._mask[chain] > 0), self._mask[chain], row)
 
     @torch.no_grad()
     def _move_motion(self, out: TensorDictBase, memory: TensorDictBase, state: GeneralizedState, ended: Tensor) -> None:
@@ -243,6 +266,7 @@ class TimedKeyframes(Task):
         in_window = memory["steps_left"] < self.timing.window
         along = tracking_cost(state, self.table.state(memory["frame"]), weights)
         goal, line = self.table.state(memory["goal"]), self._line(memory)
+        held = memory["before"] == memory["goal"]
         share = torch.where(in_window, 1.0, moderate.underway)
         if self.partial:
             parts, whole = self.parts[memory["parts"]], memory["parts"] == 0
@@ -262,7 +286,8 @@ class TimedKeyframes(Task):
             + moderate.height * (state.root_pos_w[:, 2] - line.root_pos_w[:, 2]).abs()
             + moderate.root_lin_vel * smooth_length(state.root_lin_vel_w)
             + moderate.root_ang_vel * state.root_ang_vel_b.abs().mean(-1)
-            + moderate.joint_vel * state.joint_vel.abs().mean(-1)
+            + torch.where(held, moderate.still, moderate.joint_vel) * state.joint_vel.abs().mean(-1)
+            + moderate.lean * (smooth_length(down_b(state.root_quat_w) - down_b(line.root_quat_w)) - _LEAN).relu()
         )
         return torch.where(memory["authored"], authored, along)
 
@@ -364,7 +389,12 @@ class TimedKeyframes(Task):
         return GeneralizedState(*(torch.where(authored, ours, theirs) for ours, theirs in pairs))
 
     def _leeway(self, memory: TensorDictBase) -> Tensor:
-        """How far off a robot may be (m): an authored keyframe may be out of reach in its time."""
+        """How far off a robot may be (m): an authored keyframe may be out of reach in its time.
+
+        A robot that is sent where it cannot be in time is left behind further with every command.
+        """
         states, rows = self.table.states, (memory["before"], memory["goal"])
         way = (states[rows[0], :3] - states[rows[1], :3]).norm(dim=-1)
+        chain = self._chain[(memory["goal"] - self._frames).clamp_min(0)]
+        way = torch.where(self._roams[chain], _BEHIND, way)
         return 0.8 + memory["authored"] * torch.where(way > 1.0, way, 0.0)

@@ -13,7 +13,7 @@ from plat.control import Chase, PolicyController, Simulator
 from plat.deploy import PolicyRunner
 from plat.envs import KeyframeTaskConfig, TrackingTaskConfig, make_keyframe_env, make_tracking_env
 from plat.envs.transforms import HORIZONS, NoiseLevels, RandomizationRanges
-from plat.errors import CheckpointError, RobotError
+from plat.errors import CheckpointError, RobotError, TaskError
 from plat.evaluation import evaluate, report
 from plat.keyframes import KeyframeSequence, standing
 from plat.modules import Critic, Expert, ExpertConfig, LatentPolicy, LatentPolicyConfig
@@ -22,6 +22,7 @@ from plat.motions.retargeting.geometry import RobotGeometry
 from plat.objectives import PPO, PPOConfig, motor_gradient
 from plat.robots import ForwardKinematics, Robot, get_robot, registry
 from plat.runs import Budget, Run, load_policy
+from plat.tasks import draw_chains
 from tests.export.runs import write_run
 
 DESCRIPTION = Path(__file__).parent / "toy.json"
@@ -54,6 +55,12 @@ def test_its_names_are_its_own(toy):
     assert toy.leg_joints == [1, 2, 3, 4, 5, 6]
     assert toy.sole_geoms(toy.model()).shape == (2, 1)
     assert ForwardKinematics(toy)(torch.zeros(3), torch.tensor([1.0, 0, 0, 0]), torch.zeros(7))[0].shape == (6, 3)
+
+
+def test_nothing_is_asked_of_hands_that_it_lacks(motions):
+    assert set(draw_chains(motions, 4, ["steps", "reach"]).family) == {"steps"}
+    with pytest.raises(TaskError, match="or hands"):
+        draw_chains(motions, 4, ["reach", "three_point"])
 
 
 @pytest.mark.parametrize("suffix", ["npz", "csv"])

@@ -134,3 +134,11 @@ def test_commands_along_motions_are_usual_or_distant(task):
     distant = (steps > 50).float().mean()
     # a quarter of all lengths, of which two thirds are beyond a second
     assert 0.12 < distant < 0.21
+
+
+def test_chains_of_one_kind_are_commanded_by_it(task):
+    for name, bodies in (("reach", 2), ("three_point", 3)):
+        _, memory = task.authored(torch.tensor([task.chains.family.index(name)] * 5))
+        parts = task.parts[memory["parts"]]
+        assert (parts.sum(-1) == bodies).all()
+        assert (parts[:, G1.num_joints : -3].sum(-1) == bodies).all()

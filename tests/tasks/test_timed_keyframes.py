@@ -1,7 +1,10 @@
+import math
+
 import pytest
 import torch
 
 from plat.envs import GeneralizedState
+from plat.rotations import quat_from_rotvec, quat_multiply
 from plat.tasks import TimedKeyframes, TimedKeyframesConfig
 
 
@@ -46,6 +49,39 @@ def test_on_the_line_only_moderation_is_charged(task):
     assert float(task.cost(fallen, memory)) > 0.3
     assert bool(task.failed(fallen, memory))
     assert not bool(task.failed(line, memory))
+
+
+def test_leaning_costs_beyond_a_slight_lean(task):
+    _, memory = task.authored(torch.tensor([task.chains.family.index("steps")]))
+    line, lean = task._line(memory), task.config.underway.lean
+
+    def cost(angle):
+        turn = quat_from_rotvec(torch.tensor([[0.0, angle, 0.0]]))
+        return float(task.cost(line._replace(root_quat_w=quat_multiply(turn, line.root_quat_w)), memory))
+
+    pull = task.config.underway.underway * task.config.tracking.root_rot
+    assert cost(0.25) - cost(0.0) == pytest.approx(pull * 0.25, abs=0.01)
+    chord = 2 * math.sin(0.5)
+    assert cost(1.0) - cost(0.0) == pytest.approx(pull * 1.0 + lean * (chord - 0.3), abs=0.02)
+
+
+def test_moving_costs_more_while_a_pose_is_held(task):
+    _, memory = task.authored(torch.tensor([task.chains.family.index("arms")]))
+    still = task.table.state(memory["goal"])
+    moving = still._replace(joint_vel=still.joint_vel + 1.0)
+    held = memory.clone().set("before", memory["goal"])
+    weights = task.config.underway
+    for given, weight in ((memory, weights.joint_vel), (held, weights.still)):
+        assert float(task.cost(moving, given) - task.cost(still, given)) == pytest.approx(weight, abs=1e-4)
+
+
+def test_whoever_is_sent_too_far_too_often_may_be_left_behind(task):
+    chains = {name: task.chains.family.index(name) for name in ("far", "steps")}
+    for name, behind in (("far", False), ("steps", True)):
+        _, memory = task.authored(torch.tensor([chains[name]]))
+        state = task._line(memory)
+        away = state._replace(root_pos_w=state.root_pos_w + torch.tensor([3.0, 0.0, 0.0]))
+        assert bool(task.failed(away, memory)) == behind
 
 
 def test_in_its_window_a_keyframe_costs_more(task):
