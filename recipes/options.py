@@ -24,6 +24,7 @@ __all__ = [
     "ExpertRecipe",
     "ImaginationRecipe",
     "ImagineRecipe",
+    "RefineModelRecipe",
     "RefineRecipe",
     "Training",
     "check_partial",
@@ -209,6 +210,20 @@ class ImagineRecipe(ImaginationRecipe):
     init: Path | None = None
     """run whose student to go on from; it has the shape of --policy"""
     policy: LatentPolicyConfig = field(default_factory=LatentPolicyConfig)
+    task: TimedKeyframesConfig = field(default_factory=TimedKeyframesConfig)
+
+
+@dataclass(kw_only=True)
+class RefineModelRecipe(ImaginationRecipe):
+    """Refine a student by imagined rollouts of a learned model of the robot."""
+
+    name = "refine-model"
+
+    student: Path
+    """run of stage 2"""
+    variant: Literal["latent", "action", "finetune"] = "latent"
+    """latent: residual in the latent; action: residual on the action; finetune: all weights"""
+    policy: RefinementConfig = field(default_factory=RefinementConfig)
     task: TimedKeyframesConfig = field(default_factory=TimedKeyframesConfig)
 
 

@@ -59,6 +59,11 @@ COMMANDS = {
         "RefineRecipe",
         "stage 3: refine the student with PPO on a residual in its latent",
     ),
+    "refine-model": Command(
+        "plat.recipes.refine_model",
+        "RefineModelRecipe",
+        "stage 3 by imagination: in a learned model of the robot",
+    ),
     "ablations": Command(
         "plat.recipes.ablations",
         "AblationsRecipe",

@@ -38,7 +38,7 @@ class ImaginationLearner:
     """Learner of model and policy: losses, optimizers and the moving average of the policy's weights.
 
     Args:
-        policy: the policy that learns, with a ``normalizer``.
+        policy: the policy that learns. Its ``normalizer``, if it has one, learns what observations are usual.
         actor: its deterministic actor on the same weights.
         model: the robot's model.
         task: observation, clock and cost.
@@ -84,15 +84,16 @@ class ImaginationLearner:
         )
         self.policy_loss.set_keys(effort=effort)
         self.model_optimizers = muon_and_adam(model.network, config.muon_lr, config.model_lr)
-        self.policy_optimizer = torch.optim.Adam(policy.parameters(), lr=config.lr, fused=True)
+        learning = [parameter for parameter in policy.parameters() if parameter.requires_grad]
+        self.policy_optimizer = torch.optim.Adam(learning, lr=config.lr, fused=True)
         self._rates = [[group["lr"] for group in optimizer.param_groups] for optimizer in self._optimizers()]
         self.iterations = 0
         """Iterations so far."""
 
     def observe(self, rollout: TensorDictBase) -> None:
         """Update the normalizers with a rollout ``[N, T]``, until they are frozen."""
-        if self.iterations < self.config.settle:
-            normalizer: Any = self.policy.normalizer
+        normalizer: Any = getattr(self.policy, "normalizer", None)  # that of a refined student stays as it is
+        if normalizer is not None and self.iterations < self.config.settle:
             normalizer.update(rollout)
         if int(self.model.batches) >= self.config.settle:
             return

@@ -36,6 +36,8 @@ _TINY = {
     "refine": f"refine {_TRAIN} --out new --student {{latent}} --policy.hidden 8 --critic 8 --ppo.minibatches 2",
     "imagine": f"imagine {_TRAIN} --out new --policy.backbone 8 --policy.hidden-size 8 --policy.decoder 8 "
     "--model.hidden 8 --task.chains 4 --unseen {clips} --imagination.model-batch 4 --imagination.policy-batch 4",
+    "refine-model": f"refine-model {_TRAIN} --out new --student {{latent}} --policy.hidden 8 --model.hidden 8 "
+    "--task.chains 4 --unseen {clips} --imagination.model-batch 4 --imagination.policy-batch 4",
     "expert-model": f"expert-model {_TRAIN} --out new --policy.hidden 8 --model.hidden 8 --unseen {{clips}} "
     "--imagination.model-batch 4 --imagination.policy-batch 4",
 }
@@ -342,6 +344,10 @@ FULL: tuple[tuple[str, str], ...] = (
         --imagination.window 1000
         --imagination.steps 100000
         """,
+    ),
+    (
+        _TINY["refine-model"],
+        "--student {expert}\n--variant latent-noise\n--init-model nothing\n--task.partial 0.5\n--horizon mixed",
     ),
     (_TINY["expert-model"], "--init {latent}\n--init-model nothing\n--unseen generated:val@nan"),
     (

@@ -25,7 +25,7 @@ import torch
 import plat.headless  # noqa: F401
 from plat.cli import COMMANDS
 from plat.cli.settings import parse
-from plat.recipes import distill, expert, expert_model, imagine, refine
+from plat.recipes import distill, expert, expert_model, imagine, refine, refine_model
 from plat.runs import is_run, report_errors
 
 MAINS = {
@@ -34,9 +34,11 @@ MAINS = {
     "imagine": imagine.main,
     "distill": distill.main,
     "refine": refine.main,
+    "refine-model": refine_model.main,
 }
 COMMON = ["--motions", "generated:val@8", "--num-envs", "4", "--rollout", "4", "--device", "cpu"]
 VARIED = ["--task.randomization", "control_delay=0.5", "--task.noise", "joint_pos=0.02"]
+HIDDEN = ["--policy.hidden", "16"]
 NETWORKS = ["--policy.backbone", "16", "--policy.hidden-size", "16", "--policy.decoder", "16"]
 IMAGINED = [
     *("--replay", "24", "--model.hidden", "16", "--imagination.warmup", "1", "--imagination.settle", "2"),
@@ -55,6 +57,7 @@ TASKS: dict[str, list[str]] = {
     "distill": ["distill", "--expert", "{expert}", *NETWORKS, *LATENT],
     "distill-plain": ["distill", "--expert", "{expert}", "--student", "plain", *NETWORKS, *LATENT],
     "refine": ["refine", "--student", "{distill}", "--critic", "16", "--critic-warmup", "3", "--policy.hidden", "16"],
+    "refine-model": ["refine-model", "--student", "{distill}", "--task.chains", "6", *HIDDEN, *IMAGINED],
 }
 """Arguments of each task; ``{expert}`` is the unbroken run of that name."""
 WALL_TIME = ("seconds",)

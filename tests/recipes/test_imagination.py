@@ -17,10 +17,18 @@ from plat.cli import main
 from plat.envs.randomized_physics import num_physics
 from plat.envs.transforms import HORIZONS
 from plat.evaluation import evaluate
-from plat.modules import Expert, LatentPolicy, PlainPolicy
+from plat.modules import (
+    Expert,
+    FinetunedPolicy,
+    LatentPolicy,
+    PlainPolicy,
+    ResidualActionPolicy,
+    ResidualLatentPolicy,
+)
 from plat.recipes import expert_model, imagine
 from plat.robots import G1
 from plat.runs import load_dynamics, load_policy
+from tests.export.runs import small_policy, write_run
 
 ROOT = Path(__file__).parents[2]
 SMALL = [
@@ -32,6 +40,7 @@ RECIPES: dict[str, list[object]] = {
     "expert-model": [*SMALL, "--policy.hidden", 16],
     "imagine": [*SMALL, "--policy.backbone", 16, "--policy.decoder", 16, "--task.chains", 12],
 }
+REFINE: list[object] = [*SMALL, "--policy.hidden", 16, "--task.chains", 12]
 
 
 def command(recipe: str, *arguments: object) -> list[str]:
@@ -111,6 +120,38 @@ def test_the_model_of_an_expert_serves_a_keyframe_policy(tmp_path):
     assert (before[:, -told:] == 0).all()
     assert (after[:, -told:] != 0).any()
     assert 0 < float((before - after).detach().norm()) < 0.5 * float(torch.linalg.norm(before.detach()))
+
+
+@pytest.mark.parametrize(
+    ("variant", "kind", "learns"),
+    [
+        ("latent", ResidualLatentPolicy, "residual"),
+        ("action", ResidualActionPolicy, "residual"),
+        ("finetune", FinetunedPolicy, "student"),
+    ],
+)
+def test_a_student_is_refined(tmp_path, variant, kind, learns):
+    student, out = tmp_path / "student", tmp_path / "run"
+    before = small_policy("latent")
+    write_run(student, before)
+    arguments = [*REFINE, "--student", student, "--variant", variant, "--device", "cpu", "--out", out]
+    main(["refine-model", *map(str, arguments), "--steps", "150"])
+    policy = load_policy(out)
+    assert isinstance(policy, kind)
+    same = {name for name, value in before.state_dict().items() if policy.student.state_dict()[name].equal(value)}
+    moved = set(before.state_dict()) - same
+    # the normalizer stays as it is, and what is frozen does; the posterior is no part of the policy
+    assert bool(moved) == (learns == "student")
+    assert not any(name.startswith(("normalizer", "posterior", "encoder")) for name in moved)
+    if learns == "residual":
+        assert any((value != 0).any() for value in policy.residual.state_dict().values())
+
+
+def test_only_a_student_with_a_latent_is_refined(tmp_path):
+    write_run(tmp_path / "plain", small_policy("plain"))
+    arguments = [*REFINE, "--student", tmp_path / "plain", "--out", tmp_path / "x", "--steps", 8]
+    with pytest.raises(SystemExit, match="plat imagine --student latent"):
+        main(["refine-model", *map(str, arguments)])
 
 
 @pytest.mark.parametrize("recipe", RECIPES)
