@@ -21,7 +21,7 @@ from plat.files import check_folder
 from plat.motions import MotionLibrary
 from plat.recipes import distill, expert, refine
 from plat.recipes.options import DemoRecipe
-from plat.rendering import RenderingError, Stage, contact_sheet, film, write_picture, write_video
+from plat.rendering import RenderingError, Stage, contact_sheet, film_with_progress, write_picture, write_video
 from plat.runs import is_run, load_policy, report_errors
 from plat.runs.shipped import shipped_runs
 
@@ -101,7 +101,7 @@ def draw(out: Path) -> str:
     try:
         stage = Stage(library.robot, width=480, height=360)
         write_picture(sheet, contact_sheet(stage, playbacks))
-        write_video(video, (picture for playback in playbacks for picture in film(stage, playback)))
+        write_video(video, film_with_progress(stage, playbacks))
         stage.close()
     except RenderingError as error:
         return f"no pictures: {error}"

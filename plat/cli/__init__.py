@@ -4,11 +4,14 @@ Every command has a dataclass of its settings (or a union of them), and a module
 settings stand in ``options``, and the module is imported when its command runs: help texts need no torch.
 """
 
+import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
+
+from plat.cli.streams import standard_streams
 
 __all__ = ["COMMANDS", "Command", "main"]
 
@@ -121,7 +124,17 @@ def main(args: Sequence[str] | None = None) -> None:
     usage: plat COMMAND ...
     ...
     """
-    name, *rest = (sys.argv[1:] if args is None else args) or ["--help"]
+    words = list(sys.argv[1:] if args is None else args)
+    try:
+        with standard_streams():
+            _run(words or ["--help"])
+    except KeyboardInterrupt:  # while a help text is made or a command is imported
+        print("stopped", file=sys.stderr)
+        sys.exit(130)
+
+
+def _run(words: Sequence[str]) -> None:
+    name, *rest = words
     if name in ("-h", "--help"):
         print(_usage())
         return
@@ -132,6 +145,10 @@ def main(args: Sequence[str] | None = None) -> None:
         return
     if name not in COMMANDS:
         sys.exit(f"error: {name!r} is no command of plat, expected one of {', '.join(COMMANDS)}; see plat --help")
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        sys.exit("error: the current folder does not exist any more: go to another one")
     from plat.cli.settings import run
 
     command = COMMANDS[name]

@@ -35,7 +35,7 @@ from plat.control.shoves import Shoves
 from plat.errors import KeyframeError
 from plat.files import replace_file
 from plat.keyframes import KeyframeSequence, long_intervals_of_file
-from plat.rendering import Stage, check_video, film, stage_model, write_video
+from plat.rendering import Stage, check_video, film_with_progress, stage_model, write_video
 from plat.robots import get_robot
 from plat.runs import load_policy
 from plat.runs.user_modules import import_modules
@@ -79,7 +79,7 @@ def main(recipe: PlayRecipe) -> list[KeyframeScore]:
         write_scores(recipe.csv, scorer.scores())
         print(f"wrote {recipe.csv}")
     if stage is not None and recipe.video is not None:
-        write_video(recipe.video, film(stage, record(steps, scorer)))
+        write_video(recipe.video, film_with_progress(stage, [record(steps, scorer)]))
         stage.close()
         print(f"wrote {recipe.video}")
     return scorer.scores()

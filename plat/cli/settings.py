@@ -16,6 +16,7 @@ import tyro
 
 import plat.headless  # noqa: F401 - before MuJoCo
 from plat.cli.compact import registry
+from plat.cli.streams import ReaderLeft
 from plat.errors import PlatError
 from plat.runs.recipe import report_errors
 
@@ -50,6 +51,8 @@ def parse(kind: Any, args: Sequence[str] | None = None, prog: str | None = None)
     try:
         with registry(), _plain_help(), redirect_stderr(io.StringIO()):
             return tyro.cli(kind, args=args, prog=prog, **options)
+    except ReaderLeft:
+        raise
     except SystemExit as end:
         if not end.code:  # a help text
             raise

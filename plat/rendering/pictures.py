@@ -12,6 +12,7 @@ import numpy as np
 from plat.errors import RenderingError
 from plat.files import check_file, replace_file
 from plat.headless import unusable
+from plat.progress import tracked
 from plat.rendering.playback import Playback
 from plat.robots.robot import Robot
 
@@ -21,6 +22,7 @@ __all__ = [
     "check_video",
     "contact_sheet",
     "film",
+    "film_with_progress",
     "show_visible",
     "stage_model",
     "stills",
@@ -127,6 +129,12 @@ def film(stage: Stage, playback: Playback, fps: float = 25.0) -> Iterator[np.nda
         yield _titled(picture, playback.words[step]) if playback.words else picture
 
 
+def film_with_progress(stage: Stage, playbacks: Sequence[Playback], fps: float = 25.0) -> Iterator[np.ndarray]:
+    """Yield pictures of playbacks, one after the other, with a progress bar on standard error."""
+    pictures = (picture for playback in playbacks for picture in film(stage, playback, fps))
+    return tracked(pictures, "video", sum(_count(playback, fps) for playback in playbacks), "pictures")
+
+
 def stills(
     stage: Stage, qpos: np.ndarray, count: int, ghost_qpos: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -193,14 +201,16 @@ def write_video(path: str | Path, pictures: Iterator[np.ndarray], fps: float = 2
 
 
 def write_picture(path: str | Path, picture: np.ndarray) -> None:
-    """Write a PNG.
+    """Write a PNG; the file is replaced in one step or not at all.
 
     Raises:
-        RenderingError: when the extra ``plat-rl[video]`` is not installed.
+        RenderingError: when the extra ``plat-rl[video]`` is not installed, or the disk does not take it.
     """
-    imageio, path = _imageio(), Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    imageio.imwrite(path, picture)
+    imageio = _imageio()
+    try:
+        replace_file(Path(path), lambda part: imageio.imwrite(part, picture))
+    except OSError as error:
+        raise RenderingError(f"picture {str(path)!r} could not be written ({error.strerror or error})") from error
 
 
 def _imageio() -> Any:
@@ -216,8 +226,12 @@ def _imageio() -> Any:
 
 
 def _steps(playback: Playback, fps: float) -> Iterator[int]:
-    count = int(len(playback.qpos) * playback.dt * fps)
-    return (min(round(index / (fps * playback.dt)), len(playback.qpos) - 1) for index in range(count))
+    last = len(playback.qpos) - 1
+    return (min(round(index / (fps * playback.dt)), last) for index in range(_count(playback, fps)))
+
+
+def _count(playback: Playback, fps: float) -> int:
+    return int(len(playback.qpos) * playback.dt * fps)
 
 
 def _bar(picture: np.ndarray, fraction: float, failed: bool) -> None:

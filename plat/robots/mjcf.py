@@ -8,8 +8,11 @@ from pathlib import Path
 import mujoco
 
 from plat.errors import RobotError
+from plat.robots.mujoco_log import leave_no_log_file
 
 __all__ = ["Capsule", "asset_path", "check_model", "compile_spec", "read_spec", "replace_soles"]
+
+leave_no_log_file()  # here: no model comes into being without this module
 
 
 @dataclass(frozen=True)

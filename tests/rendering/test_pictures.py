@@ -1,3 +1,4 @@
+import errno
 import sys
 from dataclasses import replace
 
@@ -16,6 +17,7 @@ from plat.rendering import (
     check_video,
     contact_sheet,
     film,
+    film_with_progress,
     stills,
     write_picture,
     write_video,
@@ -78,6 +80,34 @@ def test_film_and_sheet(stage, playback, tmp_path):
     write_video(tmp_path / "film.mp4", iter(pictures), fps=5)
     assert (tmp_path / "sheet.png").stat().st_size > 1000
     assert (tmp_path / "film.mp4").stat().st_size > 1000
+
+
+def test_the_progress_of_a_film_counts_its_pictures(stage, playback, monkeypatch):
+    told = []
+
+    def tracked(items, what, total, unit):
+        told.append((what, total, unit))
+        return items
+
+    monkeypatch.setattr("plat.rendering.pictures.tracked", tracked)
+    pictures = list(film_with_progress(stage, [playback, playback], fps=3))
+    assert told == [("video", len(pictures), "pictures")]
+    np.testing.assert_array_equal(pictures[0], next(iter(film(stage, playback, fps=3))))
+
+
+def test_a_picture_that_the_disk_does_not_take_is_one_line_and_leaves_the_one_before(tmp_path, monkeypatch):
+    path = tmp_path / "sheet.png"
+    write_picture(path, np.zeros((8, 8, 3), np.uint8))
+    before = path.read_bytes()
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("imageio.v2.imwrite", full)
+    with pytest.raises(RenderingError, match=r"sheet.png' could not be written \(No space left on device\)"):
+        write_picture(path, np.ones((8, 8, 3), np.uint8))
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_stills_show_the_first_and_the_last_frame_and_some_between(stage, playback):
