@@ -28,6 +28,8 @@ _MOVING = ("steps", "far", "distant")
 _PARTIAL = {"reach": "hands", "three_point": "hands_and_head"}
 # Poses that reach: least distance of the hands before the root, and poses that are tried for each.
 _AHEAD, _TRIES = 0.1, 64  # m
+# Holds after a chain (s), the fraction of long ones, and of the poses of motions, which are there to be held.
+_HOLD, _LONG_HOLD, _LONG, _HOLD_OF_MOTIONS = 3.0, 15.0, 0.25, 5.0
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,8 @@ def draw_chains(
     distant      the same 0.8 to 2.5 m further, 1.5 s apart or more, where the timing allows 2 s     3 s
     ===========  ==================================================================================  =======
 
-    Where the timing allows more than a second, three of ten keyframes take up to its longest command.
+    A quarter of the chains that stay in place end in a hold of 15 s: who drifts falls late. Where the timing allows
+    more than a second, three of ten keyframes take up to its longest command.
 
     Args:
         library: motions with the resting poses; families that need some are left out where there are none, and those
@@ -115,7 +118,7 @@ def draw_chains(
                 f"families: {', '.join(families)} start from poses at rest, which the motions have none of, need a "
                 f"longest command of {2 * _SECOND} steps, or hands"
             )
-        parts: list[tuple[str, Tensor, Tensor, int]] = []
+        parts: list[tuple[str, Tensor, Tensor, Tensor]] = []
         for number, family in enumerate(drawn[:count]):
             share = (count - number - 1) // len(drawn) + 1  # the first families have one more where it does not divide
             poses = _DRAW[family](share, library.robot, resting)
@@ -125,19 +128,22 @@ def draw_chains(
             elif longest > _SECOND and family != "far":
                 slow = torch.rand(poses.shape[:2]) < 0.3
                 steps = torch.where(slow, torch.randint(_SECOND, longest + 1, poses.shape[:2]), steps)
-            parts.append((family, poses, steps, 250 if family == "hold" else 150))
+            hold = torch.full((share,), _HOLD_OF_MOTIONS if family == "hold" else _HOLD)
+            if family not in _MOVING:
+                hold[torch.rand(share) < _LONG] = _LONG_HOLD
+            parts.append((family, poses, steps, (hold * _SECOND).long()))
     return _joined(parts, library)
 
 
-def _joined(parts: Sequence[tuple[str, Tensor, Tensor, int]], library: MotionLibrary) -> KeyframeChains:
+def _joined(parts: Sequence[tuple[str, Tensor, Tensor, Tensor]], library: MotionLibrary) -> KeyframeChains:
     """One table of chains, given by family with poses, times and hold."""
     standing = torch.as_tensor(library.robot.default_qpos, dtype=torch.float32)
     rows, steps, next_row, chain = [], [], [], []
     first, duration = [], []
     names: list[str] = []
     begin = 0
-    for family, poses, times, hold in parts:
-        for path, path_steps in zip(poses, times, strict=True):
+    for family, poses, times, holds in parts:
+        for path, path_steps, hold in zip(poses, times, holds.tolist(), strict=True):
             last = begin + len(path)
             rows.append(torch.cat((standing[None], path)))
             steps.append(torch.nn.functional.pad(path_steps, (1, 0)))

@@ -93,3 +93,12 @@ def test_hands_that_reach_are_in_front(chains):
         "reach": "hands",
         "three_point": "hands_and_head",
     }
+
+
+def test_some_holds_are_long(library):
+    chains = draw_chains(library, 80, ["arms", "steps"])
+    arrivals = [int(chains.steps[chains.chain == number].sum()) for number in range(80)]
+    holds = [(family, int(chains.duration[n]) - arrivals[n]) for n, family in enumerate(chains.family)]
+    assert {hold for family, hold in holds if family == "steps"} == {150}
+    assert {hold for family, hold in holds if family == "arms"} == {150, 750}
+    assert 3 < sum(hold == 750 for _, hold in holds) < 20
