@@ -9,7 +9,7 @@ import tyro
 
 from plat.baselines.released import ReleasedTrackers
 from plat.bounds import Bounded, Count, Natural, NonNegative, Positive, Range, Robots, Seed
-from plat.control.settings import ReachLimits
+from plat.envs.settings import ReachLimits
 from plat.envs.transforms.settings import RandomizationRanges
 from plat.evaluation.names import DisturbanceName, Interface, RuleName
 from plat.motions.checks.settings import ValidationLimits

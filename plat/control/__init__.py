@@ -35,9 +35,9 @@ if TYPE_CHECKING:
         mean_errors,
         tally,
     )
-    from plat.control.settings import ReachLimits
     from plat.control.simulator import Simulator
     from plat.control.viewer import Viewer
+    from plat.envs.settings import ReachLimits
 else:
     lazy(__name__)
 

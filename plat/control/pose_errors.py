@@ -8,9 +8,9 @@ import torch
 from numpy.typing import NDArray
 from tensordict import TensorDict
 
-from plat.control.reach import distances, down
-from plat.control.settings import ReachLimits
 from plat.deploy import RobotState
+from plat.envs.reach import distances, down
+from plat.envs.settings import ReachLimits
 from plat.envs.transforms.metrics import commanded_joints_and_bodies
 from plat.envs.transforms.terminations import fallen, off_pose
 from plat.keyframes import Keyframe
@@ -44,7 +44,7 @@ class PoseErrors:
     fallen: bool
     """whether the root is at the wrong height or tilt, by the limits of TKS@3"""
     down: bool
-    """whether the robot lies: see :func:`plat.control.reach.down`"""
+    """whether the robot lies: see :func:`plat.envs.reach.down`"""
 
 
 class PoseComparison:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from plat.control.chase import ChaseStep
 from plat.control.pose_errors import PoseComparison, PoseErrors
-from plat.control.settings import ReachLimits
+from plat.envs.settings import ReachLimits
 from plat.keyframes import Keyframe
 from plat.robots.robot import Robot
 

@@ -22,10 +22,15 @@ import torch
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from tensordict import TensorDictBase
+from torchrl.data import Binary, Composite
+from torchrl.envs import Transform
 
 from plat.envs.configs import KeyframeTaskConfig
+from plat.envs.reach import distances
+from plat.envs.settings import ReachLimits
 from plat.envs.tasks import make_keyframe_env
 from plat.envs.transforms import FailureWeightedStarts, KeyframeMetrics, horizon_named
+from plat.envs.transforms.terminations import commanded_parts
 from plat.errors import ActionError
 from plat.motions.library import MotionLibrary
 from plat.spec.observation import observation_size, student_keys
@@ -35,6 +40,29 @@ __all__ = ["G1TimedKeyframeEnv", "G1TimedKeyframeVectorEnv"]
 
 # An action of this size asks for several times a motor's torque; larger ones make no difference.
 _ACTION_BOUND = 20.0
+
+
+_NEAR = ("metrics", "near")
+
+
+class _Nearness(Transform):
+    """Transform that writes whether a robot is near enough to the reference in what is commanded, ``[1]``."""
+
+    def __init__(self) -> None:
+        super().__init__(out_keys=[_NEAR])
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        apart = distances(next_tensordict["state"], next_tensordict["reference"], commanded_parts(next_tensordict))
+        return next_tensordict.set(_NEAR, apart.near(ReachLimits())[:, None])
+
+    def _reset(self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
+        return tensordict_reset.set(_NEAR, torch.zeros_like(tensordict_reset["done"]))
+
+    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+        """Add the mask."""
+        shape = (*observation_spec.shape, 1)
+        observation_spec[_NEAR] = Binary(1, shape, dtype=torch.bool, device=observation_spec.device)
+        return observation_spec
 
 
 class _Task:
@@ -53,7 +81,9 @@ class _Task:
         lengths = horizon_named(horizon, timing)
         library = MotionLibrary.load(motions, dt=timing.control_dt)
         self.env = make_keyframe_env(library, num_envs, task, horizon=lengths, timing=timing, device=device)
-        self.env.insert_transform(2, KeyframeMetrics(library))  # after the reference and the clock, which it reads
+        # after the reference and the clock, which they read
+        self.env.insert_transform(2, KeyframeMetrics(library))
+        self.env.insert_transform(3, _Nearness())
         self._starts = next(part for part in self.env.transform if isinstance(part, FailureWeightedStarts))
         self.robot = library.robot
         self._keys = student_keys(also)
@@ -118,7 +148,8 @@ class G1TimedKeyframeEnv(gymnasium.Env):
 
     - ``is_success``: no command of the episode has failed;
     - ``arrived``: a command ended with this step;
-    - ``reached``: it arrived and did not fail;
+    - ``met``: it arrived, within the thresholds of TKS@3 at every step of its window;
+    - ``reached``: it was met, and at the arrival what is commanded was near enough (:class:`plat.control.ReachLimits`);
     - ``steps_left``: control steps until the active command's arrival;
     - ``joint_error`` (rad), ``keypoint_error`` (m, world): mean errors against the motion at this moment, which at
       arrival is the keyframe.
@@ -260,7 +291,8 @@ def _info(after: TensorDictBase, following: TensorDictBase) -> dict[str, np.ndar
     entries = {
         "is_success": ~failed,
         "arrived": arrived,
-        "reached": arrived & ~failed,
+        "met": arrived & ~failed,
+        "reached": arrived & ~failed & after[_NEAR],
         "steps_left": following["command", "steps_left"],
         "joint_error": after["metrics", "joint_error"],
         "keypoint_error": after["metrics", "keypoint_error"],

@@ -1,10 +1,11 @@
-"""Settings of the simulation."""
+"""Settings of the simulation, and of what counts as reached in it."""
 
 from dataclasses import dataclass
 
-from plat.bounds import Bounded, NonNegative
+from plat.bounds import Bounded, NonNegative, Positive
+from plat.envs.transforms.settings import TerminationLimits
 
-__all__ = ["ResetNoise"]
+__all__ = ["ReachLimits", "ResetNoise"]
 
 
 @dataclass(frozen=True)
@@ -29,3 +30,27 @@ class ResetNoise(Bounded):
     """yaw rate (rad/s)"""
     joint_pos: NonNegative = 0.1
     """joint angles (rad)"""
+
+
+@dataclass(frozen=True)
+class ReachLimits(Bounded):
+    """When a keyframe is reached, when a robot has fallen, and when it steps in a hold."""
+
+    root: Positive = 0.2
+    """distance of the root at arrival (m)"""
+    joints: Positive = 0.2
+    """mean absolute joint error at arrival (rad)"""
+    bodies: Positive = 0.2
+    """largest distance of a commanded body at arrival (m), of a partial keyframe"""
+    turn: Positive = 0.2
+    """angle of the root at arrival (rad), of a partial keyframe"""
+    fallen_height: Positive = 0.4
+    """a pelvis below this has fallen (m), unless it is commanded to be there"""
+    fallen_tilt: Positive = 0.7
+    """so much more tilt than commanded is a fall, in gravity's component along the root's z"""
+    settling: NonNegative = 1.0
+    """seconds of a hold before the feet are watched"""
+    foot_travel: Positive = 0.03
+    """a foot that moves further from its place in a hold has stepped (m)"""
+    window: TerminationLimits = TerminationLimits()
+    """thresholds of TKS@3, for every step of the arrival window"""

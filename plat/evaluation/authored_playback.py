@@ -8,8 +8,8 @@ from tensordict.nn import TensorDictModuleBase
 from torchrl.envs import Transform
 
 from plat.control.authored import Authored
-from plat.control.reach import distances, down
-from plat.control.settings import ReachLimits
+from plat.envs.reach import distances, down
+from plat.envs.settings import ReachLimits
 from plat.envs.state import GeneralizedState
 from plat.evaluation.authored_rollout import AuthoredRollout, Pushes
 from plat.motions import MotionLibrary

@@ -14,8 +14,8 @@ from torchrl.envs import Transform
 
 from plat.control.authored import FAMILIES, Authored, author, resting_poses
 from plat.control.feasibility import Feasibility
-from plat.control.reach import distances, down
-from plat.control.settings import ReachLimits
+from plat.envs.reach import distances, down
+from plat.envs.settings import ReachLimits
 from plat.envs.transforms.terminations import off_pose
 from plat.errors import RecordsError
 from plat.evaluation.authored_rollout import AuthoredRollout, Pushes

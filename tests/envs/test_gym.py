@@ -8,7 +8,9 @@ import pytest
 import torch
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
+from tensordict import TensorDict
 
+import plat.envs.gym
 from plat.envs import KeyframeTaskConfig
 from plat.errors import RenderingError, TaskError
 
@@ -50,7 +52,8 @@ def test_info_says_how_the_command_went(env):
         _, _, terminated, truncated, info = env.step(np.zeros(29, np.float32))
         assert info["is_success"] is not terminated
         assert info["arrived"] is (before == 1) or before is None
-        assert info["reached"] is (info["arrived"] and not terminated)
+        assert info["met"] is (info["arrived"] and not terminated)
+        assert not info["reached"] or info["met"]
         assert 0 < info["joint_error"] < 3
         assert 0 < info["keypoint_error"] < 3
         arrivals.append(info["arrived"])
@@ -158,3 +161,27 @@ def test_partial_keyframes_are_seen():
         if terminated or truncated:
             observation, _ = env.reset()
     assert set(np.unique(masks)) == {0.0, 1.0}
+
+
+@pytest.mark.parametrize(("off", "reached"), [(0.1, True), (0.3, False)])
+def test_reached_is_near_and_not_only_within_the_thresholds(env, monkeypatch, off, reached):
+    """0.3 m off is within the thresholds of TKS@3."""
+    env.reset(seed=3)
+    real = plat.envs.gym.distances
+
+    def moved(state, reference, parts):
+        there = TensorDict({key: reference[key].clone() for key in KEYPOINT_STATE}, [1])
+        there["keypoint_pos_w"] += torch.tensor([off, 0.0, 0.0])
+        return real(there, reference, parts)
+
+    monkeypatch.setattr("plat.envs.gym.distances", moved)
+    info, over = {"met": False}, False
+    while not info["met"]:
+        if over:
+            env.reset()
+        _, _, terminated, truncated, info = env.step(np.zeros(29, np.float32))
+        over = terminated or truncated
+    assert info["reached"] is reached
+
+
+KEYPOINT_STATE = ("keypoint_pos_w", "keypoint_quat_w", "joint_pos")

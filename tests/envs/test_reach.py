@@ -5,7 +5,7 @@ import torch
 from tensordict import TensorDict
 
 from plat.control import ReachLimits
-from plat.control.reach import distances, down
+from plat.envs.reach import distances, down
 from plat.robots import G1
 from plat.spec.parts import Parts
 

@@ -6,7 +6,7 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 
-from plat.control.settings import ReachLimits
+from plat.envs.settings import ReachLimits
 from plat.rotations import quat_angle
 
 __all__ = ["Distances", "distances", "down"]
