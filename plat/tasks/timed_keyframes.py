@@ -265,7 +265,8 @@ class TimedKeyframes(Task):
         state = self._on_motion(state, memory)
         in_window = memory["steps_left"] < self.timing.window
         along = tracking_cost(state, self.table.state(memory["frame"]), weights)
-        goal, line = self.table.state(memory["goal"]), self._line(memory)
+        goal = self.table.state(memory["goal"])
+        line = self._line(memory, goal)
         held = memory["before"] == memory["goal"]
         share = torch.where(in_window, 1.0, moderate.underway)
         if self.partial:
@@ -369,9 +370,9 @@ class TimedKeyframes(Task):
             root_lin_vel_w=quat_rotate(back, state.root_lin_vel_w),
         )
 
-    def _line(self, memory: TensorDictBase) -> GeneralizedState:
-        """The pose on the straight line from the keyframe before to the commanded one, at rest."""
-        before, after = self.table.state(memory["before"]), self.table.state(memory["goal"])
+    def _line(self, memory: TensorDictBase, after: GeneralizedState) -> GeneralizedState:
+        """The pose on the straight line from the keyframe before to the commanded one, ``after``, at rest."""
+        before = self.table.state(memory["before"])
         share = (1 - memory["steps_left"] / memory["length"]).clamp(0, 1)[:, None]
         same_side = (before.root_quat_w * after.root_quat_w).sum(-1, keepdim=True) >= 0
         turned = torch.where(same_side, after.root_quat_w, -after.root_quat_w)
@@ -385,7 +386,7 @@ class TimedKeyframes(Task):
     def _wanted(self, memory: TensorDictBase) -> GeneralizedState:
         """The motion, or the line between authored keyframes."""
         authored, frame = memory["authored"][:, None], self.table.state(memory["frame"])
-        pairs = zip(self._line(memory), frame, strict=True)
+        pairs = zip(self._line(memory, self.table.state(memory["goal"])), frame, strict=True)
         return GeneralizedState(*(torch.where(authored, ours, theirs) for ours, theirs in pairs))
 
     def _leeway(self, memory: TensorDictBase) -> Tensor:

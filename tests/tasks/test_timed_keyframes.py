@@ -13,6 +13,10 @@ def task(library):
     return TimedKeyframes(library, TimedKeyframesConfig(chains=12), reset_noise=None)
 
 
+def line_of(task, memory):
+    return task._line(memory, task.table.state(memory["goal"]))
+
+
 def play(task, memory, steps):
     """Memories while nobody moves, command after command."""
     action = torch.zeros(len(memory["goal"]), 29)
@@ -41,7 +45,7 @@ def test_a_chain_is_commanded_in_order_and_then_held(task):
 def test_on_the_line_only_moderation_is_charged(task):
     _, memory = task.authored(torch.tensor([task.chains.family.index("crouch")]))
     *_, memory = play(task, memory, 10)
-    line = task._line(memory)
+    line = line_of(task, memory)
     weights = task.config.underway
     softened = weights.underway * task.config.tracking.root_pos * 0.01 + weights.root_lin_vel * 0.01
     assert float(task.cost(line, memory)) == pytest.approx(softened, abs=1e-3)
@@ -53,7 +57,7 @@ def test_on_the_line_only_moderation_is_charged(task):
 
 def test_leaning_costs_beyond_a_slight_lean(task):
     _, memory = task.authored(torch.tensor([task.chains.family.index("steps")]))
-    line, lean = task._line(memory), task.config.underway.lean
+    line, lean = line_of(task, memory), task.config.underway.lean
 
     def cost(angle):
         turn = quat_from_rotvec(torch.tensor([[0.0, angle, 0.0]]))
@@ -79,7 +83,7 @@ def test_whoever_is_sent_too_far_too_often_may_be_left_behind(task):
     chains = {name: task.chains.family.index(name) for name in ("far", "steps")}
     for name, behind in (("far", False), ("steps", True)):
         _, memory = task.authored(torch.tensor([chains[name]]))
-        state = task._line(memory)
+        state = line_of(task, memory)
         away = state._replace(root_pos_w=state.root_pos_w + torch.tensor([3.0, 0.0, 0.0]))
         assert bool(task.failed(away, memory)) == behind
 
