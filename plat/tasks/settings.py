@@ -48,6 +48,8 @@ class AuthoredCosts(Bounded):
     """of leaning more than 0.3 further than the line does (difference of the unit vectors along gravity)"""
     still: NonNegative = 0.1
     """of the joint velocities while a pose is held, mean over joints (rad/s)"""
+    balance: NonNegative = 4.0
+    """of being out of balance while a pose is held (m)"""
 
 
 CHAIN_FAMILIES = ("hold", "arms", "poses", "steps", "crouch", "reach", "three_point", "far", "distant")

@@ -12,6 +12,7 @@ from plat.motions.library import MotionLibrary
 from plat.robots.kinematics import ForwardKinematics
 from plat.rotations import quat_conjugate, quat_multiply, quat_rotate, quat_rotate_inverse, quat_yaw
 from plat.spec.timing import Timing
+from plat.tasks.balance import Balance
 from plat.tasks.chains import draw_chains
 from plat.tasks.costs import down_b, pose_cost, tracking_cost
 from plat.tasks.dense_tracking import START_NOISE, off_reference
@@ -107,6 +108,7 @@ class TimedKeyframes(Task):
         ):
             self.register_buffer(name, value, persistent=False)
         self._kinematics = ForwardKinematics(library.robot)
+        self._balance = Balance(library.robot).to(library.device)
 
     def _draw_parts(self, seed: int) -> Tensor:
         """Masks ``[2 R + F, J + K + 3]``: R drawn ones; those with the root, for chains that lead away; those of chains
@@ -290,7 +292,15 @@ class TimedKeyframes(Task):
             + torch.where(held, moderate.still, moderate.joint_vel) * state.joint_vel.abs().mean(-1)
             + moderate.lean * (smooth_length(down_b(state.root_quat_w) - down_b(line.root_quat_w)) - _LEAN).relu()
         )
+        if moderate.balance:
+            authored = authored + moderate.balance * self._unbalance(state, held & memory["authored"])
         return torch.where(memory["authored"], authored, along)
+
+    def _unbalance(self, state: GeneralizedState, counts: Tensor) -> Tensor:
+        """How far robots are out of balance ``[N]`` (m); 0 for those that do not count."""
+        rows = counts.nonzero()[:, 0]
+        out = torch.zeros_like(state.root_pos_w[:, 0])
+        return out.index_add(0, rows, self._balance(GeneralizedState(*(part[rows] for part in state))))
 
     def _points_cost(self, state: GeneralizedState, memory: TensorDictBase, parts: Tensor, counts: Tensor) -> Tensor:
         """Mean distance ``[N]`` (m) of the commanded bodies from the line to where they are to be; 0 for the others."""

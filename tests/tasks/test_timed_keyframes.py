@@ -4,8 +4,10 @@ import pytest
 import torch
 
 from plat.envs import GeneralizedState
+from plat.robots import G1
 from plat.rotations import quat_from_rotvec, quat_multiply
 from plat.tasks import TimedKeyframes, TimedKeyframesConfig
+from plat.tasks.balance import Balance
 
 
 @pytest.fixture(scope="module")
@@ -77,6 +79,20 @@ def test_moving_costs_more_while_a_pose_is_held(task):
     weights = task.config.underway
     for given, weight in ((memory, weights.joint_vel), (held, weights.still)):
         assert float(task.cost(moving, given) - task.cost(still, given)) == pytest.approx(weight, abs=1e-4)
+
+
+def test_being_out_of_balance_costs_while_a_pose_is_held(task):
+    _, memory = task.authored(torch.tensor([task.chains.family.index("arms")]))
+    state = task.table.state(task._first_row[task._chain[memory["goal"] - task._frames]])
+    falling = state._replace(root_lin_vel_w=torch.tensor([[0.6, 0.0, 0.0]]))
+    held = memory.clone().set("before", memory["goal"])
+    weights = task.config.underway
+    slow = weights.root_lin_vel * 0.59
+    assert float(task.cost(falling, memory) - task.cost(state, memory)) == pytest.approx(slow, abs=1e-3)
+    unbalance = float(Balance(G1)(falling))
+    assert unbalance > 0.1
+    more = float(task.cost(falling, held) - task.cost(state, held))
+    assert more == pytest.approx(slow + weights.balance * unbalance, abs=1e-3)
 
 
 def test_whoever_is_sent_too_far_too_often_may_be_left_behind(task):

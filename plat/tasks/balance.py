@@ -1,0 +1,72 @@
+"""How far out of balance a standing robot is."""
+
+import torch
+from torch import Tensor, nn
+
+from plat.envs.state import GeneralizedState
+from plat.robots.kinematics import ForwardKinematics
+from plat.robots.robot import Robot
+from plat.rotations import quat_rotate
+
+__all__ = ["Balance"]
+
+_GRAVITY = 9.81  # m/s^2
+# What the point may be off the line between the soles (m): about half of a sole's width.
+_MARGIN = 0.04
+
+
+class Balance(nn.Module):
+    """Distance of the extrapolated center of mass from where the feet can hold it.
+
+    The extrapolated center of mass is where a robot without an ankle's torque would have to step to come to rest:
+    the center of mass, moved by its velocity over ``sqrt(g / h)`` (Hof et al. 2005, "The condition for dynamic
+    stability"). The feet hold it within 4 cm of the line between the centers of their soles. The joints' part in the
+    velocity is left out.
+
+    Args:
+        robot: the robot.
+
+    >>> from plat.robots import G1
+    >>> qpos = torch.as_tensor(G1.default_qpos, dtype=torch.float32)[None]
+    >>> state = GeneralizedState.unpack(torch.cat((qpos, torch.zeros(1, 6 + G1.num_joints)), -1))
+    >>> float(Balance(G1)(state))
+    0.0
+    >>> round(float(Balance(G1)(state._replace(root_lin_vel_w=torch.tensor([[0.0, 0.5, 0.0]])))), 2)
+    0.0
+    >>> round(float(Balance(G1)(state._replace(root_lin_vel_w=torch.tensor([[0.5, 0.0, 0.0]])))), 2)
+    0.09
+    """
+
+    _mass: Tensor
+    _local_com: Tensor
+    _soles: Tensor
+
+    def __init__(self, robot: Robot):
+        super().__init__()
+        model = robot.model()
+        names = [model.body(number).name for number in range(1, model.nbody)]
+        self._kinematics = ForwardKinematics(robot, tuple(names))
+        self._feet = [names.index(foot) for foot in robot.feet]
+        mass = torch.from_numpy(model.body_mass[1:] / model.body_mass[1:].sum()).float()
+        soles = model.geom_pos[robot.sole_geoms(model)].mean(1)
+        for name, value in (
+            ("_mass", mass),
+            ("_local_com", torch.from_numpy(model.body_ipos[1:]).float()),
+            ("_soles", torch.from_numpy(soles).float()),
+        ):
+            self.register_buffer(name, value, persistent=False)
+
+    def forward(self, state: GeneralizedState) -> Tensor:
+        """Compute the horizontal distance ``[N]`` (m); 0 in balance."""
+        pos, quat = self._kinematics(state.root_pos_w, state.root_quat_w, state.joint_pos)
+        com = (self._mass[:, None] * (pos + quat_rotate(quat, self._local_com.expand_as(pos)))).sum(-2)
+        soles = self._soles.expand(len(com), 2, 3)
+        left, right = (pos[:, self._feet] + quat_rotate(quat[:, self._feet], soles)).unbind(1)
+        spin = quat_rotate(state.root_quat_w, state.root_ang_vel_b)
+        velocity = state.root_lin_vel_w + torch.linalg.cross(spin, com - state.root_pos_w)
+        height = (com[:, 2] - torch.minimum(left[:, 2], right[:, 2])).clamp_min(0.1)
+        extrapolated = com[:, :2] + velocity[:, :2] * (height / _GRAVITY).sqrt()[:, None]
+        line, way = right[:, :2] - left[:, :2], extrapolated - left[:, :2]
+        share = ((line * way).sum(-1) / line.square().sum(-1).clamp_min(1e-4)).clamp(0, 1)
+        off = way - share[:, None] * line
+        return ((off.square().sum(-1) + 1e-6).sqrt() - _MARGIN).relu()
