@@ -27,6 +27,8 @@ __all__ = ["TimedKeyframes", "TimedKeyframesConfig"]
 
 # how much further than the line a robot may lean without cost (difference of unit vectors)
 _LEAN = 0.3
+# balance is looked at in one of so many steps, and counts as often then: all bodies' kinematics take their time
+_BALANCE_EVERY = 4
 # how far a robot may be left behind by keyframes out of reach (m)
 _BEHIND = 8.0
 
@@ -293,7 +295,8 @@ class TimedKeyframes(Task):
             + moderate.lean * (smooth_length(down_b(state.root_quat_w) - down_b(line.root_quat_w)) - _LEAN).relu()
         )
         if moderate.balance:
-            authored = authored + moderate.balance * self._unbalance(state, held & memory["authored"])
+            looked_at = held & memory["authored"] & (memory["age"] % _BALANCE_EVERY == 0)
+            authored = authored + _BALANCE_EVERY * moderate.balance * self._unbalance(state, looked_at)
         return torch.where(memory["authored"], authored, along)
 
     def _unbalance(self, state: GeneralizedState, counts: Tensor) -> Tensor:
