@@ -1,0 +1,175 @@
+"""Roads to a keyframe policy, in equal total time on the same motions.
+
+python benchmarks/roads.py --motions train.npz --tests val.npz --minutes 60 --seeds 0 1 2 --out runs/roads
+
+Each road is trained from scratch, a stage a process, and goes on where it was when the benchmark is started again.
+Nothing else should run meanwhile: budgets are wall time. All policies are then scored on the same commands.
+"""
+
+import csv
+import statistics
+import subprocess
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import tyro
+
+from plat.bounds import Bounded, Positive
+from plat.errors import ConfigError, PlatError
+from plat.runs import is_run, report_errors
+
+METRICS = ("tks", "mpjpe", "mpkpe")
+Road = Literal["ppo", "model", "finetune", "imagine", "recorded"]
+
+
+@dataclass(kw_only=True)
+class RoadsConfig(Bounded):
+    """Settings of the benchmark of roads to a keyframe policy."""
+
+    motions: tuple[str, ...]
+    """motion files, folders or globs to train on"""
+    tests: tuple[str, ...]
+    """motion files, folders or globs to score on, each by itself"""
+    out: Path
+    """folder of the runs and tables"""
+    minutes: Positive = 60.0
+    """training time of each road, all its stages together"""
+    seeds: tuple[int, ...] = (0, 1, 2)
+    """training seeds"""
+    roads: tuple[Road, ...] = ("ppo", "model", "finetune", "imagine", "recorded")
+    """which to take"""
+    horizons: tuple[str, ...] = ("mixed", "long")
+    """lengths of the commands that are scored"""
+    authored: int = 30
+    """chains per family of authored keyframes to score; 0 for none"""
+    more: tuple[str, ...] = ()
+    """settings that every stage gets, such as --num-envs 256"""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Stage of a road.
+
+    Args:
+        name: folder of its run.
+        command: of plat.
+        share: of the road's time.
+        needs: flags with the stage whose run they name.
+        settings: other settings.
+    """
+
+    name: str
+    command: str
+    share: float
+    needs: Mapping[str, str] = field(default_factory=dict)
+    settings: tuple[str, ...] = ()
+
+
+_EXPERT, _MODEL = Stage("expert", "expert", 0.6), Stage("expert", "expert-model", 0.4)
+_STUDENT = Stage("student", "distill", 0.25, {"--expert": "expert"})
+_IN_MODEL = {"--student": "student", "--init-model": "expert"}
+ROADS: dict[str, tuple[Stage, ...]] = {
+    "ppo": (_EXPERT, _STUDENT, Stage("policy", "refine", 0.15, {"--student": "student"})),
+    "model": (_MODEL, _STUDENT, Stage("policy", "refine-model", 0.35, _IN_MODEL)),
+    "finetune": (_MODEL, _STUDENT, Stage("policy", "refine-model", 0.35, _IN_MODEL, ("--variant", "finetune"))),
+    "imagine": (Stage("policy", "imagine", 1.0),),
+    "recorded": (Stage("policy", "imagine", 1.0, settings=("--task.authored", "0")),),
+}
+"""The paper's three stages by PPO; the same with stages 1 and 3 by imagination, once as a residual in the latent and
+once as every deployed weight; and imagination alone, with authored keyframes and, as ``recorded``, without.
+"""
+
+
+def commands(config: RoadsConfig, road: str, seed: int) -> list[tuple[Path, list[str]]]:
+    """Return, for each stage, the folder of its run and the words of its command after ``plat``.
+
+    The last stage's folder has the name of road and seed, under which it is scored.
+    """
+    name = f"{road}_{seed}"
+    folders = {stage.name: config.out / "stages" / name / stage.name for stage in ROADS[road]}
+    folders["policy"] = config.out / name
+    return [
+        (
+            folders[stage.name],
+            [
+                *(stage.command, "--motions", *config.motions),
+                *(word for flag, needed in stage.needs.items() for word in (flag, str(folders[needed]))),
+                *stage.settings,
+                *("--minutes", f"{stage.share * config.minutes:g}", "--seed", str(seed)),
+                *config.more,
+                *("--out", str(folders[stage.name])),
+            ],
+        )
+        for stage in ROADS[road]
+    ]
+
+
+def train(config: RoadsConfig, road: str, seed: int) -> Path:
+    """Train the stages of a road, and return the folder of its policy; what is finished stays as it is."""
+    for folder, words in commands(config, road, seed):
+        run([*words, *(["--resume"] if is_run(folder) else [])])
+    return folder
+
+
+def run(words: list[str]) -> None:
+    """Run a command of plat in a process of its own.
+
+    Raises:
+        PlatError: when it fails; what it printed stands above.
+    """
+    print("\nplat", *words, flush=True)
+    status = subprocess.run([sys.executable, "-m", "plat", *words], check=False).returncode
+    if status:
+        raise PlatError(f"plat {words[0]} ended with {status}; started again, the benchmark goes on from there")
+
+
+def table(scores: Mapping[str, Path], roads: Mapping[str, Road]) -> list[dict[str, str]]:
+    """Return a row for each test, horizon, road and metric: mean, least and greatest over the seeds.
+
+    Args:
+        scores: table of ``plat evaluate --csv`` of each test.
+        roads: road of each policy that stands in it.
+    """
+    rows = []
+    for test, path in scores.items():
+        with path.open(newline="") as file:
+            figures = [row for row in csv.DictReader(file) if row["metric"] in METRICS]
+        cells: dict[tuple[str, str, str], list[float]] = {}
+        for row in figures:
+            cells.setdefault((row["horizon"], roads[row["policy"]], row["metric"]), []).append(float(row["value"]))
+        for (horizon, road, metric), values in cells.items():
+            mean, low, high = statistics.mean(values), min(values), max(values)
+            rows.append(
+                {"test": test, "horizon": horizon, "road": road, "metric": metric, "seeds": str(len(values))}
+                | {"mean": f"{mean:.4g}", "low": f"{low:.4g}", "high": f"{high:.4g}"}
+            )
+    return rows
+
+
+def main(config: RoadsConfig) -> list[dict[str, str]]:
+    """Run the benchmark; write ``roads.csv``, print it and return its rows."""
+    if config.minutes * min(stage.share for road in config.roads for stage in ROADS[road]) < 1 / 60:
+        raise ConfigError(f"--minutes {config.minutes:g}: expected enough for a second of each stage")
+    policies = {train(config, road, seed): road for seed in config.seeds for road in config.roads}
+    scores = {}
+    for number, test in enumerate(config.tests):
+        scores[test] = config.out / f"scores_{number}.csv"
+        authored = ["--authored", str(config.authored)] if config.authored and number == 0 else []
+        horizons = ("--horizon", *config.horizons)
+        run(["evaluate", *map(str, policies), "--motions", test, *horizons, *authored, "--csv", str(scores[test])])
+    rows = table(scores, {folder.name: road for folder, road in policies.items()})
+    with (config.out / "roads.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    for row in rows:
+        print("  ".join(f"{value:>9}" for value in row.values()))
+    return rows
+
+
+if __name__ == "__main__":
+    with report_errors():
+        main(tyro.cli(RoadsConfig, description=__doc__))
