@@ -7,6 +7,7 @@ Nothing else should run meanwhile: budgets are wall time. All policies are then 
 """
 
 import csv
+import shlex
 import statistics
 import subprocess
 import sys
@@ -45,8 +46,8 @@ class RoadsConfig(Bounded):
     """lengths of the commands that are scored"""
     authored: int = 30
     """chains per family of authored keyframes to score; 0 for none"""
-    more: tuple[str, ...] = ()
-    """settings that every stage gets, such as --num-envs 256"""
+    more: str = ""
+    """settings that every stage gets, in one word with an equals sign: --more='--num-envs 256 --mirror'"""
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ def commands(config: RoadsConfig, road: str, seed: int) -> list[tuple[Path, list
                 *(word for flag, needed in stage.needs.items() for word in (flag, str(folders[needed]))),
                 *stage.settings,
                 *("--minutes", f"{stage.share * config.minutes:g}", "--seed", str(seed)),
-                *config.more,
+                *shlex.split(config.more),
                 *("--out", str(folders[stage.name])),
             ],
         )

@@ -40,21 +40,20 @@ def test_all_roads_are_trained_then_scored_together(config, monkeypatch):
     def run(words):
         ran.append(words)
         if words[0] == "evaluate":
-            write_scores(Path(words[-1]), [Path(word).name for word in words[1:9]])
+            write_scores(Path(words[-1]), [Path(word).name for word in words[1:11]])
 
     monkeypatch.setattr(roads, "run", run)
     rows = main(config)
-    assert [words[0] for words in ran].count("imagine") == 2
+    assert [words[0] for words in ran].count("imagine") == 4
     assert ran[-1][0] == "evaluate"
-    assert len(rows) == 4 * 3
+    assert len(rows) == 5 * 3
     with (config.out / "roads.csv").open(newline="") as file:
         assert list(csv.DictReader(file)) == rows
 
 
 def write_scores(path, names):
-    rows = [
-        (name, "mixed", 1, metric, 10 * number + 90, 0, 0) for number, name in enumerate(names) for metric in METRICS
-    ]
+    cells = [(name, metric, 90 + 10 * number) for number, name in enumerate(names) for metric in METRICS]
+    rows = [(name, "mixed", 1, metric, value, 0, 0) for name, metric, value in cells]
     with path.open("w", newline="") as file:
         csv.writer(file).writerows([("policy", "horizon", "seeds", "metric", "value", "low", "high"), *rows])
 
