@@ -3,6 +3,7 @@
 plat imagine --motions clips.npz --init-model runs/expert --minutes 20 --out runs/imagined
 """
 
+from functools import partial
 from typing import Any
 
 import torch
@@ -11,6 +12,7 @@ from plat.cli.settings import parse
 from plat.errors import CheckpointError, ConfigError
 from plat.modules import LatentPolicy, PlainPolicy, take_over
 from plat.motions import MotionLibrary
+from plat.objectives import LatentImaginationLoss
 from plat.recipes.learning import learn
 from plat.recipes.options import ImagineRecipe, check_partial
 from plat.robots import get_robot
@@ -44,7 +46,11 @@ def main(recipe: ImagineRecipe) -> None:
         return TimedKeyframes(motions, recipe.task, timing=recipe.policy.timing, seed=recipe.seed)
 
     begins(recipe, library, recipe.imagination.precision, "failures that fall; plat evaluate says the rest")
-    learn(recipe, library, student, student.deployed(), task, init=trained)
+    privileged: dict[str, Any] = {}
+    if recipe.posterior:
+        loss = partial(LatentImaginationLoss, beta=recipe.beta)
+        privileged = {"imagined": student.imagined(recipe.posterior), "loss": loss}
+    learn(recipe, library, student, student.deployed(), task, init=trained, **privileged)
 
 
 def after(recipe: ImagineRecipe) -> str:

@@ -19,7 +19,7 @@ from plat.figures import save_figure
 from plat.figures.model_error_plot import model_error_plot
 from plat.modules import DynamicsModel
 from plat.motions import MotionLibrary
-from plat.objectives import ExploitationWatch, ImaginationLearner, exploring
+from plat.objectives import ExploitationWatch, ImaginationLearner, ImaginationLoss, exploring
 from plat.recipes.options import ImaginationRecipe
 from plat.runs import DYNAMICS_FILE, Budget, Run, load_dynamics, run_inputs
 from plat.tasks import SimulatedTask, Task
@@ -38,6 +38,8 @@ def learn(
     *,
     init: nn.Module | None = None,
     effort: NestedKey = "action",
+    imagined: TensorDictModuleBase | None = None,
+    loss: Callable[..., ImaginationLoss] = ImaginationLoss,
 ) -> None:
     """Train a policy by imagination into a run directory.
 
@@ -49,6 +51,8 @@ def learn(
         make_task: the task on some motions.
         init: the policy that it started from, if any.
         effort: entry of the actor that is kept small.
+        imagined: what imagined robots act by; None for the actor.
+        loss: the policy's loss.
     """
     device, settings = recipe.device, recipe.imagination
     if settings.window > (kept := _multiple(recipe.replay, recipe.rollout)):
@@ -57,8 +61,9 @@ def learn(
     unseen = MotionLibrary.load(recipe.unseen, library.robot, dt=library.dt).to(device) if recipe.unseen else None
     num_parameters = num_physics(library.robot) if recipe.disturbed else 0
     randomization = RandomizationRanges().scaled(recipe.disturbed) if recipe.disturbed else None
+    imagined = imagined or actor
     if recipe.disturbed:
-        actor = measuring(actor, NoiseLevels().scaled(recipe.disturbed))
+        actor, imagined = (measuring(acts, NoiseLevels().scaled(recipe.disturbed)) for acts in (actor, imagined))
     start = None
     if recipe.init_model:
         start = load_dynamics(recipe.init_model, library.robot, device, num_parameters)
@@ -71,7 +76,7 @@ def learn(
         model = DynamicsModel(library.robot, recipe.model, library.dt, num_parameters).to(device)
     task = make_task(library)
     env = SimulatedTask(task, recipe.num_envs, device=device, randomization=randomization)
-    learner = ImaginationLearner(policy, actor, model, task, settings, effort=effort)
+    learner = ImaginationLearner(policy, imagined, model, task, settings, effort=effort, loss=loss)
     replay = RolloutReplay(
         recipe.num_envs, _multiple(recipe.replay, recipe.rollout), ["robot_state", "memory", "action"], device
     )

@@ -209,8 +209,19 @@ class ImagineRecipe(ImaginationRecipe):
     """without a latent, or through the prior's mean"""
     init: Path | None = None
     """run whose student to go on from; it has the shape of --policy"""
+    posterior: Fraction = 0.0
+    """share of the imagined robots that act through the privileged posterior (--student latent)"""
+    beta: NonNegative = 0.002
+    """weight of the divergence of that posterior from the prior"""
     policy: LatentPolicyConfig = field(default_factory=LatentPolicyConfig)
     task: TimedKeyframesConfig = field(default_factory=TimedKeyframesConfig)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.posterior and self.student != "latent":
+            raise ConfigError(
+                f"ImagineRecipe: posterior is {self.posterior:g}, and a plain student has none: set --student latent"
+            )
 
 
 @dataclass(kw_only=True)

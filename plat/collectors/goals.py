@@ -2,11 +2,10 @@
 
 import torch
 from tensordict import TensorDictBase
-from torch import Tensor
 from torchrl.envs import Transform
 
 from plat.bounds import Count, check_value
-from plat.envs.goals import robot_centric_goal
+from plat.envs.goals import robot_centric_goal, strided_offsets
 from plat.motions.library import MotionLibrary
 
 __all__ = ["PrivilegedGoals", "strided_offsets"]
@@ -44,21 +43,3 @@ class PrivilegedGoals(Transform):
         tensordict["privileged_goal", "frames"] = torch.cat(list(goal.values()), -1)
         tensordict["privileged_goal", "length"] = length
         return tensordict
-
-
-def strided_offsets(steps: Tensor, stride: int) -> tuple[Tensor, Tensor]:
-    """Return the frames ``0, stride, 2 stride .. steps`` of each sequence; the last one is always included.
-
-    Args:
-        steps: ``Delta`` ``[B]``.
-
-    Returns:
-        Offsets ``[B, L]``, padded with ``Delta``, and the number of frames of each sequence ``[B]``.
-
-    >>> offsets, length = strided_offsets(torch.tensor([7, 1]), stride=3)
-    >>> offsets.tolist(), length.tolist()
-    ([[0, 3, 6, 7], [0, 1, 1, 1]], [4, 2])
-    """
-    length = torch.div(steps + stride - 1, stride, rounding_mode="floor") + 1
-    offset = stride * torch.arange(int(length.max()), device=steps.device)
-    return offset.expand(len(steps), -1).minimum(steps[:, None]), length

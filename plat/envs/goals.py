@@ -12,7 +12,7 @@ from plat.rotations import matrix_to_sixd, quat_to_matrix, rows_times_matrices
 from plat.spec.observation import as_observed, observed
 from plat.spec.timing import SOON, Timing
 
-__all__ = ["GOAL_ENTRIES", "GoalView", "clock_entries", "parts_entries", "robot_centric_goal"]
+__all__ = ["GOAL_ENTRIES", "GoalView", "clock_entries", "parts_entries", "robot_centric_goal", "strided_offsets"]
 
 
 @dataclass(frozen=True)
@@ -140,3 +140,21 @@ def clock_entries(steps_left: Tensor, timing: Timing) -> dict[str, Tensor]:
     """
     soon = (steps_left * (timing.control_dt / SOON)).clamp_max(1.0)
     return as_observed("clock", {"soon": soon, "in_window": (steps_left <= timing.window).float()})
+
+
+def strided_offsets(steps: Tensor, stride: int) -> tuple[Tensor, Tensor]:
+    """Return the frames ``0, stride, 2 stride .. steps`` of each sequence; the last one is always included.
+
+    Args:
+        steps: ``Delta`` ``[B]``.
+
+    Returns:
+        Offsets ``[B, L]``, padded with ``Delta``, and the number of frames of each sequence ``[B]``.
+
+    >>> offsets, length = strided_offsets(torch.tensor([7, 1]), stride=3)
+    >>> offsets.tolist(), length.tolist()
+    ([[0, 3, 6, 7], [0, 1, 1, 1]], [4, 2])
+    """
+    length = torch.div(steps + stride - 1, stride, rounding_mode="floor") + 1
+    offset = stride * torch.arange(int(length.max()), device=steps.device)
+    return offset.expand(len(steps), -1).minimum(steps[:, None]), length

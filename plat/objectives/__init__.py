@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from plat.objectives.divergence import gaussian_kl
     from plat.objectives.dynamics import DynamicsLoss, muon_and_adam
     from plat.objectives.exploitation import ExploitationWatch
-    from plat.objectives.imagination import ImaginationLoss
+    from plat.objectives.imagination import ImaginationLoss, LatentImaginationLoss
     from plat.objectives.imagination_learner import ImaginationLearner, exploring
     from plat.objectives.imitation import ImitationLoss, LatentImitationLoss
     from plat.objectives.motor_gradient import motor_gradient
@@ -26,6 +26,7 @@ __all__ = [
     "ImaginationLearner",
     "ImaginationLoss",
     "ImitationLoss",
+    "LatentImaginationLoss",
     "LatentImitationLoss",
     "MotorGradientConfig",
     "PPOConfig",

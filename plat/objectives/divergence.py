@@ -6,9 +6,7 @@ __all__ = ["gaussian_kl"]
 
 
 def gaussian_kl(loc: Tensor, scale: Tensor, other_loc: Tensor, other_scale: Tensor) -> Tensor:
-    """Return ``KL(N(loc, scale)
-
-    N(other_loc, other_scale))`` of each dimension ``[*B, n]`` (nats).
+    """Return ``KL(N(loc, scale) || N(other_loc, other_scale))`` of each dimension ``[*B, n]`` (nats).
 
     >>> import torch
     >>> gaussian_kl(torch.ones(2), torch.ones(2), torch.zeros(2), torch.ones(2)).tolist()

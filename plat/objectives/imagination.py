@@ -1,20 +1,24 @@
 """Imagination loss: a policy's cost over rollouts in a learned dynamics model."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase, dispatch
 from torch import Tensor
+from torchrl.envs.utils import ExplorationType
 from torchrl.objectives.common import LossModule
 from torchrl.objectives.utils import hold_out_net
 
+from plat.bounds import NonNegative, check_value
 from plat.envs.state import GeneralizedState, joint_target
 from plat.modules.dynamics import DynamicsModel
+from plat.objectives.divergence import gaussian_kl
 from plat.tasks.disturbed import applied_action, shown
 from plat.tasks.task import Task
 
-__all__ = ["ImaginationLoss"]
+__all__ = ["ImaginationLoss", "LatentImaginationLoss"]
 
 
 class ImaginationLoss(LossModule):
@@ -108,7 +112,7 @@ class ImaginationLoss(LossModule):
         keys, task = self.tensor_keys, self.task
         state, memory = GeneralizedState.unpack(tensordict.get(keys.state)), tensordict.get(keys.memory)
         alive = torch.ones(tensordict.shape, device=state.root_pos_w.device)
-        to_go, regularization = torch.zeros_like(alive), alive.new_zeros(())
+        to_go, regularization, divergence = torch.zeros_like(alive), alive.new_zeros(()), alive.new_zeros(())
         cost_sum, alive_sum = alive.new_zeros(()), alive.new_zeros(())
         effort_before: Tensor | None = None
         first = observed = self._observe(state, memory)
@@ -126,6 +130,7 @@ class ImaginationLoss(LossModule):
                 cost_sum, alive_sum = cost_sum + (alive * cost).sum(), alive_sum + alive.sum()
             to_go = to_go + weight * alive * cost
             regularization = regularization + weight * self._moderation(effort, effort_before)
+            divergence = divergence + weight * self._divergence(acted)
             weights += weight
             weight *= self.discount
             effort_before = effort
@@ -139,6 +144,7 @@ class ImaginationLoss(LossModule):
                 to_go = to_go + weight * alive * self._value(observed)
             out["loss_critic"] = (self._value(first) - to_go.detach()).square().mean()
         out["loss_policy"] = (to_go.mean() + regularization) / weights
+        self._add_divergence(out, divergence / weights)
         out["imagined_cost"] = cost_sum / alive_sum.clamp_min(1.0)
         out["imagined_alive"] = alive_sum / (self.steps * alive.numel())
         return TensorDict(out)
@@ -152,6 +158,79 @@ class ImaginationLoss(LossModule):
         total = self.effort_weight * effort.square().mean()
         return total if before is None else total + self.rate_weight * (effort - before).square().mean()
 
+    def _divergence(self, acted: TensorDictBase) -> Tensor:
+        """Divergence of the posterior from the prior; 0 for a policy that has none."""
+        return acted.get(self.tensor_keys.action).new_zeros(())
+
+    def _add_divergence(self, out: dict[str, Tensor], divergence: Tensor) -> None:
+        """Add the loss of a mean divergence to the losses."""
+
     def _value(self, observed: TensorDictBase) -> Tensor:
         assert self.critic is not None
         return self.critic(observed.copy()).get(self.tensor_keys.cost_to_go)[:, 0]
+
+
+class LatentImaginationLoss(ImaginationLoss):
+    r"""Imagination loss through a privileged posterior that teaches a deployable prior.
+
+    .. math::
+        L = L_{imagination} + \beta \, KL(q \| p)
+
+    A part of the imagined robots act through the posterior, which sees the motion to come, the others through the
+    prior. Both learn from the cost of what follows. The divergence draws the prior to the posterior, and keeps the
+    posterior where the prior can follow.
+
+    Args:
+        policy: writes ``action`` and both distributions, as :meth:`plat.modules.LatentPolicy.imagined` does.
+        model: the learned robot.
+        task: observation, clock, cost, and the privileged goal sequence (:meth:`plat.tasks.Task.privileged`).
+
+    Keyword Args:
+        beta: :math:`\beta`.
+        settings: as of :class:`ImaginationLoss`.
+
+    Returns ``loss_kl`` and, for the log, ``kl`` (nats a step) beside what :class:`ImaginationLoss` returns.
+
+    Source: ControlVAE (Yao et al. 2022), with the posterior of PLAT's stage 2.
+
+    >>> from plat.modules import DynamicsModel, LatentPolicy
+    >>> from plat.motions import MotionLibrary, generate_motions
+    >>> from plat.tasks import TimedKeyframes, TimedKeyframesConfig
+    >>> library = MotionLibrary.from_clips(generate_motions("train", seconds=8))
+    >>> task, policy = TimedKeyframes(library, TimedKeyframesConfig(chains=6)), LatentPolicy(library.robot)
+    >>> loss = LatentImaginationLoss(policy.imagined(), DynamicsModel(library.robot), task, steps=2, beta=0.01)
+    >>> state, memory = task.start(4)
+    >>> losses = loss(TensorDict({"robot_state": state.pack(), "memory": memory}, [4]))
+    >>> bool(losses["loss_kl"] == 0.01 * losses["kl"])
+    True
+    """
+
+    # TorchRL's losses make policies deterministic by default; this loss needs samples.
+    deterministic_sampling_mode = ExplorationType.RANDOM
+
+    def __init__(
+        self,
+        policy: TensorDictModuleBase,
+        model: DynamicsModel,
+        task: Task,
+        *,
+        beta: float = 0.002,
+        **settings: Any,
+    ):
+        super().__init__(policy, model, task, **settings)
+        check_value("latent imagination loss: beta", beta, NonNegative)
+        self.beta = beta
+        self.out_keys = [*self.out_keys, "loss_kl", "kl"]
+
+    def _observe(self, state: GeneralizedState, memory: TensorDictBase) -> TensorDictBase:
+        observed = super()._observe(state, memory)
+        with torch.autocast(state.root_pos_w.device.type, enabled=False):
+            observed["privileged_goal"] = self.task.privileged(state, memory)
+        return observed
+
+    def _divergence(self, acted: TensorDictBase) -> Tensor:
+        groups = (acted["posterior"], acted["prior"])
+        return gaussian_kl(*(group[name].float() for group in groups for name in ("loc", "scale"))).sum(-1).mean()
+
+    def _add_divergence(self, out: dict[str, Tensor], divergence: Tensor) -> None:
+        out["loss_kl"], out["kl"] = self.beta * divergence, divergence.detach()

@@ -1,6 +1,7 @@
 """Iteration of learning by imagination: updates of the dynamics model, then of the policy in it."""
 
 import copy
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import torch
@@ -39,11 +40,12 @@ class ImaginationLearner:
 
     Args:
         policy: the policy that learns. Its ``normalizer``, if it has one, learns what observations are usual.
-        actor: its deterministic actor on the same weights.
+        actor: what imagined robots act by, on the same weights: its deterministic actor, or what ``loss`` asks for.
         model: the robot's model.
         task: observation, clock and cost.
         config: settings.
         effort: entry of the actor that is kept small.
+        loss: the policy's loss, a subclass of it or a partial of one.
 
     Attributes:
         average: copy of ``policy`` with the moving average of its weights.
@@ -67,13 +69,14 @@ class ImaginationLearner:
         config: ImaginationConfig | None = None,
         *,
         effort: NestedKey = "action",
+        loss: Callable[..., ImaginationLoss] = ImaginationLoss,
     ):
         self.config = config = config or ImaginationConfig()
         self.policy = policy
         self.model = model
         self.average = copy.deepcopy(policy)
         self.model_loss = DynamicsLoss(model)
-        self.policy_loss = ImaginationLoss(
+        self.policy_loss = loss(
             actor,
             model,
             task,
@@ -92,9 +95,12 @@ class ImaginationLearner:
 
     def observe(self, rollout: TensorDictBase) -> None:
         """Update the normalizers with a rollout ``[N, T]``, until they are frozen."""
-        normalizer: Any = getattr(self.policy, "normalizer", None)  # that of a refined student stays as it is
-        if normalizer is not None and self.iterations < self.config.settle:
-            normalizer.update(rollout)
+        policy: Any = self.policy
+        if self.iterations < self.config.settle:
+            if hasattr(policy, "update_normalizers"):
+                policy.update_normalizers(rollout)
+            elif hasattr(policy, "normalizer"):  # that of a refined student stays as it is
+                policy.normalizer.update(rollout)
         if int(self.model.batches) >= self.config.settle:
             return
         before, after = (GeneralizedState.unpack(part["robot_state"]) for part in (rollout, rollout["next"]))
@@ -142,7 +148,7 @@ class ImaginationLearner:
     def _update_policy(self, replay: Windows, log: "_Means") -> None:
         with autocast(self.model.mean.device, self.config.precision):
             losses = self.policy_loss(replay.states(self.config.policy_batch, self.config.recent))
-        losses["loss_policy"].backward()
+        torch.stack([loss for name, loss in losses.items() if name.startswith("loss_")]).sum().backward()
         norm = nn.utils.clip_grad_norm_(self.policy.parameters(), self.config.grad_norm)
         if norm.isfinite():  # the gradient of an exploding imagined rollout is useless
             self.policy_optimizer.step()

@@ -82,3 +82,5 @@ class TimedKeyframesConfig(Bounded):
     """weights where there is no reference but the keyframe"""
     uniform_starts: Fraction = 0.3
     """share of the episodes that start anywhere; the others start where failures are"""
+    stride: Count = 15
+    """a posterior sees every so-many-th frame on the way to a keyframe, and the last"""

@@ -7,6 +7,7 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor, nn
 
 from plat.envs.state import GeneralizedState
+from plat.errors import TaskError
 from plat.robots.robot import Robot
 
 __all__ = ["Task", "robot_entries"]
@@ -44,6 +45,14 @@ class Task(nn.Module):
     @abstractmethod
     def cost(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
         """Cost ``[N]`` of the control step that ended in a state."""
+
+    def privileged(self, state: GeneralizedState, memory: TensorDictBase) -> TensorDict:
+        """Group ``"privileged_goal"``: what only a posterior sees, and only in training.
+
+        ``frames`` ``[N, L, F]`` are goals on the way to the keyframe, as :class:`plat.collectors.PrivilegedGoals` has
+        them, and ``length`` ``[N]`` says how many of them count.
+        """
+        raise TaskError(f"{type(self).__name__} has no privileged goals: define privileged() to train a posterior")
 
     def advance(self, memory: TensorDictBase, action: Tensor) -> TensorDictBase:
         """Memory after a control step with ``action``: clocks go on, nothing new is commanded yet."""

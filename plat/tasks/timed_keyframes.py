@@ -4,7 +4,7 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
-from plat.envs.goals import clock_entries, parts_entries, robot_centric_goal
+from plat.envs.goals import clock_entries, parts_entries, robot_centric_goal, strided_offsets
 from plat.envs.parts import NUM_MASKS, draw_parts
 from plat.envs.state import GeneralizedState
 from plat.envs.tracking import ResetNoise
@@ -182,6 +182,17 @@ class TimedKeyframes(Task):
         batch, device = memory.batch_size, memory["goal"].device
         entries = {name: TensorDict(group, batch, device=device) for name, group in groups.items()}
         return TensorDict(entries, batch, device=device)
+
+    def privileged(self, state: GeneralizedState, memory: TensorDictBase) -> TensorDict:
+        """Frames of the motion from now to the keyframe; of an authored keyframe, which has none, the keyframe."""
+        steps = torch.where(memory["authored"], 0, memory["steps_left"].clamp_min(0))
+        offset, length = strided_offsets(steps, self.config.stride)
+        first = torch.where(memory["authored"], memory["goal"], memory["frame"])
+        rows = torch.minimum(first[:, None] + offset, memory["goal"][:, None])
+        here = self._on_motion(state, memory)
+        goal = robot_centric_goal(self.table.pose(rows), here.root_pos_w, here.root_quat_w)
+        frames = torch.cat(list(goal.values()), -1)
+        return TensorDict({"frames": frames, "length": length}, memory.batch_size, device=frames.device)
 
     def advance(self, memory: TensorDictBase, action: Tensor) -> TensorDictBase:
         """One frame on along a motion, one step less to the keyframe."""

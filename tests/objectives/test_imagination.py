@@ -5,6 +5,7 @@ from tensordict.nn import TensorDictModule, TensorDictSequential
 from torch import nn
 
 from plat.envs import GeneralizedState
+from plat.errors import TaskError
 from plat.modules import (
     DynamicsConfig,
     DynamicsModel,
@@ -14,7 +15,7 @@ from plat.modules import (
     ObservationNormalizer,
     PlainPolicy,
 )
-from plat.objectives import ImaginationLoss
+from plat.objectives import ImaginationLoss, LatentImaginationLoss
 from plat.robots import G1
 from plat.tasks import DenseTracking, TimedKeyframes, TimedKeyframesConfig
 
@@ -152,3 +153,48 @@ def test_half_precision_is_for_networks(tracking):
         loss(starts(tracking))
     assert seen[1].requires_grad
     assert seen[1].dtype == torch.float32
+
+
+@pytest.fixture(scope="module")
+def keyframes(library):
+    return TimedKeyframes(library, TimedKeyframesConfig(chains=6))
+
+
+def test_posterior_and_prior_learn_from_what_follows(keyframes):
+    policy = LatentPolicy(G1)
+    loss = LatentImaginationLoss(policy.imagined(), DynamicsModel(G1, SMALL), keyframes, steps=3, beta=0.0)
+    loss(starts(keyframes))["loss_policy"].backward()
+    parts = {name.split(".")[0] for name in learners(policy)}
+    assert parts == {"backbone", "prior", "encoder", "posterior", "decoder"}
+
+
+@pytest.mark.parametrize(("share", "silent"), [(0.0, {"encoder", "posterior"}), (1.0, {"prior"})])
+def test_who_acts_through_what(keyframes, share, silent):
+    policy = LatentPolicy(G1)
+    loss = LatentImaginationLoss(policy.imagined(share), DynamicsModel(G1, SMALL), keyframes, steps=2, beta=0.0)
+    loss(starts(keyframes))["loss_policy"].backward()
+    assert not silent & {name.split(".")[0] for name in learners(policy)}
+
+
+def test_the_divergence_is_a_loss_of_its_own(keyframes):
+    policy, model, begin = LatentPolicy(G1), DynamicsModel(G1, SMALL), starts(keyframes)
+    losses = {}
+    for beta in (0.5, 0.0):
+        torch.manual_seed(0)
+        losses[beta] = LatentImaginationLoss(policy.imagined(), model, keyframes, steps=2, beta=beta)(begin)
+    assert losses[0.5]["kl"] > 0
+    torch.testing.assert_close(losses[0.5]["loss_kl"], 0.5 * losses[0.5]["kl"])
+    torch.testing.assert_close(losses[0.5]["loss_policy"], losses[0.0]["loss_policy"])
+    assert losses[0.0]["loss_kl"] == 0
+
+
+def test_latents_are_sampled(keyframes):
+    loss = LatentImaginationLoss(LatentPolicy(G1).imagined(), DynamicsModel(G1, SMALL), keyframes, steps=1)
+    begin = starts(keyframes)
+    assert loss(begin)["loss_policy"] != loss(begin)["loss_policy"]
+
+
+def test_a_task_without_privileged_goals_says_so(tracking):
+    loss = LatentImaginationLoss(LatentPolicy(G1).imagined(), DynamicsModel(G1, SMALL), tracking, steps=1)
+    with pytest.raises(TaskError, match="DenseTracking has no privileged goals"):
+        loss(starts(tracking))

@@ -122,6 +122,21 @@ def test_the_model_of_an_expert_serves_a_keyframe_policy(tmp_path):
     assert 0 < float((before - after).detach().norm()) < 0.5 * float(torch.linalg.norm(before.detach()))
 
 
+def test_a_privileged_posterior_learns_as_well(tmp_path):
+    latent = [*("--student", "latent", "--policy.prior", 16, "--policy.posterior", 16, "--policy.latent-size", 4)]
+    arguments = [*RECIPES["imagine"], *latent, "--posterior", 0.5, "--beta", 0.01, "--device", "cpu"]
+    for name, steps in (("a", 80), ("b", 200)):
+        main(["imagine", *map(str, [*arguments, "--out", tmp_path / name, "--steps", steps])])
+    before, after = (load_policy(tmp_path / name).state_dict() for name in "ab")
+    parts = ("posterior", "encoder", "prior", "decoder")
+    moved = {part for part in parts if any(not after[n].equal(v) for n, v in before.items() if n.startswith(part))}
+    assert moved == set(parts)
+    assert float(rows_of(tmp_path / "b" / "metrics.csv")[-1]["kl"]) > 0
+    plain = map(str, [*RECIPES["imagine"], "--posterior", 0.5, "--out", tmp_path / "c", "--steps", 8])
+    with pytest.raises(SystemExit, match="a plain student has none"):
+        main(["imagine", *plain])
+
+
 @pytest.mark.parametrize(
     ("variant", "kind", "learns"),
     [

@@ -2,7 +2,9 @@ import math
 
 import pytest
 import torch
+from tensordict import TensorDict
 
+from plat.collectors import PrivilegedGoals
 from plat.envs import GeneralizedState
 from plat.robots import G1
 from plat.rotations import quat_from_rotvec, quat_multiply
@@ -139,3 +141,28 @@ def test_both_kinds_start(task):
     assert isinstance(state, GeneralizedState)
     assert not task.failed(state, memory).any()
     assert not task.lost(state, memory).any()
+
+
+def test_the_privileged_goals_are_those_of_dagger(task, library):
+    """As the transform of stage 2's buffer gathers them."""
+    state, memory = task.along(torch.tensor([3, 40, 90]))
+    ours = task.privileged(state, memory)
+    steps = TensorDict(
+        {
+            "command": {"steps_left": memory["steps_left"][:, None]},
+            "motion": {"frame": memory["frame"]},
+            "state": {"root_pos_w": state.root_pos_w, "root_quat_w": state.root_quat_w},
+        },
+        [3],
+    )
+    theirs = PrivilegedGoals(library, task.config.stride)(steps)["privileged_goal"]
+    assert ours["length"].equal(theirs["length"])
+    torch.testing.assert_close(ours["frames"], theirs["frames"], atol=1e-5, rtol=0)
+
+
+def test_an_authored_keyframe_tells_a_posterior_nothing_more(task):
+    state, memory = task.authored(torch.arange(8))
+    privileged = task.privileged(state, memory)
+    assert (privileged["length"] == 1).all()
+    goal = task.observe(state, memory)["goal"]
+    torch.testing.assert_close(privileged["frames"][:, 0], torch.cat(list(goal.values()), -1))

@@ -2,9 +2,10 @@
 
 from collections.abc import Callable, Sequence
 
+import torch
 from tensordict import NestedKey, TensorDictBase
-from tensordict.nn import TensorDictModuleBase, TensorDictSequential
-from torch import nn
+from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequential
+from torch import Tensor, nn
 
 from plat.modules.backbone import Backbone
 from plat.modules.decoder import ActionDecoder
@@ -118,6 +119,24 @@ class LatentPolicy(nn.Module):
             self.decoder.using("hidden", ("posterior", "latent"), out_key=("posterior", "action")),
         )
 
+    def imagined(self, share: float = 0.5) -> TensorDictSequential:
+        """Return the policy for learning by imagination, which acts through samples of both latents.
+
+        Reads what :meth:`training_graph` reads; writes ``action`` and the parameters of both distributions.
+
+        Args:
+            share: of the robots, the first ones of a batch, that act through the posterior; the others act through
+                the prior.
+        """
+        graph = self.training_graph()
+        mixed = TensorDictModule(
+            _Mixed(share), in_keys=[("posterior", "latent"), ("prior", "latent")], out_keys=["latent"]
+        )
+        parameters = [(group, name) for group in ("posterior", "prior") for name in ("loc", "scale")]
+        return TensorDictSequential(
+            *graph[:-2], mixed, self.decoder.using("hidden", "latent"), selected_out_keys=["action", *parameters]
+        )
+
     def features(self, keys: Sequence[NestedKey] | None = None) -> TensorDictSequential:
         """Return the deployed part below the decoder: writes ``hidden`` and the parameters of the prior.
 
@@ -199,6 +218,18 @@ class PlainPolicy(nn.Module):
     def update_normalizers(self, tensordict: TensorDictBase) -> None:
         """Take a batch of visited states into the statistics."""
         self.normalizer.update(tensordict)
+
+
+class _Mixed(nn.Module):
+    """Takes the first share of the rows ``[B, n]`` from the first argument, the others from the second."""
+
+    def __init__(self, share: float):
+        super().__init__()
+        self.share = share
+
+    def forward(self, first: Tensor, second: Tensor) -> Tensor:
+        count = round(self.share * len(first))
+        return torch.cat((first[:count], second[count:]))
 
 
 def _observation_normalizer(robot: Robot, config: PlainPolicyConfig) -> ObservationNormalizer:
