@@ -35,6 +35,8 @@ if TYPE_CHECKING:
         mean_errors,
         tally,
     )
+    from plat.control.sensors import SensorNoise, SensorReading, SimulatedSensors
+    from plat.control.settings import ReachLimits
     from plat.control.simulator import Simulator
     from plat.control.viewer import Viewer
     from plat.envs.settings import ReachLimits
@@ -61,6 +63,9 @@ __all__ = [
     "PoseComparison",
     "PoseErrors",
     "ReachLimits",
+    "SensorNoise",
+    "SensorReading",
+    "SimulatedSensors",
     "Simulator",
     "StepErrors",
     "Viewer",

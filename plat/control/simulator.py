@@ -1,5 +1,7 @@
 """Simulation of one position-controlled robot in MuJoCo."""
 
+from collections.abc import Callable
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -80,8 +82,12 @@ class Simulator:
             root_ang_vel_b=qvel[3:6].copy(),
         )
 
-    def step(self, joint_target: NDArray[np.floating]) -> None:
+    def step(self, joint_target: NDArray[np.floating], after_each: Callable[[], None] | None = None) -> None:
         """Hold joint position targets ``[J]`` (rad) for a control step.
+
+        Args:
+            joint_target: joint position targets.
+            after_each: called after every physics step, for sensors that are faster than the policy.
 
         Raises:
             ActionError: for a target that is not finite, naming the joint; when the simulation diverges. MuJoCo would
@@ -93,7 +99,12 @@ class Simulator:
             raise ActionError(f"the target of joint {name!r} is {joint_target[wrong[0]]}, expected a finite angle")
         time = self.data.time
         self.data.ctrl[:] = joint_target
-        mujoco.mj_step(self.model, self.data, self.substeps)
+        if after_each is None:
+            mujoco.mj_step(self.model, self.data, self.substeps)
+        else:
+            for _ in range(self.substeps):
+                mujoco.mj_step(self.model, self.data)
+                after_each()
         if self.data.time < time:  # MuJoCo resets a simulation with a bad state, and its clock
             raise ActionError(f"the simulation diverged {time:.2f} s after its start: targets or pushes are too large")
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plat.deploy.description import Body, RobotDescription
+from plat.deploy.description import Body, Foot, RobotDescription
 from plat.deploy.observation import ObservationBuilder, ObservationTerm, observation_terms
 from plat.errors import BundleError
 from plat.json_file import parse_json, short
@@ -241,7 +241,20 @@ def _robot(content: _Object) -> RobotDescription:
         effort_limit=robot.at_least_zero("effort_limit", joints),
         # actions are computed back from targets, by division
         action_scale=robot.at_least_zero("action_scale", joints, or_zero=False),
+        feet=_feet(robot, {body.name for body in bodies}),
     )
+
+
+def _feet(robot: _Object, bodies: set[str]) -> tuple[Foot, ...]:
+    if not robot.content.get("feet"):  # bundles of version 0.2 and before do not say
+        return ()
+    feet = []
+    for entry in robot.objects("feet"):
+        if (name := entry.value("body", str)) not in bodies:
+            raise entry.fault("body", f"{name!r} is not the name of a body")
+        points = entry.numbers("soles", len(entry.value("soles", list)), 3)
+        feet.append(Foot(name, tuple((x, y, z) for x, y, z in points.tolist())))
+    return tuple(feet)
 
 
 def _body(entry: _Object, index: int, joints: int) -> Body:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Body", "RobotDescription"]
+__all__ = ["Body", "Foot", "RobotDescription"]
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,19 @@ class Body:
 
 
 @dataclass(frozen=True)
+class Foot:
+    """A foot and the points of its sole.
+
+    Args:
+        body: name of the link, one of :attr:`RobotDescription.bodies`.
+        soles: points that touch a level floor when the foot is flat, each ``(x, y, z)`` in the link's frame (m).
+    """
+
+    body: str
+    soles: tuple[tuple[float, float, float], ...]
+
+
+@dataclass(frozen=True)
 class RobotDescription:
     """Description of a position-controlled humanoid as its policy knows it.
 
@@ -46,6 +59,7 @@ class RobotDescription:
         control_dt: seconds from one action to the next.
         keypoints: bodies whose positions a keyframe commands (K of them).
         bodies: the kinematic tree down to the keypoints, the root first and parents before children.
+        feet: what the robot stands on; empty in bundles that do not say.
     """
 
     name: str
@@ -60,6 +74,7 @@ class RobotDescription:
     control_dt: float
     keypoints: tuple[str, ...]
     bodies: tuple[Body, ...]
+    feet: tuple[Foot, ...] = ()
 
     @property
     def default_qpos(self) -> NDArray[np.float64]:

@@ -1,8 +1,9 @@
 """Conversion of a robot to a description for programs without MuJoCo and torch."""
 
+import mujoco
 import numpy as np
 
-from plat.deploy import Body, RobotDescription
+from plat.deploy import Body, Foot, RobotDescription
 from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
 
@@ -45,4 +46,16 @@ def describe_robot(robot: Robot, control_dt: float) -> RobotDescription:
         control_dt=control_dt,
         keypoints=robot.keypoints,
         bodies=tuple(bodies),
+        feet=_feet(robot, model),
+    )
+
+
+def _feet(robot: Robot, model: mujoco.MjModel) -> tuple[Foot, ...]:
+    """Return the feet with the lowest point of every sphere of their soles; none where soles are something else."""
+    soles = robot.sole_geoms(model)
+    if (model.geom_type[soles] != mujoco.mjtGeom.mjGEOM_SPHERE).any():
+        return ()
+    points = model.geom_pos[soles] - model.geom_size[soles, :1] * (0.0, 0.0, 1.0)
+    return tuple(
+        Foot(body, tuple((x, y, z) for x, y, z in sole)) for body, sole in zip(robot.feet, points.tolist(), strict=True)
     )

@@ -1,0 +1,302 @@
+"""State estimation of a legged robot: root pose and velocity from its IMU, its joints and the floor under its feet."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plat.bounds import Bounded, Positive
+from plat.deploy.contacts import ContactDetector, ContactSettings
+from plat.deploy.description import RobotDescription
+from plat.deploy.invariant_filter import FilterNoise, InvariantFilter
+from plat.deploy.soles import SoleKinematics
+from plat.deploy.state import Array, Pose, RobotState
+from plat.errors import StateError
+from plat.rotations_np import quat_from_matrix, quat_to_matrix
+
+__all__ = ["EstimatorSettings", "StateEstimator"]
+
+_Floats = NDArray[np.float64]
+_LEAST_GRAVITY, _MOST_GRAVITY = 7.0, 13.0  # m/s²: what an accelerometer at rest reads
+
+
+@dataclass(frozen=True)
+class EstimatorSettings(Bounded):
+    """Settings of the state estimator: what is expected of sensors and floor."""
+
+    noise: FilterNoise = FilterNoise()
+    """of the IMU and of slip"""
+    contacts: ContactSettings = ContactSettings()
+    """of contact detection"""
+    joint_pos: Positive = 0.005
+    """standard deviation of a joint angle, encoder bias included (rad)"""
+    kinematics: Positive = 0.003
+    """standard deviation of a point of the sole beside that: links bend, soles give (m)"""
+    floor: float | None = 0.0
+    """height of a level floor (m, world); None where it is not level or not known"""
+    floor_noise: Positive = 0.005
+    """standard deviation of that height, averaged over a second (m)"""
+    gate: Positive = 12.0
+    """largest squared Mahalanobis distance at which a point is believed to stand still"""
+    lost: Positive = 0.5
+    """doubt of the velocity when no point in contact stands still (m/s/√s)"""
+
+
+class StateEstimator:
+    """Estimator of the root's pose and velocity in the world: leg odometry and an IMU in an invariant Kalman filter.
+
+    Call :meth:`reset` while the robot stands still, then :meth:`update` with every reading, at the rate of the IMU or
+    at least at that of the policy. Points of the soles that touch are landmarks until they lift or slip, see
+    :class:`plat.deploy.InvariantFilter`. Horizontal position and heading drift, for nothing measures them;
+    :meth:`anchor` and :meth:`measure` take them from outside.
+
+    Args:
+        robot: with its feet.
+        settings: what is expected of sensors and floor.
+        imu_pos: the IMU's place in the root's frame ``[3]`` (m).
+        imu_quat: its orientation ``[4]`` (``wxyz``, IMU to root).
+
+    Raises:
+        RobotError: for a robot whose description has no feet.
+
+    >>> from plat.robots import G1, describe_robot
+    >>> robot = describe_robot(G1, control_dt=0.02)
+    >>> estimator = StateEstimator(robot)
+    >>> still = {"gyro": np.zeros(3), "acceleration": np.array([0.0, 0.0, 9.81])}
+    >>> state = estimator.reset(robot.default_joint_pos, **still)
+    >>> for _ in range(50):
+    ...     state = estimator.update(robot.default_joint_pos, np.zeros(29), **still, dt=0.02)
+    >>> state.root_pos_w.round(2).tolist()
+    [0.0, 0.0, 0.76]
+    """
+
+    def __init__(
+        self,
+        robot: RobotDescription,
+        settings: EstimatorSettings = EstimatorSettings(),
+        imu_pos: Array | tuple[float, float, float] = (0.0, 0.0, 0.0),
+        imu_quat: Array | tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0),
+    ):
+        self._robot = robot
+        self._settings = settings
+        self._soles = SoleKinematics(robot)
+        self._detector = ContactDetector(robot, settings.contacts)
+        self._imu_pos = np.asarray(imu_pos, dtype=np.float64)
+        self._imu_to_root = quat_to_matrix(imu_quat)
+        self._filter = InvariantFilter(len(self._soles.foot), settings.noise)
+        self._standing = np.zeros(len(self._soles.foot), dtype=bool)
+        self._before: _Floats | None = None
+
+    @property
+    def contacts(self) -> NDArray[np.bool_]:
+        """Return which feet stand on the floor, as :attr:`RobotDescription.feet` are in order."""
+        return np.array([self._standing[self._soles.foot == foot].any() for foot in range(len(self._robot.feet))])
+
+    @property
+    def position_spread(self) -> _Floats:
+        """Return the standard deviation of the root's position ``[3]`` (m, world) that the filter expects."""
+        arm = self._filter.position
+        row = np.zeros((3, len(self._filter.covariance)))
+        row[:, 6:9] = np.eye(3)
+        row[:, :3] = -np.array(((0.0, -arm[2], arm[1]), (arm[2], 0.0, -arm[0]), (-arm[1], arm[0], 0.0)))
+        return np.sqrt(np.diag(row @ self._filter.covariance @ row.T))
+
+    def reset(
+        self,
+        joint_pos: Array,
+        gyro: Array,
+        acceleration: Array,
+        *,
+        root_pos_w: Array | tuple[float, float] = (0.0, 0.0),
+        heading: float = 0.0,
+    ) -> RobotState:
+        """Begin anew with a robot that stands still; return its state.
+
+        The tilt is taken from the accelerometer, the height from the lowest sole on the floor, the bias of the
+        gyroscope from what it reads.
+
+        Args:
+            joint_pos: joint angles ``[J]`` (rad).
+            gyro: angular velocity ``[3]`` (rad/s, IMU), better the mean of a second.
+            acceleration: specific force ``[3]`` (m/s², IMU), likewise.
+            root_pos_w: x and y of the root (m, world); more numbers are ignored.
+            heading: of the root about the vertical (rad, world).
+
+        Raises:
+            StateError: for readings of another size, that are not finite, or of a robot that falls or spins.
+        """
+        joint_pos, gyro, acceleration = self._checked(joint_pos, gyro, acceleration)
+        size, rate = float(np.linalg.norm(acceleration)), float(np.linalg.norm(gyro))
+        if not _LEAST_GRAVITY <= size <= _MOST_GRAVITY or rate > 0.5:
+            raise StateError(
+                f"state estimator: {size:.3g} m/s² and {rate:.3g} rad/s at the IMU, expected a robot that stands still "
+                "(9.81 and 0)"
+            )
+        rotation = _upright(self._imu_to_root @ acceleration / size, heading)  # root to world
+        points_b, _ = self._soles(joint_pos)
+        floor = 0.0 if self._settings.floor is None else self._settings.floor
+        height = floor - float((points_b @ rotation.T)[:, 2].min())
+        position = np.array([root_pos_w[0], root_pos_w[1], height], dtype=np.float64)
+        self._filter.reset(rotation @ self._imu_to_root, position + rotation @ self._imu_pos)
+        self._filter.gyro_bias = gyro
+        self._detector.reset()
+        self._standing[:] = False
+        self._before = None
+        return self._state(joint_pos, np.zeros_like(joint_pos), gyro)
+
+    def update(
+        self,
+        joint_pos: Array,
+        joint_vel: Array,
+        gyro: Array,
+        acceleration: Array,
+        dt: float,
+        torque: Array | None = None,
+    ) -> RobotState:
+        """Take a reading of the sensors and return the state of the robot.
+
+        Args:
+            joint_pos: joint angles ``[J]`` (rad).
+            joint_vel: joint velocities ``[J]`` (rad/s).
+            gyro: angular velocity ``[3]`` (rad/s, IMU).
+            acceleration: specific force ``[3]`` (m/s², IMU): 9.81 upward at rest; best the mean since the last reading.
+            dt: seconds since the last reading.
+            torque: joint torques ``[J]`` (N m) as the motors report them; None where they do not.
+
+        Raises:
+            StateError: for readings of another size or that are not finite, and times that are not positive. Nothing
+                has changed then.
+        """
+        joint_pos, gyro, acceleration = self._checked(joint_pos, gyro, acceleration)
+        joint_vel = self._numbers("joint_vel", joint_vel, len(joint_pos))
+        torque = None if torque is None else self._numbers("torque", torque, len(joint_pos))
+        if not 0 < dt < 1:
+            raise StateError(f"state estimator: dt is {dt}, expected seconds above 0 and below 1")
+        kalman, settings = self._filter, self._settings
+        mean_gyro = gyro if self._before is None else 0.5 * (gyro + self._before)
+        self._before = gyro
+        kalman.predict(mean_gyro, acceleration, dt)
+
+        points_b, jacobian_b = self._soles(joint_pos)
+        to_imu = self._imu_to_root.T
+        rotation = kalman.rotation @ to_imu  # root to world
+        offsets = (points_b - self._imu_pos) @ to_imu.T
+        rate = kalman.rotation @ (gyro - kalman.gyro_bias)
+        arms_w = offsets @ kalman.rotation.T
+        velocity_w = kalman.velocity + np.cross(rate, arms_w) + (jacobian_b @ joint_vel) @ rotation.T
+        touching = self._detector(arms_w, velocity_w, rotation @ jacobian_b, torque)
+
+        moved = to_imu @ jacobian_b
+        spread = settings.joint_pos**2 * moved @ np.swapaxes(moved, 1, 2) + settings.kinematics**2 * np.eye(3)
+        kalman.touch(touching & ~self._standing, offsets, spread)
+        stood = touching & self._standing
+        refused = kalman.stand(stood, offsets, spread, settings.gate)
+        if stood.any() and refused[stood].all():
+            kalman.widen_velocity(settings.lost * dt**0.5)
+        kalman.touch(refused, offsets, spread)  # it slipped: from here on it is another contact
+        if settings.floor is not None:
+            # the lowest point alone: a heel that is about to lift must not tilt the robot
+            lowest = np.arange(len(touching)) == np.where(touching, kalman.contacts[:, 2], np.inf).argmin()
+            kalman.level(lowest & touching, settings.floor, settings.floor_noise / dt**0.5)
+        self._standing = touching
+        return self._state(joint_pos, joint_vel, gyro)
+
+    def measure(
+        self,
+        root_pos_w: Array | None = None,
+        heading: float | None = None,
+        *,
+        spread: float = 0.02,
+        heading_spread: float = 0.02,
+    ) -> None:
+        """Correct by a measurement from outside, such as motion capture or a marker that a camera sees.
+
+        Args:
+            root_pos_w: position of the root ``[3]`` (m, world).
+            heading: of the root about the vertical (rad, world).
+            spread: standard deviation of the position (m).
+            heading_spread: of the heading (rad).
+
+        Raises:
+            StateError: for a position that has not three finite numbers, or a heading that is not finite.
+        """
+        if root_pos_w is not None:
+            place = self._numbers("root_pos_w", root_pos_w, 3)
+            root_in_imu = -self._imu_to_root.T @ self._imu_pos
+            self._filter.place(root_in_imu, place, spread**2 * np.eye(3))
+        if heading is not None:
+            if not np.isfinite(heading):
+                raise StateError(f"state estimator: heading is {heading}, expected a finite angle")
+            imu_x = self._imu_to_root[:, 0]
+            self._filter.turn_heading(heading + float(np.arctan2(imu_x[1], imu_x[0])), heading_spread)
+
+    def anchor(self, pose: Pose) -> None:
+        """Move the world so that the robot stands, by position and heading, where a pose has its root.
+
+        Use it to lay the world of keyframes under a robot: ``estimator.anchor(sequence.start)``. Tilt, height and
+        velocity in the robot's frame stay what they are.
+
+        Args:
+            pose: whose root position and orientation count.
+
+        Raises:
+            StateError: for a pose that is not finite.
+        """
+        place = self._numbers("pose: root_pos", pose.root_pos, 3)
+        target = quat_to_matrix(self._numbers("pose: root_quat", pose.root_quat, 4))
+        here = self._filter.rotation @ self._imu_to_root.T
+        turn = _about_z(_heading(target) - _heading(here))
+        position = self._filter.position - here @ self._imu_pos
+        shift = place - turn @ position
+        shift[2] = 0.0  # the floor stays where it is
+        self._filter.change_world(turn, shift)
+
+    def _state(self, joint_pos: _Floats, joint_vel: _Floats, gyro: _Floats) -> RobotState:
+        kalman = self._filter
+        rotation = kalman.rotation @ self._imu_to_root.T
+        rate = gyro - kalman.gyro_bias  # in the IMU's frame
+        arm = self._imu_to_root.T @ self._imu_pos
+        velocity = kalman.rotation.T @ kalman.velocity - np.cross(rate, arm)
+        return RobotState(
+            joint_pos=joint_pos,
+            joint_vel=joint_vel,
+            root_pos_w=kalman.position - rotation @ self._imu_pos,
+            root_quat_w=quat_from_matrix(rotation),
+            root_lin_vel_b=self._imu_to_root @ velocity,
+            root_ang_vel_b=self._imu_to_root @ rate,
+        )
+
+    def _checked(self, joint_pos: Array, gyro: Array, acceleration: Array) -> tuple[_Floats, _Floats, _Floats]:
+        joints = len(self._robot.joint_names)
+        return (
+            self._numbers("joint_pos", joint_pos, joints),
+            self._numbers("gyro", gyro, 3),
+            self._numbers("acceleration", acceleration, 3),
+        )
+
+    def _numbers(self, name: str, values: Array, size: int) -> _Floats:
+        numbers = np.array(values, dtype=np.float64)
+        if numbers.shape != (size,):
+            raise StateError(f"state estimator: {name} has shape {numbers.shape}, expected ({size},)")
+        wrong = np.flatnonzero(~np.isfinite(numbers) | (np.abs(numbers) > 1e6))
+        if wrong.size:
+            value = numbers[wrong[0]]
+            raise StateError(f"state estimator: {name}[{wrong[0]}] is {value}, expected what a robot measures")
+        return numbers
+
+
+def _upright(up_b: _Floats, heading: float) -> _Floats:
+    """Return the rotation ``[3, 3]`` that turns a direction of the root's frame upward, with a heading (rad)."""
+    # the x axis of the root, made level, gives the heading; lying on it, the y axis does
+    level = np.array([1.0, 0.0, 0.0]) - up_b[0] * up_b
+    x = level / np.linalg.norm(level) if np.linalg.norm(level) > 0.1 else np.cross(up_b, (0.0, 0.0, 1.0))
+    return _about_z(heading) @ np.stack((x, np.cross(up_b, x), up_b))
+
+
+def _about_z(angle: float) -> _Floats:
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return np.array(((cosine, -sine, 0.0), (sine, cosine, 0.0), (0.0, 0.0, 1.0)))
+
+
+def _heading(rotation: _Floats) -> float:
+    return float(np.arctan2(rotation[1, 0], rotation[0, 0]))

@@ -1,0 +1,177 @@
+from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import plat
+from plat.control import PolicyController, SensorNoise, SimulatedSensors, Simulator
+from plat.deploy import EstimatorSettings, StateEstimator
+from plat.errors import ConfigError, StateError
+from plat.keyframes import standing
+from plat.robots import G1
+from plat.rotations_np import heading_pitch_roll, quat_from_heading_pitch_roll, quat_from_rotvec, quat_to_matrix
+from tests.deploy.robots import describe_g1
+
+ROBOT = describe_g1()
+STILL = {"gyro": np.zeros(3), "acceleration": np.array([0.0, 0.0, 9.81])}
+
+
+@cache
+def walk() -> tuple[dict[str, np.ndarray], list[tuple]]:
+    """A robot that takes a step of 0.35 m and turns by 0.3 rad: means of a second at rest, readings and true states."""
+    controller = PolicyController(plat.load("imagined-g1").deployed(), G1)
+    simulator = Simulator(G1.model())
+    simulator.reset(standing(G1))
+    sensors = SimulatedSensors(simulator, SensorNoise(), seed=3)
+    rest = [sensors.read() for _ in range(200)]
+    still = {name: np.mean([getattr(each, name) for each in rest], 0) for name in ("joint_pos", "gyro", "acceleration")}
+    pose = standing(G1)
+    goal = replace(pose, root_pos=pose.root_pos + np.array([0.35, 0.0, 0.0]), root_quat=quat_from_rotvec([0, 0, 0.3]))
+    record = []
+    for step in range(80):
+        target = controller(simulator.state(), goal, max(50 - step, 1))
+        record.append((sensors.step(target), simulator.state()))
+    return still, record
+
+
+def step_forward() -> list[tuple]:
+    return walk()[1]
+
+
+def follow(estimator: StateEstimator, torque: bool = True):
+    """Run an estimator along the step; return its last state and the true one."""
+    readings = [reading for readings, _ in step_forward() for reading in readings]
+    estimate = estimator.reset(**walk()[0])
+    for each in readings:
+        estimate = estimator.update(
+            each.joint_pos, each.joint_vel, each.gyro, each.acceleration, each.dt, each.torque if torque else None
+        )
+    return estimate, step_forward()[-1][1]
+
+
+def errors(estimate, truth) -> tuple[float, float]:
+    """Error of the position (m) and angle between the orientations (rad)."""
+    off = quat_to_matrix(estimate.root_quat_w) @ quat_to_matrix(truth.root_quat_w).T
+    return float(np.linalg.norm(estimate.root_pos_w - truth.root_pos_w)), float(np.arccos((np.trace(off) - 1) / 2))
+
+
+@pytest.mark.parametrize("torque", [True, False])
+def test_a_step_is_followed(torque):
+    estimate, truth = follow(StateEstimator(ROBOT), torque)
+    assert truth.root_pos_w[0] > 0.25  # it has gone somewhere
+    place, turn = errors(estimate, truth)
+    assert place < 0.05
+    assert turn < 0.05
+    assert np.linalg.norm(estimate.root_lin_vel_b - truth.root_lin_vel_b) < 0.1
+
+
+def test_an_imu_elsewhere_gives_the_same():
+    """The readings of an IMU that is turned in the pelvis."""
+    quat = quat_from_rotvec([0.3, -0.2, 1.5])
+    to_imu = quat_to_matrix(quat).T
+    here, turned = StateEstimator(ROBOT), StateEstimator(ROBOT, imu_quat=quat)
+    first = step_forward()[0][0][0]
+    here.reset(first.joint_pos, first.gyro, STILL["acceleration"])
+    turned.reset(first.joint_pos, to_imu @ first.gyro, to_imu @ STILL["acceleration"])
+    for readings, _ in step_forward()[:20]:
+        for each in readings:
+            a = here.update(each.joint_pos, each.joint_vel, each.gyro, each.acceleration, each.dt)
+            b = turned.update(each.joint_pos, each.joint_vel, to_imu @ each.gyro, to_imu @ each.acceleration, each.dt)
+    for field in ("root_pos_w", "root_lin_vel_b", "root_ang_vel_b"):
+        np.testing.assert_allclose(getattr(a, field), getattr(b, field), atol=1e-6)
+
+
+def test_an_imu_with_a_lever_arm():
+    """A robot that turns on the spot: the IMU moves, the root does not."""
+    arm = np.array([0.1, 0.0, -0.05])
+    estimator = StateEstimator(ROBOT, EstimatorSettings(floor=None), imu_pos=arm)
+    estimator.reset(ROBOT.default_joint_pos, **STILL)
+    kalman = estimator._filter
+    kalman.velocity = np.cross((0.0, 0.0, 2.0), kalman.rotation @ arm)
+    rate = np.array([0.0, 0.0, 2.0])
+    force = np.cross(rate, np.cross(rate, arm)) + STILL["acceleration"]
+    lifted = ROBOT.default_joint_pos.copy()
+    estimator._detector = lambda *_: np.zeros(8, dtype=bool)  # in the air
+    for _ in range(200):
+        state = estimator.update(lifted, np.zeros(29), rate, force, 0.001)
+    np.testing.assert_allclose(state.root_pos_w[:2], 0, atol=1e-3)
+    np.testing.assert_allclose(state.root_lin_vel_b, 0, atol=5e-3)
+    assert abs(heading_pitch_roll(state.root_quat_w)[0] - 0.4) < 1e-6
+
+
+def test_the_tilt_at_the_start_is_that_of_gravity():
+    angles = np.array([0.7, 0.2, -0.1])
+    up = quat_to_matrix(quat_from_heading_pitch_roll(angles)).T @ (0, 0, 9.81)
+    state = StateEstimator(ROBOT).reset(ROBOT.default_joint_pos, np.zeros(3), up, root_pos_w=(2.0, 3.0), heading=0.7)
+    np.testing.assert_allclose(heading_pitch_roll(state.root_quat_w), angles, atol=1e-9)
+    np.testing.assert_allclose(state.root_pos_w[:2], [2, 3])
+
+
+def test_the_world_of_the_keyframes_is_laid_under_the_robot():
+    estimator = StateEstimator(ROBOT)
+    before, _ = follow(estimator)
+    pose = SimpleNamespace(root_pos=np.array([5.0, -2.0, 0.9]), root_quat=quat_from_rotvec([0.0, 0.0, 2.0]))
+    estimator.anchor(pose)
+    last = step_forward()[-1][0][-1]
+    after = estimator.update(last.joint_pos, last.joint_vel, last.gyro, last.acceleration, last.dt, last.torque)
+    np.testing.assert_allclose(after.root_pos_w[:2], [5, -2], atol=5e-3)
+    assert abs(after.root_pos_w[2] - before.root_pos_w[2]) < 5e-3
+    np.testing.assert_allclose(heading_pitch_roll(after.root_quat_w)[0], 2.0, atol=5e-3)
+    np.testing.assert_allclose(after.root_lin_vel_b, before.root_lin_vel_b, atol=0.05)
+
+
+def test_a_measurement_from_outside_takes_the_drift_away():
+    estimator = StateEstimator(ROBOT)
+    follow(estimator)
+    spread = estimator.position_spread
+    place = np.array([0.5, 0.1, 0.75])
+    for _ in range(20):
+        estimator.measure(place, heading=0.35, spread=0.005, heading_spread=0.005)
+    last = step_forward()[-1][0][-1]
+    after = estimator.update(last.joint_pos, last.joint_vel, last.gyro, last.acceleration, last.dt)
+    np.testing.assert_allclose(after.root_pos_w, place, atol=0.02)
+    assert abs(heading_pitch_roll(after.root_quat_w)[0] - 0.35) < 0.01
+    assert (estimator.position_spread < spread).all()
+
+
+def test_feet_on_the_floor_are_told():
+    estimator = StateEstimator(ROBOT)
+    estimator.reset(ROBOT.default_joint_pos, **STILL)
+    assert not estimator.contacts.any()  # nothing was seen yet
+    for _ in range(5):
+        estimator.update(ROBOT.default_joint_pos, np.zeros(29), **STILL, dt=0.02)
+    assert estimator.contacts.tolist() == [True, True]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"joint_pos": np.zeros(3)}, r"joint_pos has shape \(3,\), expected \(29,\)"),
+        ({"gyro": np.array([0, np.nan, 0])}, r"gyro\[1\] is nan, expected what a robot measures"),
+        ({"acceleration": np.array([0, 0, 1e300])}, r"acceleration\[2\] is 1e\+300"),
+        ({"joint_vel": np.full(29, np.inf)}, r"joint_vel\[0\] is inf"),
+        ({"torque": np.zeros(28)}, r"torque has shape \(28,\)"),
+        ({"dt": 0.0}, "dt is 0.0, expected seconds above 0 and below 1"),
+        ({"dt": np.nan}, "dt is nan"),
+    ],
+)
+def test_readings_that_no_robot_gives_are_refused_and_change_nothing(change, message):
+    estimator, untouched = StateEstimator(ROBOT), StateEstimator(ROBOT)
+    good = {"joint_pos": ROBOT.default_joint_pos, "joint_vel": np.zeros(29), **STILL, "dt": 0.02}
+    for each in (estimator, untouched):
+        each.reset(ROBOT.default_joint_pos, **STILL)
+    with pytest.raises(StateError, match=f"state estimator: {message}"):
+        estimator.update(**{**good, **change})
+    np.testing.assert_array_equal(estimator.update(**good).root_pos_w, untouched.update(**good).root_pos_w)
+
+
+def test_a_start_in_free_fall_is_refused():
+    with pytest.raises(StateError, match="expected a robot that stands still"):
+        StateEstimator(ROBOT).reset(ROBOT.default_joint_pos, np.zeros(3), np.array([0.0, 0.0, 0.3]))
+
+
+def test_settings_are_checked():
+    with pytest.raises(ConfigError, match="EstimatorSettings: gate is -1"):
+        EstimatorSettings(gate=-1.0)
