@@ -36,7 +36,6 @@ if TYPE_CHECKING:
         tally,
     )
     from plat.control.sensors import SensorNoise, SensorReading, SimulatedSensors
-    from plat.control.settings import ReachLimits
     from plat.control.simulator import Simulator
     from plat.control.viewer import Viewer
     from plat.envs.settings import ReachLimits
