@@ -1,6 +1,7 @@
 """Files that are written whole or not at all, and places that are checked before the work."""
 
 import os
+import shutil
 import tempfile
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -8,7 +9,7 @@ from pathlib import Path
 
 from plat.errors import OutputError
 
-__all__ = ["check_file", "check_folder", "replace_file"]
+__all__ = ["check_file", "check_folder", "expand_home", "is_full", "replace_file"]
 
 
 def replace_file(path: Path, write: Callable[[Path], object]) -> None:
@@ -19,6 +20,7 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
 
     Raises:
         OutputError: for a folder or a device.
+        OSError: naming ``path``, when the disk does not take it.
 
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -28,16 +30,50 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
     """
     if path.exists() and not path.is_file():  # a device that root may replace, say
         raise OutputError(f"{str(path)!r}: is a {'folder' if path.is_dir() else 'device'}, expected a file")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-", suffix=f".part{path.suffix}")
-    os.close(descriptor)
-    part = Path(name)
+    part: Path | None = None
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-", suffix=f".part{path.suffix}")
+        os.close(descriptor)
+        part = Path(name)
         write(part)
         part.chmod(0o644)
         part.replace(path)
+    except OSError as error:
+        # that of a full disk names no file, and others name the file beside it
+        if error.errno is None or (part is not None and error.filename not in (None, str(part))):
+            raise
+        raise OSError(error.errno, error.strerror, str(path)) from error
     finally:
-        part.unlink(missing_ok=True)
+        if part is not None:
+            part.unlink(missing_ok=True)
+
+
+def is_full(folder: Path) -> bool:
+    """Return whether a folder is on a disk that takes no more: less than 64 KB are free.
+
+    Libraries tell this in words of their own, or not at all.
+
+    >>> import tempfile
+    >>> is_full(Path(tempfile.gettempdir()))
+    False
+    """
+    try:
+        return shutil.disk_usage(folder).free < 1 << 16
+    except OSError:
+        return False
+
+
+def expand_home(path: Path) -> Path:
+    """Return a path with the home folder in the place of ``~``; as it is where nobody's home is known.
+
+    >>> expand_home(Path("~nobody-of-this-name/a.txt")).as_posix()
+    '~nobody-of-this-name/a.txt'
+    """
+    try:
+        return path.expanduser()
+    except RuntimeError:
+        return path
 
 
 def check_file(path: Path, what: str = "--out", suffixes: Sequence[str] = ()) -> None:

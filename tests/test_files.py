@@ -1,10 +1,12 @@
+import errno
 import os
+from argparse import Namespace
 from pathlib import Path
 
 import pytest
 
 from plat.errors import OutputError
-from plat.files import check_file, check_folder, replace_file
+from plat.files import check_file, check_folder, expand_home, is_full, replace_file
 
 
 def test_a_failed_write_leaves_the_file_before_it_and_nothing_else(tmp_path):
@@ -19,6 +21,37 @@ def test_a_failed_write_leaves_the_file_before_it_and_nothing_else(tmp_path):
         replace_file(path, half)
     assert path.read_text() == "first"
     assert [file.name for file in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_a_full_disk_is_named_by_the_file(tmp_path):
+    path = tmp_path / "a.txt"
+
+    def full(part):
+        part.write_text("half")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    def beside(part):
+        part.with_name("other").read_text()
+
+    with pytest.raises(OSError, match=r"No space left on device: '.*/a\.txt'"):
+        replace_file(path, full)
+    with pytest.raises(FileNotFoundError, match=r"'.*/other'"):  # no fault of this file
+        replace_file(path, beside)
+    with pytest.raises(OSError, match=r"'/proc/none/a\.txt'"):
+        replace_file(Path("/proc/none/a.txt"), full)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_disk_with_no_room_is_full(tmp_path, monkeypatch):
+    assert not is_full(tmp_path / "missing")
+    monkeypatch.setattr("plat.files.shutil.disk_usage", lambda _: Namespace(free=4096))
+    assert is_full(tmp_path)
+
+
+def test_a_home_that_nobody_has_is_a_name_like_any_other(monkeypatch, tmp_path):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert expand_home(Path("~/a.txt")) == tmp_path / "a.txt"
+    assert expand_home(Path("~nobody-of-this-name/a.txt")) == Path("~nobody-of-this-name/a.txt")
 
 
 def test_the_new_file_can_be_read_by_others(tmp_path):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from plat.cli.options import CurvesRecipe
 from plat.errors import PlatError
-from plat.figures import pyplot
+from plat.figures import pyplot, write_figure
 from plat.files import check_file
 from plat.json_file import short
 
@@ -49,5 +49,5 @@ def main(recipe: CurvesRecipe) -> None:
     panels[0][0].legend(frameon=False)
     figure.tight_layout()
     recipe.out.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(recipe.out, dpi=130)
+    write_figure(figure, recipe.out, dpi=130)
     print(f"wrote {recipe.out}")

@@ -23,7 +23,7 @@ import plat.headless  # noqa: F401
 
 from plat.cli.options import Convert, Inspect, Map, Mirror, MotionFiles, MotionsCommand, Retarget
 from plat.errors import MotionError, OutputError, PlatError
-from plat.figures import draw_skeleton, pyplot
+from plat.figures import draw_skeleton, pyplot, write_figure
 from plat.files import check_file, check_folder
 from plat.motions import (
     MotionClip,
@@ -384,7 +384,7 @@ def draw_sheet(path: Path, clips: Sequence[MotionClip], robot: Robot = G1) -> No
             panel.set_axis_off()
             panel.set_title(f"{frame / clip.fps:.1f} s", fontsize=7, pad=2)
         row[0].text(0, 1.16, clip.name, fontsize=8, transform=row[0].transAxes)
-    figure.savefig(path, dpi=110)
+    write_figure(figure, path, dpi=110)
     pyplot().close(figure)
     stage.close()
 
@@ -414,7 +414,7 @@ def plot(path: Path, clip: MotionClip, robot: Robot = G1) -> None:
     root = panels[2].twinx()
     root.plot(time[1:], np.linalg.norm(steps[:, :3], axis=1), color="C3", linewidth=1)
     root.set_ylabel("root (m/s)", color="C3")
-    figure.savefig(path, dpi=100)
+    write_figure(figure, path, dpi=100)
     pyplot().close(figure)
 
 

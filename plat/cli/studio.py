@@ -16,6 +16,8 @@ import plat.headless  # noqa: F401
 
 from plat.cli.options import StudioRecipe
 from plat.errors import StudioError
+from plat.motions.files import motion_paths
+from plat.motions.generation import PREFIX
 from plat.robots import get_robot
 from plat.runs import load_policy
 from plat.runs.user_modules import import_modules
@@ -32,6 +34,8 @@ def main(recipe: StudioRecipe) -> None:
     torch.set_num_threads(1)
     import_modules(recipe.imports)
     get_robot(recipe.robot)  # a description file makes the policies' robot known
+    if named := [name for name in recipe.motions.split() if not name.startswith(PREFIX)]:
+        motion_paths(named)  # they are read when the page asks for them
     policies = {name: load_policy(run) for name, run in zip(_names(recipe.runs), recipe.runs, strict=True)}
     robot = next(iter(policies.values())).robot
     session = Session(robot, {name: policy.deployed() for name, policy in policies.items()})

@@ -38,8 +38,15 @@ _Table = TypeVar("_Table")
 
 
 def write_columns(path: Path, columns: Mapping[str, Tensor], about: Mapping[str, Any]) -> None:
-    """Write a table of records and its description (JSON values) to a ``.safetensors`` file."""
-    replace_file(path, lambda part: save_file(dict(columns), part, {"about": json.dumps(dict(about))}))
+    """Write a table of records and its description (JSON values) to a ``.safetensors`` file.
+
+    Raises:
+        RecordsError: when the disk does not take it.
+    """
+    try:
+        replace_file(path, lambda part: save_file(dict(columns), part, {"about": json.dumps(dict(about))}))
+    except SafetensorError as error:
+        raise RecordsError(f"records {str(path)!r} could not be written ({error})") from error
 
 
 def read_columns(path: Path, make: Callable[[Mapping[str, Tensor]], _Table]) -> tuple[_Table, dict[str, Any]]:

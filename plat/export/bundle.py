@@ -88,7 +88,7 @@ def export_bundle(run: str | Path, out: str | Path) -> ExportCheck:
         part.chmod(0o755)
         os.rename(part, out)
     except OSError as error:
-        raise BundleError(f"{str(out)!r} could not be written ({error})") from error
+        raise BundleError(f"{str(out)!r} could not be written ({error.strerror or error})") from error
     finally:
         if part is not None:
             shutil.rmtree(part, ignore_errors=True)

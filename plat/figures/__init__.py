@@ -5,7 +5,7 @@ from plat.figures.differences import difference_plot
 from plat.figures.film_strip import film_strip
 from plat.figures.groups import group_plot
 from plat.figures.horizon import horizon_plot
-from plat.figures.pyplot import pyplot
+from plat.figures.pyplot import pyplot, write_figure
 from plat.figures.radar import radar_plot
 from plat.figures.robustness import robustness_plot
 from plat.figures.skeleton import draw_skeleton
@@ -24,4 +24,5 @@ __all__ = [
     "robustness_plot",
     "save_figure",
     "success_plot",
+    "write_figure",
 ]

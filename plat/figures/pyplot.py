@@ -1,10 +1,12 @@
 """Matplotlib without a window."""
 
+from pathlib import Path
 from typing import Any
 
 from plat.errors import RenderingError
+from plat.files import replace_file
 
-__all__ = ["pyplot"]
+__all__ = ["pyplot", "write_figure"]
 
 
 def pyplot() -> Any:
@@ -21,3 +23,17 @@ def pyplot() -> Any:
     import matplotlib.pyplot
 
     return matplotlib.pyplot
+
+
+def write_figure(figure: Any, path: str | Path, **options: Any) -> None:
+    """Write a figure, in the format of the file's ending; the file is replaced in one step or not at all.
+
+    Args:
+        figure: of Matplotlib.
+        path: of the file.
+        options: of ``savefig``.
+
+    Raises:
+        OSError: naming the file, when the disk does not take it.
+    """
+    replace_file(Path(path), lambda part: figure.savefig(part, **options))

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from plat.errors import MotionError
-from plat.figures.pyplot import pyplot
+from plat.figures.pyplot import pyplot, write_figure
 from plat.motions.retargeting.axes import AXES, check_sides, find_up
 from plat.motions.retargeting.mocap import Mocap
 from plat.motions.retargeting.skeletons import SkeletonMap
@@ -64,7 +64,7 @@ def draw_skeleton(path: str | Path, mocap: Mocap, skeleton: SkeletonMap) -> str:
         panel.axis("off")
     told = "; ".join(wrong)
     figure.suptitle(f"{skeleton.name}: blue is left, orange is right" + (f"\n{told}" if told else ""), fontsize=11)
-    figure.savefig(path, dpi=110)
+    write_figure(figure, path, dpi=110)
     plt.close(figure)
     return told
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from plat.evaluation.score_table import Score
-from plat.figures.pyplot import pyplot
+from plat.figures.pyplot import pyplot, write_figure
 
 __all__ = ["COLUMN", "PAGE", "Look", "looks", "paper_style", "policies", "save_figure"]
 
@@ -102,6 +102,6 @@ def save_figure(figure: Any, stem: Path) -> list[Path]:
         for path in paths:
             # no date: the same scores give the same file
             metadata = {"CreationDate": None} if path.suffix == ".pdf" else None
-            figure.savefig(path, dpi=300, bbox_inches="tight", pad_inches=0.02, metadata=metadata)
+            write_figure(figure, path, dpi=300, bbox_inches="tight", pad_inches=0.02, metadata=metadata)
         plt.close(figure)
     return paths

@@ -64,7 +64,7 @@ def write_keyframes(path: Path, robot: RobotJoints, start: Keyframe, keyframes: 
     try:
         replace_file(path, lambda part: part.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8"))
     except OSError as error:
-        raise KeyframeError(f"keyframe file {str(path)!r} could not be written ({error})") from error
+        raise KeyframeError(f"keyframe file {str(path)!r} could not be written ({error.strerror or error})") from error
 
 
 def _parse(content: Any, robot: RobotJoints) -> tuple[Keyframe | None, tuple[Keyframe, ...]]:

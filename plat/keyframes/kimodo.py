@@ -91,7 +91,7 @@ def write_constraints(path: Path, robot: Robot, keyframes: Sequence[Keyframe], f
     try:
         replace_file(path, lambda part: part.write_text(json.dumps([constraint]) + "\n", encoding="utf-8"))
     except OSError as error:
-        raise KeyframeError(f"constraints {str(path)!r} could not be written ({error})") from error
+        raise KeyframeError(f"constraints {str(path)!r} could not be written ({error.strerror or error})") from error
 
 
 def _poses(entry: dict[str, Any], label: str, robot: Robot, fps: float) -> list[Keyframe]:

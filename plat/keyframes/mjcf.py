@@ -78,7 +78,7 @@ def write_mjcf_keys(path: Path, robot: Robot, keyframes: Sequence[Keyframe]) -> 
     try:
         replace_file(path, lambda part: part.write_text("\n".join(lines), encoding="utf-8"))
     except OSError as error:
-        raise KeyframeError(f"MJCF file {str(path)!r} could not be written ({error})") from error
+        raise KeyframeError(f"MJCF file {str(path)!r} could not be written ({error.strerror or error})") from error
 
 
 def _roots(path: Path, where: str, depth: int = 0) -> list[ElementTree.Element]:

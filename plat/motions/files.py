@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from plat.errors import MotionError
+from plat.files import replace_file
 from plat.motions.clip import MotionClip
 from plat.motions.formats import MotionFile, QuatOrder, ReadOptions, csv_text
 from plat.motions.formats.csv_file import ASSUMED_RATE
@@ -156,7 +157,12 @@ def load_motions(
 
 
 def save_motions(path: str | Path, clips: Sequence[MotionClip], robot: Robot = G1) -> None:
-    """Write clips of one frame rate to a plat motion file."""
+    """Write clips of one frame rate to a plat motion file.
+
+    Raises:
+        MotionError: for several frame rates, or names that cannot stand in the file.
+        OSError: when the disk does not take it; the file that was there is intact.
+    """
     rates = {clip.fps for clip in clips}
     if len(rates) != 1:
         found = ", ".join(f"{rate:.5g}" for rate in sorted(rates))
@@ -169,7 +175,9 @@ def save_motions(path: str | Path, clips: Sequence[MotionClip], robot: Robot = G
     if taken or len(arrays) != len(clips):
         raise MotionError(f"motion file {str(path)!r}: clip names must differ from each other and from {_RESERVED}")
     described: dict[str, Any] = {"fps": np.float64(rates.pop()), "joint_names": np.array(robot.joint_names), **arrays}
-    np.savez_compressed(path, **described)
+    path = Path(path)
+    path = path if path.suffix == ".npz" else path.with_name(f"{path.name}.npz")  # as numpy does
+    replace_file(path, lambda part: np.savez_compressed(part, **described))
 
 
 def save_csv(folder: str | Path, clip: MotionClip, robot: Robot = G1) -> Path:
@@ -178,7 +186,7 @@ def save_csv(folder: str | Path, clip: MotionClip, robot: Robot = G1) -> Path:
     A rate that the clip's name states gives way to the clip's own.
     """
     path = Path(folder) / f"{without_rates(clip.name).replace('/', '_')}_{clip.fps:.10g}fps.csv"
-    path.write_text(csv_text(clip, robot.joint_names))
+    replace_file(path, lambda part: part.write_text(csv_text(clip, robot.joint_names)))
     return path
 
 

@@ -5,7 +5,7 @@ import json
 import logging
 import os
 import re
-import warnings
+import tempfile
 import zlib
 from collections import Counter
 from collections.abc import Sequence
@@ -344,10 +344,15 @@ def _warn_of_bad_clips(verdicts: _Verdicts, files: Sequence[str], dropped: bool)
 
 
 def cache_dir() -> Path:
-    """Return the cache folder: ``$PLAT_CACHE_DIR``, else ``plat`` in the user's cache folder."""
+    """Return the cache folder: ``$PLAT_CACHE_DIR``, else ``plat`` in the user's cache folder or a temporary one."""
     if folder := os.environ.get("PLAT_CACHE_DIR"):
         return Path(folder)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "plat"
+    if folder := os.environ.get("XDG_CACHE_HOME"):
+        return Path(folder) / "plat"
+    try:
+        return Path.home() / ".cache" / "plat"
+    except RuntimeError:  # a user without a home folder, as in containers
+        return Path(tempfile.gettempdir()) / "plat"
 
 
 def _content_hash(
@@ -381,14 +386,15 @@ def _write_table(path: Path, library: MotionLibrary, verdicts: _Verdicts) -> Non
     try:
         replace_file(path, lambda part: save_file(tensors, part, metadata))
     except (OSError, SafetensorError) as error:
-        warnings.warn(f"motion cache {str(path)!r} was not written ({error}); going on without it", stacklevel=3)
+        reason = error.strerror if isinstance(error, OSError) else error
+        _LOGGER.warning("motion cache %r was not written (%s): going on without it", str(path), reason)
 
 
 def _read_table(path: Path, robot: Robot) -> tuple[MotionLibrary, _Verdicts] | None:
     """Return the cached library and the verdicts on its clips, or None where there is none, or a damaged one."""
-    if not path.exists():
-        return None
     try:
+        if not path.exists():
+            return None
         with safe_open(path, "pt") as file:
             metadata = file.metadata()
             table, start, length = (file.get_tensor(name) for name in ("table", "clip_start", "clip_length"))

@@ -8,6 +8,7 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from plat.errors import MotionError
+from plat.files import expand_home
 
 __all__ = ["find_files", "is_named", "names_apart"]
 
@@ -39,7 +40,7 @@ def find_files(
     paths: list[Path] = []
     expected = ", ".join(endings)
     for pattern in [patterns] if isinstance(patterns, (str, Path)) else patterns:
-        path = Path(pattern).expanduser()
+        path = expand_home(Path(pattern))
         if path.is_dir():
             found = sorted(file for file in path.rglob("*") if file.suffix.lower() in endings)
             found = [file for file in found if not any(part.startswith(".") for part in file.relative_to(path).parts)]
@@ -62,7 +63,7 @@ def find_files(
 def is_named(path: Path, patterns: str | Path | Sequence[str | Path]) -> bool:
     """Return whether one of the patterns is the path itself, and no folder or glob that holds it."""
     listed = [patterns] if isinstance(patterns, (str, Path)) else patterns
-    return any(Path(pattern).expanduser() == path for pattern in listed)
+    return any(expand_home(Path(pattern)) == path for pattern in listed)
 
 
 def names_apart(paths: Sequence[Path]) -> list[str]:

@@ -10,9 +10,10 @@ import mujoco
 import numpy as np
 
 from plat.errors import RenderingError
-from plat.files import check_file, replace_file
+from plat.files import check_file, is_full, replace_file
 from plat.headless import unusable
 from plat.progress import tracked
+from plat.rendering.mp4 import is_whole
 from plat.rendering.playback import Playback
 from plat.robots.robot import Robot
 
@@ -188,15 +189,23 @@ def write_video(path: str | Path, pictures: Iterator[np.ndarray], fps: float = 2
     check_video(path)
     imageio = _imageio()
 
+    path = Path(path)
+
     def write(part: Path) -> None:
-        with imageio.get_writer(part, fps=fps, codec="libx264", quality=7, macro_block_size=8) as writer:
+        # the encoder's own words would come between plat's
+        options = {"codec": "libx264", "quality": 7, "macro_block_size": 8, "ffmpeg_log_level": "quiet"}
+        with imageio.get_writer(part, fps=fps, **options) as writer:
             for picture in pictures:
                 writer.append_data(picture)
+        if not is_whole(part):  # the encoder's exit status is not told
+            raise OSError("the encoder stopped early")
 
     try:
-        replace_file(Path(path), write)
+        replace_file(path, write)
     except OSError as error:
-        reason = str(error).splitlines()[0]  # the encoder's whole command line follows
+        reason = error.strerror or str(error).splitlines()[0]  # the encoder's whole command line follows
+        if is_full(path.parent):
+            reason = "no space left on device"
         raise RenderingError(f"video {str(path)!r} could not be written ({reason})") from error
 
 

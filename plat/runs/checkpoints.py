@@ -10,6 +10,7 @@ from torchrl.checkpoint import Checkpoint, CheckpointRotation, StateDictCheckpoi
 from torchrl.checkpoint import CheckpointError as TorchRLCheckpointError
 
 from plat.errors import CheckpointError, PlatError
+from plat.files import is_full
 
 __all__ = ["Checkpoints"]
 
@@ -49,10 +50,13 @@ class Checkpoints:
         """
         try:
             self._rotation.save(self._checkpoint, step=step)
-        except (OSError, RuntimeError) as error:
+        except (OSError, RuntimeError) as error:  # torch tells a full disk in words of its own
+            reason = "no space left on device" if is_full(self._folder.parent) else error
+            before = (
+                "the one before it is intact, go on from it with --resume" if self.all() else "there is none before it"
+            )
             raise CheckpointError(
-                f"{str(self._folder)!r}: a checkpoint could not be written ({error}); "
-                "the one before it is intact, go on from it with --resume"
+                f"{str(self._folder)!r}: a checkpoint could not be written ({reason}); {before}"
             ) from error
 
     def load(self) -> Path | None:

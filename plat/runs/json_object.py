@@ -36,4 +36,5 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
     try:
         replace_file(path, lambda part: part.write_text(text))
     except OSError as error:
-        raise CheckpointError(f"{str(path)!r} could not be written ({error}); the file before it is intact") from error
+        reason = error.strerror or error
+        raise CheckpointError(f"{str(path)!r} could not be written ({reason}); the file before it is intact") from error

@@ -83,8 +83,7 @@ class _Holding:
             ) from None
         with contextlib.suppress(OSError):  # a full disk: the number is for messages only
             self.file.truncate(0)
-            self.file.write(f"{os.getpid()}\n")
-            self.file.flush()
+            os.write(self.file.fileno(), f"{os.getpid()}\n".encode())  # past the buffer, which closing would flush
 
 
 def _lock(file: IO[Any]) -> None:

@@ -93,7 +93,10 @@ class MetricsFile:
 
     def _fall_behind(self, error: OSError) -> None:
         if not self._behind:
-            print(f"{str(self.path)!r} cannot be written ({error}): rows are kept, training goes on", flush=True)
+            print(
+                f"{str(self.path)!r} cannot be written ({error.strerror or error}): rows are kept, training goes on",
+                flush=True,
+            )
         self._behind = True
 
     def _write_all(self, part: Path) -> None:

@@ -16,7 +16,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NoReturn
@@ -293,10 +293,18 @@ class Run:
         Raises:
             CheckpointError: when the disk does not take them; the checkpoint before is intact.
         """
-        self._checkpoints.save(self.budget.steps)
+        try:
+            self._checkpoints.save(self.budget.steps)
+        except CheckpointError:
+            with suppress(CheckpointError):  # a disk that is full for a checkpoint may take weights, which are small
+                self._save_weights()
+            raise
+        self._save_weights()
+        self._last_save = time.monotonic()
+
+    def _save_weights(self) -> None:
         for name, module in self._modules.items():
             save_weights(self.folder / name, module)
-        self._last_save = time.monotonic()
 
     def finish(self) -> None:
         """Write the last checkpoint, record the progress of training in ``config.json`` and close the logs.

@@ -210,4 +210,5 @@ def save_weights(path: Path, module: nn.Module) -> None:
     try:
         replace_file(path, lambda part: save_file(weights, part))
     except (OSError, SafetensorError) as error:
-        raise CheckpointError(f"{str(path)!r} could not be written ({error}); the file before it is intact") from error
+        reason = (error.strerror if isinstance(error, OSError) else None) or error
+        raise CheckpointError(f"{str(path)!r} could not be written ({reason}); the file before it is intact") from error

@@ -4,7 +4,7 @@ import stat
 from pathlib import Path
 
 from plat.errors import StudioError
-from plat.files import replace_file
+from plat.files import expand_home, replace_file
 from plat.keyframes.files import is_keyframe_file
 
 __all__ = ["Folder"]
@@ -21,7 +21,7 @@ class Folder:
     """
 
     def __init__(self, root: Path):
-        self.root = root.expanduser().resolve()
+        self.root = expand_home(root).resolve()
         if not self.root.is_dir():
             raise StudioError(f"folder {str(root)!r}: no such folder, expected one for keyframes and videos")
 
@@ -38,7 +38,7 @@ class Folder:
         label = f"file {name!r}"
         if not name.strip() or "\0" in name:
             raise StudioError(f"{label}: no file name, expected one that ends in {suffix}")
-        path = self.root / Path(name).expanduser()
+        path = self.root / expand_home(Path(name))
         if path.suffix.lower() != suffix:
             raise StudioError(f"{label}: ends in {path.suffix!r}, expected {suffix!r}")
         # what the name resolves to is compared with the name itself: a difference is a link or a way out by ..
@@ -78,4 +78,4 @@ class Folder:
             replace_file(probe, lambda part: part.write_bytes(b""))
             probe.unlink()
         except OSError as error:
-            raise StudioError(f"file {str(path)!r} cannot be written ({error})") from error
+            raise StudioError(f"file {str(path)!r} cannot be written ({error.strerror or error})") from error

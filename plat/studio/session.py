@@ -10,6 +10,7 @@ from tensordict.nn import TensorDictModuleBase
 
 from plat.control import Chase, KeyframeScorer, record
 from plat.errors import KeyframeError
+from plat.files import expand_home
 from plat.keyframes import Keyframe, KeyframeSequence, standing
 from plat.keyframes.files import read_keyframes, write_keyframes
 from plat.motions import MotionClip
@@ -291,7 +292,7 @@ class Session:
             RenderingError: where there is no OpenGL, the extra ``plat-rl[video]`` is not installed, or the file is no
                 ``.mp4`` or cannot be written.
         """
-        path = Path(path).expanduser()
+        path = expand_home(Path(path))
         check_video(path)
         sequence = timeline.sequence()
         controller = self.playback.controller(policy)
@@ -318,7 +319,7 @@ class Session:
         """Write the keyframes to a file as :meth:`save` does, as a copy that does not count as saved."""
         timeline = self.timeline
         timeline.sequence()  # for its checks
-        write_keyframes(Path(path).expanduser(), self.robot, timeline.start, timeline.to_keyframes())
+        write_keyframes(expand_home(Path(path)), self.robot, timeline.start, timeline.to_keyframes())
 
     def load(self, path: str | Path) -> None:
         """Load the keyframes of a file; this can be undone.
@@ -326,7 +327,7 @@ class Session:
         Raises:
             KeyframeError: naming file, keyframe and field.
         """
-        path = Path(path).expanduser()
+        path = expand_home(Path(path))
         start, keyframes = read_keyframes(path, self.robot)
         try:
             timeline = Timeline.of(start or standing(self.robot), keyframes, self.robot, self.timing)

@@ -27,6 +27,8 @@ from pathlib import Path
 
 SECONDS = 30
 """Of work of the processor."""
+WAITING = 300
+"""Seconds after which a case hangs that does not work; long, for the processor may be busy with other programs."""
 
 _TRAIN = "--motions {clips} --steps 64 --num-envs 2 --rollout 8 --device cpu"
 _TINY = {
@@ -340,7 +342,7 @@ FULL: tuple[tuple[str, str], ...] = (
         --task.families juggling
         --task.shortest 1000
         --unseen nothing.npz
-        --replay 1
+        ok --replay 1
         --imagination.window 1000
         --imagination.steps 100000
         """,
@@ -686,7 +688,9 @@ def _here(words: list[str], _: str) -> str | None:
     from plat.cli import main
 
     signal.signal(signal.SIGPROF, _alarm)
+    signal.signal(signal.SIGALRM, _alarm)
     signal.setitimer(signal.ITIMER_PROF, SECONDS)
+    signal.setitimer(signal.ITIMER_REAL, WAITING)
     out = io.StringIO()
     try:
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
@@ -694,11 +698,12 @@ def _here(words: list[str], _: str) -> str | None:
     except SystemExit as end:
         return None if end.code in (None, 0) else str(end.code)
     except _Hang:
-        return f"no end within {SECONDS} s"
+        return f"no end within {SECONDS} s of work, or {WAITING} s of waiting"
     except BaseException:
         return traceback.format_exc()
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.setitimer(signal.ITIMER_REAL, 0)
     return None
 
 
@@ -707,9 +712,9 @@ def _in_process(words: list[str], environment: str) -> str | None:
     variables = {**os.environ, **dict(pair.split("=", 1) for pair in environment.split())}
     command = [sys.executable, "-m", "plat", *words]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, env=variables, timeout=4 * SECONDS, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, env=variables, timeout=WAITING, check=False)
     except subprocess.TimeoutExpired:
-        return f"no end within {4 * SECONDS} s"
+        return f"no end within {WAITING} s"
     return (done.stderr.strip() or f"exit code {done.returncode}") if done.returncode else None
 
 

@@ -6,7 +6,7 @@ import pytest
 
 import plat
 from plat.cli import studio
-from plat.errors import CheckpointError, KeyframeError, StudioError
+from plat.errors import CheckpointError, KeyframeError, MotionError, StudioError
 
 PLAT = Path(__file__).parents[2] / "plat" / "weights" / "plat"
 
@@ -32,6 +32,8 @@ def test_missing_files_are_named(tmp_path):
         studio.main(studio.StudioRecipe(runs=(tmp_path / "nowhere",)))
     with pytest.raises(KeyframeError, match=r"wave\.json"):
         studio.main(studio.StudioRecipe(runs=(PLAT,), keyframes=tmp_path / "wave.json"))
+    with pytest.raises(MotionError, match=r"nothing\.npz': no such file"):
+        studio.main(studio.StudioRecipe(runs=(PLAT,), motions="generated:val nothing.npz"))
 
 
 @pytest.mark.usefixtures("_extra")

@@ -49,3 +49,13 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(CheckpointError, match=r"file/run' cannot be written \(.*\); choose another --out"):
         RunLock(tmp_path / "file" / "run")
+
+
+def test_a_full_disk_does_not_hinder_it(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("plat.runs.lock.os.write", full)
+    lock = RunLock(tmp_path)
+    lock.release()
+    assert (tmp_path / ".lock").read_bytes() == b""

@@ -291,6 +291,24 @@ def test_a_full_disk_leaves_the_last_checkpoint(tmp_path):
     load_policy(tmp_path / "a")
 
 
+def test_weights_are_written_where_a_checkpoint_does_not_fit(tmp_path, monkeypatch):
+    run, policy, _, budget = start(tmp_path / "a")
+    run.save()
+    with torch.no_grad():
+        next(policy.parameters()).add_(1)
+
+    def full(*_, **__):
+        raise RuntimeError("unexpected pos 1344 vs 1238")
+
+    monkeypatch.setattr(run._checkpoints._rotation, "save", full)
+    monkeypatch.setattr("plat.runs.checkpoints.is_full", lambda _: True)
+    budget.add(10)
+    with pytest.raises(CheckpointError, match=r"could not be written \(no space left on device\); the one before it"):
+        run.save()
+    written = load_policy(tmp_path / "a").state_dict()
+    assert all(torch.equal(tensor, written[name]) for name, tensor in policy.state_dict().items())
+
+
 def test_a_run_of_an_older_plat_is_resumed(tmp_path):
     run, *_ = start(tmp_path / "a")
     run.save()
