@@ -4,9 +4,8 @@ Recorded motion is not what a person draws. Each family here is a chain of five 
 a hold. The same seed gives the same chains.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import mujoco
 import numpy as np
@@ -15,67 +14,29 @@ from numpy.typing import NDArray
 
 from plat.errors import KeyframeError
 from plat.keyframes import Keyframe, KeyframeSequence, split_long_intervals, standing
+from plat.keyframes.chain_families import AHEAD, FAMILY_TABLE, MIDDLE, TRIES, ChainFamily
 from plat.keyframes.partial import hands_of
 from plat.motions import MotionLibrary
 from plat.motions.checks.collision import self_penetration
-from plat.motions.generation.whole_body import WholeBody
+from plat.motions.generation.whole_body import WholeBody, has_six_joint_legs
 from plat.robots import ForwardKinematics, Robot
 from plat.rotations import quat_from_rotvec, quat_multiply
 from plat.spec.parts import Parts
 from plat.spec.timing import Timing
 
-__all__ = ["FAMILIES", "Authored", "Family", "author", "resting_poses"]
+__all__ = ["FAMILIES", "Authored", "author", "lacking", "resting_poses"]
 
 Pose = NDArray[np.float64]
 """Root position (m, world), root quaternion ``wxyz`` and joint angles (rad): ``[7 + J]``."""
 
 # What counts as at rest in a clip.
 _JOINT_SPEED, _ROOT_SPEED, _PELVIS_HEIGHT = 0.6, 0.1, 0.55  # rad/s, m/s, m
-_LENGTH = 5
 _FOOT_OFF = 5e-3  # m
-# Poses that reach: least distance of the hands before the root, deepest collision, poses that are tried at a time.
-_AHEAD, _INSIDE, _TRIES = 0.1, 0.02, 64  # m, m
+# deepest collision of a pose that reaches
+_INSIDE = 0.02  # m
 
-
-@dataclass(frozen=True)
-class Family:
-    """Family of chains.
-
-    Args:
-        name: of the family.
-        interval: shortest and longest time between keyframes (s).
-        hold: seconds in the last keyframe.
-        resting: whether it needs poses out of clips.
-        commands: what is commanded of each pose: all of it; positions of the hands; of hands and torso; or the
-            root's horizontal position and orientation.
-        bodies: largest distance of a commanded body for a keyframe to be reached (m); None for that of
-            :class:`plat.control.ReachLimits`.
-    """
-
-    name: str
-    interval: tuple[float, float] = (0.5, 1.0)
-    hold: float = 3.0
-    resting: bool = False
-    commands: Literal["whole", "hands", "three_point", "waypoint"] = "whole"
-    bodies: float | None = None
-
-
-FAMILIES: dict[str, Family] = {
-    family.name: family
-    for family in (
-        Family("hold", hold=10.0, resting=True),
-        Family("arms"),
-        Family("poses", resting=True),
-        Family("steps"),
-        Family("crouch"),
-        Family("reach", commands="hands", bodies=0.05),
-        Family("three_point", commands="three_point", bodies=0.1),
-        Family("waypoint", commands="waypoint"),
-        Family("far"),
-        Family("far3s", interval=(3.0, 3.0)),
-    )
-}
-"""The families by name: ``far`` is out of reach within its 0.5 to 1 s, ``far3s`` is the same with 3 s to go there.
+FAMILIES: dict[str, ChainFamily] = {name: family for name, family in FAMILY_TABLE.items() if family.scored}
+"""The families that are scored, by name: ``far`` is out of reach within its 0.5 to 1 s, ``far3s`` is the same with 3 s.
 
 ``reach`` commands the positions of the hands, ``three_point`` those of hands and torso, which carries the head, and
 ``waypoint`` the root's horizontal position and orientation.
@@ -90,7 +51,7 @@ class Authored:
         family: it is of.
         sequence: the chain.
         hold: seconds in the last keyframe.
-        bodies: as in :class:`Family`.
+        bodies: as in :class:`plat.keyframes.chain_families.ChainFamily`.
     """
 
     family: str
@@ -113,7 +74,7 @@ def author(
         timing: of the policy that is to chase them; an interval beyond its longest command is split.
 
     Raises:
-        KeyframeError: for another family, or one that needs resting poses and is given none.
+        KeyframeError: for another family, or one that needs what is not there, see :func:`lacking`.
 
     >>> from plat.robots import G1
     >>> chain = author("arms", G1, count=1, seed=0)[0]
@@ -123,8 +84,8 @@ def author(
     if family not in FAMILIES:
         raise KeyframeError(f"authored family {family!r}, expected one of {', '.join(FAMILIES)}")
     kind = FAMILIES[family]
-    if kind.resting and (resting is None or len(resting) == 0):
-        raise KeyframeError(f"authored family {family!r} needs resting poses: give motions that have some")
+    if lack := lacking(kind, robot, resting):
+        raise KeyframeError(f"authored family {family!r} needs {lack}")
     # a stream of its own for each family, so that a family is the same whatever others are asked for
     random = np.random.default_rng([seed, *family.encode()])
     draw = _Draw(robot, random, resting)
@@ -132,7 +93,7 @@ def author(
     commands = _commanded(kind, robot)
     chains = []
     for _ in range(count):
-        poses: list[Pose] = getattr(draw, family.removesuffix("3s"))()
+        poses = draw.chain(kind)
         times = np.cumsum(random.uniform(*kind.interval, len(poses)))
         keyframes = [
             replace(Keyframe.from_qpos(round(float(time), 2), pose, name=f"{family} {number}"), commands=commands)
@@ -140,6 +101,22 @@ def author(
         ]
         chains.append(Authored(family, _sequence(robot, keyframes, timing), kind.hold, kind.bodies))
     return chains
+
+
+def lacking(family: ChainFamily, robot: Robot, resting: Pose | None) -> str:
+    """Return what a family needs and neither the robot nor the resting poses have; empty when it can be drawn.
+
+    >>> from plat.robots import G1
+    >>> lacking(FAMILIES["hold"], G1, None)
+    'resting poses: give motions that have some'
+    """
+    if family.resting and (resting is None or len(resting) == 0):
+        return "resting poses: give motions that have some"
+    if family.commands in ("hands", "hands_and_head") and not all(hands_of(robot)):
+        return f"hands, of which robot {robot.name!r} has not two"
+    if family.lowered is not None and not has_six_joint_legs(robot):
+        return f"legs of six joints named as those of the G1, which robot {robot.name!r} has not"
+    return ""
 
 
 def resting_poses(library: MotionLibrary) -> Pose:
@@ -173,13 +150,13 @@ def resting_poses(library: MotionLibrary) -> Pose:
     return torch.stack(poses).double().numpy()
 
 
-def _commanded(family: Family, robot: Robot) -> Parts | None:
+def _commanded(family: ChainFamily, robot: Robot) -> Parts | None:
     """Return the parts that the keyframes of a family command; None for whole poses."""
     if family.commands == "whole":
         return None
     if family.commands == "waypoint":
         return Parts.only(robot, root=("horizontal", "orientation"))
-    head = (robot.keypoints[robot.anchor_index],) if family.commands == "three_point" else ()
+    head = (robot.keypoints[robot.anchor_index],) if family.commands == "hands_and_head" else ()
     return Parts.only(robot, bodies=(*hands_of(robot), *head))
 
 
@@ -189,109 +166,73 @@ def _sequence(robot: Robot, keyframes: Sequence[Keyframe], timing: Timing) -> Ke
 
 
 class _Draw:
-    """Sampler of a chain's poses, with one method per family."""
+    """Sampler of a chain's poses: one after another, balanced and without collisions."""
 
     def __init__(self, robot: Robot, random: np.random.Generator, resting: Pose | None):
         self._robot, self._random, self._resting = robot, random, resting
         self._stand = robot.default_qpos
-        self._body = WholeBody(robot)
-        feet = ForwardKinematics(robot, robot.feet)
-        stand = torch.from_numpy(self._stand)
-        self._feet_pos, self._feet_quat = feet(stand[:3], stand[3:7], stand[7:])
-        self._com = self._body.center_of_mass(stand[None])[0, :2]
         self._legs = robot.leg_joints
-        self._hands = ForwardKinematics(robot, hands_of(robot))
+        if has_six_joint_legs(robot):
+            self._body = WholeBody(robot)
+            feet = ForwardKinematics(robot, robot.feet)
+            stand = torch.from_numpy(self._stand)
+            self._feet_pos, self._feet_quat = feet(stand[:3], stand[3:7], stand[7:])
+            self._com = self._body.center_of_mass(stand[None])[0, :2]
+        if all(hands_of(robot)):
+            self._hands = ForwardKinematics(robot, hands_of(robot))
         self._model = robot.shared_model
         self._data = mujoco.MjData(self._model)
 
-    def _chain(self, draw: Callable[[], Pose]) -> list[Pose]:
-        return [draw() for _ in range(_LENGTH)]
+    def chain(self, family: ChainFamily) -> list[Pose]:
+        """Return the poses of one chain."""
+        if family.way is not None:
+            return self._walk(family.way, family.turn, family.length)
+        if family.same:
+            return [self._pose(family)] * family.length
+        return [self._pose(family) for _ in range(family.length)]
 
-    def hold(self) -> list[Pose]:
-        """Return one resting pose of a clip, held."""
-        pose = self._rest()
-        return [pose] * _LENGTH
+    def _pose(self, family: ChainFamily) -> Pose:
+        pose = self._rest() if family.resting else self._stand.copy()
+        if family.lowered is not None:
+            pose = self._crouching(family.lowered, family.lean)
+        if family.hands_ahead:
+            pose = self._reaching(pose)
+        elif family.arms:
+            pose = self._arms(pose, 1)[0]
+        if family.apart is not None:
+            distance, turn = family.apart
+            pose[:2] += self._random.uniform(-distance, distance, 2)
+            pose = self._turned(pose, self._random.uniform(-turn, turn))
+        return pose
 
-    def poses(self) -> list[Pose]:
-        """Return resting poses of different clips, in place."""
-
-        def draw() -> Pose:
-            pose = self._rest().copy()
-            pose[:2] += self._random.uniform(-0.1, 0.1, 2)
-            return self._turned(pose, self._random.uniform(-0.2, 0.2))
-
-        return self._chain(draw)
-
-    def arms(self) -> list[Pose]:
-        """Return standing poses with all joints but the legs' anywhere in the middle 60 % of their ranges."""
+    def _arms(self, base: Pose, count: int) -> Pose:
+        """Return ``count`` poses with other joints than the legs' anywhere in the middle of their ranges."""
         low, high = self._robot.joint_range.double().numpy().T
         upper = np.setdiff1d(np.arange(self._robot.num_joints), self._legs)
-
-        def draw() -> Pose:
-            pose = self._stand.copy()
-            share = self._random.uniform(0.2, 0.8, len(upper))
-            pose[7 + upper] = low[upper] + share * (high - low)[upper]
-            return pose
-
-        return self._chain(draw)
-
-    def steps(self) -> list[Pose]:
-        """Return standing poses 0.25 to 0.5 m away, turned by up to 0.4 rad."""
-        return self._walk(0.25, 0.5, 0.4)
-
-    def far(self) -> list[Pose]:
-        """Return standing poses 1.5 to 2.5 m away, turned by up to 2 rad."""
-        return self._walk(1.5, 2.5, 2.0)
-
-    def crouch(self) -> list[Pose]:
-        """Return poses with the pelvis 0.05 to 0.3 m lower, feet in place, and a trunk lean of up to 0.5 rad.
-
-        The pelvis goes where the center of mass stays over the feet.
-        """
-
-        def draw() -> Pose:
-            while True:
-                pose, off = self._crouched(self._random.uniform(0.05, 0.3), self._random.uniform(0.0, 0.5))
-                # deep and upright at once is beyond the ankles
-                if off < _FOOT_OFF:
-                    return pose
-
-        return self._chain(draw)
-
-    def reach(self) -> list[Pose]:
-        """Return standing poses with the hands anywhere in front of the body and above the pelvis."""
-        return self._chain(lambda: self._reaching(self._stand))
-
-    def three_point(self) -> list[Pose]:
-        """Return poses with the hands in front, the pelvis up to 0.15 m lower, and a trunk lean of up to 0.3 rad."""
-
-        def draw() -> Pose:
-            while True:
-                pose, off = self._crouched(self._random.uniform(0.0, 0.15), self._random.uniform(0.0, 0.3))
-                if off < _FOOT_OFF:
-                    return self._reaching(pose)
-
-        return self._chain(draw)
-
-    def waypoint(self) -> list[Pose]:
-        """Return standing poses as :meth:`steps` does."""
-        return self.steps()
+        poses = np.tile(base, (count, 1))
+        share = self._random.uniform(*MIDDLE, (count, len(upper)))
+        poses[:, 7 + upper] = low[upper] + share * (high - low)[upper]
+        return poses
 
     def _reaching(self, base: Pose) -> Pose:
         """Return a pose with other joints than the legs' drawn until both hands are in front, and no links collide."""
-        low, high = self._robot.joint_range.double().numpy().T
-        upper = np.setdiff1d(np.arange(self._robot.num_joints), self._legs)
         while True:
-            poses = np.tile(base, (_TRIES, 1))
-            share = self._random.uniform(0.2, 0.8, (_TRIES, len(upper)))
-            poses[:, 7 + upper] = low[upper] + share * (high - low)[upper]
+            poses = self._arms(base, TRIES)
             root_pos, root_quat, joint_pos = torch.from_numpy(poses).split((3, 4, self._robot.num_joints), -1)
             places, _ = self._hands(root_pos, root_quat, joint_pos)
-            ahead = places[..., 0] - root_pos[:, None, 0] > _AHEAD
+            ahead = places[..., 0] - root_pos[:, None, 0] > AHEAD
             above = places[..., 2] > root_pos[:, None, 2]
             for row in (ahead & above).all(-1).nonzero()[:, 0].tolist():
                 if self_penetration(self._model, poses[row], self._data) < _INSIDE:
                     return poses[row]
+
+    def _crouching(self, lowered: tuple[float, float], lean: float) -> Pose:
+        """Return a crouch with the feet in place and the center of mass where it is over them in the standing pose."""
+        while True:
+            pose, off = self._crouched(self._random.uniform(*lowered), self._random.uniform(0.0, lean))
+            # deep and upright at once is beyond the ankles
+            if off < _FOOT_OFF:
+                return pose
 
     def _crouched(self, lowered: float, lean: float) -> tuple[Pose, float]:
         """Return a crouch, and the error of a foot's position (m)."""
@@ -307,10 +248,10 @@ class _Draw:
             pose[:2] += self._com - self._body.center_of_mass(pose[None])[0, :2]
         return pose.numpy(), float(off.max())
 
-    def _walk(self, nearest: float, farthest: float, turn: float) -> list[Pose]:
+    def _walk(self, way: tuple[float, float], turn: float, length: int) -> list[Pose]:
         place, heading, poses = np.zeros(2), 0.0, []
-        for _ in range(_LENGTH):
-            direction, distance = self._random.uniform(-np.pi, np.pi), self._random.uniform(nearest, farthest)
+        for _ in range(length):
+            direction, distance = self._random.uniform(-np.pi, np.pi), self._random.uniform(*way)
             place = place + distance * np.array([np.cos(direction), np.sin(direction)])
             heading += self._random.uniform(-turn, turn)
             pose = self._stand.copy()

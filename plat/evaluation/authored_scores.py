@@ -12,7 +12,7 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 from torchrl.envs import Transform
 
-from plat.control.authored import FAMILIES, Authored, author, resting_poses
+from plat.control.authored import FAMILIES, Authored, author, lacking, resting_poses
 from plat.control.feasibility import Feasibility
 from plat.envs.reach import distances, down
 from plat.envs.settings import ReachLimits
@@ -208,8 +208,8 @@ def author_families(
 ) -> list[Authored]:
     """Return ``count`` chains of every authored family that a policy of a timing can be given.
 
-    Families of resting poses are left out when the motions have none, and ``far3s`` when the longest command is shorter
-    than its 3 s.
+    Left out are families that the motions or the robot lack something for (:func:`plat.control.authored.lacking`), and
+    ``far3s`` when the longest command is shorter than its 3 s.
 
     Args:
         robot: whose keyframes they are.
@@ -223,7 +223,7 @@ def author_families(
     return [
         chain
         for family in FAMILIES.values()
-        if family.interval[1] <= timing.longest and not (family.resting and len(resting) == 0)
+        if family.interval[1] <= timing.longest and not lacking(family, robot, resting)
         for chain in author(family.name, robot, count, seed, resting, timing)
     ]
 

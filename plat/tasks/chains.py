@@ -1,12 +1,14 @@
 """Keyframes as a person would draw them: families of chains that begin in the standing pose."""
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from plat.errors import TaskError
+from plat.keyframes.chain_families import AHEAD, FAMILY_TABLE, MIDDLE, TRIES, ChainFamily
 from plat.keyframes.partial import hands_of
 from plat.motions.library import MotionLibrary
 from plat.robots.kinematics import ForwardKinematics
@@ -18,16 +20,8 @@ from plat.tasks.settings import CHAIN_FAMILIES
 __all__ = ["CHAIN_FAMILIES", "KeyframeChains", "draw_chains"]
 
 
-# keyframes of a chain
-_LENGTH = 5
 # control steps of a second
 _SECOND = 50
-# families that lead away from where they begin
-_MOVING = ("steps", "far", "distant")
-# families of partial keyframes, with the kind of their masks
-_PARTIAL = {"reach": "hands", "three_point": "hands_and_head"}
-# Poses that reach: least distance of the hands before the root, and poses that are tried for each.
-_AHEAD, _TRIES = 0.1, 64  # m
 # Holds after a chain (s), the fraction of long ones, and of the poses of motions, which are there to be held.
 _HOLD, _LONG_HOLD, _LONG, _HOLD_OF_MOTIONS = 3.0, 15.0, 0.25, 5.0
 
@@ -103,44 +97,48 @@ def draw_chains(
     >>> chains.family, chains.qpos.shape
     (('arms', 'arms', 'steps', 'steps'), torch.Size([24, 36]))
     """
-    unknown = [family for family in families if family not in _DRAW]
+    unknown = [family for family in families if family not in CHAIN_FAMILIES]
     if unknown:
         raise TaskError(f"families: {unknown[0]!r}, expected some of {CHAIN_FAMILIES}")
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         resting = _resting_poses(library).cpu()
         longest = (timing or Timing()).max_steps
-        left_out = {*(() if len(resting) else ("hold", "poses")), *(() if longest >= 2 * _SECOND else ("distant",))}
-        left_out |= set() if all(hands_of(library.robot)) else set(_PARTIAL)
-        drawn = [family for family in families if family not in left_out]
+        drawn = [
+            family
+            for family in (FAMILY_TABLE[name] for name in families)
+            if (len(resting) or not family.resting)
+            and (longest >= 2 * _SECOND or not _distant(family))
+            and (all(hands_of(library.robot)) or family.commands not in ("hands", "hands_and_head"))
+        ]
         if not drawn:
             raise TaskError(
                 f"families: {', '.join(families)} start from poses at rest, which the motions have none of, need a "
                 f"longest command of {2 * _SECOND} steps, or hands"
             )
-        parts: list[tuple[str, Tensor, Tensor, Tensor]] = []
+        parts: list[tuple[ChainFamily, Tensor, Tensor, Tensor]] = []
         for number, family in enumerate(drawn[:count]):
             share = (count - number - 1) // len(drawn) + 1  # the first families have one more where it does not divide
-            poses = _DRAW[family](share, library.robot, resting)
+            poses = _chains(family, share, library.robot, resting)
             steps = torch.randint(_SECOND // 2, _SECOND + 1, poses.shape[:2])
-            if family == "distant":
-                steps = torch.randint(3 * _SECOND // 2, longest + 1, poses.shape[:2])
-            elif longest > _SECOND and family != "far":
+            if _distant(family):
+                steps = torch.randint(round(family.interval[0] * _SECOND), longest + 1, poses.shape[:2])
+            elif longest > _SECOND and not family.out_of_reach:
                 slow = torch.rand(poses.shape[:2]) < 0.3
                 steps = torch.where(slow, torch.randint(_SECOND, longest + 1, poses.shape[:2]), steps)
-            hold = torch.full((share,), _HOLD_OF_MOTIONS if family == "hold" else _HOLD)
-            if family not in _MOVING:
+            hold = torch.full((share,), _HOLD_OF_MOTIONS if family.same else _HOLD)
+            if family.way is None:
                 hold[torch.rand(share) < _LONG] = _LONG_HOLD
             parts.append((family, poses, steps, (hold * _SECOND).long()))
     return _joined(parts, library)
 
 
-def _joined(parts: Sequence[tuple[str, Tensor, Tensor, Tensor]], library: MotionLibrary) -> KeyframeChains:
+def _joined(parts: Sequence[tuple[ChainFamily, Tensor, Tensor, Tensor]], library: MotionLibrary) -> KeyframeChains:
     """One table of chains, given by family with poses, times and hold."""
     standing = torch.as_tensor(library.robot.default_qpos, dtype=torch.float32)
     rows, steps, next_row, chain = [], [], [], []
     first, duration = [], []
-    names: list[str] = []
+    drawn: list[ChainFamily] = []
     begin = 0
     for family, poses, times, holds in parts:
         for path, path_steps, hold in zip(poses, times, holds.tolist(), strict=True):
@@ -148,10 +146,10 @@ def _joined(parts: Sequence[tuple[str, Tensor, Tensor, Tensor]], library: Motion
             rows.append(torch.cat((standing[None], path)))
             steps.append(torch.nn.functional.pad(path_steps, (1, 0)))
             next_row.append(torch.arange(begin + 1, last + 2).clamp_max(last))
-            chain.append(torch.full((len(path) + 1,), len(names)))
+            chain.append(torch.full((len(path) + 1,), len(drawn)))
             first.append(begin)
             duration.append(int(path_steps.sum()) + hold)
-            names.append(family)
+            drawn.append(family)
             begin = last + 1
     device = library.device
     return KeyframeChains(
@@ -161,9 +159,9 @@ def _joined(parts: Sequence[tuple[str, Tensor, Tensor, Tensor]], library: Motion
         chain=torch.cat(chain).to(device),
         first_row=torch.tensor(first, device=device),
         duration=torch.tensor(duration, device=device),
-        family=tuple(names),
-        moves=torch.tensor([name in _MOVING for name in names], device=device),
-        commands=tuple(_PARTIAL.get(name, "") for name in names),
+        family=tuple(family.name for family in drawn),
+        moves=torch.tensor([family.way is not None for family in drawn], device=device),
+        commands=tuple("" if family.commands == "whole" else family.commands for family in drawn),
     )
 
 
@@ -194,70 +192,63 @@ def _standing(robot: Robot, *shape: int) -> Tensor:
     return torch.as_tensor(robot.default_qpos, dtype=torch.float32).repeat(*shape, 1)
 
 
-def _hold(count: int, robot: Robot, resting: Tensor) -> Tensor:
-    return resting[torch.randint(len(resting), (count, 1))]
+def _distant(family: ChainFamily) -> bool:
+    """Whether the time between keyframes goes up to the policy's longest command."""
+    return math.isinf(family.interval[1])
 
 
-def _arms(count: int, robot: Robot, resting: Tensor) -> Tensor:
-    qpos = _standing(robot, count, _LENGTH)
-    upper = [joint for joint in range(robot.num_joints) if joint not in robot.leg_joints]
-    low, high = robot.joint_range[upper].unbind(-1)
-    share = _uniform(0.2, 0.8, count, _LENGTH, len(upper))
-    qpos[..., [7 + joint for joint in upper]] = low + share * (high - low)
+def _chains(family: ChainFamily, count: int, robot: Robot, resting: Tensor) -> Tensor:
+    """Poses ``[count, keyframes, 7 + J]`` of chains of a family."""
+    if family.way is not None:
+        return _walks(family, count, robot)
+    length = 1 if family.same else family.length
+    qpos = resting[torch.randint(len(resting), (count, length))] if family.resting else _standing(robot, count, length)
+    if family.lowered is not None:
+        qpos = _crouched(count * length, robot, family.lowered, family.lean).unflatten(0, (count, length))
+    if family.hands_ahead:
+        qpos = _reaching(qpos.flatten(0, 1), robot).unflatten(0, (count, length))
+    elif family.arms:
+        qpos = _arms(qpos, robot)
+    if family.apart is not None:
+        distance, turn = family.apart
+        qpos[..., :2] += _uniform(-distance, distance, count, length, 2)
+        qpos[..., 3:7] = quat_multiply(_turns(_uniform(-turn, turn, count, length)), qpos[..., 3:7])
     return qpos
 
 
-def _poses(count: int, robot: Robot, resting: Tensor) -> Tensor:
-    qpos = resting[torch.randint(len(resting), (count, _LENGTH))]
-    qpos[..., :2] += _uniform(-0.1, 0.1, count, _LENGTH, 2)
-    qpos[..., 3:7] = quat_multiply(_turns(_uniform(-0.2, 0.2, count, _LENGTH)), qpos[..., 3:7])
-    return qpos
-
-
-def _walk(count: int, robot: Robot, distance: tuple[float, float], turn: float, length: int) -> Tensor:
-    qpos = _standing(robot, count, length)
-    way, heading = _uniform(*distance, count, length), _uniform(-torch.pi, torch.pi, count, length)
-    qpos[..., 0] = (way * heading.cos()).cumsum(1)
-    qpos[..., 1] = (way * heading.sin()).cumsum(1)
-    qpos[..., 3:7] = _turns(_uniform(-turn, turn, count, length).cumsum(1))
-    return qpos
-
-
-def _steps(count: int, robot: Robot, resting: Tensor) -> Tensor:
-    return _walk(count, robot, (0.25, 0.5), 0.4, _LENGTH)
-
-
-def _far(count: int, robot: Robot, resting: Tensor) -> Tensor:
-    # out of reach within a second: in half of the chains each is commanded three times, the others lead on and on
-    again = _walk(count, robot, (1.5, 2.5), 2.0, 2).repeat_interleave(3, 1)
-    onward = _walk(count, robot, (1.5, 2.5), 2.0, 6)
+def _walks(family: ChainFamily, count: int, robot: Robot) -> Tensor:
+    if not family.out_of_reach:
+        return _walk(family, count, robot, family.length)
+    # in half of the chains each keyframe is commanded three times, the others lead on and on
+    again = _walk(family, count, robot, 2).repeat_interleave(3, 1)
+    onward = _walk(family, count, robot, 6)
     return torch.where(torch.rand(count, 1, 1) < 0.5, again, onward)
 
 
-def _distant(count: int, robot: Robot, resting: Tensor) -> Tensor:
-    return _walk(count, robot, (0.8, 2.5), 2.0, 2)
+def _walk(family: ChainFamily, count: int, robot: Robot, length: int) -> Tensor:
+    assert family.way is not None
+    qpos = _standing(robot, count, length)
+    way, heading = _uniform(*family.way, count, length), _uniform(-torch.pi, torch.pi, count, length)
+    qpos[..., 0] = (way * heading.cos()).cumsum(1)
+    qpos[..., 1] = (way * heading.sin()).cumsum(1)
+    qpos[..., 3:7] = _turns(_uniform(-family.turn, family.turn, count, length).cumsum(1))
+    return qpos
 
 
-def _crouch(count: int, robot: Robot, resting: Tensor) -> Tensor:
-    return _crouched(count * _LENGTH, robot, (0.05, 0.3), 0.5).unflatten(0, (count, _LENGTH))
-
-
-def _reach(count: int, robot: Robot, resting: Tensor) -> Tensor:
-    return _reaching(_standing(robot, count * _LENGTH), robot).unflatten(0, (count, _LENGTH))
-
-
-def _three_point(count: int, robot: Robot, resting: Tensor) -> Tensor:
-    return _reaching(_crouched(count * _LENGTH, robot, (0.0, 0.15), 0.3), robot).unflatten(0, (count, _LENGTH))
+def _arms(qpos: Tensor, robot: Robot) -> Tensor:
+    """The same poses ``[*B, 7 + J]`` with other joints than the legs' anywhere in the middle of their ranges."""
+    upper = [joint for joint in range(robot.num_joints) if joint not in robot.leg_joints]
+    low, high = robot.joint_range[upper].unbind(-1)
+    qpos = qpos.clone()
+    qpos[..., [7 + joint for joint in upper]] = low + _uniform(*MIDDLE, *qpos.shape[:-1], len(upper)) * (high - low)
+    return qpos
 
 
 def _reaching(qpos: Tensor, robot: Robot) -> Tensor:
     """The same poses ``[R, 7 + J]`` with other joints than the legs' drawn until both hands are in front."""
-    upper = [7 + joint for joint in range(robot.num_joints) if joint not in robot.leg_joints]
     hands = ForwardKinematics(robot, hands_of(robot))
-    low, high = robot.joint_range[[joint - 7 for joint in upper]].unbind(-1)
-    tried = qpos[:, None].repeat(1, _TRIES, 1)
-    tried[..., upper] = low + _uniform(0.2, 0.8, *tried.shape[:2], len(upper)) * (high - low)
-    ahead = hands(*_split(tried))[0][..., 0].amin(-1) - tried[..., 0] > _AHEAD
+    tried = _arms(qpos[:, None].expand(-1, TRIES, -1), robot)
+    ahead = hands(*_split(tried))[0][..., 0].amin(-1) - tried[..., 0] > AHEAD
     return tried[torch.arange(len(qpos)), ahead.int().argmax(1)]
 
 
@@ -301,16 +292,3 @@ def _feet_in_place(qpos: Tensor, robot: Robot, iterations: int = 12) -> Tensor:
 
 def _split(qpos: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     return qpos[..., :3], qpos[..., 3:7], qpos[..., 7:]
-
-
-_DRAW: dict[str, Callable[[int, Robot, Tensor], Tensor]] = {
-    "hold": _hold,
-    "arms": _arms,
-    "poses": _poses,
-    "steps": _steps,
-    "crouch": _crouch,
-    "reach": _reach,
-    "three_point": _three_point,
-    "far": _far,
-    "distant": _distant,
-}

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from plat.bounds import Bounded, Count, Fraction, NonNegative, NotEmpty
+from plat.keyframes.chain_families import FAMILY_TABLE
 
 __all__ = ["CHAIN_FAMILIES", "AuthoredCosts", "TimedKeyframesConfig", "TrackingCosts"]
 
@@ -52,8 +53,8 @@ class AuthoredCosts(Bounded):
     """of being out of balance while a pose is held (m)"""
 
 
-CHAIN_FAMILIES = ("hold", "arms", "poses", "steps", "crouch", "reach", "three_point", "far", "distant")
-"""Names of the families, see :func:`draw_chains`."""
+CHAIN_FAMILIES = tuple(name for name, family in FAMILY_TABLE.items() if family.trained)
+"""Names of the families of authored chains that are drawn in training, see :func:`draw_chains`."""
 
 
 @dataclass(frozen=True)

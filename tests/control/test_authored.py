@@ -11,6 +11,21 @@ from plat.motions import MotionLibrary
 from plat.robots import G1, ForwardKinematics
 from plat.spec.timing import Timing
 
+# Of each family's second chain of seed 0: time of the last keyframe, its root's pose, and its joint angles weighted by
+# 1 to 29. Scores of policies are comparable while these stay.
+DRAWN = {
+    "hold": (3.6, 0.0, 0.0, 0.76, 1.0, 0.0, 0.0, 0.0, 34.4620014429),
+    "arms": (3.54, 0.0, 0.0, 0.76, 1.0, 0.0, 0.0, 0.0, -29.6875568491),
+    "poses": (3.93, 0.0688739469, -0.098423151, 0.76, 0.9998588926, 0.0, 0.0, 0.0167986569, 121.4620014429),
+    "steps": (3.9, -0.2010528562, 0.5630144963, 0.76, 0.938001952, 0.0, 0.0, 0.3466299727, 34.4620014429),
+    "crouch": (3.5, -0.0457701847, -0.0, 0.6414026942, 0.9750984944, 0.0, 0.2217722396, 0.0, 33.4544432964),
+    "reach": (3.77, 0.0, 0.0, 0.76, 1.0, 0.0, 0.0, 0.0, 21.7487563239),
+    "three_point": (3.86, -0.0278565899, 0.0, 0.6379896656, 0.9994727424, 0.0, 0.0324690191, 0.0, 75.7212523001),
+    "waypoint": (3.85, -0.5906001032, -0.3892236072, 0.76, 0.9741779232, 0.0, 0.0, -0.2257816954, 34.4620014429),
+    "far": (4.24, 0.4715347524, -5.2571789285, 0.76, 0.6123566312, 0.0, 0.0, -0.7905816569, 34.4620014429),
+    "far3s": (15.0, -1.5910490934, -0.2844283301, 0.76, 0.6899278647, 0.0, 0.0, 0.7238781261, 34.4620014429),
+}
+
 UPPER = [joint for joint in range(29) if joint not in G1.leg_joints]
 
 
@@ -39,6 +54,15 @@ def test_the_same_seed_is_the_same_chains(resting: np.ndarray) -> None:
     for a, b, c in zip(first, again, other, strict=True):
         np.testing.assert_array_equal(a.sequence.keyframes[0].qpos, b.sequence.keyframes[0].qpos)
         assert (a.sequence.keyframes[0].qpos != c.sequence.keyframes[0].qpos).any()
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_a_seed_draws_what_it_always_drew(family: str) -> None:
+    rest = np.tile(G1.default_qpos, (3, 1))
+    rest[:, 7:] += 0.1 * np.arange(3)[:, None]
+    last = author(family, G1, 2, seed=0, resting=rest)[1].sequence.keyframes[-1]
+    drawn = [last.time, *last.qpos[:7], last.qpos[7:] @ np.arange(1, 30)]
+    np.testing.assert_allclose(drawn, DRAWN[family], rtol=0, atol=1e-8)
 
 
 def test_arms_move_all_but_the_legs_within_the_middle_of_their_ranges(resting: np.ndarray) -> None:

@@ -10,11 +10,13 @@ import torch
 from plat.cli import main
 from plat.collectors import rollouts
 from plat.control import Chase, PolicyController, Simulator
+from plat.control.authored import author
 from plat.deploy import PolicyRunner
 from plat.envs import KeyframeTaskConfig, TrackingTaskConfig, make_keyframe_env, make_tracking_env
 from plat.envs.transforms import HORIZONS, NoiseLevels, RandomizationRanges
-from plat.errors import CheckpointError, RobotError, TaskError
+from plat.errors import CheckpointError, KeyframeError, RobotError, TaskError
 from plat.evaluation import evaluate, report
+from plat.evaluation.authored_scores import author_families
 from plat.keyframes import KeyframeSequence, standing
 from plat.modules import Critic, Expert, ExpertConfig, LatentPolicy, LatentPolicyConfig
 from plat.motions import MotionClip, MotionLibrary, load_motions, mirror_motion, save_csv, save_motions
@@ -61,6 +63,12 @@ def test_nothing_is_asked_of_hands_that_it_lacks(motions):
     assert set(draw_chains(motions, 4, ["steps", "reach"]).family) == {"steps"}
     with pytest.raises(TaskError, match="or hands"):
         draw_chains(motions, 4, ["reach", "three_point"])
+    families = {chain.family for chain in author_families(motions.robot, motions, 1)}
+    assert families == {"hold", "arms", "poses", "steps", "waypoint", "far"}
+    with pytest.raises(KeyframeError, match="'reach' needs hands"):
+        author("reach", motions.robot, 1, seed=0)
+    with pytest.raises(KeyframeError, match="'crouch' needs legs of six joints"):
+        author("crouch", motions.robot, 1, seed=0)
 
 
 @pytest.mark.parametrize("suffix", ["npz", "csv"])

@@ -8,13 +8,23 @@ from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
 from plat.rotations import quat_conjugate, quat_multiply, quat_rotate, quat_to_rotvec
 
-__all__ = ["WholeBody"]
+__all__ = ["WholeBody", "has_six_joint_legs"]
 
 _LEG = ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")
 _ITERATIONS = 40
 _CONVERGED = 1e-7  # rad: the search stops at frames where no joint moves further
 _DAMPING = 1e-6
 _LARGEST_STEP = 0.3  # rad
+
+
+def has_six_joint_legs(robot: Robot) -> bool:
+    """Return whether a robot has the legs that :class:`WholeBody` solves for.
+
+    >>> from plat.robots import G1
+    >>> has_six_joint_legs(G1)
+    True
+    """
+    return all(f"{side}_{joint}" in robot.joint_names for side in ("left", "right") for joint in _LEG)
 
 
 class WholeBody:
