@@ -29,6 +29,8 @@ __all__ = ["TimedKeyframes", "TimedKeyframesConfig"]
 _LEAN = 0.3
 # balance is looked at in one of so many steps, and counts as often then: all bodies' kinematics take their time
 _BALANCE_EVERY = 4
+# a robot this near to a pose can hold it (m)
+_AT_PLACE = 0.2
 # how far a robot may be left behind by keyframes out of reach (m)
 _BEHIND = 8.0
 
@@ -282,7 +284,9 @@ class TimedKeyframes(Task):
         along = tracking_cost(state, self.table.state(memory["frame"]), weights)
         goal = self.table.state(memory["goal"])
         line = self._line(memory, goal)
-        held = memory["before"] == memory["goal"]
+        # who is still far from what it was told to hold has to go there, and pays for nothing that going takes
+        near = (state.root_pos_w - goal.root_pos_w).norm(dim=-1) < _AT_PLACE
+        held = near & (memory["before"] == memory["goal"])
         share = torch.where(in_window, 1.0, moderate.underway)
         if self.partial:
             parts, whole = self.parts[memory["parts"]], memory["parts"] == 0

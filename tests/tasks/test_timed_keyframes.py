@@ -100,6 +100,16 @@ def test_being_out_of_balance_costs_while_a_pose_is_held(task):
     assert sum(more) / 8 == pytest.approx(slow + weights.balance * unbalance, abs=1e-3)
 
 
+def test_who_has_not_arrived_may_move(task):
+    _, memory = task.authored(torch.tensor([task.chains.family.index("steps")]))
+    memory["before"] = memory["goal"].clone()
+    goal = task.table.state(memory["goal"])
+    for off, weight in ((0.1, task.config.underway.still), (0.3, task.config.underway.joint_vel)):
+        there = goal._replace(root_pos_w=goal.root_pos_w + torch.tensor([off, 0.0, 0.0]))
+        moving = there._replace(joint_vel=there.joint_vel + 1.0)
+        assert float(task.cost(moving, memory) - task.cost(there, memory)) == pytest.approx(weight, abs=1e-4)
+
+
 def test_whoever_is_sent_too_far_too_often_may_be_left_behind(task):
     chains = {name: task.chains.family.index(name) for name in ("far", "steps")}
     for name, behind in (("far", False), ("steps", True)):
