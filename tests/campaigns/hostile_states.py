@@ -23,7 +23,7 @@ def run(steps: int, seed: int = 0) -> Counter[str]:
         AssertionError: for a command outside its limits.
     """
     settings = SafetySettings(ramp=0.5, range_margin=0.01)
-    source = Commands(3.0)
+    source = Commands(8.0)
     runner, states = SafeRunner(hostile_policy(seed), source, settings), HostileStates(seed)
     random = np.random.default_rng(seed)
     low, high = ROBOT.joint_range[:, 0] + 0.01, ROBOT.joint_range[:, 1] - 0.01

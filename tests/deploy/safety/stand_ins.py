@@ -69,9 +69,9 @@ class HostileStates:
     def __call__(self, now: float):
         """Return a state, and the time that it claims."""
         if self._left == 0:
-            good = self._random.random() < 0.5
+            good = self._random.random() < 0.4
             self._kind = "good" if good else str(self._random.choice(self.KINDS))
-            self._left = int(self._random.integers(5, 250)) if good else int(self._random.integers(1, 12))
+            self._left = int(self._random.integers(5, 80)) if good else int(self._random.integers(1, 12))
         self._left -= 1
         random, kind = self._random, self._kind
         state = good_state()
