@@ -4,27 +4,29 @@ plat benchmark plat-g1 imagined-g1 --bandai Bandai-Namco-Research-Motiondataset 
     --trackers.twist2 twist2_1017_20k.onnx --out benchmark
 """
 
+import json
 import platform
-import shlex
-import sys
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
 import plat.headless  # noqa: F401
 
 # isort: split
+from plat.baselines import CATALOG
+from plat.cli.benchmark_page import ABOUT, page
 from plat.cli.candidates import candidates_of
-from plat.cli.evaluate import common_control_dt
+from plat.cli.evaluate import common_control_dt, long_enough
 from plat.cli.options import BenchmarkRecipe
-from plat.envs.transforms import HORIZONS
 from plat.errors import PlatError
-from plat.evaluation import RULES, Entrant, EvaluationSetting, differences, markdown
+from plat.evaluation import RULES, Entrant, EvaluationSetting
 from plat.evaluation.cells import Candidate, motions_fingerprint
 from plat.evaluation.families import families_of, read_manifest
-from plat.evaluation.study import Study, StudyPlan, best_interfaces, group_metric, run_study
+from plat.evaluation.study import Study, StudyPlan, evenly, group_metrics, run_study
+from plat.evaluation.study_files import write_study
 from plat.figures import (
     difference_plot,
     group_plot,
@@ -45,7 +47,7 @@ from plat.runs import on_device
 from plat.runs.user_modules import import_modules
 from plat.version import __version__
 
-_PAPER = ("single", "short", "medium", "long", "mixed")
+_LONGER = ("distant",)
 
 
 @dataclass(frozen=True)
@@ -67,30 +69,31 @@ def main(recipe: BenchmarkRecipe) -> dict[str, Study]:
     candidates = candidates_of(
         recipe.runs, recipe.trackers, device=recipe.device, interfaces=recipe.interface, robot=recipe.robot
     )
+    names = list(dict.fromkeys(candidate.name.partition(", ")[0] for candidate in candidates))
+    if recipe.ours is not None and recipe.ours not in names:
+        raise PlatError(f"--ours {recipe.ours!r}: no such row, expected one of {', '.join(names)}")
     entrants = {candidate.name: entrant for candidate, entrant in candidates.items()}
-    control_dt = common_control_dt(entrants, _PAPER)
+    control_dt = common_control_dt(entrants, (*recipe.horizons, *recipe.further_horizons))
     sets = motion_sets(recipe, get_robot(recipe.robot), control_dt)
     studies: dict[str, Study] = {}
-    sections: list[str] = []
+    replace_file(recipe.out / ABOUT, partial(_write, text=json.dumps(about(recipe, candidates, sets), indent=1)))
     for number, motions in enumerate(sets):
         print(f"\n{motions.name}: {motions.library.num_clips} motions, {motions.library.duration:.0f} s", flush=True)
         folder = recipe.out / motions.name
         study = run_study(
             candidates,
             motions.library,
-            plan_of(recipe, entrants, motions, first=number == 0),
+            plan_of(recipe, motions, recipe.ours or names[0], first=number == 0),
             folder=folder / "records",
             workers=recipe.workers or None,
             modules=recipe.imports,
-            told=partial(Study.write, folder=folder),
+            told=partial(write_study, folder=folder),
+            motions=partial(long_enough, motions.library),
         )
-        chosen = study.of(best_interfaces(study.scores, "mixed"))
-        studies[motions.name] = chosen
-        sections.append(section(motions, study, chosen, recipe.ours))
-        draw(folder, chosen, recipe.ours)
+        studies[motions.name] = study
+        draw(folder, study)
         # after each set: what is done can be read while the next one runs
-        text = "\n".join([head(recipe, candidates, sets), *sections])
-        replace_file(recipe.out / "benchmark.md", partial(Path.write_text, data=text, encoding="utf-8"))
+        replace_file(recipe.out / "benchmark.md", partial(_write, text=page(recipe.out)))
     print(f"\n{recipe.out / 'benchmark.md'}")
     return studies
 
@@ -99,23 +102,30 @@ def motion_sets(recipe: BenchmarkRecipe, robot: Robot, control_dt: float) -> lis
     """Return the sets of motions: those that files were given for, and the generated one."""
     families = read_manifest(recipe.manifest) if recipe.manifest else None
     sets = []
+
+    def add(name: str, source: str, motions: str | Path, family: Callable[[list[str]], list[str]] | None) -> None:
+        library = MotionLibrary.load([motions], robot, dt=control_dt)
+        cut = library.pieces(recipe.longest)
+        chosen = evenly(range(cut.num_clips), recipe.clips or cut.num_clips)
+        part = cut.only(*chosen)
+        of_clips = None
+        if family is not None:
+            of_name = dict(zip(library.clip_names, family(library.clip_names), strict=True))
+            of_clips = [of_name.get(clip) or of_name[clip.rpartition("_")[0]] for clip in part.clip_names]
+        sets.append(MotionSet(name, source, part, of_clips))
+
     if recipe.bandai is not None:
         path = bandai_motions(recipe.bandai, recipe.out, robot)
-        library = thinned(MotionLibrary.load([path], robot, dt=control_dt), recipe.every)
-        sets.append(MotionSet("bandai", f"Bandai-Namco Research Motion Dataset, split val ({path.name})", library))
+        add("bandai", f"Bandai-Namco Research Motion Dataset, split val ({path.name})", path, None)
     for path in recipe.hard:
-        library = thinned(MotionLibrary.load([path], robot, dt=control_dt), recipe.every)
-        of_clips = families_of(library.clip_names, families) if families is not None else None
-        sets.append(MotionSet(path.stem, path.name, library, of_clips))
-    generated = f"generated:test@{recipe.generated:g}"
-    library = thinned(MotionLibrary.load([generated], robot, dt=control_dt), recipe.every)
-    of_clips = [name.partition("_")[0] for name in library.clip_names]
-    return [*sets, MotionSet("generated", generated, library, of_clips)]
+        add(path.stem, path.name, path, None if families is None else partial(families_of, families=families))
+    add("generated", f"generated:test@{recipe.generated:g}", f"generated:test@{recipe.generated:g}", _kinds)
+    return sets
 
 
-def thinned(library: MotionLibrary, every: int) -> MotionLibrary:
-    """Return every n-th motion."""
-    return library if every == 1 else library.only(*range(0, library.num_clips, every))
+def _kinds(clips: list[str]) -> list[str]:
+    """Return the families of generated motions, which begin their names."""
+    return [clip.partition("_")[0] for clip in clips]
 
 
 def bandai_motions(source: Path, out: Path, robot: Robot) -> Path:
@@ -133,90 +143,107 @@ def bandai_motions(source: Path, out: Path, robot: Robot) -> Path:
     return path
 
 
-def plan_of(recipe: BenchmarkRecipe, entrants: Mapping[str, Entrant], motions: MotionSet, first: bool) -> StudyPlan:
-    """Return the tests of a set."""
-    horizons = list(_PAPER)
-    longest = {entrant.timing.max_steps for entrant in entrants.values()}
-    if min(longest) >= HORIZONS["distant"].longest:
-        horizons.append("distant")
+def plan_of(recipe: BenchmarkRecipe, motions: MotionSet, ours: str, first: bool) -> StudyPlan:
+    """Return the tests of a set: all of them on the first, those of motion on the others."""
     return StudyPlan(
-        horizons=horizons,
+        horizons=recipe.horizons if first else recipe.further_horizons,
+        longer=_LONGER,
         setting=EvaluationSetting(recipe.seed, num_envs=recipe.num_envs, device=recipe.device),
         rules=(recipe.rule,),
         families=motions.families,
         difficulty=True,
         robustness=recipe.robustness if first else (),
+        strengths=recipe.strengths,
+        robustness_clips=recipe.robustness_clips,
+        authored=recipe.authored if first else 0,
+        choose=True,
+        ours=ours,
     )
 
 
-def head(recipe: BenchmarkRecipe, candidates: Mapping[Candidate, Entrant], sets: list[MotionSet]) -> str:
-    """Return what it takes to repeat the table."""
+def about(recipe: BenchmarkRecipe, candidates: Mapping[Candidate, Entrant], sets: list[MotionSet]) -> dict[str, Any]:
+    """Return what it takes to repeat the tables, as JSON values."""
     packages = []
     for package in ("mujoco", "torch", "torchrl", "onnxruntime"):
         try:
             packages.append(f"{package} {version(package)}")
         except PackageNotFoundError:
             continue
-    lines = [
-        "# Results",
-        "",
-        "Written by `plat benchmark`; see [evaluation](evaluation.md) for what is measured.",
-        "",
-        "```sh",
-        shlex.join(["plat", "benchmark", *sys.argv[2:]] if sys.argv[1:2] == ["benchmark"] else ["plat", "benchmark"]),
-        "```",
-        "",
-        f"- plat {__version__}, {', '.join(packages)}, {platform.machine()}",
-        f"- success rule of whole clips: `{recipe.rule}` ({RULES[recipe.rule].says})",
-        f"- seed {recipe.seed} of the commands; intervals are 95 %, bootstrapped over motions",
-        "- intervals of each value in parentheses; files hold meters, tables millimeters",
-        "",
-        "| set | motions | clips | seconds | fingerprint |",
-        "|---|---|---|---|---|",
-        *(
-            f"| {one.name} | {one.source} | {one.library.num_clips} | {one.library.duration:.0f} | "
-            f"`{motions_fingerprint(one.library)[:12]}` |"
+    weights = {candidate.name.partition(", ")[0]: candidate.weights for candidate in candidates}
+    return {
+        "command": command_of(recipe),
+        "versions": [f"plat {__version__}", *packages, platform.machine()],
+        "rule": [recipe.rule, RULES[recipe.rule].says],
+        "seed": recipe.seed,
+        "longest": recipe.longest,
+        "robustness_clips": recipe.robustness_clips,
+        "sets": [
+            [
+                one.name,
+                one.source,
+                one.library.num_clips,
+                round(one.library.duration),
+                motions_fingerprint(one.library)[:12],
+            ]
             for one in sets
-        ),
-        "",
-        "| row | fingerprint |",
-        "|---|---|",
-        *(f"| {candidate.name} | `{candidate.fingerprint[:12]}` |" for candidate in candidates),
-        "",
-    ]
-    return "\n".join(lines)
+        ],
+        "rows": [[name, found[:12], described(name)] for name, found in weights.items()],
+    }
 
 
-def section(motions: MotionSet, study: Study, chosen: Study, ours: str | None) -> str:
-    """Return the tables of a set."""
-    parts = [f"## {motions.name}\n", markdown(chosen.scores)]
-    ours = ours or chosen.scores[0].policy
-    compared = [score for score in chosen.scores if score.horizon in ("long", "mixed")]
-    if difference := differences(compared, ours):
-        parts.append(f"Paired differences. **Bold**: {ours} is ahead beyond chance. *Italic*: it is behind.\n")
-        parts.append(difference)
-    parts.append(chosen.markdown())
-    others = [score for score in study.scores if ", " in score.policy and score.horizon == "mixed"]
-    if others:
-        parts.append("**interfaces of dense trackers**: each as it is told of its keyframe\n")
-        parts.append(markdown(others).split("\n\n")[0] + "\n")
-    parts.append(
-        "Calm and everyday motion saturates TKS@3: rows differ on brisk and hard motion, and in their errors.\n"
-    )
-    return "\n".join(parts)
+def described(row: str) -> str:
+    """Return what a row is."""
+    name = row.removesuffix(" (unverified)")
+    if name not in CATALOG:
+        return "plat"
+    known = CATALOG[name]
+    verified = "" if known.tested else "; unverified: its adapter was never run with the released weights"
+    return f"{known.owner}, {known.version}{verified}"
 
 
-def draw(folder: Path, study: Study, ours: str | None) -> list[Path]:
+def command_of(recipe: BenchmarkRecipe) -> list[str]:
+    """Return the words of the command: what differs from the defaults, with files by their names."""
+    default = BenchmarkRecipe(out=recipe.out)
+    words = ["plat", "benchmark", *map(_word, recipe.runs)]
+    for field in fields(recipe):
+        name, value = field.name, getattr(recipe, field.name)
+        if name == "trackers":
+            given = {one.name: getattr(value, one.name) for one in fields(value)}
+            for tracker, path in given.items():
+                words += [f"--trackers.{tracker.replace('_', '-')}", _word(path)] if path is not None else []
+        elif name not in ("runs", "out", "device", "workers") and value != getattr(default, name):
+            words += [f"--{name.replace('_', '-')}", *map(_word, value if isinstance(value, tuple) else (value,))]
+    return [*words, "--out", _word(recipe.out)]
+
+
+def _word(value: Any) -> str:
+    if isinstance(value, Path):
+        return value.name if value.is_absolute() or ".." in value.parts else str(value)
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _write(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
+def draw(folder: Path, study: Study) -> list[Path]:
     """Draw the figures of a set."""
     scores = study.scores
-    written = save_figure(radar_plot(scores), folder / "radar")
-    written += save_figure(success_plot(scores, ("long", "mixed")), folder / "success")
+    usual = [score for score in scores if score.horizon not in _LONGER]
+    horizons = {score.horizon for score in usual}
+    written = []
+    if len(horizons) >= 3:
+        written += save_figure(radar_plot(usual), folder / "radar")
+    written += save_figure(
+        success_plot(scores, [name for name in ("long", "mixed") if name in horizons] or sorted(horizons)),
+        folder / "success",
+    )
     written += save_figure(horizon_plot(scores), folder / "horizon")
     for kind, groups in study.groups.items():
         name = kind.partition(",")[0] + ("_clips" if "," in kind else "")
-        written += save_figure(group_plot(groups, group_metric(groups)), folder / f"by_{name}")
+        written += save_figure(group_plot(groups, group_metrics(groups)[0]), folder / f"by_{name}")
     if study.curves:
         written += save_figure(robustness_plot(study.curves), folder / "robustness")
-    if len({score.policy for score in scores}) > 1:
-        written += save_figure(difference_plot(scores, ours or scores[0].policy), folder / "differences")
+    if study.differences:
+        written += save_figure(difference_plot(scores, study.differences[0].ours), folder / "differences")
     return written

@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 
 from plat.baselines import CATALOG, ReleasedTrackers, identify
+from plat.baselines.catalog import sha256
 from plat.deploy.runner import BUNDLE_FILE
 from plat.errors import PlatError
 from plat.evaluation import Entrant, Interface
@@ -54,7 +55,8 @@ def candidates_of(
     for name, path in released.items():
         files = CATALOG[name].paths(path)
         for interface in interfaces if not dense else interfaces[:1]:
-            label = name if len(interfaces) == 1 or dense else f"{name}, {interface}"
+            label = name if CATALOG[name].tested else f"{name} (unverified)"
+            label = label if len(interfaces) == 1 or dense else f"{label}, {interface}"
             found |= _once(label, partial(_tracker, name, path, dense, interface), files, f"{dense} {interface}")
     if not found:
         raise PlatError("nothing to evaluate: give run directories, or files of released trackers (--trackers.twist2)")
@@ -79,7 +81,9 @@ def _of_run(
 
 def _once(name: str, load: "partial[Entrant]", files: Sequence[Path], shown: str) -> dict[Candidate, Entrant]:
     entrant = load()  # first: it says what is wrong with the files
-    return {Candidate(name, load, fingerprint([*(file.read_bytes() for file in files), shown.encode()])): entrant}
+    mark = fingerprint([*(file.read_bytes() for file in files), shown.encode()])
+    weights = max(files, key=lambda file: file.stat().st_size)
+    return {Candidate(name, load, mark, sha256(weights)): entrant}
 
 
 def _bundle(path: Path, robot: str) -> Entrant:

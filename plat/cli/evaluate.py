@@ -5,7 +5,6 @@ plat evaluate runs/plat runs/dagger runs/expert --motions clips.npz --horizon mi
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -29,6 +28,7 @@ from plat.evaluation.authored_scores import (
 from plat.evaluation.families import families_of, read_manifest
 from plat.evaluation.score_table import COLUMNS, rows
 from plat.evaluation.study import Study, StudyPlan, run_study
+from plat.evaluation.study_files import write_study
 from plat.figures import ablation_bars, film_strip, pyplot, radar_plot, save_figure, success_plot
 from plat.files import check_file, check_folder, replace_file
 from plat.motions import MotionLibrary
@@ -140,7 +140,7 @@ class Teller:
             write_csv(self._recipe.csv, study.scores)
         self._told, self._since = len(study.scores), time.monotonic()
         if self._recipe.out is not None:
-            study.write(self._recipe.out)
+            write_study(study, self._recipe.out)
 
 
 def long_enough(library: MotionLibrary, horizon: str) -> MotionLibrary:
@@ -191,7 +191,7 @@ def score_authored(
             library.for_robot(entrant.robot),
             recipe.authored,
             recipe.seed,
-            observe=replace(entrant.view, dense=False).transforms,
+            observe=entrant.view.keyframes().transforms,
             pushes=pushes_of(recipe),
             device=recipe.device,
         )
@@ -213,7 +213,7 @@ def draw_authored_strips(
     for name, entrant in entrants.items():
         motions = library.for_robot(entrant.robot)
         chains = author_families(entrant.robot, motions, 1, recipe.seed, entrant.timing)
-        observe = replace(entrant.view, dense=False).transforms
+        observe = entrant.view.keyframes().transforms
         played = play_authored(
             entrant.policy, entrant.robot, chains, observe=observe, pushes=pushes_of(recipe), device=recipe.device
         )

@@ -147,16 +147,28 @@ class BenchmarkRecipe(Bounded):
     """CSV files with the columns clip and family of the hard motion"""
     generated: Positive = 300.0
     """seconds of generated motion, of the split test"""
+    longest: Positive = 10.0
+    """longer motions are cut into equal pieces of at most this many seconds"""
+    clips: Natural = 0
+    """motions of each set, spread evenly; 0 for all"""
+    horizons: tuple[str, ...] = ("single", "short", "medium", "long", "mixed")
+    """horizons of the first set of motions"""
+    further_horizons: tuple[str, ...] = ("long", "mixed")
+    """horizons of the other sets"""
     interface: tuple[Interface, ...] = ("next-frame", "line", "cascade")
     """how dense trackers are told of a keyframe; the table shows the best of each"""
     rule: RuleName = "humantracker"
     """success rule of whole clips"""
     robustness: tuple[DisturbanceName, ...] = ("push", "friction", "payload", "latency", "motors", "noise")
     """disturbances of growing strength, on the first set of motions"""
+    strengths: Count = 5
+    """strengths of each disturbance, spread evenly over those that there are"""
+    robustness_clips: Count = 64
+    """motions for the disturbances, spread evenly"""
+    authored: Natural = 30
+    """chains of each family of authored keyframes, on the first set of motions; 0 for none"""
     ours: str | None = None
     """row that is compared with each other one; by default the first"""
-    every: Count = 1
-    """score every n-th motion of each set, to try the command out"""
     seed: Seed = 0
     """draws commands and disturbances"""
     num_envs: Robots = 256

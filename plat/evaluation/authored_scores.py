@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import torch
 from tensordict.nn import TensorDictModuleBase
@@ -19,6 +20,7 @@ from plat.envs.settings import ReachLimits
 from plat.envs.transforms.terminations import off_pose
 from plat.errors import RecordsError
 from plat.evaluation.authored_rollout import AuthoredRollout, Pushes
+from plat.evaluation.records import read_columns, write_columns
 from plat.files import replace_file
 from plat.motions import MotionLibrary
 from plat.robots import Robot
@@ -72,6 +74,24 @@ class AuthoredRecords:
     foot_travel: Tensor
     stepped: Tensor
     at_rest: Tensor
+
+    def save(self, path: Path, about: Mapping[str, Any]) -> None:
+        """Write the records and a description of them (JSON values) to a ``.safetensors`` file."""
+        columns = {name: column for name, column in vars(self).items() if isinstance(column, Tensor)}
+        write_columns(path, columns, {"family": self.family, "about": dict(about)})
+
+    @classmethod
+    def load(cls, path: Path) -> "tuple[AuthoredRecords, dict[str, Any]]":
+        """Return the records of a file and their description.
+
+        Raises:
+            RecordsError: when the file cannot be read or is another kind of file.
+        """
+        columns, about = read_columns(path, dict)
+        try:
+            return cls(about["family"], **columns), about["about"]
+        except (KeyError, TypeError):
+            raise RecordsError(f"{str(path)!r}: not a file of authored records") from None
 
 
 @dataclass(frozen=True)

@@ -44,11 +44,13 @@ class Candidate:
         name: in tables and figures.
         load: returns it; it can be pickled, such as ``functools.partial(Entrant.of_run, path)``.
         fingerprint: of its weights and of how it is shown its reference, see :func:`fingerprint`.
+        weights: SHA-256 of its weights, for people.
     """
 
     name: str
     load: Callable[[], Entrant]
     fingerprint: str
+    weights: str = ""
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,7 @@ class Cell:
         setting: conditions.
         rule: of whole-clip success; None for scores of commands.
         label: what tells cells of a candidate and horizon apart, in names of files.
+        clips: numbers of the motions that are followed; None for all.
     """
 
     candidate: Candidate
@@ -68,6 +71,7 @@ class Cell:
     setting: EvaluationSetting = EvaluationSetting()
     rule: str | None = None
     label: str = ""
+    clips: tuple[int, ...] | None = None
 
     @property
     def stem(self) -> str:
@@ -87,7 +91,11 @@ class Cell:
             "setting": repr(setting),
             "plat": __version__,
         }
-        return about if self.rule is None else {**about, "rule": self.rule}
+        if self.rule is not None:
+            about["rule"] = self.rule
+        if self.clips is not None:
+            about["clips"] = list(self.clips)
+        return about
 
     def evaluate(self, entrant: Entrant, library: MotionLibrary, **options: Any) -> Records:
         """Return the records of the candidate, which was loaded before."""
@@ -133,7 +141,7 @@ def evaluate_cells(
     with tempfile.TemporaryDirectory(prefix="plat-evaluation-") as scratch:
         desk = _Desk(folder or Path(scratch), library)
         missing = [(cell, number) for cell in cells for number in desk.missing(cell)]
-        total = sum(desk.steps(number) for _, number in missing)
+        total = sum(desk.steps(cell, number) for cell, number in missing)
         # a process takes seconds to start
         count = min(workers or (available_cpus() if total > _WORTH_PROCESSES else 1), len(missing))
         with Progress(what, total, "control steps") as progress:
@@ -149,13 +157,15 @@ class _Desk:
     def __init__(self, folder: Path, library: MotionLibrary):
         self.folder, self.library = folder, library
         self.motions = motions_fingerprint(library)
-        self.parts = [
-            list(range(first, min(first + PART, library.num_clips))) for first in range(0, library.num_clips, PART)
-        ]
 
-    def steps(self, number: int) -> int:
+    def parts(self, cell: Cell) -> list[list[int]]:
+        """Return the clips of each part of a cell."""
+        clips = list(range(self.library.num_clips)) if cell.clips is None else list(cell.clips)
+        return [clips[first : first + PART] for first in range(0, len(clips), PART)]
+
+    def steps(self, cell: Cell, number: int) -> int:
         """Return the control steps of a part."""
-        return int((self.library.clip_length[self.parts[number]] - 1).sum())
+        return int((self.library.clip_length[self.parts(cell)[number]] - 1).sum())
 
     def whole(self, cell: Cell) -> Path:
         """Return the path of a cell's records."""
@@ -180,12 +190,12 @@ class _Desk:
         """Return the parts of a cell that are not there yet."""
         if self.read(cell, self.whole(cell)) is not None:
             return []
-        return [number for number in range(len(self.parts)) if self.read(cell, self.part(cell, number)) is None]
+        return [number for number in range(len(self.parts(cell))) if self.read(cell, self.part(cell, number)) is None]
 
     def finished(self, cell: Cell) -> Records:
         """Return a cell's records, and leave one file of them."""
         records = self.read(cell, self.whole(cell))
-        paths = [self.part(cell, number) for number in range(len(self.parts))]
+        paths = [self.part(cell, number) for number in range(len(self.parts(cell)))]
         if records is None:
             parts = [self.read(cell, path) for path in paths]
             records = cell.joined(parts)
@@ -203,13 +213,13 @@ def _in_process(
         if numbers:
             entrant = cell.candidate.load()
         for number in numbers:
-            before, steps = progress.done, desk.steps(number)
+            before, steps = progress.done, desk.steps(cell, number)
 
             def told(fraction: float, before: int = before, steps: int = steps) -> None:
                 progress.update(before + int(fraction * steps))
 
             with _one_thread():
-                records = cell.evaluate(entrant, desk.library, clips=desk.parts[number], progress=told)
+                records = cell.evaluate(entrant, desk.library, clips=desk.parts(cell)[number], progress=told)
             records.save(desk.part(cell, number), cell.about(desk.motions))
             progress.update(before + steps)
         yield cell, desk.finished(cell)
@@ -233,9 +243,9 @@ def _on_processes(
     try:
         futures: dict[str, list[Future[None]]] = {}
         for cell, number in missing:
-            job = (cell, desk.parts[number], desk.part(cell, number), cell.about(desk.motions))
+            job = (cell, desk.parts(cell)[number], desk.part(cell, number), cell.about(desk.motions))
             future = pool.submit(_work, *job)
-            future.add_done_callback(functools.partial(_told, progress, desk.steps(number)))
+            future.add_done_callback(functools.partial(_told, progress, desk.steps(cell, number)))
             futures.setdefault(cell.stem, []).append(future)
         for cell in cells:
             for future in futures.pop(cell.stem, []):

@@ -2,7 +2,7 @@
 
 import csv
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,15 +11,21 @@ from plat.evaluation.report import Estimate, compare, report
 from plat.files import replace_file
 
 __all__ = [
+    "AUTHORED_METRICS",
     "CLIP_METRICS",
     "COLUMNS",
     "HEADLINE",
     "METRICS",
+    "Difference",
     "Metric",
     "Score",
+    "difference_table",
     "differences",
     "markdown",
+    "overview",
+    "paired",
     "rows",
+    "table",
     "write_csv",
 ]
 
@@ -86,6 +92,15 @@ CLIP_METRICS = {
     "accel_dist": Metric("accel_dist", "mm/frame²", 2, factor=1000),
 }
 """All metrics of whole clips."""
+AUTHORED_METRICS = {
+    "reached": Metric("keyframes reached", "%", 1, higher_is_better=True),
+    "fell": Metric("chains with a fall", "%", 1),
+    "fell_in_hold": Metric("falls while holding", "%", 1),
+    "stepped": Metric("steps while holding", "%", 1),
+    "late_or_off": Metric("keyframes late or off", "%", 1),
+    "reached_feasible": Metric("feasible keyframes reached", "%", 1, higher_is_better=True),
+}
+"""All metrics of authored keyframes."""
 HEADLINE = ("tks", "mpjpe", "mpkpe")
 """The three metrics of the paper."""
 COLUMNS = ("policy", "horizon", "seeds", "metric", "value", "low", "high")
@@ -136,39 +151,65 @@ def write_csv(path: Path, scores: Iterable[Score]) -> None:
     replace_file(path, write)
 
 
-def markdown(scores: Sequence[Score]) -> str:
-    """Return Markdown: headline metrics with horizons side by side, then all metrics, one table for each horizon."""
+def overview(scores: Sequence[Score]) -> str:
+    """Return the headline metrics as a Markdown table, horizons side by side."""
     cells = {(score.policy, score.horizon): _headline(score) for score in scores}
     horizons = list(dict.fromkeys(score.horizon for score in scores))
-    overview = [[" / ".join(METRICS[name].heading for name in HEADLINE), *horizons]]
+    lines = [[" / ".join(METRICS[name].heading for name in HEADLINE), *horizons]]
     for policy in dict.fromkeys(score.policy for score in scores):
-        overview.append([policy, *(cells.get((policy, horizon), "") for horizon in horizons)])
-    parts = [_table(overview)]
-    for horizon in horizons:
+        lines.append([policy, *(cells.get((policy, horizon), "") for horizon in horizons)])
+    return table(lines)
+
+
+def markdown(scores: Sequence[Score]) -> str:
+    """Return Markdown: headline metrics with horizons side by side, then all metrics, one table for each horizon."""
+    parts = [overview(scores)]
+    for horizon in dict.fromkeys(score.horizon for score in scores):
         columns = [score for score in scores if score.horizon == horizon]
-        rows = [["", *(score.policy for score in columns)]]
+        lines = [["", *(score.policy for score in columns)]]
         for name, metric in METRICS.items():
-            rows.append([metric.heading, *(metric.text(score.figures[name]) for score in columns)])
-        parts.append(f"**{horizon}**\n\n{_table(rows)}")
+            lines.append([metric.heading, *(metric.text(score.figures[name]) for score in columns)])
+        parts.append(f"**{horizon}**\n\n{table(lines)}")
     return "\n\n".join(parts) + "\n"
 
 
-def differences(scores: Sequence[Score], ours: str) -> str:
-    """Return a Markdown table of a policy's paired differences to each other one, see :func:`plat.evaluation.compare`.
+@dataclass(frozen=True)
+class Difference:
+    """Paired difference of two policies at a horizon: ours minus theirs, see :func:`plat.evaluation.compare`."""
 
-    Ours minus theirs, with the interval of the difference; **bold** where that excludes 0 and ours is the better one,
-    *italic* where it is the worse. Empty where there are no scores of ``ours``.
-    """
+    ours: str
+    policy: str
+    horizon: str
+    figures: Mapping[str, Estimate]
+
+
+def paired(scores: Sequence[Score], ours: str) -> list[Difference]:
+    """Return a policy's paired differences to each other one, at every horizon that it was scored at."""
     mine = {score.horizon: score for score in scores if score.policy == ours}
-    others = [score for score in scores if score.policy != ours and score.horizon in mine]
-    if not others:
+    return [
+        Difference(ours, score.policy, score.horizon, compare(mine[score.horizon].records, score.records))
+        for score in scores
+        if score.policy != ours and score.horizon in mine
+    ]
+
+
+def difference_table(found: Sequence[Difference]) -> str:
+    """Return paired differences as a Markdown table; empty without any.
+
+    **Bold** where the interval excludes 0 and ours is the better one, *italic* where it is the worse.
+    """
+    if not found:
         return ""
-    lines = [[f"{ours} minus", "horizon", *(METRICS[name].heading for name in HEADLINE)]]
-    for score in others:
-        figures = compare(mine[score.horizon].records, score.records)
-        cells = (_difference(figures[name], METRICS[name]) for name in HEADLINE)
-        lines.append([score.policy, score.horizon, *cells])
-    return _table(lines) + "\n"
+    lines = [[f"{found[0].ours} minus", "horizon", *(METRICS[name].heading for name in HEADLINE)]]
+    for difference in found:
+        cells = (_difference(difference.figures[name], METRICS[name]) for name in HEADLINE)
+        lines.append([difference.policy, difference.horizon, *cells])
+    return table(lines) + "\n"
+
+
+def differences(scores: Sequence[Score], ours: str) -> str:
+    """Return :func:`difference_table` of :func:`paired`; empty where there are no scores of ``ours``."""
+    return difference_table(paired(scores, ours))
 
 
 def _difference(figure: Estimate, metric: Metric) -> str:
@@ -183,6 +224,7 @@ def _headline(score: Score) -> str:
     return " / ".join(METRICS[name].text(score.figures[name].value) for name in HEADLINE)
 
 
-def _table(rows: Sequence[Sequence[str]]) -> str:
+def table(rows: Sequence[Sequence[str]]) -> str:
+    """Return rows of cells as a Markdown table, without a line break at its end; the first row is its head."""
     head, *body = (f"| {' | '.join(row)} |" for row in rows)
     return "\n".join([head, "|" + "---|" * len(rows[0]), *body])

@@ -1,7 +1,7 @@
 """Conditions of an evaluation, and the view of the reference in it."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import torch
 from torchrl.envs import Transform
@@ -84,6 +84,10 @@ class ReferenceView:
     def command_group(self) -> str:
         """Return the group of the commanded keyframe; one that the policy does not read where it is shown a motion."""
         return "keyframe" if self.dense or self.planned else "goal"
+
+    def keyframes(self) -> "ReferenceView":
+        """Return the view of keyframes, for chains that no dense motion leads through."""
+        return replace(self, dense=False)
 
     def transforms(self, library: MotionLibrary) -> list[Transform]:
         """Return the transforms that show it, to stand after the one that issues commands."""

@@ -1,13 +1,13 @@
 """Study: every test of a comparison on one set of motions, and its tables."""
 
-import csv
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from plat.envs.transforms import CommandSchedule, horizon_named
+from plat.envs.transforms import HORIZONS, CommandSchedule, horizon_named
+from plat.evaluation.authored_cells import AUTHORED, authored_groups, authored_records
 from plat.evaluation.cells import Candidate, Cell, evaluate_cells
 from plat.evaluation.clip_records import ClipRecords
 from plat.evaluation.difficulty import BINS, bin_of, command_difficulty
@@ -17,13 +17,14 @@ from plat.evaluation.groups import GroupScore, group_table, score_groups
 from plat.evaluation.names import DisturbanceName, RuleName
 from plat.evaluation.records import CommandRecords
 from plat.evaluation.report import Estimate, report, report_clips
-from plat.evaluation.score_table import CLIP_METRICS, METRICS, Score, write_csv
+from plat.evaluation.score_table import CLIP_METRICS, METRICS, Difference, Score, paired
 from plat.evaluation.setting import EvaluationSetting
-from plat.files import replace_file
 from plat.motions.library import MotionLibrary
 from plat.spec.timing import Timing
 
-__all__ = ["ClipScore", "CurvePoint", "Study", "StudyPlan", "best_interfaces", "group_metric", "run_study"]
+__all__ = ["ClipScore", "CurvePoint", "Study", "StudyPlan", "best_interfaces", "evenly", "group_metrics", "run_study"]
+
+_Item = TypeVar("_Item")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,6 +38,14 @@ class StudyPlan:
         families: family of each clip, for scores by family; None for none.
         difficulty: whether to score by difficulty.
         robustness: disturbances whose curves are measured.
+        strengths: how many of each, beside the undisturbed robot; None for all of
+            :data:`plat.evaluation.disturbance.STRENGTHS`.
+        robustness_clips: motions of the curves, spread evenly; None for all.
+        longer: further horizons, for those policies alone whose longest command is long enough.
+        authored: chains of each family of authored keyframes.
+        choose: whether only the best interface of each dense tracker goes through all tests, by TKS@3 at the main
+            horizon.
+        ours: policy whose paired differences to each other one are taken, at the horizons long and mixed.
     """
 
     horizons: Sequence[str]
@@ -45,21 +54,63 @@ class StudyPlan:
     families: Sequence[str] | None = None
     difficulty: bool = False
     robustness: Sequence[DisturbanceName] = ()
+    strengths: int | None = None
+    robustness_clips: int | None = None
+    longer: Sequence[str] = ()
+    authored: int = 0
+    choose: bool = False
+    ours: str | None = None
 
     @property
     def main_horizon(self) -> str:
         """Return the horizon of whole clips, groups and curves: mixed, or else the first."""
         return "mixed" if "mixed" in self.horizons else self.horizons[0]
 
-    def cells(self, candidates: Sequence[Candidate]) -> list[Cell]:
+    def cells(self, candidates: Mapping[Candidate, Entrant], library: MotionLibrary) -> list[Cell]:
         """Return every cell in the order in which results are wanted."""
         cells = [Cell(one, horizon, self.setting) for horizon in self.horizons for one in candidates]
+        for horizon in self.longer:
+            longest = HORIZONS[horizon].longest
+            able = [one for one, entrant in candidates.items() if entrant.timing.max_steps >= longest]
+            cells += [Cell(one, horizon, self.setting) for one in able]
         cells += [Cell(one, self.main_horizon, self.setting, rule) for rule in self.rules for one in candidates]
+        clips = self.clips_of_curves(library)
         for name in self.robustness:
-            for value in STRENGTHS[name].values[1:]:
+            for value in self.strengths_of(name):
                 setting = replace(self.setting, disturbance=STRENGTHS[name].disturbance(name, value))
-                cells += [Cell(one, self.main_horizon, setting, label=f"{name}={value:g}") for one in candidates]
+                label = f"{name}={value:g}"
+                cells += [Cell(one, self.main_horizon, setting, label=label, clips=clips) for one in candidates]
         return cells
+
+    def strengths_of(self, name: DisturbanceName) -> tuple[float, ...]:
+        """Return the strengths at which a disturbance is measured: spread evenly, the strongest among them."""
+        values = STRENGTHS[name].values[1:]
+        return values if self.strengths is None else evenly(values, self.strengths, last=True)
+
+    def clips_of_curves(self, library: MotionLibrary) -> tuple[int, ...] | None:
+        """Return the numbers of the clips of the curves; None for all."""
+        if self.robustness_clips is None or self.robustness_clips >= library.num_clips:
+            return None
+        return evenly(range(library.num_clips), self.robustness_clips)
+
+
+def evenly(items: Sequence[_Item], count: int, last: bool = False) -> tuple[_Item, ...]:
+    """Return some items, spread evenly; all where there are no more.
+
+    Args:
+        items: to choose from.
+        count: how many.
+        last: whether the last one is among them; otherwise it is the first.
+
+    >>> evenly(range(10), 3), evenly((1, 2, 3, 4, 5), 3, last=True)
+    ((0, 3, 6), (1, 3, 5))
+    """
+    total = len(items)
+    if count >= total:
+        return tuple(items)
+    if last:
+        return tuple(items[-(-total * (number + 1) // count) - 1] for number in range(count))
+    return tuple(items[total * number // count] for number in range(count))
 
 
 @dataclass(frozen=True)
@@ -68,7 +119,7 @@ class ClipScore:
 
     policy: str
     rule: str
-    records: ClipRecords
+    records: ClipRecords | None
     figures: Mapping[str, Estimate]
 
 
@@ -89,23 +140,18 @@ class Study:
     Attributes:
         scores: of commands, by policy and horizon.
         clips: of whole clips, by policy and rule.
-        groups: by what grouped, families or difficulty: the scores of each policy on each group.
+        groups: by what grouped, families, difficulty or authored keyframes: the scores of each policy on each group.
         curves: of robustness.
+        interfaces: scores of dense trackers with every interface, where the best one is chosen.
+        differences: of the plan's policy to each other one.
     """
 
     scores: list[Score] = field(default_factory=list)
     clips: list[ClipScore] = field(default_factory=list)
     groups: dict[str, list[GroupScore]] = field(default_factory=dict)
     curves: list[CurvePoint] = field(default_factory=list)
-
-    def of(self, policies: Mapping[str, str]) -> "Study":
-        """Return the results of some policies, under other names."""
-
-        def chosen(items: Sequence[Any]) -> list[Any]:
-            return [replace(item, policy=policies[item.policy]) for item in items if item.policy in policies]
-
-        groups = {kind: chosen(scores) for kind, scores in self.groups.items()}
-        return Study(chosen(self.scores), chosen(self.clips), groups, chosen(self.curves))
+    interfaces: list[Score] = field(default_factory=list)
+    differences: list[Difference] = field(default_factory=list)
 
     def clip_table(self) -> str:
         """Return whole-clip success and errors as a Markdown table, with the rule."""
@@ -119,12 +165,13 @@ class Study:
     def curve_table(self, name: DisturbanceName) -> str:
         """Return TKS@3 against the strength of a disturbance as a Markdown table."""
         strength, tks = STRENGTHS[name], METRICS["tks"]
-        lines = [f"| {name} ({strength.unit}) | {' | '.join(f'{value:g}' for value in strength.values)} |"]
-        lines.append("|" + "---|" * (1 + len(strength.values)))
         points = [point for point in self.curves if point.disturbance == name]
+        values = [value for value in strength.values if any(point.strength == value for point in points)]
+        lines = [f"| {name} ({strength.unit}) | {' | '.join(f'{value:g}' for value in values)} |"]
+        lines.append("|" + "---|" * (1 + len(values)))
         for policy in dict.fromkeys(point.policy for point in points):
             found = {point.strength: tks.text(point.tks) for point in points if point.policy == policy}
-            lines.append(f"| {policy} | {' | '.join(found.get(value, '') for value in strength.values)} |")
+            lines.append(f"| {policy} | {' | '.join(found.get(value, '') for value in values)} |")
         return "\n".join(lines) + "\n"
 
     def markdown(self) -> str:
@@ -133,49 +180,10 @@ class Study:
         if self.clips:
             parts.append(f"**whole clips**\n\n{self.clip_table()}")
         for kind, scores in self.groups.items():
-            parts.append(f"**by {kind}**\n\n{group_table(scores, group_metric(scores))}")
+            parts += [f"**by {kind}**\n\n{group_table(scores, metric)}" for metric in group_metrics(scores)]
         names = dict.fromkeys(point.disturbance for point in self.curves)
         parts += [f"**robustness: {name}**, TKS@3 (%)\n\n{self.curve_table(name)}" for name in names]
         return "\n".join(parts)
-
-    def write(self, folder: Path) -> None:
-        """Write a CSV file for each kind of result; values are in SI units."""
-        write_csv(folder / "scores.csv", self.scores)
-        clips = [(score.policy, score.rule, *row) for score in self.clips for row in _figures(score.figures)]
-        _write(folder / "whole_clips.csv", ("policy", "rule", *_FIGURES), clips)
-        groups = [
-            (kind, score.group, score.count, score.policy, score.test, *row)
-            for kind, scores in self.groups.items()
-            for score in scores
-            for row in _figures(score.figures)
-        ]
-        _write(folder / "groups.csv", ("grouping", "group", "count", "policy", "test", *_FIGURES), groups)
-        curves = [
-            (point.disturbance, point.strength, STRENGTHS[point.disturbance].unit, point.policy, *row)
-            for point in self.curves
-            for row in _figures({"tks": point.tks})
-        ]
-        _write(folder / "robustness.csv", ("disturbance", "strength", "unit", "policy", *_FIGURES), curves)
-
-
-_FIGURES = ("metric", "value", "low", "high")
-
-
-def _figures(figures: Mapping[str, Estimate]) -> list[tuple[Any, ...]]:
-    return [(name, figure.value, figure.low, figure.high) for name, figure in figures.items()]
-
-
-def _write(path: Path, head: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
-    if not rows:
-        return
-
-    def write(part: Path) -> None:
-        with part.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(head)
-            writer.writerows([f"{cell:.6g}" if isinstance(cell, float) else cell for cell in row] for row in rows)
-
-    replace_file(path, write)
 
 
 def run_study(
@@ -201,16 +209,54 @@ def run_study(
         motions: the motions of a horizon, where it leaves some of the library out; by default all.
     """
     study = Study()
-    cells = plan.cells(list(candidates))
-    of_horizon = {horizon: library if motions is None else motions(horizon) for horizon in plan.horizons}
-    labels = _Labels(plan, library, of_horizon[plan.main_horizon], next(iter(candidates.values())).timing)
-    for _, group in groupby(cells, key=lambda cell: id(of_horizon[cell.horizon])):
-        wanted = list(group)
-        chosen = of_horizon[wanted[0].horizon]
-        for cell, records in evaluate_cells(wanted, chosen, folder=folder, workers=workers, modules=modules):
-            _add(study, plan, cell, records, labels)
-            told(study)
+    longest = max(entrant.timing.max_steps for entrant in candidates.values())
+    frames = int(library.clip_length.max()) - 1
+    able = [name for name in plan.longer if HORIZONS[name].longest <= longest and HORIZONS[name].shortest <= frames]
+    plan = replace(plan, longer=able)
+    of_horizon = {
+        horizon: library if motions is None else motions(horizon) for horizon in (*plan.horizons, *plan.longer)
+    }
+    main = of_horizon[plan.main_horizon]
+    labels = _Labels(plan, library, main, next(iter(candidates.values())).timing)
+    shown = {candidate.name: candidate.name for candidate in candidates}
+
+    def run(cells: Sequence[Cell]) -> None:
+        for _, group in groupby(cells, key=lambda cell: id(of_horizon[cell.horizon])):
+            wanted = list(group)
+            chosen = of_horizon[wanted[0].horizon]
+            for cell, records in evaluate_cells(wanted, chosen, folder=folder, workers=workers, modules=modules):
+                _add(study, plan, cell, shown[cell.candidate.name], records, labels)
+                told(study)
+
+    rest = dict(candidates)
+    done: list[Cell] = []
+    if plan.choose:
+        done = [Cell(one, plan.main_horizon, plan.setting) for one in candidates]
+        run(done)
+        shown = best_interfaces(study.scores, plan.main_horizon)
+        study.interfaces = [score for score in study.scores if ", " in score.policy]
+        study.scores = _renamed(study.scores, shown)
+        study.groups = {kind: _renamed(scores, shown) for kind, scores in study.groups.items()}
+        study.curves = _renamed(study.curves, shown)
+        rest = {one: entrant for one, entrant in candidates.items() if one.name in shown}
+    run([cell for cell in plan.cells(rest, main) if cell not in done])
+    order = list(of_horizon)
+    study.scores.sort(key=lambda score: order.index(score.horizon))  # stable: policies stay in order
+    for one, entrant in rest.items() if plan.authored else ():
+        records = authored_records(one, entrant, library, plan.authored, plan.setting, folder)
+        study.groups.setdefault(AUTHORED, []).extend(authored_groups(shown[one.name], records))
+        told(study)
+    if plan.ours is not None:
+        compared = [score for score in study.scores if score.horizon in ("long", "mixed")]
+        ours = [name for name in shown.values() if name.partition(" (")[0] == plan.ours]
+        study.differences = [found for name in ours for found in paired(compared, name)]
+        told(study)
     return study
+
+
+def _renamed(items: Sequence[Any], names: Mapping[str, str]) -> list[Any]:
+    """Return the items of some policies, under other names."""
+    return [replace(item, policy=names[item.policy]) for item in items if item.policy in names]
 
 
 class _Labels:
@@ -219,14 +265,16 @@ class _Labels:
     def __init__(self, plan: StudyPlan, library: MotionLibrary, motions: MotionLibrary, timing: Timing):
         families = dict(zip(library.clip_names, plan.families or (), strict=False))
         self.families = [families[name] for name in motions.clip_names] if families else None
+        self.curve_clips = plan.clips_of_curves(motions)
         self.difficulty: list[str] = []
         if plan.difficulty:
             schedule = CommandSchedule(motions, horizon_named(plan.main_horizon, timing), plan.setting.seed)
             self.difficulty = bin_of(command_difficulty(motions, schedule))
 
 
-def _add(study: Study, plan: StudyPlan, cell: Cell, records: CommandRecords | ClipRecords, labels: _Labels) -> None:
-    name = cell.candidate.name
+def _add(
+    study: Study, plan: StudyPlan, cell: Cell, name: str, records: CommandRecords | ClipRecords, labels: _Labels
+) -> None:
     if isinstance(records, ClipRecords):
         study.clips.append(ClipScore(name, records.rule, records, report_clips(records)))
         if labels.families is not None:
@@ -243,9 +291,12 @@ def _add(study: Study, plan: StudyPlan, cell: Cell, records: CommandRecords | Cl
     study.scores.append(score)
     if cell.horizon != plan.main_horizon:
         return
-    for disturbance in plan.robustness:
-        undisturbed = STRENGTHS[disturbance].values[0]
-        study.curves.append(CurvePoint(name, disturbance, undisturbed, score.figures["tks"]))
+    if plan.robustness:
+        # on the clips of the curves
+        clips = labels.curve_clips
+        figure = score.figures["tks"] if clips is None else report(records.of_clips(clips))["tks"]
+        for disturbance in plan.robustness:
+            study.curves.append(CurvePoint(name, disturbance, STRENGTHS[disturbance].values[0], figure))
     if labels.families is not None:
         of_rows = [labels.families[clip] for clip in records.clip.tolist()]
         scores = score_groups(name, cell.horizon, [records], of_rows, resamples=200)
@@ -256,9 +307,15 @@ def _add(study: Study, plan: StudyPlan, cell: Cell, records: CommandRecords | Cl
         study.groups.setdefault("difficulty", []).extend(scores)
 
 
-def group_metric(scores: Sequence[GroupScore]) -> str:
-    """Return the metric that tables and figures of groups show: TKS@3 of commands, success of whole clips."""
-    return "tks" if "tks" in scores[0].figures else "clip_success"
+def group_metrics(scores: Sequence[GroupScore]) -> tuple[str, ...]:
+    """Return the metrics that tables and figures of groups show.
+
+    TKS@3 of commands, success of whole clips, keyframes reached and chains with a fall of authored ones.
+    """
+    figures = scores[0].figures
+    if "tks" in figures:
+        return ("tks",)
+    return ("clip_success",) if "clip_success" in figures else ("reached", "fell")
 
 
 def _named(disturbance: str) -> DisturbanceName:
@@ -287,7 +344,9 @@ def best_interfaces(scores: Sequence[Score], horizon: str) -> dict[str, str]:
     shown = {}
     for tracker, score in best.items():
         interface = score.policy.partition(", ")[2]
-        shown[score.policy] = f"{tracker} ({interface})" if interface else tracker
+        # "SONIC (unverified)" has its parentheses already
+        named = f"{tracker[:-1]}, {interface})" if tracker.endswith(")") else f"{tracker} ({interface})"
+        shown[score.policy] = named if interface else tracker
     return shown
 
 

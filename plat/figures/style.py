@@ -1,5 +1,6 @@
 """Style that all figures share: sizes, type, and one look for each policy."""
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -51,13 +52,17 @@ _KNOWN = {
     "SONIC-style": Look("#000000", "X", "--"),
     "TWIST2": Look("#999999", "v", ":"),
     "wbc": Look("#666666", "^", "-."),
+    "YAHMP": Look("#B39B00", "d", ":"),
     "Scratch RL": Look("#CC79A7", "<", "--"),
     "w/o privileged latent": Look("#56B4E9", "s"),
     "DAgger": Look("#0072B2", "D"),
     "Direct RL fine-tune": Look("#E69F00", ">", "--"),
     "Residual action": Look("#009E73", "h"),
     "PLAT": Look("#D55E00", "o", width=2.0),
+    "Imagined": Look("#7B3294", "*", width=2.0),
 }
+# of weights that come with plat: the row that they are
+_SHIPPED = {"expert": "Scratch RL"}
 # for others: a color each, then the same colors again with another marker
 _OTHERS = [
     Look(color, marker) for marker in "osD^" for color in ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00")
@@ -67,14 +72,28 @@ _OTHERS = [
 def looks(names: Sequence[str]) -> dict[str, Look]:
     """Return a look for each policy: its own for a row of the ablation, in any case; others take what is left.
 
-    >>> looks(["DAgger", "mine"])["DAgger"].color
+    A released tracker keeps its look with its interface in parentheses, and weights that come with plat have that of
+    their row, unless two of the names would have the same.
+
+    >>> looks(["DAgger", "mine", "wbc (line)"])["DAgger"].color
     '#0072B2'
     """
     rows = {name.lower(): look for name, look in _KNOWN.items()}
-    known = {name: rows[name.lower()] for name in names if name.lower() in rows}
+    of_row = {name: _row(name) for name in names}
+    alone = [row for row, count in Counter(of_row.values()).items() if count == 1]
+    known = {
+        name: rows[row if row in alone else name.lower()]
+        for name, row in of_row.items()
+        if row in rows and (row in alone or name.lower() in rows)
+    }
     taken = {(look.color, look.marker) for look in known.values()}
     spare = cycle(look for look in _OTHERS if (look.color, look.marker) not in taken)
     return {name: known.get(name) or next(spare) for name in names}
+
+
+def _row(name: str) -> str:
+    row = name.partition(" (")[0].removesuffix("-g1")
+    return _SHIPPED.get(row, row).lower()
 
 
 def policies(scores: Sequence[Score]) -> list[str]:

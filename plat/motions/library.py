@@ -9,6 +9,7 @@ import tempfile
 import zlib
 from collections import Counter
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated
 
@@ -123,6 +124,27 @@ class MotionLibrary:
         parts = [self._table[start : start + count] for start, count in zip(starts, length.tolist(), strict=True)]
         names = [self.clip_names[clip] for clip in clips]
         return MotionLibrary(torch.cat(parts), length.cumsum(0) - length, length, names, self.dt, self.robot)
+
+    def pieces(self, seconds: float) -> "MotionLibrary":
+        """Return the same frames, with each clip that is longer than this cut into equal pieces that are not.
+
+        A piece is called after its clip, with its number: ``NAME_0``. Velocities at a cut are those of the whole clip.
+
+        >>> from plat.motions import generate_motions
+        >>> library = MotionLibrary.from_clips(generate_motions("train", seconds=8))
+        >>> float(library.pieces(2.0).clip_length.max() - 1) * library.dt <= 2.0
+        True
+        """
+        most = max(2, round(seconds / self.dt) + 1)
+        names: list[str] = []
+        lengths: list[int] = []
+        for name, length in zip(self.clip_names, self.clip_length.tolist(), strict=True):
+            count = -(-length // most)
+            ends = [length * number // count for number in range(count + 1)]
+            lengths += [end - begin for begin, end in pairwise(ends)]
+            names += [name] if count == 1 else [f"{name}_{number}" for number in range(count)]
+        length = torch.tensor(lengths, device=self.device)
+        return MotionLibrary(self._table, length.cumsum(0) - length, length, names, self.dt, self.robot)
 
     def _check_clip(self, number: int) -> None:
         if not isinstance(number, int | np.integer) or not 0 <= number < self.num_clips:

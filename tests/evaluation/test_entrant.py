@@ -3,12 +3,15 @@ import torch
 
 import plat
 from plat.baselines import Tracker
+from plat.baselines.tracker import tuned_robot
 from plat.envs.transforms import HORIZONS
+from plat.errors import BundleError
 from plat.evaluation import Entrant, EvaluationSetting, evaluate
 from plat.modules import Expert, ExpertConfig
 from plat.motions import MotionLibrary
 from plat.robots import G1
 from tests.conftest import standing_clip
+from tests.export.runs import small_policy, write_run
 
 
 @pytest.fixture(scope="module")
@@ -51,3 +54,33 @@ def test_a_tracker_brings_its_own_view_and_robot(clips: MotionLibrary) -> None:
 def test_a_condition_that_there_is_none_of(clips: MotionLibrary) -> None:
     with pytest.raises(TypeError, match="decimaton"):
         evaluate(Expert(G1).deployed(), clips, HORIZONS["long"], decimaton=4)
+
+
+def test_a_bundle_scores_what_its_policy_scores(clips: MotionLibrary, tmp_path) -> None:
+    pytest.importorskip("onnxscript")
+    pytest.importorskip("onnxruntime")
+    from plat.export import export_bundle
+
+    run = write_run(tmp_path / "plat", small_policy("residual_latent"))
+    bundle = tmp_path / "bundle"
+    export_bundle(run, bundle)
+    setting = EvaluationSetting(num_threads=1)
+    of_run = Entrant.of_run(run).evaluate(clips, "long", setting)
+    for path in (bundle, bundle / "policy.onnx"):
+        entrant = Entrant.of_bundle(path)
+        assert (entrant.robot, entrant.tracks, entrant.timing.max_steps) == (G1, False, 50)
+        found = entrant.evaluate(clips, "long", setting)
+        assert torch.equal(found.length, of_run.length)
+        torch.testing.assert_close(found.steps, of_run.steps)
+        torch.testing.assert_close(found.step["action_change"], of_run.step["action_change"], rtol=0.02, atol=1e-3)
+
+
+def test_a_bundle_of_a_robot_with_other_motors_is_refused(tmp_path) -> None:
+    pytest.importorskip("onnxscript")
+    pytest.importorskip("onnxruntime")
+    from plat.export import export_bundle
+
+    bundle = tmp_path / "bundle"
+    export_bundle(write_run(tmp_path / "plat", small_policy("residual_latent")), bundle)
+    with pytest.raises(BundleError, match="its stiffness is not that of robot"):
+        Entrant.of_bundle(bundle, tuned_robot(G1, "stiff", 2 * G1.stiffness, G1.damping, G1.effort_limit))

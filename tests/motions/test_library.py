@@ -269,6 +269,22 @@ def test_some_clips_in_the_order_given():
         torch.testing.assert_close(some.frames[start : start + length], alone.frames, rtol=0, atol=0)
 
 
+def test_long_clips_are_cut_into_equal_pieces():
+    library = MotionLibrary.from_clips([standing_clip("short", 20), standing_clip("long", 61)])
+    pieces = library.pieces(0.9)
+    assert pieces.clip_names == ["short", "long_0", "long_1", "long_2"]
+    long = int(library.clip_length[1])
+    assert int(pieces.clip_length[1:].sum()) == long
+    assert int(pieces.clip_length.max() - 1) * pieces.dt <= 0.9
+    assert int(pieces.clip_length[1:].max() - pieces.clip_length[1:].min()) <= 1
+    assert torch.equal(pieces.frames["joint_vel"], library.frames["joint_vel"])
+    first = torch.cat([pieces.qpos(torch.tensor([int(start)])) for start in pieces.clip_start[1:]])
+    whole = library.only(1)
+    offsets = pieces.clip_start[1:] - pieces.clip_start[1]
+    assert torch.equal(first, whole.qpos(offsets))
+    assert library.pieces(60.0).clip_names == library.clip_names
+
+
 def test_clips_are_found_by_name():
     library = MotionLibrary.from_clips([standing_clip(name) for name in ("run_old_001", "walk_001", "Dance_run")])
     assert library.named("run|kick") == [0, 2]

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 from plat.errors import MotionError
-from plat.json_file import short
 from plat.motions.formats.names import match_joint, tokens
 from plat.motions.formats.unnamed_joints import OPTIONAL
 from plat.robots.robot import Robot
@@ -57,5 +56,4 @@ def robot_columns(names: Sequence[str], count: int, robot: Robot) -> tuple[list[
 
 
 def _some(names: Sequence[str]) -> str:
-    shown = ", ".join(short(name) for name in names[:8])
-    return f"[{shown}]" + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+    return f"{list(names[:8])}" + (f" and {len(names) - 8} more" if len(names) > 8 else "")

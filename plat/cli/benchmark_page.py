@@ -1,0 +1,151 @@
+"""Page of a benchmark, from the files that it wrote: ``python -m plat.cli.benchmark_page OUT docs`` renews the docs.
+
+It writes ``docs/results.md``, and copies tables and pictures to ``docs/benchmark``.
+"""
+
+import json
+import shlex
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+from plat.errors import PlatError, RecordsError
+from plat.evaluation.groups import group_table
+from plat.evaluation.score_table import METRICS, difference_table, overview, table
+from plat.evaluation.study import Study, group_metrics
+from plat.evaluation.study_files import read_study
+from plat.files import replace_file
+
+__all__ = ["ABOUT", "page", "publish"]
+
+ABOUT = "about.json"
+"""File of what it takes to repeat the tables."""
+
+_OPENING = """\
+# Results
+
+*Written by `plat benchmark` and `python -m plat.cli.benchmark_page`, from the files in `benchmark`.
+[Evaluation](evaluation.md) says what is measured; [the notes](notes/2026.md) how the weights came about.*
+"""
+_READING = """\
+Intervals are 95 %, bootstrapped over motions. Every row is given the same commands. A dense tracker is shown
+its keyframe by the [interface](evaluation.md#released-trackers) in parentheses: the best one by TKS@3 at Mixed.
+Calm and everyday motion saturates TKS@3: rows differ on brisk and hard motion, and in their errors.
+"""
+_ALT = {
+    "radar": "TKS@3, MPJPE@3 and MPKPE@3 over the horizons",
+    "success": "Fraction of keyframes reached within a distance",
+    "horizon": "Success and position error against the time of a command",
+    "differences": "Paired differences to the other rows",
+    "by_difficulty": "TKS@3 by difficulty",
+    "by_family": "TKS@3 by family",
+    "by_family_clips": "Whole-clip success by family",
+    "by_authored": "Authored keyframes that were reached, by family",
+    "robustness": "TKS@3 against the strength of disturbances",
+}
+
+
+def page(folder: Path, pictures: str = "") -> str:
+    """Return the page of a benchmark's output folder in Markdown.
+
+    Args:
+        folder: with the files of :func:`plat.evaluation.study_files.write_study`, a folder per set of motions.
+        pictures: what the paths of pictures begin with.
+
+    Raises:
+        RecordsError: when the folder holds no benchmark.
+    """
+    try:
+        about = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise RecordsError(f"{str(folder)!r}: not the folder of a benchmark ({error})") from None
+    sections = [_head(about)]
+    for name, *_ in about["sets"]:
+        if (folder / name / "scores.csv").exists():
+            sections.append(_section(name, read_study(folder / name), folder / name, pictures + name, about))
+    return "\n".join(sections)
+
+
+def publish(folder: Path, docs: Path) -> None:
+    """Write ``results.md`` of a documentation folder, with the tables and pictures that it is made of.
+
+    Raises:
+        RecordsError: when ``folder`` holds no benchmark.
+    """
+    kept = docs / "benchmark"
+    text = page(folder, "benchmark/")
+    shutil.rmtree(kept, ignore_errors=True)
+    for path in [folder / ABOUT, *sorted(folder.glob("*/*.csv")), *sorted(folder.glob("*/*.png"))]:
+        place = kept / path.relative_to(folder)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, place)
+    replace_file(docs / "results.md", lambda part: part.write_text(text, encoding="utf-8"))
+
+
+def _head(about: dict[str, Any]) -> str:
+    rule, says = about["rule"]
+    sets = [["set", "motions", "clips", "seconds", "fingerprint"]]
+    for name, source, clips, seconds, mark in about["sets"]:
+        sets.append([name, source, str(clips), str(seconds), f"`{mark}`"])
+    rows = [["row", "what", "SHA-256 of the weights"]]
+    rows += [[name, what, f"`{mark}`"] for name, mark, what in about["rows"]]
+    facts = [
+        f"- {', '.join(about['versions'])}",
+        f"- seed of the commands: {about['seed']}",
+        f"- clips of more than {about['longest']:g} s are cut into equal pieces",
+        f"- success rule of whole clips: `{rule}` ({says})",
+    ]
+    command = shlex.join(about["command"])
+    parts = [_OPENING, f"```sh\n{command}\n```\n", "\n".join(facts) + "\n", table(sets) + "\n", table(rows) + "\n"]
+    return "\n".join([*parts, _READING])
+
+
+def _section(name: str, study: Study, folder: Path, pictures: str, about: dict[str, Any]) -> str:
+    def shown(*stems: str) -> list[str]:
+        found = [stem for stem in stems if (folder / f"{stem}.png").exists()]
+        return [f"![{_ALT[stem]}]({pictures}/{stem}.png)\n" for stem in found]
+
+    parts = [f"## {name}\n", overview(study.scores) + "\n", *shown("radar", "success", "horizon")]
+    main = "mixed" if any(score.horizon == "mixed" for score in study.scores) else study.scores[0].horizon
+    columns = [score for score in study.scores if score.horizon == main]
+    lines = [["", *(score.policy for score in columns)]]
+    lines += [[metric.heading, *(metric.text(one.figures[key]) for one in columns)] for key, metric in METRICS.items()]
+    parts += [f"### {name}: all metrics at {main.capitalize()}\n", table(lines) + "\n"]
+    if study.differences:
+        ours = study.differences[0].ours
+        parts += [
+            f"### {name}: paired differences\n",
+            f"On the same commands. **Bold**: {ours} is ahead beyond chance. *Italic*: it is behind.\n",
+            difference_table(study.differences),
+            *shown("differences"),
+        ]
+    if study.clips:
+        parts += [f"### {name}: whole clips\n", study.clip_table()]
+    for kind, groups in study.groups.items():
+        stem = "by_" + kind.partition(",")[0] + ("_clips" if "," in kind else "")
+        parts.append(f"### {name}: by {kind}\n" if kind != "authored" else f"### {name}: authored keyframes\n")
+        parts += [group_table(groups, metric) for metric in group_metrics(groups)]
+        parts += shown(stem)
+    if study.curves:
+        told = f"TKS@3 (%) at {main.capitalize()}, on {about['robustness_clips']} clips at most.\n"
+        parts += [f"### {name}: robustness\n", told, *shown("robustness")]
+        parts += [study.curve_table(one) for one in dict.fromkeys(point.disturbance for point in study.curves)]
+    if study.interfaces:
+        told = f"Dense trackers at {main.capitalize()}, by how they are told of their keyframe.\n"
+        parts += [f"### {name}: interfaces\n", told, overview(study.interfaces) + "\n"]
+    return "\n".join(parts)
+
+
+def main(words: list[str]) -> None:
+    """Run :func:`publish` on what a command line gives."""
+    if len(words) != 2:
+        sys.exit("expected two folders: that of a benchmark and that of the docs")
+    try:
+        publish(Path(words[0]), Path(words[1]))
+    except PlatError as error:
+        sys.exit(str(error))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,83 @@
+"""Authored keyframes in a comparison: records that are kept on disk and taken up again."""
+
+from pathlib import Path
+from typing import Any
+
+from plat.control.authored import Authored
+from plat.errors import RecordsError
+from plat.evaluation.authored_scores import AuthoredRecords, AuthoredScore, author_families, evaluate_authored
+from plat.evaluation.cells import Candidate, Cell, fingerprint
+from plat.evaluation.entrant import Entrant
+from plat.evaluation.groups import GroupScore
+from plat.evaluation.report import Estimate
+from plat.evaluation.score_table import AUTHORED_METRICS
+from plat.evaluation.setting import EvaluationSetting
+from plat.motions.library import MotionLibrary
+from plat.version import __version__
+
+__all__ = ["AUTHORED", "authored_groups", "authored_records"]
+
+AUTHORED = "authored"
+"""Name of the test in tables and files."""
+
+
+def authored_records(
+    candidate: Candidate,
+    entrant: Entrant,
+    motions: MotionLibrary,
+    count: int,
+    setting: EvaluationSetting,
+    folder: Path | None = None,
+) -> AuthoredRecords:
+    """Return a candidate's records of ``count`` chains of every authored family; those in the folder if it has them.
+
+    Args:
+        candidate: with its fingerprint.
+        entrant: its policy, loaded. A dense tracker is shown keyframes by its interface.
+        motions: source of resting poses.
+        count: chains per family.
+        setting: its seed, device and threads.
+        folder: for the records; None keeps nothing.
+    """
+    library = motions.for_robot(entrant.robot)
+    chains = author_families(entrant.robot, library, count, setting.seed, entrant.timing)
+    about = _about(candidate, chains)
+    path = None if folder is None else folder / f"{Cell(candidate, AUTHORED).stem}.safetensors"
+    if path is not None and path.exists():
+        try:
+            records, known = AuthoredRecords.load(path)
+            if known == about:
+                return records
+        except RecordsError as error:
+            print(f"evaluated again: {error}")
+    records = evaluate_authored(
+        entrant.policy,
+        entrant.robot,
+        chains,
+        observe=entrant.view.keyframes().transforms,
+        num_threads=setting.num_threads,
+        device=setting.device,
+    )
+    if path is not None:
+        records.save(path, about)
+    return records
+
+
+def authored_groups(policy: str, records: AuthoredRecords) -> list[GroupScore]:
+    """Return the scores of a policy by authored family."""
+    scores = []
+    for family in dict.fromkeys(records.family):
+        score = AuthoredScore.of(records, family)
+        figures = {name: Estimate(*getattr(score, name)) for name in AUTHORED_METRICS}
+        scores.append(GroupScore(policy, AUTHORED, family, score.chains, figures))
+    return scores
+
+
+def _about(candidate: Candidate, chains: list[Authored]) -> dict[str, Any]:
+    """Return what the records depend on. Chains are fingerprinted themselves: a change of their families is seen."""
+    parts = []
+    for chain in chains:
+        for keyframe in chain.sequence.keyframes:
+            told = (chain.family, chain.hold, keyframe.time, keyframe.commands)
+            parts += [repr(told).encode(), keyframe.qpos.tobytes()]
+    return {"policy": candidate.fingerprint, "chains": fingerprint(parts), "plat": __version__}

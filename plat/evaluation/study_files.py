@@ -1,0 +1,104 @@
+"""Files of a study: a CSV file for each kind of result, written and read."""
+
+import csv
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+from plat.errors import RecordsError
+from plat.evaluation.disturbance import STRENGTHS
+from plat.evaluation.groups import GroupScore
+from plat.evaluation.report import Estimate
+from plat.evaluation.score_table import Difference, Score, write_csv
+from plat.evaluation.study import ClipScore, CurvePoint, Study
+from plat.files import replace_file
+
+__all__ = ["read_study", "write_study"]
+
+_FIGURES = ("metric", "value", "low", "high")
+
+
+def write_study(study: Study, folder: Path) -> None:
+    """Write a CSV file for each kind of result; values are in SI units, with six digits."""
+    if study.scores:
+        write_csv(folder / "scores.csv", study.scores)
+    if study.interfaces:
+        write_csv(folder / "interfaces.csv", study.interfaces)
+    clips = [(score.policy, score.rule, *row) for score in study.clips for row in _rows(score.figures)]
+    _write(folder / "whole_clips.csv", ("policy", "rule", *_FIGURES), clips)
+    groups = [
+        (kind, score.group, score.count, score.policy, score.test, *row)
+        for kind, scores in study.groups.items()
+        for score in scores
+        for row in _rows(score.figures)
+    ]
+    _write(folder / "groups.csv", ("grouping", "group", "count", "policy", "test", *_FIGURES), groups)
+    curves = [
+        (point.disturbance, point.strength, STRENGTHS[point.disturbance].unit, point.policy, *row)
+        for point in study.curves
+        for row in _rows({"tks": point.tks})
+    ]
+    _write(folder / "robustness.csv", ("disturbance", "strength", "unit", "policy", *_FIGURES), curves)
+    differences = [
+        (found.ours, found.policy, found.horizon, *row) for found in study.differences for row in _rows(found.figures)
+    ]
+    _write(folder / "differences.csv", ("ours", "policy", "horizon", *_FIGURES), differences)
+
+
+def read_study(folder: Path) -> Study:
+    """Return the results that :func:`write_study` wrote, without records.
+
+    Raises:
+        RecordsError: for a file that cannot be read, or lacks a column.
+    """
+    study = Study(scores=_scores(folder / "scores.csv"), interfaces=_scores(folder / "interfaces.csv"))
+    for (policy, rule), figures in _read(folder / "whole_clips.csv", ("policy", "rule")):
+        study.clips.append(ClipScore(policy, rule, None, figures))
+    keys = ("grouping", "group", "count", "policy", "test")
+    for (kind, group, count, policy, test), figures in _read(folder / "groups.csv", keys):
+        study.groups.setdefault(kind, []).append(GroupScore(policy, test, group, int(count), figures))
+    for (name, strength, _, policy), figures in _read(
+        folder / "robustness.csv", ("disturbance", "strength", "unit", "policy")
+    ):
+        disturbance = next(known for known in STRENGTHS if known == name)
+        study.curves.append(CurvePoint(policy, disturbance, float(strength), figures["tks"]))
+    for (ours, policy, horizon), figures in _read(folder / "differences.csv", ("ours", "policy", "horizon")):
+        study.differences.append(Difference(ours, policy, horizon, figures))
+    return study
+
+
+def _scores(path: Path) -> list[Score]:
+    found = _read(path, ("policy", "horizon"))
+    return [Score(policy, horizon, (), figures) for (policy, horizon), figures in found]
+
+
+def _rows(figures: Mapping[str, Estimate]) -> list[tuple[Any, ...]]:
+    return [(name, figure.value, figure.low, figure.high) for name, figure in figures.items()]
+
+
+def _write(path: Path, head: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
+    if not rows:
+        path.unlink(missing_ok=True)  # of an earlier plan
+        return
+
+    def write(part: Path) -> None:
+        with part.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(head)
+            writer.writerows([f"{cell:.6g}" if isinstance(cell, float) else cell for cell in row] for row in rows)
+
+    replace_file(path, write)
+
+
+def _read(path: Path, keys: Sequence[str]) -> Iterable[tuple[tuple[str, ...], dict[str, Estimate]]]:
+    """Yield the keys of each result with its figures; nothing where there is no file."""
+    if not path.exists():
+        return
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+        for found, group in groupby(rows, key=lambda row: tuple(row[key] for key in keys)):
+            yield found, {row["metric"]: Estimate(*(float(row[end]) for end in _FIGURES[1:])) for row in group}
+    except (OSError, KeyError, TypeError, ValueError, csv.Error) as error:
+        raise RecordsError(f"{str(path)!r}: not a table of a study ({error!r})") from None

@@ -1,0 +1,164 @@
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from plat.baselines import ReleasedTrackers
+from plat.cli import benchmark
+from plat.cli.benchmark import bandai_motions, command_of
+from plat.cli.benchmark_page import main as publish_words
+from plat.cli.benchmark_page import page, publish
+from plat.cli.options import BenchmarkRecipe
+from plat.cli.settings import parse
+from plat.errors import PlatError, RecordsError
+from plat.evaluation import authored_cells, study
+from plat.evaluation.cells import Cell
+from plat.evaluation.disturbance import STRENGTHS, Strength
+from plat.figures import pyplot
+from plat.modules import Expert, ExpertConfig, PlainPolicy
+from plat.motions import load_motions
+from plat.robots import G1
+from tests.evaluation.authored import authored_records
+from tests.modules.policies.test_student import SMALL
+from tests.motions.retargeting.human import write_human
+from tests.recipes.runs import save_run, write_motions
+
+
+def touch(figure: Any, stem: Path) -> list[Path]:
+    """Stand in for the drawing of a figure, which takes longest."""
+    stem.parent.mkdir(parents=True, exist_ok=True)
+    stem.with_suffix(".png").touch()
+    pyplot().close(figure)
+    return []
+
+
+@pytest.fixture
+def recipe(tmp_path, monkeypatch) -> BenchmarkRecipe:
+    """Two tiny runs on two motions of 2 s, and one disturbance of one strength."""
+    pytest.importorskip("matplotlib")
+    monkeypatch.setattr(study, "STRENGTHS", {**STRENGTHS, "friction": Strength("coefficient", (0.8, 0.1))})
+    monkeypatch.setattr(benchmark, "save_figure", touch)
+    monkeypatch.setattr(authored_cells, "evaluate_authored", lambda *_, **__: authored_records())
+    runs = (
+        save_run(tmp_path / "plain", PlainPolicy(G1, SMALL)),
+        save_run(tmp_path / "expert", Expert(G1, ExpertConfig(hidden=(8,)))),
+    )
+    (tmp_path / "manifest.csv").write_text("clip,family\nrun_a,run\nwalk_b,walk\n")
+    return BenchmarkRecipe(
+        runs=runs,
+        out=tmp_path / "out",
+        hard=(Path(write_motions(tmp_path)),),
+        manifest=(tmp_path / "manifest.csv",),
+        generated=4.0,
+        longest=1.2,
+        clips=3,
+        horizons=("short", "long", "mixed"),
+        interface=("next-frame", "line"),
+        robustness=("friction",),
+        robustness_clips=1,
+        authored=1,
+        device="cpu",
+        workers=1,
+    )
+
+
+def test_one_document_and_figures_of_every_kind(recipe, monkeypatch, capsys):
+    studies = benchmark.main(recipe)
+    assert list(studies) == ["motions", "generated"]
+    found = studies["motions"]
+    expert = next(score.policy for score in found.scores if score.policy.startswith("expert"))
+    assert expert in ("expert (next-frame)", "expert (line)")
+    assert [score.policy for score in found.scores] == ["plain", expert] * 3
+    assert {score.policy for score in found.interfaces} == {"expert, next-frame", "expert, line"}
+    # two motions of 2 s make four pieces of 1 s, of which three are taken
+    assert sorted(set(found.scores[0].records[0].clip.tolist())) == [0, 1, 2]
+    assert {point.strength for point in found.curves} == {0.8, 0.1}
+    assert list(found.groups) == ["family", "difficulty", "family, humantracker", "authored"]
+    assert {one.group for one in found.groups["family"]} == {"run", "walk"}
+    assert {one.policy for one in found.groups["authored"]} == {"plain", expert}
+    assert {one.policy for one in found.differences} == {expert}
+    assert {score.horizon for score in studies["generated"].scores} == {"long", "mixed"}
+    assert not studies["generated"].curves
+    drawn = {path.stem for path in (recipe.out / "motions").glob("*.png")}
+    assert drawn == {
+        "radar",
+        "success",
+        "horizon",
+        "differences",
+        "robustness",
+        *("by_family", "by_family_clips", "by_difficulty", "by_authored"),
+    }
+    text = (recipe.out / "benchmark.md").read_text()
+    assert text == page(recipe.out)
+    for wanted in (
+        "plat benchmark plain expert --hard motions.npz --manifest manifest.csv --generated 4 --longest 1.2",
+        "- seed of the commands: 0",
+        "- success rule of whole clips: `humantracker` (",
+        "| motions | motions.npz | 3 |",
+        "### motions: authored keyframes",
+        "| friction (coefficient) | 0.8 | 0.1 |",
+        "| plain minus | horizon |",
+        "| humantracker | plain |",
+        "TKS@3 (%) at Mixed, on 1 clips at most",
+        "## generated",
+    ):
+        assert wanted in text, wanted
+    assert str(recipe.out.parent) not in text
+    # again: nothing is evaluated, and the same comes out
+    monkeypatch.setattr(Cell, "evaluate", None)
+    monkeypatch.setattr(authored_cells, "evaluate_authored", None)
+    benchmark.main(recipe)
+    assert (recipe.out / "benchmark.md").read_text() == text
+
+    docs = recipe.out.parent / "docs"
+    publish(recipe.out, docs)
+    assert (docs / "results.md").read_text() == page(docs / "benchmark", "benchmark/")
+    assert (docs / "benchmark" / "motions" / "radar.png").exists()
+    assert "(benchmark/motions/radar.png)" in (docs / "results.md").read_text()
+
+
+def test_the_command_in_the_document_means_the_same(recipe):
+    words = command_of(recipe)
+    assert words[:2] == ["plat", "benchmark"]
+    again = parse(BenchmarkRecipe, words[2:])
+    assert again.hard == (Path("motions.npz"),)
+    assert command_of(again) == words
+    assert (again.longest, again.horizons, again.interface) == (1.2, ("short", "long", "mixed"), ("next-frame", "line"))
+    trackers = BenchmarkRecipe(out=Path("b"), trackers=ReleasedTrackers(sonic_1_1=Path("/far/away/sonic")), authored=0)
+    assert command_of(trackers) == [
+        *("plat", "benchmark", "--trackers.sonic-1-1", "sonic"),
+        *("--authored", "0", "--out", "b"),
+    ]
+
+
+def test_public_motion_capture_is_retargeted_once(tmp_path, capsys):
+    folder = tmp_path / "bvh"
+    folder.mkdir()
+    for name in ("clip_0", "clip_1"):  # train and val by the rule
+        write_human(folder / f"{name}.bvh", frames=5)
+    path = bandai_motions(folder, tmp_path / "out", G1)
+    assert path == tmp_path / "out" / "motions" / "bandai_val.npz"
+    assert [clip.name for clip in load_motions(path)] == ["clip_1"]
+    assert capsys.readouterr().out == "retargeting 1 files\n"
+    assert bandai_motions(folder, tmp_path / "out", G1) == path
+    assert capsys.readouterr().out == ""
+    assert bandai_motions(path, tmp_path / "other", G1) == path  # a file is taken as it is
+    (folder / "clip_1.bvh").unlink()
+    with pytest.raises(PlatError, match="--bandai .*bvh': no .bvh file of the split val in it"):
+        bandai_motions(folder, tmp_path / "other", G1)
+
+
+def test_a_row_that_is_not_there_is_named_before_the_evaluation(tmp_path):
+    pytest.importorskip("matplotlib")
+    run = save_run(tmp_path / "plain", PlainPolicy(G1, SMALL))
+    with pytest.raises(PlatError, match="--ours 'PLAT': no such row, expected one of plain"):
+        benchmark.main(BenchmarkRecipe(runs=(run,), out=tmp_path / "out", ours="PLAT", device="cpu"))
+
+
+def test_another_folder_is_refused(tmp_path, capsys):
+    with pytest.raises(RecordsError, match="not the folder of a benchmark"):
+        page(tmp_path)
+    with pytest.raises(SystemExit, match="not the folder of a benchmark"):
+        publish_words([str(tmp_path), str(tmp_path / "docs")])
+    with pytest.raises(SystemExit, match="expected two folders"):
+        publish_words([])

@@ -1,0 +1,75 @@
+from pathlib import Path
+
+import pytest
+
+from plat.baselines import CATALOG, ReleasedTrackers, Tracker
+from plat.baselines.catalog import sha256
+from plat.cli.candidates import candidates_of
+from plat.errors import PlatError
+from plat.modules import Expert, ExpertConfig, PlainPolicy
+from plat.robots import G1
+from tests.modules.policies.test_student import SMALL
+from tests.recipes.runs import save_run
+
+INTERFACES = ("next-frame", "line", "cascade")
+
+
+@pytest.fixture
+def runs(tmp_path) -> Path:
+    save_run(tmp_path / "plain", PlainPolicy(G1, SMALL))
+    save_run(tmp_path / "expert", Expert(G1, ExpertConfig(hidden=(8,))))
+    return tmp_path
+
+
+def names(*arguments, **options) -> list[str]:
+    return [candidate.name for candidate in candidates_of(*arguments, **options)]
+
+
+def test_dense_trackers_are_there_once_for_each_interface(runs):
+    paths = (runs / "plain", runs / "expert")
+    assert names(paths, ReleasedTrackers()) == ["plain", "expert"]
+    found = candidates_of(paths, ReleasedTrackers(), interfaces=INTERFACES)
+    assert [one.name for one in found] == ["plain", *(f"expert, {interface}" for interface in INTERFACES)]
+    assert len({one.fingerprint for one in found}) == 4
+    assert {one.weights for one in found} == {sha256(path / "model.safetensors") for path in paths}
+    assert [entrant.view.interface for entrant in found.values()] == ["next-frame", *INTERFACES]
+    # the dense reference leaves nothing to choose
+    assert names(paths, ReleasedTrackers(), interfaces=INTERFACES, dense=True) == ["plain", "expert"]
+
+
+def test_runs_of_one_name_are_told_apart(runs):
+    save_run(runs / "other" / "plain", PlainPolicy(G1, SMALL))
+    paths = (runs / "plain", runs / "other" / "plain")
+    assert names(paths, ReleasedTrackers()) == [str(path) for path in paths]
+
+
+def test_other_weights_have_another_fingerprint(runs):
+    (first,) = candidates_of((runs / "plain",), ReleasedTrackers())
+    save_run(runs / "plain", PlainPolicy(G1, SMALL))
+    (second,) = candidates_of((runs / "plain",), ReleasedTrackers())
+    assert first.fingerprint != second.fingerprint
+    assert first.weights != second.weights
+
+
+def test_a_tracker_that_was_never_run_with_its_weights_is_marked(tmp_path, monkeypatch):
+    (tmp_path / "model_encoder.onnx").write_bytes(b"a")
+    (tmp_path / "model_decoder.onnx").write_bytes(b"b")
+    monkeypatch.setattr(type(CATALOG["SONIC"]), "load", lambda self, path: Tracker(G1))
+    trackers = ReleasedTrackers(sonic_1_1=tmp_path)
+    assert names((), trackers) == ["SONIC 1.1 (unverified)"]
+    assert names((), trackers, interfaces=("next-frame", "line")) == [
+        "SONIC 1.1 (unverified), next-frame",
+        "SONIC 1.1 (unverified), line",
+    ]
+
+
+def test_released_files_are_known_by_their_content(shared_data, tmp_path):
+    pytest.importorskip("onnxruntime")
+    renamed = tmp_path / "policy.onnx"
+    renamed.write_bytes((shared_data / "baselines/wbc/policy_066ab15.onnx").read_bytes())
+    assert names((renamed,), ReleasedTrackers()) == ["wbc"]
+
+
+def test_nothing_to_evaluate():
+    with pytest.raises(PlatError, match="nothing to evaluate"):
+        candidates_of((), ReleasedTrackers())

@@ -1,0 +1,96 @@
+from dataclasses import replace
+from functools import partial
+
+import pytest
+import torch
+
+from plat.control.authored import author
+from plat.errors import RecordsError
+from plat.evaluation import Entrant, EvaluationSetting, authored_cells
+from plat.evaluation.authored_cells import authored_groups, authored_records
+from plat.evaluation.authored_scores import AuthoredRecords, AuthoredScore
+from plat.evaluation.cells import Candidate
+from plat.evaluation.records import write_columns
+from plat.modules import Expert, ExpertConfig
+from plat.motions import MotionLibrary
+from plat.robots import G1
+from tests.conftest import standing_clip
+from tests.evaluation.authored import authored_records as made_up
+
+SETTING = EvaluationSetting(num_threads=1)
+
+
+@pytest.fixture
+def tracker() -> tuple[Candidate, Entrant]:
+    entrant = Entrant.of_policy(Expert(G1, ExpertConfig(hidden=(8,))))
+    return Candidate("expert", partial(dict), "weights"), entrant
+
+
+@pytest.fixture
+def motions() -> MotionLibrary:
+    return MotionLibrary.from_clips([standing_clip(frames=30)])
+
+
+def test_records_are_kept_and_taken_up_again(tracker, motions, tmp_path, monkeypatch):
+    calls: list[int] = []
+
+    def evaluate(policy, robot, chains, **options):
+        calls.append(len(chains))
+        return made_up()
+
+    def chains(robot, motions, count, seed, timing):
+        return author("arms", robot, count, seed)
+
+    monkeypatch.setattr(authored_cells, "evaluate_authored", evaluate)
+    monkeypatch.setattr(authored_cells, "author_families", chains)
+    first = authored_records(*tracker, motions, 1, SETTING, tmp_path)
+    again = authored_records(*tracker, motions, 1, SETTING, tmp_path)
+    assert len(calls) == 1
+    assert again.family == first.family
+    assert torch.equal(again.reached, first.reached)
+    authored_records(*tracker, motions, 1, replace(SETTING, seed=1), tmp_path)  # other chains
+    candidate, entrant = tracker
+    authored_records(replace(candidate, fingerprint="other"), entrant, motions, 1, SETTING, tmp_path)
+    assert len(calls) == 3
+    (tmp_path / "expert-authored.safetensors").write_bytes(b"nonsense")
+    authored_records(*tracker, motions, 1, SETTING, tmp_path)
+    assert len(calls) == 4
+
+
+def test_a_file_of_other_records_is_refused(tmp_path):
+    made_up().save(tmp_path / "a.safetensors", {})
+    records, about = AuthoredRecords.load(tmp_path / "a.safetensors")
+    assert (records.family, about) == (made_up().family, {})
+    write_columns(tmp_path / "b.safetensors", {"reached": torch.zeros(1)}, {})
+    with pytest.raises(RecordsError, match=r"b.safetensors': not a file of authored records"):
+        AuthoredRecords.load(tmp_path / "b.safetensors")
+
+
+def test_scores_by_family():
+    arms, far = authored_groups("PLAT", made_up())
+    assert (arms.group, arms.count, arms.figures["reached"].value, arms.figures["fell"].value) == ("arms", 2, 100, 0)
+    assert (far.group, far.figures["reached"].value, far.figures["fell"].value) == ("far", 0, 100)
+    assert far.figures["reached"].low == AuthoredScore.of(made_up(), "far").reached[1]
+
+
+@pytest.mark.parametrize("interface", ["next-frame", "line", "cascade"])
+def test_a_dense_tracker_is_led_by_its_interface(interface, monkeypatch):
+    """What it is shown in the first step lies the nearer, the less the interface asks of it."""
+    expert = Expert(G1, ExpertConfig(hidden=(8,)))
+    entrant = Entrant.of_policy(expert, interface=interface)
+    shown: list[torch.Tensor] = []
+
+    class SeenError(Exception):
+        """The first step is enough."""
+
+    def forward(self, tensordict, *rest, **options):
+        shown.append((tensordict["goal", "joint_pos"] - tensordict["state", "joint_pos"]).abs().amax(-1))
+        raise SeenError
+
+    monkeypatch.setattr(type(entrant.policy), "forward", forward)
+    chains = [replace(chain, hold=0.1) for chain in author("arms", G1, 1, seed=0)]
+    observe = entrant.view.keyframes().transforms
+    with pytest.raises(SeenError):
+        authored_cells.evaluate_authored(entrant.policy, G1, chains, observe=observe, num_threads=1)
+    far = float(shown[0].max())
+    assert far > 0.2 if interface == "next-frame" else far < 0.1

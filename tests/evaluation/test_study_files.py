@@ -1,0 +1,50 @@
+import pytest
+
+from plat.errors import RecordsError
+from plat.evaluation import CLIP_METRICS, Estimate
+from plat.evaluation.groups import GroupScore
+from plat.evaluation.score_table import difference_table, overview, paired
+from plat.evaluation.study import ClipScore, CurvePoint, Study
+from plat.evaluation.study_files import read_study, write_study
+from tests.figures.scores import made_up
+
+FIGURE = Estimate(0.012345678, 0.25, float("nan"))
+
+
+def test_what_was_written_is_read(tmp_path):
+    scores = made_up("PLAT", "wbc (line)")
+    study = Study(
+        scores=scores,
+        clips=[ClipScore("PLAT", "supermimic", None, dict.fromkeys(CLIP_METRICS, FIGURE))],
+        groups={
+            "family": [GroupScore("PLAT", "mixed", "walk, fast", 3, {"tks": FIGURE, "mpjpe": FIGURE})],
+            "authored": [GroupScore("PLAT", "authored", "hold", 2, {"reached": FIGURE})],
+        },
+        curves=[CurvePoint("PLAT", "push", 0.5, FIGURE)],
+        interfaces=scores[:1],
+        differences=paired(scores, "PLAT"),
+    )
+    write_study(study, tmp_path)
+    read = read_study(tmp_path)
+    assert overview(read.scores) == overview(scores)
+    assert overview(read.interfaces) == overview(scores[:1])
+    assert difference_table(read.differences) == difference_table(study.differences)
+    assert read.clip_table() == study.clip_table()
+    assert read.curve_table("push") == study.curve_table("push")
+    (family,) = read.groups["family"]
+    assert (family.group, family.count, list(family.figures)) == ("walk, fast", 3, ["tks", "mpjpe"])
+    assert family.figures["tks"].value == pytest.approx(FIGURE.value, rel=1e-5)
+    assert read.groups["authored"][0].test == "authored"
+
+
+def test_results_of_an_earlier_plan_do_not_stay(tmp_path):
+    write_study(Study(curves=[CurvePoint("PLAT", "push", 0.5, FIGURE)]), tmp_path)
+    write_study(Study(), tmp_path)
+    assert list(tmp_path.iterdir()) == []
+    assert read_study(tmp_path) == Study()
+
+
+def test_another_table_is_refused(tmp_path):
+    (tmp_path / "scores.csv").write_text("name,size\na,1\n")
+    with pytest.raises(RecordsError, match=r"scores.csv': not a table of a study"):
+        read_study(tmp_path)
