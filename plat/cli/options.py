@@ -245,6 +245,10 @@ class StudioRecipe(Bounded):
     """port to listen on"""
     browser: bool = True
     """open the page in the browser, where there is a screen"""
+    static: Path | None = None
+    """folder to make: write the page as files that need no server, and end"""
+    libraries: Path | None = None
+    """node_modules with what the static page needs; without, it loads that from jsdelivr.net"""
     robot: str = "g1"
     """robot of the policy: its name, or path of its JSON description"""
     imports: Imports = ()

@@ -18,8 +18,8 @@ from plat.cli.options import StudioRecipe
 from plat.errors import StudioError
 from plat.motions.files import motion_paths
 from plat.motions.generation import PREFIX
-from plat.robots import get_robot
-from plat.runs import load_policy
+from plat.robots import Robot, get_robot
+from plat.runs import Policy, load_policy
 from plat.runs.user_modules import import_modules
 
 
@@ -36,8 +36,12 @@ def main(recipe: StudioRecipe) -> None:
     get_robot(recipe.robot)  # a description file makes the policies' robot known
     if named := [name for name in recipe.motions.split() if not name.startswith(PREFIX)]:
         motion_paths(named)  # they are read when the page asks for them
-    policies = {name: load_policy(run) for name, run in zip(_names(recipe.runs), recipe.runs, strict=True)}
+    runs = dict(zip(_names(recipe.runs), recipe.runs, strict=True))
+    policies = {name: load_policy(run) for name, run in runs.items()}
     robot = next(iter(policies.values())).robot
+    if recipe.static is not None:
+        _write_static(recipe, runs, policies, robot)
+        return
     session = Session(robot, {name: policy.deployed() for name, policy in policies.items()})
     if recipe.keyframes is None:
         session.begin_with("wave")
@@ -56,6 +60,23 @@ def main(recipe: StudioRecipe) -> None:
         pass
     finally:
         studio.stop()
+
+
+def _write_static(recipe: StudioRecipe, runs: dict[str, Path], policies: dict[str, Policy], robot: Robot) -> None:
+    from plat.modules import Expert
+    from plat.studio.playback import common_timing
+    from plat.studio.static import write_static
+
+    assert recipe.static is not None
+    experts = [name for name, policy in policies.items() if isinstance(policy, Expert)]
+    kept = {name: run for name, run in runs.items() if name not in experts}
+    if not kept:
+        raise StudioError("--static: none of the runs chases keyframes, expected runs of plat distill or plat refine")
+    timing = common_timing({name: policies[name].deployed() for name in kept})
+    write_static(recipe.static, robot, kept, timing, recipe.libraries)
+    left = f" (without {', '.join(experts)}: experts follow dense motion)" if experts else ""
+    print(f"wrote {recipe.static} with {', '.join(kept)}{left}; any web server of files shows it:")
+    print(f"  python -m http.server --directory {recipe.static}")
 
 
 def _has_screen() -> bool:

@@ -6,7 +6,7 @@ from plat.errors import RobotError
 from plat.motions.clip import MotionClip
 from plat.robots import G1, Robot
 
-__all__ = ["mirror_motion"]
+__all__ = ["joint_symmetry", "mirror_motion"]
 
 # The mirror is the plane y = 0. It turns a rotation about (x, y, z) into the same angle about (-x, y, -z).
 _MIRRORED_AXIS = np.array([-1.0, 1.0, -1.0])
@@ -28,7 +28,7 @@ def mirror_motion(clip: MotionClip, robot: Robot = G1) -> MotionClip:
     >>> mirrored.qpos[0, 7 + G1.joint_names.index("right_hip_roll")]
     np.float64(-0.3)
     """
-    partner, sign = _symmetry(robot)
+    partner, sign = joint_symmetry(robot)
     qpos = clip.qpos.copy()
     qpos[:, 1] *= -1
     qpos[:, 4:7] *= _MIRRORED_AXIS.astype(qpos.dtype)
@@ -37,8 +37,12 @@ def mirror_motion(clip: MotionClip, robot: Robot = G1) -> MotionClip:
     return MotionClip(name, qpos, clip.fps)
 
 
-def _symmetry(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """Return, for each joint, the joint whose angle it takes, and the sign."""
+def joint_symmetry(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """Return, for each joint ``[J]``, the joint whose angle it takes in the mirror, and the sign.
+
+    Raises:
+        RobotError: when the robot has no such symmetry.
+    """
     swapped = {"left": "right", "right": "left"}
     names = ["_".join(swapped.get(word, word) for word in name.split("_")) for name in robot.joint_names]
     if names == list(robot.joint_names):

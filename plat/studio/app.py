@@ -31,6 +31,8 @@ _GREEN, _BETWEEN = (18, 183, 106), (150, 170, 160)
 _SIDE = (0.0, 1.0, 0.0)
 # Texts and plots are for reading: redrawing them at every step would only load browsers.
 _READING_INTERVAL = 0.12
+# Browsers are sent the playing robot so many times a second (Hz), and less often when they draw slowly.
+_FASTEST, _SLOWEST = 30.0, 5.0
 # Pause (s) after which a touched slider starts another undo step.
 _PAUSE = 1.0
 
@@ -84,7 +86,8 @@ class Studio:
         self._taken = Figure(server, bodies, f"{_WORLD}/motion", (240, 140, 0), 0.6)
         self._stance = StanceView(server, f"{_WORLD}/stance")
         self._names = [server.scene.add_label(f"{at}/name", "", visible=False) for at in (_WORLD, _BESIDE)]
-        self._next_reading = 0.0
+        self._next_reading = self._next_drawing = 0.0
+        self._frames = _FASTEST
         self._build(page, motions, path, files)
         self._show()
 
@@ -117,7 +120,18 @@ class Studio:
         )
 
     def _receive(self, message: Message) -> None:
-        self._timeline.receive(message)
+        if message["do"] == "browser":
+            self._desk.ask(lambda: self._suit(message))
+        else:
+            self._timeline.receive(message)
+
+    def _suit(self, message: Message) -> None:
+        """Suit a browser that says how it draws: without shadows in software, and only as often as it can."""
+        if message.get("software") is True:
+            self.server.scene.configure_default_lights(cast_shadow=False)
+        frames = message.get("frames")
+        if isinstance(frames, (int, float)) and not isinstance(frames, bool):
+            self._frames = float(np.clip(frames, _SLOWEST, _FASTEST))
 
     def _clicked(self, body: str) -> None:
         self._desk.ask(lambda: self._pose.click_body(body))
@@ -146,9 +160,11 @@ class Studio:
         if not playback.playing:
             self._show()
             return
-        self._show_robots()
+        if time.monotonic() >= self._next_drawing:
+            self._next_drawing = time.monotonic() + 0.9 / self._frames
+            self._show_robots()
         if time.monotonic() >= self._next_reading:
-            self._next_reading = time.monotonic() + _READING_INTERVAL
+            self._next_reading = time.monotonic() + max(_READING_INTERVAL, 2 / self._frames)
             self._timeline.show_time()
             self._play.show_time()
 

@@ -6,7 +6,7 @@ from plat.keyframes import Keyframe, Parts
 from plat.motions.retargeting.geometry import TRACKED
 from plat.robots.robot import Robot
 
-__all__ = ["PRESETS", "faint_bodies", "pinned", "preset", "toggled"]
+__all__ = ["PRESETS", "faint_bodies", "pin_bodies", "pinned", "preset", "toggled"]
 
 _ROOT = ("horizontal", "height", "orientation")
 _BODIES = {
@@ -36,6 +36,15 @@ def preset(name: str, robot: Robot) -> Parts | None:
     ['left_wrist_yaw_link', 'right_wrist_yaw_link']
     """
     return _parts(frozenset(PRESETS[name]), robot)
+
+
+def pin_bodies() -> dict[str, str]:
+    """Return the body that each handle's pin commands; that of the pelvis commands the root instead.
+
+    >>> pin_bodies()["left foot"]
+    'left_ankle_roll_link'
+    """
+    return dict(_BODIES)
 
 
 def pinned(keyframe: Keyframe, robot: Robot) -> frozenset[str]:

@@ -12,7 +12,7 @@ from plat.motions.retargeting.geometry import TRACKED, RobotGeometry
 from plat.robots.robot import Robot
 from plat.rotations import quat_yaw
 
-__all__ = ["HANDLES", "Frame", "Poser"]
+__all__ = ["BALLS", "HANDLES", "Frame", "Poser"]
 
 HANDLES = {
     "head": ("geom", "head_collision"),
@@ -25,6 +25,17 @@ HANDLES = {
     },
 }
 """Handles of a pose, each with kind and name of its frame in the model."""
+
+BALLS = {
+    "head": (0.0, 0.0, 0.16),
+    "chest": (0.15, 0.0, 0.0),
+    "pelvis": (0.14, 0.0, 0.0),
+    "hand": (0.12, 0.0, 0.0),
+    "elbow": (-0.075, 0.0, 0.0),
+    "knee": (0.085, 0.0, 0.0),
+    "foot": (0.17, 0.0, 0.0),
+}
+"""Where the ball of a handle is, in its frame (m): outside the body, to be seen and clicked on."""
 
 _LIMBS = {
     "hand": ("shoulder", "elbow", "wrist"),

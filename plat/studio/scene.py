@@ -1,6 +1,6 @@
 """Scene: robots, poses of keyframes, and how they stand. Needs the extra ``plat-rl[studio]``."""
 
-from collections.abc import Callable, Collection, Coroutine
+from collections.abc import Callable, Collection, Coroutine, Sequence
 from functools import cached_property
 
 import mujoco
@@ -17,8 +17,10 @@ __all__ = ["Bodies", "Figure", "RobotView", "StanceView", "coarse", "set_the_sta
 CAMERA, LOOK_AT, FIELD_OF_VIEW = (2.45, -1.65, 1.2), (0.0, 0.0, 0.6), 45.0
 """Where the page looks from, at which point (m), and its vertical field of view (degrees)."""
 
-# Size of the cells in which vertices of figures are merged (m): an eighth of the triangles, hardly to be seen.
-_CELL = 0.012
+# Size of the cells in which vertices are merged (m): a quarter and an eighth of the triangles, hardly to be seen.
+_CELL, _FIGURE_CELL = 0.008, 0.012
+# A body that moves and turns by less than this is not sent again (m, and entries of a quaternion).
+_STILL = 1e-5
 _SOLID, _FAINT = 1.0, 0.25
 _INSIDE = (214, 54, 59)
 
@@ -65,13 +67,14 @@ class Bodies:
 
     @cached_property
     def meshes(self) -> list[trimesh.Trimesh]:
-        """Return the shape of each body."""
-        return [merge_geoms(self._model, list(parts)) for parts in self._geoms]
+        """Return the shape of each body in its colors, with a quarter of the triangles."""
+        return [_lighter(merge_geoms(self._model, list(parts)), _CELL) for parts in self._geoms]
 
     @cached_property
     def coarse_meshes(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return vertices and faces of each body's shape with an eighth of the triangles."""
-        return [coarse(np.asarray(mesh.vertices), np.asarray(mesh.faces), _CELL) for mesh in self.meshes]
+        shapes = [merge_geoms(self._model, list(parts)) for parts in self._geoms]
+        return [coarse(np.asarray(mesh.vertices), np.asarray(mesh.faces), _FIGURE_CELL)[:2] for mesh in shapes]
 
     def placed(self, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return positions ``[B, 3]`` (m, world) and orientations ``[B, 4]`` of the bodies in a pose ``[7 + J]``."""
@@ -97,6 +100,7 @@ class RobotView:
             server.scene.add_mesh_trimesh(f"{name}/{body}", mesh)
             for body, mesh in zip(self._bodies.names, self._bodies.meshes, strict=True)
         ]
+        self._sent = _Sent(self._handles)
 
     def show(self, qpos: np.ndarray | None) -> None:
         """Draw the robot in a pose ``[7 + J]``, or hide it."""
@@ -104,8 +108,27 @@ class RobotView:
             if self._root.visible != (qpos is not None):
                 self._root.visible = qpos is not None
             if qpos is not None:
-                for handle, pos, quat in zip(self._handles, *self._bodies.placed(qpos), strict=True):
-                    handle.position, handle.wxyz = pos, quat
+                self._sent.move(*self._bodies.placed(qpos))
+
+
+class _Sent:
+    """Poses of the bodies as they were sent last; only what has moved is sent again."""
+
+    def __init__(self, handles: Sequence[viser.SceneNodeHandle]):
+        self._handles = handles
+        self._last = np.full((len(handles), 7), np.nan)
+
+    def move(self, pos: np.ndarray, quat: np.ndarray) -> None:
+        """Move the bodies to positions ``[B, 3]`` and orientations ``[B, 4]``."""
+        now = np.concatenate((pos, quat), 1)
+        away = np.abs(now - self._last)
+        for number in np.flatnonzero(~(away.max(1) < _STILL)):
+            handle, parts = self._handles[number], away[number]
+            if not parts[:3].max() < _STILL:
+                handle.position = now[number, :3]
+            if not parts[3:].max() < _STILL:
+                handle.wxyz = now[number, 3:]
+            self._last[number] = now[number]
 
 
 class Figure:
@@ -143,6 +166,7 @@ class Figure:
             if clicked is not None:
                 handle.on_click(_clicker(body, clicked))
             self._handles.append(handle)
+        self._sent = _Sent(self._handles)
         self._look = [(color, opacity)] * len(self._handles)
 
     def show(
@@ -167,8 +191,7 @@ class Figure:
                 return
             if self._pose is None or not np.array_equal(qpos, self._pose):
                 self._pose = np.array(qpos)
-                for handle, pos, quat in zip(self._handles, *self._bodies.placed(qpos), strict=True):
-                    handle.position, handle.wxyz = pos, quat
+                self._sent.move(*self._bodies.placed(qpos))
             for index, (handle, body) in enumerate(zip(self._handles, self._bodies.names, strict=True)):
                 shade = _INSIDE if body in inside else color or self._color
                 opacity = self._opacity * (_FAINT if body in faint else _SOLID)
@@ -188,14 +211,15 @@ class StanceView:
     def __init__(self, server: viser.ViserServer, name: str):
         self._server, self._name = server, name
         self._root = server.scene.add_frame(name, show_axes=False)
-        nowhere = np.zeros((1, 2, 3), dtype=np.float32)
-        self._lines = server.scene.add_line_segments(f"{name}/support", nowhere, (0, 0, 0), line_width=3.0)
+        self._lines: viser.LineSegmentsHandle | None = None
+        self._drawn: tuple[object, ...] = ()
         self._spot = server.scene.add_icosphere(f"{name}/center", 0.022, (0, 0, 0), cast_shadow=False)
 
     def show(self, stance: Stance | None) -> None:
         """Draw it, in green where the robot is balanced and in red where it is not; None hides it."""
         with self._server.atomic():
-            self._root.visible = stance is not None
+            if self._root.visible != (stance is not None):
+                self._root.visible = stance is not None
             if stance is None:
                 return
             balanced = stance.margin is not None and stance.margin >= 0
@@ -204,26 +228,44 @@ class StanceView:
             edges = list(zip(corners, [*corners[1:], *corners[:1]], strict=True))
             below = np.array([*stance.center[:2], 0.006])
             segments = np.array([*edges, (below, stance.center)], dtype=np.float32)
-            self._lines.points, self._lines.colors = (
-                segments,
-                np.tile(np.array(color, dtype=np.uint8), (len(segments), 2, 1)),
-            )
+            if self._drawn == (color, segments.tobytes()):
+                return
+            self._drawn = color, segments.tobytes()
+            self._draw(segments, color)
             self._spot.position, self._spot.color = below, color
 
+    def _draw(self, segments: np.ndarray, color: tuple[int, int, int]) -> None:
+        colors = np.tile(np.array(color, dtype=np.uint8), (len(segments), 2, 1))
+        if self._lines is not None and self._lines.points.shape == segments.shape:
+            self._lines.points, self._lines.colors = segments, colors
+            return
+        # a browser goes on drawing the old lines when their number changes
+        if self._lines is not None:
+            self._lines.remove()
+        self._lines = self._server.scene.add_line_segments(f"{self._name}/support", segments, colors, line_width=3.0)
 
-def coarse(vertices: np.ndarray, faces: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray]:
+
+def coarse(
+    vertices: np.ndarray, faces: np.ndarray, cell: float, kinds: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a mesh with fewer triangles, by merging all vertices in a cell of a grid (vertex clustering).
 
     Args:
         vertices: ``[V, 3]`` (m).
         faces: ``[F, 3]``.
         cell: edge of a cell (m).
+        kinds: ``[V]``; only vertices of one kind are merged, such as those of one color.
+
+    Returns:
+        Vertices, faces, and the number of a former vertex for each vertex.
 
     >>> box = trimesh.creation.box()
     >>> [part.shape for part in coarse(box.vertices, box.faces, 0.1)]
-    [(8, 3), (12, 3)]
+    [(8, 3), (12, 3), (8,)]
     """
-    cells, members = np.unique(np.round(vertices / cell).astype(np.int64), axis=0, return_inverse=True)
+    kinds = np.zeros(len(vertices), dtype=np.int64) if kinds is None else kinds
+    places = np.column_stack((np.round(vertices / cell).astype(np.int64), kinds))
+    cells, one, members = np.unique(places, axis=0, return_index=True, return_inverse=True)
     members = members.reshape(-1)
     merged = np.zeros((len(cells), 3))
     np.add.at(merged, members, vertices)
@@ -231,7 +273,17 @@ def coarse(vertices: np.ndarray, faces: np.ndarray, cell: float) -> tuple[np.nda
     corners = members[faces]
     corners = corners[(corners != np.roll(corners, 1, axis=1)).all(1)]  # those with an area
     _, first = np.unique(np.sort(corners, 1), axis=0, return_index=True)
-    return merged.astype(np.float32), corners[np.sort(first)].astype(np.uint32)
+    return merged.astype(np.float32), corners[np.sort(first)].astype(np.uint32), one
+
+
+def _lighter(mesh: trimesh.Trimesh, cell: float) -> trimesh.Trimesh:
+    """Return a mesh with fewer triangles in the same colors; one with a texture stays as it is."""
+    if mesh.visual.kind != "vertex":
+        return mesh
+    colors, kinds = np.unique(np.asarray(mesh.visual.vertex_colors), axis=0, return_inverse=True)
+    kinds = kinds.reshape(-1)
+    vertices, faces, one = coarse(np.asarray(mesh.vertices), np.asarray(mesh.faces), cell, kinds)
+    return trimesh.Trimesh(vertices, faces, vertex_colors=colors[kinds[one]], process=False)
 
 
 def _clicker(body: str, clicked: Callable[[str], None]) -> Callable[[object], Coroutine[None, None, None]]:

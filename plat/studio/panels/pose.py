@@ -11,7 +11,7 @@ from plat.robots.robot import without_side
 from plat.rotations_np import heading_pitch_roll, quat_from_heading_pitch_roll
 from plat.studio.page import Page
 from plat.studio.pins import PRESETS, pinned, preset
-from plat.studio.poser import HANDLES, Frame
+from plat.studio.poser import BALLS, HANDLES, Frame
 from plat.studio.templates import TEMPLATES
 
 __all__ = ["PosePanel"]
@@ -24,16 +24,6 @@ _LIMBS = {
     "Right leg": ("right_hip", "right_knee", "right_ankle"),
 }
 _POSITION_DIGITS = 3
-# Where the ball of a handle is, in its frame (m): outside the body, to be seen and clicked on.
-_BALLS = {
-    "head": (0.0, 0.0, 0.16),
-    "chest": (0.15, 0.0, 0.0),
-    "pelvis": (0.14, 0.0, 0.0),
-    "hand": (0.12, 0.0, 0.0),
-    "elbow": (-0.075, 0.0, 0.0),
-    "knee": (0.085, 0.0, 0.0),
-    "foot": (0.17, 0.0, 0.0),
-}
 _UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 _HANDLE_COLOR, _CHOSEN_COLOR, _FREE_COLOR = (240, 140, 0), (28, 126, 214), (200, 205, 210)
 _CUSTOM = "what is pinned"
@@ -252,7 +242,7 @@ class PosePanel:
         pins = self._show_commands()
         for name, ball in self._balls.items():
             _set(ball, "visible", posing)
-            ball.position = _beside(frames[name], _BALLS[name.split()[-1]])
+            ball.position = _beside(frames[name], BALLS[name.split()[-1]])
             chosen = name == self._handle.value and self._joint is None
             _set(ball, "color", _CHOSEN_COLOR if chosen else _HANDLE_COLOR if name in pins else _FREE_COLOR)
         _set(self._gizmo, "visible", posing and self._joint is None)

@@ -10,7 +10,8 @@
   // what is sent
 
   function send(what, more) {
-    if (socket && socket.readyState === 1) socket.send(JSON.stringify({ do: what, ...more }));
+    if (window.platChannel) window.platChannel.send({ do: what, ...more }); // a page without a server
+    else if (socket && socket.readyState === 1) socket.send(JSON.stringify({ do: what, ...more }));
   }
 
   function sendSoon(what, more) { // at most once a frame
@@ -23,15 +24,21 @@
     soon = null;
   }
 
+  function told(news) {
+    Object.assign(state, news);
+    if (news.notes) showNotes();
+    show();
+  }
+
   function connect() {
+    if (window.platChannel) {
+      window.platChannel.listen(told);
+      return;
+    }
     const where = location.href.split("?")[0].replace(/^http/, "ws").replace(/\/$/, "") + "/dock" + location.search;
     socket = new WebSocket(where);
-    socket.onmessage = (event) => {
-      const news = JSON.parse(event.data);
-      Object.assign(state, news);
-      if (news.notes) showNotes();
-      show();
-    };
+    socket.onopen = () => send("browser", { software: window.platSoftware === true });
+    socket.onmessage = (event) => told(JSON.parse(event.data));
     socket.onclose = () => {
       if (opened) cover("The studio has stopped.", "Start it again in the terminal: plat studio. This page comes back by itself; what you made is in its autosave.");
       setTimeout(connect, 1000);
@@ -412,6 +419,21 @@
     return title;
   }
 
+  function count() { // how many frames a second this browser draws, while a robot plays
+    let frames = 0, since = performance.now();
+    const frame = (now) => {
+      frames += 1;
+      if (now - since > 1000) {
+        if (state.time && state.time.mode === "playing") send("browser", { frames: (1000 * frames) / (now - since) });
+        frames = 0;
+        since = now;
+      }
+      requestAnimationFrame(frame);
+    };
+    requestAnimationFrame(frame);
+  }
+
   build();
   connect();
+  count();
 })();

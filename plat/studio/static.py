@@ -1,0 +1,203 @@
+"""Static page: the studio as a folder of files that a browser runs alone, without a server."""
+
+import json
+import shutil
+import tempfile
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plat.control.feasibility import FeasibilityLimits
+from plat.control.settings import ReachLimits
+from plat.errors import StudioError
+from plat.export import export_bundle
+from plat.files import check_folder
+from plat.keyframes.files import write_keyframes
+from plat.motions.mirror import joint_symmetry
+from plat.robots.robot import Robot
+from plat.spec.timing import Timing
+from plat.studio.pins import PRESETS, pin_bodies
+from plat.studio.poser import BALLS, HANDLES, Poser
+from plat.studio.templates import TEMPLATES, template
+from plat.studio.timeline import Timeline
+
+__all__ = ["LIBRARIES", "site_facts", "write_static"]
+
+LIBRARIES = {
+    "@mujoco/mujoco": ("3.14.0", ("mujoco.js", "mujoco.wasm")),
+    "onnxruntime-web": (
+        "1.30.0",
+        ("dist/ort.wasm.bundle.min.mjs", "dist/ort-wasm-simd-threaded.mjs", "dist/ort-wasm-simd-threaded.wasm"),
+    ),
+    "three": (
+        "0.187.0",
+        (
+            "build/three.module.js",
+            "build/three.core.js",
+            "examples/jsm/controls/OrbitControls.js",
+            "examples/jsm/controls/TransformControls.js",
+            "examples/jsm/utils/BufferGeometryUtils.js",
+        ),
+    ),
+}
+"""npm packages that the page needs: version, and the files of it."""
+
+_NETWORK = "https://cdn.jsdelivr.net/npm"
+_WEB = resources.files("plat.studio") / "web"
+_SHARED = ("dock.js", "dock.css", "software.js", "icon.svg")
+_FLOOR = '<geom name="floor" type="plane" size="0 0 .1"/>'
+
+
+def write_static(
+    folder: Path, robot: Robot, runs: Mapping[str, Path], timing: Timing, libraries: Path | None = None
+) -> None:
+    """Write the static page to a folder that is not there yet.
+
+    Args:
+        folder: to make.
+        robot: whose page it is; its description must not need files of meshes.
+        runs: run directories by the name of their policy; those of experts cannot be exported.
+        timing: that of the policy with the shortest commands.
+        libraries: a ``node_modules`` folder with :data:`LIBRARIES`, which are copied; None for a page that loads them
+            from a content delivery network.
+
+    Raises:
+        StudioError: when the folder is there, cannot be written, a library is missing, or the robot needs other files.
+        BundleError: when a policy cannot be exported.
+    """
+    if folder.exists():
+        raise StudioError(f"{str(folder)!r} is there already: choose another --static or remove it")
+    check_folder(folder)
+    facts = site_facts(robot, tuple(runs), timing)
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        part = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}-"))
+        try:
+            _write_files(part, facts, libraries)
+            for name, run in runs.items():
+                export_bundle(run, part / "policies" / name)
+            part.chmod(0o755)
+            part.rename(folder)
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
+    except OSError as error:
+        raise StudioError(f"{str(folder)!r} could not be written ({error})") from error
+
+
+def site_facts(robot: Robot, policies: tuple[str, ...], timing: Timing) -> dict[str, Any]:
+    """Return what the page knows of a robot, as JSON values; the policies themselves are in folders of their own.
+
+    Raises:
+        StudioError: for a robot whose description needs other files.
+
+    >>> from plat.robots import G1
+    >>> facts = site_facts(G1, ("plat-g1",), Timing())
+    >>> facts["robot"], len(facts["joints"]), facts["handles"]["left hand"]["body"]
+    ('g1', 29, 'left_wrist_yaw_link')
+    """
+    model, poser = robot.shared_model, Poser(robot)
+    if model.nmesh or model.nhfield or model.ntex:
+        raise StudioError(f"robot {robot.name!r}: its description has meshes or textures, which this page cannot load")
+    partner, sign = joint_symmetry(robot)
+    soles, reach = robot.sole_geoms(model), ReachLimits()
+    doubts = FeasibilityLimits()
+    return {
+        "robot": robot.name,
+        "xml": _with_floor(robot.asset_path.read_text(encoding="utf-8")),
+        "control_dt": timing.control_dt,
+        "max_steps": timing.max_steps,
+        "joints": list(robot.joint_names),
+        "joint_bodies": [model.body(int(body)).name for body in model.jnt_bodyid[1:]],
+        "joint_range": robot.joint_range.double().tolist(),
+        "default_qpos": np.asarray(robot.default_qpos, dtype=np.float64).tolist(),
+        "keypoints": list(robot.keypoints),
+        "anchor": robot.anchor,
+        "end_effectors": list(robot.end_effectors),
+        "feet": list(robot.feet),
+        "soles": [
+            [{"pos": model.geom_pos[geom].tolist(), "radius": float(model.geom_size[geom, 0])} for geom in foot]
+            for foot in soles
+        ],
+        "mirror": {"partner": partner.tolist(), "sign": sign.tolist()},
+        "handles": {handle: _handle(robot, handle, *frame) for handle, frame in HANDLES.items()},
+        "limbs": {handle: poser.limb(handle) for handle in HANDLES},
+        "pins": pin_bodies(),
+        "presets": {name: list(handles) for name, handles in PRESETS.items()},
+        "limits": {
+            **{name: getattr(reach, name) for name in ("root", "joints", "bodies", "turn")},
+            **{name: getattr(reach, name) for name in ("fallen_height", "fallen_tilt")},
+            **vars(reach.window),
+            **{name: getattr(doubts, name) for name in ("joint_speed", "root_speed", "root_acceleration")},
+            "turn_speed": doubts.turn_speed,
+        },
+        "templates": {name: _template(name, robot, timing, poser) for name in TEMPLATES},
+        "policies": list(policies),
+    }
+
+
+def _with_floor(xml: str) -> str:
+    """Return a description with the floor of :meth:`plat.robots.Robot.spec`, the last geom of the world."""
+    before, end, after = xml.rpartition("</worldbody>")
+    return f"{before}{_FLOOR}{end}{after}"
+
+
+def _handle(robot: Robot, handle: str, kind: str, name: str) -> dict[str, Any]:
+    """Return the body of a handle, where on it the handle is, and where the ball to click on is (m, body frame)."""
+    model, ball = robot.shared_model, list(BALLS[handle.split()[-1]])
+    if kind == "body":
+        return {"body": name, "pos": [0.0, 0.0, 0.0], "ball": ball}
+    geom = model.geom(name).id
+    return {"body": model.body(int(model.geom_bodyid[geom])).name, "pos": model.geom_pos[geom].tolist(), "ball": ball}
+
+
+def _template(name: str, robot: Robot, timing: Timing, poser: Poser) -> dict[str, Any]:
+    """Return the content of a keyframe file with a template."""
+    timeline = template(name, Timeline.empty(robot, timing), poser)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "template.json"
+        write_keyframes(path, robot, timeline.start, timeline.to_keyframes())
+        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return content
+
+
+def _write_files(folder: Path, facts: dict[str, Any], libraries: Path | None) -> None:
+    for name in _SHARED:
+        (folder / name).write_bytes((_WEB / name).read_bytes())
+    for file in (_WEB / "static").iterdir():
+        if file.name != "index.html":
+            (folder / file.name).write_bytes(file.read_bytes())
+    base = {name: f"{_NETWORK}/{name}@{version}" for name, (version, _) in LIBRARIES.items()}
+    if libraries is not None:
+        base = {name: f"./libraries/{name}" for name in LIBRARIES}
+        for name, (version, files) in LIBRARIES.items():
+            _copy_library(libraries / name, folder / "libraries" / name, version, files)
+    imports = {
+        "mujoco": f"{base['@mujoco/mujoco']}/mujoco.js",
+        "onnxruntime-web": f"{base['onnxruntime-web']}/dist/ort.wasm.bundle.min.mjs",
+        "three": f"{base['three']}/build/three.module.js",
+        "three/addons/": f"{base['three']}/examples/jsm/",
+    }
+    page = (_WEB / "static" / "index.html").read_text(encoding="utf-8")
+    page = page.replace("IMPORTS", json.dumps({"imports": imports}))
+    (folder / "index.html").write_text(page, encoding="utf-8")
+    content = {**facts, "ort": f"{base['onnxruntime-web']}/dist/"}
+    (folder / "site.json").write_text(json.dumps(content), encoding="utf-8")
+
+
+def _copy_library(source: Path, target: Path, version: str, files: tuple[str, ...]) -> None:
+    package = source / "package.json"
+    try:
+        found = json.loads(package.read_text(encoding="utf-8"))["version"]
+    except (OSError, ValueError, KeyError):
+        found = None
+    if found != version:
+        raise StudioError(
+            f"{str(source)!r}: version {found or 'none'} of {source.name!r}, expected {version}: "
+            f"npm install {' '.join(f'{name}@{wanted}' for name, (wanted, _) in LIBRARIES.items())}"
+        )
+    for file in files:
+        (target / file).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(source / file, target / file)

@@ -1,0 +1,142 @@
+/* Chase: one robot and one policy that goes after keyframes, and what became of each of them.
+   The same rules as plat.control.Chase and plat.control.KeyframeScorer, by which they are tested. */
+import { interpolate, mask } from "./keyframes.mjs";
+import { angle } from "./rotations.mjs";
+
+const HOLD = 0.6;
+const mean = (values) => values.reduce((a, b) => a + b, 0) / values.length;
+const apart = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
+
+export class Chase {
+  constructor(robot, policy, start, frames) {
+    const partial = frames.find((frame) => mask(frame, robot.site));
+    if (partial && !policy.seesParts)
+      throw new Error(`the keyframe at ${partial.time} s commands a part of its pose, but ${policy.name} was trained on whole poses: command all of it, or choose another policy`);
+    Object.assign(this, { robot, policy, frames, start, control_dt: robot.site.control_dt });
+    this.data = robot.begin(start.qpos);
+    this.arrivals = [0, ...frames.map((frame) => Math.round(frame.time / this.control_dt))];
+    this.lastAction = Array(robot.site.joints.length).fill(0);
+    this.poses = [[...start.qpos]];
+    this.errors = [];
+    this.taken = 0;
+    this.finished = false;
+    this.scorer = new Scorer(robot, frames);
+  }
+
+  get time() { return this.taken * this.control_dt; }
+  poseAt(time) { return this.poses[Math.min(Math.max(Math.round(time / this.control_dt), 0), this.poses.length - 1)]; }
+  commandAt(time) { return this.frames[this.command(Math.max(Math.round(time / this.control_dt) - 1, 0)).index]; }
+
+  command(step) {
+    let index = 0;
+    while (index < this.frames.length && this.arrivals[index + 1] <= step) index += 1;
+    if (index === this.frames.length) return { index: index - 1, left: 1, holding: true };
+    return { index, left: this.arrivals[index + 1] - step, holding: false };
+  }
+
+  sample(time) {
+    const poses = [this.start, ...this.frames], after = poses.findIndex((pose) => pose.time > time);
+    return after < 0 ? poses[poses.length - 1] : interpolate(poses[after - 1], poses[after], time);
+  }
+
+  async step() {
+    const command = this.command(this.taken), last = this.frames[this.frames.length - 1];
+    if (command.holding && this.time + 1e-9 >= last.time + HOLD) {
+      this.finished = true;
+      this.data.delete();
+      this.data = null;
+      return;
+    }
+    const { robot, policy } = this, keyframe = this.frames[command.index];
+    const observed = policy.observation(robot.state(this.data), keyframe, command.left, this.lastAction);
+    const targets = await policy.targets(observed);
+    if (this.data === null) return; // it was ended meanwhile
+    if (!targets.every(Number.isFinite)) throw new Error(`${policy.name}: a joint target is not finite`);
+    this.lastAction = policy.action(targets);
+    robot.step(this.data, targets);
+    this.taken += 1;
+    const qpos = [...this.data.qpos];
+    this.poses.push(qpos);
+    this.errors.push(this.scorer.add(command, qpos, this.time, this.sample(this.time), policy.window));
+  }
+
+  end() {
+    if (this.data) this.data.delete();
+    this.data = null;
+    this.finished = true;
+  }
+}
+
+export function compare(robot, qpos, pose, parts) {
+  const limits = robot.site.limits, count = robot.site.joints.length;
+  const actual = robot.points(qpos), wanted = robot.points(pose.qpos);
+  const flags = parts ?? Array(count + actual.length + 3).fill(1), [horizontal, upright, orientation] = flags.slice(-3);
+  const distances = actual.map((point, body) => apart(point.pos, wanted[body].pos)), heights = actual.map((point, body) => Math.abs(point.pos[2] - wanted[body].pos[2]));
+  const off = qpos.slice(7).map((value, joint) => Math.abs(value - pose.qpos[7 + joint])), joints = off.filter((_, joint) => flags[joint]);
+  const counted = actual.map((_, body) => (flags[count + body] || (body === 0 && horizontal && upright) ? 1 : 0));
+  const root = Math.hypot(...actual[0].pos.map((value, axis) => (value - wanted[0].pos[axis]) * [horizontal, horizontal, upright][axis]));
+  const commanded = distances.filter((_, body) => flags[count + body]);
+  const bodies = parts ? Math.max(0, ...commanded) : 0, rootTurn = angle(actual[0].quat, wanted[0].quat);
+  const lean = (point) => point.quat[1] ** 2 + point.quat[2] ** 2;
+  const tilt = 2 * (lean(actual[0]) - lean(wanted[0])), low = actual[0].pos[2], meant = wanted[0].pos[2];
+  let sunk = heights[0] > limits.root_height, tilted = Math.abs(tilt) > limits.root_tilt;
+  if (parts) {
+    sunk = sunk && (upright || (low < limits.fallen_height && low < meant));
+    tilted = tilted && (orientation || tilt > 0);
+  }
+  const anchorTurn = angle(actual[robot.anchor].quat, wanted[robot.anchor].quat), fallen = Boolean(sunk || tilted);
+  const highest = (list) => Math.max(0, ...list.map((body) => heights[body]));
+  const offPose = parts
+    ? (upright && heights[0] > limits.anchor_height) || (orientation && rootTurn ** 2 > limits.anchor_rot_squared) || heights.some((value, body) => flags[count + body] && value > limits.end_effector_height) || fallen
+    : heights[robot.anchor] > limits.anchor_height || anchorTurn ** 2 > limits.anchor_rot_squared || highest(robot.ends) > limits.end_effector_height;
+  const joint = joints.length ? mean(joints) : 0, turn = parts ? rootTurn * orientation : anchorTurn;
+  const near = root <= limits.root && joint <= limits.joints && (!parts || (bodies <= limits.bodies && turn <= limits.turn));
+  const down = (low < limits.fallen_height && meant >= limits.fallen_height) || tilt > limits.fallen_tilt;
+  const total = counted.reduce((a, b) => a + b, 0);
+  const keypoint = total ? distances.reduce((sum, value, body) => sum + value * counted[body], 0) / total : 0;
+  const watched = parts ? heights.map((_, body) => body).filter((body) => flags[count + body] || (body === 0 && upright)) : [robot.anchor, ...robot.ends];
+  return { joint, keypoint, root, bodies, turn, near: near && !down, offPose: Boolean(offPose), fallen, down, height: highest(watched), points: total > 0, joints: joints.length > 0 };
+}
+
+class Scorer {
+  constructor(robot, frames) {
+    Object.assign(this, { robot, frames, steps: frames.map(() => []), late: {}, fell: null });
+  }
+
+  add(command, qpos, time, reference, window) {
+    const { robot } = this, { site } = robot, parts = mask(this.frames[command.index], site);
+    const before = command.holding ? command.index : command.index - 1, steps = this.steps[before];
+    if (before >= 0 && steps.length && !(before in this.late) && !steps[steps.length - 1].near) {
+      const missed = this.frames[before];
+      if (compare(robot, qpos, missed, mask(missed, site)).near) this.late[before] = Math.round(1e6 * (time - missed.time)) / 1e6;
+    }
+    const errors = compare(robot, qpos, reference, parts);
+    if (!command.holding) this.steps[command.index].push({ ...errors, inWindow: command.left <= window, arrival: command.left === 1 });
+    else if (errors.down && this.fell === null) this.fell = time;
+    return errors;
+  }
+
+  /* Scores of the keyframes that have arrived. */
+  scores() {
+    const limits = this.robot.site.limits, done = this.steps.filter((steps) => steps.length && steps[steps.length - 1].arrival).length;
+    return this.steps.slice(0, done).map((steps, index) => {
+      const arrival = steps[steps.length - 1], window = steps.filter((step) => step.inWindow), parts = mask(this.frames[index], this.robot.site);
+      const fell = steps.some((step) => step.down), reached = !fell && arrival.near && !window.some((step) => step.offPose);
+      const late = fell ? undefined : this.late[index], height = Math.max(...window.map((step) => step.height)), turn = Math.max(...window.map((step) => step.turn));
+      const faults = fell || reached ? [] : [
+        late !== undefined && `${late.toFixed(2)} s late`, arrival.root > limits.root && `${arrival.root.toFixed(2)} m off`,
+        arrival.joint > limits.joints && `joints ${arrival.joint.toFixed(2)} rad off`, arrival.bodies > limits.bodies && `a commanded body ${arrival.bodies.toFixed(2)} m off`,
+        height > Math.min(limits.anchor_height, limits.end_effector_height) && `a hand, a foot or the torso ${height.toFixed(2)} m too high or low`,
+        (turn ** 2 > limits.anchor_rot_squared || (parts && arrival.turn > limits.turn)) && `turned by ${turn.toFixed(2)} rad`,
+      ].filter(Boolean);
+      const afterwards = index === this.frames.length - 1 && this.fell !== null && !arrival.down;
+      const outcome = fell ? "fell" : reached ? "reached" : "late or off";
+      return {
+        number: this.frames[index].number, name: this.frames[index].name, time: this.frames[index].time, outcome,
+        status: fell || afterwards ? "fell" : reached ? "reached" : "late",
+        words: outcome + (faults.length ? `: ${faults.join(", ")}` : "") + (afterwards ? "; fell afterwards" : ""),
+        joint: arrival.joints ? mean(window.map((step) => step.joint)) : null, keypoint: arrival.points ? mean(window.map((step) => step.keypoint)) : null,
+      };
+    });
+  }
+}

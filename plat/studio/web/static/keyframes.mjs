@@ -1,0 +1,232 @@
+/* Keyframes: files, edits of a timeline, and the sequence that is played. The same rules as plat.keyframes and
+   plat.studio.timeline, by which they are tested. */
+import { slerp } from "./rotations.mjs";
+
+export const LONGEST_INTERVAL = 30, NEW_INTERVAL = 0.6;
+const HOLD = "(hold)", ROOT = ["horizontal", "height", "orientation"];
+const round = (value) => Math.round(value * 1e6) / 1e6;
+
+/* A keyframe is { time, name, qpos: [7 + J], commands: null or { joints, bodies, root } of names }. */
+export const standing = (site) => ({ time: 0, name: null, qpos: [...site.default_qpos], commands: null });
+
+export function interpolate(before, after, time) {
+  const weight = (time - before.time) / (after.time - before.time);
+  const qpos = before.qpos.map((value, index) => value + weight * (after.qpos[index] - value));
+  const quat = slerp(before.qpos.slice(3, 7), after.qpos.slice(3, 7), weight);
+  return { time, name: null, commands: null, qpos: [...qpos.slice(0, 3), ...quat, ...qpos.slice(7)] };
+}
+
+/* Mask [J + K + 3] of what is commanded; null for a whole pose. */
+export function mask(keyframe, site) {
+  if (!keyframe.commands) return null;
+  const { joints = [], bodies = [], root = [] } = keyframe.commands;
+  const flags = (names, chosen) => names.map((name) => (chosen.includes(name) ? 1 : 0));
+  const all = [...flags(site.joints, joints), ...flags(site.keypoints, bodies), ...flags(ROOT, root)];
+  return all.every(Boolean) ? null : all;
+}
+
+function numbers(value, size, field) {
+  if (!Array.isArray(value) || value.length !== size || !value.every((one) => typeof one === "number" && Number.isFinite(one)))
+    throw new Error(`${field}: expected a list of ${size} numbers`);
+  return value;
+}
+
+/* Read the content of a keyframe file: { start, keyframes }. */
+export function read(text, site) {
+  let content;
+  try { content = JSON.parse(text); } catch (error) { throw new Error(`not JSON (${error.message})`); }
+  if (!content || content.format !== "plat-keyframes") throw new Error("not a keyframe file, expected 'format': 'plat-keyframes'");
+  if (content.version !== 1 && content.version !== 2) throw new Error(`version is ${JSON.stringify(content.version)}, expected 1 or 2`);
+  if (content.robot !== site.robot) throw new Error(`robot is ${JSON.stringify(content.robot)}, expected '${site.robot}'`);
+  if (!["wxyz", "xyzw"].includes(content.quaternion_order)) throw new Error("quaternion_order: expected 'wxyz' or 'xyzw'");
+  if (!Array.isArray(content.keyframes) || !content.keyframes.length) throw new Error("keyframes: expected a list of at least one");
+  const one = (entry, label) => {
+    if (typeof entry !== "object" || entry === null) throw new Error(`${label}: expected an object`);
+    let quat = numbers(entry.root_quat, 4, `${label}: root_quat`);
+    if (content.quaternion_order === "xyzw") quat = [quat[3], quat[0], quat[1], quat[2]];
+    if (Math.abs(Math.hypot(...quat) - 1) > 1e-3) throw new Error(`${label}: root_quat is not of unit length`);
+    const angles = {};
+    for (const [name, angle] of Object.entries(entry.joint_pos || {})) angles[site.joints.includes(name) ? name : name.replace(/_joint$/, "")] = angle;
+    const missing = site.joints.filter((name) => !(name in angles));
+    if (missing.length || Object.keys(angles).length !== site.joints.length)
+      throw new Error(`${label}: joint_pos: expected the ${site.joints.length} joints of ${site.robot}` + (missing.length ? `, missing ${missing[0]}` : ""));
+    const joints = numbers(site.joints.map((name) => angles[name]), site.joints.length, `${label}: joint_pos`);
+    joints.forEach((angle, joint) => {
+      const [low, high] = site.joint_range[joint];
+      if (angle < low - 1e-3 || angle > high + 1e-3)
+        throw new Error(`${label}: joint_pos: ${site.joints[joint]} is ${angle.toFixed(3)} rad, expected ${low.toFixed(3)} to ${high.toFixed(3)}`);
+    });
+    const time = "time" in entry ? numbers([entry.time], 1, `${label}: time`)[0] : 0;
+    return { time, name: entry.name ?? null, commands: entry.commands ?? null, qpos: [...numbers(entry.root_pos, 3, `${label}: root_pos`), ...quat, ...joints] };
+  };
+  const keyframes = content.keyframes.map((entry, index) => one(entry, `keyframe ${index}`));
+  const steps = [0, ...keyframes.map((frame) => Math.round(frame.time / site.control_dt))];
+  steps.forEach((step, index) => {
+    if (index && step <= steps[index - 1]) throw new Error(`keyframe ${index - 1}: time is ${keyframes[index - 1].time} s, expected later than the one before`);
+  });
+  return { start: content.start ? { ...one(content.start, "start"), time: 0 } : standing(site), keyframes };
+}
+
+/* The content of a keyframe file. */
+export function write(timeline) {
+  const { site } = timeline;
+  const entry = (frame) => ({
+    ...(frame.name ? { name: frame.name } : {}),
+    root_pos: frame.qpos.slice(0, 3),
+    root_quat: frame.qpos.slice(3, 7),
+    joint_pos: Object.fromEntries(site.joints.map((name, joint) => [name, frame.qpos[7 + joint]])),
+    ...(mask(frame, site) ? { commands: frame.commands } : {}),
+  });
+  const frames = timeline.toKeyframes();
+  const content = {
+    format: "plat-keyframes", version: frames.some((frame) => mask(frame, site)) ? 2 : 1, robot: site.robot, quaternion_order: "wxyz",
+    start: entry(timeline.start), keyframes: frames.map((frame) => ({ time: frame.time, ...entry(frame) })),
+  };
+  return JSON.stringify(content, null, 2) + "\n";
+}
+
+/* Timeline of a start and keyframes, one of them selected (0 is the start). Every edit returns a new one. */
+export class Timeline {
+  constructor(site, start, keyframes = [], holds = [], selected = 0) {
+    Object.assign(this, { site, start, keyframes, holds, selected });
+  }
+
+  static of(site, { start, keyframes }) {
+    const frames = [], holds = [];
+    for (const frame of keyframes) {
+      const last = frames[frames.length - 1];
+      if (last && (frame.name || "").endsWith(HOLD) && frame.qpos.every((value, index) => value === last.qpos[index])) holds[holds.length - 1] = round(frame.time - last.time);
+      else { frames.push(frame); holds.push(0); }
+    }
+    return new Timeline(site, start, frames, holds, Math.min(1, frames.length));
+  }
+
+  get poses() { return [this.start, ...this.keyframes]; }
+  get pose() { return this.poses[this.selected]; }
+  get hold() { return this.selected ? this.holds[this.selected - 1] : 0; }
+  get duration() { const last = this.keyframes.length - 1; return last < 0 ? 0 : round(this.keyframes[last].time + this.holds[last]); }
+  get interval() { return this.selected ? round(this.gaps()[this.selected - 1] * this.site.control_dt) : 0; }
+  get labels() { return this.poses.map((pose, number) => (number ? `${number} ${pose.name || ""}`.trim() : "start")); }
+
+  steps(time) { return Math.round(time / this.site.control_dt); }
+  holdSteps() { return this.holds.map((hold) => this.steps(hold)); }
+  gaps() {
+    const holds = this.holdSteps();
+    let end = 0;
+    return this.keyframes.map((frame, index) => {
+      const arrival = this.steps(frame.time), gap = arrival - end;
+      end = arrival + holds[index];
+      return gap;
+    });
+  }
+  allowed(seconds, least = 1) { return Math.min(Math.max(this.steps(seconds), least), this.steps(LONGEST_INTERVAL)); }
+  spaced(frames, gaps, holds, selected) {
+    let end = 0;
+    const timed = frames.map((frame, index) => {
+      const time = round((end + gaps[index]) * this.site.control_dt);
+      end += gaps[index] + holds[index];
+      return { ...frame, time };
+    });
+    return new Timeline(this.site, this.start, timed, holds.map((hold) => round(hold * this.site.control_dt)), selected);
+  }
+  must(what) { if (!this.selected) throw new Error(`the start pose cannot be ${what}: select a keyframe`); }
+
+  toKeyframes() {
+    return this.keyframes.flatMap((frame, index) => {
+      const hold = this.holds[index];
+      return hold ? [frame, { ...frame, time: round(frame.time + hold), name: `${frame.name || ""} ${HOLD}`.trim() }] : [frame];
+    });
+  }
+
+  /* The keyframes to play, with long intervals split: each with the number of the one that it leads to or holds. */
+  sequence(maxSteps) {
+    if (!this.keyframes.length) throw new Error("keyframes: none, expected at least one");
+    const result = [];
+    let before = this.start;
+    for (const frame of this.toKeyframes()) {
+      const first = this.steps(before.time), steps = this.steps(frame.time) - first, parts = Math.ceil(steps / maxSteps);
+      for (let part = 1; part < parts; part++) {
+        const time = round((first + Math.floor((part * steps) / parts)) * this.site.control_dt);
+        result.push({ ...interpolate(before, frame, time), name: frame.name && `${frame.name} ${part}/${parts}`, commands: frame.commands });
+      }
+      result.push(frame);
+      before = frame;
+    }
+    const ends = this.keyframes.map((frame, index) => frame.time + this.holds[index] + 1e-6);
+    return result.map((frame) => ({ ...frame, number: ends.findIndex((end) => frame.time <= end) + 1 }));
+  }
+
+  sample(time) {
+    let before = this.start, end = 0;
+    for (let index = 0; index < this.keyframes.length; index++) {
+      const frame = this.keyframes[index];
+      if (time < frame.time) return interpolate({ ...before, time: end }, frame, Math.max(time, end));
+      before = frame;
+      end = frame.time + this.holds[index];
+      if (time <= end) break;
+    }
+    return { ...before, time };
+  }
+
+  at(time) { return this.poses.findIndex((pose) => this.steps(pose.time) === this.steps(time)); }
+  shows(time) { return time >= this.pose.time - 1e-6 && time <= this.pose.time + this.hold + 1e-6; }
+  select(number) { return new Timeline(this.site, this.start, this.keyframes, this.holds, Math.min(Math.max(number, 0), this.keyframes.length)); }
+  withPose(pose) {
+    const poses = this.poses;
+    poses[this.selected] = pose;
+    return new Timeline(this.site, poses[0], poses.slice(1), this.holds, this.selected);
+  }
+  posed(qpos) { return this.withPose({ ...this.pose, qpos: [...qpos] }); }
+  renamed(name) { this.must("renamed"); return this.withPose({ ...this.pose, name: name.trim() || null }); }
+  commanding(commands) { this.must("commanded in part"); return this.withPose({ ...this.pose, commands }); }
+
+  inserted(pose, interval = NEW_INTERVAL, hold = 0) {
+    const frames = [...this.keyframes], gaps = this.gaps(), holds = this.holdSteps();
+    frames.splice(this.selected, 0, pose);
+    gaps.splice(this.selected, 0, this.allowed(interval));
+    holds.splice(this.selected, 0, this.allowed(hold, 0));
+    return this.spaced(frames, gaps, holds, this.selected + 1);
+  }
+  insertedAt(time) {
+    const step = this.steps(time), arrivals = this.keyframes.map((frame) => this.steps(frame.time)), kept = this.holdSteps();
+    const ends = arrivals.map((arrival, index) => arrival + kept[index]);
+    if (step <= 0) return this.select(0);
+    const within = arrivals.findIndex((arrival, index) => arrival <= step && step <= ends[index]);
+    if (within >= 0) return this.select(within + 1);
+    const here = ends.filter((end) => end < step).length, gap = step - (here ? ends[here - 1] : 0);
+    const frames = [...this.keyframes], gaps = this.gaps();
+    frames.splice(here, 0, { ...this.sample(step * this.site.control_dt), name: null });
+    gaps.splice(here, 0, gap);
+    kept.splice(here, 0, 0);
+    if (here + 1 < gaps.length) gaps[here + 1] -= gap;
+    return this.spaced(frames, gaps, kept, here + 1);
+  }
+  removed() {
+    this.must("removed");
+    const drop = (list) => list.filter((_, index) => index !== this.selected - 1);
+    return this.spaced(drop(this.keyframes), drop(this.gaps()), drop(this.holdSteps()), Math.min(this.selected, this.keyframes.length - 1));
+  }
+  stretched(interval) {
+    this.must("moved in time");
+    const gaps = this.gaps();
+    gaps[this.selected - 1] = this.allowed(interval);
+    return this.spaced(this.keyframes, gaps, this.holdSteps(), this.selected);
+  }
+  held(seconds) {
+    this.must("held");
+    const holds = this.holdSteps();
+    holds[this.selected - 1] = this.allowed(seconds, 0);
+    return this.spaced(this.keyframes, this.gaps(), holds, this.selected);
+  }
+  retimed(number, time) {
+    const gaps = this.gaps(), holds = this.holdSteps(), sum = (list) => list.slice(0, number - 1).reduce((a, b) => a + b, 0);
+    let asked = this.allowed((this.steps(time) - sum(gaps) - sum(holds)) * this.site.control_dt);
+    if (number < gaps.length) {
+      const both = gaps[number - 1] + gaps[number];
+      asked = Math.min(asked, both - 1);
+      gaps[number] = both - asked;
+    }
+    gaps[number - 1] = asked;
+    return this.spaced(this.keyframes, gaps, holds, this.selected);
+  }
+}

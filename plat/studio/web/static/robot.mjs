@@ -1,0 +1,235 @@
+/* Robot in MuJoCo: bodies of a pose, physics, inverse kinematics, and how it would stand. */
+import { conjugate, exponential, heading, logarithm, multiply, normalized, rotated } from "./rotations.mjs";
+
+const DRAGGED = [3, 0.3], POINT = [3, 0], HELD = [15, 5], HELD_FOOT = [30, 10], REST = 0.03, DAMPING = 1e-4, ERROR_DAMPING = 0.1;
+const ITERATIONS = 30, SETTLED = 1e-4, ON_FLOOR = 0.015;
+
+export class Robot {
+  constructor(mujoco, site) {
+    Object.assign(this, { mujoco, site });
+    this.model = mujoco.MjModel.from_xml_string(site.xml);
+    this.scratch = new mujoco.MjData(this.model);
+    this.nv = this.model.nv;
+    const names = {};
+    for (let body = 0; body < this.model.nbody; body++) names[this.model.body(body).name] = body;
+    this.bodies = names;
+    this.bodyNames = Object.keys(names);
+    const id = (name) => { if (!(name in names)) throw new Error(`body ${name} is not in the model`); return names[name]; };
+    this.keypoints = site.keypoints.map(id);
+    this.anchor = site.keypoints.indexOf(site.anchor);
+    this.ends = site.end_effectors.map((name) => site.keypoints.indexOf(name));
+    this.feet = site.feet.map(id);
+    this.jacp = new mujoco.DoubleBuffer(3 * this.nv);
+    this.jacr = new mujoco.DoubleBuffer(3 * this.nv);
+    this.substeps = Math.round(site.control_dt / this.model.opt.timestep);
+  }
+
+  place(qpos) {
+    this.scratch.qpos.set(qpos);
+    this.mujoco.mj_kinematics(this.model, this.scratch);
+  }
+
+  /* Positions and orientations of all bodies in a pose. */
+  placed(qpos) {
+    this.place(qpos);
+    return { pos: Float64Array.from(this.scratch.xpos), quat: Float64Array.from(this.scratch.xquat) };
+  }
+
+  /* Positions and orientations of the keypoints. */
+  points(qpos) {
+    this.place(qpos);
+    const { xpos, xquat } = this.scratch;
+    return this.keypoints.map((body) => ({ pos: [...xpos.subarray(3 * body, 3 * body + 3)], quat: [...xquat.subarray(4 * body, 4 * body + 4)] }));
+  }
+
+  /* The frame of each handle in a pose. */
+  frames(qpos) {
+    this.place(qpos);
+    return Object.fromEntries(Object.entries(this.site.handles).map(([name, handle]) => [name, this.frame(handle)]));
+  }
+
+  frame({ body, pos }) {
+    const number = this.bodies[body], { xpos, xquat } = this.scratch;
+    const quat = [...xquat.subarray(4 * number, 4 * number + 4)], shift = rotated(quat, pos);
+    return { pos: [0, 1, 2].map((axis) => xpos[3 * number + axis] + shift[axis]), quat };
+  }
+
+  joint(joint, qpos) {
+    this.place(qpos);
+    const from = 3 * (joint + 1);
+    return { pos: [...this.scratch.xanchor.subarray(from, from + 3)], axis: [...this.scratch.xaxis.subarray(from, from + 3)] };
+  }
+
+  // physics
+
+  begin(qpos) {
+    const data = new this.mujoco.MjData(this.model);
+    data.qpos.set(qpos);
+    this.mujoco.mj_forward(this.model, data);
+    return data;
+  }
+
+  state(data) {
+    const qpos = [...data.qpos], qvel = [...data.qvel];
+    return { qpos, joint_vel: qvel.slice(6), root_lin_vel_b: rotated(conjugate(qpos.slice(3, 7)), qvel.slice(0, 3)), root_ang_vel_b: qvel.slice(3, 6) };
+  }
+
+  step(data, targets) {
+    data.ctrl.set(targets);
+    for (let count = 0; count < this.substeps; count++) this.mujoco.mj_step(this.model, data);
+  }
+
+  // posing
+
+  /* The pose with a handle at a target, or as near as joint limits and held handles allow; weighted damped least squares. */
+  dragged(qpos, handle, target, held, rest, limbOnly) {
+    const point = /(elbow|knee)$/.test(handle);
+    const tasks = [{ handle, target, cost: point ? POINT : DRAGGED }];
+    let free = null;
+    if (limbOnly) {
+      const limb = this.site.limbs[handle];
+      free = new Set(limb.length ? limb.map((joint) => 6 + joint) : [0, 1, 2, 3, 4, 5]);
+    } else for (const [other, frame] of Object.entries(held)) if (other !== handle) tasks.push({ handle: other, target: frame, cost: other.endsWith("foot") ? HELD_FOOT : HELD });
+    const pose = [...qpos];
+    this.limit(pose);
+    for (let count = 0; count < ITERATIONS; count++) if (this.improve(pose, tasks, rest, free) < SETTLED) break;
+    return pose;
+  }
+
+  limit(pose) {
+    this.site.joint_range.forEach(([low, high], joint) => { pose[7 + joint] = Math.min(Math.max(pose[7 + joint], low), high); });
+  }
+
+  improve(pose, tasks, rest, free) {
+    const n = this.nv, normal = new Float64Array(n * n), right = new Float64Array(n);
+    this.place(pose);
+    this.mujoco.mj_comPos(this.model, this.scratch);
+    for (const { handle, target, cost } of tasks) {
+      const frame = this.frame(this.site.handles[handle]), { mujoco, jacp, jacr } = this;
+      mujoco.mj_jac(this.model, this.scratch, jacp, jacr, frame.pos, this.bodies[this.site.handles[handle].body]);
+      const turn = logarithm(multiply(target.quat, conjugate(frame.quat)));
+      const rows = [[jacp.GetView(), target.pos.map((value, axis) => value - frame.pos[axis]), cost[0]], [jacr.GetView(), turn, cost[1]]];
+      let error = 0;
+      for (const [jacobian, wanted, weight] of rows) for (let axis = 0; axis < 3; axis++) {
+        if (!weight) continue;
+        const square = weight * weight;
+        error += square * wanted[axis] ** 2;
+        for (let i = 0; i < n; i++) {
+          const left = square * jacobian[axis * n + i];
+          if (!left) continue;
+          right[i] += left * wanted[axis];
+          for (let j = 0; j < n; j++) normal[i * n + j] += left * jacobian[axis * n + j];
+        }
+      }
+      for (let i = 0; i < n; i++) normal[i * n + i] += ERROR_DAMPING * error;
+    }
+    for (let i = 0; i < n; i++) {
+      normal[i * n + i] += DAMPING + (i >= 6 ? REST * REST : 1e-6);
+      if (i >= 6) right[i] += REST * REST * (rest[1 + i] - pose[1 + i]);
+    }
+    // joints at their limits that would go beyond are taken out, and the rest is solved again
+    const out = new Set();
+    if (free) for (let i = 0; i < n; i++) if (!free.has(i)) out.add(i);
+    let step;
+    for (let count = 0; count < 8; count++) {
+      step = solve(normal, right, n, out);
+      let found = false;
+      this.site.joint_range.forEach(([low, high], joint) => {
+        const now = pose[7 + joint], dof = 6 + joint;
+        if (!out.has(dof) && ((now >= high - 1e-9 && step[dof] > 1e-9) || (now <= low + 1e-9 && step[dof] < -1e-9))) { out.add(dof); found = true; }
+      });
+      if (!found) break;
+    }
+    for (let axis = 0; axis < 3; axis++) pose[axis] += step[axis];
+    const quat = normalized(multiply(pose.slice(3, 7), exponential([...step.slice(3, 6)])));
+    for (let part = 0; part < 4; part++) pose[3 + part] = quat[part];
+    for (let dof = 6; dof < n; dof++) pose[1 + dof] += step[dof];
+    this.limit(pose);
+    return Math.max(...step.map(Math.abs));
+  }
+
+  mirrored(qpos) {
+    const { partner, sign } = this.site.mirror, head = heading(qpos.slice(3, 7));
+    const lean = multiply(conjugate(head), qpos.slice(3, 7)), image = [lean[0], -lean[1], lean[2], -lean[3]];
+    return [...qpos.slice(0, 3), ...multiply(head, image), ...partner.map((other, joint) => sign[joint] * qpos[7 + other])];
+  }
+
+  symmetric(qpos, side) {
+    const image = this.mirrored(qpos), other = side === "left" ? "right_" : "left_";
+    return qpos.map((value, index) => (index >= 7 && this.site.joints[index - 7].startsWith(other) ? image[index] : value));
+  }
+
+  dropped(qpos) {
+    const lowest = Math.min(...this.solePoints(qpos).flat().map((point) => point[2]));
+    return qpos.map((value, index) => (index === 2 ? value - lowest : value));
+  }
+
+  solePoints(qpos) {
+    this.place(qpos);
+    const { xpos, xquat } = this.scratch;
+    return this.feet.map((body, foot) => this.site.soles[foot].map(({ pos, radius }) => {
+      const turned = rotated([...xquat.subarray(4 * body, 4 * body + 4)], pos);
+      return [xpos[3 * body] + turned[0], xpos[3 * body + 1] + turned[1], xpos[3 * body + 2] + turned[2] - radius];
+    }));
+  }
+
+  /* Center of mass, support polygon, how far inside it (m; null in the air), and words. */
+  stance(qpos) {
+    const points = this.solePoints(qpos);
+    this.mujoco.mj_comPos(this.model, this.scratch);
+    const center = [...this.scratch.subtree_com.subarray(3, 6)];
+    const down = points.map((foot) => foot.filter((point) => point[2] < ON_FLOOR));
+    const support = hull(down.flat().map((point) => point.slice(0, 2)));
+    if (!support.length) return { center, support, margin: null, words: "no foot on the floor" };
+    const gap = margin(center, support), standing = down[0].length && down[1].length ? "both feet" : down[0].length ? "left foot" : "right foot";
+    const balance = gap >= 0 ? `balanced with ${(100 * gap).toFixed(0)} cm to spare` : `${(-100 * gap).toFixed(0)} cm out of balance`;
+    return { center, support, margin: gap, words: `on ${standing}, ${balance}` };
+  }
+}
+
+export function hull(points) {
+  const sorted = [...points].sort((a, b) => a[0] - b[0] || a[1] - b[1]);
+  if (sorted.length < 3) return sorted;
+  const turn = (a, b, c) => (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+  const chain = (list) => {
+    const corners = [];
+    for (const point of list) {
+      while (corners.length > 1 && turn(corners[corners.length - 2], corners[corners.length - 1], point) <= 0) corners.pop();
+      corners.push(point);
+    }
+    return corners.slice(0, -1);
+  };
+  return [...chain(sorted), ...chain(sorted.reverse())];
+}
+
+export function margin(point, support) {
+  let least = Infinity;
+  for (let count = 0; count < 720; count++) {
+    const c = Math.cos((count * Math.PI) / 360), s = Math.sin((count * Math.PI) / 360);
+    least = Math.min(least, Math.max(...support.map((corner) => (corner[0] - point[0]) * c + (corner[1] - point[1]) * s)));
+  }
+  return least;
+}
+
+/* Solve the symmetric system by Cholesky's decomposition, without the unknowns in `out`. */
+function solve(normal, right, n, out) {
+  const keep = [];
+  for (let i = 0; i < n; i++) if (!out.has(i)) keep.push(i);
+  const m = keep.length, lower = new Float64Array(m * m), y = new Float64Array(m), step = new Float64Array(n);
+  for (let i = 0; i < m; i++) for (let j = 0; j <= i; j++) {
+    let sum = normal[keep[i] * n + keep[j]];
+    for (let k = 0; k < j; k++) sum -= lower[i * m + k] * lower[j * m + k];
+    lower[i * m + j] = i === j ? Math.sqrt(Math.max(sum, 1e-12)) : sum / lower[j * m + j];
+  }
+  for (let i = 0; i < m; i++) {
+    let sum = right[keep[i]];
+    for (let k = 0; k < i; k++) sum -= lower[i * m + k] * y[k];
+    y[i] = sum / lower[i * m + i];
+  }
+  for (let i = m - 1; i >= 0; i--) {
+    let sum = y[i];
+    for (let k = i + 1; k < m; k++) sum -= lower[k * m + i] * step[keep[k]];
+    step[keep[i]] = sum / lower[i * m + i];
+  }
+  return step;
+}

@@ -1,0 +1,216 @@
+/* What is drawn: robots, poses, how they stand, and the handles to drag them by. */
+import * as THREE from "three";
+import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+import { TransformControls } from "three/addons/controls/TransformControls.js";
+import { mergeGeometries } from "three/addons/utils/BufferGeometryUtils.js";
+
+const VISUAL = 2, SPHERE = 2, CAPSULE = 3, ELLIPSOID = 4, CYLINDER = 5, BOX = 6;
+const ORANGE = 0xf08c00, BLUE = 0x1c7ed6, PALE = 0xc8cdd2, GREEN = 0x12a15e, RED = 0xd6363b;
+
+function shape(type, [x, y, z]) {
+  if (type === SPHERE) return new THREE.SphereGeometry(x, 16, 10);
+  if (type === CAPSULE) return new THREE.CapsuleGeometry(x, 2 * y, 6, 16).rotateX(Math.PI / 2);
+  if (type === ELLIPSOID) return new THREE.SphereGeometry(1, 18, 12).scale(x, y, z);
+  if (type === CYLINDER) return new THREE.CylinderGeometry(x, x, 2 * y, 20).rotateX(Math.PI / 2);
+  if (type === BOX) return new THREE.BoxGeometry(2 * x, 2 * y, 2 * z);
+  return null;
+}
+
+/* One colored geometry for each body. */
+function shapes(model) {
+  const bodies = new Map();
+  for (let geom = 0; geom < model.ngeom; geom++) {
+    if (model.geom_group[geom] !== VISUAL) continue;
+    const made = shape(model.geom_type[geom], model.geom_size.subarray(3 * geom, 3 * geom + 3));
+    if (!made) continue;
+    const [w, x, y, z] = model.geom_quat.subarray(4 * geom, 4 * geom + 4);
+    made.applyQuaternion(new THREE.Quaternion(x, y, z, w)).translate(...model.geom_pos.subarray(3 * geom, 3 * geom + 3));
+    const material = model.geom_matid[geom];
+    const rgb = material >= 0 ? model.mat_rgba.subarray(4 * material, 4 * material + 3) : model.geom_rgba.subarray(4 * geom, 4 * geom + 3);
+    const color = new THREE.Color().setRGB(...rgb, THREE.SRGBColorSpace), count = made.attributes.position.count;
+    made.setAttribute("color", new THREE.BufferAttribute(new Float32Array(3 * count).map((_, index) => color.toArray()[index % 3]), 3));
+    const body = model.geom_bodyid[geom];
+    bodies.set(body, [...(bodies.get(body) || []), made.toNonIndexed()]);
+  }
+  return new Map([...bodies].map(([body, list]) => [body, mergeGeometries(list)]));
+}
+
+class Figure {
+  constructor(parent, geometries, look) {
+    this.group = new THREE.Group();
+    this.group.visible = false;
+    this.look = look;
+    this.meshes = [...geometries].map(([body, geometry]) => {
+      const own = look.color === undefined;
+      const material = new THREE.MeshStandardMaterial({ roughness: 0.6, vertexColors: own, color: own ? 0xffffff : look.color, transparent: (look.opacity ?? 1) < 1, opacity: look.opacity ?? 1, depthWrite: (look.opacity ?? 1) > 0.5 });
+      const mesh = new THREE.Mesh(geometry, material);
+      mesh.userData.body = body;
+      mesh.castShadow = own;
+      this.group.add(mesh);
+      return mesh;
+    });
+    parent.add(this.group);
+  }
+
+  /* Draw bodies where they are, or hide them; `faint` bodies are only to be guessed. */
+  show(placed, { color, faint } = {}) {
+    this.group.visible = placed !== null;
+    if (!placed) return;
+    for (const mesh of this.meshes) {
+      const { body } = mesh.userData;
+      mesh.position.set(...placed.pos.subarray(3 * body, 3 * body + 3));
+      const [w, x, y, z] = placed.quat.subarray(4 * body, 4 * body + 4);
+      mesh.quaternion.set(x, y, z, w);
+      if (this.look.color === undefined) continue;
+      mesh.material.color.set(color ?? this.look.color);
+      const opacity = (this.look.opacity ?? 1) * (faint && faint.has(body) ? 0.22 : 1);
+      Object.assign(mesh.material, { opacity, transparent: opacity < 1, depthWrite: opacity > 0.5 });
+    }
+  }
+}
+
+export class Scene {
+  constructor(host, robot, { grab, drag, release, choose, clickBody }) {
+    this.robot = robot;
+    const renderer = (this.renderer = new THREE.WebGLRenderer({ antialias: !window.platSoftware, preserveDrawingBuffer: true }));
+    renderer.setPixelRatio(window.platSoftware ? 0.6 : Math.min(devicePixelRatio, 2));
+    renderer.shadowMap.enabled = !window.platSoftware;
+    host.append(renderer.domElement);
+    const scene = (this.scene = new THREE.Scene());
+    scene.background = new THREE.Color(0xc6d1dc);
+    scene.fog = new THREE.Fog(0xc6d1dc, 8, 22);
+    const camera = (this.camera = new THREE.PerspectiveCamera(45, 1, 0.05, 100));
+    camera.up.set(0, 0, 1);
+    camera.position.set(2.45, -1.65, 1.2);
+    this.orbit = new OrbitControls(camera, renderer.domElement);
+    this.orbit.target.set(0, 0, 0.6);
+    this.orbit.addEventListener("change", () => this.draw());
+    scene.add(new THREE.HemisphereLight(0xffffff, 0x8a93a0, 1.6));
+    const sun = new THREE.DirectionalLight(0xffffff, 2.2);
+    sun.position.set(1.5, -1.5, 4);
+    sun.castShadow = true;
+    Object.assign(sun.shadow.camera, { left: -2, right: 2, top: 2, bottom: -2, far: 9 });
+    sun.shadow.mapSize.set(1024, 1024);
+    scene.add(sun, sun.target);
+    this.sun = sun;
+    const world = (this.world = new THREE.Group()), beside = (this.beside = new THREE.Group());
+    beside.position.set(0, 1, 0);
+    world.add(beside);
+    scene.add(world);
+    const floor = new THREE.Mesh(new THREE.PlaneGeometry(60, 60), new THREE.MeshStandardMaterial({ color: 0xa4aeb8, roughness: 1 }));
+    floor.receiveShadow = true;
+    const grid = new THREE.GridHelper(60, 120, 0x76808a, 0x8c96a0);
+    grid.rotation.x = Math.PI / 2;
+    grid.position.z = 0.001;
+    world.add(floor, grid);
+    const geometries = shapes(robot.model), figure = (parent, look) => new Figure(parent, geometries, look);
+    this.figures = {
+      robot: figure(world, {}), second: figure(beside, {}), pose: figure(world, { color: 0x12b76a }),
+      goal: figure(world, { color: 0x12b76a, opacity: 0.35 }), goal2: figure(beside, { color: 0x12b76a, opacity: 0.35 }),
+      before: figure(world, { color: 0x3c6edc, opacity: 0.18 }), after: figure(world, { color: ORANGE, opacity: 0.18 }),
+    };
+    this.support = new THREE.LineLoop(new THREE.BufferGeometry(), new THREE.LineBasicMaterial());
+    this.plumb = new THREE.Line(new THREE.BufferGeometry(), new THREE.LineBasicMaterial());
+    this.spot = new THREE.Mesh(new THREE.SphereGeometry(0.022, 12, 8), new THREE.MeshBasicMaterial());
+    this.stance = new THREE.Group();
+    this.stance.add(this.support, this.plumb, this.spot);
+    world.add(this.stance);
+    this.balls = Object.fromEntries(Object.keys(robot.site.handles).map((name) => {
+      const ball = new THREE.Mesh(new THREE.SphereGeometry(/(elbow|knee)$/.test(name) ? 0.026 : 0.033, 16, 10), new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.85, depthTest: false }));
+      ball.renderOrder = 2;
+      ball.userData.handle = name;
+      world.add(ball);
+      return [name, ball];
+    }));
+    // arrows and rings on an object that is where the handle is
+    this.grip = new THREE.Object3D();
+    world.add(this.grip);
+    this.gizmos = ["translate", "rotate"].map((mode) => {
+      const gizmo = new TransformControls(camera, renderer.domElement);
+      gizmo.setMode(mode);
+      gizmo.setSize(mode === "translate" ? 0.55 : 0.42);
+      gizmo.setSpace("local");
+      gizmo.attach(this.grip);
+      gizmo.addEventListener("dragging-changed", ({ value }) => {
+        this.orbit.enabled = !value;
+        this.dragging = value;
+        if (value) grab(); else release();
+      });
+      gizmo.addEventListener("objectChange", () => drag(this.target()));
+      gizmo.addEventListener("change", () => this.draw());
+      scene.add(gizmo.getHelper());
+      return gizmo;
+    });
+    const ray = new THREE.Raycaster();
+    let pressed = null;
+    renderer.domElement.addEventListener("pointerdown", (event) => { pressed = [event.clientX, event.clientY]; });
+    renderer.domElement.addEventListener("pointerup", (event) => {
+      if (!pressed || this.dragging || Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 4) return;
+      const box = renderer.domElement.getBoundingClientRect();
+      ray.setFromCamera(new THREE.Vector2(((event.clientX - box.left) / box.width) * 2 - 1, 1 - ((event.clientY - box.top) / box.height) * 2), camera);
+      const ball = ray.intersectObjects(Object.values(this.balls).filter((one) => one.visible))[0];
+      if (ball) { choose(ball.object.userData.handle); return; }
+      const hit = this.figures.pose.group.visible && ray.intersectObjects(this.figures.pose.meshes)[0];
+      if (hit) clickBody(hit.object.userData.body);
+    });
+    new ResizeObserver(() => {
+      const { clientWidth: width, clientHeight: height } = host;
+      if (!width || !height) return;
+      renderer.setSize(width, height);
+      camera.aspect = width / height;
+      camera.updateProjectionMatrix();
+      this.draw();
+    }).observe(host);
+  }
+
+  target() {
+    const { position, quaternion: q } = this.grip;
+    return { pos: position.toArray(), quat: [q.w, q.x, q.y, q.z] };
+  }
+
+  /* Handles at their frames: `pins` are those that are commanded. */
+  showHandles(frames, chosen, pins, visible) {
+    for (const [name, ball] of Object.entries(this.balls)) {
+      ball.visible = visible;
+      const { pos, quat: [w, x, y, z] } = frames[name], away = new THREE.Vector3(...this.robot.site.handles[name].ball);
+      ball.position.set(...pos).add(away.applyQuaternion(new THREE.Quaternion(x, y, z, w)));
+      ball.material.color.set(name === chosen ? BLUE : pins.has(name) ? ORANGE : PALE);
+    }
+    for (const gizmo of this.gizmos) {
+      gizmo.getHelper().visible = visible && (gizmo.mode === "translate" || !/(elbow|knee)$/.test(chosen));
+      gizmo.enabled = visible;
+    }
+    if (this.dragging) return;
+    const { pos, quat: [w, x, y, z] } = frames[chosen];
+    this.grip.position.set(...pos);
+    this.grip.quaternion.set(x, y, z, w);
+  }
+
+  showStance(stance) {
+    this.stance.visible = stance !== null;
+    if (!stance) return;
+    const color = stance.margin !== null && stance.margin >= 0 ? GREEN : RED, [x, y, z] = stance.center;
+    this.support.geometry.dispose();
+    this.support.geometry = new THREE.BufferGeometry().setFromPoints(stance.support.map((corner) => new THREE.Vector3(...corner, 0.006)));
+    this.plumb.geometry.dispose();
+    this.plumb.geometry = new THREE.BufferGeometry().setFromPoints([new THREE.Vector3(x, y, 0.006), new THREE.Vector3(x, y, z)]);
+    this.spot.position.set(x, y, 0.006);
+    for (const part of [this.support, this.plumb, this.spot]) part.material.color.set(color);
+  }
+
+  toggleAxes() { for (const gizmo of this.gizmos) gizmo.setSpace(gizmo.space === "local" ? "world" : "local"); this.draw(); }
+
+  look([x, y]) {
+    const { target } = this.orbit, shift = new THREE.Vector3(x - target.x, y - target.y, 0);
+    target.add(shift);
+    this.camera.position.add(shift);
+    this.orbit.update();
+  }
+
+  /* Draw at the next frame. */
+  draw() {
+    if (this.waiting) return;
+    this.waiting = true;
+    requestAnimationFrame(() => { this.waiting = false; this.renderer.render(this.scene, this.camera); });
+  }
+}

@@ -1,0 +1,458 @@
+/* The studio in the browser alone: what plat.studio.session and its panels do, without a server. */
+import loadMujoco from "mujoco";
+import * as ort from "onnxruntime-web";
+import { Chase } from "./chase.mjs";
+import { Timeline, mask, read, write } from "./keyframes.mjs";
+import { Policy } from "./policy.mjs";
+import { Robot } from "./robot.mjs";
+import { angle } from "./rotations.mjs";
+import { Scene } from "./scene.mjs";
+
+const AUTOSAVE = "plat-keyframes", SPEEDS = { "1x": 1, "1/2": 0.5, "1/4": 0.25, "1/10": 0.1 }, CATCH_UP = 5, NOBODY = "nobody";
+const KNOWN = { "whole pose": null };
+
+export async function fetched(path) {
+  const response = await fetch(path);
+  if (!response.ok) throw new Error(`${path}: ${response.status} ${response.statusText}`);
+  return new Uint8Array(await response.arrayBuffer());
+}
+
+export async function open(base = ".") {
+  const site = JSON.parse(new TextDecoder().decode(await fetched(`${base}/site.json`)));
+  if (site.ort) ort.env.wasm.wasmPaths = new URL(site.ort, location.href).href;
+  ort.env.wasm.numThreads = 1;
+  const robot = new Robot(await loadMujoco(), site), policies = {};
+  for (const name of site.policies) policies[name] = await Policy.open(ort, `${base}/policies/${name}`, name, robot, fetched);
+  return { site, robot, policies };
+}
+
+/* Play keyframes at full speed; the robot's poses [T, 7 + J] and the scores. */
+export async function play({ robot, policies, site }, name, text) {
+  const timeline = Timeline.of(site, read(text, site)), chase = new Chase(robot, policies[name], timeline.start, timeline.sequence(site.max_steps));
+  while (!chase.finished) await chase.step();
+  return { poses: chase.poses, scores: chase.scorer.scores() };
+}
+
+class Studio {
+  constructor(channel, { site, robot, policies }) {
+    Object.assign(this, { channel, site, robot, policies });
+    this.timeline = new Timeline(site, { time: 0, name: null, qpos: [...site.default_qpos], commands: null });
+    this.past = [];
+    this.future = [];
+    this.gesture = null;
+    this.clipboard = null;
+    this.players = [];
+    this.paused = false;
+    this.policy = site.policies[0];
+    this.second = NOBODY;
+    this.speed = "1x";
+    this.loop = false;
+    this.cursor = 0;
+    this.handle = "right hand";
+    this.jointNumber = 0;
+    this.hidden = false;
+    this.onion = true;
+    this.notes = [];
+    this.saved = this.timeline;
+    this.scores = {};
+    this.scene = new Scene(document.querySelector("#root .view"), robot, {
+      grab: () => this.grab(), drag: (target) => this.drag(target), release: () => { this.grip = null; this.gesture = null; this.show(); },
+      choose: (name) => this.guarded(() => { this.handle = name; this.show(); }),
+      clickBody: (body) => this.guarded(() => this.clickBody(body)),
+    });
+    this.panel();
+    this.actions = this.makeActions();
+    channel.receive = (message) => this.guarded(() => this.receive(message));
+  }
+
+  // messages
+
+  note(title, text, kind = "info") {
+    this.notes = [...this.notes, { id: (this.notes[this.notes.length - 1]?.id ?? 0) + 1, title, text, kind }].slice(-6);
+    this.channel.show({ notes: this.notes });
+  }
+
+  guarded(work) {
+    const failed = (error) => { console.warn(error); this.note("That did not work", error.message, "error"); };
+    try {
+      const result = work();
+      if (result && result.catch) result.catch(failed);
+    } catch (error) { failed(error); }
+  }
+
+  receive(message) {
+    const action = this.actions[message.do];
+    if (!action) return;
+    const result = action(message);
+    this.show();
+    return result;
+  }
+
+  makeActions() {
+    const edit = (timeline, gesture) => this.edit(timeline, gesture), now = () => this.timeline;
+    return {
+      toggle: () => this.toggle(), stop: () => this.stop(), step: ({ value }) => this.stepBy(value), speed: ({ value }) => { if (value in SPEEDS) this.speed = value; },
+      loop: () => { this.loop = !this.loop; }, select: ({ number }) => this.select(number), previous: () => this.select(now().selected - 1), next: () => this.select(now().selected + 1),
+      first: () => this.select(0), last: () => this.select(now().keyframes.length), seek: ({ time }) => this.seek(time),
+      retime: ({ number, time }) => edit(now().select(number).retimed(number, time), `time ${number}`),
+      nudge: ({ value }) => { const { selected, pose } = now(); if (selected) edit(now().retimed(selected, pose.time + value * this.site.control_dt), "nudge"); },
+      hold: ({ value }) => edit(now().held(value), "hold"), interval: ({ value }) => edit(now().stretched(value)), rename: ({ value }) => edit(now().renamed(String(value).slice(0, 60))),
+      end: () => { this.gesture = null; }, add: ({ time }) => { if (time !== undefined) this.seek(time); this.add(); },
+      copy: () => { this.clipboard = now().pose; }, cut: () => { const left = now().removed(); this.clipboard = now().pose; edit(left); },
+      paste: () => { if (!this.clipboard) throw new Error("nothing to paste: copy a keyframe first"); edit(now().inserted(this.clipboard)); },
+      mirror: () => edit(now().posed(this.robot.mirrored(now().pose.qpos))), stand: () => edit(now().posed([...now().pose.qpos.slice(0, 2), ...this.site.default_qpos.slice(2)])),
+      floor: () => edit(now().posed(this.robot.dropped(now().pose.qpos))), remove: () => edit(now().removed()),
+      undo: () => this.swap(this.past, this.future), redo: () => this.swap(this.future, this.past), save: () => this.save(),
+      look: () => this.scene.look(this.players[0] && !this.posing ? this.players[0].poseAt(this.cursor) : now().pose.qpos), hide: () => { this.hidden = !this.hidden; },
+      onion: () => { this.onion = !this.onion; }, axes: () => this.scene.toggleAxes(), pin: () => this.pin(this.handle),
+    };
+  }
+
+  // keyframes
+
+  edit(timeline, gesture = null) {
+    if (gesture === null || gesture !== this.gesture) this.past = [...this.past, this.timeline].slice(-500);
+    this.gesture = gesture;
+    this.future = [];
+    this.replace(timeline);
+  }
+
+  replace(timeline) {
+    this.timeline = timeline;
+    this.end();
+    this.scores = {};
+    this.cursor = timeline.pose.time;
+    clearTimeout(this.autosave);
+    this.autosave = setTimeout(() => { try { localStorage.setItem(AUTOSAVE, timeline.keyframes.length ? write(timeline) : ""); } catch { /* a private window */ } }, 1000);
+  }
+
+  swap(source, target) {
+    this.gesture = null;
+    if (!source.length) return;
+    target.push(this.timeline);
+    this.replace(source.pop());
+  }
+
+  select(number) {
+    this.gesture = null;
+    this.timeline = this.timeline.select(number);
+    if (!this.playing) this.cursor = this.timeline.pose.time;
+  }
+
+  seek(time) {
+    if (this.players.length && !this.finished) this.paused = true;
+    this.cursor = Math.min(Math.max(time, 0), Math.max(this.timeline.duration, this.simulated));
+    const number = this.timeline.at(this.cursor);
+    if (number >= 0) this.timeline = this.timeline.select(number);
+  }
+
+  add() {
+    const { timeline } = this;
+    if (timeline.shows(this.cursor)) this.edit(timeline.inserted({ ...timeline.pose, name: null }));
+    else if (this.cursor < timeline.duration) this.edit(timeline.insertedAt(this.cursor));
+    else this.edit(timeline.select(timeline.keyframes.length).inserted({ ...timeline.poses[timeline.keyframes.length], name: null }));
+  }
+
+  load(text, name) {
+    let timeline;
+    try { timeline = Timeline.of(this.site, read(text, this.site)); } catch (error) { throw new Error(`${name}: ${error.message}`); }
+    this.edit(timeline);
+    this.note("Loaded", `${name}: ${timeline.keyframes.length} keyframes`, "good");
+    this.show();
+  }
+
+  save() {
+    if (!this.timeline.keyframes.length) throw new Error("keyframes: none, expected at least one");
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(new Blob([write(this.timeline)], { type: "application/json" }));
+    link.download = "keyframes.json";
+    link.click();
+    URL.revokeObjectURL(link.href);
+    this.saved = this.timeline;
+    this.note("Saved", "keyframes.json, among your downloads", "good");
+  }
+
+  template(name) {
+    const made = Timeline.of(this.site, read(JSON.stringify(this.site.templates[name]), this.site));
+    const [x, y] = this.timeline.pose.qpos, first = this.timeline.selected + 1;
+    let { timeline } = this;
+    made.keyframes.forEach((frame, index) => {
+      const gap = made.gaps()[index] * this.site.control_dt;
+      timeline = timeline.inserted({ ...frame, qpos: [frame.qpos[0] + x, frame.qpos[1] + y, ...frame.qpos.slice(2)] }, gap, made.holds[index]);
+    });
+    this.edit(timeline.select(first));
+  }
+
+  // posing
+
+  get posing() { return !this.playing && this.timeline.shows(this.cursor); }
+
+  grab() {
+    this.gesture = null;
+    const qpos = this.timeline.pose.qpos, frames = this.robot.frames(qpos), held = ["left foot", "right foot", "pelvis"];
+    if (/(hand|elbow)$/.test(this.handle)) held.push("chest");
+    this.grip = { rest: qpos, held: Object.fromEntries(held.map((name) => [name, frames[name]])) };
+  }
+
+  drag(target) {
+    if (!this.grip) return;
+    this.guarded(() => {
+      const { qpos } = this.timeline.pose, symmetric = this.at.symmetric.checked;
+      let posed = this.robot.dragged(qpos, this.handle, target, this.grip.held, this.grip.rest, this.at.limb.checked || symmetric);
+      const side = this.handle.split(" ")[0];
+      if (symmetric && ["left", "right"].includes(side)) posed = this.robot.symmetric(posed, side);
+      this.edit(this.timeline.posed(posed), "drag");
+      this.show();
+    });
+  }
+
+  clickBody(body) {
+    const joint = this.site.joint_bodies.indexOf(this.robot.bodyNames[body]);
+    if (joint >= 0) this.jointNumber = joint; else this.handle = "pelvis";
+    this.show();
+  }
+
+  setJoint(value) {
+    const qpos = [...this.timeline.pose.qpos], [low, high] = this.site.joint_range[this.jointNumber], name = this.site.joints[this.jointNumber];
+    qpos[7 + this.jointNumber] = Math.min(Math.max(value, low), high);
+    const side = name.split("_")[0], both = this.at.symmetric.checked && ["left", "right"].includes(side);
+    this.edit(this.timeline.posed(both ? this.robot.symmetric(qpos, side) : qpos), `joint ${this.jointNumber}`);
+    this.show();
+  }
+
+  get pins() {
+    const { pose } = this.timeline, handles = this.site.pins;
+    if (!mask(pose, this.site)) return new Set([...Object.keys(handles), "pelvis", "head"]);
+    const pinned = Object.keys(handles).filter((name) => (pose.commands.bodies || []).includes(handles[name]));
+    return new Set([...pinned, ...((pose.commands.root || []).length ? ["pelvis"] : [])]);
+  }
+
+  pin(name) {
+    const handle = name === "head" ? "chest" : name, pins = mask(this.timeline.pose, this.site) ? this.pins : new Set();
+    if (pins.has(handle)) pins.delete(handle); else pins.add(handle);
+    this.command([...pins]);
+  }
+
+  command(pins) {
+    const bodies = pins.filter((name) => name in this.site.pins).map((name) => this.site.pins[name]);
+    const root = pins.includes("pelvis") ? ["horizontal", "height", "orientation"] : [];
+    this.edit(this.timeline.commanding(bodies.length || root.length ? { ...(bodies.length ? { bodies } : {}), ...(root.length ? { root } : {}) } : null));
+  }
+
+  faint() {
+    const { pose } = this.timeline, { bodies } = this.robot;
+    if (!mask(pose, this.site)) return new Set();
+    const { joints = [], bodies: named = [], root = [] } = pose.commands;
+    const kept = new Set([...named.map((name) => bodies[name]), ...joints.map((name) => bodies[this.site.joint_bodies[this.site.joints.indexOf(name)]]), ...(root.length ? [this.robot.keypoints[0]] : [])]);
+    return new Set(Object.values(bodies).filter((body) => !kept.has(body)));
+  }
+
+  /* What is doubtful about each keyframe, and its fastest joint. */
+  verdicts() {
+    const { limits, joints } = this.site;
+    let before = this.timeline.start, end = 0;
+    return this.timeline.keyframes.map((frame, index) => {
+      const seconds = frame.time - end, flags = mask(frame, this.site) ?? Array(joints.length + this.site.keypoints.length + 3).fill(1), [horizontal, , orientation] = flags.slice(-3);
+      const speeds = joints.map((_, joint) => (2 * Math.abs(frame.qpos[7 + joint] - before.qpos[7 + joint])) / seconds), worst = speeds.indexOf(Math.max(...speeds));
+      const words = joints.flatMap((name, joint) => (flags[joint] && speeds[joint] > limits.joint_speed ? [`${name} would need ${speeds[joint].toFixed(0)} rad/s, expected at most ${limits.joint_speed.toFixed(0)}`] : []));
+      const distance = horizontal * Math.hypot(frame.qpos[0] - before.qpos[0], frame.qpos[1] - before.qpos[1]), speed = (2 * distance) / seconds, push = (4 * distance) / seconds ** 2;
+      if (speed > limits.root_speed) words.push(`${distance.toFixed(1)} m in ${seconds.toFixed(2)} s takes ${speed.toFixed(1)} m/s`);
+      if (push > limits.root_acceleration) words.push(`${distance.toFixed(1)} m in ${seconds.toFixed(2)} s takes ${push.toFixed(0)} m/s^2, more than feet can push`);
+      const turn = (2 * orientation * angle(before.qpos.slice(3, 7), frame.qpos.slice(3, 7))) / seconds;
+      if (turn > limits.turn_speed) words.push(`the turn would need ${turn.toFixed(0)} rad/s`);
+      const held = this.timeline.holds[index] > 0 || index === this.timeline.keyframes.length - 1;
+      if (held && !mask(frame, this.site)) {
+        const { margin } = this.robot.stance(frame.qpos);
+        if (margin === null) words.push("no foot is on the floor");
+        else if (margin < 0) words.push(`the center of mass is ${(-100 * margin).toFixed(0)} cm outside the feet: it would tip over`);
+      }
+      before = frame;
+      end = frame.time + this.timeline.holds[index];
+      return { words, joint: joints[worst], speed: speeds[worst], share: speeds[worst] / limits.joint_speed };
+    });
+  }
+
+  // playing
+
+  get finished() { return this.players.every((player) => player.finished); }
+  get playing() { return this.players.length > 0 && !this.finished && !this.paused; }
+  get simulated() { return this.players[0]?.time ?? 0; }
+
+  end() {
+    this.players.forEach((player) => player.end());
+    this.players = [];
+    this.paused = false;
+  }
+
+  stop() { this.end(); this.cursor = 0; this.timeline = this.timeline.select(0); }
+
+  start() {
+    const names = [this.policy, ...(this.second === NOBODY ? [] : [this.second])], frames = this.timeline.sequence(this.site.max_steps);
+    const players = names.map((name) => new Chase(this.robot, this.policies[name], this.timeline.start, frames));
+    this.end();
+    this.scores = {};
+    this.players = players;
+    this.cursor = 0;
+  }
+
+  toggle() {
+    if (this.playing) { this.paused = true; return; }
+    if (this.players.length && !this.finished) { this.paused = false; this.cursor = this.simulated; } else this.start();
+    return this.run();
+  }
+
+  async run() {
+    const { players } = this;
+    let last = performance.now(), ahead = 0;
+    while (this.playing && this.players === players) {
+      await new Promise(requestAnimationFrame);
+      const now = performance.now();
+      ahead += ((now - last) / 1000) * SPEEDS[this.speed];
+      last = now;
+      let due = Math.floor(ahead / this.site.control_dt + 1e-9);
+      ahead = due <= CATCH_UP ? ahead - due * this.site.control_dt : 0;
+      for (due = Math.min(due, CATCH_UP); due > 0 && this.playing && this.players === players; due--) await this.forward();
+      if (this.players !== players) return;
+      this.cursor = this.simulated;
+      if (this.playing) this.showMoving();
+    }
+    if (this.players === players && this.finished && this.loop) { this.start(); return this.run(); }
+    this.show();
+  }
+
+  async forward() {
+    const players = this.players;
+    for (const player of players) if (!player.finished) await player.step();
+    players.forEach((player, index) => { if (player.finished && this.players === players) this.scores[index ? this.second : this.policy] = player.scorer.scores(); });
+  }
+
+  async stepBy(count) {
+    if (!this.players.length) this.start();
+    this.paused = true;
+    const goal = Math.max(Math.round(this.cursor / this.site.control_dt) + count, 0) * this.site.control_dt;
+    while (this.simulated + 1e-9 < goal && !this.finished) await this.forward();
+    this.cursor = Math.min(goal, this.simulated);
+    this.show();
+  }
+
+  // the page
+
+  panel() {
+    const make = (tag, attributes = {}, ...children) => {
+      const element = document.createElement(tag);
+      for (const [name, value] of Object.entries(attributes)) if (name in element) element[name] = value; else element.setAttribute(name, value);
+      element.append(...children);
+      return element;
+    };
+    const at = (this.at = {}), row = (label, ...inputs) => make("label", {}, make("span", { textContent: label }), ...inputs);
+    const select = (name, options, done) => (at[name] = make("select", { ariaLabel: name, onchange: () => this.guarded(() => { done(at[name].value); at[name].blur(); this.show(); }) }, ...options.map((text) => make("option", { textContent: text, value: text }))));
+    const button = (text, done) => make("button", { type: "button", textContent: text, onclick: (event) => this.guarded(() => { event.target.blur(); const result = done(); this.show(); return result; }) });
+    const check = (name) => (at[name] = make("input", { type: "checkbox" }));
+    const { site } = this;
+    at.slider = make("input", { type: "range", step: 0.01, ariaLabel: "joint angle", oninput: () => this.setJoint(Number(at.slider.value)), onchange: () => { this.gesture = null; } });
+    at.angle = make("output");
+    at.file = make("input", { type: "file", accept: ".json,application/json", hidden: true, onchange: () => this.guarded(async () => { const file = at.file.files[0]; at.file.value = ""; if (file) this.load(await file.text(), file.name); }) });
+    at.scores = make("div", { className: "scores" });
+    document.querySelector("#root aside").append(
+      make("h1", { textContent: "plat keyframe studio" }),
+      row("Policy", select("policy", site.policies, (value) => { this.policy = value; this.end(); })),
+      row("Beside it", select("second", [NOBODY, ...site.policies], (value) => { this.second = value; this.end(); })),
+      row("Begin with", select("template", Object.keys(site.templates), () => {}), button("Add", () => this.template(at.template.value)), button("New", () => { this.edit(new Timeline(site, { time: 0, name: null, qpos: [...site.default_qpos], commands: null })); })),
+      row("File", button("Load", () => at.file.click()), button("Save", () => this.save()), at.file),
+      make("hr"),
+      row("Drag by", select("handle", Object.keys(site.handles), (value) => { this.handle = value; })),
+      row("Commands", select("commands", [...Object.keys(site.presets), "what is pinned"], (value) => { if (value in site.presets) this.command(site.presets[value]); })),
+      row("Joint", select("joint", site.joints, (value) => { this.jointNumber = site.joints.indexOf(value); })),
+      row("", at.slider, at.angle),
+      row("One limb only", check("limb")), row("Symmetric", check("symmetric")),
+      row("Put", button("On floor", () => this.actions.floor()), button("Standing", () => this.actions.stand())),
+      make("hr"), at.scores,
+    );
+  }
+
+  placedOf(qpos) { return qpos ? this.robot.placed(qpos) : null; }
+
+  showMoving() {
+    const { timeline, cursor, posing, playing, robot } = this, { figures } = this.scene, [first, second] = this.players;
+    const shown = (player) => (player && (playing || !this.hidden) ? player.poseAt(cursor) : null);
+    const goal = (player) => (player && !posing && cursor > 0 ? player.commandAt(cursor).qpos : null);
+    const between = !playing && !posing && !first, pose = posing ? timeline.pose.qpos : between ? timeline.sample(cursor).qpos : null;
+    figures.robot.show(this.placedOf(shown(first)));
+    figures.second.show(this.placedOf(shown(second)));
+    figures.goal.show(this.placedOf(goal(first)));
+    figures.goal2.show(this.placedOf(goal(second)));
+    figures.pose.show(this.placedOf(pose), { color: between ? 0x96aaa0 : undefined, faint: posing ? this.faint() : undefined });
+    const neighbor = (away) => (posing && this.onion && timeline.poses[timeline.selected + away] ? timeline.poses[timeline.selected + away].qpos : null);
+    figures.before.show(this.placedOf(neighbor(-1)));
+    figures.after.show(this.placedOf(neighbor(1)));
+    const stance = pose ? robot.stance(pose) : null;
+    this.scene.showStance(stance);
+    const away = playing && first ? [0, 1].map((axis) => first.poseAt(cursor)[axis] - timeline.start.qpos[axis]) : [0, 0];
+    this.scene.world.position.set(-away[0], -away[1], 0);
+    const mode = playing ? "playing" : first && !this.finished ? "paused" : "still";
+    this.channel.show({ time: { cursor, simulated: this.simulated, mode, speed: this.speed, loop: this.loop }, check: stance ? stance.words : "" });
+    this.scene.draw();
+  }
+
+  show() {
+    const { timeline, site, at } = this, verdicts = this.verdicts(), scores = this.scores[this.policy] || [], { qpos } = timeline.pose;
+    const poses = timeline.poses.map((pose, number) => {
+      const own = scores.filter((score) => score.number === number), worst = own.find((score) => score.status !== "reached") ?? own[own.length - 1];
+      const verdict = number ? verdicts[number - 1] : { words: [], joint: "", speed: 0, share: 0 };
+      return { time: pose.time, hold: number ? timeline.holds[number - 1] : 0, label: timeline.labels[number], name: pose.name || "", ...verdict, status: worst?.status ?? "waiting", result: worst?.words ?? "" };
+    });
+    const arrivals = new Set(timeline.toKeyframes().map((frame) => frame.time));
+    const marks = timeline.keyframes.length ? timeline.sequence(site.max_steps).filter((frame) => !arrivals.has(frame.time)).map((frame) => frame.time) : [];
+    this.channel.show({
+      timeline: { poses, selected: timeline.selected, interval: timeline.interval, duration: timeline.duration, marks, undo: this.past.length > 0, redo: this.future.length > 0, paste: this.clipboard !== null },
+      file: { name: "keyframes.json", unsaved: timeline.keyframes !== this.saved.keyframes && timeline.keyframes.length > 0, autosave: "" }, busy: [],
+    });
+    const pins = this.pins, whole = !mask(timeline.pose, site);
+    this.scene.showHandles(this.robot.frames(qpos), this.handle, pins, this.posing);
+    at.handle.value = this.handle;
+    const same = (names) => names.length === pins.size && names.every((name) => pins.has(name));
+    at.commands.value = whole ? Object.keys(KNOWN)[0] : Object.keys(site.presets).find((name) => site.presets[name].length && same(site.presets[name])) ?? "what is pinned";
+    at.commands.disabled = timeline.selected === 0;
+    at.joint.value = site.joints[this.jointNumber];
+    [at.slider.min, at.slider.max] = site.joint_range[this.jointNumber];
+    at.slider.value = qpos[7 + this.jointNumber];
+    at.angle.textContent = `${qpos[7 + this.jointNumber].toFixed(2)} rad`;
+    this.showScores();
+    this.showMoving();
+  }
+
+  showScores() {
+    const table = (name, scores) => {
+      const rows = scores.map((score) => [this.timeline.labels[score.number], score.words, score.joint === null ? "-" : score.joint.toFixed(3), score.keypoint === null ? "-" : score.keypoint.toFixed(3)]);
+      const element = document.createElement("table");
+      for (const cells of [[name, "outcome", "joints rad", "keypoints m"], ...rows]) {
+        const line = element.insertRow();
+        for (const text of cells) line.insertCell().textContent = text;
+      }
+      return element;
+    };
+    this.at.scores.replaceChildren(...Object.entries(this.scores).map(([name, scores]) => table(name, scores)));
+    if (!Object.keys(this.scores).length) this.at.scores.textContent = "Press Play (space) to see what the policy makes of the keyframes.";
+  }
+}
+
+/* Fill the page. */
+export async function begin(channel) {
+  const words = (title, text) => { const [head, rest] = document.querySelectorAll("#dock-cover b, #dock-cover span:last-child"); head.textContent = title; rest.textContent = text; };
+  try {
+    words("plat keyframe studio", "Loading physics and policy, some 30 MB …");
+    const studio = new Studio(channel, await open());
+    let kept = null;
+    try { kept = localStorage.getItem(AUTOSAVE); } catch { /* a private window */ }
+    if (kept) try { studio.timeline = Timeline.of(studio.site, read(kept, studio.site)); } catch { kept = null; }
+    if (!kept) studio.timeline = Timeline.of(studio.site, read(JSON.stringify(Object.values(studio.site.templates)[0]), studio.site));
+    studio.saved = studio.timeline;
+    studio.cursor = studio.timeline.pose.time;
+    studio.show();
+    if (kept) studio.note("Restored", "These are the keyframes of your last visit. New, and Add, begin anew.");
+    window.platStudio = studio;
+  } catch (error) {
+    console.error(error);
+    words("The studio could not be loaded.", location.protocol === "file:" ? "Pages from files cannot load it: serve the folder, for example with python -m http.server." : error.message);
+  }
+}
