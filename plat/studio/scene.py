@@ -68,13 +68,17 @@ class Bodies:
     @cached_property
     def meshes(self) -> list[trimesh.Trimesh]:
         """Return the shape of each body in its colors, with a quarter of the triangles."""
-        return [_lighter(merge_geoms(self._model, list(parts)), _CELL) for parts in self._geoms]
+        return [trimesh.util.concatenate([_lighter(shape, _CELL) for shape in shapes]) for shapes in self._shapes]
 
     @cached_property
     def coarse_meshes(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return vertices and faces of each body's shape with an eighth of the triangles."""
-        shapes = [merge_geoms(self._model, list(parts)) for parts in self._geoms]
-        return [coarse(np.asarray(mesh.vertices), np.asarray(mesh.faces), _FIGURE_CELL)[:2] for mesh in shapes]
+        return [_merged([_coarse_mesh(shape, _FIGURE_CELL) for shape in shapes]) for shapes in self._shapes]
+
+    @cached_property
+    def _shapes(self) -> list[list[trimesh.Trimesh]]:
+        """Shapes of each body's geoms, in the body's frame."""
+        return [[merge_geoms(self._model, [part]) for part in parts] for parts in self._geoms]
 
     def placed(self, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return positions ``[B, 3]`` (m, world) and orientations ``[B, 4]`` of the bodies in a pose ``[7 + J]``."""
@@ -122,7 +126,7 @@ class _Sent:
         """Move the bodies to positions ``[B, 3]`` and orientations ``[B, 4]``."""
         now = np.concatenate((pos, quat), 1)
         away = np.abs(now - self._last)
-        for number in np.flatnonzero(~(away.max(1) < _STILL)):
+        for number in np.flatnonzero(~(away.max(1) < _STILL)).tolist():
             handle, parts = self._handles[number], away[number]
             if not parts[:3].max() < _STILL:
                 handle.position = now[number, :3]
@@ -210,10 +214,8 @@ class StanceView:
 
     def __init__(self, server: viser.ViserServer, name: str):
         self._server, self._name = server, name
-        self._root = server.scene.add_frame(name, show_axes=False)
-        self._lines: viser.LineSegmentsHandle | None = None
+        self._root = server.scene.add_frame(name, show_axes=False, visible=False)
         self._drawn: tuple[object, ...] = ()
-        self._spot = server.scene.add_icosphere(f"{name}/center", 0.022, (0, 0, 0), cast_shadow=False)
 
     def show(self, stance: Stance | None) -> None:
         """Draw it, in green where the robot is balanced and in red where it is not; None hides it."""
@@ -224,37 +226,32 @@ class StanceView:
                 return
             balanced = stance.margin is not None and stance.margin >= 0
             color = (18, 161, 94) if balanced else (214, 54, 59)
-            corners = [np.array([*corner, 0.006]) for corner in stance.support]
+            # about the point below the center of mass: a pose that moves as a whole only moves the node
+            place = np.array([*stance.center[:2], 0.006])
+            corners = [np.array([*(corner - place[:2]), 0.0]) for corner in stance.support]
             edges = list(zip(corners, [*corners[1:], *corners[:1]], strict=True))
-            below = np.array([*stance.center[:2], 0.006])
-            segments = np.array([*edges, (below, stance.center)], dtype=np.float32)
-            if self._drawn == (color, segments.tobytes()):
-                return
-            self._drawn = color, segments.tobytes()
-            self._draw(segments, color)
-            self._spot.position, self._spot.color = below, color
+            plumb = (np.zeros(3), np.array([0.0, 0.0, stance.center[2] - place[2]]))
+            segments = np.array([*edges, plumb], dtype=np.float32).round(4)
+            self._root.position = place
+            drawn = color, segments.tobytes()
+            if self._drawn != drawn:
+                self._drawn = drawn
+                self._draw(segments, color)
 
     def _draw(self, segments: np.ndarray, color: tuple[int, int, int]) -> None:
-        colors = np.tile(np.array(color, dtype=np.uint8), (len(segments), 2, 1))
-        if self._lines is not None and self._lines.points.shape == segments.shape:
-            self._lines.points, self._lines.colors = segments, colors
-            return
-        # a browser goes on drawing the old lines when their number changes
-        if self._lines is not None:
-            self._lines.remove()
-        self._lines = self._server.scene.add_line_segments(f"{self._name}/support", segments, colors, line_width=3.0)
+        # made anew under the same name: browsers draw the old lines for a while when only the points change
+        scene, colors = self._server.scene, np.tile(np.array(color, dtype=np.uint8), (len(segments), 2, 1))
+        scene.add_line_segments(f"{self._name}/support", segments, colors, line_width=3.0)
+        scene.add_icosphere(f"{self._name}/center", 0.022, color, cast_shadow=False)
 
 
-def coarse(
-    vertices: np.ndarray, faces: np.ndarray, cell: float, kinds: np.ndarray | None = None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def coarse(vertices: np.ndarray, faces: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a mesh with fewer triangles, by merging all vertices in a cell of a grid (vertex clustering).
 
     Args:
         vertices: ``[V, 3]`` (m).
         faces: ``[F, 3]``.
         cell: edge of a cell (m).
-        kinds: ``[V]``; only vertices of one kind are merged, such as those of one color.
 
     Returns:
         Vertices, faces, and the number of a former vertex for each vertex.
@@ -263,8 +260,7 @@ def coarse(
     >>> [part.shape for part in coarse(box.vertices, box.faces, 0.1)]
     [(8, 3), (12, 3), (8,)]
     """
-    kinds = np.zeros(len(vertices), dtype=np.int64) if kinds is None else kinds
-    places = np.column_stack((np.round(vertices / cell).astype(np.int64), kinds))
+    places = np.round(vertices / cell).astype(np.int64)
     cells, one, members = np.unique(places, axis=0, return_index=True, return_inverse=True)
     members = members.reshape(-1)
     merged = np.zeros((len(cells), 3))
@@ -276,14 +272,24 @@ def coarse(
     return merged.astype(np.float32), corners[np.sort(first)].astype(np.uint32), one
 
 
+def _coarse_mesh(mesh: trimesh.Trimesh, cell: float) -> tuple[np.ndarray, np.ndarray]:
+    return coarse(np.asarray(mesh.vertices), np.asarray(mesh.faces), cell)[:2]
+
+
 def _lighter(mesh: trimesh.Trimesh, cell: float) -> trimesh.Trimesh:
     """Return a mesh with fewer triangles in the same colors; one with a texture stays as it is."""
-    if mesh.visual.kind != "vertex":
+    visual = mesh.visual
+    if not isinstance(visual, trimesh.visual.ColorVisuals) or visual.kind != "vertex":
         return mesh
-    colors, kinds = np.unique(np.asarray(mesh.visual.vertex_colors), axis=0, return_inverse=True)
-    kinds = kinds.reshape(-1)
-    vertices, faces, one = coarse(np.asarray(mesh.vertices), np.asarray(mesh.faces), cell, kinds)
-    return trimesh.Trimesh(vertices, faces, vertex_colors=colors[kinds[one]], process=False)
+    vertices, faces, one = coarse(np.asarray(mesh.vertices), np.asarray(mesh.faces), cell)
+    return trimesh.Trimesh(vertices, faces, vertex_colors=visual.vertex_colors[one], process=False)
+
+
+def _merged(parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices and faces of several meshes as those of one."""
+    first = np.cumsum([0, *(len(vertices) for vertices, _ in parts[:-1])])
+    faces = [faces + offset for (_, faces), offset in zip(parts, first, strict=True)]
+    return np.concatenate([vertices for vertices, _ in parts]), np.concatenate(faces).astype(np.uint32)
 
 
 def _clicker(body: str, clicked: Callable[[str], None]) -> Callable[[object], Coroutine[None, None, None]]:

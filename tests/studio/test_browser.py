@@ -257,6 +257,7 @@ def test_playing_is_paused_stepped_slowed_and_scored(user):
     user.key("Space")
     user.until(lambda: "plat" in playback.scores)
     user.until(lambda: user.page.locator('#dock [data-key="1"] path[fill="#12a15e"]').count() == 1)
+    user.until(lambda: user.page.locator("#dock [data-distance]").count() == 1)
     user.tab("Play")
     user.sees("reached")
     user.drag(user.at(0.1), user.at(0.5))

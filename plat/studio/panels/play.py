@@ -1,6 +1,5 @@
 """Panel of the playing policies, their errors and their scores."""
 
-import numpy as np
 import viser
 
 from plat.studio.desk import Task
@@ -10,7 +9,6 @@ from plat.studio.tables import keyframe_table, live_line, policy_table
 __all__ = ["PlayPanel"]
 
 _ALONE = "nobody"
-_COLORS = ("#1c7ed6", "#e8590c")
 
 
 class PlayPanel:
@@ -27,18 +25,6 @@ class PlayPanel:
         page.when_changed(self._beside, self._set_beside)
         self.follow = gui.add_checkbox("Follow the robot", initial_value=True)
         self._live = gui.add_markdown("")
-        self._plot = gui.add_uplot(
-            _nothing(),
-            (
-                {"label": "s"},
-                {"label": "it (m)", "stroke": _COLORS[0], "width": 2},
-                {"label": "beside (m)", "stroke": _COLORS[1], "width": 2},
-            ),
-            title="Distance from the keyframe",
-            scales={"x": {"time": False}, "y": {}},
-            height=170,
-            padding=(8, 16, 0, 0),
-        )
         self._keyframes = gui.add_markdown("")
         page.slow_button(
             "Compare all policies",
@@ -77,23 +63,8 @@ class PlayPanel:
                 line = live_line(step, player.errors[step.timing.steps(step.time) - 1])
                 lines.append(f"**{name}** {line}" if playback.second else line)
         _set(self._live, "\n\n".join(lines) or "Press *Play* (space) to see what the policy makes of the keyframes.")
-        first, second = playback.player, playback.second
-        if first is None or not first.times:
-            self._plot.data = _nothing()
-            return
-        times = np.array(first.times)
-        errors = np.array([error.keypoint for error in first.errors])
-        others = np.full(len(times), np.nan)
-        if second is not None:
-            other = np.array([error.keypoint for error in second.errors])[: len(times)]
-            others[: len(other)] = other
-        self._plot.data = times, errors, others
 
 
 def _set(handle: viser.GuiMarkdownHandle, text: str) -> None:
     if handle.content != text:
         handle.content = text
-
-
-def _nothing() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return np.zeros(1), np.zeros(1), np.zeros(1)

@@ -144,11 +144,14 @@ class TimelinePanel:
 
     def show_time(self) -> None:
         """Update the time that is shown."""
-        playback = self._page.session.playback
+        session = self._page.session
+        playback = session.playback
         mode = "playing" if playback.playing else "paused" if playback.paused else "still"
         speed = next(label for label, speed in SPEEDS.items() if speed == playback.speed)
         state = {"cursor": round(playback.cursor, 4), "simulated": round(playback.simulated, 4), "mode": mode}
         self._page.dock.show("time", {**state, "speed": speed, "loop": playback.loop})
+        distances = [[round(error.keypoint, 3) for error in player.errors] for player in playback.players.values()]
+        self._page.dock.show("distances", {"dt": session.timing.control_dt, "of": distances})
 
 
 def _result(scores: list[KeyframeScore]) -> dict[str, str]:

@@ -355,8 +355,7 @@
     at.words.replaceChildren();
     if (pose.result) at.words.append(make("span", { class: pose.status === "reached" ? "good" : "bad", text: pose.result }), "  ·  ");
     if (pose.words.length) at.words.append(make("span", { class: "bad", text: pose.words.join("; ") }));
-    else at.words.append(make("span", { text: state.check || "" }));
-    if (!pose.words.length && pose.joint) at.words.append(`  ·  fastest: ${pose.joint} ${pose.speed.toFixed(1)} rad/s`);
+    else at.words.append(make("span", { text: [state.check, pose.joint && `fastest: ${pose.joint} ${pose.speed.toFixed(1)} rad/s`].filter(Boolean).join("  ·  ") }));
     at.words.title = at.words.textContent;
   }
 
@@ -375,6 +374,7 @@
       label.textContent = `${+(number * step).toFixed(2)} s`;
       parts.push(draw("line", { x1: x, x2: x, y1: axis - 8, y2: height, stroke: "#eaeef1" }), label);
     }
+    parts.push(...curves(height, axis));
     if (time.simulated > 0) parts.push(draw("rect", { x: toX(0), y: axis - 8, width: time.simulated * framed.scale, height: 3, fill: "#9cc4ea" }));
     let end = 0;
     timeline.poses.forEach((pose, number) => { // intervals, in the color of their fastest joint
@@ -411,6 +411,20 @@
     parts.push(draw("path", { d: `M${now - 6} 0 h12 v8 l-6 7 l-6 -7z`, fill: "#f08c00", "pointer-events": "none" }),
       draw("line", { x1: now, x2: now, y1: 10, y2: height, stroke: "#f08c00", "stroke-width": 2, "pointer-events": "none", "data-playhead": time.cursor }));
     at.track.replaceChildren(...parts);
+  }
+
+  function curves(height, axis) { // how far each robot was from its keyframe, at the foot of the track
+    const { dt, of } = state.distances || { of: [] }, colors = ["#1c7ed6", "#e8590c"];
+    const most = Math.max(0.1, ...of.flat()), high = 0.5 * (height - axis);
+    return of.flatMap((values, robot) => {
+      if (values.length < 2) return [];
+      const points = values.map((value, step) => `${toX((step + 1) * dt).toFixed(1)},${(height - 2 - (high * value) / most).toFixed(1)}`);
+      const line = draw("polyline", { points: points.join(" "), fill: "none", stroke: colors[robot], "stroke-width": 1.5, opacity: 0.75, "data-distance": robot });
+      line.append(tip("mean distance of the commanded bodies from the keyframe"));
+      const last = values[values.length - 1], label = draw("text", { x: toX(values.length * dt) + 4, y: height - 2 - (high * last) / most, style: `fill:${colors[robot]}` });
+      label.textContent = `${last.toFixed(2)} m`;
+      return [line, label];
+    });
   }
 
   function tip(text) {

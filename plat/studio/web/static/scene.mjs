@@ -35,6 +35,24 @@ function shapes(model) {
   return new Map([...bodies].map(([body, list]) => [body, mergeGeometries(list)]));
 }
 
+/* Texture of a floor with lines, repeated. */
+function tiles(count) {
+  const canvas = document.createElement("canvas");
+  canvas.width = canvas.height = 128;
+  const pen = canvas.getContext("2d");
+  pen.fillStyle = "#b4bdc6";
+  pen.fillRect(0, 0, 128, 128);
+  pen.strokeStyle = "#929ca6";
+  pen.lineWidth = 3;
+  pen.strokeRect(0, 0, 128, 128);
+  const texture = new THREE.CanvasTexture(canvas);
+  texture.colorSpace = THREE.SRGBColorSpace;
+  texture.wrapS = texture.wrapT = THREE.RepeatWrapping;
+  texture.repeat.set(count, count);
+  texture.anisotropy = 8;
+  return texture;
+}
+
 class Figure {
   constructor(parent, geometries, look) {
     this.group = new THREE.Group();
@@ -64,7 +82,9 @@ class Figure {
       if (this.look.color === undefined) continue;
       mesh.material.color.set(color ?? this.look.color);
       const opacity = (this.look.opacity ?? 1) * (faint && faint.has(body) ? 0.22 : 1);
-      Object.assign(mesh.material, { opacity, transparent: opacity < 1, depthWrite: opacity > 0.5 });
+      const { material } = mesh;
+      if (material.transparent !== opacity < 1) material.needsUpdate = true; // it is compiled for the one or the other
+      Object.assign(material, { opacity, transparent: opacity < 1, depthWrite: opacity > 0.5 });
     }
   }
 }
@@ -73,7 +93,7 @@ export class Scene {
   constructor(host, robot, { grab, drag, release, choose, clickBody }) {
     this.robot = robot;
     const renderer = (this.renderer = new THREE.WebGLRenderer({ antialias: !window.platSoftware, preserveDrawingBuffer: true }));
-    renderer.setPixelRatio(window.platSoftware ? 0.6 : Math.min(devicePixelRatio, 2));
+    renderer.setPixelRatio(window.platSoftware ? 0.75 : Math.min(devicePixelRatio, 2));
     renderer.shadowMap.enabled = !window.platSoftware;
     host.append(renderer.domElement);
     const scene = (this.scene = new THREE.Scene());
@@ -84,8 +104,9 @@ export class Scene {
     camera.position.set(2.45, -1.65, 1.2);
     this.orbit = new OrbitControls(camera, renderer.domElement);
     this.orbit.target.set(0, 0, 0.6);
+    this.orbit.update();
     this.orbit.addEventListener("change", () => this.draw());
-    scene.add(new THREE.HemisphereLight(0xffffff, 0x8a93a0, 1.6));
+    scene.add(new THREE.HemisphereLight(0xffffff, 0xa0a8b2, 2.2));
     const sun = new THREE.DirectionalLight(0xffffff, 2.2);
     sun.position.set(1.5, -1.5, 4);
     sun.castShadow = true;
@@ -97,12 +118,9 @@ export class Scene {
     beside.position.set(0, 1, 0);
     world.add(beside);
     scene.add(world);
-    const floor = new THREE.Mesh(new THREE.PlaneGeometry(60, 60), new THREE.MeshStandardMaterial({ color: 0xa4aeb8, roughness: 1 }));
+    const floor = new THREE.Mesh(new THREE.PlaneGeometry(60, 60), new THREE.MeshStandardMaterial({ map: tiles(60 / 0.5), roughness: 1 }));
     floor.receiveShadow = true;
-    const grid = new THREE.GridHelper(60, 120, 0x76808a, 0x8c96a0);
-    grid.rotation.x = Math.PI / 2;
-    grid.position.z = 0.001;
-    world.add(floor, grid);
+    world.add(floor);
     const geometries = shapes(robot.model), figure = (parent, look) => new Figure(parent, geometries, look);
     this.figures = {
       robot: figure(world, {}), second: figure(beside, {}), pose: figure(world, { color: 0x12b76a }),

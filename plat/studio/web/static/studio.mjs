@@ -390,7 +390,7 @@ class Studio {
     const away = playing && first ? [0, 1].map((axis) => first.poseAt(cursor)[axis] - timeline.start.qpos[axis]) : [0, 0];
     this.scene.world.position.set(-away[0], -away[1], 0);
     const mode = playing ? "playing" : first && !this.finished ? "paused" : "still";
-    this.channel.show({ time: { cursor, simulated: this.simulated, mode, speed: this.speed, loop: this.loop }, check: stance ? stance.words : "" });
+    this.channel.show({ time: { cursor, simulated: this.simulated, mode, speed: this.speed, loop: this.loop }, check: stance ? stance.words : "", distances: { dt: this.site.control_dt, of: this.players.map((player) => player.errors.map((error) => error.keypoint)) } });
     this.scene.draw();
   }
 

@@ -1,0 +1,94 @@
+"""What is sent to browsers to draw the scene."""
+
+from contextlib import contextmanager
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from plat.robots import G1
+
+pytest.importorskip("viser", reason="the extra plat-rl[studio] is not installed")
+pytest.importorskip("mjviser", reason="the extra plat-rl[studio] is not installed")
+
+from plat.studio.checker import Checker
+from plat.studio.scene import Bodies, RobotView, StanceView
+
+
+class Node:
+    """A node that remembers what was set."""
+
+    def __init__(self, *data, **fields):
+        self.__dict__.update({"visible": True, **fields}, data=data, changes=[])
+
+    def __setattr__(self, name, value):
+        self.__dict__[name] = value
+        self.changes.append(name)
+
+
+@pytest.fixture
+def server():
+    nodes = {}
+
+    def add(name, *data, **fields):
+        nodes[name] = Node(*data, **fields)
+        return nodes[name]
+
+    @contextmanager
+    def atomic():
+        yield
+
+    kinds = ("add_frame", "add_mesh_trimesh", "add_line_segments", "add_icosphere")
+    return SimpleNamespace(scene=SimpleNamespace(**dict.fromkeys(kinds, add)), atomic=atomic, nodes=nodes)
+
+
+def test_only_what_has_moved_is_sent(server):
+    view, bodies = RobotView(server, Bodies(G1), "robot"), Bodies(G1)
+    qpos = G1.default_qpos.copy()
+    view.show(qpos)
+    for node in server.nodes.values():
+        node.changes.clear()
+    view.show(qpos)
+    assert not any(node.changes for node in server.nodes.values())
+    qpos[7 + G1.joint_names.index("right_wrist_yaw")] += 0.3
+    view.show(qpos)
+    assert {name for name, node in server.nodes.items() if node.changes} == {"robot/right_wrist_yaw_link"}
+    assert server.nodes["robot/right_wrist_yaw_link"].changes == ["wxyz"], "it turned about its own origin"
+    quat = bodies.placed(qpos)[1]
+    here = bodies.names.index("right_wrist_yaw_link")
+    np.testing.assert_allclose(server.nodes["robot/right_wrist_yaw_link"].wxyz, quat[here])
+
+
+def test_small_steps_add_up(server):
+    view, bodies = RobotView(server, Bodies(G1), "robot"), Bodies(G1)
+    qpos = G1.default_qpos.copy()
+    for _ in range(50):
+        view.show(qpos)
+        qpos[2] += 2e-6
+    node = server.nodes["robot/pelvis"]
+    assert abs(node.position[2] - bodies.placed(qpos)[0][bodies.names.index("pelvis")][2]) < 2e-5
+
+
+def test_the_support_polygon_goes_along_and_follows_its_corners(server):
+    view, checker = StanceView(server, "stance"), Checker(G1)
+    here = G1.default_qpos
+    view.show(checker.stance(here))
+    first, lines = server.nodes["stance"].position, server.nodes["stance/support"]
+    away = here + 3 * np.eye(len(here))[0]
+    view.show(checker.stance(away))
+    np.testing.assert_allclose(server.nodes["stance"].position - first, [3, 0, 0], atol=1e-9)
+    assert server.nodes["stance/support"] is lines, "the same shape is not sent again"
+    raised = here + 0.3 * np.eye(len(here))[2]
+    view.show(checker.stance(raised))
+    assert server.nodes["stance/support"] is not lines
+    assert len(server.nodes["stance/support"].data[0]) == 1, "in the air there is only the plumb line"
+    view.show(None)
+    assert server.nodes["stance"].visible is False
+
+
+def test_meshes_are_light_and_keep_their_size():
+    bodies = Bodies(G1)
+    assert 10_000 < sum(len(mesh.faces) for mesh in bodies.meshes) < 40_000
+    for mesh, (vertices, faces) in zip(bodies.meshes, bodies.coarse_meshes, strict=True):
+        assert faces.max() < len(vertices)
+        np.testing.assert_allclose(np.ptp(vertices, axis=0), np.ptp(mesh.vertices, axis=0), atol=0.02)

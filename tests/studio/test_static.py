@@ -1,0 +1,141 @@
+"""The static page: what it knows of the robot, and that its trajectories are Python's."""
+
+import functools
+import http.server
+import json
+import os
+import shutil
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from plat.errors import StudioError
+from plat.keyframes.files import read_keyframes, write_keyframes
+from plat.robots import G1
+from plat.spec.timing import Timing
+
+pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
+
+from plat.control import PolicyController
+from plat.runs import load_policy
+from plat.studio.pins import preset
+from plat.studio.player import Player
+from plat.studio.poser import Poser
+from plat.studio.static import LIBRARIES, site_facts, write_static
+from plat.studio.templates import template
+from plat.studio.timeline import Timeline
+
+# Largest difference from Python that docs/studio.md promises (m, rad), for a motion of some seconds.
+_NEAR = (1e-4, 1e-3)
+
+
+@pytest.fixture(scope="module")
+def facts() -> dict:
+    return json.loads(json.dumps(site_facts(G1, ("plat-g1",), Timing())))
+
+
+def test_the_description_is_the_robots_own(facts):
+    model, own = mujoco.MjModel.from_xml_string(facts["xml"]), G1.shared_model
+    assert (model.nq, model.nu, model.ngeom) == (own.nq, own.nu, own.ngeom)
+    for name in ("body_mass", "body_inertia", "geom_size", "geom_friction", "jnt_range", "actuator_gainprm"):
+        np.testing.assert_array_equal(getattr(model, name), getattr(own, name), err_msg=name)
+    assert model.geom("floor").id == own.geom("floor").id, "contacts come in the same order"
+
+
+def test_handles_and_soles_are_where_they_are_in_python(facts):
+    data = mujoco.MjData(G1.shared_model)
+    data.qpos[:] = facts["default_qpos"]
+    mujoco.mj_kinematics(G1.shared_model, data)
+    for name, frame in Poser(G1).frames(G1.default_qpos).items():
+        handle = facts["handles"][name]
+        body = data.body(handle["body"])
+        place = body.xpos + body.xmat.reshape(3, 3) @ np.array(handle["pos"])
+        np.testing.assert_allclose(place, frame.pos, atol=1e-6, err_msg=name)
+    assert [len(foot) for foot in facts["soles"]] == [4, 4]
+
+
+def test_templates_are_keyframe_files(facts, tmp_path):
+    for name, content in facts["templates"].items():
+        path = tmp_path / "template.json"
+        path.write_text(json.dumps(content), encoding="utf-8")
+        assert len(read_keyframes(path, G1)[1]) >= 2, name
+
+
+def test_a_folder_that_is_there_and_missing_libraries(tmp_path):
+    with pytest.raises(StudioError, match="is there already"):
+        write_static(tmp_path, G1, {}, Timing())
+    with pytest.raises(StudioError, match="npm install @mujoco/mujoco@"):
+        write_static(tmp_path / "page", G1, {}, Timing(), tmp_path / "node_modules")
+    assert list(tmp_path.iterdir()) == [], "nothing half written stays"
+
+
+def test_without_libraries_the_page_links_them(tmp_path):
+    write_static(tmp_path / "page", G1, {}, Timing())
+    page = (tmp_path / "page" / "index.html").read_text(encoding="utf-8")
+    for name, (version, _) in LIBRARIES.items():
+        assert f"{name}@{version}/" in page
+    for name in ("studio.mjs", "dock.js", "site.json", "icon.svg"):
+        assert (tmp_path / "page" / name).stat().st_size > 0
+
+
+def _libraries() -> Path:
+    found = Path(os.environ.get("PLAT_NODE_MODULES", "node_modules"))
+    for name, (version, _) in LIBRARIES.items():
+        package = found / name / "package.json"
+        if not package.exists() or json.loads(package.read_text(encoding="utf-8"))["version"] != version:
+            pytest.skip(f"{name} {version} is not in {found}: npm install it, and name the folder in PLAT_NODE_MODULES")
+    return found
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory) -> Iterator[str]:
+    folder = tmp_path_factory.mktemp("static") / "page"
+    libraries = _libraries()
+    if next((name for name in ("chromium", "chromium-browser", "google-chrome") if shutil.which(name)), None) is None:
+        pytest.skip("no browser is installed")
+    write_static(folder, G1, {"plat": Path("plat-g1"), "imagined": Path("imagined-g1")}, Timing(), libraries)
+    handler = functools.partial(http.server.SimpleHTTPRequestHandler, directory=str(folder))
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{server.server_port}/"
+    server.shutdown()
+
+
+@pytest.mark.slow
+def test_trajectories_and_scores_are_pythons(address, tmp_path):
+    """The same keyframe file, in a headless Chromium and here."""
+    sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    names = ("chromium", "chromium-browser", "google-chrome")
+    path = next(path for name in names if (path := shutil.which(name)))
+    with sync.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=path, args=["--no-sandbox", "--enable-unsafe-swiftshader"])
+        page = browser.new_page()
+        page.set_default_timeout(180_000)
+        page.goto(address)
+        page.wait_for_function("window.platStudio !== undefined")
+        for name, run, motion, pins in (("plat", "plat-g1", "bow", None), ("imagined", "imagined-g1", "wave", "hands")):
+            timeline = template(motion, Timeline.empty(G1), Poser(G1))
+            if pins:
+                for number in range(1, len(timeline.poses)):
+                    timeline = timeline.select(number).commanding(preset(pins, G1))
+            file = tmp_path / "keyframes.json"
+            write_keyframes(file, G1, timeline.start, timeline.to_keyframes())
+            player = Player(G1, PolicyController(load_policy(run).deployed(), G1), timeline.sequence())
+            while not player.finished:
+                player.take_step()
+            played = page.evaluate(
+                "async ([name, text]) => (await import('./studio.mjs')).play(window.platStudio, name, text)",
+                [name, file.read_text(encoding="utf-8")],
+            )
+            poses, expected = np.array(played["poses"]), np.array(player._poses)
+            assert poses.shape == expected.shape
+            assert np.abs(poses[:, :3] - expected[:, :3]).max() < _NEAR[0]
+            assert np.abs(poses[:, 7:] - expected[:, 7:]).max() < _NEAR[1]
+            scores = player.scores
+            assert scores is not None
+            assert [score["words"] for score in played["scores"]] == [score.words for score in scores]
+        browser.close()
