@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Collection, Coroutine, Sequence
 from functools import cached_property
+from typing import cast
 
 import mujoco
 import numpy as np
@@ -68,7 +69,8 @@ class Bodies:
     @cached_property
     def meshes(self) -> list[trimesh.Trimesh]:
         """Return the shape of each body in its colors, with a quarter of the triangles."""
-        return [trimesh.util.concatenate([_lighter(shape, _CELL) for shape in shapes]) for shapes in self._shapes]
+        light = ([_lighter(shape, _CELL) for shape in shapes] for shapes in self._shapes)
+        return [cast(trimesh.Trimesh, trimesh.util.concatenate(shapes)) for shapes in light]
 
     @cached_property
     def coarse_meshes(self) -> list[tuple[np.ndarray, np.ndarray]]:

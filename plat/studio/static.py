@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from plat.control.feasibility import FeasibilityLimits
-from plat.control.settings import ReachLimits
+from plat.envs.settings import ReachLimits
 from plat.errors import StudioError
 from plat.export import export_bundle
 from plat.files import check_folder
