@@ -9,8 +9,8 @@ plat motions map      MOCAP --out folder
 
 import itertools
 import re
-from collections import Counter
-from collections.abc import Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -319,10 +319,12 @@ def counted(clips: Sequence[object]) -> str:
 def distinct(clips: Sequence[MotionClip]) -> list[MotionClip]:
     """The clips with a number behind a name that was there before."""
     taken: set[str] = set()
+    numbers: defaultdict[str, Iterator[int]] = defaultdict(lambda: itertools.count(2))
     named = []
     for clip in clips:
-        numbered = (f"{clip.name}_{number}" for number in itertools.count(2))
-        name = next(name for name in itertools.chain((clip.name,), numbered) if name not in taken)
+        name = clip.name
+        while name in taken:
+            name = f"{clip.name}_{next(numbers[clip.name])}"
         taken.add(name)
         named.append(replace(clip, name=name))
     return named

@@ -22,14 +22,16 @@ from plat.motions.formats.csv_file import ASSUMED_RATE
 from plat.motions.formats.foreign import refuse_foreign
 from plat.motions.formats.pace import UnfitRateError
 from plat.motions.formats.rate import without_rates
-from plat.motions.paths import find_files, is_named
+from plat.motions.paths import find_files, listed_paths
 from plat.motions.readers import READERS
+from plat.motions.retargeting.asf import skeletons_beside
 from plat.robots import G1, Robot
 
 __all__ = ["load_motions", "motion_paths", "read_along", "read_motion_files", "save_csv", "save_motions"]
 
 # names with a meaning in the file, and to the function that writes it
 _RESERVED = ("fps", "joint_names", "joint_pos", "file", "allow_pickle")
+_LONGEST_MESSAGE = 800
 _LOGGER = logging.getLogger("plat.motions")
 
 
@@ -51,12 +53,11 @@ def motion_paths(
 
 def read_along(path: Path) -> list[Path]:
     """Return the files that are read along with one: what says its frame rate, its names or its skeleton."""
-    beside = {
-        ".csv": [path.with_suffix(".npz"), path.with_suffix(".pkl")],
-        ".npz": [path.with_name("meta.json")],
-        ".amc": sorted(path.parent.glob("*.asf")),
-    }
-    return [file for file in beside.get(path.suffix.lower(), []) if file.is_file()]
+    ending = path.suffix.lower()
+    if ending == ".amc":
+        return skeletons_beside(path)
+    beside = {".csv": [path.with_suffix(".npz"), path.with_suffix(".pkl")], ".npz": [path.with_name("meta.json")]}
+    return [file for file in beside.get(ending, []) if file.is_file()]
 
 
 def read_motion_files(
@@ -89,11 +90,12 @@ def read_motion_files(
     else:
         for line in lines:
             _LOGGER.log(logging.INFO if line.startswith("ignored") else logging.DEBUG, "%s", line)
+    listed = listed_paths(patterns)
     for path in paths:
         try:
             files.append(_read(path, options))
         except MotionError as error:
-            if strict or is_named(path, patterns):
+            if strict or path in listed:
                 raise
             errors.append(error)
     files, unsure = _with_sure_rates(files, errors)
@@ -216,12 +218,13 @@ def _with_sure_rates(
     confirmed = sum(any(note.startswith("fps assumed, and") for note in file.notes) for file in files)
     if against <= confirmed:
         return files, []
+    sure = [file for file in files if ASSUMED_RATE not in file.notes]
     unsure = [file for file in files if ASSUMED_RATE in file.notes]
     told = (
         f"nothing states its frames a second, and {against} such files beside it do not fit the usual ones: state --fps"
     )
     found = [MotionError(f"motion file {str(file.path)!r}: {told}") for file in unsure]
-    return [file for file in files if file not in unsure], found
+    return sure, found
 
 
 def _read(path: Path, options: ReadOptions) -> MotionFile:
@@ -232,6 +235,8 @@ def _read(path: Path, options: ReadOptions) -> MotionFile:
         return READERS[ending](path, options)
     except MotionError as error:
         kind = UnfitRateError if isinstance(error, UnfitRateError) else MotionError
-        raise kind(f"motion file {str(path)!r}: {error}") from None
+        told = str(error)  # which may name what the file holds, at length
+        told = told if len(told) <= _LONGEST_MESSAGE else f"{told[:_LONGEST_MESSAGE]} ..."
+        raise kind(f"motion file {str(path)!r}: {told}") from None
     except Exception as error:  # whatever a parser stumbles over: the file is broken
         raise MotionError(f"motion file {str(path)!r}: not a readable {ending} file ({error})") from error

@@ -10,7 +10,7 @@ from pathlib import Path
 from plat.errors import MotionError
 from plat.files import expand_home
 
-__all__ = ["find_files", "is_named", "names_apart"]
+__all__ = ["find_files", "listed_paths", "names_apart"]
 
 # what file managers add to the name of a copy
 _COPY = re.compile(r"(?: ?\(\d+\)|(?: - |[ _-])(?:copy|kopie|copie)(?: ?\(?\d+\)?)?)$", re.IGNORECASE)
@@ -37,7 +37,7 @@ def find_files(
     Raises:
         MotionError: when one of them names no such file, or another kind of file.
     """
-    paths: list[Path] = []
+    paths: dict[Path, None] = {}  # in order; shells turn a glob into thousands of patterns
     expected = ", ".join(endings)
     for pattern in [patterns] if isinstance(patterns, (str, Path)) else patterns:
         path = expand_home(Path(pattern))
@@ -56,14 +56,13 @@ def find_files(
         for path in found:
             if path.suffix.lower() not in endings or not path.is_file():
                 raise MotionError(f"motion file {str(path)!r}: not a motion file, expected one of {expected}")
-        paths += [path for path in found if path not in paths]
-    return paths
+        paths |= dict.fromkeys(found)
+    return list(paths)
 
 
-def is_named(path: Path, patterns: str | Path | Sequence[str | Path]) -> bool:
-    """Return whether one of the patterns is the path itself, and no folder or glob that holds it."""
-    listed = [patterns] if isinstance(patterns, (str, Path)) else patterns
-    return any(expand_home(Path(pattern)) == path for pattern in listed)
+def listed_paths(patterns: str | Path | Sequence[str | Path]) -> set[Path]:
+    """Return the paths that patterns are themselves: files among them are named, and not found in a folder or glob."""
+    return {expand_home(Path(pattern)) for pattern in ([patterns] if isinstance(patterns, (str, Path)) else patterns)}
 
 
 def names_apart(paths: Sequence[Path]) -> list[str]:

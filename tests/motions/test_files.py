@@ -224,3 +224,12 @@ def test_reserved_and_repeated_names_are_refused(tmp_path, clip):
             save_motions(tmp_path / "x.npz", [MotionClip(name, clip.qpos, 30.0)])
     with pytest.raises(MotionError, match="one rate"):
         save_motions(tmp_path / "x.npz", [clip, MotionClip("b", clip.qpos, 50.0)])
+
+
+def test_long_names_in_a_file_do_not_make_long_messages(tmp_path):
+    names = np.array([f"{'x' * 5000}{joint}" for joint in range(29)])
+    qpos = np.tile(G1.default_qpos, (4, 1))
+    np.savez(tmp_path / "a.npz", joint_names=names, fps=30.0, clip=qpos)
+    with pytest.raises(MotionError, match="'joint_names' lacks") as error:
+        load_motions(tmp_path / "a.npz")
+    assert len(str(error.value)) < 1200

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from plat.errors import MotionError
+from plat.json_file import short
 from plat.motions.formats.names import match_joint, tokens
 from plat.motions.formats.unnamed_joints import OPTIONAL
 from plat.robots.robot import Robot
@@ -56,4 +57,5 @@ def robot_columns(names: Sequence[str], count: int, robot: Robot) -> tuple[list[
 
 
 def _some(names: Sequence[str]) -> str:
-    return f"{list(names[:8])}" + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+    shown = ", ".join(short(name) for name in names[:8])
+    return f"[{shown}]" + (f" and {len(names) - 8} more" if len(names) > 8 else "")

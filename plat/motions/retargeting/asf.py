@@ -1,6 +1,7 @@
 """Acclaim captures: a skeleton (.asf) and its motion (.amc), as CMU and HDM05 have them."""
 
 import math
+import os
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -13,7 +14,7 @@ from plat.motions.formats.rate import rates_in_name
 from plat.motions.retargeting.mocap import Mocap, check_extent
 from plat.rotations_np import axis_rotation
 
-__all__ = ["find_asf", "read_amc"]
+__all__ = ["find_asf", "read_amc", "skeletons_beside"]
 
 # of CMU and HDM05; the files do not say it
 _USUAL_FPS = 120.0
@@ -45,7 +46,7 @@ def find_asf(path: Path) -> Path:
     Raises:
         MotionError: where there is none, or several and none is called so.
     """
-    beside = sorted(file for file in path.parent.iterdir() if file.suffix.lower() == ".asf")
+    beside = skeletons_beside(path)
     called = [file for file in beside if path.stem.lower().startswith(file.stem.lower())]
     if called:
         return max(called, key=lambda file: len(file.stem))
@@ -56,6 +57,13 @@ def find_asf(path: Path) -> Path:
         f"AMC file {str(path)!r}: expected its skeleton (.asf) beside it, called as it or as its name begins, "
         f"found {found}"
     )
+
+
+def skeletons_beside(path: Path) -> list[Path]:
+    """Return the ``.asf`` files in the folder of a file, in the order of their names."""
+    # names alone: a folder of thousands of captures is listed once for each of them
+    names = sorted(name for name in os.listdir(path.parent) if name.lower().endswith(".asf"))
+    return [path.with_name(name) for name in names]
 
 
 def read_amc(path: str | Path, fps: float | None = None) -> Mocap:

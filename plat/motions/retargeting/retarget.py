@@ -14,7 +14,7 @@ import torch
 
 from plat.errors import MotionError
 from plat.motions.clip import MotionClip
-from plat.motions.paths import find_files, is_named
+from plat.motions.paths import find_files, listed_paths
 from plat.motions.retargeting.asf import read_amc
 from plat.motions.retargeting.builtin import find_map
 from plat.motions.retargeting.bvh import read_bvh
@@ -74,10 +74,11 @@ def bvh_paths(patterns: Sequence[str | Path], told: list[str] | None = None) -> 
     Raises:
         MotionError: when there are none, or one of them names no file.
     """
+    listed = listed_paths(patterns)
     paths = [
         path
         for path in find_files(patterns, MOCAP_READERS, told=told)
-        if path.suffix.lower() != ".npz" or is_named(path, patterns) or holds_human_joints(path)
+        if path.suffix.lower() != ".npz" or path in listed or holds_human_joints(path)
     ]
     if not paths:
         raise MotionError("motion capture files: none given, expected files, folders or globs")

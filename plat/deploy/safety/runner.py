@@ -1,0 +1,185 @@
+"""Safe runner: a policy behind a watchdog, stops and limits."""
+
+from collections.abc import Callable
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plat.deploy.description import RobotDescription
+from plat.deploy.runner import JointCommand
+from plat.deploy.safety.ending import CommandSource, EndOfSequence
+from plat.deploy.safety.journal import Journal
+from plat.deploy.safety.limits import TargetLimiter
+from plat.deploy.safety.ramp import Ramp
+from plat.deploy.safety.settings import SafetySettings
+from plat.deploy.safety.stops import stop_reason
+from plat.deploy.safety.watch import StateWatch
+from plat.deploy.state import Array, Pose, RobotState
+from plat.errors import PlatError
+from plat.spec.timing import Timing
+
+__all__ = ["Policy", "SafeRunner"]
+
+Mode = Literal["wait", "ramp", "run", "end", "damping"]
+
+
+class Policy(Protocol):
+    """Protocol of a policy; :class:`plat.deploy.PolicyRunner` is one."""
+
+    @property
+    def robot(self) -> RobotDescription:
+        """Return the robot that it drives."""
+
+    @property
+    def timing(self) -> Timing:
+        """Return its control step, longest command and arrival window."""
+
+    def reset(self, joint_target: Array | None = None) -> None:
+        """Start anew; the motors hold ``joint_target``."""
+
+    def __call__(self, state: RobotState, keyframe: Pose, steps_left: float) -> NDArray[np.float64]:
+        """Return joint position targets ``[J]`` (rad)."""
+
+
+class SafeRunner:
+    """Runner of a policy on a robot with a last line of defence. :meth:`step` never raises for what it is given.
+
+    Modes, in order: ``"wait"`` for a first good state, motors damped; ``"ramp"`` from the pose that the robot is found
+    in to the start pose; ``"run"`` the policy; ``"end"``: hold the last keyframe, then stand. ``"damping"`` lasts until
+    :meth:`reset`: no stiffness, joints braked.
+
+    Args:
+        policy: what computes targets.
+        source: what commands keyframes; its time begins with ``"run"``.
+        settings: of all pieces.
+        start: joint angles that the ramp ends in ``[J]`` (rad); None for the default pose.
+        temperatures: returns the temperatures of the motors ``[J]`` (°C).
+        on_start: called once with the first state of ``"run"``, for example to anchor an estimator.
+
+    Attributes:
+        journal: why and when it stepped in.
+        mode: what it does now.
+    """
+
+    def __init__(
+        self,
+        policy: Policy,
+        source: CommandSource,
+        settings: SafetySettings = SafetySettings(),
+        start: Array | None = None,
+        temperatures: Callable[[], Array] | None = None,
+        on_start: Callable[[RobotState], None] | None = None,
+    ):
+        self._policy, self._source, self._settings = policy, source, settings
+        self._robot = policy.robot
+        self._start = self._robot.default_joint_pos if start is None else np.asarray(start, dtype=np.float64)
+        self._temperatures, self._on_start = temperatures, on_start
+        self._limiter = TargetLimiter(self._robot, settings)
+        self._watch = StateWatch(self._robot, settings)
+        self.journal = Journal()
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew: wait for a good state, then ramp."""
+        self.mode: Mode = "wait"
+        self._watch.reset()
+        self._commands = EndOfSequence(self._source, self._robot, self._policy.timing.max_steps, self._settings)
+        self._now: float | None = None
+        self._began = 0.0
+        self._ramp: Ramp | None = None
+
+    def stop(self, reason: str = "asked for") -> None:
+        """Go to damping mode: an emergency stop."""
+        self._damp(0.0 if self._now is None else self._now, "stop", reason)
+
+    def step(self, now: float, state: RobotState | None, stamp: float | None = None) -> JointCommand:
+        """Return what the motors are to do in this control step.
+
+        Args:
+            now: time (s) of a clock that does not jump.
+            state: newest measured state; None when none came.
+            stamp: time of its measurement (s), same clock; None for ``now``.
+        """
+        dt = self._robot.control_dt if self._now is None else min(max(now - self._now, 0.0), self._robot.control_dt)
+        if not np.isfinite(now):
+            self.journal.note(0.0 if self._now is None else self._now, "clock", f"time is {now}")
+            return self._held()
+        self._now = now
+        fault = self._watch.check(now, state, stamp)
+        if fault is not None:
+            self.journal.note(now, "watchdog", fault)
+        if self.mode == "wait" and fault is None:
+            self._begin(now)
+        if self.mode in ("wait", "damping"):
+            return self._damped()
+        if self._watch.age(now) > self._settings.missing:
+            return self._damp(now, "watchdog", f"no good state for {self._watch.age(now):.2f} s")
+        if self._watch.bad_share > self._settings.doubt:
+            return self._damp(
+                now, "watchdog", f"{100 * self._watch.bad_share:.0f} % of the last second's states are bad"
+            )
+        if fault is not None:
+            return self._held()
+        good = self._watch.good
+        assert good is not None  # no fault
+        if (stop := stop_reason(self._robot, good, self._settings, self._read_temperatures(now))) is not None:
+            return self._damp(now, *stop)
+        target, reasons = self._limiter(self._target(now, good), good, dt)
+        for piece, reason in reasons.items():
+            self.journal.note(now, piece, reason)
+        return JointCommand(target, self._robot.stiffness, self._robot.damping)
+
+    def _begin(self, now: float) -> None:
+        good = self._watch.good
+        assert good is not None
+        self._limiter.reset(good.joint_pos)
+        self._ramp, self._began, self.mode = Ramp(self._limiter.last, self._start, self._settings.ramp), now, "ramp"
+
+    def _target(self, now: float, state: RobotState) -> Array:
+        """Return what is asked for before limits ``[J]`` (rad)."""
+        assert self._ramp is not None
+        if self.mode == "ramp":
+            elapsed = now - self._began
+            if elapsed < self._ramp.seconds:
+                return self._ramp(elapsed)
+            self.mode, self._began = "run", now
+            self._policy.reset(self._limiter.last)
+            if self._on_start is not None:
+                self._on_start(state)
+        try:
+            command = self._commands.command(now - self._began)
+            if self._commands.ended and self.mode == "run":
+                self.mode = "end"
+                self.journal.note(now, "end", "the last keyframe has passed: hold, then stand")
+            elif not self._commands.ended:
+                self.mode = "run"
+            return self._policy(state, command.keyframe, command.steps_left)
+        except PlatError as error:
+            self.journal.note(now, "policy", str(error))
+            return self._limiter.last
+
+    def _read_temperatures(self, now: float) -> Array | None:
+        if self._temperatures is None:
+            return None
+        try:
+            return np.asarray(self._temperatures(), dtype=np.float64).reshape(-1)
+        except Exception as error:  # a program of the user's own; the robot must not fall for it
+            self.journal.note(now, "temperature", f"cannot be read ({type(error).__name__}: {error})")
+            return None
+
+    def _damp(self, now: float, piece: str, reason: str) -> JointCommand:
+        if self.mode != "damping":
+            self.journal.note(now, piece, f"{reason}: damping mode", new=True)
+            self.mode = "damping"
+        return self._damped()
+
+    def _held(self) -> JointCommand:
+        if self.mode in ("wait", "damping"):
+            return self._damped()
+        return JointCommand(self._limiter.last.copy(), self._robot.stiffness, self._robot.damping)
+
+    def _damped(self) -> JointCommand:
+        # without stiffness a target has no effect; it is one within the range all the same
+        damping = self._settings.damping * self._robot.damping
+        return JointCommand(self._limiter.last.copy(), np.zeros_like(damping), damping)
