@@ -14,7 +14,7 @@ from plat.json_file import read_json, short
 from plat.keyframes.keyframe import Keyframe, RobotJoints
 from plat.spec.parts import Parts
 
-__all__ = ["is_keyframe_file", "read_keyframes", "write_keyframes"]
+__all__ = ["is_keyframe_file", "keyframe_from_json", "keyframe_to_json", "read_keyframes", "write_keyframes"]
 
 _FORMAT = "plat-keyframes"
 # version 2 adds the field "commands" of partial keyframes; files without one are written as version 1
@@ -65,6 +65,20 @@ def write_keyframes(path: Path, robot: RobotJoints, start: Keyframe, keyframes: 
         replace_file(path, lambda part: part.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8"))
     except OSError as error:
         raise KeyframeError(f"keyframe file {str(path)!r} could not be written ({error.strerror or error})") from error
+
+
+def keyframe_to_json(keyframe: Keyframe, robot: RobotJoints) -> dict[str, Any]:
+    """Return a keyframe as it stands in files, for messages between programs."""
+    return {"time": keyframe.time, **_entry(keyframe, robot)}
+
+
+def keyframe_from_json(entry: Any, robot: RobotJoints) -> Keyframe:
+    """Return the keyframe that :func:`keyframe_to_json` wrote.
+
+    Raises:
+        KeyframeError: naming the field.
+    """
+    return _keyframe(entry, "keyframe", ("time", *_POSE_FIELDS), "wxyz", robot, version=2)
 
 
 def _parse(content: Any, robot: RobotJoints) -> tuple[Keyframe | None, tuple[Keyframe, ...]]:

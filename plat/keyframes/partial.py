@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from plat.deploy.description import RobotDescription
 from plat.deploy.kinematics import KeypointKinematics
 from plat.errors import KeyframeError
 from plat.keyframes.keyframe import Keyframe, standing
@@ -25,7 +26,7 @@ _NUDGE = 1e-4
 
 
 def only(
-    robot: Robot,
+    robot: Robot | RobotDescription,
     time: float,
     *,
     left_hand: Sequence[float] | None = None,
@@ -44,7 +45,7 @@ def only(
     their places; the root stays.
 
     Args:
-        robot: whose keyframe it is.
+        robot: whose keyframe it is; a bundle's description knows ``bodies``, but not which of them are hands.
         time: of the arrival (s).
         left_hand: position of the left hand ``[3]`` (m, world): the last body of the arm.
         right_hand: of the right one.
@@ -65,9 +66,10 @@ def only(
     ['left_wrist_yaw_link', 'right_wrist_yaw_link']
     """
     wanted = dict(bodies or {})
-    for place, body in zip((left_hand, right_hand), hands_of(robot), strict=True):
-        if place is not None:
-            wanted[body] = place
+    if left_hand is not None or right_hand is not None:
+        for place, body in zip((left_hand, right_hand), hands_of(robot), strict=True):
+            if place is not None:
+                wanted[body] = place
     angles = dict(joints or {})
     root_parts = [
         part
@@ -91,14 +93,16 @@ def only(
     return replace(Keyframe.from_qpos(time, qpos, name), commands=commands).checked(robot)
 
 
-def hands_of(robot: Robot) -> tuple[str, str]:
+def hands_of(robot: Robot | RobotDescription) -> tuple[str, str]:
     """Return the bodies that a robot's left and right hand are: its end effectors that are no feet.
-    Two empty names for a robot that has not two of them.
+    Two empty names for a robot that has not two of them, and for a bundle's description.
 
     >>> from plat.robots import G1
     >>> hands_of(G1)
     ('left_wrist_yaw_link', 'right_wrist_yaw_link')
     """
+    if isinstance(robot, RobotDescription):
+        return ("", "")
     hands = [body for body in robot.end_effectors if body not in robot.feet]
     if len(hands) != 2:
         return ("", "")
@@ -117,12 +121,18 @@ def _numbers(field: str, values: Sequence[float], count: int) -> NDArray[np.floa
 
 
 def _reaching(
-    robot: Robot, qpos: NDArray[np.float64], places: Mapping[str, NDArray[np.float64]], fixed: Mapping[str, float]
+    robot: Robot | RobotDescription,
+    qpos: NDArray[np.float64],
+    places: Mapping[str, NDArray[np.float64]],
+    fixed: Mapping[str, float],
 ) -> NDArray[np.float64]:
     """Return a pose in which bodies are near their places, by damped least squares over the joints that move them."""
-    from plat.robots.describe import describe_robot  # mujoco: reading keyframes has no use for it
+    if isinstance(robot, RobotDescription):
+        description = robot
+    else:
+        from plat.robots.describe import describe_robot  # mujoco: reading keyframes has no use for it
 
-    description = describe_robot(robot, control_dt=0.02)
+        description = describe_robot(robot, control_dt=0.02)
     kinematics = KeypointKinematics(description)
     rows = [robot.keypoints.index(body) for body in places]
     targets = np.stack(list(places.values()))

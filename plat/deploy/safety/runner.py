@@ -89,6 +89,10 @@ class SafeRunner:
         self._began = 0.0
         self._ramp: Ramp | None = None
 
+    def elapsed(self, now: float) -> float:
+        """Return the time of the source's commands at a time of the clock (s); 0 before ``"run"`` began."""
+        return now - self._began if self.mode in ("run", "end") else 0.0
+
     def stop(self, reason: str = "asked for") -> None:
         """Go to damping mode: an emergency stop."""
         self._damp(0.0 if self._now is None else self._now, "stop", reason)

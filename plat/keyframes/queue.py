@@ -1,0 +1,114 @@
+"""Queue of keyframes that other programs fill while a robot moves."""
+
+import threading
+from bisect import bisect_left, insort
+from dataclasses import replace
+from typing import Literal
+
+from plat.keyframes.keyframe import Keyframe, RobotJoints
+from plat.keyframes.sequence import Command
+from plat.spec.timing import Timing
+
+__all__ = ["Answer", "KeyframeQueue"]
+
+Answer = Literal["queued", "late", "too soon", "too far"]
+
+
+class KeyframeQueue:
+    """Queue of keyframes by time of arrival; threads may share it. It commands like a keyframe sequence.
+
+    The earliest keyframe whose arrival has not passed is commanded. One that is farther away than the policy's longest
+    command is commanded as soon as it comes within reach; until then nothing is.
+
+    Args:
+        robot: whose keyframes they are.
+        timing: of the policy.
+
+    >>> from plat.keyframes import standing
+    >>> from plat.robots import G1
+    >>> queue = KeyframeQueue(G1)
+    >>> queue.put(standing(G1).at(0.5), now=0.2)
+    'queued'
+    >>> queue.command(0.2).steps_left, queue.command(0.5)
+    (15, None)
+    >>> queue.put(standing(G1).at(0.1), now=0.2)
+    'late'
+    """
+
+    def __init__(self, robot: RobotJoints, timing: Timing = Timing()):
+        self.robot = robot
+        """Whose keyframes they are."""
+        self._timing = timing
+        self._lock = threading.Lock()
+        self._queue: list[Keyframe] = []
+        self._index = 0
+
+    def __len__(self) -> int:
+        return len(self._queue)
+
+    def put(self, keyframe: Keyframe, now: float, *, replace_all: bool = False) -> Answer:
+        """Add a keyframe; say whether it was taken.
+
+        Args:
+            keyframe: its time is that of the arrival (s, the robot's clock).
+            now: time of the robot's clock (s).
+            replace_all: forget all others if this one is taken, as a teleoperator does at every frame. Otherwise it
+                takes the place of one with the same control step, if there is one.
+
+        Returns:
+            ``"queued"``; or why not: ``"late"``, when its arrival has passed; ``"too soon"``, when it is the control
+            step at hand; ``"too far"``, when it comes later than a minute from now.
+
+        Raises:
+            KeyframeError: for a pose that is not the robot's.
+        """
+        checked = keyframe.checked(self.robot)
+        steps = self._timing.steps(checked.time) - self._timing.steps(now)
+        if steps <= 0:
+            return "late" if steps < 0 else "too soon"
+        if checked.time - now > _LONGEST_WAIT:
+            return "too far"
+        with self._lock:
+            if replace_all:
+                self._queue.clear()
+            arrivals = [self._timing.steps(each.time) for each in self._queue]
+            place = bisect_left(arrivals, self._timing.steps(checked.time))
+            if place < len(arrivals) and arrivals[place] == self._timing.steps(checked.time):
+                self._queue[place] = checked
+            else:
+                insort(self._queue, checked, key=lambda each: each.time)
+        return "queued"
+
+    def cancel(self) -> int:
+        """Forget all keyframes; return how many there were."""
+        with self._lock:
+            count = len(self._queue)
+            self._queue.clear()
+        return count
+
+    def stay(self, pose: Keyframe, now: float, seconds: float = 0.5) -> None:
+        """Forget all keyframes and command one pose, for example where the robot is: what a cancellation means.
+
+        Raises:
+            KeyframeError: for a pose that is not the robot's.
+        """
+        checked = replace(pose, time=now + max(seconds, self._timing.control_dt)).checked(self.robot)
+        with self._lock:
+            self._queue[:] = [checked]
+
+    def command(self, time: float) -> Command | None:
+        """Return the command at a time (s); None when there is none within reach. Times do not go back."""
+        step = self._timing.steps(time)
+        with self._lock:
+            while self._queue and self._timing.steps(self._queue[0].time) <= step:
+                self._queue.pop(0)
+                self._index += 1
+            if not self._queue:
+                return None
+            left = self._timing.steps(self._queue[0].time) - step
+            if left > self._timing.max_steps:
+                return None
+            return Command(self._index, self._queue[0], left, left)
+
+
+_LONGEST_WAIT = 60.0  # s: a clock that is off by hours shows here

@@ -1,0 +1,86 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from plat.errors import KeyframeError
+from plat.keyframes import KeyframeQueue, keyframe_from_json, keyframe_to_json, only, standing
+from plat.robots import G1, describe_robot
+from plat.spec.timing import Timing
+
+
+def at(time: float, name: str | None = None):
+    return replace(standing(G1).at(time), name=name)
+
+
+def test_keyframes_are_commanded_in_the_order_of_their_arrivals():
+    queue = KeyframeQueue(G1)
+    for time in (1.2, 0.4, 0.8):
+        assert queue.put(at(time), now=0.0) == "queued"
+    seen = [queue.command(0.02 * step) for step in range(61)]
+    assert [command.keyframe.time for command in seen[:60:20]] == [0.4, 0.8, 1.2]
+    assert [command.steps_left for command in seen[:60]] == [20 - step % 20 for step in range(60)]
+    assert [command.index for command in seen[:60:20]] == [0, 1, 2]
+    assert seen[60] is None
+
+
+def test_one_of_the_same_step_is_replaced_and_a_teleoperator_replaces_all():
+    queue = KeyframeQueue(G1)
+    queue.put(at(0.5, "old"), 0.0)
+    queue.put(at(0.504, "new"), 0.0)
+    queue.put(at(0.9), 0.0)
+    assert len(queue) == 2
+    assert queue.command(0.0).keyframe.name == "new"
+    queue.put(at(0.7, "only"), 0.1, replace_all=True)
+    assert (len(queue), queue.command(0.1).keyframe.name) == (1, "only")
+
+
+@pytest.mark.parametrize(("time", "answer"), [(0.9, "late"), (1.0, "too soon"), (1.005, "too soon"), (70.0, "too far")])
+def test_what_cannot_be_reached_changes_nothing(time, answer):
+    queue = KeyframeQueue(G1)
+    queue.put(at(1.5), 1.0)
+    assert queue.put(at(time), 1.0, replace_all=True) == answer
+    assert queue.command(1.0).keyframe.time == 1.5
+
+
+def test_one_that_is_beyond_the_longest_command_waits():
+    queue = KeyframeQueue(G1, Timing(max_steps=50))
+    queue.put(at(1.5), 0.0)
+    assert queue.command(0.0) is None
+    assert queue.command(0.5).steps_left == 50
+
+
+def test_canceling():
+    queue = KeyframeQueue(G1)
+    queue.put(at(0.5), 0.0)
+    queue.put(at(0.9), 0.0)
+    assert queue.cancel() == 2
+    assert queue.command(0.0) is None
+    queue.put(at(0.5), 0.0)
+    queue.stay(at(0.0, "here"), now=0.2, seconds=0.1)
+    command = queue.command(0.2)
+    assert (command.keyframe.name, command.steps_left, len(queue)) == ("here", 5, 1)
+
+
+def test_poses_of_another_robot_are_refused():
+    with pytest.raises(KeyframeError, match="joint_pos has shape"):
+        KeyframeQueue(G1).put(replace(at(0.5), joint_pos=np.zeros(3)), 0.0)
+
+
+def test_messages_come_back_the_same():
+    hands = only(G1, 0.7, left_hand=(0.3, 0.2, 0.9))
+    for keyframe in (at(0.5, "named"), hands):
+        copy = keyframe_from_json(keyframe_to_json(keyframe, G1), G1)
+        np.testing.assert_array_equal(copy.qpos, keyframe.qpos)
+        assert (copy.time, copy.name, copy.commands) == (keyframe.time, keyframe.name, keyframe.commands)
+    with pytest.raises(KeyframeError, match="keyframe is 3, expected an object"):
+        keyframe_from_json(3, G1)
+
+
+def test_a_bundles_description_is_robot_enough_for_partial_keyframes():
+    ours = only(describe_robot(G1, 0.02), 0.7, bodies={"left_wrist_yaw_link": (0.3, 0.2, 0.9)})
+    theirs = only(G1, 0.7, left_hand=(0.3, 0.2, 0.9))
+    np.testing.assert_allclose(ours.qpos, theirs.qpos, atol=1e-9)
+    assert ours.commands == theirs.commands
+    with pytest.raises(KeyframeError):
+        only(describe_robot(G1, 0.02), 0.7, left_hand=(0.3, 0.2, 0.9))
