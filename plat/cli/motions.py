@@ -1,7 +1,7 @@
 """Look at motion files, convert them, mirror them, and make them from human motion capture.
 
 plat motions inspect FILES --out pictures
-plat motions convert FILES --out motions.npz --ground smooth --drop-bad
+plat motions convert FILES --out motions.npz --repair --cut --drop-bad
 plat motions mirror  FILES --out mirrored.npz
 plat motions retarget MOCAP --out folder
 plat motions map      MOCAP --out folder
@@ -13,6 +13,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -29,9 +30,12 @@ from plat.motions import (
     MotionClip,
     MotionFile,
     MotionReport,
+    ValidationLimits,
     clip_to_limits,
+    cut_motion,
     ground_feet,
     level_feet,
+    mend_motion,
     mirror_motion,
     read_motion_files,
     save_csv,
@@ -78,6 +82,8 @@ def read(command: MotionFiles, skipped: list[MotionError] | None = None) -> list
             robot,
             quat_order=command.quat_order,
             fps=command.fps,
+            up=command.up,
+            units=command.units,
             strict=command.strict,
             skipped=skipped,
             told=told,
@@ -112,10 +118,11 @@ def inspect(command: Inspect) -> list[MotionReport]:
         command.out.mkdir(parents=True, exist_ok=True)
         urgency = ("drop", "repair", "use")
         order = sorted(range(len(clips)), key=lambda index: urgency.index(reports[index].verdict))
-        chosen = [clips[index] for index in order[: command.pictures]]
-        draw_sheet(command.out / "contact_sheet.png", chosen, robot)
-        for clip in chosen:
-            plot(command.out / f"{file_name(clip.name)}.png", clip, robot)
+        chosen = order[: command.pictures]
+        draw_sheet(command.out / "contact_sheet.png", [clips[index] for index in chosen], robot)
+        for index in chosen:
+            picture = command.out / f"{file_name(clips[index].name)}.png"
+            plot(picture, clips[index], reports[index], command.limits, robot)
         print(f"wrote {command.out}")
     if skipped:
         raise MotionError(f"{len(skipped)} of {len(skipped) + len(files)} files could not be used; see above")
@@ -125,19 +132,73 @@ def inspect(command: Inspect) -> list[MotionReport]:
 def convert(command: Convert) -> list[Path]:
     """Write the files; return their paths."""
     check_out(command.out, command.format)
-    files = [replace(file, clips=repaired(command, file.clips)) for file in read(command)]
-    return write(command.out, [file for file in files if file.clips], command.format, get_robot(command.robot))
+    skipped: list[MotionError] = []
+    files = read(command, skipped)
+    if command.repair and command.resample is None and command.out.suffix.lower() == ".npz":
+        command = replace(command, resample=common_rate([clip for file in files for clip in file.clips]))
+    verdicts: list[tuple[str, str]] = []
+    files = [replace(file, clips=repaired(command, file.clips, verdicts)) for file in files]
+    if command.repair:
+        for when, which in (("before", 0), ("after", 1)):
+            print(f"{when}: {counted_verdicts([pair[which] for pair in verdicts])}")
+    written = write(command.out, [file for file in files if file.clips], command.format, get_robot(command.robot))
+    raise_for_named(command, skipped, len(files))
+    return written
 
 
-def repaired(command: Convert, clips: Sequence[MotionClip]) -> list[MotionClip]:
-    """The clips with the repairs that were asked for; prints those that are dropped."""
-    kept = []
+def common_rate(clips: Sequence[MotionClip]) -> float | None:
+    """Return the frames a second that most of some clips have, by their length, or None where all have the same."""
+    seconds = dict.fromkeys((clip.fps for clip in clips), 0.0)
     for clip in clips:
+        seconds[clip.fps] += clip.duration
+    if len(seconds) < 2:
+        return None
+    rate = max(seconds, key=lambda fps: seconds[fps])
+    print(f"all brought to {rate:.5g} fps, which most have")
+    return rate
+
+
+def raise_for_named(command: MotionFiles, skipped: Sequence[MotionError], good: int) -> None:
+    """Raise an error for files that were named and could not be used.
+
+    Raises:
+        MotionError: at the end, when the others are written.
+    """
+    if skipped and any(
+        f"{str(Path(name).expanduser())!r}" in str(error) for name in command.files for error in skipped
+    ):
+        raise MotionError(f"{len(skipped)} of {len(skipped) + good} files could not be used; see above")
+
+
+def cut(command: Convert, clip: MotionClip) -> list[MotionClip]:
+    """Return the pieces of a clip between its jumps; prints what was done."""
+    pieces = cut_motion(clip, get_robot(command.robot), command.limits)
+    if len(pieces) != 1 or pieces[0] is not clip:
+        seconds = ", ".join(f"{piece.duration:.1f}" for piece in pieces)
+        print(
+            f"cut {clip.name}, {clip.duration:.1f} s, into {counted(pieces)}" + (f" of {seconds} s" if pieces else "")
+        )
+    return pieces
+
+
+def repaired(
+    command: Convert, clips: Sequence[MotionClip], verdicts: list[tuple[str, str]] | None = None
+) -> list[MotionClip]:
+    """The clips with the repairs that were asked for; prints those that are dropped.
+
+    Args:
+        command: what was asked for.
+        clips: to be repaired.
+        verdicts: is given the verdict before and after ``--repair`` for each.
+    """
+    kept = []
+    pieces = [piece for clip in clips for piece in cut(command, clip)] if command.cut else clips
+    for clip in pieces:
         left = clip.duration - sum(command.trim)
         if command.drop_bad and left < command.limits.min_seconds:
             print(f"dropped {clip.name}: {max(left, 0):.2f} s left")
         else:
-            kept.append(repair(command, clip))
+            kept.append(repair(command, clip, verdicts))
     if not command.drop_bad:
         return kept
     reports = validate_motions(kept, get_robot(command.robot), command.limits)
@@ -147,7 +208,7 @@ def repaired(command: Convert, clips: Sequence[MotionClip]) -> list[MotionClip]:
     return [clip for clip, report in zip(kept, reports, strict=True) if report.verdict != "drop"]
 
 
-def repair(command: Convert, clip: MotionClip) -> MotionClip:
+def repair(command: Convert, clip: MotionClip, verdicts: list[tuple[str, str]] | None = None) -> MotionClip:
     """One clip with them."""
     robot = get_robot(command.robot)
     if any(command.trim):
@@ -164,9 +225,19 @@ def repair(command: Convert, clip: MotionClip) -> MotionClip:
         clip = level_feet(clip, robot)
     if command.ground:
         clip = ground_feet(clip, command.ground, robot)
-    if command.resample is not None:
+    if command.repair:
+        mended = mend_motion(clip, robot, command.limits)
+        clip = mended.clip
+        if verdicts is not None:
+            verdicts.append((mended.before.verdict, mended.after.verdict))
+        if mended.before.reasons:
+            done = ", ".join(mended.done) or "nothing that could be repaired"
+            left = f" ({', '.join(mended.after.reasons)})" if mended.after.reasons else ""
+            told = f"{mended.before.verdict} ({', '.join(mended.before.reasons)}) -> {mended.after.verdict}{left}"
+            print(f"{clip.name}: {told}: {done}")
+    if command.resample is not None and command.resample != clip.fps:
         qpos = resample_qpos(torch.from_numpy(clip.qpos), clip.fps, 1 / command.resample).numpy()
-        clip = MotionClip(clip.name, qpos, command.resample)
+        clip = replace(clip, qpos=qpos, fps=command.resample)
     return clip
 
 
@@ -174,8 +245,13 @@ def mirror(command: Mirror) -> list[Path]:
     """Write the files; return their paths."""
     check_out(command.out, "npz")
     robot = get_robot(command.robot)
-    files = [replace(file, clips=[mirror_motion(clip, robot) for clip in file.clips]) for file in read(command)]
-    return write(command.out, files, "npz", robot)
+    skipped: list[MotionError] = []
+    files = [
+        replace(file, clips=[mirror_motion(clip, robot) for clip in file.clips]) for file in read(command, skipped)
+    ]
+    written = write(command.out, files, "npz", robot)
+    raise_for_named(command, skipped, len(files))
+    return written
 
 
 def retarget(command: Retarget) -> list[Retargeted]:
@@ -194,7 +270,15 @@ def retarget(command: Retarget) -> list[Retargeted]:
         print(line)
     print(f"{'clip':<44}{'frames':>7}{'s':>7}{columns}")
     unknown: tuple[Path, SkeletonMap] | None = None
-    results = retarget_all(paths, skeleton, options=command.solver, workers=command.workers, fps=command.fps)
+    results = retarget_all(
+        paths,
+        skeleton,
+        options=command.solver,
+        workers=command.workers,
+        fps=command.fps,
+        up=command.up,
+        units=command.units,
+    )
     for path, name, result in zip(paths, names_apart(paths), results, strict=True):
         if isinstance(result, MotionError):
             print(f"skipped: {result}", flush=True)
@@ -352,10 +436,23 @@ def print_table(reports: Sequence[MotionReport], read_as: Sequence[str]) -> None
             + ": ".join(filter(None, (report.verdict, ", ".join(report.reasons))))
             + f"  [{told}]"
         )
-    counts = Counter(report.verdict for report in reports)
     total = sum(report.seconds for report in reports)
-    verdicts = ", ".join(f"{counts[verdict]} {verdict}" for verdict in ("use", "repair", "drop"))
-    print(f"{counted(reports)}, {total:.0f} s: {verdicts}")
+    print(f"{counted(reports)}, {total:.0f} s: {counted_verdicts([report.verdict for report in reports])}")
+
+
+def counted_verdicts(verdicts: Sequence[str]) -> str:
+    """``2 use, 0 repair, 1 drop``."""
+    counts = Counter(verdicts)
+    return ", ".join(f"{counts[verdict]} {verdict}" for verdict in ("use", "repair", "drop"))
+
+
+def limit_line(panel: Any, value: float, told: str) -> None:
+    """Draw a limit of the checks, and what it means."""
+    if np.isfinite(value):
+        panel.axhline(value, color="C3", linewidth=0.8, linestyle="--")
+        panel.text(
+            0.995, value, told, fontsize=6, color="C3", ha="right", va="bottom", transform=panel.get_yaxis_transform()
+        )
 
 
 def draw_sheet(path: Path, clips: Sequence[MotionClip], robot: Robot = G1) -> None:
@@ -391,8 +488,8 @@ def draw_sheet(path: Path, clips: Sequence[MotionClip], robot: Robot = G1) -> No
     stage.close()
 
 
-def plot(path: Path, clip: MotionClip, robot: Robot = G1) -> None:
-    """Joint angles within their limits, heights of the soles, and speeds over time."""
+def plot(path: Path, clip: MotionClip, report: MotionReport, limits: ValidationLimits, robot: Robot = G1) -> None:
+    """Joint angles within their limits, heights of the soles, and speeds over time, with the limits of the checks."""
     time = np.arange(len(clip.qpos)) / clip.fps
     low, high = robot.joint_range.numpy().T
     figure, panels = pyplot().subplots(3, 1, figsize=(9, 8), sharex=True, layout="constrained")
@@ -408,11 +505,20 @@ def plot(path: Path, clip: MotionClip, robot: Robot = G1) -> None:
     for foot, side in enumerate(("left", "right")):
         panels[1].plot(time, 100 * height[:, foot], label=side)
     panels[1].axhline(0, color="0.3", linewidth=0.8)
+    for value, told in ((limits.floating, "rests higher: repair"), (-limits.penetration, "lower: repair")):
+        limit_line(panels[1], 100 * value, told)
     panels[1].set(ylabel="lowest point of the sole (cm)")
     panels[1].legend(fontsize=7, frameon=False)
     steps = np.diff(clip.qpos, axis=0) * clip.fps
     panels[2].plot(time[1:], np.abs(steps[:, 7:]).max(1), color="C2")
-    panels[2].set(ylabel="fastest joint (rad/s)", xlabel="s")
+    limit_line(panels[2], limits.joint_speed, "faster: drop")
+    limit_line(panels[2], limits.step_speed, "faster, and in one frame alone: repair")
+    for step in report.steps:
+        panels[2].plot((step.frame + 1) / clip.fps, step.speed, "x", color="C3")
+    for moment in report.jumps:
+        for panel in panels:
+            panel.axvline(moment, color="C3", linewidth=0.8, linestyle=":")
+    panels[2].set(ylabel="fastest joint (rad/s)", xlabel="s; dotted red: the root jumps")
     root = panels[2].twinx()
     root.plot(time[1:], np.linalg.norm(steps[:, :3], axis=1), color="C3", linewidth=1)
     root.set_ylabel("root (m/s)", color="C3")

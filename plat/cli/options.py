@@ -265,6 +265,10 @@ class MotionFiles(Bounded):
     """order of the root quaternion in these files, where they do not show it"""
     fps: Rate | None = None
     """frames a second of these files, where they do not say it, or say it wrong"""
+    up: Literal["x", "y", "z"] | None = None
+    """axis that points up in these files, where they do not show it"""
+    units: Literal["m", "cm", "mm", "in", "ft"] | None = None
+    """of lengths in these files, where they do not show it"""
     strict: bool = False
     """stop at the first bad file of a folder, read copies; else they are named and left out"""
     robot: str = "g1"
@@ -302,6 +306,10 @@ class Convert(MotionFiles):
     """bring joint angles into their limits"""
     resample: Rate | None = None
     """frames a second to write, for files of different rates"""
+    repair: bool = False
+    """what inspect asks for, and nothing to clips that need nothing; prints verdicts before and after"""
+    cut: bool = False
+    """cut clips where they jump from one frame to the next, and leave out pieces that are too short"""
     drop_bad: bool = False
     """leave out what is to be dropped, after the repairs"""
     limits: ValidationLimits = field(default_factory=ValidationLimits)
@@ -327,6 +335,10 @@ class Retarget(Bounded):
     """skeleton map (YAML), see docs/retargeting.md; by default one that comes with plat"""
     fps: Rate | None = None
     """frames a second of these files, where they do not say it, or say it wrong"""
+    up: Literal["x", "y", "z"] | None = None
+    """axis that points up in these files, where they do not show it"""
+    units: Literal["m", "cm", "mm", "in", "ft", "in/0.45"] | None = None
+    """of lengths in these files, where they do not show it"""
     split: bool = False
     """write train.npz, val.npz and test.npz by clip name instead of a file for each capture"""
     workers: Annotated[int, Range(1, 1024)] = field(default_factory=lambda: os.cpu_count() or 1)

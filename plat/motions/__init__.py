@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 from plat.lazy import lazy
 
 if TYPE_CHECKING:
+    from plat.motions.checks.jumps import cut_motion
+    from plat.motions.checks.mending import Mended, mend_motion
     from plat.motions.checks.repair import clip_to_limits, ground_feet, level_feet, trim_motion
     from plat.motions.checks.settings import ValidationLimits
     from plat.motions.checks.steps import joint_steps, smooth_steps
@@ -19,6 +21,7 @@ else:
     lazy(__name__)
 
 __all__ = [
+    "Mended",
     "MotionClip",
     "MotionFile",
     "MotionLibrary",
@@ -26,11 +29,13 @@ __all__ = [
     "ValidationLimits",
     "cache_dir",
     "clip_to_limits",
+    "cut_motion",
     "generate_motions",
     "ground_feet",
     "joint_steps",
     "level_feet",
     "load_motions",
+    "mend_motion",
     "mirror_motion",
     "motion_paths",
     "read_motion_files",

@@ -8,7 +8,10 @@ from plat.errors import MotionError
 from plat.robots.robot import Robot
 from plat.rotations_np import UNIT_TOLERANCE
 
-__all__ = ["MotionClip"]
+__all__ = ["ASSUMED_RATE", "MotionClip"]
+
+ASSUMED_RATE = "fps assumed (another can stand in the file name: x_60fps.csv)"
+"""Note of a clip whose frame rate nothing states and nothing in its motion confirms."""
 
 
 @dataclass(frozen=True)

@@ -16,14 +16,14 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.files import replace_file
-from plat.motions.clip import MotionClip
+from plat.motions.clip import ASSUMED_RATE, MotionClip
 from plat.motions.formats import MotionFile, QuatOrder, ReadOptions, csv_text
-from plat.motions.formats.csv_file import ASSUMED_RATE
 from plat.motions.formats.foreign import refuse_foreign
 from plat.motions.formats.pace import UnfitRateError
 from plat.motions.formats.rate import without_rates
+from plat.motions.formats.units import Units, Up
 from plat.motions.paths import find_files, listed_paths
-from plat.motions.readers import READERS
+from plat.motions.readers import NAMED, READERS
 from plat.motions.retargeting.asf import skeletons_beside
 from plat.robots import G1, Robot
 
@@ -48,7 +48,7 @@ def motion_paths(
     Raises:
         MotionError: when one of them names no motion file.
     """
-    return find_files(patterns, READERS, copies=strict, told=told)
+    return find_files(patterns, READERS, named=NAMED, copies=strict, told=told)
 
 
 def read_along(path: Path) -> list[Path]:
@@ -66,6 +66,8 @@ def read_motion_files(
     *,
     quat_order: QuatOrder | None = None,
     fps: float | None = None,
+    up: Up | None = None,
+    units: Units | None = None,
     strict: bool = False,
     skipped: list[MotionError] | None = None,
     told: list[str] | None = None,
@@ -77,11 +79,14 @@ def read_motion_files(
         robot: whose motions they are.
         quat_order: of the root quaternion in these files.
         fps: frames a second of these files.
+        up: axis that points up in these files.
+        units: of lengths in these files.
         strict: raise for a bad file in a folder or glob too, and read copies.
-        skipped: is given the errors of bad files in folders and globs; without it they are logged.
+        skipped: is given the errors of bad files, of several those that are named as well; without it those of folders
+            and globs are logged, and the others raised.
         told: is given a line for each copy in a folder that was left out; without it they are logged.
     """
-    options = ReadOptions(robot, quat_order, fps)
+    options = ReadOptions(robot, quat_order, fps, up, units)
     files, errors = [], []
     lines: list[str] = []
     paths = motion_paths(patterns, strict=strict, told=lines)
@@ -95,7 +100,7 @@ def read_motion_files(
         try:
             files.append(_read(path, options))
         except MotionError as error:
-            if strict or path in listed:
+            if strict or (path in listed and (skipped is None or len(paths) == 1)):
                 raise
             errors.append(error)
     files, unsure = _with_sure_rates(files, errors)
@@ -118,6 +123,8 @@ def load_motions(
     *,
     quat_order: QuatOrder | None = None,
     fps: float | None = None,
+    up: Up | None = None,
+    units: Units | None = None,
     strict: bool = False,
 ) -> list[MotionClip]:
     """Return every clip of some motion files.
@@ -134,6 +141,8 @@ def load_motions(
         quat_order: order of the root quaternion in these files; by default what the format says, and for tables what
             the motion shows.
         fps: frames a second of these files; by default what they say, and 30 for a table that does not.
+        up: axis that points up in these files; by default what the motion shows.
+        units: of lengths in these files; by default what the motion shows.
         strict: raise for a bad file in a folder or glob too, and read copies.
 
     Raises:
@@ -147,7 +156,7 @@ def load_motions(
     ...     len(load_motions(f"{folder}/*.npz"))
     2
     """
-    files = read_motion_files(patterns, robot, quat_order=quat_order, fps=fps, strict=strict)
+    files = read_motion_files(patterns, robot, quat_order=quat_order, fps=fps, up=up, units=units, strict=strict)
     alike: dict[str, list[MotionFile]] = {}
     for file in files:
         if file.notes:
@@ -212,19 +221,38 @@ def _with_sure_rates(
 ) -> tuple[list[MotionFile], list[MotionError]]:
     """Return the files without those whose rate was assumed, where more files contradict the assumption than fit it.
 
-    Tables that do not state their rate come in sets of one rate, and of most motions the rate is not to be told.
+    Tables that do not state their rate come in sets of one rate, and of most motions the rate is not to be told. Where
+    more files fit the assumption, those of their folders are taken to fit as well.
     """
     against = sum(isinstance(error, UnfitRateError) for error in errors)
-    confirmed = sum(any(note.startswith("fps assumed, and") for note in file.notes) for file in files)
-    if against <= confirmed:
-        return files, []
-    sure = [file for file in files if ASSUMED_RATE not in file.notes]
-    unsure = [file for file in files if ASSUMED_RATE in file.notes]
+    fitting = Counter(
+        file.path.parent for file in files if any(note.startswith("fps assumed, and") for note in file.notes)
+    )
+    if against <= fitting.total():
+        return [_as_beside(file, fitting[file.path.parent]) for file in files], []
+    sure = [file for file in files if not _is_unsure(file)]
+    unsure = [file for file in files if _is_unsure(file)]
     told = (
         f"nothing states its frames a second, and {against} such files beside it do not fit the usual ones: state --fps"
     )
     found = [MotionError(f"motion file {str(file.path)!r}: {told}") for file in unsure]
     return sure, found
+
+
+def _is_unsure(file: MotionFile) -> bool:
+    """Return whether the frame rate of a file was assumed and nothing confirms it."""
+    return any(ASSUMED_RATE in clip.notes for clip in file.clips)
+
+
+def _as_beside(file: MotionFile, fitting: int) -> MotionFile:
+    """Return a file whose rate was assumed with what so many files beside it say of that."""
+    if not fitting:
+        return file
+    told = f"fps assumed, as that of {fitting} beside it fit{'s' * (fitting == 1)}"
+    clips = [
+        replace(clip, notes=tuple(told if note == ASSUMED_RATE else note for note in clip.notes)) for clip in file.clips
+    ]
+    return replace(file, clips=clips)
 
 
 def _read(path: Path, options: ReadOptions) -> MotionFile:

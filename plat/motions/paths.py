@@ -12,6 +12,19 @@ from plat.files import expand_home
 
 __all__ = ["find_files", "listed_paths", "names_apart"]
 
+# what to do with files of other kinds, by their endings
+_INSTEAD = {
+    ".fbx .glb .gltf .c3d .trc .usd .usda .vmd .blend": "export it as .bvh, for instance with Blender",
+    ".rrd": "export it to a table (.csv), or take the data set's own tables",
+    ".pt .pth .ckpt .motion": "a file of PyTorch: load it there and write its arrays with np.savez",
+    ".asf": "a skeleton: name the .amc files beside it",
+    ".h5 .hdf5 .parquet .feather .mcap .bag .db3 .mat": "write root, joints and fps with np.savez, or a table (.csv)",
+    ".zip .tar .gz .tgz .7z .rar .zst": "unpack it first",
+    ".xml .mjcf": "keys of a model become keyframes: plat keyframes convert",
+    ".json .yaml .yml": "write root, joints and fps with np.savez, or a table (.csv)",
+    ".mp4 .mov .avi .mkv": "a video: motion is estimated from it by other programs, such as GVHMR",
+}
+
 # what file managers add to the name of a copy
 _COPY = re.compile(r"(?: ?\(\d+\)|(?: - |[ _-])(?:copy|kopie|copie)(?: ?\(?\d+\)?)?)$", re.IGNORECASE)
 
@@ -20,6 +33,7 @@ def find_files(
     patterns: str | Path | Sequence[str | Path],
     endings: Collection[str],
     *,
+    named: Collection[str] = (),
     copies: bool = False,
     told: list[str] | None = None,
 ) -> list[Path]:
@@ -31,6 +45,7 @@ def find_files(
     Args:
         patterns: a path, a folder, a glob, or several of these.
         endings: of the files to look for, in small letters.
+        named: those of them that folders are not searched for.
         copies: take copies as well.
         told: is given a line for each copy that was left out, and for equal files that were not.
 
@@ -38,11 +53,12 @@ def find_files(
         MotionError: when one of them names no such file, or another kind of file.
     """
     paths: dict[Path, None] = {}  # in order; shells turn a glob into thousands of patterns
-    expected = ", ".join(endings)
+    sought = [ending for ending in endings if ending not in named]
+    expected = ", ".join(sought)
     for pattern in [patterns] if isinstance(patterns, (str, Path)) else patterns:
         path = expand_home(Path(pattern))
         if path.is_dir():
-            found = sorted(file for file in path.rglob("*") if file.suffix.lower() in endings)
+            found = sorted(file for file in path.rglob("*") if file.suffix.lower() in sought)
             found = [file for file in found if not any(part.startswith(".") for part in file.relative_to(path).parts)]
             found = found if copies else _without_copies(found, told)
         elif path.exists():
@@ -55,7 +71,8 @@ def find_files(
             )
         for path in found:
             if path.suffix.lower() not in endings or not path.is_file():
-                raise MotionError(f"motion file {str(path)!r}: not a motion file, expected one of {expected}")
+                instead = next((f"; {what}" for kinds, what in _INSTEAD.items() if _ending(path) in kinds.split()), "")
+                raise MotionError(f"motion file {str(path)!r}: not a motion file, expected one of {expected}{instead}")
         paths |= dict.fromkeys(found)
     return list(paths)
 
@@ -78,6 +95,10 @@ def names_apart(paths: Sequence[Path]) -> list[str]:
         taken[name] += 1
         names.append(name if taken[name] == 1 else f"{name}_{taken[name]}")
     return names
+
+
+def _ending(path: Path) -> str:
+    return path.suffix.lower()
 
 
 def _without_copies(paths: list[Path], told: list[str] | None) -> list[Path]:

@@ -3,11 +3,11 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from plat.motions.formats import MotionFile, ReadOptions, read_csv, read_npz, read_pickle
+from plat.motions.formats import MotionFile, ReadOptions, read_csv, read_npy, read_npz, read_pickle
 from plat.motions.retargeting.joint_file import holds_human_joints
 from plat.motions.retargeting.reader import read_human_motion
 
-__all__ = ["READERS"]
+__all__ = ["NAMED", "READERS"]
 
 
 def _read_archive(path: Path, options: ReadOptions) -> MotionFile:
@@ -18,6 +18,8 @@ def _read_archive(path: Path, options: ReadOptions) -> MotionFile:
 READERS: dict[str, Callable[[Path, ReadOptions], MotionFile]] = {
     ".npz": _read_archive,
     ".csv": read_csv,
+    ".tsv": read_csv,
+    ".npy": read_npy,
     ".pkl": read_pickle,
     ".pickle": read_pickle,
     ".joblib": read_pickle,
@@ -25,3 +27,8 @@ READERS: dict[str, Callable[[Path, ReadOptions], MotionFile]] = {
     ".amc": read_human_motion,
 }
 """What reads a file, by its ending in small letters."""
+
+NAMED = (".txt",)
+"""Endings of files that are read where they are named, and not looked for in folders: any text has them."""
+
+READERS |= dict.fromkeys(NAMED, read_csv)

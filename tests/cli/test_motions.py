@@ -220,3 +220,67 @@ def test_single_frame_steps_are_smoothed(tmp_path, capsys):
     assert "smoothed 1 single-frame step of bow: joints changed by 0.1" in capsys.readouterr().out
     (report,) = run("inspect", tmp_path / "b.npz")
     assert report.verdict == "use"
+
+
+def jumping_clip() -> MotionClip:
+    """Two bows of which the second begins elsewhere."""
+    first, second = bowing_clip(60).qpos, bowing_clip(60).qpos.copy()
+    second[:, :2] += 0.5
+    return MotionClip("jumping", np.concatenate((first, second)), 50.0)
+
+
+def test_repair_does_what_is_needed_and_tells_both_verdicts(folder, tmp_path, capsys):
+    run("convert", folder, "--out", tmp_path / "all.npz", "--repair")
+    text = capsys.readouterr().out
+    assert "floating: repair (feet float at 10.0 cm) -> use: feet put on the floor" in text
+    assert "short: drop (0.18 s long) -> drop (0.18 s long): nothing that could be repaired" in text
+    assert "before: 1 use, 1 repair, 1 drop" in text
+    assert "after: 2 use, 0 repair, 1 drop" in text
+    clips = {clip.name: clip for clip in load_motions(tmp_path / "all.npz")}
+    np.testing.assert_array_equal(clips["good"].qpos, load_motions(folder / "good_50fps.csv")[0].qpos)
+    np.testing.assert_allclose(clips["floating"].qpos, clips["good"].qpos, atol=1e-3)
+
+
+def test_repair_brings_mixed_rates_to_that_of_most(tmp_path, capsys):
+    write_csv(tmp_path / "a_50fps.csv", bowing_clip(60))
+    write_csv(tmp_path / "b_25fps.csv", bowing_clip(31))
+    write_csv(tmp_path / "c_50fps.csv", bowing_clip(61))
+    run("convert", tmp_path, "--out", tmp_path / "all.npz", "--repair")
+    assert {clip.fps for clip in load_motions(tmp_path / "all.npz")} == {50.0}
+    assert "all brought to 50 fps, which most have" in capsys.readouterr().out
+
+
+def test_cut_makes_clips_of_what_stands_between_jumps(tmp_path, capsys):
+    save_motions(tmp_path / "a.npz", [jumping_clip(), bowing_clip(60)])
+    run("convert", tmp_path / "a.npz", "--out", tmp_path / "b.npz", "--cut", "--drop-bad")
+    clips = {clip.name: clip for clip in load_motions(tmp_path / "b.npz")}
+    assert sorted(clips) == ["bow", "jumping_c0", "jumping_c1"]
+    np.testing.assert_allclose(clips["jumping_c0"].qpos, bowing_clip(60).qpos, atol=1e-5)
+    assert "cut jumping, 2.4 s, into 2 clips of 1.2, 1.2 s" in capsys.readouterr().out
+
+
+def test_of_several_files_that_are_named_bad_ones_are_left_out(folder, tmp_path, capsys):
+    bad = folder / "labels.csv"
+    bad.write_text("file,style\ngood,happy\n")
+    files = [folder / "good_50fps.csv", bad, folder / "two.npz"]
+    with pytest.raises(MotionError, match="1 of 3 files could not be used; see above"):
+        run("convert", *files, "--out", tmp_path / "all.npz")
+    assert "skipped: motion file" in capsys.readouterr().out
+    assert len(load_motions(tmp_path / "all.npz")) == 3
+    with pytest.raises(MotionError, match="labels.csv': row 2"):
+        run("convert", *files, "--strict", "--out", tmp_path / "none.npz")
+    with pytest.raises(MotionError, match="labels.csv': row 2"):
+        run("inspect", bad)
+
+
+def test_a_rate_that_nothing_states_is_no_verdict_use(tmp_path, capsys):
+    write_csv(tmp_path / "bow.csv", bowing_clip(60))
+    run("inspect", tmp_path / "bow.csv")
+    text = capsys.readouterr().out
+    assert "repair: nothing states or shows its frame rate: state it (--fps)  [30 fps, quaternion wxyz det" in text
+    assert "fps assumed (another can stand in the file name: x_60fps.csv)]" in text
+    run("inspect", tmp_path / "bow.csv", "--fps", 50)
+    assert "  use  [50 fps" in capsys.readouterr().out
+    # neither does converting it make it known
+    run("convert", tmp_path / "bow.csv", "--repair", "--out", tmp_path / "b.npz")
+    assert "-> repair (nothing states or shows its frame rate" in capsys.readouterr().out

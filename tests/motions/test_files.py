@@ -161,9 +161,9 @@ def test_files_of_one_kind_are_told_in_one_line(tmp_path, caplog):
 
 
 def test_other_files_are_refused(tmp_path):
-    (tmp_path / "notes.txt").write_text("hello")
+    (tmp_path / "notes.md").write_text("hello")
     os.mkfifo(tmp_path / "pipe.csv")
-    for name in ("notes.txt", "pipe.csv"):
+    for name in ("notes.md", "pipe.csv"):
         with pytest.raises(MotionError, match=f"{name}': not a motion file, expected one of .npz, .csv"):
             load_motions(tmp_path / name)
     with pytest.raises(MotionError, match="no such file, folder with motion files"):

@@ -1,5 +1,6 @@
 """Repairs of clips: feet to the floor, joints into their limits, ends off."""
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -65,7 +66,7 @@ def ground_feet(clip: MotionClip, how: Grounding = "clip", robot: Robot = G1) ->
         level -= raised * min(1.0, _FLOATING / floating if floating > 0 else 1.0)
     qpos = clip.qpos.copy()
     qpos[:, 2] -= level
-    return MotionClip(clip.name, qpos, clip.fps)
+    return replace(clip, qpos=qpos)
 
 
 def level_feet(clip: MotionClip, robot: Robot = G1) -> MotionClip:
@@ -104,13 +105,13 @@ def level_feet(clip: MotionClip, robot: Robot = G1) -> MotionClip:
         for joint, level in ((roll, -y.clamp(-1, 1).asin()), (pitch, torch.atan2(x, z))):
             angle = qpos[:, 7 + joint]
             angle += share * (level.clamp(low_angle[joint], high_angle[joint]) - angle)
-    return MotionClip(clip.name, qpos.numpy(), clip.fps)
+    return replace(clip, qpos=qpos.numpy())
 
 
 def clip_to_limits(clip: MotionClip, robot: Robot = G1) -> MotionClip:
     """The clip with every joint angle inside the joint's limits."""
     low, high = robot.joint_range.numpy().T
-    return MotionClip(clip.name, np.concatenate((clip.qpos[:, :7], clip.qpos[:, 7:].clip(low, high)), 1), clip.fps)
+    return replace(clip, qpos=np.concatenate((clip.qpos[:, :7], clip.qpos[:, 7:].clip(low, high)), 1))
 
 
 def trim_motion(clip: MotionClip, start: float = 0.0, end: float = 0.0) -> MotionClip:
@@ -124,7 +125,7 @@ def trim_motion(clip: MotionClip, start: float = 0.0, end: float = 0.0) -> Motio
         raise MotionError(
             f"motion {clip.name!r}: {clip.duration:.2f} s cannot lose {start} s at the start and {end} s at the end"
         )
-    return MotionClip(clip.name, clip.qpos[first:last], clip.fps)
+    return replace(clip, qpos=clip.qpos[first:last])
 
 
 def _turn(first: torch.Tensor, second: torch.Tensor, angle: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:

@@ -10,13 +10,13 @@ import torch
 from plat.motions.checks.collision import self_penetration
 from plat.motions.checks.feet import Soles, ground_level
 from plat.motions.checks.flight import Flight
+from plat.motions.checks.jumps import root_jumps
 from plat.motions.checks.settings import ValidationLimits
 from plat.motions.checks.sides import EXCHANGED, apart
 from plat.motions.checks.steps import JointStep, joint_steps
 from plat.motions.checks.tempo import Tempo
-from plat.motions.clip import MotionClip
+from plat.motions.clip import ASSUMED_RATE, MotionClip
 from plat.robots import G1, Robot
-from plat.rotations import quat_conjugate, quat_multiply, quat_to_rotvec
 
 __all__ = ["MotionReport", "ValidationLimits", "Verdict", "validate_motion", "validate_motions"]
 
@@ -50,6 +50,7 @@ class MotionReport:
             where left and right are exchanged.
         jumps: when the root's path or turning breaks (s).
         steps: isolated single-frame steps of joints; see :func:`~plat.motions.checks.steps.joint_steps`.
+        rate_assumed: whether nothing states its frame rate and nothing in the motion confirms the usual one.
         verdict: ``use`` as it is, ``repair`` first, or ``drop``.
         reasons: what speaks against using it as it is, a phrase each.
     """
@@ -67,6 +68,7 @@ class MotionReport:
     gravity: float | None = None
     sides: float | None = None
     steps: tuple[JointStep, ...] = ()
+    rate_assumed: bool = False
     verdict: Verdict = "use"
     reasons: tuple[str, ...] = ()
 
@@ -109,11 +111,12 @@ def _measure(clip: MotionClip, robot: Robot, limits: ValidationLimits, soles: So
         floating=level,
         slip=_slip(points, level, clip.fps),
         self_penetration=_self_penetration(clip, robot),
-        jumps=_jumps(qpos, clip.fps, limits),
+        jumps=tuple(frame / clip.fps for frame in root_jumps(qpos, limits)),
         sides=apart(clip.qpos[:, 7:], robot, "shoulder_roll"),
         gravity=None if (flight := Flight.of(clip, robot)) is None else flight.gravity(clip.fps),
         tempo=None if (steps := Tempo.of(clip, robot)) is None else steps.ratio(clip.fps),
         steps=tuple(joint_steps(clip, limits.step_speed, robot)),
+        rate_assumed=ASSUMED_RATE in clip.notes,
     )
 
 
@@ -126,14 +129,6 @@ def _slip(points: torch.Tensor, level: float, fps: float) -> float:
     speed = (after - before)[..., :2].norm(dim=-1) * fps
     speed = speed.where(contact, torch.inf).amin(0)
     return float(speed[contact.any(0)].mean()) if contact.any() else 0.0
-
-
-def _jumps(qpos: torch.Tensor, fps: float, limits: ValidationLimits) -> tuple[float, ...]:
-    turn = quat_to_rotvec(quat_multiply(qpos[1:, 3:7], quat_conjugate(qpos[:-1, 3:7])))
-    breaks = (qpos[:, :3].diff(n=2, dim=0).norm(dim=-1) > limits.root_jump) | (
-        turn.diff(dim=0).norm(dim=-1) > limits.turn_jump
-    )
-    return tuple(((breaks.nonzero()[:, 0] + 1) / fps).tolist())
 
 
 def _self_penetration(clip: MotionClip, robot: Robot) -> float:
@@ -167,6 +162,8 @@ def _judged(report: MotionReport, limits: ValidationLimits) -> MotionReport:
         repair.append(f"{report.tempo:.2g} times as many steps a second as people take: is its frame rate right?")
     if report.gravity is not None and not 1 / limits.gravity < report.gravity < limits.gravity:
         repair.append(f"it falls at {report.gravity:.2g} g: is its frame rate right?")
+    if report.rate_assumed:
+        repair.append("nothing states or shows its frame rate: state it (--fps)")
     if report.sides is not None and report.sides < EXCHANGED:
         drop.append("left and right arms are exchanged: are its joint names right?")
     if report.jumps:

@@ -5,7 +5,7 @@ import zipfile
 from collections.abc import Collection
 from io import BytesIO
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from plat.motions.formats.common import number
 from plat.motions.formats.decompress import check_numbers, size_limit
 from plat.motions.formats.unpickle import PickledArray, unpickle
 
-__all__ = ["archive_shapes", "read_archive", "states_rate", "take_rate"]
+__all__ = ["archive_shapes", "read_archive", "read_array", "states_rate", "take_rate"]
 
 _FPS = ("fps", "frequency", "frame_rate", "framerate", "hz", "mocap_framerate", "mocap_frame_rate")
 _STEP = ("dt", "timestep", "frame_time")
@@ -47,7 +47,9 @@ def read_archive(path: Path) -> dict[str, np.ndarray]:
                     # reading up to a size, and not to the end, holds a member to the size that it claims
                     data = member.read(entry.file_size + 1)
                     try:
-                        array = _array(data)
+                        array = read_array(data)
+                        if isinstance(array, dict):
+                            raise MotionError("it holds an array with Python objects, expected numbers or texts")
                     except MotionError as error:
                         if name in _DESCRIPTIONS:
                             continue
@@ -106,19 +108,24 @@ def _header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
     return read(stream)
 
 
-def _array(data: bytes) -> np.ndarray | None:
-    """An ``.npy`` file, None where it holds neither numbers nor texts.
+def read_array(data: bytes) -> np.ndarray | dict[Any, Any] | None:
+    """Return what an ``.npy`` file holds: numbers or texts, a dictionary that ``np.save`` put into an array, or None.
 
-    Its header cannot ask for more memory than there are bytes.
+    Its header cannot ask for more memory than there are bytes, and nothing in it is run.
+
+    Raises:
+        MotionError: for other objects, or an array without the bytes for it.
     """
     stream = BytesIO(data)
     shape, fortran, dtype = _header(stream)
     if dtype.hasobject:
         content = unpickle(data[stream.tell() :])
+        if isinstance(content, PickledArray) and isinstance(content.value, dict):
+            return content.value
         if isinstance(content, PickledArray) and content.value is not None and content.value.size == 0:
             return None
         if not isinstance(content, PickledArray) or content.value is None:
-            raise MotionError("an array holds Python objects, expected numbers or texts")
+            raise MotionError("it holds an array with Python objects, expected numbers or texts")
         return content.value
     if dtype.kind not in "biufSU":
         return None  # no motion: a table of something, or dates

@@ -13,7 +13,7 @@ from plat.json_file import short
 from plat.motions.checks.feet import Soles
 from plat.motions.clip import MotionClip
 from plat.motions.formats.joint_columns import robot_columns
-from plat.motions.formats.units import angles_in_radians, place_in_meters, unit_quaternions, z_up
+from plat.motions.formats.units import Units, Up, angles_in_radians, place_in_meters, unit_quaternions, z_up
 from plat.motions.formats.unnamed_joints import unnamed_joints
 from plat.robots.robot import Robot
 
@@ -32,11 +32,15 @@ class ReadOptions:
         robot: whose motions they are.
         quat_order: order of the root quaternion, where the user states it.
         fps: frames a second, where the user states it.
+        up: axis of the world that points up, where the user states it.
+        units: of places, where the user states it.
     """
 
     robot: Robot
     quat_order: QuatOrder | None = None
     fps: float | None = None
+    up: Up | None = None
+    units: Units | None = None
 
     @cached_property
     def soles(self) -> Soles:
@@ -140,8 +144,8 @@ def make_clip(
         return MotionClip(name, np.concatenate(parts, 1), fps).checked(robot)  # says what is wrong
     quat = unit_quaternions(parts[1], fields[1])
     angles = angles_in_radians(parts[2], robot)
-    upright, turned = z_up(parts[0], quat.values, angles.values, options.soles)
-    place = place_in_meters(upright.values, angles.values, options.soles, fields[0])
+    upright, turned = z_up(parts[0], quat.values, angles.values, options.soles, options.up)
+    place = place_in_meters(upright.values, turned.values, angles.values, options.soles, fields[0], options.units)
     found = (*quat.notes, *angles.notes, *upright.notes, *place.notes)
     qpos = np.concatenate((place.values, turned.values, angles.values), 1)
     return MotionClip(name, qpos, fps, tuple(dict.fromkeys((*notes, *found)))).checked(robot)

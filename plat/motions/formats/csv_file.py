@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from plat.errors import MotionError
-from plat.motions.clip import MotionClip
+from plat.motions.clip import ASSUMED_RATE, MotionClip
 from plat.motions.formats.beside import rate_beside
 from plat.motions.formats.clock import rate_of_times, stated_rates
 from plat.motions.formats.columns import Parts, split_columns
@@ -16,10 +16,7 @@ from plat.motions.formats.quaternion_order import choose_quat_order, settle_join
 from plat.motions.formats.rate import without_rates
 from plat.motions.formats.table import Table, read_table
 
-__all__ = ["ASSUMED_RATE", "csv_text", "read_csv"]
-
-ASSUMED_RATE = "fps assumed (another can stand in the file name: x_60fps.csv)"
-"""Note of a table whose frame rate nothing states and nothing in the motion confirms."""
+__all__ = ["csv_text", "read_csv", "read_values"]
 
 # of the LAFAN1 retargeting data set, whose files do not say it, and of BONES-SEED, whose header is known
 _USUAL_FPS = 30.0
@@ -36,7 +33,11 @@ def read_csv(path: Path, options: ReadOptions) -> MotionFile:
     options, else from the header, else from what it does to the robot. The frame rate comes from the options, else
     from a column of times, a comment or the name.
     """
-    table = read_table(path)
+    return read_values(path, read_table(path), options, "csv")
+
+
+def read_values(path: Path, table: Table, options: ReadOptions, kind: str) -> MotionFile:
+    """Return the motion of a table, whatever kind of file it comes from; see :func:`read_csv`."""
     parts = split_columns(table, options.robot)
     name = without_rates(path.stem)
     joint_pos, notes = arrange_joints(parts.joints, parts.names, options.robot, "the columns of joints")
@@ -46,8 +47,11 @@ def read_csv(path: Path, options: ReadOptions) -> MotionFile:
     fps, told = _rate(path, table, parts, clip, options)
     euler = any("Euler" in note for note in parts.notes)
     shown = () if euler else (f"quaternion {order} {how}",)
-    kind = "BONES-SEED csv" if parts.seed else "csv"
-    return MotionFile(path, kind, [replace(clip, fps=fps)], (*shown, *told, *doubts, *parts.notes, *notes, *more))
+    kind = "BONES-SEED csv" if parts.seed else kind
+    unsure = tuple(note for note in told if note == ASSUMED_RATE)
+    told = tuple(note for note in told if note != ASSUMED_RATE)
+    clip = replace(clip, fps=fps, notes=(*unsure, *clip.notes))
+    return MotionFile(path, kind, [clip], (*shown, *told, *doubts, *parts.notes, *notes, *more))
 
 
 def csv_text(clip: MotionClip, joint_names: tuple[str, ...]) -> str:

@@ -14,7 +14,7 @@ from plat.motions.formats.foreign import refuse_human_body
 from plat.motions.formats.quaternion_order import settle_joint_order, settle_quat_order
 from plat.motions.formats.unpickle import PickledArray, unpickle
 
-__all__ = ["read_pickle"]
+__all__ = ["read_fields", "read_pickle"]
 
 # what GMR and TWIST2 call a field, and what ASAP and PBHC call it
 _ROOT_POS, _ROOT_QUAT, _JOINT_POS = ("root_pos", "root_trans_offset"), ("root_rot",), ("dof_pos", "dof")
@@ -27,23 +27,38 @@ def read_pickle(path: Path, options: ReadOptions) -> MotionFile:
     """Read ``.pkl``: one motion, or a dictionary of motions by name. Nothing in the file is run."""
     packed = path.read_bytes()
     data = decompress(packed)
-    content = unpickle(data)
+    return read_fields(path, unpickle(data), options, len(packed), len(data))
+
+
+def read_fields(path: Path, content: Any, options: ReadOptions, packed: int, size: int) -> MotionFile:
+    """Read one motion, or a dictionary of motions by name, from the objects that a file holds.
+
+    Args:
+        path: of the file.
+        content: what :func:`~plat.motions.formats.unpickle.unpickle` made of it.
+        options: what the user says.
+        packed: bytes of the file.
+        size: bytes of its content.
+
+    Raises:
+        MotionError: when it holds something else, or claims more than there is.
+    """
     if not isinstance(content, dict) or not content:
         raise MotionError(f"it holds a {type(content).__name__}, expected a dictionary of a motion or of motions")
     refuse_human_body([name for name in content if isinstance(name, str)])
     single = any(name in content for name in _JOINT_POS)
     motions = {path.stem: content} if single else content
-    if len(motions) > _FEW + len(packed) // _LEAST_BYTES:
+    if len(motions) > _FEW + packed // _LEAST_BYTES:
         raise MotionError(f"it names {len(motions)} motions, expected at least {_LEAST_BYTES} bytes for each")
     clips, orders = [], set[str]()
     # a file may name one array a thousand times: what is read must not be larger than what is there
-    spare = len(data)
+    spare = size
     numbers = 0
     for name, fields in motions.items():
         if not isinstance(fields, dict):
             raise MotionError(f"entry {name!r:.60} is a {type(fields).__name__}, expected a dictionary of a motion")
         numbers += sum(value.size for value in map(_unwrap, fields.values()) if isinstance(value, np.ndarray))
-        check_numbers(numbers, len(packed))
+        check_numbers(numbers, packed)
         try:
             clip, order = _read_motion(str(name), fields, options)
         except MotionError as error:

@@ -1,16 +1,20 @@
 """Units and axes of a motion, from what the robot would do in them."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import torch
 
 from plat.errors import MotionError
-from plat.motions.checks.feet import Soles
+from plat.motions.checks.feet import Soles, lowest_step
 from plat.robots.robot import Robot
 from plat.rotations_np import quat_multiply
 
-__all__ = ["angles_in_radians", "place_in_meters", "unit_quaternions", "z_up"]
+__all__ = ["Units", "Up", "angles_in_radians", "place_in_meters", "unit_quaternions", "z_up"]
+
+Units = Literal["m", "cm", "mm", "in", "ft"]
+Up = Literal["x", "y", "z"]
 
 # A quaternion outside of this is no rounding and no averaging, but another column.
 _LENGTHS = (0.8, 1.25)
@@ -20,9 +24,19 @@ _FARTHEST = 1000.0
 _WIDEST = 4 * np.pi
 # Degrees are believed where the joints then stay within this much of their limits (rad).
 _LIMIT_SLACK = 0.35
+# So many joints that are this far beyond their limits (rad) are in degrees; one or two have turned once around.
+_MANY, _FAR_BEYOND = 4, 0.5
 # Root height over what the legs need, in a motion in these units. In meters it is about 1.
-_UNITS = {"centimeters": (40.0, 250.0, 0.01), "millimeters": (400.0, 2500.0, 0.001)}
+_UNITS = {
+    "feet": (2.4, 4.3, 0.3048),
+    "inches": (24.0, 60.0, 0.0254),
+    "centimeters": (60.0, 250.0, 0.01),
+    "millimeters": (400.0, 2500.0, 0.001),
+}
+_METERS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 _HIGHEST = 5.0
+# Nobody's root is higher for half of a motion (m).
+_HIGH = 1.6
 # Legs that reach less than this are folded below a leaning trunk, and no measure of the root's height (m).
 _FOLDED = 0.5
 # A root whose local up axis lies along another axis of the world than z, at the height of a standing robot.
@@ -63,62 +77,100 @@ def angles_in_radians(joint_pos: np.ndarray, robot: Robot) -> Converted:
         MotionError: for angles that are neither.
     """
     largest = np.abs(joint_pos).max(initial=0.0)
-    if largest <= _WIDEST:
-        return Converted(joint_pos)
     low, high = robot.joint_range.double().numpy().T
+    beyond = np.maximum(low - joint_pos, joint_pos - high).max(0, initial=0.0)
+    if largest <= _WIDEST and (beyond > _FAR_BEYOND).sum() < _MANY:
+        return Converted(joint_pos)
     radians = np.deg2rad(joint_pos)
     if np.maximum(low - radians, radians - high).max() > _LIMIT_SLACK:
+        if largest <= _WIDEST:
+            return Converted(joint_pos)  # the checks tell how far beyond the limits
         raise MotionError(f"'joint angles' has values up to {largest:.4g}, expected radians")
     return Converted(radians, ("joint angles in degrees",))
 
 
-def place_in_meters(root_pos: np.ndarray, joint_pos: np.ndarray, soles: Soles, field: str) -> Converted:
+def place_in_meters(
+    root_pos: np.ndarray, quat: np.ndarray, joint_pos: np.ndarray, soles: Soles, field: str, stated: Units | None = None
+) -> Converted:
     """Return root positions ``[T, 3]`` in meters; the unit is known by the height that the legs need.
+
+    Args:
+        root_pos: in a world whose z axis is up.
+        quat: orientation of the root (``wxyz``) ``[T, 4]``.
+        joint_pos: ``[T, J]`` (rad).
+        soles: of the robot.
+        field: what the file calls the position.
+        stated: the unit, where the user states it.
 
     Raises:
         MotionError: for a height that is a standing robot's in no unit.
     """
+    if stated is not None:
+        return Converted(root_pos * _METERS[stated])
     largest = np.abs(root_pos).max(initial=0.0)
     median = float(np.median(root_pos[:, 2]))
-    if abs(median) < _HIGHEST * _FOLDED and largest <= _FARTHEST:
+    if abs(median) < _HIGH and largest <= _FARTHEST:
         return Converted(root_pos)
     need = _leg_height(joint_pos, soles)
     height = median / need
     for unit, (low, high, meters) in _UNITS.items():
         if low < abs(height) < high:
+            # what hangs in the air in meters may still do so
+            slips = [_slip(place, quat, joint_pos, soles) for place in (root_pos, root_pos * meters)]
+            if unit == "feet" and slips[0] < slips[1]:
+                continue
             return Converted(
                 root_pos * meters, (f"root position in {unit}: it is {height:.0f} times as high as in meters",)
             )
     if largest > _FARTHEST:
-        raise MotionError(f"{field!r} has values up to {largest:.4g}, expected meters")
+        raise MotionError(f"{field!r} has values up to {largest:.4g}, expected meters (or state the unit: --units)")
     if abs(height) > _HIGHEST:
         raise MotionError(
-            f"{field!r} has the root {height * need:.4g} above the floor, expected meters: the legs reach {need:.2f}"
+            f"{field!r} has the root {height * need:.4g} above the floor, expected meters: the legs reach {need:.2f} "
+            "(or state the unit: --units)"
         )
     return Converted(root_pos)
 
 
 def z_up(
-    root_pos: np.ndarray, root_quat: np.ndarray, joint_pos: np.ndarray, soles: Soles
+    root_pos: np.ndarray, root_quat: np.ndarray, joint_pos: np.ndarray, soles: Soles, stated: Up | None = None
 ) -> tuple[Converted, Converted]:
     """Return root positions and quaternions (``wxyz``) in a world whose z axis is up.
 
-    A world whose y axis is up is known by a robot that is upright along it, and as high along it as its legs reach.
+    A world whose y or x axis is up is known by a robot that is upright along it, and as high along it as its legs
+    reach.
+
+    Args:
+        root_pos, root_quat: ``[T, 3]``, in any unit, and ``[T, 4]``.
+        joint_pos: ``[T, J]`` (rad).
+        soles: of the robot.
+        stated: the axis that is up, where the user states it.
     """
     w, x, y, z = root_quat.T
-    up_y, up_z = 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)
-    if np.mean(up_y) < _ALONG or abs(np.mean(up_z)) > 1 - _ALONG:
-        return Converted(root_pos), Converted(root_quat)
-    need = _leg_height(joint_pos, soles)
-    height, depth = (np.median(root_pos[:, axis]) / need for axis in (1, 2))
-    stands = any(abs(height / unit - 1) < 0.3 < abs(depth / unit - 1) for unit in (1, 100, 1000))
-    if not stands:
-        return Converted(root_pos), Converted(root_quat)
+    upright = np.mean((2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)), axis=1)
+    axis = int(np.argmax(upright[:2])) if stated is None else "xyz".index(stated)
+    unchanged = Converted(root_pos), Converted(root_quat)
+    if axis == 2 or (stated is None and upright[axis] < _ALONG):
+        return unchanged
+    if stated is None:
+        need = _leg_height(joint_pos, soles)
+        height, depth = (np.median(root_pos[:, which]) / need for which in (axis, 2))
+        units = [1.0, *(1 / meters for meters in _METERS.values())]
+        if not any(abs(height / unit - 1) < 0.3 < abs(depth / unit - 1) for unit in units):
+            return unchanged
     half = np.sqrt(0.5)
-    turn = np.array([half, half, 0.0, 0.0])
+    turn = np.array([half, half, 0.0, 0.0] if axis == 1 else [half, 0.0, -half, 0.0])
     quat = quat_multiply(np.tile(turn, (len(root_quat), 1)), root_quat)
-    place = np.stack((root_pos[:, 0], -root_pos[:, 2], root_pos[:, 1]), 1)
-    return Converted(place, ("y axis up in the file, turned to z",)), Converted(quat)
+    after = ((0, 2, 1), (1, -1, 1)) if axis == 1 else ((2, 1, 0), (-1, 1, 1))
+    place = root_pos[:, after[0]] * after[1]
+    told = () if stated is not None else (f"{'xy'[axis]} axis up in the file, turned to z",)
+    return Converted(place, told), Converted(quat)
+
+
+def _slip(root_pos: np.ndarray, quat: np.ndarray, joint_pos: np.ndarray, soles: Soles) -> float:
+    """Return how far the lowest point of the soles goes sideways from frame to frame, median (m)."""
+    before, after = lowest_step(soles.points(torch.from_numpy(np.concatenate((root_pos, quat, joint_pos), 1))))
+    return float((after - before)[:, :2].norm(dim=-1).median())
 
 
 def _leg_height(joint_pos: np.ndarray, soles: Soles) -> float:

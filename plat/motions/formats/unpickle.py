@@ -50,9 +50,12 @@ _OBJECTS = ("O8", "O4")
 
 
 class PickledArray:
-    """A NumPy array of a pickle; ``value`` is None until the file has given its content."""
+    """A NumPy array of a pickle; ``value`` is None until the file has given its content.
 
-    value: np.ndarray | None = None
+    An array of objects that holds one dictionary, as ``np.save`` makes it, has that for its value.
+    """
+
+    value: Any = None
 
 
 class _Name(str):
@@ -201,9 +204,9 @@ class _Machine:
 
     def _array(
         self, dtype: _DType, shape: tuple[int, ...], order: str, raw: bytes | bytearray | str | list[Any]
-    ) -> np.ndarray:
+    ) -> Any:
         if _expect(dtype, _DType).code in _OBJECTS:
-            return self._texts(raw)
+            return raw[0] if isinstance(raw, list) and len(raw) == 1 and isinstance(raw[0], dict) else self._texts(raw)
         if not isinstance(raw, (bytes, bytearray)):
             raw = self._bytes(raw)
         self._claim(len(raw))

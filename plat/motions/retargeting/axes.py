@@ -50,7 +50,9 @@ def find_up(
     along = int(np.argmax(upright))
     stands = upright[along] > _STANDING
     if stated is not None and upright[stated] < -_STANDING:
-        raise MotionError(f"{where}: along the stated up axis {_NAMES[stated]} the head is below the feet; see 'up'")
+        raise MotionError(
+            f"{where}: along the stated up axis {_NAMES[stated]} the head is below the feet; state which is up: --up"
+        )
     if stands and along == stated:
         return along, []
     hint = _rest_up(rest)
@@ -81,8 +83,8 @@ def find_up(
         return best, [f"{_NAMES[best]} up: the body lies along {_NAMES[along]}"]
     if stated is not None:
         raise MotionError(
-            f"{where}: the map states {_NAMES[stated]} as up, and the body stands along {_NAMES[along]}; does it lie? "
-            "Set 'up' in a map (--map) to the axis that is up"
+            f"{where}: {_NAMES[stated]} should be up, and the body stands along {_NAMES[along]}; does it lie? "
+            "State the axis that is up: --up, or 'up' in a map (--map)"
         )
     raise _untold(where)
 
@@ -137,4 +139,4 @@ def _rest_up(rest: dict[str, np.ndarray]) -> int | None:
 
 
 def _untold(where: str) -> MotionError:
-    return MotionError(f"{where}: which axis is up is not to be told from the poses; state 'up' in a map")
+    return MotionError(f"{where}: which axis is up is not to be told from the poses; state it: --up, or 'up' in a map")

@@ -39,10 +39,19 @@ class Human:
     notes: tuple[str, ...] = ()
 
 
-def read_human(mocap: Mocap, skeleton: SkeletonMap, where: str) -> Human:
+def read_human(
+    mocap: Mocap, skeleton: SkeletonMap, where: str, up: str | None = None, units: str | None = None
+) -> Human:
     """Return what retargeting needs of a capture; ``where`` is for the error messages.
 
     A pose before the first frame, as many exports have it, is left out.
+
+    Args:
+        mocap: the capture.
+        skeleton: its map.
+        where: begins the messages.
+        up: the axis that points up, where the user states it: no motion overrules that.
+        units: one of :data:`UNITS`, the same way.
 
     Raises:
         MotionError: when a joint of the map is missing, the up axis is not to be told, left and right are
@@ -59,11 +68,11 @@ def read_human(mocap: Mocap, skeleton: SkeletonMap, where: str) -> Human:
         notes.append(f"first {'frame' if first == 1 else f'{first} frames'} left out: a pose before the motion")
     check_sides(raw, where, skeleton.name)
     rest = {role: mocap.rest[index] for role, index in indices.items()}
-    stated = None if skeleton.up == "auto" else AXES[skeleton.up]
-    up, told = find_up(raw, rest, leg, stated, where)
-    unit, more = _unit(leg, skeleton)
+    stated = AXES.get(skeleton.up, AXES.get(mocap.up or ""))
+    axis, told = (AXES[up], []) if up is not None else find_up(raw, rest, leg, stated, where)
+    unit, more = (UNITS[units], []) if units is not None else _unit(leg, skeleton)
     # a cyclic change of axes is a rotation, so that left stays left
-    axes = [(up + 1) % 3, (up + 2) % 3, up]
+    axes = [(axis + 1) % 3, (axis + 2) % 3, axis]
     origin = np.append(raw["hips"][0, axes[:2]], 0.0)
     positions = {role: unit * (position[:, axes] - origin) for role, position in raw.items()}
     rotations = {
@@ -125,4 +134,4 @@ def _unit(leg: float, skeleton: SkeletonMap) -> tuple[float, list[str]]:
         name = min(fitting, key=lambda name: abs(np.log(fitting[name] * leg / _USUAL_LEG)))
         told = [] if stated is None else [f"lengths in {name} and not as map {skeleton.name!r} says, by the legs"]
         return fitting[name], told
-    return _USUAL_LEG / leg, [f"unit of lengths unknown: legs of {leg:.4g} taken as {_USUAL_LEG} m"]
+    return _USUAL_LEG / leg, [f"unit of lengths unknown: legs of {leg:.4g} taken as {_USUAL_LEG} m (else: --units)"]

@@ -15,8 +15,10 @@ from plat.motions.retargeting.skeletons import ROLES
 __all__ = ["holds_human_joints", "read_joint_file"]
 
 # arrays of joints' places [T, J, 3], the likelier first; and of their names
+# what Kimodo and ARDY call theirs, y up
+_KIMODO = "posed_joints"
 _PLACES = (
-    "posed_joints",
+    _KIMODO,
     "global_joint_positions",
     "joint_positions",
     "joints",
@@ -101,7 +103,7 @@ def read_joint_file(path: str | Path, fps: float | None = None) -> Mocap:
         if name is None:
             raise MotionError(f"no joint positions of a human, expected {' or '.join(_PLACES)} of (frames, joints, 3)")
         notes = []
-        if name == "posed_joints" and fps is None and not states_rate(arrays):
+        if name == _KIMODO and fps is None and not states_rate(arrays):
             arrays["fps"] = np.array(KIMODO_FPS)
             notes.append("fps as Kimodo writes it")
         rate = take_rate(arrays, fps)
@@ -125,7 +127,8 @@ def read_joint_file(path: str | Path, fps: float | None = None) -> Mocap:
     rotations = found[:, columns].astype(np.float64) if with_rotations and found is not None else None
     index = {name: number for number, name in enumerate(layout)}
     parents = tuple(index.get(parent, -1) for _, parent in layout.values())
-    return Mocap(tuple(layout), parents, positions, rotations, rate, np.zeros((len(layout), 3)), tuple(notes))
+    up = "y" if name == _KIMODO else None
+    return Mocap(tuple(layout), parents, positions, rotations, rate, np.zeros((len(layout), 3)), tuple(notes), up)
 
 
 def _places(shapes: Mapping[str, tuple[int, ...]]) -> str | None:

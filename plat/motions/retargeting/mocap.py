@@ -28,6 +28,7 @@ class Mocap:
         fps: frames a second.
         rest: places of the joints in the skeleton's rest pose ``[J, 3]``.
         notes: what was assumed or put right, a phrase each.
+        up: axis that points up as the format has it, ``x``, ``y`` or ``z``; None where it has none.
     """
 
     names: tuple[str, ...]
@@ -37,6 +38,7 @@ class Mocap:
     fps: float
     rest: np.ndarray
     notes: tuple[str, ...] = ()
+    up: str | None = None
 
 
 def check_extent(where: str, joints: int, frames: int, size: int) -> None:

@@ -91,6 +91,8 @@ def retarget(
     robot: Robot = G1,
     options: SolverOptions | None = None,
     fps: float | None = None,
+    up: str | None = None,
+    units: str | None = None,
 ) -> Retargeted:
     """Turn the human motion of a capture (``.bvh``, ``.amc``) into a motion of the robot at its frame rate.
 
@@ -100,6 +102,8 @@ def retarget(
         robot: must have the bodies of :data:`TRACKED`.
         options: of inverse kinematics.
         fps: frames a second of the file, where what it states is wrong.
+        up: axis that points up in the file, ``x``, ``y`` or ``z``, where it is not to be told or found wrong.
+        units: of its lengths, one of :data:`~plat.motions.retargeting.skeletons.UNITS`, the same way.
 
     Raises:
         MotionError: naming file and line or field, when it cannot be read or does not fit the map.
@@ -121,7 +125,7 @@ def retarget(
         skeleton = find_map(mocap, where)
         notes.append(f"map {skeleton.name}")
     geometry = RobotGeometry.of(robot)
-    human = read_human(mocap, skeleton, where)
+    human = read_human(mocap, skeleton, where, up, units)
     targets = robot_targets(human, skeleton, geometry, mocap.fps)
     qpos = solve(targets, robot, mocap.fps, options or SolverOptions())
     qpos[:, 2] += lift(-_soles(qpos, robot, geometry)[..., 2].min((1, 2)), mocap.fps)
@@ -136,6 +140,8 @@ def retarget_all(
     options: SolverOptions | None = None,
     workers: int = 1,
     fps: float | None = None,
+    up: str | None = None,
+    units: str | None = None,
 ) -> Iterator[Retargeted | MotionError]:
     """:func:`retarget` for many files, in their order; a file that cannot be used yields its error.
 
@@ -143,9 +149,9 @@ def retarget_all(
         paths: files.
         skeleton, robot, options: see :func:`retarget`.
         workers: processes, at most; few files are done in this one.
-        fps: frames a second of the files, where what they state is wrong.
+        fps, up, units: of the files; see :func:`retarget`.
     """
-    work = functools.partial(_attempt, skeleton=skeleton, robot=robot, options=options, fps=fps)
+    work = functools.partial(_attempt, skeleton=skeleton, robot=robot, options=options, fps=fps, up=up, units=units)
     workers = min(workers, len(paths) // _FILES_PER_WORKER)
     if workers < 2:
         yield from map(work, paths)
@@ -157,10 +163,16 @@ def retarget_all(
 
 
 def _attempt(
-    path: Path, skeleton: SkeletonMap | None, robot: Robot, options: SolverOptions | None, fps: float | None
+    path: Path,
+    skeleton: SkeletonMap | None,
+    robot: Robot,
+    options: SolverOptions | None,
+    fps: float | None,
+    up: str | None,
+    units: str | None,
 ) -> Retargeted | MotionError:
     try:
-        return retarget(path, skeleton, robot, options, fps)
+        return retarget(path, skeleton, robot, options, fps, up, units)
     except MotionError as error:
         return error
 

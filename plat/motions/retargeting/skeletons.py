@@ -20,7 +20,7 @@ ROLES = (
 )
 """Joints of a human that retargeting looks at."""
 
-UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "in/0.45": 0.0254 / 0.45}
+UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048, "in/0.45": 0.0254 / 0.45}
 """Meters a unit; the last is what CMU's captures count in."""
 
 _AXES = ("x", "y", "z")
@@ -64,7 +64,7 @@ class SkeletonMap:
                 raise MotionError(f"{where}: 'joints': {role!r} is {short(name)}, expected the name of a joint")
         if self.units not in ("auto", *UNITS) and not (_is_number(self.units) and float(self.units) > 0):
             raise MotionError(
-                f"{where}: 'units' is {short(self.units)}, expected auto, m, cm, mm, in, in/0.45 or meters a unit"
+                f"{where}: 'units' is {short(self.units)}, expected auto, m, cm, mm, in, ft, in/0.45 or meters a unit"
             )
         if self.up not in ("auto", *_AXES):
             raise MotionError(f"{where}: 'up' is {short(self.up)}, expected auto, x, y or z")

@@ -18,30 +18,32 @@ def test_what_is_right_stays_as_it_is():
     assert unit_quaternions(QUAT, "rot").notes == ()
     for found, values in (
         (angles_in_radians(JOINTS, G1), JOINTS),
-        (place_in_meters(PLACE, JOINTS, SOLES, "pos"), PLACE),
+        (place_in_meters(PLACE, QUAT, JOINTS, SOLES, "pos"), PLACE),
         *zip(z_up(PLACE, QUAT, JOINTS, SOLES), (PLACE, QUAT), strict=True),
     ):
         assert found.notes == ()
         np.testing.assert_array_equal(found.values, values)
 
 
-@pytest.mark.parametrize(("factor", "unit"), [(100, "centimeters"), (1000, "millimeters")])
+@pytest.mark.parametrize(
+    ("factor", "unit"), [(100, "centimeters"), (1000, "millimeters"), (1 / 0.0254, "inches"), (1 / 0.3048, "feet")]
+)
 def test_places_in_other_units(factor, unit):
-    found = place_in_meters(factor * PLACE, JOINTS, SOLES, "pos")
+    found = place_in_meters(factor * PLACE, QUAT, JOINTS, SOLES, "pos")
     np.testing.assert_allclose(found.values, PLACE)
     assert f"root position in {unit}" in found.notes[0]
 
 
 def test_a_height_in_no_unit_is_refused():
     with pytest.raises(MotionError, match="'pos' has the root 10.* above the floor, expected meters: the legs"):
-        place_in_meters(PLACE + np.array([0, 0, 10]), JOINTS, SOLES, "pos")
+        place_in_meters(PLACE + np.array([0, 0, 10]), QUAT, JOINTS, SOLES, "pos")
     with pytest.raises(MotionError, match="'pos' has values up to 5e[+]04, expected meters"):
-        place_in_meters(PLACE + np.array([5e4, 0, 0]), JOINTS, SOLES, "pos")
+        place_in_meters(PLACE + np.array([5e4, 0, 0]), QUAT, JOINTS, SOLES, "pos")
 
 
 @pytest.mark.parametrize("height", [-0.7, 0.0, 0.15, 1.0])
 def test_floating_and_sunk_clips_are_in_meters(height):
-    assert place_in_meters(PLACE + np.array([0, 0, height]), JOINTS, SOLES, "pos").notes == ()
+    assert place_in_meters(PLACE + np.array([0, 0, height]), QUAT, JOINTS, SOLES, "pos").notes == ()
 
 
 def test_legs_folded_below_a_leaning_trunk_are_no_measure():
@@ -50,7 +52,7 @@ def test_legs_folded_below_a_leaning_trunk_are_no_measure():
     for joint, angle in (("hip_pitch", -2.5), ("knee", 1.0)):
         folded[:, [G1.joint_names.index(f"{side}_{joint}") for side in ("left", "right")]] = angle
     place = PLACE * [1, 1, 0] + [0, 0, 0.6]
-    assert place_in_meters(place, folded, SOLES, "pos").notes == ()
+    assert place_in_meters(place, QUAT, folded, SOLES, "pos").notes == ()
 
 
 def test_degrees():
@@ -92,7 +94,7 @@ def test_who_lies_stays_lying():
     quat = np.tile([np.sqrt(0.5), 0, np.sqrt(0.5), 0], (len(QUAT), 1))
     place = np.tile([0.0, 0.0, 0.1], (len(QUAT), 1))
     assert z_up(place, quat, JOINTS, SOLES)[0].notes == ()
-    assert place_in_meters(place, JOINTS, SOLES, "pos").notes == ()
+    assert place_in_meters(place, quat, JOINTS, SOLES, "pos").notes == ()
 
 
 def test_folded_legs_are_no_reason_to_doubt_the_unit():
@@ -101,4 +103,44 @@ def test_folded_legs_are_no_reason_to_doubt_the_unit():
         joints[:, G1.joint_names.index(f"{side}_hip_pitch")] = -2.4
         joints[:, G1.joint_names.index(f"{side}_knee")] = 2.6
     place = np.tile([0.0, 0.0, 0.6], (30, 1))
-    assert place_in_meters(place, joints, SOLES, "pos").notes == ()
+    assert place_in_meters(place, QUAT[:30], joints, SOLES, "pos").notes == ()
+
+
+def test_who_walks_high_up_in_meters_stays_there():
+    """On stairs or a table the feet rest in meters; read in feet they would slide."""
+    place = PLACE + np.array([0, 0, 1.2])
+    assert place[:, 2].min() > 1.6
+    assert place_in_meters(place, QUAT, JOINTS, SOLES, "pos").notes == ()
+
+
+def test_a_unit_that_is_stated_is_taken():
+    found = place_in_meters(PLACE, QUAT, JOINTS, SOLES, "pos", "cm")
+    np.testing.assert_allclose(found.values, 0.01 * PLACE)
+
+
+def test_a_world_whose_x_axis_is_up():
+    half = np.sqrt(0.5)
+    turn = torch.tensor([half, 0, half, 0], dtype=torch.float64).expand(len(QUAT), 4)
+    quat = quat_multiply(turn, torch.from_numpy(QUAT)).numpy()
+    place = np.stack((PLACE[:, 2], PLACE[:, 1], -PLACE[:, 0]), 1)
+    upright, turned = z_up(place, quat, JOINTS, SOLES)
+    np.testing.assert_allclose(upright.values, PLACE, atol=1e-9)
+    np.testing.assert_allclose(turned.values, QUAT, atol=1e-9)
+    assert upright.notes == ("x axis up in the file, turned to z",)
+
+
+def test_an_axis_that_is_stated_is_up():
+    quat = np.tile([1.0, 0, 0, 0], (len(QUAT), 1))
+    upright, turned = z_up(PLACE, quat, JOINTS, SOLES, "y")
+    np.testing.assert_allclose(upright.values, np.stack((PLACE[:, 0], -PLACE[:, 2], PLACE[:, 1]), 1))
+    assert abs(turned.values[0, 1]) > 0.7
+    assert z_up(PLACE, quat, JOINTS, SOLES, "z")[0].values is PLACE
+
+
+def test_small_angles_in_degrees_are_known_by_many_joints_beyond_their_limits():
+    small = 0.2 * (JOINTS - JOINTS.mean(0)) + 0.08
+    assert np.rad2deg(small).max() < 4 * np.pi
+    assert angles_in_radians(np.rad2deg(small), G1).notes == ("joint angles in degrees",)
+    turned_around = JOINTS.copy()
+    turned_around[:, 3] += 2 * np.pi
+    assert angles_in_radians(turned_around, G1).notes == ()
