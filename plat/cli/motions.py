@@ -292,7 +292,7 @@ def retarget(command: Retarget) -> list[Retargeted]:
         print(
             f"{clip.name:<44}{frames:>7}{clip.duration:>7.1f}{100 * result.error:>10.2f}"
             f"{1000 * result.penetration:>10.2f}{1000 * result.floating:>10.2f}{100 * result.slip:>11.2f}"
-            f"{frames / result.seconds:>6.0f}  {', '.join(clip.notes)}".rstrip(),
+            f"{frames / result.seconds:>6.0f}  {', '.join(clip.notes) or 'as stated'}",
             flush=True,
         )
         if not command.split:

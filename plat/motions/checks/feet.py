@@ -1,5 +1,6 @@
 """Where the soles of a motion are: what order detection, checks and repairs are measured by."""
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -56,12 +57,19 @@ def stance(points: Tensor, fps: float) -> Tensor:
     return torch.nn.functional.max_pool1d(padded[None], 2 * reach, 1)[0] == 0
 
 
-def ground_level(points: Tensor, fps: float) -> float:
+def ground_level(points: Tensor, fps: float, lowest: np.ndarray | None = None) -> float:
     """Height of the lower foot while it rests, median (m): where a clip believes that the floor is.
 
     A clip in which no foot ever rests is measured by its lowest frame.
+
+    Args:
+        points: as :class:`Soles` gives them.
+        fps: frames a second.
+        lowest: height of the robot's lowest part ``[T]`` (m), for who lies or kneels; else that of the soles counts.
     """
     low = points[..., 2].amin((-1, -2))
+    if lowest is not None:
+        low = low.minimum(torch.from_numpy(lowest).to(low))
     resting = stance(points, fps)
     return float(low[resting].median() if resting.any() else low.min())
 

@@ -8,6 +8,7 @@ import torch
 
 from plat.errors import MotionError
 from plat.motions.checks.feet import Soles, ground_level, stance
+from plat.motions.checks.underside import Underside
 from plat.motions.clip import MotionClip
 from plat.robots import G1, Robot
 from plat.robots.kinematics import ForwardKinematics
@@ -49,10 +50,11 @@ def ground_feet(clip: MotionClip, how: Grounding = "clip", robot: Robot = G1) ->
     """
     points = Soles(robot).points(torch.from_numpy(clip.qpos))
     resting = stance(points, clip.fps)
+    # of who lies or kneels another part is on the floor
+    low = np.minimum(points[..., 2].amin((-1, -2)).numpy(), Underside(robot).heights(clip.qpos).min(1))
     if how == "clip" or not resting.any():
-        level: float | np.ndarray = ground_level(points, clip.fps)
+        level: float | np.ndarray = ground_level(points, clip.fps, low)
     else:
-        low = points[..., 2].amin((-1, -2)).numpy()
         frames = np.arange(len(low))
         width = _DRIFT_SECONDS * clip.fps
         level = _smooth(np.interp(frames, frames[resting], low[resting]), width)

@@ -15,6 +15,7 @@ from plat.motions.checks.settings import ValidationLimits
 from plat.motions.checks.sides import EXCHANGED, apart
 from plat.motions.checks.steps import JointStep, joint_steps
 from plat.motions.checks.tempo import Tempo
+from plat.motions.checks.underside import Underside
 from plat.motions.clip import ASSUMED_RATE, MotionClip
 from plat.robots import G1, Robot
 
@@ -24,6 +25,12 @@ Verdict = Literal["use", "repair", "drop"]
 
 # A foot whose lowest point is this close to the level that the feet rest on is in contact (m).
 _CONTACT_HEIGHT = 0.02
+# A sole that is as low as the lowest part is that part (m).
+_SAME = 1e-6
+# So deep under the floor no drift carries the trunk (m).
+_FAR_BELOW, _TRUNK = 0.3, ("pelvis", "torso_link")
+# Up component of the root's own up axis, mean over the frames, over which someone stands rather than lies.
+_UPRIGHT = 0.5
 # Collisions are looked for this often (Hz): limbs that go through each other do so for longer.
 _COLLISION_RATE = 10.0
 
@@ -37,17 +44,20 @@ class MotionReport:
         seconds: from the first to the last frame.
         joint_excess: largest angle beyond a joint's limits (rad).
         joint_speed: fastest joint, from frame to frame (rad/s).
-        penetration: depth of the lowest sole point of all frames under the floor (m).
+        penetration: depth of the lowest point of all frames under the floor (m): of a sole, or of another part of the
+            robot, looked for ten times a second.
+        deepest: the body that it is of.
         floating: height of the lowest sole point while the lower foot rests, median (m); negative when it rests under
-            the floor. A clip in which no foot ever rests is measured by its lowest frame.
+            the floor. A clip in which no foot ever rests is measured by its lowest frame, and one in which another part
+            of the robot is lower, such as that of someone who lies, by that part.
         slip: how fast the lowest point of the steadier foot goes sideways, mean over the frames with a foot in contact
             (m/s). In contact is a foot less than 2 cm above the level that the feet rest on, wherever the floor is.
         self_penetration: depth of the deepest contact of two links of the robot (m), looked for ten times a second.
         tempo: how many times as often as people with that step length it steps, None where it has no regular gait; a
             wrong frame rate shows here.
         gravity: acceleration of its fastest free fall (g), None where it has none; a wrong frame rate shows here.
-        sides: roll of the left shoulder over that of the right one, mean (rad), None for a robot without; negative
-            where left and right are exchanged.
+        sides: roll of the left shoulder over that of the right one, mean (rad), None for a robot without and for
+            who lies; negative where left and right are exchanged.
         jumps: when the root's path or turning breaks (s).
         steps: isolated single-frame steps of joints; see :func:`~plat.motions.checks.steps.joint_steps`.
         rate_assumed: whether nothing states its frame rate and nothing in the motion confirms the usual one.
@@ -69,6 +79,7 @@ class MotionReport:
     sides: float | None = None
     steps: tuple[JointStep, ...] = ()
     rate_assumed: bool = False
+    deepest: str = ""
     verdict: Verdict = "use"
     reasons: tuple[str, ...] = ()
 
@@ -92,27 +103,34 @@ def validate_motions(
         MotionError: when a clip is broken; see :meth:`MotionClip.checked`.
     """
     limits = limits or ValidationLimits()
-    soles = Soles(robot)
-    return [_judged(_measure(clip.checked(robot), robot, limits, soles), limits) for clip in clips]
+    soles, underside = Soles(robot), Underside(robot)
+    return [_judged(_measure(clip.checked(robot), robot, limits, soles, underside), limits) for clip in clips]
 
 
-def _measure(clip: MotionClip, robot: Robot, limits: ValidationLimits, soles: Soles) -> MotionReport:
+def _measure(
+    clip: MotionClip, robot: Robot, limits: ValidationLimits, soles: Soles, underside: Underside
+) -> MotionReport:
     qpos = torch.from_numpy(clip.qpos).double()
     joint_pos = qpos[:, 7:]
     low, high = robot.joint_range.double().unbind(-1)
     points = soles.points(qpos)
     level = ground_level(points, clip.fps)
+    if level > limits.floating:
+        level = ground_level(points, clip.fps, underside.heights(clip.qpos).min(1))
+    inside, deep, part = _looked_at(clip, robot, underside)
+    sole = float(points[..., 2].min())
     return MotionReport(
         name=clip.name,
         seconds=clip.duration,
         joint_excess=float((low - joint_pos).maximum(joint_pos - high).max().clamp_min(0)),
         joint_speed=float(joint_pos.diff(dim=0).abs().max()) * clip.fps,
-        penetration=max(0.0, -float(points[..., 2].min())),
+        penetration=max(0.0, -sole, -deep),
+        deepest="a foot" if sole <= deep + _SAME else part,
         floating=level,
         slip=_slip(points, level, clip.fps),
-        self_penetration=_self_penetration(clip, robot),
+        self_penetration=inside,
         jumps=tuple(frame / clip.fps for frame in root_jumps(qpos, limits)),
-        sides=apart(clip.qpos[:, 7:], robot, "shoulder_roll"),
+        sides=apart(clip.qpos[:, 7:], robot, "shoulder_roll") if _stands(qpos) else None,
         gravity=None if (flight := Flight.of(clip, robot)) is None else flight.gravity(clip.fps),
         tempo=None if (steps := Tempo.of(clip, robot)) is None else steps.ratio(clip.fps),
         steps=tuple(joint_steps(clip, limits.step_speed, robot)),
@@ -131,10 +149,20 @@ def _slip(points: torch.Tensor, level: float, fps: float) -> float:
     return float(speed[contact.any(0)].mean()) if contact.any() else 0.0
 
 
-def _self_penetration(clip: MotionClip, robot: Robot) -> float:
+def _stands(qpos: torch.Tensor) -> bool:
+    """Return whether the root is upright, more or less, in the mean of the frames."""
+    x, y = qpos[:, 4], qpos[:, 5]
+    return float((1 - 2 * (x * x + y * y)).mean()) > _UPRIGHT
+
+
+def _looked_at(clip: MotionClip, robot: Robot, underside: Underside) -> tuple[float, float, str]:
+    """Return how deep links are inside each other, and the height and name of the lowest part, ten times a second."""
     model, data = robot.shared_model, mujoco.MjData(robot.shared_model)
-    poses = clip.qpos[:: max(1, round(clip.fps / _COLLISION_RATE))]
-    return max(self_penetration(model, pose, data) for pose in poses)
+    inside, lowest, part = 0.0, float("inf"), ""
+    for pose in clip.qpos[:: max(1, round(clip.fps / _COLLISION_RATE))]:
+        inside = max(inside, self_penetration(model, pose, data))
+        lowest, part = min((lowest, part), underside.lowest(data))
+    return inside, lowest, part
 
 
 def _judged(report: MotionReport, limits: ValidationLimits) -> MotionReport:
@@ -153,7 +181,9 @@ def _judged(report: MotionReport, limits: ValidationLimits) -> MotionReport:
     if report.floating > limits.floating:
         repair.append(f"feet float at {100 * report.floating:.1f} cm")
     if report.penetration > limits.penetration:
-        repair.append(f"a foot {100 * report.penetration:.1f} cm under the floor")
+        part = report.deepest.removesuffix("_link").replace("_", " ")
+        doubt = ": is its up axis right? (--up)" if report.penetration > _FAR_BELOW and report.deepest in _TRUNK else ""
+        repair.append(f"{part} {100 * report.penetration:.1f} cm under the floor{doubt}")
     if report.slip > limits.slip:
         drop.append(f"feet slip at {report.slip:.1f} m/s")
     if report.self_penetration > limits.self_penetration:

@@ -19,6 +19,9 @@ _GAP = 1.8
 _IN_COMMENT = re.compile(
     r"(?:fps|frame[ _-]?rate|rate|hz|frequency)\s*[:=]?\s*(\d+(?:\.\d+)?)|(\d+(?:\.\d+)?)\s*(?:fps|hz)", re.IGNORECASE
 )
+_STEP_IN_TEXT = re.compile(
+    r"(?<![a-z])(?:dt|time[ _-]?step|frame[ _-]?time)[ _]*[:=]?[ _]*(\d*\.\d+)(?:[ _]*s)?(?![\da-z])", re.IGNORECASE
+)
 
 
 def rate_of_times(times: np.ndarray, unit: str = "") -> float:
@@ -53,11 +56,18 @@ def rate_of_times(times: np.ndarray, unit: str = "") -> float:
 def stated_rates(path: Path, comments: Sequence[str]) -> list[tuple[float, str]]:
     """Return the frame rates that comments, else the name, else the name of the folder state, each with its source."""
     found = [float(next(filter(None, match.groups()))) for line in comments for match in _IN_COMMENT.finditer(line)]
+    found += [rate for line in comments for rate in _of_steps(line)]
     for rates, source in (
         (found, "a comment"),
-        (rates_in_name(path.stem), "the file name"),
+        ([*rates_in_name(path.stem), *_of_steps(path.stem)], "the file name"),
         (rates_in_name(path.parent.name), "the folder's name"),
     ):
         if rates:
             return [(rate, source) for rate in dict.fromkeys(rates)]
     return []
+
+
+def _of_steps(text: str) -> list[float]:
+    """Return the rates of the time steps (s) that a text states."""
+    steps = [float(step) for step in _STEP_IN_TEXT.findall(text)]
+    return [round(1 / step, 3) for step in steps if step > 0 and _LIKELY[0] <= 1 / step <= _LIKELY[1]]

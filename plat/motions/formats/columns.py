@@ -125,15 +125,21 @@ def _by_place(
     notes: list[str] = []
     sizes = (robot.num_joints, sum("wrist" not in name for name in robot.joint_names))
     joints = values.shape[1] - 7
-    if joints not in sizes and joints - 1 in sizes and _even(values[:, 0]):
-        # a first column that goes on evenly and is no coordinate: a counter, or the time
-        first, values = values[:, 0], values[:, 1:]
-        columns, joints = columns[1:], joints - 1
-        if not np.array_equal(np.diff(first), np.ones(len(first) - 1)):
-            times = (first, "")
+    for before in (1, 2):
+        if joints not in sizes and joints - before in sizes and all(_even(values[:, n]) for n in range(before)):
+            # first columns that go on evenly and are no coordinates: a counter, or the time
+            first, values = values[:, :before], values[:, before:]
+            columns, joints = columns[before:], joints - before
+            for column in first.T:
+                if not np.array_equal(np.diff(column), np.ones(len(column) - 1)):
+                    times = (column, "")
+            break
     if not table.header and joints == 2 * sizes[0] + 6:
         values, columns, joints = values[:, : 7 + sizes[0]], columns[: 7 + sizes[0]], sizes[0]
         notes.append(f"the last {sizes[0] + 6} columns left out (velocities)")
+    if not table.header and joints == sizes[0] + 7 and _is_pose(values[:, -7:]):
+        values, columns, joints = values[:, :-7], columns[:-7], sizes[0]
+        notes.append("the last 7 columns left out (an object)")
     if joints not in sizes:
         raise MotionError(
             f"row 1 has {table.values.shape[1]} columns, expected {7 + sizes[0]} (root xyz, quaternion, joints), "
@@ -169,6 +175,11 @@ def _axes(kinds: Sequence[Column], columns: list[int], axes: str) -> list[int]:
     """Return the columns in the order of the axes, or nothing where they are not these, each once."""
     found = {kinds[n].part: n for n in columns}
     return [found[axis] for axis in axes] if len(columns) == len(axes) == len(found) and set(found) == set(axes) else []
+
+
+def _is_pose(values: np.ndarray) -> bool:
+    """Return whether seven columns are a place and a unit quaternion."""
+    return bool(np.abs(np.linalg.norm(values[:, 3:], axis=1) - 1).max() < 0.01)
 
 
 def _even(values: np.ndarray) -> bool:

@@ -1,5 +1,6 @@
 """What the readers of all formats share."""
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -155,7 +156,10 @@ def number(value: Any, field: str) -> float:
     """A number from a scalar or an array that holds one."""
     if isinstance(value, np.ndarray) and value.size == 1:
         value = value.item()
-    if not isinstance(value, (int, float)) or abs(value) > 1e300:
+    if isinstance(value, (str, bytes)):
+        with contextlib.suppress(ValueError):
+            value = float(value)
+    if not isinstance(value, (int, float)) or not abs(value) <= 1e300:
         raise MotionError(f"{field!r} is {short(value)}, expected one number")
     return float(value)
 
@@ -163,6 +167,8 @@ def number(value: Any, field: str) -> float:
 def strings(value: Any, field: str) -> list[str]:
     """Names from an array or list of strings."""
     listed = value.ravel().tolist() if isinstance(value, np.ndarray) else value
+    if isinstance(listed, (list, tuple)):
+        listed = [name.decode("utf-8", "replace") if isinstance(name, bytes) else name for name in listed]
     if not isinstance(listed, (list, tuple)) or not all(isinstance(name, str) for name in listed):
         raise MotionError(f"{field!r} is not a list of names")
     return list(listed)

@@ -41,8 +41,8 @@ def read_values(path: Path, table: Table, options: ReadOptions, kind: str) -> Mo
     parts = split_columns(table, options.robot)
     name = without_rates(path.stem)
     joint_pos, notes = arrange_joints(parts.joints, parts.names, options.robot, "the columns of joints")
-    joint_pos, more = _in_joint_order(parts, joint_pos, options)
-    order, how, doubts = _quat_order(path, parts, joint_pos, options)
+    joint_pos, more = _in_joint_order(name, parts, joint_pos, options)
+    order, how, doubts = _quat_order(path, name, parts, joint_pos, options)
     clip = _clip(name, parts, joint_pos, order, options)
     fps, told = _rate(path, table, parts, clip, options)
     euler = any("Euler" in note for note in parts.notes)
@@ -66,29 +66,31 @@ def _clip(name: str, parts: Parts, joint_pos: np.ndarray, order: QuatOrder, opti
     return make_clip(name, parts.place, parts.quat, joint_pos, fps, options, order, _FIELDS)
 
 
-def _in_joint_order(parts: Parts, joint_pos: np.ndarray, options: ReadOptions) -> tuple[np.ndarray, list[str]]:
+def _in_joint_order(
+    name: str, parts: Parts, joint_pos: np.ndarray, options: ReadOptions
+) -> tuple[np.ndarray, list[str]]:
     """Return the joints of a table without names in the robot's order, which the motion shows."""
     if parts.names is not None or parts.joints.shape[1] != options.robot.num_joints:
         return joint_pos, []
     order = options.quat_order or parts.order
 
     def read(joints: np.ndarray) -> np.ndarray:
-        return _clip("", parts, joints, order or "wxyz", options).qpos
+        return _clip(name, parts, joints, order or "wxyz", options).qpos
 
     return settle_joint_order(joint_pos, read, options, order)
 
 
 def _quat_order(
-    path: Path, parts: Parts, joint_pos: np.ndarray, options: ReadOptions
+    path: Path, name: str, parts: Parts, joint_pos: np.ndarray, options: ReadOptions
 ) -> tuple[QuatOrder, str, list[str]]:
     """Return the order of the quaternion, what says so, and notes."""
     if options.quat_order is not None:
         return options.quat_order, "as stated", []
-    plain = _clip("", parts, joint_pos, "wxyz", options)
+    plain = _clip(name, parts, joint_pos, "wxyz", options)
     if parts.order is not None:
         order, notes = settle_quat_order(plain.qpos, plain.fps, options.soles, parts.order)
         return order, "detected" if notes else "as the header says", notes
-    turned = _clip("", parts, joint_pos, "xyzw", options)
+    turned = _clip(name, parts, joint_pos, "xyzw", options)
     found = choose_quat_order(plain.qpos, turned.qpos, plain.fps, options.soles)
     if found is not None:
         return found, "detected", []

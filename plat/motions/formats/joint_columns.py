@@ -51,7 +51,9 @@ def robot_columns(names: Sequence[str], count: int, robot: Robot) -> tuple[list[
         told = f"'joint_names' lacks {_some(missing)} and has the unknown {_some(unknown)}"
         another = ", as another body" if len(found) < robot.num_joints // 3 else ""
         raise MotionError(f"{told}{another}; expected {expected}")
-    if len(listed) != count or len(set(found)) != len(found):
+    if twice := sorted({joint for joint in found if found.count(joint) > 1}):
+        raise MotionError(f"'joint_names' has {_some(twice)} twice, expected each joint once")
+    if len(listed) != count:
         raise MotionError(f"'joint_names' has {len(listed)} names, expected one for each of {count} joints")
     return [column for column, joint in enumerate(matched) if joint is not None], found, unknown
 

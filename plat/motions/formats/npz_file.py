@@ -38,6 +38,14 @@ _ALIASES = {
     "dof_pos": "joint_pos",
     "root_rot": "root_quat",
     "root_trans": "root_pos",
+    "root_trans_offset": "root_pos",
+    "base_pos": "root_pos",
+    "root_position": "root_pos",
+    "base_quat": "root_quat",
+    "root_orientation": "root_quat",
+    "root_quaternion": "root_quat",
+    "dof": "joint_pos",
+    "joint_positions": "joint_pos",
 }
 # what loco-mujoco writes beside the motion: its model, and what follows from the motion
 _LOCO = frozenset(
@@ -58,8 +66,11 @@ def read_npz(path: Path, options: ReadOptions) -> MotionFile:
 
     A ``meta.json`` beside it, as HDMI writes it, gives what the archive does not say.
     """
-    arrays = {_ALIASES.get(name, name): array for name, array in read_archive(path).items()}
+    stored = read_archive(path)
+    arrays = {_ALIASES.get(name, name): array for name, array in stored.items()}
     refuse_human_body(arrays)
+    if arrays.get("root_pos") is not None and "root_rot" in stored:
+        arrays.setdefault("scalar_first", np.array(False))  # as GMR has it
     notes = _add_meta(path, arrays, options)
     names = strings(arrays.pop("joint_names"), "joint_names") if "joint_names" in arrays else None
     links = has_links(arrays, options.robot)
@@ -109,13 +120,15 @@ def _clips(
     """One array a clip, ``[T, 7 + J]``, named by the clip; a clip called ``qpos`` is named by the file."""
     widths = _widths(names, options)
     fitting = {name: array for name, array in arrays.items() if _is_motion(array, widths)}
+    if "qpos" in arrays and arrays["qpos"].ndim == 3 and len(arrays["qpos"]) == 1:
+        fitting = {"qpos": arrays["qpos"][0]}
     if "qpos" in arrays and "qpos" not in fitting:
         fitting = {"qpos": arrays["qpos"]}
     if not fitting:
         told = ", ".join(f"{name!r} {array.shape}" for name, array in list(arrays.items())[:6]) or "nothing else"
         for name, qpos in list(arrays.items())[:1] if len(arrays) == 1 else []:
             MotionClip(name, qpos, fps).checked(options.robot)  # says what is wrong
-        raise MotionError(f"no clips, expected one array (frames, {max(widths)}) each; it has {told}")
+        raise MotionError(f"no clips, expected one array (frames, {widths[0]}) each; it has {told}")
     known = _LOCO if "split_points" in arrays else frozenset()
     left_out = [name for name in arrays if name not in fitting and name not in known]
     # a file has one convention: where some of its clips raise no doubt, the others are not looked at

@@ -17,7 +17,10 @@ from plat.motions.formats.unpickle import PickledArray, unpickle
 __all__ = ["read_fields", "read_pickle"]
 
 # what GMR and TWIST2 call a field, and what ASAP and PBHC call it
-_ROOT_POS, _ROOT_QUAT, _JOINT_POS = ("root_pos", "root_trans_offset"), ("root_rot",), ("dof_pos", "dof")
+_ROOT_POS = ("root_pos", "root_trans_offset", "root_trans", "base_pos")
+_ROOT_QUAT = ("root_rot", "root_quat", "base_quat")
+_JOINT_POS = ("dof_pos", "dof", "joint_pos")
+_RATE, _STEP = ("fps", "frame_rate", "framerate", "frequency", "mocap_framerate"), ("dt", "timestep")
 _NAMES = ("joint_names", "dof_names")
 # A motion takes milliseconds to look at, and a second of one takes kilobytes.
 _FEW, _LEAST_BYTES = 16, 256
@@ -43,10 +46,14 @@ def read_fields(path: Path, content: Any, options: ReadOptions, packed: int, siz
     Raises:
         MotionError: when it holds something else, or claims more than there is.
     """
+    if isinstance(content, PickledArray):
+        content = {"qpos": content}
+    if isinstance(content, list) and content and all(isinstance(fields, dict) for fields in content):
+        content = {f"{path.stem}_{number}": fields for number, fields in enumerate(content)}
     if not isinstance(content, dict) or not content:
         raise MotionError(f"it holds a {type(content).__name__}, expected a dictionary of a motion or of motions")
     refuse_human_body([name for name in content if isinstance(name, str)])
-    single = any(name in content for name in _JOINT_POS)
+    single = any(name in content for name in (*_JOINT_POS, "qpos"))
     motions = {path.stem: content} if single else content
     if len(motions) > _FEW + packed // _LEAST_BYTES:
         raise MotionError(f"it names {len(motions)} motions, expected at least {_LEAST_BYTES} bytes for each")
@@ -57,7 +64,7 @@ def read_fields(path: Path, content: Any, options: ReadOptions, packed: int, siz
     for name, fields in motions.items():
         if not isinstance(fields, dict):
             raise MotionError(f"entry {name!r:.60} is a {type(fields).__name__}, expected a dictionary of a motion")
-        numbers += sum(value.size for value in map(_unwrap, fields.values()) if isinstance(value, np.ndarray))
+        numbers += sum(map(_count, fields.values()))
         check_numbers(numbers, packed)
         try:
             clip, order = _read_motion(str(name), fields, options)
@@ -74,6 +81,7 @@ def read_fields(path: Path, content: Any, options: ReadOptions, packed: int, siz
 
 def _read_motion(name: str, fields: dict[str, Any], options: ReadOptions) -> tuple[MotionClip, QuatOrder]:
     robot = options.robot
+    fields, usual = _with_parts(fields)
     root_pos, root_quat, joint_pos = (_array(fields, names) for names in (_ROOT_POS, _ROOT_QUAT, _JOINT_POS))
     listed = next((_unwrap(fields[key]) for key in _NAMES if key in fields), None)
     names = None if listed is None else strings(listed, "joint_names")
@@ -81,15 +89,13 @@ def _read_motion(name: str, fields: dict[str, Any], options: ReadOptions) -> tup
     if names is None and joint_pos.ndim == 2 and joint_pos.shape[1] == len(without_wrists):
         names = without_wrists  # the format of ASAP and PBHC
     arranged, notes = arrange_joints(joint_pos, names, robot, "/".join(_JOINT_POS))
-    if options.fps is None and "fps" not in fields:
-        raise MotionError("no field 'fps', expected the frames a second (or state them: --fps)")
-    fps = number(_unwrap(fields["fps"]), "fps") if options.fps is None else options.fps
+    fps = _rate(fields) if options.fps is None else options.fps
     called = ("/".join(_ROOT_POS), "/".join(_ROOT_QUAT))
 
     def read(joints: np.ndarray, order: QuatOrder, doubts: Sequence[str] = ()) -> MotionClip:
         return make_clip(name, root_pos, root_quat, joints, fps, options, order, called, (*doubts, *notes))
 
-    stated = options.quat_order or "xyzw"
+    stated = options.quat_order or usual
     if names is None and joint_pos.shape[1] == robot.num_joints:
         arranged, found = settle_joint_order(arranged, lambda joints: read(joints, stated).qpos, options, stated)
         notes += found
@@ -97,9 +103,37 @@ def _read_motion(name: str, fields: dict[str, Any], options: ReadOptions) -> tup
     if options.quat_order is not None:
         return clip, options.quat_order
     in_file = clip.qpos.copy()
-    in_file[:, 3:7] = clip.qpos[:, [4, 5, 6, 3]]
-    order, doubts = settle_quat_order(in_file, fps, options.soles, "xyzw")
+    if stated == "xyzw":
+        in_file[:, 3:7] = clip.qpos[:, [4, 5, 6, 3]]
+    order, doubts = settle_quat_order(in_file, fps, options.soles, stated)
     return (read(arranged, order, doubts) if doubts else clip), order
+
+
+def _with_parts(fields: dict[str, Any]) -> tuple[dict[str, Any], QuatOrder]:
+    """Return the fields of a motion with ``qpos`` taken apart, and the order that its quaternion usually has."""
+    qpos = _unwrap(fields.get("qpos"))
+    if isinstance(qpos, np.ndarray) and qpos.ndim == 2 and qpos.shape[1] > 7:
+        parts = {"root_pos": qpos[:, :3], "root_rot": qpos[:, 3:7], "dof_pos": qpos[:, 7:]}
+        return {**fields, **parts}, "wxyz"
+    return fields, "xyzw" if "root_rot" in fields else "wxyz"
+
+
+def _count(value: Any) -> int:
+    """Return how many numbers an array has, or a list of equal rows would make."""
+    value = _unwrap(value)
+    if isinstance(value, list) and value and isinstance(value[0], list):
+        return len(value) * len(value[0])
+    return value.size if isinstance(value, np.ndarray) else 0
+
+
+def _rate(fields: dict[str, Any]) -> float:
+    for name in _RATE:
+        if name in fields:
+            return number(_unwrap(fields[name]), name)
+    for name in _STEP:
+        if name in fields:
+            return 1 / max(number(_unwrap(fields[name]), name), 1e-9)
+    raise MotionError("no field 'fps', expected the frames a second (or state them: --fps)")
 
 
 def _array(fields: dict[str, Any], names: tuple[str, ...]) -> np.ndarray:
@@ -107,6 +141,10 @@ def _array(fields: dict[str, Any], names: tuple[str, ...]) -> np.ndarray:
     if not present:
         raise MotionError(f"no field {' or '.join(map(repr, names))}, only {sorted(map(str, fields))[:20]}")
     array = _unwrap(fields[present[0]])
+    if isinstance(array, list) and all(isinstance(row, list) for row in array):
+        widths = {len(row) for row in array}
+        if len(widths) == 1 and all(isinstance(value, (int, float)) for row in array for value in row):
+            return np.array(array, dtype=np.float64)
     if not isinstance(array, np.ndarray):
         raise MotionError(f"{present[0]!r} is a {type(array).__name__}, expected an array")
     return array

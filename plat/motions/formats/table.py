@@ -35,7 +35,7 @@ class Table:
 def read_table(path: Path) -> Table:
     """Read a table of numbers separated by commas, semicolons, tabs or spaces.
 
-    A header, comments, an empty last column and decimal commas between semicolons are understood. A row of numbers
+    A header, comments, an empty last column and decimal commas are understood. A row of numbers
     that count the columns, as pandas writes them, is a header.
 
     Raises:
@@ -100,7 +100,7 @@ def _separator(lines: list[str]) -> str | None:
 
 def _cells(line: str, separator: str | None) -> list[str]:
     cells = [cell.strip(" \t\"'") for cell in line.strip(" \r\n").split(separator)]
-    if separator == ";":
+    if separator != ",":
         cells = [re.sub(r"^([+-]?\d+),(\d*)", r"\1.\2", cell) for cell in cells]
     return cells
 

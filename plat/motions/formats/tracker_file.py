@@ -10,7 +10,7 @@ from plat.errors import MotionError
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, strings
 from plat.motions.formats.joint_columns import robot_columns
 from plat.motions.formats.names import match_joint
-from plat.motions.formats.quaternion_order import breadth_first, settle_quat_order
+from plat.motions.formats.quaternion_order import breadth_first, settle_joint_order, settle_quat_order
 from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
 
@@ -89,6 +89,13 @@ def read_tracker(
     if usable and bodies is not None:
         recorded = Recorded.of(bodies, arrays, robot)
         order, names, notes, fits = _fit(recorded, root_pos, root_quat, joint_pos, order, stated, options)
+    elif names is None and "root_pos" in arrays and joint_pos.shape[1] == robot.num_joints:
+        # fields as of a pickle of GMR: the robot's order, unless the motion shows another
+        def read(joints: np.ndarray) -> np.ndarray:
+            return make_clip(path.stem, root_pos, root_quat, joints, fps, options, order, fields).qpos
+
+        joint_pos, notes = settle_joint_order(joint_pos.astype(np.float64), read, options, None)
+        names = list(robot.joint_names)
     elif names is None:
         raise MotionError(
             f"no array 'joint_names' and no usable 'body_pos_w' to find the order of its {joint_pos.shape[1]} joints "
@@ -100,7 +107,8 @@ def read_tracker(
         in_file = clip.qpos.copy()
         if order == "xyzw":
             in_file[:, 3:7] = clip.qpos[:, [4, 5, 6, 3]]
-        found, notes = settle_quat_order(in_file, fps, options.soles, order)
+        found, doubts = settle_quat_order(in_file, fps, options.soles, order)
+        notes += doubts
         if found != order:
             order, clip = found, make_clip(path.stem, root_pos, root_quat, arranged, fps, options, found, fields)
     return MotionFile(path, "tracker npz", [clip], (f"quaternion {order}", *notes, *more, *beside))

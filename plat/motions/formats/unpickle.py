@@ -206,7 +206,8 @@ class _Machine:
         self, dtype: _DType, shape: tuple[int, ...], order: str, raw: bytes | bytearray | str | list[Any]
     ) -> Any:
         if _expect(dtype, _DType).code in _OBJECTS:
-            return raw[0] if isinstance(raw, list) and len(raw) == 1 and isinstance(raw[0], dict) else self._texts(raw)
+            single = shape == () and isinstance(raw, list) and len(raw) == 1 and isinstance(raw[0], dict)
+            return raw[0] if single else self._texts(raw)
         if not isinstance(raw, (bytes, bytearray)):
             raw = self._bytes(raw)
         self._claim(len(raw))

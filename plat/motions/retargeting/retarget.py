@@ -5,7 +5,7 @@ import multiprocessing
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +13,7 @@ import numpy as np
 import torch
 
 from plat.errors import MotionError
+from plat.motions.checks.underside import Underside
 from plat.motions.clip import MotionClip
 from plat.motions.paths import find_files, listed_paths
 from plat.motions.retargeting.asf import read_amc
@@ -48,10 +49,11 @@ class Retargeted:
         clip: the motion.
         error: mean distance of pelvis, knees, ankles, elbows and wrists from their targets, over bodies and frames
             (m). Bodies whose place follows from these, such as the torso, would only make it look better.
-        penetration: deepest point of a sole below the ground (m).
+        penetration: deepest point of any part of the robot below the ground (m).
         floating: highest that the lowest point of a foot in stance is above the ground (m).
         slip: mean speed of the toes of feet in stance (m/s).
         seconds: that it took.
+        shortfalls: what it could not do, a phrase each.
     """
 
     clip: MotionClip
@@ -60,6 +62,7 @@ class Retargeted:
     floating: float
     slip: float
     seconds: float
+    shortfalls: tuple[str, ...] = ()
 
 
 def bvh_paths(patterns: Sequence[str | Path], told: list[str] | None = None) -> list[Path]:
@@ -110,6 +113,8 @@ def retarget(
     """
     try:
         from plat.motions.retargeting.feet import lift
+        from plat.motions.retargeting.floor import above_floor
+        from plat.motions.retargeting.shortfalls import shortfalls
         from plat.motions.retargeting.solver import solve
         from plat.motions.retargeting.targets import robot_targets
     except ImportError as error:
@@ -127,10 +132,24 @@ def retarget(
     geometry = RobotGeometry.of(robot)
     human = read_human(mocap, skeleton, where, up, units)
     targets = robot_targets(human, skeleton, geometry, mocap.fps)
-    qpos = solve(targets, robot, mocap.fps, options or SolverOptions())
-    qpos[:, 2] += lift(-_soles(qpos, robot, geometry)[..., 2].min((1, 2)), mocap.fps)
+    raised = above_floor(targets, robot)
+    options = options or SolverOptions()
+    qpos = solve(targets, robot, mocap.fps, options)
+    underside = Underside(robot)
+    heights = underside.heights(qpos)
+    lifted = lift(-heights.min(1), mocap.fps)
+    qpos[:, 2] += lifted
     clip = MotionClip(Path(path).stem, qpos, mocap.fps, (*notes, *human.notes)).checked(robot)
-    return _measured(clip, targets, robot, geometry, began)
+    result = _measured(clip, targets, robot, geometry, began)
+    told = shortfalls(clip, targets, robot, options, raised, lifted, heights, underside.bodies)
+    deepest = float(max(0.0, -(heights + lifted[:, None]).min()))
+    return replace(
+        result,
+        clip=replace(clip, notes=(*clip.notes, *told)),
+        penetration=deepest,
+        shortfalls=told,
+        seconds=time.perf_counter() - began,
+    )
 
 
 def retarget_all(

@@ -16,6 +16,9 @@ __all__ = ["Targets", "robot_targets"]
 _GROUND_PERCENTILE = 5.0
 # A foot that is nearly flat in contact is made flat: pitch below this is taken away (rad).
 _FLAT_PITCH = 0.09
+# Sines of slopes between which a foot that lies becomes one that may stand: of the shin, and of a foot on its toes; and
+# that of the foot from which on it does not stand, and beyond which surely not.
+_SHIN_UP, _ON_TOES, _TOE_UP = (0.15, 0.35), (0.3, 0.6), (0.3, 0.6)
 # No shoulder turns further back than this (rad).
 _BEHIND = 2.2
 
@@ -104,7 +107,7 @@ def _plant(
     """Add the targets of a foot: ``ankle`` ``[T, 3]`` is where limb directions alone would put it."""
     role, toe = f"{side}_ankle", human.positions[f"{side}_toe"]
     height = human.positions[role][:, 2] - ground["ankle"], toe[:, 2] - ground["toe"]
-    contact = contact_weight(height[1], toe, fps)
+    contact = contact_weight(height[1], toe, fps) * _sole_down(human, side)
     clearance = robot.leg / human.leg * (1 - contact) * np.minimum(*height).clip(0)
 
     yaw, pitch, roll = _euler(_foot_frame(human, side, ground["ankle"] - ground["toe"]))
@@ -121,6 +124,21 @@ def _plant(
     targets.contact[role] = contact
     targets.flat[role] = flat
     targets.clearance[role] = clearance
+
+
+def _sole_down(human: Human, side: str) -> np.ndarray:
+    """Return 0 where a foot lies, as of someone on the back or the side, and 1 where it can stand ``[T]``.
+
+    It can below a shin that rises, or on its toes; and nowhere with the toe far over the ankle.
+    """
+
+    def rises(start: str, end: str, first: float, last: float) -> np.ndarray:
+        line = human.positions[f"{side}_{end}"] - human.positions[f"{side}_{start}"]
+        slope = line[:, 2] / np.linalg.norm(line, axis=1).clip(1e-9)
+        return np.clip((slope - first) / (last - first), 0, 1)
+
+    stands = np.maximum(rises("ankle", "knee", *_SHIN_UP), rises("toe", "ankle", *_ON_TOES))
+    return stands * (1 - rises("ankle", "toe", *_TOE_UP))
 
 
 def _foot_frame(human: Human, side: str, drop: float) -> np.ndarray:

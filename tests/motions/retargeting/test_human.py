@@ -98,7 +98,7 @@ def test_an_axis_that_nothing_tells_is_refused(tmp_path):
         read_human(tilted, AUTO, "clip.bvh")
     # far from any floor a standing body could as well lie
     far = turned(standing, Rotation.from_euler("x", 90, degrees=True), (0, 900, 900))
-    with pytest.raises(MotionError, match="the map states y as up, and the body stands along z; does it lie"):
+    with pytest.raises(MotionError, match="y should be up, and the body stands along z; does it lie"):
         read_human(far, LAFAN1, "clip.bvh")
     upside_down = turned(standing, Rotation.from_euler("x", 180, degrees=True))
     with pytest.raises(MotionError, match="along the stated up axis y the head is below the feet"):
@@ -114,7 +114,7 @@ def test_a_stated_unit_gives_way_to_the_legs(tmp_path):
 def test_an_unknown_unit_is_made_from_the_legs(tmp_path):
     found = human(write_human(tmp_path / "a.bvh", unit=1e6), AUTO)
     assert found.leg == pytest.approx(0.84)
-    assert "unit of lengths unknown: legs of 8.6e-05 taken as 0.84 m" in found.notes
+    assert "unit of lengths unknown: legs of 8.6e-05 taken as 0.84 m (else: --units)" in found.notes
 
 
 def exchanged(skeleton: SkeletonMap, *joints: str) -> SkeletonMap:
@@ -154,3 +154,21 @@ def test_a_pose_before_the_motion_is_left_out(tmp_path, count):
     found = read_human(replace(mocap, positions=posed), LAFAN1, "clip.bvh")
     assert len(found.positions["hips"]) == len(found.rotations["left_ankle"]) == 30 - count
     assert "left out: a pose before the motion" in found.notes[0]
+
+
+def test_axis_and_unit_that_are_stated_overrule_the_motion(tmp_path):
+    mocap = read_bvh(write_human(tmp_path / "a.bvh"))
+    found = read_human(mocap, AUTO, "a.bvh", up="z", units="cm")
+    assert found.positions["neck"][0, 2] - found.positions["left_ankle"][0, 2] == pytest.approx(0, abs=0.3)
+    assert read_human(mocap, AUTO, "a.bvh", units="in").leg == pytest.approx(2.54 * read_human(mocap, AUTO, "a").leg)
+    feet = read_bvh(write_human(tmp_path / "b.bvh", unit=30.48))
+    assert read_human(feet, AUTO, "b.bvh").leg == pytest.approx(0.86, abs=0.01)
+
+
+def test_a_format_whose_up_axis_is_known_needs_nobody_who_stands(tmp_path):
+    """Kimodo's joints are y up: a body that leans far says nothing, and the format does."""
+    mocap = turned(read_bvh(write_human(tmp_path / "a.bvh")), Rotation.from_euler("x", 45, degrees=True), (0, 500, 500))
+    leaning = replace(mocap, rest=np.zeros_like(mocap.rest))
+    with pytest.raises(MotionError, match="which axis is up is not to be told from the poses; state it: --up"):
+        read_human(leaning, AUTO, "a.bvh")
+    assert read_human(replace(leaning, up="y"), AUTO, "a.bvh").notes == mocap.notes

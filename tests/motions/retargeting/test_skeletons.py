@@ -34,7 +34,7 @@ def test_a_map_of_ones_own(tmp_path):
         ("joints: {hips: [a]}", "'joints' lacks"),
         ("joints: {}\nscale: 2", "expected the field 'joints' and any of"),
         ("joints: {", "not a readable YAML file"),
-        ("joints: {joints}\nunits: yard", "'units' is 'yard', expected auto, m, cm, mm, in, in/0.45 or meters"),
+        ("joints: {joints}\nunits: yard", "'units' is 'yard', expected auto, m, cm, mm, in, ft, in/0.45 or meters"),
         ("joints: {joints}\nunits: -1", "'units' is -1"),
         ("joints: {joints}\nunits: [1]", r"'units' is \['1'\]"),
         ("joints: {joints}\nup: w", "'up' is 'w', expected auto, x, y or z"),

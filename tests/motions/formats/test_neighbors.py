@@ -1,0 +1,244 @@
+"""The same motion as people's programs spell it: each file is read right, or refused with what to do."""
+
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from plat.errors import MotionError
+from plat.motions import read_motion_files, validate_motion
+from plat.robots import G1
+
+from .test_layouts import clip_with_arms, content, listed, qpos, xyzw
+from .writers import ISAAC_ORDER
+
+CLIP = clip_with_arms(0.7)
+CONTENT = content(CLIP)
+ROWS, XYZW = qpos(CONTENT), qpos(xyzw(CONTENT))
+JOINTS = list(G1.joint_names)
+ROOT = ["root_x", "root_y", "root_z", "root_qw", "root_qx", "root_qy", "root_qz"]
+COUNT = np.arange(len(ROWS))
+FIELDS = {"fps": 50, "root_pos": ROWS[:, :3], "root_rot": XYZW[:, 3:7], "dof_pos": ROWS[:, 7:]}
+
+
+def table(
+    name: str = "walk_50fps.csv",
+    header: list[str] | None = None,
+    rows: np.ndarray = ROWS,
+    *,
+    separator: str = ",",
+    end: str = "\n",
+    point: str = ".",
+    before: str = "",
+    after: str = "",
+    mark: bytes = b"",
+) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        lines = [separator.join(header)] if header else []
+        lines += [separator.join(f"{value:.12g}".replace(".", point) for value in row) + after for row in rows]
+        (folder / name).write_bytes(mark + (before + end.join(lines) + end).encode())
+        return folder / name
+
+    return write
+
+
+def npz(**arrays: object) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        np.savez(folder / "walk.npz", **arrays)
+        return folder / "walk.npz"
+
+    return write
+
+
+def pkl(content: object) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        (folder / "walk.pkl").write_bytes(pickle.dumps(content))
+        return folder / "walk.pkl"
+
+    return write
+
+
+def npy(content: object, name: str = "walk_50fps.npy") -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        np.save(folder / name, content)
+        return folder / name
+
+    return write
+
+
+def scaled(unit: float) -> np.ndarray:
+    return np.column_stack((ROWS[:, :3] / unit, ROWS[:, 3:]))
+
+
+def spelled(spell: Callable[[list[str]], str]) -> list[str]:
+    """Names of all joints, each made of its words."""
+    return [spell(name.split("_")) for name in JOINTS]
+
+
+def degrees(rows: np.ndarray = ROWS) -> np.ndarray:
+    return np.column_stack((rows[:, :7], np.rad2deg(rows[:, 7:])))
+
+
+def euler() -> np.ndarray:
+    w, x, y, z = CONTENT.quat.T
+    roll, yaw = np.arctan2(w * x + y * z, 0.5 - x * x - y * y), np.arctan2(w * z + x * y, 0.5 - y * y - z * z)
+    return np.column_stack((ROWS[:, :3], roll, np.arcsin(2 * (w * y - z * x)), yaw, ROWS[:, 7:]))
+
+
+def side_last(words: list[str]) -> str:
+    return "_".join(words[1:] + words[:1] if words[0] in ("left", "right") else words)
+
+
+RIGHT = {
+    "byte order mark, CRLF, quotes, spaces": table(
+        header=[f'" {name}"' for name in ("root x", "root y", "root z", "quat w", "quat x", "quat y", "quat z")]
+        + [f'"{name}"' for name in spelled(" ".join)],
+        end="\r\n",
+        mark=b"\xef\xbb\xbf",
+    ),
+    "CR": table(end="\r"),
+    "spaces at the ends": table(after="  "),
+    "decimal commas, semicolons": table(separator=";", point=","),
+    "decimal commas, tabs": table(separator="\t", point=","),
+    "decimal commas, spaces": table(separator=" ", point=","),
+    "tsv": table("walk_50fps.tsv", separator="\t"),
+    "txt": table("walk_50fps.txt", separator=" "),
+    "inches": table(rows=scaled(0.0254)),
+    "feet": table(rows=scaled(0.3048)),
+    "centimeters in the header": table(
+        header=[f"{name}_cm" for name in ROOT[:3]] + ROOT[3:] + JOINTS, rows=scaled(0.01)
+    ),
+    "degrees in the header": table(header=ROOT + [f"{name}_joint [deg]" for name in JOINTS], rows=degrees()),
+    "radians in the header": table(header=ROOT + [f"{name} (rad)" for name in JOINTS]),
+    "pelvis_pos_x, dof_": table(
+        header=[f"pelvis_pos_{axis}" for axis in "xyz"]
+        + [f"pelvis_quat_{axis}" for axis in "wxyz"]
+        + [f"dof_{name}" for name in JOINTS]
+    ),
+    "dots": table(
+        header=[f"base.position.{axis}" for axis in "xyz"]
+        + [f"base.orientation.{axis}" for axis in "xyzw"]
+        + [f"joint.{name}.position" for name in JOINTS],
+        rows=XYZW,
+    ),
+    "qx qy qz qw": table(header=["x", "y", "z", "qx", "qy", "qz", "qw", *JOINTS], rows=XYZW),
+    "roll pitch yaw": table(header=["x", "y", "z", "roll", "pitch", "yaw", *JOINTS], rows=euler()),
+    "roll pitch yaw in degrees": table(
+        header=["x", "y", "z", "roll", "pitch", "yaw", *JOINTS],
+        rows=np.column_stack((euler()[:, :3], np.rad2deg(euler()[:, 3:6]), ROWS[:, 7:])),
+    ),
+    "LeftHipPitch": table(header=ROOT + spelled(lambda words: "".join(word.capitalize() for word in words))),
+    "hip_pitch_left": table(header=ROOT + spelled(side_last)),
+    "l_hip_pitch": table(header=ROOT + [name.replace("left_", "l_").replace("right_", "r_") for name in JOINTS]),
+    "breadth first, named": table(header=ROOT + ISAAC_ORDER, rows=qpos(listed(ISAAC_ORDER)(CONTENT))),
+    "root behind the joints": table(header=JOINTS + ROOT, rows=np.roll(ROWS, -7, 1)),
+    "hands beside": table(
+        header=ROOT + JOINTS + [f"left_hand_{n}_joint" for n in range(7)],
+        rows=np.column_stack((ROWS, np.zeros((40, 7)))),
+    ),
+    "velocities beside": table(
+        header=ROOT + JOINTS + [f"{name}_vel" for name in JOINTS], rows=np.column_stack((ROWS, 0 * ROWS[:, 7:]))
+    ),
+    "an object behind": table(rows=np.column_stack((ROWS, np.tile([1, 0, 0.5, 1, 0, 0, 0], (40, 1))))),
+    "velocities behind": table(rows=np.column_stack((ROWS, np.zeros((40, 35))))),
+    "milliseconds": table("walk.csv", ["time_ms", *ROOT, *JOINTS], np.column_stack((20 * COUNT, ROWS))),
+    "time since 1970": table("walk.csv", ["timestamp", *ROOT, *JOINTS], np.column_stack((1.7e9 + 0.02 * COUNT, ROWS))),
+    "frame and time": table(
+        "walk.csv", ["frame", "time", *ROOT, *JOINTS], np.column_stack((COUNT, 0.02 * COUNT, ROWS))
+    ),
+    "frame and time without names": table("walk.csv", rows=np.column_stack((COUNT, 0.02 * COUNT, ROWS))),
+    "a comment with fps": table("walk.csv", before="# fps: 50\n"),
+    "a comment with a time step": table("walk.csv", before="# timestep: 0.02 s\n"),
+    "a name with a time step": table("walk_dt0.02.csv"),
+    "walk 50 fps": table("walk 50 fps.csv"),
+    "fps as text": npz(clip=ROWS, fps="50"),
+    "names as bytes": npz(clip=ROWS, fps=50, joint_names=np.array([name.encode() for name in JOINTS])),
+    "names as objects": npz(clip=ROWS, fps=50, joint_names=np.array(JOINTS, dtype=object)),
+    "time step": npz(clip=ROWS, dt=0.02),
+    "one of a batch": npz(qpos=ROWS[None], fps=50),
+    "degrees in an archive": npz(clip=degrees(), fps=50),
+    "fields of GMR in an archive": npz(**FIELDS),
+    "root_quat and joint_pos": npz(root_pos=ROWS[:, :3], root_quat=ROWS[:, 3:7], joint_pos=ROWS[:, 7:], fps=50),
+    "base_pos and base_quat": npz(
+        base_pos=ROWS[:, :3], base_quat=ROWS[:, 3:7], joint_pos=ROWS[:, 7:], fps=50, joint_names=JOINTS
+    ),
+    "fields of ASAP in an archive": npz(root_trans_offset=ROWS[:, :3], root_rot=XYZW[:, 3:7], dof=ROWS[:, 7:], fps=50),
+    "lists": pkl({name: value.tolist() if name != "fps" else value for name, value in FIELDS.items()}),
+    "a list of motions": pkl([FIELDS]),
+    "wxyz in a pickle": pkl({**FIELDS, "root_rot": ROWS[:, 3:7]}),
+    "qpos in a pickle": pkl({"qpos": ROWS, "fps": 50}),
+    "degrees in a pickle": pkl({**FIELDS, "dof_pos": degrees()[:, 7:]}),
+    "a time step in a pickle": pkl({name: value for name, value in FIELDS.items() if name != "fps"} | {"dt": 0.02}),
+    "root_quat in a pickle": pkl(
+        {"fps": 50, "root_pos": ROWS[:, :3], "root_quat": ROWS[:, 3:7], "joint_pos": ROWS[:, 7:]}
+    ),
+    "npy": npy(ROWS),
+    "npy of a dictionary": npy(FIELDS, "walk.npy"),
+}
+
+REFUSED = {
+    "joints without a name": (
+        table(rows=np.delete(ROWS, (20, 21), 1)),
+        "row 1 has 34 columns, expected 36 .*, 30 without the wrists, or a header that names them",
+    ),
+    "a joint that is missing": (
+        table(header=ROOT + JOINTS[1:], rows=np.delete(ROWS, 7, 1)),
+        "'joint_names' lacks \\['left_hip_pitch'\\]",
+    ),
+    "a joint twice": (table(header=ROOT + JOINTS[:-1] + JOINTS[-2:-1]), "has \\['right_wrist_pitch'\\] twice"),
+    "no number": (table(rows=np.vstack((ROWS, np.full(36, np.nan)))), "motion 'walk': qpos\\[40, 0\\] is nan"),
+    "one frame": (table(rows=ROWS[:1]), "motion 'walk': 1 frames, expected at least 2"),
+    "no frames": (table(header=ROOT + JOINTS, rows=ROWS[:0]), "no rows of numbers, expected one a frame"),
+    "no rate in an archive": (npz(clip=ROWS), "no array 'fps', expected the frames a second"),
+    "two rates in an archive": (npz(clip=ROWS, fps=50, framerate=25), "it states fps 50 and framerate 25; state which"),
+    "other names": (
+        npz(a=ROWS[:, :3], b=ROWS[:, 3:7], c=ROWS[:, 7:], fps=50),
+        r"expected one array \(frames, 36\) each",
+    ),
+    "no rate in a pickle": (pkl({"qpos": ROWS}), "no field 'fps', expected the frames a second"),
+    "joint positions in an npy": (npy(np.zeros((40, 22, 3))), "write them with np.savez"),
+    "objects in an archive": (npz(motion=np.array({"qpos": ROWS}, dtype=object), fps=50), "with Python objects"),
+}
+
+
+@pytest.mark.parametrize("write", RIGHT.values(), ids=RIGHT)
+def test_read_right(tmp_path, write):
+    ((found,),) = (file.clips for file in read_motion_files(write(tmp_path)))
+    turned = found.qpos.copy()
+    turned[:, 3:7] *= np.sign((turned[:, 3:7] * CLIP.qpos[:, 3:7]).sum(1, keepdims=True))
+    np.testing.assert_allclose(turned, CLIP.qpos, atol=1e-3)
+    assert found.fps == CLIP.fps
+
+
+@pytest.mark.parametrize(("write", "message"), REFUSED.values(), ids=REFUSED)
+def test_refused_in_one_line(tmp_path, write, message):
+    with pytest.raises(MotionError, match=message) as caught:
+        read_motion_files(write(tmp_path))
+    assert "\n" not in str(caught.value)
+    assert str(caught.value).startswith(f"motion file '{tmp_path}")
+
+
+@pytest.mark.parametrize(
+    ("write", "reason"),
+    [
+        (table("walk.csv"), "nothing states or shows its frame rate"),
+        (npy(ROWS, "walk.npy"), "nothing states or shows its frame rate"),
+        (table(rows=ROWS * [1, 1, 0, *[1] * 33]), "a foot 75.5 cm under the floor"),
+        (
+            table(
+                rows=np.column_stack(
+                    (ROWS[:, :2], -ROWS[:, 2], -ROWS[:, 4], ROWS[:, 3], -ROWS[:, 6], ROWS[:, 5:6], ROWS[:, 7:])
+                )
+            ),
+            "cm under the floor: is its up axis right",
+        ),
+    ],
+    ids=["no rate", "no rate in an npy", "a root at its own floor", "upside down"],
+)
+def test_what_may_be_read_wrong_is_to_be_repaired(tmp_path, write, reason):
+    ((found,),) = (file.clips for file in read_motion_files(write(tmp_path)))
+    report = validate_motion(found)
+    assert report.verdict == "repair"
+    assert any(reason in told for told in report.reasons), report.reasons
