@@ -25,7 +25,7 @@ import plat.headless  # noqa: F401
 from plat.cli.options import Convert, Inspect, Map, Mirror, MotionFiles, MotionsCommand, Retarget
 from plat.errors import MotionError, OutputError, PlatError
 from plat.figures import draw_skeleton, pyplot, write_figure
-from plat.files import check_file, check_folder
+from plat.files import check_file, check_folder, expand_home
 from plat.motions import (
     MotionClip,
     MotionFile,
@@ -164,9 +164,7 @@ def raise_for_named(command: MotionFiles, skipped: Sequence[MotionError], good: 
     Raises:
         MotionError: at the end, when the others are written.
     """
-    if skipped and any(
-        f"{str(Path(name).expanduser())!r}" in str(error) for name in command.files for error in skipped
-    ):
+    if skipped and any(expand_home(Path(name)).is_file() for name in command.files):
         raise MotionError(f"{len(skipped)} of {len(skipped) + good} files could not be used; see above")
 
 
