@@ -35,7 +35,7 @@ clean:
 	rm -rf $(VENV) runs .cache .pytest_cache .mypy_cache .ruff_cache build *.egg-info
 
 $(VENV)/.installed: pyproject.toml
-	$(PYTHON) -c 'import sys; sys.version_info >= (3, 10) or sys.exit("plat needs Python 3.10 or newer: make PYTHON=python3.x")'
+	$(PYTHON) -c 'import sys; sys.version_info >= (3, 11) or sys.exit("plat needs Python 3.11 or newer: make PYTHON=python3.x")'
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
 	$(BIN)/python -m pip install --quiet --editable '.[video]'

@@ -1,3 +1,4 @@
+import ast
 import errno
 import os
 from argparse import Namespace
@@ -92,3 +93,28 @@ def test_devices_and_folders_are_not_replaced(tmp_path):
             replace_file(path, lambda part: part.write_text("new"))
     assert (tmp_path / "fifo").is_fifo()
     assert [path.name for path in tmp_path.iterdir()] == ["fifo"]
+
+
+def writes(source: str) -> list[str]:
+    """Calls that write a file, but for the part that :func:`replace_file` hands out."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            mode = next((arg.value for arg in node.args[:1] if isinstance(arg, ast.Constant)), "r")
+            if node.func.attr in ("write_text", "write_bytes") or (node.func.attr == "open" and mode in ("w", "wb")):
+                names = {name.id for name in ast.walk(node.func.value) if isinstance(name, ast.Name)}
+                found += [] if "part" in names else [ast.unparse(node)]
+    return found
+
+
+def test_files_are_written_whole_everywhere():
+    assert len(writes("path.write_text('x')\npath.open('w')\n(folder / 'a').write_bytes(b'x')")) == 3
+    assert writes("part.write_text('x')\n(part / 'a').open('w')\npath.open()") == []
+    root = Path(__file__).parents[1]
+    sources = [*root.glob("plat/**/*.py"), *root.glob("recipes/**/*.py")]
+    found = {path.relative_to(root).as_posix() for path in sources if writes(path.read_text(encoding="utf-8"))}
+    assert found == {
+        "plat/runs/checkpoints.py",  # in a folder that is published whole
+        "plat/studio/static.py",  # likewise
+        "plat/studio/session.py",  # in a temporary folder
+    }

@@ -9,6 +9,7 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from plat.envs.state import GeneralizedState
+from plat.files import replace_file
 from plat.modules.dynamics import DynamicsModel
 from plat.rotations import quat_angle
 from plat.tasks.disturbed import told_to_model
@@ -36,7 +37,10 @@ class ModelErrors:
 
     def write(self, path: Path) -> None:
         """Write a CSV file, one row a step."""
-        with path.open("w", newline="") as file:
+        replace_file(path, self._write)
+
+    def _write(self, part: Path) -> None:
+        with part.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(["step", *vars(self)])
             for step, values in enumerate(zip(*vars(self).values(), strict=True), start=1):

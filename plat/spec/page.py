@@ -3,6 +3,7 @@
 import sys
 from pathlib import Path
 
+from plat.files import replace_file
 from plat.spec.observation import OPTIONAL_GROUPS, STUDENT_GROUPS, Entry, table
 
 __all__ = ["observation_page"]
@@ -71,4 +72,5 @@ def _row(entry: Entry, columns: str) -> str:
 
 
 if __name__ == "__main__":
-    Path(sys.argv[1]).write_text(observation_page(num_joints=29, num_keypoints=14), encoding="utf-8")
+    text = observation_page(num_joints=29, num_keypoints=14)
+    replace_file(Path(sys.argv[1]), lambda part: part.write_text(text, encoding="utf-8"))
