@@ -40,10 +40,10 @@ def test_everything_else_is_one_line(content: bytes, reason: str) -> None:
 
 def test_a_name_that_is_repeated_among_many_is_found_at_once() -> None:
     content = b"{" + b",".join(b'"%d":0' % (number // 2 if number > 79_990 else number) for number in range(80_000))
-    started = time.monotonic()
+    started = time.process_time()
     with pytest.raises(KeyframeError, match="comes twice"):
         parse_json(content + b"}", KeyframeError, "file")
-    assert time.monotonic() - started < 5  # it was 25 s: a count for every name
+    assert time.process_time() - started < 10  # it was 25 s: a count for every name
 
 
 def test_files_that_are_none_are_named(tmp_path: Path) -> None:

@@ -263,8 +263,12 @@ def _read(path: Path, options: ReadOptions) -> MotionFile:
         return READERS[ending](path, options)
     except MotionError as error:
         kind = UnfitRateError if isinstance(error, UnfitRateError) else MotionError
-        told = str(error)  # which may name what the file holds, at length
-        told = told if len(told) <= _LONGEST_MESSAGE else f"{told[:_LONGEST_MESSAGE]} ..."
-        raise kind(f"motion file {str(path)!r}: {told}") from None
+        raise kind(f"motion file {str(path)!r}: {_cut(error)}") from None
     except Exception as error:  # whatever a parser stumbles over: the file is broken
-        raise MotionError(f"motion file {str(path)!r}: not a readable {ending} file ({error})") from error
+        raise MotionError(f"motion file {str(path)!r}: not a readable {ending} file ({_cut(error)})") from error
+
+
+def _cut(error: Exception) -> str:
+    """Return a message, cut where it names at length what the file holds."""
+    told = str(error)
+    return told if len(told) <= _LONGEST_MESSAGE else f"{told[:_LONGEST_MESSAGE]} ..."

@@ -22,6 +22,8 @@ _USUAL_FPS = 120.0
 _RATE_LAST = re.compile(r"_(30|60|120|240)$")
 # No pose of a whole body has all its angles below this in degrees, none has one above it in radians.
 _LARGEST_RADIANS = 7.0
+# what a value of a frame may move: along or about an axis, or a bone's length, which is left as it is
+_FREEDOM = frozenset(("tx", "ty", "tz", "rx", "ry", "rz", "l"))
 
 
 @dataclass
@@ -129,7 +131,7 @@ def _read_asf(path: Path) -> _Skeleton:
             elif section == ":units" and key == "angle":
                 degrees = not words[1].lower().startswith("rad")
             elif section == ":root" and key == "order":
-                bones["root"].dof = tuple(word.lower() for word in words[1:])
+                bones["root"].dof = _freedom(words[1:])
             elif section == ":bonedata" and key == "begin":
                 bone = _Bone("")
             elif section == ":bonedata" and bone is not None:
@@ -152,15 +154,31 @@ def _bone_line(bone: _Bone, words: list[str], degrees: bool) -> _Bone:
     if key == "name":
         bone.name = words[1]
     elif key == "direction":
-        bone.direction = np.array([float(word) for word in words[1:4]])
+        bone.direction = _three(words[1:4])
     elif key == "length":
         bone.length = float(words[1])
+        if not math.isfinite(bone.length):
+            raise ValueError(words[1])
     elif key == "axis":
-        angles = np.array([float(word) for word in words[1:4]]) * (np.pi / 180 if degrees else 1.0)
+        angles = _three(words[1:4]) * (np.pi / 180 if degrees else 1.0)
         bone.axis = _product(zip((words[4] if len(words) > 4 else "XYZ").lower(), angles[:, None], strict=True))[0]
     elif key == "dof":
-        bone.dof = tuple(word.lower() for word in words[1:])
+        bone.dof = _freedom(words[1:])
     return bone
+
+
+def _three(words: list[str]) -> np.ndarray:
+    values = np.array([float(word) for word in words])
+    if values.shape != (3,) or not np.isfinite(values).all():
+        raise ValueError(words)
+    return values
+
+
+def _freedom(words: list[str]) -> tuple[str, ...]:
+    freedom = tuple(word.lower() for word in words)
+    if not set(freedom) <= _FREEDOM:
+        raise ValueError(words)
+    return freedom
 
 
 def _parents_first(bones: dict[str, _Bone]) -> dict[str, _Bone]:
