@@ -1,6 +1,5 @@
 """The loop that the recipes of imagination share: simulate, learn the robot, imagine, learn the policy."""
 
-import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -106,7 +105,7 @@ def learn(
             simulated = -float(rollout["next", "reward"].mean())
             warning = watch.add(losses["imagined_cost"], simulated) if "imagined_cost" in losses else None
             if warning:
-                warnings.warn(warning, stacklevel=1)
+                print(f"warning: {warning}", flush=True)
             failures = failures_per_second(rollout, library.dt)
             run.log(
                 {**losses, **failures, "simulated_cost": simulated},

@@ -94,7 +94,7 @@ def test_model_and_imagination_know_the_robot_that_they_imagine(task, rollout):
             torch.manual_seed(1)
             dynamics = DynamicsLoss(model)(windows)["loss_dynamics"]
             imagined = ImaginationLoss(policy, model, task, steps=3)(states)["loss_policy"]
-        return float(dynamics), float(imagined)
+        return float(dynamics.detach()), float(imagined.detach())
 
     before = losses()
     for entries in (windows, states):

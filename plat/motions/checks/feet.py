@@ -14,6 +14,8 @@ __all__ = ["Soles", "ground_level", "lowest_step", "stance"]
 # for 2 * 0.25 / 9.81 = 0.05 s, so the top of a jump is not taken for a stance.
 _REST_SPEED = 0.25
 _REST_SECONDS = 0.05
+# Frames worked on at a time: kinematics takes kilobytes for each, and an hour has hundreds of thousands.
+_CHUNK = 16384
 
 
 class Soles:
@@ -38,6 +40,9 @@ class Soles:
 
     def points(self, qpos: Tensor) -> Tensor:
         """Lowest point of each sphere of each foot ``[T, 2, P, 3]`` (m, world) of poses ``[T, 7 + J]``."""
+        return torch.cat([self._points(part) for part in qpos.split(_CHUNK)])
+
+    def _points(self, qpos: Tensor) -> Tensor:
         pos_w, quat_w = self._kinematics(*qpos.double().split((3, 4, self._num_joints), -1))
         points = pos_w[:, :, None] + quat_rotate(quat_w[:, :, None], self._points_b)
         points[..., 2] -= self._radius

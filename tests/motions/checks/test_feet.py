@@ -21,6 +21,13 @@ def test_points_are_the_lowest_of_the_contact_spheres():
             np.testing.assert_allclose(found[foot], np.array(geoms) - [0, 0, 0.005], atol=1e-6)
 
 
+def test_a_long_motion_is_worked_on_in_parts(monkeypatch):
+    qpos = torch.from_numpy(bowing_clip().qpos)
+    whole = Soles(G1).points(qpos)
+    monkeypatch.setattr("plat.motions.checks.feet._CHUNK", 7)
+    torch.testing.assert_close(Soles(G1).points(qpos), whole, rtol=0, atol=1e-12)
+
+
 def hopping(height: float = 0.3, ground: float = 0.05) -> torch.Tensor:
     """Two feet of one point each at 50 Hz: one second of rest, a flight, one second of rest."""
     flight = 2 * np.sqrt(2 * height / 9.81)
