@@ -52,7 +52,8 @@ def group_plot(scores: Sequence[GroupScore], metric: str = "tks") -> Any:
                 capsize=1.5,
                 label=name,
             )
-        panel.set_xticks(range(len(groups)), [f"{group}\n({count})" for group, count in groups.items()])
+        ticks = [f"{group.replace('_', ' ')}\n({count})" for group, count in groups.items()]
+        panel.set_xticks(range(len(groups)), ticks)
         panel.set_ylabel(shown.heading)
         panel.grid(axis="y")
         figure.legend(loc="outside lower center", ncols=4)

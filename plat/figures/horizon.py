@@ -14,13 +14,15 @@ from plat.figures.style import PAGE, looks, paper_style, policies
 __all__ = ["horizon_plot"]
 
 _EDGES = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.5, 2.0, 2.5, 3.0)  # seconds
+_SPREAD = 5.0  # factor between errors from which the scale is logarithmic
 
 
 def horizon_plot(scores: Sequence[Score], dt: float = 0.02) -> Any:
     """Return a figure of TKS@3 and of the mean position error against the commands' time, one line per policy.
 
     Commands of all horizons are pooled and binned by their length: to 1 s for the paper's horizons, to 3 s with
-    "distant" or "all". The error counts failed commands at 1 m.
+    "distant" or "all". The error counts failed commands at 1 m. Its scale is logarithmic where errors differ by more
+    than a factor of five.
 
     Args:
         scores: of any policies.
@@ -52,6 +54,13 @@ def horizon_plot(scores: Sequence[Score], dt: float = 0.02) -> Any:
                 )
         success.set(xlabel="time of the command (s)", ylabel="TKS@3 (%)", xlim=(0, None))
         error.set(xlabel="time of the command (s)", ylabel="MPKPE@3, all commands (mm)", xlim=(0, None), ylim=(0, None))
+        drawn_errors = [value for line in error.lines for value in line.get_ydata() if value > 0]
+        if max(drawn_errors, default=1.0) > _SPREAD * min(drawn_errors, default=1.0):
+            error.set_ylim(0.8 * min(drawn_errors), 1.25 * max(drawn_errors))
+            error.set_yscale("log")
+            error.yaxis.set_major_locator(plt.LogLocator(subs=(1.0, 2.0, 5.0)))
+            error.yaxis.set_major_formatter("{x:g}")
+            error.yaxis.set_minor_locator(plt.NullLocator())
         for panel in (success, error):
             panel.grid()
         handles, labels = success.get_legend_handles_labels()

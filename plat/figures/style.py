@@ -59,7 +59,7 @@ _KNOWN = {
     "Direct RL fine-tune": Look("#E69F00", ">", "--"),
     "Residual action": Look("#009E73", "h"),
     "PLAT": Look("#D55E00", "o", width=2.0),
-    "Imagined": Look("#7B3294", "*", width=2.0),
+    "Imagined": Look("#7B3294", "s", width=2.0),
 }
 # of weights that come with plat: the row that they are
 _SHIPPED = {"expert": "Scratch RL"}

@@ -19,6 +19,17 @@ def test_success_against_the_commands_time():
     failed = [score.records[0].failed.double().mean() for score in made_up("DAgger")]
     assert list(line.get_ydata()) == pytest.approx([100 * (1 - float(sum(failed)) / 3)])
     assert "mm" in error.get_ylabel()
+    assert error.get_yscale() == "linear"
+
+
+def test_errors_that_differ_much_are_on_a_logarithmic_scale():
+    scores = [
+        Score.of(name, "long", [records(0.0, 0.1, position)]) for name, position in (("PLAT", 0.02), ("wbc", 0.6))
+    ]
+    _, error = horizon_plot(scores).axes
+    assert error.get_yscale() == "log"
+    low, high = error.get_ylim()
+    assert low < 20 < 600 < high
 
 
 def test_a_point_a_group_and_policy():

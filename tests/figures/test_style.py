@@ -13,6 +13,14 @@ def test_a_row_looks_the_same_in_whatever_company():
     assert looks(["dagger", "plat"])["plat"] == looks(["PLAT"])["PLAT"]  # a run's folder
 
 
+def test_shipped_weights_and_trackers_with_an_interface_have_the_look_of_their_row():
+    names = ["plat-g1", "expert-g1 (line)", "wbc (cascade)", "SONIC (unverified, line)"]
+    assert list(looks(names).values()) == [looks([row])[row] for row in ("PLAT", "Scratch RL", "wbc", "SONIC")]
+    # two that would look alike do not
+    alike = looks(["wbc", "wbc (line)", "wbc (cascade)"])
+    assert len({(look.color, look.marker) for look in alike.values()}) == 3
+
+
 def test_no_two_policies_look_alike():
     others = [f"run {number}" for number in range(8)]
     for names in (ROWS, others, ROWS[6:] + others):
