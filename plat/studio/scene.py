@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection, Coroutine, Sequence
 from functools import cached_property
-from typing import cast
+from typing import Any, cast
 
 import mujoco
 import numpy as np
@@ -23,7 +23,7 @@ _CELL, _FIGURE_CELL = 0.008, 0.012
 # A body that moves and turns by less than this is not sent again (m, and entries of a quaternion).
 _STILL = 1e-5
 _SOLID, _FAINT = 1.0, 0.25
-_INSIDE = (214, 54, 59)
+_INSIDE, _BALANCED, _PLUMB = (214, 54, 59), (18, 161, 94), (90, 100, 110)
 
 _VISUAL_GROUP = 2
 
@@ -216,35 +216,47 @@ class StanceView:
 
     def __init__(self, server: viser.ViserServer, name: str):
         self._server, self._name = server, name
-        self._root = server.scene.add_frame(name, show_axes=False, visible=False)
+        scene = server.scene
+        self._root = scene.add_frame(name, show_axes=False, visible=False)
+        # each has a place of its own: what is moved as a whole is not made anew
+        self._polygon = scene.add_frame(f"{name}/support", show_axes=False)
+        self._center = scene.add_frame(f"{name}/center", show_axes=False)
+        plumb = np.array([[[0.0, 0.0, 0.0], [0.0, 0.0, 0.6]]], dtype=np.float32)
+        scene.add_line_segments(f"{name}/center/plumb", plumb, _PLUMB, thickness=2.0, thickness_units="screen")
+        self._spot = scene.add_icosphere(f"{name}/center/spot", 0.022, _PLUMB, cast_shadow=False)
         self._drawn: tuple[object, ...] = ()
 
     def show(self, stance: Stance | None) -> None:
         """Draw it, in green where the robot is balanced and in red where it is not; None hides it."""
         with self._server.atomic():
-            if self._root.visible != (stance is not None):
-                self._root.visible = stance is not None
+            _change(self._root, "visible", stance is not None)
             if stance is None:
                 return
             balanced = stance.margin is not None and stance.margin >= 0
-            color = (18, 161, 94) if balanced else (214, 54, 59)
-            # about the point below the center of mass: a pose that moves as a whole only moves the node
-            place = np.array([*stance.center[:2], 0.006])
-            corners = [np.array([*(corner - place[:2]), 0.0]) for corner in stance.support]
-            edges = list(zip(corners, [*corners[1:], *corners[:1]], strict=True))
-            plumb = (np.zeros(3), np.array([0.0, 0.0, stance.center[2] - place[2]]))
-            segments = np.array([*edges, plumb], dtype=np.float32).round(4)
-            self._root.position = place
-            drawn = color, segments.tobytes()
+            color = _BALANCED if balanced else _INSIDE
+            _change(self._spot, "color", color)
+            self._center.position = np.array([*stance.center[:2], 0.006])
+            _change(self._polygon, "visible", len(stance.support) > 0)
+            if len(stance.support) == 0:
+                return
+            self._polygon.position = np.array([*stance.support[0], 0.006])
+            corners = np.zeros((len(stance.support), 3), dtype=np.float32)
+            corners[:, :2] = (stance.support - stance.support[0]).round(3)
+            drawn = color, corners.tobytes()
             if self._drawn != drawn:
                 self._drawn = drawn
-                self._draw(segments, color)
+                self._draw(np.stack((corners, np.roll(corners, -1, axis=0)), 1), color)
 
-    def _draw(self, segments: np.ndarray, color: tuple[int, int, int]) -> None:
+    def _draw(self, edges: np.ndarray, color: tuple[int, int, int]) -> None:
         # made anew under the same name: browsers draw the old lines for a while when only the points change
-        scene, colors = self._server.scene, np.tile(np.array(color, dtype=np.uint8), (len(segments), 2, 1))
-        scene.add_line_segments(f"{self._name}/support", segments, colors, line_width=3.0)
-        scene.add_icosphere(f"{self._name}/center", 0.022, color, cast_shadow=False)
+        colors = np.tile(np.array(color, dtype=np.uint8), (len(edges), 2, 1))
+        name = f"{self._name}/support/edges"
+        self._server.scene.add_line_segments(name, edges, colors, thickness=3.0, thickness_units="screen")
+
+
+def _change(handle: Any, field: str, value: object) -> None:
+    if getattr(handle, field) != value:
+        setattr(handle, field, value)
 
 
 def coarse(vertices: np.ndarray, faces: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

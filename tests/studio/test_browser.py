@@ -177,6 +177,7 @@ def user(studio, browser) -> Iterator[User]:
 def test_the_page_has_its_name_and_the_timeline_covers_nothing(user):
     user.begin("wave")
     user.until(lambda: "plat keyframe studio" in user.page.title())
+    assert "fixedDpr=0.6" in user.page.url, "in software there are fewer pixels"
     assert user.page.locator('link[rel="icon"]').get_attribute("href").endswith("icon.svg")
     canvas, dock = (user.page.locator(name).first.bounding_box() for name in ("canvas", "#dock"))
     assert canvas["y"] + canvas["height"] <= dock["y"] + 1

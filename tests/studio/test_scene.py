@@ -19,7 +19,7 @@ class Node:
     """A node that remembers what was set."""
 
     def __init__(self, *data, **fields):
-        self.__dict__.update({"visible": True, **fields}, data=data, changes=[])
+        self.__dict__.update({"visible": True, "color": None, **fields}, data=data, changes=[])
 
     def __setattr__(self, name, value):
         self.__dict__[name] = value
@@ -73,15 +73,18 @@ def test_the_support_polygon_goes_along_and_follows_its_corners(server):
     view, checker = StanceView(server, "stance"), Checker(G1)
     here = G1.default_qpos
     view.show(checker.stance(here))
-    first, lines = server.nodes["stance"].position, server.nodes["stance/support"]
-    away = here + 3 * np.eye(len(here))[0]
-    view.show(checker.stance(away))
-    np.testing.assert_allclose(server.nodes["stance"].position - first, [3, 0, 0], atol=1e-9)
-    assert server.nodes["stance/support"] is lines, "the same shape is not sent again"
-    raised = here + 0.3 * np.eye(len(here))[2]
-    view.show(checker.stance(raised))
-    assert server.nodes["stance/support"] is not lines
-    assert len(server.nodes["stance/support"].data[0]) == 1, "in the air there is only the plumb line"
+    first, edges = server.nodes["stance/support"].position, server.nodes["stance/support/edges"]
+    assert len(edges.data[0]) == len(checker.stance(here).support)
+    view.show(checker.stance(here + 3 * np.eye(len(here))[0]))
+    np.testing.assert_allclose(server.nodes["stance/support"].position - first, [3, 0, 0], atol=1e-9)
+    assert server.nodes["stance/support/edges"] is edges, "the same shape is not sent again"
+    lifted = here.copy()
+    lifted[7 + G1.joint_names.index("left_knee")] += 0.6
+    view.show(checker.stance(lifted))
+    assert server.nodes["stance/support/edges"] is not edges, "it stands on the other foot"
+    view.show(checker.stance(here + 0.3 * np.eye(len(here))[2]))
+    assert server.nodes["stance/support"].visible is False, "in the air there is none"
+    assert server.nodes["stance/center/spot"].color == (214, 54, 59)
     view.show(None)
     assert server.nodes["stance"].visible is False
 
