@@ -1,4 +1,4 @@
-"""Write the policy of a run as a bundle for robots and other simulators: ONNX, metadata, model card, example.
+"""Write the policy of a run as a bundle for robots and other simulators: ONNX, metadata, scene, model card, example.
 
 plat export runs/plat --out bundle
 """
@@ -13,7 +13,7 @@ def main(recipe: ExportRecipe) -> None:
     """Run the recipe."""
     import_modules(recipe.imports)
     get_robot(recipe.robot)  # a description file makes the policy's robot known
-    check = export_bundle(recipe.run, recipe.out)
+    check = export_bundle(recipe.run, recipe.out, picture=True)
     print(f"wrote {recipe.out}: {', '.join(sorted(path.name for path in recipe.out.iterdir()))}")
     print(
         f"largest difference from torch over {check.rows} observations: {check.max_difference:.2g} rad of joint target"

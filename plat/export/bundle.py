@@ -15,19 +15,21 @@ from plat.deploy import PolicyRunner, RobotDescription, RobotState
 from plat.deploy.bundle import INPUT, METADATA_KEY, OUTPUT, Bundle, readable_json
 from plat.deploy.onnx_session import open_session
 from plat.deploy.runner import BUNDLE_FILE, NETWORK_FILE
-from plat.errors import BundleError
+from plat.errors import BundleError, RenderingError
 from plat.export.card import model_card
 from plat.export.facts import describe_policy
 from plat.export.network import JointTargetNetwork
 from plat.export.onnx_file import onnx_model
+from plat.export.scene import scene_xml
 from plat.files import check_folder
 from plat.keyframes import Keyframe
 from plat.modules import Expert, ObservationNormalizer
+from plat.robots import Robot
 from plat.runs import SavedRun
 
 __all__ = ["EXAMPLE_FILE", "TOLERANCE", "ExportCheck", "export_bundle"]
 
-CARD_FILE, EXAMPLE_FILE = "README.md", "example.json"
+CARD_FILE, EXAMPLE_FILE, SCENE_FILE, PICTURE_FILE = "README.md", "example.json", "scene.xml", "picture.png"
 TOLERANCE = 1e-4
 """Largest difference between exported and torch policy that is let through (rad)."""
 _CHECKED_ROWS = 1024
@@ -43,7 +45,7 @@ class ExportCheck:
     """largest absolute difference of a joint position target (rad)"""
 
 
-def export_bundle(run: str | Path, out: str | Path) -> ExportCheck:
+def export_bundle(run: str | Path, out: str | Path, *, picture: bool = False) -> ExportCheck:
     """Write the deployed policy of a run as a bundle that :class:`plat.deploy.PolicyRunner` runs.
 
     The files are checked after they are written. The folder appears when all of them are right, or not at all.
@@ -51,6 +53,7 @@ def export_bundle(run: str | Path, out: str | Path) -> ExportCheck:
     Args:
         run: run directory of ``plat distill`` or ``plat refine``.
         out: folder to make.
+        picture: draw the robot for the model card, where OpenGL and imageio are there.
 
     Raises:
         CheckpointError: when the run or its scores cannot be read.
@@ -81,7 +84,8 @@ def export_bundle(run: str | Path, out: str | Path) -> ExportCheck:
         hashed = replace(bundle, network_sha256=hashlib.sha256(network_file).hexdigest())
         (part / BUNDLE_FILE).write_text(hashed.to_json(), encoding="utf-8")
         check = _check(part / NETWORK_FILE, network)
-        card = model_card(bundle, saved.settings, check.max_difference)
+        files = _optional_files(part, policy.robot, picture)
+        card = model_card(bundle, saved.settings, check.max_difference, files)
         (part / CARD_FILE).write_text(card, encoding="utf-8")
         example = _example(part, network, bundle)
         (part / EXAMPLE_FILE).write_text(readable_json(example), encoding="utf-8")
@@ -93,6 +97,25 @@ def export_bundle(run: str | Path, out: str | Path) -> ExportCheck:
         if part is not None:
             shutil.rmtree(part, ignore_errors=True)
     return check
+
+
+def _optional_files(folder: Path, robot: Robot, picture: bool) -> list[str]:
+    """Write scene and picture where they can be made; return their names."""
+    files = []
+    if (scene := scene_xml(robot)) is not None:
+        (folder / SCENE_FILE).write_text(scene, encoding="utf-8")
+        files.append(SCENE_FILE)
+    if picture:
+        from plat.rendering import Stage, write_picture  # OpenGL: most exports draw nothing
+
+        try:
+            stage = Stage(robot)
+            stage.look_at(robot.default_qpos)
+            write_picture(folder / PICTURE_FILE, stage.draw(robot.default_qpos))
+            files.append(PICTURE_FILE)
+        except RenderingError:  # a card without a picture says the same
+            pass
+    return files
 
 
 @torch.no_grad()

@@ -1,9 +1,10 @@
 """Model card of a bundle."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from plat.deploy.bundle import Bundle, BundleScore
+from plat.export.data_sets import license_table
 
 __all__ = ["model_card"]
 
@@ -19,28 +20,33 @@ send(command.position, command.stiffness, command.damping)
 ```"""
 
 
-def model_card(bundle: Bundle, settings: Mapping[str, Any], max_difference: float) -> str:
+def model_card(bundle: Bundle, settings: Mapping[str, Any], max_difference: float, files: Collection[str] = ()) -> str:
     """Return Markdown that describes the policy: architecture, training, scores and limits.
 
     Args:
         bundle: what the bundle says about itself.
         settings: of the recipe that made the run.
         max_difference: of a joint target between exported and torch policy (rad).
+        files: names of optional files of the bundle: ``scene.xml``, ``picture.png``.
     """
     robot, training = bundle.robot, bundle.training
-    motions = ", ".join(f"`{name}`" for name in settings.get("motions", ())) or "unknown"
+    motions = [str(name) for name in settings.get("motions", ())]
     made_by = "an unknown recipe" if training.recipe is None else f"`plat {training.recipe}`"
     parts = [
         f"# {training.run}: timed keyframes on the {robot.name}",
         f"A policy that takes a {robot.name} ({len(robot.joint_names)} joints) to one future whole-body pose, at most "
         f"{bundle.timing.longest:g} s ahead, and arrives on time. It asks for joint position targets "
         f"every {robot.control_dt:g} s.",
+        *(["![The robot in its default pose](picture.png)"] if "picture.png" in files else []),
         "`policy.onnx` is the network with its metadata inside, `bundle.json` the same metadata, `example.json` a step "
-        "to check another program against. plat's `docs/deploy.md` explains every field.",
+        "to check another program against. "
+        + ("`scene.xml` is the robot on a floor, for MuJoCo. " if "scene.xml" in files else "")
+        + "plat's `docs/deploy.md` explains every field.",
         "## Use\n\nNeeds numpy and onnxruntime.\n\n" + _USE.format(dt=robot.control_dt),
         f"## Training\n\nA `{bundle.policy.kind}` policy, made by {made_by} in the run `{training.run}` (plat "
-        f"{training.plat}, torch {training.torch}, commit {training.commit}). Motions of that run: {motions}; "
-        "their license binds what the policy may be used for.",
+        f"{training.plat}, torch {training.torch}, commit {training.commit}). Motions of that run:\n\n"
+        + (license_table(motions) if motions else "unknown")
+        + "\n\nTheir licenses bind what the policy may be used for. Runs that it began with may have seen others.",
         "## Scores\n\n" + _score_table(bundle.scores),
         f"## Limits\n\n{_limits(settings.get('task', {}))} Exported and torch policy differ by at most "
         f"{max_difference:.2g} rad.",

@@ -24,7 +24,8 @@ def test_a_run_becomes_a_bundle(tmp_path):
     (run / "evaluation.csv").write_text("policy,horizon,metric,value,low,high\nplat,long,tks,99.5,99.25,99.75\n")
     result = export(run, "--out", tmp_path / "bundle")
     assert result.returncode == 0, result.stderr
-    assert "README.md, bundle.json, example.json, policy.onnx" in result.stdout
+    assert "README.md, bundle.json, example.json" in result.stdout
+    assert "policy.onnx, scene.xml" in result.stdout
     assert "largest difference from torch over 1024 observations: " in result.stdout
     assert "Warning" not in result.stderr
     assert PolicyRunner(tmp_path / "bundle").bundle.scores[0].value == 99.5

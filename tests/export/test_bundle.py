@@ -30,7 +30,7 @@ def test_each_kind_of_policy(tmp_path, kind):
     check = export_bundle(write_run(tmp_path / "run", policy), tmp_path / "bundle")
     assert 0 < check.max_difference < 1e-5
     names = sorted(path.name for path in (tmp_path / "bundle").iterdir())
-    assert names == ["README.md", "bundle.json", "example.json", "policy.onnx"]
+    assert names == ["README.md", "bundle.json", "example.json", "policy.onnx", "scene.xml"]
     example = json.loads((tmp_path / "bundle" / "example.json").read_text())
     expected = JointTargetNetwork(policy)(torch.tensor(example["observation"]))
     np.testing.assert_allclose(example["joint_position_target"], expected.detach(), atol=1e-6)

@@ -54,3 +54,20 @@ def test_a_table_of_scores(bundle):
 )
 def test_limits_follow_from_the_training(bundle, task, sentence):
     assert sentence in card(bundle, **task)
+
+
+def test_data_sets_have_their_licenses_by_name(bundle):
+    text = model_card(bundle, {"motions": ["/home/me/bandai_train.npz", "generated:train@60", "mine.npz"]}, 0.0)
+    assert "| `bandai_train.npz` | Bandai-Namco Research Motion Dataset 1 and 2" in text
+    assert "| CC BY-NC 4.0 |" in text
+    assert "| `generated:train@60` | motions that plat generates | Apache-2.0 |" in text
+    assert "| `mine.npz` | not known to plat | ask who made them |" in text
+    assert "/home/me" not in text
+
+
+def test_a_picture_and_a_scene_are_named_where_they_are(bundle):
+    assert "picture.png" not in card(bundle)
+    assert "scene.xml" not in card(bundle)
+    text = model_card(bundle, {}, 0.0, ["scene.xml", "picture.png"])
+    assert "](picture.png)" in text
+    assert "`scene.xml`" in text

@@ -1,0 +1,59 @@
+"""Data sets of motions by the names of their files, with their licenses."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import PurePath
+
+__all__ = ["DATA_SETS", "DataSet", "data_set_of", "license_table"]
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """Data set of motions.
+
+    Args:
+        prefix: of the names of its motion files, in lower case.
+        name: of the data set.
+        license: by name.
+    """
+
+    prefix: str
+    name: str
+    license: str
+
+
+DATA_SETS = (
+    DataSet("generated", "motions that plat generates", "Apache-2.0"),
+    DataSet("bandai", "Bandai-Namco Research Motion Dataset 1 and 2, retargeted to the G1", "CC BY-NC 4.0"),
+    DataSet("asap", "ASAP", "MIT"),
+    DataSet("pbhc", "PBHC", "CC BY-NC 4.0"),
+    DataSet(
+        "hard_free",
+        "CMU (mocap.cs.cmu.edu, created with funding from NSF EIA-0196217), g1-moves (Experiential Technologies), "
+        "samples",
+        "CMU's terms, CC BY 4.0; Apache-2.0, MIT and BSD",
+    ),
+    DataSet("hard_sa", "HDM05 (Müller et al.)", "CC BY-SA 3.0"),
+    DataSet("hard_nc", "Sony SIE, NVIDIA ASE", "CC BY-NC 4.0, non-commercial"),
+)
+"""What the shipped weights were trained on."""
+
+
+def data_set_of(motions: str) -> DataSet | None:
+    """Return the data set that a motion file or ``generated:...`` is of; None for one that is not known.
+
+    >>> data_set_of("motions/bandai_train.npz").license
+    'CC BY-NC 4.0'
+    """
+    name = PurePath(motions.replace("\\", "/")).name.lower()
+    return next((each for each in DATA_SETS if name.startswith(each.prefix)), None)
+
+
+def license_table(motions: Iterable[str]) -> str:
+    """Return a Markdown table of motions, data sets and licenses."""
+    lines = ["| motions | data set | license |", "|---|---|---|"]
+    for given in motions:
+        known = data_set_of(given)
+        name, terms = (known.name, known.license) if known else ("not known to plat", "ask who made them")
+        lines.append(f"| `{PurePath(given).name}` | {name} | {terms} |")
+    return "\n".join(lines)
