@@ -24,16 +24,19 @@ else:
 
 
 def load(name: str, device: str = "cpu") -> "Policy":
-    """Load a trained policy that comes with plat. :func:`plat.runs.load_policy` loads one of your own.
+    """Load a trained policy that comes with plat or is on the Hugging Face Hub.
+
+    :func:`plat.runs.load_policy` loads one of your own.
 
     Args:
         name: ``"plat-g1"``, ``"dagger-g1"``, ``"expert-g1"``, ``"imagined-g1"``, or
-            ``"plat-generated-g1"``, which was trained on generated motions only. Data, license and scores are in
+            ``"plat-generated-g1"``, which was trained on generated motions only; or ``"hf:owner/name"``, a run on the
+            Hugging Face Hub (extra ``plat-rl[hub]``). Data, license and scores are in
             ``plat/weights/README.md``.
         device: of the weights.
 
     Raises:
-        CheckpointError: for another name, with the list of names.
+        CheckpointError: for another name, with the list of names, and for a run that cannot be downloaded.
 
     >>> load("plat-g1").deployed().out_keys
     ['action']

@@ -2,6 +2,7 @@
 
 from plat.export.bundle import ExportCheck, export_bundle
 from plat.export.network import JointTargetNetwork
+from plat.export.push import push_run
 from plat.robots.describe import describe_robot
 
-__all__ = ["ExportCheck", "JointTargetNetwork", "describe_robot", "export_bundle"]
+__all__ = ["ExportCheck", "JointTargetNetwork", "describe_robot", "export_bundle", "push_run"]

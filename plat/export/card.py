@@ -6,7 +6,7 @@ from typing import Any
 from plat.deploy.bundle import Bundle, BundleScore
 from plat.export.data_sets import license_table
 
-__all__ = ["model_card"]
+__all__ = ["model_card", "run_card"]
 
 # Columns of the table of scores: metric, title, digits.
 _COLUMNS = (("tks", "TKS@3 (%)", 1), ("mpjpe", "MPJPE@3 (rad)", 3), ("mpkpe", "MPKPE@3 (m)", 3))
@@ -50,6 +50,27 @@ def model_card(bundle: Bundle, settings: Mapping[str, Any], max_difference: floa
         "## Scores\n\n" + _score_table(bundle.scores),
         f"## Limits\n\n{_limits(settings.get('task', {}))} Exported and torch policy differ by at most "
         f"{max_difference:.2g} rad.",
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def run_card(bundle: Bundle, settings: Mapping[str, Any], name: str) -> str:
+    """Return the card of a run on the Hugging Face Hub: front matter, use, training, scores and limits.
+
+    Args:
+        bundle: what a bundle of it would say.
+        settings: of the recipe that made the run.
+        name: ``"hf:owner/name"``.
+    """
+    motions = [str(motion) for motion in settings.get("motions", ())]
+    parts = [
+        "---\nlibrary_name: plat-rl\npipeline_tag: robotics\nlicense: other\ntags: [plat, humanoid, keyframes]\n---",
+        f"# {name.partition('/')[2]}: timed keyframes on the {bundle.robot.name}",
+        f"A `{bundle.policy.kind}` policy of plat for the {bundle.robot.name}.",
+        f'```python\nimport plat  # pip install "plat-rl[hub]"\n\npolicy = plat.load("{name}").deployed()\n```',
+        "## Training\n\nMotions of its last run:\n\n" + (license_table(motions) if motions else "unknown"),
+        "## Scores\n\n" + _score_table(bundle.scores),
+        f"## Limits\n\n{_limits(settings.get('task', {}))}",
     ]
     return "\n\n".join(parts) + "\n"
 

@@ -7,6 +7,7 @@ from plat.lazy import lazy
 if TYPE_CHECKING:
     from plat.runs.budget import Budget
     from plat.runs.dynamics import DYNAMICS_FILE, load_dynamics, save_dynamics
+    from plat.runs.hub import download_run, upload_run
     from plat.runs.inputs import run_inputs
     from plat.runs.json_object import read_json, write_json
     from plat.runs.locate import is_run, run_folder, shipped_runs
@@ -33,6 +34,7 @@ __all__ = [
     "check_logger",
     "check_out",
     "default_device",
+    "download_run",
     "is_run",
     "load_dynamics",
     "load_policy",
@@ -49,5 +51,6 @@ __all__ = [
     "save_weights",
     "shipped_runs",
     "start_logging",
+    "upload_run",
     "write_json",
 ]

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from plat.errors import CheckpointError
+from plat.runs.hub import HUB_PREFIX, download_run
 from plat.runs.json_object import read_json
 
 __all__ = ["CONFIG_FILE", "is_run", "run_folder", "shipped_runs"]
@@ -33,8 +34,10 @@ def is_run(folder: Path) -> bool:
 def run_folder(run: str | Path) -> Path:
     """Return a run directory by its path, or by the name of weights that come with plat where no such folder is.
 
+    ``"hf:owner/name"`` is downloaded from the Hugging Face Hub, see :func:`plat.runs.download_run`.
+
     Raises:
-        CheckpointError: for what is neither, with the names.
+        CheckpointError: for what is none of these, with the names.
 
     >>> run_folder("plat-g1").name
     'plat'
@@ -42,6 +45,8 @@ def run_folder(run: str | Path) -> Path:
     path = Path(run)
     if path.exists():
         return path
+    if str(run).startswith(HUB_PREFIX):
+        return download_run(str(run))
     shipped = shipped_runs()
     if str(run) in shipped:
         return shipped[str(run)]

@@ -3,6 +3,7 @@
 import torch
 
 from plat.errors import CheckpointError
+from plat.runs.hub import HUB_PREFIX, download_run
 from plat.runs.locate import shipped_runs
 from plat.runs.policies import Policy
 from plat.runs.saved_run import SavedRun
@@ -12,6 +13,8 @@ __all__ = ["load_shipped", "shipped_runs"]
 
 def load_shipped(name: str, device: torch.device | str = "cpu") -> Policy:
     """Return the shipped policy of a name; see :func:`plat.load`."""
+    if name.startswith(HUB_PREFIX):
+        return SavedRun(download_run(name)).policy(device)
     runs = shipped_runs()
     if name not in runs:
         known = ", ".join(repr(run) for run in runs) or "none: this installation of plat has no weights"

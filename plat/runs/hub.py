@@ -1,0 +1,92 @@
+"""Runs on the Hugging Face Hub: download by name, and upload with a card."""
+
+import re
+import shutil
+import tempfile
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from plat.errors import CheckpointError
+
+__all__ = ["HUB_PREFIX", "download_run", "upload_run"]
+
+HUB_PREFIX = "hf:"
+"""Before the name of a repository: ``"hf:owner/name"`` or ``"hf:owner/name@revision"``."""
+_FILES = ["config.json", "model.safetensors", "evaluation.csv"]
+_NAME = re.compile(r"[\w.-]{1,96}/[\w.-]{1,96}(@[\w./-]{1,96})?", re.ASCII)
+
+
+def download_run(name: str) -> Path:
+    """Return the folder of a run that is downloaded from the Hub, or was before.
+
+    Settings and weights are data: nothing of what is downloaded is executed.
+
+    Args:
+        name: ``"hf:owner/name"``, with ``"@revision"`` behind it for a branch, tag or commit.
+
+    Raises:
+        CheckpointError: for a name of another form, when huggingface-hub is not installed, or the Hub does not
+            give the files.
+    """
+    repo, _, revision = _checked(name).partition("@")
+    hub = _huggingface_hub()
+    try:
+        folder = Path(hub.snapshot_download(repo, revision=revision or None, allow_patterns=_FILES))
+    except Exception as error:  # the client has a class of its own for every kind of failure
+        raise CheckpointError(f"{name!r} could not be downloaded ({_one_line(error)})") from error
+    if not (folder / _FILES[0]).is_file():
+        raise CheckpointError(f"{name!r} holds no {_FILES[0]}, expected a run that plat.runs.upload_run wrote")
+    return folder
+
+
+def upload_run(run: str | Path, name: str, card: str, *, private: bool = True) -> None:
+    """Upload config, weights and scores of a run to the Hub, with a card. Log in first: ``hf auth login``.
+
+    Args:
+        run: its directory.
+        name: ``"hf:owner/name"``; the repository is made if it is not there.
+        card: Markdown, for example of :func:`plat.export.run_card`.
+        private: whether a new repository is private.
+
+    Raises:
+        CheckpointError: for a name of another form, a directory without a run, when huggingface-hub is not
+            installed, or the Hub does not take the files.
+    """
+    repo, _, revision = _checked(name).partition("@")
+    if revision:
+        raise CheckpointError(f"{name!r}: a revision cannot be uploaded, expected 'hf:owner/name'")
+    missing = [file for file in _FILES[:2] if not (Path(run) / file).is_file()]
+    if missing:
+        raise CheckpointError(f"{str(run)!r} holds no {missing[0]}, expected a run directory")
+    hub = _huggingface_hub()
+    with tempfile.TemporaryDirectory() as folder:
+        for file in _FILES:
+            if (Path(run) / file).is_file():
+                shutil.copyfile(Path(run) / file, Path(folder) / file)
+        (Path(folder) / "README.md").write_text(card, encoding="utf-8")
+        try:
+            api = hub.HfApi()
+            api.create_repo(repo, private=private, exist_ok=True)
+            api.upload_folder(repo_id=repo, folder_path=folder, commit_message="Upload a policy of plat")
+        except Exception as error:  # as above
+            raise CheckpointError(f"{name!r} could not be uploaded ({_one_line(error)})") from error
+
+
+def _checked(name: str) -> str:
+    repo = name.removeprefix(HUB_PREFIX)
+    if not name.startswith(HUB_PREFIX) or not _NAME.fullmatch(repo):
+        raise CheckpointError(f"{name!r} names no repository, expected 'hf:owner/name' or 'hf:owner/name@revision'")
+    return repo
+
+
+def _huggingface_hub() -> Any:
+    try:
+        return import_module("huggingface_hub")  # type checkers know it only where it is installed
+    except ImportError as error:
+        raise CheckpointError("the Hugging Face Hub needs: pip install 'plat-rl[hub]'") from error
+
+
+def _one_line(error: Exception) -> str:
+    lines = str(error).strip().splitlines()
+    return f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
