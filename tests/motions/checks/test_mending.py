@@ -1,0 +1,58 @@
+import numpy as np
+
+from plat.motions import MotionClip, mend_motion
+from plat.motions.clip import ASSUMED_RATE
+from plat.robots import G1
+from tests.motions.formats.writers import bowing_clip
+
+
+def test_what_needs_nothing_is_the_same_object():
+    clip = bowing_clip(60)
+    mended = mend_motion(clip)
+    assert mended.clip is clip
+    assert (mended.before.verdict, mended.after.verdict, mended.done) == ("use", "use", ())
+
+
+def test_only_what_is_asked_for_is_done():
+    clip = bowing_clip(60)
+    qpos = clip.qpos.copy()
+    qpos[40:, 7 + 18] += 0.5
+    mended = mend_motion(MotionClip("step", qpos, 50.0))
+    assert mended.done == ("single-frame steps smoothed",)
+    assert mended.after.verdict == "use"
+    np.testing.assert_array_equal(np.delete(mended.clip.qpos, 7 + 18, 1), np.delete(qpos, 7 + 18, 1))
+
+
+def test_a_jump_near_an_end_is_trimmed():
+    qpos = bowing_clip(90).qpos.copy()
+    qpos[:6, 0] += 0.5
+    mended = mend_motion(MotionClip("jump", qpos, 50.0))
+    assert mended.done == ("ends trimmed",)
+    assert mended.after.verdict == "use"
+    np.testing.assert_array_equal(mended.clip.qpos, qpos[-len(mended.clip.qpos) :])
+    assert len(mended.clip.qpos) >= 82
+
+
+def test_a_drifting_floor_is_followed_where_a_shift_is_not_enough():
+    qpos = bowing_clip(200).qpos.copy()
+    qpos[:, 2] += np.linspace(-0.12, 0.12, 200)
+    mended = mend_motion(MotionClip("drift", qpos, 50.0))
+    assert mended.before.verdict == "repair"
+    assert mended.after.verdict == "use"
+    assert mended.done[-1] == "feet put on a floor that drifts"
+
+
+def test_what_cannot_be_repaired_stays_as_it_is():
+    clip = MotionClip("bow", bowing_clip(60).qpos, 50.0, (ASSUMED_RATE,))
+    mended = mend_motion(clip)
+    assert mended.clip is clip
+    assert mended.after.reasons == ("nothing states or shows its frame rate: state it (--fps)",)
+
+
+def test_repairs_leave_the_notes():
+    qpos = bowing_clip(60).qpos.copy()
+    qpos[:, 2] += 0.1
+    mended = mend_motion(MotionClip("bow", qpos, 50.0, (ASSUMED_RATE,)), G1)
+    assert mended.done == ("feet put on the floor",)
+    assert mended.clip.notes == (ASSUMED_RATE,)
+    assert mended.after.verdict == "repair"
