@@ -11,12 +11,19 @@ from plat.motions.retargeting.skeletons import SIDES, SkeletonMap
 
 __all__ = ["propose_map"]
 
-_ANKLE = re.compile(r"foot|ankle|feet|talus")
-_TOE = re.compile(r"toe|ball")
-_WRIST = re.compile(r"hand|wrist|palm")
+# in English, German, French, Spanish and Japanese
+_ANKLE = re.compile(r"foot|ankle|feet|talus|fuss|fuß|knöchel|pied|cheville|tobillo|(?<![a-z])pie(?![a-z])|足首")
+_TOE = re.compile(r"toe|ball|zeh|orteil|punta|つま先")
+_WRIST = re.compile(r"hand|wrist|palm|poignet|mano|muñeca|(?<![a-z])main(?![a-z])|手首")
+_OTHER_SIDES = {
+    "left": re.compile(r"links|gauche|izquierd|(?<![a-z])izq(?![a-z])|左"),
+    "right": re.compile(r"rechts|droit|derech|(?<![a-z])der(?![a-z])|右"),
+}
 # parts of hands and feet, and helpers that are no joints
-_PARTS = re.compile(r"thumb|index|middle|mid\d|ring|pinky|finger|twist|roll|nub|ik|pole|ctrl|prop|end$|tip")
-_NECK = re.compile(r"neck|head|cervic")
+_PARTS = re.compile(
+    r"thumb|index|middle|mid\d|ring|pinky|finger|daumen|pouce|doigt|pulgar|dedo|指|twist|roll|nub|ik|pole|ctrl|prop|end$|tip"
+)
+_NECK = re.compile(r"neck|head|cervic|hals|kopf|nacken|cou(?!d)|tête|cuello|cabeza|首|頭")
 # Lengths below this share of the skeleton's height are none.
 _SHORT = 0.01
 
@@ -72,7 +79,9 @@ class _Tree:
         found = [
             index
             for index, name in enumerate(self._mocap.names)
-            if expression.search(name.lower()) and not _PARTS.search(name.lower()) and _side(name) == side
+            if expression.search(re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower())
+            and not _PARTS.search(name.lower())
+            and _side(name) == side
         ]
         return min(found, key=lambda index: len(self.ancestors(index)), default=None)
 
@@ -109,7 +118,10 @@ class _Tree:
 def _side(name: str) -> str | None:
     words: Sequence[str] = tokens(re.split(r"[:|]", name)[-1])
     joined = "".join(words)
+    spelled = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()
     for side in SIDES:
+        if _OTHER_SIDES[side].search(spelled):
+            return side
         if side in words or joined.startswith(side) or joined.endswith(side):
             return side
     initial = re.match(r"([lr])(?=[A-Z_.\- ]|foot|ankle|hand|wrist)", re.split(r"[:|]", name)[-1], re.IGNORECASE)

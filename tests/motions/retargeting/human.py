@@ -72,7 +72,7 @@ def write_human(
                 angles = angles.as_euler("ZYX", degrees=True)
             values += list(angles)
         lines.append(" ".join(f"{value:.6f}" for value in values))
-    path.write_text("\n".join(lines) + "\n")
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
 
 

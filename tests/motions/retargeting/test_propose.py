@@ -62,3 +62,44 @@ def test_a_proposed_map_is_used_when_it_is_confirmed(tmp_path):
     assert (str(again), again.proposed) == (str(error.value), error.value.proposed)
     save_map(tmp_path / "mine.yaml", again.proposed, "proposed")
     assert retarget(path, load_map(tmp_path / "mine.yaml")).error < 0.01
+
+
+def in_language(hips, spine, neck, words, side):
+    """Names of LAFAN1's joints in another language."""
+    limbs = ("UpLeg", "Leg", "Foot", "Toe", "Shoulder", "Arm", "ForeArm", "Hand")
+    trunk = {"Hips": hips, "Spine": f"{spine}1", "Spine1": f"{spine}2", "Spine2": f"{spine}3", "Neck": neck}
+    return trunk | {
+        f"{s}{limb}": side(word, s) for s in ("Left", "Right") for limb, word in zip(limbs, words, strict=True)
+    }
+
+
+LANGUAGES = {
+    "German": in_language(
+        *("Becken", "Wirbel", "Hals"),
+        ("Oberschenkel", "Unterschenkel", "Fuss", "Zehen", "Schulter", "Oberarm", "Unterarm", "Hand"),
+        lambda word, side: f"{word}{'Links' if side == 'Left' else 'Rechts'}",
+    ),
+    "French": in_language(
+        *("Bassin", "Dos", "Cou"),
+        ("Cuisse", "Jambe", "Pied", "Orteils", "Clavicule", "Bras", "Coude", "Main"),
+        lambda word, side: f"{word}{'Gauche' if side == 'Left' else 'Droite'}",
+    ),
+    "Spanish": in_language(
+        *("Cadera", "Columna", "Cuello"),
+        ("Muslo", "Pierna", "Pie", "Punta", "Hombro", "Brazo", "Codo", "Mano"),
+        lambda word, side: f"{word}_{'izq' if side == 'Left' else 'der'}",
+    ),
+    "Japanese": in_language(
+        *("腰", "背骨", "首"),
+        ("腿", "膝", "足首", "つま先", "肩", "腕", "肘", "手首"),
+        lambda word, side: f"{'左' if side == 'Left' else '右'}{word}",
+    ),
+}
+
+
+@pytest.mark.parametrize("names", LANGUAGES.values(), ids=LANGUAGES)
+def test_names_in_other_languages(tmp_path, names):
+    mocap = read_bvh(write_human(tmp_path / "a.bvh", frames=3, names=names))
+    found = propose_map(mocap, "proposed")
+    assert found is not None
+    assert found.joints == {role: names[name] for role, name in LAFAN1.joints.items()}
