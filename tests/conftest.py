@@ -1,10 +1,14 @@
+import atexit
 import os
+import shutil
 import tempfile
 from pathlib import Path
 
 # before torch is imported: tests run side by side, and threads that fight for cores slow all of them down
 os.environ.setdefault("OMP_NUM_THREADS", "1")
-os.environ.setdefault("PLAT_CACHE_DIR", tempfile.mkdtemp(prefix="plat-cache-"))
+if "PLAT_CACHE_DIR" not in os.environ:  # processes that tests start inherit it
+    os.environ["PLAT_CACHE_DIR"] = tempfile.mkdtemp(prefix="plat-cache-")
+    atexit.register(shutil.rmtree, os.environ["PLAT_CACHE_DIR"], ignore_errors=True)
 os.environ.setdefault("WANDB_MODE", "offline")
 
 import numpy as np

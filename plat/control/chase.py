@@ -12,6 +12,7 @@ from plat.control.simulator import Simulator
 from plat.deploy import Pose, RobotState
 from plat.errors import KeyframeError
 from plat.keyframes import Command, Keyframe, KeyframeSequence
+from plat.spec.parts import WHOLE_ONLY
 from plat.spec.timing import Timing
 
 __all__ = ["Chase", "ChaseStep", "Controller"]
@@ -161,8 +162,5 @@ def _for_controller(sequence: KeyframeSequence, controller: Controller) -> Keyfr
     partial = sequence.partial
     if partial is not None and not getattr(controller, "sees_parts", True):
         label = f" ({partial.name!r})" if partial.name else ""
-        raise KeyframeError(
-            f"the keyframe at {partial.time:g} s{label} commands a part of its pose, but this policy was trained on "
-            "whole poses: command all of it, or use a policy that sees which parts are commanded"
-        )
+        raise KeyframeError(f"the keyframe at {partial.time:g} s{label} commands a part of its pose, but {WHOLE_ONLY}")
     return sequence.with_timing(controller.timing)

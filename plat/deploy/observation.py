@@ -15,7 +15,7 @@ from plat.deploy.state import Array, Pose, RobotState
 from plat.errors import StateError
 from plat.rotations_np import UNIT_TOLERANCE, quat_to_matrix
 from plat.spec.observation import OPTIONAL_GROUPS, STUDENT_GROUPS, as_observed, observed, table
-from plat.spec.parts import Parts
+from plat.spec.parts import WHOLE_ONLY, Parts
 from plat.spec.timing import SOON, Timing
 
 __all__ = ["ObservationBuilder", "ObservationTerm", "observation_terms"]
@@ -188,10 +188,7 @@ class ObservationBuilder:
         if commands is None or commands.whole:
             return None
         if "parts" not in self.also:
-            raise StateError(
-                "keyframe: commands a part of the pose, but this policy was trained on whole poses: command all of it, "
-                "or use a policy that observes which parts are commanded"
-            )
+            raise StateError(f"keyframe: commands a part of the pose, but {WHOLE_ONLY}")
         mask = commands.mask()
         if len(mask) != len(self._whole):
             raise StateError(f"keyframe: commands has {len(mask)} flags, expected {len(self._whole)}")

@@ -16,6 +16,7 @@ from plat.evaluation.rollout import make_evaluation_env
 from plat.evaluation.setting import EvaluationSetting, Interface, Observe, ReferenceView
 from plat.motions.library import MotionLibrary
 from plat.spec.observation import optional_groups
+from plat.spec.parts import WHOLE_ONLY
 from plat.spec.timing import Timing, timing_of
 
 __all__ = ["evaluate", "schedule_of_clips"]
@@ -132,10 +133,7 @@ def _partial(
 ) -> CommandSchedule:
     """Return a schedule of partial keyframes; those of a clip are the same whatever the other clips."""
     if "parts" not in optional_groups(getattr(policy, "in_keys", ())):
-        raise TaskError(
-            f"partial keyframes ({kind}): this policy was trained on whole poses, expected one that sees which parts "
-            "are commanded (--policy.also parts)"
-        )
+        raise TaskError(f"partial keyframes ({kind}): {WHOLE_ONLY} (--policy.also parts)")
     of_clip = library.clip_of_frame[schedule.first_frame.to(library.device)]
     masks = []
     for row, clip in enumerate(clips):

@@ -13,10 +13,15 @@ from plat.errors import KeyframeError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["ROOT_PARTS", "Parts", "RobotParts"]
+__all__ = ["ROOT_PARTS", "WHOLE_ONLY", "Parts", "RobotParts"]
 
 ROOT_PARTS = ("horizontal", "height", "orientation")
 """Components of the root that a keyframe commands apart from each other."""
+
+WHOLE_ONLY = (
+    "this policy was trained on whole poses: command all of it, or use a policy that sees which parts are commanded"
+)
+"""What to tell those who give a partial keyframe to a policy that does not see parts."""
 
 
 class RobotParts(Protocol):

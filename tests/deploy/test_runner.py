@@ -1,5 +1,6 @@
 import json
 import shutil
+import warnings
 
 import numpy as np
 import pytest
@@ -169,7 +170,9 @@ def test_a_network_that_asks_for_terabytes(copy):
             graph.node.append(onnx.helper.make_node(operation, inputs, [output], **more))
 
     change_network(copy, add_a_maximum_of_zeros)
-    with OLD, pytest.raises(BundleError, match=r"policy.onnx': the network does not run \(.*memory.*\)$"):
+    # onnxruntime 1.23 finds out when it folds constants, before there is anything to run
+    told = r"policy.onnx': (the network does not run \(.*memory.*|not a readable .onnx file \(.*bad_alloc.*)\)$"
+    with warnings.catch_warnings(action="ignore"), pytest.raises(BundleError, match=told):
         PolicyRunner(copy)
 
 
