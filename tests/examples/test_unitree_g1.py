@@ -1,0 +1,59 @@
+"""The example for Unitree's G1 against a simulated one in another process, by a stand-in for the SDK."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from plat.keyframes import KeyframeSequence, standing
+from plat.robots import G1
+
+HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
+
+
+@pytest.mark.slow
+def test_a_simulated_g1_steps_aside(shipped_bundle, tmp_path):
+    pose = standing(G1)
+    aside = replace(pose.at(1.0), root_pos=pose.root_pos + np.array([0.0, 0.25, 0.0]))
+    KeyframeSequence(G1, pose, (aside,)).save(tmp_path / "aside.json")
+    holders = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2)]
+    for holder in holders:
+        holder.bind(("127.0.0.1", 0))
+    ports = ",".join(str(holder.getsockname()[1]) for holder in holders)
+    for holder in holders:
+        holder.close()
+    path = os.pathsep.join((str(HERE / "stand_in"), str(ROOT), os.environ.get("PYTHONPATH", "")))
+    environment = {**os.environ, "STAND_IN_PORTS": ports, "PYTHONPATH": path}
+    program = """
+import sys, runpy
+from pathlib import Path
+from plat.deploy.safety import SafetySettings
+module = runpy.run_path(sys.argv[1])
+module["main"].__globals__["SILENCE"] = 60.0
+module["main"].__globals__["STAND"] = 0.5
+print(module["main"](Path(sys.argv[2]), Path(sys.argv[3]), "lo", SafetySettings(ramp=0.2, hold=0.2, stand=0.3)))
+"""
+    arguments = [str(ROOT / "examples" / "unitree_g1.py"), str(shipped_bundle), str(tmp_path / "aside.json")]
+    ours = subprocess.Popen([sys.executable, "-c", program, *arguments], env=environment,
+                            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)  # fmt: skip
+    theirs = subprocess.Popen([sys.executable, str(HERE / "stand_in" / "robot.py"), "60"], env=environment,
+                              stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)  # fmt: skip
+    try:
+        out, errors = ours.communicate(timeout=300)
+        assert out.strip() == "end", errors
+        report, errors = theirs.communicate(timeout=100)
+        result = json.loads(report) if report else errors
+        assert result["refused"] == 0
+        assert abs(result["position"][1] - 0.25) < 0.1
+        assert abs(result["position"][0]) < 0.1
+        assert result["position"][2] > 0.65
+    finally:
+        ours.kill()
+        theirs.kill()
