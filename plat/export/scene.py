@@ -8,6 +8,7 @@ __all__ = ["scene_xml"]
 def scene_xml(robot: Robot) -> str | None:
     """Return the MJCF of a robot on a floor, motors and contact sensors included; None when it needs other files.
 
+    >>> import mujoco
     >>> from plat.robots import G1
     >>> mujoco.MjModel.from_xml_string(scene_xml(G1)).nu
     29
