@@ -61,7 +61,7 @@ def lunge(script: MotionScript, rng: np.random.Generator) -> None:
         gait = Gait(step_time=rng.uniform(0.55, 0.75), clearance=clearance, onset=rng.uniform(0.4, 0.5))
         heel = rng.uniform(0.8, 1.2) * length + 1.5 * depth
     else:
-        apart = float(np.linalg.norm(script.feet[LEFT, :2] - script.feet[RIGHT, :2])
+        apart = float(np.linalg.norm(script.feet[LEFT, :2] - script.feet[RIGHT, :2]))
         out, depth, heel = place_beside(script, foot, 0.0, rng.uniform(0.26, 0.3) - apart), rng.uniform(0.03, 0.08), 0.0
         # quick, so that the weight stays near the middle: an ankle cannot tilt far sideways
         gait = Gait(step_time=rng.uniform(0.45, 0.55), clearance=clearance, onset=rng.uniform(0.25, 0.35))
