@@ -2,6 +2,7 @@
 
 import math
 import re
+from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -80,28 +81,32 @@ def read_bvh(path: str | Path, fps: float | None = None) -> Mocap:
 
 
 class _Lines:
-    """The words of the lines that are not empty, one line after the other."""
+    """The words of the lines that are not empty, one line after the other.
+
+    Lines are split when they are taken: the words of an hour of motion would fill gigabytes.
+    """
 
     def __init__(self, path: str | Path, text: str):
         self._path = path
-        self._rows = [
+        self._rows = (
             (number, row) for number, line in enumerate(text.splitlines(), 1) for row in _split_braces(line.split())
-        ]
-        self._taken = 0
+        )
+        self._last: tuple[int, list[str]] = (0, [])
+        self._following = next(self._rows, None)
 
     def __bool__(self) -> bool:
-        return self._taken < len(self._rows)
+        return self._following is not None
 
     def take(self, expected: str) -> list[str]:
         """Next line; ``expected`` says what it should be when the file ends here."""
-        if not self:
+        if self._following is None:
             raise MotionError(f"BVH file {str(self._path)!r}: ends where {expected} was expected")
-        self._taken += 1
-        return self._rows[self._taken - 1][1]
+        self._last, self._following = self._following, next(self._rows, None)
+        return self._last[1]
 
     def wrong(self, expected: str) -> MotionError:
         """The error for the line that was taken last."""
-        number, row = self._rows[self._taken - 1]
+        number, row = self._last
         return MotionError(f"BVH file {str(self._path)!r}, line {number}: {' '.join(row)[:60]!r}, expected {expected}")
 
     def numbers(self, words: list[str], count: int, expected: str) -> list[float]:
@@ -174,13 +179,15 @@ def _motion(lines: _Lines, width: int) -> tuple[np.ndarray, float, tuple[str, ..
     seconds = lines.numbers([row[1]] if row else [], 1, "'Frame Time:' and positive seconds")[0]
     if seconds <= 0:
         raise lines.wrong("'Frame Time:' and positive seconds")
-    values = [lines.numbers(lines.take("frame 1"), width, f"{width} finite numbers, one a channel")]
+    values = array("d", lines.numbers(lines.take("frame 1"), width, f"{width} finite numbers, one a channel"))
+    frames = 1
     while lines:
         row_of_values = lines.take("")
-        values.append(lines.numbers(row_of_values, width, f"{width} finite numbers, one a channel"))
+        values.extend(lines.numbers(row_of_values, width, f"{width} finite numbers, one a channel"))
+        frames += 1
     count = int(told[1])
-    notes = () if len(values) == count else (f"{len(values)} frames, for 'Frames:' says {count}",)
-    return np.array(values), seconds, notes
+    notes = () if frames == count else (f"{frames} frames, for 'Frames:' says {count}",)
+    return np.array(values).reshape(frames, width), seconds, notes
 
 
 def _forward_kinematics(joints: list[_Joint], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
