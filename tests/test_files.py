@@ -116,5 +116,7 @@ def test_files_are_written_whole_everywhere():
     assert found == {
         "plat/runs/checkpoints.py",  # in a folder that is published whole
         "plat/studio/static.py",  # likewise
+        "plat/export/bundle.py",  # likewise
         "plat/studio/session.py",  # in a temporary folder
+        "plat/runs/hub.py",  # likewise
     }
