@@ -94,13 +94,30 @@ def author(
     chains = []
     for _ in range(count):
         poses = draw.chain(kind)
-        times = np.cumsum(random.uniform(*kind.interval, len(poses)))
+        times = _on_steps(np.cumsum(random.uniform(*kind.interval, len(poses))), kind, timing)
         keyframes = [
-            replace(Keyframe.from_qpos(round(float(time), 2), pose, name=f"{family} {number}"), commands=commands)
+            replace(Keyframe.from_qpos(time, pose, name=f"{family} {number}"), commands=commands)
             for number, (time, pose) in enumerate(zip(times, poses, strict=True), 1)
         ]
         chains.append(Authored(family, _sequence(robot, keyframes, timing), kind.hold, kind.bodies))
     return chains
+
+
+def _on_steps(drawn: NDArray[np.float64], family: ChainFamily, timing: Timing) -> list[float]:
+    """Return times of keyframes (s).
+
+    Rounding may make an interval of a second a control step longer. A policy that knows a second would have it split,
+    and its chain would have another keyframe than those of other policies.
+    """
+    times: list[float] = []
+    before, longest = 0, timing.max_steps
+    for time in drawn:
+        rounded = round(float(time), 2)
+        if timing.steps(rounded) - before == longest + 1 and family.interval[1] <= timing.longest:
+            rounded = round((before + longest) * timing.control_dt, 6)
+        times.append(rounded)
+        before = timing.steps(rounded)
+    return times
 
 
 def lacking(family: ChainFamily, robot: Robot, resting: Pose | None) -> str:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from plat.control.authored import FAMILIES, author, resting_poses
+from plat.control.authored import FAMILIES, _on_steps, author, resting_poses
 from plat.control.feasibility import Feasibility
 from plat.errors import KeyframeError
 from plat.keyframes import KeyframeSequence
@@ -162,3 +162,11 @@ def test_errors_are_one_line() -> None:
         author("fly", G1, 1, 0)
     with pytest.raises(KeyframeError, match="'hold' needs resting poses"):
         author("hold", G1, 1, 0)
+
+
+def test_rounding_does_not_make_an_interval_longer_than_a_policy_knows():
+    """0.592 s is in step 29 and a second later in step 80: 51 steps, of which a policy that knows 50 would make two."""
+    drawn, steps = np.array([0.592, 1.591, 2.4]), FAMILIES["steps"]
+    assert _on_steps(drawn, steps, Timing()) == [0.59, 1.58, 2.4]
+    assert _on_steps(drawn, steps, Timing(max_steps=150)) == [0.59, 1.59, 2.4]
+    assert _on_steps(np.array([3.0, 6.0]), FAMILIES["far3s"], Timing()) == [3.0, 6.0]
