@@ -307,9 +307,9 @@ class Convert(MotionFiles):
     resample: Rate | None = None
     """frames a second to write, for files of different rates"""
     repair: bool = False
-    """what inspect asks for, and nothing to clips that need nothing; prints verdicts before and after"""
+    """repair what inspect asks for, and nothing else; prints verdicts before and after"""
     cut: bool = False
-    """cut clips where they jump from one frame to the next, and leave out pieces that are too short"""
+    """cut clips where they jump between frames, and leave out pieces that are too short"""
     drop_bad: bool = False
     """leave out what is to be dropped, after the repairs"""
     limits: ValidationLimits = field(default_factory=ValidationLimits)

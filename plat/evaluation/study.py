@@ -103,7 +103,7 @@ def evenly(items: Sequence[_Item], count: int, last: bool = False) -> tuple[_Ite
         last: whether the last one is among them; otherwise it is the first.
 
     >>> evenly(range(10), 3), evenly((1, 2, 3, 4, 5), 3, last=True)
-    ((0, 3, 6), (1, 3, 5))
+    ((0, 3, 6), (2, 4, 5))
     """
     total = len(items)
     if count >= total:

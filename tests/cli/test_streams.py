@@ -116,6 +116,7 @@ def test_a_current_folder_that_was_deleted(tmp_path):
 def test_ctrl_c_while_a_command_is_imported_is_one_line():
     program = (
         "import plat.cli, signal\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a shell's background jobs begin without
         "plat.cli._usage = lambda: signal.raise_signal(signal.SIGINT)\n"
         "plat.cli.main(['--help'])"
     )

@@ -5,7 +5,8 @@ from plat.motions.readers import READERS
 
 
 def test_every_ending_has_a_reader():
-    assert set(READERS) == {".npz", ".csv", ".pkl", ".pickle", ".joblib", ".bvh", ".amc"}
+    tables = {".csv", ".tsv", ".txt", ".npy"}
+    assert set(READERS) == {".npz", *tables, ".pkl", ".pickle", ".joblib", ".bvh", ".amc"}
     assert all(ending == ending.lower() for ending in READERS)
 
 
