@@ -347,6 +347,7 @@ def test_files_are_saved_asked_about_and_kept(user, folder):
     user.enter("File", "other.json")
     user.press("Save")
     user.press("Cancel")
+    user.page.get_by_role("dialog").wait_for(state="hidden")  # it takes the clicks until it has faded
     user.press("New")
     user.until(lambda: not session.timeline.keyframes)
     user.press("Load")
