@@ -3,7 +3,6 @@
 python benchmarks/odometry.py plat/weights/imagined --motions bandai_val.npz --every 9
 """
 
-import csv
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -20,6 +19,7 @@ from plat.control import KeyframeScorer, PolicyController, SensorNoise, Simulate
 from plat.control.chase import ChaseStep
 from plat.deploy import EstimatorSettings, RobotState, StateEstimator
 from plat.errors import ActionError
+from plat.files import replace_table
 from plat.keyframes import KeyframeSequence
 from plat.motions import MotionLibrary
 from plat.robots import G1, describe_robot
@@ -88,11 +88,8 @@ def main(benchmark: OdometryBenchmark) -> list[ClipDrift]:
     rows = [follow(number, sequence, controller, simulator, benchmark) for number, sequence in enumerate(sequences)]
     report(rows)
     if benchmark.csv is not None:
-        with benchmark.csv.open("w", newline="") as file:
-            names = [field.name for field in fields(ClipDrift)]
-            table = csv.writer(file)
-            table.writerow(names)
-            table.writerows([getattr(row, name) for name in names] for row in rows)
+        names = [field.name for field in fields(ClipDrift)]
+        replace_table(benchmark.csv, names, ([str(getattr(row, name)) for name in names] for row in rows))
     return rows
 
 

@@ -14,15 +14,16 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import tyro
 
 from plat.bounds import Bounded, Positive
 from plat.errors import ConfigError, PlatError
+from plat.evaluation.score_table import HEADLINE
+from plat.files import replace_table
 from plat.runs import is_run, report_errors
 
-METRICS = ("tks", "mpjpe", "mpkpe")
 Road = Literal["ppo", "model", "finetune", "imagine", "recorded"]
 
 
@@ -40,7 +41,7 @@ class RoadsConfig(Bounded):
     """training time of each road, all its stages together"""
     seeds: tuple[int, ...] = (0, 1, 2)
     """training seeds"""
-    roads: tuple[Road, ...] = ("ppo", "model", "finetune", "imagine", "recorded")
+    roads: tuple[Road, ...] = get_args(Road)
     """which to take"""
     horizons: tuple[str, ...] = ("mixed", "long")
     """lengths of the commands that are scored"""
@@ -72,7 +73,7 @@ class Stage:
 _EXPERT, _MODEL = Stage("expert", "expert", 0.6), Stage("expert", "expert-model", 0.4)
 _STUDENT = Stage("student", "distill", 0.25, {"--expert": "expert"})
 _IN_MODEL = {"--student": "student", "--init-model": "expert"}
-ROADS: dict[str, tuple[Stage, ...]] = {
+ROADS: dict[Road, tuple[Stage, ...]] = {
     "ppo": (_EXPERT, _STUDENT, Stage("policy", "refine", 0.15, {"--student": "student"})),
     "model": (_MODEL, _STUDENT, Stage("policy", "refine-model", 0.35, _IN_MODEL)),
     "finetune": (_MODEL, _STUDENT, Stage("policy", "refine-model", 0.35, _IN_MODEL, ("--variant", "finetune"))),
@@ -84,7 +85,7 @@ once as every deployed weight; and imagination alone, with authored keyframes an
 """
 
 
-def commands(config: RoadsConfig, road: str, seed: int) -> list[tuple[Path, list[str]]]:
+def commands(config: RoadsConfig, road: Road, seed: int) -> list[tuple[Path, list[str]]]:
     """Return, for each stage, the folder of its run and the words of its command after ``plat``.
 
     The last stage's folder has the name of road and seed, under which it is scored.
@@ -108,7 +109,7 @@ def commands(config: RoadsConfig, road: str, seed: int) -> list[tuple[Path, list
     ]
 
 
-def train(config: RoadsConfig, road: str, seed: int) -> Path:
+def train(config: RoadsConfig, road: Road, seed: int) -> Path:
     """Train the stages of a road, and return the folder of its policy; what is finished stays as it is."""
     for folder, words in commands(config, road, seed):
         run([*words, *(["--resume"] if is_run(folder) else [])])
@@ -137,7 +138,7 @@ def table(scores: Mapping[str, Path], roads: Mapping[str, Road]) -> list[dict[st
     rows = []
     for test, path in scores.items():
         with path.open(newline="") as file:
-            figures = [row for row in csv.DictReader(file) if row["metric"] in METRICS]
+            figures = [row for row in csv.DictReader(file) if row["metric"] in HEADLINE]
         cells: dict[tuple[str, str, str], list[float]] = {}
         for row in figures:
             cells.setdefault((row["horizon"], roads[row["policy"]], row["metric"]), []).append(float(row["value"]))
@@ -162,10 +163,7 @@ def main(config: RoadsConfig) -> list[dict[str, str]]:
         horizons = ("--horizon", *config.horizons)
         run(["evaluate", *map(str, policies), "--motions", test, *horizons, *authored, "--csv", str(scores[test])])
     rows = table(scores, {folder.name: road for folder, road in policies.items()})
-    with (config.out / "roads.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
+    replace_table(config.out / "roads.csv", list(rows[0]), (row.values() for row in rows))
     for row in rows:
         print("  ".join(f"{value:>9}" for value in row.values()))
     return rows

@@ -6,7 +6,6 @@ Every point is measured in a process of its own, several rounds over, beside bar
 threads; medians over rounds go into a table and a picture.
 """
 
-import csv
 import itertools
 import logging
 import multiprocessing
@@ -39,6 +38,7 @@ from plat.envs import (
 from plat.envs.physics import available_cpus
 from plat.envs.transforms import Horizon, NoiseLevels, RandomizationRanges
 from plat.figures import pyplot
+from plat.files import replace_table
 from plat.motions import MotionLibrary
 from plat.runs import report_errors
 from plat.spec.timing import Timing
@@ -235,10 +235,8 @@ def draw(rows: list[Row], path: Path) -> None:
 
 def write_table(rows: list[Row], path: Path) -> None:
     """Write the rows as ``.csv``."""
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(("axis", "value", "quantity", "unit", "figure"))
-        writer.writerows((row.axis, f"{row.value:g}", row.quantity, row.unit, f"{row.figure:.4g}") for row in rows)
+    lines = ((row.axis, f"{row.value:g}", row.quantity, row.unit, f"{row.figure:.4g}") for row in rows)
+    replace_table(path, ("axis", "value", "quantity", "unit", "figure"), lines)
 
 
 def main(config: ScalingConfig) -> None:

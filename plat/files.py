@@ -1,15 +1,16 @@
 """Files that are written whole or not at all, and places that are checked before the work."""
 
+import csv
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
 from plat.errors import OutputError
 
-__all__ = ["check_file", "check_folder", "expand_home", "is_full", "replace_file"]
+__all__ = ["check_file", "check_folder", "expand_home", "is_full", "replace_file", "replace_table"]
 
 
 def replace_file(path: Path, write: Callable[[Path], object]) -> None:
@@ -47,6 +48,25 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
     finally:
         if part is not None:
             part.unlink(missing_ok=True)
+
+
+def replace_table(path: Path, head: Sequence[str], rows: Iterable[Iterable[object]]) -> None:
+    """Write a CSV file whole or not at all, as :func:`replace_file` does; numbers with a fraction have six digits.
+
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "table.csv"
+    ...     replace_table(path, ("step", "error"), [(1, 0.1234567)])
+    ...     path.read_text()
+    'step,error\\n1,0.123457\\n'
+    """
+    lines = [[f"{cell:.6g}" if isinstance(cell, float) else cell for cell in row] for row in rows]
+
+    def write(part: Path) -> None:
+        with part.open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file, lineterminator="\n").writerows([head, *lines])
+
+    replace_file(path, write)
 
 
 def is_full(folder: Path) -> bool:

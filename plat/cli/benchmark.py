@@ -17,7 +17,7 @@ import plat.headless  # noqa: F401
 
 # isort: split
 from plat.baselines import CATALOG
-from plat.cli.benchmark_page import ABOUT, page
+from plat.cli.benchmark_page import ABOUT, group_figure, page
 from plat.cli.candidates import candidates_of
 from plat.cli.evaluate import common_control_dt, long_enough
 from plat.cli.options import BenchmarkRecipe
@@ -240,8 +240,7 @@ def draw(folder: Path, study: Study) -> list[Path]:
     )
     written += save_figure(horizon_plot(scores), folder / "horizon")
     for kind, groups in study.groups.items():
-        name = kind.partition(",")[0] + ("_clips" if "," in kind else "")
-        written += save_figure(group_plot(groups, group_metrics(groups)[0]), folder / f"by_{name}")
+        written += save_figure(group_plot(groups, group_metrics(groups)[0]), folder / group_figure(kind))
     if study.curves:
         written += save_figure(robustness_plot(study.curves), folder / "robustness")
     if study.differences:

@@ -12,12 +12,12 @@ from typing import Any
 
 from plat.errors import PlatError, RecordsError
 from plat.evaluation.groups import group_table
-from plat.evaluation.score_table import METRICS, difference_table, overview, table
+from plat.evaluation.score_table import difference_table, metrics_table, overview, table
 from plat.evaluation.study import Study, group_metrics
 from plat.evaluation.study_files import read_study
 from plat.files import replace_file
 
-__all__ = ["ABOUT", "page", "publish"]
+__all__ = ["ABOUT", "group_figure", "page", "publish"]
 
 ABOUT = "about.json"
 """File of what it takes to repeat the tables."""
@@ -67,6 +67,16 @@ def page(folder: Path, pictures: str = "") -> str:
     return "\n".join(sections)
 
 
+def group_figure(kind: str) -> str:
+    """Return the name, without ending, of the figure of groups: families, difficulty, or one of them of whole clips.
+
+    >>> group_figure("family, whole clips")
+    'by_family_clips'
+    """
+    grouping, comma, _ = kind.partition(",")
+    return f"by_{grouping}" + ("_clips" if comma else "")
+
+
 def publish(folder: Path, docs: Path) -> None:
     """Write ``results.md`` of a documentation folder, with the tables and pictures that it is made of.
 
@@ -109,9 +119,7 @@ def _section(name: str, study: Study, folder: Path, pictures: str, about: dict[s
     parts = [f"## {name}\n", overview(study.scores) + "\n", *shown("radar", "success", "horizon")]
     main = "mixed" if any(score.horizon == "mixed" for score in study.scores) else study.scores[0].horizon
     columns = [score for score in study.scores if score.horizon == main]
-    lines = [["", *(score.policy for score in columns)]]
-    lines += [[metric.heading, *(metric.text(one.figures[key]) for one in columns)] for key, metric in METRICS.items()]
-    parts += [f"### {name}: all metrics at {main.capitalize()}\n", table(lines) + "\n"]
+    parts += [f"### {name}: all metrics at {main.capitalize()}\n", metrics_table(columns) + "\n"]
     if study.differences:
         ours = study.differences[0].ours
         parts += [
@@ -123,10 +131,9 @@ def _section(name: str, study: Study, folder: Path, pictures: str, about: dict[s
     if study.clips:
         parts += [f"### {name}: whole clips\n", study.clip_table()]
     for kind, groups in study.groups.items():
-        stem = "by_" + kind.partition(",")[0] + ("_clips" if "," in kind else "")
         parts.append(f"### {name}: by {kind}\n" if kind != "authored" else f"### {name}: authored keyframes\n")
         parts += [group_table(groups, metric) for metric in group_metrics(groups)]
-        parts += shown(stem)
+        parts += shown(group_figure(kind))
     if study.curves:
         told = f"TKS@3 (%) at {main.capitalize()}, on {about['robustness_clips']} clips at most.\n"
         parts += [f"### {name}: robustness\n", told, *shown("robustness")]

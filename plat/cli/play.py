@@ -3,8 +3,6 @@
 plat play --policy plat-g1 --keyframes recipes/examples/bow.json --video bow.mp4
 """
 
-import csv
-import io
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -33,7 +31,7 @@ from plat.control import (
 )
 from plat.control.shoves import Shoves
 from plat.errors import KeyframeError
-from plat.files import replace_file
+from plat.files import replace_table
 from plat.keyframes import KeyframeSequence, long_intervals_of_file
 from plat.rendering import Stage, check_video, film_with_progress, stage_model, write_video
 from plat.robots import get_robot
@@ -105,15 +103,13 @@ COLUMNS = ("keyframe", "name", "time_s", "outcome", "late_s", "root_m", "joints_
 
 def write_scores(path: Path, scores: Sequence[KeyframeScore]) -> None:
     """Write a CSV with a row a keyframe."""
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow((*COLUMNS, "tks3", "mpjpe3_rad", "mpkpe3_m"))
+    rows: list[tuple[object, ...]] = []
     for score in scores:
         late = "" if score.late is None else f"{score.late:.3f}"
         away = (f"{score.arrival.root:.4f}", f"{score.arrival.joint:.4f}", int(score.fell_afterwards))
         figures = (int(score.success), f"{score.joint_error:.4f}", f"{score.keypoint_error:.4f}")
-        table.writerow((score.index, score.name or "", score.time, score.outcome, late, *away, *figures))
-    replace_file(path, lambda part: part.write_text(text.getvalue(), encoding="utf-8"))
+        rows.append((score.index, score.name or "", str(score.time), score.outcome, late, *away, *figures))
+    replace_table(path, (*COLUMNS, "tks3", "mpjpe3_rad", "mpkpe3_m"), rows)
 
 
 def summary(scores: Sequence[KeyframeScore]) -> str:

@@ -129,7 +129,7 @@ def lacking(family: ChainFamily, robot: Robot, resting: Pose | None) -> str:
     """
     if family.resting and (resting is None or len(resting) == 0):
         return "resting poses: give motions that have some"
-    if family.commands in ("hands", "hands_and_head") and not all(hands_of(robot)):
+    if family.needs_hands and not all(hands_of(robot)):
         return f"hands, of which robot {robot.name!r} has not two"
     if family.lowered is not None and not has_six_joint_legs(robot):
         return f"legs of six joints named as those of the G1, which robot {robot.name!r} has not"

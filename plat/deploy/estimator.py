@@ -12,7 +12,7 @@ from plat.deploy.invariant_filter import FilterNoise, InvariantFilter
 from plat.deploy.soles import SoleKinematics
 from plat.deploy.state import Array, Pose, RobotState
 from plat.errors import StateError
-from plat.rotations_np import quat_from_matrix, quat_to_matrix
+from plat.rotations_np import axis_rotation, quat_from_matrix, quat_to_matrix
 
 __all__ = ["EstimatorSettings", "StateEstimator"]
 
@@ -95,11 +95,7 @@ class StateEstimator:
     @property
     def position_spread(self) -> _Floats:
         """Return the standard deviation of the root's position ``[3]`` (m, world) that the filter expects."""
-        arm = self._filter.position
-        row = np.zeros((3, len(self._filter.covariance)))
-        row[:, 6:9] = np.eye(3)
-        row[:, :3] = -np.array(((0.0, -arm[2], arm[1]), (arm[2], 0.0, -arm[0]), (-arm[1], arm[0], 0.0)))
-        return np.sqrt(np.diag(row @ self._filter.covariance @ row.T))
+        return self._filter.position_spread
 
     def reset(
         self,
@@ -294,8 +290,7 @@ def _upright(up_b: _Floats, heading: float) -> _Floats:
 
 
 def _about_z(angle: float) -> _Floats:
-    cosine, sine = np.cos(angle), np.sin(angle)
-    return np.array(((cosine, -sine, 0.0), (sine, cosine, 0.0), (0.0, 0.0, 1.0)))
+    return axis_rotation(2, np.array([angle]))[0]
 
 
 def _heading(rotation: _Floats) -> float:

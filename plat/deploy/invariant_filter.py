@@ -191,11 +191,8 @@ class InvariantFilter:
             position: its measured place ``[3]`` (m, world).
             spread: covariance ``[3, 3]``.
         """
-        arm = self.rotation @ point_b
-        row = np.zeros((3, self._size))
-        row[:, _ROT] = -_cross(self.position + arm)
-        row[:, _POS] = np.eye(3)
-        self.correct(row, position - (self.position + arm), spread)
+        expected = self.position + self.rotation @ point_b
+        self.correct(self._rows_of_place(expected), position - expected, spread)
 
     def turn(self, rotation: _Floats, spread: float) -> None:
         """Correct by a measured orientation.
@@ -261,6 +258,19 @@ class InvariantFilter:
         self.contacts = self.contacts @ turn.T + delta[9 : self._gyro_bias.start].reshape(-1, 3) @ left.T
         self.gyro_bias = self.gyro_bias + delta[self._gyro_bias]
         self.acceleration_bias = self.acceleration_bias + delta[self._acceleration_bias]
+
+    @property
+    def position_spread(self) -> _Floats:
+        """Return the standard deviation of the position ``[3]`` (m, world)."""
+        rows = self._rows_of_place(self.position)
+        return np.asarray(np.sqrt(np.diag(rows @ self.covariance @ rows.T)))
+
+    def _rows_of_place(self, place: _Floats) -> _Floats:
+        """Return how errors move a point of the body that is at a place ``[3]`` (m, world): rows ``[3, ...]``."""
+        rows = np.zeros((3, self._size))
+        rows[:, _ROT] = -_cross(place)
+        rows[:, _POS] = np.eye(3)
+        return rows
 
     def _adjoint(self) -> _Floats:
         """Return how errors of angular velocity and force enter ``delta`` ``[9 + 3 P, 6]``: columns of Ad_X."""

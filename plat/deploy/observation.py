@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from plat.deploy.description import RobotDescription
 from plat.deploy.goals import GOAL_ENTRIES, GoalView
 from plat.deploy.kinematics import KeypointKinematics
-from plat.deploy.state import Array, Pose, RobotState
+from plat.deploy.state import Array, Pose, RobotState, state_widths
 from plat.errors import StateError
 from plat.rotations_np import UNIT_TOLERANCE, quat_to_matrix
 from plat.spec.observation import OPTIONAL_GROUPS, STUDENT_GROUPS, as_observed, observed, table
@@ -109,14 +109,7 @@ class ObservationBuilder:
         self._whole = np.ones(joints + keypoints + 3)
         self.also = tuple(group for group in OPTIONAL_GROUPS if group in also)
         """Groups that are observed beside robot, goal and command."""
-        self._state_widths = {
-            "joint_pos": joints,
-            "joint_vel": joints,
-            "root_pos_w": 3,
-            "root_quat_w": 4,
-            "root_lin_vel_b": 3,
-            "root_ang_vel_b": 3,
-        }
+        self._state_widths = state_widths(joints)
         self._pose_widths = {"root_pos": 3, "root_quat": 4, "joint_pos": joints}
         self._target = np.full(3 + 4 + joints, np.nan)
         self._target_keypoints_w = np.empty((keypoints, 3))

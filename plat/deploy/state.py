@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Array", "Pose", "RobotState"]
+__all__ = ["Array", "Pose", "RobotState", "state_widths"]
 
 Array = NDArray[np.floating]
 
@@ -32,6 +32,12 @@ class RobotState:
     def qpos(self) -> Array:
         """Return the MuJoCo position vector ``[7 + J]``: root position and quaternion, joint angles."""
         return np.concatenate((self.root_pos_w, self.root_quat_w, self.joint_pos))
+
+
+def state_widths(joints: int) -> dict[str, int]:
+    """Return how many numbers each field of a :class:`RobotState` with so many joints has."""
+    vectors = {"root_pos_w": 3, "root_quat_w": 4, "root_lin_vel_b": 3, "root_ang_vel_b": 3}
+    return {"joint_pos": joints, "joint_vel": joints, **vectors}
 
 
 class Pose(Protocol):

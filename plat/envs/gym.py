@@ -40,8 +40,6 @@ __all__ = ["G1TimedKeyframeEnv", "G1TimedKeyframeVectorEnv"]
 
 # An action of this size asks for several times a motor's torque; larger ones make no difference.
 _ACTION_BOUND = 20.0
-
-
 _NEAR = ("metrics", "near")
 
 
@@ -288,11 +286,12 @@ class G1TimedKeyframeVectorEnv(VectorEnv):
 def _info(after: TensorDictBase, following: TensorDictBase) -> dict[str, np.ndarray]:
     """Return arrays ``[N]`` about the step that led to ``after``."""
     failed, arrived = after["terminated"], after["command", "arrived"]
+    met = arrived & ~failed
     entries = {
         "is_success": ~failed,
         "arrived": arrived,
-        "met": arrived & ~failed,
-        "reached": arrived & ~failed & after[_NEAR],
+        "met": met,
+        "reached": met & after[_NEAR],
         "steps_left": following["command", "steps_left"],
         "joint_error": after["metrics", "joint_error"],
         "keypoint_error": after["metrics", "keypoint_error"],

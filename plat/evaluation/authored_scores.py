@@ -1,7 +1,5 @@
 """Scores on authored keyframes: success rate, falls before the arrival, falls and steps during the hold."""
 
-import csv
-import io
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +19,7 @@ from plat.envs.transforms.terminations import off_pose
 from plat.errors import RecordsError
 from plat.evaluation.authored_rollout import AuthoredRollout, Pushes
 from plat.evaluation.records import read_columns, write_columns
-from plat.files import replace_file
+from plat.files import replace_table
 from plat.motions import MotionLibrary
 from plat.robots import Robot
 from plat.spec.timing import Timing, timing_of
@@ -300,16 +298,14 @@ def write_authored_csv(path: Path, records: Mapping[str, AuthoredRecords]) -> No
         path: the file; it is replaced atomically or not at all.
         records: by the names of the policies.
     """
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(("policy", "family", "chains", "metric", "value", "low", "high"))
+    rows: list[tuple[object, ...]] = []
     for policy, of_policy in records.items():
         for family in dict.fromkeys(of_policy.family):
             score = AuthoredScore.of(of_policy, family)
             for name in ("fell", "reached", "late_or_off", "reached_feasible", "fell_in_hold", "stepped"):
                 figures = ("" if math.isnan(value) else f"{value:.3f}" for value in getattr(score, name))
-                table.writerow((policy, family, score.chains, name, *figures))
-    replace_file(path, lambda part: part.write_text(text.getvalue(), encoding="utf-8"))
+                rows.append((policy, family, score.chains, name, *figures))
+    replace_table(path, ("policy", "family", "chains", "metric", "value", "low", "high"), rows)
 
 
 def _feasibility(robot: Robot, chains: Sequence[Authored]) -> tuple[Tensor, Tensor]:

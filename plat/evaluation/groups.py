@@ -10,7 +10,7 @@ from plat.errors import RecordsError
 from plat.evaluation.clip_records import ClipRecords
 from plat.evaluation.records import CommandRecords
 from plat.evaluation.report import Estimate, report, report_clips
-from plat.evaluation.score_table import AUTHORED_METRICS, CLIP_METRICS, METRICS, Metric
+from plat.evaluation.score_table import GROUP_METRICS, Metric
 
 __all__ = ["GroupScore", "group_table", "score_groups"]
 
@@ -72,7 +72,7 @@ def _report(parts: list[Any], resamples: int) -> dict[str, Estimate]:
 
 def group_table(scores: Sequence[GroupScore], metric: str = "tks") -> str:
     """Return one metric as a Markdown table: a row per policy, a column per group with its count."""
-    shown: Metric = (METRICS | CLIP_METRICS | AUTHORED_METRICS)[metric]
+    shown: Metric = GROUP_METRICS[metric]
     columns = {score.group: score.count for score in scores}
     head = [shown.heading, *(f"{group} ({count})" for group, count in columns.items())]
     rows = [head]

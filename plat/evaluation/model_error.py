@@ -1,6 +1,5 @@
 """Prediction error of a learned dynamics model after 1 to K autoregressive steps."""
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,7 +8,7 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from plat.envs.state import GeneralizedState
-from plat.files import replace_file
+from plat.files import replace_table
 from plat.modules.dynamics import DynamicsModel
 from plat.rotations import quat_angle
 from plat.tasks.disturbed import told_to_model
@@ -37,14 +36,8 @@ class ModelErrors:
 
     def write(self, path: Path) -> None:
         """Write a CSV file, one row a step."""
-        replace_file(path, self._write)
-
-    def _write(self, part: Path) -> None:
-        with part.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(["step", *vars(self)])
-            for step, values in enumerate(zip(*vars(self).values(), strict=True), start=1):
-                writer.writerow([step, *(f"{float(value):.6g}" for value in values)])
+        steps = enumerate(zip(*vars(self).values(), strict=True), start=1)
+        replace_table(path, ["step", *vars(self)], ([step, *map(float, values)] for step, values in steps))
 
 
 @torch.no_grad()

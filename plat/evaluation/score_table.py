@@ -1,6 +1,5 @@
 """Scores of several policies as tables."""
 
-import csv
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -8,12 +7,13 @@ from pathlib import Path
 
 from plat.evaluation.records import CommandRecords
 from plat.evaluation.report import Estimate, compare, report
-from plat.files import replace_file
+from plat.files import replace_table
 
 __all__ = [
     "AUTHORED_METRICS",
     "CLIP_METRICS",
     "COLUMNS",
+    "GROUP_METRICS",
     "HEADLINE",
     "METRICS",
     "Difference",
@@ -22,6 +22,7 @@ __all__ = [
     "difference_table",
     "differences",
     "markdown",
+    "metrics_table",
     "overview",
     "paired",
     "rows",
@@ -101,6 +102,8 @@ AUTHORED_METRICS = {
     "reached_feasible": Metric("feasible keyframes reached", "%", 1, higher_is_better=True),
 }
 """All metrics of authored keyframes."""
+GROUP_METRICS = METRICS | CLIP_METRICS | AUTHORED_METRICS
+"""All that a group can be scored by."""
 HEADLINE = ("tks", "mpjpe", "mpkpe")
 """The three metrics of the paper."""
 COLUMNS = ("policy", "horizon", "seeds", "metric", "value", "low", "high")
@@ -140,15 +143,7 @@ def rows(scores: Iterable[Score]) -> list[tuple[str, str, int, str, float, float
 
 def write_csv(path: Path, scores: Iterable[Score]) -> None:
     """Write :func:`rows` with six digits."""
-    lines = [[f"{cell:.6g}" if isinstance(cell, float) else cell for cell in row] for row in rows(scores)]
-
-    def write(part: Path) -> None:
-        with part.open("w", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(COLUMNS)
-            writer.writerows(lines)
-
-    replace_file(path, write)
+    replace_table(path, COLUMNS, rows(scores))
 
 
 def overview(scores: Sequence[Score]) -> str:
@@ -165,12 +160,16 @@ def markdown(scores: Sequence[Score]) -> str:
     """Return Markdown: headline metrics with horizons side by side, then all metrics, one table for each horizon."""
     parts = [overview(scores)]
     for horizon in dict.fromkeys(score.horizon for score in scores):
-        columns = [score for score in scores if score.horizon == horizon]
-        lines = [["", *(score.policy for score in columns)]]
-        for name, metric in METRICS.items():
-            lines.append([metric.heading, *(metric.text(score.figures[name]) for score in columns)])
-        parts.append(f"**{horizon}**\n\n{table(lines)}")
+        parts.append(f"**{horizon}**\n\n{metrics_table([score for score in scores if score.horizon == horizon])}")
     return "\n\n".join(parts) + "\n"
+
+
+def metrics_table(scores: Sequence[Score]) -> str:
+    """Return all metrics of scores at one horizon as a Markdown table, policies side by side."""
+    lines = [["", *(score.policy for score in scores)]]
+    for name, metric in METRICS.items():
+        lines.append([metric.heading, *(metric.text(score.figures[name]) for score in scores)])
+    return table(lines)
 
 
 @dataclass(frozen=True)

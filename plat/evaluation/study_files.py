@@ -12,7 +12,7 @@ from plat.evaluation.groups import GroupScore
 from plat.evaluation.report import Estimate
 from plat.evaluation.score_table import Difference, Score, write_csv
 from plat.evaluation.study import ClipScore, CurvePoint, Study
-from plat.files import replace_file
+from plat.files import replace_table
 
 __all__ = ["read_study", "write_study"]
 
@@ -78,17 +78,10 @@ def _rows(figures: Mapping[str, Estimate]) -> list[tuple[Any, ...]]:
 
 
 def _write(path: Path, head: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
-    if not rows:
+    if rows:
+        replace_table(path, head, rows)
+    else:
         path.unlink(missing_ok=True)  # of an earlier plan
-        return
-
-    def write(part: Path) -> None:
-        with part.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(head)
-            writer.writerows([f"{cell:.6g}" if isinstance(cell, float) else cell for cell in row] for row in rows)
-
-    replace_file(path, write)
 
 
 def _read(path: Path, keys: Sequence[str]) -> Iterable[tuple[tuple[str, ...], dict[str, Estimate]]]:

@@ -30,7 +30,6 @@ def model_card(bundle: Bundle, settings: Mapping[str, Any], max_difference: floa
         files: names of optional files of the bundle: ``scene.xml``, ``picture.png``.
     """
     robot, training = bundle.robot, bundle.training
-    motions = [str(name) for name in settings.get("motions", ())]
     made_by = "an unknown recipe" if training.recipe is None else f"`plat {training.recipe}`"
     parts = [
         f"# {training.run}: timed keyframes on the {robot.name}",
@@ -45,7 +44,7 @@ def model_card(bundle: Bundle, settings: Mapping[str, Any], max_difference: floa
         "## Use\n\nNeeds numpy and onnxruntime.\n\n" + _USE.format(dt=robot.control_dt),
         f"## Training\n\nA `{bundle.policy.kind}` policy, made by {made_by} in the run `{training.run}` (plat "
         f"{training.plat}, torch {training.torch}, commit {training.commit}). Motions of that run:\n\n"
-        + (license_table(motions) if motions else "unknown")
+        + _motions(settings)
         + "\n\nTheir licenses bind what the policy may be used for. Runs that it began with may have seen others.",
         "## Scores\n\n" + _score_table(bundle.scores),
         f"## Limits\n\n{_limits(settings.get('task', {}))} Exported and torch policy differ by at most "
@@ -62,17 +61,21 @@ def run_card(bundle: Bundle, settings: Mapping[str, Any], name: str) -> str:
         settings: of the recipe that made the run.
         name: ``"hf:owner/name"``.
     """
-    motions = [str(motion) for motion in settings.get("motions", ())]
     parts = [
         "---\nlibrary_name: plat-rl\npipeline_tag: robotics\nlicense: other\ntags: [plat, humanoid, keyframes]\n---",
         f"# {name.partition('/')[2]}: timed keyframes on the {bundle.robot.name}",
         f"A `{bundle.policy.kind}` policy of plat for the {bundle.robot.name}.",
         f'```python\nimport plat  # pip install "plat-rl[hub]"\n\npolicy = plat.load("{name}").deployed()\n```',
-        "## Training\n\nMotions of its last run:\n\n" + (license_table(motions) if motions else "unknown"),
+        "## Training\n\nMotions of its last run:\n\n" + _motions(settings),
         "## Scores\n\n" + _score_table(bundle.scores),
         f"## Limits\n\n{_limits(settings.get('task', {}))}",
     ]
     return "\n\n".join(parts) + "\n"
+
+
+def _motions(settings: Mapping[str, Any]) -> str:
+    motions = [str(name) for name in settings.get("motions", ())]
+    return license_table(motions) if motions else "unknown"
 
 
 def _score_table(scores: tuple[BundleScore, ...] | None) -> str:

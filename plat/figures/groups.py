@@ -7,7 +7,7 @@ import numpy as np
 
 from plat.errors import RecordsError
 from plat.evaluation.groups import GroupScore
-from plat.evaluation.score_table import AUTHORED_METRICS, CLIP_METRICS, METRICS
+from plat.evaluation.score_table import GROUP_METRICS
 from plat.figures.style import PAGE, looks, paper_style
 
 __all__ = ["group_plot"]
@@ -27,7 +27,7 @@ def group_plot(scores: Sequence[GroupScore], metric: str = "tks") -> Any:
     """
     if not scores:
         raise RecordsError("plot by groups: no scores, expected at least one")
-    shown = (METRICS | CLIP_METRICS | AUTHORED_METRICS)[metric]
+    shown = GROUP_METRICS[metric]
     groups = {score.group: score.count for score in scores}
     drawn = looks(list(dict.fromkeys(score.policy for score in scores)))
     with paper_style() as plt:

@@ -68,6 +68,11 @@ class ChainFamily:
     trained: bool = True
     scored: bool = True
 
+    @property
+    def needs_hands(self) -> bool:
+        """Return whether a robot has to have hands for it."""
+        return self.commands in ("hands", "hands_and_head")
+
 
 _STEP, _FAR = (0.25, 0.5), (1.5, 2.5)
 

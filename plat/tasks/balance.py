@@ -4,7 +4,7 @@ import torch
 from torch import Tensor, nn
 
 from plat.envs.state import GeneralizedState
-from plat.robots.kinematics import ForwardKinematics
+from plat.robots.center_of_mass import CenterOfMass
 from plat.robots.robot import Robot
 from plat.rotations import quat_rotate
 
@@ -37,29 +37,19 @@ class Balance(nn.Module):
     0.09
     """
 
-    _mass: Tensor
-    _local_com: Tensor
     _soles: Tensor
 
     def __init__(self, robot: Robot):
         super().__init__()
         model = robot.model()
-        names = [model.body(number).name for number in range(1, model.nbody)]
-        self._kinematics = ForwardKinematics(robot, tuple(names))
-        self._feet = [names.index(foot) for foot in robot.feet]
-        mass = torch.from_numpy(model.body_mass[1:] / model.body_mass[1:].sum()).float()
+        self._com = CenterOfMass(robot)
+        self._feet = [self._com.bodies.index(foot) for foot in robot.feet]
         soles = model.geom_pos[robot.sole_geoms(model)].mean(1)
-        for name, value in (
-            ("_mass", mass),
-            ("_local_com", torch.from_numpy(model.body_ipos[1:]).float()),
-            ("_soles", torch.from_numpy(soles).float()),
-        ):
-            self.register_buffer(name, value, persistent=False)
+        self.register_buffer("_soles", torch.from_numpy(soles).float(), persistent=False)
 
     def forward(self, state: GeneralizedState) -> Tensor:
         """Compute the horizontal distance ``[N]`` (m); 0 in balance."""
-        pos, quat = self._kinematics(state.root_pos_w, state.root_quat_w, state.joint_pos)
-        com = (self._mass[:, None] * (pos + quat_rotate(quat, self._local_com.expand_as(pos)))).sum(-2)
+        com, pos, quat = self._com(state.root_pos_w, state.root_quat_w, state.joint_pos)
         soles = self._soles.expand(len(com), 2, 3)
         left, right = (pos[:, self._feet] + quat_rotate(quat[:, self._feet], soles)).unbind(1)
         spin = quat_rotate(state.root_quat_w, state.root_ang_vel_b)

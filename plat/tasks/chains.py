@@ -109,7 +109,7 @@ def draw_chains(
             for family in (FAMILY_TABLE[name] for name in families)
             if (len(resting) or not family.resting)
             and (longest >= 2 * _SECOND or not _distant(family))
-            and (all(hands_of(library.robot)) or family.commands not in ("hands", "hands_and_head"))
+            and (all(hands_of(library.robot)) or not family.needs_hands)
         ]
         if not drawn:
             raise TaskError(

@@ -3,11 +3,10 @@
 from torch import Tensor
 
 from plat.envs.state import GeneralizedState
-from plat.rotations import quat_rotate_inverse
 from plat.tasks.distances import smooth_angle, smooth_length
 from plat.tasks.settings import AuthoredCosts, TrackingCosts
 
-__all__ = ["AuthoredCosts", "TrackingCosts", "down_b", "pose_cost", "tilt", "tracking_cost"]
+__all__ = ["AuthoredCosts", "TrackingCosts", "pose_cost", "tilt", "tracking_cost"]
 
 
 def pose_cost(state: GeneralizedState, pose: GeneralizedState, weights: TrackingCosts) -> Tensor:
@@ -37,13 +36,3 @@ def tilt(quat: Tensor) -> Tensor:
     -1.0
     """
     return 2 * quat[..., 1:3].square().sum(-1) - 1
-
-
-def down_b(quat: Tensor) -> Tensor:
-    """Unit vector along gravity ``[*B, 3]`` in a body's frame.
-
-    >>> import torch
-    >>> down_b(torch.tensor([1.0, 0, 0, 0])).tolist()
-    [0.0, 0.0, -1.0]
-    """
-    return quat_rotate_inverse(quat, quat.new_tensor([0.0, 0.0, -1.0]).expand(*quat.shape[:-1], 3))

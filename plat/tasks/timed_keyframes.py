@@ -14,7 +14,7 @@ from plat.rotations import quat_conjugate, quat_multiply, quat_rotate, quat_rota
 from plat.spec.timing import Timing
 from plat.tasks.balance import Balance
 from plat.tasks.chains import draw_chains
-from plat.tasks.costs import down_b, pose_cost, tracking_cost
+from plat.tasks.costs import pose_cost, tracking_cost
 from plat.tasks.dense_tracking import START_NOISE, off_reference
 from plat.tasks.distances import smooth_length
 from plat.tasks.partial import partial_pose_cost, points_cost
@@ -307,7 +307,7 @@ class TimedKeyframes(Task):
             + moderate.root_lin_vel * smooth_length(state.root_lin_vel_w)
             + moderate.root_ang_vel * state.root_ang_vel_b.abs().mean(-1)
             + torch.where(held, moderate.still, moderate.joint_vel) * state.joint_vel.abs().mean(-1)
-            + moderate.lean * (smooth_length(down_b(state.root_quat_w) - down_b(line.root_quat_w)) - _LEAN).relu()
+            + moderate.lean * (smooth_length(state.in_root_frame()[0] - line.in_root_frame()[0]) - _LEAN).relu()
         )
         if moderate.balance:
             looked_at = held & memory["authored"] & (memory["age"] % _BALANCE_EVERY == 0)

@@ -8,6 +8,7 @@ import numpy as np
 from plat.deploy.description import RobotDescription
 from plat.deploy.safety.settings import SafetySettings
 from plat.deploy.state import Array, Pose
+from plat.rotations_np import heading_pitch_roll
 
 __all__ = ["CommandSource", "EndOfSequence", "TimedCommand"]
 
@@ -92,8 +93,7 @@ class EndOfSequence:
         return self._ended is not None
 
     def _standing(self) -> _Pose:
-        w, x, y, z = np.asarray(self._last.root_quat, dtype=np.float64)
-        half = 0.5 * np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        half = 0.5 * heading_pitch_roll(self._last.root_quat)[0]
         x_w, y_w, _ = self._last.root_pos
         place = np.array([x_w, y_w, self._robot.root_height])
         return _Pose(place, np.array([np.cos(half), 0.0, 0.0, np.sin(half)]), self._robot.default_joint_pos)

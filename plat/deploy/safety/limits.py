@@ -80,8 +80,9 @@ class TargetLimiter:
         step = self._rate * max(dt, 0.0)
         allowed = self._clip(reasons, "rate", allowed, self.last - step, self.last + step)
         # against the asked target, too: a rate that hides a target out of range would hide the reason
-        if ((asked < self.low) | (asked > self.high)).any():
-            self._tell(reasons, "range", (asked < self.low) | (asked > self.high), asked, "is outside its range")
+        outside = (asked < self.low) | (asked > self.high)
+        if outside.any():
+            self._tell(reasons, "range", outside, asked, "is outside its range")
         self.last = np.clip(allowed, self.low, self.high)
         return self.last.copy(), reasons
 

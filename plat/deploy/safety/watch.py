@@ -6,7 +6,7 @@ import numpy as np
 
 from plat.deploy.description import RobotDescription
 from plat.deploy.safety.settings import SafetySettings
-from plat.deploy.state import RobotState
+from plat.deploy.state import RobotState, state_widths
 from plat.rotations_np import UNIT_TOLERANCE
 
 __all__ = ["StateWatch"]
@@ -24,15 +24,7 @@ class StateWatch:
 
     def __init__(self, robot: RobotDescription, settings: SafetySettings = SafetySettings()):
         self._robot, self._settings = robot, settings
-        joints = len(robot.joint_names)
-        self._sizes = {
-            "joint_pos": joints,
-            "joint_vel": joints,
-            "root_pos_w": 3,
-            "root_quat_w": 4,
-            "root_lin_vel_b": 3,
-            "root_ang_vel_b": 3,
-        }
+        self._sizes = state_widths(len(robot.joint_names))
         self._low = robot.joint_range[:, 0] - settings.range_excess
         self._high = robot.joint_range[:, 1] + settings.range_excess
         self.reset()

@@ -4,6 +4,7 @@ import mujoco
 import torch
 from torch import Tensor
 
+from plat.robots.center_of_mass import CenterOfMass
 from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
 from plat.rotations import quat_conjugate, quat_multiply, quat_rotate, quat_to_rotvec
@@ -42,10 +43,7 @@ class WholeBody:
     def __init__(self, robot: Robot):
         self.robot = robot
         model = robot.model()
-        names = [model.body(i).name for i in range(1, model.nbody)]
-        self._all_bodies = ForwardKinematics(robot, tuple(names))
-        self._mass = torch.from_numpy(model.body_mass[1:])
-        self._local_com = torch.from_numpy(model.body_ipos[1:])
+        self._com = CenterOfMass(robot)
         self._legs = [_Leg(robot, model, side) for side in ("left", "right")]
 
     def solve_legs(
@@ -84,9 +82,7 @@ class WholeBody:
 
     def center_of_mass(self, qpos: Tensor) -> Tensor:
         """Return the center of mass ``[F, 3]`` (m, world) of poses ``[F, 7 + J]``."""
-        pos, quat = self._all_bodies(*qpos.split((3, 4, self.robot.num_joints), -1))
-        body_com = pos + quat_rotate(quat, self._local_com)
-        return (self._mass[:, None] * body_com).sum(-2) / self._mass.sum()
+        return self._com(*qpos.split((3, 4, self.robot.num_joints), -1))[0]
 
 
 class _Leg:
