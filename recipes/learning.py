@@ -11,7 +11,8 @@ from torchrl.envs import EnvBase
 
 from plat.collectors import RolloutReplay, rollouts
 from plat.envs.randomized_physics import num_physics
-from plat.envs.transforms import NoiseLevels, RandomizationRanges
+from plat.envs.transforms import NoiseLevels
+from plat.envs.transforms.settings import ROBOT_RANGES
 from plat.errors import ConfigError, RenderingError
 from plat.evaluation.model_error import model_errors
 from plat.figures import save_figure
@@ -59,7 +60,7 @@ def learn(
     # read before the work: what is wrong with them had better be said now
     unseen = MotionLibrary.load(recipe.unseen, library.robot, dt=library.dt).to(device) if recipe.unseen else None
     num_parameters = num_physics(library.robot) if recipe.disturbed else 0
-    randomization = RandomizationRanges().scaled(recipe.disturbed) if recipe.disturbed else None
+    randomization = ROBOT_RANGES.scaled(recipe.disturbed) if recipe.disturbed else None
     imagined = imagined or actor
     if recipe.disturbed:
         actor, imagined = (measuring(acts, NoiseLevels().scaled(recipe.disturbed)) for acts in (actor, imagined))

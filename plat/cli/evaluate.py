@@ -14,6 +14,7 @@ import plat.headless  # noqa: F401
 from plat.cli.candidates import candidates_of
 from plat.cli.options import EvaluateRecipe
 from plat.envs.transforms import HORIZONS, horizon_named
+from plat.envs.transforms.settings import ROBOT_RANGES, RandomizationRanges
 from plat.errors import PlatError
 from plat.evaluation import HEADLINE, METRICS, Entrant, EvaluationSetting, Score, markdown, write_csv
 from plat.evaluation.authored_playback import play_authored
@@ -25,6 +26,7 @@ from plat.evaluation.authored_scores import (
     evaluate_families,
     write_authored_csv,
 )
+from plat.evaluation.disturbance import Disturbance
 from plat.evaluation.families import families_of, read_manifest
 from plat.evaluation.score_table import COLUMNS, rows
 from plat.evaluation.study import Study, StudyPlan, run_study
@@ -52,6 +54,8 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
     robot = get_robot(recipe.robot)
     if recipe.out is not None:
         check_folder(recipe.out, "--out")
+    if recipe.disturbed and recipe.domain_randomization:
+        raise PlatError("--disturbed: has randomization of its own, expected no --domain-randomization beside it")
     if recipe.partial and recipe.whole_clips:
         raise PlatError("--whole-clips: judges whole poses, expected no --partial beside it")
     found = candidates_of(
@@ -73,7 +77,8 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
         horizons=recipe.horizon,
         setting=EvaluationSetting(
             recipe.seed,
-            recipe.randomization if recipe.domain_randomization else None,
+            recipe.randomization if recipe.domain_randomization else robot_ranges(recipe.disturbed),
+            Disturbance(noise=recipe.disturbed) if recipe.disturbed else None,
             num_envs=recipe.num_envs,
             device=recipe.device,
             partial=recipe.partial,
@@ -116,12 +121,18 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
             "motions": recipe.motions,
             "dense": recipe.dense,
             "domain_randomization": recipe.domain_randomization,
+            "disturbed": recipe.disturbed,
         }
         for logger in recipe.loggers:
             run = start_logging(logger, "evaluation", Path(), settings)
             log_table(run, "evaluation", COLUMNS, rows(scores), pictures)
             run.finish()
     return scores
+
+
+def robot_ranges(strength: float) -> RandomizationRanges | None:
+    """Return the ranges of what a robot meets, at a strength; None at 0."""
+    return ROBOT_RANGES.scaled(strength) if strength else None
 
 
 class Teller:

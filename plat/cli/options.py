@@ -8,7 +8,7 @@ from typing import Annotated, Literal, TypeAlias
 import tyro
 
 from plat.baselines.released import ReleasedTrackers
-from plat.bounds import Bounded, Count, Natural, NonNegative, Positive, Range, Robots, Seed
+from plat.bounds import Bounded, Count, Fraction, Natural, NonNegative, Positive, Range, Robots, Seed
 from plat.envs.settings import ReachLimits
 from plat.envs.transforms.settings import RandomizationRanges
 from plat.evaluation.names import DisturbanceName, Interface, RuleName
@@ -122,6 +122,8 @@ class EvaluateRecipe(ScoringConfig):
     """folder to draw a film strip of each authored family into, as PDF and PNG"""
     domain_randomization: bool = False
     """draw robot, motors and ground anew for each motion, and push the robots"""
+    disturbed: Fraction = 0.0
+    """strength of all that a robot meets: the above, delays, load, sensor noise, estimator errors; 1 is the full set"""
     csv: Path | None = None
     """file for every figure and interval; authored keyframes go to NAME_authored.csv"""
     figures: Path | None = None

@@ -9,17 +9,30 @@ from plat.envs.physics import Physics
 from plat.envs.transforms.settings import RandomizationRanges
 from plat.robots.robot import Robot
 
-__all__ = ["PhysicsDraw", "PushClock", "RandomizedPhysics", "num_physics"]
+__all__ = ["PhysicsDraw", "PushClock", "RandomizedPhysics", "arriving", "num_physics"]
 
 
 def num_physics(robot: Robot) -> int:
-    """Return the number of parameters P of a draw: friction, center of mass, motor gains.
+    """Return the number of parameters P of a draw: friction, center of mass, motor gains, mass.
 
     >>> from plat.robots import G1
     >>> num_physics(G1)
-    62
+    63
     """
-    return 4 + 2 * robot.num_joints
+    return 5 + 2 * robot.num_joints
+
+
+def arriving(delay: Tensor, action: Tensor, last: Tensor, earlier: Tensor) -> Tensor:
+    """Return the action ``[*B, J]`` that reaches the motors, of those given now, a control step and two steps ago.
+
+    Args:
+        delay: control steps by which it is late ``[*B]``, 0 to 2.
+        action: given now.
+        last: given a control step ago.
+        earlier: given two ago.
+    """
+    late = delay[..., None]
+    return torch.where(late == 0, action, torch.where(late == 1, last, earlier))
 
 
 class PushClock:
@@ -55,14 +68,18 @@ class PhysicsDraw(NamedTuple):
     """Draw of the physics of n robots.
 
     Attributes:
-        physics: friction, center of mass, stiffness and damping ``[n, P]``, each from -1 to 1 within its range.
+        physics: friction, center of mass, stiffness, damping and mass ``[n, P]``, each from -1 to 1 within its range.
         encoder_bias: constant error of each joint encoder ``[n, J]`` (rad).
-        delayed: whether the joint targets arrive a control step late ``[n]``.
+        gyro_bias: constant error of the angular velocity ``[n, 3]`` (rad/s).
+        velocity_bias: error of the estimated linear velocity ``[n, 3]`` (m/s, root frame).
+        delay: control steps by which the joint targets arrive late ``[n]``, 0 to 2.
     """
 
     physics: Tensor
     encoder_bias: Tensor
-    delayed: Tensor
+    gyro_bias: Tensor
+    velocity_bias: Tensor
+    delay: Tensor
 
 
 class RandomizedPhysics:
@@ -101,9 +118,21 @@ class RandomizedPhysics:
         stiffness, damping = _uniform(count, joints), _uniform(count, joints)
         self._physics.set_gains(ids, 1 + ranges.motor_gain * stiffness, 1 + ranges.motor_gain * damping)
         encoder_bias = (ranges.encoder_bias * _uniform(count, joints)).float()
-        delayed = torch.rand(count) < ranges.control_delay
+        delay = (torch.rand(count) < ranges.control_delay).long()
         self.clock.restart(ids)
-        return PhysicsDraw(torch.cat((2 * friction - 1, com, stiffness, damping), -1).float(), encoder_bias, delayed)
+        # drawn where they are asked for alone: draws of earlier versions with the same seed stay as they were
+        if ranges.longer_delay:
+            delay += delay * (torch.rand(count) < ranges.longer_delay)
+        mass = torch.zeros(count, 1, dtype=torch.float64)
+        if ranges.torso_mass:
+            mass = _uniform(count, 1)
+            self._physics.set_mass(ids, robot.anchor, ranges.torso_mass * mass[:, 0])
+        gyro_bias, velocity_bias = (
+            (width * _uniform(count, 3)).float() if width else torch.zeros(count, 3)
+            for width in (ranges.gyro_bias, ranges.velocity_bias)
+        )
+        physics = torch.cat((2 * friction - 1, com, stiffness, damping, mass), -1).float()
+        return PhysicsDraw(physics, encoder_bias, gyro_bias, velocity_bias, delay)
 
     def push(self) -> Tensor:
         """Let a control step pass, and push the robots that are due ``[n]``; return them."""

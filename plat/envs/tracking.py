@@ -12,6 +12,7 @@ from plat.bounds import Count, Natural, Robots, check_value
 from plat.entries import check_entries
 from plat.envs.broken import BrokenRobots
 from plat.envs.physics import BatchedPhysics, PhysicsFactory
+from plat.envs.randomized_physics import arriving
 from plat.envs.settings import ResetNoise
 from plat.errors import MotionError, RobotError
 from plat.motions.library import MotionLibrary
@@ -24,6 +25,16 @@ __all__ = ["MotionTrackingEnv", "ResetNoise"]
 # Sensors of a robot, and how many numbers each reads: contacts found, and for a foot the force on it (N).
 _SENSORS = {"left_foot_contact": 4, "right_foot_contact": 4, "ground_contact": 1, "self_contact": 1}
 _DONE_KEYS = ("done", "terminated", "truncated")
+# What the next steps depend on beside the physics.
+_KEPT = (
+    "_frame",
+    "_last_action",
+    "_earlier_action",
+    "encoder_bias",
+    "gyro_bias",
+    "velocity_bias",
+    "delay",
+)
 
 
 class MotionTrackingEnv(EnvBase):
@@ -119,10 +130,15 @@ class MotionTrackingEnv(EnvBase):
         self._action_scale = robot.action_scale.to(self.device)
         self.encoder_bias = torch.zeros(num_envs, robot.num_joints, device=self.device)
         """Offset ``[N, J]`` (rad) of the measured joint angles, seen by observation and motor alike."""
-        self.delayed = torch.zeros(num_envs, dtype=torch.bool, device=self.device)
-        """Robots ``[N]`` whose targets reach the motors one control step late."""
+        self.gyro_bias = torch.zeros(num_envs, 3, device=self.device)
+        """Offset ``[N, 3]`` (rad/s) of the measured angular velocity."""
+        self.velocity_bias = torch.zeros(num_envs, 3, device=self.device)
+        """Offset ``[N, 3]`` (m/s, root frame) of the measured linear velocity."""
+        self.delay = torch.zeros(num_envs, dtype=torch.int64, device=self.device)
+        """Control steps ``[N]`` by which targets reach the motors late, 0 to 2."""
         self._frame = torch.zeros(num_envs, dtype=torch.int64, device=self.device)
         self._last_action = torch.zeros(num_envs, robot.num_joints, device=self.device)
+        self._earlier_action = self._last_action
         self.broken = BrokenRobots()
         """Finds robots to terminate because their action is absurd or their simulation diverged."""
         self._make_specs()
@@ -188,10 +204,10 @@ class MotionTrackingEnv(EnvBase):
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         check_entries(tensordict, {"action": (self.num_envs, self.robot.num_joints)}, "environment step")
         action = self.broken.sound(tensordict["action"])
-        applied = torch.where(self.delayed[:, None], self._last_action, action)
+        applied = arriving(self.delay, action, self._last_action, self._earlier_action)
         target = self._default_joint_pos + self._action_scale * applied - self.encoder_bias
         self.physics.step(target, self.decimation)
-        self._last_action = action
+        self._earlier_action, self._last_action = self._last_action, action
         self._frame = self._frame + 1
         truncated = (self._frame >= self.library.last_frame[self._frame])[:, None]
         out = self._observe()
@@ -214,6 +230,7 @@ class MotionTrackingEnv(EnvBase):
         else:
             self._frame = self._frame.index_copy(0, ids, start[ids])
         self._last_action = self._last_action.index_fill(0, ids, 0.0)
+        self._earlier_action = self._earlier_action.index_fill(0, ids, 0.0)
         qpos, qvel = self._start_state(self._frame[ids])
         self.physics.set_state(ids, qpos, qvel)
         observed = self._observe(ids)
@@ -250,10 +267,10 @@ class MotionTrackingEnv(EnvBase):
 
     def _observe(self, ids: Tensor | None = None) -> TensorDict:
         """Return the entries of robots ``ids`` ``[n]``; of all when None."""
-        encoder_bias, last_action, frame = (
-            values if ids is None else values[ids] for values in (self.encoder_bias, self._last_action, self._frame)
+        encoder_bias, gyro_bias, velocity_bias, last_action, frame = (
+            values if ids is None else values[ids]
+            for values in (self.encoder_bias, self.gyro_bias, self.velocity_bias, self._last_action, self._frame)
         )
-
         qpos, qvel = self.physics.state(ids)
         kinematics = self.physics.kinematics(self.robot.keypoints, ids)
         contacts = self.physics.sensors(ids)
@@ -271,8 +288,8 @@ class MotionTrackingEnv(EnvBase):
         robot = {
             "joint_pos": joint_pos - self._default_joint_pos + encoder_bias,
             "joint_vel": joint_vel,
-            "root_ang_vel_b": qvel[:, 3:6],
-            "root_lin_vel_b": root_lin_vel_b,
+            "root_ang_vel_b": qvel[:, 3:6] + gyro_bias,
+            "root_lin_vel_b": root_lin_vel_b + velocity_bias,
             "gravity_b": gravity_b,
             "last_action": last_action,
         }
@@ -303,19 +320,15 @@ class MotionTrackingEnv(EnvBase):
         """Return, for :meth:`state_dict`, what the next steps of all robots depend on."""
         return {
             "physics": self.physics.state_dict(),
-            "frame": self._frame,
-            "last_action": self._last_action,
-            "encoder_bias": self.encoder_bias,
-            "delayed": self.delayed,
+            **{name.strip("_"): getattr(self, name) for name in _KEPT},
             "broken": self.broken.state_dict(),
         }
 
     def set_extra_state(self, state: dict[str, Any]) -> None:
         """Restore what :meth:`get_extra_state` returned."""
         self.physics.load_state_dict(state["physics"])
-        self._frame, self._last_action, self.encoder_bias, self.delayed = (
-            state[name].to(self.device).clone() for name in ("frame", "last_action", "encoder_bias", "delayed")
-        )
+        for name in _KEPT:
+            setattr(self, name, state[name.strip("_")].to(self.device).clone())
         self.broken.load_state_dict(state["broken"])
 
     def _set_seed(self, seed: int | None) -> None:

@@ -47,8 +47,7 @@ def model_card(bundle: Bundle, settings: Mapping[str, Any], max_difference: floa
         + _motions(settings)
         + "\n\nTheir licenses bind what the policy may be used for. Runs that it began with may have seen others.",
         "## Scores\n\n" + _score_table(bundle.scores),
-        f"## Limits\n\n{_limits(settings.get('task', {}))} Exported and torch policy differ by at most "
-        f"{max_difference:.2g} rad.",
+        f"## Limits\n\n{_limits(settings)} Exported and torch policy differ by at most {max_difference:.2g} rad.",
     ]
     return "\n\n".join(parts) + "\n"
 
@@ -68,7 +67,7 @@ def run_card(bundle: Bundle, settings: Mapping[str, Any], name: str) -> str:
         f'```python\nimport plat  # pip install "plat-rl[hub]"\n\npolicy = plat.load("{name}").deployed()\n```',
         "## Training\n\nMotions of its last run:\n\n" + _motions(settings),
         "## Scores\n\n" + _score_table(bundle.scores),
-        f"## Limits\n\n{_limits(settings.get('task', {}))}",
+        f"## Limits\n\n{_limits(settings)}",
     ]
     return "\n\n".join(parts) + "\n"
 
@@ -95,11 +94,14 @@ def _cell(score: BundleScore | None, digits: int) -> str:
     return f"{score.value:.{digits}f} ({score.low:.{digits}f}-{score.high:.{digits}f})"
 
 
-def _limits(task: Mapping[str, Any]) -> str:
+def _limits(settings: Mapping[str, Any]) -> str:
     """Return the limits of the training, as far as the run's settings state them."""
+    # learning by imagination has one strength for all
+    everything = settings.get("disturbed")
+    task = settings.get("task", {}) if everything is None else {"noise": everything, "randomization": everything}
     # runs of version 0.1 have a boolean beside the ranges
     names = (("noise", "observation_noise"), ("randomization", "domain_randomization"))
-    absent = [old.replace("_", " ") for new, old in names if task.get(old, task.get(new, True)) in (False, None)]
+    absent = [old.replace("_", " ") for new, old in names if task.get(old, task.get(new, True)) in (False, None, 0)]
     if absent:
         return f"Trained without {' and '.join(absent)}: a policy for simulation, not for a robot."
     return "Scored in simulation only."

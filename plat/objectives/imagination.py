@@ -12,10 +12,10 @@ from torchrl.objectives.common import LossModule
 from torchrl.objectives.utils import hold_out_net
 
 from plat.bounds import NonNegative, check_value
-from plat.envs.state import GeneralizedState, joint_target
+from plat.envs.state import GeneralizedState
 from plat.modules.dynamics import DynamicsModel
 from plat.objectives.divergence import gaussian_kl
-from plat.tasks.disturbed import applied_action, shown
+from plat.tasks.disturbed import advanced, motor_target, shown
 from plat.tasks.task import Task
 
 __all__ = ["ImaginationLoss", "LatentImaginationLoss"]
@@ -121,9 +121,9 @@ class ImaginationLoss(LossModule):
             acted = self.policy(observed.copy())
             action, effort = acted.get(keys.action), acted.get(keys.effort)
             with hold_out_net(self.model):
-                target = joint_target(task.robot, applied_action(memory, action))
+                target = motor_target(task.robot, memory, action)
                 state = self.model(state, target, memory.get("physics", None))
-            memory = task.advance(memory, action)
+            memory = advanced(task, memory, action)
             cost = task.cost(state, memory)
             with torch.no_grad():
                 alive = alive * ~task.lost(state, memory)

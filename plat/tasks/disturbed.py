@@ -5,23 +5,37 @@ from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequential
 from torch import Tensor, nn
 
-from plat.envs.state import joint_target
+from plat.envs.randomized_physics import arriving
+from plat.envs.state import GeneralizedState, joint_target
 from plat.envs.transforms.settings import NoiseLevels
 from plat.robots.robot import Robot
 from plat.tasks.task import Task
 
-__all__ = ["applied_action", "measuring", "shown", "told_to_model"]
+__all__ = ["advanced", "measuring", "motor_target", "shown", "told_to_model"]
 
 
-def applied_action(memory: TensorDictBase, action: Tensor) -> Tensor:
-    """Return the action ``[*B, J]`` that reaches the motors in this step: of a delayed robot its last one.
+def motor_target(robot: Robot, memory: TensorDictBase, action: Tensor) -> Tensor:
+    """Return the joint targets ``[*B, J]`` (rad, true angles) that the motors follow in this step.
+
+    A late robot follows an action that it was given before. Motors read the same biased encoders as the policy.
 
     Args:
+        robot: the robot.
         memory: before the step ``[*B]``.
         action: of the policy ``[*B, J]``.
     """
-    delayed = memory.get("delayed", None)
-    return action if delayed is None else torch.where(delayed[..., None], memory["last_action"], action)
+    if (delay := memory.get("delay", None)) is not None:
+        action = arriving(delay, action, memory["last_action"], memory["earlier_action"])
+    bias = memory.get("encoder_bias", None)
+    target = joint_target(robot, action)
+    return target if bias is None else target - bias
+
+
+def advanced(task: Task, memory: TensorDictBase, action: Tensor) -> TensorDictBase:
+    """Return a task's memory after a control step, with the action before the last where a robot may be that late."""
+    after = task.advance(memory, action)
+    kept = memory.get("earlier_action", None)
+    return after if kept is None else after.set("earlier_action", memory["last_action"])
 
 
 def told_to_model(robot: Robot, steps: TensorDictBase, action: Tensor) -> tuple[Tensor, Tensor | None]:
@@ -38,15 +52,19 @@ def told_to_model(robot: Robot, steps: TensorDictBase, action: Tensor) -> tuple[
     memory = steps.get("memory", None)
     if memory is None:
         return joint_target(robot, action), None
-    return joint_target(robot, applied_action(memory, action)), memory.get("physics", None)
+    return motor_target(robot, memory, action), memory.get("physics", None)
 
 
-def shown(task: Task, state: object, memory: TensorDictBase) -> TensorDict:
-    """Return what a task shows a policy, as the robot's biased encoders measure it."""
-    observed = task.observe(state, memory)  # type: ignore[arg-type]
-    bias = memory.get("encoder_bias", None)
-    if bias is not None and ("robot", "joint_pos") in observed.keys(True):
-        observed["robot", "joint_pos"] = observed["robot", "joint_pos"] + bias
+_BIASED = {"encoder_bias": "joint_pos", "gyro_bias": "root_ang_vel_b", "velocity_bias": "root_lin_vel_b"}
+
+
+def shown(task: Task, state: GeneralizedState, memory: TensorDictBase) -> TensorDict:
+    """Return what a task shows a policy, as the robot's biased sensors and its estimator measure it."""
+    observed = task.observe(state, memory)
+    for bias, entry in _BIASED.items():
+        error = memory.get(bias, None)
+        if error is not None and ("robot", entry) in observed.keys(True):
+            observed["robot", entry] = observed["robot", entry] + error
     return observed
 
 

@@ -13,10 +13,10 @@ from plat.entries import check_entries
 from plat.envs.broken import BrokenRobots
 from plat.envs.physics import BatchedPhysics
 from plat.envs.randomized_physics import RandomizedPhysics
-from plat.envs.state import GeneralizedState, joint_target
+from plat.envs.state import GeneralizedState
 from plat.envs.transforms.settings import RandomizationRanges
 from plat.robots.robot import FootContacts
-from plat.tasks.disturbed import applied_action, shown
+from plat.tasks.disturbed import advanced, motor_target, shown
 from plat.tasks.task import Task
 
 __all__ = ["SimulatedTask"]
@@ -94,6 +94,7 @@ class SimulatedTask(EnvBase):
         state, memory = self.task.start(len(ids))
         if self.draws is not None:
             memory.update({key: value.to(self.device) for key, value in self.draws.draw(ids.cpu())._asdict().items()})
+            memory["earlier_action"] = memory["last_action"]
         return state, memory
 
     def _state(self) -> GeneralizedState:
@@ -102,8 +103,8 @@ class SimulatedTask(EnvBase):
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         check_entries(tensordict, {"action": (*self.batch_size, self.task.robot.num_joints)}, "environment step")
         task, action = self.task, self.broken.sound(tensordict["action"])
-        self.physics.step(joint_target(task.robot, applied_action(tensordict["memory"], action)), self.decimation)
-        state, memory = self._state(), task.advance(tensordict["memory"], action)
+        self.physics.step(motor_target(task.robot, tensordict["memory"], action), self.decimation)
+        state, memory = self._state(), advanced(task, tensordict["memory"], action)
         broken = self.broken.found(self.physics.diverged() | ~_finite(state))
         cost, failed = task.cost(state, memory), task.failed(state, memory) | broken
         truncated = task.finished(memory) & ~failed

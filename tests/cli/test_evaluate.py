@@ -47,6 +47,14 @@ def test_only_some_motions(runs, capsys):
     assert capsys.readouterr().out.startswith("1 motions, 2 s")
 
 
+def test_what_a_robot_meets(runs):
+    scores = [evaluate.main(recipe(runs, "plain", **more))[0] for more in ({}, {"disturbed": 1.0}, {"disturbed": 0.5})]
+    errors = [score.figures["mpkpe"].value for score in scores]
+    assert len(set(errors)) == 3
+    with pytest.raises(PlatError, match="--disturbed"):
+        evaluate.main(recipe(runs, "plain", disturbed=1.0, domain_randomization=True))
+
+
 def test_dense_goals_of_an_expert_that_sees_several_frames(runs, monkeypatch):
     seen = {}
 

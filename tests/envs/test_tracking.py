@@ -55,16 +55,18 @@ def test_action_offsets_the_default_pose(library):
     assert (state["next", "robot", "last_action"] == 1).all()
 
 
-def test_a_delayed_robot_acts_one_step_late(library):
-    env = MotionTrackingEnv(library, 2)
-    env.delayed[1] = True
+def test_a_delayed_robot_acts_late(library):
+    env = MotionTrackingEnv(library, 3)
+    env.delay[:] = torch.arange(3)
     state = env.reset()
-    for _ in range(2):
-        state["action"] = state["robot", "last_action"] + 1
+    for given in (1, 2, 3, 4):
+        state["action"] = torch.full((3, 29), float(given))
         env.step(state)
         target = torch.from_numpy(env.physics.batch.bind("ctrl")).float()
+        arrived = (target - G1.default_joint_pos) / G1.action_scale
+        expected = torch.tensor([given, given - 1, max(given - 2, 0)]).float()
+        torch.testing.assert_close(arrived, expected[:, None].expand(-1, 29), atol=1e-5, rtol=0)
         state = state["next"].exclude("reward")
-    torch.testing.assert_close(target[0] - target[1], G1.action_scale)
 
 
 def test_encoder_bias_is_seen_and_acted_on(library):

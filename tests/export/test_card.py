@@ -56,6 +56,12 @@ def test_limits_follow_from_the_training(bundle, task, sentence):
     assert sentence in card(bundle, **task)
 
 
+@pytest.mark.parametrize(("strength", "sentence"), [(0.0, "without observation noise and domain"), (0.5, "Scored in")])
+def test_limits_of_what_learned_by_imagination(bundle, strength, sentence):
+    settings = {"motions": ["clips.npz"], "disturbed": strength, "task": {"authored": 0.5}}
+    assert sentence in model_card(bundle, settings, 0.0)
+
+
 def test_data_sets_have_their_licenses_by_name(bundle):
     text = model_card(bundle, {"motions": ["/home/me/bandai_train.npz", "generated:train@60", "mine.npz"]}, 0.0)
     assert "| `bandai_train.npz` | Bandai-Namco Research Motion Dataset 1 and 2" in text

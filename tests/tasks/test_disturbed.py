@@ -1,18 +1,22 @@
+from dataclasses import replace
+
 import pytest
 import torch
 from tensordict import TensorDict
 
 from plat.collectors import RolloutReplay
+from plat.envs import GeneralizedState
 from plat.envs.randomized_physics import num_physics
 from plat.envs.transforms import NoiseLevels, RandomizationRanges
+from plat.envs.transforms.settings import ROBOT_RANGES
 from plat.errors import ConfigError
 from plat.modules import DynamicsConfig, DynamicsModel, PlainPolicy
 from plat.objectives import DynamicsLoss, ImaginationLoss
 from plat.robots import G1
-from plat.tasks import SimulatedTask, TimedKeyframes, TimedKeyframesConfig
-from plat.tasks.disturbed import applied_action, measuring
+from plat.tasks import SimulatedTask, TimedKeyframes, TimedKeyframesConfig, robot_entries
+from plat.tasks.disturbed import advanced, measuring, motor_target, told_to_model
 
-RANGES = RandomizationRanges(push_interval=(0.1, 0.2), control_delay=0.5)
+RANGES = replace(ROBOT_RANGES, push_interval=(0.1, 0.2))
 
 
 @pytest.fixture(scope="module")
@@ -28,10 +32,22 @@ def rollout(task):
     return env, out
 
 
-def test_a_delayed_robot_gets_its_last_action():
-    memory = TensorDict({"last_action": torch.zeros(2, 3), "delayed": torch.tensor([True, False])}, [2])
-    assert applied_action(memory, torch.ones(2, 3)).tolist() == [[0, 0, 0], [1, 1, 1]]
-    assert applied_action(memory.exclude("delayed"), torch.ones(2, 3)).equal(torch.ones(2, 3))
+def test_motors_follow_late_actions_by_biased_encoders(task):
+    actions = [torch.full((3, 29), float(value)) for value in range(4)]
+    memory = TensorDict({"last_action": actions[0], "earlier_action": actions[0], "delay": torch.arange(3)}, [3])
+    memory["encoder_bias"] = torch.full((3, 29), 0.01)
+    memory = task.start(3)[1].update(memory)
+    for given in (1, 2, 3):
+        target = motor_target(G1, memory, actions[given])
+        arrived = (target + 0.01 - G1.default_joint_pos) / G1.action_scale
+        expected = torch.tensor([given, given - 1, max(given - 2, 0)]).float()
+        torch.testing.assert_close(arrived, expected[:, None].expand(-1, 29), atol=1e-5, rtol=0)
+        memory = advanced(task, memory, actions[given])
+    nominal = memory.select("last_action")
+    torch.testing.assert_close(
+        motor_target(G1, nominal, actions[1]), G1.default_joint_pos + G1.action_scale.expand(3, -1)
+    )
+    assert advanced(task, task.start(3)[1], actions[1]).get("earlier_action", None) is None
 
 
 def test_the_simulations_have_what_the_model_is_told(task):
@@ -39,6 +55,9 @@ def test_the_simulations_have_what_the_model_is_told(task):
     physics = env.reset()["memory", "physics"]
     kp = torch.from_numpy(env.physics.model.actuator_gainprm[:, 0].copy())
     factors = env.physics.model_field("actuator_gainprm")[:, :, 0] / kp
+    torso = env.physics.model.body(G1.anchor).id
+    load = env.physics.model_field("body_mass")[:, torso] - env.physics.model.body_mass[torso]
+    torch.testing.assert_close(load.float(), RANGES.torso_mass * physics[:, -1])
     torch.testing.assert_close(factors.float(), 1 + RANGES.motor_gain * physics[:, 4:33])
     low, high = RANGES.foot_friction
     foot = env.physics.model.body(G1.feet[0]).id
@@ -51,13 +70,30 @@ def test_the_simulations_have_what_the_model_is_told(task):
     torch.testing.assert_close(friction, 0.5 * (low + high) + 0.5 * (high - low) * physics[:, 0])
 
 
-def test_encoders_are_biased_for_the_policy_alone(task, rollout):
+def test_sensors_are_biased_for_the_policy_alone(task, rollout):
     _, out = rollout
     row = out[0, 5]
-    bias = row["memory", "encoder_bias"]
-    assert bias.abs().max() > 0.001
-    true = row["robot_state"][7:36] - G1.default_joint_pos
-    torch.testing.assert_close(row["robot", "joint_pos"], true + bias)
+    state = GeneralizedState.unpack(row["robot_state"])
+    true = robot_entries(state, row["memory", "last_action"], G1)
+    for bias, entry in (
+        ("encoder_bias", "joint_pos"),
+        ("gyro_bias", "root_ang_vel_b"),
+        ("velocity_bias", "root_lin_vel_b"),
+    ):
+        assert row["memory", bias].abs().max() > 0.001
+        torch.testing.assert_close(row["robot", entry], true[entry] + row["memory", bias])
+    torch.testing.assert_close(row["robot", "gravity_b"], true["gravity_b"])
+
+
+def test_targets_that_the_model_is_told_are_those_of_the_motors(task):
+    env = SimulatedTask(task, 6, randomization=RANGES)
+    state = env.reset()
+    for _ in range(3):
+        state["action"] = 0.3 * torch.randn(6, 29)
+        told, _ = told_to_model(G1, state, state["action"])
+        state = env.step(state)["next"]
+        motors = torch.from_numpy(env.physics.batch.bind("ctrl")).float()
+        torch.testing.assert_close(motors, told)
 
 
 def test_physics_lasts_for_an_episode(rollout):
@@ -107,15 +143,12 @@ def test_model_and_imagination_know_the_robot_that_they_imagine(task, rollout):
 def test_a_model_goes_on_from_one_that_was_told_less():
     torch.manual_seed(0)
     trained = DynamicsModel(G1, DynamicsConfig(hidden=(32,)))
-    model = DynamicsModel(G1, DynamicsConfig(hidden=(32,)), num_parameters=62)
+    model = DynamicsModel(G1, DynamicsConfig(hidden=(32,)), num_parameters=63)
     model.take_over(trained)
-    state, _ = torch.randn(5, 71), None
-    from plat.envs import GeneralizedState
-
-    states, target = GeneralizedState.unpack(state), torch.randn(5, 29)
-    told = model(states, target, torch.randn(5, 62)).pack()
+    states, target = GeneralizedState.unpack(torch.randn(5, 71)), torch.randn(5, 29)
+    told = model(states, target, torch.randn(5, 63)).pack()
     torch.testing.assert_close(told, trained(states, target).pack())
-    with pytest.raises(ConfigError, match="62 parameters"):
+    with pytest.raises(ConfigError, match="63 parameters"):
         trained.take_over(model)
 
 

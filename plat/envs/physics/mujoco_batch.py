@@ -166,6 +166,14 @@ class BatchedPhysics:
         nominal = torch.from_numpy(self.model.body_ipos[row].copy())
         self.model_field("body_ipos")[ids.cpu(), row] = nominal + shift.cpu().double()
 
+    def set_mass(self, ids: Tensor, body: str, change: Tensor) -> None:
+        """Add ``[n]`` (kg) to the mass that the model gives a body, its inertia growing in proportion."""
+        (row,) = self._ids_of((body,))
+        nominal, inertia = float(self.model.body_mass[row]), torch.from_numpy(self.model.body_inertia[row].copy())
+        factor = 1 + change.cpu().double() / nominal
+        self.model_field("body_mass")[ids.cpu(), row] = nominal * factor
+        self.model_field("body_inertia")[ids.cpu(), row] = inertia * factor[:, None]
+
     def set_gains(self, ids: Tensor, stiffness: Tensor, damping: Tensor) -> None:
         """Set gains of the motors relative to the model's: factors ``[n, J]`` on kp and kd."""
         rows = ids.cpu()

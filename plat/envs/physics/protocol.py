@@ -71,6 +71,9 @@ class Physics(Protocol):
     def set_com(self, ids: Tensor, body: str, shift: Tensor) -> None:
         """Shift the center of mass of a body by ``[n, 3]`` (m, body frame) from where the model has it."""
 
+    def set_mass(self, ids: Tensor, body: str, change: Tensor) -> None:
+        """Add ``[n]`` (kg) to the mass that the model gives a body, its inertia growing in proportion."""
+
     def set_gains(self, ids: Tensor, stiffness: Tensor, damping: Tensor) -> None:
         """Set gains of the motors relative to the model's: factors ``[n, J]`` on kp and kd."""
 

@@ -44,7 +44,9 @@ class DomainRandomization(Transform):
         ids = torch.arange(env.num_envs) if mask is None else mask.view(-1).cpu().nonzero()[:, 0]
         drawn, rows = self._random.draw(ids), ids.to(env.device)
         env.encoder_bias[rows] = drawn.encoder_bias.to(env.encoder_bias)
-        env.delayed[rows] = drawn.delayed.to(env.device)
+        env.gyro_bias[rows] = drawn.gyro_bias.to(env.gyro_bias)
+        env.velocity_bias[rows] = drawn.velocity_bias.to(env.velocity_bias)
+        env.delay[rows] = drawn.delay.to(env.device)
         return tensordict
 
     def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:

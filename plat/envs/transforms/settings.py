@@ -5,7 +5,7 @@ from typing import Annotated, TypeAlias
 
 from plat.bounds import Ascending, Bounded, Fraction, NonNegative, Positive, Range, Within
 
-__all__ = ["NoiseLevels", "RandomizationRanges", "TerminationLimits", "TrackingLimits", "TrackingTerm"]
+__all__ = ["ROBOT_RANGES", "NoiseLevels", "RandomizationRanges", "TerminationLimits", "TrackingLimits", "TrackingTerm"]
 
 Limit: TypeAlias = Annotated[float, Range(0, above=True, infinite=True)]
 """Threshold; infinity switches it off."""
@@ -46,7 +46,15 @@ class RandomizationRanges(Bounded):
     motor_gain: Annotated[float, Range(0, 0.99)] = 0.1
     """half width of the relative error of each joint's stiffness and damping"""
     control_delay: Fraction = 0.5
-    """fraction of the robots whose targets arrive one control step late"""
+    """fraction of the robots whose targets arrive late"""
+    longer_delay: Fraction = 0.0
+    """fraction of these whose targets arrive two control steps late, not one"""
+    torso_mass: NonNegative = 0.0
+    """half width of the change of the anchor body's mass (kg)"""
+    gyro_bias: NonNegative = 0.0
+    """half width of the constant error of the measured angular velocity (rad/s), each axis"""
+    velocity_bias: NonNegative = 0.0
+    """half width of the slow error of the estimated linear velocity (m/s), each axis"""
     push_interval: Annotated[tuple[Positive, Positive], Ascending()] = (1.0, 3.0)
     """seconds between pushes"""
     push_lin_vel: Widths = (0.5, 0.5, 0.2)
@@ -63,10 +71,21 @@ class RandomizationRanges(Bounded):
             encoder_bias=strength * self.encoder_bias,
             motor_gain=strength * self.motor_gain,
             control_delay=strength * self.control_delay,
+            longer_delay=self.longer_delay,
+            torso_mass=strength * self.torso_mass,
+            gyro_bias=strength * self.gyro_bias,
+            velocity_bias=strength * self.velocity_bias,
             push_interval=self.push_interval,
             push_lin_vel=_scaled(self.push_lin_vel, strength),
             push_ang_vel=_scaled(self.push_ang_vel, strength),
         )
+
+
+ROBOT_RANGES = RandomizationRanges(
+    motor_gain=0.2, control_delay=0.67, longer_delay=0.5, torso_mass=2.0, gyro_bias=0.05, velocity_bias=0.1
+)
+"""Full set, for a policy that is to run on a robot: delays of 0 to 2 control steps, motors within 20 %, a load, and an
+estimator's errors."""
 
 
 def _scaled(widths: tuple[float, float, float], factor: float) -> tuple[float, float, float]:

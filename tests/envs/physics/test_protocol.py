@@ -74,6 +74,12 @@ class PlainPhysics:
         for (model, _), offset in zip(self._pairs(ids), shift.numpy(), strict=True):
             model.body(body).ipos[:] = self.nominal.body(body).ipos + offset
 
+    def set_mass(self, ids, body, change):
+        for (model, _), more in zip(self._pairs(ids), change.numpy(), strict=True):
+            nominal = self.nominal.body(body)
+            model.body(body).mass[0] = nominal.mass[0] + more
+            model.body(body).inertia[:] = nominal.inertia * (1 + more / nominal.mass[0])
+
     def set_gains(self, ids, stiffness, damping):
         for (model, _), kp, kd in zip(self._pairs(ids), stiffness.numpy(), damping.numpy(), strict=True):
             model.actuator_gainprm[:, 0] = self.nominal.actuator_gainprm[:, 0] * kp

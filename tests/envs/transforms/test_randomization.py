@@ -2,6 +2,7 @@ import torch
 
 from plat.envs import MotionTrackingEnv, ResetNoise, TrackingTaskConfig, make_tracking_env
 from plat.envs.transforms import DomainRandomization, RandomizationRanges
+from plat.envs.transforms.settings import ROBOT_RANGES
 from plat.robots import G1
 
 STILL = ResetNoise(*[0.0] * 9)
@@ -36,7 +37,38 @@ def test_draws_are_within_their_ranges(library):
     shift = physics.model_field("body_ipos")[:, torso] - torch.from_numpy(model.body_ipos[torso])
     assert (shift.abs() <= torch.tensor([0.025, 0.05, 0.05]) + 1e-9).all()
     assert (env.encoder_bias.abs() <= 0.01 + 1e-9).all()
-    assert 0.3 < env.delayed.float().mean() < 0.7
+    assert 0.3 < env.delay.float().mean() < 0.7
+    assert env.delay.max() == 1
+    assert not env.gyro_bias.any()
+    assert not env.velocity_bias.any()
+
+
+def test_the_full_set_has_a_load_longer_delays_and_an_estimators_errors(library):
+    env = MotionTrackingEnv(library, 300)
+    DomainRandomization(env, ROBOT_RANGES)._reset_env_preprocess(None)
+    model, torso = env.physics.model, env.physics.model.body("torso_link").id
+    load = env.physics.model_field("body_mass")[:, torso] - model.body_mass[torso]
+    assert 1.5 < load.abs().max() <= ROBOT_RANGES.torso_mass
+    inertia = env.physics.model_field("body_inertia")[:, torso] / torch.from_numpy(model.body_inertia[torso])
+    torch.testing.assert_close(inertia, (1 + load / model.body_mass[torso])[:, None].expand(-1, 3))
+    assert (torch.bincount(env.delay, minlength=3) / 300 - 1 / 3).abs().max() < 0.1
+    observed = env.reset()["robot"]
+    true = env.physics.state()[1]
+    torch.testing.assert_close(observed["root_ang_vel_b"] - true[:, 3:6], env.gyro_bias)
+    assert 0.04 < env.gyro_bias.abs().max() <= ROBOT_RANGES.gyro_bias
+    assert 0.08 < env.velocity_bias.abs().max() <= ROBOT_RANGES.velocity_bias
+    nominal = MotionTrackingEnv(library, 1).reset()["robot"]
+    assert nominal.keys() == observed.keys()
+
+
+def test_draws_that_are_not_asked_for_leave_the_others_as_they_were(library):
+    drawn = []
+    for ranges in (RandomizationRanges(), RandomizationRanges(torso_mass=1, longer_delay=0.5, gyro_bias=0.1)):
+        torch.manual_seed(0)
+        env = MotionTrackingEnv(library, 20)
+        DomainRandomization(env, ranges)._reset_env_preprocess(None)
+        drawn.append((env.encoder_bias, env.delay > 0))
+    assert all(torch.equal(*pair) for pair in zip(*drawn, strict=True))
 
 
 def test_switched_off_changes_nothing(library):
