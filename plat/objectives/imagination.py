@@ -13,6 +13,7 @@ from torchrl.objectives.utils import hold_out_net
 
 from plat.bounds import NonNegative, check_value
 from plat.envs.state import GeneralizedState
+from plat.errors import ConfigError
 from plat.modules.dynamics import DynamicsModel
 from plat.objectives.divergence import gaussian_kl
 from plat.tasks.disturbed import advanced, motor_target, shown
@@ -31,6 +32,9 @@ class ImaginationLoss(LossModule):
     The gradient flows through observation, policy, joint targets, model and cost, and reaches the policy alone. The
     mask :math:`m_k` leaves out lost robots and steps after an episode's end. Norms are means over joints.
 
+    The critic V speaks for what follows the imagined steps, such as a fall that begins in them. It learns the cost
+    :math:`c` to go, in which a lost robot costs ``lost_cost`` a step for good.
+
     Args:
         policy: writes ``action`` deterministically from what the task shows.
         model: the learned robot.
@@ -41,7 +45,9 @@ class ImaginationLoss(LossModule):
         discount: :math:`\gamma`.
         effort_weight: :math:`\lambda_a`.
         rate_weight: :math:`\lambda_r`.
-        critic: reads the observation and writes the cost to go; None for no such term.
+        critic: reads the observation and writes ``cost_to_go`` ``[B, 1]``, the mean cost of a step from now on:
+            :math:`(1 - \gamma) V`. None for no such term.
+        lost_cost: of a step of a lost robot, for the critic. More than the others cost, or losing them would pay.
 
     The keys ``state`` and ``memory`` say where rollouts start. ``effort`` is the entry of the policy that is kept
     small: ``action``, or what the network adds to a reference (``residual`` of an expert).
@@ -85,8 +91,12 @@ class ImaginationLoss(LossModule):
         effort_weight: float = 0.01,
         rate_weight: float = 0.02,
         critic: TensorDictModuleBase | None = None,
+        lost_cost: float = 3.0,
     ):
         super().__init__()
+        if critic is not None and not discount < 1:
+            raise ConfigError(f"imagination loss: discount is {discount:g}, expected less than 1 with a critic")
+        self.lost_cost = lost_cost
         self.policy = policy
         self.model = model
         self.task = task
@@ -112,7 +122,9 @@ class ImaginationLoss(LossModule):
         keys, task = self.tensor_keys, self.task
         state, memory = GeneralizedState.unpack(tensordict.get(keys.state)), tensordict.get(keys.memory)
         alive = torch.ones(tensordict.shape, device=state.root_pos_w.device)
+        lost, ended = torch.zeros_like(alive, dtype=torch.bool), torch.zeros_like(alive, dtype=torch.bool)
         to_go, regularization, divergence = torch.zeros_like(alive), alive.new_zeros(()), alive.new_zeros(())
+        penalty = torch.zeros_like(alive)
         cost_sum, alive_sum = alive.new_zeros(()), alive.new_zeros(())
         effort_before: Tensor | None = None
         first = observed = self._observe(state, memory)
@@ -126,7 +138,9 @@ class ImaginationLoss(LossModule):
             memory = advanced(task, memory, action)
             cost = task.cost(state, memory)
             with torch.no_grad():
-                alive = alive * ~task.lost(state, memory)
+                lost |= alive.bool() & task.lost(state, memory)
+                alive = alive * ~lost
+                penalty += weight * self.lost_cost * lost
                 cost_sum, alive_sum = cost_sum + (alive * cost).sum(), alive_sum + alive.sum()
             to_go = to_go + weight * alive * cost
             regularization = regularization + weight * self._moderation(effort, effort_before)
@@ -135,14 +149,19 @@ class ImaginationLoss(LossModule):
             weight *= self.discount
             effort_before = effort
             with torch.no_grad():
-                alive = alive * ~task.finished(memory)
+                ended |= alive.bool() & task.finished(memory)
+                alive = alive * ~ended
             memory = task.renew(memory, state)
             observed = self._observe(state, memory)
         out = {}
         if self.critic is not None:
+            left = weight / (1 - self.discount)
             with hold_out_net(self.critic):
-                to_go = to_go + weight * alive * self._value(observed)
-            out["loss_critic"] = (self._value(first) - to_go.detach()).square().mean()
+                to_go = to_go + left * alive * self._mean_cost(observed)
+            # what would follow an episode's end is not known
+            known = (to_go + penalty + left * self.lost_cost * lost)[~ended].detach()
+            error = self._mean_cost(first)[~ended] - (1 - self.discount) * known
+            out["loss_critic"] = error.square().sum() / alive.numel()
         out["loss_policy"] = (to_go.mean() + regularization) / weights
         self._add_divergence(out, divergence / weights)
         out["imagined_cost"] = cost_sum / alive_sum.clamp_min(1.0)
@@ -165,7 +184,7 @@ class ImaginationLoss(LossModule):
     def _add_divergence(self, out: dict[str, Tensor], divergence: Tensor) -> None:
         """Add the loss of a mean divergence to the losses."""
 
-    def _value(self, observed: TensorDictBase) -> Tensor:
+    def _mean_cost(self, observed: TensorDictBase) -> Tensor:
         assert self.critic is not None
         return self.critic(observed.copy()).get(self.tensor_keys.cost_to_go)[:, 0]
 

@@ -12,11 +12,13 @@ from torchrl.envs.utils import ExplorationType, exploration_type
 
 from plat.envs.state import GeneralizedState
 from plat.modules.dynamics import DynamicsModel
+from plat.modules.networks import mlp
+from plat.modules.normalizer import ObservationNormalizer
 from plat.objectives.dynamics import DynamicsLoss, muon_and_adam
 from plat.objectives.imagination import ImaginationLoss
 from plat.objectives.settings import ImaginationConfig
 from plat.precision import autocast
-from plat.tasks.disturbed import told_to_model
+from plat.tasks.disturbed import shown, told_to_model
 from plat.tasks.task import Task
 
 __all__ = ["ImaginationConfig", "ImaginationLearner", "exploring"]
@@ -75,6 +77,9 @@ class ImaginationLearner:
         self.policy = policy
         self.model = model
         self.average = copy.deepcopy(policy)
+        self.critic = (
+            _Critic(task, actor, config.critic, config.lost_cost).to(model.mean.device) if config.critic else None
+        )
         self.model_loss = DynamicsLoss(model)
         self.policy_loss = loss(
             actor,
@@ -84,11 +89,15 @@ class ImaginationLearner:
             discount=config.discount,
             effort_weight=config.effort,
             rate_weight=config.rate,
+            critic=None if self.critic is None else self.critic.estimate(),
+            lost_cost=config.lost_cost,
         )
         self.policy_loss.set_keys(effort=effort)
         self.model_optimizers = muon_and_adam(model.network, config.muon_lr, config.model_lr)
         learning = [parameter for parameter in policy.parameters() if parameter.requires_grad]
         self.policy_optimizer = torch.optim.Adam(learning, lr=config.lr, fused=True)
+        critics = [] if self.critic is None else [self.critic.parameters()]
+        self.critic_optimizers = [torch.optim.Adam(weights, lr=config.critic_lr, fused=True) for weights in critics]
         self._rates = [[group["lr"] for group in optimizer.param_groups] for optimizer in self._optimizers()]
         self.iterations = 0
         """Iterations so far."""
@@ -101,6 +110,8 @@ class ImaginationLearner:
                 policy.update_normalizers(rollout)
             elif hasattr(policy, "normalizer"):  # that of a refined student stays as it is
                 policy.normalizer.update(rollout)
+            if self.critic is not None:
+                self.critic.normalizer.update(rollout)
         if int(self.model.batches) >= self.config.settle:
             return
         before, after = (GeneralizedState.unpack(part["robot_state"]) for part in (rollout, rollout["next"]))
@@ -148,7 +159,12 @@ class ImaginationLearner:
     def _update_policy(self, replay: Windows, log: "_Means") -> None:
         with autocast(self.model.mean.device, self.config.precision):
             losses = self.policy_loss(replay.states(self.config.policy_batch, self.config.recent))
+        # the critic's loss is in the sum: it and the policy reach different weights
         torch.stack([loss for name, loss in losses.items() if name.startswith("loss_")]).sum().backward()
+        for optimizer in self.critic_optimizers:
+            if losses["loss_critic"].isfinite():
+                optimizer.step()
+            optimizer.zero_grad()
         norm = nn.utils.clip_grad_norm_(self.policy.parameters(), self.config.grad_norm)
         if norm.isfinite():  # the gradient of an exploding imagined rollout is useless
             self.policy_optimizer.step()
@@ -165,7 +181,7 @@ class ImaginationLearner:
             ours_buffer.copy_(theirs_buffer)
 
     def _optimizers(self) -> list[torch.optim.Optimizer]:
-        return [*self.model_optimizers, self.policy_optimizer]
+        return [*self.model_optimizers, self.policy_optimizer, *self.critic_optimizers]
 
     def _set_rates(self, fraction: float) -> None:
         config = self.config
@@ -180,6 +196,7 @@ class ImaginationLearner:
         return {
             "policy": self.policy.state_dict(),
             "model": self.model.state_dict(),
+            **({} if self.critic is None else {"critic": self.critic.state_dict()}),
             "optimizers": [optimizer.state_dict() for optimizer in self._optimizers()],
             "iterations": self.iterations,
         }
@@ -188,9 +205,33 @@ class ImaginationLearner:
         """Restore a state of :meth:`state_dict`."""
         self.policy.load_state_dict(state["policy"])
         self.model.load_state_dict(state["model"])
+        if self.critic is not None:
+            self.critic.load_state_dict(state["critic"])
         for optimizer, values in zip(self._optimizers(), state["optimizers"], strict=True):
             optimizer.load_state_dict(values)
         self.iterations = int(state["iterations"])
+
+
+class _Critic(nn.Module):
+    """Mean cost of the steps to come, from what the policy sees; at most that of a lost robot."""
+
+    def __init__(self, task: Task, actor: TensorDictModuleBase, hidden: tuple[int, ...], most: float):
+        super().__init__()
+        seen = shown(task, *task.start(1))
+        keys = [key for key in actor.in_keys if key in seen.keys(True)]  # a posterior sees more than a task shows
+        widths = [seen[key].shape[-1] for key in keys]
+        self.normalizer = ObservationNormalizer(keys, sum(widths), widths=widths)
+        self.network = mlp(sum(widths), hidden, 1)
+        self.most = most
+
+    def forward(self, observation: Tensor) -> Tensor:
+        # bounded: it learns from its own estimates, and nothing else would keep them from running away
+        return self.most * self.network(observation).sigmoid()
+
+    def estimate(self) -> TensorDictSequential:
+        """Return the module that writes ``cost_to_go``."""
+        head = TensorDictModule(self, ["critic_observation"], ["cost_to_go"])
+        return TensorDictSequential(self.normalizer.using(out_key="critic_observation"), head)
 
 
 class _Means:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated, Literal, TypeAlias
 
-from plat.bounds import Bounded, Count, Fraction, Natural, NonNegative, Positive, Range
+from plat.bounds import Bounded, Count, Fraction, Layers, Natural, NonNegative, Positive, Range
 from plat.errors import ConfigError
 from plat.precision import Precision
 
@@ -100,6 +100,12 @@ class ImaginationConfig(Bounded):
     """imagined rollouts start in one of this many last control steps"""
     discount: Fraction = 0.98
     """discount per imagined step"""
+    critic: Layers = ()
+    """hidden layers of a critic that speaks for what follows the imagined steps; () for none"""
+    critic_lr: Positive = 1e-3
+    """Adam's learning rate for the critic"""
+    lost_cost: NonNegative = 3.0
+    """cost of a step of a lost robot, to the critic"""
     effort: NonNegative = 0.01
     """weight of the squared action, or of an expert's squared residual"""
     rate: NonNegative = 0.02

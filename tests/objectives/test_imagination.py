@@ -5,7 +5,7 @@ from tensordict.nn import TensorDictModule, TensorDictSequential
 from torch import nn
 
 from plat.envs import GeneralizedState
-from plat.errors import TaskError
+from plat.errors import ConfigError, TaskError
 from plat.modules import (
     DynamicsConfig,
     DynamicsModel,
@@ -138,6 +138,43 @@ def test_a_critic_speaks_for_what_is_not_imagined(tracking):
     losses["loss_critic"].backward()
     assert head.weight.grad.any()
     assert expert.network[0].weight.grad is None
+
+
+@pytest.mark.parametrize("lost", [True, False])
+def test_a_lost_robot_costs_the_critic_for_good(library, lost):
+    """Known by hand: all robots are lost at once, or none ever is and the critic says 1."""
+
+    class Task(DenseTracking):
+        def lost(self, state, memory):
+            return torch.full(memory.shape, lost)
+
+        def cost(self, state, memory):
+            return torch.full(memory.shape, 0.5)
+
+        def finished(self, memory):
+            return torch.zeros(memory.shape, dtype=torch.bool)
+
+    task, expert = Task(library), Expert(G1, ExpertConfig(hidden=(16,)))
+
+    class One(nn.Module):
+        def __init__(self):
+            super().__init__()
+            self.value = nn.Parameter(torch.ones(1))
+
+        def forward(self, gravity):
+            return self.value.expand(len(gravity), 1)
+
+    critic = TensorDictModule(One(), [("robot", "gravity_b")], ["cost_to_go"])
+    options = {"steps": 2, "discount": 0.9, "critic": critic, "lost_cost": 2.0}
+    loss = ImaginationLoss(expert.deployed(), DynamicsModel(G1, SMALL), task, **options)(starts(task))["loss_critic"]
+    expected = 2.0 if lost else 0.1 * (0.5 + 0.9 * 0.5) + 0.81 * 1.0
+    assert float(loss.detach()) == pytest.approx((1.0 - expected) ** 2, rel=1e-4)
+
+
+def test_a_critic_needs_a_discount(tracking):
+    expert = Expert(G1, ExpertConfig(hidden=(16,)))
+    with pytest.raises(ConfigError, match="less than 1"):
+        ImaginationLoss(expert.deployed(), DynamicsModel(G1, SMALL), tracking, discount=1.0, critic=expert.deployed())
 
 
 def test_half_precision_is_for_networks(tracking):

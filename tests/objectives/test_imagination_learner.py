@@ -1,4 +1,5 @@
 import copy
+from dataclasses import replace
 
 import pytest
 import torch
@@ -15,12 +16,13 @@ CONFIG = ImaginationConfig(
 )
 
 
-@pytest.fixture
-def setting(library):
+@pytest.fixture(params=[(), (16,)], ids=["without critic", "with critic"])
+def setting(library, request):
     """A learner, and a function that simulates a rollout into its replay."""
+    config = replace(CONFIG, critic=request.param)
     expert = Expert(G1, ExpertConfig(hidden=(16,)))
     task, model = DenseTracking(library), DynamicsModel(G1, DynamicsConfig(hidden=(16, 16)))
-    learner = ImaginationLearner(expert, expert.deployed(), model, task, CONFIG)
+    learner = ImaginationLearner(expert, expert.deployed(), model, task, config)
     replay = RolloutReplay(8, 16, ["robot_state", "memory", "action"])
     source = rollouts(SimulatedTask(task, 8), exploring(expert.deployed(), 0.25), 4)
 
@@ -35,6 +37,10 @@ def setting(library):
 
 def weights(module):
     return {name: value.clone() for name, value in module.named_parameters()}
+
+
+def modules(learner):
+    return [module for module in (learner.policy, learner.model, learner.critic) if module is not None]
 
 
 def test_first_the_model_learns_then_the_policy(setting):
@@ -97,16 +103,32 @@ def test_it_goes_on_from_its_state(setting):
         expert.deployed(),
         copy.deepcopy(learner.model),
         learner.policy_loss.task,
-        CONFIG,
+        learner.config,
     )
     other.load_state_dict(copy.deepcopy(learner.state_dict()))
     results = []
     for each in (learner, other):
         torch.manual_seed(5)
-        results.append((each.step(replay), weights(each.policy), weights(each.model)))
+        results.append((each.step(replay), *(weights(module) for module in modules(each))))
     assert results[0][0] == results[1][0]
     for ours, theirs in zip(results[0][1:], results[1][1:], strict=True):
         assert all(ours[name].equal(theirs[name]) for name in ours)
+
+
+def test_a_critic_learns_what_is_to_come(library):
+    expert, task, model = Expert(G1, ExpertConfig(hidden=(16,))), DenseTracking(library), DynamicsModel(G1)
+    still = {"lr": 1e-9, "model_lr": 1e-9, "muon_lr": 1e-9, "warmup": 0}
+    learner = ImaginationLearner(
+        expert, expert.deployed(), model, task, replace(CONFIG, critic=(32,), critic_lr=1e-2, **still)
+    )
+    replay = RolloutReplay(8, 16, ["robot_state", "memory", "action"])
+    source = rollouts(SimulatedTask(task, 8), exploring(expert.deployed(), 0.25), 4)
+    for _ in range(4):
+        replay.extend(rollout := next(source))
+        learner.observe(rollout)
+    losses = [learner.step(replay)["loss_critic"] for _ in range(40)]
+    assert sum(losses[-5:]) < 0.5 * sum(losses[:5])
+    assert set(learner.critic.normalizer.in_keys) == set(expert.deployed().in_keys)
 
 
 def test_noise_is_for_exploration(library):
