@@ -2,7 +2,8 @@
 
 plat demo
 
-Killed at any moment, it goes on where it was when it is started again.
+Killed at any moment, it goes on where it was when it is started again: from the last checkpoint of a stage, 15 seconds
+ago at most, or with what is missing of the evaluation.
 """
 
 import time
@@ -27,6 +28,8 @@ from plat.runs.shipped import shipped_runs
 
 # what can be learned in a few minutes
 FAMILIES = "stand+reach+walk+squat+wave+bow+step"
+SAVE_EVERY = 15.0
+"""Seconds between checkpoints; stages take one to four minutes."""
 EXAMPLE = Path(__file__).parent / "examples" / "bow.json"
 NAMES = {"expert": "expert as sparse policy", "dagger": "DAgger", "plat": "PLAT"}
 
@@ -45,6 +48,7 @@ def main(recipe: DemoRecipe) -> None:
             motions=motions,
             out=out / "expert",
             minutes=recipe.expert_minutes,
+            save_every=SAVE_EVERY,
             num_envs=recipe.num_envs,
             seed=recipe.seed,
             resume=is_run(out / "expert"),
@@ -57,6 +61,7 @@ def main(recipe: DemoRecipe) -> None:
             expert=out / "expert",
             out=out / "dagger",
             minutes=recipe.distill_minutes,
+            save_every=SAVE_EVERY,
             num_envs=recipe.num_envs,
             seed=recipe.seed,
             resume=is_run(out / "dagger"),
@@ -69,6 +74,7 @@ def main(recipe: DemoRecipe) -> None:
             student=out / "dagger",
             out=out / "plat",
             minutes=recipe.refine_minutes,
+            save_every=SAVE_EVERY,
             num_envs=recipe.num_envs,
             seed=recipe.seed,
             resume=is_run(out / "plat"),
@@ -77,7 +83,10 @@ def main(recipe: DemoRecipe) -> None:
     print("\n4/5  evaluation on generated motions that training did not see", flush=True)
     rows = evaluate.main(
         evaluate.EvaluateRecipe(
-            runs=tuple(out / name for name in NAMES), motions=(f"generated:val/{FAMILIES}",), csv=out / "evaluation.csv"
+            runs=tuple(out / name for name in NAMES),
+            motions=(f"generated:val/{FAMILIES}",),
+            csv=out / "evaluation.csv",
+            out=out / "evaluation",  # keeps what is done
         )
     )
     pictures = draw(out)

@@ -79,7 +79,8 @@ def main(recipe: DistillRecipe) -> None:
         film=films.take,
     )
     labeled = ExpertLabels(None if teacher.stateful else labels, student.normalizer.in_keys, recipe.precision)
-    begins(recipe, library, recipe.precision, "failures that fall; plat evaluate says how many commands are met")
+    if not run.finished:
+        begins(recipe, library, recipe.precision, "failures that fall; plat evaluate says how many commands are met")
     with run:
         while not budget.done:
             # set before the rollout: a resumed run knows its budget alone

@@ -59,7 +59,8 @@ def main(recipe: ExpertRecipe) -> None:
         film=films.take,
     )
     warmup_steps = recipe.critic_warmup * recipe.num_envs * recipe.rollout if recipe.init else 0
-    begins(recipe, library, recipe.ppo.precision, "fewer than 0.3 terminations a second, keypoint error below 6 cm")
+    if not run.finished:
+        begins(recipe, library, recipe.ppo.precision, "fewer than 0.3 terminations a second, keypoint error below 6 cm")
     with run:
         while not budget.done:
             rollout = next(source)

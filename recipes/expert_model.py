@@ -12,7 +12,7 @@ from plat.recipes.learning import learn
 from plat.recipes.options import ExpertModelRecipe
 from plat.robots import get_robot
 from plat.runs import SavedRun, begin, report_errors
-from plat.runs.announce import DISTILL, STUDENT, begins, next_command
+from plat.runs.announce import DISTILL, STUDENT, next_command
 from plat.tasks import DenseTracking
 
 
@@ -36,8 +36,8 @@ def main(recipe: ExpertModelRecipe) -> None:
     # what the network adds to the reference is kept small, not the reference
     residual = recipe.policy.action != "default_offset"
     actor = expert.deployed(tuple(expert.goals)).reset_out_keys()
-    begins(recipe, library, recipe.imagination.precision, "fewer than 0.3 failures a second")
-    learn(recipe, library, expert, actor, task, init=start, effort="residual" if residual else "action")
+    good = "fewer than 0.3 failures a second"
+    learn(recipe, library, expert, actor, task, good=good, init=start, effort="residual" if residual else "action")
 
 
 def after(recipe: ExpertModelRecipe) -> str:

@@ -17,7 +17,7 @@ from plat.recipes.learning import learn
 from plat.recipes.options import ImagineRecipe, check_partial
 from plat.robots import get_robot
 from plat.runs import SavedRun, begin, report_errors
-from plat.runs.announce import begins, next_command
+from plat.runs.announce import next_command
 from plat.tasks import TimedKeyframes
 
 
@@ -45,12 +45,12 @@ def main(recipe: ImagineRecipe) -> None:
     def task(motions: MotionLibrary) -> TimedKeyframes:
         return TimedKeyframes(motions, recipe.task, timing=recipe.policy.timing, seed=recipe.seed)
 
-    begins(recipe, library, recipe.imagination.precision, "failures that fall; plat evaluate says the rest")
     privileged: dict[str, Any] = {}
     if recipe.posterior:
         loss = partial(LatentImaginationLoss, beta=recipe.beta)
         privileged = {"imagined": student.imagined(recipe.posterior), "loss": loss}
-    learn(recipe, library, student, student.deployed(), task, init=trained, **privileged)
+    good = "failures that fall; plat evaluate says the rest"
+    learn(recipe, library, student, student.deployed(), task, good=good, init=trained, **privileged)
 
 
 def after(recipe: ImagineRecipe) -> str:

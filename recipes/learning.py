@@ -22,6 +22,7 @@ from plat.motions import MotionLibrary
 from plat.objectives import ExploitationWatch, ImaginationLearner, ImaginationLoss, exploring
 from plat.recipes.options import ImaginationRecipe
 from plat.runs import DYNAMICS_FILE, Budget, Run, load_dynamics, run_inputs
+from plat.runs.announce import begins
 from plat.tasks import SimulatedTask, Task
 from plat.tasks.disturbed import measuring
 
@@ -36,6 +37,7 @@ def learn(
     actor: TensorDictModuleBase,
     make_task: Callable[[MotionLibrary], Task],
     *,
+    good: str,
     init: nn.Module | None = None,
     effort: NestedKey = "action",
     imagined: TensorDictModuleBase | None = None,
@@ -49,6 +51,7 @@ def learn(
         policy: what learns; the moving average of its weights is saved.
         actor: its deterministic actor.
         make_task: the task on some motions.
+        good: which figures on the screen are good.
         init: the policy that it started from, if any.
         effort: entry of the actor that is kept small.
         imagined: what imagined robots act by; None for the actor.
@@ -96,6 +99,7 @@ def learn(
     )
     if run.finished:
         return
+    begins(recipe, library, settings.precision, good)
     with run:
         while not budget.done:
             rollout = next(source)

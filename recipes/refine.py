@@ -75,7 +75,10 @@ def main(recipe: RefineRecipe) -> None:
         film=films.take,
     )
     warmup_steps = recipe.critic_warmup * recipe.num_envs * recipe.rollout
-    begins(recipe, library, recipe.ppo.precision, "failures that fall; plat evaluate says how many commands are met")
+    if not run.finished:
+        begins(
+            recipe, library, recipe.ppo.precision, "failures that fall; plat evaluate says how many commands are met"
+        )
     with run:
         while not budget.done:
             rollout = next(source)

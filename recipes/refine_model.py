@@ -13,7 +13,7 @@ from plat.recipes.options import RefineModelRecipe, check_partial
 from plat.recipes.refine import VARIANTS
 from plat.robots import get_robot
 from plat.runs import SavedRun, begin, report_errors
-from plat.runs.announce import begins, next_command
+from plat.runs.announce import next_command
 from plat.spec.timing import Timing, timing_of
 from plat.tasks import TimedKeyframes
 
@@ -35,8 +35,8 @@ def main(recipe: RefineModelRecipe) -> None:
     def task(motions: MotionLibrary) -> TimedKeyframes:
         return TimedKeyframes(motions, recipe.task, timing=timing, seed=recipe.seed)
 
-    begins(recipe, library, recipe.imagination.precision, "failures that fall; plat evaluate says the rest")
-    learn(recipe, library, policy, policy.deployed(), task, init=student)
+    good = "failures that fall; plat evaluate says the rest"
+    learn(recipe, library, policy, policy.deployed(), task, good=good, init=student)
 
 
 def after(recipe: RefineModelRecipe) -> str:

@@ -25,6 +25,7 @@ from plat.motions.formats.units import Units, Up
 from plat.motions.paths import find_files, listed_paths
 from plat.motions.readers import NAMED, READERS
 from plat.motions.retargeting.asf import skeletons_beside
+from plat.progress import tracked
 from plat.robots import G1, Robot
 
 __all__ = ["load_motions", "motion_paths", "read_along", "read_motion_files", "save_csv", "save_motions"]
@@ -96,7 +97,7 @@ def read_motion_files(
         for line in lines:
             _LOGGER.log(logging.INFO if line.startswith("ignored") else logging.DEBUG, "%s", line)
     listed = listed_paths(patterns)
-    for path in paths:
+    for path in tracked(paths, "reading motions", unit="files"):
         try:
             files.append(_read(path, options))
         except MotionError as error:

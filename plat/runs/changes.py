@@ -11,7 +11,6 @@ _FREE = {
     "imports",
     "minutes",
     "out",
-    "resume",
     "save_every",
     "steps",
     "trackio",
@@ -43,6 +42,7 @@ def changes(before: Mapping[str, Any], now: Mapping[str, Any], content: Mapping[
     ({'steps': (10, 20)}, {'num_envs': (8, 4)})
     """
     differing = dict(_differing(before, now))
+    differing.pop("resume", None)  # says how the run is started, and nothing of it
     # there or not there is a difference that no fingerprint shows
     free = {
         name: pair

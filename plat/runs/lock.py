@@ -38,6 +38,7 @@ class RunLock:
 
     def __init__(self, folder: Path):
         self._key: Path | None = None
+        self._path = folder / LOCK_FILE
         try:
             folder.mkdir(parents=True, exist_ok=True)
             key = folder.resolve()
@@ -47,6 +48,18 @@ class RunLock:
             raise CheckpointError(f"{str(folder)!r} cannot be written ({error}); choose another --out") from error
         self._held[key].count += 1
         self._key = key
+
+    def is_there(self) -> bool:
+        """Return whether the directory is where it was: it was not moved, removed, or replaced by another."""
+        if self._key is None:
+            return False
+        try:
+            found, own = self._path.stat(), os.fstat(self._held[self._key].file.fileno())
+        except FileNotFoundError:
+            return False
+        except OSError:  # a file system that does not answer at the moment
+            return True
+        return (found.st_dev, found.st_ino) == (own.st_dev, own.st_ino)
 
     def release(self) -> None:
         """Free the lock; again has no effect."""

@@ -39,7 +39,7 @@ class MetricsFile:
         """Whether the file lacks rows."""
         if path.exists():
             self._read(keep_until)
-        self._rewrite()
+        self.rewrite()
 
     def write(self, step: int, metrics: Mapping[str, float]) -> None:
         """Append a row."""
@@ -48,7 +48,7 @@ class MetricsFile:
         new = [name for name in row if name not in self._columns]
         self._columns += new
         if new or self._behind:
-            self._rewrite()
+            self.rewrite()
             return
         try:
             with self.path.open("a", newline="", encoding="utf-8") as file:
@@ -83,7 +83,8 @@ class MetricsFile:
             except OSError as error:
                 self._fall_behind(error)
 
-    def _rewrite(self) -> None:
+    def rewrite(self) -> None:
+        """Write all rows."""
         try:
             replace_file(self.path, self._write_all)
         except OSError as error:

@@ -128,10 +128,11 @@ class Run:
             raise
         try:
             self._checkpoints.clear_leftovers()
+            self._inputs = _plain(dict(inputs or {}))
             if resume:
-                self._restore(config, _plain(dict(inputs or {})))
+                self._restore(config, self._inputs)
             else:
-                self._begin(config, _plain(dict(inputs or {})))
+                self._begin(config, self._inputs)
             self._metrics = MetricsFile(folder / _METRICS_FILE, keep_until=budget.steps)
             self._tracked = [start_logging(logger, folder.name, folder, config) for logger in loggers]
         except BaseException:
@@ -156,6 +157,7 @@ class Run:
         (self.folder / _METRICS_FILE).unlink(missing_ok=True)  # of a start that did not get to a checkpoint
         write_json(self.folder / _INPUTS_FILE, inputs)
         write_json(self.folder / CONFIG_FILE, config)
+        self._config = config
 
     def _clear(self, made: bool) -> None:
         """Remove what a start that failed has written, and the folder if it was made for it and holds no more."""
@@ -196,8 +198,9 @@ class Run:
             print(f"goes on with {name} {new} in place of {old}", flush=True)
         part = {key: before[key] for key in ("recipe", "made_with") if key in before}
         earlier = [*before.get("earlier", []), {"until_step": self.budget.steps, "changed": changed, **part}]
+        self._config = {**config, "earlier": earlier}
         try:
-            write_json(path, {**config, "earlier": earlier})
+            write_json(path, self._config)
         except CheckpointError as error:  # a full disk: training goes on, the settings are those of before in all else
             print(f"not written down: {error}", flush=True)
 
@@ -246,6 +249,7 @@ class Run:
             metrics: numbers for the file.
             headline: metrics on the screen line, beside progress, rate and time to go.
         """
+        self._stay()
         self._metrics.write(self.budget.steps, {"seconds": self.budget.seconds, **metrics})
         for run in self._tracked:
             run.log(dict(metrics), step=self.budget.steps)
@@ -269,6 +273,18 @@ class Run:
                 self._last_save = time.monotonic()
                 print(f"training goes on without a checkpoint: {error}", flush=True)
 
+    def _stay(self) -> None:
+        """Begin the directory anew where it was moved or removed: half a run would be written otherwise."""
+        if self._lock.is_there():
+            return
+        self._lock.release()
+        self._lock = RunLock(self.folder)
+        print(f"{str(self.folder)!r} was moved or removed: the run goes on in a new folder of that name", flush=True)
+        write_json(self.folder / _INPUTS_FILE, self._inputs)
+        write_json(self.folder / CONFIG_FILE, self._config)
+        self._metrics.rewrite()
+        self._last_save = float("-inf")  # nothing else could be resumed there
+
     def _take_film(self, film: Callable[[int], Path | None]) -> None:
         with _same_randomness():  # whether a video is due depends on the clock
             video = film(self.budget.steps)
@@ -285,7 +301,7 @@ class Run:
             print(f"stopped: {error}", flush=True)
         print(f"go on with the same command and --resume (--out {self.folder})", flush=True)
         self._end_logs()
-        sys.exit(130)
+        sys.exit(self._stop.status)
 
     def save(self) -> None:
         """Write a checkpoint and the weights.
@@ -293,6 +309,7 @@ class Run:
         Raises:
             CheckpointError: when the disk does not take them; the checkpoint before is intact.
         """
+        self._stay()
         try:
             self._checkpoints.save(self.budget.steps)
         except CheckpointError:

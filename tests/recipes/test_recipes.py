@@ -99,7 +99,9 @@ def test_a_finished_run_stays_as_it_is_and_others_are_refused(stages):
     out = Path(stages["distill"][-1])
     before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
     arguments = [*stages["expert"], "--steps", 200, "--out", out, "--resume"]
-    assert "the run is finished, with 256 steps; it goes on with more --steps" in run("expert", *arguments)
+    text = run("expert", *arguments)
+    assert "the run is finished, with 256 steps; it goes on with more --steps" in text
+    assert "a checkpoint every" not in text, "nothing is trained, and nothing says so"
     others = [*arguments, "--motions", "generated:test", "--num-envs", 4, "--policy.timing.window", 7]
     message = error_of("expert", *others)
     assert "num_envs is 4, was 8; policy.timing.window is 7, was " in message

@@ -1,8 +1,10 @@
 import signal
+import sys
 import threading
 
 import pytest
 
+from plat.cli.streams import CLOSED_PIPE, ReaderLeft
 from plat.runs.interrupts import StopSignal
 
 
@@ -29,3 +31,46 @@ def test_other_threads_catch_nothing():
     thread.start()
     thread.join()
     assert found == [(False, before)]
+
+
+class Closed:
+    """Stream of a terminal that is gone, or a pipe that nobody reads."""
+
+    def write(self, text: str) -> int:
+        raise OSError(5, "Input/output error")
+
+    def flush(self) -> None:
+        raise ReaderLeft
+
+
+def test_a_closed_terminal_asks_to_stop_however_often():
+    with StopSignal() as stop:
+        for _ in range(2):
+            signal.raise_signal(signal.SIGHUP)
+        assert stop.asked
+        assert stop.status == 128 + signal.SIGHUP
+        signal.raise_signal(signal.SIGTERM)  # as a system that shuts down sends after it
+    assert signal.getsignal(signal.SIGHUP) == signal.SIG_DFL
+
+
+def test_nohup_is_left_to_ignore(monkeypatch):
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with StopSignal() as stop:
+            signal.raise_signal(signal.SIGHUP)
+        assert not stop.asked
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.parametrize("name", ["stdout", "stderr"])
+def test_lost_output_is_no_error_and_asks_to_stop(monkeypatch, name):
+    monkeypatch.setattr(sys, name, Closed())
+    lost = getattr(sys, name)
+    with StopSignal() as stop:
+        print("first", file=getattr(sys, name), flush=True)
+        assert stop.asked
+        assert stop.status == CLOSED_PIPE
+        signal.raise_signal(signal.SIGINT)  # what is printed here is lost as well
+        print("last", file=getattr(sys, name), flush=True)
+    assert getattr(sys, name) is lost

@@ -1,7 +1,9 @@
+import errno
 import hashlib
 import os
 import shutil
 import signal
+import sys
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -368,6 +370,51 @@ def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path, capsys):
     assert "stopped with a checkpoint at 20 steps\n" in out
     assert f"go on with the same command and --resume (--out {tmp_path / 'a'})\n" in out
     assert start(tmp_path / "a", resume=True)[3].steps == 20
+
+
+def test_a_reader_that_leaves_costs_no_training(tmp_path, monkeypatch):
+    """Ctrl-C ends ``tee`` first: then nothing that is printed may end the program before it has saved."""
+
+    class Left:
+        def write(self, text: str) -> int:
+            raise BrokenPipeError(errno.EPIPE, "Broken pipe")
+
+        flush = isatty = lambda self: False
+
+    run, _, _, budget = start(tmp_path / "a")
+
+    def train():
+        with run:
+            monkeypatch.setattr(sys.stdout, "stream", Left())
+            for _ in range(5):
+                budget.add(10)
+                run.log({"loss": 1.0})
+
+    with pytest.raises(SystemExit) as ended:
+        train()
+    assert ended.value.code == 141
+    assert start(tmp_path / "a", resume=True)[3].steps == 10
+
+
+@pytest.mark.parametrize("moved", [True, False])
+def test_a_folder_that_is_moved_or_removed_is_begun_anew(tmp_path, capsys, moved):
+    folder, other = tmp_path / "a", tmp_path / "b"
+    run, policy, optimizer, budget = start(folder)
+    with run:
+        for number in range(4):
+            train(policy, optimizer)
+            budget.add(10)
+            run.log({"loss": float(number)})
+            if number == 1:
+                run.save()
+                folder.rename(other)
+                if not moved:
+                    shutil.rmtree(other)
+    assert capsys.readouterr().out.count("was moved or removed") == 1
+    assert (folder / "metrics.csv").read_text().count("\n") == 5, "a head and all four rows"
+    assert start(folder, resume=True)[3].steps == 30
+    if moved:
+        assert start(other, resume=True)[3].steps == 20
 
 
 @contextmanager

@@ -17,6 +17,7 @@ from plat.motions.checks.steps import JointStep, joint_steps
 from plat.motions.checks.tempo import Tempo
 from plat.motions.checks.underside import Underside
 from plat.motions.clip import ASSUMED_RATE, MotionClip
+from plat.progress import tracked
 from plat.robots import G1, Robot
 
 __all__ = ["MotionReport", "ValidationLimits", "Verdict", "validate_motion", "validate_motions"]
@@ -104,7 +105,10 @@ def validate_motions(
     """
     limits = limits or ValidationLimits()
     soles, underside = Soles(robot), Underside(robot)
-    return [_judged(_measure(clip.checked(robot), robot, limits, soles, underside), limits) for clip in clips]
+    return [
+        _judged(_measure(clip.checked(robot), robot, limits, soles, underside), limits)
+        for clip in tracked(clips, "checking motions", unit="clips")
+    ]
 
 
 def _measure(

@@ -2,6 +2,7 @@
 
 import logging
 import zlib
+from itertools import count
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from plat.motions.generation.script import MotionScript
 from plat.motions.generation.solver import DT, Solver
 from plat.motions.generation.soundness import QUICK_FEET, SoundnessLimits, measure_soundness
 from plat.motions.generation.whole_body import WholeBody
+from plat.progress import Progress
 from plat.robots import G1, Robot
 
 __all__ = ["FAMILIES", "GROUPS", "PREFIX", "SPLITS", "WIDE_FAMILIES", "generate_motions", "generate_named"]
@@ -70,16 +72,17 @@ def generate_motions(
         raise RobotError(f"robot {robot.name!r}: motions are generated for the joints of the G1 only")
     solver = Solver(WholeBody(robot))
     clips: list[MotionClip] = []
-    total, number = 0.0, 0
-    while True:
-        for family in families or FAMILIES:
+    total = 0.0
+    with Progress("generating motions", total=round(seconds), unit="s") as progress:
+        for number, family in ((number, family) for number in count() for family in families or FAMILIES):
             name = f"{family}_{split}_{number:03d}"
             qpos = _sound(name, known[family], solver, family in WIDE_FAMILIES, family in ON_QUICK_FEET)
             clips.append(MotionClip(name, qpos, 1 / DT))
             total += clips[-1].duration
+            progress.update(round(total))
             if total >= seconds:
-                return clips
-        number += 1
+                break
+    return clips
 
 
 def generate_named(name: str, robot: Robot = G1) -> list[MotionClip]:
