@@ -21,7 +21,7 @@ from plat.envs.transforms.settings import (
     TrackingTerm,
 )
 from plat.envs.transforms.tracking_rewards import Regularization
-from plat.modules.settings import NormalizerConfig
+from plat.modules.settings import NormalizerConfig, WalkingReach
 from plat.tasks.settings import AuthoredCosts, TrackingCosts
 
 __all__ = ["GROUPS", "group_from_text", "group_text", "registry"]
@@ -36,6 +36,7 @@ GROUPS: tuple[type, ...] = (
     TerminationLimits,
     TrackingCosts,
     TrackingLimits,
+    WalkingReach,
 )
 """Dataclasses of numbers that are one flag; fields that are not named have the defaults of the class."""
 

@@ -89,7 +89,7 @@ class JointTargetNetwork(nn.Module):
         """
         values: dict[NestedKey, Tensor] = {}
         for part, (in_keys, out_keys) in zip(self.parts, self._keys, strict=True):
-            if isinstance(part, KeyframeShift):
+            if isinstance(part, KeyframeShift) and in_keys[0] in self._slices:
                 root, _, time_left = (observation[..., self._slices[key]] for key in in_keys)
                 observation = observation + (root * part.share(time_left)) @ self.shifts
                 continue

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         ResidualLatentPolicy,
         Teacher,
     )
+    from plat.modules.reach import KeyframeReach
     from plat.modules.residual import Residual
     from plat.modules.settings import (
         DynamicsConfig,
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
         NormalizerConfig,
         PlainPolicyConfig,
         RefinementConfig,
+        WalkingReach,
     )
     from plat.modules.widening import take_over
     from plat.spec.observation import STUDENT_KEYS
@@ -57,6 +59,7 @@ __all__ = [
     "GoalLead",
     "GoalSequenceEncoder",
     "KeyframeLead",
+    "KeyframeReach",
     "LatentNoisePolicy",
     "LatentPolicy",
     "LatentPolicyConfig",
@@ -73,6 +76,7 @@ __all__ = [
     "ResidualActionPolicy",
     "ResidualLatentPolicy",
     "Teacher",
+    "WalkingReach",
     "gaussian_action",
     "mlp",
     "sample_latent",

@@ -73,14 +73,15 @@ class KeyframeLead(TensorDictModule):
         lead: time (s).
         horizon: longest time to a keyframe (s), in units of which ``("command", "horizon")`` is.
         shortest: lower bound on the time left (s); without it the keyframe would swing in the last steps.
+        group: that the keyframe is read from.
 
     >>> lead = KeyframeLead(0.05, horizon=1.0)
     >>> lead.out_keys
     [('led_goal', 'root_pos_b'), ('led_goal', 'keypoint_pos_b')]
     """
 
-    def __init__(self, lead: float, horizon: float, shortest: float = 0.1):
-        in_keys: list[NestedKey] = [*(("goal", key) for key in LEAD_KEYS), ("command", "horizon")]
+    def __init__(self, lead: float, horizon: float, shortest: float = 0.1, group: str = "goal"):
+        in_keys: list[NestedKey] = [*((group, key) for key in LEAD_KEYS), ("command", "horizon")]
         out_keys: list[NestedKey] = [("led_goal", key) for key in LEAD_KEYS]
         super().__init__(KeyframeShift(lead / horizon, shortest / horizon), in_keys=in_keys, out_keys=out_keys)
         shapes: tuple[Shape, ...] = ((3,), ("3 K",), (1,))

@@ -68,6 +68,18 @@ class ExpertConfig(Bounded):
 
 
 @dataclass(frozen=True)
+class WalkingReach(Bounded):
+    """Reach of a walk, beyond which keyframes are shown nearer."""
+
+    acceleration: NonNegative = 3.0
+    """with which a robot gains speed (m/s^2)"""
+    speed: Positive = 1.5
+    """that it gains at most (m/s); one that is faster keeps its own"""
+    margin: NonNegative = 0.2
+    """added to the way (m)"""
+
+
+@dataclass(frozen=True)
 class PlainPolicyConfig(Bounded):
     """Shape of the student without a latent."""
 
@@ -83,6 +95,8 @@ class PlainPolicyConfig(Bounded):
     """control step that it acts at, and the commands that it is given"""
     also: tuple[Literal["parts", "clock"], ...] = ()
     """observed beside robot, goal and command: parts (partial keyframes), clock (the last 0.2 s)"""
+    reach: WalkingReach | None = None
+    """shows keyframes beyond it nearer; none shows them where they are"""
 
 
 @dataclass(frozen=True)

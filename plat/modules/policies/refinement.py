@@ -22,7 +22,6 @@ from plat.modules.lead import KeyframeLead, led
 from plat.modules.policies.student import LatentPolicy
 from plat.modules.residual import Residual
 from plat.modules.settings import RefinementConfig
-from plat.spec.observation import student_keys
 from plat.spec.timing import Timing
 
 __all__ = [
@@ -84,10 +83,12 @@ class Refinement(nn.Module):
 
     def shown(self) -> tuple[list[TensorDictModuleBase], list[NestedKey]]:
         """Return what comes before the student, and where the student then finds its observation."""
+        before, keys = self.student.shown()
         if not self.config.lead:
-            return [], list(student_keys(self.student.config.also))
-        lead = KeyframeLead(self.config.lead, self.timing.longest, self.config.shortest_lead)
-        return [lead], led(student_keys(self.student.config.also), lead)
+            return before, keys
+        group = "near_goal" if before else "goal"
+        lead = KeyframeLead(self.config.lead, self.timing.longest, self.config.shortest_lead, group)
+        return [*before, lead], led(keys, lead)
 
     def frozen(self) -> TensorDictModuleBase:
         """Return the part that never changes: writes what the head reads."""

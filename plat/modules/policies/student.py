@@ -12,7 +12,9 @@ from plat.modules.decoder import ActionDecoder
 from plat.modules.deployed import DeployedPolicy
 from plat.modules.goal_encoder import GoalSequenceEncoder
 from plat.modules.latent import LatentPosterior, LatentPrior, sample_latent
+from plat.modules.lead import led
 from plat.modules.normalizer import ObservationNormalizer
+from plat.modules.reach import KeyframeReach
 from plat.modules.settings import LatentPolicyConfig, PlainPolicyConfig
 from plat.robots.robot import Robot
 from plat.spec.observation import STUDENT_KEYS, goal_keys, observation_size, observation_widths, student_keys
@@ -107,9 +109,7 @@ class LatentPolicy(nn.Module):
             [("privileged_goal", "frames")], out_key=("privileged_goal", "normalized")
         )
         return TensorDictSequential(
-            self.normalizer.using(),
-            self.backbone,
-            self.prior,
+            *self.features(),
             normalize_goals,
             self.encoder,
             self.posterior,
@@ -141,9 +141,15 @@ class LatentPolicy(nn.Module):
         """Return the deployed part below the decoder: writes ``hidden`` and the parameters of the prior.
 
         Args:
-            keys: where the student's observation is; None for where :func:`plat.spec.observation.student_keys` says.
+            keys: where the student's observation is, moved as :meth:`shown` says; None for where
+                :func:`plat.spec.observation.student_keys` says.
         """
-        return TensorDictSequential(self.normalizer.using(keys), self.backbone, self.prior)
+        before, own = self.shown() if keys is None else ([], keys)
+        return TensorDictSequential(*before, self.normalizer.using(own), self.backbone, self.prior)
+
+    def shown(self) -> tuple[list[TensorDictModuleBase], list[NestedKey]]:
+        """Return what moves the keyframe before the student sees it, and where its observation then is."""
+        return _shown(self.config)
 
     def sampled(self) -> TensorDictSequential:
         """Return the policy that acts through a sample of the prior; its mode under deterministic exploration."""
@@ -204,12 +210,12 @@ class PlainPolicy(nn.Module):
 
     def deployed(self) -> DeployedPolicy:
         """Return the deterministic policy."""
-        parts = (self.normalizer.using(), self.backbone, self.decoder.using("hidden"))
-        return DeployedPolicy(*parts, timing=self.timing)
+        return DeployedPolicy(*self.training_graph(), timing=self.timing)
 
     def training_graph(self) -> TensorDictSequential:
         """Return everything that the imitation loss asks for: writes ``action``."""
-        return TensorDictSequential(self.normalizer.using(), self.backbone, self.decoder.using("hidden"))
+        before, keys = _shown(self.config)
+        return TensorDictSequential(*before, self.normalizer.using(keys), self.backbone, self.decoder.using("hidden"))
 
     def sampled(self) -> TensorDictSequential:
         """Return the policy that collects: there is nothing to sample."""
@@ -230,6 +236,15 @@ class _Mixed(nn.Module):
     def forward(self, first: Tensor, second: Tensor) -> Tensor:
         count = round(self.share * len(first))
         return torch.cat((first[:count], second[count:]))
+
+
+def _shown(config: PlainPolicyConfig) -> tuple[list[TensorDictModuleBase], list[NestedKey]]:
+    """What moves the keyframe before a student sees it, and where the student then finds its observation."""
+    keys = list(student_keys(config.also))
+    if config.reach is None:
+        return [], keys
+    reach = KeyframeReach(config.reach, config.timing.longest, parts="parts" in config.also)
+    return [reach], led(keys, reach)
 
 
 def _observation_normalizer(robot: Robot, config: PlainPolicyConfig) -> ObservationNormalizer:

@@ -1,0 +1,69 @@
+"""Reach of a walk: a keyframe that is too far away for the time left is shown nearer."""
+
+import torch
+from tensordict import NestedKey
+from tensordict.nn import TensorDictModule
+from torch import Tensor, nn
+
+from plat.entries import Shape, expects
+from plat.modules.settings import WalkingReach
+
+__all__ = ["KeyframeReach", "WalkingReach"]
+
+
+class KeyframeReach(TensorDictModule):
+    r"""Keyframe within reach: shows a policy no keyframe farther away than a robot gets in the time left.
+
+    A policy that is sent 2 m away within a second throws itself there and falls. It arrives too late anyhow: better it
+    walks. The horizontal way ``d`` to the keyframe's root is shortened to
+
+    .. math::
+        m + \min(v t + \tfrac{1}{2} a t^2, \; \max(v, v_{max}) \, t)
+
+    with ``t`` the time left and ``v`` the robot's velocity along the way, at least 0. So a robot that runs is shown
+    keyframes as far as it runs. What a partial keyframe does not command stays 0, and where it commands no horizontal
+    position nothing is moved. It writes to a group of its own: ``"near_goal"``.
+
+    Args:
+        reach: acceleration ``a``, speed ``v_max`` and margin ``m``.
+        horizon: longest time to a keyframe (s), in units of which ``("command", "horizon")`` is.
+        parts: whether the policy sees which parts are commanded (group ``"parts"``).
+
+    >>> KeyframeReach(WalkingReach(), horizon=1.0).out_keys
+    [('near_goal', 'root_pos_b'), ('near_goal', 'keypoint_pos_b')]
+    """
+
+    def __init__(self, reach: WalkingReach, horizon: float, parts: bool = False):
+        moved = ("root_pos_b", "keypoint_pos_b")
+        in_keys: list[NestedKey] = [
+            *(("goal", key) for key in moved),
+            ("command", "horizon"),
+            ("robot", "root_lin_vel_b"),
+            *([("parts", "bodies")] if parts else []),
+        ]
+        out_keys: list[NestedKey] = [("near_goal", key) for key in moved]
+        super().__init__(_Nearer(reach, horizon), in_keys=in_keys, out_keys=out_keys)
+        shapes: tuple[Shape, ...] = ((3,), ("3 K",), (1,), (3,), ("K",))
+        expects(self, dict(zip(in_keys, shapes, strict=False)), "reach")
+
+
+class _Nearer(nn.Module):
+    def __init__(self, reach: WalkingReach, horizon: float):
+        super().__init__()
+        self.reach = reach
+        self.horizon = horizon
+
+    def forward(
+        self, root: Tensor, keypoints: Tensor, time_left: Tensor, velocity: Tensor, bodies: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        reach, time, way = self.reach, time_left * self.horizon, root[..., :2]
+        # the square is bounded before its root: the gradient at a distance of 0 would be infinite
+        distance = way.square().sum(-1, keepdim=True).clamp_min(1e-8).sqrt()
+        speed = ((velocity[..., :2] * way).sum(-1, keepdim=True) / distance).clamp_min(0.0)
+        gained = speed * time + 0.5 * reach.acceleration * time.square()
+        farthest = reach.margin + torch.minimum(gained, speed.clamp_min(reach.speed) * time)
+        shift = nn.functional.pad(((farthest / distance).clamp_max(1.0) - 1.0) * way, (0, 1))
+        moved = shift.unsqueeze(-2)
+        if bodies is not None:
+            moved = moved * bodies.unsqueeze(-1)
+        return root + shift, (keypoints.unflatten(-1, (-1, 3)) + moved).flatten(-2)
