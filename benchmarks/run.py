@@ -71,7 +71,7 @@ class BenchmarkConfig:
 
 def reference_targets(library: MotionLibrary, frame: Tensor) -> Tensor:
     """Joint targets on the reference, with the noise of a policy that explores."""
-    target = library.poses((frame + 1).minimum(library.last_frame[frame]))["joint_pos"]
+    target = library.poses((frame + 1).minimum(library.last_of(frame)))["joint_pos"]
     return target + 0.35 * G1.action_scale * torch.randn_like(target)
 
 
@@ -107,9 +107,7 @@ def bare_physics(library: MotionLibrary, count: int) -> Callable[[], None]:
         frame = torch.randint(len(library), (count,))
         still = torch.zeros(count, 6 + G1.num_joints)
         physics.set_state(torch.arange(count), library.qpos(frame).double(), still)
-        targets = [
-            reference_targets(library, (frame + step).minimum(library.last_frame[frame])) for step in range(STEPS)
-        ]
+        targets = [reference_targets(library, (frame + step).minimum(library.last_of(frame))) for step in range(STEPS)]
         with simulation_threads(count):
             TIMER.start()
             for target in targets:
@@ -131,7 +129,7 @@ def environment(make: Callable, config: SimulationConfig, library: MotionLibrary
             TIMER.start()
             for extra in noise:
                 frame = current["motion", "frame"]
-                target = library.poses((frame + 1).minimum(library.last_frame[frame]))["joint_pos"]
+                target = library.poses((frame + 1).minimum(library.last_of(frame)))["joint_pos"]
                 current["action"] = (target - G1.default_joint_pos) / G1.action_scale + extra
                 _, current = env.step_and_maybe_reset(current)
             TIMER.stop()

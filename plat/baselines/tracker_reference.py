@@ -49,7 +49,7 @@ class TrackerReference(ObservationTransform):
 
     def compute(self, tensordict: TensorDictBase) -> dict[NestedKey, Tensor]:
         frame = tensordict[self._frame].view(-1, *[1] * self._ahead.ndim)
-        states = self._library.states((frame + self._ahead).minimum(self._library.last_frame[frame]))
+        states = self._library.states((frame + self._ahead).minimum(self._library.last_of(frame)))
         velocities = {
             "joint_vel": states["joint_vel"],
             "root_lin_vel_w": states["keypoint_lin_vel"][..., 0, :],

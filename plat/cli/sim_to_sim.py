@@ -67,7 +67,7 @@ def motion_keyframes(library: MotionLibrary, seed: int, timing: Timing = Timing(
     issued = schedule.first_frame
     sequences = []
     for clip, start in enumerate(library.clip_start.tolist()):
-        targets = schedule.target_frame[issued[library.clip_of_frame[issued] == clip]]
+        targets = schedule.target_frame[issued[library.clip_of(issued) == clip]]
         keyframes = [_keyframe(library, frame, (frame - start) * timing.control_dt) for frame in targets.tolist()]
         sequences.append(KeyframeSequence(library.robot, _keyframe(library, start, 0.0), tuple(keyframes), timing))
     return sequences

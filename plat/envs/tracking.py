@@ -15,6 +15,7 @@ from plat.envs.physics import BatchedPhysics, PhysicsFactory
 from plat.envs.randomized_physics import arriving
 from plat.envs.settings import ResetNoise
 from plat.errors import MotionError, RobotError
+from plat.motions.bins import ClipBins
 from plat.motions.library import MotionLibrary
 from plat.robots.robot import FootContacts
 from plat.rotations import quat_from_rotvec, quat_multiply, quat_rotate_inverse
@@ -117,9 +118,8 @@ class MotionTrackingEnv(EnvBase):
         self.decimation = decimation
         self.reset_noise = reset_noise
         self.min_frames_left = min_frames_left
-        left = self.library.last_frame - torch.arange(len(self.library), device=self.device)
-        self._start_frames = (left >= min_frames_left).nonzero()[:, 0]
-        if len(self._start_frames) == 0:
+        self._starts = ClipBins(self.library, min_frames_left)
+        if self._starts.num_frames == 0:
             longest = library.clip_names[int(library.clip_length.argmax())]
             raise MotionError(
                 f"motion {longest!r} is the longest with {int(library.clip_length.max()) - 1} control steps, "
@@ -209,7 +209,7 @@ class MotionTrackingEnv(EnvBase):
         self.physics.step(target, self.decimation)
         self._earlier_action, self._last_action = self._last_action, action
         self._frame = self._frame + 1
-        truncated = (self._frame >= self.library.last_frame[self._frame])[:, None]
+        truncated = (self._frame >= self.library.last_of(self._frame))[:, None]
         out = self._observe()
         out["reward"] = torch.zeros(self.num_envs, 1, device=self.device)
         out["terminated"] = self.broken.found(self.physics.diverged())[:, None]
@@ -225,8 +225,7 @@ class MotionTrackingEnv(EnvBase):
             ids = mask.view(self.num_envs).nonzero()[:, 0]
         start = None if tensordict is None else tensordict.get(("motion", "start"), None)
         if start is None:
-            choice = torch.randint(len(self._start_frames), (len(ids),), device=self.device)
-            self._frame = self._frame.index_copy(0, ids, self._start_frames[choice])
+            self._frame = self._frame.index_copy(0, ids, self._starts.draw_frames(len(ids)))
         else:
             self._frame = self._frame.index_copy(0, ids, start[ids])
         self._last_action = self._last_action.index_fill(0, ids, 0.0)

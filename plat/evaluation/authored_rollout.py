@@ -172,7 +172,7 @@ def _parts(robot: Robot, chains: Sequence[Authored]) -> Tensor:
 def _of_commands(parts: Tensor, arrivals: Tensor, schedule: CommandSchedule, library: MotionLibrary) -> Tensor:
     """Return the masks of every command of a schedule ``[M, J + bodies + 3]``."""
     first = schedule.first_frame.to(parts.device)
-    chain = library.clip_of_frame[first]
+    chain = library.clip_of(first)
     begin = first - library.clip_start[chain]
     command = (arrivals[chain] <= begin[:, None]).sum(-1).clamp_max(parts.shape[1] - 1)
     return parts[chain, command]

@@ -198,7 +198,7 @@ class CommandRecorder:
         """Return all records, on the CPU."""
         schedule, first = self._schedule, self._schedule.first_frame.to(self._library.device)
         return CommandRecords(
-            clip=self._library.clip_of_frame[first].cpu(),
+            clip=self._library.clip_of(first).cpu(),
             length=(schedule.target_frame[first] - first).cpu(),
             steps=self._steps.cpu(),
             failed=self._failed.cpu(),

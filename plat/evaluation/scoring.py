@@ -113,7 +113,7 @@ def schedule_of_clips(
     if chosen == list(range(library.num_clips)) and not whole:
         return library, schedule
     first = schedule.first_frame.to(library.device)
-    of_clip, target = library.clip_of_frame[first], schedule.target_frame[first]
+    of_clip, target = library.clip_of(first), schedule.target_frame[first]
     arrivals = []
     for clip in chosen:
         ends = (target[of_clip == clip] - library.clip_start[clip]).tolist()
@@ -134,7 +134,7 @@ def _partial(
     """Return a schedule of partial keyframes; those of a clip are the same whatever the other clips."""
     if "parts" not in optional_groups(getattr(policy, "in_keys", ())):
         raise TaskError(f"partial keyframes ({kind}): {WHOLE_ONLY} (--policy.also parts)")
-    of_clip = library.clip_of_frame[schedule.first_frame.to(library.device)]
+    of_clip = library.clip_of(schedule.first_frame.to(library.device))
     masks = []
     for row, clip in enumerate(clips):
         count = int((of_clip == row).sum())

@@ -7,7 +7,7 @@ columns are brought into the robot's order by name. The other formats are in :mo
 
 import logging
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -72,6 +72,7 @@ def read_motion_files(
     strict: bool = False,
     skipped: list[MotionError] | None = None,
     told: list[str] | None = None,
+    store: Callable[[MotionFile], MotionFile] | None = None,
 ) -> list[MotionFile]:
     """Return motion files that were read, with what each was taken for; see :func:`load_motions`.
 
@@ -86,6 +87,7 @@ def read_motion_files(
         skipped: is given the errors of bad files, of several those that are named as well; without it those of folders
             and globs are logged, and the others raised.
         told: is given a line for each copy in a folder that was left out; without it they are logged.
+        store: is given each file as it was read, and returns it with its clips where they are kept.
     """
     options = ReadOptions(robot, quat_order, fps, up, units)
     files, errors = [], []
@@ -99,7 +101,8 @@ def read_motion_files(
     listed = listed_paths(patterns)
     for path in tracked(paths, "reading motions", unit="files"):
         try:
-            files.append(_read(path, options))
+            file = _read(path, options)
+            files.append(file if store is None else store(file))
         except MotionError as error:
             if strict or (path in listed and (skipped is None or len(paths) == 1)):
                 raise
@@ -127,6 +130,7 @@ def load_motions(
     up: Up | None = None,
     units: Units | None = None,
     strict: bool = False,
+    store: Callable[[MotionFile], MotionFile] | None = None,
 ) -> list[MotionClip]:
     """Return every clip of some motion files.
 
@@ -145,6 +149,8 @@ def load_motions(
         up: axis that points up in these files; by default what the motion shows.
         units: of lengths in these files; by default what the motion shows.
         strict: raise for a bad file in a folder or glob too, and read copies.
+        store: is given each file as it was read, and returns it with its clips where they are kept, such as
+            :class:`plat.motions.store.ClipStore`.
 
     Raises:
         MotionError: naming file, clip and field, when a file is missing or broken, or does not tell which order its
@@ -157,7 +163,9 @@ def load_motions(
     ...     len(load_motions(f"{folder}/*.npz"))
     2
     """
-    files = read_motion_files(patterns, robot, quat_order=quat_order, fps=fps, up=up, units=units, strict=strict)
+    files = read_motion_files(
+        patterns, robot, quat_order=quat_order, fps=fps, up=up, units=units, strict=strict, store=store
+    )
     alike: dict[str, list[MotionFile]] = {}
     for file in files:
         if file.notes:

@@ -3,47 +3,44 @@
 import hashlib
 import json
 import logging
-import os
 import re
-import tempfile
-import zlib
 from collections import Counter
-from collections.abc import Sequence
-from itertools import pairwise
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cached_property
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import torch
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
 from tensordict import TensorDict
 from torch import Tensor
 
 from plat.bounds import Range, check_value
 from plat.errors import MotionError
-from plat.files import replace_file
+from plat.motions.cache import CachedTable, cache_dir, file_digests, read_table, write_table
 from plat.motions.checks.repair import clip_to_limits
 from plat.motions.checks.validation import Verdict, validate_motions
 from plat.motions.clip import MotionClip
 from plat.motions.files import load_motions, motion_paths, read_along
 from plat.motions.generation import PREFIX, generate_named
 from plat.motions.mirror import mirror_motion
-from plat.motions.resample import finite_difference, quat_finite_difference, resample_qpos
+from plat.motions.resample import resampled_length
+from plat.motions.store import ClipStore
+from plat.motions.table import FIELDS, POSE_FIELDS, TableBuilder, table_width, unpacked
 from plat.robots import G1, Robot
-from plat.robots.kinematics import ForwardKinematics
 
 __all__ = ["MotionLibrary", "cache_dir"]
 
-# Frames worked on at a time while the table is built: large enough for vector speed, small enough for the cache.
-_CHUNK = 16384
+# Clips that are checked at a time.
+_GROUP = 64
 
 # Angles up to this far beyond a joint's limits are clipped when files are loaded (rad). Smoothing leaves such excesses.
 _SMALL_EXCESS = 0.15
 
 _LOGGER = logging.getLogger("plat.motions")
 
-TABLE_VERSION = 11
+TABLE_VERSION = 12
 """Part of every cache key. Raise it with any change of what readers, resampling, checks or the generator produce."""
 
 
@@ -59,8 +56,6 @@ class MotionLibrary:
             (rad/s). Keypoint 0 is the root.
         clip_names: names of the C clips.
         clip_start, clip_length: first frame and number of frames of each clip ``[C]``.
-        clip_of_frame: clip of each frame ``[F]``.
-        last_frame: last frame of the clip of each frame ``[F]``.
         dt: seconds from frame to frame.
         robot: whose motions they are.
 
@@ -78,14 +73,44 @@ class MotionLibrary:
         self.clip_names = list(clip_names)
         self.clip_start = clip_start
         self.clip_length = clip_length
-        self.clip_of_frame = torch.repeat_interleave(torch.arange(len(clip_length), device=table.device), clip_length)
-        self.last_frame = (clip_start + clip_length - 1)[self.clip_of_frame]
+        self._clip_last = clip_start + clip_length - 1
         self._table = table
-        self._pose_width = _width(_POSE_FIELDS, robot)
-        self.frames = _unpack(table, _POSE_FIELDS + _VELOCITY_FIELDS, robot)
+        self._pose_width = table_width(POSE_FIELDS, robot)
+        self.frames = unpacked(table, FIELDS, robot)
 
     def __len__(self) -> int:
         return len(self._table)
+
+    def clip_of(self, frame: Tensor) -> Tensor:
+        """Return the clips of frames ``[*B]``, in a time that hardly depends on the size of the library.
+
+        >>> from plat.motions import generate_motions
+        >>> library = MotionLibrary.from_clips(generate_motions("train", seconds=8))
+        >>> library.clip_of(torch.tensor([0, len(library) - 1])).tolist() == [0, library.num_clips - 1]
+        True
+        """
+        return torch.searchsorted(self.clip_start, frame.contiguous(), right=True) - 1
+
+    def last_of(self, frame: Tensor) -> Tensor:
+        """Return the last frames of the clips of frames ``[*B]``; see :meth:`clip_of`."""
+        return self._clip_last[self.clip_of(frame)]
+
+    @cached_property
+    def clip_of_frame(self) -> Tensor:
+        """Return the clip of each frame ``[F]``: a table of 8 bytes a frame, made when first asked for.
+
+        :meth:`clip_of` does without.
+        """
+        clips = torch.arange(self.num_clips, device=self.device)
+        return torch.repeat_interleave(clips, self.clip_length)
+
+    @cached_property
+    def last_frame(self) -> Tensor:
+        """Return the last frame of each frame's clip ``[F]``: a table of 8 bytes a frame, made when first asked for.
+
+        :meth:`last_of` does without.
+        """
+        return torch.repeat_interleave(self._clip_last, self.clip_length)
 
     @property
     def num_clips(self) -> int:
@@ -186,12 +211,12 @@ class MotionLibrary:
     def poses(self, frame: Tensor) -> TensorDict:
         """Return ``joint_pos``, ``keypoint_pos`` and ``keypoint_quat`` of frames ``[*B]``."""
         rows = self._table[:, : self._pose_width].index_select(0, frame.flatten())
-        return _unpack(rows.view(*frame.shape, rows.shape[1]), _POSE_FIELDS, self.robot)
+        return unpacked(rows.view(*frame.shape, rows.shape[1]), POSE_FIELDS, self.robot)
 
     def states(self, frame: Tensor) -> TensorDict:
         """Return all fields of frames ``[*B]``: poses and velocities."""
         rows = self._table.index_select(0, frame.flatten())
-        return _unpack(rows.view(*frame.shape, rows.shape[1]), _POSE_FIELDS + _VELOCITY_FIELDS, self.robot)
+        return unpacked(rows.view(*frame.shape, rows.shape[1]), FIELDS, self.robot)
 
     def qpos(self, frame: Tensor) -> Tensor:
         """Return MuJoCo position vectors ``[*B, 7 + J]`` of frames ``[*B]``."""
@@ -224,19 +249,24 @@ class MotionLibrary:
         check_value("motion library: dt", dt, Annotated[float, Range(0.001, 1)])
         if not clips:
             raise MotionError("motion library: no clips, expected at least one")
-        resampled = []
+        return cls._built(clips, _frames(clips, dt), robot, dt)
+
+    @classmethod
+    def _built(cls, clips: Iterable[MotionClip], most: int, robot: Robot, dt: float) -> "MotionLibrary":
+        """Return the library of clips that have so many frames at the control rate, or fewer."""
+        table = torch.empty(most, table_width(FIELDS, robot))
+        filled = 0
+
+        def write(rows: Tensor) -> None:
+            nonlocal filled
+            table[filled : filled + len(rows)] = rows
+            filled += len(rows)
+
+        builder = TableBuilder(robot, dt, write)
         for clip in clips:
-            clip = clip.checked(robot)
-            qpos = resample_qpos(torch.from_numpy(clip.qpos), clip.fps, dt)
-            if len(qpos) < 2:
-                raise MotionError(
-                    f"motion {clip.name!r}: {clip.duration:.3f} s, expected at least one control step of {dt} s"
-                )
-            resampled.append(qpos)
-        length = torch.tensor([len(qpos) for qpos in resampled])
-        start = length.cumsum(0) - length
-        table = _build_table(torch.cat(resampled), start, length, dt, robot)
-        return cls(table, start, length, [clip.name for clip in clips], dt, robot)
+            builder.add(clip)
+        start, length = builder.finish()
+        return cls(table if filled == most else table[:filled].clone(), start, length, builder.names, dt, robot)
 
     @classmethod
     def load(
@@ -256,6 +286,9 @@ class MotionLibrary:
         Clips that :func:`~plat.motions.validate_motions` would repair or drop are counted in one warning under
         ``plat.motions``. They are measured when the table is built, and the counts are kept with it.
 
+        The finished table is memory-mapped: rows are read from disk when they are first looked at, and processes share
+        them. It is built a part at a time, so a library may be larger than the memory.
+
         Args:
             motions: paths, folders, globs, or ``"generated:train"`` (``val``, ``test``) for the motions that plat
                 makes itself; see :func:`plat.motions.generation.generate_named`.
@@ -267,85 +300,95 @@ class MotionLibrary:
         Raises:
             MotionError: when a file is missing or broken, or no clip is left.
         """
+        check_value("motion library: dt", dt, Annotated[float, Range(0.001, 1)])
         names = [str(name) for name in ([motions] if isinstance(motions, (str, Path)) else motions)]
         generated = [name for name in names if name.startswith(PREFIX)]
         files = [name for name in names if not name.startswith(PREFIX)]
         paths = motion_paths(files) if files else []
 
-        def build() -> tuple["MotionLibrary", _Verdicts]:
-            clips = [clip for name in generated for clip in generate_named(name, robot)]
-            read = load_motions(files, robot) if files else []
-            read = [_within_limits(clip.checked(robot), robot) for clip in read]
-            reports = validate_motions(read, robot)
-            verdicts = Counter(report.verdict for report in reports)
-            if drop_bad:
-                read = [clip for clip, report in zip(read, reports, strict=True) if report.verdict != "drop"]
-            clips += read
-            if not clips:
-                raise MotionError(f"no clip is left of {len(reports)}, all would be dropped: run plat motions inspect")
-            mirrored = [mirror_motion(clip.checked(robot), robot) for clip in clips] if mirror else []
-            return cls.from_clips(clips + mirrored, robot, dt), dict(verdicts)
-
-        if not cache:
-            library, verdicts = build()
-        else:
-            content = _content_hash(generated, paths, robot, dt, mirror, drop_bad)
-            cached = cache_dir() / "motions" / f"{content}.safetensors"
-            known = _read_table(cached, robot)
-            library, verdicts = known or build()
-            if known is None:
-                _write_table(cached, library, verdicts)
-        _warn_of_bad_clips(verdicts, files, drop_bad)
+        path = None
+        if cache:
+            content = _content_hash(names, generated, paths, robot, dt, mirror, drop_bad)
+            path = cache_dir() / "motions" / f"{content}.safetensors"
+        cached = None if path is None else read_table(path)
+        if cached is None:
+            source = _Source(generated, files, robot, mirror, drop_bad)
+            cached = None if path is None else _write(path, source, robot, dt)
+            if cached is None:
+                library = cls._built(source.clips(), source.most_frames(dt), robot, dt)
+                _warn_of_bad_clips(source.verdicts, files, drop_bad)
+                return library
+        library = cls(cached.rows, cached.start, cached.length, cached.names, cached.dt, robot)
+        _warn_of_bad_clips(cached.facts["verdicts"], files, drop_bad)
         return library
 
 
-# how many clips of the files have which verdict
-_Verdicts = dict[Verdict, int]
+class _Source:
+    """Clips of a library, in order: generated ones, those of files, and the mirror images."""
+
+    def __init__(self, generated: Sequence[str], files: Sequence[str], robot: Robot, mirror: bool, drop_bad: bool):
+        self._robot, self._mirror, self._drop_bad = robot, mirror, drop_bad
+        self._generated = [clip for name in generated for clip in generate_named(name, robot)]
+        self._read = load_motions(files, robot, store=ClipStore(cache_dir() / "motions")) if files else []
+        self.verdicts: Counter[Verdict] = Counter()
+        """How many clips of the files have which verdict, once all were asked for."""
+
+    def most_frames(self, dt: float) -> int:
+        """Return how many frames there are if no clip is dropped."""
+        return _frames([*self._generated, *self._read], dt) * (2 if self._mirror else 1)
+
+    def clips(self) -> Iterator[MotionClip]:
+        """Return the clips, one after the other.
+
+        Raises:
+            MotionError: when one is broken, or none is left.
+        """
+        self.verdicts.clear()
+        kept: list[MotionClip] = []
+        yield from self._generated
+        for begin in range(0, len(self._read), _GROUP):
+            read = self._read[begin : begin + _GROUP]
+            group = [self._limited(clip) for clip in read]
+            for whole, clip, report in zip(read, group, validate_motions(group, self._robot), strict=True):
+                self.verdicts[report.verdict] += 1
+                if not (self._drop_bad and report.verdict == "drop"):
+                    kept.append(whole)
+                    yield clip
+        if not (kept or self._generated):
+            total = self.verdicts.total()
+            raise MotionError(f"no clip is left of {total}, all would be dropped: run plat motions inspect")
+        if self._mirror:
+            for clip in chain(self._generated, map(self._limited, kept)):
+                yield mirror_motion(clip.checked(self._robot), self._robot)
+
+    def _limited(self, clip: MotionClip) -> MotionClip:
+        return _within_limits(clip.checked(self._robot), self._robot)
+
+
+def _write(path: Path, source: _Source, robot: Robot, dt: float) -> CachedTable | None:
+    """Build a table on disk and return it; None where the disk does not take it."""
+
+    def build(write: Callable[[Tensor], object]) -> tuple[Tensor, Tensor, list[str], dict[str, object]]:
+        builder = TableBuilder(robot, dt, write)
+        for clip in source.clips():
+            builder.add(clip)
+        start, length = builder.finish()
+        return start, length, builder.names, {"verdicts": dict(source.verdicts)}
+
+    try:
+        write_table(path, table_width(FIELDS, robot), dt, build)
+    except OSError as error:
+        _LOGGER.warning("motion cache %r was not written (%s): going on without it", str(path), error.strerror)
+        return None
+    return read_table(path)
+
+
+def _frames(clips: Sequence[MotionClip], dt: float) -> int:
+    """Return the number of frames of clips at the control rate; broken ones are found later."""
+    return sum(resampled_length(len(clip.qpos), clip.fps, dt) for clip in clips if 0 < clip.fps < float("inf"))
+
+
 _DONE: dict[Verdict, str] = {"drop": "dropped", "repair": "repaired"}
-
-_POSE_FIELDS = ("joint_pos", "keypoint_pos", "keypoint_quat")
-_VELOCITY_FIELDS = ("joint_vel", "keypoint_lin_vel", "keypoint_ang_vel")
-
-
-def _shape(field: str, robot: Robot) -> tuple[int, ...]:
-    if field.startswith("joint"):
-        return (robot.num_joints,)
-    return (len(robot.keypoints), 4 if field == "keypoint_quat" else 3)
-
-
-def _width(fields: Sequence[str], robot: Robot) -> int:
-    return sum(torch.Size(_shape(field, robot)).numel() for field in fields)
-
-
-def _unpack(rows: Tensor, fields: Sequence[str], robot: Robot) -> TensorDict:
-    """Return named views of packed rows ``[*B, W]``."""
-    shapes = [_shape(field, robot) for field in fields]
-    parts = rows.split([torch.Size(shape).numel() for shape in shapes], -1)
-    batch = rows.shape[:-1]
-    views = {field: part.view(*batch, *shape) for field, part, shape in zip(fields, parts, shapes, strict=True)}
-    return TensorDict(views, batch, device=rows.device)
-
-
-def _build_table(qpos: Tensor, start: Tensor, length: Tensor, dt: float, robot: Robot) -> Tensor:
-    total = len(qpos)
-    table = torch.empty(total, _width(_POSE_FIELDS + _VELOCITY_FIELDS, robot))
-    frames = _unpack(table, _POSE_FIELDS + _VELOCITY_FIELDS, robot)
-    kinematics = ForwardKinematics(robot)
-    for begin in range(0, total, _CHUNK):
-        chunk = slice(begin, begin + _CHUNK)
-        root_pos, root_quat, joint_pos = qpos[chunk].split((3, 4, robot.num_joints), -1)
-        keypoint_pos, keypoint_quat = kinematics(root_pos, root_quat, joint_pos)
-        frames["joint_pos"][chunk] = joint_pos
-        frames["keypoint_pos"][chunk] = keypoint_pos
-        frames["keypoint_quat"][chunk] = keypoint_quat
-    first = torch.repeat_interleave(start, length)
-    last = torch.repeat_interleave(start + length - 1, length)
-    for chunk in torch.arange(total).split(_CHUNK):
-        before, after = (chunk - 1).maximum(first[chunk]), (chunk + 1).minimum(last[chunk])
-        frames["joint_vel"][chunk] = finite_difference(frames["joint_pos"], before, after, dt)
-        frames["keypoint_lin_vel"][chunk] = finite_difference(frames["keypoint_pos"], before, after, dt)
-        frames["keypoint_ang_vel"][chunk] = quat_finite_difference(frames["keypoint_quat"], before, after, dt)
-    return table
 
 
 def _within_limits(clip: MotionClip, robot: Robot) -> MotionClip:
@@ -354,7 +397,7 @@ def _within_limits(clip: MotionClip, robot: Robot) -> MotionClip:
     return clipped if np.abs(clipped.qpos - clip.qpos).max() <= _SMALL_EXCESS else clip
 
 
-def _warn_of_bad_clips(verdicts: _Verdicts, files: Sequence[str], dropped: bool) -> None:
+def _warn_of_bad_clips(verdicts: Mapping[Verdict, int], files: Sequence[str], dropped: bool) -> None:
     bad = [
         f"{count} {'were left out' if dropped and verdict == 'drop' else f'would be {_DONE[verdict]}'}"
         for verdict, count in sorted(verdicts.items())
@@ -365,71 +408,22 @@ def _warn_of_bad_clips(verdicts: _Verdicts, files: Sequence[str], dropped: bool)
         _LOGGER.warning("of %d clips %s: run plat motions inspect %s", total, " and ".join(bad), " ".join(files))
 
 
-def cache_dir() -> Path:
-    """Return the cache folder: ``$PLAT_CACHE_DIR``, else ``plat`` in the user's cache folder or a temporary one."""
-    if folder := os.environ.get("PLAT_CACHE_DIR"):
-        return Path(folder)
-    if folder := os.environ.get("XDG_CACHE_HOME"):
-        return Path(folder) / "plat"
-    try:
-        return Path.home() / ".cache" / "plat"
-    except RuntimeError:  # a user without a home folder, as in containers
-        return Path(tempfile.gettempdir()) / "plat"
-
-
 def _content_hash(
-    generated: Sequence[str], paths: Sequence[Path], robot: Robot, dt: float, mirror: bool, drop_bad: bool
+    names: Sequence[str],
+    generated: Sequence[str],
+    paths: Sequence[Path],
+    robot: Robot,
+    dt: float,
+    mirror: bool,
+    drop_bad: bool,
 ) -> str:
-    asset = robot.asset_path.read_bytes()
     digest = hashlib.blake2b(digest_size=16)
     settings = [TABLE_VERSION, generated, robot.name, robot.keypoints, dt, mirror, drop_bad]
     digest.update(json.dumps(settings).encode())
-    digest.update(hashlib.blake2b(asset).digest())
+    digest.update(hashlib.blake2b(robot.asset_path.read_bytes()).digest())
     read = [part for path in paths for part in (path, *read_along(path))]
-    for path in read:
+    asked = hashlib.blake2b(json.dumps([str(Path.cwd()), *names]).encode(), digest_size=16).hexdigest()
+    for path, content in zip(read, file_digests(read, cache_dir() / "motions" / f"{asked}.digests.json"), strict=True):
         # clips are named by their files, and a name may say the frame rate
-        digest.update(path.name.encode(errors="surrogateescape") + b"\0")
-        with path.open("rb") as file:
-            while block := file.read(1 << 20):
-                digest.update(block)
-        digest.update(b"\0")
+        digest.update(path.name.encode(errors="surrogateescape") + b"\0" + content.encode())
     return digest.hexdigest()
-
-
-def _write_table(path: Path, library: MotionLibrary, verdicts: _Verdicts) -> None:
-    """Write a table for the next run; a full disk does not stop this one."""
-    tensors = {"table": library._table, "clip_start": library.clip_start, "clip_length": library.clip_length}
-    metadata = {
-        "clip_names": json.dumps(library.clip_names),
-        "dt": repr(library.dt),
-        "verdicts": json.dumps(verdicts),
-        "checksum": _checksum(*tensors.values()),
-    }
-    try:
-        replace_file(path, lambda part: save_file(tensors, part, metadata))
-    except (OSError, SafetensorError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        _LOGGER.warning("motion cache %r was not written (%s): going on without it", str(path), reason)
-
-
-def _read_table(path: Path, robot: Robot) -> tuple[MotionLibrary, _Verdicts] | None:
-    """Return the cached library and the verdicts on its clips, or None where there is none, or a damaged one."""
-    try:
-        if not path.exists():
-            return None
-        with safe_open(path, "pt") as file:
-            metadata = file.metadata()
-            table, start, length = (file.get_tensor(name) for name in ("table", "clip_start", "clip_length"))
-        if metadata["checksum"] != _checksum(table, start, length):
-            return None
-        names, verdicts = json.loads(metadata["clip_names"]), json.loads(metadata["verdicts"])
-        return MotionLibrary(table, start, length, names, float(metadata["dt"]), robot), verdicts
-    except (AttributeError, OSError, RuntimeError, SafetensorError, KeyError, ValueError, TypeError):
-        return None
-
-
-def _checksum(*tensors: Tensor) -> str:
-    checksum = 0
-    for tensor in tensors:
-        checksum = zlib.crc32(tensor.numpy().data, checksum)
-    return f"{checksum:08x}"

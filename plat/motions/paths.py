@@ -110,9 +110,13 @@ def _without_copies(paths: list[Path], told: list[str] | None) -> list[Path]:
         if not path.is_file() or sizes[path.stat().st_size] == 1:
             kept.append(path)
             continue
-        digest = _digest(path)
         original = path.with_name(_COPY.sub("", path.stem) + path.suffix)
-        if original != path and original.is_file() and _digest(original) == digest:
+        copy = original != path and original.is_file()
+        if told is None and not copy:  # equal files are only told of, and to read them all takes long
+            kept.append(path)
+            continue
+        digest = _digest(path)
+        if copy and _digest(original) == digest:
             if told is not None:
                 told.append(f"ignored: {path}, a copy of {original.name}")
             continue

@@ -5,7 +5,7 @@ from torch import Tensor
 
 from plat.rotations import quat_conjugate, quat_multiply, quat_slerp, quat_to_rotvec
 
-__all__ = ["finite_difference", "quat_finite_difference", "resample_qpos"]
+__all__ = ["finite_difference", "quat_finite_difference", "resample_qpos", "resampled_length"]
 
 
 def resample_qpos(qpos: Tensor, fps: float, dt: float) -> Tensor:
@@ -25,8 +25,7 @@ def resample_qpos(qpos: Tensor, fps: float, dt: float) -> Tensor:
     >>> resample_qpos(qpos, fps=30.0, dt=0.02)[:, 0]
     tensor([0.0000, 0.6000, 1.2000, 1.8000, 2.4000, 3.0000])
     """
-    # the small margin keeps the last frame when (T - 1) / fps is a multiple of dt up to rounding
-    count = int((len(qpos) - 1) / (fps * dt) + 1e-6) + 1
+    count = resampled_length(len(qpos), fps, dt)
     position = (torch.arange(count, dtype=torch.float64) * (fps * dt)).clamp_max(len(qpos) - 1)
     before = position.long().clamp_max(len(qpos) - 2)
     weight = (position - before).to(qpos.dtype)
@@ -34,6 +33,16 @@ def resample_qpos(qpos: Tensor, fps: float, dt: float) -> Tensor:
     result = torch.lerp(start, end, weight[:, None])
     result[:, 3:7] = quat_slerp(start[:, 3:7], end[:, 3:7], weight)
     return result
+
+
+def resampled_length(frames: int, fps: float, dt: float) -> int:
+    """Return how many poses :func:`resample_qpos` returns for so many.
+
+    >>> resampled_length(4, fps=30.0, dt=0.02)
+    6
+    """
+    # the small margin keeps the last frame when (frames - 1) / fps is a multiple of dt up to rounding
+    return int((frames - 1) / (fps * dt) + 1e-6) + 1
 
 
 def finite_difference(values: Tensor, before: Tensor, after: Tensor, dt: float) -> Tensor:

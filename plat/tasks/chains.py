@@ -22,6 +22,8 @@ __all__ = ["CHAIN_FAMILIES", "KeyframeChains", "draw_chains"]
 
 # control steps of a second
 _SECOND = 50
+# Frames of a library that are looked at for resting poses, at most about, and at a time.
+_LOOKED_AT, _CHUNK = 1 << 22, 1 << 16
 # Holds after a chain (s), the fraction of long ones, and of the poses of motions, which are there to be held.
 _HOLD, _LONG_HOLD, _LONG, _HOLD_OF_MOTIONS = 3.0, 15.0, 0.25, 5.0
 
@@ -167,13 +169,17 @@ def _joined(parts: Sequence[tuple[ChainFamily, Tensor, Tensor, Tensor]], library
 
 def _resting_poses(library: MotionLibrary) -> Tensor:
     """Poses ``[R, 7 + J]`` of a library in which the robot stands about still, at the origin, looking along x."""
-    frames = library.frames
-    still = (
-        (frames["joint_vel"].abs().amax(-1) < 0.6)
-        & (frames["keypoint_lin_vel"][:, 0].norm(dim=-1) < 0.1)
-        & (frames["keypoint_pos"][:, 0, 2] > 0.72 * library.robot.root_height)
-    )
-    qpos = library.qpos(still.nonzero()[:, 0])
+    found = []
+    # of a large library a part of the frames is looked at, evenly, and a part at a time
+    for rows in torch.arange(0, len(library), 1 + len(library) // _LOOKED_AT, device=library.device).split(_CHUNK):
+        frames = library.states(rows)
+        still = (
+            (frames["joint_vel"].abs().amax(-1) < 0.6)
+            & (frames["keypoint_lin_vel"][:, 0].norm(dim=-1) < 0.1)
+            & (frames["keypoint_pos"][:, 0, 2] > 0.72 * library.robot.root_height)
+        )
+        found.append(rows[still])
+    qpos = library.qpos(torch.cat(found))
     qpos[:, :2] = 0
     qpos[:, 3:7] = quat_multiply(quat_conjugate(quat_yaw(qpos[:, 3:7])), qpos[:, 3:7])
     return qpos

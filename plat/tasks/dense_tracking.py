@@ -55,7 +55,6 @@ class DenseTracking(Task):
     """
 
     _ahead: Tensor
-    _last_frame: Tensor
 
     def __init__(
         self,
@@ -73,7 +72,6 @@ class DenseTracking(Task):
         self.starts = ClipStarts(library, uniform=uniform)
         self._groups = list(goals)
         self.register_buffer("_ahead", torch.tensor(list(goals.values()), device=library.device), persistent=False)
-        self.register_buffer("_last_frame", library.last_frame, persistent=False)
 
     def start(self, count: int) -> tuple[GeneralizedState, TensorDict]:
         """Reference states with noise, at frames that :class:`ClipStarts` draws."""
@@ -90,7 +88,7 @@ class DenseTracking(Task):
     def observe(self, state: GeneralizedState, memory: TensorDictBase) -> TensorDict:
         """Groups ``"robot"`` and ``goals``; past a clip's end its last frame is shown."""
         frame = memory["frame"]
-        rows = (frame[:, None] + self._ahead).minimum(self._last_frame[frame][:, None])
+        rows = (frame[:, None] + self._ahead).minimum(self.starts.last_of(frame)[:, None])
         goal = robot_centric_goal(self.table.pose(rows), state.root_pos_w, state.root_quat_w)
         entries = {"robot": robot_entries(state, memory["last_action"], self.robot)}
         for number, group in enumerate(self._groups):
@@ -102,7 +100,7 @@ class DenseTracking(Task):
         """One frame on, to the clip's last at most."""
         frame = memory["frame"]
         out = memory.copy().set("last_action", action)
-        return out.set("frame", (frame + 1).minimum(self._last_frame[frame]))
+        return out.set("frame", (frame + 1).minimum(self.starts.last_of(frame)))
 
     def cost(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
         """Distance ``[N]`` from the reference."""
@@ -114,7 +112,7 @@ class DenseTracking(Task):
 
     def finished(self, memory: TensorDictBase) -> Tensor:
         """Mask ``[N]``: at the clip's last frame."""
-        return memory["frame"] >= self._last_frame[memory["frame"]]
+        return memory["frame"] >= self.starts.last_of(memory["frame"])
 
     def lost(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
         """Mask ``[N]``: farther than 0.8 m or 1.2 rad from the reference."""

@@ -68,7 +68,6 @@ class TimedKeyframes(Task):
     torch.Size([3, 1])
     """
 
-    _last_frame: Tensor
     _steps_to: Tensor
     _next_row: Tensor
     _chain: Tensor
@@ -99,7 +98,6 @@ class TimedKeyframes(Task):
         self.starts = ClipStarts(library, uniform=config.uniform_starts)
         self.chain_starts = FailureWeights(len(chains.family), config.uniform_starts)
         for name, value in (
-            ("_last_frame", library.last_frame),
             ("_steps_to", chains.steps),
             ("_next_row", chains.next_row + frames),
             ("_chain", chains.chain),
@@ -201,7 +199,7 @@ class TimedKeyframes(Task):
         frame = memory["frame"]
         out = memory.copy()
         out["last_action"] = action
-        out["frame"] = torch.where(memory["authored"], frame, (frame + 1).minimum(self._last_frame[frame]))
+        out["frame"] = torch.where(memory["authored"], frame, (frame + 1).minimum(self.starts.last_of(frame)))
         out["steps_left"] = memory["steps_left"] - 1
         out["age"] = memory["age"] + 1
         return out
@@ -216,7 +214,7 @@ class TimedKeyframes(Task):
         chain_row = (memory["goal"] - self._frames).clamp_min(0)
         following = self._next_row[chain_row]
         held = following == memory["goal"]
-        goal = torch.where(authored, following, (frame + drawn).minimum(self._last_frame[frame]))
+        goal = torch.where(authored, following, (frame + drawn).minimum(self.starts.last_of(frame)))
         # whoever holds a pose may be told so at every step
         again = torch.where(torch.rand(drawn.shape, device=drawn.device) < 0.5, 1, drawn)
         authored_steps = torch.where(held, again, self._steps_to[(following - self._frames).clamp_min(0)])
@@ -328,9 +326,7 @@ class TimedKeyframes(Task):
         if len(rows) == 0:
             return out
         points, _ = self._kinematics(state.root_pos_w[rows], state.root_quat_w[rows], state.joint_pos[rows])
-        before, after = (
-            self.table.keypoint_pos.index_select(0, memory[key][rows]).view(points.shape) for key in ("before", "goal")
-        )
+        before, after = (self.table.points(memory[key][rows]) for key in ("before", "goal"))
         share = torch.where(memory["authored"], 1 - memory["steps_left"] / memory["length"], 1.0)[rows]
         wanted = before.lerp(after, share.clamp(0, 1)[:, None, None])
         return out.index_add(0, rows, points_cost(points, wanted, bodies[rows]))
@@ -356,7 +352,7 @@ class TimedKeyframes(Task):
         """Mask ``[N]``: at the clip's last frame, or at the end of the hold after a chain."""
         frame, row = memory["frame"], (memory["goal"] - self._frames).clamp_min(0)
         over = memory["age"] >= self._duration[self._chain[row]]
-        return torch.where(memory["authored"], over, frame >= self._last_frame[frame])
+        return torch.where(memory["authored"], over, frame >= self.starts.last_of(frame))
 
     def record_failures(self, memory: TensorDictBase) -> None:
         """Start more episodes in the seconds, and of the chains, of these failures ``[n]``."""
@@ -422,8 +418,8 @@ class TimedKeyframes(Task):
 
         A robot that is sent where it cannot be in time is left behind further with every command.
         """
-        states, rows = self.table.states, (memory["before"], memory["goal"])
-        way = (states[rows[0], :3] - states[rows[1], :3]).norm(dim=-1)
+        before, after = (self.table.points(memory[key])[:, 0] for key in ("before", "goal"))
+        way = (before - after).norm(dim=-1)
         chain = self._chain[(memory["goal"] - self._frames).clamp_min(0)]
         way = torch.where(self._roams[chain], _BEHIND, way)
         return 0.8 + memory["authored"] * torch.where(way > 1.0, way, 0.0)

@@ -37,3 +37,45 @@ def test_failure_weights_are_part_of_the_state(library):
     assert other.starts.weights.failures.equal(task.starts.weights.failures)
     # motions are not: they are read again
     assert sum(value.numel() for value in task.state_dict().values()) == len(task.starts.weights.failures)
+
+
+def test_many_places_are_drawn_as_often_as_their_failures_say():
+    weights = FailureWeights(1000, uniform=0.0)
+    weights.failures.fill_(0.02)
+    weights.forget()
+    weights.record(torch.tensor([255, 256, 999]).repeat(25), 0.2)
+    counts = torch.bincount(weights.draw(100_000), minlength=1000) / 100_000
+    expected = weights.failures / weights.failures.sum()
+    torch.testing.assert_close(counts[[255, 256, 999]], expected[[255, 256, 999]], rtol=0.05, atol=0)
+    others = torch.ones(1000, dtype=torch.bool)
+    others[[255, 256, 999]] = False
+    torch.testing.assert_close(counts[others].sum(), expected[others].sum(), rtol=0.05, atol=0)
+    assert (counts[others] > 0).float().mean() > 0.95
+
+
+def test_a_share_of_the_draws_is_uniform():
+    weights = FailureWeights(600, uniform=0.5)
+    failures = torch.zeros(600)
+    failures[7] = 5.0
+    weights.load_state_dict({"failures": failures})
+    drawn = weights.draw(20_000)
+    assert abs(float((drawn == 7).float().mean()) - 0.5) < 0.02
+    assert len(drawn.unique()) == 600
+
+
+def test_many_places_are_forgotten_in_turns(monkeypatch):
+    monkeypatch.setattr("plat.tasks.starts._AT_ONCE", 256)
+    weights = FailureWeights(700, memory=10)
+    weights.record(torch.arange(700), 1.5)
+    for _ in range(3):
+        weights.forget()
+    torch.testing.assert_close(weights.failures, torch.full((700,), 2.0 * 0.9**3))
+    torch.testing.assert_close(weights._sums.sum(), weights.failures.sum())
+    weights.forget()
+    assert len(weights.failures.unique()) == 2
+    other = FailureWeights(700, memory=10)
+    other.load_state_dict(weights.state_dict())
+    for one in (weights, other):
+        one.forget()
+    assert other.failures.equal(weights.failures)
+    torch.testing.assert_close(other._sums, weights._sums)

@@ -361,4 +361,4 @@ class KeyframeCommand(ObservationTransform):
             scheduled = self._schedule.target_frame[frame]
             return torch.where(scheduled < 0, frame, scheduled)
         steps = torch.randint_like(frame, self._horizon.shortest, self._horizon.longest + 1)
-        return (frame + steps).minimum(self._library.last_frame[frame])
+        return (frame + steps).minimum(self._library.last_of(frame))

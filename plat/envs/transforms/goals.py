@@ -50,6 +50,6 @@ class DenseGoal(ObservationTransform):
 
     def compute(self, tensordict: TensorDictBase) -> dict[NestedKey, Tensor]:
         frame = tensordict["motion", "frame"]
-        target = self._library.poses((frame + self._ahead).minimum(self._library.last_frame[frame]))
+        target = self._library.poses((frame + self._ahead).minimum(self._library.last_of(frame)))
         goal = robot_centric_goal(target, tensordict["state", "root_pos_w"], tensordict["state", "root_quat_w"])
         return {(self._group, key): value for key, value in goal.items()}

@@ -32,7 +32,7 @@ class PrivilegedState(ObservationTransform):
 
     def compute(self, tensordict: TensorDictBase) -> dict[NestedKey, Tensor]:
         state, frame = tensordict["state"], tensordict["motion", "frame"]
-        reference = self._library.states((frame + 1).minimum(self._library.last_frame[frame]))
+        reference = self._library.states((frame + 1).minimum(self._library.last_of(frame)))
         root_to_world = quat_to_matrix(state["root_quat_w"])
         lin_vel, ang_vel = state["keypoint_lin_vel_w"], state["keypoint_ang_vel_w"]
         vectors_w = (

@@ -8,6 +8,7 @@ from torch import Tensor
 from torchrl.envs import Transform
 
 from plat.envs.transforms.base import Statistics
+from plat.motions.bins import ClipBins
 from plat.motions.library import MotionLibrary
 
 __all__ = ["FailureWeightedStarts", "FirstFrames"]
@@ -65,49 +66,30 @@ class FailureWeightedStarts(Transform):
     ):
         super().__init__()
         self.statistics = Statistics()
-        self._library = library
         self._num_envs = num_envs
         self._uniform = uniform
         self._forget = 1.0 - 1.0 / memory
-        self._frames_per_bin = max(1, round(bin_seconds / library.dt))
         kernel = decay ** torch.arange(lead, dtype=torch.float32)
         self._kernel = kernel / kernel.sum()
-        usable = (library.clip_length - min_frames_left).clamp_min(0)
-        bins = (usable + self._frames_per_bin - 1) // self._frames_per_bin
-        first_bin = bins.cumsum(0) - bins
-        clip = torch.repeat_interleave(torch.arange(len(bins), device=bins.device), bins)
-        self._clip_first_bin = first_bin
-        self._clip_bins = bins
-        self._bin_start = (
-            library.clip_start[clip]
-            + (torch.arange(len(clip), device=bins.device) - first_bin[clip]) * self._frames_per_bin
-        )
-        self._bin_size = (library.clip_start[clip] + usable[clip] - self._bin_start).clamp_max(self._frames_per_bin)
-        self._uniform_cdf = _cdf(self._bin_size.float())
-        self.register_buffer("failures", torch.zeros(len(clip), device=clip.device))
+        self._bins = ClipBins(library, min_frames_left, max(1, round(bin_seconds / library.dt)))
+        self.register_buffer("failures", torch.zeros(self._bins.count, device=library.device))
         self._failure_cdf: Tensor | None = None
         self._scale = 1.0
         self._steps_since_cdf = 0
 
     def sample(self, count: int) -> Tensor:
         """Sample start frames ``[count]``."""
-        device = self._bin_start.device
-        draw = torch.rand(count, device=device)
-        chosen = torch.searchsorted(self._uniform_cdf, draw)
-        if self._failure_cdf is not None:
-            by_failure = torch.searchsorted(self._failure_cdf, draw)
-            chosen = torch.where(torch.rand(count, device=device) < self._uniform, chosen, by_failure)
-        chosen = chosen.clamp_max(len(self._bin_start) - 1)
-        within = torch.rand(count, device=device) * self._bin_size[chosen]
-        return self._bin_start[chosen] + within.long().minimum(self._bin_size[chosen] - 1)
+        frames = self._bins.draw_frames(count)
+        if self._failure_cdf is None:
+            return frames
+        device = self.failures.device
+        place = torch.searchsorted(self._failure_cdf, torch.rand(count, device=device)).clamp_max(self._bins.count - 1)
+        return torch.where(torch.rand(count, device=device) < self._uniform, frames, self._bins.draw_within(place))
 
     def record(self, frame: Tensor) -> None:
         """Count failures at frames ``[n]``."""
-        clip = self._library.clip_of_frame[frame]
-        offset = (frame - self._library.clip_start[clip]) // self._frames_per_bin
-        offset = offset.minimum(self._clip_bins[clip] - 1)
         for back, share in enumerate(self._kernel.tolist()):
-            bins = self._clip_first_bin[clip] + (offset - back).clamp_min(0)
+            bins = self._bins.of_frame(frame, back)
             # newer failures are scaled up instead of older ones down: the cost of a step is then constant
             amount = torch.full((len(bins),), share * self._scale, device=bins.device)
             self.failures.index_add_(0, bins, amount)
@@ -156,7 +138,7 @@ class FailureWeightedStarts(Transform):
 
     def _reset_env_preprocess(self, tensordict: TensorDictBase | None) -> TensorDictBase:
         if tensordict is None:
-            tensordict = TensorDict({}, [self._num_envs], device=self._bin_start.device)
+            tensordict = TensorDict({}, [self._num_envs], device=self.failures.device)
         tensordict["motion"] = TensorDict({"start": self.sample(self._num_envs)}, [self._num_envs])
         return tensordict
 
