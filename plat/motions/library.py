@@ -20,7 +20,7 @@ from plat.bounds import Range, check_value
 from plat.errors import MotionError
 from plat.motions.cache import CachedTable, cache_dir, file_digests, read_table, write_table
 from plat.motions.checks.repair import clip_to_limits
-from plat.motions.checks.validation import Verdict, validate_motions
+from plat.motions.checks.validation import MotionValidator, Verdict
 from plat.motions.clip import MotionClip
 from plat.motions.files import load_motions, motion_paths, read_along
 from plat.motions.generation import PREFIX, generate_named
@@ -28,12 +28,10 @@ from plat.motions.mirror import mirror_motion
 from plat.motions.resample import resampled_length
 from plat.motions.store import ClipStore
 from plat.motions.table import FIELDS, POSE_FIELDS, TableBuilder, table_width, unpacked
+from plat.progress import tracked
 from plat.robots import G1, Robot
 
 __all__ = ["MotionLibrary", "cache_dir"]
-
-# Clips that are checked at a time.
-_GROUP = 64
 
 # Angles up to this far beyond a joint's limits are clipped when files are loaded (rad). Smoothing leaves such excesses.
 _SMALL_EXCESS = 0.15
@@ -346,14 +344,14 @@ class _Source:
         self.verdicts.clear()
         kept: list[MotionClip] = []
         yield from self._generated
-        for begin in range(0, len(self._read), _GROUP):
-            read = self._read[begin : begin + _GROUP]
-            group = [self._limited(clip) for clip in read]
-            for whole, clip, report in zip(read, group, validate_motions(group, self._robot), strict=True):
-                self.verdicts[report.verdict] += 1
-                if not (self._drop_bad and report.verdict == "drop"):
-                    kept.append(whole)
-                    yield clip
+        validator = MotionValidator(self._robot)
+        for read in tracked(self._read, "checking motions", unit="clips"):
+            clip = self._limited(read)
+            verdict = validator(clip).verdict
+            self.verdicts[verdict] += 1
+            if not (self._drop_bad and verdict == "drop"):
+                kept.append(read)
+                yield clip
         if not (kept or self._generated):
             total = self.verdicts.total()
             raise MotionError(f"no clip is left of {total}, all would be dropped: run plat motions inspect")

@@ -92,7 +92,7 @@ def test_clips_that_would_be_repaired_are_told_of_each_time(tmp_path, monkeypatc
         MotionLibrary.load(tmp_path / "a.npz")
         (line,) = [record.message for record in caplog.records if record.levelname == "WARNING"]
         assert line.startswith("of 3 clips 1 would be dropped and 1 would be repaired: run plat motions inspect")
-        monkeypatch.setattr("plat.motions.library.validate_motions", lambda *_: pytest.fail("measured again"))
+        monkeypatch.setattr("plat.motions.library.MotionValidator", lambda *_: pytest.fail("measured again"))
 
 
 def test_clips_that_would_be_dropped_are_left_out_on_request(tmp_path, monkeypatch, caplog):

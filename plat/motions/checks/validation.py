@@ -20,7 +20,7 @@ from plat.motions.clip import ASSUMED_RATE, MotionClip
 from plat.progress import tracked
 from plat.robots import G1, Robot
 
-__all__ = ["MotionReport", "ValidationLimits", "Verdict", "validate_motion", "validate_motions"]
+__all__ = ["MotionReport", "MotionValidator", "ValidationLimits", "Verdict", "validate_motion", "validate_motions"]
 
 Verdict = Literal["use", "repair", "drop"]
 
@@ -103,12 +103,31 @@ def validate_motions(
     Raises:
         MotionError: when a clip is broken; see :meth:`MotionClip.checked`.
     """
-    limits = limits or ValidationLimits()
-    soles, underside = Soles(robot), Underside(robot)
-    return [
-        _judged(_measure(clip.checked(robot), robot, limits, soles, underside), limits)
-        for clip in tracked(clips, "checking motions", unit="clips")
-    ]
+    validator = MotionValidator(robot, limits)
+    return [validator(clip) for clip in tracked(clips, "checking motions", unit="clips")]
+
+
+class MotionValidator:
+    """Validator of clips, one after the other; see :func:`validate_motions`.
+
+    Args:
+        robot: whose motions they are.
+        limits: what they are judged by.
+    """
+
+    def __init__(self, robot: Robot = G1, limits: ValidationLimits | None = None):
+        self._robot = robot
+        self._limits = limits or ValidationLimits()
+        self._soles, self._underside = Soles(robot), Underside(robot)
+
+    def __call__(self, clip: MotionClip) -> MotionReport:
+        """Measure a clip and judge it.
+
+        Raises:
+            MotionError: when it is broken; see :meth:`MotionClip.checked`.
+        """
+        clip = clip.checked(self._robot)
+        return _judged(_measure(clip, self._robot, self._limits, self._soles, self._underside), self._limits)
 
 
 def _measure(
