@@ -7,6 +7,7 @@ from pathlib import Path
 from plat.deploy import observation_terms
 from plat.keyframes import KeyframeSequence, standing
 from plat.robots import G1
+from plat.spec.observation import OPTIONAL_GROUPS
 from tests.deploy.test_import import HEAVY
 from tests.deploy.test_import import run as run_program
 
@@ -31,7 +32,7 @@ def test_every_field_is_explained(bundle):
 def test_the_table_of_terms():
     rows = re.findall(r"^\| `([\w.]+)` \| (\d+)(?:-(\d+))? \| (\S+) \|", PAGE, re.MULTILINE)
     table = [(name, int(first), int(last or first) + 1, unit) for name, first, last, unit in rows]
-    terms = observation_terms(G1.num_joints, len(G1.keypoints))
+    terms = observation_terms(G1.num_joints, len(G1.keypoints), OPTIONAL_GROUPS)
     assert table == [(term.name, term.start, term.stop, term.unit) for term in terms]
 
 
