@@ -23,12 +23,14 @@ from unitree_sdk2py.idl.unitree_hg.msg.dds_ import LowCmd_, LowState_
 from unitree_sdk2py.utils.crc import CRC
 
 from plat.deploy import JointCommand, PolicyRunner, StateEstimator
-from plat.deploy.safety import SafeRunner, SafetySettings
+from plat.deploy.safety import OnboardController, OnboardReading, SafetySettings
 from plat.keyframes import KeyframeSequence
 
 JOINTS = 29
 IMU_POS = (0.04525, 0.0, -0.08339)  # m, in the pelvis' frame: Unitree's description
 SILENCE = 0.2  # s without a state, by this computer's clock
+FIRST = 10.0  # s to the first states, before anything moves
+BACKLOG = 20  # states that may wait
 STAND = 2.0  # s after the last keyframe
 
 
@@ -40,9 +42,13 @@ class G1:
         switcher = MotionSwitcherClient()
         switcher.SetTimeout(5.0)
         switcher.Init()
-        while (mode := switcher.CheckMode()[1]) and mode.get("name"):
+        code, mode = switcher.CheckMode()
+        if code != 0:  # a simulated robot has no switcher
+            print(f"no answer from the motion switcher ({code}): is the robot's own controller off?", file=sys.stderr)
+        while mode and mode.get("name"):
             switcher.ReleaseMode()  # two controllers at once would shake the robot
             time.sleep(1.0)
+            mode = switcher.CheckMode()[1]
         self._states: queue.Queue[Any] = queue.Queue(1000)
         self._publisher = ChannelPublisher("rt/lowcmd", LowCmd_)
         self._publisher.Init()
@@ -52,6 +58,9 @@ class G1:
 
     def receive(self, seconds: float) -> Any | None:
         """Return the next low state, or None after some seconds."""
+        if self._states.qsize() > BACKLOG:  # slower than the robot: what it was then is of no use now
+            while self._states.qsize() > 1:
+                self._states.get()
         try:
             return self._states.get(timeout=seconds)
         except queue.Empty:
@@ -69,55 +78,52 @@ class G1:
         self._publisher.Write(message)
 
 
-def sensed(low: Any) -> dict[str, np.ndarray]:
-    """Return what the estimator reads from a low state."""
-    motors = low.motor_state[:JOINTS]
-    return {
-        "joint_pos": np.array([motor.q for motor in motors]),
-        "joint_vel": np.array([motor.dq for motor in motors]),
-        "torque": np.array([motor.tau_est for motor in motors]),
-        "gyro": np.array(low.imu_state.gyroscope, dtype=np.float64),
-        "acceleration": np.array(low.imu_state.accelerometer, dtype=np.float64),
-    }
+def sensed(low: Any) -> OnboardReading:
+    """Return what the controller reads from a low state."""
+    motors, imu = low.motor_state[:JOINTS], low.imu_state
+    return OnboardReading(
+        joint_pos=np.array([motor.q for motor in motors]),
+        joint_vel=np.array([motor.dq for motor in motors]),
+        torque=np.array([motor.tau_est for motor in motors]),
+        temperature=np.array([max(motor.temperature) for motor in motors]),  # of winding and shell
+        gyro=np.array(imu.gyroscope),
+        acceleration=np.array(imu.accelerometer),
+    )
 
 
 def main(bundle: Path, keyframes: Path, interface: str | None = None, settings: SafetySettings | None = None) -> str:
-    """Run the keyframes; return the mode in which the safe runner ended."""
+    """Run the keyframes; return the mode in which the controller ended."""
     runner = PolicyRunner(bundle)
     sequence = KeyframeSequence.load(keyframes, runner.robot, timing=runner.timing)
     estimator = StateEstimator(runner.robot, imu_pos=IMU_POS)
-    safe = SafeRunner(
-        runner, sequence, settings or SafetySettings(tilt=0.8), on_start=lambda _: estimator.anchor(sequence.start)
-    )
+    settings = settings or SafetySettings(tilt=0.8)
+    controller = OnboardController(runner, sequence, settings, estimator, anchor=sequence.start)
     robot = G1(interface)
-    still: list[dict[str, np.ndarray]] = []
-    tick, sent, ended, machine = None, -np.inf, None, 0
-    while True:
-        low = robot.receive(SILENCE)
-        if low is None:  # of nothing is known where it is: brake
-            safe.stop(f"no low state for {SILENCE} s")
-            robot.send(safe.step(0.0 if tick is None else tick, None), machine)
-            return safe.mode
-        machine, now, reading = low.mode_machine, 1e-3 * low.tick, sensed(low)
-        if len(still) < 200:  # stands or hangs still at first: tilt and bias of the gyroscope
-            still.append(reading)
-            names = ("joint_pos", "gyro", "acceleration")
-            state = estimator.reset(*(np.mean([each[name] for each in still], 0) for name in names))
-        elif tick is not None and now > tick:
-            state = estimator.update(**reading, dt=min(now - tick, 0.5))  # messages get lost
-        tick = now
-        if len(still) < 200 or now - sent < runner.robot.control_dt - 1e-6:
-            continue
-        robot.send(safe.step(now, state), machine)
-        sent = now
-        if safe.mode == "damping":
-            return safe.mode
-        if safe.mode == "end":
-            ended = now if ended is None else ended
-            if now - ended > STAND:
-                safe.stop("the end")
-                robot.send(safe.step(now, state), machine)
-                return "end"
+    machine, began = 0, time.monotonic()
+    ended: float | None = None
+    try:
+        while True:
+            low = robot.receive(FIRST if controller.mode == "settle" else SILENCE)
+            if low is None:  # of nothing is known where it is
+                controller.stop("no low state came")
+                return controller.mode
+            # Unitree's simulator in Python leaves the tick at 0
+            now = 1e-3 * low.tick if low.tick else time.monotonic() - began
+            machine = low.mode_machine
+            command = controller.step(now, sensed(low))
+            if command is None:
+                continue
+            if controller.mode == "damping":
+                return "damping"
+            robot.send(command, machine)
+            if controller.mode == "end":
+                ended = now if ended is None else ended
+                if now - ended > STAND:
+                    return "end"
+    finally:  # at the end, after an error and after Ctrl-C: brake
+        robot.send(controller.stop("the end"), machine)
+        for entry in controller.journal:
+            print(f"{entry.first:.2f} s: {entry.piece}: {entry.reason} ({entry.steps} steps)", file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -86,6 +86,7 @@ class StateEstimator:
         self._filter = InvariantFilter(len(self._soles.foot), settings.noise)
         self._standing = np.zeros(len(self._soles.foot), dtype=bool)
         self._before: _Floats | None = None
+        self._reading = (robot.default_joint_pos, np.zeros(len(robot.joint_names)), np.zeros(3))
 
     @property
     def contacts(self) -> NDArray[np.bool_]:
@@ -226,8 +227,10 @@ class StateEstimator:
             imu_x = self._imu_to_root[:, 0]
             self._filter.turn_heading(heading + float(np.arctan2(imu_x[1], imu_x[0])), heading_spread)
 
-    def anchor(self, pose: Pose) -> None:
+    def anchor(self, pose: Pose) -> RobotState:
         """Move the world so that the robot stands, by position and heading, where a pose has its root.
+
+        Returns the state of the robot in that world.
 
         Use it to lay the world of keyframes under a robot: ``estimator.anchor(sequence.start)``. Tilt, height and
         velocity in the robot's frame stay what they are.
@@ -246,8 +249,10 @@ class StateEstimator:
         shift = place - turn @ position
         shift[2] = 0.0  # the floor stays where it is
         self._filter.change_world(turn, shift)
+        return self._state(*self._reading)
 
     def _state(self, joint_pos: _Floats, joint_vel: _Floats, gyro: _Floats) -> RobotState:
+        self._reading = (joint_pos, joint_vel, gyro)
         kalman = self._filter
         rotation = kalman.rotation @ self._imu_to_root.T
         rate = gyro - kalman.gyro_bias  # in the IMU's frame

@@ -36,7 +36,7 @@ def library() -> Path | None:
 
 
 @pytest.fixture(scope="module")
-def program(tmp_path_factory) -> Path:
+def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The program, built."""
     for tool in ("cmake", "c++"):
         if shutil.which(tool) is None:
@@ -64,7 +64,7 @@ def program(tmp_path_factory) -> Path:
     return build / "plat_policy"
 
 
-def answers(program: Path, bundle: Path, steps: Iterable[dict[str, Any]]) -> list[Any]:
+def answers(program: Path, bundle: Path, steps: Iterable[Any]) -> list[Any]:
     lines = "".join(json.dumps(step) + "\n" for step in steps)
     result = subprocess.run([program, bundle], input=lines, capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stderr

@@ -3,6 +3,7 @@
 from plat.deploy.safety.ending import CommandSource, EndOfSequence, TimedCommand
 from plat.deploy.safety.journal import Intervention, Journal
 from plat.deploy.safety.limits import TargetLimiter
+from plat.deploy.safety.onboard import OnboardController, OnboardReading
 from plat.deploy.safety.ramp import Ramp
 from plat.deploy.safety.runner import Policy, SafeRunner
 from plat.deploy.safety.settings import SafetySettings
@@ -14,6 +15,8 @@ __all__ = [
     "EndOfSequence",
     "Intervention",
     "Journal",
+    "OnboardController",
+    "OnboardReading",
     "Policy",
     "Ramp",
     "SafeRunner",

@@ -55,7 +55,8 @@ class SafeRunner:
         settings: of all pieces.
         start: joint angles that the ramp ends in ``[J]`` (rad); None for the default pose.
         temperatures: returns the temperatures of the motors ``[J]`` (°C).
-        on_start: called once with the first state of ``"run"``, for example to anchor an estimator.
+        on_start: called with the first state of ``"run"``, for example to anchor an estimator; the state that it
+            returns takes that one's place.
 
     Attributes:
         journal: why and when it stepped in.
@@ -69,7 +70,7 @@ class SafeRunner:
         settings: SafetySettings = SafetySettings(),
         start: Array | None = None,
         temperatures: Callable[[], Array] | None = None,
-        on_start: Callable[[RobotState], None] | None = None,
+        on_start: Callable[[RobotState], RobotState | None] | None = None,
     ):
         self._policy, self._source, self._settings = policy, source, settings
         self._robot = policy.robot
@@ -93,9 +94,9 @@ class SafeRunner:
         """Return the time of the source's commands at a time of the clock (s); 0 before ``"run"`` began."""
         return now - self._began if self.mode in ("run", "end") else 0.0
 
-    def stop(self, reason: str = "asked for") -> None:
-        """Go to damping mode: an emergency stop."""
-        self._damp(0.0 if self._now is None else self._now, "stop", reason)
+    def stop(self, reason: str = "asked for") -> JointCommand:
+        """Go to damping mode and return its command: an emergency stop."""
+        return self._damp(0.0 if self._now is None else self._now, "stop", reason)
 
     def step(self, now: float, state: RobotState | None, stamp: float | None = None) -> JointCommand:
         """Return what the motors are to do in this control step.
@@ -150,7 +151,8 @@ class SafeRunner:
             self.mode, self._began = "run", now
             self._policy.reset(self._limiter.last)
             if self._on_start is not None:
-                self._on_start(state)
+                # the keyframes' world may have moved under the robot
+                state = self._on_start(state) or state
         try:
             command = self._commands.command(now - self._began)
             if self._commands.ended and self.mode == "run":

@@ -30,6 +30,10 @@ class SafetySettings(Bounded):
     """age of a state from which on the motors only damp (s)"""
     frozen: Annotated[int, Range(2)] = 5
     """states in a row, equal to the last digit, that are no measurement"""
+    settle: Positive = 1.0
+    """seconds that the robot must be still before anything moves, where its state is estimated"""
+    acceleration: Positive = 200.0
+    """largest specific force that an accelerometer reads (m/s²)"""
     range_excess: NonNegative = 0.3
     """how far outside its range a joint's angle may be measured (rad)"""
     joint_speed: Positive = 60.0

@@ -10,6 +10,7 @@ import sys
 import mujoco
 import numpy as np
 from unitree_sdk2py.core.channel import ChannelPublisher, ChannelSubscriber
+from unitree_sdk2py.idl.default import unitree_hg_msg_dds__LowState_
 from unitree_sdk2py.idl.unitree_hg.msg.dds_ import LowCmd_, LowState_
 from unitree_sdk2py.utils.crc import CRC
 
@@ -18,6 +19,7 @@ from plat.keyframes import standing
 from plat.robots import G1
 
 MACHINE = 5
+WAIT, MOST_LOST = 5.0, 12  # s for a command, and how many may not come
 ARM = np.array([0.04525, 0.0, -0.08339])
 
 
@@ -29,11 +31,12 @@ def main(seconds):
     publisher = ChannelPublisher("rt/lowstate", LowState_)
     publisher.Init()
     ChannelSubscriber("rt/lowcmd", LowCmd_).Init(commands.put, 10)
-    tick, refused, stiff = 0, 0, False
+    tick, refused, lost, stiff, command = 0, 0, 0, False, None
 
     def publish(reading):
         nonlocal tick
-        state = LowState_(mode_machine=MACHINE, tick=tick)
+        state = unitree_hg_msg_dds__LowState_()
+        state.mode_machine, state.tick = MACHINE, tick
         # at the place of the IMU, but for the angular acceleration
         force = reading.acceleration + np.cross(reading.gyro, np.cross(reading.gyro, ARM))
         state.imu_state.gyroscope, state.imu_state.accelerometer = reading.gyro.tolist(), force.tolist()
@@ -47,12 +50,14 @@ def main(seconds):
     while tick < 1000 * seconds:
         try:
             # until it is commanded it hangs still, and says so at its pace
-            command = commands.get(timeout=60.0 if stiff else 0.002)
+            command = commands.get(timeout=WAIT if stiff else 0.002)
         except queue.Empty:
-            if stiff:
+            if not stiff:
+                publish(sensors.read())
+                continue
+            lost += 1  # messages get lost: the motors hold what they were told
+            if lost > MOST_LOST:
                 break
-            publish(sensors.read())
-            continue
         if command.mode_machine != MACHINE or command.crc != CRC().Crc(command):
             refused += 1
             continue
@@ -67,7 +72,17 @@ def main(seconds):
         for reading in sensors.step(np.array([motor.q for motor in motors])):
             publish(reading)
     position = simulator.data.qpos[:3].tolist()
-    print(json.dumps({"position": position, "seconds": tick / 1000, "refused": refused, "version": mujoco.__version__}))
+    print(
+        json.dumps(
+            {
+                "position": position,
+                "seconds": tick / 1000,
+                "refused": refused,
+                "lost": lost,
+                "version": mujoco.__version__,
+            }
+        )
+    )
 
 
 if __name__ == "__main__":

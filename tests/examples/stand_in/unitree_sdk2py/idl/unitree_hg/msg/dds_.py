@@ -15,6 +15,7 @@ class MotorState_:
     q: float = 0.0
     dq: float = 0.0
     tau_est: float = 0.0
+    temperature: list = field(default_factory=lambda: [40, 35])
 
 
 @dataclass

@@ -1,0 +1,194 @@
+"""Sensor readings in, motor commands out, whatever the sensors say."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from plat.deploy import RobotState, StateEstimator
+from plat.deploy.safety import OnboardController, OnboardReading, SafetySettings
+from plat.rotations_np import quat_from_rotvec
+from tests.deploy.robots import SomePose
+from tests.deploy.safety.stand_ins import DT, ROBOT, Commands, StandIn
+
+QUICK = SafetySettings(settle=0.1, ramp=0.2)
+PERIOD = 0.005
+
+
+class Bench:
+    """A robot that stands still under a controller, at 200 Hz."""
+
+    def __init__(self, settings=QUICK, answer=None, anchor=None):
+        self.policy = StandIn(answer)
+        self.controller = OnboardController(self.policy, Commands(), settings, anchor=anchor)
+        self.now, self.commands = 0.0, []
+        self._random = np.random.default_rng(1)
+
+    def reading(self, **changed) -> OnboardReading:
+        noise = self._random.standard_normal
+        reading = OnboardReading(
+            joint_pos=ROBOT.default_joint_pos + 1e-4 * noise(29),
+            joint_vel=0.01 * noise(29),
+            gyro=0.01 * noise(3),
+            acceleration=np.array([0.0, 0.0, 9.81]) + 0.05 * noise(3),
+        )
+        return replace(reading, **changed)
+
+    def run(self, seconds: float, **changed) -> "Bench":
+        for _ in range(round(seconds / PERIOD)):
+            self.step(self.reading(**changed))
+        return self
+
+    def step(self, reading: OnboardReading | None):
+        command = self.controller.step(self.now, reading)
+        if command is not None:
+            self.commands.append((self.now, command))
+        self.now += PERIOD
+
+    @property
+    def pieces(self) -> list[str]:
+        return [entry.piece for entry in self.controller.journal]
+
+
+def test_modes_and_rate():
+    bench = Bench().run(0.05)
+    assert bench.controller.mode == "settle"
+    assert not bench.commands
+    bench.run(0.7)
+    assert bench.controller.mode == "run"
+    times = [time for time, _ in bench.commands]
+    np.testing.assert_allclose(np.diff(times), DT)
+    assert not bench.pieces
+    assert bench.controller.elapsed(bench.now) > 0.2
+    assert abs(bench.controller.state.root_pos_w[2] - ROBOT.root_height) < 0.03
+
+
+def test_a_robot_that_moves_has_to_come_to_rest():
+    bench = Bench().run(0.5, gyro=np.array([0.0, 1.0, 0.0]))
+    assert bench.controller.mode == "settle"
+    assert "sensors" in bench.pieces
+    assert "stands still" in next(iter(bench.controller.journal)).reason
+    bench.run(0.15)
+    assert bench.controller.mode == "ramp"
+
+
+def test_the_first_step_of_the_policy_is_in_the_world_of_its_keyframes():
+    """Not where the estimator began: the keyframe would be far away for one step."""
+    quat = quat_from_rotvec(np.array([0.0, 0.0, 2.0]))
+    anchor = SomePose(np.concatenate(([5.0, -3.0, ROBOT.root_height], quat, ROBOT.default_joint_pos)))
+    bench = Bench(anchor=anchor).run(0.6)
+    assert bench.controller.mode == "run"
+    for state, *_ in bench.policy.asked:
+        np.testing.assert_allclose(state.root_pos_w[:2], [5.0, -3.0], atol=0.02)
+        assert abs(state.root_quat_w @ quat) > 0.9999
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        {"joint_pos": np.full(29, np.nan)},
+        {"joint_vel": np.full(29, 1e5)},
+        {"gyro": np.array([0.0, np.inf, 0.0])},
+        {"gyro": np.array([0.0, 1e3, 0.0])},
+        {"acceleration": np.array([0.0, 0.0, 1e5])},
+        {"acceleration": np.zeros(2)},
+        {"torque": np.full(29, np.nan)},
+        {"joint_pos": "nothing"},
+        {"joint_pos": None},
+        {"gyro": [[1.0], [2.0, 3.0]]},
+    ],
+)
+def test_one_broken_reading_changes_nothing(broken):
+    """The estimate goes on, and so does the robot: one number that is none would stay in a filter for ever."""
+    bench = Bench().run(0.6)
+    before = bench.controller.state.root_pos_w.copy()
+    bench.step(bench.reading(**broken))
+    bench.run(0.3)
+    assert bench.controller.mode == "run"
+    assert "sensors" in bench.pieces
+    np.testing.assert_allclose(bench.controller.state.root_pos_w, before, atol=0.01)
+
+
+@pytest.mark.parametrize("kind", ["missing", "nan", "order", "frozen"])
+def test_readings_that_stay_broken_brake(kind):
+    bench = Bench().run(0.6)
+    last = bench.reading()
+    for _ in range(200):
+        if kind == "missing":
+            bench.step(None)
+        elif kind == "nan":
+            bench.step(bench.reading(gyro=np.full(3, np.nan)))
+        elif kind == "order":
+            bench.controller.step(0.3, bench.reading())
+            bench.now += PERIOD
+            command = bench.controller.step(bench.now, None)
+            if command is not None:
+                bench.commands.append((bench.now, command))
+        else:
+            bench.step(last)
+    assert bench.controller.mode == "damping"
+    assert not bench.commands[-1][1].stiffness.any()
+
+
+def test_a_clock_that_goes_back_for_good_brakes():
+    bench = Bench().run(0.6)
+    bench.now = 0.0
+    bench.run(0.4)
+    assert bench.controller.mode in ("damping", "run")
+    bench.now = -100.0
+    bench.run(2.0)
+    assert bench.controller.mode == "damping"
+
+
+def test_temperatures_reach_the_stops():
+    hot = np.full(29, 40.0)
+    hot[7] = 95.0
+    bench = Bench().run(0.6, temperature=np.full(29, 40.0))
+    assert bench.controller.mode == "run"
+    bench.run(0.05, temperature=hot)
+    assert bench.controller.mode == "damping"
+    assert ROBOT.joint_names[7] in list(bench.controller.journal)[-1].reason
+
+
+def test_stop_and_reset():
+    bench = Bench().run(0.6)
+    command = bench.controller.stop("a hand on the button")
+    assert not command.stiffness.any()
+    bench.run(0.1)
+    assert bench.controller.mode == "damping"
+    bench.controller.reset()
+    assert bench.controller.mode == "settle"
+    bench.run(0.2)
+    assert bench.controller.mode == "ramp"
+
+
+def test_anchoring_returns_the_state_there():
+    estimator = StateEstimator(ROBOT)
+    estimator.reset(ROBOT.default_joint_pos, np.zeros(3), np.array([0.0, 0.0, 9.81]))
+    pose = SomePose(np.concatenate(([1.0, 2.0, 0.7], [1.0, 0, 0, 0], ROBOT.default_joint_pos)))
+    state = estimator.anchor(pose)
+    assert isinstance(state, RobotState)
+    np.testing.assert_allclose(state.root_pos_w[:2], [1.0, 2.0], atol=1e-9)
+
+
+def test_hostile_readings_leave_no_target_outside():
+    """Anything in any field, in any order of time."""
+    random = np.random.default_rng(2)
+    bench = Bench(answer=lambda *_: ROBOT.default_joint_pos + random.normal(0, 10.0, 29))
+    wild = [np.nan, np.inf, -np.inf, 1e300, -1e6, 0.0, 100.0]
+    low, high = ROBOT.joint_range.T
+    for step in range(1500):
+        reading = bench.reading()
+        if step > 100 and random.random() < 0.2:
+            field = str(random.choice(["joint_pos", "joint_vel", "gyro", "acceleration"]))
+            values = getattr(reading, field).copy()
+            values[random.integers(len(values))] = random.choice(wild)
+            reading = replace(reading, **{field: values})
+        now = bench.now + (random.normal(0, 0.3) if random.random() < 0.05 else 0.0)
+        command = bench.controller.step(now, None if random.random() < 0.02 else reading)
+        bench.now += PERIOD
+        if command is not None:
+            assert np.isfinite(command.position).all()
+            assert ((command.position >= low) & (command.position <= high)).all()
+        if bench.controller.mode == "damping":
+            bench.controller.reset()
