@@ -20,6 +20,8 @@ _FORMAT = "plat-keyframes"
 # version 2 adds the field "commands" of partial keyframes; files without one are written as version 1
 _VERSIONS = (1, 2)
 _POSE_FIELDS = ("root_pos", "root_quat", "joint_pos")
+# no robot's root is this far above or below the floor (m)
+_HIGHEST = 5.0
 # positions of w, x, y, z in a quaternion of each order
 _QUATERNION_ORDERS = {"wxyz": [0, 1, 2, 3], "xyzw": [3, 0, 1, 2]}
 
@@ -118,7 +120,7 @@ def _keyframe(
             raise KeyframeError(f"name is {short(name)}, expected a text")
         return Keyframe(
             _number(entry.get("time", 0.0), "time"),
-            _numbers(entry["root_pos"], "root_pos", 3, "xyz"),
+            _root_pos(entry["root_pos"]),
             _numbers(entry["root_quat"], "root_quat", 4, order)[_QUATERNION_ORDERS[order]],
             _joints(entry["joint_pos"], robot),
             name,
@@ -126,6 +128,17 @@ def _keyframe(
         ).checked(robot)
     except KeyframeError as error:
         raise KeyframeError(f"{label}: {error}") from None
+
+
+def _root_pos(content: Any) -> np.ndarray:
+    """Return a place that is one in meters."""
+    place = _numbers(content, "root_pos", 3, "xyz")
+    if abs(place[2]) > _HIGHEST:
+        raise KeyframeError(
+            f"root_pos puts the root at a height of {place[2]:g} m, expected meters, at most {_HIGHEST:g}; "
+            "is it in centimeters or millimeters?"
+        )
+    return place
 
 
 def _commands(content: Any, robot: RobotJoints) -> Parts:

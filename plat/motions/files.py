@@ -18,10 +18,11 @@ from plat.errors import MotionError
 from plat.files import replace_file
 from plat.motions.clip import ASSUMED_RATE, MotionClip
 from plat.motions.formats import MotionFile, QuatOrder, ReadOptions, csv_text
+from plat.motions.formats.axes import Up
 from plat.motions.formats.foreign import refuse_foreign
 from plat.motions.formats.pace import UnfitRateError
 from plat.motions.formats.rate import without_rates
-from plat.motions.formats.units import Units, Up
+from plat.motions.formats.units import Units
 from plat.motions.paths import find_files, listed_paths
 from plat.motions.readers import NAMED, READERS
 from plat.motions.retargeting.asf import skeletons_beside

@@ -24,6 +24,9 @@ class Soles:
     Args:
         robot: the robot; the collision geoms of its feet are spheres.
 
+    Attributes:
+        robot: the same.
+
     >>> from plat.robots import G1
     >>> qpos = torch.from_numpy(G1.default_qpos)[None]
     >>> Soles(G1).points(qpos).shape
@@ -31,6 +34,7 @@ class Soles:
     """
 
     def __init__(self, robot: Robot):
+        self.robot = robot
         model = robot.shared_model
         soles = robot.sole_geoms(model)
         self._points_b = torch.from_numpy(model.geom_pos[soles])  # (2, P, 3)

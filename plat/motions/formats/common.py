@@ -13,8 +13,9 @@ from plat.errors import MotionError
 from plat.json_file import short
 from plat.motions.checks.feet import Soles
 from plat.motions.clip import MotionClip
+from plat.motions.formats.axes import Up, z_up
 from plat.motions.formats.joint_columns import robot_columns
-from plat.motions.formats.units import Units, Up, angles_in_radians, place_in_meters, unit_quaternions, z_up
+from plat.motions.formats.units import Units, angles_in_radians, place_in_meters, unit_quaternions
 from plat.motions.formats.unnamed_joints import unnamed_joints
 from plat.robots.robot import Robot
 

@@ -1,4 +1,4 @@
-"""Units and axes of a motion, from what the robot would do in them."""
+"""Units of a motion, from what the robot would do in them."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -9,12 +9,10 @@ import torch
 from plat.errors import MotionError
 from plat.motions.checks.feet import Soles, lowest_step
 from plat.robots.robot import Robot
-from plat.rotations_np import quat_multiply
 
-__all__ = ["Units", "Up", "angles_in_radians", "place_in_meters", "unit_quaternions", "z_up"]
+__all__ = ["METERS", "Converted", "Units", "angles_in_radians", "leg_height", "place_in_meters", "unit_quaternions"]
 
 Units = Literal["m", "cm", "mm", "in", "ft"]
-Up = Literal["x", "y", "z"]
 
 # A quaternion outside of this is no rounding and no averaging, but another column.
 _LENGTHS = (0.8, 1.25)
@@ -33,14 +31,14 @@ _UNITS = {
     "centimeters": (60.0, 250.0, 0.01),
     "millimeters": (400.0, 2500.0, 0.001),
 }
-_METERS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+METERS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+"""Meters a unit."""
+
 _HIGHEST = 5.0
 # Nobody's root is higher for half of a motion (m).
 _HIGH = 1.6
 # Legs that reach less than this are folded below a leaning trunk, and no measure of the root's height (m).
 _FOLDED = 0.5
-# A root whose local up axis lies along another axis of the world than z, at the height of a standing robot.
-_ALONG = 0.85
 
 
 @dataclass(frozen=True)
@@ -106,12 +104,12 @@ def place_in_meters(
         MotionError: for a height that is a standing robot's in no unit.
     """
     if stated is not None:
-        return Converted(root_pos * _METERS[stated])
+        return Converted(root_pos * METERS[stated])
     largest = np.abs(root_pos).max(initial=0.0)
     median = float(np.median(root_pos[:, 2]))
     if abs(median) < _HIGH and largest <= _FARTHEST:
         return Converted(root_pos)
-    need = _leg_height(joint_pos, soles)
+    need = leg_height(joint_pos, soles)
     height = median / need
     for unit, (low, high, meters) in _UNITS.items():
         if low < abs(height) < high:
@@ -132,48 +130,13 @@ def place_in_meters(
     return Converted(root_pos)
 
 
-def z_up(
-    root_pos: np.ndarray, root_quat: np.ndarray, joint_pos: np.ndarray, soles: Soles, stated: Up | None = None
-) -> tuple[Converted, Converted]:
-    """Return root positions and quaternions (``wxyz``) in a world whose z axis is up.
-
-    A world whose y or x axis is up is known by a robot that is upright along it, and as high along it as its legs
-    reach.
-
-    Args:
-        root_pos, root_quat: ``[T, 3]``, in any unit, and ``[T, 4]``.
-        joint_pos: ``[T, J]`` (rad).
-        soles: of the robot.
-        stated: the axis that is up, where the user states it.
-    """
-    w, x, y, z = root_quat.T
-    upright = np.mean((2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)), axis=1)
-    axis = int(np.argmax(upright[:2])) if stated is None else "xyz".index(stated)
-    unchanged = Converted(root_pos), Converted(root_quat)
-    if axis == 2 or (stated is None and upright[axis] < _ALONG):
-        return unchanged
-    if stated is None:
-        need = _leg_height(joint_pos, soles)
-        height, depth = (np.median(root_pos[:, which]) / need for which in (axis, 2))
-        units = [1.0, *(1 / meters for meters in _METERS.values())]
-        if not any(abs(height / unit - 1) < 0.3 < abs(depth / unit - 1) for unit in units):
-            return unchanged
-    half = np.sqrt(0.5)
-    turn = np.array([half, half, 0.0, 0.0] if axis == 1 else [half, 0.0, -half, 0.0])
-    quat = quat_multiply(np.tile(turn, (len(root_quat), 1)), root_quat)
-    after = ((0, 2, 1), (1, -1, 1)) if axis == 1 else ((2, 1, 0), (-1, 1, 1))
-    place = root_pos[:, after[0]] * after[1]
-    told = () if stated is not None else (f"{'xy'[axis]} axis up in the file, turned to z",)
-    return Converted(place, told), Converted(quat)
-
-
 def _slip(root_pos: np.ndarray, quat: np.ndarray, joint_pos: np.ndarray, soles: Soles) -> float:
     """Return how far the lowest point of the soles goes sideways from frame to frame, median (m)."""
     before, after = lowest_step(soles.points(torch.from_numpy(np.concatenate((root_pos, quat, joint_pos), 1))))
     return float((after - before)[:, :2].norm(dim=-1).median())
 
 
-def _leg_height(joint_pos: np.ndarray, soles: Soles) -> float:
+def leg_height(joint_pos: np.ndarray, soles: Soles) -> float:
     """Return the height of the root over the lower sole of an upright robot, median over some frames (m)."""
     some = joint_pos[np.linspace(0, len(joint_pos) - 1, min(len(joint_pos), 50)).round().astype(int)]
     qpos = np.concatenate((np.tile([0.0, 0, 0, 1, 0, 0, 0], (len(some), 1)), some), 1)

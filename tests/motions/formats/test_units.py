@@ -1,12 +1,10 @@
 import numpy as np
 import pytest
-import torch
 
 from plat.errors import MotionError
 from plat.motions.checks.feet import Soles
-from plat.motions.formats.units import angles_in_radians, place_in_meters, unit_quaternions, z_up
+from plat.motions.formats.units import angles_in_radians, place_in_meters, unit_quaternions
 from plat.robots import G1
-from plat.rotations import quat_multiply
 from tests.motions.formats.writers import bowing_clip
 
 SOLES = Soles(G1)
@@ -19,7 +17,6 @@ def test_what_is_right_stays_as_it_is():
     for found, values in (
         (angles_in_radians(JOINTS, G1), JOINTS),
         (place_in_meters(PLACE, QUAT, JOINTS, SOLES, "pos"), PLACE),
-        *zip(z_up(PLACE, QUAT, JOINTS, SOLES), (PLACE, QUAT), strict=True),
     ):
         assert found.notes == ()
         np.testing.assert_array_equal(found.values, values)
@@ -78,25 +75,6 @@ def test_what_cannot_be_a_quaternion_is_refused(length):
         unit_quaternions(quat, "rot")
 
 
-@pytest.mark.parametrize("unit", [1, 100])
-def test_a_world_whose_y_axis_is_up(unit):
-    half = np.sqrt(0.5)
-    turn = torch.tensor([half, -half, 0, 0], dtype=torch.float64).expand(len(QUAT), 4)
-    quat = quat_multiply(turn, torch.from_numpy(QUAT)).numpy()
-    place = unit * np.stack((PLACE[:, 0], PLACE[:, 2], -PLACE[:, 1]), 1)
-    upright, turned = z_up(place, quat, JOINTS, SOLES)
-    np.testing.assert_allclose(upright.values, unit * PLACE, atol=1e-9)
-    np.testing.assert_allclose(turned.values, QUAT, atol=1e-9)
-    assert upright.notes == ("y axis up in the file, turned to z",)
-
-
-def test_who_lies_stays_lying():
-    quat = np.tile([np.sqrt(0.5), 0, np.sqrt(0.5), 0], (len(QUAT), 1))
-    place = np.tile([0.0, 0.0, 0.1], (len(QUAT), 1))
-    assert z_up(place, quat, JOINTS, SOLES)[0].notes == ()
-    assert place_in_meters(place, quat, JOINTS, SOLES, "pos").notes == ()
-
-
 def test_folded_legs_are_no_reason_to_doubt_the_unit():
     joints = np.tile(G1.default_joint_pos.double().numpy(), (30, 1))
     for side in ("left", "right"):
@@ -116,25 +94,6 @@ def test_who_walks_high_up_in_meters_stays_there():
 def test_a_unit_that_is_stated_is_taken():
     found = place_in_meters(PLACE, QUAT, JOINTS, SOLES, "pos", "cm")
     np.testing.assert_allclose(found.values, 0.01 * PLACE)
-
-
-def test_a_world_whose_x_axis_is_up():
-    half = np.sqrt(0.5)
-    turn = torch.tensor([half, 0, half, 0], dtype=torch.float64).expand(len(QUAT), 4)
-    quat = quat_multiply(turn, torch.from_numpy(QUAT)).numpy()
-    place = np.stack((PLACE[:, 2], PLACE[:, 1], -PLACE[:, 0]), 1)
-    upright, turned = z_up(place, quat, JOINTS, SOLES)
-    np.testing.assert_allclose(upright.values, PLACE, atol=1e-9)
-    np.testing.assert_allclose(turned.values, QUAT, atol=1e-9)
-    assert upright.notes == ("x axis up in the file, turned to z",)
-
-
-def test_an_axis_that_is_stated_is_up():
-    quat = np.tile([1.0, 0, 0, 0], (len(QUAT), 1))
-    upright, turned = z_up(PLACE, quat, JOINTS, SOLES, "y")
-    np.testing.assert_allclose(upright.values, np.stack((PLACE[:, 0], -PLACE[:, 2], PLACE[:, 1]), 1))
-    assert abs(turned.values[0, 1]) > 0.7
-    assert z_up(PLACE, quat, JOINTS, SOLES, "z")[0].values is PLACE
 
 
 def test_small_angles_in_degrees_are_known_by_many_joints_beyond_their_limits():
