@@ -11,7 +11,7 @@ from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
 from plat.rotations import quat_rotate
 
-__all__ = ["Tempo"]
+__all__ = ["Tempo", "strides_in_place"]
 
 # Steps a second of walking and running with a step of 1 m, and the power of the step's length with which they rise.
 # Measured on 951 clips with regular steps of retargeted people (Bandai-Namco, CMU, HDM05, SIE, ASE, g1-moves); 99 % of
@@ -24,6 +24,11 @@ _IN_FRONT = 0.08
 _LEAST_STEPS = 4
 # Standard deviation of the logarithm of steps' durations beyond which there is no gait.
 _IRREGULAR = 0.35
+# Who strides moves on by about a stride with each step (share of it, lowest and highest); who moves by less than the
+# last share strides in place.
+_MOVES, _IN_PLACE = (0.5, 3.0), 0.25
+# Strides (m) below which someone may step in place.
+_STRIDE = 0.15
 # Steps are counted in so many frames: kinematics takes kilobytes for each.
 _MOST_FRAMES = 20_000
 
@@ -43,20 +48,11 @@ class Tempo:
     @classmethod
     def of(cls, clip: MotionClip, robot: Robot) -> "Tempo | None":
         """Return the steps of a clip, or None where it has no regular gait. The clip's frame rate is not looked at."""
-        qpos = torch.from_numpy(clip.qpos[:_MOST_FRAMES]).double()
-        feet, _ = ForwardKinematics(robot, robot.feet)(*qpos.split((3, 4, robot.num_joints), -1))
-        forward = quat_rotate(qpos[:, 3:7], qpos.new_tensor([1.0, 0.0, 0.0]))[:, :2]
-        forward = forward / forward.norm(dim=-1, keepdim=True).clamp_min(1e-6)
-        lead = ((feet[:, 0, :2] - feet[:, 1, :2]) * forward).sum(-1).numpy()
-        turns = _extremes(lead)
-        if len(turns) <= _LEAST_STEPS:
+        gait = _gait(clip, robot)
+        if gait is None:
             return None
-        frames = np.diff(turns)
-        moved = np.linalg.norm(np.diff(clip.qpos[turns, :2].astype(np.float64), axis=0), axis=1)
-        length, stride = float(np.median(moved)), float(np.median(np.abs(lead[turns])))
-        if np.log(frames).std() > _IRREGULAR or not 0.5 * stride < length < 3 * stride:
-            return None
-        return cls(float(np.median(frames)), length)
+        frames, length, stride = gait
+        return cls(frames, length) if _MOVES[0] * stride < length < _MOVES[1] * stride else None
 
     @property
     def likely_rate(self) -> float:
@@ -70,6 +66,37 @@ class Tempo:
     def fits(self, fps: float) -> bool:
         """Return whether a frame rate makes the steps as frequent as people's, give or take what is usual."""
         return abs(math.log(self.ratio(fps))) < math.log(_USUAL)
+
+
+def strides_in_place(clip: MotionClip, robot: Robot) -> bool:
+    """Return whether feet stride and the root does not move: it is kept in place, or relative.
+
+    >>> from plat.robots import G1
+    >>> strides_in_place(MotionClip("standing", G1.default_qpos[None].repeat(60, 0), 30.0), G1)
+    False
+    """
+    gait = _gait(clip, robot)
+    return gait is not None and gait[2] > _STRIDE and gait[1] < _IN_PLACE * gait[2]
+
+
+def _gait(clip: MotionClip, robot: Robot) -> tuple[float, float, float] | None:
+    """Return frames from step to step, how far the root moves in one and how far the feet are apart (m), medians.
+
+    Steps that are few or irregular are no gait, and give None.
+    """
+    qpos = torch.from_numpy(clip.qpos[:_MOST_FRAMES]).double()
+    feet, _ = ForwardKinematics(robot, robot.feet)(*qpos.split((3, 4, robot.num_joints), -1))
+    forward = quat_rotate(qpos[:, 3:7], qpos.new_tensor([1.0, 0.0, 0.0]))[:, :2]
+    forward = forward / forward.norm(dim=-1, keepdim=True).clamp_min(1e-6)
+    lead = ((feet[:, 0, :2] - feet[:, 1, :2]) * forward).sum(-1).numpy()
+    turns = _extremes(lead)
+    if len(turns) <= _LEAST_STEPS:
+        return None
+    frames = np.diff(turns)
+    if np.log(frames).std() > _IRREGULAR:
+        return None
+    moved = np.linalg.norm(np.diff(clip.qpos[turns, :2].astype(np.float64), axis=0), axis=1)
+    return float(np.median(frames)), float(np.median(moved)), float(np.median(np.abs(lead[turns])))
 
 
 def _extremes(lead: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ from plat.motions.checks.jumps import root_jumps
 from plat.motions.checks.settings import ValidationLimits
 from plat.motions.checks.sides import EXCHANGED, apart
 from plat.motions.checks.steps import JointStep, joint_steps
-from plat.motions.checks.tempo import Tempo
+from plat.motions.checks.tempo import Tempo, strides_in_place
 from plat.motions.checks.underside import Underside
 from plat.motions.clip import ASSUMED_RATE, MotionClip
 from plat.progress import tracked
@@ -61,6 +61,7 @@ class MotionReport:
             who lies; negative where left and right are exchanged.
         jumps: when the root's path or turning breaks (s).
         steps: isolated single-frame steps of joints; see :func:`~plat.motions.checks.steps.joint_steps`.
+        in_place: whether it strides without getting anywhere.
         rate_assumed: whether nothing states its frame rate and nothing in the motion confirms the usual one.
         verdict: ``use`` as it is, ``repair`` first, or ``drop``.
         reasons: what speaks against using it as it is, a phrase each.
@@ -79,6 +80,7 @@ class MotionReport:
     gravity: float | None = None
     sides: float | None = None
     steps: tuple[JointStep, ...] = ()
+    in_place: bool = False
     rate_assumed: bool = False
     deepest: str = ""
     verdict: Verdict = "use"
@@ -157,6 +159,7 @@ def _measure(
         gravity=None if (flight := Flight.of(clip, robot)) is None else flight.gravity(clip.fps),
         tempo=None if (steps := Tempo.of(clip, robot)) is None else steps.ratio(clip.fps),
         steps=tuple(joint_steps(clip, limits.step_speed, robot)),
+        in_place=strides_in_place(clip, robot),
         rate_assumed=ASSUMED_RATE in clip.notes,
     )
 
@@ -219,6 +222,8 @@ def _judged(report: MotionReport, limits: ValidationLimits) -> MotionReport:
         repair.append("nothing states or shows its frame rate: state it (--fps)")
     if report.sides is not None and report.sides < EXCHANGED:
         drop.append("left and right arms are exchanged: are its joint names right?")
+    if report.in_place:
+        drop.append("it strides and its root stays in place: is the root's position relative?")
     if report.jumps:
         inside = [time for time in report.jumps if limits.trim_seconds < time < report.seconds - limits.trim_seconds]
         (drop if inside else repair).append(f"the root jumps at {(inside or report.jumps)[0]:.2f} s")

@@ -109,8 +109,9 @@ def z_up(
         return unchanged
     frame = _steadiest(candidates, root_pos, root_quat, joint_pos, soles)
     stands = _stands(_qpos(frame, units[0] * root_pos, root_quat, joint_pos), soles)
-    as_high = float(np.median(np.abs(units[0] * root_pos[:, 2] / need - 1))) < _HEIGHT
-    if as_high and not stands:
+    as_it_is = [meters for meters in METERS.values() if np.median(np.abs(meters * root_pos[:, 2] / need - 1)) < _HEIGHT]
+    as_high = bool(as_it_is)
+    if as_high and not (stands and units[0] in as_it_is):
         return unchanged
     if _rests(units[0] * root_pos, root_quat, joint_pos, soles):
         if stands and not as_high:

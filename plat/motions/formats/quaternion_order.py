@@ -10,6 +10,7 @@ from plat.errors import MotionError
 from plat.motions.checks.feet import Soles, lowest_step
 from plat.motions.checks.sides import EXCHANGED, apart
 from plat.motions.formats.common import QuatOrder, ReadOptions
+from plat.motions.formats.units import angles_in_radians
 from plat.robots.robot import Robot
 from plat.rotations import quat_rotate
 
@@ -133,7 +134,8 @@ def settle_joint_order(
 
 def _settle_sides(joints: np.ndarray, robot: Robot) -> tuple[np.ndarray, list[str]]:
     """Return joints with left and right exchanged where the arms show that they are, and notes."""
-    arms, legs = (apart(joints, robot, part) for part in ("shoulder_roll", "hip_roll"))
+    radians = angles_in_radians(joints, robot).values
+    arms, legs = (apart(radians, robot, part) for part in ("shoulder_roll", "hip_roll"))
     if arms is None or legs is None:
         return joints, []
     if arms > EXCHANGED and legs > _LEGS_EXCHANGED:
