@@ -12,6 +12,7 @@ from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arra
 from plat.motions.formats.decompress import check_numbers, decompress
 from plat.motions.formats.foreign import refuse_human_body
 from plat.motions.formats.quaternion_order import settle_joint_order, settle_quat_order
+from plat.motions.formats.unnamed_joints import unnamed_joints
 from plat.motions.formats.unpickle import PickledArray, unpickle
 
 __all__ = ["read_fields", "read_pickle"]
@@ -87,7 +88,10 @@ def _read_motion(name: str, fields: dict[str, Any], options: ReadOptions) -> tup
     names = None if listed is None else strings(listed, "joint_names")
     without_wrists = [joint for joint in robot.joint_names if "wrist" not in joint]
     if names is None and joint_pos.ndim == 2 and joint_pos.shape[1] == len(without_wrists):
-        names = without_wrists  # the format of ASAP and PBHC
+        try:
+            names = unnamed_joints(joint_pos.astype(np.float64), robot, "/".join(_JOINT_POS))
+        except MotionError:
+            names = without_wrists  # the format of ASAP and PBHC
     arranged, notes = arrange_joints(joint_pos, names, robot, "/".join(_JOINT_POS))
     fps = _rate(fields) if options.fps is None else options.fps
     called = ("/".join(_ROOT_POS), "/".join(_ROOT_QUAT))

@@ -10,13 +10,13 @@ from plat.errors import MotionError
 from plat.motions.checks.feet import Soles, lowest_step
 from plat.motions.checks.sides import EXCHANGED, apart
 from plat.motions.formats.common import QuatOrder, ReadOptions
+from plat.motions.formats.joint_orders import breadth_first, likely_order
 from plat.motions.formats.units import angles_in_radians
 from plat.robots.robot import Robot
 from plat.rotations import quat_rotate
 
 __all__ = [
     "QuatOrder",
-    "breadth_first",
     "choose_quat_order",
     "detect_joint_order",
     "detect_quat_order",
@@ -116,7 +116,8 @@ def settle_joint_order(
 ) -> tuple[np.ndarray, list[str]]:
     """Return joints that stand in an order which nothing states, in the robot's; and notes.
 
-    Orders that are tried are depth first and breadth first, and either with the right side before the left.
+    Orders that are tried are the robot's, breadth first, alphabetical and some more, each also with the right side
+    before the left. Poses tell them apart, and for a robot whose usual poses are not known limits and soles.
 
     Args:
         joints: angles ``[T, J]``.
@@ -125,9 +126,14 @@ def settle_joint_order(
         quat_order: of the motion; None where it is not known.
 
     Raises:
-        MotionError: where left and right are exchanged for some of the joints, and which is not to be told.
+        MotionError: where the order is not to be told, or left and right are exchanged for some of the joints.
     """
-    arranged, notes = _settle_depth(joints, read, options, quat_order)
+    found = likely_order(angles_in_radians(joints, options.robot).values, options.robot)
+    if found is None:
+        arranged, notes = _settle_depth(joints, read, options, quat_order)
+    else:
+        listed, notes = found
+        arranged = joints[:, [listed.index(joint) for joint in options.robot.joint_names]]
     exchanged, more = _settle_sides(arranged, options.robot)
     return exchanged, [*notes, *more]
 
@@ -191,11 +197,6 @@ def choose_quat_order(as_wxyz: np.ndarray, as_xyzw: np.ndarray, fps: float, sole
     if abs(costs[1] - costs[0]) < _MARGIN:
         return None
     return "wxyz" if costs[0] < costs[1] else "xyzw"
-
-
-def breadth_first(robot: Robot) -> list[str]:
-    """Return joint names by distance from the root, ties in the robot's own order, as Isaac Lab numbers them."""
-    return sorted(robot.joint_names, key=robot.depth)
 
 
 def _some_frames(qpos: torch.Tensor) -> torch.Tensor:

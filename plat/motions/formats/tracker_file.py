@@ -9,8 +9,9 @@ import torch
 from plat.errors import MotionError
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, strings
 from plat.motions.formats.joint_columns import robot_columns
+from plat.motions.formats.joint_orders import usual_orders
 from plat.motions.formats.names import match_joint
-from plat.motions.formats.quaternion_order import breadth_first, settle_joint_order, settle_quat_order
+from plat.motions.formats.quaternion_order import settle_joint_order, settle_quat_order
 from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
 
@@ -173,7 +174,7 @@ def _fit(
     if names is not None:
         candidates["as named"] = names
     if joint_pos.shape[1] == robot.num_joints:
-        candidates |= {"depth first": list(robot.joint_names), "breadth first": breadth_first(robot)}
+        candidates |= {"depth first": list(robot.joint_names), **usual_orders(robot)}
     if not candidates:
         raise MotionError(
             f"no array 'joint_names', and {joint_pos.shape[1]} joints are no robot's whole number; add 'joint_names', "

@@ -64,6 +64,13 @@ def y_up(c: Content) -> Content:
     return replace(c, place=place, bodies=bodies, quat=turned(c.quat), body_quats=turned(c.body_quats))
 
 
+def renamed(c: Content) -> Content:
+    """The world and every body with y up and z forward."""
+    place, bodies = (part[..., [1, 2, 0]] for part in (c.place, c.bodies))
+    quat, body_quats = (part[..., [0, 2, 3, 1]] for part in (c.quat, c.body_quats))
+    return replace(c, place=place, bodies=bodies, quat=quat, body_quats=body_quats)
+
+
 VARIATIONS: dict[str, Callable[[Content], Content]] = {
     "plain": lambda c: c,
     "xyzw": xyzw,
@@ -77,6 +84,9 @@ VARIATIONS: dict[str, Callable[[Content], Content]] = {
     "short quaternions": lambda c: replace(c, quat=0.9 * c.quat),
     "cm, xyzw": lambda c: scaled(100)(xyzw(c)),
     "y up, breadth first": lambda c: listed(ISAAC_ORDER)(y_up(c)),
+    "alphabetical": listed(sorted(G1.joint_names)),
+    "waist last": listed([*(n for n in G1.joint_names if "waist" not in n), "waist_yaw", "waist_roll", "waist_pitch"]),
+    "y up, z forward": renamed,
     "without wrists": listed([name for name in G1.joint_names if "wrist" not in name]),
 }
 
@@ -198,7 +208,7 @@ def test_no_layout_is_read_wrong(tmp_path):
         if outcome in ("wrong", "broken"):
             wrong.append(f"{layout}: {variation}")
     assert wrong == []
-    assert counts.total() == 260
+    assert counts.total() == 320
     assert counts["refused"] <= 8, counts
 
 

@@ -1,0 +1,134 @@
+"""Orders in which programs list joints, and which of them makes poses that people take."""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from plat.errors import MotionError
+from plat.robots.robot import Robot, without_side
+
+__all__ = ["breadth_first", "likely_order", "usual_orders"]
+
+# Median and mean absolute deviation (rad) of joints in retargeted motions of people, left side. Measured on 270 clips
+# (Bandai-Namco, CMU, HDM05, SIE, ASE, g1-moves); wrists, which they leave at rest, are given more.
+_USUAL = {
+    "hip_pitch": (-0.24, 0.32),
+    "hip_roll": (0.12, 0.16),
+    "hip_yaw": (0.10, 0.16),
+    "knee": (0.62, 0.33),
+    "ankle_pitch": (-0.30, 0.19),
+    "ankle_roll": (-0.03, 0.09),
+    "waist_yaw": (0.01, 0.11),
+    "waist_roll": (0.04, 0.10),
+    "waist_pitch": (0.06, 0.16),
+    "shoulder_pitch": (-0.04, 0.48),
+    "shoulder_roll": (0.38, 0.37),
+    "shoulder_yaw": (-0.13, 0.39),
+    "elbow": (0.43, 0.53),
+    "wrist_roll": (0.0, 0.10),
+    "wrist_pitch": (0.0, 0.10),
+    "wrist_yaw": (0.0, 0.10),
+}
+_MOST = 6.0
+# What a radian beyond the joints' limits costs (summed over joints, mean over frames).
+_BEYOND = 20.0
+# An order is believed that is this much more likely than the robot's own, and below the second figure it is chance. Of
+# 431 clips in the robot's order none is more likely in another one. Of 6,034 readings of them in seven others, either
+# side first, 8 lie between the two and 3 are mistaken.
+_SURE, _CHANCE = 3.0, 0.1
+_FRAMES = 2_000
+_LEGS, _WAIST = ("hip", "knee", "ankle"), "waist"
+
+
+def breadth_first(robot: Robot) -> list[str]:
+    """Return joint names by distance from the root, ties in the robot's own order, as Isaac Lab numbers them."""
+    return sorted(robot.joint_names, key=robot.depth)
+
+
+def usual_orders(robot: Robot) -> Mapping[str, list[str]]:
+    """Return the joint names of a robot in other orders than its own, by what they are called.
+
+    >>> from plat.robots import G1
+    >>> usual_orders(G1)["in alphabetical order"][:2]
+    ['left_ankle_pitch', 'left_ankle_roll']
+    """
+    names = list(robot.joint_names)
+    legs = [name for name in names if any(part in name for part in _LEGS)]
+    waist = [name for name in names if _WAIST in name]
+    arms = [name for name in names if name not in legs and name not in waist]
+
+    def of_side(listed: list[str], side: str) -> list[str]:
+        return [name for name in listed if name.startswith(side)]
+
+    def in_turn(listed: list[str]) -> list[str]:
+        pairs = zip(of_side(listed, "left"), of_side(listed, "right"), strict=False)
+        return [name for pair in pairs for name in pair]
+
+    orders = {
+        "breadth first": breadth_first(robot),
+        "in alphabetical order": sorted(names),
+        "with the waist first": [*waist, *legs, *arms],
+        "with the waist last": [*legs, *arms, *waist],
+        "with the arms first": [*arms, *waist, *legs],
+        "with left and right in turn": [*in_turn(legs), *waist, *in_turn(arms)],
+        "with one side behind the other": [
+            *of_side(legs, "left"),
+            *of_side(arms, "left"),
+            *waist,
+            *of_side(legs, "right"),
+            *of_side(arms, "right"),
+        ],
+    }
+    return {label: order for label, order in orders.items() if order != names and sorted(order) == sorted(names)}
+
+
+def likely_order(angles: np.ndarray, robot: Robot) -> tuple[list[str], list[str]] | None:
+    """Return the joints that columns ``[T, J]`` (rad) are, by the poses that they make, and notes.
+
+    Left and right are not told apart. None for a robot whose usual poses are not known.
+
+    Raises:
+        MotionError: where another order than the robot's makes the likelier poses, and not by far.
+    """
+    own = list(robot.joint_names)
+    if not all(without_side(name) in _USUAL for name in own) or not np.isfinite(angles).all():
+        return None
+    some = angles[:: max(1, len(angles) // _FRAMES)]
+    cost = _costs(some, robot)
+    costs = {label: cost(order) for label, order in usual_orders(robot).items()}
+    best = min(costs, key=lambda label: costs[label])
+    gain = cost(own) - costs[best]
+    if gain <= _CHANCE:
+        return own, []
+    if gain <= _SURE:
+        raise MotionError(
+            f"nothing states the order of its joints, and its poses are as likely with those of robot {robot.name!r} "
+            f"as with them {best}; name them, in a header or 'joint_names'"
+        )
+    return usual_orders(robot)[best], [f"joints numbered {best}: only so are its poses likely"]
+
+
+def _costs(angles: np.ndarray, robot: Robot) -> Callable[[list[str]], float]:
+    """Return what gives minus the log-likelihood of poses if columns are these joints, or those of the other sides."""
+    joints = np.array([_USUAL[without_side(name)] for name in robot.joint_names])
+    outward = np.array([name.startswith("right") and name.endswith(("roll", "yaw")) for name in robot.joint_names])
+    low, high = robot.joint_range.double().numpy().T
+    # [column, joint]: what it costs that a column is a joint
+    table = np.empty((angles.shape[1], len(robot.joint_names)))
+    for joint, (middle, spread) in enumerate(joints):
+        middle = -middle if outward[joint] else middle
+        table[:, joint] = np.minimum(np.abs(angles - middle) / spread, _MOST).mean(0) + np.log(spread)
+        table[:, joint] += _BEYOND * np.maximum(low[joint] - angles, angles - high[joint]).clip(0).mean(0)
+    index = {name: number for number, name in enumerate(robot.joint_names)}
+    other = {"left": "right", "right": "left"}
+
+    def cost(order: list[str]) -> float:
+        exchanged = ["_".join((other.get(side, side), *rest)) for side, *rest in (name.split("_", 1) for name in order)]
+        columns = np.arange(len(order))
+        return min(
+            float(table[columns, [index[name] for name in names]].sum())
+            for names in (order, exchanged)
+            if all(name in index for name in names)
+        )
+
+    return cost

@@ -1,0 +1,76 @@
+import numpy as np
+import pytest
+
+from plat.errors import MotionError
+from plat.motions import load_motions
+from plat.motions.formats.joint_orders import breadth_first, likely_order, usual_orders
+from plat.robots import G1
+from tests.motions.formats.test_layouts import clip_with_arms
+from tests.motions.formats.writers import ISAAC_ORDER
+
+OWN = list(G1.joint_names)
+ANGLES = clip_with_arms(0.7).qpos[:, 7:].astype(float)
+OTHER = {"left": "right", "right": "left"}
+
+
+def listed(angles: np.ndarray, names: list[str]) -> np.ndarray:
+    return angles[:, [OWN.index(name) for name in names]]
+
+
+def exchanged(names: list[str]) -> list[str]:
+    return ["_".join((OTHER.get(side, side), *rest)) for side, *rest in (name.split("_", 1) for name in names)]
+
+
+def test_breadth_first_is_the_order_of_isaac_lab():
+    assert breadth_first(G1) == ISAAC_ORDER
+
+
+def test_orders_hold_every_joint_once():
+    orders = usual_orders(G1)
+    assert len(orders) == 7
+    assert len({tuple(order) for order in orders.values()} | {tuple(OWN)}) == 8
+    for order in orders.values():
+        assert sorted(order) == sorted(OWN)
+
+
+def test_the_robot_s_own_order_needs_no_word():
+    assert likely_order(ANGLES, G1) == (OWN, [])
+
+
+@pytest.mark.parametrize("label", usual_orders(G1))
+def test_other_orders_are_seen_in_the_poses(label):
+    order = usual_orders(G1)[label]
+    assert likely_order(listed(ANGLES, order), G1) == (
+        order,
+        [f"joints numbered {label}: only so are its poses likely"],
+    )
+    found, _ = likely_order(listed(ANGLES, exchanged(order)), G1)
+    assert found in (order, exchanged(order))
+
+
+def test_between_two_orders_it_is_not_to_be_told():
+    between = 0.2 * ANGLES + 0.8 * listed(ANGLES, usual_orders(G1)["with the waist last"])
+    with pytest.raises(MotionError, match="its poses are as likely .*; name them, in a header or 'joint_names'"):
+        likely_order(between, G1)
+
+
+def test_a_robot_at_zero_has_the_same_pose_in_every_order():
+    assert likely_order(np.zeros((3, 29)), G1) == (OWN, [])
+
+
+def test_a_file_in_alphabetical_order_is_read_right(tmp_path):
+    clip = clip_with_arms(0.7)
+    numbered = np.concatenate((clip.qpos[:, :7], listed(clip.qpos[:, 7:], sorted(OWN))), 1)
+    np.savez(tmp_path / "walk.npz", qpos=numbered, fps=50)
+    (found,) = load_motions(tmp_path / "walk.npz")
+    np.testing.assert_allclose(found.qpos, clip.qpos, atol=1e-6)
+    assert "joints numbered in alphabetical order: only so are its poses likely" in found.notes
+
+
+def test_broken_angles_have_no_order():
+    assert likely_order(np.full((3, 29), np.nan), G1) is None
+
+
+def test_real_motions_keep_their_order(shared_data):
+    for clip in load_motions(shared_data / "motions" / "bandai_val.npz")[::4]:
+        assert likely_order(clip.qpos[:, 7:].astype(float), G1) == (OWN, []), clip.name
