@@ -73,7 +73,7 @@ class Studio:
         self._page = page = Page(server, session, self._desk, dock)
         self._checker = Checker(robot)
         self._autosave = Autosave(session, files.root)
-        set_the_stage(server, _WORLD)
+        self._sun = set_the_stage(server, _WORLD)
         self._world = server.scene.add_frame(_WORLD, show_axes=False)
         server.scene.add_frame(_BESIDE, show_axes=False, position=_SIDE)
         bodies = Bodies(robot)
@@ -122,13 +122,15 @@ class Studio:
     def _receive(self, message: Message) -> None:
         if message["do"] == "browser":
             self._desk.ask(lambda: self._suit(message))
+        elif message["do"] == "answer":
+            self._desk.ask(lambda: self._page.answer(message))
         else:
             self._timeline.receive(message)
 
     def _suit(self, message: Message) -> None:
         """Suit a browser that says how it draws: without shadows in software, and only as often as it can."""
         if message.get("software") is True:
-            self.server.scene.configure_default_lights(cast_shadow=False)
+            self._sun.cast_shadow = False
         frames = message.get("frames")
         if isinstance(frames, (int, float)) and not isinstance(frames, bool):
             self._frames = float(np.clip(frames, _SLOWEST, _FASTEST))

@@ -7,7 +7,7 @@ from typing import Any
 import viser
 
 from plat.studio.desk import Desk, Task
-from plat.studio.dock import Dock
+from plat.studio.dock import Dock, Message
 from plat.studio.session import Session
 
 __all__ = ["Page"]
@@ -30,6 +30,8 @@ class Page:
         self.desk = desk
         self.dock = dock
         self._lock = Lock()
+        self._questions = 0
+        self._agreed: Task | None = None
 
     def when_changed(self, handle: viser.GuiInputHandle[Any], task: Task | None = None) -> None:
         """Run a task, and update the page, when a user has changed an input.
@@ -112,6 +114,28 @@ class Page:
             busy = list(self.dock.state.get("busy", []))
             busy.remove(text)
             self.dock.show("busy", busy)
+
+    def ask(self, title: str, text: str, yes: str, task: Task) -> None:
+        """Ask the user, and run a task when they agree; a later question takes an earlier one's place.
+
+        Args:
+            title: the question in a few words.
+            text: what is at stake, in a sentence.
+            yes: label of the button that agrees.
+            task: what is done then.
+        """
+        self._questions += 1
+        self._agreed = task
+        self.dock.show("question", {"id": self._questions, "title": title, "text": text, "yes": yes})
+
+    def answer(self, message: Message) -> None:
+        """Take a user's answer, unless it is that to an earlier question."""
+        if self._agreed is None or message.get("id") != self._questions:
+            return
+        task, self._agreed = self._agreed, None
+        self.dock.show("question", None)
+        if message.get("yes") is True:
+            task()
 
     def notify(self, title: str, text: str, kind: str = "info") -> None:
         """Show a message; ``kind`` is ``"info"``, ``"good"`` or ``"error"``."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from plat.keyframes import Keyframe, Parts
 from plat.motions.retargeting.geometry import TRACKED
 from plat.robots.robot import Robot
+from plat.studio.poser import WHOLE
 
 __all__ = ["PRESETS", "faint_bodies", "pin_bodies", "pinned", "preset", "toggled"]
 
@@ -63,10 +64,11 @@ def toggled(keyframe: Keyframe, handle: str, robot: Robot) -> Parts | None:
 
     Args:
         keyframe: of which the handle is.
-        handle: one of :data:`plat.studio.poser.HANDLES`; that of the head counts as the chest's.
+        handle: one of :data:`plat.studio.poser.HANDLES`; that of the head counts as the chest's, and
+            that of the whole robot as the pelvis's.
         robot: the robot.
     """
-    handle = "chest" if handle == "head" else handle
+    handle = {"head": "chest", WHOLE: "pelvis"}.get(handle, handle)
     before = frozenset() if keyframe.whole else pinned(keyframe, robot)
     return _parts(before ^ {handle}, robot)
 

@@ -11,8 +11,12 @@ import torch
 from plat.motions.retargeting.geometry import TRACKED, RobotGeometry
 from plat.robots.robot import Robot
 from plat.rotations import quat_yaw
+from plat.rotations_np import quat_multiply
 
-__all__ = ["BALLS", "HANDLES", "Frame", "Poser"]
+__all__ = ["BALLS", "HANDLES", "WHOLE", "Frame", "Poser"]
+
+WHOLE = "whole robot"
+"""Handle that moves and turns the robot as it is: its place on the floor."""
 
 HANDLES = {
     "head": ("geom", "head_collision"),
@@ -34,6 +38,7 @@ BALLS = {
     "elbow": (-0.075, 0.0, 0.0),
     "knee": (0.085, 0.0, 0.0),
     "foot": (0.17, 0.0, 0.0),
+    "robot": (0.32, 0.0, 0.02),
 }
 """Where the ball of a handle is, in its frame (m): outside the body, to be seen and clicked on."""
 
@@ -98,7 +103,7 @@ class Poser:
         """Return the body pose of each handle in a robot pose ``[7 + J]``."""
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, self._data)
-        return {handle: self._frame(*frame) for handle, frame in HANDLES.items()}
+        return {**{handle: self._frame(*frame) for handle, frame in HANDLES.items()}, WHOLE: _spot(qpos)}
 
     def _frame(self, kind: str, name: str) -> Frame:
         if kind == "body":
@@ -135,12 +140,14 @@ class Poser:
 
         Args:
             qpos: pose to search from ``[7 + J]``.
-            handle: one of :data:`HANDLES`.
+            handle: one of :data:`HANDLES`, or :data:`WHOLE`, which moves no joint.
             target: desired pose of the handle.
             held: handles to hold, with their poses; ``handle`` among them is ignored.
             rest: regularization target of all other joints ``[7 + J]``; by default ``qpos``.
             limb_only: whether only the joints of :meth:`limb` move; of the pelvis, only the root.
         """
+        if handle == WHOLE:
+            return _carried(qpos if rest is None else rest, target)
         tasks = [self._task(handle, target, _DRAGGED_POINT if handle.endswith(("elbow", "knee")) else _DRAGGED)]
         if limb_only:
             limb = self.limb(handle)
@@ -198,3 +205,18 @@ class Poser:
         result = configuration.q.copy()
         result[7:] = np.clip(result[7:], *self._range.T)
         return result
+
+
+def _spot(qpos: np.ndarray) -> Frame:
+    """Return the point on the floor below the root, with the root's heading."""
+    return Frame(np.array([*qpos[:2], 0.0]), quat_yaw(torch.from_numpy(np.array(qpos[3:7], dtype=np.float64))).numpy())
+
+
+def _carried(qpos: np.ndarray, target: Frame) -> np.ndarray:
+    """Return a pose ``[7 + J]`` as it is, at another place and heading."""
+    here, there = _spot(qpos), _spot(np.concatenate((target.pos, target.quat)))
+    turn = quat_multiply(there.quat, here.quat * [1.0, -1.0, -1.0, -1.0])
+    moved = np.array(qpos, dtype=np.float64)
+    moved[:3] += target.pos - here.pos
+    moved[3:7] = quat_multiply(turn, moved[3:7])
+    return moved

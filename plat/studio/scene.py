@@ -15,37 +15,47 @@ from plat.studio.checker import Stance
 
 __all__ = ["Bodies", "Figure", "RobotView", "StanceView", "coarse", "set_the_stage"]
 
-CAMERA, LOOK_AT, FIELD_OF_VIEW = (2.45, -1.65, 1.2), (0.0, 0.0, 0.6), 45.0
+CAMERA, LOOK_AT, FIELD_OF_VIEW = (2.1, -1.45, 1.15), (0.0, 0.0, 0.63), 45.0
 """Where the page looks from, at which point (m), and its vertical field of view (degrees)."""
 
-# Size of the cells in which vertices are merged (m): a quarter and an eighth of the triangles, hardly to be seen.
-_CELL, _FIGURE_CELL = 0.008, 0.012
+# Size of the cells in which vertices are merged (m): a seventh and a thirteenth of the triangles, hardly to be seen.
+_CELL, _FIGURE_CELL = 0.012, 0.018
 # A body that moves and turns by less than this is not sent again (m, and entries of a quaternion).
 _STILL = 1e-5
 _SOLID, _FAINT = 1.0, 0.25
+_HORIZON, _GROUND = (208, 217, 226), (160, 168, 178)
 _INSIDE, _BALANCED, _PLUMB = (214, 54, 59), (18, 161, 94), (90, 100, 110)
 
 _VISUAL_GROUP = 2
 
 
-def set_the_stage(server: viser.ViserServer, world: str) -> None:
-    """Add a floor (under a node of the scene), light, and a camera that looks at a robot at the origin."""
-    server.scene.configure_environment_map("studio", environment_intensity=0.3)
-    server.scene.set_background_image(np.full((2, 2, 3), (198, 209, 220), dtype=np.uint8), format="png")
+def set_the_stage(server: viser.ViserServer, world: str) -> viser.DirectionalLightHandle:
+    """Add a floor (under a node of the scene), lights, and a camera that looks at a robot at the origin.
+
+    Returns:
+        The light that casts shadows.
+    """
+    # an environment map would cost a browser without a GPU as much as all the rest
+    server.scene.configure_environment_map(None)
+    server.scene.configure_default_lights(enabled=False)
+    server.scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=_GROUND, intensity=2.2)
+    sun = server.scene.add_light_directional("/sun", intensity=2.2, position=(1.5, -1.5, 4.0), cast_shadow=True)
+    server.scene.set_background_image(np.full((2, 2, 3), _HORIZON, dtype=np.uint8), format="png")
     server.scene.add_grid(
         f"{world}/floor",
         width=40.0,
         height=40.0,
         cell_size=0.5,
-        cell_color=(140, 150, 160),
-        section_color=(118, 128, 138),
-        plane_color=(158, 168, 178),
+        cell_color=(172, 181, 190),
+        section_color=(150, 160, 170),
+        plane_color=(190, 199, 208),
         plane_opacity=1.0,
         fade_distance=25.0,
         shadow_opacity=0.3,
     )
     camera = server.initial_camera
     camera.position, camera.look_at, camera.fov = CAMERA, LOOK_AT, float(np.radians(FIELD_OF_VIEW))
+    return sun
 
 
 class Bodies:
@@ -68,13 +78,13 @@ class Bodies:
 
     @cached_property
     def meshes(self) -> list[trimesh.Trimesh]:
-        """Return the shape of each body in its colors, with a quarter of the triangles."""
+        """Return the shape of each body in its colors, with a seventh of the triangles."""
         light = ([_lighter(shape, _CELL) for shape in shapes] for shapes in self._shapes)
         return [cast(trimesh.Trimesh, trimesh.util.concatenate(shapes)) for shapes in light]
 
     @cached_property
     def coarse_meshes(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return vertices and faces of each body's shape with an eighth of the triangles."""
+        """Return vertices and faces of each body's shape with a thirteenth of the triangles."""
         return [_merged([_coarse_mesh(shape, _FIGURE_CELL) for shape in shapes]) for shapes in self._shapes]
 
     @cached_property

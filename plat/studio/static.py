@@ -20,7 +20,7 @@ from plat.motions.mirror import joint_symmetry
 from plat.robots.robot import Robot
 from plat.spec.timing import Timing
 from plat.studio.pins import PRESETS, pin_bodies
-from plat.studio.poser import BALLS, HANDLES, Poser
+from plat.studio.poser import BALLS, HANDLES, WHOLE, Poser
 from plat.studio.templates import TEMPLATES, template
 from plat.studio.timeline import Timeline
 
@@ -47,7 +47,7 @@ LIBRARIES = {
 
 _NETWORK = "https://cdn.jsdelivr.net/npm"
 _WEB = resources.files("plat.studio") / "web"
-_SHARED = ("dock.js", "dock.css", "software.js", "icon.svg")
+_SHARED = ("dock.js", "dock.css", "early.js", "icon.svg")
 _FLOOR = '<geom name="floor" type="plane" size="0 0 .1"/>'
 
 
@@ -122,7 +122,10 @@ def site_facts(robot: Robot, policies: tuple[str, ...], timing: Timing) -> dict[
             for foot in soles
         ],
         "mirror": {"partner": partner.tolist(), "sign": sign.tolist()},
-        "handles": {handle: _handle(robot, handle, *frame) for handle, frame in HANDLES.items()},
+        "handles": {
+            **{handle: _handle(robot, handle, *frame) for handle, frame in HANDLES.items()},
+            WHOLE: {"body": None, "pos": [0.0, 0.0, 0.0], "ball": list(BALLS["robot"])},
+        },
         "limbs": {handle: poser.limb(handle) for handle in HANDLES},
         "pins": pin_bodies(),
         "presets": {name: list(handles) for name, handles in PRESETS.items()},

@@ -7,7 +7,7 @@ from plat.rotations import quat_angle, quat_from_rotvec, quat_multiply
 
 pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
 
-from plat.studio.poser import HANDLES, Frame, Poser
+from plat.studio.poser import HANDLES, WHOLE, Frame, Poser
 from plat.studio.poses import Floor
 
 POSER = Poser(G1)
@@ -64,6 +64,22 @@ def test_targets_out_of_reach_stretch_the_limb_and_leave_the_stance_alone(handle
     for foot in FEET:
         if foot != handle:
             assert off(qpos, foot, POSER.frames(POSE)[foot]) < 0.03
+
+
+def test_the_whole_robot_is_moved_and_turned_as_it_is():
+    spot = POSER.frames(POSE)[WHOLE]
+    assert spot.pos[2] == 0.0
+    turn = torch.tensor([np.cos(0.25), 0.0, 0.0, np.sin(0.25)], dtype=torch.float64)  # by 0.5 rad about the vertical
+    quat = quat_multiply(turn, torch.from_numpy(spot.quat)).numpy()
+    target = Frame(np.add(spot.pos, [1.0, -0.5, 0.0]), quat)
+    qpos = POSER.dragged(POSE, WHOLE, target, hold(*FEET), POSE)
+    np.testing.assert_array_equal(qpos[7:], POSE[7:])
+    there = POSER.frames(qpos)
+    np.testing.assert_allclose(there[WHOLE].pos, target.pos, atol=1e-9)
+    np.testing.assert_allclose(there[WHOLE].quat, target.quat, atol=1e-9)
+    assert qpos[2] == POSE[2]
+    again = POSER.dragged(qpos, WHOLE, target, {}, POSE)
+    np.testing.assert_allclose(again, qpos, atol=1e-12)
 
 
 def test_a_drag_there_and_back_ends_where_it_began():

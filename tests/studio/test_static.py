@@ -7,7 +7,9 @@ import os
 import shutil
 import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -24,13 +26,14 @@ from plat.control import PolicyController
 from plat.runs import load_policy
 from plat.studio.pins import preset
 from plat.studio.player import Player
-from plat.studio.poser import Poser
+from plat.studio.poser import HANDLES, Poser
 from plat.studio.static import LIBRARIES, site_facts, write_static
 from plat.studio.templates import template
 from plat.studio.timeline import Timeline
 
 # Largest difference from Python that docs/studio.md promises (m, rad), for a motion of some seconds.
 _NEAR = (1e-4, 1e-3)
+_BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +53,10 @@ def test_handles_and_soles_are_where_they_are_in_python(facts):
     data = mujoco.MjData(G1.shared_model)
     data.qpos[:] = facts["default_qpos"]
     mujoco.mj_kinematics(G1.shared_model, data)
-    for name, frame in Poser(G1).frames(G1.default_qpos).items():
+    frames = Poser(G1).frames(G1.default_qpos)
+    assert set(frames) == set(facts["handles"])
+    for name in HANDLES:
+        frame = frames[name]
         handle = facts["handles"][name]
         body = data.body(handle["body"])
         place = body.xpos + body.xmat.reshape(3, 3) @ np.array(handle["pos"])
@@ -82,6 +88,40 @@ def test_without_libraries_the_page_links_them(tmp_path):
         assert (tmp_path / "page" / name).stat().st_size > 0
 
 
+@contextmanager
+def _served(folder: Path) -> Iterator[str]:
+    handler = functools.partial(http.server.SimpleHTTPRequestHandler, directory=str(folder))
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{server.server_port}/"
+    server.shutdown()
+
+
+@contextmanager
+def _page() -> Iterator[Any]:
+    """A page of a headless browser; skips where there is none."""
+    sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    path = next((path for name in _BROWSERS if (path := shutil.which(name))), None)
+    if path is None:
+        pytest.skip(f"no browser: none of {', '.join(_BROWSERS)} is installed")
+    with sync.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=path, args=["--no-sandbox", "--enable-unsafe-swiftshader"])
+        page = browser.new_page()
+        page.set_default_timeout(180_000)
+        yield page
+        browser.close()
+
+
+@pytest.mark.slow
+def test_libraries_that_do_not_arrive_are_named(tmp_path):
+    with _page() as page:
+        write_static(tmp_path / "page", G1, {}, Timing())
+        with _served(tmp_path / "page") as address:
+            page.route("**/*", lambda route: route.continue_() if "127.0.0.1" in route.request.url else route.abort())
+            page.goto(address)
+            page.get_by_text("One of its libraries did not arrive.").wait_for()
+
+
 def _libraries() -> Path:
     found = Path(os.environ.get("PLAT_NODE_MODULES", "node_modules"))
     for name, (version, _) in LIBRARIES.items():
@@ -94,27 +134,15 @@ def _libraries() -> Path:
 @pytest.fixture(scope="module")
 def address(tmp_path_factory) -> Iterator[str]:
     folder = tmp_path_factory.mktemp("static") / "page"
-    libraries = _libraries()
-    if next((name for name in ("chromium", "chromium-browser", "google-chrome") if shutil.which(name)), None) is None:
-        pytest.skip("no browser is installed")
-    write_static(folder, G1, {"plat": Path("plat-g1"), "imagined": Path("imagined-g1")}, Timing(), libraries)
-    handler = functools.partial(http.server.SimpleHTTPRequestHandler, directory=str(folder))
-    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    yield f"http://127.0.0.1:{server.server_port}/"
-    server.shutdown()
+    write_static(folder, G1, {"plat": Path("plat-g1"), "imagined": Path("imagined-g1")}, Timing(), _libraries())
+    with _served(folder) as address:
+        yield address
 
 
 @pytest.mark.slow
 def test_trajectories_and_scores_are_pythons(address, tmp_path):
     """The same keyframe file, in a headless Chromium and here."""
-    sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    names = ("chromium", "chromium-browser", "google-chrome")
-    path = next(path for name in names if (path := shutil.which(name)))
-    with sync.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=path, args=["--no-sandbox", "--enable-unsafe-swiftshader"])
-        page = browser.new_page()
-        page.set_default_timeout(180_000)
+    with _page() as page:
         page.goto(address)
         page.wait_for_function("window.platStudio !== undefined")
         for name, run, motion, pins in (("plat", "plat-g1", "bow", None), ("imagined", "imagined-g1", "wave", "hands")):
@@ -138,4 +166,3 @@ def test_trajectories_and_scores_are_pythons(address, tmp_path):
             scores = player.scores
             assert scores is not None
             assert [score["words"] for score in played["scores"]] == [score.words for score in scores]
-        browser.close()

@@ -116,21 +116,7 @@ class FilePanel:
         if not self._folder.taken(path):
             write()
             return
-        gui = self._page.gui
-        modal = gui.add_modal("Replace the file?")
-        with modal:
-            gui.add_markdown(f"`{path}` is there already.")
-            replace, cancel = gui.add_button("Replace", color="red"), gui.add_button("Cancel")
-
-        async def replaced(_: object) -> None:
-            modal.close()
-            self._page.desk.ask(write)
-
-        async def cancelled(_: object) -> None:
-            modal.close()
-
-        replace.on_click(replaced)
-        cancel.on_click(cancelled)
+        self._page.ask("Replace the file?", f"{path} is there already.", "Replace", write)
 
     def _loaded(self, name: str, load: Task) -> None:
         load()

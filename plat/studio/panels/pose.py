@@ -11,7 +11,7 @@ from plat.robots.robot import without_side
 from plat.rotations_np import heading_pitch_roll, quat_from_heading_pitch_roll
 from plat.studio.page import Page
 from plat.studio.pins import PRESETS, pinned, preset
-from plat.studio.poser import BALLS, HANDLES, Frame
+from plat.studio.poser import BALLS, HANDLES, WHOLE, Frame
 from plat.studio.templates import TEMPLATES
 
 __all__ = ["PosePanel"]
@@ -27,6 +27,8 @@ _POSITION_DIGITS = 3
 _UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 _HANDLE_COLOR, _CHOSEN_COLOR, _FREE_COLOR = (240, 140, 0), (28, 126, 214), (200, 205, 210)
 _CUSTOM = "what is pinned"
+_SIGHT = 15.0  # how far away the robot can be dragged (m)
+_REACH = 0.27  # length of the arrows (m)
 
 
 class PosePanel:
@@ -45,13 +47,13 @@ class PosePanel:
         self._template = gui.add_dropdown("Begin with", tuple(TEMPLATES), hint="Keyframes after the selected one.")
         page.buttons("", {"Add template": lambda: session.insert_template(self._template.value)})
         self._handle = gui.add_dropdown(
-            "Drag by", tuple(HANDLES), initial_value="left hand", hint="Or click on one of the balls."
+            "Drag by", (*HANDLES, WHOLE), initial_value="left hand", hint="Or drag one of the balls."
         )
         page.when_changed(self._handle, lambda: self._choose(self._handle.value))
         self._options = {
             "one limb only": gui.add_checkbox("One limb only", initial_value=False, hint="Nothing else moves along."),
             "symmetric": gui.add_checkbox("Symmetric", initial_value=False, hint="The other side does the same."),
-            "axes": gui.add_checkbox("Axes of the world", initial_value=False, hint="Else those of the limb. Key: W"),
+            "axes": gui.add_checkbox("World axes", initial_value=False, hint="Else those of the limb. Key: W"),
         }
         for box in self._options.values():
             page.when_changed(box, self._set_options)
@@ -67,7 +69,7 @@ class PosePanel:
         page.buttons("Put", {"On floor": session.drop, "Feet flat": session.flatten_feet, "Standing": session.stand})
         self.robot_hidden = gui.add_checkbox("Hide the robot", initial_value=False, hint="While posing. Key: H")
         self.onion = gui.add_checkbox(
-            "Poses before and after", initial_value=True, hint="In blue and in orange. Key: O"
+            "Neighbors", initial_value=True, hint="The poses before (blue) and after (orange). Key: O"
         )
         for box in (self.robot_hidden, self.onion):
             page.when_changed(box)
@@ -83,10 +85,12 @@ class PosePanel:
                     if name.startswith(starts):
                         self._sliders[joint] = self._slider(joint, name)
         scene = page.server.scene
-        self._gizmo = scene.add_transform_controls(f"{world}/gizmo", scale=0.23, line_width=4.0, depth_test=False)
+        self._gizmo = scene.add_transform_controls(
+            f"{world}/gizmo", scale=_REACH, line_width=4.0, depth_test=False, disable_sliders=True
+        )
         self._ring = scene.add_transform_controls(
             f"{world}/ring",
-            scale=0.23,
+            scale=_REACH,
             line_width=5.0,
             depth_test=False,
             active_axes=(True, True, False),
@@ -94,10 +98,11 @@ class PosePanel:
             disable_sliders=True,
             visible=False,
         )
+        self._pulled_from = self._pulled = np.zeros(3)
         self._gizmo.on_update(self._dragged)
         self._ring.on_update(self._turned)
         self._dragging = False
-        self._balls = {name: self._ball(world, name) for name in HANDLES}
+        self._balls = {name: self._ball(world, name) for name in (*HANDLES, WHOLE)}
 
     def pin(self) -> None:
         """Pin the chosen handle, or take out its pin."""
@@ -165,7 +170,19 @@ class PosePanel:
         async def clicked(_: viser.SceneNodePointerEvent[viser.IcosphereHandle]) -> None:
             self._page.desk.ask(choose)
 
+        tasks = {"start": lambda: self._grab_ball(name), "update": self._pull, "end": self._release}
+
+        async def dragged(event: viser.SceneNodeDragEvent[viser.IcosphereHandle]) -> None:
+            if event.phase == "start":
+                self._pulled_from = np.array(event.start_position)
+            end = np.array(event.end_position)
+            if name == WHOLE:
+                end = _on_level(end, event.client.camera.position, self._pulled_from[2])
+            self._pulled = end - self._pulled_from
+            self._page.desk.ask(tasks[event.phase], once=event.phase == "update")
+
         ball.on_click(clicked)
+        ball.on_drag(dragged)
         return ball
 
     def _move(self) -> None:
@@ -199,6 +216,16 @@ class PosePanel:
         if self._world_axes and self._grabbed is not None:
             quat = _multiplied(quat, self._grabbed[0].quat)  # the gizmo began upright
         self._page.session.drag(Frame(pos, quat))
+
+    def _grab_ball(self, name: str) -> None:
+        self._choose(name)
+        self._grab()
+        self._dragging = False  # the arrows come along
+
+    def _pull(self) -> None:
+        if self._grabbed is not None:
+            pos, quat = self._grabbed[0]
+            self._page.session.drag(Frame(pos + self._pulled, quat))
 
     def _release(self) -> None:
         self._page.session.release()
@@ -244,8 +271,10 @@ class PosePanel:
             _set(ball, "visible", posing)
             ball.position = _beside(frames[name], BALLS[name.split()[-1]])
             chosen = name == self._handle.value and self._joint is None
-            _set(ball, "color", _CHOSEN_COLOR if chosen else _HANDLE_COLOR if name in pins else _FREE_COLOR)
+            commanded = name in pins or (name == WHOLE and "pelvis" in pins)
+            _set(ball, "color", _CHOSEN_COLOR if chosen else _HANDLE_COLOR if commanded else _FREE_COLOR)
         _set(self._gizmo, "visible", posing and self._joint is None)
+        _set(self._gizmo, "disable_rotations", self._handle.value.endswith(("elbow", "knee")))  # those are points
         _set(self._ring, "visible", posing and self._joint is not None)
         if self._dragging:  # the mouse has it
             return
@@ -268,6 +297,14 @@ class PosePanel:
 def _set(handle: Any, field: str, value: Any) -> None:
     if getattr(handle, field) != value:
         setattr(handle, field, value)
+
+
+def _on_level(point: np.ndarray, camera: np.ndarray, height: float) -> np.ndarray:
+    """Return where the ray from a camera through a point is at a height (m), or as far as one can see."""
+    ray, rise = point - camera, height - camera[2]
+    share = rise / ray[2] if rise * ray[2] > 0 else np.inf
+    far = _SIGHT / max(float(np.linalg.norm(ray[:2])), 1e-6)
+    return np.array([*(camera + min(share, far) * ray)[:2], height])
 
 
 def _beside(frame: Frame, offset: tuple[float, float, float]) -> np.ndarray:

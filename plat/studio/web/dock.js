@@ -4,8 +4,12 @@
   "use strict";
   const state = { timeline: null, time: null, notes: [], busy: [], file: null, check: null, view: {} };
   const SVG = "http://www.w3.org/2000/svg";
-  const COLORS = { reached: "#12a15e", late: "#f76707", fell: "#d6363b", waiting: "#8593a0" };
-  let socket = null, lastNote = null, drag = null, zoom = null, framed = null, soon = null, opened = false;
+  const COLORS = { reached: "var(--green)", late: "var(--late)", fell: "var(--red)", waiting: "var(--idle)" };
+  const ICONS = {
+    play: "M5 3v10l8-5z", pause: "M5 3.5v9M11 3.5v9", stop: "M4 4h8v8H4z", back: "M11 3.5v9L5.5 8zM4 3.5v9", ahead: "M5 3.5v9L10.5 8zM12 3.5v9",
+    loop: "M3 7a5 5 0 0 1 9-2.2L13 6M13 2.8V6H9.8M13 9a5 5 0 0 1-9 2.2L3 10M3 13.2V10h3.2", undo: "M6 3 3 6l3 3M3 6h6.5a3.5 3.5 0 0 1 0 7H6", redo: "M10 3l3 3-3 3M13 6H6.5a3.5 3.5 0 0 0 0 7H10",
+  };
+  let socket = null, lastNote = null, asked = null, tabbed = false, drag = null, zoom = null, framed = null, soon = null, opened = false;
 
   // what is sent
 
@@ -27,6 +31,7 @@
   function told(news) {
     Object.assign(state, news);
     if (news.notes) showNotes();
+    if ("question" in news) showQuestion();
     show();
   }
 
@@ -67,8 +72,14 @@
 
   const at = {}; // elements by name
   function button(name, text, hint, action) {
-    at[name] = make("button", { text, title: hint, "aria-label": hint.split(" (")[0], onclick: () => { action(); at[name].blur(); } });
+    // after a click the keys are the studio's again; who came by Tab stays
+    at[name] = make("button", { text, title: hint, "aria-label": hint.split(" (")[0], onclick: (event) => { action(); if (event.detail) at[name].blur(); } });
+    if (text in ICONS) at[name].replaceChildren(icon(text));
     return at[name];
+  }
+
+  function icon(name) {
+    return draw("svg", { class: "icon", viewBox: "0 0 16 16", "aria-hidden": true }, draw("path", { d: ICONS[name] }));
   }
 
   function primary(element) {
@@ -94,20 +105,20 @@
     at.file = make("span", { class: "file" });
     at.dock = make("div", { id: "dock" },
       make("div", { class: "bar" },
-        primary(button("play", "Play", "Play or pause (space)", () => send("toggle"))),
-        button("stop", "■", "Stop and go to the start (Esc)", () => send("stop")),
-        button("back", "◂", "A step back (,)", () => send("step", { value: -1 })),
-        button("ahead", "▸", "A step ahead (.)", () => send("step", { value: 1 })),
+        primary(button("play", "", "Play or pause (space)", () => send("toggle"))),
+        button("stop", "stop", "Stop and go to the start (Esc)", () => send("stop")),
+        button("back", "back", "A step back (,)", () => send("step", { value: -1 })),
+        button("ahead", "ahead", "A step ahead (.)", () => send("step", { value: 1 })),
         at.speed,
-        button("loop", "⟲", "Loop (L)", () => send("loop")),
+        button("loop", "loop", "Loop (L)", () => send("loop")),
         at.clock, gap(),
         button("add", "Add", "Add a keyframe (A)", () => send("add")),
         button("copy", "Copy", "Copy (Ctrl+C)", () => send("copy")),
         button("paste", "Paste", "Paste (Ctrl+V)", () => send("paste")),
         button("mirror", "Mirror", "Mirror left and right (M)", () => send("mirror")),
         button("remove", "Delete", "Delete (Del)", () => send("remove")),
-        button("undo", "↶", "Undo (Ctrl+Z)", () => send("undo")),
-        button("redo", "↷", "Redo (Ctrl+Shift+Z)", () => send("redo")),
+        button("undo", "undo", "Undo (Ctrl+Z)", () => send("undo")),
+        button("redo", "redo", "Redo (Ctrl+Shift+Z)", () => send("redo")),
         gap(), field("name", "name", "Name", "rename"),
         make("label", { text: "takes" }), field("interval", "number", "Takes (s)", "interval"),
         make("label", { text: "held" }), field("hold", "number", "Held (s)", "hold"),
@@ -121,8 +132,9 @@
     at.pill = make("div", { class: "dock-pill", role: "status" }, make("span", { class: "dock-spin" }), at.pillText = make("span"));
     at.notes = make("div", { id: "dock-notes", role: "alert" });
     at.cover = make("div", { id: "dock-cover" }, make("span", { class: "dock-spin" }), at.coverTitle = make("b"), at.coverText = make("span"));
-    at.sheet = make("div", { id: "dock-help", role: "dialog", "aria-label": "Help", onclick: () => help(false) }, helpSheet());
-    document.body.append(at.dock, at.pill, at.notes, at.cover, at.sheet);
+    at.sheet = make("dialog", { id: "dock-help", class: "dock-sheet", "aria-label": "Help", autofocus: "", onclick: (event) => { if (event.target === at.sheet) help(); } }, ...helpSheet());
+    at.question = make("dialog", { class: "dock-sheet", "aria-label": "Question", onclose: () => answer(at.question.returnValue === "yes") });
+    document.body.append(at.dock, at.pill, at.notes, at.cover, at.sheet, at.question);
     cover("plat keyframe studio", "Loading the robot …");
     at.track.addEventListener("pointerdown", down);
     at.track.addEventListener("pointermove", move);
@@ -132,7 +144,7 @@
     at.track.addEventListener("wheel", wheel, { passive: false });
     new ResizeObserver(show).observe(at.track);
     window.addEventListener("keydown", key, true);
-    window.addEventListener("beforeunload", () => send("leave"));
+    window.addEventListener("pointerdown", () => { tabbed = false; }, true);
   }
 
   function cover(title, text) {
@@ -245,20 +257,26 @@
       || (element.tagName === "INPUT" && !["checkbox", "radio", "button", "range"].includes(element.type)));
   }
 
+  // space, Enter and arrows belong to what somebody has come to by Tab
+  function operating(event) {
+    return tabbed && [" ", "Enter", "ArrowLeft", "ArrowRight", "Home", "End"].includes(event.key)
+      && event.target.matches("button, a, input, [role=tab], [role=slider]");
+  }
+
   function key(event) {
     const control = event.ctrlKey || event.metaKey;
+    if (event.key === "Tab") tabbed = true;
+    if (document.querySelector("dialog[open]") && !(event.key === "?" && at.sheet.open)) return;
     if (typing(event.target) && !(control && event.key === "s")) return;
-    if (event.altKey) return;
+    if (event.altKey || operating(event)) return;
     let what = control ? CONTROL[event.key] || CONTROL[event.key.toLowerCase()] : KEYS[event.key] || KEYS[event.key.toLowerCase()];
     if (control && event.shiftKey && event.key.toLowerCase() === "z") what = ["redo"];
     if (control && event.key === "c" && String(getSelection())) return; // text that is marked is copied as text
     let done = true;
-    if (event.key === "Escape" && at.sheet.classList.contains("shown")) help(false);
-    else if (!control && event.key === "?") help();
+    if (!control && event.key === "?") help();
     else if (!control && (event.key === "+" || event.key === "=")) zoomBy(1.5);
     else if (!control && event.key === "-") zoomBy(1 / 1.5);
     else if (!control && event.key === "0") { zoom = null; show(); }
-    else if (event.key === "Escape" && document.querySelector("[role=dialog]:not(#dock-help)")) return;
     else if (what) send(...what);
     else done = false;
     if (done) {
@@ -267,20 +285,46 @@
     }
   }
 
-  function help(on) {
-    at.sheet.classList.toggle("shown", on);
+  function help() {
+    if (at.sheet.open) at.sheet.close();
+    else at.sheet.showModal();
+  }
+
+  // questions: the server's, and the first answer counts
+
+  function ask({ id, title, text, yes }) {
+    const button = (value, attributes) => make("button", { ...attributes, value });
+    at.question.replaceChildren(make("form", { method: "dialog" }, make("h2", { text: title }), make("p", { text }),
+      make("div", { class: "row" }, button("no", { text: "Cancel" }), button("yes", { text: yes, class: "play", autofocus: "" }))));
+    at.question.returnValue = "no";
+    if (!at.question.open) at.question.showModal();
+    asked = id;
+  }
+
+  function answer(yes) {
+    if (asked !== null) send("answer", { id: asked, yes });
+    asked = null;
+  }
+
+  function showQuestion() {
+    const { question } = state;
+    if (question && question.id !== asked) ask(question);
+    else if (!question && at.question.open) {
+      asked = null;
+      at.question.close();
+    }
   }
 
   function helpSheet() {
     const parts = {
-      "Play": [["space", "play, pause, go on"], ["Esc", "stop, to the start"], [", .", "a control step back, ahead"], ["< >", "ten steps"], ["L", "loop"]],
+      "Play": [["Space", "play, pause, go on"], ["Esc", "stop, to the start"], [", .", "a control step back, ahead"], ["< >", "ten steps"], ["L", "loop"]],
       "Keyframes": [["A", "add: at the playhead, or after the selected one"], ["← →", "select the one before, after"], ["[ ]", "a step earlier, later"],
-        ["Del", "delete"], ["Ctrl C X V", "copy, cut, paste"], ["Ctrl Z", "undo; with Shift: redo"], ["Ctrl S", "save"], ["Home End", "first, last"]],
+        ["Del", "delete"], ["Ctrl C X V", "copy, cut, paste"], ["Ctrl Z", "undo; with Shift: redo"], ["Ctrl S", "save"], ["Home End", "the start, the last one"]],
       "Pose": [["M", "mirror left and right"], ["T", "stand"], ["G", "lowest point on the floor"], ["P", "command the handle, or leave it to the policy"], ["W", "handle along the world or the limb"], ["F", "look at the pose"],
-        ["H", "hide the robot while posing"], ["O", "poses before and after on, off"]],
+        ["H", "hide the robot while posing"], ["O", "poses before and after on, off"], ["?", "this sheet"]],
       "Mouse, in the timeline": [["click", "select a keyframe; elsewhere: move the playhead"], ["drag", "a keyframe to another time; its right edge to hold it"],
-        ["double click", "add a keyframe there"], ["wheel", "zoom; with Shift: move"], ["+ - 0", "zoom in, out, fit"]],
-      "Mouse, in the scene": [["ball", "click it, then drag its arrows and rings"], ["limb", "click it to turn its joint"], ["drag", "turn the view; right button: move it"], ["wheel", "nearer, farther"]],
+        ["double click", "add a keyframe there"], ["wheel", "zoom, as two fingers that part; with Shift, or sideways: move"], ["+ - 0", "zoom in, out, fit"]],
+      "Mouse, in the scene": [["ball", "drag it; or click it, then drag its arrows and rings"], ["limb", "click it, then drag the ring of its joint"], ["drag", "turn the view; right button: move it"], ["wheel", "nearer, farther"]],
     };
     const columns = make("div", { class: "columns" });
     for (const [title, rows] of Object.entries(parts)) {
@@ -292,7 +336,7 @@
       }
       columns.append(make("section", {}, make("h3", { text: title }), table));
     }
-    return make("div", {}, make("h2", { text: "Keys and mouse" }), columns);
+    return [make("h2", { text: "Keys and mouse" }), columns, make("button", { class: "corner", text: "×", "aria-label": "Close", onclick: () => help() })];
   }
 
   // what is shown
@@ -319,11 +363,12 @@
     if (!timeline || !time || !at.dock) return;
     if (!opened || at.cover.style.display !== "none") uncover();
     const pose = timeline.poses[timeline.selected], playing = time.mode === "playing", first = timeline.selected === 0;
-    at.play.textContent = playing ? "❚❚ Pause" : time.mode === "paused" ? "▶ Go on" : "▶ Play";
+    const label = playing ? "Pause" : time.mode === "paused" ? "Go on" : "Play";
+    if (at.play.textContent !== label) at.play.replaceChildren(icon(playing ? "pause" : "play"), label);
     at.play.disabled = timeline.poses.length === 1;
     at.loop.classList.toggle("on", time.loop);
     if (document.activeElement !== at.speed) at.speed.value = time.speed;
-    at.clock.textContent = `${time.cursor.toFixed(2)} / ${Math.max(timeline.duration, 0).toFixed(2)} s`;
+    at.clock.replaceChildren(make("b", { text: time.cursor.toFixed(2) }), make("span", { text: ` / ${Math.max(timeline.duration, 0).toFixed(2)} s` }));
     at.undo.disabled = !timeline.undo;
     at.redo.disabled = !timeline.redo;
     at.paste.disabled = !timeline.paste;
@@ -342,10 +387,20 @@
   function uncover() {
     if (!document.querySelector("#root canvas")) { setTimeout(show, 100); return; }
     at.cover.style.display = "none";
+    if (!opened && window.platSoftware) softly();
     if (!opened && state.file && state.file.restorable)
-      showNote({ kind: "error", title: "Autosave", text: "Keyframes of an earlier session were not saved: Files, Restore autosave." });
+      showNote({ kind: "info", title: "Unsaved work", text: "Keyframes of an earlier session were not saved: Files, Restore autosave." });
     opened = true;
   }
+
+  function softly() { // in place of a warning that would stay in front of the scene
+    const warned = () => [...document.querySelectorAll(".mantine-Notification-root")].filter((box) => box.textContent.includes("Software WebGL"));
+    new MutationObserver(() => warned().forEach((box) => { box.style.display = "none"; })).observe(document.body, { childList: true, subtree: true });
+    warned().forEach((box) => { box.style.display = "none"; });
+    showNote({ kind: "info", title: "Drawn in software", text: "This browser uses no GPU: the picture is coarser and has no shadows." });
+  }
+
+  const spoken = (text) => text.replaceAll("_", " "); // joints as people say them
 
   function fill(input, value) {
     if (document.activeElement !== input && input.value !== value) input.value = value;
@@ -354,13 +409,13 @@
   function showWords(pose) {
     at.words.replaceChildren();
     if (pose.result) at.words.append(make("span", { class: pose.status === "reached" ? "good" : "bad", text: pose.result }), "  ·  ");
-    if (pose.words.length) at.words.append(make("span", { class: "bad", text: pose.words.join("; ") }));
-    else at.words.append(make("span", { text: [state.check, pose.joint && `fastest: ${pose.joint} ${pose.speed.toFixed(1)} rad/s`].filter(Boolean).join("  ·  ") }));
+    if (pose.words.length) at.words.append(make("span", { class: "bad", text: spoken(pose.words.join("; ")) }));
+    else at.words.append(make("span", { text: [state.check, pose.speed > 0.05 && `fastest joint: ${spoken(pose.joint)}, ${pose.speed.toFixed(1)} rad/s`].filter(Boolean).join("  ·  ") }));
     at.words.title = at.words.textContent;
   }
 
   function mixed(share) { // green, amber, red
-    return share > 1 ? "#d6363b" : share > 0.6 ? "#e08700" : "#a8c8b5";
+    return share > 1 ? "var(--red)" : share > 0.6 ? "var(--amber)" : "var(--calm)";
   }
 
   function showTrack(timeline, time) {
@@ -368,53 +423,65 @@
     const height = at.track.clientHeight || 90, axis = 30, middle = Math.round(axis + (height - axis) * 0.42), parts = [];
     const step = [0.02, 0.1, 0.2, 0.5, 1, 2, 5, 10].find((unit) => unit * framed.scale > 46) || 10;
     const begin = Math.max(Math.floor(framed.from / step), 0), count = Math.ceil(framed.width / framed.scale / step) + 1;
-    parts.push(draw("rect", { x: 0, y: 0, width: framed.width, height: axis - 8, fill: "#f4f6f8" }));
+    parts.push(draw("rect", { x: 0, y: 0, width: framed.width, height: axis - 8, fill: "var(--ruler)" }));
     for (let number = begin; number < begin + count; number++) {
-      const x = toX(number * step), label = draw("text", { x, y: 15, "text-anchor": "middle" });
+      const x = toX(number * step), label = draw("text", { x, y: 15, "text-anchor": "middle", class: "ruler" });
       label.textContent = `${+(number * step).toFixed(2)} s`;
-      parts.push(draw("line", { x1: x, x2: x, y1: axis - 8, y2: height, stroke: "#eaeef1" }), label);
+      parts.push(draw("line", { x1: x, x2: x, y1: axis - 8, y2: height, stroke: "var(--grid)" }), label);
     }
     parts.push(...curves(height, axis));
-    if (time.simulated > 0) parts.push(draw("rect", { x: toX(0), y: axis - 8, width: time.simulated * framed.scale, height: 3, fill: "#9cc4ea" }));
+    if (time.simulated > 0) parts.push(draw("rect", { x: toX(0), y: axis - 8, width: time.simulated * framed.scale, height: 3, fill: "var(--accent)", opacity: 0.5 }));
     let end = 0;
     timeline.poses.forEach((pose, number) => { // intervals, in the color of their fastest joint
       if (number > 0) {
-        const line = draw("line", { x1: toX(end), x2: toX(pose.time), y1: middle, y2: middle, stroke: mixed(pose.share), "stroke-width": 5, "data-share": pose.share });
-        line.append(tip(`${pose.joint} at up to ${pose.speed.toFixed(1)} rad/s`));
+        const line = draw("line", { x1: toX(end), x2: toX(pose.time), y1: middle, y2: middle, stroke: mixed(pose.words.length ? 2 : pose.share), "stroke-width": 5, "data-share": pose.share });
+        line.append(tip(`${spoken(pose.joint)} at up to ${pose.speed.toFixed(1)} rad/s`));
         parts.push(line);
       }
       end = pose.time + pose.hold;
     });
-    for (const mark of timeline.marks) parts.push(draw("circle", { cx: toX(mark), cy: middle, r: 3, fill: "#fff", stroke: "#8593a0" }));
+    for (const mark of timeline.marks) parts.push(draw("circle", { cx: toX(mark), cy: middle, r: 3, fill: "var(--paper)", stroke: "var(--idle)" }));
+    if (timeline.poses.length === 1) {
+      const hint = draw("text", { x: toX(0) + 30, y: middle + 5, class: "hint" });
+      hint.textContent = "No keyframes yet: press A, or double click here. Or choose a template under Pose.";
+      parts.push(hint);
+    }
+    const now = toX(time.cursor), taken = [-Infinity, -Infinity]; // where the labels of the two rows end
+    parts.push(draw("line", { x1: now, x2: now, y1: 10, y2: height, stroke: "var(--head)", "stroke-width": 2, "pointer-events": "none", "data-playhead": time.cursor }));
     timeline.poses.forEach((pose, number) => {
       const x = toX(pose.time), chosen = number === timeline.selected, size = chosen ? 10 : 8, color = COLORS[pose.status];
-      const group = draw("g", { class: chosen ? "key chosen" : "key", "data-key": number, role: "button", "aria-label": `keyframe ${pose.label}`, "aria-pressed": chosen });
+      const group = draw("g", { class: chosen ? "key chosen" : "key", "data-key": number, role: "button", "data-status": pose.status, "aria-label": `keyframe ${pose.label}`, "aria-pressed": chosen });
       if (pose.hold > 0) group.append(draw("rect", { x, y: middle - 7, width: pose.hold * framed.scale, height: 14, rx: 4, fill: color, opacity: 0.4 }));
       group.append(draw("rect", { x: x - 12, y: axis - 4, width: 24, height: height - axis, fill: "transparent" }),
-        draw("path", { d: `M${x} ${middle - size} l${size} ${size} l${-size} ${size} l${-size} ${-size}z`, fill: color, stroke: chosen ? "#1c7ed6" : "#fff", "stroke-width": chosen ? 3 : 2 }));
+        draw("path", { d: `M${x} ${middle - size} l${size} ${size} l${-size} ${size} l${-size} ${-size}z`, fill: color, stroke: chosen ? "var(--accent)" : "var(--paper)", "stroke-width": chosen ? 3 : 2 }));
       if (pose.words.length) {
-        const sign = draw("text", { x, y: middle - size - 3, "text-anchor": "middle", style: "fill:#d6363b;font-weight:700" });
+        const sign = draw("text", { x, y: middle - size - 3, "text-anchor": "middle", style: "fill:var(--red);font-weight:700" });
         sign.textContent = "▲!";
         group.append(sign);
       }
-      const text = draw("text", { x, y: middle + size + 13 + (number % 2 ? 12 : 0), "text-anchor": "middle" });
-      text.textContent = pose.label.length > 14 ? pose.label.slice(0, 13) + "…" : pose.label;
-      group.append(text, tip([pose.label, `${pose.time.toFixed(2)} s`, pose.result, ...pose.words].filter(Boolean).join("\n")));
+      const words = pose.label.length > 14 ? pose.label.slice(0, 13) + "…" : pose.label, half = 3.2 * words.length + 4;
+      const row = taken.findIndex((end) => x - half >= end);
+      if (row >= 0 || chosen) { // a label that has no room is left out; the tip has it
+        const text = draw("text", { x, y: middle + size + 14 + 13 * Math.max(row, 0), "text-anchor": "middle" });
+        text.textContent = words;
+        group.append(text);
+        taken[Math.max(row, 0)] = x + half;
+      }
+      group.append(tip([pose.label, `${pose.time.toFixed(2)} s`, pose.result, ...pose.words.map(spoken)].filter(Boolean).join("\n")));
       parts.push(group);
       if (number > 0) {
         const edge = x + Math.max(pose.hold * framed.scale, size + 2);
         if (chosen || pose.hold > 0)
-          parts.push(draw("rect", { class: "edge", "data-edge": number, x: edge - 3, y: middle - 10, width: 8, height: 20, rx: 3, fill: chosen ? "#1c7ed6" : "#b9c4ce", opacity: 0.75 }, tip("Drag to hold the pose")));
+          parts.push(draw("g", { class: "edge", "data-edge": number }, draw("rect", { x: edge - 3, y: middle - 14, width: 18, height: 28, fill: "transparent" }),
+            draw("rect", { x: edge - 1, y: middle - 10, width: 6, height: 20, rx: 3, fill: chosen ? "var(--accent)" : "var(--off)" }), tip("Drag to hold the pose")));
       }
     });
-    const now = toX(time.cursor);
-    parts.push(draw("path", { d: `M${now - 6} 0 h12 v8 l-6 7 l-6 -7z`, fill: "#f08c00", "pointer-events": "none" }),
-      draw("line", { x1: now, x2: now, y1: 10, y2: height, stroke: "#f08c00", "stroke-width": 2, "pointer-events": "none", "data-playhead": time.cursor }));
+    parts.push(draw("path", { d: `M${now - 6} 0 h12 v8 l-6 7 l-6 -7z`, fill: "var(--head)", "pointer-events": "none" }));
     at.track.replaceChildren(...parts);
   }
 
   function curves(height, axis) { // how far each robot was from its keyframe, at the foot of the track
-    const { dt, of } = state.distances || { of: [] }, colors = ["#1c7ed6", "#e8590c"];
+    const { dt, of } = state.distances || { of: [] }, colors = ["var(--blue)", "var(--late)"];
     const most = Math.max(0.1, ...of.flat()), high = 0.5 * (height - axis);
     return of.flatMap((values, robot) => {
       if (values.length < 2) return [];

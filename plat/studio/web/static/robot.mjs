@@ -4,6 +4,15 @@ import { conjugate, exponential, heading, logarithm, multiply, normalized, rotat
 const DRAGGED = [3, 0.3], POINT = [3, 0], HELD = [15, 5], HELD_FOOT = [30, 10], REST = 0.03, DAMPING = 1e-4, ERROR_DAMPING = 0.1;
 const ITERATIONS = 30, SETTLED = 1e-4, ON_FLOOR = 0.015;
 
+/* The point on the floor below the root, with the root's heading. */
+const spot = (qpos) => ({ pos: [qpos[0], qpos[1], 0], quat: heading(qpos.slice(3, 7)) });
+
+/* The pose as it is, at another place and heading. */
+function carried(qpos, target) {
+  const here = spot(qpos), turn = multiply(heading(target.quat), conjugate(here.quat));
+  return [...qpos.slice(0, 3).map((value, axis) => value + target.pos[axis] - here.pos[axis]), ...multiply(turn, qpos.slice(3, 7)), ...qpos.slice(7)];
+}
+
 export class Robot {
   constructor(mujoco, site) {
     Object.assign(this, { mujoco, site });
@@ -45,7 +54,7 @@ export class Robot {
   /* The frame of each handle in a pose. */
   frames(qpos) {
     this.place(qpos);
-    return Object.fromEntries(Object.entries(this.site.handles).map(([name, handle]) => [name, this.frame(handle)]));
+    return Object.fromEntries(Object.entries(this.site.handles).map(([name, handle]) => [name, handle.body === null ? spot(qpos) : this.frame(handle)]));
   }
 
   frame({ body, pos }) {
@@ -83,6 +92,7 @@ export class Robot {
 
   /* The pose with a handle at a target, or as near as joint limits and held handles allow; weighted damped least squares. */
   dragged(qpos, handle, target, held, rest, limbOnly) {
+    if (this.site.handles[handle].body === null) return carried(rest, target);
     const point = /(elbow|knee)$/.test(handle);
     const tasks = [{ handle, target, cost: point ? POINT : DRAGGED }];
     let free = null;

@@ -60,7 +60,7 @@ class Figure {
     this.look = look;
     this.meshes = [...geometries].map(([body, geometry]) => {
       const own = look.color === undefined;
-      const material = new THREE.MeshStandardMaterial({ roughness: 0.6, vertexColors: own, color: own ? 0xffffff : look.color, transparent: (look.opacity ?? 1) < 1, opacity: look.opacity ?? 1, depthWrite: (look.opacity ?? 1) > 0.5 });
+      const material = new THREE.MeshLambertMaterial({ vertexColors: own, color: own ? 0xffffff : look.color, transparent: (look.opacity ?? 1) < 1, opacity: look.opacity ?? 1, depthWrite: (look.opacity ?? 1) > 0.5 });
       const mesh = new THREE.Mesh(geometry, material);
       mesh.userData.body = body;
       mesh.castShadow = own;
@@ -92,7 +92,7 @@ class Figure {
 export class Scene {
   constructor(host, robot, { grab, drag, release, choose, clickBody }) {
     this.robot = robot;
-    const renderer = (this.renderer = new THREE.WebGLRenderer({ antialias: !window.platSoftware, preserveDrawingBuffer: true }));
+    const renderer = (this.renderer = new THREE.WebGLRenderer({ antialias: true }));
     renderer.setPixelRatio(window.platSoftware ? 0.75 : Math.min(devicePixelRatio, 2));
     renderer.shadowMap.enabled = !window.platSoftware;
     host.append(renderer.domElement);
@@ -101,9 +101,9 @@ export class Scene {
     scene.fog = new THREE.Fog(0xc6d1dc, 8, 22);
     const camera = (this.camera = new THREE.PerspectiveCamera(45, 1, 0.05, 100));
     camera.up.set(0, 0, 1);
-    camera.position.set(2.45, -1.65, 1.2);
+    camera.position.set(2.1, -1.45, 1.15);
     this.orbit = new OrbitControls(camera, renderer.domElement);
-    this.orbit.target.set(0, 0, 0.6);
+    this.orbit.target.set(0, 0, 0.63);
     this.orbit.update();
     this.orbit.addEventListener("change", () => this.draw());
     scene.add(new THREE.HemisphereLight(0xffffff, 0xa0a8b2, 2.2));
@@ -118,7 +118,7 @@ export class Scene {
     beside.position.set(0, 1, 0);
     world.add(beside);
     scene.add(world);
-    const floor = new THREE.Mesh(new THREE.PlaneGeometry(60, 60), new THREE.MeshStandardMaterial({ map: tiles(60 / 0.5), roughness: 1 }));
+    const floor = new THREE.Mesh(new THREE.PlaneGeometry(60, 60), new THREE.MeshLambertMaterial({ map: tiles(60 / 0.5) }));
     floor.receiveShadow = true;
     world.add(floor);
     const geometries = shapes(robot.model), figure = (parent, look) => new Figure(parent, geometries, look);
@@ -159,15 +159,43 @@ export class Scene {
       scene.add(gizmo.getHelper());
       return gizmo;
     });
-    const ray = new THREE.Raycaster();
-    let pressed = null;
-    renderer.domElement.addEventListener("pointerdown", (event) => { pressed = [event.clientX, event.clientY]; });
-    renderer.domElement.addEventListener("pointerup", (event) => {
-      if (!pressed || this.dragging || Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 4) return;
-      const box = renderer.domElement.getBoundingClientRect();
-      ray.setFromCamera(new THREE.Vector2(((event.clientX - box.left) / box.width) * 2 - 1, 1 - ((event.clientY - box.top) / box.height) * 2), camera);
+    const ray = new THREE.Raycaster(), { domElement } = renderer;
+    const aim = ({ clientX, clientY }) => {
+      const box = domElement.getBoundingClientRect();
+      ray.setFromCamera(new THREE.Vector2(((clientX - box.left) / box.width) * 2 - 1, 1 - ((clientY - box.top) / box.height) * 2), camera);
+    };
+    let pressed = null, pulled = null; // where the mouse went down, and the ball that it has
+    host.addEventListener("pointerdown", (event) => { // before the view takes it
+      pressed = [event.clientX, event.clientY];
+      if (event.button !== 0 || this.gizmos.some((gizmo) => gizmo.axis !== null)) return;
+      aim(event);
       const ball = ray.intersectObjects(Object.values(this.balls).filter((one) => one.visible))[0];
-      if (ball) { choose(ball.object.userData.handle); return; }
+      if (!ball) return;
+      this.orbit.enabled = false;
+      domElement.setPointerCapture(event.pointerId);
+      pulled = { name: ball.object.userData.handle, from: ball.point, target: null };
+      // the place of the robot is moved along the floor, all else across the line of sight
+      const normal = robot.site.handles[pulled.name].body === null ? camera.up.clone() : camera.getWorldDirection(new THREE.Vector3());
+      pulled.plane = new THREE.Plane().setFromNormalAndCoplanarPoint(normal, ball.point);
+      choose(pulled.name);
+    }, true);
+    domElement.addEventListener("pointermove", (event) => {
+      if (!pulled || (pulled.target === null && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) <= 4)) return;
+      if (pulled.target === null) { pulled.target = this.target(); grab(); }
+      aim(event);
+      const to = ray.ray.intersectPlane(pulled.plane, new THREE.Vector3());
+      if (to) drag({ pos: to.sub(pulled.from).toArray().map((value, axis) => value + pulled.target.pos[axis]), quat: pulled.target.quat });
+    });
+    const letGo = () => {
+      if (pulled && pulled.target) release();
+      this.orbit.enabled = true;
+      pulled = null;
+    };
+    domElement.addEventListener("pointercancel", letGo);
+    domElement.addEventListener("pointerup", (event) => {
+      if (pulled) { letGo(); return; }
+      if (!pressed || this.dragging || Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 4) return;
+      aim(event);
       const hit = this.figures.pose.group.visible && ray.intersectObjects(this.figures.pose.meshes)[0];
       if (hit) clickBody(hit.object.userData.body);
     });

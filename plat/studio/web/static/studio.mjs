@@ -157,6 +157,7 @@ class Studio {
     let timeline;
     try { timeline = Timeline.of(this.site, read(text, this.site)); } catch (error) { throw new Error(`${name}: ${error.message}`); }
     this.edit(timeline);
+    this.saved = timeline;
     this.note("Loaded", `${name}: ${timeline.keyframes.length} keyframes`, "good");
     this.show();
   }
@@ -222,13 +223,13 @@ class Studio {
 
   get pins() {
     const { pose } = this.timeline, handles = this.site.pins;
-    if (!mask(pose, this.site)) return new Set([...Object.keys(handles), "pelvis", "head"]);
+    if (!mask(pose, this.site)) return new Set([...Object.keys(handles), "pelvis", "head", "whole robot"]);
     const pinned = Object.keys(handles).filter((name) => (pose.commands.bodies || []).includes(handles[name]));
     return new Set([...pinned, ...((pose.commands.root || []).length ? ["pelvis"] : [])]);
   }
 
   pin(name) {
-    const handle = name === "head" ? "chest" : name, pins = mask(this.timeline.pose, this.site) ? this.pins : new Set();
+    const handle = { head: "chest", "whole robot": "pelvis" }[name] ?? name, pins = mask(this.timeline.pose, this.site) ? this.pins : new Set();
     if (pins.has(handle)) pins.delete(handle); else pins.add(handle);
     this.command([...pins]);
   }
@@ -453,6 +454,6 @@ export async function begin(channel) {
     window.platStudio = studio;
   } catch (error) {
     console.error(error);
-    words("The studio could not be loaded.", location.protocol === "file:" ? "Pages from files cannot load it: serve the folder, for example with python -m http.server." : error.message);
+    words("The studio could not be loaded.", error.message);
   }
 }
