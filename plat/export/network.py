@@ -1,6 +1,7 @@
 """Policy as a function of a single observation vector, without TensorDict."""
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import torch
 from tensordict import NestedKey
@@ -61,6 +62,14 @@ class JointTargetNetwork(nn.Module):
         steps = list(_steps(policy.deployed()))
         self._check(steps)
         self._keys = [(step.in_keys, step.out_keys) for step in steps]
+        self._in_place = [isinstance(step.module, KeyframeShift) and step.in_keys[0][0] == "goal" for step in steps]
+        written = {key for step, moved in zip(steps, self._in_place, strict=True) if not moved for key in step.out_keys}
+        self._joined = [
+            isinstance(step.module, ObservationNormalizer)
+            and written.isdisjoint(step.in_keys)
+            and self._follow(step.in_keys)
+            for step in steps
+        ]
         self.parts = nn.ModuleList(step.module for step in steps)
         self.register_buffer("default_joint_pos", robot.default_joint_pos.clone())
         self.register_buffer("action_scale", robot.action_scale.clone())
@@ -83,17 +92,22 @@ class JointTargetNetwork(nn.Module):
         if "action" not in known:
             raise BundleError("the deployed policy writes no 'action'")
 
+    def _follow(self, keys: list[NestedKey]) -> bool:
+        """Return whether entries follow each other in the observation; several frames of an expert are the same one."""
+        return all(self._slices[before].stop == self._slices[after].start for before, after in pairwise(keys))
+
     def forward(self, observation: Tensor) -> Tensor:
         """Compute joint position targets ``[*B, J]`` (rad) for observations ``[*B, F]`` in the order of
         :attr:`keys`.
         """
         values: dict[NestedKey, Tensor] = {}
-        for part, (in_keys, out_keys) in zip(self.parts, self._keys, strict=True):
-            if isinstance(part, KeyframeShift) and in_keys[0] in self._slices:
+        steps = zip(self.parts, self._keys, self._in_place, self._joined, strict=True)
+        for part, (in_keys, out_keys), in_place, joined in steps:
+            if in_place and isinstance(part, KeyframeShift):
                 root, _, time_left = (observation[..., self._slices[key]] for key in in_keys)
                 observation = observation + (root * part.share(time_left)) @ self.shifts
                 continue
-            if isinstance(part, ObservationNormalizer) and not values:
+            if joined:
                 # it puts its entries side by side, and in the observation they are
                 first, last = self._slices[in_keys[0]], self._slices[in_keys[-1]]
                 results = part(observation[..., first.start : last.stop])

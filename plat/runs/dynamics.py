@@ -13,6 +13,7 @@ from plat.modules.dynamics import DynamicsConfig, DynamicsModel
 from plat.robots.robot import Robot
 from plat.runs.allocations import LimitedAllocations
 from plat.runs.json_object import read_json
+from plat.runs.locate import CONFIG_FILE, run_folder
 from plat.runs.saved_run import save_weights
 
 __all__ = ["DYNAMICS_FILE", "load_dynamics", "save_dynamics"]
@@ -31,7 +32,7 @@ def load_dynamics(
     """Return the dynamics model that a run has learned.
 
     Args:
-        folder: run directory of ``plat expert-model`` or ``plat imagine``.
+        folder: run directory of ``plat expert-model`` or ``plat imagine``, or the name of weights that come with plat.
         robot: the modeled robot.
         device: device of the model.
         num_parameters: of the robot's physics that it is to be told; a model that was told less knows nothing of them.
@@ -39,7 +40,8 @@ def load_dynamics(
     Raises:
         CheckpointError: naming file and field, when the run has no model, or one of another robot.
     """
-    path, settings = folder / DYNAMICS_FILE, read_json(folder / "config.json")
+    folder = run_folder(folder)
+    path, settings = folder / DYNAMICS_FILE, read_json(folder / CONFIG_FILE)
     if not path.exists():
         raise CheckpointError(f"{str(path)!r}: no such file; expected the run of `plat expert-model` or `plat imagine`")
     shape: Any = settings

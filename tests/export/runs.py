@@ -46,6 +46,8 @@ def small_policy(kind: str) -> Any:
     sizes = {"backbone": (32,), "hidden_size": 16, "decoder": (16,)}
     if kind == "expert":
         policy = Expert(G1, ExpertConfig(hidden=(32,)))
+    elif kind == "expert_of_frames":
+        policy = Expert(G1, ExpertConfig(hidden=(32,), action="reference_velocity", ahead=(1, 2, 5)))
     elif kind == "expert_with_lead":
         policy = Expert(G1, ExpertConfig(hidden=(32,), ahead=(1, 2), lead=0.1, catch_up=1.0))
     elif kind == "plain":

@@ -11,7 +11,7 @@ from plat.spec.observation import entry_shapes
 from tests.export.runs import KINDS, small_policy
 
 
-@pytest.mark.parametrize("kind", [*KINDS, "expert", "expert_with_lead"])
+@pytest.mark.parametrize("kind", [*KINDS, "expert", "expert_of_frames", "expert_with_lead"])
 def test_agrees_with_the_policy_on_tensordicts(kind):
     policy = small_policy(kind)
     observation = torch.randn(5, 177)

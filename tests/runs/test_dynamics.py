@@ -25,6 +25,16 @@ def test_a_saved_model_says_the_same(tmp_path):
         assert ours.equal(theirs)
 
 
+@pytest.mark.parametrize("name", ["imagined-g1", "expert-model-g1"])
+def test_models_come_with_plat(name):
+    """A robot at rest with the targets of its pose moves little in a control step, in the model as in simulation."""
+    standing = torch.tensor(G1.default_qpos, dtype=torch.float32)
+    state = GeneralizedState.unpack(torch.cat((standing, torch.zeros(35)))[None])
+    after = load_dynamics(name, G1)(state, standing[None, 7:])
+    assert (after.joint_pos - state.joint_pos).abs().max() < 0.02
+    assert (after.root_pos_w - state.root_pos_w).norm() < 0.01
+
+
 def test_what_is_wrong_is_named(tmp_path):
     run_of(tmp_path, hidden=(16,))
     with pytest.raises(CheckpointError, match=r"dynamics.safetensors': not a model of robot 'g1'"):
