@@ -10,7 +10,7 @@ from pathlib import Path
 
 from plat.errors import OutputError
 
-__all__ = ["check_file", "check_folder", "expand_home", "is_full", "replace_file", "replace_table"]
+__all__ = ["check_file", "check_folder", "expand_home", "is_full", "readable", "replace_file", "replace_table"]
 
 
 def replace_file(path: Path, write: Callable[[Path], object]) -> None:
@@ -82,6 +82,17 @@ def is_full(folder: Path) -> bool:
         return shutil.disk_usage(folder).free < 1 << 16
     except OSError:
         return False
+
+
+def readable(name: str) -> str:
+    r"""Return the name of a file as text, which every file can hold: bytes that are no UTF-8 become ``\udcNN``.
+
+    Python stands for such bytes, as in names from archives of other systems, by halves of surrogate pairs.
+
+    >>> readable(b"K\xf6ln".decode(errors="surrogateescape")), readable("Köln")
+    ('K\\udcf6ln', 'Köln')
+    """
+    return name.encode(errors="backslashreplace").decode()
 
 
 def expand_home(path: Path) -> Path:

@@ -10,6 +10,7 @@ from plat.deploy.runner import BUNDLE_FILE
 from plat.errors import PlatError
 from plat.evaluation import Entrant, Interface
 from plat.evaluation.cells import Candidate, fingerprint
+from plat.files import readable
 from plat.robots import get_robot
 from plat.runs.locate import CONFIG_FILE, run_folder
 from plat.runs.saved_run import WEIGHTS_FILE
@@ -40,14 +41,14 @@ def candidates_of(
         PlatError: when something cannot be loaded, or an ``.onnx`` file is of no tracker that plat knows.
     """
     released = {name: path for name, path in trackers.files().items() if path is not None}
-    names = [path.name for path in paths]
+    names = [readable(path.name) for path in paths]
     found: dict[Candidate, Entrant] = {}
     for path in paths:
         tracker = identify(path) if path.suffix == ".onnx" and path.is_file() else None
         if tracker is not None:
             released[tracker.name] = path
             continue
-        name = path.name if names.count(path.name) == 1 else str(path)
+        name = readable(path.name if names.count(readable(path.name)) == 1 else str(path))
         if path.suffix == ".onnx" or (path / BUNDLE_FILE).exists():
             found |= _once(name, partial(_bundle, path, robot), _files(path), "bundle")
         else:

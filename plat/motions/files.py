@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from plat.errors import MotionError
-from plat.files import replace_file
+from plat.files import readable, replace_file
 from plat.motions.clip import ASSUMED_RATE, MotionClip
 from plat.motions.formats import MotionFile, QuatOrder, ReadOptions, csv_text
 from plat.motions.formats.axes import Up
@@ -219,7 +219,8 @@ def _named_apart(files: list[MotionFile]) -> list[MotionFile]:
     def apart(clip: MotionClip, path: Path) -> MotionClip:
         if count[clip.name] < 2:
             return clip
-        name = f"{path.parent.name if clip.name == path.stem else path.stem}_{clip.name}"
+        stem = readable(path.stem)
+        name = f"{readable(path.parent.name) if clip.name == stem else stem}_{clip.name}"
         taken[name] += 1
         return replace(clip, name=name if taken[name] == 1 else f"{name}_{taken[name]}")
 
@@ -270,7 +271,9 @@ def _read(path: Path, options: ReadOptions) -> MotionFile:
     try:
         with path.open("rb") as file:
             refuse_foreign(file.read(64))
-        return READERS[ending](path, options)
+        read = READERS[ending](path, options)
+        # a name that is no text could be written nowhere
+        return replace(read, clips=[replace(clip, name=readable(clip.name)) for clip in read.clips])
     except MotionError as error:
         kind = UnfitRateError if isinstance(error, UnfitRateError) else MotionError
         raise kind(f"motion file {str(path)!r}: {_cut(error)}") from None

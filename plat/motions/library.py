@@ -6,6 +6,7 @@ import logging
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import cached_property
 from itertools import chain, pairwise
 from pathlib import Path
@@ -316,6 +317,10 @@ class MotionLibrary:
                 library = cls._built(source.clips(), source.most_frames(dt), robot, dt)
                 _warn_of_bad_clips(source.verdicts, files, drop_bad)
                 return library
+            if path is not None and path.stem != _content_hash(names, generated, paths, robot, dt, mirror, drop_bad):
+                # files that changed while they were read may be in it as they were before or after
+                with suppress(OSError):
+                    path.unlink()
         library = cls(cached.rows, cached.start, cached.length, cached.names, cached.dt, robot)
         _warn_of_bad_clips(cached.facts["verdicts"], files, drop_bad)
         return library

@@ -1,6 +1,7 @@
 """JSON objects of a run directory."""
 
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,9 @@ from plat import json_file
 from plat.errors import CheckpointError
 from plat.files import replace_file
 
-__all__ = ["read_json", "write_json"]
+__all__ = ["plain", "read_json", "write_json"]
+
+_HALVES = re.compile("[\ud800-\udfff]")
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -26,13 +29,23 @@ def read_json(path: Path) -> dict[str, Any]:
     return content
 
 
+def plain(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values as they come back from a JSON file: lists for tuples, and names that are no text made readable.
+
+    >>> plain({"out": "K\\udcf6ln", "hidden": (8, 8)})
+    {'out': 'K\\\\udcf6ln', 'hidden': [8, 8]}
+    """
+    text = json.dumps(content, ensure_ascii=False)
+    return json.loads(_HALVES.sub(lambda half: f"\\\\u{ord(half[0]):04x}", text))
+
+
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write a JSON object; the file is replaced atomically or not at all.
 
     Raises:
         CheckpointError: when the disk does not take it; what was there before is intact.
     """
-    text = json.dumps(content, indent=2) + "\n"
+    text = json.dumps(plain(content), indent=2) + "\n"
     try:
         replace_file(path, lambda part: part.write_text(text))
     except OSError as error:

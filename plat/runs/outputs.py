@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from plat.errors import CheckpointError
+from plat.files import readable
 from plat.runs.json_object import read_json
 from plat.runs.locate import CONFIG_FILE
 
@@ -25,6 +26,10 @@ def check_out(folder: Path, *, resume: bool) -> None:
     plat.errors.CheckpointError: '/nowhere/run' holds no run to go on with: leave out --resume to start one
     """
     config = folder / CONFIG_FILE
+    if readable(str(folder)) != str(folder):
+        raise CheckpointError(
+            f"{str(folder)!r}: its name is no UTF-8, weights cannot be read from there; choose another"
+        )
     if resume:
         if not config.exists():
             raise CheckpointError(f"{str(folder)!r} holds no run to go on with: leave out --resume to start one")

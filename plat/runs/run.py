@@ -11,7 +11,6 @@
 ====================  ====================================================================================
 """
 
-import json
 import subprocess
 import sys
 import time
@@ -33,7 +32,7 @@ from plat.runs.changes import changes
 from plat.runs.checkpoints import Checkpoints
 from plat.runs.inputs import changed_inputs
 from plat.runs.interrupts import StopSignal
-from plat.runs.json_object import read_json, write_json
+from plat.runs.json_object import plain, read_json, write_json
 from plat.runs.lock import LOCK_FILE, RunLock
 from plat.runs.loggers import LoggerName, check_logger, log_video, start_logging
 from plat.runs.metrics import MetricsFile
@@ -104,7 +103,7 @@ class Run:
         self._checkpoints = Checkpoints(
             folder / CHECKPOINTS, {"policy": policy, "budget": budget, "random": GlobalRNGState(), **state}
         )
-        config = _plain(
+        config = plain(
             {
                 "format": "plat-run",
                 "version": 1,
@@ -128,7 +127,7 @@ class Run:
             raise
         try:
             self._checkpoints.clear_leftovers()
-            self._inputs = _plain(dict(inputs or {}))
+            self._inputs = plain(dict(inputs or {}))
             if resume:
                 self._restore(config, self._inputs)
             else:
@@ -350,11 +349,6 @@ def _same_randomness() -> Iterator[None]:
         yield
     finally:
         generators.load_state_dict(before)
-
-
-def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    """Return values as they come back from a JSON file: lists for tuples."""
-    return json.loads(json.dumps(values))
 
 
 def _clock(seconds: float) -> str:

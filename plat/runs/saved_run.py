@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from torch.nn.parameter import is_lazy
 
 from plat.errors import CheckpointError
-from plat.files import replace_file
+from plat.files import readable, replace_file
 from plat.json_file import short
 from plat.runs.json_object import read_json
 from plat.runs.locate import CONFIG_FILE, run_folder
@@ -60,7 +60,7 @@ class SavedRun:
     @property
     def name(self) -> str:
         """Return the name of the directory."""
-        return self.folder.resolve().name
+        return readable(self.folder.resolve().name)
 
     @property
     def kind(self) -> str | None:

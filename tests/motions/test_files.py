@@ -1,4 +1,5 @@
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -214,6 +215,20 @@ def test_truncated_file(tmp_path, clip):
         (tmp_path / "bad.npz").write_bytes(content[:length])
         with pytest.raises(MotionError, match="not a readable"):
             load_motions(tmp_path / "bad.npz")
+
+
+def test_names_that_are_no_text_are_made_so(tmp_path, clip):
+    names = [os.fsdecode(b"K\xf6ln"), "Köln"]
+    for folder in names:
+        try:
+            (tmp_path / folder).mkdir()
+        except OSError:
+            pytest.skip("this file system has no such names")
+        save_csv(tmp_path / folder, replace(clip, name=names[0]))
+    found = load_motions(tmp_path)
+    assert {clip.name for clip in found} == {f"K\\udcf6ln_30fps_K\\udcf6ln{end}" for end in ("", "_2")}
+    save_motions(tmp_path / "all.npz", found)
+    assert {clip.name for clip in load_motions(tmp_path / "all.npz")} == {clip.name for clip in found}
 
 
 def test_reserved_and_repeated_names_are_refused(tmp_path, clip):

@@ -13,7 +13,7 @@ from safetensors.torch import save
 
 from plat.baselines import tuned_robot
 from plat.errors import MotionError
-from plat.motions import MotionClip, MotionLibrary, cache_dir, save_motions
+from plat.motions import MotionClip, MotionLibrary, cache_dir, load_motions, save_motions
 from plat.robots import G1
 from tests.conftest import standing_clip
 from tests.motions.formats.writers import bowing_clip, write_csv
@@ -175,6 +175,24 @@ def test_generated_motions_are_cached_until_the_version_of_tables_changes(tmp_pa
     assert made == ["train", "val"]
     monkeypatch.setattr("plat.motions.library.TABLE_VERSION", -1)
     assert MotionLibrary.load("generated:train").clip_names == ["train3"]
+
+
+def test_a_file_that_is_replaced_while_it_is_read_is_not_cached(tmp_path, monkeypatch):
+    monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
+    path = tmp_path / "a.npz"
+    first, second = ([standing_clip(name)] for name in ("first", "second"))
+    save_motions(path, first)
+    before = path.read_bytes()
+
+    def replaced(*arguments, **settings):
+        save_motions(path, second)
+        return load_motions(*arguments, **settings)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("plat.motions.library.load_motions", replaced)
+        assert MotionLibrary.load(path).clip_names == ["second"]
+    path.write_bytes(before)
+    assert MotionLibrary.load(path).clip_names == ["first"], "the cache held the second under the first one's name"
 
 
 def cut_short(content: bytes) -> bytes:

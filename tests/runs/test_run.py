@@ -396,6 +396,16 @@ def test_a_reader_that_leaves_costs_no_training(tmp_path, monkeypatch):
     assert start(tmp_path / "a", resume=True)[3].steps == 10
 
 
+def test_names_that_are_no_text(tmp_path):
+    """As Latin-1 names in archives of other systems are: a run ended with an error when it was done."""
+    name = os.fsdecode(b"K\xf6ln")
+    with pytest.raises(CheckpointError, match="its name is no UTF-8"):
+        start(tmp_path / name)
+    run, *_ = start(tmp_path / "a", inputs={"clips": [name]})
+    run.finish()
+    start(tmp_path / "a", resume=True, inputs={"clips": [name]})
+
+
 @pytest.mark.parametrize("moved", [True, False])
 def test_a_folder_that_is_moved_or_removed_is_begun_anew(tmp_path, capsys, moved):
     folder, other = tmp_path / "a", tmp_path / "b"
