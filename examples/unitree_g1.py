@@ -2,11 +2,10 @@
 
 python examples/unitree_g1.py bundle wave.json eth0
 
-UNTRIED on a robot and with the real SDK: only tried against a simulated G1 in another process, with a stand-in for the
-SDK that has the same classes and topics. What is taken from the SDK: topics rt/lowstate and rt/lowcmd, messages of
-unitree_hg, mode_machine echoed from the state, mode_pr 0, checksum by utils.crc, and the motion switcher to release the
-robot's own controller. Motors 0 to 28 are in plat's order of joints. Hang the robot up, keep a hand on the emergency
-stop, and read docs/onboard.md first.
+UNTRIED on a robot: only against a simulated G1 in another process, with the SDK on loopback and with a stand-in for it.
+What is taken from the SDK: topics rt/lowstate and rt/lowcmd, messages of unitree_hg, mode_machine echoed from the
+state, mode_pr 0, checksum by utils.crc, and the motion switcher to release the robot's own controller. Motors 0 to 28
+are in plat's order of joints. Hang the robot up, keep a hand on the emergency stop, and read docs/onboard.md first.
 """
 
 import queue

@@ -1,4 +1,4 @@
-"""A simulated G1 behind the stand-in: publishes low states, obeys low commands. Each command buys 20 ms of simulation.
+"""A simulated G1 behind the SDK or its stand-in: publishes low states, obeys low commands, 20 ms of simulation each.
 
 python robot.py SECONDS; prints a JSON object at the end. Commands with a wrong checksum or mode_machine are not obeyed.
 """
@@ -9,7 +9,7 @@ import sys
 
 import mujoco
 import numpy as np
-from unitree_sdk2py.core.channel import ChannelPublisher, ChannelSubscriber
+from unitree_sdk2py.core.channel import ChannelFactoryInitialize, ChannelPublisher, ChannelSubscriber
 from unitree_sdk2py.idl.default import unitree_hg_msg_dds__LowState_
 from unitree_sdk2py.idl.unitree_hg.msg.dds_ import LowCmd_, LowState_
 from unitree_sdk2py.utils.crc import CRC
@@ -28,6 +28,7 @@ def main(seconds):
     simulator.reset(standing(G1))
     sensors = SimulatedSensors(simulator, SensorNoise(), seed=1)
     commands = queue.Queue()
+    ChannelFactoryInitialize(0, "lo")
     publisher = ChannelPublisher("rt/lowstate", LowState_)
     publisher.Init()
     ChannelSubscriber("rt/lowcmd", LowCmd_).Init(commands.put, 10)
