@@ -16,6 +16,7 @@ __all__ = [
     "StateError",
     "StudioError",
     "TaskError",
+    "WorkerError",
 ]
 
 
@@ -77,3 +78,7 @@ class RecordsError(PlatError):
 
 class TaskError(PlatError):
     """Environment whose rewards, transforms or settings do not fit together."""
+
+
+class WorkerError(PlatError):
+    """Worker process, or cluster of them, that cannot be started or kept running."""

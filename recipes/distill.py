@@ -8,11 +8,13 @@ from typing import Any
 
 import torch
 from torch import nn
+from torchrl.envs import EnvBase
 
 from plat.cli.settings import parse
-from plat.collectors import ExpertLabels, MixedPolicy, dagger_buffer, rollouts
+from plat.collectors import ExpertLabels, MixedPolicy, collect, dagger_buffer
 from plat.envs import make_keyframe_env
-from plat.envs.transforms import horizon_named, pop_statistics
+from plat.envs.transforms import horizon_named
+from plat.errors import ConfigError
 from plat.evaluation import play
 from plat.modules import LatentPolicy, PlainPolicy, Teacher
 from plat.motions import MotionLibrary
@@ -38,16 +40,8 @@ def main(recipe: DistillRecipe) -> None:
     (timing_of(teacher) or timing).check_control_dt(timing.control_dt, f"--expert {str(recipe.expert)!r}")
     horizon = horizon_named(recipe.horizon, timing)
     check_partial(recipe.task.partial, recipe.policy.also)
-    env = make_keyframe_env(
-        library,
-        recipe.num_envs,
-        recipe.task,
-        horizon=horizon,
-        timing=timing,
-        dense_goals={},
-        transforms=teacher.references(library),
-        device=device,
-    )
+    if teacher.stateful and recipe.workers:
+        raise ConfigError("--workers: what this teacher remembers of a robot (--expert) is in one process, use 0")
     student: Any
     loss: Any
     if recipe.student == "latent":
@@ -63,25 +57,39 @@ def main(recipe: DistillRecipe) -> None:
     labels = teacher.labels()
     policy = MixedPolicy(student.sampled(), labels, recipe.expert_share, keep_labels=teacher.stateful)
     budget = Budget(recipe.minutes, recipe.steps)
-    source = rollouts(env, policy, recipe.rollout, recipe.precision)
+    source = collect(
+        partial(robots, teacher, config=recipe.task, horizon=horizon, timing=timing),
+        library,
+        recipe.num_envs,
+        policy,
+        recipe.rollout,
+        recipe.precision,
+        device=device,
+        workers=recipe.workers,
+        ahead=True,
+    )
     watch = partial(play, student.deployed(), library, 0, horizon, device=device)
     films = Films(recipe.out / "videos", library.robot, watch, recipe.video_every)
-    run = Run(
-        recipe.out,
-        recipe=recipe,
-        policy=student,
-        budget=budget,
-        state={"optimizer": optimizer, "rollouts": source, **({"buffer": buffer} if recipe.save_buffer else {})},
-        inputs=run_inputs(library, expert=teacher if isinstance(teacher, nn.Module) else None),
-        resume=recipe.resume,
-        save_every=recipe.save_every,
-        loggers=recipe.loggers,
-        film=films.take,
-    )
     labeled = ExpertLabels(None if teacher.stateful else labels, student.normalizer.in_keys, recipe.precision)
-    if not run.finished:
-        begins(recipe, library, recipe.precision, "failures that fall; plat evaluate says how many commands are met")
-    with run:
+    with (
+        source,
+        Run(
+            recipe.out,
+            recipe=recipe,
+            policy=student,
+            budget=budget,
+            state={"optimizer": optimizer, "rollouts": source, **({"buffer": buffer} if recipe.save_buffer else {})},
+            inputs=run_inputs(library, expert=teacher if isinstance(teacher, nn.Module) else None),
+            resume=recipe.resume,
+            save_every=recipe.save_every,
+            loggers=recipe.loggers,
+            film=films.take,
+        ) as run,
+    ):
+        if not run.finished:
+            begins(
+                recipe, library, recipe.precision, "failures that fall; plat evaluate says how many commands are met"
+            )
         while not budget.done:
             # set before the rollout: a resumed run knows its budget alone
             policy.expert_share.fill_(recipe.expert_share * max(0.0, 1 - budget.fraction / recipe.expert_until))
@@ -103,7 +111,7 @@ def main(recipe: DistillRecipe) -> None:
                 total.backward()
                 nn.utils.clip_grad_norm_(student.parameters(), recipe.grad_norm)
                 optimizer.step()
-            statistics = pop_statistics(env)
+            statistics = source.statistics()
             terminations = statistics["terminated"] / library.dt
             run.log(
                 {
@@ -115,6 +123,11 @@ def main(recipe: DistillRecipe) -> None:
                 {"failures": f"{terminations:.2f}/s", "loss": f"{float(total.detach()):.2f}"},
             )
         run.finish()
+
+
+def robots(teacher: Teacher, library: MotionLibrary, num_envs: int, **options: Any) -> EnvBase:
+    """The environment of the student, which shows the teacher its reference as well."""
+    return make_keyframe_env(library, num_envs, dense_goals={}, transforms=teacher.references(library), **options)
 
 
 def after(recipe: DistillRecipe) -> str:

@@ -10,9 +10,9 @@ from pathlib import Path
 import torch
 
 from plat.cli.settings import parse
-from plat.collectors import rollouts
+from plat.collectors import collect
 from plat.envs import make_tracking_env
-from plat.envs.transforms import Horizon, pop_statistics
+from plat.envs.transforms import Horizon
 from plat.errors import CheckpointError
 from plat.evaluation import play
 from plat.modules import Critic, Expert
@@ -36,36 +36,48 @@ def main(recipe: ExpertRecipe) -> None:
     expert = Expert(library.robot, recipe.policy)
     start = start_from(expert, recipe.init) if recipe.init else None
     expert = expert.to(recipe.device)
-    env = make_tracking_env(library, recipe.num_envs, recipe.task, goals=expert.goals, device=recipe.device)
     critic = Critic(library.robot, expert.normalizer.in_keys, recipe.critic).to(recipe.device)
     ppo = PPO(expert.head(), critic.head(), critic.observe(), ppo_config(recipe))
     budget = Budget(recipe.minutes, recipe.steps)
-    source = rollouts(env, expert.actor(), recipe.rollout, recipe.ppo.precision)
+    source = collect(
+        partial(make_tracking_env, config=recipe.task, goals=expert.goals),
+        library,
+        recipe.num_envs,
+        expert.actor(),
+        recipe.rollout,
+        recipe.ppo.precision,
+        device=recipe.device,
+        workers=recipe.workers,
+    )
     lengths = Horizon(1, timing.max_steps)
     watch = partial(play, expert.deployed(tuple(expert.goals)), library, 0, lengths, device=recipe.device)
     films = Films(
         recipe.out / "videos", library.robot, partial(watch, dense=True, goals=expert.goals), recipe.video_every
     )
-    run = Run(
-        recipe.out,
-        recipe=recipe,
-        policy=expert,
-        budget=budget,
-        state={"critic": critic, "ppo": ppo, "rollouts": source},
-        inputs=run_inputs(library, init=start),
-        resume=recipe.resume,
-        save_every=recipe.save_every,
-        loggers=recipe.loggers,
-        film=films.take,
-    )
     warmup_steps = recipe.critic_warmup * recipe.num_envs * recipe.rollout if recipe.init else 0
-    if not run.finished:
-        begins(recipe, library, recipe.ppo.precision, "fewer than 0.3 terminations a second, keypoint error below 6 cm")
-    with run:
+    with (
+        source,
+        Run(
+            recipe.out,
+            recipe=recipe,
+            policy=expert,
+            budget=budget,
+            state={"critic": critic, "ppo": ppo, "rollouts": source},
+            inputs=run_inputs(library, init=start),
+            resume=recipe.resume,
+            save_every=recipe.save_every,
+            loggers=recipe.loggers,
+            film=films.take,
+        ) as run,
+    ):
+        if not run.finished:
+            begins(
+                recipe, library, recipe.ppo.precision, "fewer than 0.3 terminations a second, keypoint error below 6 cm"
+            )
         while not budget.done:
             rollout = next(source)
             budget.add(rollout.numel())
-            statistics = pop_statistics(env)
+            statistics = source.statistics()
             # the first rollout of a run only fills the normalizers: learning from raw observations would be wasted
             warming = budget.steps <= warmup_steps
             gradient = None

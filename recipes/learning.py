@@ -2,14 +2,16 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import nn
 from torchrl.envs import EnvBase
 
-from plat.collectors import RolloutReplay, rollouts
+from plat.collectors import RolloutReplay, collect, rollouts
 from plat.envs.randomized_physics import num_physics
 from plat.envs.transforms import NoiseLevels
 from plat.envs.transforms.settings import ROBOT_RANGES
@@ -78,29 +80,41 @@ def learn(
     else:
         model = DynamicsModel(library.robot, recipe.model, library.dt, num_parameters).to(device)
     task = make_task(library)
-    env = SimulatedTask(task, recipe.num_envs, device=device, randomization=randomization)
     learner = ImaginationLearner(policy, imagined, model, task, settings, effort=effort, loss=loss)
     replay = RolloutReplay(
         recipe.num_envs, _multiple(recipe.replay, recipe.rollout), ["robot_state", "memory", "action"], device
     )
     watch, budget = ExploitationWatch(), Budget(recipe.minutes, recipe.steps)
-    source = rollouts(env, exploring(actor, recipe.noise), recipe.rollout, settings.precision)
-    run = Run(
-        recipe.out,
-        recipe=recipe,
-        policy=learner.average,
-        budget=budget,
-        state={"learner": learner, "rollouts": source, **({"replay": replay} if recipe.save_replay else {})},
-        inputs=inputs,
-        modules={DYNAMICS_FILE: model},
-        resume=recipe.resume,
-        save_every=recipe.save_every,
-        loggers=recipe.loggers,
+    source = collect(
+        # a worker makes a task of its own: this one is full of tables
+        partial(simulated_task, make_task if recipe.workers else lambda motions: task, randomization=randomization),
+        library,
+        recipe.num_envs,
+        exploring(actor, recipe.noise),
+        recipe.rollout,
+        settings.precision,
+        device=device,
+        workers=recipe.workers,
+        ahead=True,
     )
-    if run.finished:
-        return
-    begins(recipe, library, settings.precision, good)
-    with run:
+    with (
+        source,
+        Run(
+            recipe.out,
+            recipe=recipe,
+            policy=learner.average,
+            budget=budget,
+            state={"learner": learner, "rollouts": source, **({"replay": replay} if recipe.save_replay else {})},
+            inputs=inputs,
+            modules={DYNAMICS_FILE: model},
+            resume=recipe.resume,
+            save_every=recipe.save_every,
+            loggers=recipe.loggers,
+        ) as run,
+    ):
+        if run.finished:
+            return
+        begins(recipe, library, settings.precision, good)
         while not budget.done:
             rollout = next(source)
             budget.add(rollout.numel())
@@ -125,6 +139,13 @@ def learn(
         if unseen is not None:
             report_model_error(recipe.out, model, SimulatedTask(make_task(unseen), 64, device=device), actor)
         run.finish()
+
+
+def simulated_task(
+    make_task: Callable[[MotionLibrary], Task], library: MotionLibrary, num_envs: int, **options: Any
+) -> SimulatedTask:
+    """The environment of some robots with a task of their own."""
+    return SimulatedTask(make_task(library), num_envs, **options)
 
 
 def failures_per_second(rollout: TensorDictBase, dt: float) -> dict[str, float]:

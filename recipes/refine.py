@@ -8,9 +8,9 @@ from functools import partial
 import torch
 
 from plat.cli.settings import parse
-from plat.collectors import rollouts
+from plat.collectors import collect
 from plat.envs import make_keyframe_env
-from plat.envs.transforms import horizon_named, pop_statistics
+from plat.envs.transforms import horizon_named
 from plat.evaluation import play
 from plat.modules import (
     Critic,
@@ -54,36 +54,49 @@ def main(recipe: RefineRecipe) -> None:
     library = MotionLibrary.load(
         recipe.motions, robot, dt=timing.control_dt, mirror=recipe.mirror, drop_bad=recipe.drop_bad
     ).to(device)
-    env = make_keyframe_env(library, recipe.num_envs, recipe.task, horizon=horizon, timing=timing, device=device)
     policy = VARIANTS[recipe.variant](student, recipe.policy).to(device)
     critic = Critic(library.robot, student_keys(student.config.also), recipe.critic).to(device)
     ppo = PPO(policy.head(), critic.head(), critic.observe(), recipe.ppo, action_key=policy.sample_key)
     budget = Budget(recipe.minutes, recipe.steps)
-    source = rollouts(env, policy.actor(), recipe.rollout, recipe.ppo.precision)
+    source = collect(
+        partial(make_keyframe_env, config=recipe.task, horizon=horizon, timing=timing),
+        library,
+        recipe.num_envs,
+        policy.actor(),
+        recipe.rollout,
+        recipe.ppo.precision,
+        device=device,
+        workers=recipe.workers,
+    )
     watch = partial(play, policy.deployed(), library, 0, horizon, device=device)
     films = Films(recipe.out / "videos", library.robot, watch, recipe.video_every)
-    run = Run(
-        recipe.out,
-        recipe=recipe,
-        policy=policy,
-        budget=budget,
-        state={"critic": critic, "ppo": ppo, "rollouts": source},
-        inputs=run_inputs(library, student=student),
-        resume=recipe.resume,
-        save_every=recipe.save_every,
-        loggers=recipe.loggers,
-        film=films.take,
-    )
     warmup_steps = recipe.critic_warmup * recipe.num_envs * recipe.rollout
-    if not run.finished:
-        begins(
-            recipe, library, recipe.ppo.precision, "failures that fall; plat evaluate says how many commands are met"
-        )
-    with run:
+    with (
+        source,
+        Run(
+            recipe.out,
+            recipe=recipe,
+            policy=policy,
+            budget=budget,
+            state={"critic": critic, "ppo": ppo, "rollouts": source},
+            inputs=run_inputs(library, student=student),
+            resume=recipe.resume,
+            save_every=recipe.save_every,
+            loggers=recipe.loggers,
+            film=films.take,
+        ) as run,
+    ):
+        if not run.finished:
+            begins(
+                recipe,
+                library,
+                recipe.ppo.precision,
+                "failures that fall; plat evaluate says how many commands are met",
+            )
         while not budget.done:
             rollout = next(source)
             budget.add(rollout.numel())
-            statistics = pop_statistics(env)
+            statistics = source.statistics()
             warming = budget.steps <= warmup_steps
             gradient = None
             if recipe.motor.weight and policy.sample_key == "action":

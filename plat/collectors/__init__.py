@@ -9,16 +9,20 @@ if TYPE_CHECKING:
     from plat.collectors.goals import PrivilegedGoals, strided_offsets
     from plat.collectors.replay import RolloutReplay
     from plat.collectors.rollouts import Rollouts, rollouts, simulation_threads
+    from plat.collectors.workers import EnvFactory, WorkerRollouts, collect
 else:
     lazy(__name__)
 
 __all__ = [
     "LOOKUP_KEYS",
+    "EnvFactory",
     "ExpertLabels",
     "MixedPolicy",
     "PrivilegedGoals",
     "RolloutReplay",
     "Rollouts",
+    "WorkerRollouts",
+    "collect",
     "dagger_buffer",
     "rollouts",
     "simulation_threads",

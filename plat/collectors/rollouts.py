@@ -2,18 +2,21 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from types import TracebackType
 from typing import Any
 
 import torch
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torchrl.collectors import Collector
-from torchrl.envs import EnvBase
+from torchrl.envs import EnvBase, TransformedEnv
 
 from plat.bounds import Count, check_value
+from plat.envs.transforms import pop_statistics
+from plat.errors import StateError
 from plat.precision import Precision, autocast
 
-__all__ = ["Rollouts", "rollouts", "simulation_threads"]
+__all__ = ["ActingPolicy", "Rollouts", "gathered", "restore", "rollouts", "simulation_threads", "state_of"]
 
 # Below this many robots a second PyTorch thread costs the physics pool more than it gains the transforms: its
 # threads spin while they wait, on cores that the pool needs.
@@ -47,7 +50,7 @@ class Rollouts(Iterator[TensorDictBase]):
         self.env = env
         self._collector = Collector(
             env,
-            _AtPrecision(policy, env.device, precision),
+            ActingPolicy(policy, env.device, precision),
             frames_per_batch=env.batch_size[0] * steps,
             track_traj_ids=False,
             trust_policy=True,
@@ -59,27 +62,66 @@ class Rollouts(Iterator[TensorDictBase]):
         with simulation_threads(self.env.batch_size[0]):
             return next(self._batches)
 
+    def statistics(self) -> dict[str, float]:
+        """Return the means that the environment gathered since the last call, see :func:`pop_statistics`."""
+        return gathered(self.env)
+
     def state_dict(self) -> dict[str, Any]:
         """Return the state from which the next rollout is the same: robots, transforms and the last observation."""
-        base = getattr(self.env, "base_env", self.env)
-        return {
-            "observation": self._collector._carrier.to_dict(),
-            "transforms": self.env.state_dict() if base is not self.env else {},
-            "robots": base.state_dict(),
-        }
+        return state_of(self._collector)
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Restore a state of :meth:`state_dict`.
 
         Raises:
-            StateError: when it is of another number of robots, or of another model.
+            StateError: when it is of another number of robots, of another model, or of worker processes.
         """
-        base, carrier = getattr(self.env, "base_env", self.env), self._collector._carrier
-        base.load_state_dict(state["robots"])
-        if base is not self.env:
-            self.env.load_state_dict(state["transforms"])
-        observation = TensorDict(state["observation"], self.env.batch_size, device=self.env.device)
-        self._collector._carrier = observation if carrier.device is not None else observation.clear_device_()
+        restore(self._collector, state)
+
+    def close(self) -> None:
+        """Do nothing: there are no processes to end."""
+
+    def __enter__(self) -> "Rollouts":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def gathered(env: EnvBase) -> dict[str, float]:
+    """Return the means that an environment's transforms gathered since the last call; none of one without transforms.
+
+    See :func:`plat.envs.transforms.pop_statistics`.
+    """
+    return pop_statistics(env) if isinstance(env, TransformedEnv) else {}
+
+
+def state_of(collector: Collector) -> dict[str, Any]:
+    """Return the state of a collector's robots, transforms and last observation."""
+    env, base = collector.env, getattr(collector.env, "base_env", collector.env)
+    return {
+        "observation": collector._carrier.to_dict(),
+        "transforms": env.state_dict() if base is not env else {},
+        "robots": base.state_dict(),
+    }
+
+
+def restore(collector: Collector, state: Mapping[str, Any]) -> None:
+    """Restore a state of :func:`state_of`.
+
+    Raises:
+        StateError: when it is of another number of robots, of another model, or of worker processes.
+    """
+    env, base, carrier = collector.env, getattr(collector.env, "base_env", collector.env), collector._carrier
+    if "robots" not in state:
+        raise StateError("rollouts: a state of worker processes; go on with as many workers as before")
+    base.load_state_dict(state["robots"])
+    if base is not env:
+        env.load_state_dict(state["transforms"])
+    observation = TensorDict(state["observation"], env.batch_size, device=env.device)
+    collector._carrier = observation if carrier.device is not None else observation.clear_device_()
 
 
 def rollouts(env: EnvBase, policy: TensorDictModuleBase, steps: int, precision: Precision = "auto") -> Rollouts:
@@ -98,7 +140,7 @@ def simulation_threads(num_envs: int) -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
-class _AtPrecision(TensorDictModuleBase):
+class ActingPolicy(TensorDictModuleBase):
     """Policy whose networks run at a precision; the environment's own arithmetic is unaffected."""
 
     def __init__(self, policy: TensorDictModuleBase, device: torch.device | None, precision: Precision):

@@ -35,9 +35,11 @@ def begins(recipe: "RecipeConfig", library: "MotionLibrary", precision: Precisio
         *([f"{recipe.minutes:g} minutes"] if recipe.minutes is not None else []),
         *([f"{recipe.steps:,} steps"] if recipe.steps is not None else []),
     ]
+    workers = f", in {_counted(recipe.workers, 'worker')}" if recipe.workers else ""
     print(
         f"{recipe.name}: {_counted(library.num_clips, 'clip')}, {library.duration:.0f} s; "
-        f"{_counted(recipe.num_envs, 'robot')} on {_counted(available_cpus(), 'CPU')}; networks on {recipe.device}, "
+        f"{_counted(recipe.num_envs, 'robot')} on {_counted(available_cpus(), 'CPU')}"
+        f"{workers}; networks on {recipe.device}, "
         f"{_counted(torch.get_num_threads(), 'thread')}, {'bfloat16' if half else 'float32'}; "
         f"for {' or '.join(limits)}\n"
         f"into {recipe.out}, a checkpoint every {recipe.save_every:g} s; good: {good}",

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Protocol, TypeVar
 
-from plat.bounds import Bounded, Count, NonNegative, NotEmpty, Positive, Robots, Seed
+from plat.bounds import Bounded, Count, Natural, NonNegative, NotEmpty, Positive, Robots, Seed
 from plat.errors import ConfigError, PlatError
 from plat.files import check_folder
 from plat.runs.budget import Budget
@@ -114,6 +114,8 @@ class RecipeConfig(Bounded):
     """name of the robot, or path of its JSON description"""
     num_envs: Robots = 512
     """robots that are simulated at a time"""
+    workers: Natural = 0
+    """processes that simulate them, on a share of the CPUs each; 0 for the one that learns"""
     wandb: bool = False
     """log to Weights & Biases; offline unless you are logged in"""
     trackio: bool = False
@@ -122,6 +124,13 @@ class RecipeConfig(Bounded):
     """seconds between logged videos of the policy on the first motion; 0 for none"""
     save_every: NonNegative = 120.0
     """seconds between checkpoints"""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.workers > self.num_envs:
+            raise ConfigError(
+                f"{type(self).__name__}: workers is {self.workers}, expected at most num_envs, {self.num_envs}"
+            )
 
     @property
     def loggers(self) -> tuple[LoggerName, ...]:

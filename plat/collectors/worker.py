@@ -1,0 +1,199 @@
+"""What runs inside a worker: its environment and policy, made of a job, and a collector that takes orders."""
+
+import io
+import signal
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias
+
+import cloudpickle
+import numpy as np
+import torch
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torch import Tensor
+from torchrl.collectors import Collector
+from torchrl.envs import EnvBase
+
+from plat import errors
+from plat.collectors.rollouts import ActingPolicy, gathered, restore, state_of
+from plat.errors import PlatError
+from plat.motions.library import MotionLibrary
+from plat.precision import Precision
+
+__all__ = ["Content", "Job", "Order", "Report", "WorkerCollector", "in_folder", "packed", "seed_of", "unpacked"]
+
+_LIBRARY, _PARTS = "motions.pt", "parts.pickle"
+
+
+class Order(NamedTuple):
+    """What a worker is told before a rollout."""
+
+    weights: bytes
+    """state of the policy, :func:`packed`"""
+    random: Tensor | None
+    """state of the random stream; None where the worker has one of its own"""
+
+
+class Report(NamedTuple):
+    """What a worker says after a rollout."""
+
+    statistics: dict[str, float]
+    """means that its environment gathered"""
+    state: bytes
+    """state of robots, transforms, last observation and random stream, :func:`packed`"""
+    random: Tensor
+    """state of the random stream"""
+
+
+Content: TypeAlias = tuple[MotionLibrary, Callable[..., EnvBase], TensorDictModuleBase, Precision]
+"""What all workers need: motions, factory of environments, policy and its precision."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """A worker's share of the work.
+
+    Attributes:
+        content: returns, in the worker, the motions, the factory of environments, the policy and its precision.
+        number: of the worker.
+        num_envs: its robots n.
+        steps: control steps of a rollout.
+        num_threads: of its physics pool.
+        random: seed, or state of the random stream.
+        errors: folder for what plat's errors in the worker say; None where they come by themselves.
+    """
+
+    content: Callable[[], Content]
+    number: int
+    num_envs: int
+    steps: int
+    num_threads: int
+    random: int | Tensor
+    errors: Path | None = None
+
+    @property
+    def environment(self) -> Callable[[], EnvBase]:
+        """Return the factory of its environment, for another process."""
+        return partial(_environment, self)
+
+    @property
+    def policy(self) -> Callable[[], TensorDictModuleBase]:
+        """Return the factory of its policy, for another process."""
+        return partial(_policy, self)
+
+    def raise_reported(self) -> None:
+        """Raise the error of plat that the worker ended with, if it did."""
+        path = None if self.errors is None else self.errors / f"error-{self.number}"
+        if path is not None and path.exists():
+            name, _, message = path.read_text(encoding="utf-8").partition(": ")
+            raise getattr(errors, name, PlatError)(message)
+
+
+_worker: list[Job] = []
+"""The job of this process, if it is a worker."""
+
+
+def _environment(job: Job) -> EnvBase:
+    """Return the environment of a job, in the worker."""
+    with suppress(ValueError):  # not in the main thread
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that learns, which ends its workers
+    torch.set_num_threads(1)
+    _worker[:] = [job]
+    library, make_env, _, _ = job.content()
+    if isinstance(job.random, int):
+        torch.manual_seed(job.random)
+    else:
+        torch.set_rng_state(job.random)
+    with _told(job):
+        return make_env(library, job.num_envs, num_threads=job.num_threads, device="cpu")
+
+
+def _policy(job: Job) -> TensorDictModuleBase:
+    """Return the policy of a job, in the worker."""
+    _, _, policy, precision = job.content()
+    return ActingPolicy(policy, torch.device("cpu"), precision)
+
+
+@contextmanager
+def _told(job: Job) -> Iterator[None]:
+    """Leave plat's errors where the process that learns finds them: TorchRL passes none on."""
+    try:
+        yield
+    except PlatError as error:
+        if job.errors is not None:
+            (job.errors / f"error-{job.number}").write_text(f"{type(error).__name__}: {error}", encoding="utf-8")
+        raise
+
+
+class WorkerCollector(Collector):
+    """TorchRL's collector in a worker, which takes weights before a rollout and reports its state after it."""
+
+    def rollout(self) -> TensorDictBase:
+        """Return the next rollout ``[n, steps]``."""
+        with _told(_worker[0]):
+            return super().rollout()
+
+    def begin(self, order: Order) -> None:
+        """Take the weights, and the random stream if it is the caller's."""
+        _, _, policy, _ = _worker[0].content()
+        policy.load_state_dict(unpacked(order.weights))
+        if order.random is not None:
+            torch.set_rng_state(order.random)
+
+    def report(self) -> Report:
+        """Return what was gathered, and the state that the next rollout begins in."""
+        random = torch.get_rng_state()
+        return Report(gathered(self.env), packed({**state_of(self), "random": random}), random)
+
+    def resume(self, state: bytes) -> None:
+        """Go on from a state that :meth:`report` returned."""
+        values = unpacked(state)
+        restore(self, values)
+        torch.set_rng_state(values["random"])
+
+
+def in_folder(
+    folder: Path,
+    library: MotionLibrary,
+    make_env: Callable[..., EnvBase],
+    policy: TensorDictModuleBase,
+    precision: Precision,
+) -> Callable[[], Content]:
+    """Write what all workers on this machine need; the function that returns it in a worker.
+
+    Motions are mapped from their file, so workers share one copy of them in memory.
+    """
+    torch.save(library.to("cpu"), folder / _LIBRARY)
+    (folder / _PARTS).write_bytes(cloudpickle.dumps((make_env, policy, precision)))
+    return partial(_from_folder, folder)
+
+
+@lru_cache(maxsize=1)
+def _from_folder(folder: Path) -> Content:
+    library = torch.load(folder / _LIBRARY, weights_only=False, mmap=True)
+    return (library, *cloudpickle.loads((folder / _PARTS).read_bytes()))
+
+
+def seed_of(seed: int, number: int) -> int:
+    """Return the seed of a worker: streams of other workers, and of other seeds, have nothing to do with it.
+
+    >>> len({seed_of(seed, number) for seed in range(10) for number in range(10)})
+    100
+    """
+    return int(np.random.SeedSequence([seed, number]).generate_state(1, np.uint64)[0] >> 1)
+
+
+def packed(values: Mapping[str, Any]) -> bytes:
+    """Return values as bytes, which pass through any pipe."""
+    file = io.BytesIO()
+    torch.save(dict(values), file)
+    return file.getvalue()
+
+
+def unpacked(data: bytes) -> dict[str, Any]:
+    """Return the values of :func:`packed`."""
+    return torch.load(io.BytesIO(data), weights_only=True)

@@ -1,0 +1,383 @@
+"""Rollouts of robots that are simulated in worker processes: TorchRL's collectors, one for each worker."""
+
+import copy
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Protocol, TypeVar
+
+import torch
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torchrl.collectors import BaseCollector, MultiSyncCollector
+from torchrl.envs import EnvBase
+
+from plat.bounds import Count, check_value
+from plat.collectors.rollouts import Rollouts
+from plat.collectors.worker import Content, Job, Order, Report, WorkerCollector, in_folder, packed, seed_of
+from plat.envs.physics import available_cpus
+from plat.errors import ConfigError, PlatError, StateError, WorkerError
+from plat.motions.library import MotionLibrary
+from plat.precision import Precision
+
+__all__ = ["EnvFactory", "Host", "Processes", "WorkerRollouts", "collect"]
+
+T = TypeVar("T")
+
+_ATTEMPTS = 3
+"""Times that a rollout is tried before a worker that ends in it is given up."""
+
+
+class EnvFactory(Protocol):
+    """Protocol of a factory of environments, such as :func:`plat.envs.make_tracking_env`.
+
+    It is sent to other processes by cloudpickle, so it may be a ``partial`` or a function in a function.
+    """
+
+    def __call__(
+        self, library: MotionLibrary, num_envs: int, *, num_threads: int | None, device: torch.device | str
+    ) -> EnvBase:
+        """Create the environment of ``num_envs`` robots."""
+
+
+class Host(Protocol):
+    """Protocol of where workers run, such as :class:`Processes`."""
+
+    ended: tuple[type[Exception], ...]
+    """What is raised when a worker has ended."""
+    errors: Path | None
+    """Folder in which workers leave plat's errors; None where they raise them."""
+
+    def share(
+        self, library: MotionLibrary, make_env: EnvFactory, policy: TensorDictModuleBase, precision: Precision
+    ) -> Callable[[], Content]:
+        """Lay out what all workers need; the function that returns it in a worker."""
+
+    def threads(self, workers: int) -> int:
+        """Return the CPUs of each of some workers."""
+
+    def launch(self, job: Job) -> BaseCollector:
+        """Start a worker, and return the collector that speaks with its :class:`WorkerCollector`."""
+
+    def close(self) -> None:
+        """Remove what was laid out."""
+
+
+class Processes:
+    """Processes on this machine."""
+
+    ended: tuple[type[Exception], ...] = (RuntimeError, OSError, EOFError)
+
+    def __init__(self) -> None:
+        self.errors = Path(tempfile.mkdtemp(prefix="plat-workers-"))
+
+    def share(
+        self, library: MotionLibrary, make_env: EnvFactory, policy: TensorDictModuleBase, precision: Precision
+    ) -> Callable[[], Content]:
+        """Write the motions and the rest into files."""
+        return in_folder(self.errors, library, make_env, policy, precision)
+
+    def threads(self, workers: int) -> int:
+        """Return this machine's CPUs for each worker, at least 1."""
+        return max(1, available_cpus() // workers)
+
+    def launch(self, job: Job) -> BaseCollector:
+        """Start a process."""
+        return MultiSyncCollector(
+            [job.environment],
+            policy_factory=job.policy,
+            frames_per_batch=job.num_envs * job.steps,
+            collector_class=WorkerCollector,
+            num_threads=torch.get_num_threads(),
+            cat_results=0,
+            use_buffers=True,
+            trust_policy=True,
+            auto_register_policy_transforms=False,
+        )
+
+    def close(self) -> None:
+        """Remove the files."""
+        shutil.rmtree(self.errors, ignore_errors=True)
+
+
+def collect(
+    make_env: EnvFactory,
+    library: MotionLibrary,
+    num_envs: int,
+    policy: TensorDictModuleBase,
+    steps: int,
+    precision: Precision = "auto",
+    *,
+    device: torch.device | str = "cpu",
+    workers: int = 0,
+    ahead: bool = False,
+    host: Host | None = None,
+) -> "Rollouts | WorkerRollouts":
+    """Return rollouts ``[N, steps]`` without end, of robots in this process or in workers.
+
+    Args:
+        make_env: makes an environment of some of the robots.
+        library: motions.
+        num_envs: number of robots N, all together.
+        policy, steps, precision: as for :func:`plat.collectors.rollouts`.
+        device: of the rollouts.
+        workers: processes; 0 for this one.
+        ahead, host: see :class:`WorkerRollouts`; without meaning in this process.
+    """
+    if workers:
+        options: dict[str, Any] = {"device": device, "workers": workers, "ahead": ahead, "host": host}
+        return WorkerRollouts(make_env, library, num_envs, policy, steps, precision, **options)
+    return Rollouts(make_env(library, num_envs, num_threads=None, device=device), policy, steps, precision)
+
+
+class WorkerRollouts(Iterator[TensorDictBase]):
+    """Iterator over rollouts ``[N, steps]`` without end, of robots that worker processes simulate.
+
+    Each worker has a share of the robots, of the CPUs and a random stream of its own, and maps the motions from a file,
+    so that all workers share them. Every rollout is of one set of weights: those that the policy has when it begins.
+    Rows are in the order of the workers, so a run is the same from one time to the next.
+
+    A worker that ends, of whatever cause, is started again in the state before the rollout that it was in. So that
+    rollout is the same as without the accident. A run's state holds that of all workers.
+
+    One worker draws from the caller's random stream, so its rollouts are those of :class:`Rollouts`, bit by bit.
+
+    Args:
+        make_env, library, num_envs, policy, steps, precision: as for :func:`collect`.
+        device: of the rollouts. Workers compute on the CPU.
+        workers: number of processes W, at most N.
+        ahead: the workers simulate the next rollout while the caller learns from this one. Their weights are then one
+            update old, which only off-policy learning allows. One worker never simulates ahead.
+        host: where workers run; None for processes on this machine.
+
+    Raises:
+        ConfigError: for more workers than robots.
+        WorkerError: when a worker ends again and again in the same rollout.
+        PlatError: what an environment raises in a worker.
+    """
+
+    # TorchRL's collectors of many workers fail as a whole when one process ends, and processes that share a queue may
+    # be blocked by one that was killed. Therefore each worker has a collector of its own here, and threads wait for
+    # them. Weights go by map_fn: TorchRL's schemes write into shared memory while a rollout may be under way.
+
+    def __init__(
+        self,
+        make_env: EnvFactory,
+        library: MotionLibrary,
+        num_envs: int,
+        policy: TensorDictModuleBase,
+        steps: int,
+        precision: Precision = "auto",
+        *,
+        device: torch.device | str = "cpu",
+        workers: int = 1,
+        ahead: bool = False,
+        host: Host | None = None,
+    ):
+        check_value("rollouts: steps", steps, Count)
+        check_value("rollouts: workers", workers, Count)
+        if workers > num_envs:
+            raise ConfigError(f"rollouts: {workers} workers for {num_envs} robots, expected at most one for each")
+        self._policy = policy
+        self._device = torch.device(device)
+        self._ahead = ahead and workers > 1
+        self._statistics: list[tuple[int, dict[str, float]]] = []
+        self._host = host or Processes()
+        self._pool = ThreadPoolExecutor(workers, thread_name_prefix="plat-worker")
+        self._workers: list[_Worker | None] = [None] * workers
+        self._pending: list[Future[tuple[TensorDictBase, Report]]] = []
+        self._order: Order | None = None
+        """What the rollout that is under way was begun with."""
+        threads = torch.get_num_threads()
+        try:
+            content = self._host.share(library, make_env, copy.deepcopy(policy).to("cpu"), precision)
+            sizes = [num_envs // workers + (number < num_envs % workers) for number in range(workers)]
+            self._jobs = [
+                Job(
+                    content,
+                    number=number,
+                    num_envs=size,
+                    steps=steps,
+                    num_threads=self._host.threads(workers),
+                    random=seed_of(torch.initial_seed(), number) if workers > 1 else torch.get_rng_state(),
+                    errors=self._host.errors,
+                )
+                for number, size in enumerate(sizes)
+            ]
+            # the states from which the next rollouts begin; a worker that is not there yet begins afresh
+            self._states: list[bytes | None] = [None] * workers
+            reports = list(self._pool.map(self._first, range(workers)))
+            self._states = [report.state for report in reports]
+            if workers == 1:
+                torch.set_rng_state(reports[0].random)
+        except BaseException:
+            self.close()
+            raise
+        finally:
+            torch.set_num_threads(threads)  # TorchRL takes some away for its workers
+
+    def _first(self, number: int) -> Report:
+        return self._kept(number, lambda worker: worker.call("report"))
+
+    def _running(self, number: int) -> "_Worker":
+        """Return a worker, which is started in the state of its last rollout's end if it is not there."""
+        worker = self._workers[number]
+        if worker is None:
+            worker = self._workers[number] = _Worker(self._host.launch(self._jobs[number]))
+            if (state := self._states[number]) is not None:
+                worker.call("resume", state)
+        return worker
+
+    def _turn(self, number: int, order: Order) -> tuple[TensorDictBase, Report]:
+        """Return a worker's next rollout, and what it reports after it."""
+        return self._kept(number, lambda worker: worker.turn(order))
+
+    def _kept(self, number: int, ask: "Callable[[_Worker], T]") -> T:
+        """Return a worker's answer; one that ends before it answers is started again."""
+        for attempt in range(1, _ATTEMPTS + 1):
+            try:
+                return ask(self._running(number))
+            except PlatError:
+                raise
+            except self._host.ended as error:
+                self._jobs[number].raise_reported()
+                self._end(number)
+                reason = (str(error).splitlines() or [type(error).__name__])[0]
+                if attempt == _ATTEMPTS:
+                    raise WorkerError(
+                        f"worker {number} of {len(self._jobs)} ended {_ATTEMPTS} times in the same rollout ({reason}); "
+                        "what it printed before says why"
+                    ) from error
+                print(f"worker {number} ended ({reason}); it begins its rollout again", flush=True)
+        raise AssertionError
+
+    def _end(self, number: int) -> None:
+        worker, self._workers[number] = self._workers[number], None
+        if worker is not None:
+            worker.close()
+
+    def __next__(self) -> TensorDictBase:
+        if not self._pending:
+            self._send()
+        pending, self._pending = self._pending, []
+        results = [future.result() for future in pending]
+        reports = [report for _, report in results]
+        self._states = [report.state for report in reports]
+        shares = [job.num_envs for job in self._jobs]
+        self._statistics += [(share, report.statistics) for share, report in zip(shares, reports, strict=True)]
+        if len(reports) == 1:
+            torch.set_rng_state(reports[0].random)
+        if self._ahead:
+            self._send()
+        rollout = results[0][0] if len(results) == 1 else torch.cat([rollout for rollout, _ in results])
+        return rollout if self._device.type == "cpu" else rollout.to(self._device)
+
+    def _send(self) -> None:
+        """Let all workers begin the next rollout, with the weights as they are."""
+        weights = packed({name: value.detach().cpu() for name, value in self._policy.state_dict().items()})
+        self._begin(Order(weights, torch.get_rng_state() if len(self._jobs) == 1 else None))
+
+    def _begin(self, order: Order) -> None:
+        self._order = order
+        self._pending = [self._pool.submit(self._turn, number, order) for number in range(len(self._jobs))]
+
+    def statistics(self) -> dict[str, float]:
+        """Return the means over all robots that were gathered since the last call; of counts the sum."""
+        gathered, self._statistics = self._statistics, []
+        return _merged(gathered)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the state from which the next rollouts are the same.
+
+        Of a rollout that is simulated ahead it holds the weights, so that it can be simulated once more.
+        """
+        state: dict[str, Any] = {"workers": [_as_tensor(state) for state in self._states if state is not None]}
+        if self._pending and self._order is not None:
+            state["weights"] = _as_tensor(self._order.weights)
+        return state
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restore a state of :meth:`state_dict`.
+
+        Raises:
+            StateError: when it is of another number of workers or robots.
+        """
+        states = state.get("workers", ())
+        if len(states) != len(self._jobs):
+            raise StateError(
+                f"rollouts: a state of {len(states) or 'no'} workers, expected {len(self._jobs)}; go on with as many "
+                "as before (--workers)"
+            )
+        for future in self._pending:
+            future.result()
+        self._pending = []
+        self._states = [_as_bytes(value) for value in states]
+        list(self._pool.map(self._resume, range(len(states))))
+        if "weights" in state:
+            self._begin(Order(_as_bytes(state["weights"]), None))
+
+    def _resume(self, number: int) -> None:
+        self._kept(number, lambda worker: worker.call("resume", self._states[number]))
+
+    def close(self) -> None:
+        """End the workers. A rollout that is under way is thrown away."""
+        for future in self._pending:
+            future.exception()
+        self._pending = []
+        list(self._pool.map(self._end, range(len(self._workers))))
+        self._pool.shutdown()
+        self._host.close()
+
+    def __enter__(self) -> "WorkerRollouts":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+class _Worker:
+    """A worker's collector and the rollouts that it makes."""
+
+    def __init__(self, collector: BaseCollector):
+        self._collector = collector
+        self._rollouts = iter(collector)
+
+    def call(self, method: str, *arguments: Any) -> Any:
+        """Return what a method of the worker's :class:`WorkerCollector` returns there."""
+        return self._collector.map_fn(method, [arguments])[0]
+
+    def turn(self, order: Order) -> tuple[TensorDictBase, Report]:
+        """Return the rollout ``[n, steps]`` that the worker makes with some weights, and its report."""
+        self.call("begin", order)
+        rollout = next(self._rollouts).exclude("collector")
+        return rollout.view(-1, rollout.shape[-1]), self.call("report")
+
+    def close(self) -> None:
+        """End the process."""
+        self._collector.shutdown()
+
+
+def _merged(gathered: Sequence[tuple[int, Mapping[str, float]]]) -> dict[str, float]:
+    """Return means of means, weighted by numbers of robots, and sums of counts."""
+    if len(gathered) == 1:  # as it is, without rounding
+        return dict(gathered[0][1])
+    totals: dict[str, float] = {}
+    shares: dict[str, int] = {}
+    for share, statistics in gathered:
+        for name, value in statistics.items():
+            totals[name] = totals.get(name, 0.0) + value * (1 if name == "broken" else share)
+            shares[name] = shares.get(name, 0) + share
+    return {name: total if name == "broken" else total / shares[name] for name, total in totals.items()}
+
+
+def _as_tensor(data: bytes) -> torch.Tensor:
+    return torch.frombuffer(bytearray(data), dtype=torch.uint8)
+
+
+def _as_bytes(data: torch.Tensor) -> bytes:
+    return data.cpu().numpy().tobytes()

@@ -1,0 +1,182 @@
+import os
+import signal
+from functools import partial
+from pathlib import Path
+
+import pytest
+import torch
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModule
+from torch import nn
+
+from plat.collectors import Rollouts, WorkerRollouts, collect
+from plat.collectors.worker import Job, _from_folder, in_folder
+from plat.collectors.workers import Processes, _merged
+from plat.envs import make_tracking_env
+from plat.errors import ConfigError, MotionError, StateError, WorkerError
+from plat.modules import Expert
+from plat.motions import MotionLibrary, generate_motions
+from plat.robots import G1
+
+
+def motions() -> MotionLibrary:
+    return MotionLibrary.from_clips(generate_motions("train", seconds=8))
+
+
+class Flailing(nn.Module):
+    """Actions so wild that robots fall within a second, as wild as its one weight says."""
+
+    def __init__(self):
+        super().__init__()
+        self.scale = nn.Parameter(torch.tensor(3.0))
+
+    def forward(self, joint_pos: torch.Tensor) -> torch.Tensor:
+        return self.scale * torch.randn(len(joint_pos), 29)
+
+
+def flailing() -> TensorDictModule:
+    return TensorDictModule(Flailing(), [("robot", "joint_pos")], ["action"])
+
+
+def assert_same(found: TensorDictBase, wanted: TensorDictBase) -> None:
+    assert set(found.keys(True, True)) == set(wanted.keys(True, True))
+    for key, value in wanted.items(True, True):
+        assert torch.equal(found[key], value), key
+
+
+def kill(source: WorkerRollouts, number: int) -> None:
+    os.kill(source._workers[number]._collector.procs[0].pid, signal.SIGKILL)
+
+
+@pytest.mark.slow
+def test_one_worker_is_as_one_process_even_if_it_is_killed(capsys):
+    library, expert = motions(), Expert(G1)
+    start = {name: value.clone() for name, value in expert.state_dict().items()}
+    runs = []
+    for workers in (0, 1):
+        expert.load_state_dict(start)
+        torch.manual_seed(1)
+        with collect(make_tracking_env, library, 3, expert.actor(), 40, workers=workers) as source:
+            parts = []
+            for number in range(3):
+                parts.append((next(source), source.statistics()))
+                torch.rand(3)  # the caller draws from the same stream
+                with torch.no_grad():
+                    for parameter in expert.parameters():
+                        parameter.add_(0.02 * torch.randn_like(parameter))
+                if workers and number == 1:
+                    kill(source, 0)
+            runs.append((parts, torch.get_rng_state()))
+    (in_process, random), (in_worker, random_after) = runs
+    assert any(rollout["next", "done"].any() for rollout, _ in in_process)
+    for (found, statistics), (wanted, expected) in zip(in_worker, in_process, strict=True):
+        assert_same(found, wanted)
+        assert statistics == expected
+    assert torch.equal(random, random_after)
+    assert "worker 0 ended" in capsys.readouterr().out
+    assert not source._host.errors.exists()
+
+
+@pytest.mark.slow
+def test_two_workers_ahead_of_the_learner_go_on_from_a_state(tmp_path):
+    policy = flailing()
+    torch.manual_seed(1)
+    with collect(make_tracking_env, motions(), 5, policy, 20, workers=2, ahead=True) as source:
+        assert isinstance(source, WorkerRollouts)
+        first = next(source)
+        assert first.shape == (5, 20)
+        assert (first["action"].std((1, 2)) > 2).all()
+        assert not torch.equal(first["action"][0], first["action"][3])  # the first robots of two streams
+        with torch.no_grad():
+            policy.module.scale.fill_(0.0)
+        kill(source, 1)  # in the midst of the rollout that is simulated ahead
+        second = next(source)
+        assert (second["action"].std((1, 2)) > 2).all()  # begun before the weights changed
+        going = ~first["next", "done"][:, -1, 0]
+        ended, begun = first["next", "motion", "frame"][:, -1], second["motion", "frame"][:, 0]
+        assert going.any()
+        assert torch.equal(begun[going], ended[going])
+        assert source.statistics()["terminated"] > 0
+        torch.save(source.state_dict(), tmp_path / "state")
+        third = next(source)
+        assert (third["action"] == 0).all()
+        with torch.no_grad():
+            policy.module.scale.fill_(1.0)
+        next(source)
+        source.load_state_dict(torch.load(tmp_path / "state", weights_only=True))
+        assert_same(next(source), third)  # with the weights that it was begun with
+        with pytest.raises(StateError, match="a state of no workers, expected 2"):
+            source.load_state_dict({"robots": {}})
+    with pytest.raises(StateError, match="a state of worker processes"):
+        Rollouts(make_tracking_env(motions(), 1), policy, 1).load_state_dict({"workers": []})
+
+
+class Ending(Processes):
+    """Where workers end at once, or raise plat's errors."""
+
+    def __init__(self, error: Exception):
+        super().__init__()
+        self.error = error
+        self.started = 0
+
+    def launch(self, job: Job) -> "Ending":
+        self.started += 1
+        return self
+
+    def __iter__(self):
+        return iter(())
+
+    def map_fn(self, name: str, arguments: list[tuple[object, ...]]):
+        raise self.error
+
+    def shutdown(self) -> None:
+        pass
+
+
+def test_a_worker_that_cannot_be_kept_running_is_one_line():
+    host = Ending(RuntimeError("worker 0 (exit code -9)\nmore"))
+    with pytest.raises(WorkerError, match=r"worker 0 of 1 ended 3 times .* \(worker 0 \(exit code -9\)\)"):
+        WorkerRollouts(make_tracking_env, motions(), 2, flailing(), 1, host=host)
+    assert host.started == 3
+    host = Ending(MotionError("too short"))
+    with pytest.raises(MotionError, match="too short"):
+        WorkerRollouts(make_tracking_env, motions(), 1, flailing(), 1, host=host)
+    assert host.started == 1
+    with pytest.raises(ConfigError, match="3 workers for 2 robots"):
+        WorkerRollouts(make_tracking_env, motions(), 2, flailing(), 1, workers=3)
+
+
+def test_errors_of_plat_come_out_of_a_worker(tmp_path):
+    def broken(*_: object, **options: object):
+        raise MotionError("clip 'a': too short")
+
+    job = Job(
+        in_folder(tmp_path, motions(), broken, flailing(), "auto"), 1, 2, 3, num_threads=1, random=0, errors=tmp_path
+    )
+    job.raise_reported()
+    before = signal.getsignal(signal.SIGINT), torch.get_num_threads()
+    try:
+        with pytest.raises(MotionError):
+            job.environment()
+    finally:
+        signal.signal(signal.SIGINT, before[0])
+        torch.set_num_threads(before[1])
+    with pytest.raises(MotionError, match="clip 'a': too short"):
+        job.raise_reported()
+
+
+def test_motions_are_mapped_from_their_file(tmp_path):
+    library = motions()
+    content = in_folder(tmp_path, library, partial(make_tracking_env), flailing(), "auto")
+    mapped, _, policy, _ = content()
+    assert torch.equal(mapped.poses(torch.arange(9))["keypoint_pos"], library.poses(torch.arange(9))["keypoint_pos"])
+    assert content()[2] is policy  # the environment's and the collector's are one
+    maps = Path("/proc/self/maps")
+    if maps.exists():
+        assert str(tmp_path / "motions.pt") in maps.read_text()
+    _from_folder.cache_clear()
+
+
+def test_statistics_are_means_over_robots_and_counts_are_sums():
+    gathered = [(3, {"speed": 1.0, "broken": 1.0}), (1, {"speed": 2.0, "broken": 2.0})]
+    assert _merged(gathered) == {"speed": 1.25, "broken": 3.0}
