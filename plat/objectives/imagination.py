@@ -121,11 +121,9 @@ class ImaginationLoss(LossModule):
         """Compute the losses of rollouts from the states ``[B]``."""
         keys, task = self.tensor_keys, self.task
         state, memory = GeneralizedState.unpack(tensordict.get(keys.state)), tensordict.get(keys.memory)
-        alive = torch.ones(tensordict.shape, device=state.root_pos_w.device)
-        lost, ended = torch.zeros_like(alive, dtype=torch.bool), torch.zeros_like(alive, dtype=torch.bool)
-        to_go, regularization, divergence = torch.zeros_like(alive), alive.new_zeros(()), alive.new_zeros(())
-        penalty = torch.zeros_like(alive)
-        cost_sum, alive_sum = alive.new_zeros(()), alive.new_zeros(())
+        to_go = penalty = torch.zeros(tensordict.shape, device=state.root_pos_w.device)
+        lost = ended = torch.zeros_like(to_go, dtype=torch.bool)
+        regularization = divergence = cost_sum = alive_sum = to_go.new_zeros(())
         effort_before: Tensor | None = None
         first = observed = self._observe(state, memory)
         weight, weights = 1.0, 0.0
@@ -138,9 +136,9 @@ class ImaginationLoss(LossModule):
             memory = advanced(task, memory, action)
             cost = task.cost(state, memory)
             with torch.no_grad():
-                lost |= alive.bool() & task.lost(state, memory)
-                alive = alive * ~lost
-                penalty += weight * self.lost_cost * lost
+                lost = lost | (~ended & task.lost(state, memory))
+                alive = (~(lost | ended)).to(cost)
+                penalty = penalty + weight * self.lost_cost * lost
                 cost_sum, alive_sum = cost_sum + (alive * cost).sum(), alive_sum + alive.sum()
             to_go = to_go + weight * alive * cost
             regularization = regularization + weight * self._moderation(effort, effort_before)
@@ -149,23 +147,22 @@ class ImaginationLoss(LossModule):
             weight *= self.discount
             effort_before = effort
             with torch.no_grad():
-                ended |= alive.bool() & task.finished(memory)
-                alive = alive * ~ended
+                ended = ended | (~lost & task.finished(memory))
             memory = task.renew(memory, state)
             observed = self._observe(state, memory)
         out = {}
         if self.critic is not None:
             left = weight / (1 - self.discount)
             with hold_out_net(self.critic):
-                to_go = to_go + left * alive * self._mean_cost(observed)
+                to_go = to_go + left * ~(lost | ended) * self._mean_cost(observed)
             # what would follow an episode's end is not known
             known = (to_go + penalty + left * self.lost_cost * lost)[~ended].detach()
             error = self._mean_cost(first)[~ended] - (1 - self.discount) * known
-            out["loss_critic"] = error.square().sum() / alive.numel()
+            out["loss_critic"] = error.square().sum() / ended.numel()
         out["loss_policy"] = (to_go.mean() + regularization) / weights
         self._add_divergence(out, divergence / weights)
         out["imagined_cost"] = cost_sum / alive_sum.clamp_min(1.0)
-        out["imagined_alive"] = alive_sum / (self.steps * alive.numel())
+        out["imagined_alive"] = alive_sum / (self.steps * ended.numel())
         return TensorDict(out)
 
     def _observe(self, state: GeneralizedState, memory: TensorDictBase) -> TensorDictBase:

@@ -116,8 +116,10 @@ def test_it_goes_on_from_its_state(setting):
 
 
 def test_a_critic_learns_what_is_to_come(library):
+    torch.manual_seed(0)
     expert, task, model = Expert(G1, ExpertConfig(hidden=(16,))), DenseTracking(library), DynamicsModel(G1)
-    still = {"lr": 1e-9, "model_lr": 1e-9, "muon_lr": 1e-9, "warmup": 0}
+    # of a short horizon: its own estimates, which it begins with, hardly count
+    still = {"lr": 1e-9, "model_lr": 1e-9, "muon_lr": 1e-9, "warmup": 0, "discount": 0.3}
     learner = ImaginationLearner(
         expert, expert.deployed(), model, task, replace(CONFIG, critic=(32,), critic_lr=1e-2, **still)
     )
@@ -127,7 +129,7 @@ def test_a_critic_learns_what_is_to_come(library):
         replay.extend(rollout := next(source))
         learner.observe(rollout)
     losses = [learner.step(replay)["loss_critic"] for _ in range(40)]
-    assert sum(losses[-5:]) < 0.5 * sum(losses[:5])
+    assert sum(losses[-10:]) < 0.5 * sum(losses[:5])
     assert set(learner.critic.normalizer.in_keys) == set(expert.deployed().in_keys)
 
 
