@@ -43,11 +43,15 @@ class PosePanel:
         self._page, session, gui = page, page.session, page.gui
         self._world_axes = False
         self._joint: int | None = None
+        self._arrows = False
         self._grabbed: tuple[Frame, float] | None = None
         self._template = gui.add_dropdown("Begin with", tuple(TEMPLATES), hint="Keyframes after the selected one.")
         page.buttons("", {"Add template": lambda: session.insert_template(self._template.value)})
         self._handle = gui.add_dropdown(
-            "Drag by", (*HANDLES, WHOLE), initial_value="left hand", hint="Or drag one of the balls."
+            "Drag by",
+            (*HANDLES, WHOLE),
+            initial_value="left hand",
+            hint="Or drag a ball; a click shows its arrows.",
         )
         page.when_changed(self._handle, lambda: self._choose(self._handle.value))
         self._options = {
@@ -125,6 +129,7 @@ class PosePanel:
     def toggle_axes(self) -> None:
         """Exchange the world's axes and the limb's."""
         self._options["axes"].value = not self._options["axes"].value
+        self._arrows = True
         self._set_options()
 
     def _set_options(self) -> None:
@@ -133,8 +138,8 @@ class PosePanel:
         session.symmetric = self._options["symmetric"].value
         self._world_axes = self._options["axes"].value
 
-    def _choose(self, handle: str) -> None:
-        self._handle.value, self._joint = handle, None
+    def _choose(self, handle: str, arrows: bool = True) -> None:
+        self._handle.value, self._joint, self._arrows = handle, None, arrows
 
     def click_body(self, body: str) -> None:
         """Select the joint that moves a body; the pelvis, which none moves, becomes the handle."""
@@ -218,9 +223,8 @@ class PosePanel:
         self._page.session.drag(Frame(pos, quat))
 
     def _grab_ball(self, name: str) -> None:
-        self._choose(name)
+        self._choose(name, arrows=False)  # they would be in the way of the next drag
         self._grab()
-        self._dragging = False  # the arrows come along
 
     def _pull(self) -> None:
         if self._grabbed is not None:
@@ -273,7 +277,7 @@ class PosePanel:
             chosen = name == self._handle.value and self._joint is None
             commanded = name in pins or (name == WHOLE and "pelvis" in pins)
             _set(ball, "color", _CHOSEN_COLOR if chosen else _HANDLE_COLOR if commanded else _FREE_COLOR)
-        _set(self._gizmo, "visible", posing and self._joint is None)
+        _set(self._gizmo, "visible", posing and self._joint is None and self._arrows)
         _set(self._gizmo, "disable_rotations", self._handle.value.endswith(("elbow", "knee")))  # those are points
         _set(self._ring, "visible", posing and self._joint is not None)
         if self._dragging:  # the mouse has it

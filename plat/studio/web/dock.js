@@ -72,8 +72,7 @@
 
   const at = {}; // elements by name
   function button(name, text, hint, action) {
-    // after a click the keys are the studio's again; who came by Tab stays
-    at[name] = make("button", { text, title: hint, "aria-label": hint.split(" (")[0], onclick: (event) => { action(); if (event.detail) at[name].blur(); } });
+    at[name] = make("button", { text, title: hint, "aria-label": hint.split(" (")[0], onclick: action });
     if (text in ICONS) at[name].replaceChildren(icon(text));
     return at[name];
   }
@@ -145,6 +144,9 @@
     new ResizeObserver(show).observe(at.track);
     window.addEventListener("keydown", key, true);
     window.addEventListener("pointerdown", () => { tabbed = false; }, true);
+    window.addEventListener("click", ({ detail, target }) => { // the keys are the studio's again; who came by Tab stays
+      if (detail && target.closest) target.closest("button")?.blur();
+    });
   }
 
   function cover(title, text) {
@@ -295,7 +297,7 @@
   function ask({ id, title, text, yes }) {
     const button = (value, attributes) => make("button", { ...attributes, value });
     at.question.replaceChildren(make("form", { method: "dialog" }, make("h2", { text: title }), make("p", { text }),
-      make("div", { class: "row" }, button("no", { text: "Cancel" }), button("yes", { text: yes, class: "play", autofocus: "" }))));
+      make("div", { class: "row" }, button("no", { text: "Cancel", autofocus: "" }), button("yes", { text: yes, class: "play" }))));
     at.question.returnValue = "no";
     if (!at.question.open) at.question.showModal();
     asked = id;
@@ -324,7 +326,7 @@
         ["H", "hide the robot while posing"], ["O", "poses before and after on, off"], ["?", "this sheet"]],
       "Mouse, in the timeline": [["click", "select a keyframe; elsewhere: move the playhead"], ["drag", "a keyframe to another time; its right edge to hold it"],
         ["double click", "add a keyframe there"], ["wheel", "zoom, as two fingers that part; with Shift, or sideways: move"], ["+ - 0", "zoom in, out, fit"]],
-      "Mouse, in the scene": [["ball", "drag it; or click it, then drag its arrows and rings"], ["limb", "click it, then drag the ring of its joint"], ["drag", "turn the view; right button: move it"], ["wheel", "nearer, farther"]],
+      "Mouse, in the scene": [["ball", "drag it; or click it for arrows and rings"], ["limb", "click it, then drag the ring of its joint"], ["drag", "turn the view; right button: move it"], ["wheel", "nearer, farther"]],
     };
     const columns = make("div", { class: "columns" });
     for (const [title, rows] of Object.entries(parts)) {

@@ -142,6 +142,7 @@ export class Scene {
     }));
     // arrows and rings on an object that is where the handle is
     this.grip = new THREE.Object3D();
+    this.arrows = false;
     world.add(this.grip);
     this.gizmos = ["translate", "rotate"].map((mode) => {
       const gizmo = new TransformControls(camera, renderer.domElement);
@@ -167,7 +168,7 @@ export class Scene {
     let pressed = null, pulled = null; // where the mouse went down, and the ball that it has
     host.addEventListener("pointerdown", (event) => { // before the view takes it
       pressed = [event.clientX, event.clientY];
-      if (event.button !== 0 || this.gizmos.some((gizmo) => gizmo.axis !== null)) return;
+      if (event.button !== 0 || this.gizmos.some((gizmo) => gizmo.enabled && gizmo.axis !== null)) return;
       aim(event);
       const ball = ray.intersectObjects(Object.values(this.balls).filter((one) => one.visible))[0];
       if (!ball) return;
@@ -181,15 +182,21 @@ export class Scene {
     }, true);
     domElement.addEventListener("pointermove", (event) => {
       if (!pulled || (pulled.target === null && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) <= 4)) return;
-      if (pulled.target === null) { pulled.target = this.target(); grab(); }
+      if (pulled.target === null) {
+        pulled.target = this.target();
+        this.arrows = false; // they would be in the way of the next drag
+        grab();
+      }
       aim(event);
       const to = ray.ray.intersectPlane(pulled.plane, new THREE.Vector3());
       if (to) drag({ pos: to.sub(pulled.from).toArray().map((value, axis) => value + pulled.target.pos[axis]), quat: pulled.target.quat });
     });
     const letGo = () => {
-      if (pulled && pulled.target) release();
+      const { name, target } = pulled ?? {};
       this.orbit.enabled = true;
       pulled = null;
+      if (target) release();
+      else if (name) { this.arrows = true; choose(name); }
     };
     domElement.addEventListener("pointercancel", letGo);
     domElement.addEventListener("pointerup", (event) => {
@@ -223,8 +230,8 @@ export class Scene {
       ball.material.color.set(name === chosen ? BLUE : pins.has(name) ? ORANGE : PALE);
     }
     for (const gizmo of this.gizmos) {
-      gizmo.getHelper().visible = visible && (gizmo.mode === "translate" || !/(elbow|knee)$/.test(chosen));
-      gizmo.enabled = visible;
+      gizmo.getHelper().visible = visible && this.arrows && (gizmo.mode === "translate" || !/(elbow|knee)$/.test(chosen));
+      gizmo.enabled = visible && this.arrows;
     }
     if (this.dragging) return;
     const { pos, quat: [w, x, y, z] } = frames[chosen];
@@ -244,7 +251,7 @@ export class Scene {
     for (const part of [this.support, this.plumb, this.spot]) part.material.color.set(color);
   }
 
-  toggleAxes() { for (const gizmo of this.gizmos) gizmo.setSpace(gizmo.space === "local" ? "world" : "local"); this.draw(); }
+  toggleAxes() { this.arrows = true; for (const gizmo of this.gizmos) gizmo.setSpace(gizmo.space === "local" ? "world" : "local"); this.draw(); }
 
   look([x, y]) {
     const { target } = this.orbit, shift = new THREE.Vector3(x - target.x, y - target.y, 0);

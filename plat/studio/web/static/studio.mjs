@@ -361,7 +361,7 @@ class Studio {
       row("Begin with", select("template", Object.keys(site.templates), () => {}), button("Add", () => this.template(at.template.value)), button("New", () => { this.edit(new Timeline(site, { time: 0, name: null, qpos: [...site.default_qpos], commands: null })); })),
       row("File", button("Load", () => at.file.click()), button("Save", () => this.save()), at.file),
       make("hr"),
-      row("Drag by", select("handle", Object.keys(site.handles), (value) => { this.handle = value; })),
+      row("Drag by", select("handle", Object.keys(site.handles), (value) => { this.handle = value; this.scene.arrows = true; })),
       row("Commands", select("commands", [...Object.keys(site.presets), "what is pinned"], (value) => { if (value in site.presets) this.command(site.presets[value]); })),
       row("Joint", select("joint", site.joints, (value) => { this.jointNumber = site.joints.indexOf(value); })),
       row("", at.slider, at.angle),
