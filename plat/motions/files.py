@@ -112,7 +112,7 @@ def read_motion_files(
     if unsure and strict:
         raise unsure[0]
     errors += unsure
-    if errors and not files:
+    if errors and not files and (skipped is None or len(errors) == 1):
         raise errors[0] if len(errors) == 1 else MotionError(f"none of {len(errors)} files can be used; {errors[0]}")
     if skipped is not None:
         skipped += errors

@@ -8,7 +8,7 @@ import mujoco
 import torch
 
 from plat.motions.checks.collision import self_penetration
-from plat.motions.checks.feet import Soles, ground_level
+from plat.motions.checks.feet import Soles, contact_slip, ground_level
 from plat.motions.checks.flight import Flight
 from plat.motions.checks.jumps import root_jumps
 from plat.motions.checks.settings import ValidationLimits
@@ -24,8 +24,6 @@ __all__ = ["MotionReport", "MotionValidator", "ValidationLimits", "Verdict", "va
 
 Verdict = Literal["use", "repair", "drop"]
 
-# A foot whose lowest point is this close to the level that the feet rest on is in contact (m).
-_CONTACT_HEIGHT = 0.02
 # A sole that is as low as the lowest part is that part (m).
 _SAME = 1e-6
 # So deep under the floor no drift carries the trunk (m).
@@ -157,7 +155,7 @@ def _measure(
         penetration=max(0.0, -sole, -deep),
         deepest="a foot" if sole <= deep + _SAME else part,
         floating=level,
-        slip=_slip(points, level, clip.fps),
+        slip=contact_slip(points, level, clip.fps),
         self_penetration=inside,
         jumps=tuple(frame / clip.fps for frame in root_jumps(qpos, limits)),
         sides=apart(clip.qpos[:, 7:], robot, "shoulder_roll") if _stands(qpos) else None,
@@ -168,17 +166,6 @@ def _measure(
         in_place=strides_in_place(clip, robot),
         rate_assumed=ASSUMED_RATE in clip.notes,
     )
-
-
-def _slip(points: torch.Tensor, level: float, fps: float) -> float:
-    """Mean over the frames with a foot in contact: how fast the lowest point of the steadier foot goes sideways."""
-    feet = points.transpose(0, 1)  # (2, T, P, 3)
-    lowest = feet[:, :-1, :, 2].argmin(-1)[..., None, None].expand(-1, -1, 1, 3)
-    before, after = feet[:, :-1].gather(2, lowest)[:, :, 0], feet[:, 1:].gather(2, lowest)[:, :, 0]
-    contact = (before[..., 2] < level + _CONTACT_HEIGHT) & (after[..., 2] < level + _CONTACT_HEIGHT)
-    speed = (after - before)[..., :2].norm(dim=-1) * fps
-    speed = speed.where(contact, torch.inf).amin(0)
-    return float(speed[contact.any(0)].mean()) if contact.any() else 0.0
 
 
 def _stands(qpos: torch.Tensor) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from plat.errors import MotionError
-from plat.motions.checks.feet import Soles, lowest_step
+from plat.motions.checks.feet import Soles, contact_slip
 from plat.motions.checks.underside import Underside
 from plat.motions.formats.units import METERS, Converted, leg_height
 from plat.rotations_np import quat_multiply
@@ -23,6 +23,10 @@ _HEIGHT = 0.3
 # A body rests on the floor whose lowest part is within twice this of it in most frames, and one stands whose lower
 # sole is (m, median); and how uneven that may be.
 _FLOOR, _FLAT, _MOST = 0.05, 0.03, 0.7
+# Share of the frames in which the lower foot is lower than on the floor, and what uneven soles count.
+_RESTING, _UNEVEN = 0.2, 0.2
+# Share of the first one's sliding below which other axes are better.
+_CLEARLY = 0.75
 # Frames that are looked at for it.
 _SOME = 50
 _HALF = np.sqrt(0.5)
@@ -103,11 +107,12 @@ def z_up(
     height = float(np.median(candidates[0].places(root_pos)[:, 2])) / need
     units = [meters for meters in METERS.values() if abs(height * meters - 1) < _HEIGHT]
     if stated is not None:
-        frame = _steadiest(candidates if units else [_TURNED[stated]], root_pos, root_quat, joint_pos, soles)
+        scale = units[0] if units else 1.0
+        frame = _steadiest(candidates if units else [_TURNED[stated]], scale * root_pos, root_quat, joint_pos, soles)
         return Converted(frame.places(root_pos)), Converted(frame.quaternions(root_quat))
     if not units:
         return unchanged
-    frame = _steadiest(candidates, root_pos, root_quat, joint_pos, soles)
+    frame = _steadiest(candidates, units[0] * root_pos, root_quat, joint_pos, soles)
     stands = _stands(_qpos(frame, units[0] * root_pos, root_quat, joint_pos), soles)
     as_it_is = [meters for meters in METERS.values() if np.median(np.abs(meters * root_pos[:, 2] / need - 1)) < _HEIGHT]
     as_high = bool(as_it_is)
@@ -123,10 +128,12 @@ def z_up(
 def _steadiest(
     frames: Sequence[_Frame], place: np.ndarray, quat: np.ndarray, joint_pos: np.ndarray, soles: Soles
 ) -> _Frame:
-    """Return the one in which the feet are flattest and slide least."""
+    """Return the one in which the feet are flattest and slide least; the first unless another is clearly better."""
     if len(frames) == 1:
         return frames[0]
-    return min(frames, key=lambda frame: _slide(_qpos(frame, place, quat, joint_pos), soles))
+    slides = [_slide(_qpos(frame, place, quat, joint_pos), soles) for frame in frames]
+    best = int(np.argmin(slides))
+    return frames[best] if slides[best] < _CLEARLY * slides[0] else frames[0]
 
 
 def _qpos(frame: _Frame, place: np.ndarray, quat: np.ndarray, joint_pos: np.ndarray) -> torch.Tensor:
@@ -149,9 +156,9 @@ def _stands(qpos: torch.Tensor, soles: Soles) -> bool:
 
 
 def _slide(qpos: torch.Tensor, soles: Soles) -> float:
-    """Return how uneven the lower sole is and how far it slides in a frame, median (m)."""
+    """Return how far feet on the floor slide in a frame, mean, and a share of how uneven the lower sole is (m)."""
     points = soles.points(qpos)
     height = points[..., 2]
     lower = height[torch.arange(len(height)), height.amin(-1).argmin(-1)]
-    before, after = lowest_step(points)
-    return float((lower.amax(-1) - lower.amin(-1)).median() + (after - before)[:, :2].norm(dim=-1).median())
+    level = float(height.amin((1, 2)).quantile(_RESTING))
+    return contact_slip(points, level, 1.0) + _UNEVEN * float((lower.amax(-1) - lower.amin(-1)).median())

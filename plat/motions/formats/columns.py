@@ -16,6 +16,8 @@ from plat.rotations import quat_multiply
 
 __all__ = ["Parts", "euler_to_quat", "split_columns"]
 
+# Nobody turns so far from frame to frame in a quarter of all frames (rad).
+_FASTEST_TURN = 0.15
 # what a header calls the root's columns in BONES-SEED's tables, which are in cm and degrees
 _SEED = {"translate", "rotate"}
 
@@ -108,6 +110,7 @@ def _by_name(
     else:
         euler = values[:, turn]
         degrees = seed or np.abs(euler).max() > 2 * np.pi or any("deg" in table.header[n].lower() for n in turn)
+        degrees = degrees or _whirls(euler)
         quat, order = euler_to_quat(np.deg2rad(euler) if degrees else euler), "wxyz"
         notes.append(f"root rotation from Euler angles in {'degrees' if degrees else 'radians'}")
     in_degrees = any("deg" in tokens(table.header[n]) for n in joints)
@@ -125,8 +128,9 @@ def _by_place(
     notes: list[str] = []
     sizes = (robot.num_joints, sum("wrist" not in name for name in robot.joint_names))
     joints = values.shape[1] - 7
+    usual = (*sizes, 2 * sizes[0] + 6)  # with velocities
     for before in (1, 2):
-        if joints not in sizes and joints - before in sizes and all(_even(values[:, n]) for n in range(before)):
+        if joints not in usual and joints - before in usual and all(_even(values[:, n]) for n in range(before)):
             # first columns that go on evenly and are no coordinates: a counter, or the time
             first, values = values[:, :before], values[:, before:]
             columns, joints = columns[before:], joints - before
@@ -157,6 +161,12 @@ def _by_place(
             raise MotionError(f"the header has the unknown {odd[:8]}, expected names of the robot's joints, or none")
     order = _order(table.header, columns[3:7])
     return Parts(values[:, :3], values[:, 3:7], values[:, 7:], names, order, times, notes=tuple(notes))
+
+
+def _whirls(angles: np.ndarray) -> bool:
+    """Return whether angles would turn a root faster than any body, if they were in radians."""
+    steps = np.abs((np.diff(angles, axis=0) + np.pi) % (2 * np.pi) - np.pi)
+    return len(steps) > 1 and float(np.quantile(steps.max(1), 0.75)) > _FASTEST_TURN
 
 
 def _counters(table: Table, kinds: Sequence[Column]) -> tuple[list[int], tuple[np.ndarray, str] | None]:

@@ -15,6 +15,11 @@ __all__ = ["Table", "read_table"]
 _SEPARATORS = (",", ";", "\t", None)  # None: any white space
 _COMMENTS = ("#", "//", "%")
 _MISSING = ("", "-")
+# Rows of names before the numbers, at most: a title, names in two rows, units.
+_HEADER_ROWS = 4
+_UNITS = frozenset(
+    ("", "-", "1", "m", "cm", "mm", "in", "ft", "rad", "radian", "radians", "deg", "degree", "degrees", "s")
+)
 
 
 @dataclass(frozen=True)
@@ -52,7 +57,7 @@ def read_table(path: Path) -> Table:
         raise MotionError("no rows of numbers, expected one a frame")
     separator = _separator([line for _, line in lines])
     rows = [(number, _cells(line, separator)) for number, line in lines]
-    header = [] if any(map(_is_number, rows[0][1])) else rows.pop(0)[1]
+    header = _take_header(rows)
     if not rows:
         raise MotionError("no rows of numbers, expected one a frame")
     width = len(rows[0][1])
@@ -99,10 +104,35 @@ def _separator(lines: list[str]) -> str | None:
 
 
 def _cells(line: str, separator: str | None) -> list[str]:
-    cells = [cell.strip(" \t\"'") for cell in line.strip(" \r\n").split(separator)]
+    line = line.strip(" \r\n")
+    if line[:1] in ("[", "("):  # a row as Python prints it
+        line = line.strip("[](), ")
+    cells = [cell.strip(" \t\"'") for cell in line.split(separator)]
     if separator != ",":
         cells = [re.sub(r"^([+-]?\d+),(\d*)", r"\1.\2", cell) for cell in cells]
     return cells
+
+
+def _take_header(rows: list[tuple[int, list[str]]]) -> list[str]:
+    """Take the rows before the numbers away, and return the names of the columns.
+
+    A title is left out, names in two rows are joined, and a row of units is put behind the names.
+    """
+    count = next((n for n, (_, row) in enumerate(rows[: _HEADER_ROWS + 1]) if any(map(_is_number, row))), 1)
+    taken = [row for _, row in rows[:count] if count == 1 or sum(cell not in _MISSING for cell in row) > 1]
+    del rows[:count]
+    if not taken:
+        return []
+    header = taken[0]
+    for row in taken[1:]:
+        if len(row) != len(header):
+            raise MotionError(f"the header has rows of {len(header)} and {len(row)} columns")
+        units = all(cell.strip("()[]").lower() in _UNITS for cell in row)
+        header = [
+            f"{name} [{cell}]" if units and cell else f"{name} {cell}".strip()
+            for name, cell in zip(header, row, strict=True)
+        ]
+    return header
 
 
 def _header_in_comments(comments: list[str], separator: str | None, width: int) -> list[str]:

@@ -13,9 +13,15 @@ _NAMES = "xyz"
 _STANDING = 0.8
 # A standing body's lowest joint over the floor, lowest and highest (legs).
 _FLOOR = (-0.08, 0.35)
-# Heights over the floor of a lying body: lowest and highest of its hips, and of nearly all of its joints (legs).
+# Heights over the floor of a lying body: lowest and highest of its hips, of nearly all of its joints, and of those that
+# touch the floor (legs).
 _LYING_HIPS = (0.0, 0.45)
 _LYING = (-0.1, 0.7)
+_TOUCHING = (-0.25, 0.25)
+# A floor that is where it should be, and parts that are below it (legs).
+_EXACT, _BELOW = 0.05, -0.05
+# Who lies does not go further than this sideways (legs).
+_ROLLS = 1.0
 # Nobody moves further than this along the vertical (legs).
 _CLIMB = 1.6
 # A rest pose whose legs and trunk are in line, and along an axis, by this much.
@@ -56,8 +62,23 @@ def find_up(
     if stands and along == stated:
         return along, []
     hint = _rest_up(rest)
+    lying_along = int(np.argmax(np.abs(upright)))
+    low, high = np.percentile(body, (20, 90), axis=(0, 1))
+    touching = np.percentile(body, 2, axis=(0, 1))
+    is_low = (_LYING_HIPS[0] < hips) & (hips < _LYING_HIPS[1]) & (_LYING[0] < low) & (high < _LYING[1])
+    is_low &= (_TOUCHING[0] < touching) & (touching < _TOUCHING[1])
+    # of three axes one is up, one is along the body, and along the third nobody walks who lies
+    is_low &= (
+        np.array([travel[3 - axis - lying_along] if axis != lying_along else np.inf for axis in range(3)]) < _ROLLS
+    )
     if not stands:
         if stated is not None:
+            if upright.min() < -_STANDING and not is_low[stated]:
+                down = _NAMES[int(upright.argmin())]
+                raise MotionError(
+                    f"{where}: {_NAMES[stated]} should be up, and the body stands along -{down} and does not lie on a "
+                    f"floor; turn it so that y or z is up, or state the axis: --up"
+                )
             return stated, []
         fitting = [axis for axis in (1, 2) if _FLOOR[0] < lowest[axis] < _FLOOR[1] and travel[axis] < _CLIMB]
         if hint in fitting or len(fitting) == 1:
@@ -66,12 +87,12 @@ def find_up(
         raise _untold(where)
     standing_hints = [_FLOOR[0] < lowest[along] < _FLOOR[1] and travel[along] < _CLIMB, hint == along]
     others = [axis for axis in ((stated,) if stated is not None else (1, 2)) if axis != along]
-    low, high = np.percentile(body, (20, 90), axis=(0, 1))
-    is_low = (_LYING_HIPS[0] < hips) & (hips < _LYING_HIPS[1]) & (_LYING[0] < low) & (high < _LYING[1])
     lying = {axis: 2 * bool(is_low[axis]) + (hint == axis) for axis in others}
     # files have y or z up, and x hardly ever
     for_standing = 2 * bool(standing_hints[0]) + standing_hints[1] - (along == 0 and hint != 0)
     best = max(lying, key=lambda axis: lying[axis])
+    if abs(touching[along]) < _EXACT and touching[best] < _BELOW:
+        for_standing += 1
     if for_standing > lying[best] and for_standing > 0:
         told = (
             []

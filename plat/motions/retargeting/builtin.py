@@ -17,6 +17,7 @@ from plat.motions.retargeting.skeletons import SIDES, SkeletonMap, load_map
 
 __all__ = ["UnknownSkeletonError", "builtin_maps", "find_map", "joint_keys", "with_joints"]
 
+_SUFFIX = re.compile(r"[ _.-]?(?:jnt|joint|bone|bn|jt)(?=(?:_end)?$)", re.IGNORECASE)
 # Lengths below this share of a leg give no direction.
 _SHORT = 0.01
 
@@ -55,6 +56,10 @@ def joint_keys(names: Sequence[str], prefix: str = "") -> list[str]:
     (['hips', 'leftupleg'], ['pelvis', 'lthigh'])
     """
     short = [re.split(r"[:|]", name)[-1].removeprefix(prefix) for name in names]
+    bare = [_SUFFIX.sub("", name) for name in short]
+    # a rig whose joints nearly all end in the same word; end sites follow it
+    if sum(one != other for one, other in zip(short, bare, strict=True)) > len(short) // 2:
+        short = bare
     return [re.sub(r"[^a-z0-9]", "", name.lower()) for name in short]
 
 

@@ -15,6 +15,9 @@ from plat.rotations_np import axis_rotation
 
 __all__ = ["read_bvh"]
 
+# No moving body has all its angles below this in degrees, and none has one above it in radians; what is below the first
+# is a rest pose.
+_LEAST_RADIANS, _LARGEST_RADIANS = 0.5, 7.0
 _CHANNELS = ("xposition", "yposition", "zposition", "xrotation", "yrotation", "zrotation")
 
 
@@ -71,6 +74,8 @@ def read_bvh(path: str | Path, fps: float | None = None) -> Mocap:
     joints = _hierarchy(lines)
     values, seconds, notes = _motion(lines, sum(len(joint.channels) for joint in joints))
     rate = checked_rate(path, seconds) if fps is None else fps
+    values, told = _in_degrees(joints, values)
+    notes = (*notes, *told)
     check_extent(f"BVH file {str(path)!r}", len(joints), len(values), len(text))
     positions, rotations = _forward_kinematics(joints, values)
     names, parents = zip(*((joint.name, joint.parent) for joint in joints), strict=True)
@@ -188,6 +193,15 @@ def _motion(lines: _Lines, width: int) -> tuple[np.ndarray, float, tuple[str, ..
     count = int(told[1])
     notes = () if frames == count else (f"{frames} frames, for 'Frames:' says {count}",)
     return np.array(values).reshape(frames, width), seconds, notes
+
+
+def _in_degrees(joints: list[_Joint], values: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Return channel values ``[T, width]`` with angles in degrees, and a note where the file has radians."""
+    turns = np.array([channel >= len("xyz") for joint in joints for channel in joint.channels])
+    largest, moving = np.abs(values[:, turns]).max(initial=0.0), np.ptp(values[:, turns], axis=0).max(initial=0.0)
+    if not _LEAST_RADIANS < largest < _LARGEST_RADIANS or moving < _LEAST_RADIANS:
+        return values, ()
+    return np.where(turns, np.rad2deg(values), values), ("angles in radians: no body moves so little in degrees",)
 
 
 def _forward_kinematics(joints: list[_Joint], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -20,6 +20,8 @@ _SHIN, _ARM = (0.4, 2.5), (0.3, 2.0)
 # A pose before the motion: joints go this far to the next frame (legs), and this many times as far as later.
 _POSED, _LEAP = 0.15, 6.0
 _POSED_FRAMES = 3
+# Nobody's hips go faster than this (m/s, median).
+_FASTEST = 12.0
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,12 @@ def read_human(
     stated = AXES.get(skeleton.up, AXES.get(mocap.up or ""))
     axis, told = (AXES[up], []) if up is not None else find_up(raw, rest, leg, stated, where)
     unit, more = (UNITS[units], []) if units is not None else _unit(leg, skeleton)
+    speed = unit * float(np.median(np.linalg.norm(np.diff(raw["hips"], axis=0), axis=1))) * mocap.fps
+    if len(raw["hips"]) > _POSED_FRAMES and speed > _FASTEST:
+        raise MotionError(
+            f"{where}: hips go at {speed:.0f} m/s; is their place in another unit than the skeleton, or the frame rate "
+            f"{mocap.fps:g} wrong (--fps)?"
+        )
     # a cyclic change of axes is a rotation, so that left stays left
     axes = [(axis + 1) % 3, (axis + 2) % 3, axis]
     origin = np.append(raw["hips"][0, axes[:2]], 0.0)

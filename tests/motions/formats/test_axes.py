@@ -95,7 +95,7 @@ def test_who_lies_beside_the_origin_stays_lying(turn):
 
 
 def walking() -> np.ndarray:
-    """A sway from side to side on legs that stay upright, carried ahead and turned, so that exchanged axes show."""
+    """A sway from side to side over a foot that stands still, so that exchanged axes show."""
     qpos = np.tile(G1.default_qpos, (60, 1)).astype(np.float64)
     time = np.linspace(0, 1, 60)
     roll = 0.2 * np.sin(6 * time) + 0.1
@@ -103,5 +103,5 @@ def walking() -> np.ndarray:
     for side in ("left", "right"):
         qpos[:, 7 + G1.joint_names.index(f"{side}_hip_roll")] -= roll
     qpos[:, 2] -= SOLES.points(torch.from_numpy(qpos))[..., 2].amin((1, 2)).numpy()
-    qpos[:, 0] = 1.5 * time
+    qpos[:, :2] += [1.5, 0.3] - SOLES.points(torch.from_numpy(qpos))[:, 0, :, :2].mean(1).numpy()
     return turned(MotionClip("sway", qpos, 50.0), 0.3).qpos.astype(np.float64)

@@ -34,10 +34,15 @@ def table(
     before: str = "",
     after: str = "",
     mark: bytes = b"",
+    units: list[str] | None = None,
+    row: str = "{}",
 ) -> Callable[[Path], Path]:
     def write(folder: Path) -> Path:
-        lines = [separator.join(header)] if header else []
-        lines += [separator.join(f"{value:.12g}".replace(".", point) for value in row) + after for row in rows]
+        lines = [separator.join(line) for line in (header, units) if line]
+        lines += [
+            row.format(separator.join(f"{value:.12g}".replace(".", point) for value in values)) + after
+            for values in rows
+        ]
         (folder / name).write_bytes(mark + (before + end.join(lines) + end).encode())
         return folder / name
 
@@ -134,6 +139,17 @@ RIGHT = {
     "l_hip_pitch": table(header=ROOT + [name.replace("left_", "l_").replace("right_", "r_") for name in JOINTS]),
     "breadth first, named": table(header=ROOT + ISAAC_ORDER, rows=qpos(listed(ISAAC_ORDER)(CONTENT))),
     "root behind the joints": table(header=JOINTS + ROOT, rows=np.roll(ROWS, -7, 1)),
+    "a title before the header": table(header=ROOT + JOINTS, before="Motion export 2.1\n"),
+    "a row of units": table(
+        header=ROOT + JOINTS,
+        rows=degrees(),
+        units=["m"] * 3 + ["-"] * 4 + ["deg"] * 29,
+    ),
+    "names in two rows": table(
+        header=["root"] * 7 + ["joint"] * 29, units=[n.removeprefix("root_") for n in ROOT] + JOINTS
+    ),
+    "rows as Python prints them": table(row="[{}],"),
+    "time, positions and velocities": table("walk.csv", rows=np.column_stack((0.02 * COUNT, ROWS, np.zeros((40, 35))))),
     "hands beside": table(
         header=ROOT + JOINTS + [f"left_hand_{n}_joint" for n in range(7)],
         rows=np.column_stack((ROWS, np.zeros((40, 7)))),

@@ -46,6 +46,8 @@ def test_every_map_finds_its_own_joints(name):
         (lambda name: f"mixamorig1:{name}", "mixamo"),
         (lambda name: f"Character2_{name}", "mixamo"),
         (lambda name: f"Take|Actor:{name}", "mixamo"),
+        (lambda name: f"{name}_jnt", "mixamo"),
+        (lambda name: f"{name}Joint", "mixamo"),
         (str.upper, "mixamo"),
         (str.lower, "mixamo"),
         (lambda name: f"Skeleton 01-{name}".replace("Skeleton 01-", "Skeleton_"), "mixamo"),

@@ -163,3 +163,25 @@ def test_more_joints_than_any_body_has(tmp_path):
     text = f"HIERARCHY\nROOT a {{\nOFFSET 0 0 0\nCHANNELS 1 Xrotation\n{joints}{'} ' * 2001}\nMOTION\n"
     with pytest.raises(MotionError, match="clip.bvh': 2001 joints, expected at most 2000"):
         read(tmp_path, text + "Frames: 1\nFrame Time: 0.01\n0\n")
+
+
+def test_angles_in_radians_are_seen(tmp_path):
+    path = write_human(tmp_path / "a.bvh", turns={"LeftArm": (40, 0, 0)})
+    head, rows = path.read_text().split("Frame Time: 0.033333\n")
+    values = np.array([[float(word) for word in row.split()] for row in rows.splitlines()])
+    values[:, 3:] = np.deg2rad(values[:, 3:])
+    (tmp_path / "b.bvh").write_text(
+        f"{head}Frame Time: 0.033333\n" + "\n".join(" ".join(map(str, row)) for row in values)
+    )
+    found, expected = read_bvh(tmp_path / "b.bvh"), read_bvh(path)
+    np.testing.assert_allclose(found.positions, expected.positions, atol=1e-3)
+    assert "angles in radians: no body moves so little in degrees" in found.notes
+    assert expected.notes == ()
+
+
+def test_a_rest_pose_is_in_degrees(tmp_path):
+    path = write_human(tmp_path / "a.bvh")
+    head, rows = path.read_text().split("Frame Time: 0.033333\n")
+    still = "\n".join(" ".join(row.split()[:3] + ["0"] * (len(row.split()) - 3)) for row in rows.splitlines())
+    (tmp_path / "b.bvh").write_text(f"{head}Frame Time: 0.033333\n{still}")
+    assert read_bvh(tmp_path / "b.bvh").notes == ()

@@ -172,3 +172,32 @@ def test_a_format_whose_up_axis_is_known_needs_nobody_who_stands(tmp_path):
     with pytest.raises(MotionError, match="which axis is up is not to be told from the poses; state it: --up"):
         read_human(leaning, AUTO, "a.bvh")
     assert read_human(replace(leaning, up="y"), AUTO, "a.bvh").notes == mocap.notes
+
+
+@pytest.mark.parametrize("turn", [("x", 180), ("z", 90), ("x", -90)], ids=["-y", "-x", "-z"])
+def test_a_world_upside_down_is_refused(tmp_path, turn):
+    """A walk of 3 m: whose head points along a negative axis lies on a floor, or the axes are others."""
+    standing = read_bvh(write_human(tmp_path / "a.bvh"))
+    walked = np.linspace(0, 300, len(standing.positions))[:, None, None] * [1.0, 0.0, 0.0]
+    walking = turned(replace(standing, positions=standing.positions + walked), Rotation.from_euler(*turn, degrees=True))
+    with pytest.raises(MotionError, match="--up"):
+        read_human(walking, replace(AUTO, up="y"), "clip.bvh")
+
+
+@pytest.mark.parametrize("up", ["x", "z"])
+def test_who_walks_does_not_lie(tmp_path, up):
+    """The middle of the body is as near to 0 along the stated axis as that of who lies."""
+    standing = read_bvh(write_human(tmp_path / "a.bvh", up=up))
+    along = {"x": 2, "z": 0}[up]
+    walked = np.zeros_like(standing.positions)
+    walked[..., along] += np.linspace(0, 300, len(walked))[:, None]
+    walked[..., 1] -= np.median(standing.positions[..., 1])
+    found = read_human(replace(standing, positions=standing.positions + walked), replace(AUTO, up="y"), "clip.bvh")
+    assert found.notes == (f"{up} up and not y, as stated: the body stands along it",)
+
+
+def test_hips_in_another_unit_than_the_skeleton_are_refused(tmp_path):
+    standing = read_bvh(write_human(tmp_path / "a.bvh"))
+    flown = standing.positions + np.linspace(0, 3e4, len(standing.positions))[:, None, None] * [1.0, 0.0, 0.0]
+    with pytest.raises(MotionError, match="hips go at 310 m/s; is their place in another unit than the skeleton"):
+        read_human(replace(standing, positions=flown), AUTO, "clip.bvh")
