@@ -1,11 +1,15 @@
 """Settings of the simulation, and of what counts as reached in it."""
 
 from dataclasses import dataclass
+from typing import Literal, TypeAlias
 
 from plat.bounds import Bounded, NonNegative, Positive
 from plat.envs.transforms.settings import TerminationLimits
 
-__all__ = ["ReachLimits", "ResetNoise"]
+__all__ = ["PhysicsName", "ReachLimits", "ResetNoise"]
+
+PhysicsName: TypeAlias = Literal["mujoco", "warp"]
+"""MuJoCo on the CPU, or MuJoCo Warp on a GPU."""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from torchrl.envs import EnvBase
 from plat.bounds import Robots, check_value
 from plat.entries import check_entries
 from plat.envs.broken import BrokenRobots
-from plat.envs.physics import BatchedPhysics
+from plat.envs.physics import BatchedPhysics, PhysicsFactory
 from plat.envs.randomized_physics import RandomizedPhysics
 from plat.envs.state import GeneralizedState
 from plat.envs.transforms.settings import RandomizationRanges
@@ -37,9 +37,10 @@ class SimulatedTask(EnvBase):
         decimation: physics steps a control step.
         feet: contact geometry of the soles, see :meth:`plat.robots.Robot.spec`.
         num_threads: threads of the physics pool; None takes all CPUs.
-        device: where tensors live; physics runs on the CPU.
+        device: where tensors live, and the physics if it can be there.
         randomization: ranges of the robots' physics and of pushes, drawn at every reset; None for the nominal robot.
             ``("next", "pushed")`` then says which steps no model can foresee.
+        physics: factory of the physics, which becomes the attribute of that name.
 
     >>> from plat.motions import MotionLibrary, generate_motions
     >>> from plat.tasks import DenseTracking
@@ -59,13 +60,14 @@ class SimulatedTask(EnvBase):
         num_threads: int | None = None,
         device: torch.device | str = "cpu",
         randomization: RandomizationRanges | None = None,
+        physics: PhysicsFactory = BatchedPhysics,
     ):
         check_value("environment: num_envs", num_envs, Robots)
         super().__init__(device=torch.device(device), batch_size=torch.Size([num_envs]))
         self.task = task.to(device)
         model = task.robot.model(feet)
         model.opt.timestep = task.dt / decimation
-        self.physics = BatchedPhysics(model, num_envs, num_threads, device)
+        self.physics = physics(model, num_envs, num_threads, device)
         self.decimation = decimation
         self.draws: RandomizedPhysics | None = None
         """Draws of the robots' physics; None for the nominal robot."""
@@ -98,7 +100,7 @@ class SimulatedTask(EnvBase):
         return state, memory
 
     def _state(self) -> GeneralizedState:
-        return GeneralizedState.unpack(torch.cat((self.physics.read("qpos"), self.physics.read("qvel")), -1))
+        return GeneralizedState.unpack(torch.cat(self.physics.state(), -1))
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         check_entries(tensordict, {"action": (*self.batch_size, self.task.robot.num_joints)}, "environment step")

@@ -1,0 +1,27 @@
+"""Physics by its name on the command line."""
+
+from importlib.util import find_spec
+
+from plat.envs.physics.mujoco_batch import BatchedPhysics
+from plat.envs.physics.mujoco_warp import WarpPhysics
+from plat.envs.physics.protocol import PhysicsFactory
+from plat.envs.settings import PhysicsName
+from plat.errors import ConfigError
+
+__all__ = ["get_physics"]
+
+
+def get_physics(name: PhysicsName) -> PhysicsFactory:
+    """Return the factory of a physics: ``mujoco`` on the CPU, or ``warp``, MuJoCo Warp on a GPU.
+
+    Raises:
+        ConfigError: when the package that it needs is not installed.
+
+    >>> get_physics("mujoco").__name__
+    'BatchedPhysics'
+    """
+    if name == "mujoco":
+        return BatchedPhysics
+    if find_spec("mujoco_warp") is None or find_spec("warp") is None:
+        raise ConfigError("--physics warp needs: pip install 'plat-rl[warp]'")
+    return WarpPhysics
