@@ -51,12 +51,13 @@ class WarpPhysics:
         constraints: int = 384,
     ):
         try:
-            import mujoco_warp
             import warp
+
+            warp.config.log_level = max(warp.config.log_level, warp.LOG_WARNING)  # a line for each kernel
+            import mujoco_warp
         except ImportError as error:
             raise ConfigError("physics 'warp' needs: pip install 'plat-rl[warp]'") from error
         self._warp, self._mujoco_warp = warp, mujoco_warp
-        warp.config.quiet = True
         self.model = model
         self.device = torch.device(device)
         with self._scope():

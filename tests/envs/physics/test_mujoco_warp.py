@@ -3,7 +3,6 @@
 import builtins
 
 import mujoco
-import numpy as np
 import pytest
 import torch
 from torch import Tensor
@@ -16,11 +15,27 @@ from plat.robots import G1
 STANDING = torch.as_tensor(G1.default_qpos, dtype=torch.float64)
 
 
+# About a hundred times what was found: processors round differently, and contacts amplify it.
+TOLERANCES = {
+    "qpos": 1e-4,  # m, rad
+    "qvel": 1e-2,  # m/s, rad/s
+    "body_pos_w": 1e-4,
+    "body_quat_w": 1e-4,
+    "body_lin_vel_w": 1e-3,
+    "body_ang_vel_w": 1e-2,
+    "joint_torque": 2e-2,  # N m
+    "left_foot_contact": 5.0,  # N
+    "right_foot_contact": 5.0,
+    "ground_contact": 0.5,  # contacts
+    "self_contact": 0.5,
+}
+
+
 def moved(count: int) -> tuple[Tensor, Tensor]:
-    """States on the ground and above it, moving."""
+    """States about on the ground, moving."""
     random = torch.Generator().manual_seed(3)
-    qpos, qvel = STANDING.repeat(count, 1), 0.3 * torch.randn(count, 35, generator=random, dtype=torch.float64)
-    qpos[:, 7:] += 0.1 * torch.randn(count, 29, generator=random, dtype=torch.float64)
+    qpos, qvel = STANDING.repeat(count, 1), 0.1 * torch.randn(count, 35, generator=random, dtype=torch.float64)
+    qpos[:, 7:] += 0.03 * torch.randn(count, 29, generator=random, dtype=torch.float64)
     return qpos, qvel
 
 
@@ -44,6 +59,7 @@ def differences(ours: BatchedPhysics, theirs: WarpPhysics) -> dict[str, float]:
     return {name: float((a - b).abs().max()) for name, (a, b) in pairs.items()}
 
 
+@pytest.mark.slow
 def test_a_hundred_steps_are_those_of_mujoco():
     ours, theirs = both(3)
     ids = torch.tensor([0, 2])
@@ -54,23 +70,24 @@ def test_a_hundred_steps_are_those_of_mujoco():
         physics.set_gains(ids, torch.full((2, 29), 0.9), torch.full((2, 29), 1.1))
     random = torch.Generator().manual_seed(1)
     found: list[dict[str, float]] = []
+    force = 0.0
     for number in range(25):  # of four steps
-        target = G1.default_joint_pos + 0.2 * torch.randn(3, 29, generator=random)
+        target = G1.default_joint_pos + 0.1 * torch.randn(3, 29, generator=random)
         for physics in (ours, theirs):
             if number == 10:
                 physics.push(torch.tensor([1]), torch.tensor([[0.3, 0.2, 0.0, 0.1, 0.0, 0.2]]))
             physics.step(target, nstep=4)
         found.append(differences(ours, theirs))
-    print({name: f"{max(each[name] for each in found):.2g}" for name in found[0]})
+        force = max(force, float(theirs.sensors()["left_foot_contact"].max()))
+    print(force, {name: f"{max(each[name] for each in found):.2g}" for name in found[0]})
+    assert force > 100  # the robots stand
     assert not theirs.overflowed().any()
     assert not theirs.diverged().any()
     for name, bound in TOLERANCES.items():
         assert max(each[name] for each in found) < bound, name
 
 
-TOLERANCES = {"qpos": 2e-3, "qvel": 0.2, "body_pos_w": 2e-3, "body_quat_w": 2e-3}
-
-
+@pytest.mark.slow
 def test_resets_of_some_leave_the_others_and_returned_tensors():
     _, physics = both(3)
     physics.step(G1.default_joint_pos.expand(3, -1), nstep=1)
@@ -90,6 +107,7 @@ def test_resets_of_some_leave_the_others_and_returned_tensors():
     assert velocity.shape == (3, 35)
 
 
+@pytest.mark.slow
 def test_a_state_comes_back_and_a_wrong_one_is_refused():
     _, physics = both(2)
     physics.set_gains(torch.tensor([1]), torch.full((1, 29), 0.5), torch.ones(1, 29))
@@ -105,6 +123,7 @@ def test_a_state_comes_back_and_a_wrong_one_is_refused():
         physics.load_state_dict({"state": torch.zeros(2, 3), "fields": {}})
 
 
+@pytest.mark.slow
 def test_a_robot_that_diverges_is_told_of_and_comes_back():
     _, physics = both(2)
     velocity = torch.zeros(1, 35)
@@ -117,6 +136,7 @@ def test_a_robot_that_diverges_is_told_of_and_comes_back():
     assert physics.diverged().tolist() == [False, False]
 
 
+@pytest.mark.slow
 def test_an_environment_runs_on_it(library):
     pytest.importorskip("mujoco_warp")
     env = MotionTrackingEnv(library, 2, physics=get_physics("warp"))
@@ -141,6 +161,5 @@ def test_without_the_extra_one_line_says_what_it_needs(monkeypatch):
         WarpPhysics(mujoco.MjModel.from_xml_string("<mujoco/>"), 1)
 
 
-def test_mujoco_is_the_default_physics():
+def test_mujoco_by_its_name():
     assert get_physics("mujoco") is BatchedPhysics
-    assert np.isfinite(G1.default_qpos).all()
