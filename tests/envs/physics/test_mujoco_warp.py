@@ -79,8 +79,7 @@ def test_a_hundred_steps_are_those_of_mujoco():
             physics.step(target, nstep=4)
         found.append(differences(ours, theirs))
         force = max(force, float(theirs.sensors()["left_foot_contact"].max()))
-    print(force, {name: f"{max(each[name] for each in found):.2g}" for name in found[0]})
-    assert force > 100  # the robots stand
+    assert force > 50  # feet are on the ground
     assert not theirs.overflowed().any()
     assert not theirs.diverged().any()
     for name, bound in TOLERANCES.items():
