@@ -13,6 +13,7 @@ from torchrl.envs import EnvBase
 from plat.cli.settings import parse
 from plat.collectors import ExpertLabels, MixedPolicy, collect, dagger_buffer
 from plat.envs import make_keyframe_env
+from plat.envs.physics import get_physics
 from plat.envs.transforms import horizon_named
 from plat.errors import ConfigError
 from plat.evaluation import play
@@ -58,7 +59,9 @@ def main(recipe: DistillRecipe) -> None:
     policy = MixedPolicy(student.sampled(), labels, recipe.expert_share, keep_labels=teacher.stateful)
     budget = Budget(recipe.minutes, recipe.steps)
     source = collect(
-        partial(robots, teacher, config=recipe.task, horizon=horizon, timing=timing),
+        partial(
+            robots, teacher, config=recipe.task, horizon=horizon, timing=timing, physics=get_physics(recipe.physics)
+        ),
         library,
         recipe.num_envs,
         policy,

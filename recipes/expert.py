@@ -12,6 +12,7 @@ import torch
 from plat.cli.settings import parse
 from plat.collectors import collect
 from plat.envs import make_tracking_env
+from plat.envs.physics import get_physics
 from plat.envs.transforms import Horizon
 from plat.errors import CheckpointError
 from plat.evaluation import play
@@ -40,7 +41,7 @@ def main(recipe: ExpertRecipe) -> None:
     ppo = PPO(expert.head(), critic.head(), critic.observe(), ppo_config(recipe))
     budget = Budget(recipe.minutes, recipe.steps)
     source = collect(
-        partial(make_tracking_env, config=recipe.task, goals=expert.goals),
+        partial(make_tracking_env, config=recipe.task, goals=expert.goals, physics=get_physics(recipe.physics)),
         library,
         recipe.num_envs,
         expert.actor(),

@@ -12,6 +12,7 @@ from torch import nn
 from torchrl.envs import EnvBase
 
 from plat.collectors import RolloutReplay, collect, rollouts
+from plat.envs.physics import get_physics
 from plat.envs.randomized_physics import num_physics
 from plat.envs.transforms import NoiseLevels
 from plat.envs.transforms.settings import ROBOT_RANGES
@@ -87,7 +88,12 @@ def learn(
     watch, budget = ExploitationWatch(), Budget(recipe.minutes, recipe.steps)
     source = collect(
         # a worker makes a task of its own: this one is full of tables
-        partial(simulated_task, make_task if recipe.workers else lambda motions: task, randomization=randomization),
+        partial(
+            simulated_task,
+            make_task if recipe.workers else lambda motions: task,
+            randomization=randomization,
+            physics=get_physics(recipe.physics),
+        ),
         library,
         recipe.num_envs,
         exploring(actor, recipe.noise),

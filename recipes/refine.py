@@ -10,6 +10,7 @@ import torch
 from plat.cli.settings import parse
 from plat.collectors import collect
 from plat.envs import make_keyframe_env
+from plat.envs.physics import get_physics
 from plat.envs.transforms import horizon_named
 from plat.evaluation import play
 from plat.modules import (
@@ -59,7 +60,9 @@ def main(recipe: RefineRecipe) -> None:
     ppo = PPO(policy.head(), critic.head(), critic.observe(), recipe.ppo, action_key=policy.sample_key)
     budget = Budget(recipe.minutes, recipe.steps)
     source = collect(
-        partial(make_keyframe_env, config=recipe.task, horizon=horizon, timing=timing),
+        partial(
+            make_keyframe_env, config=recipe.task, horizon=horizon, timing=timing, physics=get_physics(recipe.physics)
+        ),
         library,
         recipe.num_envs,
         policy.actor(),

@@ -1,15 +1,29 @@
 """Settings of the simulation, and of what counts as reached in it."""
 
 from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import Literal, TypeAlias
 
 from plat.bounds import Bounded, NonNegative, Positive
 from plat.envs.transforms.settings import TerminationLimits
+from plat.errors import ConfigError
 
-__all__ = ["PhysicsName", "ReachLimits", "ResetNoise"]
+__all__ = ["PhysicsName", "ReachLimits", "ResetNoise", "check_physics"]
 
 PhysicsName: TypeAlias = Literal["mujoco", "warp"]
 """MuJoCo on the CPU, or MuJoCo Warp on a GPU."""
+
+
+def check_physics(name: PhysicsName) -> None:
+    """Raise an error for a physics whose package is not installed.
+
+    Raises:
+        ConfigError: saying what to install.
+
+    >>> check_physics("mujoco")
+    """
+    if name == "warp" and None in (find_spec("warp"), find_spec("mujoco_warp")):
+        raise ConfigError("--physics warp needs: pip install 'plat-rl[warp]'")
 
 
 @dataclass(frozen=True)

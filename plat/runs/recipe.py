@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Protocol, TypeVar
 
 from plat.bounds import Bounded, Count, Natural, NonNegative, NotEmpty, Positive, Robots, Seed
+from plat.envs.settings import PhysicsName, check_physics
 from plat.errors import ConfigError, PlatError
 from plat.files import check_folder
 from plat.runs.budget import Budget
@@ -70,11 +71,12 @@ def begin(recipe: T) -> T:
     """Return the settings of a recipe on its device, after a check of all that does not need its motions.
 
     Raises:
-        PlatError: for a device that is not there, no budget, a folder that cannot be written to, one that holds a run
+        PlatError: for a device or a physics that is not there, no budget, a folder that cannot be written to, one that holds a run
             already, or one that holds none to resume.
     """
     recipe = on_device(recipe)
     Budget(recipe.minutes, recipe.steps)
+    check_physics(recipe.physics)
     check_folder(recipe.out)
     check_out(recipe.out, resume=recipe.resume)
     return recipe
@@ -109,11 +111,13 @@ class RecipeConfig(Bounded):
     seed: Seed = 0
     """seeds everything that is drawn"""
     device: str = "auto"
-    """where networks and tensors live, "cuda" where there is one; physics runs on the CPU"""
+    """where networks and tensors live, "cuda" where there is one"""
     robot: str = "g1"
     """name of the robot, or path of its JSON description"""
     num_envs: Robots = 512
     """robots that are simulated at a time"""
+    physics: PhysicsName = "mujoco"
+    """MuJoCo on the CPU, or "warp": MuJoCo Warp on the device (extra: warp)"""
     workers: Natural = 0
     """processes that simulate them, on a share of the CPUs each; 0 for the one that learns"""
     wandb: bool = False
@@ -131,6 +135,8 @@ class RecipeConfig(Bounded):
             raise ConfigError(
                 f"{type(self).__name__}: workers is {self.workers}, expected at most num_envs, {self.num_envs}"
             )
+        if self.workers and self.physics == "warp":
+            raise ConfigError(f"{type(self).__name__}: physics 'warp' is on one device, expected workers to be 0")
 
     @property
     def loggers(self) -> tuple[LoggerName, ...]:

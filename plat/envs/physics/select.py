@@ -1,12 +1,9 @@
 """Physics by its name on the command line."""
 
-from importlib.util import find_spec
-
 from plat.envs.physics.mujoco_batch import BatchedPhysics
 from plat.envs.physics.mujoco_warp import WarpPhysics
 from plat.envs.physics.protocol import PhysicsFactory
-from plat.envs.settings import PhysicsName
-from plat.errors import ConfigError
+from plat.envs.settings import PhysicsName, check_physics
 
 __all__ = ["get_physics"]
 
@@ -20,8 +17,5 @@ def get_physics(name: PhysicsName) -> PhysicsFactory:
     >>> get_physics("mujoco").__name__
     'BatchedPhysics'
     """
-    if name == "mujoco":
-        return BatchedPhysics
-    if find_spec("mujoco_warp") is None or find_spec("warp") is None:
-        raise ConfigError("--physics warp needs: pip install 'plat-rl[warp]'")
-    return WarpPhysics
+    check_physics(name)
+    return BatchedPhysics if name == "mujoco" else WarpPhysics

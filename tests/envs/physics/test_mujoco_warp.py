@@ -10,6 +10,7 @@ from torch import Tensor
 from plat.envs import MotionTrackingEnv
 from plat.envs.physics import BatchedPhysics, WarpPhysics, get_physics
 from plat.errors import ConfigError, StateError
+from plat.recipes.options import ExpertRecipe
 from plat.robots import G1
 
 STANDING = torch.as_tensor(G1.default_qpos, dtype=torch.float64)
@@ -145,7 +146,7 @@ def test_an_environment_runs_on_it(library):
 
 
 def test_without_the_extra_one_line_says_what_it_needs(monkeypatch):
-    monkeypatch.setattr("plat.envs.physics.select.find_spec", lambda name: None)
+    monkeypatch.setattr("plat.envs.settings.find_spec", lambda name: None)
     with pytest.raises(ConfigError, match=r"--physics warp needs: pip install 'plat-rl\[warp\]'"):
         get_physics("warp")
     found = builtins.__import__
@@ -162,3 +163,8 @@ def test_without_the_extra_one_line_says_what_it_needs(monkeypatch):
 
 def test_mujoco_by_its_name():
     assert get_physics("mujoco") is BatchedPhysics
+
+
+def test_warp_is_not_spread_over_workers(tmp_path):
+    with pytest.raises(ConfigError, match="physics 'warp' is on one device, expected workers to be 0"):
+        ExpertRecipe(motions=("x",), out=tmp_path, physics="warp", workers=2)
