@@ -71,8 +71,8 @@ def begin(recipe: T) -> T:
     """Return the settings of a recipe on its device, after a check of all that does not need its motions.
 
     Raises:
-        PlatError: for a device or a physics that is not there, no budget, a folder that cannot be written to, one that holds a run
-            already, or one that holds none to resume.
+        PlatError: for a device or physics that is not there, no budget, a folder that cannot be written to, one that
+            holds a run already, or one that holds none to resume.
     """
     recipe = on_device(recipe)
     Budget(recipe.minutes, recipe.steps)
