@@ -123,7 +123,7 @@ class EvaluateRecipe(ScoringConfig):
     domain_randomization: bool = False
     """draw robot, motors and ground anew for each motion, and push the robots"""
     disturbed: Fraction = 0.0
-    """strength of all that a robot meets: the above, delays, load, sensor noise, estimator errors; 1 is the full set"""
+    """strength of all that a robot meets: the above, delays, load, noise; 1 is the full set"""
     csv: Path | None = None
     """file for every figure and interval; authored keyframes go to NAME_authored.csv"""
     figures: Path | None = None
