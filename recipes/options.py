@@ -177,7 +177,7 @@ class ImaginationRecipe(RecipeConfig):
     save_replay: bool = True
     """keep these steps in checkpoints; without, a resumed run gathers them anew and differs"""
     disturbed: Fraction = 0.0
-    """strength of randomized physics, delays, pushes, noise and estimator errors; 1 for all of it"""
+    """strength of randomized physics, delays, pushes, noise, estimator errors; 1 for all of it"""
     unseen: tuple[str, ...] = ("generated:val@120",)
     """motions on which the model's error is reported"""
     model: DynamicsConfig = field(default_factory=DynamicsConfig)
