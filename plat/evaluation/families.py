@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from plat.errors import RecordsError
+from plat.json_file import short
 
 __all__ = ["OTHER", "families_of", "read_manifest"]
 
@@ -29,10 +30,16 @@ def read_manifest(paths: Iterable[Path], column: str = "family") -> dict[str, st
         try:
             with Path(path).open(newline="", encoding="utf-8") as file:
                 rows = csv.DictReader(file)
-                missing = {"clip", column} - set(rows.fieldnames or ())
+                head = list(rows.fieldnames or ())
+                missing = {"clip", column} - set(head)
                 if missing:
-                    raise RecordsError(f"manifest {str(path)!r}: no column {sorted(missing)}, it has {rows.fieldnames}")
-                families |= {row["clip"]: row[column] for row in rows}
+                    raise RecordsError(f"manifest {str(path)!r}: no column {sorted(missing)}, it has {short(head)}")
+                for row in rows:
+                    if row["clip"] is None or row[column] is None:
+                        raise RecordsError(
+                            f"manifest {str(path)!r}, line {rows.line_num}: fewer cells than the head has"
+                        )
+                    families[row["clip"]] = row[column]
         except (OSError, UnicodeDecodeError, csv.Error) as error:
             raise RecordsError(f"manifest {str(path)!r}: not a readable CSV file ({error})") from error
     return families

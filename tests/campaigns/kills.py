@@ -54,6 +54,8 @@ TASKS: dict[str, list[str]] = {
     "expert-model": ["expert-model", "--policy.hidden", "16", *IMAGINED],
     "imagine": ["imagine", "--task.chains", "6", *NETWORKS, *IMAGINED],
     "disturbed": ["imagine", "--disturbed", "1", "--task.chains", "6", *NETWORKS, *IMAGINED],
+    "latent": ["imagine", "--student", "latent", "--posterior", "0.5", "--task.chains", "6", *NETWORKS, *IMAGINED],
+    "critic": ["imagine", "--imagination.critic", "16", "--task.chains", "6", *NETWORKS, *IMAGINED],
     "distill": ["distill", "--expert", "{expert}", *NETWORKS, *LATENT],
     "distill-plain": ["distill", "--expert", "{expert}", "--student", "plain", *NETWORKS, *LATENT],
     "refine": ["refine", "--student", "{distill}", "--critic", "16", "--critic-warmup", "3", "--policy.hidden", "16"],

@@ -23,3 +23,14 @@ def test_what_is_missing_is_named(tmp_path):
         read_manifest([tmp_path / "bad.csv"])
     with pytest.raises(RecordsError, match="names none of the 1 clips, which are called 'z'"):
         families_of(["z"], {"a": "walk"})
+
+
+def test_manifests_that_are_cut_off_or_no_tables_take_one_short_line(tmp_path):
+    path = tmp_path / "manifest.csv"
+    path.write_text("clip,seconds,family\na,2,walk\nb,3\n")
+    with pytest.raises(RecordsError, match=r"manifest.csv', line 3: fewer cells than the head"):
+        read_manifest([path])
+    path.write_text("1" * 100_000)
+    with pytest.raises(RecordsError, match="no column") as refused:
+        read_manifest([path])
+    assert len(str(refused.value)) < 500

@@ -13,8 +13,11 @@ import numpy as np
 
 from plat.deploy import Bundle, PolicyFacts, PolicyRunner, TrainingFacts
 from plat.deploy.bundle import INPUT, METADATA_KEY, OUTPUT
+from plat.errors import KeyframeError
+from plat.evaluation.families import families_of, read_manifest
 from plat.evaluation.records import STEP_METRICS, WINDOW_METRICS, CommandRecords
-from plat.keyframes import KeyframeSequence, standing
+from plat.json_file import parse_json
+from plat.keyframes import KeyframeSequence, keyframe_from_json, keyframe_to_json, standing
 from plat.motions.files import read_motion_files
 from plat.motions.readers import READERS
 from plat.motions.retargeting.skeletons import load_map
@@ -89,6 +92,10 @@ def _motions(folder: Path) -> Iterator[Subject]:
         path = folder / name
         write(path, clip)
         yield _one(f"motion {name}", path, _read_motions)
+    np.save(folder / "root_joints.npy", clip.qpos)
+    yield _one("motion .npy", folder / "root_joints.npy", _read_motions, "bytes")
+    table = (folder / "headed_50fps.csv").read_bytes().replace(b",", b"\t")
+    yield Subject("motion .tsv", {"a_50fps.tsv": table}, "a_50fps.tsv", "text", _read_motions, "a_50fps.tsv")
     archive = folder / "hdmi.npz"
     np.savez(archive, qpos=clip.qpos)
     meta = json.dumps({"fps": 50, "joint_names": G1.joint_names, "body_names": ["pelvis"]}).encode()
@@ -122,10 +129,26 @@ def _settings(folder: Path) -> Iterator[Subject]:
     pose, path = standing(G1), folder / "wave.json"
     KeyframeSequence(G1, pose, (pose.at(0.5), pose.at(1.0))).save(path)
     yield _one("keyframes", path, lambda path: KeyframeSequence.load(path, G1, split=True))
+    message = folder / "message.json"
+    message.write_text(json.dumps(keyframe_to_json(pose.at(0.5), G1)))
+    yield _one("keyframe message", message, _read_message)
     yield _one("robot", _ROBOT, read_robot)
+    manifest = folder / "manifest.csv"
+    manifest.write_text("clip,family,seconds\nwalk_001,walk,3.5\nbow_002,bow,2\n")
+    yield _one("manifest", manifest, _read_manifest)
     for name in ("lafan1", "mixamo"):
         found = sorted(_MAPS.glob(f"*{name}*.yaml")) or sorted(_MAPS.glob("*.yaml"))[:1]
         yield _one("skeleton map", found[0], load_map)
+
+
+def _read_message(path: Path) -> None:
+    keyframe_from_json(parse_json(path.read_bytes(), KeyframeError, "message"), G1)
+
+
+def _read_manifest(path: Path) -> None:
+    families = read_manifest([path])
+    assert all(isinstance(word, str) for words in families.items() for word in words)
+    families_of(["walk_001", "bow_002"], families)
 
 
 def _run_files(folder: Path, kind: str) -> dict[str, bytes]:
