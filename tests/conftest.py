@@ -2,7 +2,10 @@ import atexit
 import os
 import shutil
 import tempfile
+from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 
 # before torch is imported: tests run side by side, and threads that fight for cores slow all of them down
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -22,6 +25,12 @@ import plat.headless
 import plat.robots.registry
 from plat.motions import MotionClip, MotionLibrary, generate_motions
 from plat.robots import G1
+
+# where pytest is loaded, tyro checks its cache at random: one command line in hundreds fails
+with suppress(ImportError):
+    cache = import_module("tyro._unsafe_cache")
+    if hasattr(cache, "sys"):
+        cache.sys = SimpleNamespace(modules={})
 
 SLOW = (
     "benchmarks/",
