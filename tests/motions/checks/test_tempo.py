@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from plat.motions import MotionClip, generate_motions, validate_motion
-from plat.motions.checks.tempo import Tempo
+from plat.motions.checks.tempo import Tempo, strides_in_place
 from plat.motions.generation import generate_named
 from plat.robots import G1
 
@@ -48,3 +48,22 @@ def test_the_rates_of_real_gaits(shared_data):
     found = [one.fits(30.0) for one in steps if one is not None]
     assert len(found) > 50
     assert sum(found) >= 0.98 * len(found)
+
+
+def striding(speed: float) -> MotionClip:
+    """Legs that swing against each other twice a second, under a root at a speed (m/s)."""
+    time = np.arange(120) / 30.0
+    qpos = np.tile(G1.default_qpos, (120, 1))
+    for side, sign in (("left", 1), ("right", -1)):
+        qpos[:, 7 + G1.joint_names.index(f"{side}_hip_pitch")] += sign * 0.4 * np.sin(4 * np.pi * time)
+    qpos[:, 0] = speed * time
+    return MotionClip("stride", qpos, 30.0)
+
+
+def test_a_root_that_stays_in_place_is_seen():
+    assert strides_in_place(striding(0.0), G1)
+    assert not strides_in_place(striding(1.5), G1)
+    report = validate_motion(striding(0.0))
+    assert report.verdict != "use"
+    assert any("its root stays in place" in reason for reason in report.reasons)
+    assert not any("its root stays in place" in reason for reason in validate_motion(striding(1.5)).reasons)

@@ -129,3 +129,13 @@ def test_real_motions(shared_data):
     reports = validate_motions(load_motions(shared_data / "motions" / "asap_train.npz"))
     assert Counter(report.verdict for report in reports)["repair"] > len(reports) / 2
     assert max(report.floating for report in reports) == pytest.approx(0.142, abs=0.01)
+
+
+def test_a_root_that_goes_elsewhere_than_the_feet_is_seen():
+    """Both feet on the floor, carried along at 0.7 m/s: less than feet in contact may slip in a run."""
+    qpos = G1.default_qpos[None].repeat(60, 0)
+    qpos[:, 0] = 0.7 * np.arange(60) / 30
+    report = validate_motion(MotionClip("carried", qpos, 30.0))
+    assert report.verdict == "drop"
+    assert report.root_speed == pytest.approx(0.7)
+    assert "feet slip at 0.7 m/s under a root at 0.7 m/s: are the root's unit, axes and frame right?" in report.reasons
