@@ -19,6 +19,7 @@ RUNS = {
     "plat-seed0": "plat",
     "expert-model": "expert-model",
     "imagined": "imagined",
+    "imagined-robot": "imagined-robot",
     "plat-generated": "plat-generated",
 }
 # files of the machine that trained, and how it was watched
