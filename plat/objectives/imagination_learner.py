@@ -97,7 +97,7 @@ class ImaginationLearner:
         learning = [parameter for parameter in policy.parameters() if parameter.requires_grad]
         self.policy_optimizer = torch.optim.Adam(learning, lr=config.lr, fused=True)
         critics = [] if self.critic is None else [self.critic.parameters()]
-        self.critic_optimizers = [torch.optim.Adam(weights, lr=config.critic_lr, fused=True) for weights in critics]
+        self.critic_optimizers = [torch.optim.Adam(weights, lr=config.lr, fused=True) for weights in critics]
         self._rates = [[group["lr"] for group in optimizer.param_groups] for optimizer in self._optimizers()]
         self.iterations = 0
         """Iterations so far."""

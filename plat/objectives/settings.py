@@ -102,8 +102,6 @@ class ImaginationConfig(Bounded):
     """discount per imagined step"""
     critic: Layers = ()
     """hidden layers of a critic that speaks for what follows the imagined steps; () for none"""
-    critic_lr: Positive = 1e-3
-    """Adam's learning rate for the critic"""
     lost_cost: NonNegative = 3.0
     """cost of a step of a lost robot, to the critic"""
     effort: NonNegative = 0.01
@@ -111,7 +109,7 @@ class ImaginationConfig(Bounded):
     rate: NonNegative = 0.02
     """weight of its squared change"""
     lr: Positive = 1e-3
-    """Adam's learning rate for the policy"""
+    """Adam's learning rate for policy and critic"""
     grad_norm: Positive = 1.0
     """largest norm of the gradient, for model and policy each"""
     average: Fraction = 0.99

@@ -18,7 +18,10 @@ from plat.envs.transforms import NoiseLevels, RandomizationRanges, Regularizatio
 from plat.motions import MotionLibrary
 
 PENALTIES = Regularization(torque=-0.01, foot_slip=-0.1, impact=-0.1)
-SIMULATION = {"noise": NoiseLevels(), "randomization": RandomizationRanges(push_interval=(0.1, 0.2))}
+RANGES = RandomizationRanges(
+    push_interval=(0.1, 0.2), longer_delay=0.5, torso_mass=1.0, gyro_bias=0.05, velocity_bias=0.1
+)
+SIMULATION = {"noise": NoiseLevels(), "randomization": RANGES}
 CONFIGS = {
     "tracking": TrackingTaskConfig(regularization=PENALTIES, **SIMULATION),
     "distillation": DistillationTaskConfig(),

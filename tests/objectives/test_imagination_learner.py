@@ -119,9 +119,9 @@ def test_a_critic_learns_what_is_to_come(library):
     torch.manual_seed(0)
     expert, task, model = Expert(G1, ExpertConfig(hidden=(16,))), DenseTracking(library), DynamicsModel(G1)
     # of a short horizon: its own estimates, which it begins with, hardly count
-    still = {"lr": 1e-9, "model_lr": 1e-9, "muon_lr": 1e-9, "warmup": 0, "discount": 0.3}
+    still = {"model_lr": 1e-9, "muon_lr": 1e-9, "warmup": 0, "discount": 0.3}
     learner = ImaginationLearner(
-        expert, expert.deployed(), model, task, replace(CONFIG, critic=(32,), critic_lr=1e-2, **still)
+        expert, expert.deployed(), model, task, replace(CONFIG, critic=(32,), lr=3e-3, **still)
     )
     replay = RolloutReplay(8, 16, ["robot_state", "memory", "action"])
     source = rollouts(SimulatedTask(task, 8), exploring(expert.deployed(), 0.25), 4)
