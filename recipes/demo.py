@@ -20,11 +20,12 @@ from plat.envs.transforms import PAPER_HORIZONS
 from plat.evaluation import HEADLINE, Score, play
 from plat.files import check_folder
 from plat.motions import MotionLibrary
-from plat.recipes import distill, expert, refine
+from plat.recipes import distill, expert_model, refine_model
 from plat.recipes.options import DemoRecipe
 from plat.rendering import RenderingError, Stage, contact_sheet, film_with_progress, write_picture, write_video
 from plat.runs import is_run, load_policy, report_errors
 from plat.runs.shipped import shipped_runs
+from plat.tasks import TimedKeyframesConfig
 
 # what can be learned in a few minutes
 FAMILIES = "stand+reach+walk+squat+wave+bow+step"
@@ -42,9 +43,9 @@ def main(recipe: DemoRecipe) -> None:
     minutes = recipe.expert_minutes + recipe.distill_minutes + recipe.refine_minutes
     print(f"plat demo: {minutes:.1f} minutes of training, then about two of evaluation and pictures; no network needed")
 
-    print("\n1/5  expert: PPO follows the reference frame by frame", flush=True)
-    expert.main(
-        expert.ExpertRecipe(
+    print("\n1/5  expert: follows the reference frame by frame, trained in a learned model of the robot", flush=True)
+    expert_model.main(
+        expert_model.ExpertModelRecipe(
             motions=motions,
             out=out / "expert",
             minutes=recipe.expert_minutes,
@@ -67,11 +68,13 @@ def main(recipe: DemoRecipe) -> None:
             resume=is_run(out / "dagger"),
         )
     )
-    print("\n3/5  PLAT: PPO on a residual in the student's latent", flush=True)
-    refine.main(
-        refine.RefineRecipe(
+    print("\n3/5  PLAT: a residual in the student's latent, trained in the same model", flush=True)
+    refine_model.main(
+        refine_model.RefineModelRecipe(
             motions=motions,
             student=out / "dagger",
+            init_model=out / "expert",
+            task=TimedKeyframesConfig(authored=0.0),  # scored on motions alone
             out=out / "plat",
             minutes=recipe.refine_minutes,
             save_every=SAVE_EVERY,

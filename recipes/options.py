@@ -281,11 +281,11 @@ class DemoRecipe(Bounded):
 
     out: Path = Path("runs/demo")
     """folder to write to"""
-    expert_minutes: Positive = 4.2
+    expert_minutes: Positive = 5.5
     """training time of stage 1"""
     distill_minutes: Positive = 2.0
     """training time of stage 2"""
-    refine_minutes: Positive = 1.0
+    refine_minutes: Positive = 1.3
     """training time of stage 3"""
     num_envs: Robots = 512
     """robots that are simulated at a time"""
