@@ -11,7 +11,7 @@ from plat.recipes import demo
 def asked(monkeypatch: pytest.MonkeyPatch) -> list:
     """Settings that the demo gave to its stages and to the evaluation, none of which runs."""
     settings: list = []
-    for part in (demo.expert, demo.distill, demo.refine, demo.evaluate):
+    for part in (demo.expert_model, demo.distill, demo.refine_model, demo.evaluate):
         monkeypatch.setattr(part, "main", lambda recipe: settings.append(recipe) or [])
     for name in ("draw", "play_shipped", "print_table"):
         monkeypatch.setattr(demo, name, lambda _: "")
