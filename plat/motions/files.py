@@ -98,7 +98,7 @@ def read_motion_files(
         told += lines
     else:
         for line in lines:
-            _LOGGER.log(logging.INFO if line.startswith("ignored") else logging.DEBUG, "%s", line)
+            _LOGGER.log(logging.INFO if line.startswith("ignored") else logging.DEBUG, "%s", readable(line))
     listed = listed_paths(patterns)
     for path in tracked(paths, "reading motions", unit="files"):
         try:
@@ -118,7 +118,7 @@ def read_motion_files(
         skipped += errors
     else:
         for bad in errors:
-            _LOGGER.warning("skipped: %s", bad)
+            _LOGGER.warning("skipped: %s", readable(str(bad)))
     return _named_apart(files)
 
 
@@ -173,7 +173,7 @@ def load_motions(
             alike.setdefault(file.facts, []).append(file)
     for facts, group in alike.items():
         more = f" and {len(group) - 1} more" if len(group) > 1 else ""
-        _LOGGER.info("%s%s: %s", group[0].path, more, facts)
+        _LOGGER.info("%s%s: %s", readable(str(group[0].path)), more, facts)
     return [clip for file in files for clip in file.clips]
 
 

@@ -19,6 +19,7 @@ from torch import Tensor
 
 from plat.bounds import Range, check_value
 from plat.errors import MotionError
+from plat.files import readable
 from plat.motions.cache import CachedTable, cache_dir, file_digests, read_table, write_table
 from plat.motions.checks.repair import clip_to_limits
 from plat.motions.checks.validation import MotionValidator, Verdict
@@ -408,7 +409,9 @@ def _warn_of_bad_clips(verdicts: Mapping[Verdict, int], files: Sequence[str], dr
     ]
     if bad:
         total = sum(verdicts.values())
-        _LOGGER.warning("of %d clips %s: run plat motions inspect %s", total, " and ".join(bad), " ".join(files))
+        _LOGGER.warning(
+            "of %d clips %s: run plat motions inspect %s", total, " and ".join(bad), readable(" ".join(files))
+        )
 
 
 def _content_hash(

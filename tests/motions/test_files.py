@@ -217,7 +217,8 @@ def test_truncated_file(tmp_path, clip):
             load_motions(tmp_path / "bad.npz")
 
 
-def test_names_that_are_no_text_are_made_so(tmp_path, clip):
+def test_names_that_are_no_text_are_made_so(tmp_path, clip, caplog):
+    caplog.set_level("INFO", logger="plat.motions")
     names = [os.fsdecode(b"K\xf6ln"), "Köln"]
     for folder in names:
         try:
@@ -226,6 +227,9 @@ def test_names_that_are_no_text_are_made_so(tmp_path, clip):
             pytest.skip("this file system has no such names")
         save_csv(tmp_path / folder, replace(clip, name=names[0]))
     found = load_motions(tmp_path)
+    caplog.text.encode()  # raises for what is no text
+    assert "K\\udcf6ln" in caplog.text
+    caplog.clear()
     assert {clip.name for clip in found} == {f"K\\udcf6ln_30fps_K\\udcf6ln{end}" for end in ("", "_2")}
     save_motions(tmp_path / "all.npz", found)
     assert {clip.name for clip in load_motions(tmp_path / "all.npz")} == {clip.name for clip in found}
