@@ -76,16 +76,12 @@ def main(recipe: DistillRecipe) -> None:
     labeled = ExpertLabels(None if teacher.stateful else labels, student.normalizer.in_keys, recipe.precision)
     with (
         source,
-        Run(
-            recipe.out,
-            recipe=recipe,
+        Run.of(
+            recipe,
             policy=student,
             budget=budget,
             state={"optimizer": optimizer, "rollouts": source, **({"buffer": buffer} if recipe.save_buffer else {})},
             inputs=run_inputs(library, expert=teacher if isinstance(teacher, nn.Module) else None),
-            resume=recipe.resume,
-            save_every=recipe.save_every,
-            loggers=recipe.loggers,
             film=films.take,
         ) as run,
     ):

@@ -58,16 +58,12 @@ def main(recipe: ExpertRecipe) -> None:
     warmup_steps = recipe.critic_warmup * recipe.num_envs * recipe.rollout if recipe.init else 0
     with (
         source,
-        Run(
-            recipe.out,
-            recipe=recipe,
+        Run.of(
+            recipe,
             policy=expert,
             budget=budget,
             state={"critic": critic, "ppo": ppo, "rollouts": source},
             inputs=run_inputs(library, init=start),
-            resume=recipe.resume,
-            save_every=recipe.save_every,
-            loggers=recipe.loggers,
             film=films.take,
         ) as run,
     ):

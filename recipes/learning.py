@@ -15,7 +15,7 @@ from plat.collectors import RolloutReplay, collect, rollouts
 from plat.envs.physics import get_physics
 from plat.envs.randomized_physics import num_physics
 from plat.envs.transforms import NoiseLevels
-from plat.envs.transforms.settings import ROBOT_RANGES
+from plat.envs.transforms.settings import robot_ranges
 from plat.errors import ConfigError, RenderingError
 from plat.evaluation.model_error import model_errors
 from plat.figures import save_figure
@@ -66,7 +66,6 @@ def learn(
     # read before the work: what is wrong with them had better be said now
     unseen = MotionLibrary.load(recipe.unseen, library.robot, dt=library.dt).to(device) if recipe.unseen else None
     num_parameters = num_physics(library.robot) if recipe.disturbed else 0
-    randomization = ROBOT_RANGES.scaled(recipe.disturbed) if recipe.disturbed else None
     imagined = imagined or actor
     if recipe.disturbed:
         actor, imagined = (measuring(acts, NoiseLevels().scaled(recipe.disturbed)) for acts in (actor, imagined))
@@ -91,7 +90,7 @@ def learn(
         partial(
             simulated_task,
             make_task if recipe.workers else lambda motions: task,
-            randomization=randomization,
+            randomization=robot_ranges(recipe.disturbed),
             physics=get_physics(recipe.physics),
         ),
         library,
@@ -105,17 +104,13 @@ def learn(
     )
     with (
         source,
-        Run(
-            recipe.out,
-            recipe=recipe,
+        Run.of(
+            recipe,
             policy=learner.average,
             budget=budget,
             state={"learner": learner, "rollouts": source, **({"replay": replay} if recipe.save_replay else {})},
             inputs=inputs,
             modules={DYNAMICS_FILE: model},
-            resume=recipe.resume,
-            save_every=recipe.save_every,
-            loggers=recipe.loggers,
         ) as run,
     ):
         if run.finished:

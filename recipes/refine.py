@@ -76,16 +76,12 @@ def main(recipe: RefineRecipe) -> None:
     warmup_steps = recipe.critic_warmup * recipe.num_envs * recipe.rollout
     with (
         source,
-        Run(
-            recipe.out,
-            recipe=recipe,
+        Run.of(
+            recipe,
             policy=policy,
             budget=budget,
             state={"critic": critic, "ppo": ppo, "rollouts": source},
             inputs=run_inputs(library, student=student),
-            resume=recipe.resume,
-            save_every=recipe.save_every,
-            loggers=recipe.loggers,
             film=films.take,
         ) as run,
     ):

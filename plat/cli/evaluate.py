@@ -14,7 +14,7 @@ import plat.headless  # noqa: F401
 from plat.cli.candidates import candidates_of
 from plat.cli.options import EvaluateRecipe
 from plat.envs.transforms import HORIZONS, horizon_named
-from plat.envs.transforms.settings import ROBOT_RANGES, RandomizationRanges
+from plat.envs.transforms.settings import robot_ranges
 from plat.errors import PlatError
 from plat.evaluation import HEADLINE, METRICS, Entrant, EvaluationSetting, Score, markdown, write_csv
 from plat.evaluation.authored_playback import play_authored
@@ -128,11 +128,6 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
             log_table(run, "evaluation", COLUMNS, rows(scores), pictures)
             run.finish()
     return scores
-
-
-def robot_ranges(strength: float) -> RandomizationRanges | None:
-    """Return the ranges of what a robot meets, at a strength; None at 0."""
-    return ROBOT_RANGES.scaled(strength) if strength else None
 
 
 class Teller:

@@ -38,6 +38,7 @@ from plat.runs.loggers import LoggerName, check_logger, log_video, start_logging
 from plat.runs.metrics import MetricsFile
 from plat.runs.outputs import CHECKPOINTS, check_out
 from plat.runs.policies import complete_spec, policy_spec
+from plat.runs.recipe import RecipeConfig
 from plat.runs.saved_run import CONFIG_FILE, WEIGHTS_FILE, save_weights
 from plat.version import __version__
 
@@ -74,6 +75,23 @@ class Run:
             when another process trains into it; when settings, inputs or policy are others than the run was started
             with, except for budget and learning rates; or when no checkpoint can be read.
     """
+
+    @classmethod
+    def of(cls, recipe: RecipeConfig, **settings: Any) -> "Run":
+        """Return the run of a recipe: in its folder, with its checkpoints and loggers.
+
+        Args:
+            recipe: the settings.
+            settings: what else :class:`Run` takes.
+        """
+        return cls(
+            recipe.out,
+            recipe=recipe,
+            resume=recipe.resume,
+            save_every=recipe.save_every,
+            loggers=recipe.loggers,
+            **settings,
+        )
 
     def __init__(
         self,

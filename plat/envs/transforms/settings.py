@@ -5,7 +5,15 @@ from typing import Annotated, TypeAlias
 
 from plat.bounds import Ascending, Bounded, Fraction, NonNegative, Positive, Range, Within
 
-__all__ = ["ROBOT_RANGES", "NoiseLevels", "RandomizationRanges", "TerminationLimits", "TrackingLimits", "TrackingTerm"]
+__all__ = [
+    "ROBOT_RANGES",
+    "NoiseLevels",
+    "RandomizationRanges",
+    "TerminationLimits",
+    "TrackingLimits",
+    "TrackingTerm",
+    "robot_ranges",
+]
 
 Limit: TypeAlias = Annotated[float, Range(0, above=True, infinite=True)]
 """Threshold; infinity switches it off."""
@@ -86,6 +94,15 @@ ROBOT_RANGES = RandomizationRanges(
 )
 """Full set, for a policy that is to run on a robot: delays of 0 to 2 control steps, motors within 20 %, a load, and an
 estimator's errors."""
+
+
+def robot_ranges(strength: float) -> RandomizationRanges | None:
+    """Return :data:`ROBOT_RANGES` narrowed to a strength; None at 0, where nothing is drawn.
+
+    >>> robot_ranges(0.0) is None, robot_ranges(0.5).torso_mass
+    (True, 1.0)
+    """
+    return ROBOT_RANGES.scaled(strength) if strength else None
 
 
 def _scaled(widths: tuple[float, float, float], factor: float) -> tuple[float, float, float]:
