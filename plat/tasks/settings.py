@@ -27,6 +27,8 @@ class TrackingCosts(Bounded):
     """of the joint velocities, mean over joints (rad/s)"""
     bodies: NonNegative = 2.0
     """of the bodies that a partial keyframe commands, mean over them (m)"""
+    end_effectors: NonNegative = 0.0
+    """of the end effectors in the arrival window of a whole keyframe, mean over them (m)"""
 
 
 @dataclass(frozen=True)

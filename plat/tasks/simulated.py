@@ -110,7 +110,7 @@ class SimulatedTask(EnvBase):
         broken = self.broken.found(self.physics.diverged() | ~_finite(state))
         cost, failed = task.cost(state, memory), task.failed(state, memory) | broken
         truncated = task.finished(memory) & ~failed
-        task.record_failures(memory[failed])
+        task.record_failures(memory[failed | (task.missed(state, memory) & ~broken)])
         due = None if self.draws is None else self.draws.push().to(self.device)
         if due is not None and len(due):
             state = self._state()

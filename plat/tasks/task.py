@@ -74,8 +74,12 @@ class Task(nn.Module):
         """Mask ``[N]`` of imagined robots that are too far off to learn from; those that failed, by default."""
         return self.failed(state, memory)
 
+    def missed(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
+        """Mask ``[N]`` of robots that missed what they were to do in this step, and go on; none by default."""
+        return torch.zeros(memory.batch_size, dtype=torch.bool, device=memory["last_action"].device)
+
     def record_failures(self, memory: TensorDictBase) -> None:
-        """Learn where episodes ``[n]`` have failed, to start more of them there."""
+        """Learn where robots ``[n]`` failed or missed something, to start more episodes there."""
 
 
 def robot_entries(state: GeneralizedState, last_action: Tensor, robot: Robot) -> TensorDict:

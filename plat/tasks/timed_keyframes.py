@@ -8,9 +8,10 @@ from plat.envs.goals import clock_entries, parts_entries, robot_centric_goal, st
 from plat.envs.parts import NUM_MASKS, draw_parts
 from plat.envs.state import GeneralizedState
 from plat.envs.tracking import ResetNoise
+from plat.envs.transforms.settings import TerminationLimits
 from plat.motions.library import MotionLibrary
 from plat.robots.kinematics import ForwardKinematics
-from plat.rotations import quat_conjugate, quat_multiply, quat_rotate, quat_rotate_inverse, quat_yaw
+from plat.rotations import quat_angle, quat_conjugate, quat_multiply, quat_rotate, quat_rotate_inverse, quat_yaw
 from plat.spec.timing import Timing
 from plat.tasks.balance import Balance
 from plat.tasks.chains import draw_chains
@@ -76,6 +77,7 @@ class TimedKeyframes(Task):
     _moves: Tensor
     _roams: Tensor
     _mask: Tensor
+    _end_effectors: Tensor
     parts: Tensor
 
     def __init__(
@@ -107,6 +109,7 @@ class TimedKeyframes(Task):
             ("_roams", torch.tensor([name == "far" for name in chains.family], device=library.device)),
             ("parts", self._draw_parts(seed).to(library.device)),
             ("_mask", self._mask_of_chains().to(library.device)),
+            ("_end_effectors", self._mask_of_end_effectors().to(library.device)),
         ):
             self.register_buffer(name, value, persistent=False)
         self._kinematics = ForwardKinematics(library.robot)
@@ -130,6 +133,10 @@ class TimedKeyframes(Task):
         """Row ``[C]`` of the mask that all keyframes of a chain have; 0 where it is drawn."""
         row = {kind: 2 * NUM_MASKS + number for number, kind in enumerate(self._kinds())}
         return torch.tensor([row.get(kind, 0) for kind in self.chains.commands])
+
+    def _mask_of_end_effectors(self) -> Tensor:
+        """Mask ``[K]`` of the end effectors among the keypoints, float."""
+        return torch.tensor([float(name in self.robot.end_effectors) for name in self.robot.keypoints])
 
     @property
     def partial(self) -> bool:
@@ -293,11 +300,10 @@ class TimedKeyframes(Task):
             at_line = at_line + torch.where(whole, 0.0, moderate.not_commanded / share) * pose_cost(
                 state, line, weights
             )
-            counts = ~whole & (in_window | memory["authored"])
-            points = weights.bodies * self._points_cost(state, memory, parts, counts)
-            at_goal, at_line = at_goal + points, at_line + points
         else:
             at_goal, at_line = pose_cost(state, goal, weights), pose_cost(state, line, weights)
+        points = self._points_cost(state, memory, in_window)
+        at_goal, at_line = at_goal + points, at_line + points
         along = along + in_window * at_goal
         authored = (
             share * at_line
@@ -318,18 +324,29 @@ class TimedKeyframes(Task):
         out = torch.zeros_like(state.root_pos_w[:, 0])
         return out.index_add(0, rows, self._balance(GeneralizedState(*(part[rows] for part in state))))
 
-    def _points_cost(self, state: GeneralizedState, memory: TensorDictBase, parts: Tensor, counts: Tensor) -> Tensor:
-        """Mean distance ``[N]`` (m) of the commanded bodies from the line to where they are to be; 0 for the others."""
-        bodies = parts[:, self.robot.num_joints : -3]
-        rows = (counts & (bodies > 0).any(-1)).nonzero()[:, 0]
-        out = torch.zeros_like(state.root_pos_w[:, 0])
+    def _points_cost(self, state: GeneralizedState, memory: TensorDictBase, in_window: Tensor) -> Tensor:
+        """Weighted distance ``[N]`` of bodies from where they are to be, mean over a robot's.
+
+        Those that a partial keyframe commands count in its arrival window, and of authored ones on the whole way to it.
+        Of a whole keyframe the end effectors count in the window: a hip that is a little off is a foot that is far off.
+        """
+        weights, authored = self.config.tracking, memory["authored"]
+        bodies, counts = self._end_effectors.expand(len(authored), -1), in_window & (weights.end_effectors > 0)
+        weight = torch.full_like(state.root_pos_w[:, 0], weights.end_effectors)
+        if self.partial:
+            whole, parts = memory["parts"] == 0, self.parts[memory["parts"]]
+            bodies = torch.where(whole[:, None], bodies, parts[:, self.robot.num_joints : -3])
+            counts = torch.where(whole, counts, (in_window | authored) & (bodies > 0).any(-1))
+            weight = torch.where(whole, weight, weights.bodies)
+        rows = counts.nonzero()[:, 0]
+        out = torch.zeros_like(weight)
         if len(rows) == 0:
             return out
         points, _ = self._kinematics(state.root_pos_w[rows], state.root_quat_w[rows], state.joint_pos[rows])
-        before, after = (self.table.points(memory[key][rows]) for key in ("before", "goal"))
-        share = torch.where(memory["authored"], 1 - memory["steps_left"] / memory["length"], 1.0)[rows]
-        wanted = before.lerp(after, share.clamp(0, 1)[:, None, None])
-        return out.index_add(0, rows, points_cost(points, wanted, bodies[rows]))
+        before, after, now = (self.table.points(memory[key][rows]) for key in ("before", "goal", "frame"))
+        share = (1 - memory["steps_left"] / memory["length"])[rows].clamp(0, 1)[:, None, None]
+        wanted = torch.where(authored[rows, None, None], before.lerp(after, share), now)
+        return out.index_add(0, rows, weight[rows] * points_cost(points, wanted, bodies[rows]))
 
     def failed(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
         """Mask ``[N]``: 0.3 m too high or low, too far off, or tilted otherwise than motion or line.
@@ -343,6 +360,24 @@ class TimedKeyframes(Task):
             height = torch.where(parts[:, -2] > 0, height, 0.5)
             leeway = torch.where(parts[:, -3] > 0, leeway, leeway.clamp_min(2.0))
         return off_reference(state, wanted, height=height, distance=leeway)
+
+    @torch.no_grad()
+    def missed(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
+        """Mask ``[N]`` of robots off a whole keyframe of a motion at its arrival, by the thresholds of evaluation."""
+        out = torch.zeros_like(memory["authored"])
+        arrived = (memory["steps_left"] == 0) & ~memory["authored"]
+        if self.partial:
+            arrived &= memory["parts"] == 0
+        rows = arrived.nonzero()[:, 0]
+        if len(rows) == 0:
+            return out
+        here = GeneralizedState(*(part[rows] for part in self._on_motion(state, memory)))
+        there, limits = self.table.state(memory["goal"][rows]), TerminationLimits()
+        points, _ = self._kinematics(here.root_pos_w, here.root_quat_w, here.joint_pos)
+        off = (points - self.table.points(memory["goal"][rows]))[..., 2].abs()
+        turned = quat_angle(here.root_quat_w, there.root_quat_w).square() > limits.anchor_rot_squared
+        out[rows] = turned | ((off > limits.end_effector_height) & (self._end_effectors > 0)).any(-1)
+        return out
 
     def lost(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
         """Mask ``[N]``: 0.6 m too high or low."""

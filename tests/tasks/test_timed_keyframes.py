@@ -6,9 +6,9 @@ from tensordict import TensorDict
 
 from plat.collectors import PrivilegedGoals
 from plat.envs import GeneralizedState
-from plat.robots import G1
+from plat.robots import G1, ForwardKinematics
 from plat.rotations import quat_from_rotvec, quat_multiply
-from plat.tasks import TimedKeyframes, TimedKeyframesConfig
+from plat.tasks import TimedKeyframes, TimedKeyframesConfig, TrackingCosts
 from plat.tasks.balance import Balance
 
 
@@ -127,6 +127,43 @@ def test_in_its_window_a_keyframe_costs_more(task):
     late = early.copy().set("steps_left", torch.tensor([2]))
     difference = float(task.cost(moved, late) - task.cost(moved, early))
     assert difference == pytest.approx(3.0 * 0.2 + 2.0 * 0.01, abs=1e-3)
+
+
+def kicked(task, by=0.8):
+    """A robot on its motion but for the left hip, and its memory at the arrival of a keyframe."""
+    _, memory = task.along(torch.tensor([5]))
+    state = task.table.state(memory["frame"])
+    off = torch.zeros(task.robot.num_joints)
+    off[task.robot.joint_names.index("left_hip_pitch")] = by
+    arrival = memory.copy().set("steps_left", torch.tensor([0])).set("goal", memory["frame"])
+    if task.partial:
+        arrival["parts"] = torch.tensor([0])
+    return state._replace(joint_pos=state.joint_pos - off), arrival
+
+
+@pytest.mark.parametrize("partial", [0.0, 0.5])
+def test_in_the_window_of_a_whole_keyframe_end_effectors_cost(library, partial):
+    costs = []
+    for weight in (0.0, 6.0):
+        config = TimedKeyframesConfig(chains=6, partial=partial, tracking=TrackingCosts(end_effectors=weight))
+        task = TimedKeyframes(library, config)
+        state, arrival = kicked(task)
+        early = arrival.copy().set("steps_left", torch.tensor([3]))
+        costs.append((float(task.cost(state, arrival)), float(task.cost(state, early))))
+    points, _ = ForwardKinematics(task.robot)(state.root_pos_w, state.root_quat_w, state.joint_pos)
+    ankle = task.robot.keypoints.index("left_ankle_roll_link")
+    away = float((points - task.table.points(arrival["goal"]))[0, ankle].norm())
+    assert costs[1][0] - costs[0][0] == pytest.approx(6.0 * away / 4, abs=0.05)
+    assert costs[1][1] == costs[0][1]
+
+
+def test_a_keyframe_is_missed_with_a_foot_too_high(task):
+    state, arrival = kicked(task, by=1.2)
+    underway = arrival.copy().set("steps_left", torch.tensor([1]))
+    assert task.missed(state, arrival).item()
+    assert not task.missed(state, underway).item()
+    assert not task.missed(task.table.state(arrival["goal"]), arrival).item()
+    assert not task.missed(state, arrival.copy().set("authored", torch.tensor([True]))).item()
 
 
 def test_authored_starts_are_at_the_origin(task):
