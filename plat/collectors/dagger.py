@@ -16,7 +16,7 @@ from plat.precision import Precision, autocast
 
 __all__ = ["LOOKUP_KEYS", "ExpertLabels", "MixedPolicy", "dagger_buffer"]
 
-LOOKUP_KEYS = (("motion", "frame"), ("command", "steps_left"), ("state", "root_pos_w"), ("state", "root_quat_w"))
+LOOKUP_KEYS = (("motion", "frame"), ("command", "steps_left"), ("estimate", "root_pos_w"), ("estimate", "root_quat_w"))
 """What is stored of a state so that its privileged goals can be gathered later."""
 
 

@@ -17,9 +17,10 @@ class PrivilegedGoals(Transform):
     Every frame is in the robot's **current** root frame.
 
     A rollout or buffer holds only the indices of the sequence: ``("motion", "frame")`` ``[B]``, ``("command",
-    "steps_left")`` ``[B, 1]``, ``("state", "root_pos_w")`` and ``("state", "root_quat_w")``. Used as the transform of a
-    replay buffer, this fills in ``("privileged_goal", "frames")`` ``[B, L, F]``, padded with the last frame, and
-    ``("privileged_goal", "length")`` ``[B]``. The last frame of each sequence is the commanded keyframe itself.
+    "steps_left")`` ``[B, 1]``, ``("estimate", "root_pos_w")`` and ``("estimate", "root_quat_w")``. Used as the
+    transform of a replay buffer, this fills in ``("privileged_goal", "frames")`` ``[B, L, F]``, padded with the last
+    frame, and ``("privileged_goal", "length")`` ``[B]``. The last frame of each sequence is the commanded keyframe
+    itself.
 
     Args:
         library: motions.
@@ -39,7 +40,7 @@ class PrivilegedGoals(Transform):
         """Fill in the sequences of a batch ``[B]``."""
         offset, length = strided_offsets(tensordict["command", "steps_left"].flatten(), self._stride)
         target = self._library.poses(tensordict["motion", "frame"][:, None] + offset)
-        goal = robot_centric_goal(target, tensordict["state", "root_pos_w"], tensordict["state", "root_quat_w"])
+        goal = robot_centric_goal(target, tensordict["estimate", "root_pos_w"], tensordict["estimate", "root_quat_w"])
         tensordict["privileged_goal", "frames"] = torch.cat(list(goal.values()), -1)
         tensordict["privileged_goal", "length"] = length
         return tensordict

@@ -73,6 +73,8 @@ class PhysicsDraw(NamedTuple):
         gyro_bias: constant error of the angular velocity ``[n, 3]`` (rad/s).
         velocity_bias: error of the estimated linear velocity ``[n, 3]`` (m/s, root frame).
         delay: control steps by which the joint targets arrive late ``[n]``, 0 to 2.
+        drift: offset of the estimated position and heading as the episode begins ``[n, 4]`` (m, rad).
+        drift_rate: what it grows by ``[n, 3]`` (m/m, m/m, rad/s), see :func:`plat.envs.drift.drifted`.
     """
 
     physics: Tensor
@@ -80,6 +82,8 @@ class PhysicsDraw(NamedTuple):
     gyro_bias: Tensor
     velocity_bias: Tensor
     delay: Tensor
+    drift: Tensor
+    drift_rate: Tensor
 
 
 class RandomizedPhysics:
@@ -131,8 +135,15 @@ class RandomizedPhysics:
             (width * _uniform(count, 3)).float() if width else torch.zeros(count, 3)
             for width in (ranges.gyro_bias, ranges.velocity_bias)
         )
+        drift, drift_rate = torch.zeros(count, 4), torch.zeros(count, 3)
+        if ranges.height_error:
+            drift[:, 2] = ranges.height_error * _uniform(count)
+        if ranges.position_drift:
+            drift_rate[:, :2] = ranges.position_drift * _uniform(count, 2)
+        if ranges.heading_drift:
+            drift_rate[:, 2] = ranges.heading_drift * _uniform(count)
         physics = torch.cat((2 * friction - 1, com, stiffness, damping, mass), -1).float()
-        return PhysicsDraw(physics, encoder_bias, gyro_bias, velocity_bias, delay)
+        return PhysicsDraw(physics, encoder_bias, gyro_bias, velocity_bias, delay, drift, drift_rate)
 
     def push(self) -> Tensor:
         """Let a control step pass, and push the robots that are due ``[n]``; return them."""

@@ -11,6 +11,7 @@ from torchrl.envs import EnvBase
 from plat.bounds import Count, Natural, Robots, check_value
 from plat.entries import check_entries
 from plat.envs.broken import BrokenRobots
+from plat.envs.drift import drifted, estimated_root
 from plat.envs.physics import BatchedPhysics, PhysicsFactory
 from plat.envs.randomized_physics import arriving
 from plat.envs.settings import ResetNoise
@@ -35,6 +36,8 @@ _KEPT = (
     "gyro_bias",
     "velocity_bias",
     "delay",
+    "drift",
+    "drift_rate",
 )
 
 
@@ -66,6 +69,8 @@ class MotionTrackingEnv(EnvBase):
     ``("state", "keypoint_ang_vel_w")``   ``[K, 3]``  rad/s
     ``("state", "foot_force")``           ``[2]``     ground reaction on the left and right foot (N)
     ``("state", "stray_contacts")``       ``[1]``     contacts of the floor with other than feet, and self-contacts
+    ``("estimate", "root_pos_w")``        ``[3]``     where the robot takes itself to be (m)
+    ``("estimate", "root_quat_w")``       ``[4]``     ``wxyz``
     ``("motion", "frame")``               ``[]``      row of the library that the robot is to be at now
     ====================================  ==========  ==========================================================
 
@@ -136,6 +141,10 @@ class MotionTrackingEnv(EnvBase):
         """Offset ``[N, 3]`` (m/s, root frame) of the measured linear velocity."""
         self.delay = torch.zeros(num_envs, dtype=torch.int64, device=self.device)
         """Control steps ``[N]`` by which targets reach the motors late, 0 to 2."""
+        self.drift = torch.zeros(num_envs, 4, device=self.device)
+        """Offset ``[N, 4]`` (m, m, m, rad) of the estimated position and heading of the root."""
+        self.drift_rate = torch.zeros(num_envs, 3, device=self.device)
+        """What it grows by ``[N, 3]`` (m/m, m/m, rad/s), see :func:`plat.envs.drift.drifted`."""
         self._frame = torch.zeros(num_envs, dtype=torch.int64, device=self.device)
         self._last_action = torch.zeros(num_envs, robot.num_joints, device=self.device)
         self._earlier_action = self._last_action
@@ -187,6 +196,7 @@ class MotionTrackingEnv(EnvBase):
                 foot_force=(2,),
                 stray_contacts=(1,),
             ),
+            estimate=group(root_pos_w=(3,), root_quat_w=(4,)),
             motion=Composite(
                 frame=Unbounded((count,), dtype=torch.int64, device=self.device), shape=(count,), device=self.device
             ),
@@ -207,6 +217,9 @@ class MotionTrackingEnv(EnvBase):
         applied = arriving(self.delay, action, self._last_action, self._earlier_action)
         target = self._default_joint_pos + self._action_scale * applied - self.encoder_bias
         self.physics.step(target, self.decimation)
+        if self.drift_rate.any():
+            qpos, qvel = self.physics.state()
+            self.drift = drifted(self.drift, self.drift_rate, qpos[:, 3:7], qvel[:, :3], self.library.dt)
         self._earlier_action, self._last_action = self._last_action, action
         self._frame = self._frame + 1
         truncated = (self._frame >= self.library.last_of(self._frame))[:, None]
@@ -266,9 +279,9 @@ class MotionTrackingEnv(EnvBase):
 
     def _observe(self, ids: Tensor | None = None) -> TensorDict:
         """Return the entries of robots ``ids`` ``[n]``; of all when None."""
-        encoder_bias, gyro_bias, velocity_bias, last_action, frame = (
-            values if ids is None else values[ids]
-            for values in (self.encoder_bias, self.gyro_bias, self.velocity_bias, self._last_action, self._frame)
+        biases = (self.encoder_bias, self.gyro_bias, self.velocity_bias)
+        encoder_bias, gyro_bias, velocity_bias, drift, last_action, frame = (
+            values if ids is None else values[ids] for values in (*biases, self.drift, self._last_action, self._frame)
         )
         qpos, qvel = self.physics.state(ids)
         kinematics = self.physics.kinematics(self.robot.keypoints, ids)
@@ -292,6 +305,7 @@ class MotionTrackingEnv(EnvBase):
             "gravity_b": gravity_b,
             "last_action": last_action,
         }
+        estimated_pos, estimated_quat = estimated_root(drift, root_pos, root_quat)
         state = {
             "root_pos_w": root_pos,
             "root_quat_w": root_quat,
@@ -309,6 +323,9 @@ class MotionTrackingEnv(EnvBase):
             {
                 "robot": TensorDict(as_observed("robot", robot), count, device=self.device),
                 "state": TensorDict(state, count, device=self.device),
+                "estimate": TensorDict(
+                    {"root_pos_w": estimated_pos, "root_quat_w": estimated_quat}, count, device=self.device
+                ),
                 "motion": TensorDict({"frame": frame}, count, device=self.device),
             },
             count,

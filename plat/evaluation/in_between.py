@@ -157,7 +157,7 @@ class PlannedGoal(ObservationTransform):
 
     def __init__(self, library: MotionLibrary, interface: Interface, group: str = "goal", ahead: int = 1):
         super().__init__(
-            in_keys=[*InBetween.in_keys, ("state", "root_pos_w"), ("state", "root_quat_w")],
+            in_keys=[*InBetween.in_keys, ("estimate", "root_pos_w"), ("estimate", "root_quat_w")],
             out_shapes={(group, key): shape for key, shape in entry_shapes("goal", library.robot).items()},
         )
         self._motion = InBetween(library, interface)
@@ -171,5 +171,5 @@ class PlannedGoal(ObservationTransform):
 
     def compute(self, tensordict: TensorDictBase) -> dict[NestedKey, Tensor]:
         target = self._motion.poses(tensordict, self._ahead)
-        goal = robot_centric_goal(target, tensordict["state", "root_pos_w"], tensordict["state", "root_quat_w"])
+        goal = robot_centric_goal(target, tensordict["estimate", "root_pos_w"], tensordict["estimate", "root_quat_w"])
         return {(self._group, key): value for key, value in goal.items()}

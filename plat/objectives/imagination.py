@@ -16,7 +16,7 @@ from plat.envs.state import GeneralizedState
 from plat.errors import ConfigError
 from plat.modules.dynamics import DynamicsModel
 from plat.objectives.divergence import gaussian_kl
-from plat.tasks.disturbed import advanced, motor_target, shown
+from plat.tasks.disturbed import advanced, estimated, motor_target, shown
 from plat.tasks.task import Task
 
 __all__ = ["ImaginationLoss", "LatentImaginationLoss"]
@@ -133,10 +133,11 @@ class ImaginationLoss(LossModule):
             with hold_out_net(self.model):
                 target = motor_target(task.robot, memory, action)
                 state = self.model(state, target, memory.get("physics", None))
-            memory = advanced(task, memory, action)
-            cost = task.cost(state, memory)
+            memory = advanced(task, memory, action, state)
+            here = estimated(state, memory)
+            cost = task.cost(here, memory)
             with torch.no_grad():
-                lost = lost | (~ended & task.lost(state, memory))
+                lost = lost | (~ended & task.lost(here, memory))
                 alive = (~(lost | ended)).to(cost)
                 penalty = penalty + weight * self.lost_cost * lost
                 cost_sum, alive_sum = cost_sum + (alive * cost).sum(), alive_sum + alive.sum()
@@ -148,7 +149,7 @@ class ImaginationLoss(LossModule):
             effort_before = effort
             with torch.no_grad():
                 ended = ended | (~lost & task.finished(memory))
-            memory = task.renew(memory, state)
+            memory = task.renew(memory, here)
             observed = self._observe(state, memory)
         out = {}
         if self.critic is not None:
@@ -241,7 +242,7 @@ class LatentImaginationLoss(ImaginationLoss):
     def _observe(self, state: GeneralizedState, memory: TensorDictBase) -> TensorDictBase:
         observed = super()._observe(state, memory)
         with torch.autocast(state.root_pos_w.device.type, enabled=False):
-            observed["privileged_goal"] = self.task.privileged(state, memory)
+            observed["privileged_goal"] = self.task.privileged(estimated(state, memory), memory)
         return observed
 
     def _divergence(self, acted: TensorDictBase) -> Tensor:

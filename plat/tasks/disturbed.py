@@ -5,13 +5,15 @@ from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequential
 from torch import Tensor, nn
 
+from plat.envs.drift import drifted, estimated_root
 from plat.envs.randomized_physics import arriving
 from plat.envs.state import GeneralizedState, joint_target
 from plat.envs.transforms.settings import NoiseLevels
 from plat.robots.robot import Robot
+from plat.rotations import quat_rotate, quat_rotate_inverse
 from plat.tasks.task import Task
 
-__all__ = ["advanced", "measuring", "motor_target", "shown", "told_to_model"]
+__all__ = ["advanced", "estimated", "measuring", "motor_target", "shown", "told_to_model"]
 
 
 def motor_target(robot: Robot, memory: TensorDictBase, action: Tensor) -> Tensor:
@@ -31,11 +33,38 @@ def motor_target(robot: Robot, memory: TensorDictBase, action: Tensor) -> Tensor
     return target if bias is None else target - bias
 
 
-def advanced(task: Task, memory: TensorDictBase, action: Tensor) -> TensorDictBase:
-    """Return a task's memory after a control step, with the action before the last where a robot may be that late."""
+def advanced(task: Task, memory: TensorDictBase, action: Tensor, state: GeneralizedState) -> TensorDictBase:
+    """Return a task's memory after a control step.
+
+    It holds the action before the last where a robot may be that late, and how far its estimate has drifted.
+
+    Args:
+        task: the task.
+        memory: before the step ``[*B]``.
+        action: of the policy ``[*B, J]``.
+        state: true state after the step ``[*B]``.
+    """
     after = task.advance(memory, action)
-    kept = memory.get("earlier_action", None)
-    return after if kept is None else after.set("earlier_action", memory["last_action"])
+    if memory.get("earlier_action", None) is not None:
+        after["earlier_action"] = memory["last_action"]
+    if (drift := memory.get("drift", None)) is not None:
+        after["drift"] = drifted(drift, memory["drift_rate"], state.root_quat_w, state.root_lin_vel_w, task.dt)
+    return after
+
+
+def estimated(state: GeneralizedState, memory: TensorDictBase) -> GeneralizedState:
+    """Return the state ``[*B]`` in the world as the robot's estimator has it, which drifts from the true one.
+
+    Keyframes are in this world, and in no other can a robot be on time: what it sees, what a step costs and when an
+    episode ends are functions of it. Velocities and gravity in the root frame
+    are the true ones.
+    """
+    drift = memory.get("drift", None)
+    if drift is None:
+        return state
+    pos, quat = estimated_root(drift, state.root_pos_w, state.root_quat_w)
+    lin_vel = quat_rotate(quat, quat_rotate_inverse(state.root_quat_w, state.root_lin_vel_w))
+    return state._replace(root_pos_w=pos, root_quat_w=quat, root_lin_vel_w=lin_vel)
 
 
 def told_to_model(robot: Robot, steps: TensorDictBase, action: Tensor) -> tuple[Tensor, Tensor | None]:
@@ -59,8 +88,8 @@ _BIASED = {"encoder_bias": "joint_pos", "gyro_bias": "root_ang_vel_b", "velocity
 
 
 def shown(task: Task, state: GeneralizedState, memory: TensorDictBase) -> TensorDict:
-    """Return what a task shows a policy, as the robot's biased sensors and its estimator measure it."""
-    observed = task.observe(state, memory)
+    """Return what a task shows a policy of a true state, as the robot's biased sensors and its estimator have it."""
+    observed = task.observe(estimated(state, memory), memory)
     for bias, entry in _BIASED.items():
         error = memory.get(bias, None)
         if error is not None and ("robot", entry) in observed.keys(True):

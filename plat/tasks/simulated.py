@@ -16,7 +16,7 @@ from plat.envs.randomized_physics import RandomizedPhysics
 from plat.envs.state import GeneralizedState
 from plat.envs.transforms.settings import RandomizationRanges
 from plat.robots.robot import FootContacts
-from plat.tasks.disturbed import advanced, motor_target, shown
+from plat.tasks.disturbed import advanced, estimated, motor_target, shown
 from plat.tasks.task import Task
 
 __all__ = ["SimulatedTask"]
@@ -106,15 +106,17 @@ class SimulatedTask(EnvBase):
         check_entries(tensordict, {"action": (*self.batch_size, self.task.robot.num_joints)}, "environment step")
         task, action = self.task, self.broken.sound(tensordict["action"])
         self.physics.step(motor_target(task.robot, tensordict["memory"], action), self.decimation)
-        state, memory = self._state(), advanced(task, tensordict["memory"], action)
+        state = self._state()
+        memory = advanced(task, tensordict["memory"], action, state)
         broken = self.broken.found(self.physics.diverged() | ~_finite(state))
-        cost, failed = task.cost(state, memory), task.failed(state, memory) | broken
+        here = estimated(state, memory)
+        cost, failed = task.cost(here, memory), task.failed(here, memory) | broken
         truncated = task.finished(memory) & ~failed
         task.record_failures(memory[failed | (task.missed(state, memory) & ~broken)])
         due = None if self.draws is None else self.draws.push().to(self.device)
         if due is not None and len(due):
             state = self._state()
-        out = self._entries(state, task.renew(memory, state))
+        out = self._entries(state, task.renew(memory, estimated(state, memory)))
         if due is not None:
             out["pushed"] = torch.zeros(self.batch_size, dtype=torch.bool, device=self.device)
             out["pushed"][due] = True

@@ -35,7 +35,7 @@ def test_last_frame_is_the_commanded_keyframe(library: MotionLibrary, stride: in
 
 def test_every_frame_is_in_the_current_frame_of_the_robot(library: MotionLibrary):
     states = PrivilegedGoals(library)(make_keyframe_env(library, 8).reset())
-    root = (states["state", "root_pos_w"], states["state", "root_quat_w"])
+    root = (states["estimate", "root_pos_w"], states["estimate", "root_quat_w"])
     for offset in range(3):
         frame = (states["motion", "frame"] + offset).minimum(states["command", "target_frame"])
         goal = robot_centric_goal(library.poses(frame), *root)
@@ -47,7 +47,7 @@ def test_lookup_needs_only_where_to_look(library: MotionLibrary):
         {
             "motion": {"frame": torch.tensor([0, 5])},
             "command": {"steps_left": torch.tensor([[4], [9]])},
-            "state": {"root_pos_w": torch.zeros(2, 3), "root_quat_w": torch.tensor([[1.0, 0, 0, 0]]).expand(2, 4)},
+            "estimate": {"root_pos_w": torch.zeros(2, 3), "root_quat_w": torch.tensor([[1.0, 0, 0, 0]]).expand(2, 4)},
         },
         [2],
     )

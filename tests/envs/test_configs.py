@@ -19,7 +19,14 @@ from plat.motions import MotionLibrary
 
 PENALTIES = Regularization(torque=-0.01, foot_slip=-0.1, impact=-0.1)
 RANGES = RandomizationRanges(
-    push_interval=(0.1, 0.2), longer_delay=0.5, torso_mass=1.0, gyro_bias=0.05, velocity_bias=0.1
+    push_interval=(0.1, 0.2),
+    longer_delay=0.5,
+    torso_mass=1.0,
+    gyro_bias=0.05,
+    velocity_bias=0.1,
+    position_drift=0.1,
+    heading_drift=0.1,
+    height_error=0.05,
 )
 SIMULATION = {"noise": NoiseLevels(), "randomization": RANGES}
 CONFIGS = {

@@ -14,7 +14,7 @@ from plat.modules import DynamicsConfig, DynamicsModel, PlainPolicy
 from plat.objectives import DynamicsLoss, ImaginationLoss
 from plat.robots import G1
 from plat.tasks import SimulatedTask, TimedKeyframes, TimedKeyframesConfig, robot_entries
-from plat.tasks.disturbed import advanced, measuring, motor_target, told_to_model
+from plat.tasks.disturbed import advanced, estimated, measuring, motor_target, shown, told_to_model
 
 RANGES = replace(ROBOT_RANGES, push_interval=(0.1, 0.2))
 
@@ -36,18 +36,20 @@ def test_motors_follow_late_actions_by_biased_encoders(task):
     actions = [torch.full((3, 29), float(value)) for value in range(4)]
     memory = TensorDict({"last_action": actions[0], "earlier_action": actions[0], "delay": torch.arange(3)}, [3])
     memory["encoder_bias"] = torch.full((3, 29), 0.01)
-    memory = task.start(3)[1].update(memory)
+    state, started = task.start(3)
+    memory = started.update(memory)
     for given in (1, 2, 3):
         target = motor_target(G1, memory, actions[given])
         arrived = (target + 0.01 - G1.default_joint_pos) / G1.action_scale
         expected = torch.tensor([given, given - 1, max(given - 2, 0)]).float()
         torch.testing.assert_close(arrived, expected[:, None].expand(-1, 29), atol=1e-5, rtol=0)
-        memory = advanced(task, memory, actions[given])
+        memory = advanced(task, memory, actions[given], state)
     nominal = memory.select("last_action")
     torch.testing.assert_close(
         motor_target(G1, nominal, actions[1]), G1.default_joint_pos + G1.action_scale.expand(3, -1)
     )
-    assert advanced(task, task.start(3)[1], actions[1]).get("earlier_action", None) is None
+    after = advanced(task, task.start(3)[1], actions[1], state)
+    assert {"earlier_action", "drift"}.isdisjoint(after.keys())
 
 
 def test_the_simulations_have_what_the_model_is_told(task):
@@ -83,6 +85,63 @@ def test_sensors_are_biased_for_the_policy_alone(task, rollout):
         assert row["memory", bias].abs().max() > 0.001
         torch.testing.assert_close(row["robot", entry], true[entry] + row["memory", bias])
     torch.testing.assert_close(row["robot", "gravity_b"], true["gravity_b"])
+
+
+def test_imagined_robots_drift_see_and_pay_as_simulated_ones_do(library):
+    """From the same states and actions, at the tenfold of what an estimator drifts."""
+    torch.manual_seed(0)
+    ranges = replace(RANGES, position_drift=0.4, heading_drift=0.3, height_error=0.1, push_interval=(10.0, 10.0))
+    task = TimedKeyframes(library, TimedKeyframesConfig(chains=6, authored=0.5, partial=0.5))
+    env = SimulatedTask(task, 8, randomization=ranges)
+    before, compared = env.reset(), 0
+    assert before["memory", "drift"][:, 2].abs().max() > 0.05
+    for _ in range(12):
+        before["action"] = 0.2 * torch.randn(8, 29)
+        before, following = env.step_and_maybe_reset(before)
+        after, going_on = before["next"], ~before["next", "done"][:, 0]
+        state = GeneralizedState.unpack(after["robot_state"])
+        memory = advanced(task, before["memory"], before["action"], state)
+        here = estimated(state, memory)
+        torch.testing.assert_close(-after["reward"][:, 0], task.cost(here, memory), atol=1e-5, rtol=1e-5)
+        assert after["terminated"][:, 0].equal(task.failed(here, memory))
+        # a new command is a draw; what is kept is the drift
+        torch.testing.assert_close(after["memory", "drift"], memory["drift"], atol=1e-5, rtol=0)
+        for key, value in shown(task, state, after["memory"]).items(True, True):
+            torch.testing.assert_close(value[going_on], after[key][going_on], atol=1e-5, rtol=1e-5)
+        from_the_truth = task.observe(state, after["memory"])["goal", "keypoint_pos_b"]
+        assert (from_the_truth - after["goal", "keypoint_pos_b"]).abs().max() > 0.02
+        compared += int(going_on.sum())
+        before = following
+    assert compared > 50
+    moved = (before["memory", "drift"][:, :2]).norm(dim=-1)
+    assert moved.max() > 0.01
+
+
+def test_imagination_pays_in_the_world_of_the_estimate(task, rollout):
+    """An offset of the estimate is an offset of the robot: the imagined costs are the same."""
+    _, out = rollout
+    states = out[:, 5].select("robot_state", "memory")
+    states["memory", "drift_rate"] = torch.zeros_like(states["memory", "drift_rate"])
+    model = DynamicsModel(G1, DynamicsConfig(hidden=(32,)), num_parameters=num_physics(G1))
+    costs = []
+    for offset, moved in ((0.05, 0.0), (0.0, 0.05)):
+        start = states.clone()
+        start["memory", "drift"] = torch.tensor([offset, 0.0, 0.0, 0.0]).expand(6, 4).clone()
+        start["robot_state"][:, 0] += moved
+        torch.manual_seed(1)
+        costs.append(ImaginationLoss(PlainPolicy(G1).deployed(), model, task, steps=2)(start)["imagined_cost"])
+    torch.testing.assert_close(*costs, atol=1e-5, rtol=0)
+
+
+def test_an_estimate_has_the_true_velocity_and_tilt(task):
+    torch.manual_seed(0)
+    state, memory = task.start(5)
+    state = state._replace(root_lin_vel_w=torch.randn(5, 3))
+    memory["drift"] = torch.randn(5, 4)
+    here = estimated(state, memory)
+    assert (here.root_pos_w - state.root_pos_w).norm(dim=-1).min() > 0.1
+    for ours, theirs in zip(here.in_root_frame(), state.in_root_frame(), strict=True):
+        torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=0)
 
 
 def test_targets_that_the_model_is_told_are_those_of_the_motors(task):

@@ -289,8 +289,8 @@ class KeyframeCommand(ObservationTransform):
             ("motion", "frame"),
             ("command", "target_frame"),
             ("command", "steps_left"),
-            ("state", "root_pos_w"),
-            ("state", "root_quat_w"),
+            ("estimate", "root_pos_w"),
+            ("estimate", "root_quat_w"),
         ]
         kept: dict[NestedKey, tuple[int, ...]] = {("command", "target_frame"): (), ("command", "steps_left"): (1,)}
         if num_parts:
@@ -335,8 +335,8 @@ class KeyframeCommand(ObservationTransform):
             out["command", "parts"] = parts
         goal = robot_centric_goal(
             self._library.poses(target_frame),
-            tensordict["state", "root_pos_w"],
-            tensordict["state", "root_quat_w"],
+            tensordict["estimate", "root_pos_w"],
+            tensordict["estimate", "root_quat_w"],
             parts,
         )
         groups = {

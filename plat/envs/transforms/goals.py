@@ -25,8 +25,8 @@ class DenseGoal(ObservationTransform):
     """Transform that adds ``g_{t+k}``, the reference ``k`` frames ahead in the robot's frame; it holds a clip's last
     frame.
 
-    Reads ``("motion", "frame")``, ``("state", "root_pos_w")`` and ``("state", "root_quat_w")``; writes the entries
-    of :func:`plat.envs.robot_centric_goal` in ``group``.
+    Reads ``("motion", "frame")``, ``("estimate", "root_pos_w")`` and ``("estimate", "root_quat_w")``; writes the
+    entries of :func:`plat.envs.robot_centric_goal` in ``group``.
 
     Args:
         library: motions.
@@ -36,7 +36,7 @@ class DenseGoal(ObservationTransform):
 
     def __init__(self, library: MotionLibrary, group: str = "goal", ahead: int = 1):
         super().__init__(
-            in_keys=[("motion", "frame"), ("state", "root_pos_w"), ("state", "root_quat_w")],
+            in_keys=[("motion", "frame"), ("estimate", "root_pos_w"), ("estimate", "root_quat_w")],
             out_shapes={(group, key): shape for key, shape in entry_shapes("goal", library.robot).items()},
         )
         self._library = library
@@ -51,5 +51,5 @@ class DenseGoal(ObservationTransform):
     def compute(self, tensordict: TensorDictBase) -> dict[NestedKey, Tensor]:
         frame = tensordict["motion", "frame"]
         target = self._library.poses((frame + self._ahead).minimum(self._library.last_of(frame)))
-        goal = robot_centric_goal(target, tensordict["state", "root_pos_w"], tensordict["state", "root_quat_w"])
+        goal = robot_centric_goal(target, tensordict["estimate", "root_pos_w"], tensordict["estimate", "root_quat_w"])
         return {(self._group, key): value for key, value in goal.items()}

@@ -47,6 +47,8 @@ class DomainRandomization(Transform):
         env.gyro_bias[rows] = drawn.gyro_bias.to(env.gyro_bias)
         env.velocity_bias[rows] = drawn.velocity_bias.to(env.velocity_bias)
         env.delay[rows] = drawn.delay.to(env.device)
+        env.drift[rows] = drawn.drift.to(env.drift)
+        env.drift_rate[rows] = drawn.drift_rate.to(env.drift_rate)
         return tensordict
 
     def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:

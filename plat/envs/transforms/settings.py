@@ -63,6 +63,12 @@ class RandomizationRanges(Bounded):
     """half width of the constant error of the measured angular velocity (rad/s), each axis"""
     velocity_bias: NonNegative = 0.0
     """half width of the slow error of the estimated linear velocity (m/s), each axis"""
+    position_drift: NonNegative = 0.0
+    """half width of the drift of the estimated position along the floor (m/m), each axis"""
+    heading_drift: NonNegative = 0.0
+    """half width of the drift of the estimated heading (rad/s)"""
+    height_error: NonNegative = 0.0
+    """half width of the constant error of the estimated height (m)"""
     push_interval: Annotated[tuple[Positive, Positive], Ascending()] = (1.0, 3.0)
     """seconds between pushes"""
     push_lin_vel: Widths = (0.5, 0.5, 0.2)
@@ -83,6 +89,9 @@ class RandomizationRanges(Bounded):
             torso_mass=strength * self.torso_mass,
             gyro_bias=strength * self.gyro_bias,
             velocity_bias=strength * self.velocity_bias,
+            position_drift=strength * self.position_drift,
+            heading_drift=strength * self.heading_drift,
+            height_error=strength * self.height_error,
             push_interval=self.push_interval,
             push_lin_vel=_scaled(self.push_lin_vel, strength),
             push_ang_vel=_scaled(self.push_ang_vel, strength),
@@ -90,10 +99,18 @@ class RandomizationRanges(Bounded):
 
 
 ROBOT_RANGES = RandomizationRanges(
-    motor_gain=0.2, control_delay=0.67, longer_delay=0.5, torso_mass=2.0, gyro_bias=0.05, velocity_bias=0.1
+    motor_gain=0.2,
+    control_delay=0.67,
+    longer_delay=0.5,
+    torso_mass=2.0,
+    gyro_bias=0.05,
+    velocity_bias=0.1,
+    position_drift=0.04,
+    heading_drift=0.003,
+    height_error=0.01,
 )
-"""Full set, for a policy that is to run on a robot: delays of 0 to 2 control steps, motors within 20 %, a load, and an
-estimator's errors."""
+"""Full set, for a policy that is to run on a robot: delays of 0 to 2 control steps, motors within 20 %, a load, and the
+errors of :class:`plat.deploy.StateEstimator`, somewhat larger than ``benchmarks/odometry.py`` measures them."""
 
 
 def robot_ranges(strength: float) -> RandomizationRanges | None:
