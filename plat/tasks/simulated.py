@@ -112,7 +112,7 @@ class SimulatedTask(EnvBase):
         here = estimated(state, memory)
         cost, failed = task.cost(here, memory), task.failed(here, memory) | broken
         truncated = task.finished(memory) & ~failed
-        task.record_failures(memory[failed | (task.missed(state, memory) & ~broken)])
+        task.record_failures(memory[failed | (task.missed(here, memory) & ~broken)])
         due = None if self.draws is None else self.draws.push().to(self.device)
         if due is not None and len(due):
             state = self._state()
