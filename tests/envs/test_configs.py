@@ -67,7 +67,7 @@ def outcome(config: Any, library: MotionLibrary, steps: int) -> torch.Tensor:
     make = make_tracking_env if isinstance(config, TrackingTaskConfig) else make_keyframe_env
     env = make(library, 4, config, num_threads=1)
     rollout = env.rollout(steps, lambda td: td.set("action", 0.7 * torch.randn(4, 29)), break_when_any_done=False)
-    entries = [*rollout["next"].select("reward", "done", "robot").values(True, True)]
+    entries = [*rollout["next"].select("reward", "done", "robot", "goal").values(True, True)]
     return torch.cat([entry.flatten().float() for entry in entries])
 
 
