@@ -47,6 +47,7 @@ class Studio:
         motions: motion files that the page proposes to load.
         path: keyframe file that the page proposes to save to.
         folder: the only folder for reading and writing files.
+        bodies: shapes to draw; by default those of the session's robot.
 
     Raises:
         StudioError: when the port cannot be opened.
@@ -61,6 +62,7 @@ class Studio:
         motions: str,
         path: str,
         folder: Path,
+        bodies: Bodies | None = None,
     ):
         _check_port(host, port)
         self.access = Access(host, port)
@@ -76,7 +78,7 @@ class Studio:
         self._sun = set_the_stage(server, _WORLD)
         self._world = server.scene.add_frame(_WORLD, show_axes=False)
         server.scene.add_frame(_BESIDE, show_axes=False, position=_SIDE)
-        bodies = Bodies(robot)
+        bodies = bodies or Bodies(robot)
         self._robot = RobotView(server, bodies, f"{_WORLD}/robot")
         self._second = RobotView(server, bodies, f"{_BESIDE}/robot")
         self._posed = Figure(server, bodies, f"{_WORLD}/pose", _GREEN, 1.0, self._clicked)

@@ -18,8 +18,6 @@ __all__ = ["Bodies", "Figure", "RobotView", "StanceView", "coarse", "set_the_sta
 CAMERA, LOOK_AT, FIELD_OF_VIEW = (2.1, -1.45, 1.15), (0.0, 0.0, 0.63), 45.0
 """Where the page looks from, at which point (m), and its vertical field of view (degrees)."""
 
-# Size of the cells in which vertices are merged (m): a seventh and a thirteenth of the triangles, hardly to be seen.
-_CELL, _FIGURE_CELL = 0.012, 0.018
 # A body that moves and turns by less than this is not sent again (m, and entries of a quaternion).
 _STILL = 1e-5
 _SOLID, _FAINT = 1.0, 0.25
@@ -63,9 +61,13 @@ class Bodies:
 
     Args:
         robot: the robot.
+        error: how far about a surface in the robot's colors may be from the true one (m). By default a G1 has a
+            fifteenth of MuJoCo's triangles.
+        figure_error: the same for surfaces in one color: a twenty-seventh.
     """
 
-    def __init__(self, robot: Robot):
+    def __init__(self, robot: Robot, error: float = 0.001, figure_error: float = 0.002):
+        self._error, self._figure_error = error, figure_error
         self._model = robot.shared_model
         self._data = mujoco.MjData(self._model)
         geoms: dict[int, list[int]] = {}
@@ -78,14 +80,14 @@ class Bodies:
 
     @cached_property
     def meshes(self) -> list[trimesh.Trimesh]:
-        """Return the shape of each body in its colors, with a seventh of the triangles."""
-        light = ([_lighter(shape, _CELL) for shape in shapes] for shapes in self._shapes)
+        """Return the shape of each body in its colors."""
+        light = ([_lighter(shape, self._error) for shape in shapes] for shapes in self._shapes)
         return [cast(trimesh.Trimesh, trimesh.util.concatenate(shapes)) for shapes in light]
 
     @cached_property
     def coarse_meshes(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return vertices and faces of each body's shape with a thirteenth of the triangles."""
-        return [_merged([_coarse_mesh(shape, _FIGURE_CELL) for shape in shapes]) for shapes in self._shapes]
+        """Return vertices and faces of each body's shape."""
+        return [_merged([_coarse_mesh(shape, self._figure_error) for shape in shapes]) for shapes in self._shapes]
 
     @cached_property
     def _shapes(self) -> list[list[trimesh.Trimesh]]:
@@ -296,16 +298,22 @@ def coarse(vertices: np.ndarray, faces: np.ndarray, cell: float) -> tuple[np.nda
     return merged.astype(np.float32), corners[np.sort(first)].astype(np.uint32), one
 
 
-def _coarse_mesh(mesh: trimesh.Trimesh, cell: float) -> tuple[np.ndarray, np.ndarray]:
-    return coarse(np.asarray(mesh.vertices), np.asarray(mesh.faces), cell)[:2]
+def _cell(mesh: trimesh.Trimesh, error: float) -> float:
+    """Return the cell whose edges are chords of a shape that is as round as it is thick, to an error (m)."""
+    thickness = np.sort(mesh.extents)
+    return min(float(np.sqrt(4 * error * thickness[1])), 0.8 * float(thickness[0]))
 
 
-def _lighter(mesh: trimesh.Trimesh, cell: float) -> trimesh.Trimesh:
+def _coarse_mesh(mesh: trimesh.Trimesh, error: float) -> tuple[np.ndarray, np.ndarray]:
+    return coarse(np.asarray(mesh.vertices), np.asarray(mesh.faces), _cell(mesh, error))[:2]
+
+
+def _lighter(mesh: trimesh.Trimesh, error: float) -> trimesh.Trimesh:
     """Return a mesh with fewer triangles in the same colors; one with a texture stays as it is."""
     visual = mesh.visual
     if not isinstance(visual, trimesh.visual.ColorVisuals) or visual.kind != "vertex":
         return mesh
-    vertices, faces, one = coarse(np.asarray(mesh.vertices), np.asarray(mesh.faces), cell)
+    vertices, faces, one = coarse(np.asarray(mesh.vertices), np.asarray(mesh.faces), _cell(mesh, error))
     return trimesh.Trimesh(vertices, faces, vertex_colors=visual.vertex_colors[one], process=False)
 
 

@@ -90,8 +90,13 @@ def test_the_support_polygon_goes_along_and_follows_its_corners(server):
 
 
 def test_meshes_are_light_and_keep_their_size():
-    bodies = Bodies(G1)
-    assert 10_000 < sum(len(mesh.faces) for mesh in bodies.meshes) < 40_000
-    for mesh, (vertices, faces) in zip(bodies.meshes, bodies.coarse_meshes, strict=True):
+    bodies, exact = Bodies(G1), Bodies(G1, 1e-7, 1e-7)
+    triangles = [sum(len(mesh.faces) for mesh in some.meshes) for some in (bodies, exact)]
+    assert triangles[0] < triangles[1] / 8
+    for name, mesh, (vertices, faces), true in zip(
+        bodies.names, bodies.meshes, bodies.coarse_meshes, exact.meshes, strict=True
+    ):
+        assert 0 < len(faces) <= len(mesh.faces), name
         assert faces.max() < len(vertices)
-        np.testing.assert_allclose(np.ptp(vertices, axis=0), np.ptp(mesh.vertices, axis=0), atol=0.02)
+        np.testing.assert_allclose(mesh.extents, true.extents, atol=0.006, err_msg=name)
+        np.testing.assert_allclose(np.ptp(vertices, axis=0), true.extents, atol=0.012, err_msg=name)

@@ -363,6 +363,7 @@
   function show() {
     const { timeline, time } = state;
     if (!timeline || !time || !at.dock) return;
+    window.platMoving = time.mode === "playing";
     if (!opened || at.cover.style.display !== "none") uncover();
     const pose = timeline.poses[timeline.selected], playing = time.mode === "playing", first = timeline.selected === 0;
     const label = playing ? "Pause" : time.mode === "paused" ? "Go on" : "Play";
