@@ -10,8 +10,9 @@ demo: $(VENV)/.installed
 studio: $(VENV)/.installed-studio
 	$(BIN)/python -m plat studio
 
-test: $(VENV)/.installed-dev lint types docs
-	$(BIN)/python -m pytest -n 2 --durations=15
+# -rs: what was left out, and why: tests in a browser need Chromium or Chrome
+test: $(VENV)/.installed-dev $(VENV)/.installed-node lint types docs
+	$(BIN)/python -m pytest -n 2 --durations=15 -rs
 
 # without tests that start processes or train, and without the examples in docstrings
 test-fast: $(VENV)/.installed-dev
@@ -47,4 +48,10 @@ $(VENV)/.installed-studio: $(VENV)/.installed
 
 $(VENV)/.installed-dev: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	touch $@
+
+# libraries of the studio's static page; without browser, npm or network its tests are skipped
+$(VENV)/.installed-node: plat/studio/static.py $(VENV)/.installed-dev
+	-(command -v chromium || command -v chromium-browser || command -v google-chrome) && npm install --prefix $(VENV) --no-save --no-audit --no-fund --ignore-scripts --fetch-retries=0 --loglevel=error \
+		$$($(BIN)/python -c 'from plat.studio.static import LIBRARIES as them; print(*(f"{name}@{them[name][0]}" for name in them))')
 	touch $@

@@ -1,4 +1,9 @@
+import os
+import shutil
+import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -9,6 +14,9 @@ from plat.robots import G1
 from plat.runs import load_policy
 from plat.studio.timeline import Timeline
 
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
 WEIGHTS = Path(__file__).parents[2] / "plat" / "weights"
 
 
@@ -16,6 +24,32 @@ WEIGHTS = Path(__file__).parents[2] / "plat" / "weights"
 def policies() -> dict[str, TensorDictModuleBase]:
     """The committed weights."""
     return {name: load_policy(WEIGHTS / name).deployed() for name in ("plat", "expert")}
+
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+# as on a machine without a GPU: the scene is drawn by SwiftShader, and all else without WebGL
+FLAGS = ("--no-sandbox", "--enable-unsafe-swiftshader")
+
+
+@pytest.fixture(scope="module")  # not longer: while it is open, asyncio.run() of other tests is refused
+def browser() -> "Iterator[Browser]":
+    """A headless Chromium, the system's own; skips where there is none."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="no playwright: pip install playwright")
+    path = next((path for name in BROWSERS if (path := shutil.which(name))), None)
+    if path is None:
+        pytest.skip(f"no browser: none of {', '.join(BROWSERS)} is installed")
+    with playwright.sync_playwright() as driver:
+        try:
+            browser = driver.chromium.launch(executable_path=path, args=FLAGS)
+        except playwright.Error as error:
+            pytest.skip(f"{path} does not start: {error.message.splitlines()[0]}")
+        yield browser
+        browser.close()
+
+
+def node_modules() -> Path:
+    """The folder with the static page's libraries: by default the one that ``make test`` makes where there is npm."""
+    return Path(os.environ.get("PLAT_NODE_MODULES", Path(sys.prefix) / "node_modules"))
 
 
 def squat() -> np.ndarray:

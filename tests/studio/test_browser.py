@@ -1,7 +1,6 @@
 """The studio in a headless Chromium: what a user does with mouse and keys, and what is then to be seen."""
 
 import itertools
-import shutil
 import socket
 import threading
 import time
@@ -18,9 +17,9 @@ from plat.rotations_np import quat_to_matrix
 pytest.importorskip("viser", reason="the extra plat-rl[studio] is not installed")
 pytest.importorskip("mjviser", reason="the extra plat-rl[studio] is not installed")
 pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
-pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
+pytest.importorskip("playwright.sync_api", reason="no playwright: pip install playwright")
 
-from playwright.sync_api import Browser, Locator, sync_playwright
+from playwright.sync_api import Browser, Locator
 
 from plat.studio.app import Studio
 from plat.studio.autosave import AUTOSAVE
@@ -30,9 +29,6 @@ from plat.studio.session import Session
 from plat.studio.templates import template
 from plat.studio.timeline import Timeline
 
-pytestmark = pytest.mark.slow
-
-_BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 _PATIENCE = 180_000  # ms: a browser that draws in software, on a machine that has other things to do
 
 
@@ -62,19 +58,6 @@ def studio(policies, folder) -> Iterator[Studio]:
     yield studio
     studio.stop()
     thread.join(10)
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    path = next((path for name in _BROWSERS if (path := shutil.which(name))), None)
-    if path is None:
-        pytest.skip(f"no browser: none of {', '.join(_BROWSERS)} is installed")
-    # as on a machine without a GPU: the scene is drawn by SwiftShader, and all else without WebGL
-    flags = ["--no-sandbox", "--enable-unsafe-swiftshader"]
-    with sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=path, args=flags)
-        yield browser
-        browser.close()
 
 
 class User:

@@ -3,8 +3,6 @@
 import functools
 import http.server
 import json
-import os
-import shutil
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -30,10 +28,10 @@ from plat.studio.poser import HANDLES, Poser
 from plat.studio.static import LIBRARIES, site_facts, write_static
 from plat.studio.templates import template
 from plat.studio.timeline import Timeline
+from tests.studio.conftest import node_modules
 
 # Largest difference from Python that docs/studio.md promises (m, rad), for a motion of some seconds.
 _NEAR = (1e-4, 1e-3)
-_BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
 @pytest.fixture(scope="module")
@@ -97,33 +95,26 @@ def _served(folder: Path) -> Iterator[str]:
     server.shutdown()
 
 
-@contextmanager
-def _page() -> Iterator[Any]:
-    """A page of a headless browser; skips where there is none."""
-    sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    path = next((path for name in _BROWSERS if (path := shutil.which(name))), None)
-    if path is None:
-        pytest.skip(f"no browser: none of {', '.join(_BROWSERS)} is installed")
-    with sync.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=path, args=["--no-sandbox", "--enable-unsafe-swiftshader"])
-        page = browser.new_page()
-        page.set_default_timeout(180_000)
-        yield page
-        browser.close()
+@pytest.fixture
+def page(browser) -> Iterator[Any]:
+    """A page without an address yet."""
+    page = browser.new_page(viewport={"width": 1000, "height": 560})
+    page.set_default_timeout(180_000)
+    yield page
+    page.close()
 
 
 @pytest.mark.slow
-def test_libraries_that_do_not_arrive_are_named(tmp_path):
-    with _page() as page:
-        write_static(tmp_path / "page", G1, {}, Timing())
-        with _served(tmp_path / "page") as address:
-            page.route("**/*", lambda route: route.continue_() if "127.0.0.1" in route.request.url else route.abort())
-            page.goto(address)
-            page.get_by_text("One of its libraries did not arrive.").wait_for()
+def test_libraries_that_do_not_arrive_are_named(page, tmp_path):
+    write_static(tmp_path / "page", G1, {}, Timing())
+    with _served(tmp_path / "page") as address:
+        page.route("**/*", lambda route: route.continue_() if "127.0.0.1" in route.request.url else route.abort())
+        page.goto(address)
+        page.get_by_text("One of its libraries did not arrive.").wait_for()
 
 
 def _libraries() -> Path:
-    found = Path(os.environ.get("PLAT_NODE_MODULES", "node_modules"))
+    found = node_modules()
     for name, (version, _) in LIBRARIES.items():
         package = found / name / "package.json"
         if not package.exists() or json.loads(package.read_text(encoding="utf-8"))["version"] != version:
@@ -140,29 +131,28 @@ def address(tmp_path_factory) -> Iterator[str]:
 
 
 @pytest.mark.slow
-def test_trajectories_and_scores_are_pythons(address, tmp_path):
+def test_trajectories_and_scores_are_pythons(page, address, tmp_path):
     """The same keyframe file, in a headless Chromium and here."""
-    with _page() as page:
-        page.goto(address)
-        page.wait_for_function("window.platStudio !== undefined")
-        for name, run, motion, pins in (("plat", "plat-g1", "bow", None), ("imagined", "imagined-g1", "wave", "hands")):
-            timeline = template(motion, Timeline.empty(G1), Poser(G1))
-            if pins:
-                for number in range(1, len(timeline.poses)):
-                    timeline = timeline.select(number).commanding(preset(pins, G1))
-            file = tmp_path / "keyframes.json"
-            write_keyframes(file, G1, timeline.start, timeline.to_keyframes())
-            player = Player(G1, PolicyController(load_policy(run).deployed(), G1), timeline.sequence())
-            while not player.finished:
-                player.take_step()
-            played = page.evaluate(
-                "async ([name, text]) => (await import('./studio.mjs')).play(window.platStudio, name, text)",
-                [name, file.read_text(encoding="utf-8")],
-            )
-            poses, expected = np.array(played["poses"]), np.array(player._poses)
-            assert poses.shape == expected.shape
-            assert np.abs(poses[:, :3] - expected[:, :3]).max() < _NEAR[0]
-            assert np.abs(poses[:, 7:] - expected[:, 7:]).max() < _NEAR[1]
-            scores = player.scores
-            assert scores is not None
-            assert [score["words"] for score in played["scores"]] == [score.words for score in scores]
+    page.goto(address)
+    page.wait_for_function("window.platStudio !== undefined")
+    for name, run, motion, pins in (("plat", "plat-g1", "bow", None), ("imagined", "imagined-g1", "wave", "hands")):
+        timeline = template(motion, Timeline.empty(G1), Poser(G1))
+        if pins:
+            for number in range(1, len(timeline.poses)):
+                timeline = timeline.select(number).commanding(preset(pins, G1))
+        file = tmp_path / "keyframes.json"
+        write_keyframes(file, G1, timeline.start, timeline.to_keyframes())
+        player = Player(G1, PolicyController(load_policy(run).deployed(), G1), timeline.sequence())
+        while not player.finished:
+            player.take_step()
+        played = page.evaluate(
+            "async ([name, text]) => (await import('./studio.mjs')).play(window.platStudio, name, text)",
+            [name, file.read_text(encoding="utf-8")],
+        )
+        poses, expected = np.array(played["poses"]), np.array(player._poses)
+        assert poses.shape == expected.shape
+        assert np.abs(poses[:, :3] - expected[:, :3]).max() < _NEAR[0]
+        assert np.abs(poses[:, 7:] - expected[:, 7:]).max() < _NEAR[1]
+        scores = player.scores
+        assert scores is not None
+        assert [score["words"] for score in played["scores"]] == [score.words for score in scores]
