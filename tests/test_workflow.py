@@ -11,7 +11,7 @@ import yaml
 ROOT = Path(__file__).parents[1]
 JOB: dict[str, Any] = yaml.safe_load((ROOT / ".github/workflows/ci.yml").read_text())["jobs"]["test"]
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-SETTING_UP = ("sudo apt-get ", "uv pip install ")
+SETTING_UP = ("sudo apt-get ", "uv pip install ", "npm install ")
 
 
 def normal(command: str) -> str:
