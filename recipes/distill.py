@@ -69,6 +69,7 @@ def main(recipe: DistillRecipe) -> None:
         recipe.precision,
         device=device,
         workers=recipe.workers,
+        ray=recipe.ray,
         ahead=True,
     )
     watch = partial(play, student.deployed(), library, 0, horizon, device=device)

@@ -49,6 +49,7 @@ def main(recipe: ExpertRecipe) -> None:
         recipe.ppo.precision,
         device=recipe.device,
         workers=recipe.workers,
+        ray=recipe.ray,
     )
     lengths = Horizon(1, timing.max_steps)
     watch = partial(play, expert.deployed(tuple(expert.goals)), library, 0, lengths, device=recipe.device)

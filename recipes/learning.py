@@ -100,6 +100,7 @@ def learn(
         settings.precision,
         device=device,
         workers=recipe.workers,
+        ray=recipe.ray,
         ahead=True,
     )
     with (

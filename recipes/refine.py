@@ -70,6 +70,7 @@ def main(recipe: RefineRecipe) -> None:
         recipe.ppo.precision,
         device=device,
         workers=recipe.workers,
+        ray=recipe.ray,
     )
     watch = partial(play, policy.deployed(), library, 0, horizon, device=device)
     films = Films(recipe.out / "videos", library.robot, watch, recipe.video_every)

@@ -12,6 +12,11 @@ ROOT = Path(__file__).parents[1]
 JOB: dict[str, Any] = yaml.safe_load((ROOT / ".github/workflows/ci.yml").read_text())["jobs"]["test"]
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 SETTING_UP = ("sudo apt-get ", "uv pip install ", "npm install ")
+WITH_FURTHER_EXTRAS = {
+    "python -m pytest tests/envs/physics/test_mujoco_warp.py",
+    "python -m pytest -m slow tests/collectors/test_ray_actors.py",
+}
+"""Tests that need an extra which is not among those of development."""
 
 
 def normal(command: str) -> str:
@@ -37,8 +42,7 @@ def commands() -> set[str]:
 
 
 def test_it_runs_what_make_test_runs():
-    # and what needs an extra that is not among those of development
-    assert commands() - {"python -m pytest tests/envs/physics/test_mujoco_warp.py"} == recipes("test")
+    assert commands() - WITH_FURTHER_EXTRAS == recipes("test")
 
 
 def test_pythons_are_those_that_the_package_allows():

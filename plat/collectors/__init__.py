@@ -7,9 +7,10 @@ from plat.lazy import lazy
 if TYPE_CHECKING:
     from plat.collectors.dagger import LOOKUP_KEYS, ExpertLabels, MixedPolicy, dagger_buffer
     from plat.collectors.goals import PrivilegedGoals, strided_offsets
+    from plat.collectors.hosts import EnvFactory
     from plat.collectors.replay import RolloutReplay
     from plat.collectors.rollouts import Rollouts, rollouts, simulation_threads
-    from plat.collectors.workers import EnvFactory, WorkerRollouts, collect
+    from plat.collectors.workers import WorkerRollouts, collect
 else:
     lazy(__name__)
 

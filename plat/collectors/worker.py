@@ -85,12 +85,13 @@ class Job:
         """Return the factory of its policy, for another process."""
         return partial(_policy, self)
 
-    def raise_reported(self) -> None:
-        """Raise the error of plat that the worker ended with, if it did."""
+    def reported(self) -> PlatError | None:
+        """Return the error of plat that the worker left in the folder of errors, if it did."""
         path = None if self.errors is None else self.errors / f"error-{self.number}"
-        if path is not None and path.exists():
-            name, _, message = path.read_text(encoding="utf-8").partition(": ")
-            raise getattr(errors, name, PlatError)(message)
+        if path is None or not path.exists():
+            return None
+        name, _, message = path.read_text(encoding="utf-8").partition(": ")
+        return getattr(errors, name, PlatError)(message)
 
 
 _worker: list[Job] = []

@@ -1,106 +1,30 @@
 """Rollouts of robots that are simulated in worker processes: TorchRL's collectors, one for each worker."""
 
 import copy
-import shutil
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
-from torchrl.collectors import BaseCollector, MultiSyncCollector
-from torchrl.envs import EnvBase
 
 from plat.bounds import Count, check_value
+from plat.collectors.hosts import EnvFactory, Host, Processes, RemoteCollector
+from plat.collectors.ray_actors import RayActors
 from plat.collectors.rollouts import Rollouts
-from plat.collectors.worker import Content, Job, Order, Report, WorkerCollector, in_folder, packed, seed_of
-from plat.envs.physics import available_cpus
-from plat.errors import ConfigError, PlatError, StateError, WorkerError
+from plat.collectors.worker import Job, Order, Report, packed, seed_of
+from plat.errors import ConfigError, StateError, WorkerError
 from plat.motions.library import MotionLibrary
 from plat.precision import Precision
 
-__all__ = ["EnvFactory", "Host", "Processes", "WorkerRollouts", "collect"]
+__all__ = ["WorkerRollouts", "collect"]
 
 T = TypeVar("T")
 
 _ATTEMPTS = 3
 """Times that a rollout is tried before a worker that ends in it is given up."""
-
-
-class EnvFactory(Protocol):
-    """Protocol of a factory of environments, such as :func:`plat.envs.make_tracking_env`.
-
-    It is sent to other processes by cloudpickle, so it may be a ``partial`` or a function in a function.
-    """
-
-    def __call__(
-        self, library: MotionLibrary, num_envs: int, *, num_threads: int | None, device: torch.device | str
-    ) -> EnvBase:
-        """Create the environment of ``num_envs`` robots."""
-
-
-class Host(Protocol):
-    """Protocol of where workers run, such as :class:`Processes`."""
-
-    ended: tuple[type[Exception], ...]
-    """What is raised when a worker has ended."""
-    errors: Path | None
-    """Folder in which workers leave plat's errors; None where they raise them."""
-
-    def share(
-        self, library: MotionLibrary, make_env: EnvFactory, policy: TensorDictModuleBase, precision: Precision
-    ) -> Callable[[], Content]:
-        """Lay out what all workers need; the function that returns it in a worker."""
-
-    def threads(self, workers: int) -> int:
-        """Return the CPUs of each of some workers."""
-
-    def launch(self, job: Job) -> BaseCollector:
-        """Start a worker, and return the collector that speaks with its :class:`WorkerCollector`."""
-
-    def close(self) -> None:
-        """Remove what was laid out."""
-
-
-class Processes:
-    """Processes on this machine."""
-
-    ended: tuple[type[Exception], ...] = (RuntimeError, OSError, EOFError)
-
-    def __init__(self) -> None:
-        self.errors = Path(tempfile.mkdtemp(prefix="plat-workers-"))
-
-    def share(
-        self, library: MotionLibrary, make_env: EnvFactory, policy: TensorDictModuleBase, precision: Precision
-    ) -> Callable[[], Content]:
-        """Write the motions and the rest into files."""
-        return in_folder(self.errors, library, make_env, policy, precision)
-
-    def threads(self, workers: int) -> int:
-        """Return this machine's CPUs for each worker, at least 1."""
-        return max(1, available_cpus() // workers)
-
-    def launch(self, job: Job) -> BaseCollector:
-        """Start a process."""
-        return MultiSyncCollector(
-            [job.environment],
-            policy_factory=job.policy,
-            frames_per_batch=job.num_envs * job.steps,
-            collector_class=WorkerCollector,
-            num_threads=torch.get_num_threads(),
-            cat_results=0,
-            use_buffers=True,
-            trust_policy=True,
-            auto_register_policy_transforms=False,
-        )
-
-    def close(self) -> None:
-        """Remove the files."""
-        shutil.rmtree(self.errors, ignore_errors=True)
 
 
 def collect(
@@ -114,6 +38,7 @@ def collect(
     device: torch.device | str = "cpu",
     workers: int = 0,
     ahead: bool = False,
+    ray: bool = False,
     host: Host | None = None,
 ) -> "Rollouts | WorkerRollouts":
     """Return rollouts ``[N, steps]`` without end, of robots in this process or in workers.
@@ -125,10 +50,16 @@ def collect(
         policy, steps, precision: as for :func:`plat.collectors.rollouts`.
         device: of the rollouts.
         workers: processes; 0 for this one.
-        ahead, host: see :class:`WorkerRollouts`; without meaning in this process.
+        ahead, ray, host: see :class:`WorkerRollouts`; without meaning in this process.
+
+    Raises:
+        ConfigError: for more workers than robots, or ``ray`` without workers.
+        WorkerError: where there is no Ray, or workers cannot be kept running.
     """
+    if ray and not workers:
+        raise ConfigError("--ray: expected workers for the cluster, such as --workers 4")
     if workers:
-        options: dict[str, Any] = {"device": device, "workers": workers, "ahead": ahead, "host": host}
+        options: dict[str, Any] = {"device": device, "workers": workers, "ahead": ahead, "ray": ray, "host": host}
         return WorkerRollouts(make_env, library, num_envs, policy, steps, precision, **options)
     return Rollouts(make_env(library, num_envs, num_threads=None, device=device), policy, steps, precision)
 
@@ -151,7 +82,8 @@ class WorkerRollouts(Iterator[TensorDictBase]):
         workers: number of processes W, at most N.
         ahead: the workers simulate the next rollout while the caller learns from this one. Their weights are then one
             update old, which only off-policy learning allows. One worker never simulates ahead.
-        host: where workers run; None for processes on this machine.
+        ray: workers run on a Ray cluster, see :class:`plat.collectors.ray_actors.RayActors`.
+        host: where else they run; None for processes on this machine.
 
     Raises:
         ConfigError: for more workers than robots.
@@ -175,6 +107,7 @@ class WorkerRollouts(Iterator[TensorDictBase]):
         device: torch.device | str = "cpu",
         workers: int = 1,
         ahead: bool = False,
+        ray: bool = False,
         host: Host | None = None,
     ):
         check_value("rollouts: steps", steps, Count)
@@ -185,7 +118,7 @@ class WorkerRollouts(Iterator[TensorDictBase]):
         self._device = torch.device(device)
         self._ahead = ahead and workers > 1
         self._statistics: list[tuple[int, dict[str, float]]] = []
-        self._host = host or Processes()
+        self._host = host or (RayActors() if ray else Processes())
         self._pool = ThreadPoolExecutor(workers, thread_name_prefix="plat-worker")
         self._workers: list[_Worker | None] = [None] * workers
         self._pending: list[Future[tuple[TensorDictBase, Report]]] = []
@@ -240,11 +173,11 @@ class WorkerRollouts(Iterator[TensorDictBase]):
         for attempt in range(1, _ATTEMPTS + 1):
             try:
                 return ask(self._running(number))
-            except PlatError:
-                raise
             except self._host.ended as error:
-                self._jobs[number].raise_reported()
+                cause = self._host.cause(self._jobs[number], error)
                 self._end(number)
+                if cause is not None:
+                    raise cause from None
                 reason = (str(error).splitlines() or [type(error).__name__])[0]
                 if attempt == _ATTEMPTS:
                     raise WorkerError(
@@ -343,7 +276,7 @@ class WorkerRollouts(Iterator[TensorDictBase]):
 class _Worker:
     """A worker's collector and the rollouts that it makes."""
 
-    def __init__(self, collector: BaseCollector):
+    def __init__(self, collector: RemoteCollector):
         self._collector = collector
         self._rollouts = iter(collector)
 

@@ -35,7 +35,7 @@ def begins(recipe: "RecipeConfig", library: "MotionLibrary", precision: Precisio
         *([f"{recipe.minutes:g} minutes"] if recipe.minutes is not None else []),
         *([f"{recipe.steps:,} steps"] if recipe.steps is not None else []),
     ]
-    workers = f", in {_counted(recipe.workers, 'worker')}" if recipe.workers else ""
+    workers = f", in {_counted(recipe.workers, 'worker')}{' on Ray' * recipe.ray}" if recipe.workers else ""
     print(
         f"{recipe.name}: {_counted(library.num_clips, 'clip')}, {library.duration:.0f} s; "
         f"{_counted(recipe.num_envs, 'robot')} on {_counted(available_cpus(), 'CPU')}"

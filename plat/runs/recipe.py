@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Protocol, TypeVar
 
 from plat.bounds import Bounded, Count, Natural, NonNegative, NotEmpty, Positive, Robots, Seed
+from plat.collectors.cluster import check_ray
 from plat.envs.settings import PhysicsName, check_physics
 from plat.errors import ConfigError, PlatError
 from plat.files import check_folder
@@ -71,12 +72,14 @@ def begin(recipe: T) -> T:
     """Return the settings of a recipe on its device, after a check of all that does not need its motions.
 
     Raises:
-        PlatError: for a device or physics that is not there, no budget, a folder that cannot be written to, one that
-            holds a run already, or one that holds none to resume.
+        PlatError: for a device, physics or Ray that is not there, no budget, a folder that cannot be written to, one
+            that holds a run already, or one that holds none to resume.
     """
     recipe = on_device(recipe)
     Budget(recipe.minutes, recipe.steps)
     check_physics(recipe.physics)
+    if recipe.ray:
+        check_ray()
     check_folder(recipe.out)
     check_out(recipe.out, resume=recipe.resume)
     return recipe
@@ -120,6 +123,8 @@ class RecipeConfig(Bounded):
     """MuJoCo on the CPU, or "warp": MuJoCo Warp on the device (extra: warp)"""
     workers: Natural = 0
     """processes that simulate them, on a share of the CPUs each; 0 for the one that learns"""
+    ray: bool = False
+    """start them on a Ray cluster, the one at RAY_ADDRESS or of this machine (extra: ray)"""
     wandb: bool = False
     """log to Weights & Biases; offline unless you are logged in"""
     trackio: bool = False
@@ -135,6 +140,8 @@ class RecipeConfig(Bounded):
             raise ConfigError(
                 f"{type(self).__name__}: workers is {self.workers}, expected at most num_envs, {self.num_envs}"
             )
+        if self.ray and not self.workers:
+            raise ConfigError(f"{type(self).__name__}: ray is for workers, expected workers to be at least 1")
         if self.workers and self.physics == "warp":
             raise ConfigError(f"{type(self).__name__}: physics 'warp' is on one device, expected workers to be 0")
 

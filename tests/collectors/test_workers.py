@@ -10,8 +10,9 @@ from tensordict.nn import TensorDictModule
 from torch import nn
 
 from plat.collectors import Rollouts, WorkerRollouts, collect
+from plat.collectors.hosts import Processes
 from plat.collectors.worker import Job, _from_folder, in_folder
-from plat.collectors.workers import Processes, _merged
+from plat.collectors.workers import _merged
 from plat.envs import make_tracking_env
 from plat.errors import ConfigError, MotionError, StateError, WorkerError
 from plat.modules import Expert
@@ -144,6 +145,8 @@ def test_a_worker_that_cannot_be_kept_running_is_one_line():
     assert host.started == 1
     with pytest.raises(ConfigError, match="3 workers for 2 robots"):
         WorkerRollouts(make_tracking_env, motions(), 2, flailing(), 1, workers=3)
+    with pytest.raises(ConfigError, match="--ray: expected workers"):
+        collect(make_tracking_env, motions(), 2, flailing(), 1, ray=True)
 
 
 def test_errors_of_plat_come_out_of_a_worker(tmp_path):
@@ -153,7 +156,7 @@ def test_errors_of_plat_come_out_of_a_worker(tmp_path):
     job = Job(
         in_folder(tmp_path, motions(), broken, flailing(), "auto"), 1, 2, 3, num_threads=1, random=0, errors=tmp_path
     )
-    job.raise_reported()
+    assert job.reported() is None
     before = signal.getsignal(signal.SIGINT), torch.get_num_threads()
     try:
         with pytest.raises(MotionError):
@@ -161,8 +164,9 @@ def test_errors_of_plat_come_out_of_a_worker(tmp_path):
     finally:
         signal.signal(signal.SIGINT, before[0])
         torch.set_num_threads(before[1])
-    with pytest.raises(MotionError, match="clip 'a': too short"):
-        job.raise_reported()
+    error = job.reported()
+    assert isinstance(error, MotionError)
+    assert str(error) == "clip 'a': too short"
 
 
 def test_motions_are_mapped_from_their_file(tmp_path):

@@ -7,6 +7,13 @@ import pytest
 from safetensors.torch import load_file
 
 from plat.cli import main
+from plat.collectors import cluster, workers
+from plat.errors import WorkerError
+from plat.modules import Expert, ExpertConfig, LatentPolicy
+from plat.robots import G1
+from plat.runs import recipe as settings
+from tests.modules.policies.test_student import SMALL as STUDENT
+from tests.recipes.runs import save_run
 
 COMMON = ["--motions", "generated:val", "--num-envs", "4", "--rollout", "8"]
 SMALL = {
@@ -43,4 +50,35 @@ def test_one_worker_trains_the_same_policy(tmp_path, recipe):
 def test_more_workers_than_robots_are_refused(tmp_path):
     with pytest.raises(SystemExit, match="--workers is 5, expected at most num_envs, 4"):
         trained("expert", tmp_path / "run", "--workers", 5)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.fixture
+def runs(tmp_path):
+    """Runs of a teacher and a student, as arguments of the recipes that need one."""
+    expert = save_run(tmp_path / "expert", Expert(G1, ExpertConfig(hidden=(8,))), steps=1)
+    student = save_run(tmp_path / "student", LatentPolicy(G1, STUDENT), steps=1)
+    needs = {"distill": ["--expert", expert], "refine": ["--student", student], "refine-model": ["--student", student]}
+    return {name: [*map(str, needs.get(name, []))] for name in (*needs, "expert", "expert-model", "imagine")}
+
+
+@pytest.mark.parametrize("recipe", ["expert", "expert-model", "imagine", "distill", "refine", "refine-model"])
+def test_every_recipe_takes_its_workers_to_ray(tmp_path, runs, recipe, monkeypatch):
+    def nobody():
+        raise WorkerError("no cluster")
+
+    monkeypatch.setattr(settings, "check_ray", lambda: None)
+    monkeypatch.setattr(workers, "RayActors", nobody)
+    with pytest.raises(SystemExit, match="error: no cluster"):
+        main(
+            [recipe, *COMMON, *runs[recipe], "--out", str(tmp_path / "run"), "--steps", "9", "--workers", "2", "--ray"]
+        )
+
+
+def test_ray_that_is_missing_or_has_no_workers_is_told_before_the_work(tmp_path, monkeypatch):
+    with pytest.raises(SystemExit, match="--ray is for workers, expected workers to be at least 1"):
+        trained("expert", tmp_path / "run", "--ray")
+    monkeypatch.setattr(cluster, "find_spec", lambda name: None)
+    with pytest.raises(SystemExit, match="--ray needs: pip install 'plat-rl.ray.'"):
+        trained("expert", tmp_path / "run", "--workers", 1, "--ray")
     assert not (tmp_path / "run").exists()
