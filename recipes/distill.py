@@ -22,22 +22,19 @@ from plat.motions import MotionLibrary
 from plat.objectives import ImitationLoss, LatentImitationLoss, autocast
 from plat.recipes.options import DistillRecipe, check_partial
 from plat.rendering import Films
-from plat.robots import get_robot
-from plat.runs import Budget, Run, SavedRun, begin, report_errors, run_inputs
+from plat.runs import Budget, Run, SavedRun, begin, report_errors, run_inputs, training_motions
 from plat.runs.announce import begins, next_command
 from plat.spec.timing import timing_of
 
 
 def main(recipe: DistillRecipe) -> None:
     """Run the recipe."""
-    recipe, robot = begin(recipe), get_robot(recipe.robot)
+    recipe = begin(recipe)
     torch.manual_seed(recipe.seed)
     device, timing = recipe.device, recipe.policy.timing
     expected = "a teacher, such as the expert of stage 1 (--expert)"
     teacher: Teacher = SavedRun(recipe.expert).policy_as(Teacher, expected, device)  # type: ignore[type-abstract]
-    library = MotionLibrary.load(
-        recipe.motions, robot, dt=timing.control_dt, mirror=recipe.mirror, drop_bad=recipe.drop_bad
-    ).to(device)
+    library = training_motions(recipe, timing.control_dt)
     (timing_of(teacher) or timing).check_control_dt(timing.control_dt, f"--expert {str(recipe.expert)!r}")
     horizon = horizon_named(recipe.horizon, timing)
     check_partial(recipe.task.partial, recipe.policy.also)

@@ -17,12 +17,10 @@ from plat.envs.transforms import Horizon
 from plat.errors import CheckpointError
 from plat.evaluation import play
 from plat.modules import Critic, Expert
-from plat.motions import MotionLibrary
 from plat.objectives import PPO, PPOConfig, motor_gradient
 from plat.recipes.options import ExpertRecipe
 from plat.rendering import Films
-from plat.robots import get_robot
-from plat.runs import Budget, Run, SavedRun, begin, report_errors, run_inputs
+from plat.runs import Budget, Run, SavedRun, begin, report_errors, run_inputs, training_motions
 from plat.runs.announce import DISTILL, STUDENT, begins, next_command
 
 
@@ -31,9 +29,7 @@ def main(recipe: ExpertRecipe) -> None:
     recipe = begin(recipe)
     torch.manual_seed(recipe.seed)
     timing = recipe.policy.timing
-    library = MotionLibrary.load(
-        recipe.motions, get_robot(recipe.robot), dt=timing.control_dt, mirror=recipe.mirror, drop_bad=recipe.drop_bad
-    )
+    library = training_motions(recipe, timing.control_dt)
     expert = Expert(library.robot, recipe.policy)
     start = start_from(expert, recipe.init) if recipe.init else None
     expert = expert.to(recipe.device)

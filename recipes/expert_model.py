@@ -10,8 +10,7 @@ from plat.modules import Expert
 from plat.motions import MotionLibrary
 from plat.recipes.learning import learn
 from plat.recipes.options import ExpertModelRecipe
-from plat.robots import get_robot
-from plat.runs import SavedRun, begin, report_errors
+from plat.runs import SavedRun, begin, report_errors, training_motions
 from plat.runs.announce import DISTILL, STUDENT, next_command
 from plat.tasks import DenseTracking
 
@@ -20,10 +19,7 @@ def main(recipe: ExpertModelRecipe) -> None:
     """Run the recipe."""
     recipe = begin(recipe)
     torch.manual_seed(recipe.seed)
-    robot, dt = get_robot(recipe.robot), recipe.policy.timing.control_dt
-    library = MotionLibrary.load(recipe.motions, robot, dt=dt, mirror=recipe.mirror, drop_bad=recipe.drop_bad).to(
-        recipe.device
-    )
+    library = training_motions(recipe, recipe.policy.timing.control_dt)
     expert = Expert(library.robot, recipe.policy).to(recipe.device)
     start = None
     if recipe.init:

@@ -15,8 +15,7 @@ from plat.motions import MotionLibrary
 from plat.objectives import LatentImaginationLoss
 from plat.recipes.learning import learn
 from plat.recipes.options import ImagineRecipe, check_partial
-from plat.robots import get_robot
-from plat.runs import SavedRun, begin, report_errors
+from plat.runs import SavedRun, begin, report_errors, training_motions
 from plat.runs.announce import next_command
 from plat.tasks import TimedKeyframes
 
@@ -25,11 +24,8 @@ def main(recipe: ImagineRecipe) -> None:
     """Run the recipe."""
     recipe = begin(recipe)
     torch.manual_seed(recipe.seed)
-    robot, dt = get_robot(recipe.robot), recipe.policy.timing.control_dt
     check_partial(recipe.task.partial, recipe.policy.also)
-    library = MotionLibrary.load(recipe.motions, robot, dt=dt, mirror=recipe.mirror, drop_bad=recipe.drop_bad).to(
-        recipe.device
-    )
+    library = training_motions(recipe, recipe.policy.timing.control_dt)
     kind: type[Any] = LatentPolicy if recipe.student == "latent" else PlainPolicy
     student = kind(library.robot, recipe.policy).to(recipe.device)
     trained: Any = None

@@ -22,12 +22,10 @@ from plat.modules import (
     ResidualActionPolicy,
     ResidualLatentPolicy,
 )
-from plat.motions import MotionLibrary
 from plat.objectives import PPO, motor_gradient
-from plat.recipes.options import RefineRecipe, check_partial
+from plat.recipes.options import RefineModelRecipe, RefineRecipe, check_partial
 from plat.rendering import Films
-from plat.robots import get_robot
-from plat.runs import Budget, Run, SavedRun, begin, report_errors, run_inputs
+from plat.runs import Budget, Run, SavedRun, begin, report_errors, run_inputs, training_motions
 from plat.runs.announce import begins, next_command
 from plat.runs.user_modules import import_modules
 from plat.spec.observation import student_keys
@@ -44,17 +42,12 @@ VARIANTS: dict[str, type[Refinement]] = {
 def main(recipe: RefineRecipe) -> None:
     """Run the recipe."""
     import_modules(recipe.imports)
-    recipe, robot = begin(recipe), get_robot(recipe.robot)
+    recipe = begin(recipe)
     torch.manual_seed(recipe.seed)
     device = recipe.device
-    expected = "a student with a latent, of plat distill (--student)"
-    student = SavedRun(recipe.student).policy_as(LatentPolicy, expected)
-    timing = timing_of(student) or Timing()
+    student, timing = load_student(recipe, "plat distill")
     horizon = horizon_named(recipe.horizon, timing)
-    check_partial(recipe.task.partial, student.config.also)
-    library = MotionLibrary.load(
-        recipe.motions, robot, dt=timing.control_dt, mirror=recipe.mirror, drop_bad=recipe.drop_bad
-    ).to(device)
+    library = training_motions(recipe, timing.control_dt)
     policy = VARIANTS[recipe.variant](student, recipe.policy).to(device)
     critic = Critic(library.robot, student_keys(student.config.also), recipe.critic).to(device)
     ppo = PPO(policy.head(), critic.head(), critic.observe(), recipe.ppo, action_key=policy.sample_key)
@@ -110,6 +103,14 @@ def main(recipe: RefineRecipe) -> None:
                 {"failures": f"{terminations:.2f}/s", "reward": f"{reward:.2f}/s"},
             )
         run.finish()
+
+
+def load_student(recipe: RefineRecipe | RefineModelRecipe, made_by: str) -> tuple[LatentPolicy, Timing]:
+    """The student of stage 2 and its timing; ``made_by`` names the commands that make such a one."""
+    expected = f"a student with a latent, of {made_by} (--student)"
+    student = SavedRun(recipe.student).policy_as(LatentPolicy, expected)
+    check_partial(recipe.task.partial, student.config.also)
+    return student, timing_of(student) or Timing()
 
 
 def after(recipe: RefineRecipe) -> str:

@@ -6,15 +6,12 @@ plat refine-model --student runs/dagger --init-model runs/expert --motions clips
 import torch
 
 from plat.cli.settings import parse
-from plat.modules import LatentPolicy
 from plat.motions import MotionLibrary
 from plat.recipes.learning import learn
-from plat.recipes.options import RefineModelRecipe, check_partial
-from plat.recipes.refine import VARIANTS
-from plat.robots import get_robot
-from plat.runs import SavedRun, begin, report_errors
+from plat.recipes.options import RefineModelRecipe
+from plat.recipes.refine import VARIANTS, load_student
+from plat.runs import begin, report_errors, training_motions
 from plat.runs.announce import next_command
-from plat.spec.timing import Timing, timing_of
 from plat.tasks import TimedKeyframes
 
 
@@ -23,13 +20,8 @@ def main(recipe: RefineModelRecipe) -> None:
     recipe = begin(recipe)
     torch.manual_seed(recipe.seed)
     device = recipe.device
-    expected = "a student with a latent, of plat distill or plat imagine --student latent (--student)"
-    student = SavedRun(recipe.student).policy_as(LatentPolicy, expected)
-    timing = timing_of(student) or Timing()
-    check_partial(recipe.task.partial, student.config.also)
-    library = MotionLibrary.load(
-        recipe.motions, get_robot(recipe.robot), dt=timing.control_dt, mirror=recipe.mirror, drop_bad=recipe.drop_bad
-    ).to(device)
+    student, timing = load_student(recipe, "plat distill or plat imagine --student latent")
+    library = training_motions(recipe, timing.control_dt)
     policy = VARIANTS[recipe.variant](student, recipe.policy).to(device)
 
     def task(motions: MotionLibrary) -> TimedKeyframes:

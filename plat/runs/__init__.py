@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from plat.runs.budget import Budget
     from plat.runs.dynamics import DYNAMICS_FILE, load_dynamics, save_dynamics
     from plat.runs.hub import download_run, upload_run
-    from plat.runs.inputs import run_inputs
+    from plat.runs.inputs import run_inputs, training_motions
     from plat.runs.json_object import read_json, write_json
     from plat.runs.locate import is_run, run_folder, shipped_runs
     from plat.runs.loggers import check_logger, log_table, log_video, start_logging
@@ -51,6 +51,7 @@ __all__ = [
     "save_weights",
     "shipped_runs",
     "start_logging",
+    "training_motions",
     "upload_run",
     "write_json",
 ]

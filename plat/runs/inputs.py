@@ -11,14 +11,30 @@ import torch
 from torch import nn
 
 from plat.motions.library import MotionLibrary
+from plat.robots.registry import get_robot
 from plat.robots.robot import Robot
+from plat.runs.recipe import RecipeConfig
 
-__all__ = ["changed_inputs", "motions_print", "robot_print", "run_inputs", "weights_print"]
+__all__ = ["changed_inputs", "motions_print", "robot_print", "run_inputs", "training_motions", "weights_print"]
 
 # Rounding differs by less from one processor to another, and a change of a motion is more.
 _TOLERANCE = 5e-6
 _CHUNK = 1 << 16
 _LOOKED_AT = 1 << 22
+
+
+def training_motions(recipe: RecipeConfig, dt: float) -> MotionLibrary:
+    """Load the motions that a recipe trains on, for its robot and on its device.
+
+    Args:
+        recipe: settings, on a device.
+        dt: control step (s).
+
+    Raises:
+        MotionError: for files that cannot be read.
+    """
+    robot, options = get_robot(recipe.robot), {"mirror": recipe.mirror, "drop_bad": recipe.drop_bad}
+    return MotionLibrary.load(recipe.motions, robot, dt=dt, **options).to(recipe.device)
 
 
 def run_inputs(library: MotionLibrary, **modules: nn.Module | None) -> dict[str, Any]:
