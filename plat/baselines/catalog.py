@@ -29,7 +29,7 @@ class Baseline:
         version: of the weights.
         license: that they are under.
         get: how to get them.
-        files: their names, each with its SHA-256 where plat was tested with it; several make a folder.
+        files: their names, each with its SHA-256 where that is known; several make a folder.
         adapter: module and class.
         tested: whether the adapter was run with the released file; otherwise only with networks of its shapes.
     """
@@ -118,10 +118,13 @@ _TRACKERS = (
         "ProtoMotions",
         "protomotions",
         "NVIDIA (NVlabs/ProtoMotions)",
-        "general tracker of the G1, trained on BONES-SEED",
+        "general tracker of the G1 of August 2026, trained on BONES-SEED",
         "Apache-2.0",
         "github.com/NVlabs/ProtoMotions, data/pretrained_models/motion_tracker/g1-bones-deploy (git lfs)",
-        {"unified_pipeline.onnx": None, "unified_pipeline.yaml": None},
+        {
+            "unified_pipeline.onnx": "a59baa3e04a951e5cf0b4cc68f24ebaafa9272714226618b99a5017dfc805b4c",
+            "unified_pipeline.yaml": "9b7896f3355a9d9d5e7d3139b83924eeb2e45c62c30bfda44afe996cfc6cf01c",
+        },
         ("plat.baselines.protomotions", "ProtoMotions"),
         tested=False,
     ),

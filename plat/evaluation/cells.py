@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -28,8 +29,8 @@ from plat.version import __version__
 
 __all__ = ["PART", "Candidate", "Cell", "Records", "evaluate_cells", "fingerprint", "motions_fingerprint"]
 
-PART = 64
-"""Clips of a part. Parts are the same whatever the number of processes, so the records are as well."""
+PART = 512
+"""Clips of a part, at most. Parts are the same whatever the number of processes, so the records are as well."""
 
 _WORTH_PROCESSES = 50_000  # control steps
 
@@ -159,9 +160,11 @@ class _Desk:
         self.motions = motions_fingerprint(library)
 
     def parts(self, cell: Cell) -> list[list[int]]:
-        """Return the clips of each part of a cell."""
+        """Return the clips of each part of a cell: as few parts as may be, of about the same size."""
         clips = list(range(self.library.num_clips)) if cell.clips is None else list(cell.clips)
-        return [clips[first : first + PART] for first in range(0, len(clips), PART)]
+        count = -(-len(clips) // PART)
+        ends = [len(clips) * number // count for number in range(count + 1)]
+        return [clips[first:last] for first, last in pairwise(ends)]
 
     def steps(self, cell: Cell, number: int) -> int:
         """Return the control steps of a part."""
@@ -173,7 +176,7 @@ class _Desk:
 
     def part(self, cell: Cell, number: int) -> Path:
         """Return the path of a part's records."""
-        return self.folder / f"{cell.stem}.part{number:03d}.safetensors"
+        return self.folder / f"{cell.stem}.part{number + 1:03d}of{len(self.parts(cell)):03d}.safetensors"
 
     def read(self, cell: Cell, path: Path) -> Records | None:
         """Return the records in a file, if there are any of this very cell."""

@@ -9,7 +9,7 @@ def test_every_tracker_has_a_flag_and_all_that_one_must_know():
     for baseline in CATALOG.values():
         for fact in (baseline.owner, baseline.version, baseline.license, baseline.get):
             assert fact
-        assert baseline.tested == all(baseline.files.values())  # what was run has a hash
+        assert all(baseline.files.values()) or not baseline.tested  # what was run has a hash
 
 
 def test_unverified_ones_are_marked():

@@ -121,6 +121,21 @@ def test_what_it_is_fed(made):
     assert tracker.ahead == (1, 2, 8)
 
 
+def test_the_inputs_of_the_release(made):
+    """The file of August 2026 sees orientations of the torso alone, and four frames ahead."""
+    keys = ("current.anchor_rot", "current.dof_pos", "current.dof_vel", "current.root_local_ang_vel")
+    keys += ("historical.processed_actions", "mimic.future_anchor_rot", "mimic.future_dof_pos", "mimic.future_dof_vel")
+    session = StandIn({key.replace(".", "_"): key for key in keys})
+    tracker, _ = made(session, effort_limits=None, pd_target_max_accel=None, action_ema_alpha=1.0)
+    tracker(situation())
+    (feed,) = session.fed
+    shapes = [(1, 4), (1, 29), (1, 29), (1, 3), (1, 1, 29), (1, FRAMES, 4), (1, FRAMES, 29), (1, FRAMES, 29)]
+    assert [feed[key.replace(".", "_")].shape for key in keys] == shapes
+    assert feed["current_root_local_ang_vel"][0].tolist() == pytest.approx([0.4, 0.8, 1.2])
+    assert not feed["historical_processed_actions"].any()  # a robot that starts has no past
+    assert torch.equal(tracker.robot.effort_limit, G1.effort_limit)
+
+
 def test_targets_are_its_own_and_are_remembered(made):
     tracker, session = made()
     for starting, wanted in ((True, 1.0), (False, 2.0)):

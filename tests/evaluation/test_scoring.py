@@ -4,7 +4,7 @@ import torch
 from plat.envs.transforms import HORIZONS, PAPER_HORIZONS, CommandSchedule, Horizon, RandomizationRanges
 from plat.errors import MotionError, TaskError
 from plat.evaluation import CommandRecords, evaluate, report
-from plat.evaluation.scoring import schedule_of_clips
+from plat.evaluation.scoring import robots_for, schedule_of_clips
 from plat.modules import Expert, PlainPolicy, PlainPolicyConfig
 from plat.motions import MotionLibrary
 from plat.robots import G1
@@ -153,6 +153,19 @@ def test_figures_do_not_depend_on_how_many_robots_there_are(library):
     few, many = (evaluate(policy, library, HORIZONS["medium"], num_envs=count) for count in (2, 7))
     assert torch.equal(few.steps, many.steps)
     torch.testing.assert_close(few.window["joint_error"], many.window["joint_error"], equal_nan=True)
+
+
+@pytest.mark.parametrize(
+    ("steps", "most", "expected"),
+    [
+        ([250] * 64, 256, 64),  # clips of one length: nobody waits
+        ([1800] + [100] * 36, 256, 3),  # while one follows the long clip, two follow the others
+        ([1800] + [100] * 36, 2, 2),
+        ([50], 256, 1),
+    ],
+)
+def test_no_robots_that_only_wait(steps, most, expected):
+    assert robots_for(steps, most) == expected
 
 
 def test_evaluating_draws_no_random_numbers(library):
