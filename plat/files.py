@@ -2,6 +2,7 @@
 
 import csv
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
@@ -10,7 +11,16 @@ from pathlib import Path
 
 from plat.errors import OutputError
 
-__all__ = ["check_file", "check_folder", "expand_home", "is_full", "readable", "replace_file", "replace_table"]
+__all__ = [
+    "check_file",
+    "check_folder",
+    "clear_parts",
+    "expand_home",
+    "is_full",
+    "readable",
+    "replace_file",
+    "replace_table",
+]
 
 
 def replace_file(path: Path, write: Callable[[Path], object]) -> None:
@@ -34,7 +44,8 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
     part: Path | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-", suffix=f".part{path.suffix}")
+        prefix = f".{path.name}-{os.getpid()}-"
+        descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=prefix, suffix=f".part{path.suffix}")
         os.close(descriptor)
         part = Path(name)
         write(part)
@@ -48,6 +59,30 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
     finally:
         if part is not None:
             part.unlink(missing_ok=True)
+
+
+def clear_parts(folder: Path) -> None:
+    """Remove from a folder what killed processes were writing with :func:`replace_file`; those that live go on.
+
+    >>> clear_parts(Path("/nowhere"))
+    """
+    for part in folder.glob(".*-*-*.part*"):
+        found = re.search(r"-(\d+)-\w+\.part", part.name)
+        if found and not _is_alive(int(found[1])):
+            with suppress(OSError):
+                part.unlink()
+
+
+def _is_alive(process: int) -> bool:
+    if os.name != "posix":  # elsewhere the question would end it
+        return True
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:  # of another user
+        return True
+    return True
 
 
 def replace_table(path: Path, head: Sequence[str], rows: Iterable[Iterable[object]]) -> None:

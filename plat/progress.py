@@ -5,7 +5,7 @@ import time
 from collections.abc import Iterable, Iterator, Sized
 from typing import TextIO, TypeVar
 
-__all__ = ["Progress", "clock", "tracked"]
+__all__ = ["Progress", "clock", "percent", "tracked"]
 
 T = TypeVar("T")
 _WIDTH = 24
@@ -71,7 +71,7 @@ class Progress:
         if self.total:
             share = min(1.0, self.done / self.total)
             left = clock(seconds * (1 - share) / share) if share else "?"
-            line += f" of {self.total:,} {self.unit}".rstrip() + f", {share:.0%}".replace("%", " %") + f", {left} to go"
+            line += f" of {self.total:,} {self.unit}".rstrip() + f", {percent(share)}, {left} to go"
             if self._bar:
                 full = round(_WIDTH * share)
                 line = f"[{'#' * full}{'.' * (_WIDTH - full)}] {line}"
@@ -115,3 +115,12 @@ def clock(seconds: float) -> str:
         return "?"
     minutes, rest = divmod(round(seconds), 60)
     return f"{minutes}:{rest:02d}"
+
+
+def percent(share: float) -> str:
+    """Return a fraction of work as a whole percentage, rounded down: 100 % is for work that is done.
+
+    >>> percent(0.996), percent(1.0), percent(1.2)
+    ('99 %', '100 %', '100 %')
+    """
+    return f"{int(100 * min(1.0, share) + 1e-9)} %"

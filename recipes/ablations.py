@@ -204,6 +204,9 @@ def trained_rows(recipe: AblationsRecipe) -> dict[str, list[Candidate]]:
         if not runs:
             print(f"{row.name}: left out, no run {recipe.runs / row.folder} (or {row.folder}-seed0 and so on)")
             continue
+        for run in runs:
+            if SavedRun(run).unfinished:
+                print(f"{row.name}: {run} is not finished, the weights are those of its last checkpoint")
         rows[row.name] = [
             Candidate(
                 run.name,
@@ -268,7 +271,12 @@ def write(folder: Path, scores: Sequence[Score], rows: dict[str, list[Candidate]
 
 def described(candidate: Candidate) -> str:
     """Name of a policy, and how long it was trained where that is known."""
-    steps = steps_of(candidate.files[0].parent) if candidate.files[0].name == "config.json" else 0
+    run = candidate.files[0].parent
+    if candidate.files[0].name != "config.json":
+        return candidate.slug
+    if SavedRun(run).unfinished:
+        return f"{candidate.slug} (not finished)"
+    steps = steps_of(run)
     return f"{candidate.slug} ({steps:,} steps)" if steps else candidate.slug
 
 

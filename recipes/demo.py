@@ -16,9 +16,10 @@ import plat.headless  # noqa: F401
 from plat.cli import evaluate
 from plat.cli import play as play_recipe
 from plat.cli.settings import parse
+from plat.control import error_text
 from plat.envs.transforms import PAPER_HORIZONS
 from plat.evaluation import HEADLINE, Score, play
-from plat.files import check_folder
+from plat.files import check_folder, clear_parts
 from plat.motions import MotionLibrary
 from plat.recipes import distill, expert_model, refine_model
 from plat.recipes.options import DemoRecipe
@@ -39,6 +40,7 @@ def main(recipe: DemoRecipe) -> None:
     """Run the demo."""
     began = time.monotonic()
     check_folder(recipe.out)
+    clear_parts(recipe.out)
     motions, out = (f"generated:train/{FAMILIES}",), recipe.out
     minutes = recipe.expert_minutes + recipe.distill_minutes + recipe.refine_minutes
     print(f"plat demo: {minutes:.1f} minutes of training, then about two of evaluation and pictures; no network needed")
@@ -139,7 +141,7 @@ def print_table(scores: list[Score]) -> None:
         line = f"{name:<26}"
         for horizon in PAPER_HORIZONS:
             tks, mpjpe, mpkpe = (cells[run, horizon][key].value for key in HEADLINE)
-            line += f"{f'{tks:.1f} / {mpjpe:.3f} / {mpkpe:.3f}':<22}"
+            line += f"{f'{tks:.1f} / {error_text(mpjpe)} / {error_text(mpkpe)}':<22}"
         print(line)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from plat.errors import OutputError
-from plat.files import check_file, check_folder, expand_home, is_full, replace_file
+from plat.files import check_file, check_folder, clear_parts, expand_home, is_full, replace_file
 
 
 def test_a_failed_write_leaves_the_file_before_it_and_nothing_else(tmp_path):
@@ -22,6 +22,24 @@ def test_a_failed_write_leaves_the_file_before_it_and_nothing_else(tmp_path):
         replace_file(path, half)
     assert path.read_text() == "first"
     assert [file.name for file in tmp_path.iterdir()] == ["a.txt"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="processes are asked whether they live")
+def test_what_a_killed_process_was_writing_is_removed(tmp_path):
+    seen = []
+
+    def write(part):
+        dead = part.with_name(part.name.replace(f"-{os.getpid()}-", f"-{2**22 + 1}-"))
+        dead.write_text("half")
+        part.with_name(".keep-me-1.txt").write_text("a hidden file of someone else")
+        clear_parts(tmp_path)
+        seen.extend(sorted(path.name for path in tmp_path.iterdir()))
+        part.write_text("whole")
+
+    replace_file(tmp_path / "a-b.txt", write)
+    assert len(seen) == 2
+    assert seen[1] == ".keep-me-1.txt" or seen[0].startswith(f".a-b.txt-{os.getpid()}-")
+    assert (tmp_path / "a-b.txt").read_text() == "whole"
 
 
 def test_a_full_disk_is_named_by_the_file(tmp_path):

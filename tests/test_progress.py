@@ -1,6 +1,6 @@
 import io
 
-from plat.progress import Progress, tracked
+from plat.progress import Progress, percent, tracked
 
 
 class Terminal(io.StringIO):
@@ -16,6 +16,14 @@ def test_lines_where_there_is_no_terminal():
     first, last = out.getvalue().splitlines()
     assert first.startswith("evaluation: 1 of 4 commands, 25 %, 0:00 to go")
     assert last.startswith("evaluation: 4 of 4 commands, 100 %")
+
+
+def test_all_is_said_of_what_is_done_alone():
+    out = io.StringIO()
+    with Progress("evaluation", 1000, every=0, stream=out) as progress:
+        progress.update(999)
+    assert "999 of 1,000, 99 %" in out.getvalue()
+    assert percent(0.29) == "29 %"  # 28.999... in floating point
 
 
 def test_short_work_prints_no_lines():

@@ -133,7 +133,9 @@ def bandai_motions(source: Path, out: Path, robot: Robot) -> Path:
     if source.is_file():
         return source
     path = out / "motions" / "bandai_val.npz"
-    if not path.exists():
+    if path.exists():
+        print(f"motions of an earlier start: {path}; remove it to retarget {source} again", flush=True)
+    else:
         files = [file for file in find_files(source, {".bvh"}) if split_of(file.stem) == "val"]
         if not files:
             raise PlatError(f"--bandai {str(source)!r}: no .bvh file of the split val in it")

@@ -13,7 +13,7 @@ from plat.evaluation.cells import Candidate, fingerprint
 from plat.files import readable
 from plat.robots import get_robot
 from plat.runs.locate import CONFIG_FILE, run_folder
-from plat.runs.saved_run import WEIGHTS_FILE
+from plat.runs.saved_run import WEIGHTS_FILE, SavedRun
 
 __all__ = ["candidates_of"]
 
@@ -68,6 +68,8 @@ def _of_run(
     name: str, path: Path, device: str, dense: bool, interfaces: Sequence[Interface]
 ) -> dict[Candidate, Entrant]:
     folder = run_folder(path)
+    if SavedRun(folder).unfinished:
+        print(f"{name}: its training is not finished, the weights are those of its last checkpoint", flush=True)
     files = [folder / CONFIG_FILE, folder / WEIGHTS_FILE]
     first = partial(Entrant.of_run, path, device, dense, interfaces[0])
     found = _once(name, first, files, f"{dense} {interfaces[0]}")

@@ -115,6 +115,8 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
     if recipe.figures is not None:
         pictures = draw_scores(recipe.figures, scores)
         pictures += draw_strips(recipe.figures, entrants, shown, recipe.seed, recipe.device)
+    if written := written_by(recipe, pictures):
+        print(f"\nwrote {', '.join(map(str, written))}")
     if recipe.loggers:
         settings = {
             "runs": [str(run) for run in recipe.runs],
@@ -128,6 +130,15 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
             log_table(run, "evaluation", COLUMNS, rows(scores), pictures)
             run.finish()
     return scores
+
+
+def written_by(recipe: EvaluateRecipe, pictures: Sequence[Path]) -> list[Path]:
+    """Tables, folders and figures that are there now, of those that were asked for."""
+    tables = [recipe.csv] if recipe.csv is not None else []
+    if recipe.csv is not None and recipe.authored:
+        tables.append(recipe.csv.with_name(f"{recipe.csv.stem}_authored.csv"))
+    folders = [recipe.out] if recipe.out is not None else []
+    return [path for path in (*tables, *folders) if path.exists()] + list(dict.fromkeys(pictures))
 
 
 class Teller:

@@ -11,7 +11,7 @@ from statistics import fmean
 import torch
 
 from plat.cli.options import SimToSimRecipe
-from plat.control import Chase, Controller, KeyframeScore, KeyframeScorer, Simulator
+from plat.control import Chase, Controller, KeyframeScore, KeyframeScorer, Simulator, error_text
 from plat.control.changed_physics import SETTINGS, Delayed, PhysicsSetting, make_model
 from plat.deploy import PolicyRunner
 from plat.envs.transforms import CommandSchedule, Horizon
@@ -51,7 +51,8 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
             for error in ("joint_error", "keypoint_error")
         )
         share, falls = len(succeeded) / len(scores), fmean(score.root_off for score in scores)
-        print(f"{physics.name:<40}{100 * share:>10.1f}{100 * falls:>9.1f}{joint:>13.3f}{keypoint:>11.3f}", flush=True)
+        errors = f"{error_text(joint):>13}{error_text(keypoint):>11}"
+        print(f"{physics.name:<40}{100 * share:>10.1f}{100 * falls:>9.1f}{errors}", flush=True)
     print("errors are means over the keyframes that TKS@3 counts")
     return results
 

@@ -1,5 +1,6 @@
 """onnxruntime sessions for ONNX files."""
 
+import os
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -24,8 +25,8 @@ def open_session(path: Path) -> Any:
         import onnxruntime
     except ImportError as error:
         raise BundleError("ONNX policies need: pip install onnxruntime") from error
-    if not path.is_file():
-        what = "not a regular file" if path.exists() else "no such file"
+    if not os.path.isfile(path):  # false for a name that is too long, too
+        what = "not a regular file" if os.path.exists(path) else "no such file"
         raise BundleError(f"ONNX policy {str(path)!r}: {what}")
     if path.stat().st_size > MAX_BYTES:
         raise BundleError(

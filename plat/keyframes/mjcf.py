@@ -6,6 +6,7 @@ a free joint with seven numbers; angles are in radians whatever the compiler say
 
 from __future__ import annotations
 
+import os
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from pathlib import Path
@@ -99,7 +100,7 @@ def _roots(path: Path, where: str, depth: int = 0) -> list[ElementTree.Element]:
     included = [path.parent / name for part in root.iter("include") if (name := part.get("file"))]
     found = [root]
     for other in included if depth < 4 else []:
-        if other.is_file():
+        if os.path.isfile(other):  # false for a name that is too long, too
             found += _roots(other, where, depth + 1)
     return found
 

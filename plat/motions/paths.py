@@ -2,6 +2,7 @@
 
 import glob
 import hashlib
+import os
 import re
 from collections import Counter
 from collections.abc import Collection, Sequence
@@ -57,11 +58,11 @@ def find_files(
     expected = ", ".join(sought)
     for pattern in [patterns] if isinstance(patterns, (str, Path)) else patterns:
         path = expand_home(Path(pattern))
-        if path.is_dir():
+        if os.path.isdir(path):  # false for a name that is too long, too
             found = sorted(file for file in path.rglob("*") if file.suffix.lower() in sought)
             found = [file for file in found if not any(part.startswith(".") for part in file.relative_to(path).parts)]
             found = found if copies else _without_copies(found, told)
-        elif path.exists():
+        elif os.path.exists(path):
             found = [path]
         else:
             found = sorted(Path(name) for name in glob.glob(str(path), recursive=True))

@@ -15,6 +15,7 @@ from plat.modules.dynamics import DynamicsModel
 from plat.modules.networks import mlp
 from plat.modules.normalizer import ObservationNormalizer
 from plat.objectives.dynamics import DynamicsLoss, muon_and_adam
+from plat.objectives.finite import FiniteUpdates
 from plat.objectives.imagination import ImaginationLoss
 from plat.objectives.settings import ImaginationConfig
 from plat.precision import autocast
@@ -101,6 +102,7 @@ class ImaginationLearner:
         self._rates = [[group["lr"] for group in optimizer.param_groups] for optimizer in self._optimizers()]
         self.iterations = 0
         """Iterations so far."""
+        self._finite = {what: FiniteUpdates(what) for what in ("model", "policy", "critic")}
 
     def observe(self, rollout: TensorDictBase) -> None:
         """Update the normalizers with a rollout ``[N, T]``, until they are frozen."""
@@ -132,7 +134,11 @@ class ImaginationLearner:
             fraction: fraction of the budget that is spent; learning rates depend on it.
 
         Returns:
-            Means of the losses and what they log, the policy's only after the warm-up.
+            Means of the losses and what they log, the policy's only after the warm-up. ``model/skipped`` and
+            ``policy_skipped`` are the fractions of updates that were skipped, as their gradient was not finite.
+
+        Raises:
+            ActionError: when 50 gradients in a row were not finite.
         """
         config, log = self.config, _Means()
         self._set_rates(fraction)
@@ -150,11 +156,13 @@ class ImaginationLearner:
             losses = self.model_loss(replay.windows(self.config.model_batch, self.config.window + 1))
         losses["loss_dynamics"].backward()
         norm = nn.utils.clip_grad_norm_(self.model.parameters(), self.config.grad_norm)
+        learns = self._finite["model"].allow(norm)
         for optimizer in self.model_optimizers:
-            if norm.isfinite():
+            if learns:
                 optimizer.step()
             optimizer.zero_grad()
         log.add({"model/loss" if name == "loss_dynamics" else f"model/{name}": value for name, value in losses.items()})
+        log.add({"model/skipped": torch.tensor(float(not learns))})
 
     def _update_policy(self, replay: Windows, log: "_Means") -> None:
         with autocast(self.model.mean.device, self.config.precision):
@@ -162,15 +170,16 @@ class ImaginationLearner:
         # the critic's loss is in the sum: it and the policy reach different weights
         torch.stack([loss for name, loss in losses.items() if name.startswith("loss_")]).sum().backward()
         for optimizer in self.critic_optimizers:
-            if losses["loss_critic"].isfinite():
+            if self._finite["critic"].allow(losses["loss_critic"]):
                 optimizer.step()
             optimizer.zero_grad()
         norm = nn.utils.clip_grad_norm_(self.policy.parameters(), self.config.grad_norm)
-        if norm.isfinite():  # the gradient of an exploding imagined rollout is useless
+        learns = self._finite["policy"].allow(norm)  # the gradient of an exploding imagined rollout is useless
+        if learns:
             self.policy_optimizer.step()
         self.policy_optimizer.zero_grad()
         self._move_average()
-        log.add({**losses, "policy_gradient": norm})
+        log.add({**losses, "policy_gradient": norm, "policy_skipped": torch.tensor(float(not learns))})
 
     @torch.no_grad()
     def _move_average(self) -> None:
@@ -199,6 +208,7 @@ class ImaginationLearner:
             **({} if self.critic is None else {"critic": self.critic.state_dict()}),
             "optimizers": [optimizer.state_dict() for optimizer in self._optimizers()],
             "iterations": self.iterations,
+            "skipped": {what: updates.in_a_row for what, updates in self._finite.items()},
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -210,6 +220,8 @@ class ImaginationLearner:
         for optimizer, values in zip(self._optimizers(), state["optimizers"], strict=True):
             optimizer.load_state_dict(values)
         self.iterations = int(state["iterations"])
+        for what, in_a_row in state.get("skipped", {}).items():  # not in checkpoints of an older plat
+            self._finite[what].in_a_row = int(in_a_row)
 
 
 class _Critic(nn.Module):

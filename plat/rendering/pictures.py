@@ -3,6 +3,7 @@
 import os
 import sys
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -194,9 +195,16 @@ def write_video(path: str | Path, pictures: Iterator[np.ndarray], fps: float = 2
     def write(part: Path) -> None:
         # the encoder's own words would come between plat's
         options = {"codec": "libx264", "quality": 7, "macro_block_size": 8, "ffmpeg_log_level": "quiet"}
-        with imageio.get_writer(part, fps=fps, **options) as writer:
+        writer = imageio.get_writer(part, fps=fps, **options)
+        try:
             for picture in pictures:
                 writer.append_data(picture)
+        except BaseException:
+            # as a context it would be left open here: the encoder went on, and wrote the file once more
+            with suppress(Exception):
+                writer.close()
+            raise
+        writer.close()
         if not is_whole(part):  # the encoder's exit status is not told
             raise OSError("the encoder stopped early")
 

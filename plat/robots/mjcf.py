@@ -1,5 +1,6 @@
 """MJCF descriptions: files to editable specs, and the contact geometry of the soles."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
@@ -8,9 +9,12 @@ from pathlib import Path
 import mujoco
 
 from plat.errors import RobotError
+from plat.json_file import short
 from plat.robots.mujoco_log import leave_no_log_file
 
 __all__ = ["Capsule", "asset_path", "check_model", "compile_spec", "read_spec", "replace_soles"]
+
+_LONGEST_NAME = 255
 
 leave_no_log_file()  # here: no model comes into being without this module
 
@@ -30,7 +34,8 @@ class Capsule:
 def asset_path(asset: str) -> Path:
     """Return the path of an MJCF file: one of plat's own by its file name, any other by its path."""
     own = Path(str(resources.files("plat.robots"))) / "assets" / asset
-    return own if Path(asset).name == asset and own.exists() else Path(asset)
+    # os.path: a name that is too long for a file is that of none
+    return own if Path(asset).name == asset and os.path.exists(own) else Path(asset)
 
 
 def read_spec(asset: str, robot: str) -> mujoco.MjSpec:
@@ -44,8 +49,9 @@ def read_spec(asset: str, robot: str) -> mujoco.MjSpec:
         RobotError: when there is no such file, or MuJoCo cannot parse it.
     """
     path = asset_path(asset)
-    if not path.is_file():
-        raise RobotError(f"robot {robot!r}: asset {asset!r}: no such file, expected an MJCF description")
+    if not os.path.isfile(path):
+        named = repr(asset) if len(asset) <= _LONGEST_NAME else short(asset)
+        raise RobotError(f"robot {robot!r}: asset {named}: no such file, expected an MJCF description")
     try:
         return mujoco.MjSpec.from_file(str(path))
     except (ValueError, mujoco.FatalError) as error:

@@ -19,6 +19,7 @@ __all__ = ["DISTILL", "STUDENT", "begins", "next_command"]
 DISTILL = ("plat distill", "--expert")
 STUDENT = ("--minutes", "15", "--out", "runs/dagger")
 """Words of the command behind stage 1, before the expert and after its motions."""
+_FILES = ("model.safetensors", "metrics.csv", "config.json")
 
 
 def begins(recipe: "RecipeConfig", library: "MotionLibrary", precision: Precision, good: str) -> None:
@@ -48,16 +49,17 @@ def begins(recipe: "RecipeConfig", library: "MotionLibrary", precision: Precisio
 
 
 def next_command(out: Path, *words: str | Path | Sequence[str]) -> str:
-    """Return the lines that say where a run is and which command comes next.
+    """Return the lines that say where a run is, with those of its files that are there, and which command comes next.
 
     >>> print(next_command(Path("runs/a b"), "plat evaluate", Path("runs/a b"), "--motions", ("x.npz", "*.csv")))
-    the run is in runs/a b: model.safetensors, metrics.csv, config.json
+    the run is in runs/a b
     next: plat evaluate 'runs/a b' --motions x.npz '*.csv'
     """
     flat = [part for word in words for part in ([word] if isinstance(word, str | Path) else word)]
     first, *rest = flat
     command = " ".join([str(first), *(shlex.quote(str(word)) for word in rest)])
-    return f"the run is in {out}: model.safetensors, metrics.csv, config.json\nnext: {command}"
+    files = ", ".join(name for name in _FILES if (out / name).exists())
+    return f"the run is in {out}{': ' if files else ''}{files}\nnext: {command}"
 
 
 def _counted(number: int, what: str) -> str:

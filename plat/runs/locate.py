@@ -1,5 +1,6 @@
 """Where runs are: folders of the user, and the weights that come with plat."""
 
+import os
 from pathlib import Path
 
 from plat.errors import CheckpointError
@@ -28,7 +29,7 @@ def is_run(folder: Path) -> bool:
     >>> is_run(Path("/nowhere"))
     False
     """
-    return (folder / CONFIG_FILE).exists()
+    return os.path.exists(folder / CONFIG_FILE)
 
 
 def run_folder(run: str | Path) -> Path:
@@ -43,7 +44,7 @@ def run_folder(run: str | Path) -> Path:
     'plat'
     """
     path = Path(run)
-    if path.exists():
+    if os.path.exists(path):  # false for a name that is too long, too
         return path
     if str(run).startswith(HUB_PREFIX):
         return download_run(str(run))

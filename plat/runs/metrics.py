@@ -92,6 +92,13 @@ class MetricsFile:
         else:
             self._behind = False
 
+    def close(self) -> None:
+        """Write what the file still lacks; say so where it cannot be."""
+        if self._behind:
+            self.rewrite()
+        if self._behind:
+            print(f"{str(self.path)!r} lacks rows of this run: it could not be written to the end", flush=True)
+
     def _fall_behind(self, error: OSError) -> None:
         if not self._behind:
             print(

@@ -1,5 +1,6 @@
 """Folders that runs are written to: may one begin there, or be resumed?"""
 
+import os
 from pathlib import Path
 
 from plat.errors import CheckpointError
@@ -31,10 +32,10 @@ def check_out(folder: Path, *, resume: bool) -> None:
             f"{str(folder)!r}: its name is no UTF-8, weights cannot be read from there; choose another"
         )
     if resume:
-        if not config.exists():
+        if not os.path.exists(config):
             raise CheckpointError(f"{str(folder)!r} holds no run to go on with: leave out --resume to start one")
         read_json(config)
-    elif config.exists() and not _is_abandoned(folder):
+    elif os.path.exists(config) and not _is_abandoned(folder):
         raise CheckpointError(f"{str(folder)!r} already holds a run: go on with --resume or choose another --out")
 
 

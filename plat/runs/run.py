@@ -27,6 +27,8 @@ from torch import nn
 from torchrl.checkpoint import GlobalRNGState
 
 from plat.errors import CheckpointError
+from plat.files import clear_parts
+from plat.progress import percent
 from plat.runs.budget import Budget
 from plat.runs.changes import changes
 from plat.runs.checkpoints import Checkpoints
@@ -145,6 +147,7 @@ class Run:
             raise
         try:
             self._checkpoints.clear_leftovers()
+            clear_parts(folder)
             self._inputs = plain(dict(inputs or {}))
             if resume:
                 self._restore(config, self._inputs)
@@ -277,7 +280,7 @@ class Run:
             self._last_line = now
             shown = "  ".join(f"{name} {value}" for name, value in (headline or {}).items())
             print(
-                f"{min(1.0, self.budget.fraction):4.0%}  {self.budget.steps / 1e6:.2f} M steps  "
+                f"{percent(self.budget.fraction):>5}  {self.budget.steps / 1e6:.2f} M steps  "
                 f"{self.budget.rate:,.0f}/s  {shown}  {_clock(self.budget.seconds_left)} to go",
                 flush=True,
             )
@@ -316,6 +319,7 @@ class Run:
             print(f"stopped with a checkpoint at {self.budget.steps:,} steps", flush=True)
         except CheckpointError as error:
             print(f"stopped: {error}", flush=True)
+        self._metrics.close()
         print(f"go on with the same command and --resume (--out {self.folder})", flush=True)
         self._end_logs()
         sys.exit(self._stop.status)
@@ -350,6 +354,7 @@ class Run:
             path = self.folder / CONFIG_FILE
             write_json(path, {**read_json(path), "finished": self.budget.state_dict()})
         self.finished = True
+        self._metrics.close()
         self._end_logs()
         self._lock.release()
 

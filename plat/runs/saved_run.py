@@ -94,6 +94,11 @@ class SavedRun:
         steps = self._object("finished").get("steps", 0)
         return steps if isinstance(steps, int) else 0
 
+    @property
+    def unfinished(self) -> bool:
+        """Return whether a recipe wrote the run and did not come to its end: its weights are of the way there."""
+        return self.recipe is not None and "finished" not in self.config
+
     def _object(self, name: str) -> dict[str, Any]:
         value = self.config.get(name)
         return value if isinstance(value, dict) else {}

@@ -1,3 +1,4 @@
+import json
 from pathlib import Path
 
 import pytest
@@ -73,3 +74,14 @@ def test_released_files_are_known_by_their_content(shared_data, tmp_path):
 def test_nothing_to_evaluate():
     with pytest.raises(PlatError, match="nothing to evaluate"):
         candidates_of((), ReleasedTrackers())
+
+
+def test_a_run_that_is_not_finished_is_said_to_be(runs, capsys):
+    path = runs / "plain"
+    config = json.loads((path / "config.json").read_text())
+    trackers = ReleasedTrackers()
+    candidates_of([path], trackers)
+    assert "not finished" not in capsys.readouterr().out
+    (path / "config.json").write_text(json.dumps({**config, "recipe": {"name": "distill"}}))
+    candidates_of([path], trackers)
+    assert f"{path.name}: its training is not finished" in capsys.readouterr().out

@@ -36,7 +36,8 @@ def test_every_policy_at_every_horizon(runs, capsys):
     assert [len(score.records[0].clip) for score in scores[::2]] == [4, 200]
     printed = capsys.readouterr().out.splitlines()
     assert printed[0].startswith("2 motions, 4 s")
-    assert len(printed) == 2 + 4
+    assert len(printed) == 2 + 4 + 2
+    assert printed[-1] == f"wrote {runs / 'scores.csv'}"
     with (runs / "scores.csv").open(newline="") as file:
         assert {(row["policy"], row["horizon"]) for row in csv.DictReader(file)} == set(cells)
 

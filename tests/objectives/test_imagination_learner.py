@@ -6,6 +6,7 @@ import torch
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from plat.collectors import RolloutReplay, rollouts
+from plat.errors import ActionError
 from plat.modules import DynamicsConfig, DynamicsModel, Expert, ExpertConfig
 from plat.objectives import ImaginationConfig, ImaginationLearner, exploring
 from plat.robots import G1
@@ -151,3 +152,21 @@ def test_a_model_that_has_settled_elsewhere_keeps_its_statistics(library):
     learner.observe(rollout)
     assert not model.mean.any()
     assert expert.normalizer.mean.any()
+
+
+def test_updates_whose_gradient_is_not_finite_are_counted_and_end_training(setting):
+    learner, replay, simulate = setting
+    simulate()
+    simulate()
+    learner.step(replay)
+    assert learner.step(replay)["policy_skipped"] == 0
+    before = weights(learner.policy)
+    for parameter in learner.model.parameters():
+        parameter.data.fill_(torch.nan)
+    losses = learner.step(replay)
+    assert losses["policy_skipped"] == losses["model/skipped"] == 1
+    assert all(weights(learner.policy)[name].equal(value) for name, value in before.items())
+    for _ in range(23):
+        learner.step(replay)
+    with pytest.raises(ActionError, match="model: the gradients of 50 updates in a row were not finite"):
+        learner.step(replay)

@@ -1,4 +1,5 @@
 import dataclasses
+import json
 import sys
 
 import pytest
@@ -87,6 +88,16 @@ def test_figures_of_every_split_and_strips_of_one(recipe, monkeypatch):
     assert folder == recipe.out / "all"
     assert list(entrants) == ["Scratch RL", "DAgger", "PLAT"]
     assert library.clip_names == ["walk_b"]
+
+
+def test_a_row_that_is_not_finished_is_said_to_be(recipe, capsys):
+    config = recipe.runs / "dagger" / "config.json"
+    config.write_text(json.dumps({**json.loads(config.read_text()), "recipe": {"name": "distill"}}))
+    rows = ablations.trained_rows(recipe)
+    assert f"DAgger: {recipe.runs / 'dagger'} is not finished" in capsys.readouterr().out
+    described = {name: [ablations.described(one) for one in row] for name, row in rows.items()}
+    assert described["DAgger"] == ["dagger (not finished)"]
+    assert described["PLAT"] == ["plat-seed0 (50 steps)", "plat-seed1 (50 steps)"]
 
 
 def test_what_is_known_is_not_evaluated_again(recipe, evaluated):

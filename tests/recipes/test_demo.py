@@ -1,9 +1,14 @@
-"""What the demo asks of its stages."""
+"""What the demo asks of its stages, and what it draws."""
 
+import os
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from plat.evaluation import Score
+from plat.evaluation.report import Estimate
 from plat.recipes import demo
 
 
@@ -33,3 +38,41 @@ def test_a_killed_demo_goes_on(tmp_path, asked):
     demo.main(demo.DemoRecipe(out=tmp_path))
     assert [stage.resume for stage in asked[:3]] == [True, True, False]
     assert asked[3].out.parent == tmp_path, "an evaluation without a folder keeps nothing of what it has measured"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="processes are asked whether they live")
+def test_half_a_video_of_a_killed_demo_is_removed(tmp_path, asked):
+    for process in (os.getpid(), 2**22 + 1):  # one that draws now, and one that cannot be
+        (tmp_path / f".plat.mp4-{process}-abc_12.part.mp4").write_bytes(b"half")
+    demo.main(demo.DemoRecipe(out=tmp_path))
+    assert [path.name for path in tmp_path.glob(".*")] == [f".plat.mp4-{os.getpid()}-abc_12.part.mp4"]
+
+
+def test_a_demo_that_was_stopped_while_it_drew_draws_again(tmp_path, monkeypatch):
+    picture = np.full((16, 16, 3), 200, np.uint8)
+    library = SimpleNamespace(clip_names=[f"{name}_val_000" for name in ("walk", "reach", "squat")], robot=None)
+    monkeypatch.setattr(demo.MotionLibrary, "load", lambda _: library)
+    monkeypatch.setattr(demo, "load_policy", lambda _: SimpleNamespace(deployed=lambda: None))
+    monkeypatch.setattr(demo, "play", lambda *_: None)
+    monkeypatch.setattr(demo, "Stage", lambda *_, **__: SimpleNamespace(close=lambda: None))
+    monkeypatch.setattr(demo, "contact_sheet", lambda *_: picture)
+
+    def stopped(*_):
+        yield picture
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(demo, "film_with_progress", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        demo.draw(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["contact_sheet.png"]
+    monkeypatch.setattr(demo, "film_with_progress", lambda *_: iter([picture] * 3))
+    assert str(tmp_path / "plat.mp4") in demo.draw(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {"contact_sheet.png", "plat.mp4"}
+
+
+def test_errors_that_no_command_has_are_dashes(capsys):
+    figures = {"tks": Estimate(0.0, 0.0, 0.0), "mpjpe": Estimate(*[np.nan] * 3), "mpkpe": Estimate(*[np.nan] * 3)}
+    demo.print_table([Score(run, horizon, (), figures) for run in demo.NAMES for horizon in demo.PAPER_HORIZONS])
+    table = capsys.readouterr().out
+    assert "0.0 / - / -" in table
+    assert "nan" not in table

@@ -170,3 +170,17 @@ def test_words_stand_at_the_bottom_of_each_picture_and_fit_it(stage, playback):
     assert changed.any()
     assert not changed[: plain.shape[0] // 2].any()
     assert not changed[:, -3:].any()
+
+
+def test_a_video_that_is_stopped_leaves_no_encoder_and_no_file(tmp_path):
+    def stopped():
+        yield np.zeros((16, 16, 3), np.uint8)
+        raise KeyboardInterrupt
+
+    error = None
+    try:
+        write_video(tmp_path / "half.mp4", stopped())
+    except KeyboardInterrupt as caught:  # with its traceback, in which the encoder's writer lives on
+        error = caught
+    assert error is not None
+    assert list(tmp_path.iterdir()) == []

@@ -80,3 +80,20 @@ def test_a_folder_in_the_place_of_the_file_stops_nothing(tmp_path):
     (tmp_path / "metrics.csv").mkdir()
     MetricsFile(tmp_path / "metrics.csv").write(1, {"loss": 0.5})
     assert (tmp_path / "metrics.csv").read_text() == "step,loss\n1,0.5\n"
+
+
+def test_rows_that_are_missing_at_the_end_are_told_of(tmp_path, capsys, monkeypatch):
+    metrics = MetricsFile(tmp_path / "metrics.csv")
+    metrics.write(1, {"loss": 0.5})
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as disk:
+        disk.setattr("plat.runs.metrics.replace_file", full)
+        metrics.write(2, {"loss": 0.4, "kl": 0.1})
+        metrics.close()
+        assert "lacks rows of this run" in capsys.readouterr().out
+    metrics.close()  # there is space again
+    assert rows(metrics.path)[-1]["step"] == "2"
+    assert capsys.readouterr().out == ""
