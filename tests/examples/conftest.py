@@ -7,14 +7,14 @@ from tests.export.runs import small_policy, write_run
 
 @pytest.fixture(scope="session")
 def shipped_bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The bundle of imagined-g1."""
+    """The bundle of imagined-robot-g1, the policy for robots."""
     for package in ("onnx", "onnxscript", "onnxruntime"):
         pytest.importorskip(package)
     from plat.export import export_bundle
     from plat.runs.shipped import shipped_runs
 
-    folder = tmp_path_factory.mktemp("bundles") / "imagined"
-    export_bundle(shipped_runs()["imagined-g1"], folder)
+    folder = tmp_path_factory.mktemp("bundles") / "imagined-robot"
+    export_bundle(shipped_runs()["imagined-robot-g1"], folder)
     return folder
 
 
