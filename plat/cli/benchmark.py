@@ -16,11 +16,11 @@ from typing import Any
 import plat.headless  # noqa: F401
 
 # isort: split
-from plat.baselines import CATALOG
 from plat.cli.benchmark_page import ABOUT, group_figure, page
 from plat.cli.candidates import candidates_of
 from plat.cli.evaluate import common_control_dt, long_enough
 from plat.cli.options import BenchmarkRecipe
+from plat.cli.public_motions import PUBLIC
 from plat.errors import PlatError
 from plat.evaluation import RULES, Entrant, EvaluationSetting
 from plat.evaluation.cells import Candidate, motions_fingerprint
@@ -39,9 +39,6 @@ from plat.figures import (
 )
 from plat.files import check_folder, replace_file
 from plat.motions import MotionLibrary
-from plat.motions.files import load_motions, save_motions
-from plat.motions.paths import find_files
-from plat.motions.split import split_of
 from plat.robots import Robot, get_robot
 from plat.runs import on_device
 from plat.runs.user_modules import import_modules
@@ -114,9 +111,10 @@ def motion_sets(recipe: BenchmarkRecipe, robot: Robot, control_dt: float) -> lis
             of_clips = [of_name.get(clip) or of_name[clip.rpartition("_")[0]] for clip in part.clip_names]
         sets.append(MotionSet(name, source, part, of_clips))
 
-    if recipe.bandai is not None:
-        path = bandai_motions(recipe.bandai, recipe.out, robot)
-        add("bandai", f"Bandai-Namco Research Motion Dataset, split val ({path.name})", path, None)
+    for name, public in PUBLIC.items():
+        if (source := getattr(recipe, name)) is not None:
+            path = public.file(source, recipe.out, robot)
+            add(name, f"{public.says} ({path.name})", path, None if public.clips is None else public.families)
     for path in recipe.hard:
         add(path.stem, path.name, path, None if families is None else partial(families_of, families=families))
     add("generated", f"generated:test@{recipe.generated:g}", f"generated:test@{recipe.generated:g}", _kinds)
@@ -126,23 +124,6 @@ def motion_sets(recipe: BenchmarkRecipe, robot: Robot, control_dt: float) -> lis
 def _kinds(clips: list[str]) -> list[str]:
     """Return the families of generated motions, which begin their names."""
     return [clip.partition("_")[0] for clip in clips]
-
-
-def bandai_motions(source: Path, out: Path, robot: Robot) -> Path:
-    """Return the motion file of the validation split: retarget a folder of ``.bvh`` files once."""
-    if source.is_file():
-        return source
-    path = out / "motions" / "bandai_val.npz"
-    if path.exists():
-        print(f"motions of an earlier start: {path}; remove it to retarget {source} again", flush=True)
-    else:
-        files = [file for file in find_files(source, {".bvh"}) if split_of(file.stem) == "val"]
-        if not files:
-            raise PlatError(f"--bandai {str(source)!r}: no .bvh file of the split val in it")
-        print(f"retargeting {len(files)} files", flush=True)
-        clips = load_motions(files, robot)
-        replace_file(path, lambda part: save_motions(part, clips, robot))
-    return path
 
 
 def plan_of(recipe: BenchmarkRecipe, motions: MotionSet, ours: str, first: bool) -> StudyPlan:
@@ -171,7 +152,7 @@ def about(recipe: BenchmarkRecipe, candidates: Mapping[Candidate, Entrant], sets
             packages.append(f"{package} {version(package)}")
         except PackageNotFoundError:
             continue
-    weights = {candidate.name.partition(", ")[0]: candidate.weights for candidate in candidates}
+    rows = {candidate.name.partition(", ")[0]: candidate for candidate in candidates}
     return {
         "command": command_of(recipe),
         "versions": [f"plat {__version__}", *packages, platform.machine()],
@@ -189,18 +170,8 @@ def about(recipe: BenchmarkRecipe, candidates: Mapping[Candidate, Entrant], sets
             ]
             for one in sets
         ],
-        "rows": [[name, found[:12], described(name)] for name, found in weights.items()],
+        "rows": [[name, one.weights[:12], one.made_by, one.trained_on] for name, one in rows.items()],
     }
-
-
-def described(row: str) -> str:
-    """Return what a row is."""
-    name = row.removesuffix(" (unverified)")
-    if name not in CATALOG:
-        return "plat"
-    known = CATALOG[name]
-    verified = "" if known.tested else "; unverified: its adapter was never run with the released weights"
-    return f"{known.owner}, {known.version}{verified}"
 
 
 def command_of(recipe: BenchmarkRecipe) -> list[str]:

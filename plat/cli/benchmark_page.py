@@ -28,7 +28,9 @@ _OPENING = """\
 *Written by `plat benchmark` and `python -m plat.cli.benchmark_page`, from the files in `benchmark`.
 [Evaluation](evaluation.md) says what is measured; [the notes](notes/2026.md) how the weights came about.*
 """
+_UNSAID = "not said in its file"
 _READING = """\
+Rows that were trained on other motions differ by that as well as by their method: compare those of one list.
 Intervals are 95 %, bootstrapped over motions. Every row is given the same commands. A dense tracker is shown
 its keyframe by the [interface](evaluation.md#released-trackers) in parentheses: the best one by TKS@3 at Mixed.
 Calm and everyday motion saturates TKS@3: rows differ on brisk and hard motion, and in their errors.
@@ -98,8 +100,8 @@ def _head(about: dict[str, Any]) -> str:
     sets = [["set", "motions", "clips", "seconds", "fingerprint"]]
     for name, source, clips, seconds, mark in about["sets"]:
         sets.append([name, source, str(clips), str(seconds), f"`{mark}`"])
-    rows = [["row", "what", "SHA-256 of the weights"]]
-    rows += [[name, what, f"`{mark}`"] for name, mark, what in about["rows"]]
+    rows = [["row", "made by", "trained on", "SHA-256 of the weights"]]
+    rows += [[name, made_by, data or _UNSAID, f"`{mark}`"] for name, mark, made_by, data in about["rows"]]
     facts = [
         f"- {', '.join(about['versions'])}",
         f"- seed of the commands: {about['seed']}",

@@ -1,6 +1,7 @@
 """Candidates of a comparison, from what a command line names: runs, bundles and released trackers."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -10,8 +11,10 @@ from plat.deploy.runner import BUNDLE_FILE
 from plat.errors import PlatError
 from plat.evaluation import Entrant, Interface
 from plat.evaluation.cells import Candidate, fingerprint
+from plat.export.data_sets import data_set_of
 from plat.files import readable
 from plat.robots import get_robot
+from plat.runs.lineage import made_by, trained_on
 from plat.runs.locate import CONFIG_FILE, run_folder
 from plat.runs.saved_run import WEIGHTS_FILE, SavedRun
 
@@ -50,7 +53,7 @@ def candidates_of(
             continue
         name = readable(path.name if names.count(readable(path.name)) == 1 else str(path))
         if path.suffix == ".onnx" or (path / BUNDLE_FILE).exists():
-            found |= _once(name, partial(_bundle, path, robot), _files(path), "bundle")
+            found |= _once(name, partial(_bundle, path, robot), _files(path), "bundle", "plat, a bundle")
         else:
             found |= _of_run(name, path, device, dense, interfaces)
     for name, path in released.items():
@@ -58,7 +61,8 @@ def candidates_of(
         for interface in interfaces if not dense else interfaces[:1]:
             label = name if CATALOG[name].tested else f"{name} (unverified)"
             label = label if len(interfaces) == 1 or dense else f"{label}, {interface}"
-            found |= _once(label, partial(_tracker, name, path, dense, interface), files, f"{dense} {interface}")
+            load = partial(_tracker, name, path, dense, interface)
+            found |= _once(label, load, files, f"{dense} {interface}", _described(name), "its owner's data")
     if not found:
         raise PlatError("nothing to evaluate: give run directories, or files of released trackers (--trackers.twist2)")
     return found
@@ -73,20 +77,37 @@ def _of_run(
     files = [folder / CONFIG_FILE, folder / WEIGHTS_FILE]
     first = partial(Entrant.of_run, path, device, dense, interfaces[0])
     found = _once(name, first, files, f"{dense} {interfaces[0]}")
+    run = SavedRun(folder)
+    history = made_by(run), _trained_on(run)
+    found = {replace(one, made_by=history[0], trained_on=history[1]): entrant for one, entrant in found.items()}
     if len(interfaces) == 1 or dense or not next(iter(found.values())).tracks:
         return found
     found = {}
     for interface in interfaces:
         load = partial(Entrant.of_run, path, device, dense, interface)
-        found |= _once(f"{name}, {interface}", load, files, f"{dense} {interface}")
+        found |= _once(f"{name}, {interface}", load, files, f"{dense} {interface}", *history)
     return found
 
 
-def _once(name: str, load: "partial[Entrant]", files: Sequence[Path], shown: str) -> dict[Candidate, Entrant]:
+def _trained_on(run: SavedRun) -> str:
+    """Return the data sets that a run was trained on; of motions of no known one their file."""
+    names = [(known.prefix if (known := data_set_of(name)) else name) for name in trained_on(run)]
+    return ", ".join(dict.fromkeys(names))
+
+
+def _described(tracker: str) -> str:
+    known = CATALOG[tracker]
+    verified = "" if known.tested else "; unverified: its adapter was never run with the released weights"
+    return f"{known.owner}, {known.version}{verified}"
+
+
+def _once(
+    name: str, load: "partial[Entrant]", files: Sequence[Path], shown: str, made_by: str = "", trained_on: str = ""
+) -> dict[Candidate, Entrant]:
     entrant = load()  # first: it says what is wrong with the files
     mark = fingerprint([*(file.read_bytes() for file in files), shown.encode()])
     weights = max(files, key=lambda file: file.stat().st_size)
-    return {Candidate(name, load, mark, sha256(weights)): entrant}
+    return {Candidate(name, load, mark, sha256(weights), made_by, trained_on): entrant}
 
 
 def _bundle(path: Path, robot: str) -> Entrant:

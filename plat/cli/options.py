@@ -143,6 +143,10 @@ class BenchmarkRecipe(Bounded):
     trackers: ReleasedTrackers = field(default_factory=ReleasedTrackers)
     bandai: Path | None = None
     """folder of Bandai-Namco's .bvh files, retargeted here; or an .npz of them for the G1"""
+    g1_moves: Path | None = None
+    """clone of experientialtech/g1-moves: its validation motions, dance and karate on the G1"""
+    cmu: Path | None = None
+    """folder of CMU's .amc and .asf, or .bvh files: its validation trials, retargeted here"""
     hard: tuple[Path, ...] = ()
     """.npz files of hard motion, a section for each"""
     manifest: tuple[Path, ...] = ()

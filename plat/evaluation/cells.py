@@ -46,12 +46,16 @@ class Candidate:
         load: returns it; it can be pickled, such as ``functools.partial(Entrant.of_run, path)``.
         fingerprint: of its weights and of how it is shown its reference, see :func:`fingerprint`.
         weights: SHA-256 of its weights, for people.
+        made_by: what made it, for people.
+        trained_on: the motions that it was trained on, for people.
     """
 
     name: str
     load: Callable[[], Entrant]
     fingerprint: str
     weights: str = ""
+    made_by: str = ""
+    trained_on: str = ""
 
 
 @dataclass(frozen=True)

@@ -1,3 +1,4 @@
+import json
 from pathlib import Path
 from typing import Any
 
@@ -5,7 +6,7 @@ import pytest
 
 from plat.baselines import ReleasedTrackers
 from plat.cli import benchmark
-from plat.cli.benchmark import bandai_motions, command_of
+from plat.cli.benchmark import command_of
 from plat.cli.benchmark_page import main as publish_words
 from plat.cli.benchmark_page import page, publish
 from plat.cli.options import BenchmarkRecipe
@@ -16,11 +17,9 @@ from plat.evaluation.cells import Cell
 from plat.evaluation.disturbance import STRENGTHS, Strength
 from plat.figures import pyplot
 from plat.modules import Expert, ExpertConfig, PlainPolicy
-from plat.motions import load_motions
 from plat.robots import G1
 from tests.evaluation.authored import authored_records
 from tests.modules.policies.test_student import SMALL
-from tests.motions.retargeting.human import write_human
 from tests.recipes.runs import save_run, write_motions
 
 
@@ -43,6 +42,9 @@ def recipe(tmp_path, monkeypatch) -> BenchmarkRecipe:
         save_run(tmp_path / "plain", PlainPolicy(G1, SMALL)),
         save_run(tmp_path / "expert", Expert(G1, ExpertConfig(hidden=(8,)))),
     )
+    config = json.loads((runs[0] / "config.json").read_text())
+    settings = {"motions": ["bandai_train.npz", "mine.npz"], "student": "plain"}
+    (runs[0] / "config.json").write_text(json.dumps({**config, "recipe": {"name": "imagine", "settings": settings}}))
     (tmp_path / "manifest.csv").write_text("clip,family\nrun_a,run\nwalk_b,walk\n")
     return BenchmarkRecipe(
         runs=runs,
@@ -95,6 +97,9 @@ def test_one_document_and_figures_of_every_kind(recipe, monkeypatch, capsys):
         "- seed of the commands: 0",
         "- success rule of whole clips: `humantracker` (",
         "| motions | motions.npz | 3 |",
+        "| row | made by | trained on | SHA-256 of the weights |",
+        "| plain | plat imagine, plain | bandai, mine |",
+        "| expert | plat | not said in its file |",
         "### motions: authored keyframes",
         "| friction (coefficient) | 0.8 | 0.1 |",
         "| plain minus | horizon |",
@@ -129,23 +134,6 @@ def test_the_command_in_the_document_means_the_same(recipe):
         *("plat", "benchmark", "--trackers.sonic-1-1", "sonic"),
         *("--authored", "0", "--out", "b"),
     ]
-
-
-def test_public_motion_capture_is_retargeted_once(tmp_path, capsys):
-    folder = tmp_path / "bvh"
-    folder.mkdir()
-    for name in ("clip_0", "clip_1"):  # train and val by the rule
-        write_human(folder / f"{name}.bvh", frames=5)
-    path = bandai_motions(folder, tmp_path / "out", G1)
-    assert path == tmp_path / "out" / "motions" / "bandai_val.npz"
-    assert [clip.name for clip in load_motions(path)] == ["clip_1"]
-    assert capsys.readouterr().out == "retargeting 1 files\n"
-    assert bandai_motions(folder, tmp_path / "out", G1) == path
-    assert capsys.readouterr().out == f"motions of an earlier start: {path}; remove it to retarget {folder} again\n"
-    assert bandai_motions(path, tmp_path / "other", G1) == path  # a file is taken as it is
-    (folder / "clip_1.bvh").unlink()
-    with pytest.raises(PlatError, match="--bandai .*bvh': no .bvh file of the split val in it"):
-        bandai_motions(folder, tmp_path / "other", G1)
 
 
 def test_a_row_that_is_not_there_is_named_before_the_evaluation(tmp_path):

@@ -1,0 +1,113 @@
+"""Motions of the benchmark that anyone can get: which files of which public data set, and how they are read."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+from plat.errors import PlatError
+from plat.files import replace_file
+from plat.motions.files import load_motions, save_motions
+from plat.motions.paths import find_files
+from plat.motions.split import split_of
+from plat.robots import Robot
+
+__all__ = ["PUBLIC", "PublicMotions"]
+
+
+@dataclass(frozen=True)
+class PublicMotions:
+    """Public data set, of which some files are for validation: weights that come with plat have not seen them.
+
+    Attributes:
+        option: of the command line, without dashes; also the name of the section.
+        says: what it is, and its license.
+        endings: of its motion files.
+        clips: family of each validation motion by the name of its file, without folder and ending; None for those of
+            the split val, see :func:`plat.motions.split.split_of`.
+        fps: of files that do not say it.
+        folder: name of the folder that the files lie in, where others have files of the same name.
+    """
+
+    option: str
+    says: str
+    endings: frozenset[str]
+    clips: Mapping[str, str] | None = None
+    fps: float | None = None
+    folder: str | None = None
+
+    def file(self, source: Path, out: Path, robot: Robot) -> Path:
+        """Return the motion file of the validation motions: read and retarget those of a folder, once.
+
+        Args:
+            source: folder with the data set's files; or a motion file, which is returned as it is.
+            out: folder that ``motions/NAME_val.npz`` is written in.
+            robot: that the motions are for.
+
+        Raises:
+            PlatError: when the folder has none of the files.
+        """
+        if source.is_file():
+            return source
+        path = out / "motions" / f"{self.option}_val.npz"
+        if path.exists():
+            print(f"motions of an earlier start: {path}; remove it to read {source} again", flush=True)
+            return path
+        found: dict[str, Path] = {}
+        for each in find_files(source, set(self.endings)):
+            wanted = split_of(each.stem) == "val" if self.clips is None else each.stem in self.clips
+            if wanted and self.folder in (None, each.parent.name):
+                found.setdefault(each.stem, each)
+        flag, endings = self.option.replace("_", "-"), " or ".join(sorted(self.endings))
+        which = "of the split val" if self.clips is None else f"of the names {', '.join(self.clips)}"
+        if not found:
+            raise PlatError(f"--{flag} {str(source)!r}: no {endings} file {which} in it")
+        missing = [] if self.clips is None else [name for name in self.clips if name not in found]
+        told = f", without {', '.join(missing)}" if missing else ""
+        print(f"{self.option}: reading {len(found)} files{told}", flush=True)
+        clips = load_motions(list(found.values()), robot, fps=self.fps)
+        replace_file(path, lambda part: save_motions(part, clips, robot))
+        return path
+
+    def families(self, clips: list[str]) -> list[str]:
+        """Return the families of motions by their names.
+
+        >>> PUBLIC["g1_moves"].families(["M_Move6"])
+        ['fight']
+        """
+        assert self.clips is not None
+        return [self.clips.get(clip, "other") for clip in clips]
+
+
+_DANCE = ("B_WiggleDance", "J_ShortDance16_JazzWalk")
+_KARATE = ("M_Move6", "M_Move18", "M_Move19")
+_CMU = {
+    "run": ("16_36", "127_04"),
+    "run_stop": ("127_20",),
+    "run_turn": ("16_38", "16_39", "16_43"),
+    "walk_turn": ("16_24",),
+    "jump": ("13_19", "14_08", "118_11", "127_25"),
+    "dance": ("05_03",),
+    "low": ("127_38",),
+    "acrobatics": ("49_07",),
+}
+
+_SETS = (
+    PublicMotions("bandai", "Bandai-Namco Research Motion Dataset, split val", frozenset({".bvh"})),
+    PublicMotions(
+        "g1_moves",
+        "g1-moves (Experiential Technologies, CC BY 4.0), dance and karate",
+        frozenset({".csv"}),
+        MappingProxyType(dict.fromkeys(_DANCE, "dance") | dict.fromkeys(_KARATE, "fight")),
+        fps=60.0,
+        folder="retarget",
+    ),
+    PublicMotions(
+        "cmu",
+        "CMU Graphics Lab Motion Capture Database (CMU's terms), hard motion",
+        frozenset({".amc", ".bvh"}),
+        MappingProxyType({trial: family for family, trials in _CMU.items() for trial in trials}),
+    ),
+)
+PUBLIC: Mapping[str, PublicMotions] = MappingProxyType({each.option: each for each in _SETS})
+"""Public data sets of the benchmark by their option, in the order of its sections."""

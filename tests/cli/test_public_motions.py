@@ -1,0 +1,59 @@
+import numpy as np
+import pytest
+
+from plat.cli.public_motions import PUBLIC
+from plat.errors import PlatError
+from plat.motions import load_motions, save_csv
+from plat.robots import G1
+from tests.conftest import standing_clip
+from tests.motions.retargeting.human import write_human
+
+
+def test_motion_capture_is_retargeted_once(tmp_path, capsys):
+    folder, bandai = tmp_path / "bvh", PUBLIC["bandai"]
+    folder.mkdir()
+    for name in ("clip_0", "clip_1"):  # train and val by the rule
+        write_human(folder / f"{name}.bvh", frames=5)
+    path = bandai.file(folder, tmp_path / "out", G1)
+    assert path == tmp_path / "out" / "motions" / "bandai_val.npz"
+    assert [clip.name for clip in load_motions(path)] == ["clip_1"]
+    assert capsys.readouterr().out == "bandai: reading 1 files\n"
+    assert bandai.file(folder, tmp_path / "out", G1) == path
+    assert capsys.readouterr().out == f"motions of an earlier start: {path}; remove it to read {folder} again\n"
+    assert bandai.file(path, tmp_path / "other", G1) == path  # a file is taken as it is
+    (folder / "clip_1.bvh").unlink()
+    with pytest.raises(PlatError, match="--bandai .*bvh': no .bvh file of the split val in it"):
+        bandai.file(folder, tmp_path / "other", G1)
+
+
+def test_named_files_are_taken_from_their_folder_at_their_rate(tmp_path, capsys):
+    for place in ("karate/M_Move6/retarget", "karate/M_Move6/policy", "dance/J_Dance2_Salsa/retarget"):
+        (tmp_path / place).mkdir(parents=True)
+        name = place.split("/")[1]
+        written = save_csv(tmp_path / place, standing_clip(name, frames=31))
+        written.rename(tmp_path / place / f"{name}.csv")  # without the rate, as these come
+    moves = PUBLIC["g1_moves"]
+    (clip,) = load_motions(moves.file(tmp_path, tmp_path / "out", G1))
+    assert (clip.name, clip.fps, len(clip.qpos)) == ("M_Move6", 60.0, 31)
+    told = "without B_WiggleDance, J_ShortDance16_JazzWalk, M_Move18, M_Move19"
+    assert capsys.readouterr().out == f"g1_moves: reading 1 files, {told}\n"
+    assert moves.families(["M_Move6", "B_WiggleDance"]) == ["fight", "dance"]
+    with pytest.raises(PlatError, match="--g1-moves .*: no .csv file of the names B_WiggleDance, .*M_Move19 in it"):
+        moves.file(tmp_path / "dance", tmp_path / "other", G1)
+
+
+def test_trials_of_cmu_are_taken_by_their_numbers(tmp_path):
+    for name in ("16_36", "16_35"):
+        write_human(tmp_path / f"{name}.bvh", frames=5)
+    (clip,) = load_motions(PUBLIC["cmu"].file(tmp_path, tmp_path / "out", G1))
+    assert clip.name == "16_36"
+    assert PUBLIC["cmu"].families([clip.name]) == ["run"]
+
+
+def test_no_public_validation_motion_was_trained_on(shared_data):
+    """Names in the hard motion that weights were trained on: cmu_16_36_run, g1moves_M_Move6_c0."""
+    for name in ("hard_free_train", "hard_sa_train", "hard_nc_train"):
+        with np.load(shared_data / "motions" / f"{name}.npz") as archive:
+            trained = archive.files
+        for clip in [*(PUBLIC["g1_moves"].clips or ()), *(PUBLIC["cmu"].clips or ())]:
+            assert not any(f"_{clip}_" in f"{each}_" and each.startswith(("cmu", "g1moves")) for each in trained), clip
