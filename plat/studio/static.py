@@ -17,6 +17,7 @@ from plat.export import export_bundle
 from plat.files import check_folder
 from plat.keyframes.files import write_keyframes
 from plat.motions.mirror import joint_symmetry
+from plat.motions.retargeting.geometry import RobotGeometry
 from plat.robots.robot import Robot
 from plat.spec.timing import Timing
 from plat.studio.pins import PRESETS, pin_bodies
@@ -122,6 +123,7 @@ def site_facts(robot: Robot, policies: tuple[str, ...], timing: Timing) -> dict[
             for foot in soles
         ],
         "mirror": {"partner": partner.tolist(), "sign": sign.tolist()},
+        "ankle_height": RobotGeometry.of(robot).ankle_height,
         "handles": {
             **{handle: _handle(robot, handle, *frame) for handle, frame in HANDLES.items()},
             WHOLE: {"body": None, "pos": [0.0, 0.0, 0.0], "ball": list(BALLS["robot"])},
@@ -133,8 +135,7 @@ def site_facts(robot: Robot, policies: tuple[str, ...], timing: Timing) -> dict[
             **{name: getattr(reach, name) for name in ("root", "joints", "bodies", "turn")},
             **{name: getattr(reach, name) for name in ("fallen_height", "fallen_tilt")},
             **vars(reach.window),
-            **{name: getattr(doubts, name) for name in ("joint_speed", "root_speed", "root_acceleration")},
-            "turn_speed": doubts.turn_speed,
+            **vars(doubts),
         },
         "templates": {name: _template(name, robot, timing, poser) for name in TEMPLATES},
         "policies": list(policies),

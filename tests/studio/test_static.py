@@ -6,6 +6,7 @@ import json
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +15,14 @@ import numpy as np
 import pytest
 
 from plat.errors import StudioError
+from plat.keyframes import Keyframe, standing
 from plat.keyframes.files import read_keyframes, write_keyframes
 from plat.robots import G1
 from plat.spec.timing import Timing
 
 pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
 
-from plat.control import PolicyController
+from plat.control import Feasibility, PolicyController
 from plat.runs import load_policy
 from plat.studio.pins import preset
 from plat.studio.player import Player
@@ -95,6 +97,58 @@ def _served(folder: Path) -> Iterator[str]:
     server.shutdown()
 
 
+class Visitor:
+    """Somebody with the static page open."""
+
+    def __init__(self, page: Any, address: str):
+        self.page = page
+        page.set_default_timeout(60_000)
+        page.goto(address)
+        page.wait_for_function("window.platStudio !== undefined")
+
+    def begin(self, name: str) -> None:
+        """Begin with the keyframes of a template, the first of them selected."""
+        self.page.evaluate(
+            "name => { const it = window.platStudio; it.stop(); it.load(JSON.stringify(it.site.templates[name]), name);"
+            "it.past = []; }",
+            name,
+        )
+        self.page.evaluate("document.activeElement.blur()")
+
+    def get(self, what: str) -> Any:
+        return self.page.evaluate(f"window.platStudio.{what}")
+
+    def until(self, what: str) -> None:
+        self.page.wait_for_function(f"(() => {{ const studio = window.platStudio; return {what}; }})()")
+
+    def pixel(self, point: str) -> np.ndarray:
+        """Where an object of the scene, or a point on it, is on the screen."""
+        return np.array(
+            self.page.evaluate(
+                f"(() => {{ const {{ scene }} = window.platStudio, place = {point}.project(scene.camera);"
+                "const box = scene.renderer.domElement.getBoundingClientRect();"
+                "return [box.left + (0.5 + place.x / 2) * box.width, box.top + (0.5 - place.y / 2) * box.height]; })()"
+            )
+        )
+
+    def drag(self, begin: np.ndarray, end: np.ndarray) -> None:
+        mouse = self.page.mouse
+        mouse.move(*begin)
+        self.page.wait_for_timeout(100)
+        mouse.down()
+        for share in np.linspace(0, 1, 5):
+            mouse.move(*(begin + share * (end - begin)))
+            self.page.wait_for_timeout(50)
+        mouse.up()
+
+
+@pytest.fixture(scope="module")
+def visitor(browser, address) -> Iterator[Visitor]:
+    page = browser.new_page(viewport={"width": 1000, "height": 560}, color_scheme="dark")
+    yield Visitor(page, address)
+    page.close()
+
+
 @pytest.fixture
 def page(browser) -> Iterator[Any]:
     """A page without an address yet."""
@@ -128,6 +182,94 @@ def address(tmp_path_factory) -> Iterator[str]:
     write_static(folder, G1, {"plat": Path("plat-g1"), "imagined": Path("imagined-g1")}, Timing(), _libraries())
     with _served(folder) as address:
         yield address
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("handle", ["right hand", "left foot", "pelvis", "whole robot"])
+def test_balls_are_dragged(visitor, handle):
+    visitor.begin("bow")
+    qpos = np.array(visitor.get("timeline.pose.qpos"))
+    ball = f"scene.balls['{handle}'].getWorldPosition(scene.camera.position.clone())"
+    begin = visitor.pixel(ball)
+    away = np.array([0.0, 15.0]) if handle == "pelvis" else np.array([20.0, -15.0])
+    visitor.drag(begin, begin + away)
+    visitor.until("studio.grip === null && studio.past.length > 0")
+    np.testing.assert_allclose(visitor.pixel(ball) - begin, away, atol=4)
+    change = np.array(visitor.get("timeline.pose.qpos")) - qpos
+    assert np.abs(change[7:]).max() < 1e-9 if handle == "whole robot" else np.abs(change[7:]).max() > 0.01
+    visitor.page.keyboard.press("Control+z")
+    visitor.until("studio.past.length === 0")
+    np.testing.assert_allclose(visitor.get("timeline.pose.qpos"), qpos)
+
+
+@pytest.mark.slow
+def test_a_joint_is_turned_by_its_ring(visitor):
+    visitor.begin("bow")
+    qpos, joint = np.array(visitor.get("timeline.pose.qpos")), G1.joint_names.index("left_knee")
+    visitor.page.evaluate("window.platStudio.clickBody(window.platStudio.robot.bodies.left_knee_link)")
+    visitor.page.wait_for_timeout(500)  # the ring is drawn
+    around = (
+        "(() => {{ const {{ axle, ring, camera }} = scene, out = camera.position.clone();"
+        "const size = 0.5 * ring.size * out.distanceTo(axle.getWorldPosition(out.clone()))"
+        " * Math.min(1.9 * Math.tan(Math.PI * camera.fov / 360), 7) / 4;"
+        "return axle.localToWorld(out.set(Math.cos({0}), Math.sin({0}), 0).multiplyScalar(size)); }})()"
+    )
+    begin, end = (visitor.pixel(around.format(turn)) for turn in (0.6, 1.0))
+    visitor.drag(begin, end)
+    visitor.until("studio.gesture === null && studio.past.length > 0")
+    change = np.array(visitor.get("timeline.pose.qpos")) - qpos
+    assert 0.1 < abs(change[7 + joint]) < 0.9
+    assert np.count_nonzero(np.abs(change) > 1e-9) == 1, "nothing else moves"
+
+
+@pytest.mark.slow
+def test_keyframes_are_timed_played_scored_saved_and_loaded(visitor, tmp_path):
+    page = visitor.page
+    visitor.begin("bow")
+    page.keyboard.press("End")
+    page.get_by_label("Held (s)").fill("0.2")
+    page.keyboard.press("Enter")
+    visitor.until("studio.timeline.holds[1] === 0.2")
+    page.keyboard.press("Space")
+    page.locator('#dock [data-key="1"][data-status="reached"]').wait_for()
+    with page.expect_download() as saved:
+        page.keyboard.press("Control+s")
+    saved.value.save_as(tmp_path / "saved.json")
+    _, frames = read_keyframes(tmp_path / "saved.json", G1)
+    assert [frame.time for frame in frames] == [0.8, 1.4, 2.2, 2.4]
+    visitor.begin("wave")
+    with page.expect_file_chooser() as chooser:
+        page.get_by_role("button", name="Load").click()
+    chooser.value.set_files(tmp_path / "saved.json")
+    visitor.until("studio.timeline.keyframes.length === 2 && studio.timeline.holds[1] === 0.2")
+    assert page.evaluate("window.platStudio.scene.scene.background.getHex()") < 0x404040, "it is dark, as the system is"
+
+
+@pytest.mark.slow
+def test_doubts_are_pythons(visitor):
+    feasibility, stand, joints = Feasibility(G1), standing(G1), G1.joint_names
+    poses = {name: G1.default_qpos.copy() for name in ("far", "folded", "sunk", "floating", "tipping", "turned")}
+    poses["far"][0] += 3
+    poses["folded"][7 + joints.index("left_shoulder_roll")] = -1.2
+    poses["sunk"][2] -= 0.2
+    poses["floating"][2] += 0.2
+    poses["tipping"][7 + joints.index("waist_pitch")] = 0.5
+    poses["tipping"][[7 + joints.index(f"{side}_hip_pitch") for side in ("left", "right")]] = -1.5
+    poses["turned"][3:7] = [0.0, 0.0, 0.0, 1.0]
+    said = []
+    for name, qpos in poses.items():
+        for hands in (False, True):
+            frame = replace(Keyframe.from_qpos(0.5, qpos), commands=preset("hands", G1) if hands else None)
+            words = [concern.words for concern in feasibility(stand, frame, held=True)]
+            commands = {"bodies": [G1.end_effectors[number] for number in (1, 3)]} if hands else None
+            found = visitor.page.evaluate(
+                "async ([before, qpos, commands]) => (await import('./feasibility.mjs'))"
+                ".verdict(window.platStudio.robot, { qpos: before }, { qpos, commands }, 0.5, true).words",
+                [stand.qpos.tolist(), qpos.tolist(), commands],
+            )
+            assert found == words, (name, hands)
+            said += words
+    assert len(said) >= 8
 
 
 @pytest.mark.slow

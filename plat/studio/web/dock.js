@@ -400,7 +400,7 @@
     const warned = () => [...document.querySelectorAll(".mantine-Notification-root")].filter((box) => box.textContent.includes("Software WebGL"));
     new MutationObserver(() => warned().forEach((box) => { box.style.display = "none"; })).observe(document.body, { childList: true, subtree: true });
     warned().forEach((box) => { box.style.display = "none"; });
-    showNote({ kind: "info", title: "Drawn in software", text: "This browser uses no GPU: the picture is coarser and has no shadows." });
+    showNote({ kind: "info", title: "Drawn in software", text: "This browser uses no GPU: no shadows, and fewer pixels while something moves." });
   }
 
   const spoken = (text) => text.replaceAll("_", " "); // joints as people say them

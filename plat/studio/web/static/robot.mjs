@@ -63,10 +63,12 @@ export class Robot {
     return { pos: [0, 1, 2].map((axis) => xpos[3 * number + axis] + shift[axis]), quat };
   }
 
-  joint(joint, qpos) {
+  /* The place of a joint, and an orientation whose z axis is the joint's. */
+  jointFrame(joint, qpos) {
     this.place(qpos);
-    const from = 3 * (joint + 1);
-    return { pos: [...this.scratch.xanchor.subarray(from, from + 3)], axis: [...this.scratch.xaxis.subarray(from, from + 3)] };
+    const from = 3 * (joint + 1), [x, y, z] = this.scratch.xaxis.subarray(from, from + 3);
+    const quat = z > -1 + 1e-9 ? normalized([1 + z, -y, x, 0]) : [0, 1, 0, 0];
+    return { pos: [...this.scratch.xanchor.subarray(from, from + 3)], quat };
   }
 
   // physics
@@ -100,6 +102,20 @@ export class Robot {
       const limb = this.site.limbs[handle];
       free = new Set(limb.length ? limb.map((joint) => 6 + joint) : [0, 1, 2, 3, 4, 5]);
     } else for (const [other, frame] of Object.entries(held)) if (other !== handle) tasks.push({ handle: other, target: frame, cost: other.endsWith("foot") ? HELD_FOOT : HELD });
+    return this.solved(qpos, tasks, rest, free);
+  }
+
+  /* The pose with both feet flat on the floor below where they are. */
+  flat(qpos) {
+    const frames = this.frames(qpos), tasks = [{ handle: "pelvis", target: frames.pelvis, cost: HELD }];
+    for (const handle of ["left foot", "right foot"]) {
+      const { pos: [x, y], quat } = frames[handle];
+      tasks.push({ handle, target: { pos: [x, y, this.site.ankle_height], quat: heading(quat) }, cost: HELD_FOOT });
+    }
+    return this.solved(qpos, tasks, qpos, null);
+  }
+
+  solved(qpos, tasks, rest, free) {
     const pose = [...qpos];
     this.limit(pose);
     for (let count = 0; count < ITERATIONS; count++) if (this.improve(pose, tasks, rest, free) < SETTLED) break;
@@ -183,11 +199,32 @@ export class Robot {
     }));
   }
 
+  center(qpos) {
+    this.place(qpos);
+    this.mujoco.mj_comPos(this.model, this.scratch);
+    return [...this.scratch.subtree_com.subarray(3, 6)];
+  }
+
+  /* Links that are inside each other, the two that are deepest, and how deep the robot is in the floor (m). */
+  contacts(qpos) {
+    this.place(qpos);
+    this.mujoco.mj_collision(this.model, this.scratch);
+    const found = this.scratch.contact, inside = new Set();
+    let deepest = null, sunk = 0;
+    for (let number = 0; number < found.size(); number++) {
+      const contact = found.get(number), depth = -contact.dist, pair = [contact.geom1, contact.geom2].map((geom) => this.model.geom_bodyid[geom]);
+      contact.delete();
+      if (!pair.every(Boolean)) { sunk = Math.max(sunk, depth); continue; }
+      if (depth > this.site.limits.self_penetration) pair.forEach((body) => inside.add(body));
+      if (depth > 0 && (!deepest || depth > deepest.depth)) deepest = { depth, names: pair.map((body) => this.bodyNames[body]) };
+    }
+    found.delete();
+    return { inside, deepest, sunk };
+  }
+
   /* Center of mass, support polygon, how far inside it (m; null in the air), and words. */
   stance(qpos) {
-    const points = this.solePoints(qpos);
-    this.mujoco.mj_comPos(this.model, this.scratch);
-    const center = [...this.scratch.subtree_com.subarray(3, 6)];
+    const points = this.solePoints(qpos), center = this.center(qpos);
     const down = points.map((foot) => foot.filter((point) => point[2] < ON_FLOOR));
     const support = hull(down.flat().map((point) => point.slice(0, 2)));
     if (!support.length) return { center, support, margin: null, words: "no foot on the floor" };

@@ -5,6 +5,8 @@ import { TransformControls } from "three/addons/controls/TransformControls.js";
 import { mergeGeometries } from "three/addons/utils/BufferGeometryUtils.js";
 
 const VISUAL = 2, SPHERE = 2, CAPSULE = 3, ELLIPSOID = 4, CYLINDER = 5, BOX = 6;
+const REST = 600; // ms after which nothing moves any more
+const BRIGHT = { sky: 0xc6d1dc, tile: "#b4bdc6", line: "#929ca6", light: 2.2 }, DARK = { sky: 0x1b2126, tile: "#3a434c", line: "#525d68", light: 1.9 };
 const ORANGE = 0xf08c00, BLUE = 0x1c7ed6, PALE = 0xc8cdd2, GREEN = 0x12a15e, RED = 0xd6363b;
 
 function shape(type, [x, y, z]) {
@@ -36,13 +38,13 @@ function shapes(model) {
 }
 
 /* Texture of a floor with lines, repeated. */
-function tiles(count) {
+function tiles(count, color, line) {
   const canvas = document.createElement("canvas");
   canvas.width = canvas.height = 128;
   const pen = canvas.getContext("2d");
-  pen.fillStyle = "#b4bdc6";
+  pen.fillStyle = color;
   pen.fillRect(0, 0, 128, 128);
-  pen.strokeStyle = "#929ca6";
+  pen.strokeStyle = line;
   pen.lineWidth = 3;
   pen.strokeRect(0, 0, 128, 128);
   const texture = new THREE.CanvasTexture(canvas);
@@ -70,8 +72,8 @@ class Figure {
     parent.add(this.group);
   }
 
-  /* Draw bodies where they are, or hide them; `faint` bodies are only to be guessed. */
-  show(placed, { color, faint } = {}) {
+  /* Draw bodies where they are, or hide them; `faint` bodies are only to be guessed, those `inside` others are red. */
+  show(placed, { color, faint, inside } = {}) {
     this.group.visible = placed !== null;
     if (!placed) return;
     for (const mesh of this.meshes) {
@@ -80,7 +82,7 @@ class Figure {
       const [w, x, y, z] = placed.quat.subarray(4 * body, 4 * body + 4);
       mesh.quaternion.set(x, y, z, w);
       if (this.look.color === undefined) continue;
-      mesh.material.color.set(color ?? this.look.color);
+      mesh.material.color.set(inside && inside.has(body) ? RED : color ?? this.look.color);
       const opacity = (this.look.opacity ?? 1) * (faint && faint.has(body) ? 0.22 : 1);
       const { material } = mesh;
       if (material.transparent !== opacity < 1) material.needsUpdate = true; // it is compiled for the one or the other
@@ -90,15 +92,17 @@ class Figure {
 }
 
 export class Scene {
-  constructor(host, robot, { grab, drag, release, choose, clickBody }) {
+  constructor(host, robot, { grab, drag, release, choose, clickBody, grabJoint, turnJoint }) {
     this.robot = robot;
-    const renderer = (this.renderer = new THREE.WebGLRenderer({ antialias: true }));
-    renderer.setPixelRatio(window.platSoftware ? 0.75 : Math.min(devicePixelRatio, 2));
+    const canvas = document.createElement("canvas"); // in the page before it is drawn on: early.js looks for that
+    host.append(canvas);
+    const renderer = (this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true }));
+    renderer.setPixelRatio(window.platSoftware ? 1 : Math.min(devicePixelRatio, 2));
     renderer.shadowMap.enabled = !window.platSoftware;
-    host.append(renderer.domElement);
+    const { sky, tile, line, light } = matchMedia("(prefers-color-scheme: dark)").matches ? DARK : BRIGHT;
     const scene = (this.scene = new THREE.Scene());
-    scene.background = new THREE.Color(0xc6d1dc);
-    scene.fog = new THREE.Fog(0xc6d1dc, 8, 22);
+    scene.background = new THREE.Color(sky);
+    scene.fog = new THREE.Fog(sky, 8, 22);
     const camera = (this.camera = new THREE.PerspectiveCamera(45, 1, 0.05, 100));
     camera.up.set(0, 0, 1);
     camera.position.set(2.1, -1.45, 1.15);
@@ -106,8 +110,8 @@ export class Scene {
     this.orbit.target.set(0, 0, 0.63);
     this.orbit.update();
     this.orbit.addEventListener("change", () => this.draw());
-    scene.add(new THREE.HemisphereLight(0xffffff, 0xa0a8b2, 2.2));
-    const sun = new THREE.DirectionalLight(0xffffff, 2.2);
+    scene.add(new THREE.HemisphereLight(0xffffff, 0xa0a8b2, light));
+    const sun = new THREE.DirectionalLight(0xffffff, light);
     sun.position.set(1.5, -1.5, 4);
     sun.castShadow = true;
     Object.assign(sun.shadow.camera, { left: -2, right: 2, top: 2, bottom: -2, far: 9 });
@@ -118,7 +122,7 @@ export class Scene {
     beside.position.set(0, 1, 0);
     world.add(beside);
     scene.add(world);
-    const floor = new THREE.Mesh(new THREE.PlaneGeometry(60, 60), new THREE.MeshLambertMaterial({ map: tiles(60 / 0.5) }));
+    const floor = new THREE.Mesh(new THREE.PlaneGeometry(60, 60), new THREE.MeshLambertMaterial({ map: tiles(60 / 0.5, tile, line) }));
     floor.receiveShadow = true;
     world.add(floor);
     const geometries = shapes(robot.model), figure = (parent, look) => new Figure(parent, geometries, look);
@@ -160,6 +164,25 @@ export class Scene {
       scene.add(gizmo.getHelper());
       return gizmo;
     });
+    // and a ring about the axis of a joint
+    this.axle = new THREE.Object3D();
+    this.ringed = false;
+    world.add(this.axle);
+    const ring = (this.ring = new TransformControls(camera, renderer.domElement));
+    ring.setMode("rotate");
+    ring.setSize(0.5);
+    ring.setSpace("local");
+    Object.assign(ring, { showX: false, showY: false });
+    ring.setColors(ORANGE, ORANGE, ORANGE, BLUE);
+    ring.attach(this.axle);
+    ring.addEventListener("dragging-changed", ({ value }) => {
+      this.orbit.enabled = !value;
+      this.dragging = value;
+      if (value) grabJoint(); else release();
+    });
+    ring.addEventListener("objectChange", () => { const { quaternion: q } = this.axle; turnJoint([q.w, q.x, q.y, q.z]); });
+    ring.addEventListener("change", () => this.draw());
+    scene.add(ring.getHelper());
     const ray = new THREE.Raycaster(), { domElement } = renderer;
     const aim = ({ clientX, clientY }) => {
       const box = domElement.getBoundingClientRect();
@@ -168,7 +191,7 @@ export class Scene {
     let pressed = null, pulled = null; // where the mouse went down, and the ball that it has
     host.addEventListener("pointerdown", (event) => { // before the view takes it
       pressed = [event.clientX, event.clientY];
-      if (event.button !== 0 || this.gizmos.some((gizmo) => gizmo.enabled && gizmo.axis !== null)) return;
+      if (event.button !== 0 || [...this.gizmos, ring].some((gizmo) => gizmo.enabled && gizmo.axis !== null)) return;
       aim(event);
       const ball = ray.intersectObjects(Object.values(this.balls).filter((one) => one.visible))[0];
       if (!ball) return;
@@ -222,21 +245,23 @@ export class Scene {
   }
 
   /* Handles at their frames: `pins` are those that are commanded. */
-  showHandles(frames, chosen, pins, visible) {
+  showHandles(frames, chosen, pins, visible, axle) {
     for (const [name, ball] of Object.entries(this.balls)) {
       ball.visible = visible;
       const { pos, quat: [w, x, y, z] } = frames[name], away = new THREE.Vector3(...this.robot.site.handles[name].ball);
       ball.position.set(...pos).add(away.applyQuaternion(new THREE.Quaternion(x, y, z, w)));
-      ball.material.color.set(name === chosen ? BLUE : pins.has(name) ? ORANGE : PALE);
+      ball.material.color.set(name === chosen && !this.ringed ? BLUE : pins.has(name) ? ORANGE : PALE);
     }
     for (const gizmo of this.gizmos) {
       gizmo.getHelper().visible = visible && this.arrows && (gizmo.mode === "translate" || !/(elbow|knee)$/.test(chosen));
       gizmo.enabled = visible && this.arrows;
     }
+    this.ring.enabled = this.ring.getHelper().visible = visible && this.ringed;
     if (this.dragging) return;
-    const { pos, quat: [w, x, y, z] } = frames[chosen];
-    this.grip.position.set(...pos);
-    this.grip.quaternion.set(x, y, z, w);
+    for (const [object, { pos, quat: [w, x, y, z] }] of [[this.grip, frames[chosen]], [this.axle, axle]]) {
+      object.position.set(...pos);
+      object.quaternion.set(x, y, z, w);
+    }
   }
 
   showStance(stance) {
@@ -251,7 +276,7 @@ export class Scene {
     for (const part of [this.support, this.plumb, this.spot]) part.material.color.set(color);
   }
 
-  toggleAxes() { this.arrows = true; for (const gizmo of this.gizmos) gizmo.setSpace(gizmo.space === "local" ? "world" : "local"); this.draw(); }
+  toggleAxes() { Object.assign(this, { arrows: true, ringed: false }); for (const gizmo of this.gizmos) gizmo.setSpace(gizmo.space === "local" ? "world" : "local"); this.draw(); }
 
   look([x, y]) {
     const { target } = this.orbit, shift = new THREE.Vector3(x - target.x, y - target.y, 0);
@@ -264,6 +289,9 @@ export class Scene {
   draw() {
     if (this.waiting) return;
     this.waiting = true;
-    requestAnimationFrame(() => { this.waiting = false; this.renderer.render(this.scene, this.camera); });
+    const paint = () => { this.waiting = false; this.renderer.render(this.scene, this.camera); };
+    requestAnimationFrame(paint);
+    clearTimeout(this.rest);
+    if (window.platSoftware) this.rest = setTimeout(() => requestAnimationFrame(paint), REST); // in all pixels
   }
 }

@@ -2,14 +2,16 @@
 import loadMujoco from "mujoco";
 import * as ort from "onnxruntime-web";
 import { Chase } from "./chase.mjs";
+import { verdict } from "./feasibility.mjs";
 import { Timeline, mask, read, write } from "./keyframes.mjs";
 import { Policy } from "./policy.mjs";
 import { Robot } from "./robot.mjs";
-import { angle } from "./rotations.mjs";
+import { conjugate, multiply } from "./rotations.mjs";
 import { Scene } from "./scene.mjs";
 
 const AUTOSAVE = "plat-keyframes", SPEEDS = { "1x": 1, "1/2": 0.5, "1/4": 0.25, "1/10": 0.1 }, CATCH_UP = 5, NOBODY = "nobody";
 const KNOWN = { "whole pose": null };
+const wrapped = (turn) => turn - 2 * Math.PI * Math.round(turn / (2 * Math.PI));
 
 export async function fetched(path) {
   const response = await fetch(path);
@@ -50,6 +52,7 @@ class Studio {
     this.cursor = 0;
     this.handle = "right hand";
     this.jointNumber = 0;
+    this.known = new Map(); // verdicts by keyframe
     this.hidden = false;
     this.onion = true;
     this.notes = [];
@@ -57,7 +60,9 @@ class Studio {
     this.scores = {};
     this.scene = new Scene(document.querySelector("#root .view"), robot, {
       grab: () => this.grab(), drag: (target) => this.drag(target), release: () => { this.grip = null; this.gesture = null; this.show(); },
-      choose: (name) => this.guarded(() => { this.handle = name; this.show(); }),
+      grabJoint: () => { this.gesture = null; this.turned = { quat: this.robot.jointFrame(this.jointNumber, this.timeline.pose.qpos).quat, angle: this.timeline.pose.qpos[7 + this.jointNumber] }; },
+      turnJoint: (quat) => this.guarded(() => { const [w, , , z] = multiply(conjugate(this.turned.quat), quat); this.setJoint(this.turned.angle + wrapped(2 * Math.atan2(z, w))); }),
+      choose: (name) => this.guarded(() => { this.handle = name; this.scene.ringed = false; this.show(); }),
       clickBody: (body) => this.guarded(() => this.clickBody(body)),
     });
     this.panel();
@@ -101,7 +106,7 @@ class Studio {
       copy: () => { this.clipboard = now().pose; }, cut: () => { const left = now().removed(); this.clipboard = now().pose; edit(left); },
       paste: () => { if (!this.clipboard) throw new Error("nothing to paste: copy a keyframe first"); edit(now().inserted(this.clipboard)); },
       mirror: () => edit(now().posed(this.robot.mirrored(now().pose.qpos))), stand: () => edit(now().posed([...now().pose.qpos.slice(0, 2), ...this.site.default_qpos.slice(2)])),
-      floor: () => edit(now().posed(this.robot.dropped(now().pose.qpos))), remove: () => edit(now().removed()),
+      floor: () => edit(now().posed(this.robot.dropped(now().pose.qpos))), flat: () => edit(now().posed(this.robot.flat(now().pose.qpos))), remove: () => edit(now().removed()),
       undo: () => this.swap(this.past, this.future), redo: () => this.swap(this.future, this.past), save: () => this.save(),
       look: () => this.scene.look(this.players[0] && !this.posing ? this.players[0].poseAt(this.cursor) : now().pose.qpos), hide: () => { this.hidden = !this.hidden; },
       onion: () => { this.onion = !this.onion; }, axes: () => this.scene.toggleAxes(), pin: () => this.pin(this.handle),
@@ -190,8 +195,9 @@ class Studio {
 
   grab() {
     this.gesture = null;
-    const qpos = this.timeline.pose.qpos, frames = this.robot.frames(qpos), held = ["left foot", "right foot", "pelvis"];
-    if (/(hand|elbow)$/.test(this.handle)) held.push("chest");
+    const qpos = this.timeline.pose.qpos, frames = this.robot.frames(qpos);
+    const parts = { feet: ["left foot", "right foot"], pelvis: ["pelvis"], chest: /(hand|elbow)$/.test(this.handle) ? ["chest"] : [], hands: ["left hand", "right hand"] };
+    const held = Object.entries(parts).flatMap(([part, names]) => (this.at[`hold ${part}`].checked ? names : []));
     this.grip = { rest: qpos, held: Object.fromEntries(held.map((name) => [name, frames[name]])) };
   }
 
@@ -210,6 +216,7 @@ class Studio {
   clickBody(body) {
     const joint = this.site.joint_bodies.indexOf(this.robot.bodyNames[body]);
     if (joint >= 0) this.jointNumber = joint; else this.handle = "pelvis";
+    Object.assign(this.scene, { ringed: joint >= 0, arrows: joint < 0 });
     this.show();
   }
 
@@ -248,29 +255,21 @@ class Studio {
     return new Set(Object.values(bodies).filter((body) => !kept.has(body)));
   }
 
-  /* What is doubtful about each keyframe, and its fastest joint. */
+  /* What is doubtful about each keyframe, and its fastest joint; those that are held, and the last one, must be balanced. */
   verdicts() {
-    const { limits, joints } = this.site;
-    let before = this.timeline.start, end = 0;
-    return this.timeline.keyframes.map((frame, index) => {
-      const seconds = frame.time - end, flags = mask(frame, this.site) ?? Array(joints.length + this.site.keypoints.length + 3).fill(1), [horizontal, , orientation] = flags.slice(-3);
-      const speeds = joints.map((_, joint) => (2 * Math.abs(frame.qpos[7 + joint] - before.qpos[7 + joint])) / seconds), worst = speeds.indexOf(Math.max(...speeds));
-      const words = joints.flatMap((name, joint) => (flags[joint] && speeds[joint] > limits.joint_speed ? [`${name} would need ${speeds[joint].toFixed(0)} rad/s, expected at most ${limits.joint_speed.toFixed(0)}`] : []));
-      const distance = horizontal * Math.hypot(frame.qpos[0] - before.qpos[0], frame.qpos[1] - before.qpos[1]), speed = (2 * distance) / seconds, push = (4 * distance) / seconds ** 2;
-      if (speed > limits.root_speed) words.push(`${distance.toFixed(1)} m in ${seconds.toFixed(2)} s takes ${speed.toFixed(1)} m/s`);
-      if (push > limits.root_acceleration) words.push(`${distance.toFixed(1)} m in ${seconds.toFixed(2)} s takes ${push.toFixed(0)} m/s^2, more than feet can push`);
-      const turn = (2 * orientation * angle(before.qpos.slice(3, 7), frame.qpos.slice(3, 7))) / seconds;
-      if (turn > limits.turn_speed) words.push(`the turn would need ${turn.toFixed(0)} rad/s`);
-      const held = this.timeline.holds[index] > 0 || index === this.timeline.keyframes.length - 1;
-      if (held && !mask(frame, this.site)) {
-        const { margin } = this.robot.stance(frame.qpos);
-        if (margin === null) words.push("no foot is on the floor");
-        else if (margin < 0) words.push(`the center of mass is ${(-100 * margin).toFixed(0)} cm outside the feet: it would tip over`);
-      }
+    const { keyframes, holds, start } = this.timeline, known = new Map();
+    let before = start, end = 0;
+    const result = keyframes.map((frame, index) => {
+      const seconds = Math.round((frame.time - end) * 1e6) / 1e6, held = holds[index] > 0 || index === keyframes.length - 1;
+      const kept = this.known.get(frame), same = kept && kept.before === before && kept.seconds === seconds && kept.held === held;
+      const one = same ? kept : { before, seconds, held, verdict: verdict(this.robot, before, frame, seconds, held) };
+      known.set(frame, one);
       before = frame;
-      end = frame.time + this.timeline.holds[index];
-      return { words, joint: joints[worst], speed: speeds[worst], share: speeds[worst] / limits.joint_speed };
+      end = frame.time + holds[index];
+      return one.verdict;
     });
+    this.known = known;
+    return result;
   }
 
   // playing
@@ -345,10 +344,11 @@ class Studio {
       element.append(...children);
       return element;
     };
-    const at = (this.at = {}), row = (label, ...inputs) => make("label", {}, make("span", { textContent: label }), ...inputs);
+    const at = (this.at = {}), row = (label, ...inputs) => make(inputs.length > 1 ? "div" : "label", { className: "row" }, make("span", { textContent: label }), ...inputs);
     const select = (name, options, done) => (at[name] = make("select", { ariaLabel: name, onchange: () => this.guarded(() => { done(at[name].value); at[name].blur(); this.show(); }) }, ...options.map((text) => make("option", { textContent: text, value: text }))));
     const button = (text, done) => make("button", { type: "button", textContent: text, onclick: (event) => this.guarded(() => { event.target.blur(); const result = done(); this.show(); return result; }) });
-    const check = (name) => (at[name] = make("input", { type: "checkbox" }));
+    const check = (name, checked = false) => (at[name] = make("input", { type: "checkbox", ariaLabel: name, checked }));
+    const ticked = (part) => make("label", { className: "tick" }, check(`hold ${part}`, part !== "hands"), part);
     const { site } = this;
     at.slider = make("input", { type: "range", step: 0.01, ariaLabel: "joint angle", oninput: () => this.setJoint(Number(at.slider.value)), onchange: () => { this.gesture = null; } });
     at.angle = make("output");
@@ -361,12 +361,13 @@ class Studio {
       row("Begin with", select("template", Object.keys(site.templates), () => {}), button("Add", () => this.template(at.template.value)), button("New", () => { this.edit(new Timeline(site, { time: 0, name: null, qpos: [...site.default_qpos], commands: null })); })),
       row("File", button("Load", () => at.file.click()), button("Save", () => this.save()), at.file),
       make("hr"),
-      row("Drag by", select("handle", Object.keys(site.handles), (value) => { this.handle = value; this.scene.arrows = true; })),
+      row("Drag by", select("handle", Object.keys(site.handles), (value) => { this.handle = value; Object.assign(this.scene, { arrows: true, ringed: false }); })),
       row("Commands", select("commands", [...Object.keys(site.presets), "what is pinned"], (value) => { if (value in site.presets) this.command(site.presets[value]); })),
-      row("Joint", select("joint", site.joints, (value) => { this.jointNumber = site.joints.indexOf(value); })),
+      row("Joint", select("joint", site.joints, (value) => { this.jointNumber = site.joints.indexOf(value); Object.assign(this.scene, { arrows: false, ringed: true }); })),
       row("", at.slider, at.angle),
       row("One limb only", check("limb")), row("Symmetric", check("symmetric")),
-      row("Put", button("On floor", () => this.actions.floor()), button("Standing", () => this.actions.stand())),
+      row("Hold", ...["feet", "pelvis", "chest", "hands"].map(ticked)),
+      row("Put", button("On floor", () => this.actions.floor()), button("Feet flat", () => this.actions.flat()), button("Standing", () => this.actions.stand())),
       make("hr"), at.scores,
     );
   }
@@ -382,7 +383,8 @@ class Studio {
     figures.second.show(this.placedOf(shown(second)));
     figures.goal.show(this.placedOf(goal(first)));
     figures.goal2.show(this.placedOf(goal(second)));
-    figures.pose.show(this.placedOf(pose), { color: between ? 0x96aaa0 : undefined, faint: posing ? this.faint() : undefined });
+    const inside = pose ? robot.contacts(pose).inside : undefined;
+    figures.pose.show(this.placedOf(pose), { color: between ? 0x96aaa0 : undefined, faint: posing ? this.faint() : undefined, inside });
     const neighbor = (away) => (posing && this.onion && timeline.poses[timeline.selected + away] ? timeline.poses[timeline.selected + away].qpos : null);
     figures.before.show(this.placedOf(neighbor(-1)));
     figures.after.show(this.placedOf(neighbor(1)));
@@ -409,7 +411,7 @@ class Studio {
       file: { name: "keyframes.json", unsaved: timeline.keyframes !== this.saved.keyframes && timeline.keyframes.length > 0, autosave: "" }, busy: [],
     });
     const pins = this.pins, whole = !mask(timeline.pose, site);
-    this.scene.showHandles(this.robot.frames(qpos), this.handle, pins, this.posing);
+    this.scene.showHandles(this.robot.frames(qpos), this.handle, pins, this.posing, this.robot.jointFrame(this.jointNumber, qpos));
     at.handle.value = this.handle;
     const same = (names) => names.length === pins.size && names.every((name) => pins.has(name));
     at.commands.value = whole ? Object.keys(KNOWN)[0] : Object.keys(site.presets).find((name) => site.presets[name].length && same(site.presets[name])) ?? "what is pinned";

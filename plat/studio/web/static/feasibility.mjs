@@ -1,0 +1,53 @@
+/* What the robot cannot do, in words. The same rules as plat.control.Feasibility, by which they are tested. */
+import { mask } from "./keyframes.mjs";
+import { margin } from "./robot.mjs";
+import { angle } from "./rotations.mjs";
+
+const cm = (meters) => (100 * meters).toFixed(0);
+const apart = (a, b) => Math.hypot(...a.map((value, axis) => value - b[axis]));
+
+/* What is doubtful about a keyframe that is `seconds` after another one, and its fastest joint. */
+export function verdict(robot, before, after, seconds, held) {
+  const { limits, joints, keypoints } = robot.site, parts = mask(after, robot.site);
+  const flags = parts ?? Array(joints.length + keypoints.length + 3).fill(1);
+  const speeds = joints.map((_, joint) => (2 * Math.abs(after.qpos[7 + joint] - before.qpos[7 + joint])) / seconds);
+  const order = joints.map((_, joint) => joint).sort((a, b) => flags[b] * speeds[b] - flags[a] * speeds[a]);
+  const worst = speeds.indexOf(Math.max(...speeds)), words = [];
+  for (const joint of order) if (flags[joint] && speeds[joint] > limits.joint_speed) words.push(`${joints[joint]} would need ${speeds[joint].toFixed(0)} rad/s, expected at most ${limits.joint_speed.toFixed(0)}`);
+  words.push(...way(before.qpos, after.qpos, seconds, flags.slice(-3), limits));
+  words.push(...(parts ? bodies(robot, before, after, seconds, flags) : pose(robot, after.qpos, held)));
+  return { words, joint: joints[worst], speed: speeds[worst], share: speeds[worst] / limits.joint_speed };
+}
+
+function way(before, after, seconds, [horizontal, , orientation], limits) {
+  const words = [], distance = horizontal * apart(before.slice(0, 2), after.slice(0, 2)), speed = (2 * distance) / seconds, push = (4 * distance) / seconds ** 2;
+  const turn = (2 * orientation * angle(before.slice(3, 7), after.slice(3, 7))) / seconds, takes = `${distance.toFixed(1)} m in ${seconds.toFixed(2)} s takes`;
+  if (speed > limits.root_speed) words.push(`${takes} ${speed.toFixed(1)} m/s`);
+  if (push > limits.root_acceleration) words.push(`${takes} ${push.toFixed(0)} m/s^2, more than feet can push`);
+  if (turn > limits.turn_speed) words.push(`the turn would need ${turn.toFixed(0)} rad/s`);
+  return words;
+}
+
+/* Of a partial keyframe: the bodies that it commands. */
+function bodies(robot, before, after, seconds, flags) {
+  const { limits, joints, keypoints } = robot.site, from = robot.points(before.qpos), to = robot.points(after.qpos);
+  return keypoints.flatMap((name, body) => {
+    if (!flags[joints.length + body]) return [];
+    const speed = (2 * apart(to[body].pos, from[body].pos)) / seconds, height = to[body].pos[2];
+    return [
+      ...(speed > limits.body_speed ? [`${name} would need ${speed.toFixed(0)} m/s, expected at most ${limits.body_speed.toFixed(0)}`] : []),
+      ...(-height > limits.floor_penetration ? [`${name} is ${cm(-height)} cm inside the floor`] : []),
+    ];
+  });
+}
+
+function pose(robot, qpos, held) {
+  const { limits } = robot.site, { deepest, sunk } = robot.contacts(qpos), words = [];
+  if (deepest && deepest.depth > limits.self_penetration) words.push(`${deepest.names.join(" and ")} are ${cm(deepest.depth)} cm inside each other`);
+  if (sunk > limits.floor_penetration) words.push(`the robot is ${cm(sunk)} cm inside the floor`);
+  if (!held) return words;
+  const points = robot.solePoints(qpos).flat(), height = Math.min(...points.map((point) => point[2]));
+  if (height > limits.floating) return [...words, `the feet are ${cm(height)} cm above the floor`];
+  const gap = margin(robot.center(qpos), points.filter((point) => point[2] < height + limits.floating));
+  return gap < limits.support_margin ? [...words, `the center of mass is ${cm(-gap)} cm outside the feet: it would tip over`] : words;
+}
