@@ -6,11 +6,16 @@ plat ablations --runs runs/ablations --motions test.npz --out runs/ablations/sco
 finetune, action and plat; of rows with several training seeds plat-seed0, plat-seed1 and so on. A row whose run is not
 there is left out. ``--train`` trains what is missing or unfinished first. Everything that is done is kept: started
 again after it was killed, the recipe goes on where it was.
+
+``--ray`` trains and scores on a Ray cluster, whose machines all see the folders. Each row is in the table as soon as
+it is scored.
 """
 
+import os
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -19,8 +24,9 @@ from plat.baselines import CATALOG, ReleasedTrackers
 from plat.cli import evaluate
 from plat.cli.options import HorizonName
 from plat.cli.settings import parse
+from plat.collectors.cluster import Cluster
 from plat.envs.transforms import RandomizationRanges
-from plat.errors import MotionError, PlatError
+from plat.errors import MotionError, PlatError, WorkerError
 from plat.evaluation import CommandRecords, Entrant, EvaluationSetting, Score, cells, differences, markdown, write_csv
 from plat.evaluation.cells import Cell, evaluate_cells, fingerprint
 from plat.evaluation.score_table import COLUMNS
@@ -32,6 +38,7 @@ from plat.recipes import distill, expert, refine
 from plat.recipes.options import AblationsRecipe
 from plat.robots import get_robot
 from plat.runs import SavedRun, is_run, log_table, on_device, report_errors, start_logging
+from plat.runs.ray_tasks import RayTask, run_tasks
 
 
 @dataclass(frozen=True)
@@ -44,6 +51,7 @@ class Row:
         steps: the setting that says how long it is trained.
         train: trains it into a folder.
         seeds: whether it is trained with every seed.
+        needs: folder of the row that it is trained from.
     """
 
     name: str
@@ -51,6 +59,7 @@ class Row:
     steps: Literal["expert_steps", "student_steps", "refine_steps"]
     train: Callable[[Path, dict[str, Any]], None]
     seeds: bool = False
+    needs: str | None = None
 
 
 def train_expert(runs: Path, settings: dict[str, Any], ahead: tuple[int, ...] | None = None) -> None:
@@ -75,11 +84,11 @@ def train_refined(runs: Path, settings: dict[str, Any], variant: Literal["latent
 ROWS = (
     Row("SONIC-style", "sonic-style", "expert_steps", partial(train_expert, ahead=(1, 2, *range(6, 42, 5)))),
     Row("Scratch RL", "expert", "expert_steps", train_expert),
-    Row("w/o privileged latent", "plain", "student_steps", partial(train_student, student="plain")),
-    Row("DAgger", "dagger", "student_steps", partial(train_student, student="latent")),
-    Row("Direct RL fine-tune", "finetune", "refine_steps", partial(train_refined, variant="finetune"), True),
-    Row("Residual action", "action", "refine_steps", partial(train_refined, variant="action"), True),
-    Row("PLAT", "plat", "refine_steps", partial(train_refined, variant="latent"), True),
+    Row("w/o privileged latent", "plain", "student_steps", partial(train_student, student="plain"), needs="expert"),
+    Row("DAgger", "dagger", "student_steps", partial(train_student, student="latent"), needs="expert"),
+    Row("Direct RL fine-tune", "finetune", "refine_steps", partial(train_refined, variant="finetune"), True, "dagger"),
+    Row("Residual action", "action", "refine_steps", partial(train_refined, variant="action"), True, "dagger"),
+    Row("PLAT", "plat", "refine_steps", partial(train_refined, variant="latent"), True, "dagger"),
 )
 ORDER = ("SONIC", "SONIC 1.1", "SONIC-style", "ProtoMotions", "TWIST2", "wbc", "YAHMP", *(row.name for row in ROWS[1:]))
 TRACKERS = (*CATALOG, "SONIC-style", "Scratch RL")
@@ -100,7 +109,10 @@ def main(recipe: AblationsRecipe) -> dict[str, list[Score]]:
     check_folder(recipe.out)
     pyplot()  # what is missing had better be said before hours of work
     released = released_rows(recipe.trackers)
-    if recipe.train:
+    if recipe.ray:
+        with Cluster() as cluster:
+            on_cluster(recipe, released, partial(run_tasks, cluster=cluster))
+    elif recipe.train:
         train(recipe)
     rows = released | trained_rows(recipe)
     rows = {name: rows[name] for name in ORDER if name in rows}
@@ -123,12 +135,11 @@ def main(recipe: AblationsRecipe) -> dict[str, list[Score]]:
         print(f"hard: {len(hard)} of the motions")
     except MotionError as error:
         print(f"no hard split: {error}")
-    once: tuple[HorizonName, ...] = ("mixed",) if "mixed" in recipe.horizon else recipe.horizon[:1]
     print("\nrandomized and pushed")
-    splits["randomized"] = score(rows, library, once, recipe, randomization=recipe.randomization)
+    splits["randomized"] = score(rows, library, once(recipe), recipe, randomization=recipe.randomization)
     print("\nwith the dense reference, for comparison")
     trackers = {name: candidates for name, candidates in rows.items() if name in TRACKERS}
-    splits["dense"] = score(trackers, library, once, recipe, dense=True)
+    splits["dense"] = score(trackers, library, once(recipe), recipe, dense=True)
     pictures: dict[str, list[Path]] = {}
     for split, of_split in splits.items():
         if of_split:
@@ -143,10 +154,35 @@ def main(recipe: AblationsRecipe) -> dict[str, list[Score]]:
     return splits
 
 
-def train(recipe: AblationsRecipe) -> None:
-    """Train every run that is not there or not finished."""
+@dataclass(frozen=True)
+class Planned:
+    """A training that is left to do.
+
+    Attributes:
+        row: what is trained.
+        runs: folder of all runs.
+        settings: of the recipe.
+    """
+
+    row: Row
+    runs: Path
+    settings: dict[str, Any] = field(hash=False)
+
+    @property
+    def out(self) -> Path:
+        """Folder of the run."""
+        return self.settings["out"]
+
+    def train(self) -> None:
+        """Train, from the last checkpoint if there is one."""
+        self.row.train(self.runs, {**self.settings, "resume": is_run(self.out)})
+
+
+def planned(recipe: AblationsRecipe) -> list[Planned]:
+    """Every training whose run is not there or not finished."""
     if not recipe.training.motions:
         raise PlatError("--train needs motions to train on: --training.motions")
+    left = []
     for row in ROWS:
         steps = getattr(recipe.training, row.steps)
         for seed in recipe.training.seeds if row.seeds else recipe.training.seeds[:1]:
@@ -154,7 +190,6 @@ def train(recipe: AblationsRecipe) -> None:
             if steps_of(out) >= steps:
                 print(f"{row.name}: {out} is done")
                 continue
-            print(f"\n{row.name}: {out}", flush=True)
             settings = {
                 "motions": recipe.training.motions,
                 "mirror": recipe.training.mirror,
@@ -163,13 +198,112 @@ def train(recipe: AblationsRecipe) -> None:
                 "out": out,
                 "steps": steps,
                 "seed": seed,
-                "resume": is_run(out),
                 "wandb": recipe.wandb,
                 "trackio": recipe.trackio,
                 "device": recipe.device,
                 "robot": recipe.robot,
             }
-            row.train(recipe.runs, settings)
+            left.append(Planned(row, recipe.runs, settings))
+    return left
+
+
+def train(recipe: AblationsRecipe) -> None:
+    """Train every run that is not there or not finished, one after the other."""
+    for training in planned(recipe):
+        print(f"\n{training.row.name}: {training.out}", flush=True)
+        training.train()
+
+
+def on_cluster(
+    recipe: AblationsRecipe,
+    released: dict[str, list[Candidate]],
+    run: Callable[[Sequence[RayTask]], Iterator[tuple[RayTask, PlatError | None]]],
+) -> None:
+    """Train and score by tasks, and write each row into the table as soon as it is scored.
+
+    Raises:
+        PlatError: after all others have ended, when some failed.
+    """
+    trainings = planned(recipe) if recipe.train else []
+    gpus = 1.0 if recipe.device.startswith("cuda") else 0.0
+    tasks = [
+        RayTask(
+            f"train {training.out.name}",
+            partial(task_of, recipe, training.out.name, training.train),
+            tuple(f"train {other.out.name}" for other in trainings if other.out.name == training.row.needs),
+            recipe.training.cpus,
+            gpus,
+        )
+        for training in trainings
+    ]
+    candidates = {candidate.slug: (name, candidate) for name, (candidate,) in released.items()}
+    for row in ROWS:
+        runs = [run for run in runs_of(recipe.runs, row) if run not in {training.out for training in trainings}]
+        runs += [training.out for training in trainings if training.row is row]
+        candidates |= {run.name: (row.name, run_candidate(run, recipe.device)) for run in sorted(runs)}
+    known = {task.name for task in tasks}
+    scoring = {
+        f"score {slug}": RayTask(
+            f"score {slug}",
+            partial(task_of, recipe, slug, partial(evaluate_all, name, candidate, recipe)),
+            (f"train {slug}",) if f"train {slug}" in known else (),
+            recipe.training.cpus,
+            gpus,
+        )
+        for slug, (name, candidate) in candidates.items()
+    }
+    print(f"{len(tasks)} trainings and {len(scoring)} evaluations print into {recipe.out / 'logs'}")
+    evaluate.print_head()
+    rows: dict[str, list[Candidate]] = {}
+    table: dict[str, list[Score]] = {}
+    errors = {}
+    for task, error in run([*tasks, *scoring.values()]):
+        if error is not None:
+            errors[task.name] = error
+            print(f"{task.name}: {error}", flush=True)
+        elif task.name in scoring:
+            name, candidate = candidates[task.name.removeprefix("score ")]
+            rows[name] = sorted([*rows.get(name, []), candidate], key=lambda candidate: candidate.slug)
+            table[name] = score({name: rows[name]}, motions_for(candidate, recipe), recipe.horizon, recipe)
+            so_far = [scores for name in ORDER for scores in table.get(name, ())]
+            write_table(recipe.out / "all", so_far, {name: rows[name] for name in ORDER if name in rows})
+    if errors:
+        first = next(iter(errors))
+        raise WorkerError(
+            f"{len(errors)} of {len(tasks) + len(scoring)} tasks failed, the first of them {first!r} "
+            f"({errors[first]}); started again, what is done is kept"
+        )
+
+
+def task_of(recipe: AblationsRecipe, name: str, work: Callable[[], None]) -> None:
+    """Do some work in a process of its own, which prints into a file."""
+    os.environ["PLAT_CPUS"] = str(recipe.training.cpus)
+    log = recipe.out / "logs" / f"{name}.txt"
+    log.parent.mkdir(parents=True, exist_ok=True)
+    with log.open("a", encoding="utf-8") as file, redirect_stdout(file), redirect_stderr(file):
+        work()
+
+
+def evaluate_all(name: str, candidate: Candidate, recipe: AblationsRecipe) -> None:
+    """Evaluate a policy under all conditions; the records stay in their folder."""
+    library = motions_for(candidate, recipe)
+    conditions = [(recipe.horizon, False, None), (once(recipe), False, recipe.randomization)]
+    if name in TRACKERS:
+        conditions.append((once(recipe), True, None))
+    wanted = [cell for condition in conditions for cell in cells_of([candidate], recipe, *condition)]
+    for _ in evaluate_cells(wanted, library, folder=recipe.out / "records", workers=1):
+        pass
+
+
+def motions_for(candidate: Candidate, recipe: AblationsRecipe) -> MotionLibrary:
+    """The motions, sampled by the control step of a policy."""
+    control_dt = evaluate.common_control_dt({candidate.slug: candidate.load(False)}, recipe.horizon)
+    return MotionLibrary.load(recipe.motions, get_robot(recipe.robot), dt=control_dt)
+
+
+def once(recipe: AblationsRecipe) -> tuple[HorizonName, ...]:
+    """The horizon of the comparisons that are made at one."""
+    return ("mixed",) if "mixed" in recipe.horizon else recipe.horizon[:1]
 
 
 def steps_of(run: Path) -> int:
@@ -199,23 +333,27 @@ def trained_rows(recipe: AblationsRecipe) -> dict[str, list[Candidate]]:
     """Rows whose runs are there."""
     rows = {}
     for row in ROWS:
-        places = (recipe.runs / row.folder, *sorted(recipe.runs.glob(f"{row.folder}-seed*")))
-        runs = [run for run in places if (run / "model.safetensors").exists()]
+        runs = runs_of(recipe.runs, row)
         if not runs:
             print(f"{row.name}: left out, no run {recipe.runs / row.folder} (or {row.folder}-seed0 and so on)")
             continue
         for run in runs:
             if SavedRun(run).unfinished:
                 print(f"{row.name}: {run} is not finished, the weights are those of its last checkpoint")
-        rows[row.name] = [
-            Candidate(
-                run.name,
-                (run / "config.json", run / "model.safetensors"),
-                partial(Entrant.of_run, run, recipe.device),
-            )
-            for run in runs
-        ]
+        rows[row.name] = [run_candidate(run, recipe.device) for run in runs]
     return rows
+
+
+def runs_of(folder: Path, row: Row) -> list[Path]:
+    """Folders of a row's runs that are there."""
+    places = (folder / row.folder, *sorted(folder.glob(f"{row.folder}-seed*")))
+    return [run for run in places if (run / "model.safetensors").exists()]
+
+
+def run_candidate(run: Path, device: str) -> Candidate:
+    """The policy of a run."""
+    files = (run / "config.json", run / "model.safetensors")
+    return Candidate(run.name, files, partial(Entrant.of_run, run, device))
 
 
 def score(
@@ -227,16 +365,9 @@ def score(
     randomization: RandomizationRanges | None = None,
 ) -> list[Score]:
     """Scores of every row, from records that are there or made now."""
-    setting = EvaluationSetting(recipe.seed, randomization, num_envs=recipe.num_envs, device=recipe.device)
-    label = "-".join(["dense"] * dense + ["randomized"] * (randomization is not None))
     named = {candidate.slug: name for name, candidates in rows.items() for candidate in candidates}
-    policies = {candidate.slug: entrant_of(candidate, dense) for row in rows.values() for candidate in row}
-    wanted = [
-        Cell(policies[candidate.slug], horizon, setting, label=label)
-        for horizon in horizons
-        for candidates in rows.values()
-        for candidate in candidates
-    ]
+    entered = [candidate for candidates in rows.values() for candidate in candidates]
+    wanted = cells_of(entered, recipe, horizons, dense, randomization)
     scores: list[Score] = []
     waiting: list[CommandRecords] = []
     since = time.monotonic()
@@ -252,6 +383,20 @@ def score(
     return scores
 
 
+def cells_of(
+    candidates: Sequence[Candidate],
+    recipe: AblationsRecipe,
+    horizons: Sequence[str],
+    dense: bool,
+    randomization: RandomizationRanges | None,
+) -> list[Cell]:
+    """What is to be evaluated, by horizons."""
+    setting = EvaluationSetting(recipe.seed, randomization, num_envs=recipe.num_envs, device=recipe.device)
+    label = "-".join(["dense"] * dense + ["randomized"] * (randomization is not None))
+    policies = [entrant_of(candidate, dense) for candidate in candidates]
+    return [Cell(policy, horizon, setting, label=label) for horizon in horizons for policy in policies]
+
+
 def entrant_of(candidate: Candidate, dense: bool) -> cells.Candidate:
     """The policy of a row as any process can load it."""
     weights = [path.read_bytes() for path in candidate.files]
@@ -260,13 +405,18 @@ def entrant_of(candidate: Candidate, dense: bool) -> cells.Candidate:
 
 def write(folder: Path, scores: Sequence[Score], rows: dict[str, list[Candidate]]) -> list[Path]:
     """Write ``scores.md``, ``scores.csv`` and the figures of a split; the figures."""
+    write_table(folder, scores, rows)
+    return evaluate.draw_scores(folder, scores)
+
+
+def write_table(folder: Path, scores: Sequence[Score], rows: dict[str, list[Candidate]]) -> None:
+    """Write ``scores.md`` and ``scores.csv`` of a split."""
     write_csv(folder / "scores.csv", scores)
     made_of = ["| row | runs |", "|---|---|"]
     made_of += [f"| {name} | {', '.join(map(described, candidates))} |" for name, candidates in rows.items()]
     parts = (markdown(scores), differences(scores, ROWS[-1].name), "\n".join(made_of) + "\n")
     text = "\n".join(filter(None, parts))
     replace_file(folder / "scores.md", lambda part: part.write_text(text, encoding="utf-8"))
-    return evaluate.draw_scores(folder, scores)
 
 
 def described(candidate: Candidate) -> str:

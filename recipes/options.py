@@ -258,6 +258,8 @@ class Training(Bounded):
     """training seeds of the refined policies; trackers and students are trained with the first"""
     num_envs: Robots = 512
     """robots that are simulated at a time"""
+    cpus: Count = 2
+    """with --ray: CPUs of each training"""
 
 
 @dataclass(kw_only=True)
@@ -270,6 +272,8 @@ class AblationsRecipe(ScoringConfig):
     """folder for tables, figures and records"""
     train: bool = False
     """train the rows that RUNS lacks or that are unfinished"""
+    ray: bool = False
+    """train and score rows all at once, as tasks of a Ray cluster (extra: ray)"""
     training: Training = field(default_factory=Training)
     hard: str = "run|dance|kick|punch|slash"
     """regular expression: motions whose names it matches get tables and figures of their own"""

@@ -1,3 +1,4 @@
+import contextlib
 import dataclasses
 import json
 import sys
@@ -6,7 +7,7 @@ import pytest
 
 from plat.cli import evaluate
 from plat.envs.transforms import RandomizationRanges
-from plat.errors import PlatError
+from plat.errors import PlatError, WorkerError
 from plat.modules import Expert, ExpertConfig, LatentNoisePolicy, LatentPolicy, RefinementConfig
 from plat.recipes import ablations
 from plat.recipes.options import Training
@@ -195,3 +196,90 @@ def test_rows_that_are_done_are_not_trained_again(recipe, trained, tmp_path, cap
 def test_training_needs_motions(recipe):
     with pytest.raises(PlatError, match="--training.motions"):
         ablations.main(dataclasses.replace(recipe, train=True))
+
+
+def in_turn(tasks):
+    """Tasks of a cluster, in this process: one after the other, and none whose need failed."""
+    failed = set()
+    for task in tasks:
+        error = WorkerError("needs another") if failed & set(task.needs) else None
+        try:
+            if error is None:
+                task.work()
+        except PlatError as raised:
+            error = raised
+        failed |= {task.name} if error else set()
+        yield task, error
+
+
+@pytest.fixture
+def on_cluster(monkeypatch):
+    """Run the tasks of a cluster in this process; the names of those that were."""
+    names = []
+
+    def run(tasks, cluster):
+        for task, error in in_turn(tasks):
+            names.append((task.name, task.needs))
+            yield task, error
+
+    monkeypatch.setattr(ablations, "Cluster", contextlib.nullcontext)
+    monkeypatch.setattr(ablations, "run_tasks", run)
+    monkeypatch.setenv("PLAT_CPUS", "")
+    return names
+
+
+def test_a_cluster_scores_the_same(recipe, evaluated, on_cluster, capsys):
+    alone = ablations.main(dataclasses.replace(recipe, out=recipe.out / "alone"))
+    text = (recipe.out / "alone" / "all" / "scores.md").read_text()
+    evaluated.clear()
+    splits = ablations.main(dataclasses.replace(recipe, ray=True))
+    assert on_cluster == [(f"score {name}", ()) for name in ("expert", "dagger", "plat-seed0", "plat-seed1")]
+    assert len(evaluated) == 3 * 4 + 1  # none of them twice
+    assert {name: [score.figures for score in scores] for name, scores in splits.items()} == {
+        name: [score.figures for score in scores] for name, scores in alone.items()
+    }
+    assert (recipe.out / "all" / "scores.md").read_text() == text
+    assert "0 trainings and 4 evaluations" in capsys.readouterr().out
+
+
+def test_rows_are_in_the_table_as_soon_as_they_are_scored(recipe, trained, on_cluster, monkeypatch, tmp_path, capsys):
+    tables = []
+    write = ablations.write_table
+
+    def written(folder, scores, rows):
+        tables.append({name: [candidate.slug for candidate in row] for name, row in rows.items()})
+        write(folder, scores, rows)
+
+    monkeypatch.setattr(ablations, "write_table", written)
+    training = Training(motions=("train.npz",), expert_steps=9, student_steps=6, refine_steps=3, seeds=(0, 1))
+    recipe = dataclasses.replace(
+        recipe, runs=tmp_path / "new", training=training, train=True, ray=True, horizon=("long",)
+    )
+    save_run(tmp_path / "new" / "expert", Expert(G1, ExpertConfig(hidden=(8,))), steps=9)
+    save_run(tmp_path / "new" / "action-seed0", refined())  # never finished
+    ablations.main(recipe)
+    assert [made.out.name for made in trained if made.resume] == ["action-seed0"]
+    needs = dict(on_cluster)
+    assert "train expert" not in needs
+    assert needs["train plain"] == needs["score expert"] == ()
+    assert needs["train plat-seed1"] == ("train dagger",)
+    assert needs["score plat-seed1"] == ("train plat-seed1",)
+    assert tables[0] == {"SONIC-style": ["sonic-style"]}
+    assert tables[1] == {"SONIC-style": ["sonic-style"], "Scratch RL": ["expert"]}
+    assert [row["PLAT"] for row in tables if "PLAT" in row][:2] == [["plat-seed0"], ["plat-seed0", "plat-seed1"]]
+    assert len(capsys.readouterr().out.split("PLAT ")) > 2
+    assert (recipe.out / "logs" / "plat-seed1.txt").exists()
+
+
+def test_rows_that_fail_leave_the_others_alone(recipe, trained, on_cluster, monkeypatch, tmp_path, capsys):
+    def broken(recipe):
+        raise PlatError("no such teacher")
+
+    monkeypatch.setattr(sys.modules["plat.recipes.distill"], "main", broken)
+    training = Training(motions=("train.npz",), expert_steps=9, student_steps=6, refine_steps=3, seeds=(0,))
+    recipe = dataclasses.replace(recipe, runs=tmp_path / "new", training=training, train=True, ray=True)
+    with pytest.raises(PlatError, match=r"^10 of 14 tasks failed, the first of them 'train plain' \(no such teacher\)"):
+        ablations.main(recipe)
+    assert [made.out.name for made in trained] == ["sonic-style", "expert"]
+    assert "train plat-seed0: needs another" in capsys.readouterr().out
+    assert "Scratch RL" in (recipe.out / "all" / "scores.md").read_text()

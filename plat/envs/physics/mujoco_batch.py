@@ -232,6 +232,8 @@ class BatchedPhysics:
 
 
 def available_cpus() -> int:
-    """Return the number of CPUs that this process may use."""
+    """Return the number of CPUs that this process may use: at most ``PLAT_CPUS``, where that is set."""
     # macOS and Windows have no affinity masks
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    there = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    share = os.environ.get("PLAT_CPUS", "")
+    return min(there, int(share)) if share.isdecimal() and int(share) else there
