@@ -11,6 +11,7 @@ each row is. ``--json benchmarks/expected/amx.json`` writes what ``--check`` com
 import sys
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -18,6 +19,7 @@ from tempfile import TemporaryDirectory
 
 import torch
 import tyro
+from beyond import in_workers, large_library, on_warp
 from costs import Cost, costs
 from guard import TOLERANCE, Figures, compared, figure, read_figures, write_figures
 from rounds import bfloat16_unit, in_rounds, machine
@@ -62,6 +64,12 @@ class BenchmarkConfig:
     """measure a loss step, the deployed policy, imports and the motion library as well"""
     library_seconds: float = 10_000.0
     """length of that library (s)"""
+    beyond: bool = True
+    """measure robots in one and two workers, MuJoCo Warp on the CPU, and a large library as well"""
+    large_clips: int = 20_000
+    """clips of the large library"""
+    large_hours: float = 3.0
+    """its length, a kilobyte a frame on disk"""
     json: Path | None = None
     """file to write the results to"""
     check: bool = False
@@ -218,11 +226,15 @@ def main(config: BenchmarkConfig) -> None:
         "whole PPO iteration": collection(make_env(), learn=True),
         "whole DAgger iteration": distillation(stage_2),
     }
-    with TemporaryDirectory() as folder:
+    with TemporaryDirectory() as folder, ExitStack() as stack:
         steps = count * STEPS
         rows = {name: Cost("steps/s", partial(steps_per_second, layer, steps)) for name, layer in layers.items()}
         if config.costs:
             rows |= costs(library, Path(folder), config.library_seconds)
+        if config.beyond:
+            rows |= in_workers(library, count, tracking, STEPS, stack)
+            rows |= on_warp(library, STEPS)
+            rows |= large_library(Path(folder), config.large_clips, config.large_hours)
         measures: dict[str, Callable[[], float]] = {}
         for name, cost in rows.items():
             measures[name] = cost.measure
