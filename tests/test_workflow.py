@@ -14,7 +14,7 @@ PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text())["
 SETTING_UP = ("sudo apt-get ", "uv pip install ", "npm install ")
 WITH_FURTHER_EXTRAS = {
     "python -m pytest tests/envs/physics/test_mujoco_warp.py",
-    "python -m pytest -m slow tests/collectors/test_ray_actors.py",
+    "python -m pytest -m slow $(grep -l on_ray -r tests --include='test_*.py')",
 }
 """Tests that need an extra which is not among those of development."""
 
