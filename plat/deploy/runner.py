@@ -2,7 +2,7 @@
 
 import hashlib
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plat.deploy.bundle import HASH_FIELD, INPUT, METADATA_KEY, OUTPUT, Bundle
+from plat.deploy.joint_names import check_joints
 from plat.deploy.onnx_session import open_session
 from plat.deploy.state import Array, Pose, RobotState
 from plat.errors import ActionError, BundleError, StateError
@@ -42,7 +43,8 @@ class PolicyRunner:
 
     Args:
         bundle: folder that ``plat export`` wrote, or the ``.onnx`` file alone.
-        joint_names: the joints in the order of the caller's joint vectors; refused unless they are the policy's.
+        joint_names: the joints in the order of the caller's joint vectors, or a table of motors, such as
+            ``{"LeftHipPitch": 0}``; refused unless they are the policy's. ``_joint`` and capitals do not matter.
         control_dt: seconds of the caller's control step; refused unless it is the policy's.
 
     Raises:
@@ -54,7 +56,12 @@ class PolicyRunner:
         UserWarning: for a bundle of an older version, which does not hold its network's hash.
     """
 
-    def __init__(self, bundle: str | Path, joint_names: Sequence[str] | None = None, control_dt: float | None = None):
+    def __init__(
+        self,
+        bundle: str | Path,
+        joint_names: Sequence[str] | Mapping[str, int] | None = None,
+        control_dt: float | None = None,
+    ):
         path = Path(bundle)
         network = path if path.suffix == ".onnx" else path / NETWORK_FILE
         self._session = open_session(network)
@@ -63,7 +70,7 @@ class PolicyRunner:
         robot = self.robot = self.bundle.robot
         """The robot that it drives."""
         if joint_names is not None:
-            _check_joints(f"bundle {str(path)!r}", robot.joint_names, tuple(joint_names))
+            check_joints(f"bundle {str(path)!r}", robot.joint_names, joint_names)
         if control_dt is not None and abs(control_dt - robot.control_dt) > _DT_TOLERANCE:
             raise BundleError(
                 f"bundle {str(path)!r}: control step of {robot.control_dt:g} s, not the {control_dt:g} s of this robot"
@@ -192,15 +199,6 @@ def _check_hash(bundle: Bundle, path: Path, network: Path) -> None:
             f"{str(network)!r} has the SHA-256 {found[:12]}..., {BUNDLE_FILE} was written with "
             f"{bundle.network_sha256[:12]}...: the network was changed after its export"
         )
-
-
-def _check_joints(where: str, ours: tuple[str, ...], given: tuple[str, ...]) -> None:
-    if ours == given:
-        return
-    for index, (expected, found) in enumerate(zip(ours, given, strict=False)):
-        if expected != found:
-            raise BundleError(f"{where}: joint {index} is {expected!r} in the bundle and {found!r} on this robot")
-    raise BundleError(f"{where}: {len(ours)} joints in the bundle, {len(given)} on this robot")
 
 
 def _check_widths(where: str, session: Any, features: int, joints: int) -> None:

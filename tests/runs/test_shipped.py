@@ -6,7 +6,7 @@ import plat
 from plat.errors import CheckpointError
 from plat.modules import Expert, ExpertConfig
 from plat.robots import G1
-from plat.runs import locate, policy_spec, save_weights, write_json
+from plat.runs import SavedRun, locate, policy_spec, save_weights, write_json
 from plat.runs.shipped import load_shipped, shipped_runs
 
 
@@ -25,6 +25,12 @@ def test_one_line_loads_the_committed_policies():
     policy = plat.load("plat-g1")
     assert policy.robot is G1
     assert policy.deployed().out_keys == ["action"]
+
+
+def test_a_policy_for_robots_comes_with_scores():
+    scores = SavedRun(shipped_runs()["imagined-robot-g1"]).scores
+    assert scores
+    assert {score.horizon for score in scores} >= {"single", "long", "mixed"}
 
 
 def test_an_installed_package_has_its_own(installed):
