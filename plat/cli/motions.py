@@ -113,7 +113,8 @@ def inspect(command: Inspect) -> list[MotionReport]:
         raise MotionError(f"no clips in {', '.join(map(repr, command.files))}; see above")
     robot = get_robot(command.robot)
     reports = validate_motions(clips, robot, command.limits)
-    print_table(reports, [assumed(file, clip) for file in files for clip in file.clips])
+    read_as = [assumed(file, clip) for file in files for clip in file.clips]
+    print_table(reports, [with_doubt(told, report) for told, report in zip(read_as, reports, strict=True)])
     if command.out is not None:
         command.out.mkdir(parents=True, exist_ok=True)
         urgency = ("drop", "repair", "use")
@@ -415,6 +416,12 @@ def distinct(clips: Sequence[MotionClip]) -> list[MotionClip]:
 def assumed(file: MotionFile, clip: MotionClip) -> str:
     """Return what a clip was taken for, in short."""
     return ", ".join((f"{clip.fps:.5g} fps", *dict.fromkeys((*file.notes, *clip.notes))))
+
+
+def with_doubt(told: str, report: MotionReport) -> str:
+    """Return what a clip was taken for, with what nothing in its motion speaks for."""
+    silent = not report.shows_rate and not report.rate_assumed
+    return f"{told}, nothing in the motion confirms this rate" if silent else told
 
 
 def print_table(reports: Sequence[MotionReport], read_as: Sequence[str]) -> None:

@@ -8,14 +8,14 @@ from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
 from plat.rotations import quat_rotate
 
-__all__ = ["Soles", "contact_slip", "ground_level", "lowest_step", "stance"]
+__all__ = ["CONTACT_HEIGHT", "Soles", "contact_slip", "ground_level", "lowest_step", "stance"]
 
 # A foot that carries weight rests: slower than this for _REST_SECONDS to both sides. In free fall a point is that slow
 # for 2 * 0.25 / 9.81 = 0.05 s, so the top of a jump is not taken for a stance.
 _REST_SPEED = 0.25
 _REST_SECONDS = 0.05
-# A foot whose lowest point is this close to the level that the feet rest on is in contact (m).
-_CONTACT_HEIGHT = 0.02
+CONTACT_HEIGHT = 0.02
+"""A foot whose lowest point is this close to the level that the feet rest on is in contact (m)."""
 # Frames worked on at a time: kinematics takes kilobytes for each, and an hour has hundreds of thousands.
 _CHUNK = 16384
 
@@ -96,7 +96,7 @@ def contact_slip(points: Tensor, level: float, fps: float) -> float:
     feet = points.transpose(0, 1)  # (2, T, P, 3)
     lowest = feet[:, :-1, :, 2].argmin(-1)[..., None, None].expand(-1, -1, 1, 3)
     before, after = feet[:, :-1].gather(2, lowest)[:, :, 0], feet[:, 1:].gather(2, lowest)[:, :, 0]
-    contact = (before[..., 2] < level + _CONTACT_HEIGHT) & (after[..., 2] < level + _CONTACT_HEIGHT)
+    contact = (before[..., 2] < level + CONTACT_HEIGHT) & (after[..., 2] < level + CONTACT_HEIGHT)
     speed = (after - before)[..., :2].norm(dim=-1) * fps
     speed = speed.where(contact, torch.inf).amin(0)
     return float(speed[contact.any(0)].mean()) if contact.any() else 0.0

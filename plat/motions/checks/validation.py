@@ -11,6 +11,7 @@ from plat.motions.checks.collision import self_penetration
 from plat.motions.checks.feet import Soles, contact_slip, ground_level
 from plat.motions.checks.flight import Flight
 from plat.motions.checks.jumps import root_jumps
+from plat.motions.checks.root_path import OtherPath, other_path
 from plat.motions.checks.settings import ValidationLimits
 from plat.motions.checks.sides import EXCHANGED, apart
 from plat.motions.checks.steps import JointStep, joint_steps
@@ -65,6 +66,8 @@ class MotionReport:
         jumps: when the root's path or turning breaks (s).
         steps: isolated single-frame steps of joints; see :func:`~plat.motions.checks.steps.joint_steps`.
         in_place: whether it strides without getting anywhere.
+        path: that the feet fit better than the root's own, None where there is none: its path is mirrored, turned, or
+            of another length.
         rate_assumed: whether nothing states its frame rate and nothing in the motion confirms the usual one.
         verdict: ``use`` as it is, ``repair`` first, or ``drop``.
         reasons: what speaks against using it as it is, a phrase each.
@@ -85,10 +88,16 @@ class MotionReport:
     steps: tuple[JointStep, ...] = ()
     root_speed: float = 0.0
     in_place: bool = False
+    path: OtherPath | None = None
     rate_assumed: bool = False
     deepest: str = ""
     verdict: Verdict = "use"
     reasons: tuple[str, ...] = ()
+
+    @property
+    def shows_rate(self) -> bool:
+        """Return whether something in the motion speaks for or against its frame rate: a gait or a fall."""
+        return self.tempo is not None or self.gravity is not None
 
 
 def validate_motion(clip: MotionClip, robot: Robot = G1, limits: ValidationLimits | None = None) -> MotionReport:
@@ -165,6 +174,7 @@ def _measure(
         steps=tuple(joint_steps(clip, limits.step_speed, robot)),
         root_speed=float(qpos[:, :2].diff(dim=0).norm(dim=-1).mean()) * clip.fps,
         in_place=strides_in_place(clip, robot),
+        path=other_path(points, clip.qpos[:, :3], clip.fps) if _stands(qpos) else None,
         rate_assumed=ASSUMED_RATE in clip.notes,
     )
 
@@ -209,6 +219,8 @@ def _judged(report: MotionReport, limits: ValidationLimits) -> MotionReport:
     elif report.slip > max(_SLIDES, _SLIDES_ALONG * report.root_speed):
         told = f"feet slip at {report.slip:.1f} m/s under a root at {report.root_speed:.1f} m/s"
         drop.append(f"{told}: are the root's unit, axes and frame right?")
+    if report.path is not None:
+        drop.append(f"{report.path}: are the root's unit and axes right?")
     if report.self_penetration > limits.self_penetration:
         drop.append(f"links {100 * report.self_penetration:.1f} cm inside each other")
     if report.tempo is not None and not 1 / limits.tempo < report.tempo < limits.tempo:

@@ -1,25 +1,26 @@
 """Which columns of a table are the root, which the joints, and which neither."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
-import torch
 
 from plat.errors import MotionError
 from plat.motions.formats.names import Column, classify_columns, is_generic, tokens
 from plat.motions.formats.quaternion_order import QuatOrder
 from plat.motions.formats.table import Table
+from plat.motions.formats.turns import EULER, euler_to_quat, turns_of_three
 from plat.motions.formats.unnamed_joints import OPTIONAL
 from plat.robots.robot import Robot
-from plat.rotations import quat_multiply
 
-__all__ = ["Parts", "euler_to_quat", "split_columns"]
+__all__ = ["Parts", "split_columns"]
 
 # Nobody turns so far from frame to frame in a quarter of all frames (rad).
 _FASTEST_TURN = 0.15
 # what a header calls the root's columns in BONES-SEED's tables, which are in cm and degrees
 _SEED = {"translate", "rotate"}
+# words that only Euler angles have in their names
+_NAMED_ANGLES = {"roll", "pitch", "yaw", "euler"}
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,8 @@ class Parts:
         times: of the frames ``[T]`` and their unit, where there are any.
         seed: whether the header is that of BONES-SEED.
         notes: what was left out or assumed.
+        turns: quaternions ``[T, 4]`` (``wxyz``) of three columns by what they may be, the usual one first; none where
+            the file has quaternions, or names its angles.
     """
 
     place: np.ndarray
@@ -45,6 +48,7 @@ class Parts:
     times: tuple[np.ndarray, str] | None = None
     seed: bool = False
     notes: tuple[str, ...] = ()
+    turns: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 def split_columns(table: Table, robot: Robot) -> Parts:
@@ -68,18 +72,6 @@ def split_columns(table: Table, robot: Robot) -> Parts:
     return _by_place(table, kinds, left_out, times, robot)
 
 
-def euler_to_quat(angles: np.ndarray) -> np.ndarray:
-    """Return quaternions ``[T, 4]`` (``wxyz``) of turns about the fixed x, then y, then z axis, ``[T, 3]`` (rad)."""
-    quat = torch.zeros(len(angles), 4, dtype=torch.float64)
-    quat[:, 0] = 1.0
-    for axis in range(3):
-        turn = torch.zeros_like(quat)
-        half = torch.from_numpy(0.5 * angles[:, axis])
-        turn[:, 0], turn[:, 1 + axis] = half.cos(), half.sin()
-        quat = quat_multiply(turn, quat)
-    return quat.numpy()
-
-
 def _by_name(
     table: Table,
     kinds: list[Column],
@@ -96,7 +88,8 @@ def _by_name(
     lacking = [name for name in lacking if "wrist" not in name and name not in OPTIONAL]
     if lacking and unknown:
         raise MotionError(f"the header has the unknown {sorted(unknown)[:8]} and lacks the joints {lacking[:8]}")
-    notes = []
+    notes: list[str] = []
+    turns: Mapping[str, np.ndarray] = {}
     if rest:
         shown = ", ".join(repr(table.header[n]) for n in rest[:3])
         notes.append(f"{len(rest)} columns left out ({shown}{', ...' if len(rest) > 3 else ''})")
@@ -111,14 +104,17 @@ def _by_name(
         euler = values[:, turn]
         degrees = seed or np.abs(euler).max() > 2 * np.pi or any("deg" in table.header[n].lower() for n in turn)
         degrees = degrees or _whirls(euler)
-        quat, order = euler_to_quat(np.deg2rad(euler) if degrees else euler), "wxyz"
-        notes.append(f"root rotation from Euler angles in {'degrees' if degrees else 'radians'}")
+        euler = np.deg2rad(euler) if degrees else euler
+        quat, order = euler_to_quat(euler), "wxyz"
+        named = seed or any(set(tokens(table.header[n])) & _NAMED_ANGLES for n in turn)
+        turns = {} if named else turns_of_three(euler)
+        notes.append(f"root rotation from {EULER} in {'degrees' if degrees else 'radians'}")
     in_degrees = any("deg" in tokens(table.header[n]) for n in joints)
     if in_degrees or (seed and np.abs(angles).max() > np.pi):
         angles = np.deg2rad(angles)
         notes.append("joint angles in degrees")
     names = [kinds[n].part for n in joints]
-    return Parts(values[:, place], quat, angles, names, order, times, seed, tuple(notes))  # type: ignore[arg-type]
+    return Parts(values[:, place], quat, angles, names, order, times, seed, tuple(notes), turns)  # type: ignore[arg-type]
 
 
 def _by_place(

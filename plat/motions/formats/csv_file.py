@@ -14,7 +14,9 @@ from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arra
 from plat.motions.formats.pace import Pace, UnfitRateError
 from plat.motions.formats.quaternion_order import choose_quat_order, settle_joint_order, settle_quat_order
 from plat.motions.formats.rate import without_rates
+from plat.motions.formats.root_turn import likeliest_turn
 from plat.motions.formats.table import Table, read_table
+from plat.motions.formats.turns import EULER
 
 __all__ = ["csv_text", "read_csv", "read_values"]
 
@@ -42,11 +44,12 @@ def read_values(path: Path, table: Table, options: ReadOptions, kind: str) -> Mo
     name = without_rates(path.stem)
     joint_pos, notes = arrange_joints(parts.joints, parts.names, options.robot, "the columns of joints")
     joint_pos, more = _in_joint_order(name, parts, joint_pos, options)
+    parts = _with_turn(name, parts, joint_pos, options)
     order, how, doubts = _quat_order(path, name, parts, joint_pos, options)
     clip = _clip(name, parts, joint_pos, order, options)
     fps, told = _rate(path, table, parts, clip, options)
-    euler = any("Euler" in note for note in parts.notes)
-    shown = () if euler else (f"quaternion {order} {how}",)
+    three = any(note.startswith("root rotation from") for note in parts.notes)
+    shown = () if three else (f"quaternion {order} {how}",)
     kind = "BONES-SEED csv" if parts.seed else kind
     unsure = tuple(note for note in told if note == ASSUMED_RATE)
     told = tuple(note for note in told if note != ASSUMED_RATE)
@@ -78,6 +81,21 @@ def _in_joint_order(
         return _clip(name, parts, joints, order or "wxyz", options).qpos
 
     return settle_joint_order(joint_pos, read, options, order)
+
+
+def _with_turn(name: str, parts: Parts, joint_pos: np.ndarray, options: ReadOptions) -> Parts:
+    """Return a table's parts with the orientation that the feet confirm, where its columns leave several open."""
+    if not parts.turns:
+        return parts
+    readings = {
+        told: _clip(name, replace(parts, quat=quat), joint_pos, "wxyz", options) for told, quat in parts.turns.items()
+    }
+    poses = {told: clip.qpos for told, clip in readings.items()}
+    found, sure, rivals = likeliest_turn(poses, next(iter(readings.values())).fps, options.soles)
+    open_ones = "" if sure else f" as assumed, and {' and '.join(rivals)} fit as well"
+    told = {note: note.replace(EULER, found, 1) + open_ones for note in parts.notes if EULER in note}
+    notes = tuple(told.get(note, note) for note in parts.notes)
+    return replace(parts, quat=parts.turns[found], notes=notes)
 
 
 def _quat_order(

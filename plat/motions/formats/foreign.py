@@ -4,10 +4,12 @@ from collections.abc import Collection
 
 from plat.errors import MotionError
 
-__all__ = ["refuse_foreign", "refuse_human_body"]
+__all__ = ["refuse_foreign", "refuse_human_body", "refuse_old_arrays"]
 
 _BODY_POSES = ("poses", "pose_body", "pose_aa", "body_pose", "smpl_poses", "full_pose")
 _BODY_SHAPES = ("betas", "beta", "v_template", "shape_est_betas")
+# what loco-mujoco called the root in its first data sets, an array for each coordinate
+_OLD_ROOT = ("q_pelvis_tx", "q_pelvis_tilt")
 _MAGIC = {
     b"version https://git-lfs": "a Git LFS pointer and not the file itself: run 'git lfs pull' where it comes from",
     b"version https://hawser": "a Git LFS pointer and not the file itself: run 'git lfs pull' where it comes from",
@@ -56,3 +58,23 @@ def refuse_human_body(fields: Collection[str]) -> None:
         )
     if any(name in fields for name in _BODY_SHAPES):
         raise MotionError("a human body's shape of the SMPL family (AMASS), no motion: leave it out")
+
+
+def refuse_old_arrays(fields: Collection[str]) -> None:
+    """Raise for the first data sets of loco-mujoco, which have one array a coordinate and are of older robots.
+
+    Args:
+        fields: names of arrays of a file.
+
+    Raises:
+        MotionError: naming what it is and what to do.
+
+    >>> refuse_old_arrays(["q_pelvis_tx", "q_pelvis_tilt"])  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    plat.errors.MotionError: an old data set of loco-mujoco, one array a coordinate, of another body: take ...
+    """
+    if set(_OLD_ROOT) <= set(fields):
+        raise MotionError(
+            "an old data set of loco-mujoco, one array a coordinate, of another body: take the data set of today's "
+            "loco-mujoco, an array 'qpos' of the robot"
+        )

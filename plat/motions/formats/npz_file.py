@@ -12,7 +12,7 @@ from plat.json_file import read_json, short
 from plat.motions.clip import MotionClip
 from plat.motions.formats.archive import read_archive, states_rate, take_rate
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, number, strings
-from plat.motions.formats.foreign import refuse_human_body
+from plat.motions.formats.foreign import refuse_human_body, refuse_old_arrays
 from plat.motions.formats.kimodo import KIMODO_FPS, has_links, read_kimodo
 from plat.motions.formats.quaternion_order import settle_joint_order, settle_quat_order
 from plat.motions.formats.tracker_file import read_tracker
@@ -69,6 +69,7 @@ def read_npz(path: Path, options: ReadOptions) -> MotionFile:
     stored = read_archive(path)
     arrays = {_ALIASES.get(name, name): array for name, array in stored.items()}
     refuse_human_body(arrays)
+    refuse_old_arrays(stored)
     if arrays.get("root_pos") is not None and "root_rot" in stored:
         arrays.setdefault("scalar_first", np.array(False))  # as GMR has it
     notes = _add_meta(path, arrays, options)

@@ -429,3 +429,9 @@ def test_a_broken_meta_json(tmp_path, meta, message):
     (tmp_path / "meta.json").write_text(meta)
     with pytest.raises(MotionError, match=f"a.npz': .*{message}"):
         load_motions(tmp_path / "a.npz")
+
+
+def test_old_arrays_of_loco_mujoco_are_named(tmp_path):
+    np.savez(tmp_path / "walk.npz", q_pelvis_tx=np.zeros(5), q_pelvis_tilt=np.zeros(5), q_torso_joint=np.zeros(5))
+    with pytest.raises(MotionError, match="an old data set of loco-mujoco"):
+        load_motions(tmp_path / "walk.npz")
