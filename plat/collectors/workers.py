@@ -15,6 +15,7 @@ from plat.collectors.hosts import EnvFactory, Host, Processes, RemoteCollector
 from plat.collectors.ray_actors import RayActors
 from plat.collectors.rollouts import Rollouts
 from plat.collectors.worker import Job, Order, Report, packed, seed_of
+from plat.envs.physics.transfer import to_device
 from plat.errors import ConfigError, StateError, WorkerError
 from plat.motions.library import MotionLibrary
 from plat.precision import Precision
@@ -206,7 +207,7 @@ class WorkerRollouts(Iterator[TensorDictBase]):
         if self._ahead:
             self._send()
         rollout = results[0][0] if len(results) == 1 else torch.cat([rollout for rollout, _ in results])
-        return rollout if self._device.type == "cpu" else rollout.to(self._device)
+        return rollout if self._device.type == "cpu" else to_device(rollout, self._device)
 
     def _send(self) -> None:
         """Let all workers begin the next rollout, with the weights as they are."""

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from plat.envs.physics.protocol import Kinematics
+from plat.envs.physics.transfer import to_device
 from plat.errors import StateError
 
 __all__ = ["BatchedPhysics", "available_cpus"]
@@ -103,7 +104,7 @@ class BatchedPhysics:
             array = array[ids.cpu().numpy()]
         if index is not None:
             array = np.take(array, index, axis=1)
-        return torch.from_numpy(array.astype(np.float32)).to(self.device)
+        return to_device(torch.from_numpy(array.astype(np.float32)), self.device)
 
     def step(self, ctrl: Tensor, nstep: int) -> None:
         """Hold the controls ``[N, nu]`` for ``nstep`` physics steps."""
