@@ -42,12 +42,14 @@ class Range:
         low: smallest value.
         high: largest value.
         above: whether ``low`` itself is excluded.
+        below: whether ``high`` itself is excluded.
         infinite: whether infinity is a value.
     """
 
     low: float = -math.inf
     high: float = math.inf
     above: bool = False
+    below: bool = False
     infinite: bool = False
 
     def holds(self, value: float) -> bool:
@@ -57,14 +59,17 @@ class Range:
                 return False
         except OverflowError:  # a whole number of hundreds of digits
             return False
-        return (value > self.low if self.above else value >= self.low) and value <= self.high
+        enough = value > self.low if self.above else value >= self.low
+        return enough and (value < self.high if self.below else value <= self.high)
 
     def __str__(self) -> str:
         low, high = (f"{end:,.12g}" for end in (self.low, self.high))
         if self.low == -math.inf:
-            return "" if self.high == math.inf else f"of at most {high}"
+            return "" if self.high == math.inf else f"below {high}" if self.below else f"of at most {high}"
         if self.high == math.inf:
             return f"above {low}" if self.above else f"of at least {low}"
+        if self.below:
+            return f"{'above' if self.above else 'of at least'} {low} and below {high}"
         return f"above {low} and at most {high}" if self.above else f"from {low} to {high}"
 
 

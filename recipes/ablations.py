@@ -12,6 +12,7 @@ it is scored.
 """
 
 import os
+import re
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import redirect_stderr, redirect_stdout
@@ -107,6 +108,10 @@ def main(recipe: AblationsRecipe) -> dict[str, list[Score]]:
     """Run the recipe: the scores of each split."""
     recipe = on_device(recipe)
     check_folder(recipe.out)
+    try:
+        re.compile(recipe.hard)
+    except re.error as error:
+        raise PlatError(f"--hard {recipe.hard!r}: expected a regular expression ({error})") from None
     pyplot()  # what is missing had better be said before hours of work
     released = released_rows(recipe.trackers)
     if recipe.ray:

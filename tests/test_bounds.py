@@ -29,6 +29,7 @@ class Settings(Bounded):
     out: Path = Path()
     inner: Inner = field(default_factory=Inner)
     plain: float = 0.0
+    decay: Annotated[float, Range(0, 1, below=True)] = 0.9
 
 
 @pytest.mark.parametrize(
@@ -54,6 +55,7 @@ class Settings(Bounded):
         ({"out": "runs"}, "out is 'runs', expected a path"),
         ({"inner": 0.5}, "inner is 0.5, expected a Inner"),
         ({"plain": float("nan")}, "plain is nan, expected a number"),
+        ({"decay": 1.0}, "decay is 1.0, expected a number of at least 0 and below 1"),
     ],
 )
 def test_values_without_sense_are_refused(values, message):

@@ -8,7 +8,7 @@ from typing import Annotated, Literal, TypeAlias
 import tyro
 
 from plat.baselines.released import ReleasedTrackers
-from plat.bounds import Bounded, Count, Fraction, Natural, NonNegative, Positive, Range, Robots, Seed
+from plat.bounds import Bounded, Count, Fraction, Natural, NonNegative, NotEmpty, Positive, Range, Robots, Seed
 from plat.envs.settings import ReachLimits
 from plat.envs.transforms.settings import RandomizationRanges
 from plat.evaluation.names import DisturbanceName, Interface, RuleName
@@ -61,9 +61,9 @@ class ScoringConfig(Bounded):
     """What the recipes that score policies have in common."""
 
     trackers: ReleasedTrackers = field(default_factory=ReleasedTrackers)
-    motions: tuple[str, ...]
+    motions: Annotated[tuple[str, ...], NotEmpty()]
     """motion files, folders or globs; "generated:val" or "generated:test" for generated motion"""
-    horizon: tuple[HorizonName, ...] = ("single", "short", "medium", "long", "mixed")
+    horizon: Annotated[tuple[HorizonName, ...], NotEmpty()] = ("single", "short", "medium", "long", "mixed")
     """lengths of the commands; distant and all are for policies with longer commands"""
     randomization: RandomizationRanges = RandomizationRanges()
     """ranges of the domain randomization, and pushes"""
@@ -102,7 +102,7 @@ class EvaluateRecipe(ScoringConfig):
     """regular expression: score only motions whose names it matches, as in run|kick"""
     dense: bool = False
     """show policies the reference instead of the keyframe: how well a dense tracker tracks"""
-    interface: tuple[Interface, ...] = ("next-frame",)
+    interface: Annotated[tuple[Interface, ...], NotEmpty()] = ("next-frame",)
     """how dense trackers are told of a keyframe; with several, the table has each"""
     whole_clips: tuple[RuleName, ...] = ()
     """success rules to judge whole clips by, each followed once from its first frame"""
@@ -157,11 +157,11 @@ class BenchmarkRecipe(Bounded):
     """longer motions are cut into equal pieces of at most this many seconds"""
     clips: Natural = 0
     """motions of each set, spread evenly; 0 for all"""
-    horizons: tuple[str, ...] = ("single", "short", "medium", "long", "mixed")
+    horizons: Annotated[tuple[str, ...], NotEmpty()] = ("single", "short", "medium", "long", "mixed")
     """horizons of the first set of motions"""
-    further_horizons: tuple[str, ...] = ("long", "mixed")
+    further_horizons: Annotated[tuple[str, ...], NotEmpty()] = ("long", "mixed")
     """horizons of the other sets"""
-    interface: tuple[Interface, ...] = ("next-frame", "line", "cascade")
+    interface: Annotated[tuple[Interface, ...], NotEmpty()] = ("next-frame", "line", "cascade")
     """how dense trackers are told of a keyframe; the table shows the best of each"""
     rule: RuleName = "humantracker"
     """success rule of whole clips"""

@@ -143,7 +143,8 @@ class RecipeConfig(Bounded):
         if self.ray and not self.workers:
             raise ConfigError(f"{type(self).__name__}: ray is for workers, expected workers to be at least 1")
         if self.workers and self.physics == "warp":
-            raise ConfigError(f"{type(self).__name__}: physics 'warp' is on one device, expected workers to be 0")
+            what = f"{type(self).__name__}: physics is 'warp', which is on one device"
+            raise ConfigError(f"{what}: expected workers to be 0")
 
     @property
     def loggers(self) -> tuple[LoggerName, ...]:

@@ -194,15 +194,98 @@ QUICK: tuple[tuple[str, str], ...] = (
         --imagination.average nan
         --imagination.model-updates 0
         --model.hidden 0
+        --student wide
+        --posterior 0.5
+        --posterior 2
+        --beta -1
+        --task.partial 2
+        --task.authored nan
+        --disturbed nan
+        """,
+    ),
+    (
+        _TINY["expert-model"],
+        """
+        --uniform-starts 1.5
+        --imagination.average 1
+        --imagination.average -0.5
+        --imagination.steps 0
+        --imagination.recent 0
+        --imagination.lost-cost -1
+        --imagination.grad-norm 0
+        --imagination.muon-lr nan
+        --imagination.model-lr 0
+        --imagination.warmup -1
+        --imagination.settle 0.5
+        --imagination.constant 2
+        --imagination.final-lr -1
+        --imagination.policy-updates 0
+        --imagination.critic 0
+        --imagination.window 1000000
+        --disturbed -1
+        --replay -5
+        --noise nan
+        --model.hidden -8
+        --workers -1
+        --workers 99
+        --physics warp --workers 1
+        --physics bullet
+        --policy.action default
+        """,
+    ),
+    (
+        _TINY["refine-model"],
+        """
+        --variant sideways
+        --imagination.policy-batch 0
+        --task.families
+        --policy.alpha nan
+        --student
+        --steps 0
+        """,
+    ),
+    ("ablations --runs {tmp} --out new --motions {clips}", "--horizon\n--motions\n--num-envs 0\n--hard ["),
+    (
+        "benchmark {latent} --out new --device cpu",
+        """
+        --clips -1
+        --generated 0
+        --generated nan
+        --longest 0
+        --longest nan
+        --strengths 0
+        --robustness-clips 0
+        --robustness wind
+        --interface telepathy
+        --rule none
+        --authored -1
+        --ours nobody
+        --seed -1
+        --num-envs 0
+        --workers -1
+        --horizons
+        --further-horizons
+        --interface
         """,
     ),
     (
         "evaluate {expert} --motions {clips} --num-envs 4 --horizon single --device cpu",
         """
         --horizon never
+        --horizon
+        --interface
+        --motions
         --num-envs 0
         --seed -1
         --authored -1
+        --authored 1 --pushes nan
+        --disturbed -1
+        --disturbed inf
+        --whole-clips nobody
+        --robustness wind
+        --interface telepathy
+        --workers -1
+        --partial 2
         --randomization push_interval=5:1
         """,
     ),

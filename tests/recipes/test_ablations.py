@@ -132,6 +132,12 @@ def test_without_hard_motions_there_is_no_hard_split(recipe, capsys):
     assert "no hard split: clip names: 'somersault' is in none of the 2" in capsys.readouterr().out
 
 
+def test_a_pattern_that_is_none_is_refused_before_the_work(recipe, evaluated):
+    with pytest.raises(PlatError, match=r"--hard '\[': expected a regular expression"):
+        ablations.main(dataclasses.replace(recipe, hard="["))
+    assert evaluated == []
+
+
 def test_an_empty_folder_is_named(recipe, tmp_path):
     with pytest.raises(PlatError, match="holds none of the runs"):
         ablations.main(dataclasses.replace(recipe, runs=tmp_path / "nowhere"))

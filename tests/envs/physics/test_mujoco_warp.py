@@ -166,5 +166,5 @@ def test_mujoco_by_its_name():
 
 
 def test_warp_is_not_spread_over_workers(tmp_path):
-    with pytest.raises(ConfigError, match="physics 'warp' is on one device, expected workers to be 0"):
+    with pytest.raises(ConfigError, match="physics is 'warp', which is on one device: expected workers to be 0"):
         ExpertRecipe(motions=("x",), out=tmp_path, physics="warp", workers=2)
