@@ -54,6 +54,7 @@ def group_plot(scores: Sequence[GroupScore], metric: str = "tks") -> Any:
             )
         ticks = [f"{group.replace('_', ' ')}\n({count})" for group, count in groups.items()]
         panel.set_xticks(range(len(groups)), ticks)
+        panel.set_xlim(-0.5, len(groups) - 0.5)
         panel.set_ylabel(shown.heading)
         panel.grid(axis="y")
         figure.legend(loc="outside lower center", ncols=4)

@@ -70,6 +70,9 @@ def radar_plot(scores: Sequence[Score], metrics: Sequence[str] = HEADLINE) -> An
             panel.set_xticks(angles)
             panel.set_xticklabels([horizon.capitalize() for horizon in horizons])
             panel.tick_params(axis="x", pad=1)
+            for angle, label in zip(angles, panel.get_xticklabels(), strict=True):
+                side = round(math.sin(angle), 6)  # beside the rim, and not across it
+                label.set_horizontalalignment("center" if side == 0 else "left" if side > 0 else "right")
             panel.spines["polar"].set_color("0.75")
             panel.set_title(METRICS[metric].heading, pad=8)
         handles, labels = panels[0][0].get_legend_handles_labels()

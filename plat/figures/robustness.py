@@ -10,11 +10,14 @@ from plat.figures.style import PAGE, looks, paper_style
 
 __all__ = ["robustness_plot"]
 
+_SPAN = 5.0  # percent
+
 
 def robustness_plot(points: Sequence[CurvePoint]) -> Any:
     """Return a figure with one panel for each disturbance: TKS@3 against its strength, a line per policy.
 
-    Bands are 95 % intervals. Friction falls from left to right, so that every disturbance grows to the right.
+    Bands are 95 % intervals. Friction falls from left to right, so that every disturbance grows to the right. The
+    scale of each panel begins at its worst value, and spans 5 % at least.
 
     Args:
         points: of any policies.
@@ -31,7 +34,7 @@ def robustness_plot(points: Sequence[CurvePoint]) -> Any:
     rows = -(-len(names) // columns)
     with paper_style() as plt:
         size = (PAGE / 3 * columns, 1.8 * rows + 0.5)
-        figure, panels = plt.subplots(rows, columns, figsize=size, sharey=True, squeeze=False)
+        figure, panels = plt.subplots(rows, columns, figsize=size, squeeze=False)
         for panel in panels.flat[len(names) :]:
             panel.set_axis_off()
         for panel, name in zip(panels.flat, names, strict=False):
@@ -54,6 +57,9 @@ def robustness_plot(points: Sequence[CurvePoint]) -> Any:
                 panel.fill_between(places, low, high, color=look.color, alpha=0.12, linewidth=0)
             if strength.values[0] > strength.values[-1]:
                 panel.invert_xaxis()
+            worst = min(point.tks.low for point in points if point.disturbance == name)
+            span = max(100.0 - worst, _SPAN)
+            panel.set_ylim(100.0 - 1.05 * span, 100.0 + 0.05 * span)
             panel.set_xlabel(f"{name} ({strength.unit})")
             panel.grid()
         for row in panels:

@@ -4,7 +4,6 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -62,10 +61,14 @@ _KNOWN = {
     "Imagined": Look("#7B3294", "s", width=2.0),
 }
 # of weights that come with plat: the row that they are
-_SHIPPED = {"expert": "Scratch RL"}
-# for others: a color each, then the same colors again with another marker
+_SHIPPED = {"expert": "Scratch RL", "plain": "w/o privileged latent"}
+_COLORS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C510A")
+_MARKERS = "osD^vp*"
+# for others: a color each, then the same colors again with other markers and dashes
 _OTHERS = [
-    Look(color, marker) for marker in "osD^" for color in ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00")
+    Look(color, _MARKERS[(number + turn) % len(_MARKERS)], dashes)
+    for turn, dashes in enumerate(("-", "--", "-.", ":"))
+    for number, color in enumerate(_COLORS)
 ]
 
 
@@ -86,9 +89,15 @@ def looks(names: Sequence[str]) -> dict[str, Look]:
         for name, row in of_row.items()
         if row in rows and (row in alone or name.lower() in rows)
     }
-    taken = {(look.color, look.marker) for look in known.values()}
-    spare = cycle(look for look in _OTHERS if (look.color, look.marker) not in taken)
-    return {name: known.get(name) or next(spare) for name in names}
+    drawn = dict(known)
+    for name in names:
+        if name not in known:
+            colors, markers = (Counter(getattr(one, what) for one in drawn.values()) for what in ("color", "marker"))
+            taken = {(one.color, one.marker) for one in drawn.values()}
+            others = (look for look in _OTHERS if (look.color, look.marker) not in taken)
+            # a color that few have, then a marker that few have
+            drawn[name] = min(others, key=lambda look: (colors[look.color], markers[look.marker]), default=_OTHERS[0])
+    return {name: drawn[name] for name in names}
 
 
 def _row(name: str) -> str:

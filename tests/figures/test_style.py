@@ -29,6 +29,14 @@ def test_no_two_policies_look_alike():
     assert len({look.color for look in looks(others[:5]).values()}) == 5
 
 
+def test_rows_of_a_benchmark_differ_in_color():
+    """Lines have no markers in every figure."""
+    names = ["imagined-g1", "plat-g1", "dagger-g1", "expert-g1 (line)", "TWIST2 (line)", "wbc (line)", "YAHMP (line)"]
+    names += ["plat-model-g1", "dagger-model-g1", "plain-model-g1", "expert-model-g1 (cascade)"]
+    assert len({look.color for look in looks(names).values()}) >= len(names) - 1
+    assert len({(look.color, look.dashes) for look in looks(names).values()}) == len(names)
+
+
 def test_policies_keep_their_order():
     assert policies(made_up("b", "a")) == ["b", "a"]
 
