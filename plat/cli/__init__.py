@@ -110,6 +110,7 @@ COMMANDS = {
         "SimToSimRecipe",
         "score a bundle in MuJoCo at other physics than in training",
     ),
+    "average": Command("plat.cli.average", "AverageRecipe", "average the weights of runs that came from one another"),
     "curves": Command("plat.cli.curves", "CurvesRecipe", "draw the learning curves of runs"),
 }
 

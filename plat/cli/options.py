@@ -18,6 +18,7 @@ from plat.runs.loggers import LoggerName, chosen_loggers
 from plat.spec.timing import Timing
 
 __all__ = [
+    "AverageRecipe",
     "BaselinesRecipe",
     "BenchmarkRecipe",
     "Convert",
@@ -449,6 +450,18 @@ class SimToSimRecipe(Bounded):
     """name of the robot, or path of its JSON description"""
     seed: Seed = 0
     """draws the keyframes' times in each motion, 0.02 to 1 s apart"""
+
+
+@dataclass(kw_only=True)
+class AverageRecipe(Bounded):
+    """Average the weights of runs."""
+
+    runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """run directories, or names of shipped weights; settings are those of the last"""
+    out: Path
+    """folder to write the average to"""
+    shares: tuple[Positive, ...] = ()
+    """weight of each run in the average; equal if there are none"""
 
 
 @dataclass(kw_only=True)

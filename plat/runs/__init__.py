@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from plat.lazy import lazy
 
 if TYPE_CHECKING:
+    from plat.runs.average import average_runs, average_weights
     from plat.runs.budget import Budget
     from plat.runs.dynamics import DYNAMICS_FILE, load_dynamics, save_dynamics
     from plat.runs.hub import download_run, upload_run
@@ -30,6 +31,8 @@ __all__ = [
     "Run",
     "RunScore",
     "SavedRun",
+    "average_runs",
+    "average_weights",
     "begin",
     "check_logger",
     "check_out",

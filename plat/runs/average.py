@@ -1,0 +1,98 @@
+"""Average of the weights of runs that came from one another."""
+
+import math
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+from plat.errors import CheckpointError, ConfigError
+from plat.files import check_folder
+from plat.runs.dynamics import DYNAMICS_FILE
+from plat.runs.json_object import write_json
+from plat.runs.locate import CONFIG_FILE
+from plat.runs.outputs import WEIGHTS_FILE, check_out
+from plat.runs.saved_run import SavedRun, save_weights
+
+__all__ = ["average_runs", "average_weights"]
+
+
+def average_weights(policies: Sequence[nn.Module], shares: Sequence[float]) -> dict[str, Tensor]:
+    """Return the weighted mean of the weights of policies of one architecture; the last one's of what is no float.
+
+    Args:
+        policies: policies.
+        shares: weight of each; their sum is 1.
+
+    Raises:
+        ConfigError: when a tensor's shape differs.
+
+    Source: model soups (Wortsman et al. 2022).
+
+    >>> one, other = nn.Linear(1, 1, bias=False), nn.Linear(1, 1, bias=False)
+    >>> _ = nn.init.constant_(one.weight, 1.0), nn.init.constant_(other.weight, 3.0)
+    >>> average_weights([one, other], [0.25, 0.75])["weight"].tolist()
+    [[2.5]]
+    """
+    states = [policy.state_dict() for policy in policies]
+    last = states[-1]
+    for state in states:
+        differing = sorted(set(state) ^ set(last)) or [name for name in last if state[name].shape != last[name].shape]
+        if differing:
+            raise ConfigError(f"average: {differing[0]!r} differs in shape, expected policies of one architecture")
+    mean = dict(last)
+    for name, tensor in last.items():
+        if tensor.is_floating_point():
+            parts = torch.stack([share * state[name].double() for share, state in zip(shares, states, strict=True)])
+            mean[name] = parts.sum(0).to(tensor)
+    return mean
+
+
+def average_runs(runs: Sequence[str | Path], out: Path, shares: Sequence[float] = ()) -> SavedRun:
+    """Write a run whose weights are the mean of those of others, and return it.
+
+    Policies that were trained on from one another, or from a common one, often gain by it, at no cost when they act.
+    Its settings, and its model of the robot where there is one, are those of the last. ``average`` in its
+    ``config.json`` says of what it is the mean.
+
+    Args:
+        runs: two or more run directories, or names of shipped weights.
+        out: directory to write to.
+        shares: weight of each; none for equal ones. They are scaled to a sum of 1.
+
+    Raises:
+        ConfigError: for less than two runs, or another number of shares.
+        CheckpointError: when a run cannot be read, or its policy is of another kind or size.
+    """
+    if len(runs) < 2:
+        raise ConfigError(f"runs: {len(runs)}, expected two or more to average")
+    if shares and len(shares) != len(runs):
+        raise ConfigError(f"--shares: {len(shares)} numbers, expected {len(runs)}, one for each run")
+    parts = [share / math.fsum(shares) for share in shares] or [1 / len(runs)] * len(runs)
+    check_folder(out)
+    check_out(out, resume=False)
+    saved = [SavedRun(run) for run in runs]
+    last = saved[-1]
+    for run in saved:
+        if run.kind != last.kind:
+            raise CheckpointError(
+                f"{str(run.folder)!r} holds a {run.kind!r} policy, and {str(last.folder)!r} a {last.kind!r}"
+            )
+    policies = [run.policy_as(nn.Module, "weights") for run in saved]
+    policy = last.policy_as(nn.Module, "weights")
+    try:
+        policy.load_state_dict(average_weights(policies, parts))
+    except ConfigError as error:
+        raise CheckpointError(f"{', '.join(str(run.folder) for run in saved)}: {error}") from None
+    out.mkdir(parents=True, exist_ok=True)
+    of = [
+        {"run": run.name, "share": share} | {key: run.config.get(key) for key in ("finished", "made_with")}
+        for run, share in zip(saved, parts, strict=True)
+    ]
+    if (last.folder / DYNAMICS_FILE).exists():
+        shutil.copy(last.folder / DYNAMICS_FILE, out / DYNAMICS_FILE)
+    save_weights(out / WEIGHTS_FILE, policy)
+    write_json(out / CONFIG_FILE, {**last.config, "average": of})
+    return SavedRun(out)

@@ -1,0 +1,71 @@
+import json
+
+import pytest
+import torch
+from torch import nn
+
+from plat.cli import main
+from plat.errors import CheckpointError, ConfigError
+from plat.modules import PlainPolicy, PlainPolicyConfig
+from plat.robots import G1
+from plat.runs import SavedRun, average_runs, average_weights, policy_spec, save_weights, write_json
+
+
+def saved(folder, hidden=16):
+    folder.mkdir()
+    policy = PlainPolicy(G1, PlainPolicyConfig(backbone=(hidden,), hidden_size=8, decoder=(8,)))
+    nn.init.normal_(policy.state_dict()["normalizer.mean"])
+    write_json(folder / "config.json", {"policy": policy_spec(policy), "finished": {"steps": hidden}})
+    save_weights(folder / "model.safetensors", policy)
+    return policy.state_dict()
+
+
+def test_the_mean_of_two_runs(tmp_path):
+    one, other = saved(tmp_path / "one"), saved(tmp_path / "other")
+    (tmp_path / "other" / "dynamics.safetensors").write_bytes(b"a model")
+    run = average_runs([tmp_path / "one", tmp_path / "other"], tmp_path / "mean", (1, 3))
+    for name, tensor in run.policy().state_dict().items():
+        expected = 0.25 * one[name] + 0.75 * other[name] if tensor.is_floating_point() else other[name]
+        torch.testing.assert_close(tensor, expected)
+    assert [(part["run"], part["share"]) for part in run.config["average"]] == [("one", 0.25), ("other", 0.75)]
+    assert (tmp_path / "mean" / "dynamics.safetensors").read_bytes() == b"a model"
+
+
+def test_the_command(tmp_path, capsys):
+    saved(tmp_path / "one"), saved(tmp_path / "other")
+    main(["average", str(tmp_path / "one"), str(tmp_path / "other"), "--out", str(tmp_path / "mean")])
+    assert "model.safetensors" in capsys.readouterr().out
+    assert json.loads((tmp_path / "mean" / "config.json").read_text())["average"][0]["share"] == 0.5
+
+
+def test_the_mean_of_a_run_with_itself_is_the_run(tmp_path):
+    weights = saved(tmp_path / "one")
+    run = average_runs([tmp_path / "one"] * 3, tmp_path / "mean")
+    assert all(tensor.equal(weights[name]) for name, tensor in run.policy().state_dict().items())
+
+
+def test_what_cannot_be_averaged(tmp_path):
+    saved(tmp_path / "one"), saved(tmp_path / "wider", hidden=24)
+    out = tmp_path / "mean"
+    with pytest.raises(ConfigError, match="runs: 1, expected two or more"):
+        average_runs([tmp_path / "one"], out)
+    with pytest.raises(ConfigError, match="--shares: 3 numbers, expected 2"):
+        average_runs([tmp_path / "one", tmp_path / "one"], out, (1, 1, 1))
+    with pytest.raises(CheckpointError, match="one architecture"):
+        average_runs([tmp_path / "one", tmp_path / "wider"], out)
+    with pytest.raises(CheckpointError, match="holds a 'residual_latent' policy"):
+        average_runs(["plat-g1", tmp_path / "one"], out)
+    assert not out.exists()
+    with pytest.raises(CheckpointError, match="already holds a run"):
+        average_runs([tmp_path / "one", tmp_path / "one"], tmp_path / "wider")
+
+
+def test_whole_numbers_are_the_last_ones():
+    one, other = nn.BatchNorm1d(2), nn.BatchNorm1d(2)
+    other.num_batches_tracked += 5
+    assert int(average_weights([one, other], [0.5, 0.5])["num_batches_tracked"]) == 5
+
+
+def test_a_saved_average_is_like_any_other_run(tmp_path):
+    saved(tmp_path / "one"), saved(tmp_path / "other")
+    assert SavedRun(average_runs([tmp_path / "one", tmp_path / "other"], tmp_path / "mean").folder).steps == 16
