@@ -200,8 +200,8 @@ class Studio:
             self._posed.show(shown, _BETWEEN if between else None, faint, () if stance is None else stance.inside)
             self._stance.show(stance)
             neighbors = _neighbors(timeline) if posing and self._pose.onion.value else (None, None)
-            self._before.show(neighbors[0])
-            self._after.show(neighbors[1])
+            for figure, neighbor in zip((self._before, self._after), neighbors, strict=True):
+                figure.show(neighbor, beside=timeline.pose.qpos)
             self._place(player)
 
     def _shown(self, player: Player | None) -> np.ndarray | None:

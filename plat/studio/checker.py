@@ -57,12 +57,13 @@ class Stance:
     @property
     def words(self) -> str:
         """Return the stance in a line."""
+        inside = f", inside each other: {', '.join(sorted(self.inside))}" if self.inside else ""
         if self.margin is None:
-            return "no foot on the floor"
+            return f"no foot on the floor{inside}"
         standing = {(True, True): "both feet", (True, False): "left foot", (False, True): "right foot"}[self.feet]
         if self.margin >= 0:
-            return f"on {standing}, balanced with {100 * self.margin:.0f} cm to spare"
-        return f"on {standing}, {-100 * self.margin:.0f} cm out of balance"
+            return f"on {standing}, balanced with {100 * self.margin:.0f} cm to spare{inside}"
+        return f"on {standing}, {-100 * self.margin:.0f} cm out of balance{inside}"
 
 
 class Checker:

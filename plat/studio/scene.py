@@ -20,6 +20,8 @@ CAMERA, LOOK_AT, FIELD_OF_VIEW = (2.1, -1.45, 1.15), (0.0, 0.0, 0.63), 45.0
 
 # A body that moves and turns by less than this is not sent again (m, and entries of a quaternion).
 _STILL = 1e-5
+# Bodies of two figures that are nearer than this would flicker (m, and entries of a quaternion).
+_SAME = 0.003
 _SOLID, _FAINT = 1.0, 0.25
 _HORIZON, _GROUND = (208, 217, 226), (160, 168, 178)
 _INSIDE, _BALANCED, _PLUMB = (214, 54, 59), (18, 161, 94), (90, 100, 110)
@@ -193,6 +195,7 @@ class Figure:
         color: tuple[int, int, int] | None = None,
         faint: Collection[str] = (),
         inside: Collection[str] = (),
+        beside: np.ndarray | None = None,
     ) -> None:
         """Draw a pose, or hide it.
 
@@ -201,6 +204,7 @@ class Figure:
             color: by default the figure's own.
             faint: bodies that are only to be guessed.
             inside: bodies to be drawn in red.
+            beside: pose of another figure ``[7 + J]``: bodies that are at its bodies' places are left out.
         """
         with self._server.atomic():
             if self._root.visible != (qpos is not None):
@@ -210,6 +214,10 @@ class Figure:
             if self._pose is None or not np.array_equal(qpos, self._pose):
                 self._pose = np.array(qpos)
                 self._sent.move(*self._bodies.placed(qpos))
+            if beside is not None:
+                own, other = (np.concatenate(self._bodies.placed(pose), 1) for pose in (qpos, beside))
+                for handle, away in zip(self._handles, np.abs(own - other).max(1).tolist(), strict=True):
+                    _change(handle, "visible", away > _SAME)
             for index, (handle, body) in enumerate(zip(self._handles, self._bodies.names, strict=True)):
                 shade = _INSIDE if body in inside else color or self._color
                 opacity = self._opacity * (_FAINT if body in faint else _SOLID)

@@ -368,6 +368,17 @@ def test_a_joint_is_turned_by_its_ring(user):
     user.until(lambda: np.allclose(session.timeline.pose.qpos, pose))
 
 
+def test_keys_are_the_studios_again_after_a_choice_in_a_list(user):
+    session = user.session
+    user.begin("bow")
+    user.box("Commands").click(force=True)
+    user.page.get_by_role("option", name="hands", exact=True).click(force=True)
+    user.until(lambda: not session.timeline.pose.whole)
+    user.page.wait_for_function("document.activeElement === document.body")
+    user.key("a")
+    user.until(lambda: len(session.timeline.keyframes) == 3)
+
+
 def test_the_impossible_is_explained(user):
     session = user.session
     user.begin("bow")

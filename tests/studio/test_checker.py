@@ -39,7 +39,9 @@ def test_a_pose_out_of_balance_and_one_in_the_air_are_told():
 def test_links_inside_each_other_are_named():
     folded = G1.default_qpos.copy()
     folded[7 + G1.joint_names.index("left_shoulder_roll")] = -1.2
-    assert any("left" in body for body in CHECKER.stance(folded).inside)
+    stance = CHECKER.stance(folded)
+    assert any("left" in body for body in stance.inside)
+    assert stance.words.endswith(f", inside each other: {', '.join(sorted(stance.inside))}")
 
 
 def test_the_fastest_joint_and_impossible_distances_are_told():

@@ -12,7 +12,7 @@ pytest.importorskip("viser", reason="the extra plat-rl[studio] is not installed"
 pytest.importorskip("mjviser", reason="the extra plat-rl[studio] is not installed")
 
 from plat.studio.checker import Checker
-from plat.studio.scene import Bodies, RobotView, StanceView
+from plat.studio.scene import Bodies, Figure, RobotView, StanceView
 
 
 class Node:
@@ -38,7 +38,7 @@ def server():
     def atomic():
         yield
 
-    kinds = ("add_frame", "add_mesh_trimesh", "add_line_segments", "add_icosphere")
+    kinds = ("add_frame", "add_mesh_trimesh", "add_mesh_simple", "add_line_segments", "add_icosphere")
     return SimpleNamespace(scene=SimpleNamespace(**dict.fromkeys(kinds, add)), atomic=atomic, nodes=nodes)
 
 
@@ -67,6 +67,21 @@ def test_small_steps_add_up(server):
         qpos[2] += 2e-6
     node = server.nodes["robot/pelvis"]
     assert abs(node.position[2] - bodies.placed(qpos)[0][bodies.names.index("pelvis")][2]) < 2e-5
+
+
+def test_a_figure_leaves_out_what_another_one_covers(server):
+    figure = Figure(server, Bodies(G1), "figure", (0, 0, 255), 0.2)
+    qpos = G1.default_qpos.copy()
+    figure.show(qpos)
+    assert all(node.visible for node in server.nodes.values())
+    other = qpos.copy()
+    other[7 + G1.joint_names.index("right_elbow")] += 0.5
+    figure.show(qpos, beside=other)
+    seen = {name.removeprefix("figure/") for name, node in server.nodes.items() if node.visible}
+    wrist = {f"right_wrist_{axis}_link" for axis in ("roll", "pitch", "yaw")}
+    assert seen == {"figure", "right_elbow_link", *wrist}
+    figure.show(qpos, beside=other + 0.1)
+    assert all(node.visible for node in server.nodes.values())
 
 
 def test_the_support_polygon_goes_along_and_follows_its_corners(server):

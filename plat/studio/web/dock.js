@@ -145,7 +145,9 @@
     window.addEventListener("keydown", key, true);
     window.addEventListener("pointerdown", () => { tabbed = false; }, true);
     window.addEventListener("click", ({ detail, target }) => { // the keys are the studio's again; who came by Tab stays
-      if (detail && target.closest) target.closest("button")?.blur();
+      if (!detail || !target.closest) return;
+      target.closest("button")?.blur();
+      if (target.closest("[role=option]")) setTimeout(() => document.activeElement?.blur()); // what was chosen in a list
     });
   }
 
@@ -413,7 +415,7 @@
     at.words.replaceChildren();
     if (pose.result) at.words.append(make("span", { class: pose.status === "reached" ? "good" : "bad", text: pose.result }), "  ·  ");
     if (pose.words.length) at.words.append(make("span", { class: "bad", text: spoken(pose.words.join("; ")) }));
-    else at.words.append(make("span", { text: [state.check, pose.speed > 0.05 && `fastest joint: ${spoken(pose.joint)}, ${pose.speed.toFixed(1)} rad/s`].filter(Boolean).join("  ·  ") }));
+    else at.words.append(make("span", { text: [spoken(state.check || ""), pose.speed > 0.05 && `fastest joint: ${spoken(pose.joint)}, ${pose.speed.toFixed(1)} rad/s`].filter(Boolean).join("  ·  ") }));
     at.words.title = at.words.textContent;
   }
 

@@ -5,6 +5,7 @@ import { TransformControls } from "three/addons/controls/TransformControls.js";
 import { mergeGeometries } from "three/addons/utils/BufferGeometryUtils.js";
 
 const VISUAL = 2, SPHERE = 2, CAPSULE = 3, ELLIPSOID = 4, CYLINDER = 5, BOX = 6;
+const SAME = 0.003;
 const REST = 600; // ms after which nothing moves any more
 const BRIGHT = { sky: 0xc6d1dc, tile: "#b4bdc6", line: "#929ca6", light: 2.2 }, DARK = { sky: 0x1b2126, tile: "#3a434c", line: "#525d68", light: 1.9 };
 const ORANGE = 0xf08c00, BLUE = 0x1c7ed6, PALE = 0xc8cdd2, GREEN = 0x12a15e, RED = 0xd6363b;
@@ -55,6 +56,12 @@ function tiles(count, color, line) {
   return texture;
 }
 
+/* How far a body is from its place in another pose (m, and entries of a quaternion). */
+function away(one, other, body) {
+  const apart = (values, others, size) => Math.max(...values.subarray(size * body, size * (body + 1)).map((value, index) => Math.abs(value - others[size * body + index])));
+  return Math.max(apart(one.pos, other.pos, 3), apart(one.quat, other.quat, 4));
+}
+
 class Figure {
   constructor(parent, geometries, look) {
     this.group = new THREE.Group();
@@ -72,8 +79,9 @@ class Figure {
     parent.add(this.group);
   }
 
-  /* Draw bodies where they are, or hide them; `faint` bodies are only to be guessed, those `inside` others are red. */
-  show(placed, { color, faint, inside } = {}) {
+  /* Draw bodies where they are, or hide them; `faint` bodies are only to be guessed, those `inside` others are red, and those
+     that are where they are in the figure `beside` would flicker. */
+  show(placed, { color, faint, inside, beside } = {}) {
     this.group.visible = placed !== null;
     if (!placed) return;
     for (const mesh of this.meshes) {
@@ -81,6 +89,7 @@ class Figure {
       mesh.position.set(...placed.pos.subarray(3 * body, 3 * body + 3));
       const [w, x, y, z] = placed.quat.subarray(4 * body, 4 * body + 4);
       mesh.quaternion.set(x, y, z, w);
+      mesh.visible = !beside || away(placed, beside, body) > SAME;
       if (this.look.color === undefined) continue;
       mesh.material.color.set(inside && inside.has(body) ? RED : color ?? this.look.color);
       const opacity = (this.look.opacity ?? 1) * (faint && faint.has(body) ? 0.22 : 1);

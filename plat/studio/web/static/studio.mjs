@@ -11,6 +11,7 @@ import { Scene } from "./scene.mjs";
 
 const AUTOSAVE = "plat-keyframes", SPEEDS = { "1x": 1, "1/2": 0.5, "1/4": 0.25, "1/10": 0.1 }, CATCH_UP = 5, NOBODY = "nobody";
 const KNOWN = { "whole pose": null };
+const together = (bodies, robot) => (bodies.size ? `, inside each other: ${[...bodies].map((body) => robot.bodyNames[body]).sort().join(", ")}` : "");
 const wrapped = (turn) => turn - 2 * Math.PI * Math.round(turn / (2 * Math.PI));
 
 export async function fetched(path) {
@@ -386,14 +387,14 @@ class Studio {
     const inside = pose ? robot.contacts(pose).inside : undefined;
     figures.pose.show(this.placedOf(pose), { color: between ? 0x96aaa0 : undefined, faint: posing ? this.faint() : undefined, inside });
     const neighbor = (away) => (posing && this.onion && timeline.poses[timeline.selected + away] ? timeline.poses[timeline.selected + away].qpos : null);
-    figures.before.show(this.placedOf(neighbor(-1)));
-    figures.after.show(this.placedOf(neighbor(1)));
+    figures.before.show(this.placedOf(neighbor(-1)), { beside: this.placedOf(pose) });
+    figures.after.show(this.placedOf(neighbor(1)), { beside: this.placedOf(pose) });
     const stance = pose ? robot.stance(pose) : null;
     this.scene.showStance(stance);
     const away = playing && first ? [0, 1].map((axis) => first.poseAt(cursor)[axis] - timeline.start.qpos[axis]) : [0, 0];
     this.scene.world.position.set(-away[0], -away[1], 0);
     const mode = playing ? "playing" : first && !this.finished ? "paused" : "still";
-    this.channel.show({ time: { cursor, simulated: this.simulated, mode, speed: this.speed, loop: this.loop }, check: stance ? stance.words : "", distances: { dt: this.site.control_dt, of: this.players.map((player) => player.errors.map((error) => error.keypoint)) } });
+    this.channel.show({ time: { cursor, simulated: this.simulated, mode, speed: this.speed, loop: this.loop }, check: stance ? stance.words + together(inside, robot) : "", distances: { dt: this.site.control_dt, of: this.players.map((player) => player.errors.map((error) => error.keypoint)) } });
     this.scene.draw();
   }
 
