@@ -40,7 +40,7 @@ def refuse_foreign(start: bytes) -> None:
 
 
 def refuse_human_body(fields: Collection[str]) -> None:
-    """Raise for files of the SMPL family, as AMASS has them.
+    """Raise for files of human bodies: the SMPL family, as AMASS has them, and poselib, as AMP and ASE have it.
 
     Args:
         fields: names of arrays or fields of a file.
@@ -55,6 +55,11 @@ def refuse_human_body(fields: Collection[str]) -> None:
         raise MotionError(
             "human motion of the SMPL family (AMASS), not of a robot: retarget it first, with GMR for instance, or "
             "export its joints as .bvh and run plat motions retarget"
+        )
+    if {"skeleton_tree", "rotation"} <= set(fields):
+        raise MotionError(
+            "human motion of poselib (AMP, ASE), not of a robot: write its joints' places in the world with "
+            "np.savez(path, joints=[T, J, 3], joint_names=[...], fps=...) and run plat motions retarget"
         )
     if any(name in fields for name in _BODY_SHAPES):
         raise MotionError("a human body's shape of the SMPL family (AMASS), no motion: leave it out")

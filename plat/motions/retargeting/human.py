@@ -15,8 +15,9 @@ __all__ = ["Human", "read_human"]
 # Thigh and shin together of any human, and of most, in m.
 _LEG_LENGTH = (0.45, 1.3)
 _USUAL_LEG = 0.84
-# Shin over thigh, and arm over leg, lowest and highest.
-_SHIN, _ARM = (0.4, 2.5), (0.3, 2.0)
+# Shin over thigh, arm over leg, and hips to shoulders over leg, lowest and highest. Of captures of people the last is
+# 0.44 to 0.6; four-legged animals with a human's joint names have 1.
+_SHIN, _ARM, _TRUNK = (0.4, 2.5), (0.3, 2.0), (0.25, 0.95)
 # A pose before the motion: joints go this far to the next frame (legs), and this many times as far as later.
 _POSED, _LEAP = 0.15, 6.0
 _POSED_FRAMES = 3
@@ -110,11 +111,14 @@ def _leg(raw: dict[str, np.ndarray], skeleton: SkeletonMap, where: str) -> float
 
     thigh, shin = length("hip", "knee"), length("knee", "ankle")
     arm = length("shoulder", "elbow") + length("elbow", "wrist")
+    middle = {part: 0.5 * (raw[f"left_{part}"] + raw[f"right_{part}"]) for part in ("hip", "shoulder")}
+    trunk = float(np.median(np.linalg.norm(middle["shoulder"] - middle["hip"], axis=1)))
     if thigh + shin == 0:
         raise MotionError(f"{where}: legs without length; are hips, knees and ankles of the skeleton map right?")
     for what, share, (low, high) in (
         ("shin to thigh", shin / max(thigh, 1e-9), _SHIN),
         ("arm to leg", arm / (thigh + shin), _ARM),
+        ("trunk to leg", trunk / (thigh + shin), _TRUNK),
     ):
         if not low < share < high:
             raise MotionError(

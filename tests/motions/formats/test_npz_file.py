@@ -435,3 +435,10 @@ def test_old_arrays_of_loco_mujoco_are_named(tmp_path):
     np.savez(tmp_path / "walk.npz", q_pelvis_tx=np.zeros(5), q_pelvis_tilt=np.zeros(5), q_torso_joint=np.zeros(5))
     with pytest.raises(MotionError, match="an old data set of loco-mujoco"):
         load_motions(tmp_path / "walk.npz")
+
+
+def test_skeletons_of_poselib_are_named(tmp_path):
+    motion = {"rotation": {"arr": np.zeros((3, 2, 4))}, "skeleton_tree": {"node_names": ["pelvis", "head"]}, "fps": 30}
+    np.save(tmp_path / "walk.npy", motion)
+    with pytest.raises(MotionError, match=r"human motion of poselib \(AMP, ASE\).*plat motions retarget"):
+        load_motions(tmp_path / "walk.npy")

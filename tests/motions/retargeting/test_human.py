@@ -146,6 +146,17 @@ def test_a_wrong_joint_shows_in_the_proportions(tmp_path):
         human(path, replace(LAFAN1, name="mine", joints=joints))
 
 
+def test_an_animal_with_the_joint_names_of_a_human_is_none(tmp_path):
+    mocap = read_bvh(write_human(tmp_path / "a.bvh"))
+    parts = ("shoulder", "elbow", "wrist")
+    arms = [mocap.names.index(LAFAN1.joints[f"{side}_{part}"]) for side in ("left", "right") for part in parts]
+    positions = mocap.positions.copy()
+    # an elephant's shoulders are as far from its hips as its feet
+    positions[:, arms] += positions[:, [0]] - positions[:, [mocap.names.index("LeftFoot")]]
+    with pytest.raises(MotionError, match=r"trunk to leg is 1.\d+, as no human has it"):
+        read_human(replace(mocap, positions=positions), LAFAN1, "elephant.bvh")
+
+
 @pytest.mark.parametrize("count", [1, 2])
 def test_a_pose_before_the_motion_is_left_out(tmp_path, count):
     mocap = read_bvh(write_human(tmp_path / "a.bvh"))
