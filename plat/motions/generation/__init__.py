@@ -9,7 +9,7 @@ import numpy as np
 from plat.errors import MotionError, RobotError
 from plat.motions.checks.validation import validate_motion
 from plat.motions.clip import MotionClip
-from plat.motions.generation.families import FAMILIES, GROUPS, ON_QUICK_FEET, WIDE_FAMILIES, Family
+from plat.motions.generation.families import FAMILIES, GROUPS, NOT_FOLLOWED, ON_QUICK_FEET, WIDE_FAMILIES, Family
 from plat.motions.generation.script import MotionScript
 from plat.motions.generation.solver import DT, Solver
 from plat.motions.generation.soundness import QUICK_FEET, SoundnessLimits, measure_soundness
@@ -17,7 +17,16 @@ from plat.motions.generation.whole_body import WholeBody
 from plat.progress import Progress
 from plat.robots import G1, Robot
 
-__all__ = ["FAMILIES", "GROUPS", "PREFIX", "SPLITS", "WIDE_FAMILIES", "generate_motions", "generate_named"]
+__all__ = [
+    "FAMILIES",
+    "GROUPS",
+    "NOT_FOLLOWED",
+    "PREFIX",
+    "SPLITS",
+    "WIDE_FAMILIES",
+    "generate_motions",
+    "generate_named",
+]
 
 PREFIX = "generated:"
 """What the name of a generated set begins with, where motion files are asked for."""

@@ -1,7 +1,9 @@
+from importlib import resources
+
 import numpy as np
 import pytest
 
-from plat.motions.generation.families import FAMILIES, WIDE_FAMILIES
+from plat.motions.generation.families import FAMILIES, NOT_FOLLOWED, WIDE_FAMILIES
 from plat.motions.generation.script import MotionScript
 
 STANCE = np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]])
@@ -58,3 +60,10 @@ def test_walking_speeds_span_the_range():
         speeds.append(np.linalg.norm(x[last] - x[first]) / ((last - first) * 0.02))
     assert min(speeds) < 0.3
     assert max(speeds) > 0.85
+
+
+def test_families_that_experts_cannot_follow_are_families():
+    for expert, families in NOT_FOLLOWED.items():
+        assert set(families) <= {*FAMILIES, *WIDE_FAMILIES}, expert
+    weights = [path.name for path in resources.files("plat.weights").iterdir()]
+    assert set(NOT_FOLLOWED) == {f"{name}-g1" for name in weights if name.startswith("expert")}

@@ -18,7 +18,7 @@ from plat.motions.generation.families.walking import (
 )
 from plat.motions.generation.script import MotionScript
 
-__all__ = ["FAMILIES", "GROUPS", "ON_QUICK_FEET", "WIDE_FAMILIES", "Family", "sequence"]
+__all__ = ["FAMILIES", "GROUPS", "NOT_FOLLOWED", "ON_QUICK_FEET", "WIDE_FAMILIES", "Family", "sequence"]
 
 Family = Callable[[MotionScript, np.random.Generator], None]
 """Writes one phrase; every parameter comes from the generator."""
@@ -77,3 +77,12 @@ ON_QUICK_FEET = frozenset(("run", "jump", "cut", "halt", "stumble", "shuffle", "
 
 GROUPS: dict[str, tuple[str, ...]] = {"wide": tuple(WIDE_FAMILIES), "all": (*FAMILIES, *WIDE_FAMILIES)}
 """Names that stand for several families."""
+
+NOT_FOLLOWED: dict[str, tuple[str, ...]] = {
+    "expert-g1": ("run", "cut", "halt", "lowwork", "arms", "fetch"),
+    "expert-model-g1": (),
+}
+"""Families of which an expert that comes with plat loses half of the clips or more, by its name.
+
+Measured by ``benchmarks/dense.py`` on 40 s of each wide family of the set ``val``, and on one clip of each plain one.
+"""
