@@ -72,7 +72,7 @@ class PublicMotions:
     def families(self, clips: list[str]) -> list[str]:
         """Return the families of motions by their names.
 
-        >>> PUBLIC["g1_moves"].families(["M_Move6"])
+        >>> PUBLIC["g1_moves"].families(["M_Move18"])
         ['fight']
         """
         assert self.clips is not None
@@ -80,7 +80,7 @@ class PublicMotions:
 
 
 _DANCE = ("B_WiggleDance", "J_ShortDance16_JazzWalk")
-_KARATE = ("M_Move6", "M_Move18", "M_Move19")
+_KARATE = ("M_Move18", "M_Move19")
 _CMU = {
     "run": ("16_36", "127_04"),
     "run_stop": ("127_20",),

@@ -27,17 +27,17 @@ def test_motion_capture_is_retargeted_once(tmp_path, capsys):
 
 
 def test_named_files_are_taken_from_their_folder_at_their_rate(tmp_path, capsys):
-    for place in ("karate/M_Move6/retarget", "karate/M_Move6/policy", "dance/J_Dance2_Salsa/retarget"):
+    for place in ("karate/M_Move18/retarget", "karate/M_Move18/policy", "dance/J_Dance2_Salsa/retarget"):
         (tmp_path / place).mkdir(parents=True)
         name = place.split("/")[1]
         written = save_csv(tmp_path / place, standing_clip(name, frames=31))
         written.rename(tmp_path / place / f"{name}.csv")  # without the rate, as these come
     moves = PUBLIC["g1_moves"]
     (clip,) = load_motions(moves.file(tmp_path, tmp_path / "out", G1))
-    assert (clip.name, clip.fps, len(clip.qpos)) == ("M_Move6", 60.0, 31)
-    told = "without B_WiggleDance, J_ShortDance16_JazzWalk, M_Move18, M_Move19"
+    assert (clip.name, clip.fps, len(clip.qpos)) == ("M_Move18", 60.0, 31)
+    told = "without B_WiggleDance, J_ShortDance16_JazzWalk, M_Move19"
     assert capsys.readouterr().out == f"g1_moves: reading 1 files, {told}\n"
-    assert moves.families(["M_Move6", "B_WiggleDance"]) == ["fight", "dance"]
+    assert moves.families(["M_Move18", "B_WiggleDance"]) == ["fight", "dance"]
     with pytest.raises(PlatError, match="--g1-moves .*: no .csv file of the names B_WiggleDance, .*M_Move19 in it"):
         moves.file(tmp_path / "dance", tmp_path / "other", G1)
 
@@ -51,7 +51,7 @@ def test_trials_of_cmu_are_taken_by_their_numbers(tmp_path):
 
 
 def test_no_public_validation_motion_was_trained_on(shared_data):
-    """Names in the hard motion that weights were trained on: cmu_16_36_run, g1moves_M_Move6_c0."""
+    """Names in the hard motion that weights were trained on: cmu_16_36_run, g1moves_M_Move18_c0."""
     for name in ("hard_free_train", "hard_sa_train", "hard_nc_train"):
         with np.load(shared_data / "motions" / f"{name}.npz") as archive:
             trained = archive.files
