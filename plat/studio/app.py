@@ -19,7 +19,7 @@ from plat.studio.page import Page
 from plat.studio.panels import FilePanel, MotionPanel, PlayPanel, PosePanel, TimelinePanel
 from plat.studio.pins import faint_bodies
 from plat.studio.player import Player
-from plat.studio.scene import Bodies, Figure, RobotView, StanceView, set_the_stage
+from plat.studio.scene import Backdrop, Bodies, Figure, RobotView, StanceView
 from plat.studio.session import Session
 from plat.studio.timeline import Timeline
 
@@ -75,7 +75,7 @@ class Studio:
         self._page = page = Page(server, session, self._desk, dock)
         self._checker = Checker(robot)
         self._autosave = Autosave(session, files.root)
-        self._sun = set_the_stage(server, _WORLD)
+        self._backdrop = Backdrop(server, _WORLD)
         self._world = server.scene.add_frame(_WORLD, show_axes=False)
         server.scene.add_frame(_BESIDE, show_axes=False, position=_SIDE)
         bodies = bodies or Bodies(robot)
@@ -130,9 +130,11 @@ class Studio:
             self._timeline.receive(message)
 
     def _suit(self, message: Message) -> None:
-        """Suit a browser that says how it draws: without shadows in software, and only as often as it can."""
+        """Suit a browser that says how it draws: without shadows in software, dark, and only as often as it can."""
         if message.get("software") is True:
-            self._sun.cast_shadow = False
+            self._backdrop.sun.cast_shadow = False
+        if isinstance(dark := message.get("dark"), bool):
+            self._backdrop.paint(dark)
         frames = message.get("frames")
         if isinstance(frames, (int, float)) and not isinstance(frames, bool):
             self._frames = float(np.clip(frames, _SLOWEST, _FASTEST))

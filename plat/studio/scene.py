@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection, Coroutine, Sequence
 from functools import cached_property
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import mujoco
 import numpy as np
@@ -13,7 +13,7 @@ from mjviser.conversions import merge_geoms
 from plat.robots.robot import Robot
 from plat.studio.checker import Stance
 
-__all__ = ["Bodies", "Figure", "RobotView", "StanceView", "coarse", "set_the_stage"]
+__all__ = ["Backdrop", "Bodies", "Figure", "RobotView", "StanceView", "coarse"]
 
 CAMERA, LOOK_AT, FIELD_OF_VIEW = (2.1, -1.45, 1.15), (0.0, 0.0, 0.63), 45.0
 """Where the page looks from, at which point (m), and its vertical field of view (degrees)."""
@@ -23,39 +23,59 @@ _STILL = 1e-5
 # Bodies of two figures that are nearer than this would flicker (m, and entries of a quaternion).
 _SAME = 0.003
 _SOLID, _FAINT = 1.0, 0.25
-_HORIZON, _GROUND = (208, 217, 226), (160, 168, 178)
+_GROUND = (160, 168, 178)
 _INSIDE, _BALANCED, _PLUMB = (214, 54, 59), (18, 161, 94), (90, 100, 110)
 
 _VISUAL_GROUP = 2
 
 
-def set_the_stage(server: viser.ViserServer, world: str) -> viser.DirectionalLightHandle:
-    """Add a floor (under a node of the scene), lights, and a camera that looks at a robot at the origin.
+class _Colors(NamedTuple):
+    """Colors around the robot: of the horizon, and of the floor's plane, cells and sections; brightness of lights."""
 
-    Returns:
-        The light that casts shadows.
+    horizon: tuple[int, int, int]
+    floor: tuple[tuple[int, int, int], tuple[int, int, int], tuple[int, int, int]]
+    light: float
+
+
+_BRIGHT = _Colors((208, 217, 226), ((190, 199, 208), (172, 181, 190), (150, 160, 170)), 2.2)
+_DARK = _Colors((27, 33, 38), ((58, 67, 76), (74, 84, 94), (92, 103, 114)), 1.9)
+
+
+class Backdrop:
+    """Sky, floor (under a node of the scene), lights, and a camera that looks at a robot at the origin.
+
+    Args:
+        server: the page.
+        world: the node.
     """
-    # an environment map would cost a browser without a GPU as much as all the rest
-    server.scene.configure_environment_map(None)
-    server.scene.configure_default_lights(enabled=False)
-    server.scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=_GROUND, intensity=2.2)
-    sun = server.scene.add_light_directional("/sun", intensity=2.2, position=(1.5, -1.5, 4.0), cast_shadow=True)
-    server.scene.set_background_image(np.full((2, 2, 3), _HORIZON, dtype=np.uint8), format="png")
-    server.scene.add_grid(
-        f"{world}/floor",
-        width=40.0,
-        height=40.0,
-        cell_size=0.5,
-        cell_color=(172, 181, 190),
-        section_color=(150, 160, 170),
-        plane_color=(190, 199, 208),
-        plane_opacity=1.0,
-        fade_distance=25.0,
-        shadow_opacity=0.3,
-    )
-    camera = server.initial_camera
-    camera.position, camera.look_at, camera.fov = CAMERA, LOOK_AT, float(np.radians(FIELD_OF_VIEW))
-    return sun
+
+    def __init__(self, server: viser.ViserServer, world: str):
+        self._scene = scene = server.scene
+        # an environment map would cost a browser without a GPU as much as all the rest
+        scene.configure_environment_map(None)
+        scene.configure_default_lights(enabled=False)
+        self._sky = scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=_GROUND, intensity=2.2)
+        self.sun = scene.add_light_directional("/sun", intensity=2.2, position=(1.5, -1.5, 4.0), cast_shadow=True)
+        """The light that casts shadows."""
+        self._floor = scene.add_grid(
+            f"{world}/floor",
+            width=40.0,
+            height=40.0,
+            cell_size=0.5,
+            plane_opacity=1.0,
+            fade_distance=25.0,
+            shadow_opacity=0.3,
+        )
+        self.paint(dark=False)
+        camera = server.initial_camera
+        camera.position, camera.look_at, camera.fov = CAMERA, LOOK_AT, float(np.radians(FIELD_OF_VIEW))
+
+    def paint(self, dark: bool) -> None:
+        """Set the colors for a page that is bright or dark."""
+        colors = _DARK if dark else _BRIGHT
+        self._scene.set_background_image(np.full((2, 2, 3), colors.horizon, dtype=np.uint8), format="png")
+        self._floor.plane_color, self._floor.cell_color, self._floor.section_color = colors.floor
+        self._sky.intensity = self.sun.intensity = colors.light
 
 
 class Bodies:

@@ -435,6 +435,16 @@ def test_files_are_saved_asked_about_and_kept(user, folder):
     user.tab("Pose")
 
 
+def test_the_page_is_dark_where_the_system_is(user):
+    floor = user.studio._backdrop._floor
+    assert min(floor.plane_color) > 150
+    user.page.emulate_media(color_scheme="dark")
+    user.page.reload()
+    user.until(lambda: max(floor.plane_color) < 100)
+    paper = "getComputedStyle(document.querySelector('#dock')).backgroundColor"
+    user.until(lambda: user.page.evaluate(paper) == "rgb(29, 35, 41)")
+
+
 def test_a_port_that_is_taken(studio, policies):
     with pytest.raises(StudioError, match="cannot be opened"):
         Studio(

@@ -42,7 +42,7 @@
     }
     const where = location.href.split("?")[0].replace(/^http/, "ws").replace(/\/$/, "") + "/dock" + location.search;
     socket = new WebSocket(where);
-    socket.onopen = () => send("browser", { software: window.platSoftware === true });
+    socket.onopen = () => send("browser", { software: window.platSoftware === true, dark: matchMedia("(prefers-color-scheme: dark)").matches });
     socket.onmessage = (event) => told(JSON.parse(event.data));
     socket.onclose = () => {
       if (opened) cover("The studio has stopped.", "Start it again in the terminal: plat studio. This page comes back by itself; what you made is in its autosave.");
