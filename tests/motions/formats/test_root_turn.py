@@ -11,6 +11,7 @@ from plat.motions.formats.root_turn import likeliest_turn, refuse_other_turns, t
 from plat.motions.formats.turns import euler_to_quat, turns_of_three
 from plat.robots import G1
 from plat.rotations_np import quat_multiply
+from tests.conftest import standing_clip
 
 from .writers import bowing_clip, turned
 
@@ -125,3 +126,9 @@ def test_turns_of_three_agree_for_one_axis():
     for other in others:
         np.testing.assert_allclose(np.abs((first * other).sum(1)), 1, atol=1e-12)
     np.testing.assert_allclose(euler_to_quat(angles), euler_to_quat(angles, "zyx"), atol=1e-12)
+
+
+@pytest.mark.parametrize("frames", [16, 61, 121, 181])
+def test_a_body_that_slides_and_turns_is_read_as_it_is(frames):
+    """No foot of it stands however it is read, and the difference between two readings is none."""
+    refuse_other_turns([standing_clip(frames=frames)], SOLES)
