@@ -79,4 +79,6 @@ def other_path(points: torch.Tensor, root_pos: np.ndarray, fps: float) -> OtherP
     if own < _SLIDE:
         return None
     told, better = min(((told, slide(np.array(path))) for told, path in _PATHS.items()), key=lambda found: found[1])
-    return OtherPath(told, own, better) if better < _SHARE * own else None
+    # the shortest path of all suits a body that slides and does not walk
+    walks = told != f"{_SCALES[0]:g} times as long"
+    return OtherPath(told, own, better) if walks and better < _SHARE * own else None

@@ -62,3 +62,9 @@ def test_a_path_of_another_unit_or_axis_is_seen_and_named(walk, path, told):
 
 def test_who_stands_says_nothing():
     assert found(MotionClip("standing", np.tile(G1.default_qpos, (60, 1)), 30.0)) is None
+
+
+def test_who_slides_without_walking_says_nothing():
+    sliding = np.tile(G1.default_qpos, (60, 1))
+    sliding[:, 0] = 0.01 * np.arange(60)
+    assert found(MotionClip("sliding", sliding, 30.0)) is None
