@@ -52,6 +52,6 @@ $(VENV)/.installed-dev: $(VENV)/.installed
 
 # libraries of the studio's static page; without browser, npm or network its tests are skipped
 $(VENV)/.installed-node: plat/studio/static.py $(VENV)/.installed-dev
-	-(command -v chromium || command -v chromium-browser || command -v google-chrome) && npm install --prefix $(VENV) --no-save --no-audit --no-fund --ignore-scripts --fetch-retries=0 --loglevel=error \
+	-(command -v chromium || command -v chromium-browser || command -v google-chrome) && npm install --prefix $(VENV) --no-save --no-audit --no-fund --ignore-scripts --fetch-retries=0 --fetch-timeout=30000 --loglevel=error \
 		$$($(BIN)/python -c 'from plat.studio.static import LIBRARIES as them; print(*(f"{name}@{them[name][0]}" for name in them))')
 	touch $@
