@@ -177,8 +177,8 @@ def local_copy(path: Path, size: int, chunks: Sequence[Any]) -> Path:
     return copy
 
 
-def _fetch(chunks: Sequence[Any], path: Path) -> None:
+def _fetch(chunks: Sequence[Any], part: Path) -> None:
     get = importlib.import_module("ray").get
-    with path.open("wb") as file:
+    with part.open("wb") as file:
         for chunk in chunks:
             file.write(get(chunk))

@@ -31,16 +31,18 @@ def parents(run: SavedRun) -> list[SavedRun]:
 
 
 def made_by(run: SavedRun) -> str:
-    """Return the recipe of a run, its variant, and the runs that it began from.
+    """Return the recipe of a run, its variant, of how many runs it is the mean, and the runs that it began from.
 
-    >>> made_by(SavedRun("imagined-robot-g1"))
-    'plat imagine, plain, from imagined-g1'
+    >>> made_by(SavedRun("imagined-g1"))
+    'plat imagine, plain, mean of 2 runs'
     """
     names = {folder.resolve(): name for name, folder in shipped_runs().items()}
     settings = run.settings
     variant = settings.get("variant") or (settings.get("student") if settings.get("student") in _KINDS else None)
     before = [names.get(parent.folder.resolve(), parent.name) for parent in parents(run)]
-    words = [f"plat {run.recipe}" if run.recipe else "plat", *([str(variant)] if variant else [])]
+    average = run.config.get("average")
+    mean = [f"mean of {len(average)} runs"] if isinstance(average, list) else []
+    words = [f"plat {run.recipe}" if run.recipe else "plat", *([str(variant)] if variant else []), *mean]
     return ", ".join([*words, *([f"from {' and '.join(before)}"] if before else [])])
 
 

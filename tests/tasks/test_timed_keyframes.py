@@ -198,7 +198,7 @@ def test_the_privileged_goals_are_those_of_dagger(task, library):
         {
             "command": {"steps_left": memory["steps_left"][:, None]},
             "motion": {"frame": memory["frame"]},
-            "state": {"root_pos_w": state.root_pos_w, "root_quat_w": state.root_quat_w},
+            "estimate": {"root_pos_w": state.root_pos_w, "root_quat_w": state.root_quat_w},
         },
         [3],
     )

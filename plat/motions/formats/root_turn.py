@@ -23,6 +23,8 @@ _SAME = 0.05
 _MOST_FRAMES, _BLOCK = 300, 100
 # Clips of a file that are looked at. A file has one convention, so most of them must agree.
 _EXAMINED = 5
+# Seconds of a clip, at least: feet that stand for a moment say nothing.
+_SHORTEST = 0.5
 # Nobody's feet and height are steadier than this (m/s, m, m).
 _SLOW, _EVEN, _LEVEL = 0.03, 0.01, 0.01
 # Where w, x, y and z of a quaternion would stand, had it been written otherwise, their signs, and how much less it must
@@ -96,7 +98,8 @@ def refuse_other_turns(clips: Sequence[MotionClip], soles: Soles) -> None:
     Raises:
         MotionError: naming the reading that fits.
     """
-    looked_at = [clip for clip in clips[:: max(1, len(clips) // _EXAMINED)][:_EXAMINED] if _up(clip.qpos) > _UPRIGHT]
+    long = [clip for clip in clips if len(clip.qpos) >= _SHORTEST * clip.fps]
+    looked_at = [clip for clip in long[:: max(1, len(long) // _EXAMINED)][:_EXAMINED] if _up(clip.qpos) > _UPRIGHT]
     found: list[str] = []
     for left, clip in zip(range(len(looked_at))[::-1], looked_at, strict=True):
         cost = turn_cost(clip.qpos, clip.fps, soles)
