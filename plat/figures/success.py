@@ -39,6 +39,8 @@ def success_plot(scores: Sequence[Score], horizons: Sequence[str]) -> Any:
             panel.set(xlim=(0, threshold[-1]), ylim=(0, 101), xlabel="world keypoint error at arrival (m)")
             panel.set_title(horizon.capitalize(), pad=3)
             panel.grid()
-            panel.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2, handlelength=2.4, columnspacing=1.2)
+            panel.legend(
+                loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2, handlelength=2.0, columnspacing=0.8, fontsize=6
+            )
         panels[0][0].set_ylabel("commands (%)")
     return figure
