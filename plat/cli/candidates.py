@@ -72,12 +72,12 @@ def _of_run(
     name: str, path: Path, device: str, dense: bool, interfaces: Sequence[Interface]
 ) -> dict[Candidate, Entrant]:
     folder = run_folder(path)
-    if SavedRun(folder).unfinished:
+    run = SavedRun(folder)
+    if run.unfinished:
         print(f"{name}: its training is not finished, the weights are those of its last checkpoint", flush=True)
     files = [folder / CONFIG_FILE, folder / WEIGHTS_FILE]
     first = partial(Entrant.of_run, path, device, dense, interfaces[0])
     found = _once(name, first, files, f"{dense} {interfaces[0]}")
-    run = SavedRun(folder)
     history = made_by(run), _trained_on(run)
     found = {replace(one, made_by=history[0], trained_on=history[1]): entrant for one, entrant in found.items()}
     if len(interfaces) == 1 or dense or not next(iter(found.values())).tracks:

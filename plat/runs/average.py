@@ -81,7 +81,7 @@ def average_runs(runs: Sequence[str | Path], out: Path, shares: Sequence[float] 
                 f"{str(run.folder)!r} holds a {run.kind!r} policy, and {str(last.folder)!r} a {last.kind!r}"
             )
     policies = [run.policy_as(nn.Module, "weights") for run in saved]
-    policy = last.policy_as(nn.Module, "weights")
+    policy = policies[-1]
     try:
         policy.load_state_dict(average_weights(policies, parts))
     except ConfigError as error:

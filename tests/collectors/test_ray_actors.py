@@ -13,9 +13,7 @@ from plat.collectors import WorkerRollouts, collect, ray_actors
 from plat.collectors.ray_actors import RayActors, local_copy
 from plat.envs import make_tracking_env
 from plat.errors import MotionError, WorkerError
-from plat.modules import Expert
-from plat.robots import G1
-from tests.collectors.test_workers import assert_same, flailing, motions
+from tests.collectors.test_workers import assert_same, check_one_worker_is_as_one_process, flailing, motions
 from tests.on_ray import local_cluster
 
 ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'plat-rl[ray]'")
@@ -34,29 +32,7 @@ def kill(source: WorkerRollouts, number: int) -> None:
 
 
 def test_one_worker_is_as_one_process_even_if_it_is_killed(capsys):
-    library, expert = motions(), Expert(G1)
-    start = {name: value.clone() for name, value in expert.state_dict().items()}
-    runs = []
-    for workers in (0, 1):
-        expert.load_state_dict(start)
-        torch.manual_seed(1)
-        with collect(make_tracking_env, library, 3, expert.actor(), 40, workers=workers, ray=bool(workers)) as source:
-            parts = []
-            for number in range(3):
-                parts.append((next(source), source.statistics()))
-                torch.rand(3)  # the caller draws from the same stream
-                with torch.no_grad():
-                    for parameter in expert.parameters():
-                        parameter.add_(0.02 * torch.randn_like(parameter))
-                if workers and number == 1:
-                    kill(source, 0)
-            runs.append((parts, torch.get_rng_state()))
-    (in_process, random), (in_worker, random_after) = runs
-    assert any(rollout["next", "done"].any() for rollout, _ in in_process)
-    for (found, statistics), (wanted, expected) in zip(in_worker, in_process, strict=True):
-        assert_same(found, wanted)
-        assert statistics == expected
-    assert torch.equal(random, random_after)
+    check_one_worker_is_as_one_process(kill, ray=True)
     assert "worker 0 ended" in capsys.readouterr().out
     assert ray.is_initialized()  # the cluster was there before
 

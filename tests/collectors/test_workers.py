@@ -1,5 +1,6 @@
 import os
 import signal
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -49,15 +50,16 @@ def kill(source: WorkerRollouts, number: int) -> None:
     os.kill(source._workers[number]._collector.procs[0].pid, signal.SIGKILL)
 
 
-@pytest.mark.slow
-def test_one_worker_is_as_one_process_even_if_it_is_killed(capsys):
+def check_one_worker_is_as_one_process(kill: Callable[[WorkerRollouts, int], None], **options: bool) -> WorkerRollouts:
+    """Check that a worker which is killed on the way gives the rollouts of this process; return what it ran in."""
     library, expert = motions(), Expert(G1)
     start = {name: value.clone() for name, value in expert.state_dict().items()}
     runs = []
     for workers in (0, 1):
         expert.load_state_dict(start)
         torch.manual_seed(1)
-        with collect(make_tracking_env, library, 3, expert.actor(), 40, workers=workers) as source:
+        given = options if workers else {}
+        with collect(make_tracking_env, library, 3, expert.actor(), 40, workers=workers, **given) as source:
             parts = []
             for number in range(3):
                 parts.append((next(source), source.statistics()))
@@ -74,6 +76,12 @@ def test_one_worker_is_as_one_process_even_if_it_is_killed(capsys):
         assert_same(found, wanted)
         assert statistics == expected
     assert torch.equal(random, random_after)
+    return source
+
+
+@pytest.mark.slow
+def test_one_worker_is_as_one_process_even_if_it_is_killed(capsys):
+    source = check_one_worker_is_as_one_process(kill)
     assert "worker 0 ended" in capsys.readouterr().out
     assert not source._host.errors.exists()
 

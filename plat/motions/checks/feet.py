@@ -8,7 +8,16 @@ from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
 from plat.rotations import quat_rotate
 
-__all__ = ["CONTACT_HEIGHT", "Soles", "contact_slip", "ground_level", "lowest_step", "stance"]
+__all__ = [
+    "CONTACT_HEIGHT",
+    "Soles",
+    "contact_slip",
+    "foot_steps",
+    "ground_level",
+    "in_contact",
+    "lowest_step",
+    "stance",
+]
 
 # A foot that carries weight rests: slower than this for _REST_SECONDS to both sides. In free fall a point is that slow
 # for 2 * 0.25 / 9.81 = 0.05 s, so the top of a jump is not taken for a stance.
@@ -93,13 +102,23 @@ def contact_slip(points: Tensor, level: float, fps: float) -> float:
         level: height that the feet rest on (m); a point within 2 cm of it is in contact.
         fps: frames a second.
     """
-    feet = points.transpose(0, 1)  # (2, T, P, 3)
-    lowest = feet[:, :-1, :, 2].argmin(-1)[..., None, None].expand(-1, -1, 1, 3)
-    before, after = feet[:, :-1].gather(2, lowest)[:, :, 0], feet[:, 1:].gather(2, lowest)[:, :, 0]
-    contact = (before[..., 2] < level + CONTACT_HEIGHT) & (after[..., 2] < level + CONTACT_HEIGHT)
+    before, after = foot_steps(points)
+    contact = in_contact(before, after, level)
     speed = (after - before)[..., :2].norm(dim=-1) * fps
     speed = speed.where(contact, torch.inf).amin(0)
     return float(speed[contact.any(0)].mean()) if contact.any() else 0.0
+
+
+def foot_steps(points: Tensor) -> tuple[Tensor, Tensor]:
+    """The lowest point of each foot in all frames but the last, and the same point a frame later: ``[2, T - 1, 3]``."""
+    feet = points.transpose(0, 1)  # (2, T, P, 3)
+    lowest = feet[:, :-1, :, 2].argmin(-1)[..., None, None].expand(-1, -1, 1, 3)
+    return feet[:, :-1].gather(2, lowest)[:, :, 0], feet[:, 1:].gather(2, lowest)[:, :, 0]
+
+
+def in_contact(before: Tensor, after: Tensor, level: float) -> Tensor:
+    """Whether points ``[*B, 3]`` are within 2 cm of the level that the feet rest on (m), a frame later as well."""
+    return (before[..., 2] < level + CONTACT_HEIGHT) & (after[..., 2] < level + CONTACT_HEIGHT)
 
 
 def lowest_step(points: Tensor) -> tuple[Tensor, Tensor]:

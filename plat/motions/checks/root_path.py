@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from plat.motions.checks.feet import CONTACT_HEIGHT
+from plat.motions.checks.feet import foot_steps, in_contact
 
 __all__ = ["OtherPath", "other_path"]
 
@@ -61,10 +61,8 @@ def other_path(points: torch.Tensor, root_pos: np.ndarray, fps: float) -> OtherP
     """
     points, root_pos = points[:_MOST_FRAMES], root_pos[:_MOST_FRAMES].astype(np.float64)
     level = float(points[..., 2].amin((1, 2)).quantile(_RESTING))
-    feet = points.transpose(0, 1)  # (2, T, P, 3)
-    lowest = feet[:, :-1, :, 2].argmin(-1)[..., None, None].expand(-1, -1, 1, 3)
-    before, after = feet[:, :-1].gather(2, lowest)[:, :, 0], feet[:, 1:].gather(2, lowest)[:, :, 0]
-    contact = ((before[..., 2] < level + CONTACT_HEIGHT) & (after[..., 2] < level + CONTACT_HEIGHT)).numpy()
+    before, after = foot_steps(points)
+    contact = in_contact(before, after, level).numpy()
     some = contact.any(0)
     steps = np.diff(root_pos[:, :2], axis=0)
     if some.sum() < _SECONDS * fps or np.linalg.norm(steps[some], axis=1).mean() * fps < _SPEED:

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from plat.errors import MotionError
-from plat.motions.checks.feet import Soles
+from plat.motions.checks.feet import Soles, foot_steps
 from plat.motions.clip import MotionClip
 from plat.rotations import quat_rotate
 
@@ -52,9 +52,8 @@ def turn_cost(qpos: np.ndarray, fps: float, soles: Soles) -> float:
     up = quat_rotate(poses[:, 3:7], poses.new_tensor([0.0, 0.0, 1.0]))[:, 2].mean()
     points = soles.points(poses)
     height = points[..., 2]
-    feet = points.transpose(0, 1)  # (2, T, P, 3)
-    lowest = feet[:, :-1, :, 2].argmin(-1)[..., None, None].expand(-1, -1, 1, 3)
-    speed = (feet[:, 1:].gather(2, lowest) - feet[:, :-1].gather(2, lowest))[:, :, 0].norm(dim=-1) * fps
+    before, after = foot_steps(points)
+    speed = (after - before).norm(dim=-1) * fps
     uneven = height.amax(-1) - height.amin(-1)
     spread = height.amin((1, 2)).std()
     return float(

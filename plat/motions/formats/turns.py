@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from plat.rotations import quat_multiply
+from plat.rotations import quat_from_rotvec, quat_multiply
 
 __all__ = ["EULER", "euler_to_quat", "turns_of_three"]
 
@@ -37,10 +37,8 @@ def turns_of_three(values: np.ndarray) -> dict[str, np.ndarray]:
     >>> list(turns_of_three(np.zeros((2, 3))))
     ['Euler angles', 'rotation vectors', "Euler angles about the body's own axes"]
     """
-    angle = np.linalg.norm(values, axis=1, keepdims=True)
-    vector = np.concatenate((np.cos(0.5 * angle), 0.5 * np.sinc(angle / (2 * np.pi)) * values), 1)
     return {
         EULER: euler_to_quat(values),
-        "rotation vectors": vector,
+        "rotation vectors": quat_from_rotvec(torch.from_numpy(values)).numpy(),
         "Euler angles about the body's own axes": euler_to_quat(values, "zyx"),
     }
