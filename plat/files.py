@@ -4,10 +4,12 @@ import csv
 import os
 import re
 import shutil
+import sys
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import IO, Any
 
 from plat.errors import OutputError
 
@@ -17,10 +19,14 @@ __all__ = [
     "clear_parts",
     "expand_home",
     "is_full",
+    "lock_file",
     "readable",
     "replace_file",
     "replace_table",
 ]
+
+# where Windows locks a byte: beyond what is written, which others could not read otherwise
+_LOCKED_BYTE = 4096
 
 
 def replace_file(path: Path, write: Callable[[Path], object]) -> None:
@@ -102,6 +108,28 @@ def replace_table(path: Path, head: Sequence[str], rows: Iterable[Iterable[objec
             csv.writer(file, lineterminator="\n").writerows([head, *lines])
 
     replace_file(path, write)
+
+
+def lock_file(file: IO[Any]) -> None:
+    """Lock an open file without waiting; the operating system frees it when the process ends, however it ends.
+
+    Raises:
+        OSError: when another process, or another open file of this one, holds the lock; or there are no locks.
+
+    >>> import tempfile
+    >>> with tempfile.TemporaryFile() as file:
+    ...     lock_file(file)
+    """
+    if sys.platform == "win32":
+        import msvcrt
+
+        file.seek(_LOCKED_BYTE)
+        msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+        file.seek(0)
+    else:
+        import fcntl
+
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def is_full(folder: Path) -> bool:

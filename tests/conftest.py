@@ -1,7 +1,5 @@
 import atexit
 import os
-import shutil
-import tempfile
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
@@ -9,9 +7,6 @@ from types import SimpleNamespace
 
 # before torch is imported: tests run side by side, and threads that fight for cores slow all of them down
 os.environ.setdefault("OMP_NUM_THREADS", "1")
-if "PLAT_CACHE_DIR" not in os.environ:  # processes that tests start inherit it
-    os.environ["PLAT_CACHE_DIR"] = tempfile.mkdtemp(prefix="plat-cache-")
-    atexit.register(shutil.rmtree, os.environ["PLAT_CACHE_DIR"], ignore_errors=True)
 os.environ.setdefault("WANDB_MODE", "offline")
 
 import numpy as np
@@ -25,6 +20,12 @@ import plat.headless
 import plat.robots.registry
 from plat.motions import MotionClip, MotionLibrary, generate_motions
 from plat.robots import G1
+from plat.scratch import Scratch
+
+if "PLAT_CACHE_DIR" not in os.environ:  # processes that tests start inherit it
+    cached = Scratch("plat-cache-")
+    os.environ["PLAT_CACHE_DIR"] = str(cached.path)
+    atexit.register(cached.remove)
 
 # where pytest is loaded, tyro checks its cache at random: one command line in hundreds fails
 with suppress(ImportError):

@@ -16,6 +16,7 @@ LAYERS = [
     "bounds",
     "progress",
     "files",
+    "scratch",
     "json_file",
     "headless",
     "precision",

@@ -3,7 +3,6 @@
 It writes ``docs/results.md``, and copies tables and pictures to ``docs/benchmark``.
 """
 
-import json
 import shlex
 import shutil
 import sys
@@ -16,6 +15,7 @@ from plat.evaluation.score_table import difference_table, metrics_table, overvie
 from plat.evaluation.study import Study, group_metrics
 from plat.evaluation.study_files import read_study
 from plat.files import replace_file
+from plat.json_file import read_json, short
 
 __all__ = ["ABOUT", "group_figure", "page", "publish"]
 
@@ -59,11 +59,15 @@ def page(folder: Path, pictures: str = "") -> str:
         RecordsError: when the folder holds no benchmark.
     """
     try:
-        about = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise RecordsError(f"{str(folder)!r}: not the folder of a benchmark ({error})") from None
-    sections = [_head(about)]
-    for name, *_ in about["sets"]:
+        about = read_json(
+            folder / ABOUT, RecordsError, f"{str(folder)!r}: not the folder of a benchmark", constants=True
+        )
+        sections, names = [_head(about)], [str(name) for name, *_ in about["sets"]]
+    except (KeyError, TypeError, ValueError) as error:
+        if isinstance(error, PlatError):
+            raise
+        raise RecordsError(f"{str(folder)!r}: not the folder of a benchmark ({ABOUT}: {short(error)})") from None
+    for name in names:
         if (folder / name / "scores.csv").exists():
             sections.append(_section(name, read_study(folder / name), folder / name, pictures + name, about))
     return "\n".join(sections)

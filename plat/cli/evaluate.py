@@ -238,11 +238,10 @@ def draw_authored_strips(
             playbacks.setdefault(chain.family, {})[name] = playback
     written = []
     try:
-        stage = Stage(library.robot, width=400, height=440, distance=2.2)
-        for family, of_family in playbacks.items():
-            strip = film_strip(stage, of_family, commands=6, last="held")
-            written += save_figure(strip, folder / f"authored_{family}")
-        stage.close()
+        with Stage(library.robot, width=400, height=440, distance=2.2) as stage:
+            for family, of_family in playbacks.items():
+                strip = film_strip(stage, of_family, commands=6, last="held")
+                written += save_figure(strip, folder / f"authored_{family}")
     except RenderingError as error:
         print(f"no film strips: {error}")
     return written
@@ -287,12 +286,11 @@ def draw_strips(
         print(f"no film strip: motion {library.clip_names[0]!r} is shorter than a long command; choose another --clip")
         return []
     try:
-        stage = Stage(library.robot, width=400, height=440, distance=2.2)
-        playbacks = {
-            name: entrant.play(library, horizon, seed=seed, device=device) for name, entrant in entrants.items()
-        }
-        written = save_figure(film_strip(stage, playbacks), folder / "film_strip")
-        stage.close()
+        with Stage(library.robot, width=400, height=440, distance=2.2) as stage:
+            playbacks = {
+                name: entrant.play(library, horizon, seed=seed, device=device) for name, entrant in entrants.items()
+            }
+            written = save_figure(film_strip(stage, playbacks), folder / "film_strip")
     except RenderingError as error:
         print(f"no film strip: {error}")
         return []

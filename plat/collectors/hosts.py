@@ -1,7 +1,5 @@
 """Hosts of workers: where they run, and how they get what they need. Here are processes on this machine."""
 
-import shutil
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Protocol
@@ -17,6 +15,7 @@ from plat.envs.physics import available_cpus
 from plat.errors import PlatError
 from plat.motions.library import MotionLibrary
 from plat.precision import Precision
+from plat.scratch import Scratch
 
 __all__ = ["EnvFactory", "Host", "Processes", "RemoteCollector"]
 
@@ -78,7 +77,8 @@ class Processes:
     ended: tuple[type[Exception], ...] = (RuntimeError, OSError, EOFError)
 
     def __init__(self) -> None:
-        self.errors = Path(tempfile.mkdtemp(prefix="plat-workers-"))
+        self._scratch = Scratch("plat-workers-")
+        self.errors = self._scratch.path
 
     def share(
         self, library: MotionLibrary, make_env: EnvFactory, policy: TensorDictModuleBase, precision: Precision
@@ -110,4 +110,4 @@ class Processes:
 
     def close(self) -> None:
         """Remove the files."""
-        shutil.rmtree(self.errors, ignore_errors=True)
+        self._scratch.remove()

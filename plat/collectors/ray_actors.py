@@ -21,6 +21,7 @@ from plat.errors import PlatError
 from plat.files import replace_file
 from plat.motions.library import MotionLibrary
 from plat.precision import Precision
+from plat.scratch import Scratch
 
 __all__ = ["RayActors", "local_copy"]
 
@@ -46,7 +47,8 @@ class RayActors:
         self._cluster = Cluster()
         self._ray: Any = self._cluster.ray
         self.ended: tuple[type[Exception], ...] = (self._ray.exceptions.RayError,)
-        self._folder = Path(tempfile.mkdtemp(prefix="plat-workers-"))
+        self._scratch = Scratch("plat-workers-")
+        self._folder = self._scratch.path
         self._chunks: tuple[Any, ...] = ()
 
     def share(
@@ -89,7 +91,7 @@ class RayActors:
         """Remove the files, on all machines."""
         if self._chunks and self._ray.is_initialized():
             self._remove_copies()
-        shutil.rmtree(self._folder, ignore_errors=True)
+        self._scratch.remove()
         self._cluster.close()
 
     def _remove_copies(self) -> None:

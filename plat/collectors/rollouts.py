@@ -112,11 +112,16 @@ def restore(collector: Collector, state: Mapping[str, Any]) -> None:
     """Restore a state of :func:`state_of`.
 
     Raises:
-        StateError: when it is of another number of robots, of another model, or of worker processes.
+        StateError: when it is of another number of robots, of another model, of worker processes, or of another
+            version of plat, whose observations have other entries.
     """
     env, base, carrier = collector.env, getattr(collector.env, "base_env", collector.env), collector._carrier
     if "robots" not in state:
         raise StateError("rollouts: a state of worker processes; go on with as many workers as before")
+    absent = set(env.observation_spec.keys(True, True)) - set(TensorDict(state["observation"]).keys(True, True))
+    if absent:
+        names = sorted(name if isinstance(name, str) else ".".join(name) for name in absent)
+        raise StateError(f"rollouts: a state without {', '.join(names[:5])}, by another version of plat")
     base.load_state_dict(state["robots"])
     if base is not env:
         env.load_state_dict(state["transforms"])

@@ -15,7 +15,7 @@ from plat.envs.drift import drifted, estimated_root
 from plat.envs.physics import BatchedPhysics, PhysicsFactory
 from plat.envs.randomized_physics import arriving
 from plat.envs.settings import ResetNoise
-from plat.errors import MotionError, RobotError
+from plat.errors import MotionError, RobotError, StateError
 from plat.motions.bins import ClipBins
 from plat.motions.library import MotionLibrary
 from plat.robots.robot import FootContacts
@@ -341,7 +341,14 @@ class MotionTrackingEnv(EnvBase):
         }
 
     def set_extra_state(self, state: dict[str, Any]) -> None:
-        """Restore what :meth:`get_extra_state` returned."""
+        """Restore what :meth:`get_extra_state` returned.
+
+        Raises:
+            StateError: for a state of another number of robots, or by another version of plat.
+        """
+        absent = [name for name in _KEPT if name.strip("_") not in state]
+        if absent:
+            raise StateError(f"robots: a state without {', '.join(absent)}, by another version of plat")
         self.physics.load_state_dict(state["physics"])
         for name in _KEPT:
             setattr(self, name, state[name.strip("_")].to(self.device).clone())

@@ -5,7 +5,6 @@ import hashlib
 import multiprocessing
 import re
 import signal
-import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
@@ -25,6 +24,7 @@ from plat.evaluation.setting import EvaluationSetting
 from plat.motions.library import MotionLibrary
 from plat.progress import Progress
 from plat.runs.user_modules import import_modules
+from plat.scratch import Scratch
 from plat.version import __version__
 
 __all__ = ["PART", "Candidate", "Cell", "Records", "evaluate_cells", "fingerprint", "motions_fingerprint"]
@@ -143,15 +143,15 @@ def evaluate_cells(
     Raises:
         PlatError: what the evaluation of a cell raises.
     """
-    with tempfile.TemporaryDirectory(prefix="plat-evaluation-") as scratch:
-        desk = _Desk(folder or Path(scratch), library)
+    with Scratch("plat-evaluation-") as scratch:
+        desk = _Desk(folder or scratch, library)
         missing = [(cell, number) for cell in cells for number in desk.missing(cell)]
         total = sum(desk.steps(cell, number) for cell, number in missing)
         # a process takes seconds to start
         count = min(workers or (available_cpus() if total > _WORTH_PROCESSES else 1), len(missing))
         with Progress(what, total, "control steps") as progress:
             if count > 1:
-                yield from _on_processes(cells, missing, desk, Path(scratch), count, modules, progress)
+                yield from _on_processes(cells, missing, desk, scratch, count, modules, progress)
             else:
                 yield from _in_process(cells, missing, desk, progress)
 

@@ -6,13 +6,14 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from plat.errors import RecordsError
+from plat.errors import PlatError, RecordsError
 from plat.evaluation.disturbance import STRENGTHS
 from plat.evaluation.groups import GroupScore
 from plat.evaluation.report import Estimate
 from plat.evaluation.score_table import Difference, Score, write_csv
 from plat.evaluation.study import ClipScore, CurvePoint, Study
 from plat.files import replace_table
+from plat.json_file import short
 
 __all__ = ["read_study", "write_study"]
 
@@ -52,6 +53,15 @@ def read_study(folder: Path) -> Study:
     Raises:
         RecordsError: for a file that cannot be read, or lacks a column.
     """
+    try:
+        return _study(folder)
+    except (KeyError, ValueError) as error:
+        if isinstance(error, PlatError):
+            raise
+        raise RecordsError(f"{str(folder)!r}: not the tables of a study ({short(error)})") from None
+
+
+def _study(folder: Path) -> Study:
     study = Study(scores=_scores(folder / "scores.csv"), interfaces=_scores(folder / "interfaces.csv"))
     for (policy, rule), figures in _read(folder / "whole_clips.csv", ("policy", "rule")):
         study.clips.append(ClipScore(policy, rule, None, figures))
@@ -61,7 +71,9 @@ def read_study(folder: Path) -> Study:
     for (name, strength, _, policy), figures in _read(
         folder / "robustness.csv", ("disturbance", "strength", "unit", "policy")
     ):
-        disturbance = next(known for known in STRENGTHS if known == name)
+        disturbance = next((known for known in STRENGTHS if known == name), None)
+        if disturbance is None:
+            raise RecordsError(f"{str(folder / 'robustness.csv')!r}: {short(name)} is no disturbance")
         study.curves.append(CurvePoint(policy, disturbance, float(strength), figures["tks"]))
     for (ours, policy, horizon), figures in _read(folder / "differences.csv", ("ours", "policy", "horizon")):
         study.differences.append(Difference(ours, policy, horizon, figures))
@@ -94,4 +106,4 @@ def _read(path: Path, keys: Sequence[str]) -> Iterable[tuple[tuple[str, ...], di
         for found, group in groupby(rows, key=lambda row: tuple(row[key] for key in keys)):
             yield found, {row["metric"]: Estimate(*(float(row[end]) for end in _FIGURES[1:])) for row in group}
     except (OSError, KeyError, TypeError, ValueError, csv.Error) as error:
-        raise RecordsError(f"{str(path)!r}: not a table of a study ({error!r})") from None
+        raise RecordsError(f"{str(path)!r}: not a table of a study ({short(error)})") from None

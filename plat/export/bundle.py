@@ -109,9 +109,9 @@ def _optional_files(folder: Path, robot: Robot, picture: bool) -> list[str]:
         from plat.rendering import Stage, write_picture  # OpenGL: most exports draw nothing
 
         try:
-            stage = Stage(robot)
-            stage.look_at(robot.default_qpos)
-            write_picture(folder / PICTURE_FILE, stage.draw(robot.default_qpos))
+            with Stage(robot) as stage:
+                stage.look_at(robot.default_qpos)
+                write_picture(folder / PICTURE_FILE, stage.draw(robot.default_qpos))
             files.append(PICTURE_FILE)
         except RenderingError:  # a card without a picture says the same
             pass

@@ -117,7 +117,7 @@ def _array(entry: dict[str, Any], name: str, label: str) -> np.ndarray:
         array = np.array(entry[name], dtype=np.float64)
     except KeyError:
         raise KeyframeError(f"{label}: no {name!r}") from None
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, OverflowError):
         raise KeyframeError(f"{label}: {name!r} is no array of numbers") from None
     if not np.isfinite(array).all() or array.size == 0:
         raise KeyframeError(f"{label}: {name!r} is empty or holds a value that is not finite")

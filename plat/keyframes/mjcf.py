@@ -17,6 +17,7 @@ import numpy as np
 
 from plat.errors import KeyframeError
 from plat.files import replace_file
+from plat.json_file import short
 from plat.keyframes.keyframe import Keyframe
 from plat.motions.formats.names import match_joint
 
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["read_mjcf_keys", "write_mjcf_keys"]
 
 _MAX_BYTES = 16 << 20
+_LONGEST_NAME = 80
 _WIDTHS = {"free": 7, "ball": 4, "slide": 1, "hinge": 1}
 
 
@@ -39,11 +41,12 @@ def read_mjcf_keys(path: Path, robot: Robot) -> list[Keyframe]:
         KeyframeError: naming file and key, when the file is broken, has no keys, or they are of another robot.
     """
     where = f"MJCF file {str(path)!r}"
-    roots = _roots(path, where)
+    roots = _roots(path, where, set())
     columns = _columns(roots, robot, where)
     keyframes = []
     for number, key in enumerate(key for root in roots for key in root.findall("./keyframe/key")):
-        label = f"{where}: key {key.get('name') or number}"
+        name = key.get("name")
+        label = f"{where}: key {name if name and len(name) <= _LONGEST_NAME else number}"
         if key.get("qpos") is None:
             raise KeyframeError(f"{label} has no 'qpos', expected the positions of all joints")
         qpos = _numbers(key.get("qpos", ""), label)
@@ -53,9 +56,11 @@ def read_mjcf_keys(path: Path, robot: Robot) -> list[Keyframe]:
             )
         if columns is not None and len(qpos) <= max(columns):
             raise KeyframeError(f"{label} has {len(qpos)} positions, fewer than the joints of the file")
-        (time,) = _numbers(key.get("time", "0"), label) or [0.0]
+        time, *more = _numbers(key.get("time", "0"), label) or [0.0]
+        if more:
+            raise KeyframeError(f"{label} has {1 + len(more)} times, expected one")
         picked = qpos if columns is None else [qpos[column] for column in columns]
-        keyframes.append(Keyframe.from_qpos(time, np.array(picked), key.get("name")))
+        keyframes.append(Keyframe.from_qpos(time, np.array(picked), name))
     if not keyframes:
         raise KeyframeError(f"{where}: no keys, expected <keyframe> with at least one <key>")
     return keyframes
@@ -82,8 +87,9 @@ def write_mjcf_keys(path: Path, robot: Robot, keyframes: Sequence[Keyframe]) -> 
         raise KeyframeError(f"MJCF file {str(path)!r} could not be written ({error.strerror or error})") from error
 
 
-def _roots(path: Path, where: str, depth: int = 0) -> list[ElementTree.Element]:
-    """Return the root element of a file, and those of the files that it includes."""
+def _roots(path: Path, where: str, seen: set[str], depth: int = 0) -> list[ElementTree.Element]:
+    """Return the root element of a file, and those of the files that it includes; MuJoCo takes each of them once."""
+    seen.add(os.path.realpath(path))
     try:
         if path.stat().st_size > _MAX_BYTES:
             raise KeyframeError(f"{where}: larger than {_MAX_BYTES >> 20} MiB")
@@ -96,12 +102,13 @@ def _roots(path: Path, where: str, depth: int = 0) -> list[ElementTree.Element]:
     except ElementTree.ParseError as error:
         raise KeyframeError(f"{where}: not readable XML ({error})") from None
     if root.tag not in ("mujoco", "mujocoinclude"):
-        raise KeyframeError(f"{where}: begins with <{root.tag}>, expected <mujoco>")
+        raise KeyframeError(f"{where}: begins with <{root.tag[:_LONGEST_NAME]}>, expected <mujoco>")
     included = [path.parent / name for part in root.iter("include") if (name := part.get("file"))]
     found = [root]
     for other in included if depth < 4 else []:
-        if os.path.isfile(other):  # false for a name that is too long, too
-            found += _roots(other, where, depth + 1)
+        # false for a name that is too long, too
+        if os.path.isfile(other) and os.path.realpath(other) not in seen:
+            found += _roots(other, where, seen, depth + 1)
     return found
 
 
@@ -113,7 +120,7 @@ def _columns(roots: Sequence[ElementTree.Element], robot: Robot, where: str) -> 
         for joint in (part for body in root.findall("worldbody") for part in body.iter() if part.tag.endswith("joint")):
             kind = "free" if joint.tag == "freejoint" else joint.get("type", "hinge")
             if kind not in _WIDTHS or joint.tag not in ("joint", "freejoint"):
-                raise KeyframeError(f"{where}: a joint of type {kind!r}, expected one of {', '.join(_WIDTHS)}")
+                raise KeyframeError(f"{where}: a joint of type {short(kind)}, expected one of {', '.join(_WIDTHS)}")
             name = match_joint(joint.get("name", ""), robot) if kind == "hinge" else None
             if kind == "free" and free is None:
                 free = start
@@ -133,4 +140,4 @@ def _numbers(text: str, label: str) -> list[float]:
     try:
         return [float(word) for word in text.split()]
     except ValueError as error:
-        raise KeyframeError(f"{label}: {error}") from None
+        raise KeyframeError(f"{label}: {str(error)[:_LONGEST_NAME]}") from None

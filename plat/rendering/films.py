@@ -48,9 +48,8 @@ class Films:
             return None
         path = self._folder / f"{step}.mp4"
         try:
-            stage = Stage(self._robot, width=320, height=240)
-            write_video(path, islice(film(stage, self._play(), self._fps), self._pictures), self._fps)
-            stage.close()
+            with Stage(self._robot, width=320, height=240) as stage:
+                write_video(path, islice(film(stage, self._play(), self._fps), self._pictures), self._fps)
         except PlatError as error:
             print(f"no videos: {error}", flush=True)
             self._due = float("inf")

@@ -9,12 +9,18 @@ from typing import Any
 from torchrl.checkpoint import Checkpoint, CheckpointRotation, StateDictCheckpointAdapter
 from torchrl.checkpoint import CheckpointError as TorchRLCheckpointError
 
-from plat.errors import CheckpointError, PlatError
+from plat.errors import CheckpointError
 from plat.files import is_full
 
-__all__ = ["Checkpoints"]
+__all__ = ["Checkpoints", "UnfitCheckpointError"]
 
 _HASH_SUFFIX = ".blake2b"
+_LONGEST = 400
+"""Letters of a reason that are shown."""
+
+
+class UnfitCheckpointError(CheckpointError):
+    """Checkpoint that is whole, and that what is to be restored does not fit."""
 
 
 class Checkpoints:
@@ -65,7 +71,8 @@ class Checkpoints:
         A damaged one is said, and renamed when an older one is taken.
 
         Raises:
-            CheckpointError: when none is whole, or one does not fit.
+            CheckpointError: when none is whole.
+            UnfitCheckpointError: when one does not fit.
         """
         damaged: dict[Path, str] = {}
         for path in self.all():
@@ -88,11 +95,10 @@ class Checkpoints:
     def _load(self, path: Path) -> None:
         try:
             self._checkpoint.load(path, map_location="cpu")
-        except PlatError:
-            raise
         except (TorchRLCheckpointError, OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
-            first = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise CheckpointError(f"{str(path)!r}: this checkpoint cannot be resumed from ({first})") from error
+            raise UnfitCheckpointError(
+                f"{str(path)!r}: this checkpoint cannot be resumed from ({_reason(error)})"
+            ) from error
 
     def clear_leftovers(self) -> None:
         """Remove what a killed process did not finish writing."""
@@ -108,6 +114,14 @@ class _HashedAdapter(StateDictCheckpointAdapter):
         file = path / self.state_torch
         file.with_name(file.name + _HASH_SUFFIX).write_text(_hash(file))
         return state
+
+
+def _reason(error: Exception) -> str:
+    """Return in one line why a component could not be restored; torch takes several."""
+    told = " ".join(str(error).split()).removeprefix("Failed to load checkpoint component ") or type(error).__name__
+    if isinstance(error.__cause__, KeyError):
+        told = told.removesuffix(f": {error.__cause__}") + f" lacks {error.__cause__}"
+    return told if len(told) <= _LONGEST else f"{told[:_LONGEST]} ..."
 
 
 def _problems(path: Path) -> Iterator[str]:

@@ -3,17 +3,14 @@
 import contextlib
 import errno
 import os
-import sys
 from pathlib import Path
-from typing import IO, Any
 
 from plat.errors import CheckpointError
+from plat.files import lock_file
 
 __all__ = ["LOCK_FILE", "RunLock"]
 
 LOCK_FILE = ".lock"
-# where Windows locks a byte: beyond what is written, which others could not read otherwise
-_LOCKED_BYTE = 4096
 _BUSY = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
 
 
@@ -83,7 +80,7 @@ class _Holding:
         self.count = 0
         self.file = (folder / LOCK_FILE).open("a+")
         try:
-            _lock(self.file)
+            lock_file(self.file)
         except OSError as error:
             if error.errno not in _BUSY:
                 return  # a file system without locks
@@ -97,17 +94,3 @@ class _Holding:
         with contextlib.suppress(OSError):  # a full disk: the number is for messages only
             self.file.truncate(0)
             os.write(self.file.fileno(), f"{os.getpid()}\n".encode())  # past the buffer, which closing would flush
-
-
-def _lock(file: IO[Any]) -> None:
-    """Lock an open file without waiting; raise OSError where another process holds it."""
-    if sys.platform == "win32":
-        import msvcrt
-
-        file.seek(_LOCKED_BYTE)
-        msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
-        file.seek(0)
-    else:
-        import fcntl
-
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

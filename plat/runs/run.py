@@ -31,7 +31,7 @@ from plat.files import clear_parts
 from plat.progress import percent
 from plat.runs.budget import Budget
 from plat.runs.changes import changes
-from plat.runs.checkpoints import Checkpoints
+from plat.runs.checkpoints import Checkpoints, UnfitCheckpointError
 from plat.runs.inputs import changed_inputs
 from plat.runs.interrupts import StopSignal
 from plat.runs.json_object import plain, read_json, write_json
@@ -207,7 +207,16 @@ class Run:
             if (self.folder / WEIGHTS_FILE).exists():
                 self.policy.load_state_dict(load_file(self.folder / WEIGHTS_FILE))
             return
-        latest = self._checkpoints.load()
+        try:
+            latest = self._checkpoints.load()
+        except UnfitCheckpointError as error:
+            made, now = _maker(before.get("made_with")), _maker(config["made_with"])
+            if made == now:
+                raise
+            raise CheckpointError(
+                f"{error}; {made} wrote it, and this is {now}: go on with that one, or start another run with --init "
+                "where the recipe has it"
+            ) from error
         if latest is None:
             raise CheckpointError(
                 f"{str(self.folder)!r}: the run has weights but no checkpoint to go on from; start another one with "
@@ -379,6 +388,13 @@ def _clock(seconds: float) -> str:
         return "?"
     minutes, rest = divmod(round(seconds), 60)
     return f"{minutes}:{rest:02d}"
+
+
+def _maker(made_with: Any) -> str:
+    """Return the name of the version that a run was made with."""
+    facts = made_with if isinstance(made_with, Mapping) else {}
+    commit = facts.get("commit")
+    return f"plat {facts.get('plat', 'of an unknown version')}{f' ({commit[:9]})' if isinstance(commit, str) else ''}"
 
 
 def _commit() -> str | None:

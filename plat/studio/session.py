@@ -298,11 +298,8 @@ class Session:
         controller = self.playback.controller(policy)
         chase = Chase(controller, sequence, simulator(self.robot, controller), hold=HOLD)
         scorer = KeyframeScorer(self.robot)
-        stage = Stage(self.robot, distance=2.6)
-        try:
+        with Stage(self.robot, distance=2.6) as stage:
             write_video(path, film(stage, record(((step, scorer.add(step)) for step in chase), scorer)))
-        finally:
-            stage.close()
 
     # files
 

@@ -15,7 +15,6 @@ import resource
 import shutil
 import signal
 import sys
-import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -28,6 +27,7 @@ from plat.cli import COMMANDS
 from plat.cli.settings import parse
 from plat.recipes import distill, expert, expert_model, imagine, refine, refine_model
 from plat.runs import is_run, report_errors
+from plat.scratch import Scratch
 
 MAINS = {
     "expert": expert.main,
@@ -171,9 +171,9 @@ def needed(tasks: list[str]) -> list[str]:
 def workplace() -> Iterator[Path]:
     """A folder for the runs, with one thread and one cache of motions."""
     torch.set_num_threads(1)
-    with tempfile.TemporaryDirectory(prefix="plat-kills-") as folder:
-        os.environ.setdefault("PLAT_CACHE_DIR", str(Path(folder) / "cache"))
-        yield Path(folder)
+    with Scratch("plat-kills-") as folder:
+        os.environ.setdefault("PLAT_CACHE_DIR", str(folder / "cache"))
+        yield folder
 
 
 def campaign(kills: int, seed: int, iterations: int, tasks: list[str]) -> int:

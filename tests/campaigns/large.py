@@ -13,7 +13,6 @@ import os
 import pickle
 import resource
 import sys
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,6 +26,7 @@ from plat.cli.motions import distinct
 from plat.motions import MotionClip, MotionLibrary, load_motions, save_csv, save_motions, validate_motions
 from plat.motions.retargeting.bvh import read_bvh
 from plat.robots import G1
+from plat.scratch import Scratch
 
 RATE = 120.0
 CLIP_SECONDS = 1.0
@@ -178,15 +178,17 @@ MANY: dict[str, tuple[Write, Read]] = {
 
 def cost(write: Write, work: Read, size: float) -> Cost:
     """Return what work on files of a size costs in a process of its own."""
-    with tempfile.TemporaryDirectory(prefix="plat-large-") as folder:
+    with Scratch("plat-large-") as scratch:
+        folder = scratch / "files"
+        folder.mkdir()
         process = os.fork()  # imports are paid once
         if not process:
-            _exit(lambda: write(Path(folder), size))
+            _exit(lambda: write(folder, size))
         _wait(process)
-        result = Path(folder) / "result"
+        result = scratch / "result"
         process = os.fork()
         if not process:
-            _exit(lambda: _measure(work, Path(folder), result))
+            _exit(lambda: _measure(work, folder, result))
         _wait(process)
         count, seconds, memory = result.read_text().split()
         return Cost(int(count), float(seconds), int(memory))

@@ -148,5 +148,9 @@ def test_another_folder_is_refused(tmp_path, capsys):
         page(tmp_path)
     with pytest.raises(SystemExit, match="not the folder of a benchmark"):
         publish_words([str(tmp_path), str(tmp_path / "docs")])
+    for text in ("[]", "{}", '{"rule": 1}', "[" * 100_000):
+        (tmp_path / "about.json").write_text(text)
+        with pytest.raises(RecordsError, match="not the folder of a benchmark"):
+            page(tmp_path)
     with pytest.raises(SystemExit, match="expected two folders"):
         publish_words([])

@@ -66,6 +66,17 @@ def test_a_state_of_other_robots_is_refused():
         Rollouts(simulated(4), flailing(), steps=1).load_state_dict(state)
 
 
+def test_a_state_of_another_version_is_refused_by_what_it_lacks():
+    source = Rollouts(small_env(), flailing(), steps=1)
+    without_drift, without_estimate = source.state_dict(), source.state_dict()
+    without_drift["robots"]["_extra_state"].pop("drift")
+    with pytest.raises(StateError, match="a state without drift, by another version of plat"):
+        source.load_state_dict(without_drift)
+    without_estimate["observation"].pop("estimate")
+    with pytest.raises(StateError, match=r"without estimate\.root_pos_w, estimate\.root_quat_w, by another version"):
+        source.load_state_dict(without_estimate)
+
+
 def test_the_loss_sees_the_probabilities_of_the_policy_that_acted():
     expert = Expert(G1)
     rollout = next(rollouts(small_env(), expert.actor(), steps=4, precision="bfloat16"))

@@ -48,3 +48,25 @@ def test_another_table_is_refused(tmp_path):
     (tmp_path / "scores.csv").write_text("name,size\na,1\n")
     with pytest.raises(RecordsError, match=r"scores.csv': not a table of a study"):
         read_study(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("scores.csv", "run,long,tks," + "9x" * 4000 + ",1,1"),
+        ("groups.csv", "family,walk,three,run,mixed,tks,1,1,1"),
+        ("robustness.csv", "gravity,1,g,run,tks,1,1,1"),
+        ("robustness.csv", "push,much,m/s,run,tks,1,1,1"),
+        ("robustness.csv", "push,1,m/s,run,mpjpe,1,1,1"),
+    ],
+)
+def test_spoilt_tables_are_refused_in_one_short_line(tmp_path, name, line):
+    heads = {
+        "scores.csv": "policy,horizon",
+        "groups.csv": "grouping,group,count,policy,test",
+        "robustness.csv": "disturbance,strength,unit,policy",
+    }
+    (tmp_path / name).write_text(f"{heads[name]},metric,value,low,high\n{line}\n")
+    with pytest.raises(RecordsError) as caught:
+        read_study(tmp_path)
+    assert len(str(caught.value).replace(str(tmp_path), "")) < 200

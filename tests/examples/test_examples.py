@@ -1,6 +1,7 @@
 """The examples that docs/components.md names run as they stand."""
 
 import runpy
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -24,6 +25,9 @@ def test_every_example_is_tried() -> None:
 
 
 @pytest.mark.parametrize("name", PRINTED)
-def test_it_runs(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_runs(
+    name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))  # nothing is left where temporary files belong
     runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
     assert PRINTED[name] in capsys.readouterr().out

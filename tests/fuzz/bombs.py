@@ -241,6 +241,24 @@ def _deep_model(rng: random.Random, content: bytes) -> bytes:
     return model.SerializeToString()
 
 
+def _many_includes(rng: random.Random, _: bytes) -> bytes:
+    """A model that includes itself, again and again."""
+    name = rng.choice(("keys.xml", "toy.xml"))
+    return b"<mujoco>" + f'<include file="{name}"/>'.encode() * rng.choice((60, 5000)) + b"</mujoco>"
+
+
+def _deep_elements(rng: random.Random, _: bytes) -> bytes:
+    depth = rng.choice((500, 200_000))
+    return b"<mujoco><worldbody>" + b"<body>" * depth + b"</body>" * depth + b"</worldbody></mujoco>"
+
+
+def _entities(rng: random.Random, _: bytes) -> bytes:
+    """Entities of entities, in an encoding in which they are not seen at once."""
+    steps = "".join(f'<!ENTITY a{number + 1} "{f"&a{number};" * 20}">' for number in range(8))
+    text = f'<!DOCTYPE mujoco [<!ENTITY a0 "0">{steps}]><mujoco><keyframe><key qpos="&a8;"/></keyframe></mujoco>'
+    return text.encode(rng.choice(("utf-16", "utf-8")))
+
+
 BOMBS: dict[str, tuple[Bomb, ...]] = {
     ".npz": (_long_clip, _many_clips, _rows_of_nothing),
     ".pkl": (_shared_arrays, _many_motions, _long_motion, _program, _digits, _deep),
@@ -251,5 +269,6 @@ BOMBS: dict[str, tuple[Bomb, ...]] = {
     ".json": (_json_depth, _json_width, _json_names, _large_sizes, _far_keyframe),
     ".yaml": (_aliases, _yaml_depth, _yaml_values),
     ".onnx": (_deep_model,),
+    ".xml": (_many_includes, _deep_elements, _entities),
 }
 """By the ending of a file."""

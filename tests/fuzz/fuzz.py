@@ -1,7 +1,8 @@
 """Fuzzing of every reader with spoilt files: ``python -m tests.fuzz.fuzz --seconds 300``.
 
 Each case has a seed of its own, so that ``--only NAME --case NUMBER`` repeats it. Cases are read in a child process
-under limits; one that ends or hangs it is a fault too.
+under limits; one that ends or hangs it is a fault too. ``--even`` gives every reader the same time, and not the same
+number of files: the quick ones read many.
 """
 
 import argparse
@@ -11,14 +12,14 @@ import random
 import select
 import signal
 import sys
-import tempfile
 import time
 import warnings
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
+from plat.scratch import Scratch
 from tests.fuzz.bombs import BOMBS
 from tests.fuzz.mutations import MUTATIONS
 from tests.fuzz.readers import Subject, subjects
@@ -26,6 +27,10 @@ from tests.fuzz.watch import MOST_SECONDS, forbid_programs, limit_process, read_
 
 __all__ = ["Report", "fuzz"]
 
+_FIRST, _MOST_IN_A_WAVE = 4, 400
+"""Files of a reader before its cost is known, and after it in one wave."""
+_WAVE = 120.0
+"""Seconds of the processor that a wave is to take."""
 _STUCK = 3 * MOST_SECONDS
 """Seconds of the processor without an answer after which the child is stuck where no alarm reaches it."""
 
@@ -38,6 +43,7 @@ class Report:
         read: by subject, files that were read.
         refused: by subject, files that were refused in one line.
         faults: by subject, fault and place: the cases.
+        seconds: of the processor by subject, for making files and reading them.
         slowest: seconds, subject and case of the slowest read.
         largest: bytes, subject and case of the read that took most memory.
     """
@@ -45,22 +51,34 @@ class Report:
     read: Counter[str] = field(default_factory=Counter)
     refused: Counter[str] = field(default_factory=Counter)
     faults: dict[tuple[str, str, str], list[int]] = field(default_factory=dict)
+    seconds: Counter[str] = field(default_factory=Counter)
     slowest: tuple[float, str, int] = (0.0, "", 0)
     largest: tuple[int, str, int] = (0, "", 0)
 
     @property
     def files(self) -> int:
         """Return how many files were tried."""
-        return self.read.total() + self.refused.total() + sum(map(len, self.faults.values()))
+        return self.read.total() + self.refused.total() + self.faulty.total()
+
+    @property
+    def faulty(self) -> Counter[str]:
+        """Return how many files of each subject were faults."""
+        found: Counter[str] = Counter()
+        for (name, _, _), cases in self.faults.items():
+            found[name] += len(cases)
+        return found
+
+    def cost(self, name: str) -> float:
+        """Return the mean seconds of the processor that a file of a subject takes."""
+        return self.seconds[name] / max(1, self.read[name] + self.refused[name] + self.faulty[name])
 
     def lines(self) -> list[str]:
         """Return the figures as text."""
-        rows = [f"{'subject':<34} {'read':>8} {'refused':>8} {'faults':>8}"]
-        faults: Counter[str] = Counter()
-        for (name, _, _), cases in self.faults.items():
-            faults[name] += len(cases)
+        rows = [f"{'subject':<34} {'read':>8} {'refused':>8} {'faults':>8} {'ms each':>8}"]
+        faults = self.faulty
         for name in sorted({*self.read, *self.refused, *faults}):
-            rows.append(f"{name:<34} {self.read[name]:>8} {self.refused[name]:>8} {faults[name]:>8}")
+            cost = 1000 * self.cost(name)
+            rows.append(f"{name:<34} {self.read[name]:>8} {self.refused[name]:>8} {faults[name]:>8} {cost:>8.1f}")
         rows.append(f"{'all':<34} {self.read.total():>8} {self.refused.total():>8} {faults.total():>8}")
         rows.append(f"slowest: {self.slowest[0]:.2f} s ({self.slowest[1]}, case {self.slowest[2]})")
         rows.append(f"largest: {self.largest[0] / 1e6:.0f} MB ({self.largest[1]}, case {self.largest[2]})")
@@ -69,7 +87,15 @@ class Report:
         return rows
 
 
-def fuzz(seconds: float = 60.0, seed: int = 0, only: str = "", cases: Sequence[int] = (), most: int = 10**9) -> Report:
+def fuzz(
+    seconds: float = 60.0,
+    seed: int = 0,
+    only: str = "",
+    cases: Sequence[int] = (),
+    most: int = 10**9,
+    even: bool = False,
+    enough: Callable[[Report], bool] = lambda _: False,
+) -> Report:
     """Read spoilt files of all readers in turn.
 
     Args:
@@ -78,16 +104,42 @@ def fuzz(seconds: float = 60.0, seed: int = 0, only: str = "", cases: Sequence[i
         only: name of the subject to try, or a part of several names.
         cases: numbers of the cases to try; by default 0, 1, 2 ... Negative ones are the bombs of a file's ending.
         most: number of cases of each subject.
+        even: whether subjects get the same time rather than the same number of files.
+        enough: is given the figures from time to time, and says whether they suffice.
     """
     known = subjects()
     chosen = [subject for subject in known if subject.name == only] or [row for row in known if only in row.name]
-    jobs = [
-        (case, index) for case in (cases or range(most if most < 10**9 else 100_000)) for index in range(len(chosen))
-    ]
-    report, ends, first = Report(), time.monotonic() + seconds, 0
-    while first < len(jobs) and time.monotonic() < ends:
-        first = _run_child(chosen, jobs, first, seed, ends, report)
+    report, ends = Report(), time.monotonic() + seconds
+    for jobs in _waves(chosen, cases, most, report, even):
+        first = 0
+        while first < len(jobs) and time.monotonic() < ends:
+            first = _run_child(chosen, jobs, first, seed, ends, report)
+        if enough(report) or time.monotonic() >= ends:
+            break
     return report
+
+
+def _waves(
+    chosen: list[Subject], cases: Sequence[int], most: int, report: Report, even: bool
+) -> Iterator[list[tuple[int, int]]]:
+    """Yield jobs: pairs of a case and the number of a subject."""
+    if cases:
+        yield [(case, index) for case in cases for index in range(len(chosen))]
+        return
+    done = [0] * len(chosen)
+    while min(done) < most:
+        jobs = []
+        for index, subject in enumerate(chosen):
+            count = min(_share(report.cost(subject.name), len(chosen)) if even else _FIRST, most - done[index])
+            jobs += [(case, index) for case in range(done[index], done[index] + count)]
+            done[index] += count
+        # in turn: a campaign that ends early has tried all subjects
+        yield jobs if even else sorted(jobs)
+
+
+def _share(cost: float, subjects: int) -> int:
+    """Return the number of files in a wave of a reader that takes so many seconds for each."""
+    return _FIRST if cost == 0 else max(1, min(_MOST_IN_A_WAVE, round(_WAVE / subjects / cost)))
 
 
 def _run_child(
@@ -140,6 +192,7 @@ def _note(report: Report, chosen: list[Subject], jobs: list[tuple[int, int]], nu
         report.faults.setdefault((name, answer["fault"], answer["where"]), []).append(case)
     else:
         (report.refused if answer["refused"] else report.read)[name] += 1
+    report.seconds[name] += answer["spent"]
     report.slowest = max(report.slowest, (answer["seconds"], name, case))
     report.largest = max(report.largest, (answer["memory"], name, case))
 
@@ -151,20 +204,20 @@ def _child(chosen: list[Subject], jobs: list[tuple[int, int]], first: int, seed:
     warnings.simplefilter("ignore")
     limit_process()
     forbid_programs()
-    base = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
-    folder = Path(tempfile.mkdtemp(prefix="fuzz-", dir=base))
+    scratch = Scratch("plat-fuzz-", Path("/dev/shm") if os.access("/dev/shm", os.W_OK) else None)
+    folder = scratch.path / "files"
+    folder.mkdir()
     try:
         for case, index in jobs[first:]:
             if time.monotonic() > ends:
                 break
-            subject = chosen[index]
+            subject, began = chosen[index], time.process_time()
             write_case(subject, folder, seed, case)
             outcome = read_under_limits(subject.read, folder / subject.start if subject.start else folder)
-            os.write(send, json.dumps(asdict(outcome)).encode() + b"\n")
+            answer = {**asdict(outcome), "spent": time.process_time() - began}
+            os.write(send, json.dumps(answer).encode() + b"\n")
     finally:
-        for path in folder.iterdir():
-            path.unlink()
-        folder.rmdir()
+        scratch.remove()
 
 
 def write_case(subject: Subject, folder: Path, seed: int, case: int) -> None:
@@ -193,8 +246,18 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", default="", help="part of the names of subjects")
     parser.add_argument("--case", type=int, nargs="*", default=(), help="numbers of cases to repeat")
+    parser.add_argument("--even", action="store_true", help="as much time for each subject, not as many files")
+    parser.add_argument("--files", type=int, default=0, help="stop after so many")
+    parser.add_argument("--log", type=Path, help="file for the figures as they are so far")
     arguments = parser.parse_args()
-    report = fuzz(arguments.seconds, arguments.seed, arguments.only, arguments.case)
+
+    def enough(report: Report) -> bool:
+        if arguments.log:
+            arguments.log.write_text("\n".join(report.lines()) + "\n")
+        return 0 < arguments.files <= report.files
+
+    chosen = arguments.seconds, arguments.seed, arguments.only, arguments.case
+    report = fuzz(*chosen, even=arguments.even, enough=enough)
     print("\n".join(report.lines()))
     return 1 if report.faults else 0
 

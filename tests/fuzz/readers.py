@@ -4,29 +4,37 @@ import json
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
+from plat.cli.benchmark_page import page
+from plat.cli.curves import read as read_curve
 from plat.deploy import Bundle, PolicyFacts, PolicyRunner, TrainingFacts
 from plat.deploy.bundle import INPUT, METADATA_KEY, OUTPUT
 from plat.errors import KeyframeError
 from plat.evaluation.families import families_of, read_manifest
 from plat.evaluation.records import STEP_METRICS, WINDOW_METRICS, CommandRecords
+from plat.evaluation.study_files import read_study
 from plat.json_file import parse_json
 from plat.keyframes import KeyframeSequence, keyframe_from_json, keyframe_to_json, standing
+from plat.keyframes.kimodo import read_constraints, write_constraints
+from plat.keyframes.mjcf import read_mjcf_keys, write_mjcf_keys
+from plat.modules.dynamics import DynamicsConfig, DynamicsModel
 from plat.motions.files import read_motion_files
 from plat.motions.readers import READERS
 from plat.motions.retargeting.skeletons import load_map
 from plat.robots import G1, describe_robot
 from plat.robots.registry import _read as read_robot
 from plat.runs import SavedRun
+from plat.runs.dynamics import DYNAMICS_FILE, load_dynamics, save_dynamics
+from plat.runs.metrics import MetricsFile
 from plat.spec.timing import Timing
 from tests.export.runs import small_policy, write_run
-from tests.motions.formats.writers import WRITERS, bowing_clip
+from tests.motions.formats.writers import WRITERS, bowing_clip, link_arrays
 from tests.motions.retargeting.human import write_human
 
 __all__ = ["Subject", "subjects"]
@@ -35,7 +43,7 @@ _MAPS = Path(__file__).parents[2] / "plat" / "motions" / "retargeting" / "skelet
 _ROBOT = Path(__file__).parents[1] / "robots" / "toy.json"
 _MOST_RETARGETED = 20_000
 _KINDS = {".csv": "text", ".bvh": "text", ".amc": "text", ".asf": "text", ".npz": "archive", ".pkl": "compressed"}
-_KINDS |= {".json": "json", ".yaml": "text", ".txt": "text"}
+_KINDS |= {".json": "json", ".yaml": "text", ".txt": "text", ".xml": "text"}
 
 
 @dataclass(frozen=True)
@@ -63,7 +71,8 @@ def subjects() -> list[Subject]:
     """Return all of them; files are made in a folder that is gone afterwards."""
     folder = Path(tempfile.mkdtemp(prefix="fuzz-"))
     try:
-        return [*_motions(folder), *_captures(folder), *_settings(folder), *_runs(folder), *_bundles()]
+        kinds = (_motions, _captures, _settings, _runs, _tables)
+        return [*(subject for kind in kinds for subject in kind(folder)), *_bundles()]
     finally:
         shutil.rmtree(folder)
 
@@ -101,6 +110,9 @@ def _motions(folder: Path) -> Iterator[Subject]:
     meta = json.dumps({"fps": 50, "joint_names": G1.joint_names, "body_names": ["pelvis"]}).encode()
     files = {"hdmi.npz": archive.read_bytes(), "meta.json": meta}
     yield Subject("motion meta.json", files, "meta.json", "json", _read_motions, "hdmi.npz")
+    links = folder / "kimodo.npz"
+    np.savez(links, **link_arrays(clip))
+    yield _one("motion kimodo.npz", links, _read_motions)
     # a file of another format under every ending that has a reader
     for suffix in READERS:
         for source in ("plat.npz", "asap.pkl", "headed_50fps.csv"):
@@ -113,11 +125,16 @@ def _captures(folder: Path) -> Iterator[Subject]:
         return
     from plat.motions.retargeting.asf import read_amc
     from plat.motions.retargeting.bvh import read_bvh
+    from plat.motions.retargeting.joint_file import read_joint_file
     from tests.motions.retargeting.test_asf import write_amc, write_asf
 
     yield _one("bvh", write_human(folder / "human.bvh", frames=4), read_bvh)
     # a few go through retargeting, which takes much longer
     yield _one("retargeted bvh", write_human(folder / "walk.bvh", frames=4), _retarget)
+    joints = folder / "joints.npz"
+    places = np.random.default_rng(0).normal(0, 0.1, (4, 22, 3)) + np.linspace(0, 1.6, 22)[:, None] * [0, 1, 0]
+    np.savez(joints, posed_joints=places, fps=30)
+    yield _one("joints of a human .npz", joints, read_joint_file)
     write_asf(folder / "person.asf")
     write_amc(folder / "person.amc")
     files = {name: (folder / name).read_bytes() for name in ("person.asf", "person.amc")}
@@ -132,13 +149,25 @@ def _settings(folder: Path) -> Iterator[Subject]:
     message = folder / "message.json"
     message.write_text(json.dumps(keyframe_to_json(pose.at(0.5), G1)))
     yield _one("keyframe message", message, _read_message)
+    keys = folder / "keys.xml"
+    write_mjcf_keys(keys, G1, (pose, pose.at(0.5)))
+    yield _one("keys of a model", keys, lambda path: read_mjcf_keys(path, G1))
+    constraints = folder / "constraints.json"
+    write_constraints(constraints, G1, (pose, pose.at(0.5)))
+    yield _one("constraints", constraints, lambda path: read_constraints(path, G1))
     yield _one("robot", _ROBOT, read_robot)
+    files = {path.name: path.read_bytes() for path in (_ROBOT, _ROBOT.with_suffix(".xml"))}
+    yield Subject("model of a robot", files, "toy.xml", "text", _read_model, "toy.json")
     manifest = folder / "manifest.csv"
     manifest.write_text("clip,family,seconds\nwalk_001,walk,3.5\nbow_002,bow,2\n")
     yield _one("manifest", manifest, _read_manifest)
     for name in ("lafan1", "mixamo"):
         found = sorted(_MAPS.glob(f"*{name}*.yaml")) or sorted(_MAPS.glob("*.yaml"))[:1]
         yield _one("skeleton map", found[0], load_map)
+
+
+def _read_model(path: Path) -> None:
+    describe_robot(read_robot(path), 0.02)
 
 
 def _read_message(path: Path) -> None:
@@ -153,7 +182,7 @@ def _read_manifest(path: Path) -> None:
 
 def _run_files(folder: Path, kind: str) -> dict[str, bytes]:
     run = write_run(folder / kind, small_policy(kind))
-    table = "policy,horizon,metric,value,low,high\nrun,long,tks,99.5,99.25,99.75\nrun,long,mpjpe,0.1,0.05,0.2\n"
+    table = "policy,horizon,{ends}\nrun,long,tks,99.5,99.25,99.75\nrun,long,mpjpe,0.1,0.05,0.2\n"
     (run / "evaluation.csv").write_text(table)
     return {path.name: path.read_bytes() for path in run.iterdir()}
 
@@ -172,6 +201,44 @@ def _runs(folder: Path) -> Iterator[Subject]:
     window, step = ({name: _column() for name in names} for names in (WINDOW_METRICS, STEP_METRICS))
     CommandRecords(**columns, window=window, step=step).save(records, {"policy": "run"})
     yield _one("records", records, CommandRecords.load, "bytes")
+
+    shape = DynamicsConfig(hidden=(8,))
+    model, folder = DynamicsModel(G1, shape), folder / "model"
+    write_run(folder, small_policy("plain"), model=asdict(shape))
+    save_dynamics(folder, model)
+    files = {path.name: path.read_bytes() for path in folder.iterdir()}
+    for name, kind in (("config.json", "json"), (DYNAMICS_FILE, "bytes")):
+        yield Subject(f"{name} of a learned model", files, name, kind, lambda path: load_dynamics(path, G1), "")
+
+
+def _tables(folder: Path) -> Iterator[Subject]:
+    metrics = {"metrics.csv": b"step,seconds,loss,kl\n16,0.5,0.25,\n32,1.25,0.125,0.01\n48,2.5,0.0625,0.02\n"}
+    yield Subject("metrics of a resumed run", metrics, "metrics.csv", "text", _resume_metrics, "")
+    yield Subject("metrics that are drawn", metrics, "metrics.csv", "text", lambda path: read_curve(path, "loss"), "")
+    figures, ends = "tks,0.99,0.98,1\n", "metric,value,low,high"
+    study = {
+        "scores.csv": f"policy,horizon,{ends}\nrun,long,{figures}run,mixed,{figures}".encode(),
+        "groups.csv": f"grouping,group,count,policy,test,{ends}\nfamily,walk,3,run,mixed,{figures}".encode(),
+        "robustness.csv": f"disturbance,strength,unit,policy,{ends}\npush,0.5,m/s,run,{figures}".encode(),
+    }
+    for name in study:
+        yield Subject(f"{name} of a benchmark", study, name, "text", read_study, "")
+    about = {
+        "rule": ["fall", "it falls"],
+        "sets": [["val", "bandai", 3, 12.5, "abc"]],
+        "rows": [["run", "def", "imagine", None]],
+        "versions": ["plat 1"],
+        "seed": 0,
+        "longest": 30.0,
+        "command": ["plat", "benchmark"],
+        "robustness_clips": 3,
+    }
+    yield Subject("about.json", {"about.json": json.dumps(about).encode()}, "about.json", "json", page, "")
+
+
+def _resume_metrics(folder: Path) -> None:
+    metrics = MetricsFile(folder / "metrics.csv", keep_until=32)
+    metrics.write(64, {"loss": 0.5, "new": 1.0})
 
 
 def _column() -> object:

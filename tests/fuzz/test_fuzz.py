@@ -8,7 +8,7 @@ import pytest
 from plat.errors import PlatError
 from tests.fuzz import fuzz as campaign
 from tests.fuzz.bombs import BOMBS
-from tests.fuzz.fuzz import Report, fuzz
+from tests.fuzz.fuzz import Report, _waves, fuzz
 from tests.fuzz.readers import Subject, subjects
 from tests.fuzz.watch import MOST_MEMORY
 
@@ -32,7 +32,11 @@ def test_bombs_of_motions(subject: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "subject", ["skeleton map", "config.json of residual_latent", "robot", "bundle.json", "policy.onnx"]
+    "subject",
+    [
+        *("skeleton map", "config.json of residual_latent", "robot", "bundle.json", "policy.onnx", "keys of a model"),
+        *("model of a robot", "constraints"),
+    ],
 )
 def test_bombs_of_other_files(subject: str) -> None:
     assert_harmless(fuzz(120.0, only=subject, cases=BOMB_CASES))
@@ -123,3 +127,25 @@ def test_hangs_are_seen(reader, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_case_is_the_same_again() -> None:
     first, second = (fuzz(60.0, seed=5, only="keyframes", most=20) for _ in range(2))
     assert (first.read, first.refused) == (second.read, second.refused)
+
+
+def test_quick_readers_read_more_files_in_the_same_time() -> None:
+    chosen = [Subject(name, {}, "", "text", raise_key_error, "") for name in ("quick", "slow")]
+    report = Report()
+    waves = _waves(chosen, (), 10**9, report, even=True)
+    first = next(waves)
+    assert sorted(first) == sorted((case, index) for case in range(4) for index in range(2))
+    report.read.update(quick=4, slow=4)
+    report.seconds.update(quick=0.4, slow=4.0)
+    second = next(waves)
+    count = Counter(index for _, index in second)
+    assert 5 * count[1] < count[0] <= 400
+    assert not set(first) & set(second)  # no case twice
+    assert sorted(case for case, index in second if index == 1) == list(range(4, 4 + count[1]))
+
+
+def test_a_campaign_ends_when_there_are_enough_files(reader) -> None:
+    reader(raise_two_lines)
+    report = fuzz(60.0, enough=lambda report: report.files >= 6)
+    assert report.files == 8  # two waves of four
+    assert report.seconds["own"] > 0

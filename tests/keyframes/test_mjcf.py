@@ -71,3 +71,25 @@ def test_what_is_no_keys_of_the_robot(tmp_path, text, message):
     (tmp_path / "a.xml").write_text(text)
     with pytest.raises(KeyframeError, match=rf"a.xml'.*{message}"):
         read_mjcf_keys(tmp_path / "a.xml", G1)
+
+
+def test_a_file_is_included_once(tmp_path):
+    own = '<include file="a.xml"/>' * 300
+    (tmp_path / "a.xml").write_text(model(G1.joint_names, "", own).replace("<keyframe></keyframe>", ""))
+    with pytest.raises(KeyframeError, match="no keys, expected <keyframe>"):
+        read_mjcf_keys(tmp_path / "a.xml", G1)
+
+
+def test_messages_are_short(tmp_path):
+    long = "x" * 5000
+    for text in (
+        f"<{long}/>",
+        f"<mujoco><keyframe><key name='{long}'/></keyframe></mujoco>",
+        f"<mujoco><keyframe><key qpos='{long}'/></keyframe></mujoco>",
+        f"<mujoco><worldbody><body><joint type='{long}'/></body></worldbody></mujoco>",
+        "<mujoco><keyframe><key time='1 2' qpos='{}'/></keyframe></mujoco>".format("0 " * 36),
+    ):
+        (tmp_path / "a.xml").write_text(text)
+        with pytest.raises(KeyframeError) as caught:
+            read_mjcf_keys(tmp_path / "a.xml", G1)
+        assert len(str(caught.value).replace(str(tmp_path), "")) < 300

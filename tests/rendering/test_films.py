@@ -17,8 +17,11 @@ from tests.conftest import standing_clip
 class Stage:
     """Draws nothing."""
 
+    left_open = 0
+
     def __init__(self, robot, width, height):
         self.size = (height, width, 3)
+        type(self).left_open += 1
 
     def look_at(self, position):
         pass
@@ -26,8 +29,11 @@ class Stage:
     def draw(self, qpos, ghost_qpos):
         return np.zeros(self.size, dtype=np.uint8)
 
-    def close(self):
-        pass
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        type(self).left_open -= 1
 
 
 @pytest.fixture
@@ -71,7 +77,7 @@ def test_playing_draws_no_random_numbers(tmp_path, written):
 
 
 @pytest.mark.parametrize("error", [RenderingError("no OpenGL"), MotionError("motion 'blink': too short")])
-def test_what_cannot_be_filmed_is_said_once_and_stops_nothing(tmp_path, capsys, error):
+def test_what_cannot_be_filmed_is_said_once_and_stops_nothing(tmp_path, written, capsys, error):
     def fail():
         raise error
 
@@ -79,6 +85,7 @@ def test_what_cannot_be_filmed_is_said_once_and_stops_nothing(tmp_path, capsys, 
     assert films.take(1) is None
     assert films.take(2) is None
     assert capsys.readouterr().out == f"no videos: {error}\n"
+    assert Stage.left_open == 0
 
 
 def test_no_films_on_request(tmp_path, written):

@@ -324,6 +324,42 @@ def test_a_run_of_an_older_plat_is_resumed(tmp_path):
         start(tmp_path / "a", resume=True)
 
 
+def test_a_checkpoint_that_does_not_fit_is_refused_in_one_line_that_names_the_version(tmp_path):
+    run, _, _, budget = start(tmp_path / "a")
+    budget.add(10)
+    run.save()
+
+    class Other(dict):
+        def load_state_dict(self, state):
+            raise self["error"]
+
+        def state_dict(self):
+            return {}
+
+    def resume(error: Exception, made_with: dict) -> str:
+        config = read_json(tmp_path / "a" / "config.json")
+        write_json(tmp_path / "a" / "config.json", {**config, "made_with": made_with})
+        with pytest.raises(CheckpointError, match="cannot be resumed from") as caught:
+            Run(
+                tmp_path / "a",
+                recipe=Settings(),
+                policy=Expert(G1, ExpertConfig(hidden=(8,))),
+                budget=Budget(steps=1000),
+                state={"optimizer": Other(error=error)},
+                resume=True,
+            )
+        return str(caught.value)
+
+    now = read_json(tmp_path / "a" / "config.json")["made_with"]
+    lines = resume(RuntimeError('Error(s) in loading:\n\tMissing key(s): "a"'), now)
+    assert lines.endswith("""('optimizer': Error(s) in loading: Missing key(s): "a")""")
+    told = resume(KeyError("drift"), {"plat": "0.0.1", "commit": "abcdef0123456"})
+    assert "('optimizer' lacks 'drift'); plat 0.0.1 (abcdef012) wrote it, and this is plat " in told
+    assert "\n" not in lines + told
+    assert len(resume(RuntimeError("x" * 9999), now)) < 700
+    assert "plat of an unknown version wrote it" in resume(KeyError("drift"), None)
+
+
 def test_a_finished_run_stays_finished(tmp_path, capsys):
     run, _, _, budget = start(tmp_path / "a", steps=70)
     budget.add(70)

@@ -55,10 +55,18 @@ class Soles:
 
     def points(self, qpos: Tensor) -> Tensor:
         """Lowest point of each sphere of each foot ``[T, 2, P, 3]`` (m, world) of poses ``[T, 7 + J]``."""
-        return torch.cat([self._points(part) for part in qpos.split(_CHUNK)])
+        return self.points_of(*self.feet(qpos))
 
-    def _points(self, qpos: Tensor) -> Tensor:
-        pos_w, quat_w = self._kinematics(*qpos.double().split((3, 4, self._num_joints), -1))
+    def feet(self, qpos: Tensor) -> tuple[Tensor, Tensor]:
+        """Positions ``[T, 2, 3]`` (m, world) and orientations ``[T, 2, 4]`` of the feet in poses ``[T, 7 + J]``."""
+        parts = [self._kinematics(*part.double().split((3, 4, self._num_joints), -1)) for part in qpos.split(_CHUNK)]
+        return torch.cat([pos_w for pos_w, _ in parts]), torch.cat([quat_w for _, quat_w in parts])
+
+    def points_of(self, pos_w: Tensor, quat_w: Tensor) -> Tensor:
+        """Lowest point of each sphere of each foot, as :meth:`points`, of feet as :meth:`feet` gives them."""
+        return torch.cat([self._points(*part) for part in zip(pos_w.split(_CHUNK), quat_w.split(_CHUNK), strict=True)])
+
+    def _points(self, pos_w: Tensor, quat_w: Tensor) -> Tensor:
         points = pos_w[:, :, None] + quat_rotate(quat_w[:, :, None], self._points_b)
         points[..., 2] -= self._radius
         return points

@@ -38,9 +38,16 @@ class Flight:
     fall: float
 
     @classmethod
-    def of(cls, clip: MotionClip, robot: Robot) -> "Flight | None":
-        """Return the fall of a clip, or None where it has no flight. The clip's frame rate is not looked at."""
-        low = Soles(robot).points(torch.from_numpy(clip.qpos))[..., 2].amin((1, 2)).numpy()
+    def of(cls, clip: MotionClip, robot: Robot, points: torch.Tensor | None = None) -> "Flight | None":
+        """Return the fall of a clip, or None where it has no flight. The clip's frame rate is not looked at.
+
+        Args:
+            clip: the motion.
+            robot: whose it is.
+            points: of its soles ``[T, 2, P, 3]`` where they are known, see :class:`~plat.motions.checks.feet.Soles`.
+        """
+        points = Soles(robot).points(torch.from_numpy(clip.qpos)) if points is None else points
+        low = points[..., 2].amin((1, 2)).numpy()
         up = low > np.percentile(low, 10) + _HEIGHT
         edges = np.flatnonzero(np.diff(np.concatenate(([0], up.astype(int), [0]))))
         falls = []

@@ -11,7 +11,7 @@ from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
 from plat.rotations import quat_rotate
 
-__all__ = ["Tempo", "strides_in_place"]
+__all__ = ["Gait", "Tempo"]
 
 # Steps a second of walking and running with a step of 1 m, and the power of the step's length with which they rise.
 # Measured on 951 clips with regular steps of retargeted people (Bandai-Namco, CMU, HDM05, SIE, ASE, g1-moves); 99 % of
@@ -48,11 +48,8 @@ class Tempo:
     @classmethod
     def of(cls, clip: MotionClip, robot: Robot) -> "Tempo | None":
         """Return the steps of a clip, or None where it has no regular gait. The clip's frame rate is not looked at."""
-        gait = _gait(clip, robot)
-        if gait is None:
-            return None
-        frames, length, stride = gait
-        return cls(frames, length) if _MOVES[0] * stride < length < _MOVES[1] * stride else None
+        gait = Gait.of(clip, robot)
+        return None if gait is None else gait.tempo
 
     @property
     def likely_rate(self) -> float:
@@ -68,35 +65,59 @@ class Tempo:
         return abs(math.log(self.ratio(fps))) < math.log(_USUAL)
 
 
-def strides_in_place(clip: MotionClip, robot: Robot) -> bool:
-    """Return whether feet stride and the root does not move: it is kept in place, or relative.
+@dataclass(frozen=True)
+class Gait:
+    """Regular steps, medians.
+
+    Attributes:
+        frames: from step to step.
+        length: that the root moves in a step (m).
+        stride: how far the feet are apart (m).
 
     >>> from plat.robots import G1
-    >>> strides_in_place(MotionClip("standing", G1.default_qpos[None].repeat(60, 0), 30.0), G1)
-    False
+    >>> Gait.of(MotionClip("standing", G1.default_qpos[None].repeat(60, 0), 30.0), G1) is None
+    True
     """
-    gait = _gait(clip, robot)
-    return gait is not None and gait[2] > _STRIDE and gait[1] < _IN_PLACE * gait[2]
 
+    frames: float
+    length: float
+    stride: float
 
-def _gait(clip: MotionClip, robot: Robot) -> tuple[float, float, float] | None:
-    """Return frames from step to step, how far the root moves in one and how far the feet are apart (m), medians.
+    @classmethod
+    def of(cls, clip: MotionClip, robot: Robot, feet: torch.Tensor | None = None) -> "Gait | None":
+        """Return the gait of a clip. Steps that are few or irregular are no gait, and give None.
 
-    Steps that are few or irregular are no gait, and give None.
-    """
-    qpos = torch.from_numpy(clip.qpos[:_MOST_FRAMES]).double()
-    feet, _ = ForwardKinematics(robot, robot.feet)(*qpos.split((3, 4, robot.num_joints), -1))
-    forward = quat_rotate(qpos[:, 3:7], qpos.new_tensor([1.0, 0.0, 0.0]))[:, :2]
-    forward = forward / forward.norm(dim=-1, keepdim=True).clamp_min(1e-6)
-    lead = ((feet[:, 0, :2] - feet[:, 1, :2]) * forward).sum(-1).numpy()
-    turns = _extremes(lead)
-    if len(turns) <= _LEAST_STEPS:
-        return None
-    frames = np.diff(turns)
-    if np.log(frames).std() > _IRREGULAR:
-        return None
-    moved = np.linalg.norm(np.diff(clip.qpos[turns, :2].astype(np.float64), axis=0), axis=1)
-    return float(np.median(frames)), float(np.median(moved)), float(np.median(np.abs(lead[turns])))
+        Args:
+            clip: the motion; its frame rate is not looked at.
+            robot: whose it is.
+            feet: their positions ``[T, 2, 3]`` (m, world) where they are known.
+        """
+        qpos = torch.from_numpy(clip.qpos[:_MOST_FRAMES]).double()
+        if feet is None:
+            feet, _ = ForwardKinematics(robot, robot.feet)(*qpos.split((3, 4, robot.num_joints), -1))
+        forward = quat_rotate(qpos[:, 3:7], qpos.new_tensor([1.0, 0.0, 0.0]))[:, :2]
+        forward = forward / forward.norm(dim=-1, keepdim=True).clamp_min(1e-6)
+        apart = feet[: len(qpos), 0, :2] - feet[: len(qpos), 1, :2]
+        lead = (apart * forward).sum(-1).numpy()
+        turns = _extremes(lead)
+        if len(turns) <= _LEAST_STEPS:
+            return None
+        frames = np.diff(turns)
+        if np.log(frames).std() > _IRREGULAR:
+            return None
+        moved = np.linalg.norm(np.diff(clip.qpos[turns, :2].astype(np.float64), axis=0), axis=1)
+        return cls(float(np.median(frames)), float(np.median(moved)), float(np.median(np.abs(lead[turns]))))
+
+    @property
+    def tempo(self) -> "Tempo | None":
+        """Return the steps of who moves on with them; None for others."""
+        moves = _MOVES[0] * self.stride < self.length < _MOVES[1] * self.stride
+        return Tempo(self.frames, self.length) if moves else None
+
+    @property
+    def in_place(self) -> bool:
+        """Return whether the feet stride and the root does not move: it is kept in place, or relative."""
+        return self.stride > _STRIDE and self.length < _IN_PLACE * self.stride
 
 
 def _extremes(lead: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from plat.motions.checks.root_path import OtherPath, other_path
 from plat.motions.checks.settings import ValidationLimits
 from plat.motions.checks.sides import EXCHANGED, apart
 from plat.motions.checks.steps import JointStep, joint_steps
-from plat.motions.checks.tempo import Tempo, strides_in_place
+from plat.motions.checks.tempo import Gait
 from plat.motions.checks.underside import Underside
 from plat.motions.clip import ASSUMED_RATE, MotionClip
 from plat.progress import tracked
@@ -151,7 +151,10 @@ def _measure(
     qpos = torch.from_numpy(clip.qpos).double()
     joint_pos = qpos[:, 7:]
     low, high = robot.joint_range.double().unbind(-1)
-    points = soles.points(qpos)
+    feet_pos, feet_quat = soles.feet(qpos)
+    points = soles.points_of(feet_pos, feet_quat)
+    gait = Gait.of(clip, robot, feet_pos)
+    tempo = None if gait is None else gait.tempo
     level = ground_level(points, clip.fps)
     if level > limits.floating:
         level = ground_level(points, clip.fps, underside.heights(clip.qpos).min(1))
@@ -169,11 +172,11 @@ def _measure(
         self_penetration=inside,
         jumps=tuple(frame / clip.fps for frame in root_jumps(qpos, limits)),
         sides=apart(clip.qpos[:, 7:], robot, "shoulder_roll") if _stands(qpos) else None,
-        gravity=None if (flight := Flight.of(clip, robot)) is None else flight.gravity(clip.fps),
-        tempo=None if (steps := Tempo.of(clip, robot)) is None else steps.ratio(clip.fps),
+        gravity=None if (flight := Flight.of(clip, robot, points)) is None else flight.gravity(clip.fps),
+        tempo=None if tempo is None else tempo.ratio(clip.fps),
         steps=tuple(joint_steps(clip, limits.step_speed, robot)),
         root_speed=float(qpos[:, :2].diff(dim=0).norm(dim=-1).mean()) * clip.fps,
-        in_place=strides_in_place(clip, robot),
+        in_place=gait is not None and gait.in_place,
         path=other_path(points, clip.qpos[:, :3], clip.fps) if _stands(qpos) else None,
         rate_assumed=ASSUMED_RATE in clip.notes,
     )
