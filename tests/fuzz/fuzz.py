@@ -27,9 +27,9 @@ from tests.fuzz.watch import MOST_SECONDS, forbid_programs, limit_process, read_
 
 __all__ = ["Report", "fuzz"]
 
-_FIRST, _MOST_IN_A_WAVE = 4, 400
+_FIRST, _MOST_IN_A_WAVE = 4, 100
 """Files of a reader before its cost is known, and after it in one wave."""
-_WAVE = 120.0
+_WAVE = 30.0
 """Seconds of the processor that a wave is to take."""
 _STUCK = 3 * MOST_SECONDS
 """Seconds of the processor without an answer after which the child is stuck where no alarm reaches it."""
@@ -130,7 +130,8 @@ def _waves(
     while min(done) < most:
         jobs = []
         for index, subject in enumerate(chosen):
-            count = min(_share(report.cost(subject.name), len(chosen)) if even else _FIRST, most - done[index])
+            share = _share(report.cost(subject.name), len(chosen)) if even and done[index] else _FIRST
+            count = min(share, most - done[index])
             jobs += [(case, index) for case in range(done[index], done[index] + count)]
             done[index] += count
         # in turn: a campaign that ends early has tried all subjects
@@ -139,7 +140,7 @@ def _waves(
 
 def _share(cost: float, subjects: int) -> int:
     """Return the number of files in a wave of a reader that takes so many seconds for each."""
-    return _FIRST if cost == 0 else max(1, min(_MOST_IN_A_WAVE, round(_WAVE / subjects / cost)))
+    return max(1, round(min(_MOST_IN_A_WAVE, _WAVE / subjects / max(cost, 1e-9))))
 
 
 def _run_child(
