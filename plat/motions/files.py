@@ -22,6 +22,7 @@ from plat.motions.formats.axes import Up
 from plat.motions.formats.foreign import refuse_foreign
 from plat.motions.formats.pace import UnfitRateError
 from plat.motions.formats.rate import without_rates
+from plat.motions.formats.sonic import is_part_of_sonic, sonic_parts
 from plat.motions.formats.units import Units
 from plat.motions.paths import find_files, listed_paths
 from plat.motions.readers import NAMED, READERS
@@ -50,7 +51,9 @@ def motion_paths(
     Raises:
         MotionError: when one of them names no motion file.
     """
-    return find_files(patterns, READERS, named=NAMED, copies=strict, told=told)
+    found = find_files(patterns, READERS, named=NAMED, copies=strict, told=told)
+    listed = listed_paths(patterns)
+    return [path for path in found if path in listed or not is_part_of_sonic(path)]
 
 
 def read_along(path: Path) -> list[Path]:
@@ -58,7 +61,10 @@ def read_along(path: Path) -> list[Path]:
     ending = path.suffix.lower()
     if ending == ".amc":
         return skeletons_beside(path)
-    beside = {".csv": [path.with_suffix(".npz"), path.with_suffix(".pkl")], ".npz": [path.with_name("meta.json")]}
+    beside = {
+        ".csv": [path.with_suffix(".npz"), path.with_suffix(".pkl"), *sonic_parts(path)],
+        ".npz": [path.with_name("meta.json")],
+    }
     return [file for file in beside.get(ending, []) if file.is_file()]
 
 

@@ -5,7 +5,9 @@ from pathlib import Path
 
 from plat.motions.formats import MotionFile, ReadOptions, read_csv, read_npy, read_npz, read_pickle
 from plat.motions.formats.root_turn import refuse_other_turns
+from plat.motions.formats.sonic import holds_sonic, read_sonic
 from plat.motions.retargeting.joint_file import holds_human_joints
+from plat.motions.retargeting.poselib import holds_poselib
 from plat.motions.retargeting.reader import read_human_motion
 
 __all__ = ["NAMED", "READERS"]
@@ -31,11 +33,21 @@ def _read_archive(path: Path, options: ReadOptions) -> MotionFile:
     return read_human_motion(path, options) if holds_human_joints(path) else _of_robot(read_npz)(path, options)
 
 
+def _read_table(path: Path, options: ReadOptions) -> MotionFile:
+    """Read a ``.csv``: joints of SONIC with the bodies beside them, or a whole motion."""
+    return _of_robot(read_sonic if holds_sonic(path) else read_csv)(path, options)
+
+
+def _read_array(path: Path, options: ReadOptions) -> MotionFile:
+    """Read an ``.npy``: a human's motion of poselib is retargeted, all else is a robot's."""
+    return read_human_motion(path, options) if holds_poselib(path) else _of_robot(read_npy)(path, options)
+
+
 READERS: dict[str, Reader] = {
     ".npz": _read_archive,
-    ".csv": _of_robot(read_csv),
+    ".csv": _read_table,
     ".tsv": _of_robot(read_csv),
-    ".npy": _of_robot(read_npy),
+    ".npy": _read_array,
     ".pkl": _of_robot(read_pickle),
     ".pickle": _of_robot(read_pickle),
     ".joblib": _of_robot(read_pickle),

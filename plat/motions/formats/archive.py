@@ -11,6 +11,7 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.json_file import short
+from plat.motions.formats.clock import rate_of_times
 from plat.motions.formats.common import number
 from plat.motions.formats.decompress import check_numbers, size_limit
 from plat.motions.formats.unpickle import PickledArray, unpickle
@@ -19,6 +20,7 @@ __all__ = ["archive_shapes", "read_archive", "read_array", "states_rate", "take_
 
 _FPS = ("fps", "frequency", "frame_rate", "framerate", "hz", "mocap_framerate", "mocap_frame_rate")
 _STEP = ("dt", "timestep", "frame_time")
+_TIMES = ("time", "times", "timestamps", "timestamp", "t")
 # rates that differ by less are one, rounded
 _SAME_RATE = 1.02
 
@@ -89,17 +91,32 @@ def take_rate(arrays: dict[str, np.ndarray], fps: float | None) -> float:
     Raises:
         MotionError: when nothing states it, or arrays contradict each other.
     """
-    stated = {name: number(arrays.pop(name), name) for name in _FPS if name in arrays}
+    stated = {name: number(_one_of(arrays.pop(name)), name) for name in _FPS if name in arrays}
     steps = {name: 1 / max(number(arrays.pop(name), name), 1e-9) for name in _STEP if name in arrays}
     if fps is not None:
         return fps
-    rates = stated or steps
+    rates = stated or steps or _of_times(arrays)
     if not rates:
         raise MotionError("no array 'fps', expected the frames a second (or state them: --fps)")
     if max(rates.values()) > _SAME_RATE * min(rates.values()):
         told = " and ".join(f"{name} {rate:g}" for name, rate in rates.items())
         raise MotionError(f"it states {told}; state which: --fps")
     return next(iter(rates.values()))
+
+
+def _one_of(values: np.ndarray) -> np.ndarray:
+    """Return one of several equal numbers, as where each clip has its rate; else all of them."""
+    return values.ravel()[:1] if values.ndim == 1 and len(values) and (values == values[0]).all() else values
+
+
+def _of_times(arrays: dict[str, np.ndarray]) -> dict[str, float]:
+    """Return the rate of the times of the frames, by the name of their array; nothing where there are none."""
+    for name in _TIMES:
+        times = arrays.get(name)
+        if times is not None and times.ndim == 1 and len(times) > 2 and times.dtype.kind in "fiu":
+            del arrays[name]
+            return {name: rate_of_times(times.astype(np.float64))}
+    return {}
 
 
 def _header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:

@@ -1,5 +1,6 @@
 """Which columns of a table are the root, which the joints, and which neither."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -19,6 +20,9 @@ __all__ = ["Parts", "split_columns"]
 _FASTEST_TURN = 0.15
 # what a header calls the root's columns in BONES-SEED's tables, which are in cm and degrees
 _SEED = {"translate", "rotate"}
+# words for a number of frames, which goes on in a motion, and of motions, which does not change
+_FRAME = {"frame", "frames", "step"}
+_SEVERAL = {"episode", "clip", "motion", "sequence", "take", "trial", "traj", "trajectory"}
 # words that only Euler angles have in their names
 _NAMED_ANGLES = {"roll", "pitch", "yaw", "euler"}
 
@@ -58,6 +62,7 @@ def split_columns(table: Table, robot: Robot) -> Parts:
         MotionError: for a number of columns that no layout has, or names that are not understood.
     """
     kinds = classify_columns(table.header, robot) if table.header else []
+    _refuse_several(table, kinds)
     counters, times = _counters(table, kinds)
     by_kind = {
         kind: [n for n, column in enumerate(kinds) if column.kind == kind] for kind in ("place", "quat", "euler")
@@ -69,7 +74,7 @@ def split_columns(table: Table, robot: Robot) -> Parts:
     if place and turn and len(joints) > len(robot.joint_names) // 2:
         rest = [n for n in left_out if n not in (*place, *turn, *joints)]
         return _by_name(table, kinds, place, turn, joints, rest, times, robot)
-    return _by_place(table, kinds, left_out, times, robot)
+    return _by_place(table, kinds, [n for n in left_out if not kinds or kinds[n].kind != "derived"], times, robot)
 
 
 def _by_name(
@@ -150,13 +155,22 @@ def _by_place(
         listed = [table.header[n] for n in columns[7:]]
         if any(kinds[n].kind == "joint" for n in columns[7:]):
             names = listed
-        elif all(map(is_generic, listed)):
+        elif all(map(is_generic, listed)) or _are_numbered(listed):
             notes.append("the header names no joints: the robot's order")
         else:
             odd = sorted({name for name in listed if not is_generic(name)})
             raise MotionError(f"the header has the unknown {odd[:8]}, expected names of the robot's joints, or none")
     order = _order(table.header, columns[3:7])
     return Parts(values[:, :3], values[:, 3:7], values[:, 7:], names, order, times, notes=tuple(notes))
+
+
+def _are_numbered(names: Sequence[str]) -> bool:
+    """Return whether names are the same but for numbers that count up: ``state.position3``, ``state.position4``."""
+    found = [re.fullmatch(r"(\D*)(\d+)(\D*)", name) for name in names]
+    parts = [match.groups() for match in found if match is not None]
+    counts = [int(number) for _, number, _ in parts]
+    alike = len(parts) == len(names) and len({(before, after) for before, _, after in parts}) == 1
+    return alike and counts == list(range(counts[0], counts[0] + len(counts)))
 
 
 def _whirls(angles: np.ndarray) -> bool:
@@ -175,6 +189,25 @@ def _counters(table: Table, kinds: Sequence[Column]) -> tuple[list[int], tuple[n
         elif column.kind == "count" and (table.header[n] or (n == 0 and _even(table.values[:, n]))):
             counters.append(n)
     return counters, times
+
+
+def _refuse_several(table: Table, kinds: Sequence[Column]) -> None:
+    """Raise where a column says that a table holds several motions.
+
+    Raises:
+        MotionError: naming the column, and the row where the second one begins.
+    """
+    for n, column in enumerate(kinds):
+        name, values = table.header[n], table.values[:, n]
+        steps = np.diff(values)
+        counts = column.kind == "count" and name != "" and set(tokens(name)) & _FRAME
+        anew = steps < 0 if counts else steps != 0 if set(tokens(name)) & _SEVERAL else np.zeros(0, bool)
+        if anew.any():
+            row = int(anew.argmax())
+            raise MotionError(
+                f"column {n + 1} ({name!r:.40}) goes from {values[row]:g} to {values[row + 1]:g} after frame {row}: "
+                "are these several motions? Write a file for each, or leave the column out"
+            )
 
 
 def _axes(kinds: Sequence[Column], columns: list[int], axes: str) -> list[int]:

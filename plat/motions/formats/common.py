@@ -136,7 +136,8 @@ def make_clip(
     robot = options.robot
     for field, values, width in zip(fields, (root_pos, root_quat), (3, 4), strict=True):
         if values.shape != (len(joint_pos), width) or values.dtype.kind not in "fiu":
-            raise MotionError(f"{field!r} has shape {values.shape}, expected {(len(joint_pos), width)} numbers")
+            advice = "; write rotation vectors, Euler angles or matrices as quaternions" * (width == 4)
+            raise MotionError(f"{field!r} has shape {values.shape}, expected {(len(joint_pos), width)} numbers{advice}")
     if not _FPS[0] <= fps <= _FPS[1]:
         raise MotionError(f"fps is {fps:g}, expected {_FPS[0]:g} to {_FPS[1]:g} frames a second")
     if quat_order == "xyzw":

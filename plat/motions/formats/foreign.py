@@ -15,6 +15,7 @@ _MAGIC = {
     b"version https://hawser": "a Git LFS pointer and not the file itself: run 'git lfs pull' where it comes from",
     b"<!DOCTYPE": "a web page and not the file itself: download it again, raw",
     b"<html": "a web page and not the file itself: download it again, raw",
+    b"{": "JSON and no table of numbers: write root, joints and fps with np.savez, or a table (.csv)",
     b"/annex/objects/": "a git-annex pointer and not the file itself: run 'git annex get'",
 }
 
@@ -40,7 +41,7 @@ def refuse_foreign(start: bytes) -> None:
 
 
 def refuse_human_body(fields: Collection[str]) -> None:
-    """Raise for files of human bodies: the SMPL family, as AMASS has them, and poselib, as AMP and ASE have it.
+    """Raise for files of human bodies: the SMPL family, as AMASS has them, and poselib where it is no ``.npy``.
 
     Args:
         fields: names of arrays or fields of a file.

@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 
 from plat.robots.robot import Robot
 
-__all__ = ["Column", "classify_columns", "is_generic", "match_joint", "tokens"]
+__all__ = ["Column", "array_meaning", "classify_columns", "is_generic", "match_joint", "tokens"]
 
 _SIDES = {"l": "left", "r": "right", "lt": "left", "rt": "right", "lft": "left", "rgt": "right"}
 
@@ -23,6 +23,11 @@ _ROOT = _words("root base pelvis body free freejoint floating world global torso
 _DERIVED = _words("vel velocity velocities qvel speed acc acceleration tau torque torques force contact effort current")
 _PLACE = _words("pos position trans translation translate t p location xyz")
 _TURN = _words("quat quaternion q rot rotation rotate orientation orient ori r euler angle")
+# words of the names of whole arrays
+_ROOT_ALONE, _JOINTS = _words("root base pelvis"), _words("joint joints dof dofs")
+_PLACES = _words("pos position positions trans translation translations xyz")
+_TURNS = _words("quat quaternion quaternions quats rot rotation rotations orientation orient ori wxyz xyzw")
+_ANGLES = _words("pos position positions angle angles q")
 _EULER = {"roll": "x", "pitch": "y", "yaw": "z"}
 _FUSED = re.compile(r"(q|quat|rot|r|p|pos|t|trans)([wxyz])")
 _COUNTS = _words("frame frames index idx step id number no unnamed i n row")
@@ -79,6 +84,21 @@ def is_generic(name: str) -> bool:
     [True, True, True, True, False]
     """
     return re.fullmatch(r"[a-z]*[\s_/.:\[(#-]*([a-z]|\d*(\.\d+)?)[\])]*", name.strip("\"' \t").lower()) is not None
+
+
+def array_meaning(name: str) -> str:
+    """Return what an array is by its name: ``root_pos``, ``root_quat`` or ``joint_pos``; or nothing.
+
+    >>> [array_meaning(name) for name in ("base_position", "root_orientation_xyzw", "joint_angles", "joint_vel", "q")]
+    ['root_pos', 'root_quat', 'joint_pos', '', '']
+    """
+    words = set(tokens(name))
+    words -= {"robot", "ref", "reference", "motion", "w", "world"}
+    if words & _ROOT_ALONE and words <= _ROOT_ALONE | _PLACES:
+        return "root_pos" if words & _PLACES else ""
+    if words & _ROOT_ALONE and words <= _ROOT_ALONE | _TURNS:
+        return "root_quat"
+    return "joint_pos" if words & _JOINTS and words & _ANGLES and words <= _JOINTS | _ANGLES else ""
 
 
 def classify_columns(header: Sequence[str], robot: Robot) -> list[Column]:

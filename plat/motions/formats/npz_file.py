@@ -1,5 +1,6 @@
 """NumPy archives: plat's own, those of trackers and of retargeters."""
 
+import contextlib
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -8,12 +9,13 @@ from typing import Any
 import numpy as np
 
 from plat.errors import MotionError
-from plat.json_file import read_json, short
+from plat.json_file import parse_json, read_json, short
 from plat.motions.clip import MotionClip
 from plat.motions.formats.archive import read_archive, states_rate, take_rate
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, number, strings
 from plat.motions.formats.foreign import refuse_human_body, refuse_old_arrays
 from plat.motions.formats.kimodo import KIMODO_FPS, has_links, read_kimodo
+from plat.motions.formats.names import array_meaning
 from plat.motions.formats.quaternion_order import settle_joint_order, settle_quat_order
 from plat.motions.formats.tracker_file import read_tracker
 
@@ -34,6 +36,12 @@ _ALIASES = {
     "robot_body_names": "body_names",
     "robot_body_pos": "body_pos_w",
     "robot_body_quat": "body_quat_w",
+    # HoloMotion
+    "ref_dof_pos": "joint_pos",
+    "ref_global_translation": "body_pos_w",
+    "ref_global_rotation_quat": "body_quat_w",
+    "global_translation": "body_pos_w",
+    "global_rotation_quat": "body_quat_w",
     # GMR and others as an archive
     "dof_pos": "joint_pos",
     "root_rot": "root_quat",
@@ -55,6 +63,10 @@ _LOCO = frozenset(
         *("body_pos", "body_quat", "body_ipos", "body_iquat", "nsite", "site_bodyid", "site_pos", "site_quat"),
     )
 )
+# columns of arrays by these names
+_WIDTHS = {"root_pos": 3, "root_quat": 4}
+# what HoloMotion calls the frame rate in its metadata
+_META_RATE = "motion_fps"
 # columns of an object behind the robot's
 _BESIDE = 7
 # clips of an archive that are looked at before all are
@@ -68,11 +80,12 @@ def read_npz(path: Path, options: ReadOptions) -> MotionFile:
     """
     stored = read_archive(path)
     arrays = {_ALIASES.get(name, name): array for name, array in stored.items()}
+    _rename(arrays)
     refuse_human_body(arrays)
     refuse_old_arrays(stored)
     if arrays.get("root_pos") is not None and "root_rot" in stored:
         arrays.setdefault("scalar_first", np.array(False))  # as GMR has it
-    notes = _add_meta(path, arrays, options)
+    notes = [*_add_metadata(arrays), *_add_meta(path, arrays, options)]
     names = strings(arrays.pop("joint_names"), "joint_names") if "joint_names" in arrays else None
     links = has_links(arrays, options.robot)
     if links and options.fps is None and not states_rate(arrays):
@@ -86,6 +99,30 @@ def read_npz(path: Path, options: ReadOptions) -> MotionFile:
     else:
         file = _clips(path, arrays, fps, names, options)
     return MotionFile(path, file.format, file.clips, (*notes, *file.notes))
+
+
+def _rename(arrays: dict[str, np.ndarray]) -> None:
+    """Give root and joints the names that plat knows them by, where their own names and shapes say what they are."""
+    for name in list(arrays):
+        known, array = array_meaning(name), arrays[name]
+        if not known or known in arrays or array.ndim != 2 or array.shape[1] != _WIDTHS.get(known, array.shape[1]):
+            continue
+        arrays[known] = arrays.pop(name)
+        if known == "root_quat" and "xyzw" in name.lower():
+            arrays.setdefault("scalar_first", np.array(False))
+
+
+def _add_metadata(arrays: dict[str, np.ndarray]) -> list[str]:
+    """Add the frame rate that an array ``metadata`` of JSON says, as HoloMotion writes it."""
+    told = arrays.get("metadata")
+    if told is None or told.size != 1 or told.dtype.kind not in "SU" or states_rate(arrays):
+        return []
+    with contextlib.suppress(MotionError):  # the rate is missed anyhow where it is in no text that can be read
+        meta = parse_json(strings(told, "metadata")[0].encode(), MotionError, "'metadata'")
+        if isinstance(meta, dict) and type(meta.get(_META_RATE)) in (int, float):
+            arrays["fps"] = np.array(meta[_META_RATE])
+            return [f"fps from {_META_RATE!r} of its metadata"]
+    return []
 
 
 def _add_meta(path: Path, arrays: dict[str, np.ndarray], options: ReadOptions) -> list[str]:
@@ -121,9 +158,9 @@ def _clips(
     """One array a clip, ``[T, 7 + J]``, named by the clip; a clip called ``qpos`` is named by the file."""
     widths = _widths(names, options)
     fitting = {name: array for name, array in arrays.items() if _is_motion(array, widths)}
-    if "qpos" in arrays and arrays["qpos"].ndim == 3 and len(arrays["qpos"]) == 1:
-        fitting = {"qpos": arrays["qpos"][0]}
-    if "qpos" in arrays and "qpos" not in fitting:
+    if "qpos" in arrays and arrays["qpos"].ndim == 3:
+        fitting = _of_batch(arrays["qpos"])
+    elif "qpos" in arrays and "qpos" not in fitting:
         fitting = {"qpos": arrays["qpos"]}
     if not fitting:
         told = ", ".join(f"{name!r} {array.shape}" for name, array in list(arrays.items())[:6]) or "nothing else"
@@ -131,7 +168,7 @@ def _clips(
             MotionClip(name, qpos, fps).checked(options.robot)  # says what is wrong
         raise MotionError(f"no clips, expected one array (frames, {widths[0]}) each; it has {told}")
     known = _LOCO if "split_points" in arrays else frozenset()
-    left_out = [name for name in arrays if name not in fitting and name not in known]
+    left_out = [name for name in arrays if name not in fitting and name not in known and name != "qpos"]
     # a file has one convention: where some of its clips raise no doubt, the others are not looked at
     some = [*fitting][:: max(1, len(fitting) // _EXAMINED)]
     if "split_points" in arrays and list(fitting) == ["qpos"]:
@@ -146,6 +183,13 @@ def _clips(
     ]
     notes = [f"{len(left_out)} other arrays left out ({', '.join(left_out[:3])})"] if left_out else []
     return MotionFile(path, "plat npz", clips, tuple(notes))
+
+
+def _of_batch(qpos: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the motions of a batch ``[N, T, 7 + J]`` or ``[T, 1, 7 + J]``."""
+    if qpos.shape[1] == 1:
+        qpos = qpos.swapaxes(0, 1)
+    return {"qpos" if len(qpos) == 1 else f"qpos_{number}": motion for number, motion in enumerate(qpos)}
 
 
 def _split(qpos: np.ndarray, points: np.ndarray) -> dict[str, np.ndarray]:

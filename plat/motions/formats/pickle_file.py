@@ -1,4 +1,4 @@
-"""Pickles of GMR and TWIST2, and joblib's of ASAP and PBHC; both hold ``xyzw`` quaternions."""
+"""Pickles of GMR and TWIST2, joblib's of ASAP and PBHC, which hold ``xyzw`` quaternions, and MimicKit's."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,9 +11,11 @@ from plat.motions.clip import MotionClip
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, number, strings
 from plat.motions.formats.decompress import check_numbers, decompress
 from plat.motions.formats.foreign import refuse_human_body
+from plat.motions.formats.names import array_meaning
 from plat.motions.formats.quaternion_order import settle_joint_order, settle_quat_order
 from plat.motions.formats.unnamed_joints import unnamed_joints
 from plat.motions.formats.unpickle import PickledArray, unpickle
+from plat.rotations_np import quat_from_rotvec
 
 __all__ = ["read_fields", "read_pickle"]
 
@@ -21,8 +23,13 @@ __all__ = ["read_fields", "read_pickle"]
 _ROOT_POS = ("root_pos", "root_trans_offset", "root_trans", "base_pos")
 _ROOT_QUAT = ("root_rot", "root_quat", "base_quat")
 _JOINT_POS = ("dof_pos", "dof", "joint_pos")
-_RATE, _STEP = ("fps", "frame_rate", "framerate", "frequency", "mocap_framerate"), ("dt", "timestep")
-_NAMES = ("joint_names", "dof_names")
+_RATE = ("fps", "frame_rate", "framerate", "frequency", "mocap_framerate", "motion_fps")
+_STEP = ("dt", "timestep")
+_NAMES = ("joint_names", "dof_names", "joint_order", "motor_names")
+# what MimicKit calls its rows of root position, rotation vector and joints
+_FRAMES = "frames"
+# what files are called that have a field, the last one without any of these
+_KINDS = {"GMR pickle": "dof_pos", "MimicKit pickle": _FRAMES, "ASAP pickle": "dof", "pickle": ""}
 # A motion takes milliseconds to look at, and a second of one takes kilobytes.
 _FEW, _LEAST_BYTES = 16, 256
 
@@ -54,7 +61,10 @@ def read_fields(path: Path, content: Any, options: ReadOptions, packed: int, siz
     if not isinstance(content, dict) or not content:
         raise MotionError(f"it holds a {type(content).__name__}, expected a dictionary of a motion or of motions")
     refuse_human_body([name for name in content if isinstance(name, str)])
-    single = any(name in content for name in (*_JOINT_POS, "qpos"))
+    single = any(name in content for name in (*_JOINT_POS, "qpos", _FRAMES)) or any(
+        isinstance(name, str) and array_meaning(name) == "joint_pos" and not isinstance(fields, dict)
+        for name, fields in content.items()
+    )
     motions = {path.stem: content} if single else content
     if len(motions) > _FEW + packed // _LEAST_BYTES:
         raise MotionError(f"it names {len(motions)} motions, expected at least {_LEAST_BYTES} bytes for each")
@@ -76,13 +86,13 @@ def read_fields(path: Path, content: Any, options: ReadOptions, packed: int, siz
             raise MotionError("its motions are larger than the file")
         clips.append(clip)
         orders.add(order)
-    kind = "GMR pickle" if any("dof_pos" in fields for fields in motions.values()) else "ASAP pickle"
+    kind = next(kind for kind, field in _KINDS.items() if any(field in fields for fields in (*motions.values(), [""])))
     return MotionFile(path, kind, clips, (f"quaternion {'/'.join(sorted(orders))}",))
 
 
 def _read_motion(name: str, fields: dict[str, Any], options: ReadOptions) -> tuple[MotionClip, QuatOrder]:
     robot = options.robot
-    fields, usual = _with_parts(fields)
+    fields, usual = _with_parts(_renamed(fields))
     root_pos, root_quat, joint_pos = (_array(fields, names) for names in (_ROOT_POS, _ROOT_QUAT, _JOINT_POS))
     listed = next((_unwrap(fields[key]) for key in _NAMES if key in fields), None)
     names = None if listed is None else strings(listed, "joint_names")
@@ -113,12 +123,31 @@ def _read_motion(name: str, fields: dict[str, Any], options: ReadOptions) -> tup
     return (read(arranged, order, doubts) if doubts else clip), order
 
 
+def _renamed(fields: dict[str, Any]) -> dict[str, Any]:
+    """Return fields with the names that plat knows root and joints by, where their own names say what they are."""
+    named = dict(fields)
+    for known, usual in (("root_pos", _ROOT_POS), ("root_quat", _ROOT_QUAT), ("joint_pos", _JOINT_POS)):
+        found = [name for name in fields if isinstance(name, str) and array_meaning(name) == known]
+        if found and not any(name in fields for name in (*usual, "qpos")):
+            as_written = "root_rot" if known == "root_quat" and "xyzw" in found[0].lower() else known
+            named[as_written] = fields[found[0]]
+    return named
+
+
 def _with_parts(fields: dict[str, Any]) -> tuple[dict[str, Any], QuatOrder]:
     """Return the fields of a motion with ``qpos`` taken apart, and the order that its quaternion usually has."""
     qpos = _unwrap(fields.get("qpos"))
     if isinstance(qpos, np.ndarray) and qpos.ndim == 2 and qpos.shape[1] > 7:
         parts = {"root_pos": qpos[:, :3], "root_rot": qpos[:, 3:7], "dof_pos": qpos[:, 7:]}
         return {**fields, **parts}, "wxyz"
+    if _FRAMES in fields and not any(name in fields for name in _JOINT_POS):
+        rows = _array(fields, (_FRAMES,))
+        if rows.ndim != 2 or rows.shape[1] < 7:
+            raise MotionError(
+                f"{_FRAMES!r} has shape {rows.shape}, expected rows of root position, rotation vector and joint angles"
+            )
+        quat = quat_from_rotvec(rows[:, 3:6].astype(np.float64))
+        return {**fields, "root_pos": rows[:, :3], "root_quat": quat, "dof_pos": rows[:, 6:]}, "wxyz"
     return fields, "xyzw" if "root_rot" in fields else "wxyz"
 
 
@@ -149,6 +178,9 @@ def _array(fields: dict[str, Any], names: tuple[str, ...]) -> np.ndarray:
         widths = {len(row) for row in array}
         if len(widths) == 1 and all(isinstance(value, (int, float)) for row in array for value in row):
             return np.array(array, dtype=np.float64)
+    if isinstance(array, np.ndarray) and array.ndim == 3 and 1 in array.shape[::2]:
+        # one of a batch, or a column for each joint
+        array = array[0] if len(array) == 1 else array[..., 0]
     if not isinstance(array, np.ndarray):
         raise MotionError(f"{present[0]!r} is a {type(array).__name__}, expected an array")
     return array

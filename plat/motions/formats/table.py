@@ -4,6 +4,7 @@ import codecs
 import math
 import re
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,10 @@ _COMMENTS = ("#", "//", "%")
 _MISSING = ("", "-")
 # Rows of names before the numbers, at most: a title, names in two rows, units.
 _HEADER_ROWS = 4
+# What is said before a table in so few cells is no row of it: a title, or a frame rate.
+_FEW_CELLS = 4
+# the line with which Excel is told what separates cells
+_EXCEL = re.compile(r"sep=(.)\W*$", re.IGNORECASE)
 _UNITS = frozenset(
     ("", "-", "1", "m", "cm", "mm", "in", "ft", "rad", "radian", "radians", "deg", "degree", "degrees", "s")
 )
@@ -40,8 +45,9 @@ class Table:
 def read_table(path: Path) -> Table:
     """Read a table of numbers separated by commas, semicolons, tabs or spaces.
 
-    A header, comments, an empty last column and decimal commas are understood. A row of numbers
-    that count the columns, as pandas writes them, is a header.
+    A header, comments, lines before the table, an empty last column and decimal commas are understood. A row of
+    numbers that count the columns, as pandas writes them, is a header. Dates with times become seconds, and a named
+    column in which all rows have the same text is left out.
 
     Raises:
         MotionError: naming row and column, when there are no numbers or a cell is none.
@@ -55,8 +61,13 @@ def read_table(path: Path) -> Table:
             lines.append((number, line))
     if not lines:
         raise MotionError("no rows of numbers, expected one a frame")
-    separator = _separator([line for _, line in lines])
+    if len(lines) > 1 and (told := _EXCEL.match(lines[0][1].strip())):
+        separator: str | None = told[1]
+        del lines[0]
+    else:
+        separator = _separator([line for _, line in lines])
     rows = [(number, _cells(line, separator)) for number, line in lines]
+    comments += _take_lines_before(rows)
     header = _take_header(rows)
     if not rows:
         raise MotionError("no rows of numbers, expected one a frame")
@@ -77,6 +88,7 @@ def read_table(path: Path) -> Table:
     for number, row in rows:
         if len(row) != width:
             raise MotionError(f"row {number} has {len(row)} columns, row {rows[0][0]} has {width}")
+    header, rows = _without_texts(header, rows)
     return Table(header, _numbers(rows), comments)
 
 
@@ -111,6 +123,20 @@ def _cells(line: str, separator: str | None) -> list[str]:
     if separator != ",":
         cells = [re.sub(r"^([+-]?\d+),(\d*)", r"\1.\2", cell) for cell in cells]
     return cells
+
+
+def _take_lines_before(rows: list[tuple[int, list[str]]]) -> list[str]:
+    """Take away lines of few cells before a table of many more, and return them as comments."""
+    count = 0
+    width = len(rows[-1][1])
+    while count < min(_HEADER_ROWS, len(rows) - 1):
+        row = rows[count][1]
+        if len(row) > min(_FEW_CELLS, width // 4) or all(map(_is_number, row)):
+            break
+        count += 1
+    told = [" ".join(row) for _, row in rows[:count]]
+    del rows[:count]
+    return told
 
 
 def _take_header(rows: list[tuple[int, list[str]]]) -> list[str]:
@@ -153,6 +179,47 @@ def _counts(row: list[str]) -> bool:
         and all(number == numbers[0] + step for step, number in enumerate(numbers))
         and numbers[0] in (0, 1)
     )
+
+
+def _without_texts(
+    header: list[str], rows: list[tuple[int, list[str]]]
+) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """Return the table with seconds for dates with times, and without named columns of one text.
+
+    Raises:
+        MotionError: for a named column of several texts.
+    """
+    texts = [column for column, cell in enumerate(rows[0][1]) if cell not in _MISSING and not _is_number(cell)]
+    for column in texts:
+        cells = [row[column] for _, row in rows]
+        if (seconds := _seconds(cells)) is not None:
+            for (_, row), second in zip(rows, seconds, strict=True):
+                row[column] = repr(second)
+    left_out = []
+    for column in texts if header else ():
+        cells = [row[column] for _, row in rows]
+        if any(map(_is_number, cells)):
+            continue
+        if (other := next((cell for cell in cells if cell != cells[0]), None)) is not None:
+            raise MotionError(
+                f"column {column + 1} ({header[column]!r:.40}) holds texts, {cells[0]!r:.40} and {other!r:.40}: are "
+                "these several motions? Write a file for each, or leave the column out"
+            )
+        left_out.append(column)
+
+    def kept(row: list[str]) -> list[str]:
+        return [cell for column, cell in enumerate(row) if column not in left_out]
+
+    return (kept(header), [(number, kept(row)) for number, row in rows]) if left_out else (header, rows)
+
+
+def _seconds(cells: list[str]) -> list[float] | None:
+    """Return the seconds of dates with times since the first, or None for what is none."""
+    try:
+        times = [datetime.fromisoformat(cell) for cell in cells]
+        return [(time - times[0]).total_seconds() for time in times]
+    except (TypeError, ValueError):
+        return None
 
 
 def _numbers(rows: list[tuple[int, list[str]]]) -> np.ndarray:

@@ -24,6 +24,7 @@ from plat.motions.retargeting.human import read_human
 from plat.motions.retargeting.joint_file import holds_human_joints, read_joint_file
 from plat.motions.retargeting.mocap import Mocap
 from plat.motions.retargeting.options import SolverOptions
+from plat.motions.retargeting.poselib import holds_poselib, read_poselib
 from plat.motions.retargeting.skeletons import SkeletonMap
 from plat.robots import G1, Robot
 from plat.robots.kinematics import ForwardKinematics
@@ -34,8 +35,16 @@ if TYPE_CHECKING:
 
 __all__ = ["MOCAP_READERS", "Retargeted", "bvh_paths", "retarget", "retarget_all"]
 
-MOCAP_READERS: dict[str, Callable[..., Mocap]] = {".bvh": read_bvh, ".amc": read_amc, ".npz": read_joint_file}
+MOCAP_READERS: dict[str, Callable[..., Mocap]] = {
+    ".bvh": read_bvh,
+    ".amc": read_amc,
+    ".npz": read_joint_file,
+    ".npy": read_poselib,
+}
 """Reader of each file ending of human motion capture."""
+
+# endings that files of robots have as well, and what tells those of humans
+_HUMAN: dict[str, Callable[[Path], bool]] = {".npz": holds_human_joints, ".npy": holds_poselib}
 
 # Files that a process must have to itself to be worth the seconds in which it starts.
 _FILES_PER_WORKER = 16
@@ -68,7 +77,7 @@ class Retargeted:
 def bvh_paths(patterns: Sequence[str | Path], told: list[str] | None = None) -> list[Path]:
     """Return files of motion capture that paths, folders and globs name.
 
-    Of the ``.npz`` in folders and globs those are taken that hold joint positions of a human.
+    Of the ``.npz`` and ``.npy`` in folders and globs those are taken that hold a human's motion.
 
     Args:
         patterns: paths, folders and globs.
@@ -81,7 +90,7 @@ def bvh_paths(patterns: Sequence[str | Path], told: list[str] | None = None) -> 
     paths = [
         path
         for path in find_files(patterns, MOCAP_READERS, told=told)
-        if path.suffix.lower() != ".npz" or path in listed or holds_human_joints(path)
+        if path in listed or _HUMAN.get(path.suffix.lower(), Path.is_file)(path)
     ]
     if not paths:
         raise MotionError("motion capture files: none given, expected files, folders or globs")
@@ -97,7 +106,7 @@ def retarget(
     up: str | None = None,
     units: str | None = None,
 ) -> Retargeted:
-    """Turn the human motion of a capture (``.bvh``, ``.amc``) into a motion of the robot at its frame rate.
+    """Turn the human motion of a capture, such as ``.bvh`` or ``.amc``, into one of the robot at its frame rate.
 
     Args:
         path: the file; the clip takes its name.

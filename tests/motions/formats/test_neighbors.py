@@ -96,6 +96,28 @@ def side_last(words: list[str]) -> str:
     return "_".join(words[1:] + words[:1] if words[0] in ("left", "right") else words)
 
 
+def with_texts(name: str, header: list[str], texts: list[str], rows: np.ndarray = ROWS) -> Callable[[Path], Path]:
+    """A table whose first column holds texts."""
+
+    def write(folder: Path) -> Path:
+        lines = [",".join(header)]
+        lines += [",".join((text, *(f"{value:.12g}" for value in row))) for text, row in zip(texts, rows, strict=True)]
+        (folder / name).write_text("\n".join(lines), encoding="utf-8")
+        return folder / name
+
+    return write
+
+
+def text(content: str, name: str) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        (folder / name).write_text(content)
+        return folder / name
+
+    return write
+
+
+STAMPS = [f"2026-11-26 10:59:59.{20 * n:03}" for n in COUNT]
+QPOS, QVEL = [f"qpos_{n}" for n in range(36)], [f"qvel_{n}" for n in range(35)]
 RIGHT = {
     "byte order mark, CRLF, quotes, spaces": table(
         header=[f'" {name}"' for name in ("root x", "root y", "root z", "quat w", "quat x", "quat y", "quat z")]
@@ -169,10 +191,32 @@ RIGHT = {
     "a comment with a time step": table("walk.csv", before="# timestep: 0.02 s\n"),
     "a name with a time step": table("walk_dt0.02.csv"),
     "walk 50 fps": table("walk 50 fps.csv"),
+    "a frame rate before the header": table("walk.csv", ROOT + JOINTS, before="fps,50\n"),
+    "Excel's separator": table(header=ROOT + JOINTS, separator=";", point=",", before="sep=;\n"),
+    "Excel's separator without a header": table(separator=";", before="sep=;\n", after=";"),
+    "qpos and qvel": table(header=QPOS + QVEL, rows=np.column_stack((ROWS, np.zeros((40, 35))))),
+    "numbered names": table(header=[f"state.position{n}" for n in range(36)]),
+    "dates with times": with_texts("walk.csv", ["stamp", *ROOT, *JOINTS], STAMPS),
+    "dates with times without names": with_texts("walk.csv", ["stamp", *QPOS], STAMPS),
+    "a column of one text": with_texts("walk_50fps.csv", ["name", *ROOT, *JOINTS], ["walk"] * 40),
+    "one clip": table(header=["clip", *ROOT, *JOINTS], rows=np.column_stack((0 * COUNT + 3, ROWS))),
     "fps as text": npz(clip=ROWS, fps="50"),
     "names as bytes": npz(clip=ROWS, fps=50, joint_names=np.array([name.encode() for name in JOINTS])),
     "names as objects": npz(clip=ROWS, fps=50, joint_names=np.array(JOINTS, dtype=object)),
     "time step": npz(clip=ROWS, dt=0.02),
+    "times in an archive": npz(qpos=ROWS, time=0.02 * COUNT),
+    "a rate for each clip": npz(clip=ROWS, fps=[50, 50]),
+    "a batch of each frame": npz(qpos=ROWS[:, None], fps=50),
+    "joint_angles and root_position": npz(
+        root_position=ROWS[:, :3], root_orientation=ROWS[:, 3:7], joint_angles=ROWS[:, 7:], fps=50, joint_names=JOINTS
+    ),
+    "root_rotation_xyzw": npz(
+        base_translation=ROWS[:, :3],
+        base_rotation_xyzw=XYZW[:, 3:7],
+        dof_positions=ROWS[:, 7:],
+        fps=50,
+        dof_names=JOINTS,
+    ),
     "one of a batch": npz(qpos=ROWS[None], fps=50),
     "degrees in an archive": npz(clip=degrees(), fps=50),
     "fields of GMR in an archive": npz(**FIELDS),
@@ -190,6 +234,13 @@ RIGHT = {
     "root_quat in a pickle": pkl(
         {"fps": 50, "root_pos": ROWS[:, :3], "root_quat": ROWS[:, 3:7], "joint_pos": ROWS[:, 7:]}
     ),
+    "root_position in a pickle": pkl(
+        {"motion_fps": 50, "root_position": ROWS[:, :3], "root_orientation": ROWS[:, 3:7], "joint_angles": ROWS[:, 7:]}
+    ),
+    "joint_order in a pickle": pkl(
+        {**FIELDS, "dof_pos": qpos(listed(ISAAC_ORDER)(CONTENT))[:, 7:], "joint_order": ISAAC_ORDER}
+    ),
+    "a column for each joint in a pickle": pkl({**FIELDS, "dof_pos": ROWS[:, 7:, None]}),
     "npy": npy(ROWS),
     "npy of a dictionary": npy(FIELDS, "walk.npy"),
 }
@@ -215,6 +266,25 @@ REFUSED = {
     ),
     "no rate in a pickle": (pkl({"qpos": ROWS}), "no field 'fps', expected the frames a second"),
     "joint positions in an npy": (npy(np.zeros((40, 22, 3))), "write them with np.savez"),
+    "several motions by frame": (
+        table(header=["frame", *ROOT, *JOINTS], rows=np.column_stack((COUNT % 20, ROWS))),
+        r"column 1 \('frame'\) goes from 19 to 0 after frame 19: are these several motions\?",
+    ),
+    "several motions by number": (
+        table(header=["episode_id", *ROOT, *JOINTS], rows=np.column_stack((COUNT // 20, ROWS))),
+        r"column 1 \('episode_id'\) goes from 0 to 1 after frame 19",
+    ),
+    "several motions by name": (
+        with_texts("walk_50fps.csv", ["name", *ROOT, *JOINTS], ["walk"] * 20 + ["run"] * 20),
+        r"column 1 \('name'\) holds texts, 'walk' and 'run': are these several motions\?",
+    ),
+    "JSON": (text('{"Loop": "wrap", "Frames": [[0.1]]}', "walk.txt"), "JSON and no table of numbers"),
+    "rotation vectors of the root": (
+        npz(**{**FIELDS, "root_rot": XYZW[:, 3:6]}),
+        "write rotation vectors, .* as quater",
+    ),
+    "different rates of clips": (npz(a=ROWS, b=ROWS, fps=[50, 30]), "'fps' is array"),
+    "times with a gap": (npz(qpos=ROWS, time=0.02 * (COUNT + 5 * (COUNT > 20))), "the time goes on by 0.12 at row"),
     "objects in an archive": (npz(motion=np.array({"qpos": ROWS}, dtype=object), fps=50), "with Python objects"),
 }
 

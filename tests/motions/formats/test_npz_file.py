@@ -437,8 +437,18 @@ def test_old_arrays_of_loco_mujoco_are_named(tmp_path):
         load_motions(tmp_path / "walk.npz")
 
 
-def test_skeletons_of_poselib_are_named(tmp_path):
-    motion = {"rotation": {"arr": np.zeros((3, 2, 4))}, "skeleton_tree": {"node_names": ["pelvis", "head"]}, "fps": 30}
-    np.save(tmp_path / "walk.npy", motion)
-    with pytest.raises(MotionError, match=r"human motion of poselib \(AMP, ASE\).*plat motions retarget"):
-        load_motions(tmp_path / "walk.npy")
+@pytest.mark.parametrize("prefix", ["ref_", ""])
+def test_holomotion(tmp_path, prefix):
+    """Quaternions of bodies are ``xyzw``, and the rate stands in a text."""
+    pos, quat = body_poses(bowing_clip())
+    arrays = {"dof_pos": bowing_clip().qpos[:, 7:], "global_translation": pos}
+    arrays["global_rotation_quat"] = quat[..., [1, 2, 3, 0]]
+    metadata = json.dumps({"motion_key": "bow", "motion_fps": 25.0})
+    np.savez(tmp_path / "bow.npz", metadata=metadata, **{prefix + name: array for name, array in arrays.items()})
+    (file,) = read_motion_files(tmp_path / "bow.npz")
+    np.testing.assert_allclose(file.clips[0].qpos, bowing_clip().qpos, atol=1e-6)
+    assert file.clips[0].fps == 25
+    assert "fps from 'motion_fps' of its metadata" in file.facts
+    np.savez(tmp_path / "bow.npz", metadata="{", **arrays)
+    with pytest.raises(MotionError, match="no array 'fps'"):
+        load_motions(tmp_path / "bow.npz")

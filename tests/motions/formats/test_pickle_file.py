@@ -6,10 +6,12 @@ import zlib
 
 import numpy as np
 import pytest
+import torch
 
 from plat.errors import MotionError
 from plat.motions import load_motions, read_motion_files
 from plat.robots import G1
+from plat.rotations import quat_to_rotvec
 from tests.motions.formats.writers import asap_motions, bowing_clip, gmr_fields, write_asap, write_gmr
 
 
@@ -37,6 +39,20 @@ def test_asap(tmp_path, compress, aligned):
         np.testing.assert_allclose(clip.qpos[:, :7], bowing_clip().qpos[:, :7], atol=1e-6)
         np.testing.assert_allclose(clip.qpos[:, 7:][:, ~wrists], bowing_clip().qpos[:, 7:][:, ~wrists], atol=1e-6)
         assert (clip.qpos[:, 7:][:, wrists] == 0).all()
+
+
+def test_mimickit(tmp_path):
+    """Rows of root position, rotation vector and joints, in lists."""
+    clip = bowing_clip(heading=0.7)
+    turns = quat_to_rotvec(torch.from_numpy(clip.qpos[:, 3:7])).numpy()
+    rows = np.concatenate((clip.qpos[:, :3], turns, clip.qpos[:, 7:]), 1).tolist()
+    (tmp_path / "bow.pkl").write_bytes(pickle.dumps({"loop_mode": 0, "fps": 50, "frames": rows}))
+    (file,) = read_motion_files(tmp_path / "bow.pkl")
+    np.testing.assert_allclose(file.clips[0].qpos, clip.qpos, atol=1e-5)
+    assert file.facts == "MimicKit pickle, 50 fps, quaternion wxyz"
+    (tmp_path / "bow.pkl").write_bytes(pickle.dumps({"fps": 50, "frames": np.zeros(40)}))
+    with pytest.raises(MotionError, match=r"'frames' has shape \(40,\), expected rows of root position"):
+        load_motions(tmp_path / "bow.pkl")
 
 
 def test_a_stated_order_wins(tmp_path):
