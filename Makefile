@@ -2,7 +2,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo studio test test-fast docs lint types bench clean
+.PHONY: demo studio test test-fast docs site lint types bench clean
 
 demo: $(VENV)/.installed
 	$(BIN)/python -m plat demo
@@ -21,6 +21,10 @@ test-fast: $(VENV)/.installed-dev
 # the site in build/site; a warning is an error
 docs: $(VENV)/.installed-dev
 	$(BIN)/zensical build --clean --strict
+
+# that, and the studio without a server in build/site/demo: files for any web server
+site: docs
+	$(BIN)/python -m plat studio imagined-g1 plat-g1 --static build/site/demo
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check .

@@ -234,8 +234,8 @@ class StudioRecipe(Bounded):
     """Open the keyframe studio, a web page."""
 
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional] = (
-        Path("plat-g1"),
         Path("imagined-g1"),
+        Path("plat-g1"),
         Path("dagger-g1"),
         Path("expert-g1"),
     )

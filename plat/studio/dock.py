@@ -70,7 +70,8 @@ class Dock:
         """Return viser's page with the dock in it."""
         head = (
             '<link rel="icon" href="/dock/icon.svg"/><link rel="stylesheet" href="/dock/dock.css"/>'
-            '<script src="/dock/early.js"></script><script defer src="/dock/dock.js"></script>'
+            '<script src="/dock/early.js"></script><script defer src="/dock/handles.js"></script>'
+            '<script defer src="/dock/dock.js"></script>'
         )
         text = html.decode()
         # the compressed rest is not looked into

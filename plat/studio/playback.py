@@ -7,6 +7,7 @@ from tensordict.nn import TensorDictModuleBase
 
 from plat.control import KeyframeScore, PolicyController
 from plat.errors import StudioError
+from plat.keyframes import KeyframeSequence
 from plat.robots.robot import Robot
 from plat.spec.timing import Timing, timing_of
 from plat.studio.player import Player, score
@@ -37,7 +38,7 @@ class Playback:
         self._robot = robot
         self.policies = dict(policies)
         self.timing = common_timing(self.policies)
-        """Timing of the keyframes: what every policy can chase."""
+        """Timing of the keyframes: control step, and the longest command of all policies."""
         self.policy = next(iter(self.policies))
         """Name of the policy that plays."""
         self.beside: str | None = None
@@ -68,10 +69,10 @@ class Playback:
         return self.player is not None and not self.player.finished and self._paused
 
     @property
-    def players(self) -> dict[str, Player]:
-        """Return the chases by policy: one, two or none."""
+    def players(self) -> list[tuple[str, Player]]:
+        """Return the policies that play, each with its chase: one, two or none."""
         named = ((self.policy, self.player), (self.beside, self.second))
-        return {name: player for name, player in named if name is not None and player is not None}
+        return [(name, player) for name, player in named if name is not None and player is not None]
 
     @property
     def simulated(self) -> float:
@@ -84,11 +85,9 @@ class Playback:
         Raises:
             KeyframeError: when there is no keyframe.
         """
-        sequence = self._timeline().sequence()
-        self.player = Player(self._robot, self.controller(self.policy), sequence)
-        self.second = None
-        if self.beside is not None:
-            self.second = Player(self._robot, self.controller(self.beside), sequence)
+        player = self._player(self.policy)
+        self.second = None if self.beside is None else self._player(self.beside)
+        self.player = player
         self._paused, self.cursor = False, 0.0
 
     def toggle(self) -> None:
@@ -119,7 +118,7 @@ class Playback:
         control_dt = self.timing.control_dt
         goal = max(round(self.cursor / control_dt) + steps, 0) * control_dt
         while self.simulated + 1e-9 < goal and not self.player.finished:
-            for player in self.players.values():
+            for _, player in self.players:
                 player.take_step()
         self._take_scores()
         self.cursor = min(goal, self.simulated)
@@ -129,7 +128,7 @@ class Playback:
         self._check(policy)
         self.policy = policy
         if self.player is not None and not self.player.finished:
-            self.player.hand_over(self.controller(policy))
+            self.player.hand_over(self.controller(policy), self.sequence(policy))
 
     def set_beside(self, policy: str | None) -> None:
         """Select the policy that plays beside; it does from the next start on."""
@@ -142,7 +141,7 @@ class Playback:
         """Advance in time."""
         if not self.playing or self.player is None:
             return
-        for player in self.players.values():
+        for _, player in self.players:
             player.advance(seconds * self.speed)
         self.cursor = self.simulated
         self._take_scores()
@@ -150,7 +149,7 @@ class Playback:
             self.play()
 
     def _take_scores(self) -> None:
-        for name, player in self.players.items():
+        for name, player in self.players:
             if player.finished and (scores := player.scores) is not None:
                 self.scores[name] = scores
 
@@ -165,8 +164,8 @@ class Playback:
             self.stop()
             self.cursor = cursor
         else:
-            for player in self.players.values():
-                player.sequence = timeline.sequence()
+            for name, player in self.players:
+                player.sequence = self.sequence(name)
 
     def compare(self, timeline: Timeline) -> dict[str, list[KeyframeScore]]:
         """Compute the scores of every policy on some keyframes, at full speed.
@@ -176,14 +175,30 @@ class Playback:
         Raises:
             KeyframeError: when there is no keyframe.
         """
-        sequence = timeline.sequence()
-        return {name: score(self._robot, self.controller(name), sequence) for name in self.policies}
+        return {
+            name: score(self._robot, self.controller(name), self.sequence(name, timeline)) for name in self.policies
+        }
 
     def take_scores(self, timeline: Timeline, scores: Mapping[str, list[KeyframeScore]]) -> None:
         """Store scores, if they belong to the current keyframes."""
         now = self._timeline()
         if timeline.start is now.start and timeline.keyframes is now.keyframes and timeline.holds is now.holds:
             self.scores.update(scores)
+
+    def sequence(self, policy: str, timeline: Timeline | None = None) -> KeyframeSequence:
+        """Return the keyframes as a policy is given them: split where they are farther apart than its commands reach.
+
+        Args:
+            policy: its name.
+            timeline: by default the keyframes as they are now.
+
+        Raises:
+            KeyframeError: when there is no keyframe.
+        """
+        return (timeline or self._timeline()).sequence(timing_of(self.policies[policy]) or Timing())
+
+    def _player(self, policy: str) -> Player:
+        return Player(self._robot, self.controller(policy), self.sequence(policy))
 
     def controller(self, policy: str) -> PolicyController:
         """Return a controller of a policy."""
@@ -195,16 +210,18 @@ class Playback:
 
 
 def common_timing(policies: Mapping[str, TensorDictModuleBase]) -> Timing:
-    """Return the timing whose keyframes all of some policies can chase: that with the shortest commands.
+    """Return the timing for the keyframes of some policies: that with the longest commands.
+
+    Others are given long intervals in parts, see :meth:`Playback.sequence`.
 
     Raises:
         StudioError: when the policies have different control steps.
     """
     timings = {name: timing_of(policy) or Timing() for name, policy in policies.items()}
-    for (first, shortest), (name, timing) in pairwise(timings.items()):
-        if timing.control_dt != shortest.control_dt:
+    for (first, before), (name, timing) in pairwise(timings.items()):
+        if timing.control_dt != before.control_dt:
             raise StudioError(
                 f"policy {name!r} has a control step of {timing.control_dt:g} s and {first!r} one of "
-                f"{shortest.control_dt:g} s: open them apart"
+                f"{before.control_dt:g} s: open them apart"
             )
-    return min(timings.values(), key=lambda timing: timing.max_steps)
+    return max(timings.values(), key=lambda timing: timing.max_steps)

@@ -94,9 +94,17 @@ class Player:
         self._chase.sequence = sequence
         self._changed = True
 
-    def hand_over(self, controller: Controller) -> None:
-        """Continue with another policy."""
+    def hand_over(self, controller: Controller, sequence: KeyframeSequence) -> None:
+        """Continue with another policy, and with the keyframes as it is given them.
+
+        Raises:
+            KeyframeError: for a partial keyframe and a policy that knows whole poses only.
+        """
+        # at no time a policy has a command that is too long for it
+        if sequence.timing.max_steps < self._chase.controller.timing.max_steps:
+            self._chase.sequence = sequence
         self._chase.controller = controller
+        self._chase.sequence = sequence
         self._changed = True
 
     def advance(self, seconds: float) -> None:

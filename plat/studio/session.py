@@ -54,7 +54,7 @@ class Session:
         self.playback = Playback(robot, policies, lambda: self.timeline)
         """Plays the keyframes."""
         self.timing = self.playback.timing
-        """Timing of the keyframes: what every policy can chase."""
+        """Timing of the keyframes: control step, and the longest command of all policies."""
         self.history = History(Timeline.empty(robot, self.timing))
         self.poser = Poser(robot)
         self.limb_only = False
@@ -294,7 +294,7 @@ class Session:
         """
         path = expand_home(Path(path))
         check_video(path)
-        sequence = timeline.sequence()
+        sequence = self.playback.sequence(policy, timeline)
         controller = self.playback.controller(policy)
         chase = Chase(controller, sequence, simulator(self.robot, controller), hold=HOLD)
         scorer = KeyframeScorer(self.robot)

@@ -9,15 +9,15 @@ from plat.studio.timeline import Timeline
 __all__ = ["grade", "keyframe_table", "live_line", "policy_table"]
 
 
-def live_line(step: ChaseStep, errors: PoseErrors) -> str:
+def live_line(timeline: Timeline, step: ChaseStep, errors: PoseErrors) -> str:
     """Return the status line of a playing robot: keyframe, time left and current errors.
 
     Args:
+        timeline: the keyframes.
         step: the last step.
         errors: of the robot against the commanded keyframe, at its end.
     """
-    number, name = step.command.index + 1, step.command.keyframe.name
-    called = _plain(f"{number} {name or ''}".strip())
+    called = _plain(timeline.labels[timeline.toward(step.command.keyframe.time)])
     when = "held" if step.holding else f"in {(step.command.steps_left - 1) * step.timing.control_dt:.2f} s"
     fallen = " **fallen**" if errors.down else ""
     away = f"{errors.keypoint:.2f} m and {errors.joint:.2f} rad away"
@@ -36,9 +36,10 @@ def keyframe_table(timeline: Timeline, scores: Sequence[KeyframeScore] | None) -
     if scores is None:
         return ""
     rows = ["| keyframe | at | outcome | joints rad | keypoints m |", "|---|---|---|---|---|"]
-    for number, score in zip(timeline.numbers(), scores, strict=True):
+    for score in scores:
         errors = f"{error_text(score.joint_error)} | {error_text(score.keypoint_error)}"
-        rows.append(f"| {_plain(timeline.labels[number])} | {score.time:.2f} s | {score.words} | {errors} |")
+        label = _plain(timeline.labels[timeline.toward(score.time)])
+        rows.append(f"| {label} | {score.time:.2f} s | {score.words} | {errors} |")
     return "\n".join(rows)
 
 

@@ -29,8 +29,8 @@ class Timeline:
     A keyframe can be held: the robot stays in it until ``time + hold``. Its interval is the time from the end of the
     previous pose to its arrival. Inserting, removing and stretching keep all intervals and move later keyframes.
 
-    Intervals are whole control steps. Those that are longer than a command are split when they are played, see
-    :meth:`sequence`, so that other than being empty there is nothing that cannot be played.
+    Intervals are whole control steps. Those that are longer than a policy's longest command are split when it plays
+    them, see :meth:`sequence`, so that other than being empty there is nothing that cannot be played.
 
     Args:
         robot: whose keyframes they are.
@@ -93,19 +93,23 @@ class Timeline:
                 frames.append(replace(frame, time=round(frame.time + hold, 6), name=name))
         return tuple(frames)
 
-    def sequence(self) -> KeyframeSequence:
+    def sequence(self, timing: Timing | None = None) -> KeyframeSequence:
         """Return the sequence to play: with the ends of holds, and long intervals split.
+
+        Args:
+            timing: of the policy that plays; by default the timeline's own.
 
         Raises:
             KeyframeError: while there is no keyframe.
         """
-        frames = split_long_intervals(self.start, self.to_keyframes(), self.timing)
-        return KeyframeSequence(self.robot, self.start, frames, self.timing)
+        timing = timing or self.timing
+        frames = split_long_intervals(self.start, self.to_keyframes(), timing)
+        return KeyframeSequence(self.robot, self.start, frames, timing)
 
-    def numbers(self) -> tuple[int, ...]:
-        """Return for each keyframe of :meth:`sequence` the number of the keyframe here that it leads to or holds."""
+    def toward(self, time: float) -> int:
+        """Return the number of the keyframe that is on its way or held at a time (s); after the end, the last one."""
         ends = [frame.time + hold + 1e-6 for frame, hold in zip(self.keyframes, self.holds, strict=True)]
-        return tuple(int(np.searchsorted(ends, frame.time)) + 1 for frame in self.sequence().keyframes)
+        return min(int(np.searchsorted(ends, time)) + 1, len(self.keyframes))
 
     @property
     def poses(self) -> tuple[Keyframe, ...]:

@@ -46,6 +46,26 @@ def test_a_port_in_use_is_named():
             studio.main(studio.StudioRecipe(runs=(PLAT,), port=port))
 
 
+@pytest.mark.usefixtures("_extra")
+def test_the_browser_is_opened_where_there_is_a_screen(monkeypatch, tmp_path):
+    from plat.studio.app import Studio
+
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    monkeypatch.setattr(Studio, "run", lambda self: None)
+    monkeypatch.setattr(studio.sys, "platform", "linux")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    recipe = studio.StudioRecipe(runs=(PLAT,), port=port, folder=tmp_path)
+    monkeypatch.setenv("DISPLAY", ":0")
+    studio.main(recipe)
+    assert opened == [f"http://localhost:{port}/"]
+    monkeypatch.delenv("DISPLAY")
+    assert not studio._has_screen(), "a browser in the terminal would take it"
+
+
 def test_runs_in_folders_of_the_same_name_are_told_apart():
     runs = Path("a/plat"), Path("b/plat"), Path("b/expert")
     assert studio._names(runs) == ["a/plat", "b/plat", "expert"]

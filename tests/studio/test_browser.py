@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -311,7 +312,7 @@ def test_two_policies_play_side_by_side(user):
     user.begin("bow")
     playback.set_beside("expert")
     user.key("Space")
-    user.until(lambda: set(playback.players) == {"plat", "expert"} and playback.cursor > 0.1)
+    user.until(lambda: dict(playback.players).keys() == {"plat", "expert"} and playback.cursor > 0.1)
     user.key("Escape")
     user.until(lambda: not playback.players)
     playback.set_beside(None)
@@ -348,6 +349,32 @@ def test_a_ball_is_dragged_and_the_drag_undone(user):
     np.testing.assert_allclose(after.pos[2], hand.pos[2] + 0.12, atol=0.05)
     user.key("Control+z")
     user.until(lambda: np.allclose(session.timeline.pose.qpos, pose))
+
+
+def _hides(qpos: np.ndarray, point: np.ndarray) -> bool:
+    """Whether the robot is between the camera and a point."""
+    model, data, geom = G1.shared_model, mujoco.MjData(G1.shared_model), np.zeros(1, dtype=np.int32)
+    data.qpos[:] = qpos
+    mujoco.mj_kinematics(model, data)
+    ray = point - np.array(CAMERA)
+    return 0 <= mujoco.mj_ray(model, data, np.array(CAMERA), ray, None, 0, -1, geom) < 0.9
+
+
+def test_a_ball_behind_the_body_is_seen_and_dragged(user):
+    session, panel = user.session, user.studio._pose
+    user.begin("bow")
+    joint = G1.joint_names.index("left_shoulder_pitch")
+    for angle in np.arange(0.0, 1.5, 0.1):  # the arm goes back until the robot is in front of it
+        user.studio._desk.ask(lambda angle=angle: session.set_joint(joint, float(angle)))
+        user.settle()
+        ball = np.array(panel._balls["left hand"].position)
+        if _hides(session.timeline.pose.qpos, ball):
+            break
+    assert _hides(session.timeline.pose.qpos, ball)
+    shapes = "window.__viserMutable.nodeRefFromName['/world/handles/left_hand'].children.find((child) => child.isMesh)"
+    user.page.wait_for_function(f"{shapes}.children.some((child) => child.material?.opacity < 0.6)")
+    user.drag_until_moved(ball, np.add(ball, [0.0, 0.0, 0.1]))
+    assert panel._handle.value == "left hand"
 
 
 def test_a_joint_is_turned_by_its_ring(user):

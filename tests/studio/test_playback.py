@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 
 from plat.errors import StudioError
+from plat.modules import LatentPolicy, LatentPolicyConfig
 from plat.robots import G1
+from plat.spec.timing import Timing
 from plat.studio.playback import Playback
 from plat.studio.timeline import Timeline
 from tests.studio.conftest import squat
@@ -75,7 +77,33 @@ def test_two_policies_play_the_same_keyframes(playback):
         playback.set_beside("nobody")
     playback.set_beside("expert")
     playback.step(1000)
-    assert set(playback.players) == set(playback.scores) == {"plat", "expert"}
+    assert dict(playback.players).keys() == playback.scores.keys() == {"plat", "expert"}
     assert not np.allclose(playback.player.pose_at(0.4), playback.second.pose_at(0.4))
     playback.set_beside(None)
     assert playback.second is None
+
+
+def test_a_policy_plays_beside_itself(playback):
+    playback.set_beside("plat")
+    playback.step(5)
+    first, second = (player for _, player in playback.players)
+    np.testing.assert_array_equal(first.qpos, second.qpos)
+    assert first.time == second.time == pytest.approx(0.1)
+
+
+def test_a_long_interval_is_one_command_where_the_policy_knows_it():
+    """A policy that knows 3 s ahead is not held to what another one knows."""
+    policies = {
+        name: LatentPolicy(G1, LatentPolicyConfig(timing=Timing(max_steps=steps))).deployed()
+        for name, steps in (("far", 150), ("near", 50))
+    }
+    far = Timeline.empty(G1).inserted(squat(), 2.5, "squat")
+    playback = Playback(G1, policies, lambda: far)
+    assert playback.timing.longest == 3.0
+    assert [len(playback.sequence(name)) for name in ("far", "near")] == [1, 3]
+    playback.step(30)
+    for name in ("near", "far"):  # another one takes over, and back
+        playback.choose(name)
+        assert len(playback.player.sequence) == len(playback.sequence(name))
+        playback.step(1)
+    assert playback.simulated == pytest.approx(0.64)

@@ -62,7 +62,7 @@ def test_errors_are_the_distance_to_the_commanded_keyframe():
 def test_there_are_no_scores_of_what_was_exchanged_on_the_way(sequence):
     player = Player(G1, Puppet(), sequence)
     player.advance(0.1)
-    player.hand_over(Puppet())
+    player.hand_over(Puppet(), player.sequence)
     assert play(player).scores is None
     player.restart()
     player.sequence = sequence

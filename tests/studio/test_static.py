@@ -1,10 +1,11 @@
 """The static page: what it knows of the robot, and that its trajectories are Python's."""
 
+import copy
 import functools
 import http.server
 import json
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -14,10 +15,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from plat.errors import StudioError
+from plat.errors import KeyframeError, StudioError
 from plat.keyframes import Keyframe, standing
 from plat.keyframes.files import read_keyframes, write_keyframes
 from plat.robots import G1
+from plat.rotations_np import heading_pitch_roll
 from plat.spec.timing import Timing
 
 pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
@@ -243,6 +245,109 @@ def test_keyframes_are_timed_played_scored_saved_and_loaded(visitor, tmp_path):
     chooser.value.set_files(tmp_path / "saved.json")
     visitor.until("studio.timeline.keyframes.length === 2 && studio.timeline.holds[1] === 0.2")
     assert page.evaluate("window.platStudio.scene.scene.background.getHex()") < 0x404040, "it is dark, as the system is"
+
+
+def _joints(content: dict) -> dict:
+    return content["keyframes"][0]["joint_pos"]
+
+
+def _drop(entry: dict, field: str) -> None:
+    del entry[field]
+
+
+# What is wrong with a keyframe file, by a word that the message must have: how it is made.
+_FAULTS: dict[str, list[Callable[[dict], object]]] = {
+    "JSON": [lambda content: '{"format": "plat-key'],
+    "format": [lambda content: "[]", lambda content: content.update(format="bvh")],
+    "version": [lambda content: content.update(version=3), lambda content: _drop(content, "version")],
+    "robot": [lambda content: content.update(robot="h1"), lambda content: _drop(content, "robot")],
+    "quaternion_order": [lambda content: content.update(quaternion_order="zyxw")],
+    "keyframes": [lambda content: content.update(keyframes=[]), lambda content: content.update(keyframes={})],
+    "unknown field": [
+        lambda content: content.update(author="me"),
+        lambda content: content["start"].update(time=0.0),
+        lambda content: content["keyframes"][0].update(speed=1.0),
+        lambda content: content.update(version=1) or content["keyframes"][0].update(commands={"root": ["height"]}),
+    ],
+    "expected an object": [lambda content: content["keyframes"].insert(0, 3)],
+    "name": [lambda content: content["keyframes"][0].update(name=3)],
+    "root_pos": [
+        lambda content: content["keyframes"][0].update(root_pos=[0.0, 0.0]),
+        lambda content: content["keyframes"][0].update(root_pos=[0.0, 0.0, 76.0]),
+        lambda content: _drop(content["start"], "root_pos"),
+    ],
+    "root_quat": [
+        lambda content: content["keyframes"][0].update(root_quat=[2.0, 0.0, 0.0, 0.0]),
+        lambda content: content["keyframes"][0].update(root_quat=["1", 0.0, 0.0, 0.0]),
+    ],
+    "joint_pos": [
+        lambda content: content["keyframes"][0].update(joint_pos=[0.0] * 29),
+        lambda content: _drop(_joints(content), "left_knee"),
+        lambda content: _joints(content).update(tail=0.0),
+        lambda content: _joints(content).update(left_knee=9.0),
+        lambda content: _joints(content).update(left_knee=None),
+    ],
+    "time": [
+        lambda content: content["keyframes"][0].update(time="soon"),
+        lambda content: content["keyframes"][0].update(time=0.0),
+        lambda content: content["keyframes"][1].update(time=0.1),
+        lambda content: content["keyframes"][-1].update(time=1e6),
+        lambda content: _drop(content["keyframes"][0], "time"),
+    ],
+    "commands": [
+        lambda content: content["keyframes"][0].update(commands=3),
+        lambda content: content["keyframes"][0].update(commands={"hands": []}),
+        lambda content: content["keyframes"][0].update(commands={"bodies": "all"}),
+        lambda content: content["keyframes"][0].update(commands={"bodies": ["nose"]}),
+        lambda content: content["keyframes"][0].update(commands={"root": []}),
+    ],
+}
+
+
+@pytest.mark.slow
+def test_files_that_python_refuses_are_refused(visitor, facts, tmp_path):
+    texts, words = [], []
+    for word, changes in _FAULTS.items():
+        for change in changes:
+            content = copy.deepcopy({**facts["templates"]["bow"], "version": 2})
+            changed = change(content)
+            texts.append(changed if isinstance(changed, str) else json.dumps(content))
+            words.append(word)
+    path = tmp_path / "keyframes.json"
+    for text, word in zip(texts, words, strict=True):
+        path.write_text(text, encoding="utf-8")
+        with pytest.raises(KeyframeError, match=word):
+            Timeline.of(*_read(path), G1, Timing())
+    said = visitor.page.evaluate(
+        "async (texts) => { const { read } = await import('./keyframes.mjs'), { site } = window.platStudio;"
+        "const said = (text) => { try { read(text, site); return 'read'; } catch (error) { return error.message; } };"
+        "return texts.map(said); }",
+        texts,
+    )
+    assert [word for word, message in zip(words, said, strict=True) if word not in message] == [], said
+
+
+def _read(path: Path) -> tuple[Keyframe, tuple[Keyframe, ...]]:
+    start, keyframes = read_keyframes(path, G1)
+    return start or standing(G1), keyframes
+
+
+@pytest.mark.slow
+def test_the_pelvis_is_put_by_numbers_and_policies_compared(visitor):
+    page = visitor.page
+    visitor.begin("bow")
+    qpos = np.array(visitor.get("timeline.pose.qpos"))
+    page.get_by_label("heading", exact=True).fill("90")
+    page.keyboard.press("Enter")
+    visitor.until("studio.past.length === 1")
+    turned = np.array(visitor.get("timeline.pose.qpos"))
+    np.testing.assert_allclose(turned[[0, 1, 2]], qpos[[0, 1, 2]], atol=1e-9)
+    np.testing.assert_allclose(np.degrees(heading_pitch_roll(turned[3:7]))[0], 90.0, atol=0.1)
+    page.keyboard.press("Control+z")
+    visitor.until("studio.past.length === 0")
+    page.get_by_role("button", name="Compare all policies").click()
+    visitor.until("Object.keys(studio.scores).length === 2 && !studio.busy.length")
+    assert page.locator("aside table").count() == 2
 
 
 @pytest.mark.slow

@@ -67,4 +67,4 @@ def test_live(sequence, steps: int, errors: PoseErrors, expected: str):
     player = Player(G1, Puppet(), sequence)
     for _ in range(steps):
         player.advance(0.0201)
-    assert live_line(player.step, errors) == expected
+    assert live_line(timeline_of(sequence), player.step, errors) == expected

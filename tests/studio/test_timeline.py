@@ -3,6 +3,7 @@ import pytest
 
 from plat.errors import KeyframeError
 from plat.robots import G1
+from plat.spec.timing import Timing
 from plat.studio.timeline import NEW_INTERVAL, Timeline
 
 
@@ -55,7 +56,8 @@ def test_intervals_are_whole_control_steps_and_long_ones_are_split_when_played()
     assert times(timeline) == [2.72, 2.74]
     played = timeline.sequence()
     assert [frame.time for frame in played.keyframes] == [0.9, 1.8, 2.72, 2.74]
-    assert timeline.numbers() == (1, 1, 1, 2)
+    assert [timeline.toward(frame.time) for frame in played.keyframes] == [1, 1, 1, 2]
+    assert len(timeline.sequence(Timing(max_steps=150))) == 2, "a policy that knows them in one command gets it"
 
 
 def test_a_hold_moves_later_keyframes_and_is_played_as_the_same_pose():
@@ -66,7 +68,8 @@ def test_a_hold_moves_later_keyframes_and_is_played_as_the_same_pose():
     played = timeline.sequence().keyframes
     assert [frame.time for frame in played] == pytest.approx([0.5, 0.9, 1.64, 2.4, 3.3])
     assert [frame.root_pos[2] for frame in played] == [0.1, 0.2, 0.2, 0.2, 0.3]
-    assert timeline.numbers() == (1, 2, 2, 2, 3)
+    assert [timeline.toward(frame.time) for frame in played] == [1, 2, 2, 2, 3]
+    assert (timeline.toward(0.1), timeline.toward(9.0)) == (1, 3)
     assert times(timeline.held(-3)) == [0.5, 0.9, 1.8]
     assert timeline.sample(2.0).root_pos[2] == 0.2
     assert timeline.sample(2.85).root_pos[2] == pytest.approx(0.25)

@@ -56,11 +56,11 @@ class PlayPanel:
 
     def show_time(self) -> None:
         """Update what changes while a policy plays."""
-        playback, lines = self._playback, []
-        for name, player in playback.players.items():
+        playback, timeline, lines = self._playback, self._page.session.timeline, []
+        for name, player in playback.players:
             step = player.step_at(playback.cursor)
             if step is not None:
-                line = live_line(step, player.errors[step.timing.steps(step.time) - 1])
+                line = live_line(timeline, step, player.errors[step.timing.steps(step.time) - 1])
                 lines.append(f"**{name}** {line}" if playback.second else line)
         _set(self._live, "\n\n".join(lines) or "Press *Play* (space) to see what the policy makes of the keyframes.")
 

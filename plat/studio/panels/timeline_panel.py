@@ -105,10 +105,9 @@ class TimelinePanel:
         session = self._page.session
         timeline, scores = session.timeline, session.playback.scores.get(session.playback.policy)
         verdicts = self._checker.timeline(timeline)
-        numbers = timeline.numbers() if timeline.keyframes else ()
         poses: list[dict[str, Any]] = []
         for number, (pose, label) in enumerate(zip(timeline.poses, timeline.labels, strict=True)):
-            own = [] if scores is None else [score for score, of in zip(scores, numbers, strict=True) if of == number]
+            own = [score for score in scores or () if timeline.toward(score.time) == number]
             verdict = verdicts[number - 1] if number else None
             poses.append(
                 {
@@ -124,7 +123,8 @@ class TimelinePanel:
                 }
             )
         arrivals = {pose.time for pose in timeline.to_keyframes()}
-        marks = [] if not numbers else [f.time for f in timeline.sequence().keyframes if f.time not in arrivals]
+        played = session.playback.sequence(session.playback.policy).keyframes if timeline.keyframes else ()
+        marks = [frame.time for frame in played if frame.time not in arrivals]
         self._page.dock.show(
             "timeline",
             {
@@ -150,7 +150,7 @@ class TimelinePanel:
         speed = next(label for label, speed in SPEEDS.items() if speed == playback.speed)
         state = {"cursor": round(playback.cursor, 4), "simulated": round(playback.simulated, 4), "mode": mode}
         self._page.dock.show("time", {**state, "speed": speed, "loop": playback.loop})
-        distances = [[round(error.keypoint, 3) for error in player.errors] for player in playback.players.values()]
+        distances = [[round(error.keypoint, 3) for error in player.errors] for _, player in playback.players]
         self._page.dock.show("distances", {"dt": session.timing.control_dt, "of": distances})
 
 

@@ -9,7 +9,7 @@
     play: "M5 3v10l8-5z", pause: "M5 3.5v9M11 3.5v9", stop: "M4 4h8v8H4z", back: "M11 3.5v9L5.5 8zM4 3.5v9", ahead: "M5 3.5v9L10.5 8zM12 3.5v9",
     loop: "M3 7a5 5 0 0 1 9-2.2L13 6M13 2.8V6H9.8M13 9a5 5 0 0 1-9 2.2L3 10M3 13.2V10h3.2", undo: "M6 3 3 6l3 3M3 6h6.5a3.5 3.5 0 0 1 0 7H6", redo: "M10 3l3 3-3 3M13 6H6.5a3.5 3.5 0 0 0 0 7H10",
   };
-  let socket = null, lastNote = null, asked = null, tabbed = false, drag = null, zoom = null, framed = null, soon = null, opened = false;
+  let socket = null, lastNote = null, asked = null, tabbed = false, drag = null, zoom = null, framed = null, soon = null, opened = false, counting = false;
 
   // what is sent
 
@@ -366,6 +366,7 @@
     const { timeline, time } = state;
     if (!timeline || !time || !at.dock) return;
     window.platMoving = time.mode === "playing";
+    count();
     if (!opened || at.cover.style.display !== "none") uncover();
     const pose = timeline.poses[timeline.selected], playing = time.mode === "playing", first = timeline.selected === 0;
     const label = playing ? "Pause" : time.mode === "paused" ? "Go on" : "Play";
@@ -505,12 +506,16 @@
     return title;
   }
 
-  function count() { // how many frames a second this browser draws, while a robot plays
+  function count() { // how many frames a second this browser draws, while a robot plays; at rest it has nothing to do
+    if (counting || !window.platMoving) return;
+    counting = true;
     let frames = 0, since = performance.now();
     const frame = (now) => {
+      counting = window.platMoving;
+      if (!counting) return;
       frames += 1;
       if (now - since > 1000) {
-        if (state.time && state.time.mode === "playing") send("browser", { frames: (1000 * frames) / (now - since) });
+        send("browser", { frames: (1000 * frames) / (now - since) });
         frames = 0;
         since = now;
       }
@@ -521,5 +526,4 @@
 
   build();
   connect();
-  count();
 })();

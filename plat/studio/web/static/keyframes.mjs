@@ -25,46 +25,90 @@ export function mask(keyframe, site) {
   return all.every(Boolean) ? null : all;
 }
 
+// no robot's root is this far above or below the floor (m); how far a quaternion may be from unit length; a day (s)
+const HIGHEST = 5, UNIT = 1e-2, LONGEST = 86400;
+const POSE = ["root_pos", "root_quat", "joint_pos"];
+
+function shown(value) {
+  const text = JSON.stringify(value) ?? "nothing";
+  return text.length > 60 ? `${text.slice(0, 59)}…` : text;
+}
+
+const isObject = (value) => typeof value === "object" && value !== null && !Array.isArray(value);
+
+function fields(entry, required, optional, label) {
+  const missing = required.find((field) => !(field in entry)), unknown = Object.keys(entry).find((field) => ![...required, ...optional].includes(field));
+  if (missing) throw new Error(`${label}${missing} is missing`);
+  if (unknown !== undefined) throw new Error(`${label}unknown field ${shown(unknown)}, expected ${[...required, ...optional].join(", ")}`);
+}
+
 function numbers(value, size, field) {
   if (!Array.isArray(value) || value.length !== size || !value.every((one) => typeof one === "number" && Number.isFinite(one)))
-    throw new Error(`${field}: expected a list of ${size} numbers`);
+    throw new Error(`${field} is ${shown(value)}, expected ${size === 1 ? "a finite number" : `a list of ${size} finite numbers`}`);
   return value;
+}
+
+function jointAngles(content, site, label) {
+  if (!isObject(content)) throw new Error(`${label}: joint_pos: expected an object of joint names and angles`);
+  // robots' own files say left_knee_joint
+  const angles = Object.fromEntries(Object.entries(content).map(([name, angle]) => [site.joints.includes(name) ? name : name.replace(/_joint$/, ""), angle]));
+  const missing = site.joints.find((name) => !(name in angles)), unknown = Object.keys(angles).find((name) => !site.joints.includes(name));
+  if (missing || unknown !== undefined)
+    throw new Error(`${label}: joint_pos: ${missing ? `missing joint ${missing}` : `unknown joint ${shown(unknown)}`}, expected the ${site.joints.length} of ${site.robot}`);
+  return site.joints.map((name, joint) => {
+    const [angle] = numbers([angles[name]], 1, `${label}: joint_pos: ${name}`), [low, high] = site.joint_range[joint];
+    if (angle < low - 1e-3 || angle > high + 1e-3)
+      throw new Error(`${label}: joint_pos: ${name} is ${angle.toFixed(3)} rad, expected ${low.toFixed(3)} to ${high.toFixed(3)} (its range)`);
+    return angle;
+  });
+}
+
+function commanded(content, site, label) {
+  const known = { joints: site.joints, bodies: site.keypoints, root: ROOT };
+  if (!isObject(content)) throw new Error(`${label}: commands is ${shown(content)}, expected an object of lists of names`);
+  fields(content, [], Object.keys(known), `${label}: commands: `);
+  for (const [field, names] of Object.entries(content)) {
+    if (!Array.isArray(names) || !names.every((name) => typeof name === "string")) throw new Error(`${label}: commands: ${field} is ${shown(names)}, expected a list of names`);
+    const unknown = names.find((name) => !known[field].includes(name));
+    if (unknown !== undefined) throw new Error(`${label}: commands: ${field} has ${shown(unknown)}, expected some of ${known[field].join(", ")}`);
+  }
+  if (!Object.values(content).some((names) => names.length)) throw new Error(`${label}: commands: nothing is commanded, expected a joint, a body or a part of the root`);
+  return content;
 }
 
 /* Read the content of a keyframe file: { start, keyframes }. */
 export function read(text, site) {
   let content;
-  try { content = JSON.parse(text); } catch (error) { throw new Error(`not JSON (${error.message})`); }
-  if (!content || content.format !== "plat-keyframes") throw new Error("not a keyframe file, expected 'format': 'plat-keyframes'");
-  if (content.version !== 1 && content.version !== 2) throw new Error(`version is ${JSON.stringify(content.version)}, expected 1 or 2`);
-  if (content.robot !== site.robot) throw new Error(`robot is ${JSON.stringify(content.robot)}, expected '${site.robot}'`);
-  if (!["wxyz", "xyzw"].includes(content.quaternion_order)) throw new Error("quaternion_order: expected 'wxyz' or 'xyzw'");
+  try { content = JSON.parse(text); } catch (error) { throw new Error(`not a readable JSON file (${error.message})`); }
+  if (!isObject(content) || content.format !== "plat-keyframes") throw new Error("not a keyframe file, expected an object with 'format': 'plat-keyframes'");
+  const { version, quaternion_order: order } = content;
+  if (version !== 1 && version !== 2) throw new Error(`version is ${shown(version)}, expected 1 or 2`);
+  fields(content, ["format", "version", "robot", "quaternion_order", "keyframes"], ["start"], "");
+  if (content.robot !== site.robot) throw new Error(`robot is ${shown(content.robot)}, expected '${site.robot}'`);
+  if (!["wxyz", "xyzw"].includes(order)) throw new Error(`quaternion_order is ${shown(order)}, expected 'wxyz' or 'xyzw'`);
   if (!Array.isArray(content.keyframes) || !content.keyframes.length) throw new Error("keyframes: expected a list of at least one");
-  const one = (entry, label) => {
-    if (typeof entry !== "object" || entry === null) throw new Error(`${label}: expected an object`);
-    let quat = numbers(entry.root_quat, 4, `${label}: root_quat`);
-    if (content.quaternion_order === "xyzw") quat = [quat[3], quat[0], quat[1], quat[2]];
-    if (Math.abs(Math.hypot(...quat) - 1) > 1e-3) throw new Error(`${label}: root_quat is not of unit length`);
-    const angles = {};
-    for (const [name, angle] of Object.entries(entry.joint_pos || {})) angles[site.joints.includes(name) ? name : name.replace(/_joint$/, "")] = angle;
-    const missing = site.joints.filter((name) => !(name in angles));
-    if (missing.length || Object.keys(angles).length !== site.joints.length)
-      throw new Error(`${label}: joint_pos: expected the ${site.joints.length} joints of ${site.robot}` + (missing.length ? `, missing ${missing[0]}` : ""));
-    const joints = numbers(site.joints.map((name) => angles[name]), site.joints.length, `${label}: joint_pos`);
-    joints.forEach((angle, joint) => {
-      const [low, high] = site.joint_range[joint];
-      if (angle < low - 1e-3 || angle > high + 1e-3)
-        throw new Error(`${label}: joint_pos: ${site.joints[joint]} is ${angle.toFixed(3)} rad, expected ${low.toFixed(3)} to ${high.toFixed(3)}`);
-    });
-    const time = "time" in entry ? numbers([entry.time], 1, `${label}: time`)[0] : 0;
-    return { time, name: entry.name ?? null, commands: entry.commands ?? null, qpos: [...numbers(entry.root_pos, 3, `${label}: root_pos`), ...quat, ...joints] };
+  const one = (entry, label, required, optional) => {
+    if (!isObject(entry)) throw new Error(`${label} is ${shown(entry)}, expected an object`);
+    fields(entry, required, optional, `${label}: `);
+    if (entry.name !== undefined && entry.name !== null && typeof entry.name !== "string") throw new Error(`${label}: name is ${shown(entry.name)}, expected a text`);
+    const place = numbers(entry.root_pos, 3, `${label}: root_pos`), given = numbers(entry.root_quat, 4, `${label}: root_quat`);
+    if (Math.abs(place[2]) > HIGHEST) throw new Error(`${label}: root_pos puts the root at a height of ${place[2]} m, expected meters, at most ${HIGHEST}; is it in centimeters or millimeters?`);
+    const quat = order === "xyzw" ? [given[3], ...given.slice(0, 3)] : given, length = Math.hypot(...quat);
+    if (Math.abs(length - 1) > UNIT) throw new Error(`${label}: root_quat has length ${length.toPrecision(4)}, expected 1`);
+    const [time] = "time" in entry ? numbers([entry.time], 1, `${label}: time`) : [0];
+    if (Math.abs(time) > LONGEST) throw new Error(`${label}: time is ${time} s, expected at most a day (${LONGEST} s)`);
+    return {
+      time, name: entry.name ?? null, commands: "commands" in entry ? commanded(entry.commands, site, label) : null,
+      qpos: [...place, ...quat.map((value) => value / length), ...jointAngles(entry.joint_pos, site, label)],
+    };
   };
-  const keyframes = content.keyframes.map((entry, index) => one(entry, `keyframe ${index}`));
+  const optional = version === 1 ? ["name"] : ["name", "commands"];
+  const keyframes = content.keyframes.map((entry, index) => one(entry, `keyframe ${index}${typeof entry?.name === "string" ? ` (${shown(entry.name)})` : ""}`, ["time", ...POSE], optional));
   const steps = [0, ...keyframes.map((frame) => Math.round(frame.time / site.control_dt))];
   steps.forEach((step, index) => {
     if (index && step <= steps[index - 1]) throw new Error(`keyframe ${index - 1}: time is ${keyframes[index - 1].time} s, expected later than the one before`);
   });
-  return { start: content.start ? { ...one(content.start, "start"), time: 0 } : standing(site), keyframes };
+  return { start: "start" in content ? { ...one(content.start, "start", POSE, ["name"]), time: 0 } : standing(site), keyframes };
 }
 
 /* The content of a keyframe file. */

@@ -202,7 +202,9 @@ export class Scene {
       pressed = [event.clientX, event.clientY];
       if (event.button !== 0 || [...this.gizmos, ring].some((gizmo) => gizmo.enabled && gizmo.axis !== null)) return;
       aim(event);
-      const ball = ray.intersectObjects(Object.values(this.balls).filter((one) => one.visible))[0];
+      // of several on top of each other the one whose center is nearest
+      const off = ({ object, distance }) => ray.ray.distanceToPoint(object.getWorldPosition(new THREE.Vector3())) / distance;
+      const ball = ray.intersectObjects(Object.values(this.balls).filter((one) => one.visible)).sort((a, b) => off(a) - off(b))[0];
       if (!ball) return;
       this.orbit.enabled = false;
       domElement.setPointerCapture(event.pointerId);
@@ -285,6 +287,7 @@ export class Scene {
     for (const part of [this.support, this.plumb, this.spot]) part.material.color.set(color);
   }
 
+  get worldAxes() { return this.gizmos[0].space === "world"; }
   toggleAxes() { Object.assign(this, { arrows: true, ringed: false }); for (const gizmo of this.gizmos) gizmo.setSpace(gizmo.space === "local" ? "world" : "local"); this.draw(); }
 
   look([x, y]) {

@@ -6,12 +6,14 @@ import { verdict } from "./feasibility.mjs";
 import { Timeline, mask, read, write } from "./keyframes.mjs";
 import { Policy } from "./policy.mjs";
 import { Robot } from "./robot.mjs";
-import { conjugate, multiply } from "./rotations.mjs";
+import { conjugate, fromHeadingPitchRoll, headingPitchRoll, multiply } from "./rotations.mjs";
 import { Scene } from "./scene.mjs";
 
 const AUTOSAVE = "plat-keyframes", SPEEDS = { "1x": 1, "1/2": 0.5, "1/4": 0.25, "1/10": 0.1 }, CATCH_UP = 5, NOBODY = "nobody";
 const KNOWN = { "whole pose": null };
 const together = (bodies, robot) => (bodies.size ? `, inside each other: ${[...bodies].map((body) => robot.bodyNames[body]).sort().join(", ")}` : "");
+const degrees = (radians) => (radians * 180) / Math.PI;
+const fill = (input, text) => { if (document.activeElement !== input) input.value = text; };
 const wrapped = (turn) => turn - 2 * Math.PI * Math.round(turn / (2 * Math.PI));
 
 export async function fetched(path) {
@@ -31,7 +33,7 @@ export async function open(base = ".") {
 
 /* Play keyframes at full speed; the robot's poses [T, 7 + J] and the scores. */
 export async function play({ robot, policies, site }, name, text) {
-  const timeline = Timeline.of(site, read(text, site)), chase = new Chase(robot, policies[name], timeline.start, timeline.sequence(site.max_steps));
+  const timeline = Timeline.of(site, read(text, site)), chase = new Chase(robot, policies[name], timeline.start, timeline.sequence(policies[name].maxSteps));
   while (!chase.finished) await chase.step();
   return { poses: chase.poses, scores: chase.scorer.scores() };
 }
@@ -59,6 +61,7 @@ class Studio {
     this.notes = [];
     this.saved = this.timeline;
     this.scores = {};
+    this.busy = []; // what the page waits for
     this.scene = new Scene(document.querySelector("#root .view"), robot, {
       grab: () => this.grab(), drag: (target) => this.drag(target), release: () => { this.grip = null; this.gesture = null; this.show(); },
       grabJoint: () => { this.gesture = null; this.turned = { quat: this.robot.jointFrame(this.jointNumber, this.timeline.pose.qpos).quat, angle: this.timeline.pose.qpos[7 + this.jointNumber] }; },
@@ -229,6 +232,15 @@ class Studio {
     this.show();
   }
 
+  /* Put the pelvis where the numbers say; what was not touched keeps all its digits. */
+  setRoot() {
+    const { qpos } = this.timeline.pose, { at } = this, now = headingPitchRoll(qpos.slice(3, 7));
+    const root = [..."xyz"].map((axis, index) => qpos[index] + (Number(at[axis].value) - Number(qpos[index].toFixed(3))));
+    const asked = ["heading", "pitch", "roll"].map((name) => Number(at[name].value)), same = asked.every((value, index) => value === Number(degrees(now[index]).toFixed(1)));
+    const quat = same ? qpos.slice(3, 7) : fromHeadingPitchRoll(asked.map((value) => (value * Math.PI) / 180));
+    this.edit(this.timeline.posed([...root, ...quat, ...qpos.slice(7)]), "root");
+  }
+
   get pins() {
     const { pose } = this.timeline, handles = this.site.pins;
     if (!mask(pose, this.site)) return new Set([...Object.keys(handles), "pelvis", "head", "whole robot"]);
@@ -288,8 +300,8 @@ class Studio {
   stop() { this.end(); this.cursor = 0; this.timeline = this.timeline.select(0); }
 
   start() {
-    const names = [this.policy, ...(this.second === NOBODY ? [] : [this.second])], frames = this.timeline.sequence(this.site.max_steps);
-    const players = names.map((name) => new Chase(this.robot, this.policies[name], this.timeline.start, frames));
+    const names = [this.policy, ...(this.second === NOBODY ? [] : [this.second])];
+    const players = names.map((name) => new Chase(this.robot, this.policies[name], this.timeline.start, this.timeline.sequence(this.policies[name].maxSteps)));
     this.end();
     this.scores = {};
     this.players = players;
@@ -319,6 +331,31 @@ class Studio {
     }
     if (this.players === players && this.finished && this.loop) { this.start(); return this.run(); }
     this.show();
+  }
+
+  /* Score all policies on the keyframes as they are, at full speed. */
+  async compare() {
+    if (this.comparing) return;
+    const { timeline, site, robot } = this, results = {};
+    timeline.sequence(site.max_steps); // that there is something to play
+    this.comparing = true;
+    try {
+      for (const name of site.policies) {
+        this.busy = [`Playing ${name} at full speed …`];
+        this.show();
+        const chase = new Chase(robot, this.policies[name], timeline.start, timeline.sequence(this.policies[name].maxSteps));
+        while (!chase.finished) {
+          if (chase.taken % 10 === 0) await new Promise((done) => setTimeout(done)); // the page lives on
+          await chase.step();
+        }
+        results[name] = chase.scorer.scores();
+      }
+      if (this.timeline.keyframes === timeline.keyframes && this.timeline.start === timeline.start) this.scores = results;
+    } finally {
+      this.comparing = false;
+      this.busy = [];
+      this.show();
+    }
   }
 
   async forward() {
@@ -355,6 +392,10 @@ class Studio {
     at.angle = make("output");
     at.file = make("input", { type: "file", accept: ".json,application/json", hidden: true, onchange: () => this.guarded(async () => { const file = at.file.files[0]; at.file.value = ""; if (file) this.load(await file.text(), file.name); }) });
     at.scores = make("div", { className: "scores" });
+    const number = (name, step, done) => (at[name] = make("input", { type: "number", step, ariaLabel: name, onkeydown: (event) => { if (event.key === "Enter") event.target.blur(); }, onchange: () => this.guarded(() => { if (at[name].value !== "") done(); this.show(); }) }));
+    const place = [..."xyz"].map((axis) => number(axis, 0.01, () => this.setRoot())), turn = ["heading", "pitch", "roll"].map((name) => number(name, 1, () => this.setRoot()));
+    // a box that shows a choice for which there is a key
+    const shows = (name, key, done) => make("label", { className: "tick", title: `Key: ${key}` }, Object.assign(check(name), { onchange: () => this.guarded(() => { done(at[name].checked); at[name].blur(); this.show(); }) }), name);
     document.querySelector("#root aside").append(
       make("h1", { textContent: "plat keyframe studio" }),
       row("Policy", select("policy", site.policies, (value) => { this.policy = value; this.end(); })),
@@ -368,8 +409,12 @@ class Studio {
       row("", at.slider, at.angle),
       row("One limb only", check("limb")), row("Symmetric", check("symmetric")),
       row("Hold", ...["feet", "pelvis", "chest", "hands"].map(ticked)),
+      row("Pelvis (m)", ...place), row("turned (deg)", ...turn),
+      row("Show", shows("neighbors", "O", (on) => { this.onion = on; }), shows("robot", "H", (on) => { this.hidden = !on; }), shows("world axes", "W", () => this.scene.toggleAxes())),
       row("Put", button("On floor", () => this.actions.floor()), button("Feet flat", () => this.actions.flat()), button("Standing", () => this.actions.stand())),
-      make("hr"), at.scores,
+      make("hr"), row("Follow it", Object.assign(check("follow", true), { onchange: () => this.show() })),
+      button("Compare all policies", () => this.compare()), at.scores,
+      make("p", { className: "more", textContent: "Motion clips, a library of poses, videos and experts need the page with a server: pip install 'plat-rl[studio]', then plat studio." }),
     );
   }
 
@@ -391,7 +436,7 @@ class Studio {
     figures.after.show(this.placedOf(neighbor(1)), { beside: this.placedOf(pose) });
     const stance = pose ? robot.stance(pose) : null;
     this.scene.showStance(stance);
-    const away = playing && first ? [0, 1].map((axis) => first.poseAt(cursor)[axis] - timeline.start.qpos[axis]) : [0, 0];
+    const away = playing && first && this.at.follow.checked ? [0, 1].map((axis) => first.poseAt(cursor)[axis] - timeline.start.qpos[axis]) : [0, 0];
     this.scene.world.position.set(-away[0], -away[1], 0);
     const mode = playing ? "playing" : first && !this.finished ? "paused" : "still";
     this.channel.show({ time: { cursor, simulated: this.simulated, mode, speed: this.speed, loop: this.loop }, check: stance ? stance.words + together(inside, robot) : "", distances: { dt: this.site.control_dt, of: this.players.map((player) => player.errors.map((error) => error.keypoint)) } });
@@ -406,10 +451,10 @@ class Studio {
       return { time: pose.time, hold: number ? timeline.holds[number - 1] : 0, label: timeline.labels[number], name: pose.name || "", ...verdict, status: worst?.status ?? "waiting", result: worst?.words ?? "" };
     });
     const arrivals = new Set(timeline.toKeyframes().map((frame) => frame.time));
-    const marks = timeline.keyframes.length ? timeline.sequence(site.max_steps).filter((frame) => !arrivals.has(frame.time)).map((frame) => frame.time) : [];
+    const marks = timeline.keyframes.length ? timeline.sequence(this.policies[this.policy].maxSteps).filter((frame) => !arrivals.has(frame.time)).map((frame) => frame.time) : [];
     this.channel.show({
       timeline: { poses, selected: timeline.selected, interval: timeline.interval, duration: timeline.duration, marks, undo: this.past.length > 0, redo: this.future.length > 0, paste: this.clipboard !== null },
-      file: { name: "keyframes.json", unsaved: timeline.keyframes !== this.saved.keyframes && timeline.keyframes.length > 0, autosave: "" }, busy: [],
+      file: { name: "keyframes.json", unsaved: timeline.keyframes !== this.saved.keyframes && timeline.keyframes.length > 0, autosave: "" }, busy: this.busy,
     });
     const pins = this.pins, whole = !mask(timeline.pose, site);
     this.scene.showHandles(this.robot.frames(qpos), this.handle, pins, this.posing, this.robot.jointFrame(this.jointNumber, qpos));
@@ -420,6 +465,10 @@ class Studio {
     at.joint.value = site.joints[this.jointNumber];
     [at.slider.min, at.slider.max] = site.joint_range[this.jointNumber];
     at.slider.value = qpos[7 + this.jointNumber];
+    const turned = headingPitchRoll(qpos.slice(3, 7));
+    [..."xyz"].forEach((axis, index) => fill(at[axis], qpos[index].toFixed(3)));
+    ["heading", "pitch", "roll"].forEach((name, index) => fill(at[name], degrees(turned[index]).toFixed(1)));
+    Object.entries({ neighbors: this.onion, robot: !this.hidden, "world axes": this.scene.worldAxes }).forEach(([name, on]) => { at[name].checked = on; });
     at.angle.textContent = `${qpos[7 + this.jointNumber].toFixed(2)} rad`;
     this.showScores();
     this.showMoving();
