@@ -12,7 +12,6 @@ it is scored.
 """
 
 import os
-import re
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import redirect_stderr, redirect_stdout
@@ -21,15 +20,19 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+import torch
+
 from plat.baselines import CATALOG, ReleasedTrackers
 from plat.cli import evaluate
 from plat.cli.options import HorizonName
 from plat.cli.settings import parse
 from plat.collectors.cluster import Cluster
 from plat.envs.transforms import RandomizationRanges
-from plat.errors import MotionError, PlatError, WorkerError
+from plat.errors import PlatError, WorkerError
 from plat.evaluation import CommandRecords, Entrant, EvaluationSetting, Score, cells, differences, markdown, write_csv
 from plat.evaluation.cells import Cell, evaluate_cells, fingerprint
+from plat.evaluation.difficulty import BINS, command_bins
+from plat.evaluation.groups import GroupScore, group_table, score_groups
 from plat.evaluation.score_table import COLUMNS
 from plat.evaluation.score_table import rows as table_rows
 from plat.figures import pyplot
@@ -93,6 +96,8 @@ ROWS = (
 )
 ORDER = ("SONIC", "SONIC 1.1", "SONIC-style", "ProtoMotions", "TWIST2", "wbc", "YAHMP", *(row.name for row in ROWS[1:]))
 TRACKERS = (*CATALOG, "SONIC-style", "Scratch RL")
+HARD = ("brisk", "hard")
+"""Bins of difficulty whose commands get tables and figures of their own."""
 
 
 @dataclass(frozen=True)
@@ -108,10 +113,6 @@ def main(recipe: AblationsRecipe) -> dict[str, list[Score]]:
     """Run the recipe: the scores of each split."""
     recipe = on_device(recipe)
     check_folder(recipe.out)
-    try:
-        re.compile(recipe.hard)
-    except re.error as error:
-        raise PlatError(f"--hard {recipe.hard!r}: expected a regular expression ({error})") from None
     pyplot()  # what is missing had better be said before hours of work
     released = released_rows(recipe.trackers)
     if recipe.ray:
@@ -132,23 +133,23 @@ def main(recipe: AblationsRecipe) -> dict[str, list[Score]]:
     evaluate.print_head()
     scores = score(rows, library, recipe.horizon, recipe)
     splits = {"all": scores}
-    try:
-        hard = library.named(recipe.hard)
-        splits["hard"] = [
-            Score.of(s.policy, s.horizon, [records.of_clips(hard) for records in s.records]) for s in scores
-        ]
-        print(f"hard: {len(hard)} of the motions")
-    except MotionError as error:
-        print(f"no hard split: {error}")
+    timing = next(iter(entrants.values())).timing
+    bins: dict[str, list[str]] = {
+        horizon: command_bins(library, horizon, timing, recipe.seed) for horizon in recipe.horizon
+    }
+    splits["hard"] = hard_part(scores, bins)
+    by_difficulty = grouped(scores, bins, *once(recipe))
+    print(f"hard: {len(splits['hard'][0].records[0].clip) if splits['hard'] else 'none'} of the commands")
     print("\nrandomized and pushed")
     splits["randomized"] = score(rows, library, once(recipe), recipe, randomization=recipe.randomization)
     print("\nwith the dense reference, for comparison")
     trackers = {name: candidates for name, candidates in rows.items() if name in TRACKERS}
     splits["dense"] = score(trackers, library, once(recipe), recipe, dense=True)
     pictures: dict[str, list[Path]] = {}
+    splits = {split: of_split for split, of_split in splits.items() if of_split}
     for split, of_split in splits.items():
-        if of_split:
-            pictures[split] = write(recipe.out / split, of_split, rows)
+        groups = by_difficulty if split == "all" else []
+        pictures[split] = write(recipe.out / split, of_split, rows, groups)
     first = {name: entrants[candidates[0].slug] for name, candidates in rows.items()}
     pictures["all"] += evaluate.draw_strips(recipe.out / "all", first, shown, recipe.seed, recipe.device)
     for logger in recipe.loggers:
@@ -408,18 +409,42 @@ def entrant_of(candidate: Candidate, dense: bool) -> cells.Candidate:
     return cells.Candidate(candidate.slug, partial(candidate.load, dense), fingerprint([*weights, str(dense).encode()]))
 
 
-def write(folder: Path, scores: Sequence[Score], rows: dict[str, list[Candidate]]) -> list[Path]:
+def hard_part(scores: Sequence[Score], bins: dict[str, list[str]]) -> list[Score]:
+    """Scores on the commands of :data:`HARD` bins; none where a horizon has no such command."""
+    rows = {horizon: torch.tensor([one in HARD for one in of_horizon]) for horizon, of_horizon in bins.items()}
+    if not all(of_horizon.any() for of_horizon in rows.values()):
+        return []
+    return [Score.of(s.policy, s.horizon, [records.of_rows(rows[s.horizon]) for records in s.records]) for s in scores]
+
+
+def grouped(scores: Sequence[Score], bins: dict[str, list[str]], horizon: str) -> list[GroupScore]:
+    """Scores by difficulty at a horizon."""
+    order = [part.name for part in BINS]
+    return [
+        one
+        for score in scores
+        if score.horizon == horizon
+        for one in score_groups(score.policy, horizon, score.records, bins[horizon], order, resamples=200)
+    ]
+
+
+def write(
+    folder: Path, scores: Sequence[Score], rows: dict[str, list[Candidate]], groups: Sequence[GroupScore] = ()
+) -> list[Path]:
     """Write ``scores.md``, ``scores.csv`` and the figures of a split; the figures."""
-    write_table(folder, scores, rows)
-    return evaluate.draw_scores(folder, scores)
+    write_table(folder, scores, rows, groups)
+    return evaluate.draw_scores(folder, scores) + (evaluate.draw_groups(folder, groups) if groups else [])
 
 
-def write_table(folder: Path, scores: Sequence[Score], rows: dict[str, list[Candidate]]) -> None:
+def write_table(
+    folder: Path, scores: Sequence[Score], rows: dict[str, list[Candidate]], groups: Sequence[GroupScore] = ()
+) -> None:
     """Write ``scores.md`` and ``scores.csv`` of a split."""
     write_csv(folder / "scores.csv", scores)
     made_of = ["| row | runs |", "|---|---|"]
     made_of += [f"| {name} | {', '.join(map(described, candidates))} |" for name, candidates in rows.items()]
-    parts = (markdown(scores), differences(scores, ROWS[-1].name), "\n".join(made_of) + "\n")
+    by_difficulty = f"**by difficulty, {groups[0].test}**\n\n{group_table(groups)}" if groups else ""
+    parts = (markdown(scores), by_difficulty, differences(scores, ROWS[-1].name), "\n".join(made_of) + "\n")
     text = "\n".join(filter(None, parts))
     replace_file(folder / "scores.md", lambda part: part.write_text(text, encoding="utf-8"))
 

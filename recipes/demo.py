@@ -16,7 +16,7 @@ import plat.headless  # noqa: F401
 from plat.cli import evaluate
 from plat.cli import play as play_recipe
 from plat.cli.settings import parse
-from plat.control import error_text
+from plat.control import distance_text, error_text
 from plat.envs.transforms import PAPER_HORIZONS
 from plat.evaluation import HEADLINE, Score, play
 from plat.files import check_folder, clear_parts
@@ -134,14 +134,14 @@ def play_shipped(out: Path) -> str:
 
 
 def print_table(scores: list[Score]) -> None:
-    """TKS@3 (%) / MPJPE@3 (rad) / MPKPE@3 (m) of each policy at each horizon."""
+    """TKS@3 (%) / MPJPE@3 (rad) / MPKPE@3 (mm) of each policy at each horizon."""
     cells = {(score.policy, score.horizon): score.figures for score in scores}
     print(f"\n{'TKS@3 / MPJPE@3 / MPKPE@3':<26}" + "".join(f"{name:<22}" for name in PAPER_HORIZONS))
     for run, name in NAMES.items():
         line = f"{name:<26}"
         for horizon in PAPER_HORIZONS:
             tks, mpjpe, mpkpe = (cells[run, horizon][key].value for key in HEADLINE)
-            line += f"{f'{tks:.1f} / {error_text(mpjpe)} / {error_text(mpkpe)}':<22}"
+            line += f"{f'{tks:.1f} / {error_text(mpjpe)} / {distance_text(mpkpe)}':<22}"
         print(line)
 
 

@@ -275,8 +275,6 @@ class AblationsRecipe(ScoringConfig):
     ray: bool = False
     """train and score rows all at once, as tasks of a Ray cluster (extra: ray)"""
     training: Training = field(default_factory=Training)
-    hard: str = "run|dance|kick|punch|slash"
-    """regular expression: motions whose names it matches get tables and figures of their own"""
 
 
 @dataclass(kw_only=True)

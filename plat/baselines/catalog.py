@@ -142,10 +142,10 @@ _TRACKERS = (
     Baseline(
         "wbc",
         "wbc",
-        "wbc-mjlab",
+        "wbc-mjlab (wbc-mjlab/wbc-g1-deploy)",
         "general one-frame tracker, policy_066ab15",
         "Apache-2.0",
-        "the repository of wbc-mjlab, policy_066ab15.onnx",
+        "github.com/wbc-mjlab/wbc-g1-deploy at commit 066ab15, config/policy/wbc/params/policy.onnx",
         {"policy_066ab15.onnx": "48fdb6ea7181a475116f929fe8cfdcaba86272532d4d94c7753ead1bfb467215"},
         ("plat.baselines.wbc", "Wbc"),
         tested=True,

@@ -17,7 +17,7 @@ import plat.headless  # noqa: F401
 
 # isort: split
 from plat.cli.benchmark_page import ABOUT, group_figure, page
-from plat.cli.candidates import candidates_of
+from plat.cli.candidates import candidates_of, trackers_of
 from plat.cli.evaluate import common_control_dt, long_enough
 from plat.cli.options import BenchmarkRecipe
 from plat.cli.public_motions import PUBLIC
@@ -69,6 +69,7 @@ def main(recipe: BenchmarkRecipe) -> dict[str, Study]:
     names = list(dict.fromkeys(candidate.name.partition(", ")[0] for candidate in candidates))
     if recipe.ours is not None and recipe.ours not in names:
         raise PlatError(f"--ours {recipe.ours!r}: no such row, expected one of {', '.join(names)}")
+    trackers = trackers_of(recipe.runs, recipe.trackers, device=recipe.device, robot=recipe.robot)
     entrants = {candidate.name: entrant for candidate, entrant in candidates.items()}
     control_dt = common_control_dt(entrants, (*recipe.horizons, *recipe.further_horizons))
     sets = motion_sets(recipe, get_robot(recipe.robot), control_dt)
@@ -86,11 +87,12 @@ def main(recipe: BenchmarkRecipe) -> dict[str, Study]:
             modules=recipe.imports,
             told=partial(write_study, folder=folder),
             motions=partial(long_enough, motions.library),
+            trackers=trackers if number == 0 else {},
         )
         studies[motions.name] = study
         draw(folder, study)
-        # after each set: what is done can be read while the next one runs
-        replace_file(recipe.out / "benchmark.md", partial(_write, text=page(recipe.out)))
+        # after each set: what is done can be read while the next one runs; files of an earlier start are not
+        replace_file(recipe.out / "benchmark.md", partial(_write, text=page(recipe.out, sets=studies)))
     print(f"\n{recipe.out / 'benchmark.md'}")
     return studies
 
@@ -132,7 +134,7 @@ def plan_of(recipe: BenchmarkRecipe, motions: MotionSet, ours: str, first: bool)
         horizons=recipe.horizons if first else recipe.further_horizons,
         longer=_LONGER,
         setting=EvaluationSetting(recipe.seed, num_envs=recipe.num_envs, device=recipe.device),
-        rules=(recipe.rule,),
+        rules=recipe.rules,
         families=motions.families,
         difficulty=True,
         robustness=recipe.robustness if first else (),
@@ -156,7 +158,7 @@ def about(recipe: BenchmarkRecipe, candidates: Mapping[Candidate, Entrant], sets
     return {
         "command": command_of(recipe),
         "versions": [f"plat {__version__}", *packages, platform.machine()],
-        "rule": [recipe.rule, RULES[recipe.rule].says],
+        "rules": [[rule, RULES[rule].says] for rule in recipe.rules],
         "seed": recipe.seed,
         "longest": recipe.longest,
         "robustness_clips": recipe.robustness_clips,

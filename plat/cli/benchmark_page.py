@@ -6,13 +6,15 @@ It writes ``docs/results.md``, and copies tables and pictures to ``docs/benchmar
 import shlex
 import shutil
 import sys
+from collections.abc import Collection
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from plat.errors import PlatError, RecordsError
 from plat.evaluation.groups import group_table
+from plat.evaluation.names import RuleName
 from plat.evaluation.score_table import difference_table, metrics_table, overview, table
-from plat.evaluation.study import Study, group_metrics
+from plat.evaluation.study import Study, clip_table, group_metrics
 from plat.evaluation.study_files import read_study
 from plat.files import replace_file
 from plat.json_file import read_json, short
@@ -42,18 +44,19 @@ _ALT = {
     "differences": "Paired differences to the other rows",
     "by_difficulty": "TKS@3 by difficulty",
     "by_family": "TKS@3 by family",
-    "by_family_clips": "Whole-clip success by family",
+    **{f"by_family_{rule}": f"Whole-clip success by family, rule {rule}" for rule in get_args(RuleName)},
     "by_authored": "Authored keyframes that were reached, by family",
     "robustness": "TKS@3 against the strength of disturbances",
 }
 
 
-def page(folder: Path, pictures: str = "") -> str:
+def page(folder: Path, pictures: str = "", sets: Collection[str] | None = None) -> str:
     """Return the page of a benchmark's output folder in Markdown.
 
     Args:
         folder: with the files of :func:`plat.evaluation.study_files.write_study`, a folder per set of motions.
         pictures: what the paths of pictures begin with.
+        sets: names of the sets of motions that are shown; None for all that are there.
 
     Raises:
         RecordsError: when the folder holds no benchmark.
@@ -68,19 +71,18 @@ def page(folder: Path, pictures: str = "") -> str:
             raise
         raise RecordsError(f"{str(folder)!r}: not the folder of a benchmark ({ABOUT}: {short(error)})") from None
     for name in names:
-        if (folder / name / "scores.csv").exists():
+        if (folder / name / "scores.csv").exists() and (sets is None or name in sets):
             sections.append(_section(name, read_study(folder / name), folder / name, pictures + name, about))
     return "\n".join(sections)
 
 
 def group_figure(kind: str) -> str:
-    """Return the name, without ending, of the figure of groups: families, difficulty, or one of them of whole clips.
+    """Return the name, without ending, of the figure of groups: families, difficulty, or families by a success rule.
 
-    >>> group_figure("family, whole clips")
-    'by_family_clips'
+    >>> group_figure("family, supermimic")
+    'by_family_supermimic'
     """
-    grouping, comma, _ = kind.partition(",")
-    return f"by_{grouping}" + ("_clips" if comma else "")
+    return "by_" + kind.replace(", ", "_")
 
 
 def publish(folder: Path, docs: Path) -> None:
@@ -100,7 +102,6 @@ def publish(folder: Path, docs: Path) -> None:
 
 
 def _head(about: dict[str, Any]) -> str:
-    rule, says = about["rule"]
     sets = [["set", "motions", "clips", "seconds", "fingerprint"]]
     for name, source, clips, seconds, mark in about["sets"]:
         sets.append([name, source, str(clips), str(seconds), f"`{mark}`"])
@@ -110,7 +111,7 @@ def _head(about: dict[str, Any]) -> str:
         f"- {', '.join(about['versions'])}",
         f"- seed of the commands: {about['seed']}",
         f"- clips of more than {about['longest']:g} s are cut into equal pieces",
-        f"- success rule of whole clips: `{rule}` ({says})",
+        *(f"- success rule `{rule}` of whole clips: {says}" for rule, says in about["rules"]),
     ]
     command = shlex.join(about["command"])
     parts = [_OPENING, f"```sh\n{command}\n```\n", "\n".join(facts) + "\n", table(sets) + "\n", table(rows) + "\n"]
@@ -135,7 +136,11 @@ def _section(name: str, study: Study, folder: Path, pictures: str, about: dict[s
             *shown("differences"),
         ]
     if study.clips:
-        parts += [f"### {name}: whole clips\n", study.clip_table()]
+        parts += [f"### {name}: whole clips\n", clip_table(study.clips)]
+    if study.dense:
+        told = f"Dense trackers that see the motion itself, at {main.capitalize()} and on whole clips.\n"
+        parts += [f"### {name}: with the dense reference\n", told, overview(study.dense) + "\n"]
+        parts.append(clip_table(study.dense_clips))
     for kind, groups in study.groups.items():
         parts.append(f"### {name}: by {kind}\n" if kind != "authored" else f"### {name}: authored keyframes\n")
         parts += [group_table(groups, metric) for metric in group_metrics(groups)]

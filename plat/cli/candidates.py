@@ -1,6 +1,7 @@
 """Candidates of a comparison, from what a command line names: runs, bundles and released trackers."""
 
 from collections.abc import Sequence
+from contextlib import redirect_stdout
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -18,7 +19,7 @@ from plat.runs.lineage import made_by, trained_on
 from plat.runs.locate import CONFIG_FILE, run_folder
 from plat.runs.saved_run import WEIGHTS_FILE, SavedRun
 
-__all__ = ["candidates_of"]
+__all__ = ["candidates_of", "trackers_of"]
 
 
 def candidates_of(
@@ -66,6 +67,15 @@ def candidates_of(
     if not found:
         raise PlatError("nothing to evaluate: give run directories, or files of released trackers (--trackers.twist2)")
     return found
+
+
+def trackers_of(
+    paths: Sequence[Path], trackers: ReleasedTrackers, *, device: str = "cpu", robot: str = "g1"
+) -> dict[Candidate, Entrant]:
+    """Return the dense trackers among what :func:`candidates_of` takes, shown the reference motion."""
+    with redirect_stdout(None):  # what there is to say of the files was said of their keyframes
+        found = candidates_of(paths, trackers, device=device, dense=True, robot=robot)
+    return {one: entrant for one, entrant in found.items() if entrant.tracks}
 
 
 def _of_run(

@@ -28,10 +28,11 @@ from plat.evaluation.authored_scores import (
 )
 from plat.evaluation.disturbance import Disturbance
 from plat.evaluation.families import families_of, read_manifest
+from plat.evaluation.groups import GroupScore
 from plat.evaluation.score_table import COLUMNS, rows
 from plat.evaluation.study import Study, StudyPlan, run_study
 from plat.evaluation.study_files import write_study
-from plat.figures import ablation_bars, film_strip, pyplot, radar_plot, save_figure, success_plot
+from plat.figures import ablation_bars, film_strip, group_plot, pyplot, radar_plot, save_figure, success_plot
 from plat.files import check_file, check_folder, replace_file
 from plat.motions import MotionLibrary
 from plat.rendering import Playback, RenderingError, Stage
@@ -275,6 +276,11 @@ def draw_scores(folder: Path, scores: Sequence[Score]) -> list[Path]:
         written += save_figure(ablation_bars(scores, horizon), folder / f"bars_{horizon}")
     shown = [horizon for horizon in horizons if horizon in ("long", "mixed")] or horizons
     return written + save_figure(success_plot(scores, shown), folder / "success")
+
+
+def draw_groups(folder: Path, groups: Sequence[GroupScore]) -> list[Path]:
+    """Draw a metric by difficulty; what was written."""
+    return save_figure(group_plot(groups), folder / "by_difficulty")
 
 
 def draw_strips(

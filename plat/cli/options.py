@@ -148,6 +148,8 @@ class BenchmarkRecipe(Bounded):
     """clone of experientialtech/g1-moves: its validation motions, dance and karate on the G1"""
     cmu: Path | None = None
     """folder of CMU's .amc and .asf, or .bvh files: its validation trials, retargeted here"""
+    hdm05: Path | None = None
+    """folder of HDM05's cut .amc and .asf files: its validation cuts, retargeted here"""
     hard: tuple[Path, ...] = ()
     """.npz files of hard motion, a section for each"""
     manifest: tuple[Path, ...] = ()
@@ -164,8 +166,8 @@ class BenchmarkRecipe(Bounded):
     """horizons of the other sets"""
     interface: Annotated[tuple[Interface, ...], NotEmpty()] = ("next-frame", "line", "cascade")
     """how dense trackers are told of a keyframe; the table shows the best of each"""
-    rule: RuleName = "humantracker"
-    """success rule of whole clips"""
+    rules: Annotated[tuple[RuleName, ...], NotEmpty()] = ("humantracker", "supermimic")
+    """success rules of whole clips"""
     robustness: tuple[DisturbanceName, ...] = ("push", "friction", "payload", "latency", "motors", "noise")
     """disturbances of growing strength, on the first set of motions"""
     strengths: Count = 5

@@ -24,6 +24,7 @@ from plat.control import (
     Simulator,
     StepErrors,
     Viewer,
+    distance_text,
     error_text,
     mean_errors,
     record,
@@ -85,12 +86,12 @@ def main(recipe: PlayRecipe) -> list[KeyframeScore]:
 
 def print_table(scores: Sequence[KeyframeScore], hold: HoldScore | None = None) -> None:
     """A row a keyframe, what they come to, and what became of the hold."""
-    print(f"{'':>3}  {'keyframe':<20}  {'time s':>6}  {'TKS@3':<5}  {'MPJPE@3 rad':>11}  {'MPKPE@3 m':>9}  outcome")
+    print(f"{'':>3}  {'keyframe':<20}  {'time s':>6}  {'TKS@3':<5}  {'MPJPE@3 rad':>11}  {'MPKPE@3 mm':>10}  outcome")
     for score in scores:
         success = "yes" if score.success else "no"
         print(
             f"{score.index:>3}  {score.name or '':<20.20}  {score.time:>6.2f}  {success:<5}  "
-            f"{error_text(score.joint_error):>11}  {error_text(score.keypoint_error):>9}  {score.words}"
+            f"{error_text(score.joint_error):>11}  {distance_text(score.keypoint_error):>10}  {score.words}"
         )
     print(summary(scores))
     if hold is not None:
@@ -118,5 +119,5 @@ def summary(scores: Sequence[KeyframeScore]) -> str:
     errors = f"TKS@3 {len(succeeded)} of {len(scores)}"
     if succeeded:
         joint, keypoint = mean_errors(succeeded)
-        errors += f", these with MPJPE@3 {error_text(joint, ' rad')}, MPKPE@3 {error_text(keypoint, ' m')}"
+        errors += f", these with MPJPE@3 {error_text(joint, ' rad')}, MPKPE@3 {distance_text(keypoint, ' mm')}"
     return f"{tally(scores)}; {errors}"

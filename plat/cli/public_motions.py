@@ -1,6 +1,7 @@
 """Motions of the benchmark that anyone can get: which files of which public data set, and how they are read."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -15,6 +16,16 @@ from plat.robots import Robot
 __all__ = ["PUBLIC", "PublicMotions"]
 
 
+def _plain(stem: str) -> str:
+    return stem
+
+
+def _trial(stem: str) -> str:
+    """Return the name of one of CMU's trials as its own archive has it; others write ``005_03`` for ``05_03``."""
+    found = re.fullmatch(r"(\d+)_(\d+)", stem)
+    return f"{int(found[1]):02d}_{int(found[2]):02d}" if found else stem
+
+
 @dataclass(frozen=True)
 class PublicMotions:
     """Public data set, of which some files are for validation: weights that come with plat have not seen them.
@@ -27,6 +38,7 @@ class PublicMotions:
             the split val, see :func:`plat.motions.split.split_of`.
         fps: of files that do not say it.
         folder: name of the folder that the files lie in, where others have files of the same name.
+        named: name in ``clips`` of a file's name, where there are several ways to write it.
     """
 
     option: str
@@ -35,6 +47,7 @@ class PublicMotions:
     clips: Mapping[str, str] | None = None
     fps: float | None = None
     folder: str | None = None
+    named: Callable[[str], str] = _plain
 
     def file(self, source: Path, out: Path, robot: Robot) -> Path:
         """Return the motion file of the validation motions: read and retarget those of a folder, once.
@@ -55,9 +68,10 @@ class PublicMotions:
             return path
         found: dict[str, Path] = {}
         for each in find_files(source, set(self.endings)):
-            wanted = split_of(each.stem) == "val" if self.clips is None else each.stem in self.clips
+            name = self.named(each.stem)
+            wanted = split_of(name) == "val" if self.clips is None else name in self.clips
             if wanted and self.folder in (None, each.parent.name):
-                found.setdefault(each.stem, each)
+                found.setdefault(name, each)
         flag, endings = self.option.replace("_", "-"), " or ".join(sorted(self.endings))
         which = "of the split val" if self.clips is None else f"of the names {', '.join(self.clips)}"
         if not found:
@@ -76,7 +90,7 @@ class PublicMotions:
         ['fight']
         """
         assert self.clips is not None
-        return [self.clips.get(clip, "other") for clip in clips]
+        return [self.clips.get(self.named(clip), "other") for clip in clips]
 
 
 _DANCE = ("B_WiggleDance", "J_ShortDance16_JazzWalk")
@@ -90,6 +104,22 @@ _CMU = {
     "dance": ("05_03",),
     "low": ("127_38",),
     "acrobatics": ("49_07",),
+}
+_HDM05 = {
+    "jump": ("bd_hopBothLegs1hops_008", "tr_hopBothLegs1hops_034"),
+    "fight": ("bd_kickLFront1Reps_001", "bk_kickLFront1Reps_009", "tr_kickLFront1Reps_028"),
+    "sport": ("bd_throwBasketball_002",),
+    "low": (
+        *("bk_depositFloorR_008", "dg_depositFloorR_013", "dg_depositFloorR_016"),
+        *("bk_sneak2StepsLStart_005", "mm_sneak2StepsLStart_013"),
+        *("bk_squat1Reps_013", "dg_squat1Reps_033"),
+        *("tr_squat1Reps_045", "tr_squat1Reps_046", "tr_squat1Reps_052"),
+    ),
+    "run_turn": (
+        "dg_jogLeftCircle4StepsRstart_010",
+        "mm_jogLeftCircle4StepsRstart_011",
+        "mm_jogLeftCircle4StepsRstart_013",
+    ),
 }
 
 _SETS = (
@@ -107,6 +137,13 @@ _SETS = (
         "CMU Graphics Lab Motion Capture Database (CMU's terms), hard motion",
         frozenset({".amc", ".bvh"}),
         MappingProxyType({trial: family for family, trials in _CMU.items() for trial in trials}),
+        named=_trial,
+    ),
+    PublicMotions(
+        "hdm05",
+        "HDM05 (Max Planck Institute, CC BY-SA 3.0), hard motion of its cuts",
+        frozenset({".amc"}),
+        MappingProxyType({f"HDM_{cut}_120": family for family, cuts in _HDM05.items() for cut in cuts}),
     ),
 )
 PUBLIC: Mapping[str, PublicMotions] = MappingProxyType({each.option: each for each in _SETS})

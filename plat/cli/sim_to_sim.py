@@ -11,7 +11,7 @@ from statistics import fmean
 import torch
 
 from plat.cli.options import SimToSimRecipe
-from plat.control import Chase, Controller, KeyframeScore, KeyframeScorer, Simulator, error_text
+from plat.control import Chase, Controller, KeyframeScore, KeyframeScorer, Simulator, distance_text, error_text
 from plat.control.changed_physics import SETTINGS, Delayed, PhysicsSetting, make_model
 from plat.deploy import PolicyRunner
 from plat.envs.transforms import CommandSchedule, Horizon
@@ -38,7 +38,7 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
         print(f"left out: settings with capsule feet, robot {robot.name!r} has no sole_capsules")
     seconds = sum(sequence.duration for sequence in sequences)
     print(f"{len(sequences)} sequences, {sum(map(len, sequences))} keyframes, {seconds:.0f} s")
-    print(f"{'':<40}{'TKS@3 %':>10}{'falls %':>9}{'MPJPE@3 rad':>13}{'MPKPE@3 m':>11}")
+    print(f"{'':<40}{'TKS@3 %':>10}{'falls %':>9}{'MPJPE@3 rad':>13}{'MPKPE@3 mm':>12}")
     results = {}
     for physics in possible_settings(robot):
         simulator = Simulator(make_model(robot, runner.robot, physics), timing.control_dt)
@@ -51,7 +51,7 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
             for error in ("joint_error", "keypoint_error")
         )
         share, falls = len(succeeded) / len(scores), fmean(score.root_off for score in scores)
-        errors = f"{error_text(joint):>13}{error_text(keypoint):>11}"
+        errors = f"{error_text(joint):>13}{distance_text(keypoint):>12}"
         print(f"{physics.name:<40}{100 * share:>10.1f}{100 * falls:>9.1f}{errors}", flush=True)
     print("errors are means over the keyframes that TKS@3 counts")
     return results

@@ -24,6 +24,7 @@ __all__ = [
     "KeyframeScorer",
     "Outcome",
     "StepErrors",
+    "distance_text",
     "error_text",
     "mean_errors",
     "tally",
@@ -263,6 +264,15 @@ def error_text(value: float, unit: str = "") -> str:
     ('0.032 rad', '-')
     """
     return "-" if math.isnan(value) else f"{value:.3f}{unit}"
+
+
+def distance_text(value: float, unit: str = "") -> str:
+    """Return a position error (m) for a table, in whole millimeters; a dash where nothing was commanded.
+
+    >>> distance_text(0.0321, " mm"), distance_text(math.nan)
+    ('32 mm', '-')
+    """
+    return "-" if math.isnan(value) else f"{1000 * value:.0f}{unit}"
 
 
 def tally(scores: Sequence[KeyframeScore]) -> str:

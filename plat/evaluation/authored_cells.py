@@ -1,5 +1,6 @@
 """Authored keyframes in a comparison: records that are kept on disk and taken up again."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ def authored_records(
     count: int,
     setting: EvaluationSetting,
     folder: Path | None = None,
+    chains: Sequence[Authored] | None = None,
 ) -> AuthoredRecords:
     """Return a candidate's records of ``count`` chains of every authored family; those in the folder if it has them.
 
@@ -38,9 +40,10 @@ def authored_records(
         count: chains per family.
         setting: its seed, device and threads.
         folder: for the records; None keeps nothing.
+        chains: which takes seconds to draw; None to draw them here.
     """
-    library = motions.for_robot(entrant.robot)
-    chains = author_families(entrant.robot, library, count, setting.seed, entrant.timing)
+    if chains is None:
+        chains = author_families(motions.robot, motions, count, setting.seed, entrant.timing)
     about = _about(candidate, chains)
     path = None if folder is None else folder / f"{Cell(candidate, AUTHORED).stem}.safetensors"
     if path is not None and path.exists():
@@ -73,7 +76,7 @@ def authored_groups(policy: str, records: AuthoredRecords) -> list[GroupScore]:
     return scores
 
 
-def _about(candidate: Candidate, chains: list[Authored]) -> dict[str, Any]:
+def _about(candidate: Candidate, chains: Sequence[Authored]) -> dict[str, Any]:
     """Return what the records depend on. Chains are fingerprinted themselves: a change of their families is seen."""
     parts = []
     for chain in chains:

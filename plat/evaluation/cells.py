@@ -3,8 +3,10 @@
 import functools
 import hashlib
 import multiprocessing
+import os
 import re
 import signal
+import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
@@ -130,7 +132,7 @@ def evaluate_cells(
 
     A cell is evaluated in parts of :data:`PART` clips, spread over processes. With a folder, finished parts are kept
     there: an evaluation that was stopped goes on where it was, and finished cells are not evaluated again. Progress is
-    shown on standard error.
+    shown on standard error. The signal TERM ends it as Ctrl-C does, and its processes end with it in any case.
 
     Args:
         cells: of the comparison.
@@ -143,7 +145,7 @@ def evaluate_cells(
     Raises:
         PlatError: what the evaluation of a cell raises.
     """
-    with Scratch("plat-evaluation-") as scratch:
+    with _stopped_by_term(), Scratch("plat-evaluation-") as scratch:
         desk = _Desk(folder or scratch, library)
         missing = [(cell, number) for cell in cells for number in desk.missing(cell)]
         total = sum(desk.steps(cell, number) for cell, number in missing)
@@ -278,9 +280,17 @@ _process: dict[str, Any] = {}
 
 def _begin(motions: Path, modules: Sequence[str]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process tells
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     torch.set_num_threads(1)
     import_modules(modules)
     _process["motions"] = torch.load(motions, weights_only=False, mmap=True)
+
+
+def _end_with_parent() -> None:
+    """Wait for the main process to end, however it does, and end this one: a pool's processes would wait for ever."""
+    if (parent := multiprocessing.parent_process()) is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _work(cell: Cell, clips: list[int], path: Path, about: dict[str, Any]) -> None:
@@ -289,6 +299,19 @@ def _work(cell: Cell, clips: list[int], path: Path, about: dict[str, Any]) -> No
         _process[key] = cell.candidate.load()
     cell = replace(cell, setting=replace(cell.setting, num_threads=1))
     cell.evaluate(_process[key], _process["motions"], clips=clips).save(path, about)
+
+
+@contextmanager
+def _stopped_by_term() -> Iterator[None]:
+    """Raise :class:`KeyboardInterrupt` at the signal TERM, where it would end this process without cleaning up."""
+    ours = threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+    if ours:
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        if ours and threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 @contextmanager

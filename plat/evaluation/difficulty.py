@@ -7,11 +7,12 @@ from types import MappingProxyType
 import torch
 from torch import Tensor
 
-from plat.envs.transforms import CommandSchedule
+from plat.envs.transforms import CommandSchedule, horizon_named
 from plat.motions.library import MotionLibrary
 from plat.robots.kinematics import ForwardKinematics
+from plat.spec.timing import Timing
 
-__all__ = ["BINS", "SCALES", "Bin", "bin_of", "command_difficulty", "frame_measures"]
+__all__ = ["BINS", "SCALES", "Bin", "bin_of", "command_bins", "command_difficulty", "frame_measures"]
 
 SCALES: Mapping[str, float] = MappingProxyType(
     {"speed": 1.0, "acceleration": 5.0, "turn": 2.0, "flight": 0.1, "lowness": 0.25}
@@ -74,6 +75,11 @@ def command_difficulty(library: MotionLibrary, schedule: CommandSchedule) -> Ten
     worst.scatter_reduce_(0, command[scheduled], measures[scheduled], "amax")
     arrivals = schedule.target_frame[schedule.first_frame.to(library.device)]
     return worst.maximum(measures[arrivals]).cpu()
+
+
+def command_bins(library: MotionLibrary, horizon: str, timing: Timing, seed: int) -> list[str]:
+    """Return the bin of each command that is given along motions, in the order of their records."""
+    return bin_of(command_difficulty(library, CommandSchedule(library, horizon_named(horizon, timing), seed)))
 
 
 def bin_of(difficulty: Tensor) -> list[str]:

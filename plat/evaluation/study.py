@@ -4,27 +4,42 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar
 
-from plat.envs.transforms import HORIZONS, CommandSchedule, horizon_named
+from plat.control.authored import Authored
+from plat.envs.transforms import HORIZONS
 from plat.evaluation.authored_cells import AUTHORED, authored_groups, authored_records
+from plat.evaluation.authored_scores import author_families
 from plat.evaluation.cells import Candidate, Cell, evaluate_cells
 from plat.evaluation.clip_records import ClipRecords
-from plat.evaluation.difficulty import BINS, bin_of, command_difficulty
+from plat.evaluation.difficulty import BINS, command_bins
 from plat.evaluation.disturbance import STRENGTHS
 from plat.evaluation.entrant import Entrant
 from plat.evaluation.groups import GroupScore, group_table, score_groups
 from plat.evaluation.names import DisturbanceName, RuleName
 from plat.evaluation.records import CommandRecords
 from plat.evaluation.report import Estimate, report, report_clips
-from plat.evaluation.score_table import CLIP_METRICS, METRICS, Difference, Score, paired
+from plat.evaluation.score_table import CLIP_METRICS, METRICS, Difference, Score, paired, table
 from plat.evaluation.setting import EvaluationSetting
 from plat.motions.library import MotionLibrary
 from plat.spec.timing import Timing
 
-__all__ = ["ClipScore", "CurvePoint", "Study", "StudyPlan", "best_interfaces", "evenly", "group_metrics", "run_study"]
+__all__ = [
+    "ClipScore",
+    "CurvePoint",
+    "Study",
+    "StudyPlan",
+    "best_interfaces",
+    "clip_table",
+    "evenly",
+    "group_metrics",
+    "run_study",
+]
 
 _Item = TypeVar("_Item")
+
+_DENSE = "dense"  # label of the cells in which trackers see the reference
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,6 +97,11 @@ class StudyPlan:
                 cells += [Cell(one, self.main_horizon, setting, label=label, clips=clips) for one in candidates]
         return cells
 
+    def dense_cells(self, trackers: Mapping[Candidate, Entrant]) -> list[Cell]:
+        """Return the cells of trackers that see the reference: commands of the main horizon, and whole clips."""
+        tests = (None, *self.rules)
+        return [Cell(one, self.main_horizon, self.setting, rule, _DENSE) for rule in tests for one in trackers]
+
     def strengths_of(self, name: DisturbanceName) -> tuple[float, ...]:
         """Return the strengths at which a disturbance is measured: spread evenly, the strongest among them."""
         values = STRENGTHS[name].values[1:]
@@ -115,12 +135,29 @@ def evenly(items: Sequence[_Item], count: int, last: bool = False) -> tuple[_Ite
 
 @dataclass(frozen=True)
 class ClipScore:
-    """Metrics of a policy on whole clips, by one rule."""
+    """Metrics of a policy on whole clips, by one rule.
+
+    Attributes:
+        policy: its name.
+        rule: of success.
+        count: clips.
+        figures: their report.
+    """
 
     policy: str
     rule: str
-    records: ClipRecords | None
+    count: int
     figures: Mapping[str, Estimate]
+
+    @classmethod
+    def of(cls, policy: str, records: ClipRecords) -> "ClipScore":
+        """Return the score of records."""
+        return cls(policy, records.rule, len(records.clip), report_clips(records))
+
+    @property
+    def failed(self) -> int:
+        """Return how many clips failed."""
+        return round(self.count * (1 - self.figures["clip_success"].value / 100))
 
 
 @dataclass(frozen=True)
@@ -140,6 +177,8 @@ class Study:
     Attributes:
         scores: of commands, by policy and horizon.
         clips: of whole clips, by policy and rule.
+        dense: of dense trackers that see the reference, at the main horizon.
+        dense_clips: of the same on whole clips.
         groups: by what grouped, families, difficulty or authored keyframes: the scores of each policy on each group.
         curves: of robustness.
         interfaces: scores of dense trackers with every interface, where the best one is chosen.
@@ -148,19 +187,12 @@ class Study:
 
     scores: list[Score] = field(default_factory=list)
     clips: list[ClipScore] = field(default_factory=list)
+    dense: list[Score] = field(default_factory=list)
+    dense_clips: list[ClipScore] = field(default_factory=list)
     groups: dict[str, list[GroupScore]] = field(default_factory=dict)
     curves: list[CurvePoint] = field(default_factory=list)
     interfaces: list[Score] = field(default_factory=list)
     differences: list[Difference] = field(default_factory=list)
-
-    def clip_table(self) -> str:
-        """Return whole-clip success and errors as a Markdown table, with the rule."""
-        lines = [f"| rule | policy | {' | '.join(metric.heading for metric in CLIP_METRICS.values())} |"]
-        lines.append("|" + "---|" * (2 + len(CLIP_METRICS)))
-        for score in self.clips:
-            cells = (metric.text(score.figures[name]) for name, metric in CLIP_METRICS.items())
-            lines.append(f"| {score.rule} | {score.policy} | {' | '.join(cells)} |")
-        return "\n".join(lines) + "\n"
 
     def curve_table(self, name: DisturbanceName) -> str:
         """Return TKS@3 against the strength of a disturbance as a Markdown table."""
@@ -178,12 +210,22 @@ class Study:
         """Return the tables beside those of :func:`plat.evaluation.markdown`: whole clips, groups and curves."""
         parts = []
         if self.clips:
-            parts.append(f"**whole clips**\n\n{self.clip_table()}")
+            parts.append(f"**whole clips**\n\n{clip_table(self.clips)}")
         for kind, scores in self.groups.items():
             parts += [f"**by {kind}**\n\n{group_table(scores, metric)}" for metric in group_metrics(scores)]
         names = dict.fromkeys(point.disturbance for point in self.curves)
         parts += [f"**robustness: {name}**, TKS@3 (%)\n\n{self.curve_table(name)}" for name in names]
         return "\n".join(parts)
+
+
+def clip_table(scores: Sequence[ClipScore]) -> str:
+    """Return whole-clip success and errors as a Markdown table, with the rule and the number of failed clips."""
+    head = ["rule", "policy", "failed clips", *(metric.heading for metric in CLIP_METRICS.values())]
+    rows = [head]
+    for score in scores:
+        cells = (metric.text(score.figures[name]) for name, metric in CLIP_METRICS.items())
+        rows.append([score.rule, score.policy, f"{score.failed} of {score.count}", *cells])
+    return table(rows) + "\n"
 
 
 def run_study(
@@ -196,6 +238,7 @@ def run_study(
     modules: Sequence[str] = (),
     told: Callable[[Study], None] = lambda study: None,
     motions: Callable[[str], MotionLibrary] | None = None,
+    trackers: Mapping[Candidate, Entrant] = MappingProxyType({}),
 ) -> Study:
     """Run every test of a plan and return the results.
 
@@ -207,6 +250,7 @@ def run_study(
         workers, modules: as for :func:`plat.evaluation.cells.evaluate_cells`.
         told: called with what there is after each test.
         motions: the motions of a horizon, where it leaves some of the library out; by default all.
+        trackers: dense trackers that see the reference, which are scored for comparison.
     """
     study = Study()
     longest = max(entrant.timing.max_steps for entrant in candidates.values())
@@ -225,7 +269,10 @@ def run_study(
             wanted = list(group)
             chosen = of_horizon[wanted[0].horizon]
             for cell, records in evaluate_cells(wanted, chosen, folder=folder, workers=workers, modules=modules):
-                _add(study, plan, cell, shown[cell.candidate.name], records, labels)
+                if cell.label == _DENSE:
+                    _add_dense(study, cell, records)
+                else:
+                    _add(study, plan, cell, shown[cell.candidate.name], records, labels)
                 told(study)
 
     rest = dict(candidates)
@@ -240,10 +287,15 @@ def run_study(
         study.curves = _renamed(study.curves, shown)
         rest = {one: entrant for one, entrant in candidates.items() if one.name in shown}
     run([cell for cell in plan.cells(rest, main) if cell not in done])
+    run(plan.dense_cells(trackers))
     order = list(of_horizon)
     study.scores.sort(key=lambda score: order.index(score.horizon))  # stable: policies stay in order
+    chains: dict[Timing, list[Authored]] = {}
     for one, entrant in rest.items() if plan.authored else ():
-        records = authored_records(one, entrant, library, plan.authored, plan.setting, folder)
+        timing, seed = entrant.timing, plan.setting.seed
+        if timing not in chains:
+            chains[timing] = author_families(library.robot, library, plan.authored, seed, timing)
+        records = authored_records(one, entrant, library, plan.authored, plan.setting, folder, chains[timing])
         study.groups.setdefault(AUTHORED, []).extend(authored_groups(shown[one.name], records))
         told(study)
     if plan.ours is not None:
@@ -268,15 +320,14 @@ class _Labels:
         self.curve_clips = plan.clips_of_curves(motions)
         self.difficulty: list[str] = []
         if plan.difficulty:
-            schedule = CommandSchedule(motions, horizon_named(plan.main_horizon, timing), plan.setting.seed)
-            self.difficulty = bin_of(command_difficulty(motions, schedule))
+            self.difficulty = command_bins(motions, plan.main_horizon, timing, plan.setting.seed)
 
 
 def _add(
     study: Study, plan: StudyPlan, cell: Cell, name: str, records: CommandRecords | ClipRecords, labels: _Labels
 ) -> None:
     if isinstance(records, ClipRecords):
-        study.clips.append(ClipScore(name, records.rule, records, report_clips(records)))
+        study.clips.append(ClipScore.of(name, records))
         if labels.families is not None:
             of_rows = [labels.families[clip] for clip in records.clip.tolist()]
             scores = score_groups(name, records.rule, [records], of_rows, resamples=200)
@@ -305,6 +356,13 @@ def _add(
         order = [part.name for part in BINS]
         scores = score_groups(name, cell.horizon, [records], labels.difficulty, order, resamples=200)
         study.groups.setdefault("difficulty", []).extend(scores)
+
+
+def _add_dense(study: Study, cell: Cell, records: CommandRecords | ClipRecords) -> None:
+    if isinstance(records, ClipRecords):
+        study.dense_clips.append(ClipScore.of(cell.candidate.name, records))
+    else:
+        study.dense.append(Score.of(cell.candidate.name, cell.horizon, [records]))
 
 
 def group_metrics(scores: Sequence[GroupScore]) -> tuple[str, ...]:

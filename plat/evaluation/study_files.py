@@ -18,6 +18,8 @@ from plat.json_file import short
 __all__ = ["read_study", "write_study"]
 
 _FIGURES = ("metric", "value", "low", "high")
+_CLIP_KEYS = ("policy", "rule", "clips")
+_CLIPS, _DENSE_CLIPS = "whole_clips.csv", "dense_whole_clips.csv"
 
 
 def write_study(study: Study, folder: Path) -> None:
@@ -26,8 +28,11 @@ def write_study(study: Study, folder: Path) -> None:
         write_csv(folder / "scores.csv", study.scores)
     if study.interfaces:
         write_csv(folder / "interfaces.csv", study.interfaces)
-    clips = [(score.policy, score.rule, *row) for score in study.clips for row in _rows(score.figures)]
-    _write(folder / "whole_clips.csv", ("policy", "rule", *_FIGURES), clips)
+    if study.dense:
+        write_csv(folder / "dense.csv", study.dense)
+    for name, scores in ((_CLIPS, study.clips), (_DENSE_CLIPS, study.dense_clips)):
+        clips = [(score.policy, score.rule, score.count, *row) for score in scores for row in _rows(score.figures)]
+        _write(folder / name, (*_CLIP_KEYS, *_FIGURES), clips)
     groups = [
         (kind, score.group, score.count, score.policy, score.test, *row)
         for kind, scores in study.groups.items()
@@ -62,9 +67,13 @@ def read_study(folder: Path) -> Study:
 
 
 def _study(folder: Path) -> Study:
-    study = Study(scores=_scores(folder / "scores.csv"), interfaces=_scores(folder / "interfaces.csv"))
-    for (policy, rule), figures in _read(folder / "whole_clips.csv", ("policy", "rule")):
-        study.clips.append(ClipScore(policy, rule, None, figures))
+    study = Study(
+        scores=_scores(folder / "scores.csv"),
+        interfaces=_scores(folder / "interfaces.csv"),
+        dense=_scores(folder / "dense.csv"),
+        clips=_clips(folder / _CLIPS),
+        dense_clips=_clips(folder / _DENSE_CLIPS),
+    )
     keys = ("grouping", "group", "count", "policy", "test")
     for (kind, group, count, policy, test), figures in _read(folder / "groups.csv", keys):
         study.groups.setdefault(kind, []).append(GroupScore(policy, test, group, int(count), figures))
@@ -83,6 +92,11 @@ def _study(folder: Path) -> Study:
 def _scores(path: Path) -> list[Score]:
     found = _read(path, ("policy", "horizon"))
     return [Score(policy, horizon, (), figures) for (policy, horizon), figures in found]
+
+
+def _clips(path: Path) -> list[ClipScore]:
+    found = _read(path, _CLIP_KEYS)
+    return [ClipScore(policy, rule, int(count), figures) for (policy, rule, count), figures in found]
 
 
 def _rows(figures: Mapping[str, Estimate]) -> list[tuple[Any, ...]]:

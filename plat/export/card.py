@@ -8,8 +8,8 @@ from plat.export.data_sets import license_table
 
 __all__ = ["model_card", "run_card"]
 
-# Columns of the table of scores: metric, title, digits.
-_COLUMNS = (("tks", "TKS@3 (%)", 1), ("mpjpe", "MPJPE@3 (rad)", 3), ("mpkpe", "MPKPE@3 (m)", 3))
+# Columns of the table of scores: metric, title, digits, factor from the unit of files.
+_COLUMNS = (("tks", "TKS@3 (%)", 1, 1), ("mpjpe", "MPJPE@3 (rad)", 3, 1), ("mpkpe", "MPKPE@3 (mm)", 0, 1000))
 _USE = """```python
 from plat.deploy import PolicyRunner, RobotState
 
@@ -81,17 +81,18 @@ def _score_table(scores: tuple[BundleScore, ...] | None) -> str:
     if scores is None:
         return "None: no `evaluation.csv` in the run directory, or beside it, holds rows of this run."
     figures = {(score.horizon, score.metric): score for score in scores}
-    lines = ["| commands | " + " | ".join(title for _, title, _ in _COLUMNS) + " |", "|---|" + "---|" * len(_COLUMNS)]
+    lines = ["| commands | " + " | ".join(title for _, title, *_ in _COLUMNS) + " |", "|---|" + "---|" * len(_COLUMNS)]
     for horizon in dict.fromkeys(score.horizon for score in scores):
-        cells = (_cell(figures.get((horizon, metric)), digits) for metric, _, digits in _COLUMNS)
+        cells = (_cell(figures.get((horizon, metric)), digits, factor) for metric, _, digits, factor in _COLUMNS)
         lines.append(f"| {horizon} | " + " | ".join(cells) + " |")
     return "Timed keyframes in simulation, with 95 % intervals over motions:\n\n" + "\n".join(lines)
 
 
-def _cell(score: BundleScore | None, digits: int) -> str:
+def _cell(score: BundleScore | None, digits: int, factor: int) -> str:
     if score is None:
         return "-"
-    return f"{score.value:.{digits}f} ({score.low:.{digits}f}-{score.high:.{digits}f})"
+    value, low, high = (f"{factor * part:.{digits}f}" for part in (score.value, score.low, score.high))
+    return f"{value} ({low}-{high})"
 
 
 def _limits(settings: Mapping[str, Any]) -> str:

@@ -53,5 +53,5 @@ def difference_plot(scores: Sequence[Score], ours: str, horizons: Sequence[str] 
             panel.grid(axis="x")
         panels[0][0].set_yticks(range(len(labels)), labels)
         panels[0][0].set_ylim(len(labels) - 0.5, -0.5)
-        panels[0][0].set_xlabel(f"{ours} minus each")
+        panels[0][len(HEADLINE) // 2].set_xlabel(f"{ours} minus each: to the right of 0 it is the better one")
     return figure

@@ -11,13 +11,15 @@ from plat.figures.style import PAGE, looks, paper_style
 __all__ = ["robustness_plot"]
 
 _SPAN = 5.0  # percent
+_BANDS = 3  # policies: bands of more hide each other
 
 
 def robustness_plot(points: Sequence[CurvePoint]) -> Any:
     """Return a figure with one panel for each disturbance: TKS@3 against its strength, a line per policy.
 
-    Bands are 95 % intervals. Friction falls from left to right, so that every disturbance grows to the right. The
-    scale of each panel begins at its worst value, and spans 5 % at least.
+    Bands are 95 % intervals; of more than three policies, that of the first one alone. Friction falls from left to
+    right, so that every disturbance grows to the right. The scale of each panel begins at its worst value, and spans
+    5 % at least.
 
     Args:
         points: of any policies.
@@ -30,6 +32,7 @@ def robustness_plot(points: Sequence[CurvePoint]) -> Any:
         raise RecordsError("plot of robustness: no points, expected at least one")
     names = list(dict.fromkeys(point.disturbance for point in points))
     drawn = looks(list(dict.fromkeys(point.policy for point in points)))
+    banded = list(drawn)[: None if len(drawn) <= _BANDS else 1]
     columns = min(3, len(names))
     rows = -(-len(names) // columns)
     with paper_style() as plt:
@@ -53,11 +56,16 @@ def robustness_plot(points: Sequence[CurvePoint]) -> Any:
                     markersize=3,
                     label=policy,
                 )
-                low, high = ([getattr(point.tks, end) for point in curve] for end in ("low", "high"))
-                panel.fill_between(places, low, high, color=look.color, alpha=0.12, linewidth=0)
+                if policy in banded:
+                    low, high = ([getattr(point.tks, end) for point in curve] for end in ("low", "high"))
+                    panel.fill_between(places, low, high, color=look.color, alpha=0.12, linewidth=0)
             if strength.values[0] > strength.values[-1]:
                 panel.invert_xaxis()
-            worst = min(point.tks.low for point in points if point.disturbance == name)
+            worst = min(
+                point.tks.low if point.policy in banded else point.tks.value
+                for point in points
+                if point.disturbance == name
+            )
             span = max(100.0 - worst, _SPAN)
             panel.set_ylim(100.0 - 1.05 * span, 100.0 + 0.05 * span)
             panel.set_xlabel(f"{name} ({strength.unit})")

@@ -13,7 +13,7 @@ __all__ = ["success_plot"]
 def success_plot(scores: Sequence[Score], horizons: Sequence[str]) -> Any:
     """Return a figure of success rates with one panel for each horizon.
 
-    A curve is the fraction of commands whose world keypoint error at arrival is at most x.
+    A curve is the fraction of commands whose world keypoint error at arrival is at most x mm.
 
     The legend gives the area under each curve (% of the whole).
 
@@ -32,11 +32,11 @@ def success_plot(scores: Sequence[Score], horizons: Sequence[str]) -> Any:
         )
         for panel, horizon in zip(panels[0], horizons, strict=True):
             for score in (score for score in scores if score.horizon == horizon):
-                threshold, share = success_curve(score.records, points=251)
+                meters, share = (part.numpy() for part in success_curve(score.records, points=251))
                 look, area = drawn[score.policy], score.figures["success_area"].value
                 label = f"{score.policy} ({area:.1f})"
-                panel.plot(threshold, 100 * share, look.dashes, color=look.color, linewidth=look.width, label=label)
-            panel.set(xlim=(0, threshold[-1]), ylim=(0, 101), xlabel="world keypoint error at arrival (m)")
+                panel.plot(1000 * meters, 100 * share, look.dashes, color=look.color, linewidth=look.width, label=label)
+            panel.set(xlim=(0, 1000 * meters[-1]), ylim=(0, 101), xlabel="world keypoint error at arrival (mm)")
             panel.set_title(horizon.capitalize(), pad=3)
             panel.grid()
             panel.legend(

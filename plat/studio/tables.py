@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from plat.control import FELL, ChaseStep, KeyframeScore, PoseErrors, error_text, tally
+from plat.control import FELL, ChaseStep, KeyframeScore, PoseErrors, distance_text, error_text, tally
 from plat.studio.player import Summary
 from plat.studio.timeline import Timeline
 
@@ -35,9 +35,9 @@ def keyframe_table(timeline: Timeline, scores: Sequence[KeyframeScore] | None) -
     """Return a table with a row per keyframe: its outcome in words, and its errors. Empty without scores."""
     if scores is None:
         return ""
-    rows = ["| keyframe | at | outcome | joints rad | keypoints m |", "|---|---|---|---|---|"]
+    rows = ["| keyframe | at | outcome | joints rad | keypoints mm |", "|---|---|---|---|---|"]
     for score in scores:
-        errors = f"{error_text(score.joint_error)} | {error_text(score.keypoint_error)}"
+        errors = f"{error_text(score.joint_error)} | {distance_text(score.keypoint_error)}"
         label = _plain(timeline.labels[timeline.toward(score.time)])
         rows.append(f"| {label} | {score.time:.2f} s | {score.words} | {errors} |")
     return "\n".join(rows)
@@ -47,10 +47,10 @@ def policy_table(scores: Mapping[str, Sequence[KeyframeScore]]) -> str:
     """Return a table with a row per policy: the outcomes of its keyframes, and mean errors. Empty without scores."""
     if not scores:
         return ""
-    rows = ["| policy | outcome | joints rad | keypoints m |", "|---|---|---|---|"]
+    rows = ["| policy | outcome | joints rad | keypoints mm |", "|---|---|---|---|"]
     for policy, of_policy in scores.items():
         mean = Summary.of(of_policy)
-        errors = f"{error_text(mean.joint_error)} | {error_text(mean.keypoint_error)}"
+        errors = f"{error_text(mean.joint_error)} | {distance_text(mean.keypoint_error)}"
         rows.append(f"| {_plain(policy)} | {tally(of_policy)} | {errors} |")
     return "\n".join(rows)
 

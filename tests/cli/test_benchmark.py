@@ -75,7 +75,14 @@ def test_one_document_and_figures_of_every_kind(recipe, monkeypatch, capsys):
     # two motions of 2 s make four pieces of 1 s, of which three are taken
     assert sorted(set(found.scores[0].records[0].clip.tolist())) == [0, 1, 2]
     assert {point.strength for point in found.curves} == {0.8, 0.1}
-    assert list(found.groups) == ["family", "difficulty", "family, humantracker", "authored"]
+    assert list(found.groups) == [
+        *("family", "difficulty", "family, humantracker", "family, supermimic", "authored"),
+    ]
+    assert [score.policy for score in found.dense] == ["expert"]
+    assert [(score.rule, score.policy, score.count) for score in found.dense_clips] == [
+        ("humantracker", "expert", 3),
+        ("supermimic", "expert", 3),
+    ]
     assert {one.group for one in found.groups["family"]} == {"run", "walk"}
     assert {one.policy for one in found.groups["authored"]} == {"plain", expert}
     assert {one.policy for one in found.differences} == {expert}
@@ -88,14 +95,15 @@ def test_one_document_and_figures_of_every_kind(recipe, monkeypatch, capsys):
         "horizon",
         "differences",
         "robustness",
-        *("by_family", "by_family_clips", "by_difficulty", "by_authored"),
+        *("by_family", "by_family_humantracker", "by_family_supermimic", "by_difficulty", "by_authored"),
     }
     text = (recipe.out / "benchmark.md").read_text()
     assert text == page(recipe.out)
     for wanted in (
         "plat benchmark plain expert --hard motions.npz --manifest manifest.csv --generated 4 --longest 1.2",
         "- seed of the commands: 0",
-        "- success rule of whole clips: `humantracker` (",
+        "- success rule `humantracker` of whole clips: height of",
+        "- success rule `supermimic` of whole clips: height of",
         "| motions | motions.npz | 3 |",
         "| row | made by | trained on | SHA-256 of the weights |",
         "| plain | plat imagine, plain | bandai, mine |",
@@ -103,7 +111,9 @@ def test_one_document_and_figures_of_every_kind(recipe, monkeypatch, capsys):
         "### motions: authored keyframes",
         "| friction (coefficient) | 0.8 | 0.1 |",
         "| plain minus | horizon |",
-        "| humantracker | plain |",
+        "| humantracker | plain | ",
+        "### motions: with the dense reference",
+        "| supermimic | expert | ",
         "TKS@3 (%) at Mixed, on 1 clips at most",
         "## generated",
     ):

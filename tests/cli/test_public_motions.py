@@ -50,10 +50,51 @@ def test_trials_of_cmu_are_taken_by_their_numbers(tmp_path):
     assert PUBLIC["cmu"].families([clip.name]) == ["run"]
 
 
+def test_a_trial_of_cmu_has_several_spellings(tmp_path):
+    for name in ("016_36", "16_36_extra"):
+        write_human(tmp_path / f"{name}.bvh", frames=5)
+    (clip,) = load_motions(PUBLIC["cmu"].file(tmp_path, tmp_path / "out", G1))
+    assert clip.name == "016_36"
+    assert PUBLIC["cmu"].families([clip.name]) == ["run"]
+
+
+@pytest.mark.parametrize(
+    ("option", "skeleton", "capture", "place", "family"),
+    [
+        # the archive has a folder a subject; the real capture stands for the trial of that subject in the list
+        ("cmu", "cmu_14.asf", "cmu_14_37.amc", "subjects/14/14_08.amc", "jump"),
+        (
+            "hdm05",
+            "HDM_bd.asf",
+            "HDM_bd_kickLFront1Reps_001_120.amc",
+            "HDM05_cut_amc/kickLFront1Reps/HDM_bd_kickLFront1Reps_001_120.amc",
+            "fight",
+        ),
+    ],
+)
+def test_captures_as_their_archives_lay_them_out(option, skeleton, capture, place, family, shared_data, tmp_path):
+    pytest.importorskip("mink")
+    captures = shared_data / "formats" / "mocap"
+    path = tmp_path / place
+    path.parent.mkdir(parents=True)
+    lines = (captures / capture).read_bytes().splitlines()
+    frames = [number for number, line in enumerate(lines) if line.strip().isdigit()]
+    path.write_bytes(b"\n".join(lines[: frames[5]]) + b"\n")  # the first frames, for retargeting takes time
+    called = skeleton.removeprefix("cmu_")
+    (path.parent / called).write_bytes((captures / skeleton).read_bytes())
+    (clip,) = load_motions(PUBLIC[option].file(tmp_path, tmp_path / "out", G1))
+    assert clip.name == path.stem
+    assert PUBLIC[option].families([clip.name]) == [family]
+    assert 0.5 < clip.qpos[:, 2].mean() < 1.0
+
+
 def test_no_public_validation_motion_was_trained_on(shared_data):
-    """Names in the hard motion that weights were trained on: cmu_16_36_run, g1moves_M_Move18_c0."""
+    """Names in the hard motion that weights were trained on: cmu_16_36_run, g1moves_M_Move18_c0, hdm05_bd_..._fight."""
     for name in ("hard_free_train", "hard_sa_train", "hard_nc_train"):
         with np.load(shared_data / "motions" / f"{name}.npz") as archive:
             trained = archive.files
         for clip in [*(PUBLIC["g1_moves"].clips or ()), *(PUBLIC["cmu"].clips or ())]:
             assert not any(f"_{clip}_" in f"{each}_" and each.startswith(("cmu", "g1moves")) for each in trained), clip
+        for clip in PUBLIC["hdm05"].clips or ():
+            cut = clip.removeprefix("HDM_").removesuffix("_120")
+            assert not any(each.startswith(f"hdm05_{cut}_") for each in trained), clip

@@ -1,6 +1,9 @@
 import functools
+import signal
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -116,6 +119,31 @@ def test_a_broken_file_is_replaced(candidate, clips, counted, tmp_path, capsys):
     list(evaluate_cells([Cell(candidate, "short", SETTING)], clips, folder=folder, workers=1))
     assert len(counted) == 1
     assert "evaluated again" in capsys.readouterr().out
+
+
+def test_the_signal_term_stops_as_ctrl_c_does(candidate, clips, tmp_path, monkeypatch):
+    scratch: list[Path] = []
+
+    def terminated(self, entrant, library, **options):
+        scratch.extend(tmp_path.glob("plat-evaluation-*"))
+        signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(Cell, "evaluate", terminated)
+    with pytest.raises(KeyboardInterrupt):
+        list(evaluate_cells([Cell(candidate, "short", SETTING)], clips, workers=1))
+    assert len(scratch) == 1
+    assert not scratch[0].exists()
+    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+
+
+def test_a_process_of_a_pool_ends_with_its_parent(monkeypatch):
+    ended: list[object] = []
+    parent = SimpleNamespace(join=lambda: ended.append("parent"))
+    monkeypatch.setattr(cells.multiprocessing, "parent_process", lambda: parent)
+    monkeypatch.setattr(cells.os, "_exit", ended.append)
+    cells._end_with_parent()
+    assert ended == ["parent", 1]
 
 
 @pytest.mark.slow

@@ -37,7 +37,7 @@ def test_every_test_of_a_plan(tmp_path, monkeypatch):
         {candidate: candidate.load()}, library, plan, workers=1, told=lambda study: told.append(len(study.scores))
     )
     assert [score.horizon for score in study.scores] == ["short"]
-    assert [(score.rule, len(score.records.clip)) for score in study.clips] == [("supermimic", 2)]
+    assert [(score.rule, score.count) for score in study.clips] == [("supermimic", 2)]
     assert {kind: sorted({one.group for one in found}) for kind, found in study.groups.items()} == {
         "family": ["run", "walk"],
         "family, supermimic": ["run", "walk"],

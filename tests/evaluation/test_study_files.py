@@ -4,7 +4,7 @@ from plat.errors import RecordsError
 from plat.evaluation import CLIP_METRICS, Estimate
 from plat.evaluation.groups import GroupScore
 from plat.evaluation.score_table import difference_table, overview, paired
-from plat.evaluation.study import ClipScore, CurvePoint, Study
+from plat.evaluation.study import ClipScore, CurvePoint, Study, clip_table
 from plat.evaluation.study_files import read_study, write_study
 from tests.figures.scores import made_up
 
@@ -15,7 +15,9 @@ def test_what_was_written_is_read(tmp_path):
     scores = made_up("PLAT", "wbc (line)")
     study = Study(
         scores=scores,
-        clips=[ClipScore("PLAT", "supermimic", None, dict.fromkeys(CLIP_METRICS, FIGURE))],
+        clips=[ClipScore("PLAT", "supermimic", 8, dict.fromkeys(CLIP_METRICS, FIGURE))],
+        dense=scores[1:2],
+        dense_clips=[ClipScore("wbc", "humantracker", 8, dict.fromkeys(CLIP_METRICS, Estimate(75.0, 50.0, 90.0)))],
         groups={
             "family": [GroupScore("PLAT", "mixed", "walk, fast", 3, {"tks": FIGURE, "mpjpe": FIGURE})],
             "authored": [GroupScore("PLAT", "authored", "hold", 2, {"reached": FIGURE})],
@@ -29,7 +31,10 @@ def test_what_was_written_is_read(tmp_path):
     assert overview(read.scores) == overview(scores)
     assert overview(read.interfaces) == overview(scores[:1])
     assert difference_table(read.differences) == difference_table(study.differences)
-    assert read.clip_table() == study.clip_table()
+    assert overview(read.dense) == overview(scores[1:2])
+    assert clip_table(read.clips) == clip_table(study.clips)
+    assert clip_table(read.dense_clips) == clip_table(study.dense_clips)
+    assert "| humantracker | wbc | 2 of 8 | 75.0 (50.0-90.0) |" in clip_table(read.dense_clips)
     assert read.curve_table("push") == study.curve_table("push")
     (family,) = read.groups["family"]
     assert (family.group, family.count, list(family.figures)) == ("walk, fast", 3, ["tks", "mpjpe"])

@@ -34,9 +34,15 @@ def test_says_what_it_is_and_where_it_comes_from(bundle):
 
 
 def test_a_table_of_scores(bundle):
-    scores = (BundleScore("long", "tks", 99.5, 99.25, 99.75), BundleScore("long", "mpjpe", 0.1, 0.09, 0.11))
+    scores = (
+        BundleScore("long", "tks", 99.5, 99.25, 99.75),
+        BundleScore("long", "mpjpe", 0.1, 0.09, 0.11),
+        BundleScore("mixed", "mpkpe", 0.048, 0.0441, 0.0512),
+    )
     text = card(dataclasses.replace(bundle, scores=scores))
+    assert "| commands | TKS@3 (%) | MPJPE@3 (rad) | MPKPE@3 (mm) |" in text
     assert "| long | 99.5 (99.2-99.8) | 0.100 (0.090-0.110) | - |" in text
+    assert "| mixed | - | - | 48 (44-51) |" in text
     assert "no `evaluation.csv` in the run directory" in card(bundle)
 
 

@@ -14,12 +14,12 @@ def test_curves_and_their_areas():
     plat = next(score for score in scores if (score.policy, score.horizon) == ("PLAT", "long"))
     # every command of it that did not fail arrives 0.2 m off
     x, share = line.get_xdata(), line.get_ydata()
-    assert (x[0], x[-1]) == (0, 0.5)
-    assert (share[x < 0.199] == 0).all()
-    assert share[x > 0.201] == pytest.approx(plat.figures["tks"].value)
+    assert (x[0], x[-1]) == (0, 500)
+    assert (share[x < 199] == 0).all()
+    assert share[x > 201] == pytest.approx(plat.figures["tks"].value)
     assert line.get_label() == f"PLAT ({plat.figures['success_area'].value:.1f})"
     # the area under what is drawn
-    area = 100 * (share[:-1] * (x[1:] - x[:-1])).sum() / 50
+    area = 100 * (share[:-1] * (x[1:] - x[:-1])).sum() / 50_000
     assert area == pytest.approx(plat.figures["success_area"].value, abs=0.5)
 
 

@@ -4,6 +4,7 @@ import json
 import sys
 
 import pytest
+import torch
 
 from plat.cli import evaluate
 from plat.envs.transforms import RandomizationRanges
@@ -12,6 +13,7 @@ from plat.modules import Expert, ExpertConfig, LatentNoisePolicy, LatentPolicy, 
 from plat.recipes import ablations
 from plat.recipes.options import Training
 from plat.robots import G1
+from tests.figures.scores import made_up
 from tests.modules.policies.test_student import SMALL
 from tests.recipes.runs import save_run, write_motions
 
@@ -29,7 +31,8 @@ def recipe(tmp_path, monkeypatch) -> ablations.AblationsRecipe:
     save_run(tmp_path / "runs" / "dagger", LatentPolicy(G1, SMALL))
     for seed in (0, 1):
         save_run(tmp_path / "runs" / f"plat-seed{seed}", refined(), steps=50)
-    for name in ("draw_scores", "draw_strips"):  # their own tests draw them
+    monkeypatch.setattr(ablations, "HARD", ("calm",))  # standing, slowly moved, is no harder
+    for name in ("draw_scores", "draw_strips", "draw_groups"):  # their own tests draw them
         monkeypatch.setattr(evaluate, name, lambda folder, *_, name=name: [folder / f"{name}.png"])
     return ablations.AblationsRecipe(
         runs=tmp_path / "runs",
@@ -63,8 +66,7 @@ def test_rows_that_are_there_are_scored_in_the_papers_order(recipe, evaluated, c
     assert [(score.policy, score.horizon) for score in splits["all"]] == cells
     assert [len(score.records) for score in splits["all"][:3]] == [1, 1, 2]
     assert [(score.policy, score.horizon) for score in splits["dense"]] == [("Scratch RL", "mixed")]
-    # hard motions are those called so, of the same evaluation
-    assert splits["hard"][0].records[0].clip.unique().tolist() == [0]
+    assert [score.figures for score in splits["hard"]] == [score.figures for score in splits["all"]]
     assert [(score.policy, score.horizon) for score in splits["randomized"]] == [(name, "mixed") for name in rows]
     assert evaluated.count(("long", "plain")) == evaluated.count(("mixed", "plain")) == 4
     assert evaluated.count(("mixed", "randomized")) == 4
@@ -77,6 +79,9 @@ def test_rows_that_are_there_are_scored_in_the_papers_order(recipe, evaluated, c
     text = (recipe.out / "all" / "scores.md").read_text(encoding="utf-8")
     assert "| PLAT | plat-seed0 (50 steps), plat-seed1 (50 steps) |" in text
     assert "| DAgger | dagger |" in text
+    commands = len(splits["all"][-1].records[0].clip)
+    assert f"**by difficulty, mixed**\n\n| TKS@3 (%) | calm ({commands}) |" in text
+    assert "by difficulty" not in (recipe.out / "hard" / "scores.md").read_text(encoding="utf-8")
 
 
 def test_figures_of_every_split_and_strips_of_one(recipe, monkeypatch):
@@ -127,15 +132,19 @@ def test_a_broken_record_is_made_again(recipe, evaluated, capsys):
     assert "evaluated again" in capsys.readouterr().out
 
 
-def test_without_hard_motions_there_is_no_hard_split(recipe, capsys):
-    assert list(ablations.main(dataclasses.replace(recipe, hard="somersault"))) == ["all", "randomized", "dense"]
-    assert "no hard split: clip names: 'somersault' is in none of the 2" in capsys.readouterr().out
+def test_without_hard_commands_there_is_no_hard_split(recipe, monkeypatch, capsys):
+    monkeypatch.setattr(ablations, "HARD", ("brisk", "hard"))
+    assert list(ablations.main(recipe)) == ["all", "randomized", "dense"]
+    assert "hard: none of the commands" in capsys.readouterr().out
 
 
-def test_a_pattern_that_is_none_is_refused_before_the_work(recipe, evaluated):
-    with pytest.raises(PlatError, match=r"--hard '\[': expected a regular expression"):
-        ablations.main(dataclasses.replace(recipe, hard="["))
-    assert evaluated == []
+def test_the_hard_split_has_the_commands_of_its_bins():
+    (score,) = made_up("PLAT")[1:2]
+    labels = ["hard", "calm"] * (len(score.records[0].clip) // 2)
+    bins = {score.horizon: labels}
+    (hard,) = ablations.hard_part([score], bins)
+    assert torch.equal(hard.records[0].failed, score.records[0].failed[::2])
+    assert [one.group for one in ablations.grouped([score], bins, score.horizon)] == ["calm", "hard"]
 
 
 def test_an_empty_folder_is_named(recipe, tmp_path):
@@ -252,9 +261,9 @@ def test_rows_are_in_the_table_as_soon_as_they_are_scored(recipe, trained, on_cl
     tables = []
     write = ablations.write_table
 
-    def written(folder, scores, rows):
+    def written(folder, scores, rows, groups=()):
         tables.append({name: [candidate.slug for candidate in row] for name, row in rows.items()})
-        write(folder, scores, rows)
+        write(folder, scores, rows, groups)
 
     monkeypatch.setattr(ablations, "write_table", written)
     training = Training(motions=("train.npz",), expert_steps=9, student_steps=6, refine_steps=3, seeds=(0, 1))

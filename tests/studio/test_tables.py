@@ -23,8 +23,8 @@ SCORES = [
 def test_a_row_a_keyframe(sequence):
     rows = keyframe_table(timeline_of(sequence), SCORES).splitlines()
     assert rows[2:] == [
-        "| 1 squat | 0.50 s | reached | 0.100 | 0.020 |",
-        "| 2 | 1.00 s | late or off: 0.12 s late, 0.35 m off | 0.200 | 0.040 |",
+        "| 1 squat | 0.50 s | reached | 0.100 | 20 |",
+        "| 2 | 1.00 s | late or off: 0.12 s late, 0.35 m off | 0.200 | 40 |",
     ]
     fell = [SCORES[0], score(1, None, 1.0, "fell")]
     assert "| fell |" in keyframe_table(timeline_of(sequence), fell)
@@ -35,8 +35,8 @@ def test_a_row_a_keyframe(sequence):
 def test_a_row_a_policy():
     rows = policy_table({"plat": SCORES, "expert": SCORES[1:] * 2}).splitlines()
     assert rows[2:] == [
-        "| plat | 1 of 2 reached, 1 late or off | 0.150 | 0.030 |",
-        "| expert | 0 of 2 reached, 2 late or off | 0.200 | 0.040 |",
+        "| plat | 1 of 2 reached, 1 late or off | 0.150 | 30 |",
+        "| expert | 0 of 2 reached, 2 late or off | 0.200 | 40 |",
     ]
 
 

@@ -476,9 +476,9 @@ class Studio {
 
   showScores() {
     const table = (name, scores) => {
-      const rows = scores.map((score) => [this.timeline.labels[score.number], score.words, score.joint === null ? "-" : score.joint.toFixed(3), score.keypoint === null ? "-" : score.keypoint.toFixed(3)]);
+      const rows = scores.map((score) => [this.timeline.labels[score.number], score.words, score.joint === null ? "-" : score.joint.toFixed(3), score.keypoint === null ? "-" : (1000 * score.keypoint).toFixed(0)]);
       const element = document.createElement("table");
-      for (const cells of [[name, "outcome", "joints rad", "keypoints m"], ...rows]) {
+      for (const cells of [[name, "outcome", "joints rad", "keypoints mm"], ...rows]) {
         const line = element.insertRow();
         for (const text of cells) line.insertCell().textContent = text;
       }
