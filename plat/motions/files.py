@@ -276,7 +276,7 @@ def _read(path: Path, options: ReadOptions) -> MotionFile:
     ending = path.suffix.lower()
     try:
         with path.open("rb") as file:
-            refuse_foreign(file.read(64))
+            refuse_foreign(file.read(64), ending)
         read = READERS[ending](path, options)
         # a name that is no text could be written nowhere
         return replace(read, clips=[replace(clip, name=readable(clip.name)) for clip in read.clips])

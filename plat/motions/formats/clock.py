@@ -54,17 +54,14 @@ def rate_of_times(times: np.ndarray, unit: str = "") -> float:
 
 
 def stated_rates(path: Path, comments: Sequence[str]) -> list[tuple[float, str]]:
-    """Return the frame rates that comments, else the name, else the name of the folder state, each with its source."""
+    """Return the frame rates that comments and the name, else the name of the folder state, each with its source."""
     found = [float(next(filter(None, match.groups()))) for line in comments for match in _IN_COMMENT.finditer(line)]
     found += [rate for line in comments for rate in _of_steps(line)]
-    for rates, source in (
-        (found, "a comment"),
-        ([*rates_in_name(path.stem), *_of_steps(path.stem)], "the file name"),
-        (rates_in_name(path.parent.name), "the folder's name"),
-    ):
-        if rates:
-            return [(rate, source) for rate in dict.fromkeys(rates)]
-    return []
+    told = [
+        *((rate, "a comment") for rate in found),
+        *((rate, "the file name") for rate in (*rates_in_name(path.stem), *_of_steps(path.stem))),
+    ]
+    return list(dict.fromkeys(told or ((rate, "the folder's name") for rate in rates_in_name(path.parent.name))))
 
 
 def _of_steps(text: str) -> list[float]:

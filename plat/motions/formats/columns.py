@@ -106,20 +106,39 @@ def _by_name(
     elif len(turn) == 4:
         quat, order = values[:, turn], "wxyz"
     else:
-        euler = values[:, turn]
-        degrees = seed or np.abs(euler).max() > 2 * np.pi or any("deg" in table.header[n].lower() for n in turn)
-        degrees = degrees or _whirls(euler)
-        euler = np.deg2rad(euler) if degrees else euler
-        quat, order = euler_to_quat(euler), "wxyz"
         named = seed or any(set(tokens(table.header[n])) & _NAMED_ANGLES for n in turn)
-        turns = {} if named else turns_of_three(euler)
-        notes.append(f"root rotation from {EULER} in {'degrees' if degrees else 'radians'}")
+        turns = _turns(values[:, turn], [table.header[n] for n in turn], seed, named)
+        told, quat = next(iter(turns.items()))
+        order = "wxyz"
+        notes.append(f"root rotation from {told}")
+        turns = {} if len(turns) == 1 else turns
     in_degrees = any("deg" in tokens(table.header[n]) for n in joints)
     if in_degrees or (seed and np.abs(angles).max() > np.pi):
         angles = np.deg2rad(angles)
         notes.append("joint angles in degrees")
     names = [kinds[n].part for n in joints]
     return Parts(values[:, place], quat, angles, names, order, times, seed, tuple(notes), turns)  # type: ignore[arg-type]
+
+
+def _turns(values: np.ndarray, header: Sequence[str], seed: bool, named: bool) -> dict[str, np.ndarray]:
+    """Return the quaternions ``[T, 4]`` that three columns may be, by what they are called, the usual one first.
+
+    Args:
+        values: ``[T, 3]``.
+        header: their names.
+        seed: whether they are those of BONES-SEED.
+        named: whether they are called angles.
+    """
+    if seed or np.abs(values).max() > 2 * np.pi or any("deg" in name.lower() for name in header) or _whirls(values):
+        units = ("degrees",)
+    else:
+        units = ("radians",) if any("rad" in tokens(name) for name in header) else ("radians", "degrees")
+    turns = {}
+    for unit in units:
+        angles = np.deg2rad(values) if unit == "degrees" else values
+        found = {EULER: euler_to_quat(angles)} if named else turns_of_three(angles)
+        turns |= {f"{told} in {unit}": quat for told, quat in found.items()}
+    return turns
 
 
 def _by_place(

@@ -93,7 +93,7 @@ def _with_turn(name: str, parts: Parts, joint_pos: np.ndarray, options: ReadOpti
     poses = {told: clip.qpos for told, clip in readings.items()}
     found, sure, rivals = likeliest_turn(poses, next(iter(readings.values())).fps, options.soles)
     open_ones = "" if sure else f" as assumed, and {' and '.join(rivals)} fit as well"
-    told = {note: note.replace(EULER, found, 1) + open_ones for note in parts.notes if EULER in note}
+    told = {note: f"root rotation from {found}{open_ones}" for note in parts.notes if EULER in note}
     notes = tuple(told.get(note, note) for note in parts.notes)
     return replace(parts, quat=parts.turns[found], notes=notes)
 
@@ -104,6 +104,8 @@ def _quat_order(
     """Return the order of the quaternion, what says so, and notes."""
     if options.quat_order is not None:
         return options.quat_order, "as stated", []
+    if any(EULER in note or "rotation vectors" in note for note in parts.notes):
+        return "wxyz", "made of angles", []
     plain = _clip(name, parts, joint_pos, "wxyz", options)
     if parts.order is not None:
         order, notes = settle_quat_order(plain.qpos, plain.fps, options.soles, parts.order)

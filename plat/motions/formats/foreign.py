@@ -10,6 +10,7 @@ _BODY_POSES = ("poses", "pose_body", "pose_aa", "body_pose", "smpl_poses", "full
 _BODY_SHAPES = ("betas", "beta", "v_template", "shape_est_betas")
 # what loco-mujoco called the root in its first data sets, an array for each coordinate
 _OLD_ROOT = ("q_pelvis_tx", "q_pelvis_tilt")
+_PICKLES = (".pkl", ".pickle", ".joblib")
 _MAGIC = {
     b"version https://git-lfs": "a Git LFS pointer and not the file itself: run 'git lfs pull' where it comes from",
     b"version https://hawser": "a Git LFS pointer and not the file itself: run 'git lfs pull' where it comes from",
@@ -20,11 +21,24 @@ _MAGIC = {
 }
 
 
-def refuse_foreign(start: bytes) -> None:
-    """Raise for files that stand in for motion files.
+# what files begin with, and what is to be done with them under another ending
+_KINDS = {
+    b"PK\x03\x04": ("an archive of NumPy or a zip file", (".npz",)),
+    b"\x93NUMPY": ("an array of NumPy", (".npy",)),
+    b"\x80\x02": ("a pickle", _PICKLES),
+    b"\x80\x03": ("a pickle", _PICKLES),
+    b"\x80\x04": ("a pickle", _PICKLES),
+    b"\x80\x05": ("a pickle", _PICKLES),
+    b"\x1f\x8b": ("compressed with gzip, unpack it first, or a pickle", _PICKLES),
+}
+
+
+def refuse_foreign(start: bytes, ending: str = "") -> None:
+    """Raise for files that stand in for motion files, and for those that are of another kind than their ending says.
 
     Args:
         start: the first bytes of a file.
+        ending: of its name, in small letters.
 
     Raises:
         MotionError: naming what it is and what to do.
@@ -38,6 +52,9 @@ def refuse_foreign(start: bytes) -> None:
     for magic, what in _MAGIC.items():
         if start.lstrip().lower().startswith(magic.lower()):
             raise MotionError(what)
+    for magic, (kind, endings) in _KINDS.items():
+        if ending and start.startswith(magic) and ending not in endings:
+            raise MotionError(f"it is {kind}, and no {ending} file: end its name in {endings[0]}")
 
 
 def refuse_human_body(fields: Collection[str]) -> None:

@@ -69,6 +69,8 @@ _WIDTHS = {"root_pos": 3, "root_quat": 4}
 _META_RATE = "motion_fps"
 # columns of an object behind the robot's
 _BESIDE = 7
+# a clip has so many frames
+_LEAST_FRAMES = 2
 # clips of an archive that are looked at before all are
 _EXAMINED = 10
 
@@ -169,6 +171,10 @@ def _clips(
         raise MotionError(f"no clips, expected one array (frames, {widths[0]}) each; it has {told}")
     known = _LOCO if "split_points" in arrays else frozenset()
     left_out = [name for name in arrays if name not in fitting and name not in known and name != "qpos"]
+    empty = [name for name, array in fitting.items() if array.ndim == 2 and len(array) < _LEAST_FRAMES]
+    if empty and len(empty) == len(fitting):
+        MotionClip(empty[0], fitting[empty[0]], fps).checked(options.robot)  # says what is wrong
+    fitting = {name: array for name, array in fitting.items() if name not in empty}
     # a file has one convention: where some of its clips raise no doubt, the others are not looked at
     some = [*fitting][:: max(1, len(fitting) // _EXAMINED)]
     if "split_points" in arrays and list(fitting) == ["qpos"]:
@@ -182,6 +188,9 @@ def _clips(
         for name, qpos in fitting.items()
     ]
     notes = [f"{len(left_out)} other arrays left out ({', '.join(left_out[:3])})"] if left_out else []
+    notes += (
+        [f"{len(empty)} clips of less than {_LEAST_FRAMES} frames left out ({', '.join(empty[:3])})"] if empty else []
+    )
     return MotionFile(path, "plat npz", clips, tuple(notes))
 
 

@@ -20,6 +20,7 @@ _MISSING = ("", "-")
 _HEADER_ROWS = 4
 # What is said before a table in so few cells is no row of it: a title, or a frame rate.
 _FEW_CELLS = 4
+_WHOLE = re.compile(r"[+-]?\d*(?:e[+-]?\d+)?", re.IGNORECASE)
 # the line with which Excel is told what separates cells
 _EXCEL = re.compile(r"sep=(.)\W*$", re.IGNORECASE)
 _UNITS = frozenset(
@@ -86,6 +87,8 @@ def read_table(path: Path) -> Table:
     if header and len(header) != width:
         raise MotionError(f"the header has {len(header)} columns, the rows have {width}")
     for number, row in rows:
+        if len(row) != width and separator == "," and all(map(_WHOLE.fullmatch, (*row, *rows[0][1]))):
+            raise MotionError("decimal commas between commas are not to be told apart: separate columns by semicolons")
         if len(row) != width:
             raise MotionError(f"row {number} has {len(row)} columns, row {rows[0][0]} has {width}")
     header, rows = _without_texts(header, rows)
@@ -196,7 +199,7 @@ def _without_texts(
             for (_, row), second in zip(rows, seconds, strict=True):
                 row[column] = repr(second)
     left_out = []
-    for column in texts if header else ():
+    for column in texts if header and len(texts) < len(header) / 2 else ():
         cells = [row[column] for _, row in rows]
         if any(map(_is_number, cells)):
             continue

@@ -32,7 +32,7 @@ def test_times_that_are_no_clock(times, message):
 
 def test_where_rates_are_stated(tmp_path):
     path = tmp_path / "take_60hz.csv"
-    assert stated_rates(path, ["exported", "fps: 50"]) == [(50.0, "a comment")]
+    assert stated_rates(path, ["exported", "fps: 50"]) == [(50.0, "a comment"), (60.0, "the file name")]
     assert stated_rates(path, ["exported 2024"]) == [(60.0, "the file name")]
     assert stated_rates(tmp_path / "clips_120fps" / "a.csv", []) == [(120.0, "the folder's name")]
     assert stated_rates(tmp_path / "a.csv", []) == []

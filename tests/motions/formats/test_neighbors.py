@@ -116,6 +116,10 @@ def text(content: str, name: str) -> Callable[[Path], Path]:
     return write
 
 
+def renamed(write: Callable[[Path], Path], name: str) -> Callable[[Path], Path]:
+    return lambda folder: write(folder).rename(folder / name)
+
+
 STAMPS = [f"2026-11-26 10:59:59.{20 * n:03}" for n in COUNT]
 QPOS, QVEL = [f"qpos_{n}" for n in range(36)], [f"qvel_{n}" for n in range(35)]
 RIGHT = {
@@ -266,6 +270,13 @@ REFUSED = {
     ),
     "no rate in a pickle": (pkl({"qpos": ROWS}), "no field 'fps', expected the frames a second"),
     "joint positions in an npy": (npy(np.zeros((40, 22, 3))), "write them with np.savez"),
+    "a rate in a comment and another in the name": (
+        table(before="# rate: 25 Hz\n"),
+        r"it states 25 \(a comment\) and 50 \(the file name\) frames a second; state which",
+    ),
+    "decimal commas between commas": (table(point=","), "separate columns by semicolons"),
+    "an archive that is called a table": (renamed(npz(clip=ROWS, fps=50), "walk.csv"), "end its name in .npz"),
+    "a pickle that is called an archive": (renamed(pkl(FIELDS), "walk.npz"), "it is a pickle, .* end its name in .pkl"),
     "several motions by frame": (
         table(header=["frame", *ROOT, *JOINTS], rows=np.column_stack((COUNT % 20, ROWS))),
         r"column 1 \('frame'\) goes from 19 to 0 after frame 19: are these several motions\?",
@@ -278,6 +289,8 @@ REFUSED = {
         with_texts("walk_50fps.csv", ["name", *ROOT, *JOINTS], ["walk"] * 20 + ["run"] * 20),
         r"column 1 \('name'\) holds texts, 'walk' and 'run': are these several motions\?",
     ),
+    "labels": (text("name,label\nwalk,1\nrun,1\n", "labels.csv"), "row 2, column 1: 'walk' is not a number"),
+    "one label": (text("name,label\nwalk,a\nwalk,a\n", "labels.csv"), "row 2, column 1|row 1 has 2 columns"),
     "JSON": (text('{"Loop": "wrap", "Frames": [[0.1]]}', "walk.txt"), "JSON and no table of numbers"),
     "rotation vectors of the root": (
         npz(**{**FIELDS, "root_rot": XYZW[:, 3:6]}),

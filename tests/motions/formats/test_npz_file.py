@@ -437,6 +437,25 @@ def test_old_arrays_of_loco_mujoco_are_named(tmp_path):
         load_motions(tmp_path / "walk.npz")
 
 
+def test_a_world_body_before_the_root_is_no_root(tmp_path):
+    pos, quat = body_poses(bowing_clip(heading=0.7))
+    world = np.concatenate((0 * pos[:, :1], pos), 1), np.concatenate((np.tile([1.0, 0, 0, 0], (40, 1, 1)), quat), 1)
+    joints = bowing_clip().qpos[:, 7:]
+    np.savez(tmp_path / "bow.npz", fps=50, joint_pos=joints, body_pos_w=world[0], body_quat_w=world[1])
+    np.testing.assert_allclose(load_motions(tmp_path / "bow.npz")[0].qpos, bowing_clip(heading=0.7).qpos, atol=1e-5)
+
+
+def test_clips_without_frames_are_left_out(tmp_path):
+    qpos = bowing_clip().qpos
+    np.savez(tmp_path / "some.npz", fps=50, a=qpos, b=qpos[:0], c=qpos[:1])
+    (file,) = read_motion_files(tmp_path / "some.npz")
+    assert [clip.name for clip in file.clips] == ["a"]
+    assert "2 clips of less than 2 frames left out (b, c)" in file.facts
+    np.savez(tmp_path / "none.npz", fps=50, b=qpos[:0], c=qpos[:1])
+    with pytest.raises(MotionError, match="motion 'b': 0 frames, expected at least 2"):
+        load_motions(tmp_path / "none.npz")
+
+
 @pytest.mark.parametrize("prefix", ["ref_", ""])
 def test_holomotion(tmp_path, prefix):
     """Quaternions of bodies are ``xyzw``, and the rate stands in a text."""

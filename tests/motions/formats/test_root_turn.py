@@ -35,11 +35,17 @@ def test_a_motion_stands_as_it_was_written(heading):
 
 
 @pytest.mark.parametrize(
-    ("told", "change"),
-    [("the conjugate", lambda q: q * CONJUGATE), ("zyxw", lambda q: q[:, ::-1])],
+    ("told", "change", "heading"),
+    [
+        ("the conjugate", lambda q: q * CONJUGATE, 0.1),
+        ("zyxw", lambda q: q[:, ::-1], 0.1),
+        ("wzyx", lambda q: q[:, [0, 3, 2, 1]], 0.1),
+        ("xyzw where it was read as wxyz", lambda q: q[:, [1, 2, 3, 0]], 0.1),
+        ("wxyz where it was read as xyzw", lambda q: q[:, [3, 0, 1, 2]], 3.0),
+    ],
 )
-def test_a_bow_with_another_quaternion_is_refused_with_what_it_is(told, change):
-    bow = bowing_clip(heading=0.1)
+def test_a_bow_with_another_quaternion_is_refused_with_what_it_is(told, change, heading):
+    bow = bowing_clip(heading=heading)
     with pytest.raises(MotionError, match=f"stand only if its root quaternion is {told}.*--quat-order"):
         refuse_other_turns([with_quat(bow, change(bow.qpos[:, 3:7]))], SOLES)
 
@@ -100,6 +106,18 @@ def test_three_columns_are_what_makes_the_feet_stand(tmp_path, kind):
     (read,) = load_motions(path)
     same = np.abs((read.qpos[:, 3:7] * bow.qpos[:, 3:7]).sum(1))
     np.testing.assert_allclose(same, 1, atol=1e-5)
+
+
+@pytest.mark.parametrize("names", [("rx", "ry", "rz"), ("root_roll", "root_pitch", "root_yaw")])
+@pytest.mark.parametrize("unit", [1.0, 180 / np.pi])
+def test_small_angles_are_in_the_unit_in_which_the_feet_stand(tmp_path, names, unit):
+    """No value of them says that it is in degrees."""
+    bow = bowing_clip(heading=0.08)
+    start = type(bow)(bow.name, bow.qpos[:7], bow.fps)
+    angles = unit * three_numbers(start.qpos[:, 3:7], "Euler angles")
+    assert np.abs(angles).max() < 2 * np.pi
+    (read,) = load_motions(write(tmp_path / "bow_50fps.csv", start, angles, names))
+    np.testing.assert_allclose(np.abs((read.qpos[:, 3:7] * start.qpos[:, 3:7]).sum(1)), 1, atol=1e-4)
 
 
 def test_named_angles_are_what_they_are_called(tmp_path):
