@@ -129,11 +129,12 @@ def _turns(values: np.ndarray, header: Sequence[str], seed: bool, named: bool) -
         seed: whether they are those of BONES-SEED.
         named: whether they are called angles.
     """
+    units: tuple[str, ...] = ("radians", "degrees")
     if seed or np.abs(values).max() > 2 * np.pi or any("deg" in name.lower() for name in header) or _whirls(values):
         units = ("degrees",)
-    else:
-        units = ("radians",) if any("rad" in tokens(name) for name in header) else ("radians", "degrees")
-    turns = {}
+    elif any("rad" in tokens(name) for name in header):
+        units = ("radians",)
+    turns: dict[str, np.ndarray] = {}
     for unit in units:
         angles = np.deg2rad(values) if unit == "degrees" else values
         found = {EULER: euler_to_quat(angles)} if named else turns_of_three(angles)

@@ -10,6 +10,7 @@ _BODY_POSES = ("poses", "pose_body", "pose_aa", "body_pose", "smpl_poses", "full
 _BODY_SHAPES = ("betas", "beta", "v_template", "shape_est_betas")
 # what loco-mujoco called the root in its first data sets, an array for each coordinate
 _OLD_ROOT = ("q_pelvis_tx", "q_pelvis_tilt")
+_GZIP = b"\x1f\x8b"
 _PICKLES = (".pkl", ".pickle", ".joblib")
 _MAGIC = {
     b"version https://git-lfs": "a Git LFS pointer and not the file itself: run 'git lfs pull' where it comes from",
@@ -29,7 +30,6 @@ _KINDS = {
     b"\x80\x03": ("a pickle", _PICKLES),
     b"\x80\x04": ("a pickle", _PICKLES),
     b"\x80\x05": ("a pickle", _PICKLES),
-    b"\x1f\x8b": ("compressed with gzip, unpack it first, or a pickle", _PICKLES),
 }
 
 
@@ -52,6 +52,8 @@ def refuse_foreign(start: bytes, ending: str = "") -> None:
     for magic, what in _MAGIC.items():
         if start.lstrip().lower().startswith(magic.lower()):
             raise MotionError(what)
+    if ending and start.startswith(_GZIP) and ending not in _PICKLES:
+        raise MotionError("it is compressed with gzip: unpack it first")
     for magic, (kind, endings) in _KINDS.items():
         if ending and start.startswith(magic) and ending not in endings:
             raise MotionError(f"it is {kind}, and no {ending} file: end its name in {endings[0]}")

@@ -188,9 +188,7 @@ def _clips(
         for name, qpos in fitting.items()
     ]
     notes = [f"{len(left_out)} other arrays left out ({', '.join(left_out[:3])})"] if left_out else []
-    notes += (
-        [f"{len(empty)} clips of less than {_LEAST_FRAMES} frames left out ({', '.join(empty[:3])})"] if empty else []
-    )
+    notes += [f"left out, with less than {_LEAST_FRAMES} frames: {', '.join(empty[:3])}"] if empty else []
     return MotionFile(path, "plat npz", clips, tuple(notes))
 
 

@@ -38,6 +38,7 @@ _OTHERS = {
     "xyzw where it was read as wxyz": ((3, 0, 1, 2), (1, 1, 1, 1), 0.2),
     "wxyz where it was read as xyzw": ((1, 2, 3, 0), (1, 1, 1, 1), 0.2),
 }
+_ORDERS = ("xyzw where it was read as wxyz", "wxyz where it was read as xyzw")
 
 
 def turn_cost(qpos: np.ndarray, fps: float, soles: Soles) -> float:
@@ -116,10 +117,11 @@ def refuse_other_turns(clips: Sequence[MotionClip], soles: Soles) -> None:
     if not found:
         return
     told = max(set(found), key=found.count)
-    raise MotionError(
-        f"the feet stand only if its root quaternion is {told}: write it as wxyz from root to world, or state "
-        "its order (--quat-order) to take it as it is"
-    )
+    if told in _ORDERS:
+        advice = f"state it: --quat-order {told[:4]}"
+    else:
+        advice = "write it as wxyz from root to world, or state its order (--quat-order) to take it as it is"
+    raise MotionError(f"the feet stand only if its root quaternion is {told}: {advice}")
 
 
 def _as(qpos: np.ndarray, place: tuple[int, ...], sign: tuple[int, ...]) -> np.ndarray:

@@ -142,9 +142,9 @@ def _root(
 
 def _root_index(arrays: dict[str, np.ndarray], robot: Robot) -> int:
     if "body_names" not in arrays:
-        bodies = arrays["body_pos_w"]
+        places = arrays["body_pos_w"]
         # MuJoCo's bodies begin with the world, which never moves
-        return int(bodies.shape[1] > 1 and not bodies[:, 0].any() and bool(bodies[:, 1].any()))
+        return int(places.shape[1] > 1 and not places[:, 0].any() and bool(places[:, 1].any()))
     bodies = [name.removesuffix("_link") for name in strings(arrays["body_names"], "body_names")]
     root = robot.keypoints[0].removesuffix("_link")
     if root not in bodies:

@@ -1,5 +1,6 @@
 """The same motion as people's programs spell it: each file is read right, or refused with what to do."""
 
+import gzip
 import pickle
 from collections.abc import Callable
 from pathlib import Path
@@ -111,6 +112,14 @@ def with_texts(name: str, header: list[str], texts: list[str], rows: np.ndarray 
 def text(content: str, name: str) -> Callable[[Path], Path]:
     def write(folder: Path) -> Path:
         (folder / name).write_text(content)
+        return folder / name
+
+    return write
+
+
+def compressed(name: str) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        (folder / name).write_bytes(gzip.compress(b"0,1,2"))
         return folder / name
 
     return write
@@ -277,6 +286,7 @@ REFUSED = {
     "decimal commas between commas": (table(point=","), "separate columns by semicolons"),
     "an archive that is called a table": (renamed(npz(clip=ROWS, fps=50), "walk.csv"), "end its name in .npz"),
     "a pickle that is called an archive": (renamed(pkl(FIELDS), "walk.npz"), "it is a pickle, .* end its name in .pkl"),
+    "a table that is compressed": (compressed("walk.csv"), "it is compressed with gzip: unpack it first"),
     "several motions by frame": (
         table(header=["frame", *ROOT, *JOINTS], rows=np.column_stack((COUNT % 20, ROWS))),
         r"column 1 \('frame'\) goes from 19 to 0 after frame 19: are these several motions\?",

@@ -450,7 +450,7 @@ def test_clips_without_frames_are_left_out(tmp_path):
     np.savez(tmp_path / "some.npz", fps=50, a=qpos, b=qpos[:0], c=qpos[:1])
     (file,) = read_motion_files(tmp_path / "some.npz")
     assert [clip.name for clip in file.clips] == ["a"]
-    assert "2 clips of less than 2 frames left out (b, c)" in file.facts
+    assert "left out, with less than 2 frames: b, c" in file.facts
     np.savez(tmp_path / "none.npz", fps=50, b=qpos[:0], c=qpos[:1])
     with pytest.raises(MotionError, match="motion 'b': 0 frames, expected at least 2"):
         load_motions(tmp_path / "none.npz")
