@@ -32,6 +32,8 @@ _OVERRULING = 1.0
 # The roll of the left hip over that of the right one (rad, mean): below the first no clip of 365 is, and between the
 # two it does not say whether legs are exchanged as arms are.
 _LEGS_EXCHANGED, _LEGS_UNDECIDED = -0.25, 0.05
+# In so few frames someone may have crossed legs.
+_FEW_FRAMES = 15
 # What a radian beyond the joints' limits costs (summed over joints, mean over frames), and the most that counts. With
 # it, of 149 clips none was taken for one with its joints in the other order, nor the other way round.
 _BEYOND, _MOST_BEYOND = 10.0, 0.3
@@ -147,6 +149,8 @@ def _settle_sides(joints: np.ndarray, robot: Robot) -> tuple[np.ndarray, list[st
     if arms > EXCHANGED and legs > _LEGS_EXCHANGED:
         return joints, []
     if arms > EXCHANGED or legs > _LEGS_UNDECIDED:
+        if len(joints) < _FEW_FRAMES:
+            return joints, []
         some, others = ("legs", "arms") if arms > EXCHANGED else ("arms", "legs")
         raise MotionError(
             f"its {some} have left and right exchanged and its {others} do not, if its joints stand in the robot's "

@@ -369,3 +369,6 @@ def test_arms_alone_exchanged_are_refused(tmp_path):
     write_csv(tmp_path / "bow_50fps.csv", MotionClip("bow", swapped, 50.0))
     with pytest.raises(MotionError, match="its arms have left and right exchanged and its legs do not"):
         load_motions(tmp_path, quat_order="wxyz")
+    # for a moment anyone may stand so
+    write_csv(tmp_path / "bow_50fps.csv", MotionClip("bow", swapped[:10], 50.0))
+    np.testing.assert_allclose(load_motions(tmp_path, quat_order="wxyz")[0].qpos, swapped[:10], atol=1e-5)
