@@ -3,6 +3,9 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+import torch
+
+from plat.motions.checks.feet import Soles, stance
 from plat.motions.checks.repair import clip_to_limits, ground_feet, trim_motion
 from plat.motions.checks.settings import ValidationLimits
 from plat.motions.checks.steps import smooth_steps
@@ -13,6 +16,8 @@ from plat.robots import G1, Robot
 __all__ = ["Mended", "mend_motion"]
 
 _URGENCY = ("use", "repair", "drop")
+# Share of the frames with a resting foot in which a repair may lift it.
+_FEW = 0.05
 
 
 @dataclass(frozen=True)
@@ -35,8 +40,8 @@ def mend_motion(clip: MotionClip, robot: Robot = G1, limits: ValidationLimits | 
     """Return a clip with what :func:`validate_motion` asks for repaired, and everything else as it was.
 
     Ends with a jump are trimmed, single-frame steps smoothed, angles clipped to limits, and feet put on the floor: all
-    frames alike if that is enough, else after a floor that drifts. A repair that leaves as much to repair as before, or
-    makes the verdict worse, is not kept.
+    frames alike if that is enough, else after a floor that drifts. A repair that leaves as much to repair as before,
+    makes the verdict worse, or lifts standing feet off the floor for the sake of a hand under it, is not kept.
 
     Args:
         clip: a motion.
@@ -58,10 +63,22 @@ def mend_motion(clip: MotionClip, robot: Robot = G1, limits: ValidationLimits | 
         repaired = repair(clip, after)
         report = validate_motion(repaired, robot, limits)
         worse = _URGENCY.index(report.verdict) > _URGENCY.index(after.verdict)
-        if len(report.reasons) < len(after.reasons) and not worse:
+        if len(report.reasons) < len(after.reasons) and not worse and not _lifts_feet(clip, repaired, robot, limits):
             clip, after = repaired, report
             done.append(what)
     return Mended(clip, before, after, tuple(done))
+
+
+def _lifts_feet(before: MotionClip, after: MotionClip, robot: Robot, limits: ValidationLimits) -> bool:
+    """Return whether a repair puts feet into the air that rest on the floor, in more than a few of these frames."""
+    if len(before.qpos) != len(after.qpos):
+        return False
+    soles = Soles(robot)
+    points, repaired = (soles.points(torch.from_numpy(clip.qpos)) for clip in (before, after))
+    low = points[..., 2].amin((1, 2))
+    standing = stance(points, before.fps) & (low.abs() < limits.floating)
+    lifted = repaired[..., 2].amin((1, 2)) > limits.penetration
+    return bool((standing & lifted).sum() > _FEW * standing.sum())
 
 
 _Needed = Callable[[MotionReport, MotionClip], bool]

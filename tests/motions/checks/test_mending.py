@@ -1,6 +1,8 @@
 import numpy as np
 
 from plat.motions import MotionClip, mend_motion
+from plat.motions.checks.mending import _lifts_feet
+from plat.motions.checks.settings import ValidationLimits
 from plat.motions.clip import ASSUMED_RATE
 from plat.robots import G1
 from tests.motions.formats.writers import bowing_clip
@@ -56,3 +58,20 @@ def test_repairs_leave_the_notes():
     assert mended.done == ("feet put on the floor",)
     assert mended.clip.notes == (ASSUMED_RATE,)
     assert mended.after.verdict == "repair"
+
+
+def raised(clip, height, first=0):
+    qpos = clip.qpos.copy()
+    qpos[first:, 2] += height
+    return MotionClip(clip.name, qpos, clip.fps)
+
+
+def test_standing_feet_are_not_lifted():
+    """As they would be for a hand that reaches under the floor."""
+    bow = bowing_clip(60)
+    limits = ValidationLimits()
+    assert _lifts_feet(bow, raised(bow, 0.15, 30), G1, limits)
+    assert not _lifts_feet(bow, raised(bow, 0.15, 58), G1, limits)
+    assert not _lifts_feet(bow, raised(bow, 0.015), G1, limits)
+    assert not _lifts_feet(raised(bow, 0.1), bow, G1, limits)
+    assert not _lifts_feet(raised(bow, -0.1), bow, G1, limits)
