@@ -17,7 +17,7 @@ __all__ = ["Mended", "mend_motion"]
 
 _URGENCY = ("use", "repair", "drop")
 # Share of the frames with a resting foot in which a repair may lift it.
-_FEW = 0.05
+_FEW = 0.1
 
 
 @dataclass(frozen=True)
