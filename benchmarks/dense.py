@@ -106,7 +106,7 @@ def main(config: DenseConfig) -> dict[tuple[str, str], DenseScore]:
     experts = {str(run): SavedRun(run).policy_as(Expert, "an expert") for run in config.runs}
     libraries = {path: MotionLibrary.load(path) for path in config.motions}
     width = max(len(name) for name in experts)
-    print(f"{'':<{width}}  motions{'':<18} failed   a second  joint rad  aligned cm  world cm")
+    print(f"{'':<{width}}  motions{'':<18} failed   a second  joint rad  aligned mm  world mm")
     scores = {}
     for name, expert in experts.items():
         for path, library in libraries.items():
@@ -114,7 +114,7 @@ def main(config: DenseConfig) -> dict[tuple[str, str], DenseScore]:
             rate = found.failed / max(found.seconds, 1e-9)
             print(
                 f"{name:<{width}}  {Path(path).name[:24]:<24} {f'{found.failed}/{found.clips}':>7} {rate:>10.3f} "
-                f"{found.joint:>10.4f} {100 * found.aligned:>11.2f} {100 * found.world:>9.2f}",
+                f"{found.joint:>10.4f} {1000 * found.aligned:>11.1f} {1000 * found.world:>9.1f}",
                 flush=True,
             )
     return scores
