@@ -2,18 +2,24 @@
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
+import torch
+
 from plat.errors import PlatError
 from plat.files import replace_file
+from plat.motions.clip import MotionClip
 from plat.motions.files import load_motions, save_motions
 from plat.motions.paths import find_files
+from plat.motions.resample import resample_qpos
 from plat.motions.split import split_of
 from plat.robots import Robot
 
 __all__ = ["PUBLIC", "PublicMotions"]
+
+_RATE = 50.0  # frames a second, of captures whose rates differ
 
 
 def _plain(stem: str) -> str:
@@ -24,6 +30,11 @@ def _trial(stem: str) -> str:
     """Return the name of one of CMU's trials as its own archive has it; others write ``005_03`` for ``05_03``."""
     found = re.fullmatch(r"(\d+)_(\d+)", stem)
     return f"{int(found[1]):02d}_{int(found[2]):02d}" if found else stem
+
+
+def _resampled(clip: MotionClip) -> MotionClip:
+    qpos = resample_qpos(torch.from_numpy(clip.qpos), clip.fps, 1 / _RATE).numpy()
+    return replace(clip, qpos=qpos, fps=_RATE)
 
 
 @dataclass(frozen=True)
@@ -80,6 +91,8 @@ class PublicMotions:
         told = f", without {', '.join(missing)}" if missing else ""
         print(f"{self.option}: reading {len(found)} files{told}", flush=True)
         clips = load_motions(list(found.values()), robot, fps=self.fps)
+        if len({clip.fps for clip in clips}) > 1:  # a file has one rate, and captures of an archive may have several
+            clips = [_resampled(clip) for clip in clips]
         replace_file(path, lambda part: save_motions(part, clips, robot))
         return path
 

@@ -50,6 +50,20 @@ def test_trials_of_cmu_are_taken_by_their_numbers(tmp_path):
     assert PUBLIC["cmu"].families([clip.name]) == ["run"]
 
 
+def test_captures_of_several_rates_are_brought_to_one(tmp_path):
+    write_human(tmp_path / "16_36.bvh", frames=9)
+    write_human(tmp_path / "16_38.bvh", frames=9)
+    slower = tmp_path / "16_38.bvh"
+    text = slower.read_text()
+    assert text.count("Frame Time: ") == 1
+    start = text.index("Frame Time: ") + len("Frame Time: ")
+    end = text.index("\n", start)
+    slower.write_text(text[:start] + str(2 * float(text[start:end])) + text[end:])
+    one, other = load_motions(PUBLIC["cmu"].file(tmp_path, tmp_path / "out", G1))
+    assert (one.fps, other.fps) == (50.0, 50.0)
+    assert len(other.qpos) - 1 == pytest.approx(2 * (len(one.qpos) - 1), abs=2)
+
+
 def test_a_trial_of_cmu_has_several_spellings(tmp_path):
     for name in ("016_36", "16_36_extra"):
         write_human(tmp_path / f"{name}.bvh", frames=5)
