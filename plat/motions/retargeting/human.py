@@ -21,6 +21,9 @@ _SHIN, _ARM, _TRUNK = (0.4, 2.5), (0.3, 2.0), (0.25, 0.95)
 # A pose before the motion: joints go this far to the next frame (legs), and this many times as far as later.
 _POSED, _LEAP = 0.15, 6.0
 _POSED_FRAMES = 3
+# A pose may be blended into the motion within this long (s), where a joint goes this fast (m/s), and later by less than
+# this share of it: CMU's files for Daz begin so.
+_BLENDED, _BLEND_SPEED, _CALM = 0.1, 20.0, 0.25
 # Nobody's hips go faster than this (m/s, median).
 _FASTEST = 12.0
 
@@ -65,7 +68,7 @@ def read_human(
     raw = {role: mocap.positions[:, index] for role, index in indices.items()}
     leg = _leg(raw, skeleton, where)
     notes = [*mocap.notes]
-    first = _posed_frames(raw, leg)
+    first = _posed_frames(raw, leg) or _blended_frames(raw, leg, mocap.fps)
     if first:
         raw = {role: position[first:] for role, position in raw.items()}
         notes.append(f"first {'frame' if first == 1 else f'{first} frames'} left out: a pose before the motion")
@@ -134,6 +137,17 @@ def _posed_frames(raw: dict[str, np.ndarray], leg: float) -> int:
         if steps[last - 1] > _POSED and steps[last - 1] > _LEAP * steps[last : last + 10].max():
             return last
     return 0
+
+
+def _blended_frames(raw: dict[str, np.ndarray], leg: float, fps: float) -> int:
+    """Return how many frames lead from a pose into the motion, faster than anybody moves."""
+    steps = np.linalg.norm(np.diff(np.stack(list(raw.values())), axis=1), axis=-1).max(0) * fps * _USUAL_LEG / leg
+    start = steps[: round(_BLENDED * fps)]
+    if len(steps) <= 2 * len(start) or not (start > _BLEND_SPEED).any():
+        return 0
+    last = 1 + int(np.flatnonzero(start > _CALM * start.max())[-1])
+    after = steps[last : last + 2 * len(start)]
+    return last if last < len(start) and after.max() < _CALM * start.max() else 0
 
 
 def _unit(leg: float, skeleton: SkeletonMap) -> tuple[float, list[str]]:

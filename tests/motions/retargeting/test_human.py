@@ -167,6 +167,19 @@ def test_a_pose_before_the_motion_is_left_out(tmp_path, count):
     assert "left out: a pose before the motion" in found.notes[0]
 
 
+def test_a_pose_that_is_blended_into_the_motion_is_left_out(tmp_path):
+    mocap = replace(read_bvh(write_human(tmp_path / "a.bvh", frames=60)), fps=120.0)
+    wrist = mocap.names.index("LeftHand")
+    posed = mocap.positions.copy()
+    posed[:5, wrist, 1] += np.array([60.0, 45.0, 25.0, 8.0, 1.0])
+    found = read_human(replace(mocap, positions=posed), LAFAN1, "clip.bvh")
+    assert found.notes[0] == "first 4 frames left out: a pose before the motion"
+    # as fast in the middle it is a motion
+    posed = mocap.positions.copy()
+    posed[30:35, wrist, 1] += np.array([60.0, 45.0, 25.0, 8.0, 1.0])
+    assert len(read_human(replace(mocap, positions=posed), LAFAN1, "clip.bvh").positions["hips"]) == 60
+
+
 def test_axis_and_unit_that_are_stated_overrule_the_motion(tmp_path):
     mocap = read_bvh(write_human(tmp_path / "a.bvh"))
     found = read_human(mocap, AUTO, "a.bvh", up="z", units="cm")
