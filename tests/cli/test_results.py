@@ -1,6 +1,7 @@
 """The results in the docs are those of the benchmark's files, and of the weights that come with plat."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -62,3 +63,11 @@ def test_every_row_went_through_every_test(about):
             of_test["robustness"] = {point.policy for point in study.curves}
         for test, policies in of_test.items():
             assert {policy.partition(" (")[0] for policy in policies} == rows, (name, test)
+
+
+def test_tables_have_position_errors_in_millimeters():
+    root = DOCS.parent
+    shown = [root / "README.md", root / "plat" / "weights" / "README.md", *DOCS.rglob("*.md")]
+    shown += [path for folder in ("plat", "recipes", "benchmarks") for path in (root / folder).rglob("*.py")]
+    meters = re.compile(r"MPKPE@3 (m\b|\(m\)[^.]* \||\(m\)\")")
+    assert [str(path) for path in shown if meters.search(path.read_text(encoding="utf-8"))] == []
