@@ -138,8 +138,10 @@ def main(recipe: AblationsRecipe) -> dict[str, list[Score]]:
         horizon: command_bins(library, horizon, timing, recipe.seed) for horizon in recipe.horizon
     }
     splits["hard"] = hard_part(scores, bins)
-    by_difficulty = grouped(scores, bins, *once(recipe))
-    print(f"hard: {len(splits['hard'][0].records[0].clip) if splits['hard'] else 'none'} of the commands")
+    (main_horizon,) = once(recipe)
+    by_difficulty = grouped(scores, bins, main_horizon)
+    hard = sum(one in HARD for one in bins[main_horizon])
+    print(f"{' and '.join(HARD)}: {hard} of {len(bins[main_horizon])} commands at {main_horizon}")
     print("\nrandomized and pushed")
     splits["randomized"] = score(rows, library, once(recipe), recipe, randomization=recipe.randomization)
     print("\nwith the dense reference, for comparison")
