@@ -66,6 +66,7 @@ from plat.rendering import RenderingError, Stage, stills
 from plat.robots import G1, Robot, get_robot
 
 SHEET_COLUMNS = 8
+GENERATED = "generated"
 _PROPOSED = "proposed from names and tree: check every joint, then pass it with --map"
 
 
@@ -75,7 +76,7 @@ def read(command: MotionFiles, skipped: list[MotionError] | None = None) -> list
     told: list[str] = []
     robot = get_robot(command.robot)
     generated = [name for name in command.files if name.startswith(PREFIX)]
-    files = [MotionFile(Path(re.sub(r"\W", "_", name)), "generated", generate_named(name, robot)) for name in generated]
+    files = [MotionFile(Path(re.sub(r"\W", "_", name)), GENERATED, generate_named(name, robot)) for name in generated]
     if paths := [name for name in command.files if name not in generated]:
         files += read_motion_files(
             paths,
@@ -113,8 +114,8 @@ def inspect(command: Inspect) -> list[MotionReport]:
         raise MotionError(f"no clips in {', '.join(map(repr, command.files))}; see above")
     robot = get_robot(command.robot)
     reports = validate_motions(clips, robot, command.limits)
-    read_as = [assumed(file, clip) for file in files for clip in file.clips]
-    print_table(reports, [with_doubt(told, report) for told, report in zip(read_as, reports, strict=True)])
+    sources = [(file, clip) for file in files for clip in file.clips]
+    print_table(reports, [with_doubt(*source, report) for source, report in zip(sources, reports, strict=True)])
     if command.out is not None:
         command.out.mkdir(parents=True, exist_ok=True)
         urgency = ("drop", "repair", "use")
@@ -418,9 +419,10 @@ def assumed(file: MotionFile, clip: MotionClip) -> str:
     return ", ".join((f"{clip.fps:.5g} fps", *dict.fromkeys((*file.notes, *clip.notes))))
 
 
-def with_doubt(told: str, report: MotionReport) -> str:
+def with_doubt(file: MotionFile, clip: MotionClip, report: MotionReport) -> str:
     """Return what a clip was taken for, with what nothing in its motion speaks for."""
-    silent = not report.shows_rate and not report.rate_assumed
+    told = assumed(file, clip)
+    silent = not report.shows_rate and not report.rate_assumed and file.format != GENERATED
     return f"{told}, nothing in the motion confirms this rate" if silent else told
 
 

@@ -9,7 +9,16 @@ import tyro
 from plat.cli import main, motions
 from plat.cli.options import MotionsCommand
 from plat.errors import MotionError, PlatError
-from plat.motions import MotionClip, ground_feet, level_feet, load_motions, mirror_motion, save_motions
+from plat.motions import (
+    MotionClip,
+    MotionFile,
+    ground_feet,
+    level_feet,
+    load_motions,
+    mirror_motion,
+    save_motions,
+    validate_motion,
+)
 from plat.rendering import RenderingError
 from plat.robots import G1
 from tests.motions.formats.writers import bowing_clip, write_asap, write_csv, write_gmr
@@ -286,3 +295,12 @@ def test_a_rate_that_nothing_states_is_no_verdict_use(tmp_path, capsys):
     # neither does converting it make it known
     run("convert", tmp_path / "bow.csv", "--repair", "--out", tmp_path / "b.npz")
     assert "-> repair (nothing states or shows its frame rate" in capsys.readouterr().out
+
+
+def test_the_rate_of_generated_motions_is_not_doubted():
+    clip = bowing_clip(60)
+    told = [
+        motions.with_doubt(MotionFile(Path("bow"), kind, [clip]), clip, validate_motion(clip))
+        for kind in (motions.GENERATED, "csv")
+    ]
+    assert told == ["50 fps", "50 fps, nothing in the motion confirms this rate"]
