@@ -8,8 +8,8 @@ all in one run, in turns; compare the ratio to the first line between machines.
 
 Then the page's own part: what is left for the CPU where a GPU fills the pixels. The browser is told not to say that it
 draws in software, so that the page has shadows and smooth edges as on a GPU, and not to carry out what is to be drawn.
-Counted are the CPU time of its main thread and of its other ones, draw calls, triangles and bytes of messages a frame,
-while a policy plays and while a hand is dragged.
+Counted are the CPU time of its main thread and of its other ones, draw calls, triangles and bytes of messages for each
+new pose, while a policy plays and while a hand is dragged.
 """
 
 import itertools
@@ -44,6 +44,7 @@ _CLICK = 1 / os.sysconf("SC_CLK_TCK")
 # Chromium carries out no drawing: all that a page does for a frame remains, and no pixel.
 _NO_DRAWING = "--disable-gl-drawing-for-tests"
 _FRAME = 1000 / 30  # ms: 30 frames a second
+_POSE = 1000  # bytes: messages with poses of bodies are longer, those of the timeline are shorter
 _COUNT = "window.frames = 0; const count = () => { window.frames += 1; requestAnimationFrame(count); }; count();"
 
 # Before the page: it does not learn that it is drawn in software, and what it draws is counted.
@@ -118,13 +119,15 @@ def main(config: StudioBenchmarkConfig) -> None:
         spent, python, rate = (statistics.median(column) for column in zip(*rows, strict=True))
         first = first or spent
         print(f"{name:24s} {spent:16.0f} {python:16.0f} {rate:9.1f} {spent / first:6.2f}", flush=True)
-    print(f"\n{'alone, without pixels':24s}  main thread ms  others ms  Python ms  draws  triangles   bytes  frames/s")
+    print(
+        f"\n{'alone, without pixels':24s}  main thread ms  to draw ms  others ms  Python ms   bytes  draws  triangles"
+    )
     with _browser(_NO_DRAWING) as browser:
         for name, what in {"a policy plays": _play, "a hand is dragged": _drag}.items():
             own = _measure_own(browser, what, config)
             print(
-                f"{name:25s} {own.main:14.1f} {own.others:10.1f} {own.python:10.1f} {own.draws:11.0f} "
-                f"{own.triangles:10.0f} {own.sent:6.0f} {own.rate:9.1f}"
+                f"{name:25s} {own.main:14.1f} {own.again:11.1f} {own.others:10.1f} {own.python:10.1f} "
+                f"{own.sent:7.0f} {own.draws:6.0f} {own.triangles:10.0f}"
             )
             print(f"{'':25s} main thread: {own.main / _FRAME:.2f} of a frame at 30 a second", flush=True)
 
@@ -162,25 +165,28 @@ def _measure(browser: Any, kind: Page, config: StudioBenchmarkConfig) -> tuple[f
 
 @dataclass(frozen=True)
 class Own:
-    """The page's own work, each a frame.
+    """The page's own work for each new pose.
+
+    The page draws more often than there are new poses. What it takes to draw a picture again is measured at rest and
+    taken off, so that one picture a pose is left.
 
     Args:
-        main: CPU time of the page's main thread (ms).
-        others: of its other threads (ms).
+        main: CPU time of the page's main thread, with one picture (ms).
+        again: of that, to draw the picture (ms).
+        others: CPU time of its other threads, with all pictures (ms).
         python: of the studio itself (ms).
-        draws: draw calls.
-        triangles: in them.
         sent: bytes of the studio's messages.
-        rate: frames a second.
+        draws: draw calls of a picture.
+        triangles: in them.
     """
 
     main: float
+    again: float
     others: float
     python: float
+    sent: float
     draws: float
     triangles: float
-    sent: float
-    rate: float
 
 
 def _measure_own(browser: Any, what: Callable[[Any, int], None], config: StudioBenchmarkConfig) -> Own:
@@ -193,15 +199,31 @@ def _measure_own(browser: Any, what: Callable[[Any, int], None], config: StudioB
         page.goto(address)
         page.wait_for_function("document.querySelector('#dock-cover').style.display === 'none'")
         page.wait_for_timeout(2000)  # the shapes have arrived
+
+        def spent(what: Callable[[Any, int], None], frames: int) -> dict[str, float]:
+            before = {**page.evaluate("counted"), **_threads(), **sent}
+            what(page, frames)
+            after = {**page.evaluate("counted"), **_threads(), **sent}
+            return {name: after[name] - before[name] for name in after}
+
         what(page, config.frames)
-        before = {**page.evaluate("({ ...counted, clock: performance.now() })"), **_threads(), "sent": sent[0]}
-        what(page, 4 * config.frames)
-        after = {**page.evaluate("({ ...counted, clock: performance.now() })"), **_threads(), "sent": sent[0]}
+        did = spent(what, 4 * config.frames)
+        if page.evaluate("window.platMoving"):
+            page.keyboard.press("Space")
+        page.wait_for_timeout(1000)
+        rest = spent(_again, 2 * config.frames)
         page.close()
-    spent = {name: after[name] - before[name] for name in after}
-    frames = max(spent["frames"], 1)
-    names = "main", "others", "python", "draws", "triangles", "sent"
-    return Own(**{name: spent[name] / frames for name in names}, rate=1000 * frames / spent["clock"])
+    poses, pictures = max(did["poses"], 1), max(did["frames"], 1)
+    again = rest["main"] / max(rest["frames"], 1)
+    return Own(
+        main=max(did["main"] - again * pictures, 0.0) / poses + again,
+        again=again,
+        others=did["others"] / poses,
+        python=did["python"] / poses,
+        sent=did["bytes"] / poses,
+        draws=did["draws"] / pictures,
+        triangles=did["triangles"] / pictures,
+    )
 
 
 def _play(page: Any, frames: int) -> None:
@@ -212,8 +234,6 @@ def _play(page: Any, frames: int) -> None:
 
 def _drag(page: Any, frames: int) -> None:
     """Drag the ball of the right hand to and fro."""
-    if page.evaluate("window.platMoving"):
-        page.keyboard.press("Escape")
     x, y = page.evaluate(_BALL)
     page.mouse.move(x, y)
     page.wait_for_timeout(300)
@@ -226,6 +246,19 @@ def _drag(page: Any, frames: int) -> None:
     page.mouse.up()
 
 
+def _again(page: Any, frames: int) -> None:
+    """Draw what is there, again and again."""
+    page.evaluate(
+        """async (frames) => {
+          for (let count = 0; count < frames; count++) {
+            window.__viserMutable.requestRender();
+            await new Promise(requestAnimationFrame);
+          }
+        }""",
+        frames,
+    )
+
+
 # The pixel of a handle: viser keeps its objects there for tests.
 _BALL = """() => {
   const { nodeRefFromName, camera, canvas } = window.__viserMutable;
@@ -236,14 +269,15 @@ _BALL = """() => {
 
 
 @contextmanager
-def _sent() -> Iterator[list[int]]:
-    """Count the bytes of the messages to browsers."""
+def _sent() -> Iterator[dict[str, int]]:
+    """Count the bytes of the messages to browsers, and the messages with new poses."""
     from websockets.asyncio.server import ServerConnection
 
-    count, send = [0], ServerConnection.send
+    count, send = {"bytes": 0, "poses": 0}, ServerConnection.send
 
     async def counting(connection: Any, message: Any, *args: Any, **kwargs: Any) -> None:
-        count[0] += len(message)
+        count["bytes"] += len(message)
+        count["poses"] += len(message) > _POSE
         await send(connection, message, *args, **kwargs)
 
     with mock.patch.object(ServerConnection, "send", counting):

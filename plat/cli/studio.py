@@ -5,6 +5,7 @@ plat studio plat-g1 dagger-g1 expert-g1 --motions generated:val
 
 import os
 import sys
+import threading
 import webbrowser
 from pathlib import Path
 
@@ -53,7 +54,8 @@ def main(recipe: StudioRecipe) -> None:
     )
     print(f"keyframe studio: {studio.access.url} (Ctrl-C ends it)", flush=True)
     if recipe.browser and _has_screen():
-        webbrowser.open(studio.access.url)
+        # some browsers return only when they are closed
+        threading.Thread(target=webbrowser.open, args=(studio.access.url,), daemon=True).start()
     try:
         studio.run()
     except KeyboardInterrupt:

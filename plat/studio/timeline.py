@@ -102,6 +102,8 @@ class Timeline:
         Raises:
             KeyframeError: while there is no keyframe.
         """
+        if not self.keyframes:
+            raise KeyframeError("there are no keyframes yet: press A, or add a template")
         timing = timing or self.timing
         frames = split_long_intervals(self.start, self.to_keyframes(), timing)
         return KeyframeSequence(self.robot, self.start, frames, timing)

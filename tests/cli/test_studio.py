@@ -1,5 +1,6 @@
 import socket
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -51,8 +52,15 @@ def test_the_browser_is_opened_where_there_is_a_screen(monkeypatch, tmp_path):
     from plat.studio.app import Studio
 
     opened: list[str] = []
-    monkeypatch.setattr("webbrowser.open", opened.append)
-    monkeypatch.setattr(Studio, "run", lambda self: None)
+    called, closed = threading.Event(), threading.Event()
+
+    def browse(address: str) -> None:
+        opened.append(address)
+        called.set()
+        closed.wait(60)
+
+    monkeypatch.setattr("webbrowser.open", browse)
+    monkeypatch.setattr(Studio, "run", lambda self: called.wait(60))  # it runs while the browser is open
     monkeypatch.setattr(studio.sys, "platform", "linux")
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with socket.socket() as probe:
@@ -61,6 +69,8 @@ def test_the_browser_is_opened_where_there_is_a_screen(monkeypatch, tmp_path):
     recipe = studio.StudioRecipe(runs=(PLAT,), port=port, folder=tmp_path)
     monkeypatch.setenv("DISPLAY", ":0")
     studio.main(recipe)
+    assert not closed.is_set()
+    closed.set()
     assert opened == [f"http://localhost:{port}/"]
     monkeypatch.delenv("DISPLAY")
     assert not studio._has_screen(), "a browser in the terminal would take it"

@@ -240,6 +240,16 @@ def test_keys_add_mirror_copy_paste_and_delete(user):
     user.key("Enter")
     user.until(lambda: session.timeline.labels[1] == "1 am")
     assert len(session.timeline.keyframes) == 3, "keys that are typed into a box do nothing else"
+    takes = user.page.get_by_label("Takes (s)", exact=True)
+    for text in ("soon", ""):
+        takes.fill(text)
+        user.key("Enter")
+    user.sees('Takes (s) is "soon", expected a number')
+    user.sees("Takes (s) is empty")
+    user.until(lambda: takes.input_value() == "0.8")
+    takes.fill("0,5")
+    user.key("Enter")
+    user.until(lambda: session.timeline.interval == 0.5)
     user.key("?")
     user.sees("Keys and mouse")
     user.key("Escape")
@@ -420,8 +430,16 @@ def test_poses_and_clips_are_found_and_taken(user):
     user.tab("Motion")
     user.press("As new")
     user.sees("press Load motions first")
+    user.enter("Motions", "")
+    user.press("Load motions")
+    user.sees("Motions is empty")
+    user.enter("Motions", "generated:val@8")
     user.press("Load motions")
     user.sees("2 clips")
+    user.press("Play clip")
+    user.until(lambda: user.studio._motion._time.value > 0.1 and user.studio._motion.clip_playing)
+    user.press("Pause clip")
+    user.until(lambda: not user.studio._motion.clip_playing)
     user.box("Search").fill("hand")
     user.until(lambda: "found" in user.studio._motion._pose.options[0] and user.studio._motion._found)
     user.press("As new")
@@ -470,6 +488,15 @@ def test_the_page_is_dark_where_the_system_is(user):
     user.until(lambda: max(floor.plane_color) < 100)
     paper = "getComputedStyle(document.querySelector('#dock')).backgroundColor"
     user.until(lambda: user.page.evaluate(paper) == "rgb(29, 35, 41)")
+
+
+def test_a_browser_that_cannot_draw_is_told(studio, browser):
+    page = browser.new_page()
+    page.set_default_timeout(_PATIENCE)
+    page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null;")
+    page.goto(f"http://127.0.0.1:{studio.server.get_port()}")
+    page.get_by_text("WebGL is not available: turn on").wait_for()
+    page.close()
 
 
 def test_a_port_that_is_taken(studio, policies):

@@ -32,7 +32,7 @@ def heights(timeline: Timeline) -> list[float]:
 def test_an_empty_timeline_has_a_start_and_nothing_to_play():
     timeline = Timeline.empty(G1)
     assert timeline.labels == ("start",)
-    with pytest.raises(KeyframeError, match="expected at least one"):
+    with pytest.raises(KeyframeError, match="no keyframes yet: press A"):
         timeline.sequence()
 
 

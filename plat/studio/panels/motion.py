@@ -67,6 +67,8 @@ class MotionPanel:
             page.when_changed(handle)
 
     def _read(self) -> Task:
+        if not self._motions.value.strip():
+            raise StudioError("Motions is empty, expected files, folders or globs of motions, or generated:val")
         library = self._load(self._motions.value)
         poses = PoseLibrary.of(library, self._page.session.robot)
         return lambda: self._take_library(library, poses)

@@ -88,7 +88,13 @@
 
   function field(name, kind, label, what) {
     at[name] = make("input", { class: kind, "aria-label": label, title: label });
-    const commit = () => send(what, { value: kind === "number" ? Number(at[name].value) : at[name].value });
+    const commit = () => {
+      const text = at[name].value, value = kind === "number" ? Number(text.replace(",", ".")) : text;
+      const refused = kind === "number" && !(text.trim() && Number.isFinite(value));
+      if (!refused) send(what, { value });
+      else showNote({ kind: "error", title: "That did not work", text: `${label} is ${text.trim() ? `"${text}"` : "empty"}, expected a number such as 0.6.` });
+      setTimeout(show, refused ? 0 : 800); // what is refused, or out of bounds, is not left standing
+    };
     at[name].onchange = commit;
     at[name].onkeydown = (event) => { if (event.key === "Enter") at[name].blur(); };
     return at[name];
@@ -367,6 +373,11 @@
     if (!timeline || !time || !at.dock) return;
     window.platMoving = time.mode === "playing";
     count();
+    if (window.platBlind) {
+      cover("This browser cannot draw the scene.", window.platBlind);
+      at.cover.classList.add("over");
+      return;
+    }
     if (!opened || at.cover.style.display !== "none") uncover();
     const pose = timeline.poses[timeline.selected], playing = time.mode === "playing", first = timeline.selected === 0;
     const label = playing ? "Pause" : time.mode === "paused" ? "Go on" : "Play";

@@ -9,6 +9,7 @@
   if (probe) probe.getExtension("WEBGL_lose_context")?.loseContext();
   window.platSoftware = /swiftshader|llvmpipe|software|basic render/i.test(renderer);
   window.platMoving = false; // a robot plays
+  window.platBlind = probe ? "" : "WebGL is not available: turn on hardware acceleration in the settings of this browser, or try another one.";
   const address = new URL(location.href);
   if (matchMedia("(prefers-color-scheme: dark)").matches) address.searchParams.set("darkMode", "1");
   if (window.platSoftware) {

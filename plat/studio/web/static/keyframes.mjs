@@ -184,7 +184,7 @@ export class Timeline {
 
   /* The keyframes to play, with long intervals split: each with the number of the one that it leads to or holds. */
   sequence(maxSteps) {
-    if (!this.keyframes.length) throw new Error("keyframes: none, expected at least one");
+    if (!this.keyframes.length) throw new Error("there are no keyframes yet: press A, or add a template");
     const result = [];
     let before = this.start;
     for (const frame of this.toKeyframes()) {

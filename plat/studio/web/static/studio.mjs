@@ -172,7 +172,7 @@ class Studio {
   }
 
   save() {
-    if (!this.timeline.keyframes.length) throw new Error("keyframes: none, expected at least one");
+    if (!this.timeline.keyframes.length) throw new Error("there are no keyframes yet: press A, or add a template");
     const link = document.createElement("a");
     link.href = URL.createObjectURL(new Blob([write(this.timeline)], { type: "application/json" }));
     link.download = "keyframes.json";
@@ -493,6 +493,7 @@ class Studio {
 export async function begin(channel) {
   const words = (title, text) => { const [head, rest] = document.querySelectorAll("#dock-cover b, #dock-cover span:last-child"); head.textContent = title; rest.textContent = text; };
   try {
+    if (window.platBlind) throw new Error(window.platBlind);
     words("plat keyframe studio", "Loading physics and policy, some 30 MB …");
     const studio = new Studio(channel, await open());
     let kept = null;
