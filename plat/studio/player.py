@@ -57,7 +57,7 @@ class Player:
         self.times: list[float] = []
         """Seconds since the start, for each step that was taken."""
         self.errors: list[PoseErrors] = []
-        """For each step, how far the robot was from the keyframe that it was commanded to."""
+        """For each step, how far the robot was from what was commanded of its keyframe."""
         self.steps: list[ChaseStep] = []
         """All steps that were taken, to look at them again."""
         self._poses = [self.qpos]
@@ -127,7 +127,8 @@ class Player:
         self.steps.append(step)
         self._poses.append(self.qpos)
         self.times.append(step.time)
-        self.errors.append(self._compare(step.after, step.command.keyframe))
+        keyframe = step.command.keyframe
+        self.errors.append(self._compare(step.after, keyframe, keyframe.commands))
 
     @property
     def scores(self) -> list[KeyframeScore] | None:

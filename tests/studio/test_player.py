@@ -3,6 +3,7 @@ import pytest
 
 from plat.control import PolicyController
 from plat.robots import G1
+from plat.studio.pins import preset
 from plat.studio.player import HOLD, Player, Summary, score
 from plat.studio.timeline import Timeline
 from tests.control.puppets import Limp, Puppet
@@ -57,6 +58,19 @@ def test_errors_are_the_distance_to_the_commanded_keyframe():
     player.advance(0.0201)
     assert player.errors[0].keypoint == pytest.approx(1.0, abs=0.01)
     assert player.errors[0].joint < 0.01
+
+
+def test_what_is_not_commanded_is_no_error():
+    bent = G1.default_qpos.copy()
+    bent[7 + G1.joint_names.index("left_knee")] += 0.8
+    timeline = Timeline.empty(G1).inserted(bent, 1.0)
+    away = []
+    for commands in (None, preset("hands", G1)):
+        player = Player(G1, Puppet(), timeline.commanding(commands).sequence())
+        player.advance(0.0201)
+        away.append(player.errors[0].keypoint)
+    assert away[0] > 0.015
+    assert away[1] < 0.005
 
 
 def test_there_are_no_scores_of_what_was_exchanged_on_the_way(sequence):

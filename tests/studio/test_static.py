@@ -400,6 +400,8 @@ def test_trajectories_and_scores_are_pythons(page, address, tmp_path):
         assert poses.shape == expected.shape
         assert np.abs(poses[:, :3] - expected[:, :3]).max() < _NEAR[0]
         assert np.abs(poses[:, 7:] - expected[:, 7:]).max() < _NEAR[1]
+        distances = [error.keypoint for error in player.errors]
+        np.testing.assert_allclose(played["distances"], distances, atol=_NEAR[0])
         scores = player.scores
         assert scores is not None
         assert [score["words"] for score in played["scores"]] == [score.words for score in scores]

@@ -57,7 +57,8 @@ export class Chase {
     this.taken += 1;
     const qpos = [...this.data.qpos];
     this.poses.push(qpos);
-    this.errors.push(this.scorer.add(command, qpos, this.time, this.sample(this.time), policy.window));
+    this.scorer.add(command, qpos, this.time, this.sample(this.time), policy.window);
+    this.errors.push(compare(robot, qpos, keyframe, mask(keyframe, robot.site))); // how far it still is
   }
 
   end() {
@@ -113,7 +114,6 @@ class Scorer {
     const errors = compare(robot, qpos, reference, parts);
     if (!command.holding) this.steps[command.index].push({ ...errors, inWindow: command.left <= window, arrival: command.left === 1 });
     else if (errors.down && this.fell === null) this.fell = time;
-    return errors;
   }
 
   /* Scores of the keyframes that have arrived. */

@@ -13,6 +13,7 @@ const AUTOSAVE = "plat-keyframes", SPEEDS = { "1x": 1, "1/2": 0.5, "1/4": 0.25, 
 const KNOWN = { "whole pose": null };
 const together = (bodies, robot) => (bodies.size ? `, inside each other: ${[...bodies].map((body) => robot.bodyNames[body]).sort().join(", ")}` : "");
 const degrees = (radians) => (radians * 180) / Math.PI;
+const plain = (value, digits) => (Number(value.toFixed(digits)) + 0).toFixed(digits); // no -0.0
 const fill = (input, text) => { if (document.activeElement !== input) input.value = text; };
 const wrapped = (turn) => turn - 2 * Math.PI * Math.round(turn / (2 * Math.PI));
 
@@ -31,11 +32,11 @@ export async function open(base = ".") {
   return { site, robot, policies };
 }
 
-/* Play keyframes at full speed; the robot's poses [T, 7 + J] and the scores. */
+/* Play keyframes at full speed; the robot's poses [T, 7 + J], how far it was from its keyframe [T - 1] (m), and the scores. */
 export async function play({ robot, policies, site }, name, text) {
   const timeline = Timeline.of(site, read(text, site)), chase = new Chase(robot, policies[name], timeline.start, timeline.sequence(policies[name].maxSteps));
   while (!chase.finished) await chase.step();
-  return { poses: chase.poses, scores: chase.scorer.scores() };
+  return { poses: chase.poses, distances: chase.errors.map((error) => error.keypoint), scores: chase.scorer.scores() };
 }
 
 class Studio {
@@ -466,8 +467,8 @@ class Studio {
     [at.slider.min, at.slider.max] = site.joint_range[this.jointNumber];
     at.slider.value = qpos[7 + this.jointNumber];
     const turned = headingPitchRoll(qpos.slice(3, 7));
-    [..."xyz"].forEach((axis, index) => fill(at[axis], qpos[index].toFixed(3)));
-    ["heading", "pitch", "roll"].forEach((name, index) => fill(at[name], degrees(turned[index]).toFixed(1)));
+    [..."xyz"].forEach((axis, index) => fill(at[axis], plain(qpos[index], 3)));
+    ["heading", "pitch", "roll"].forEach((name, index) => fill(at[name], plain(degrees(turned[index]), 1)));
     Object.entries({ neighbors: this.onion, robot: !this.hidden, "world axes": this.scene.worldAxes }).forEach(([name, on]) => { at[name].checked = on; });
     at.angle.textContent = `${qpos[7 + this.jointNumber].toFixed(2)} rad`;
     this.showScores();
