@@ -267,6 +267,8 @@ class Session:
         """
         clip = self._within_limits(clip)
         times = np.arange(begin + interval, min(begin + seconds, clip.duration) + 1e-6, interval)
+        if not len(times):
+            raise KeyframeError(f"less than {interval:g} s of the clip are left: begin earlier, or choose less")
         sequence = KeyframeSequence.from_motion(clip, times.tolist(), self.robot, begin=begin, timing=self.timing)
         there = [
             Keyframe.from_qpos(frame.time, placed(frame.qpos, sequence.start.qpos, self.timeline.start.qpos))
