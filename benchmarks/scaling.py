@@ -186,9 +186,9 @@ def without_physics(library: MotionLibrary, count: int) -> Callable[[], float]:
     return measure
 
 
-def goal_windows(library: MotionLibrary) -> Callable[[], float]:
+def goal_windows(library: MotionLibrary, count: int = 2048) -> Callable[[], float]:
     """Measure the milliseconds to gather the privileged goals of a batch of stage 2."""
-    states = make_keyframe_env(library, 2048).reset()
+    states = make_keyframe_env(library, count).reset()
     gather = PrivilegedGoals(library, stride=5)
 
     def measure() -> float:

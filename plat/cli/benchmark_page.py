@@ -66,7 +66,7 @@ def page(folder: Path, pictures: str = "", sets: Collection[str] | None = None) 
             folder / ABOUT, RecordsError, f"{str(folder)!r}: not the folder of a benchmark", constants=True
         )
         sections, names = [_head(about)], [str(name) for name, *_ in about["sets"]]
-    except (KeyError, TypeError, ValueError) as error:
+    except (ArithmeticError, KeyError, TypeError, ValueError) as error:
         if isinstance(error, PlatError):
             raise
         raise RecordsError(f"{str(folder)!r}: not the folder of a benchmark ({ABOUT}: {short(error)})") from None

@@ -109,12 +109,20 @@ class Robot:
         Args:
             model: of this robot.
 
+        Raises:
+            RobotError: when a foot has none, or the other one has more.
+
         >>> from plat.robots import G1
         >>> G1.sole_geoms(G1.model("capsules")).shape
         (2, 7)
         """
         touches = model.geom_contype != 0
-        return np.stack([np.flatnonzero(touches & (model.geom_bodyid == model.body(foot).id)) for foot in self.feet])
+        soles = [np.flatnonzero(touches & (model.geom_bodyid == model.body(foot).id)) for foot in self.feet]
+        counts = [len(geoms) for geoms in soles]
+        if len(set(counts)) > 1 or not all(counts):
+            told = " and ".join(f"{count} on {foot!r}" for count, foot in zip(counts, self.feet, strict=True))
+            raise RobotError(f"robot {self.name!r}: contact geoms: {told}; expected as many on each foot, at least one")
+        return np.stack(soles)
 
     @cached_property
     def joint_names(self) -> tuple[str, ...]:

@@ -46,4 +46,4 @@ def test_a_picture_is_drawn_of_whatever_was_measured(tmp_path):
 
 def test_steps_without_physics_are_timed_and_leave_the_robots_where_they_are(library: MotionLibrary):
     assert without_physics(library, 2)() > 0
-    assert goal_windows(library)() > 0
+    assert goal_windows(library, 2)() > 0

@@ -153,12 +153,23 @@ def test_a_row_that_is_not_there_is_named_before_the_evaluation(tmp_path):
         benchmark.main(BenchmarkRecipe(runs=(run,), out=tmp_path / "out", ours="PLAT", device="cpu"))
 
 
+ABOUT = {
+    "rule": ["fall", "it falls"],
+    "sets": [["val", "bandai", 3, 12.5, "abc"]],
+    "rows": [["run", "def", "imagine", None]],
+    "versions": ["plat 1"],
+    "seed": 0,
+    "longest": 30.0,
+    "command": ["plat", "benchmark"],
+}
+
+
 def test_another_folder_is_refused(tmp_path, capsys):
     with pytest.raises(RecordsError, match="not the folder of a benchmark"):
         page(tmp_path)
     with pytest.raises(SystemExit, match="not the folder of a benchmark"):
         publish_words([str(tmp_path), str(tmp_path / "docs")])
-    for text in ("[]", "{}", '{"rule": 1}', "[" * 100_000):
+    for text in ("[]", "{}", '{"rule": 1}', "[" * 100_000, json.dumps({**ABOUT, "longest": 10**400})):
         (tmp_path / "about.json").write_text(text)
         with pytest.raises(RecordsError, match="not the folder of a benchmark"):
             page(tmp_path)

@@ -210,3 +210,15 @@ def test_it_is_exported_and_run_at_the_physics_that_it_can_do(toy, tmp_path, mon
     assert "left out: settings with capsule feet, robot 'toy' has no sole_capsules" in lines
     assert any(line.startswith("1 ms physics steps") for line in lines)
     assert not any(line.startswith(("capsule feet", "all: 1 ms")) for line in lines)
+
+
+def test_feet_that_differ_are_refused_by_name(tmp_path):
+    for name in ("toy.json", "toy.xml"):
+        (tmp_path / name).write_text((DESCRIPTION.parent / name).read_text())
+    model = (tmp_path / "toy.xml").read_text()
+    foot = model.index("<geom", model.index('<body name="paw_l"'))
+    geom = model[foot : model.index("/>", foot) + 2]
+    (tmp_path / "toy.xml").write_text(model.replace(geom, geom + geom, 1))
+    robot = get_robot(tmp_path / "toy.json")
+    with pytest.raises(RobotError, match="contact geoms: 2 on 'paw_l' and 1 on 'paw_r'; expected as many"):
+        robot.sole_geoms(robot.shared_model)
