@@ -75,10 +75,10 @@ def costs(library: MotionLibrary, folder: Path, library_seconds: float) -> dict[
     }
 
 
-def loss_step(library: MotionLibrary, stride: int) -> Callable[[], float]:
+def loss_step(library: MotionLibrary, stride: int, windows: int = _WINDOWS) -> Callable[[], float]:
     """Return the timing (ms) of forward and backward of stage 2's loss, windows of up to 51 frames."""
-    states = PrivilegedGoals(library, stride)(make_keyframe_env(library, _WINDOWS).reset())
-    states["expert_action"] = torch.randn(_WINDOWS, G1.num_joints)
+    states = PrivilegedGoals(library, stride)(make_keyframe_env(library, windows).reset())
+    states["expert_action"] = torch.randn(windows, G1.num_joints)
     student = LatentPolicy(G1)
     loss = LatentImitationLoss(student.training_graph())
 

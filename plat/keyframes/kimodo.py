@@ -97,8 +97,10 @@ def write_constraints(path: Path, robot: Robot, keyframes: Sequence[Keyframe], f
 def _poses(entry: dict[str, Any], label: str, robot: Robot, fps: float) -> list[Keyframe]:
     arrays = {name: _array(entry, name, label) for name in ("frame_indices", "local_joints_rot", "root_positions")}
     frames, rotvec, root_pos = arrays.values()
+    if frames.ndim != 1:
+        raise KeyframeError(f"{label}: 'frame_indices' has shape {frames.shape}, expected one number for each pose")
     count, links = len(frames), link_count(robot)
-    if frames.ndim != 1 or rotvec.shape != (count, links, 3) or root_pos.shape != (count, 3):
+    if rotvec.shape != (count, links, 3) or root_pos.shape != (count, 3):
         raise KeyframeError(
             f"{label}: 'local_joints_rot' has shape {rotvec.shape} and 'root_positions' {root_pos.shape}, expected "
             f"{(count, links, 3)} and {(count, 3)}, the links of {robot.name!r}"

@@ -68,6 +68,7 @@ def test_what_is_left_out_and_what_is_refused(tmp_path):
         ([{"type": "fullbody"}], "constraint 0: no 'frame_indices'"),
         ([{**content[0], "root_positions": "x"}], "'root_positions' is no array of numbers"),
         ([{**content[0], "frame_indices": [10**400]}], "'frame_indices' is no array of numbers"),
+        ([{**content[0], "frame_indices": 3}], r"'frame_indices' has shape \(\), expected one number for each pose"),
     ):
         (tmp_path / "c.json").write_text(json.dumps(text))
         with pytest.raises(KeyframeError, match=message):
