@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from plat.errors import KeyframeError
 from plat.keyframes import Keyframe, KeyframeSequence
 from plat.motions.checks.collision import self_penetration
 from plat.motions.checks.feet import Soles
@@ -103,7 +104,16 @@ class Feasibility:
             before: the pose that the robot comes from, with its time.
             after: the keyframe; of a partial one only what it commands is measured.
             held: whether the robot stays in it, and so must balance there.
+
+        Raises:
+            KeyframeError: for poses of another robot, or a keyframe that is not after the pose before it.
         """
+        for name, pose in (("before", before), ("after", after)):
+            if np.shape(pose.joint_pos) != (self._robot.num_joints,):
+                expected = f"expected ({self._robot.num_joints},)"
+                raise KeyframeError(f"{name}: joint_pos has shape {np.shape(pose.joint_pos)}, {expected}")
+        if not after.time > before.time:
+            raise KeyframeError(f"after: time is {after.time} s, expected later than {before.time} s")
         if after.whole:
             return (*self._move(before, after), *self._pose(after, held))
         return (*self._move(before, after), *self._bodies(before, after))

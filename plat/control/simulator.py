@@ -90,9 +90,11 @@ class Simulator:
             after_each: called after every physics step, for sensors that are faster than the policy.
 
         Raises:
-            ActionError: for a target that is not finite, naming the joint; when the simulation diverges. MuJoCo would
-                go on with the robot upright in its start.
+            ActionError: for targets of another number, or one that is not finite, naming the joint; when the
+                simulation diverges. MuJoCo would go on with the robot upright in its start.
         """
+        if np.shape(joint_target) != self.data.ctrl.shape:
+            raise ActionError(f"joint_target has shape {np.shape(joint_target)}, expected {self.data.ctrl.shape}")
         wrong = np.flatnonzero(~np.isfinite(joint_target))
         if wrong.size:
             name = self.model.actuator(wrong[0]).name

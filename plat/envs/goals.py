@@ -7,6 +7,7 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 
+from plat.bounds import Count, check_value
 from plat.robots.robot import Robot
 from plat.rotations import matrix_to_sixd, quat_to_matrix, rows_times_matrices
 from plat.spec.observation import as_observed, observed
@@ -155,6 +156,7 @@ def strided_offsets(steps: Tensor, stride: int) -> tuple[Tensor, Tensor]:
     >>> offsets.tolist(), length.tolist()
     ([[0, 3, 6, 7], [0, 1, 1, 1]], [4, 2])
     """
+    check_value("goals: stride", stride, Count)
     length = torch.div(steps + stride - 1, stride, rounding_mode="floor") + 1
     offset = stride * torch.arange(int(length.max()), device=steps.device)
     return offset.expand(len(steps), -1).minimum(steps[:, None]), length

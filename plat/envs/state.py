@@ -6,6 +6,7 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 
+from plat.errors import ActionError
 from plat.robots.robot import Robot
 from plat.rotations import quat_rotate, quat_rotate_inverse
 
@@ -95,8 +96,13 @@ class GeneralizedState(NamedTuple):
 def joint_target(robot: Robot, action: Tensor) -> Tensor:
     """Return the joint position targets ``[*B, J]`` (rad) of actions: ``q_default + scale * a``.
 
+    Raises:
+        ActionError: for actions of another number of joints.
+
     >>> from plat.robots import G1
     >>> bool((joint_target(G1, torch.zeros(29)) == G1.default_joint_pos).all())
     True
     """
+    if action.shape[-1:] != robot.default_joint_pos.shape:
+        raise ActionError(f"action has shape {tuple(action.shape)}, expected [*B, {robot.num_joints}]")
     return robot.default_joint_pos.to(action) + robot.action_scale.to(action) * action

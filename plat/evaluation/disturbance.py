@@ -10,6 +10,7 @@ import torch
 from tensordict import TensorDictBase
 from torchrl.envs import Transform
 
+from plat.bounds import NonNegative, check_value
 from plat.envs.physics import BatchedPhysics, Physics, PhysicsFactory
 from plat.envs.randomized_physics import PushClock
 from plat.envs.tracking import MotionTrackingEnv
@@ -42,6 +43,9 @@ class Disturbance:
         motors: half width of the relative error of each motor's stiffness and damping.
         noise: factor on the sensor noise of :class:`plat.envs.transforms.NoiseLevels`.
 
+    Raises:
+        ConfigError: for a strength that is negative or not finite.
+
     >>> Disturbance(push=0.5).push
     0.5
     """
@@ -52,6 +56,11 @@ class Disturbance:
     latency: int = 0
     motors: float = 0.0
     noise: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value in asdict(self).items():
+            if value is not None:
+                check_value(f"disturbance: {name}", value, NonNegative)
 
 
 @dataclass(frozen=True)

@@ -142,6 +142,8 @@ class _Table:
     """Numerators and denominators of each metric, summed over the commands of a motion: ``[runs, clips]``."""
 
     def __init__(self, runs: "list[CommandRecords] | list[ClipRecords]", penalties: Penalties):
+        if not runs:
+            raise RecordsError("no records, expected those of at least one run")
         self.clip = runs[0].clip
         rules = {run.rule if isinstance(run, ClipRecords) else None for run in runs}
         if len(rules) != 1:

@@ -156,12 +156,17 @@ def interpolate(before: Keyframe, after: Keyframe, time: float) -> Keyframe:
         before, after: keyframes of different times.
         time: seconds, from ``before.time`` to ``after.time``.
 
+    Raises:
+        KeyframeError: for a time that is not finite, and keyframes of one time.
+
     >>> from plat.robots import G1
     >>> low = standing(G1)
     >>> high = Keyframe(1.0, low.root_pos + [0, 0, 0.1], low.root_quat, low.joint_pos)
     >>> interpolate(low, high, 0.25).root_pos
     array([0.   , 0.   , 0.785])
     """
+    if not np.isfinite(time) or before.time == after.time:
+        raise KeyframeError(f"time is {time} s between {before.time} and {after.time} s, expected different times")
     weight = (time - before.time) / (after.time - before.time)
     return Keyframe(
         time,

@@ -1,10 +1,12 @@
 """Queue of keyframes that other programs fill while a robot moves."""
 
+import math
 import threading
 from bisect import bisect_left, insort
 from dataclasses import replace
 from typing import Literal
 
+from plat.errors import KeyframeError
 from plat.keyframes.keyframe import Keyframe, RobotJoints
 from plat.keyframes.sequence import Command
 from plat.spec.timing import Timing
@@ -60,8 +62,10 @@ class KeyframeQueue:
             step at hand; ``"too far"``, when it comes later than a minute from now.
 
         Raises:
-            KeyframeError: for a pose that is not the robot's.
+            KeyframeError: for a pose that is not the robot's, or a time that is not finite.
         """
+        if not math.isfinite(now):
+            raise KeyframeError(f"now is {now} s, expected the time of the robot's clock")
         checked = keyframe.checked(self.robot)
         steps = self._timing.steps(checked.time) - self._timing.steps(now)
         if steps <= 0:

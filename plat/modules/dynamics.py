@@ -3,6 +3,7 @@
 import torch
 from torch import Tensor, nn
 
+from plat.bounds import Natural, Positive, check_value
 from plat.envs.state import GeneralizedState
 from plat.errors import ConfigError
 from plat.modules.networks import mlp
@@ -59,6 +60,8 @@ class DynamicsModel(nn.Module):
 
     def __init__(self, robot: Robot, config: DynamicsConfig | None = None, dt: float = 0.02, num_parameters: int = 0):
         super().__init__()
+        check_value("dynamics model: dt", dt, Positive)
+        check_value("dynamics model: num_parameters", num_parameters, Natural)
         self.num_parameters = num_parameters
         self.robot = robot
         self.config = config = config or DynamicsConfig()

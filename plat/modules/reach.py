@@ -5,6 +5,7 @@ from tensordict import NestedKey
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 
+from plat.bounds import Positive, check_value
 from plat.entries import Shape, expects
 from plat.modules.settings import WalkingReach
 
@@ -34,6 +35,7 @@ class KeyframeReach(TensorDictModule):
     """
 
     def __init__(self, reach: WalkingReach, horizon: float, parts: bool = False):
+        check_value("reach: horizon", horizon, Positive)
         moved = ("root_pos_b", "keypoint_pos_b")
         in_keys: list[NestedKey] = [
             *(("goal", key) for key in moved),

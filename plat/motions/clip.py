@@ -36,6 +36,14 @@ class MotionClip:
         """Return the time from the first to the last frame (s)."""
         return (len(self.qpos) - 1) / self.fps
 
+    def check(self, robot: Robot) -> None:
+        """Raise an error for a clip that is none of the robot's.
+
+        Raises:
+            MotionError: as :meth:`checked`.
+        """
+        self._checked_norm(robot)
+
     def checked(self, robot: Robot) -> "MotionClip":
         """Return this clip in float32 with quaternions of exactly unit length.
 
@@ -48,6 +56,13 @@ class MotionClip:
         Traceback (most recent call last):
         plat.errors.MotionError: motion 'short': qpos has 35 columns, expected 36 (root xyz, quaternion wxyz, 29 joints)
         """
+        norm = self._checked_norm(robot)
+        qpos = np.asarray(self.qpos).astype(np.float64)
+        qpos[:, 3:7] /= norm[:, None]
+        return MotionClip(self.name, qpos.astype(np.float32), float(self.fps), self.notes)
+
+    def _checked_norm(self, robot: Robot) -> np.ndarray:
+        """Return the lengths of the root's quaternions ``[T]`` of a clip that is whole."""
         qpos = np.asarray(self.qpos)
         joints = robot.num_joints
         layout = f"root xyz, quaternion wxyz, {joints} joints"
@@ -77,6 +92,4 @@ class MotionClip:
                 f"motion {self.name!r}: the root quaternion of frame {frame} (columns 3 to 6) has length "
                 f"{norm[frame]:.4g}, expected 1"
             )
-        qpos = qpos.astype(np.float64)
-        qpos[:, 3:7] /= norm[:, None]
-        return MotionClip(self.name, qpos.astype(np.float32), float(self.fps), self.notes)
+        return norm

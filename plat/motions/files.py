@@ -187,9 +187,12 @@ def save_motions(path: str | Path, clips: Sequence[MotionClip], robot: Robot = G
     """Write clips of one frame rate to a plat motion file.
 
     Raises:
-        MotionError: for several frame rates, or names that cannot stand in the file.
+        MotionError: for several frame rates, names that cannot stand in the file, or a clip that is none of the
+            robot's.
         OSError: when the disk does not take it; the file that was there is intact.
     """
+    for clip in clips:
+        clip.check(robot)
     rates = {clip.fps for clip in clips}
     if len(rates) != 1:
         found = ", ".join(f"{rate:.5g}" for rate in sorted(rates))
@@ -211,7 +214,11 @@ def save_csv(folder: str | Path, clip: MotionClip, robot: Robot = G1) -> Path:
     """Write a clip to ``NAME_30fps.csv``: MuJoCo's ``qpos`` under a header, quaternion ``wxyz``.
 
     A rate that the clip's name states gives way to the clip's own.
+
+    Raises:
+        MotionError: for a clip that is none of the robot's.
     """
+    clip.check(robot)
     path = Path(folder) / f"{without_rates(clip.name).replace('/', '_')}_{clip.fps:.10g}fps.csv"
     replace_file(path, lambda part: part.write_text(csv_text(clip, robot.joint_names)))
     return path

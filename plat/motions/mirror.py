@@ -21,6 +21,7 @@ def mirror_motion(clip: MotionClip, robot: Robot = G1) -> MotionClip:
 
     Raises:
         RobotError: when the robot has no such symmetry.
+        MotionError: for a clip that is none of the robot's.
 
     >>> qpos = G1.default_qpos[None].repeat(2, 0)
     >>> qpos[:, 7 + G1.joint_names.index("left_hip_roll")] = 0.3
@@ -28,6 +29,7 @@ def mirror_motion(clip: MotionClip, robot: Robot = G1) -> MotionClip:
     >>> mirrored.qpos[0, 7 + G1.joint_names.index("right_hip_roll")]
     np.float64(-0.3)
     """
+    clip.check(robot)
     partner, sign = joint_symmetry(robot)
     qpos = clip.qpos.copy()
     qpos[:, 1] *= -1

@@ -9,6 +9,7 @@ from tensordict.nn import dispatch
 from torch import Tensor, nn
 from torchrl.objectives.common import LossModule
 
+from plat.bounds import NonNegative, check_value
 from plat.envs.state import GeneralizedState
 from plat.modules.dynamics import DynamicsModel
 from plat.tasks.distances import smooth_angle
@@ -57,6 +58,7 @@ class DynamicsLoss(LossModule):
 
     def __init__(self, model: DynamicsModel, *, position_weight: float = 0.3):
         super().__init__()
+        check_value("dynamics loss: position_weight", position_weight, NonNegative)
         self.model = model
         self.position_weight = position_weight
 

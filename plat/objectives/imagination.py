@@ -11,7 +11,7 @@ from torchrl.envs.utils import ExplorationType
 from torchrl.objectives.common import LossModule
 from torchrl.objectives.utils import hold_out_net
 
-from plat.bounds import NonNegative, check_value
+from plat.bounds import Count, NonNegative, check_value
 from plat.envs.state import GeneralizedState
 from plat.errors import ConfigError
 from plat.modules.dynamics import DynamicsModel
@@ -94,6 +94,7 @@ class ImaginationLoss(LossModule):
         lost_cost: float = 3.0,
     ):
         super().__init__()
+        check_value("imagination loss: steps", steps, Count)
         if critic is not None and not discount < 1:
             raise ConfigError(f"imagination loss: discount is {discount:g}, expected less than 1 with a critic")
         self.lost_cost = lost_cost

@@ -10,6 +10,7 @@ from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequ
 from torch import Tensor, nn
 from torchrl.envs.utils import ExplorationType, exploration_type
 
+from plat.bounds import NonNegative, check_value
 from plat.envs.state import GeneralizedState
 from plat.modules.dynamics import DynamicsModel
 from plat.modules.networks import mlp
@@ -272,6 +273,7 @@ def exploring(actor: TensorDictModuleBase, std: float) -> TensorDictSequential:
     >>> exploring(PlainPolicy(G1).deployed(), 0.25).out_keys
     ['action']
     """
+    check_value("exploring: std", std, NonNegative)
     noise = TensorDictModule(_Noise(std), in_keys=["action"], out_keys=["action"])
     return TensorDictSequential(actor, noise, selected_out_keys=["action"])
 

@@ -11,7 +11,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from plat.errors import RenderingError
+from plat.bounds import Count, Positive, check_value
+from plat.errors import RenderingError, StateError
 from plat.files import check_file, is_full, replace_file
 from plat.headless import unusable
 from plat.progress import tracked
@@ -70,7 +71,14 @@ class Stage:
         self._camera.lookat[2] = 0.68
 
     def draw(self, qpos: np.ndarray, ghost_qpos: np.ndarray | None = None) -> np.ndarray:
-        """Return a picture ``[height, width, 3]`` of a pose ``[7 + J]`` and a ghost."""
+        """Return a picture ``[height, width, 3]`` of a pose ``[7 + J]`` and a ghost.
+
+        Raises:
+            StateError: for a pose of another robot.
+        """
+        for name, pose in (("qpos", qpos), ("ghost_qpos", ghost_qpos)):
+            if pose is not None and np.shape(pose) != self._data.qpos.shape:
+                raise StateError(f"stage: {name} has shape {np.shape(pose)}, expected {self._data.qpos.shape}")
         self._data.qpos[:] = qpos
         mujoco.mj_forward(self._model, self._data)
         # follow the robot slowly, so that its own motion shows
@@ -162,6 +170,7 @@ def stills(
     Returns:
         The frames that are shown ``[N]`` and the pictures ``[N, height, width, 3]``.
     """
+    check_value("stills: count", count, Count)
     frames = np.linspace(0, len(qpos) - 1, count).round().astype(int)
     pictures = []
     for frame in frames:
@@ -199,6 +208,7 @@ def write_video(path: str | Path, pictures: Iterator[np.ndarray], fps: float = 2
         RenderingError: as :func:`check_video` does, and when the disk does not take it.
     """
     check_video(path)
+    check_value("video: fps", fps, Positive)
     imageio = _imageio()
 
     path = Path(path)
@@ -232,9 +242,12 @@ def write_picture(path: str | Path, picture: np.ndarray) -> None:
     """Write a PNG; the file is replaced in one step or not at all.
 
     Raises:
-        RenderingError: when the extra ``plat-rl[video]`` is not installed, or the disk does not take it.
+        RenderingError: when the extra ``plat-rl[video]`` is not installed, the file is no ``.png``, or the disk does
+            not take it.
     """
     imageio = _imageio()
+    if Path(path).suffix.lower() != ".png":
+        raise RenderingError(f"picture {str(path)!r}: expected a file name that ends in .png")
     try:
         replace_file(Path(path), lambda part: imageio.imwrite(part, picture))
     except OSError as error:

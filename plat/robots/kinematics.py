@@ -4,7 +4,7 @@ import mujoco
 import torch
 from torch import Tensor
 
-from plat.errors import RobotError
+from plat.errors import RobotError, StateError
 from plat.robots.robot import Robot
 from plat.rotations import quat_multiply, quat_rotate
 
@@ -19,7 +19,8 @@ class ForwardKinematics:
         bodies: names of the bodies to compute; by default the robot's keypoints.
 
     Raises:
-        RobotError: when a joint does not pass through the origin of its body, which this code relies on.
+        RobotError: for a body that there is not, and when a joint does not pass through the origin of its body, which
+            this code relies on.
 
     >>> from plat.robots import G1
     >>> kinematics = ForwardKinematics(G1)
@@ -34,6 +35,9 @@ class ForwardKinematics:
         if abs(model.jnt_pos[1:]).max() > 0:
             raise RobotError(f"robot {robot.name!r}: a joint is off its body's origin; set its pos to 0 0 0")
         names = robot.keypoints if bodies is None else bodies
+        if unknown := [name for name in names if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name) < 1]:
+            raise RobotError(f"robot {robot.name!r} has no body {unknown[0]!r}")
+        self._num_joints = robot.num_joints
         self._wanted = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name) for name in names]
         needed: set[int] = set()
         for body in self._wanted:
@@ -63,7 +67,17 @@ class ForwardKinematics:
 
         Returns:
             Positions ``[*B, K, 3]`` (m, world) and orientations ``[*B, K, 4]`` (body to world).
+
+        Raises:
+            StateError: naming what has another shape.
         """
+        for name, value, size in (("root_pos_w", root_pos_w, 3), ("root_quat_w", root_quat_w, 4)):
+            if value.shape[-1:] != (size,):
+                raise StateError(f"kinematics: {name} has shape {tuple(value.shape)}, expected [*B, {size}]")
+        if joint_pos.shape[-1:] != (self._num_joints,):
+            raise StateError(
+                f"kinematics: joint_pos has shape {tuple(joint_pos.shape)}, expected [*B, {self._num_joints}]"
+            )
         body_pos, body_quat, axis = (tensor.to(root_pos_w) for tensor in (self._body_pos, self._body_quat, self._axis))
         half = 0.5 * joint_pos[..., None]
         joint_quat = torch.cat((half.cos(), half.sin() * axis), -1)  # (*B, J, 4)

@@ -8,7 +8,7 @@ from torch import Tensor
 from torchrl.data import Binary, Composite, Unbounded
 from torchrl.envs import EnvBase
 
-from plat.bounds import Robots, check_value
+from plat.bounds import Count, Robots, check_value
 from plat.entries import check_entries
 from plat.envs.broken import BrokenRobots
 from plat.envs.physics import BatchedPhysics, PhysicsFactory
@@ -63,6 +63,7 @@ class SimulatedTask(EnvBase):
         physics: PhysicsFactory = BatchedPhysics,
     ):
         check_value("environment: num_envs", num_envs, Robots)
+        check_value("environment: decimation", decimation, Count)
         super().__init__(device=torch.device(device), batch_size=torch.Size([num_envs]))
         self.task = task.to(device)
         model = task.robot.model(feet)

@@ -23,11 +23,18 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import nn
 
-from plat.collectors import MixedPolicy, PrivilegedGoals, RolloutReplay, dagger_buffer, rollouts
-from plat.control import Chase, PolicyController, Simulator
+from plat.collectors import MixedPolicy, PrivilegedGoals, RolloutReplay, dagger_buffer, rollouts, strided_offsets
+from plat.control import Chase, Feasibility, PolicyController, Simulator
 from plat.control.shoves import Shoves
 from plat.deploy import RobotState
-from plat.envs import KeyframeTaskConfig, MotionTrackingEnv, TrackingTaskConfig, make_keyframe_env, make_tracking_env
+from plat.envs import (
+    KeyframeTaskConfig,
+    MotionTrackingEnv,
+    TrackingTaskConfig,
+    joint_target,
+    make_keyframe_env,
+    make_tracking_env,
+)
 from plat.envs.settings import ResetNoise
 from plat.envs.transforms import CommandSchedule, Horizon, Reward, horizon_named
 from plat.envs.transforms.settings import (
@@ -39,14 +46,16 @@ from plat.envs.transforms.settings import (
 )
 from plat.envs.transforms.tracking_rewards import DenseRewards, KeyframeRewards, Regularization
 from plat.errors import PlatError
-from plat.evaluation import EvaluationSetting, evaluate
-from plat.keyframes import Keyframe, KeyframeSequence, standing
+from plat.evaluation import Disturbance, EvaluationSetting, evaluate, report
+from plat.keyframes import Keyframe, KeyframeQueue, KeyframeSequence, interpolate, standing
 from plat.modules import (
     Critic,
     DynamicsConfig,
+    DynamicsModel,
     Expert,
     ExpertConfig,
     GaussianNoise,
+    KeyframeReach,
     LatentPolicy,
     LatentPolicyConfig,
     NormalizerConfig,
@@ -56,8 +65,25 @@ from plat.modules import (
     RefinementConfig,
     ResidualActionPolicy,
     ResidualLatentPolicy,
+    WalkingReach,
 )
-from plat.motions import MotionClip, MotionLibrary, generate_motions, save_motions
+from plat.motions import (
+    MotionClip,
+    MotionLibrary,
+    clip_to_limits,
+    cut_motion,
+    generate_motions,
+    ground_feet,
+    joint_steps,
+    level_feet,
+    mend_motion,
+    mirror_motion,
+    save_csv,
+    save_motions,
+    smooth_steps,
+    trim_motion,
+    validate_motion,
+)
 from plat.motions.checks.settings import ValidationLimits
 from plat.motions.retargeting.options import SolverOptions
 from plat.objectives import (
@@ -67,9 +93,10 @@ from plat.objectives import (
     LatentImitationLoss,
     MotorGradientConfig,
     PPOConfig,
+    exploring,
     motor_gradient,
 )
-from plat.robots import G1, get_robot
+from plat.robots import G1, ForwardKinematics, describe_robot, get_robot
 from plat.runs import Budget, SavedRun, load_policy
 from plat.spec.observation import student_keys
 from plat.spec.timing import Timing
@@ -412,8 +439,80 @@ def calls(folder: Path) -> Iterator[Misuse]:
         sequence_of_nothing=lambda: KeyframeSequence(G1, pose, ()),
         sequence_with_a_long_way=lambda: KeyframeSequence(G1, pose, (pose.at(100.0),)),
     )
+    yield from of_motions(clip, listed)
+    yield from listed("later", a_move_back_in_time=lambda: Feasibility(G1)(pose.at(1.0), pose.at(0.5)))
+    yield from listed(
+        "joint_pos",
+        feasibility_of_a_short_pose=lambda: Feasibility(G1)(pose, dataclasses.replace(short, time=1.0)),
+        kinematics_of_less_joints=lambda: ForwardKinematics(G1)(torch.zeros(3), torch.ones(4), torch.zeros(28)),
+    )
+    yield from listed(
+        "root_quat_w",
+        kinematics_of_a_short_quaternion=lambda: ForwardKinematics(G1)(torch.zeros(3), torch.ones(3), torch.zeros(29)),
+    )
+    yield from listed("nobody", kinematics_of_no_body=lambda: ForwardKinematics(G1, ("nobody",)))
+    yield from listed("joint_target", simulator_of_3_targets=lambda: simulator.step(np.zeros(3)))
+    yield from listed("action", targets_of_28_joints=lambda: joint_target(G1, torch.zeros(2, 28)))
+    yield from listed(
+        "time",
+        a_pose_at_nan=lambda: interpolate(pose, pose.at(1.0), float("nan")),
+        a_pose_between_equal_times=lambda: interpolate(pose, pose, 0.5),
+        queued_at_nan=lambda: KeyframeQueue(G1).put(pose.at(0.5), float("nan")),
+    )
+    yield from listed(
+        "disturbance",
+        a_negative_push=lambda: Disturbance(push=-1.0),
+        noise_that_is_nan=lambda: Disturbance(noise=float("nan")),
+        a_push_of_words=lambda: Disturbance("push"),
+    )
+    yield from listed(
+        "dt",
+        model_at_dt_0=lambda: DynamicsModel(G1, dt=0.0),
+        model_at_dt_nan=lambda: DynamicsModel(G1, dt=float("nan")),
+    )
+    yield from listed("num_parameters", model_of_less_than_nothing=lambda: DynamicsModel(G1, num_parameters=-1))
+    yield from listed("control_dt", description_at_dt_0=lambda: describe_robot(G1, 0.0))
+    yield from listed("std", exploring_by_nan=lambda: exploring(latent.deployed(), float("nan")))
+    yield from listed("horizon", a_reach_of_nothing=lambda: KeyframeReach(WalkingReach(), 0.0))
+    yield from listed("stride", offsets_of_stride_0=lambda: strided_offsets(torch.tensor([3]), 0))
+    yield from listed("records", report_of_nothing=lambda: report([]))
     yield from listed("seed", schedule_of_seed_minus_1=lambda: CommandSchedule(library, Horizon(1, 5), -1))
     yield from listed("network", critic_of_a_network=lambda: PPO(expert.head(), nn.Linear(3, 1), critic.observe()))
+
+
+def of_motions(clip: MotionClip, listed: Callable[..., Iterator[Misuse]]) -> Iterator[Misuse]:
+    """Yield broken clips for all that takes clips."""
+    takers: dict[str, Callable[[MotionClip], object]] = {
+        "mirror": mirror_motion,
+        "limits": clip_to_limits,
+        "ground": ground_feet,
+        "level": level_feet,
+        "cut": cut_motion,
+        "steps": joint_steps,
+        "smooth": smooth_steps,
+        "mend": mend_motion,
+        "validate": validate_motion,
+        "save": lambda clip: save_motions("nowhere/a.npz", [clip]),
+        "csv": lambda clip: save_csv("nowhere", clip),
+    }
+    broken = {
+        "less_columns": dataclasses.replace(clip, qpos=clip.qpos[:, :30]),
+        "nan": dataclasses.replace(clip, qpos=clip.qpos * np.nan),
+        "one_frame": dataclasses.replace(clip, qpos=clip.qpos[:1]),
+        "no_rate": dataclasses.replace(clip, fps=0.0),
+        "a_long_quaternion": dataclasses.replace(clip, qpos=clip.qpos * 2),
+    }
+    for name, take in takers.items():
+        calls = {f"{name}_of_{what}": functools.partial(take, wrong) for what, wrong in broken.items()}
+        yield from listed(f"motion {clip.name!r}", **calls)
+    yield from listed(
+        "cannot lose",
+        trim_by_nan=lambda: trim_motion(clip, float("nan")),
+        trim_by_minus_1=lambda: trim_motion(clip, -1.0),
+        trim_of_all=lambda: trim_motion(clip, 100.0, 100.0),
+    )
+    yield from listed("grounded", grounded_by_magic=lambda: ground_feet(clip, "magic"))  # type: ignore[arg-type]
+    yield from listed("speed", steps_faster_than_nan=lambda: joint_steps(clip, float("nan")))
 
 
 def faults(misuse: Misuse) -> tuple[str, str]:

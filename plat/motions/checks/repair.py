@@ -7,6 +7,7 @@ import numpy as np
 import torch
 
 from plat.errors import MotionError
+from plat.json_file import short
 from plat.motions.checks.feet import Soles, ground_level, stance
 from plat.motions.checks.underside import Underside
 from plat.motions.clip import MotionClip
@@ -42,12 +43,18 @@ def ground_feet(clip: MotionClip, how: Grounding = "clip", robot: Robot = G1) ->
             lowering makes resting feet float by 1 cm at most, in the median; the rest of a foot's dips stays.
         robot: the robot.
 
+    Raises:
+        MotionError: for a clip that is none of the robot's, and another way.
+
     >>> qpos = G1.default_qpos[None].repeat(60, 0)
     >>> qpos[:, 2] += 0.1
     >>> lowered = ground_feet(MotionClip("floating", qpos, 30.0)).qpos[0, 2] - qpos[0, 2]
     >>> round(float(lowered), 2)
     -0.1
     """
+    clip.check(robot)
+    if how not in ("clip", "smooth"):
+        raise MotionError(f"motion {clip.name!r}: to be grounded by {short(how)}, expected 'clip' or 'smooth'")
     points = Soles(robot).points(torch.from_numpy(clip.qpos))
     resting = stance(points, clip.fps)
     # of who lies or kneels another part is on the floor
@@ -88,6 +95,7 @@ def level_feet(clip: MotionClip, robot: Robot = G1) -> MotionClip:
     >>> round(float(qpos[0, ankle] - level_feet(MotionClip("toes down", qpos, 30.0)).qpos[0, ankle]), 1)
     0.3
     """
+    clip.check(robot)
     model = robot.shared_model
     qpos = torch.from_numpy(clip.qpos.copy()).double()
     points = Soles(robot).points(qpos)
@@ -111,7 +119,12 @@ def level_feet(clip: MotionClip, robot: Robot = G1) -> MotionClip:
 
 
 def clip_to_limits(clip: MotionClip, robot: Robot = G1) -> MotionClip:
-    """The clip with every joint angle inside the joint's limits."""
+    """The clip with every joint angle inside the joint's limits.
+
+    Raises:
+        MotionError: for a clip that is none of the robot's.
+    """
+    clip.check(robot)
     low, high = robot.joint_range.numpy().T
     return replace(clip, qpos=np.concatenate((clip.qpos[:, :7], clip.qpos[:, 7:].clip(low, high)), 1))
 
@@ -122,8 +135,9 @@ def trim_motion(clip: MotionClip, start: float = 0.0, end: float = 0.0) -> Motio
     Raises:
         MotionError: when less than two frames would be left.
     """
-    first, last = round(start * clip.fps), len(clip.qpos) - round(end * clip.fps)
-    if start < 0 or end < 0 or last - first < 2:
+    inside = start >= 0 and end >= 0 and start + end <= clip.duration  # nan is not
+    first, last = (round(start * clip.fps), len(clip.qpos) - round(end * clip.fps)) if inside else (0, 0)
+    if last - first < 2:
         raise MotionError(
             f"motion {clip.name!r}: {clip.duration:.2f} s cannot lose {start} s at the start and {end} s at the end"
         )

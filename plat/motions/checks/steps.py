@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from plat.bounds import Positive, check_value
 from plat.motions.clip import MotionClip
 from plat.robots import G1, Robot
 
@@ -67,6 +68,8 @@ def joint_steps(clip: MotionClip, speed: float = 10.0, robot: Robot = G1) -> lis
     >>> [(step.joint, step.frame, round(step.speed)) for step in joint_steps(MotionClip("step", qpos, 30.0))]
     [('left_hip_pitch', 29, 15)]
     """
+    clip.check(robot)
+    check_value("single-frame steps: speed", speed, Positive)
     found, _ = _steps(clip, speed)
     speeds = np.abs(np.diff(clip.qpos[:, 7:].astype(np.float64), axis=0)) * clip.fps
     return [
@@ -92,6 +95,8 @@ def smooth_steps(clip: MotionClip, speed: float = 10.0, robot: Robot = G1) -> Sm
     >>> smoothed.steps, round(smoothed.largest_change, 2), joint_steps(smoothed.clip)
     (1, 0.21, [])
     """
+    clip.check(robot)
+    check_value("single-frame steps: speed", speed, Positive)
     found, usual = _steps(clip, speed)
     qpos = clip.qpos.astype(np.float64)
     angles = qpos[:, 7:]
