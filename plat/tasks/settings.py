@@ -29,6 +29,8 @@ class TrackingCosts(Bounded):
     """of the bodies that a partial keyframe commands, mean over them (m)"""
     end_effectors: NonNegative = 0.0
     """of the end effectors in the arrival window of a whole keyframe, mean over them (m)"""
+    miss: NonNegative = 0.0
+    """of errors in the arrival window beyond 0.6 of the thresholds by which a keyframe is missed, in thresholds"""
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,11 @@ from torch import Tensor
 
 from plat.envs.goals import clock_entries, parts_entries, robot_centric_goal, strided_offsets
 from plat.envs.parts import NUM_MASKS, draw_parts
+from plat.envs.settings import ReachLimits
 from plat.envs.state import GeneralizedState
 from plat.envs.tracking import ResetNoise
 from plat.envs.transforms.settings import TerminationLimits
+from plat.keyframes.chain_families import FAMILY_TABLE
 from plat.motions.library import MotionLibrary
 from plat.robots.kinematics import ForwardKinematics
 from plat.rotations import quat_angle, quat_conjugate, quat_multiply, quat_rotate, quat_rotate_inverse, quat_yaw
@@ -18,6 +20,7 @@ from plat.tasks.chains import draw_chains
 from plat.tasks.costs import pose_cost, tracking_cost
 from plat.tasks.dense_tracking import START_NOISE, off_reference
 from plat.tasks.distances import smooth_length
+from plat.tasks.near_miss import NearMiss
 from plat.tasks.partial import partial_pose_cost, points_cost
 from plat.tasks.pose_table import PoseTable
 from plat.tasks.settings import TimedKeyframesConfig
@@ -78,6 +81,7 @@ class TimedKeyframes(Task):
     _roams: Tensor
     _mask: Tensor
     _end_effectors: Tensor
+    _reached_within: Tensor
     parts: Tensor
 
     def __init__(
@@ -110,10 +114,12 @@ class TimedKeyframes(Task):
             ("parts", self._draw_parts(seed).to(library.device)),
             ("_mask", self._mask_of_chains().to(library.device)),
             ("_end_effectors", self._mask_of_end_effectors().to(library.device)),
+            ("_reached_within", self._distances_of_chains().to(library.device)),
         ):
             self.register_buffer(name, value, persistent=False)
         self._kinematics = ForwardKinematics(library.robot)
         self._balance = Balance(library.robot).to(library.device)
+        self._near_miss = NearMiss(library.robot.anchor_index, self._end_effectors, self.timing.window)
 
     def _draw_parts(self, seed: int) -> Tensor:
         """Masks ``[2 R + F, J + K + 3]``: R drawn ones; those with the root, for chains that lead away; those of chains
@@ -137,6 +143,11 @@ class TimedKeyframes(Task):
     def _mask_of_end_effectors(self) -> Tensor:
         """Mask ``[K]`` of the end effectors among the keypoints, float."""
         return torch.tensor([float(name in self.robot.end_effectors) for name in self.robot.keypoints])
+
+    def _distances_of_chains(self) -> Tensor:
+        """Largest distance ``[C]`` of a commanded body with which a chain's keyframes are reached (m)."""
+        usual = ReachLimits().bodies
+        return torch.tensor([FAMILY_TABLE[name].bodies or usual for name in self.chains.family])
 
     @property
     def partial(self) -> bool:
@@ -329,10 +340,13 @@ class TimedKeyframes(Task):
 
         Those that a partial keyframe commands count in its arrival window, and of authored ones on the whole way to it.
         Of a whole keyframe the end effectors count in the window: a hip that is a little off is a foot that is far off.
+        What comes near to a miss (:class:`plat.tasks.near_miss.NearMiss`) is added.
         """
         weights, authored = self.config.tracking, memory["authored"]
-        bodies, counts = self._end_effectors.expand(len(authored), -1), in_window & (weights.end_effectors > 0)
+        at_ends = weights.end_effectors > 0 or weights.miss > 0
+        bodies, counts = self._end_effectors.expand(len(authored), -1), in_window & at_ends
         weight = torch.full_like(state.root_pos_w[:, 0], weights.end_effectors)
+        parts: Tensor | None = None
         if self.partial:
             whole, parts = memory["parts"] == 0, self.parts[memory["parts"]]
             bodies = torch.where(whole[:, None], bodies, parts[:, self.robot.num_joints : -3])
@@ -346,7 +360,20 @@ class TimedKeyframes(Task):
         before, after, now = (self.table.points(memory[key][rows]) for key in ("before", "goal", "frame"))
         share = (1 - memory["steps_left"] / memory["length"])[rows].clamp(0, 1)[:, None, None]
         wanted = torch.where(authored[rows, None, None], before.lerp(after, share), now)
-        return out.index_add(0, rows, weight[rows] * points_cost(points, wanted, bodies[rows]))
+        cost = weight[rows] * points_cost(points, wanted, bodies[rows])
+        if weights.miss:
+            pose = self.table.state(torch.where(authored, memory["goal"], memory["frame"])[rows])
+            near_miss = self._near_miss(
+                GeneralizedState(*(part[rows] for part in state)),
+                pose,
+                points,
+                torch.where(authored[rows, None, None], after, now),
+                None if parts is None else parts[rows],
+                reached_within=self._reached_within[self._chain[(memory["goal"] - self._frames).clamp_min(0)]][rows],
+                arrives=(authored & (memory["steps_left"] == 0))[rows],
+            )
+            cost = cost + weights.miss * in_window[rows] * near_miss
+        return out.index_add(0, rows, cost)
 
     def failed(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
         """Mask ``[N]``: 0.3 m too high or low, too far off, or tilted otherwise than motion or line.

@@ -1,0 +1,82 @@
+"""Cost of what counts as a miss: errors near the thresholds of evaluation, and just beyond them."""
+
+import torch
+from torch import Tensor
+
+from plat.envs.settings import ReachLimits
+from plat.envs.state import GeneralizedState
+from plat.tasks.distances import smooth_angle, smooth_length
+
+__all__ = ["NearMiss", "excess"]
+
+# An error counts from this share of its threshold. Beyond so many thresholds it costs no more: who cannot be in time
+# need not throw itself there.
+_FROM, _TO = 0.6, 2.5
+
+
+def excess(error: Tensor, limit: Tensor | float) -> Tensor:
+    """Return how far errors are beyond 0.6 of a threshold, in thresholds, and 1.9 from 2.5 thresholds on.
+
+    >>> excess(torch.tensor([0.1, 0.2, 9.0]), 0.2)
+    tensor([0.0000, 0.4000, 1.9000])
+    """
+    return (error / limit).clamp(_FROM, _TO) - _FROM
+
+
+class NearMiss:
+    """Cost of coming near the thresholds by which a keyframe is missed.
+
+    Along motions those are the thresholds of TKS, in every step of the arrival window: heights of anchor and end
+    effectors, or of the bodies that a partial keyframe commands, and the root's orientation. Of authored keyframes
+    they are those of *reached* as well, at the arrival: root, joints and commanded bodies.
+
+    Args:
+        anchor: index of the anchor among the K keypoints.
+        end_effectors: mask ``[K]``, float.
+        window: steps of an arrival window.
+        limits: thresholds.
+    """
+
+    def __init__(self, anchor: int, end_effectors: Tensor, window: int, limits: ReachLimits | None = None):
+        self.limits = limits or ReachLimits()
+        self.window = window
+        self._whole = end_effectors.clone()
+        self._whole[anchor] = 1.0
+
+    def __call__(
+        self,
+        state: GeneralizedState,
+        pose: GeneralizedState,
+        points: Tensor,
+        wanted: Tensor,
+        parts: Tensor | None,
+        *,
+        reached_within: Tensor,
+        arrives: Tensor,
+    ) -> Tensor:
+        """Return the cost ``[n]`` of a step in arrival windows.
+
+        Args:
+            state, pose: robots, and where they should be now.
+            points, wanted: keypoints ``[n, K, 3]`` of both (m).
+            parts: masks ``[n, J + K + 3]`` of what is commanded, float; None for whole keyframes.
+            reached_within: largest distance ``[n]`` of a commanded body at arrival (m).
+            arrives: robots ``[n]`` at the arrival of an authored keyframe.
+        """
+        limits, joints = self.limits, state.joint_pos.shape[-1]
+        commanded = state.root_pos_w.new_ones(1, joints + points.shape[1] + 3) if parts is None else parts
+        whole = commanded.all(-1, keepdim=True)
+        turned, place = commanded[:, -1], commanded[:, [-3, -3, -2]]
+        bodies = torch.where(whole, 0.0, commanded[:, joints:-3])
+        off = points - wanted
+        heights = excess(off[..., 2].abs(), limits.window.end_effector_height)
+        turn = excess(smooth_angle(state.root_quat_w, pose.root_quat_w), limits.window.anchor_rot_squared**0.5)
+        missed = (heights * torch.where(whole, self._whole.to(heights), bodies)).sum(-1) + turned * turn
+        error = ((state.joint_pos - pose.joint_pos).abs() * commanded[:, :joints]).sum(-1)
+        late = (
+            excess(smooth_length((state.root_pos_w - pose.root_pos_w) * place), limits.root)
+            + excess(error / commanded[:, :joints].sum(-1).clamp_min(1.0), limits.joints)
+            + (excess(smooth_length(off), reached_within[:, None]) * bodies).sum(-1)
+        )
+        # an arrival is one step of the window: what counts there alone counts as much
+        return missed + self.window * torch.where(arrives, late, 0.0)
