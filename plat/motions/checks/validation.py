@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import mujoco
+import numpy as np
 import torch
 
 from plat.motions.checks.collision import self_penetration
@@ -35,6 +36,8 @@ _FAR_BELOW, _TRUNK = 0.3, ("pelvis", "torso_link")
 _SLIDES, _SLIDES_ALONG = 0.4, 0.6
 # Up component of the root's own up axis, mean over the frames, over which someone stands rather than lies.
 _UPRIGHT = 0.5
+# So many changes of pose at least, and this share of alike gaps between them, where frames stand several times.
+_LEAST_GAPS, _REGULAR = 8, 0.9
 # Collisions are looked for this often (Hz): limbs that go through each other do so for longer.
 _COLLISION_RATE = 10.0
 
@@ -68,6 +71,7 @@ class MotionReport:
         in_place: whether it strides without getting anywhere.
         path: that the feet fit better than the root's own, None where there is none: its path is mirrored, turned, or
             of another length.
+        repeats: how many times each frame stands in the clip, one behind the other.
         rate_assumed: whether nothing states its frame rate and nothing in the motion confirms the usual one.
         verdict: ``use`` as it is, ``repair`` first, or ``drop``.
         reasons: what speaks against using it as it is, a phrase each.
@@ -89,6 +93,7 @@ class MotionReport:
     root_speed: float = 0.0
     in_place: bool = False
     path: OtherPath | None = None
+    repeats: int = 1
     rate_assumed: bool = False
     deepest: str = ""
     verdict: Verdict = "use"
@@ -178,8 +183,19 @@ def _measure(
         root_speed=float(qpos[:, :2].diff(dim=0).norm(dim=-1).mean()) * clip.fps,
         in_place=gait is not None and gait.in_place,
         path=other_path(points, clip.qpos[:, :3], clip.fps) if _stands(qpos) else None,
+        repeats=_repeats(clip.qpos),
         rate_assumed=ASSUMED_RATE in clip.notes,
     )
+
+
+def _repeats(qpos: np.ndarray) -> int:
+    """Return how many times each frame of a motion stands in it, as where a rate was raised by writing frames again."""
+    moves = np.flatnonzero((np.diff(qpos, axis=0) != 0).any(1))
+    gaps = np.diff(moves)
+    if len(gaps) < _LEAST_GAPS:
+        return 1
+    usual = int(np.median(gaps))
+    return usual if usual > 1 and (gaps % usual == 0).mean() > _REGULAR else 1
 
 
 def _stands(qpos: torch.Tensor) -> bool:
@@ -230,6 +246,8 @@ def _judged(report: MotionReport, limits: ValidationLimits) -> MotionReport:
         repair.append(f"{report.tempo:.2g} times as many steps a second as people take: is its frame rate right?")
     if report.gravity is not None and not 1 / limits.gravity < report.gravity < limits.gravity:
         repair.append(f"it falls at {report.gravity:.2g} g: is its frame rate right?")
+    if report.repeats > 1:
+        repair.append(f"each frame stands {report.repeats} times: is its frame rate right?")
     if report.rate_assumed:
         repair.append("nothing states or shows its frame rate: state it (--fps)")
     if report.sides is not None and report.sides < EXCHANGED:

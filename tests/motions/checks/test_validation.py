@@ -139,3 +139,15 @@ def test_a_root_that_goes_elsewhere_than_the_feet_is_seen():
     assert report.verdict == "drop"
     assert report.root_speed == pytest.approx(0.7)
     assert "feet slip at 0.7 m/s under a root at 0.7 m/s: are the root's unit, axes and frame right?" in report.reasons
+
+
+@pytest.mark.parametrize("count", [1, 2, 4])
+def test_frames_that_stand_several_times_are_told_of(count):
+    clip = bowing_clip(60)
+    report = validate_motion(MotionClip("bow", clip.qpos.repeat(count, 0), 50.0))
+    assert report.repeats == count
+    told = f"each frame stands {count} times: is its frame rate right?"
+    assert (told in report.reasons) == (count > 1)
+    # who stands still for a while and moves then has no frame twice
+    held = np.concatenate((clip.qpos[:1].repeat(100, 0), clip.qpos))
+    assert validate_motion(MotionClip("held", held, 50.0)).repeats == 1
