@@ -154,7 +154,7 @@ def test_a_row_that_is_not_there_is_named_before_the_evaluation(tmp_path):
 
 
 ABOUT = {
-    "rule": ["fall", "it falls"],
+    "rules": [["fall", "it falls"]],
     "sets": [["val", "bandai", 3, 12.5, "abc"]],
     "rows": [["run", "def", "imagine", None]],
     "versions": ["plat 1"],
@@ -173,5 +173,7 @@ def test_another_folder_is_refused(tmp_path, capsys):
         (tmp_path / "about.json").write_text(text)
         with pytest.raises(RecordsError, match="not the folder of a benchmark"):
             page(tmp_path)
+    (tmp_path / "about.json").write_text(json.dumps(ABOUT))
+    assert "it falls" in page(tmp_path)
     with pytest.raises(SystemExit, match="expected two folders"):
         publish_words([])

@@ -182,7 +182,7 @@ def _read_manifest(path: Path) -> None:
 
 def _run_files(folder: Path, kind: str) -> dict[str, bytes]:
     run = write_run(folder / kind, small_policy(kind))
-    table = "policy,horizon,{ends}\nrun,long,tks,99.5,99.25,99.75\nrun,long,mpjpe,0.1,0.05,0.2\n"
+    table = "policy,horizon,metric,value,low,high\nrun,long,tks,99.5,99.25,99.75\nrun,long,mpjpe,0.1,0.05,0.2\n"
     (run / "evaluation.csv").write_text(table)
     return {path.name: path.read_bytes() for path in run.iterdir()}
 
@@ -224,7 +224,7 @@ def _tables(folder: Path) -> Iterator[Subject]:
     for name in study:
         yield Subject(f"{name} of a benchmark", study, name, "text", read_study, "")
     about = {
-        "rule": ["fall", "it falls"],
+        "rules": [["fall", "it falls"]],
         "sets": [["val", "bandai", 3, 12.5, "abc"]],
         "rows": [["run", "def", "imagine", None]],
         "versions": ["plat 1"],

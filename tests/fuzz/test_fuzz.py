@@ -2,6 +2,7 @@
 
 import sys
 from collections import Counter
+from pathlib import Path
 
 import pytest
 
@@ -22,6 +23,16 @@ def test_no_reader_stumbles() -> None:
     assert report.files == CASES * len(subjects())
     assert report.read.total() > 20
     assert report.refused.total() > 60
+
+
+def test_whole_files_are_read(tmp_path: Path) -> None:
+    # else nothing but refusals would be tried
+    for number, subject in enumerate(known for known in subjects() if " as ." not in known.name):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        for name, content in subject.files.items():
+            (folder / name).write_bytes(content)
+        subject.read(folder / subject.start if subject.start else folder)
 
 
 @pytest.mark.parametrize(
