@@ -36,13 +36,17 @@ class MotionClip:
         """Return the time from the first to the last frame (s)."""
         return (len(self.qpos) - 1) / self.fps
 
-    def check(self, robot: Robot) -> None:
+    def check(self, robot: Robot, least: int = 2) -> None:
         """Raise an error for a clip that is none of the robot's.
+
+        Args:
+            robot: whose joints the columns are.
+            least: smallest number of frames.
 
         Raises:
             MotionError: as :meth:`checked`.
         """
-        self._checked_norm(robot)
+        self._checked_norm(robot, least)
 
     def checked(self, robot: Robot) -> "MotionClip":
         """Return this clip in float32 with quaternions of exactly unit length.
@@ -61,7 +65,7 @@ class MotionClip:
         qpos[:, 3:7] /= norm[:, None]
         return MotionClip(self.name, qpos.astype(np.float32), float(self.fps), self.notes)
 
-    def _checked_norm(self, robot: Robot) -> np.ndarray:
+    def _checked_norm(self, robot: Robot, least: int = 2) -> np.ndarray:
         """Return the lengths of the root's quaternions ``[T]`` of a clip that is whole."""
         qpos = np.asarray(self.qpos)
         joints = robot.num_joints
@@ -75,8 +79,8 @@ class MotionClip:
             raise MotionError(
                 f"motion {self.name!r}: qpos has {qpos.shape[1]} columns, expected {7 + joints} ({layout})"
             )
-        if len(qpos) < 2:
-            raise MotionError(f"motion {self.name!r}: {len(qpos)} frames, expected at least 2")
+        if len(qpos) < least:
+            raise MotionError(f"motion {self.name!r}: {len(qpos)} frames, expected at least {least}")
         if not (np.isfinite(self.fps) and self.fps > 0):
             raise MotionError(f"motion {self.name!r}: fps is {self.fps}, expected a positive number")
         finite = np.isfinite(qpos)

@@ -29,7 +29,7 @@ def mirror_motion(clip: MotionClip, robot: Robot = G1) -> MotionClip:
     >>> mirrored.qpos[0, 7 + G1.joint_names.index("right_hip_roll")]
     np.float64(-0.3)
     """
-    clip.check(robot)
+    clip.check(robot, least=1)  # a pose has a mirror image, too
     partner, sign = joint_symmetry(robot)
     qpos = clip.qpos.copy()
     qpos[:, 1] *= -1

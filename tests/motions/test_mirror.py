@@ -70,3 +70,10 @@ def test_a_robot_without_symmetry_is_refused(monkeypatch):
     monkeypatch.setattr(type(lopsided), "model", lambda *_: model)
     with pytest.raises(RobotError, match="'lopsided': its joint axes are not symmetric"):
         mirror_motion(random_clip(), lopsided)
+
+
+def test_a_single_pose_has_a_mirror_image():
+    qpos = G1.default_qpos[None].copy()
+    qpos[0, 7 + G1.joint_names.index("left_knee")] = 0.9
+    image = mirror_motion(MotionClip("pose", qpos, 1.0), G1).qpos[0]
+    assert image[7 + G1.joint_names.index("right_knee")] == pytest.approx(0.9)
