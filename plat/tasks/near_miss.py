@@ -6,6 +6,7 @@ from torch import Tensor
 from plat.envs.settings import ReachLimits
 from plat.envs.state import GeneralizedState
 from plat.tasks.distances import smooth_angle, smooth_length
+from plat.tasks.partial import joint_error, root_offset
 
 __all__ = ["NearMiss", "excess"]
 
@@ -66,16 +67,14 @@ class NearMiss:
         limits, joints = self.limits, state.joint_pos.shape[-1]
         commanded = state.root_pos_w.new_ones(1, joints + points.shape[1] + 3) if parts is None else parts
         whole = commanded.all(-1, keepdim=True)
-        turned, place = commanded[:, -1], commanded[:, [-3, -3, -2]]
         bodies = torch.where(whole, 0.0, commanded[:, joints:-3])
         off = points - wanted
         heights = excess(off[..., 2].abs(), limits.window.end_effector_height)
         turn = excess(smooth_angle(state.root_quat_w, pose.root_quat_w), limits.window.anchor_rot_squared**0.5)
-        missed = (heights * torch.where(whole, self._whole.to(heights), bodies)).sum(-1) + turned * turn
-        error = ((state.joint_pos - pose.joint_pos).abs() * commanded[:, :joints]).sum(-1)
+        missed = (heights * torch.where(whole, self._whole.to(heights), bodies)).sum(-1) + commanded[:, -1] * turn
         late = (
-            excess(smooth_length((state.root_pos_w - pose.root_pos_w) * place), limits.root)
-            + excess(error / commanded[:, :joints].sum(-1).clamp_min(1.0), limits.joints)
+            excess(smooth_length(root_offset(state, pose, commanded)), limits.root)
+            + excess(joint_error(state, pose, commanded), limits.joints)
             + (excess(smooth_length(off), reached_within[:, None]) * bodies).sum(-1)
         )
         # an arrival is one step of the window: what counts there alone counts as much

@@ -7,7 +7,19 @@ from plat.envs.state import GeneralizedState
 from plat.tasks.distances import smooth_angle, smooth_length
 from plat.tasks.settings import TrackingCosts
 
-__all__ = ["partial_pose_cost", "points_cost"]
+__all__ = ["joint_error", "partial_pose_cost", "points_cost", "root_offset"]
+
+
+def root_offset(state: GeneralizedState, pose: GeneralizedState, parts: Tensor) -> Tensor:
+    """Offset ``[*B, 3]`` (m) of the root from a pose, 0 where masks ``[*B, J + K + 3]`` leave it open."""
+    horizontal, height, _ = parts[..., -3:].unbind(-1)
+    return (state.root_pos_w - pose.root_pos_w) * torch.stack((horizontal, horizontal, height), -1)
+
+
+def joint_error(state: GeneralizedState, pose: GeneralizedState, parts: Tensor) -> Tensor:
+    """Mean absolute error ``[*B]`` (rad) of the joints that masks ``[*B, J + K + 3]`` command; 0 for none."""
+    joints = parts[..., : state.joint_pos.shape[-1]]
+    return ((state.joint_pos - pose.joint_pos).abs() * joints).sum(-1) / joints.sum(-1).clamp_min(1.0)
 
 
 def partial_pose_cost(state: GeneralizedState, pose: GeneralizedState, parts: Tensor, weights: TrackingCosts) -> Tensor:
@@ -18,15 +30,10 @@ def partial_pose_cost(state: GeneralizedState, pose: GeneralizedState, parts: Te
         parts: masks ``[*B, J + K + 3]``, float.
         weights: of the distances; joints count by the mean over the commanded ones.
     """
-    horizontal, height, orientation = parts[..., -3:].unbind(-1)
-    off = state.root_pos_w - pose.root_pos_w
-    off = off * torch.stack((horizontal, horizontal, height), -1)
-    joints = parts[..., : state.joint_pos.shape[-1]]
-    joint_error = ((state.joint_pos - pose.joint_pos).abs() * joints).sum(-1) / joints.sum(-1).clamp_min(1.0)
     return (
-        weights.root_pos * smooth_length(off)
-        + weights.root_rot * orientation * smooth_angle(state.root_quat_w, pose.root_quat_w)
-        + weights.joint_pos * joint_error
+        weights.root_pos * smooth_length(root_offset(state, pose, parts))
+        + weights.root_rot * parts[..., -1] * smooth_angle(state.root_quat_w, pose.root_quat_w)
+        + weights.joint_pos * joint_error(state, pose, parts)
     )
 
 

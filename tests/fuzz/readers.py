@@ -33,6 +33,7 @@ from plat.runs import SavedRun
 from plat.runs.dynamics import DYNAMICS_FILE, load_dynamics, save_dynamics
 from plat.runs.metrics import MetricsFile
 from plat.spec.timing import Timing
+from tests.cli.test_benchmark import ABOUT
 from tests.export.runs import small_policy, write_run
 from tests.motions.formats.writers import WRITERS, bowing_clip, link_arrays
 from tests.motions.retargeting.human import write_human
@@ -223,16 +224,7 @@ def _tables(folder: Path) -> Iterator[Subject]:
     }
     for name in study:
         yield Subject(f"{name} of a benchmark", study, name, "text", read_study, "")
-    about = {
-        "rules": [["fall", "it falls"]],
-        "sets": [["val", "bandai", 3, 12.5, "abc"]],
-        "rows": [["run", "def", "imagine", None]],
-        "versions": ["plat 1"],
-        "seed": 0,
-        "longest": 30.0,
-        "command": ["plat", "benchmark"],
-        "robustness_clips": 3,
-    }
+    about = {**ABOUT, "robustness_clips": 3}
     yield Subject("about.json", {"about.json": json.dumps(about).encode()}, "about.json", "json", page, "")
 
 
