@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
@@ -35,5 +35,7 @@ def autocast(device: torch.device | str | None, precision: Precision) -> Abstrac
     import torch
 
     device = torch.device(device or "cpu")
+    if not torch.amp.is_autocast_available(device.type):  # the device "meta", on which nothing is computed
+        return nullcontext()
     half = precision == "bfloat16" or (precision == "auto" and has_fast_bfloat16(device))
     return torch.autocast(device.type, torch.bfloat16, enabled=half)

@@ -8,6 +8,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from plat.gpu import constant, on_gpu
+from plat.precision import autocast
+
 __all__ = [
     "matrix_to_sixd",
     "quat_angle",
@@ -26,6 +29,29 @@ __all__ = [
 ]
 
 
+# of the matrix that a product's left quaternion is to the right one, row by row
+_PRODUCT_PARTS = torch.tensor([0, 1, 2, 3, 1, 0, 3, 2, 2, 3, 0, 1, 3, 2, 1, 0])
+_PRODUCT_SIGNS = torch.tensor([1.0, -1, -1, -1, 1, 1, -1, 1, 1, 1, 1, -1, 1, -1, 1, 1])
+
+
+def _matrix_of_products() -> Tensor:
+    """Matrix ``[16, 9]`` that makes a rotation matrix less the identity of all products of a quaternion's entries."""
+    signs = {
+        (0, 0): {"yy": -2, "zz": -2}, (0, 1): {"xy": 2, "wz": -2}, (0, 2): {"xz": 2, "wy": 2},
+        (1, 0): {"xy": 2, "wz": 2}, (1, 1): {"xx": -2, "zz": -2}, (1, 2): {"yz": 2, "wx": -2},
+        (2, 0): {"xz": 2, "wy": -2}, (2, 1): {"yz": 2, "wx": 2}, (2, 2): {"xx": -2, "yy": -2},
+    }  # fmt: skip
+    out = torch.zeros(16, 9)
+    for (row, column), products in signs.items():
+        for pair, sign in products.items():
+            out[4 * "wxyz".index(pair[0]) + "wxyz".index(pair[1]), 3 * row + column] = sign
+    return out
+
+
+_MATRIX_OF_PRODUCTS = _matrix_of_products()
+_IDENTITY = torch.eye(3).flatten()
+
+
 def quat_conjugate(quat: Tensor) -> Tensor:
     """Return the inverse of unit quaternions ``[*B, 4]``."""
     return torch.cat((quat[..., :1], -quat[..., 1:]), -1)
@@ -38,6 +64,9 @@ def quat_multiply(a: Tensor, b: Tensor) -> Tensor:
     >>> quat_multiply(half_turn, half_turn).tolist()
     [-1.0, 0.0, 0.0, 0.0]
     """
+    if on_gpu(a):
+        left = a.index_select(-1, constant(_PRODUCT_PARTS, a.device)) * constant(_PRODUCT_SIGNS, a)
+        return (left.unflatten(-1, (4, 4)) * b[..., None, :]).sum(-1)
     aw, ax, ay, az = a.unbind(-1)
     bw, bx, by, bz = b.unbind(-1)
     return torch.stack(
@@ -58,6 +87,8 @@ def quat_rotate(quat: Tensor, vec: Tensor) -> Tensor:
     >>> quat_rotate(quarter_turn_about_z, torch.tensor([1.0, 0.0, 0.0])).round(decimals=4).tolist()
     [0.0, 1.0, 0.0]
     """
+    if on_gpu(vec):
+        return (quat_to_matrix(quat) * vec[..., None, :]).sum(-1)
     axis = quat[..., 1:]
     quat_w = quat[..., :1]
     axis, vec = torch.broadcast_tensors(axis, vec)
@@ -67,6 +98,8 @@ def quat_rotate(quat: Tensor, vec: Tensor) -> Tensor:
 
 def quat_rotate_inverse(quat: Tensor, vec: Tensor) -> Tensor:
     """Rotate vectors ``[*B, 3]`` by the inverse of ``[*B, 4]``: from the world into a body's frame."""
+    if on_gpu(vec):
+        return (quat_to_matrix(quat) * vec[..., :, None]).sum(-2)
     return quat_rotate(quat_conjugate(quat), vec)
 
 
@@ -76,6 +109,10 @@ def quat_to_matrix(quat: Tensor) -> Tensor:
     Row vectors go the other way: ``v_w @ quat_to_matrix(a_quat_w)`` is ``v_a``. That form turns many
     points by one rotation in a single matrix product: :func:`rows_times_matrices`.
     """
+    if on_gpu(quat):
+        products = (quat[..., :, None] * quat[..., None, :]).flatten(-2)
+        with autocast(quat.device, "float32"):
+            return (constant(_IDENTITY, quat) + products @ constant(_MATRIX_OF_PRODUCTS, quat)).unflatten(-1, (3, 3))
     w, x, y, z = quat.unbind(-1)
     xx, yy, zz = 2 * x * x, 2 * y * y, 2 * z * z
     xy, xz, yz = 2 * x * y, 2 * x * z, 2 * y * z

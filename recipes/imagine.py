@@ -3,6 +3,7 @@
 plat imagine --motions clips.npz --init-model runs/expert --minutes 20 --out runs/imagined
 """
 
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -24,15 +25,18 @@ def main(recipe: ImagineRecipe) -> None:
     """Run the recipe."""
     recipe = begin(recipe)
     torch.manual_seed(recipe.seed)
-    check_partial(recipe.task.partial, recipe.policy.also)
-    library = training_motions(recipe, recipe.policy.timing.control_dt)
     kind: type[Any] = LatentPolicy if recipe.student == "latent" else PlainPolicy
-    student = kind(library.robot, recipe.policy).to(recipe.device)
     trained: Any = None
     if recipe.init:
         trained = SavedRun(recipe.init).policy_as(
             kind, f"a {recipe.student} student (--init, --student)", recipe.device
         )
+        if recipe.policy == type(recipe.policy)():
+            recipe = replace(recipe, policy=replace(recipe.policy, **vars(trained.config)))
+    check_partial(recipe.task.partial, recipe.policy.also)
+    library = training_motions(recipe, recipe.policy.timing.control_dt)
+    student = kind(library.robot, recipe.policy).to(recipe.device)
+    if trained is not None:
         try:
             take_over(student, trained)
         except ConfigError as error:

@@ -20,6 +20,7 @@ LAYERS = [
     "json_file",
     "headless",
     "precision",
+    "gpu",
     "spec",
     "entries",
     "rotations",

@@ -3,6 +3,7 @@ import math
 import pytest
 import torch
 
+from plat import rotations
 from plat.rotations import (
     matrix_to_sixd,
     quat_angle,
@@ -32,6 +33,21 @@ def test_rotation_forms_agree(quats):
     torch.testing.assert_close(turned, (quat_to_matrix(quats) @ vec[..., None])[..., 0])
     torch.testing.assert_close(quat_rotate_inverse(quats, turned), vec)
     torch.testing.assert_close((turned[:, None] @ quat_to_matrix(quats))[:, 0], vec)
+
+
+def test_few_operations_on_a_gpu_say_the_same(quats, monkeypatch):
+    vec, other = torch.randn(7, 50, 3, dtype=torch.float64), quats.flip(0)
+    pairs = [
+        (quat_multiply, (quats, other)),
+        (quat_rotate, (quats, vec)),
+        (quat_rotate_inverse, (quats, vec)),
+        (quat_to_matrix, (quats,)),
+    ]
+    for function, arguments in pairs:
+        wanted = function(*arguments)
+        with monkeypatch.context() as patched:
+            patched.setattr(rotations, "on_gpu", lambda tensor: True)
+            torch.testing.assert_close(function(*arguments), wanted)
 
 
 def test_many_rows_by_one_rotation(quats):

@@ -3,6 +3,7 @@
 import torch
 from torch import Tensor
 
+from plat.gpu import HORIZONTAL, constant
 from plat.rotations import quat_yaw, yaw_multiply, yaw_rotate
 
 __all__ = ["drifted", "estimated_root"]
@@ -43,7 +44,7 @@ def drifted(drift: Tensor, rate: Tensor, root_quat_w: Tensor, root_lin_vel_w: Te
     [0.2, 0.0, 0.0, 0.5]
     """
     turn = _turn(drift)
-    way = root_lin_vel_w * root_lin_vel_w.new_tensor([1.0, 1.0, 0.0])
+    way = root_lin_vel_w * constant(HORIZONTAL, root_lin_vel_w)
     misjudged = torch.nn.functional.pad(way.norm(dim=-1, keepdim=True) * rate[..., :2], (0, 1))
     heading = quat_yaw(yaw_multiply(turn, root_quat_w))
     speed = yaw_rotate(turn, way) - way + yaw_rotate(heading, misjudged)

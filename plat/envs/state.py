@@ -7,6 +7,7 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from plat.errors import ActionError
+from plat.gpu import constant
 from plat.robots.robot import Robot
 from plat.rotations import quat_rotate, quat_rotate_inverse
 
@@ -47,6 +48,10 @@ class GeneralizedState(NamedTuple):
     def pack(self) -> Tensor:
         """Return all fields concatenated ``[*B, 13 + 2 J]``."""
         return torch.cat(self, -1)
+
+    def at(self, rows: Tensor | slice) -> "GeneralizedState":
+        """Return the states of rows ``[n]``."""
+        return GeneralizedState(*(part[rows] for part in self))
 
     @classmethod
     def from_entries(cls, tensordict: TensorDictBase) -> "GeneralizedState":
@@ -105,4 +110,4 @@ def joint_target(robot: Robot, action: Tensor) -> Tensor:
     """
     if action.shape[-1:] != robot.default_joint_pos.shape:
         raise ActionError(f"action has shape {tuple(action.shape)}, expected [*B, {robot.num_joints}]")
-    return robot.default_joint_pos.to(action) + robot.action_scale.to(action) * action
+    return constant(robot.default_joint_pos, action) + constant(robot.action_scale, action) * action

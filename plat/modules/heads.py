@@ -15,6 +15,7 @@ from torchrl.modules import IndependentNormal
 
 from plat.bounds import NonNegative, Positive, check_value
 from plat.entries import expects
+from plat.gpu import constant
 from plat.robots.robot import Robot
 
 __all__ = ["GaussianNoise", "ReferenceOffset", "gaussian_action"]
@@ -76,8 +77,9 @@ class _Offset(nn.Module):
     def forward(self, residual: Tensor, goal_joint_pos: Tensor, later_joint_pos: Tensor | None = None) -> Tensor:
         target = goal_joint_pos
         if later_joint_pos is not None:
-            target = target + self.lead * (later_joint_pos - goal_joint_pos)
-        return residual.clamp(-self.limit, self.limit) + (target - self.default_joint_pos) / self.action_scale
+            target = target + constant(self.lead, residual) * (later_joint_pos - goal_joint_pos)
+        offset = (target - constant(self.default_joint_pos, residual)) / constant(self.action_scale, residual)
+        return residual.clamp(-self.limit, self.limit) + offset
 
 
 class GaussianNoise(TensorDictModule):

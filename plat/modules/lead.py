@@ -9,6 +9,7 @@ from torch import Tensor, nn
 
 from plat.entries import Shape, expects
 from plat.errors import ConfigError
+from plat.gpu import HORIZONTAL, constant
 
 __all__ = ["LEAD_KEYS", "GoalLead", "KeyframeLead", "KeyframeShift", "led"]
 
@@ -91,13 +92,10 @@ class KeyframeLead(TensorDictModule):
 class KeyframeShift(nn.Module):
     """Shift of :class:`KeyframeLead`, with times in units of the horizon."""
 
-    horizontal: Tensor
-
     def __init__(self, lead: float, shortest: float):
         super().__init__()
         self.lead = lead
         self.shortest = shortest
-        self.register_buffer("horizontal", torch.tensor([1.0, 1.0, 0.0]), persistent=False)
 
     def share(self, time_left: Tensor) -> Tensor:
         """Return the fraction of the way to it by which a keyframe is moved ``[*B, 1]``."""
@@ -105,7 +103,7 @@ class KeyframeShift(nn.Module):
 
     def forward(self, root: Tensor, keypoints: Tensor, time_left: Tensor) -> tuple[Tensor, Tensor]:
         """Return the moved positions of root ``[*B, 3]`` and keypoints ``[*B, 3 K]``."""
-        shift = root * self.share(time_left) * self.horizontal
+        shift = root * self.share(time_left) * constant(HORIZONTAL, root)
         return root + shift, (keypoints.unflatten(-1, (-1, 3)) + shift.unsqueeze(-2)).flatten(-2)
 
 

@@ -6,6 +6,8 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
+from plat.precision import autocast
+
 __all__ = ["mlp"]
 
 
@@ -40,5 +42,5 @@ class _Float32Linear(nn.Linear):
     """A linear layer that leaves half precision: what follows it is in float32."""
 
     def forward(self, inputs: Tensor) -> Tensor:
-        with torch.autocast(inputs.device.type, enabled=False):
+        with autocast(inputs.device, "float32"):
             return super().forward(inputs.float())

@@ -68,7 +68,7 @@ def _observe_more(weights: dict[str, Tensor], ours: PlainPolicyConfig, theirs: P
     size = sum(widths)
     columns_of = dict(zip(now, torch.arange(size).split(widths), strict=True))
     columns = torch.cat([columns_of[key] for key in seen])
-    mean, var = torch.full((size,), 0.5), torch.full((size,), 0.25)
+    mean, var = (weights["normalizer.mean"].new_full((size,), value) for value in (0.5, 0.25))
     mean[columns], var[columns] = weights["normalizer.mean"], weights["normalizer.var"]
     first = weights[_FIRST_LAYER].new_zeros(len(weights[_FIRST_LAYER]), size)
     first[:, columns] = weights[_FIRST_LAYER]

@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from plat.objectives.divergence import gaussian_kl
     from plat.objectives.dynamics import DynamicsLoss, muon_and_adam
     from plat.objectives.exploitation import ExploitationWatch
+    from plat.objectives.graphed import GraphedLoss
     from plat.objectives.imagination import ImaginationLoss, LatentImaginationLoss
     from plat.objectives.imagination_learner import ImaginationLearner, exploring
     from plat.objectives.imitation import ImitationLoss, LatentImitationLoss
@@ -22,6 +23,7 @@ __all__ = [
     "PPO",
     "DynamicsLoss",
     "ExploitationWatch",
+    "GraphedLoss",
     "ImaginationConfig",
     "ImaginationLearner",
     "ImaginationLoss",

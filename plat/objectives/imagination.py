@@ -1,7 +1,7 @@
 """Imagination loss: a policy's cost over rollouts in a learned dynamics model."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
@@ -16,6 +16,7 @@ from plat.envs.state import GeneralizedState
 from plat.errors import ConfigError
 from plat.modules.dynamics import DynamicsModel
 from plat.objectives.divergence import gaussian_kl
+from plat.precision import autocast
 from plat.tasks.disturbed import advanced, estimated, motor_target, shown
 from plat.tasks.task import Task
 
@@ -79,6 +80,8 @@ class ImaginationLoss(LossModule):
 
     tensor_keys: _AcceptedKeys
     default_keys = _AcceptedKeys
+    static: ClassVar[bool] = True
+    """Whether it runs the same kernels whatever the states are, as :class:`plat.objectives.GraphedLoss` needs."""
 
     def __init__(
         self,
@@ -157,10 +160,10 @@ class ImaginationLoss(LossModule):
             left = weight / (1 - self.discount)
             with hold_out_net(self.critic):
                 to_go = to_go + left * ~(lost | ended) * self._mean_cost(observed)
+            known = (to_go + penalty + left * self.lost_cost * lost).detach()
+            error = self._mean_cost(first) - (1 - self.discount) * known
             # what would follow an episode's end is not known
-            known = (to_go + penalty + left * self.lost_cost * lost)[~ended].detach()
-            error = self._mean_cost(first)[~ended] - (1 - self.discount) * known
-            out["loss_critic"] = error.square().sum() / ended.numel()
+            out["loss_critic"] = torch.where(ended, 0.0, error).square().mean()
         out["loss_policy"] = (to_go.mean() + regularization) / weights
         self._add_divergence(out, divergence / weights)
         out["imagined_cost"] = cost_sum / alive_sum.clamp_min(1.0)
@@ -169,7 +172,7 @@ class ImaginationLoss(LossModule):
 
     def _observe(self, state: GeneralizedState, memory: TensorDictBase) -> TensorDictBase:
         # half precision is for networks: positions of a few meters would be off by millimeters
-        with torch.autocast(state.root_pos_w.device.type, enabled=False):
+        with autocast(state.root_pos_w.device, "float32"):
             return shown(self.task, state, memory)
 
     def _moderation(self, effort: Tensor, before: Tensor | None) -> Tensor:
@@ -223,6 +226,7 @@ class LatentImaginationLoss(ImaginationLoss):
     True
     """
 
+    static = False  # goal sequences are as long as the longest in the batch
     # TorchRL's losses make policies deterministic by default; this loss needs samples.
     deterministic_sampling_mode = ExplorationType.RANDOM
 
@@ -242,7 +246,7 @@ class LatentImaginationLoss(ImaginationLoss):
 
     def _observe(self, state: GeneralizedState, memory: TensorDictBase) -> TensorDictBase:
         observed = super()._observe(state, memory)
-        with torch.autocast(state.root_pos_w.device.type, enabled=False):
+        with autocast(state.root_pos_w.device, "float32"):
             observed["privileged_goal"] = self.task.privileged(estimated(state, memory), memory)
         return observed
 

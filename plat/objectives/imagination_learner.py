@@ -17,9 +17,9 @@ from plat.modules.networks import mlp
 from plat.modules.normalizer import ObservationNormalizer
 from plat.objectives.dynamics import DynamicsLoss, muon_and_adam
 from plat.objectives.finite import FiniteUpdates
+from plat.objectives.graphed import GraphedLoss
 from plat.objectives.imagination import ImaginationLoss
 from plat.objectives.settings import ImaginationConfig
-from plat.precision import autocast
 from plat.tasks.disturbed import shown, told_to_model
 from plat.tasks.task import Task
 
@@ -98,11 +98,19 @@ class ImaginationLearner:
         self.model_optimizers = muon_and_adam(model.network, config.muon_lr, config.model_lr)
         learning = [parameter for parameter in policy.parameters() if parameter.requires_grad]
         self.policy_optimizer = torch.optim.Adam(learning, lr=config.lr, fused=True)
-        critics = [] if self.critic is None else [self.critic.parameters()]
+        critic_weights = [] if self.critic is None else list(self.critic.parameters())
+        critics = [critic_weights] if critic_weights else []
         self.critic_optimizers = [torch.optim.Adam(weights, lr=config.lr, fused=True) for weights in critics]
+        device, static = model.mean.device, task.static and self.policy_loss.static
+        self._model_gradient = GraphedLoss(self.model_loss, model.parameters(), device, config.precision)
+        self._policy_gradient = GraphedLoss(
+            self.policy_loss, [*learning, *critic_weights], device, config.precision, capture=static
+        )
         self._rates = [[group["lr"] for group in optimizer.param_groups] for optimizer in self._optimizers()]
         self.iterations = 0
         """Iterations so far."""
+        self.updates = 0
+        """Updates of the policy so far."""
         self._finite = {what: FiniteUpdates(what) for what in ("model", "policy", "critic")}
 
     def observe(self, rollout: TensorDictBase) -> None:
@@ -123,7 +131,7 @@ class ImaginationLearner:
             going_on &= ~rollout["next", "pushed"]
         target, physics = told_to_model(self.model.robot, rollout, rollout["action"])
         # what follows an episode's end is the next one's start in some collectors
-        kept = (GeneralizedState(*(field[going_on] for field in state)) for state in (before, after))
+        kept = (state.at(going_on) for state in (before, after))
         parameters = None if physics is None else physics[going_on]
         self.model.update_statistics(next(kept), target[going_on], next(kept), parameters)
 
@@ -153,9 +161,7 @@ class ImaginationLearner:
         return log.means()
 
     def _update_model(self, replay: Windows, log: "_Means") -> None:
-        with autocast(self.model.mean.device, self.config.precision):
-            losses = self.model_loss(replay.windows(self.config.model_batch, self.config.window + 1))
-        losses["loss_dynamics"].backward()
+        losses = self._model_gradient.backward(replay.windows(self.config.model_batch, self.config.window + 1))
         norm = nn.utils.clip_grad_norm_(self.model.parameters(), self.config.grad_norm)
         learns = self._finite["model"].allow(norm)
         for optimizer in self.model_optimizers:
@@ -166,10 +172,8 @@ class ImaginationLearner:
         log.add({"model/skipped": torch.tensor(float(not learns))})
 
     def _update_policy(self, replay: Windows, log: "_Means") -> None:
-        with autocast(self.model.mean.device, self.config.precision):
-            losses = self.policy_loss(replay.states(self.config.policy_batch, self.config.recent))
         # the critic's loss is in the sum: it and the policy reach different weights
-        torch.stack([loss for name, loss in losses.items() if name.startswith("loss_")]).sum().backward()
+        losses = self._policy_gradient.backward(replay.states(self.config.policy_batch, self.config.recent))
         for optimizer in self.critic_optimizers:
             if self._finite["critic"].allow(losses["loss_critic"]):
                 optimizer.step()
@@ -186,7 +190,9 @@ class ImaginationLearner:
     def _move_average(self) -> None:
         ours: list[Tensor] = list(self.average.parameters())
         theirs: list[Tensor] = list(self.policy.parameters())
-        torch._foreach_lerp_(ours, theirs, 1 - self.config.average)
+        # at first over a part of the updates so far: over 100, that of a short run would lag far behind
+        self.updates += 1
+        torch._foreach_lerp_(ours, theirs, max(1 - self.config.average, 9 / (9 + self.updates)))
         for ours_buffer, theirs_buffer in zip(self.average.buffers(), self.policy.buffers(), strict=True):
             ours_buffer.copy_(theirs_buffer)
 
@@ -209,6 +215,7 @@ class ImaginationLearner:
             **({} if self.critic is None else {"critic": self.critic.state_dict()}),
             "optimizers": [optimizer.state_dict() for optimizer in self._optimizers()],
             "iterations": self.iterations,
+            "updates": self.updates,
             "skipped": {what: updates.in_a_row for what, updates in self._finite.items()},
         }
 
@@ -221,6 +228,8 @@ class ImaginationLearner:
         for optimizer, values in zip(self._optimizers(), state["optimizers"], strict=True):
             optimizer.load_state_dict(values)
         self.iterations = int(state["iterations"])
+        before = max(0, self.iterations - self.config.warmup) * self.config.policy_updates
+        self.updates = int(state.get("updates", before))  # not in checkpoints of an older plat
         for what, in_a_row in state.get("skipped", {}).items():  # not in checkpoints of an older plat
             self._finite[what].in_a_row = int(in_a_row)
 

@@ -3,6 +3,7 @@
 import torch
 from torch import Tensor
 
+from plat.gpu import constant
 from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
 from plat.rotations import quat_rotate
@@ -44,6 +45,6 @@ class CenterOfMass:
             (link to world) of :attr:`bodies`.
         """
         pos_w, quat_w = self._kinematics(root_pos_w, root_quat_w, joint_pos)
-        mass, local_com = self._mass.to(pos_w), self._local_com.to(pos_w)
+        mass, local_com = constant(self._mass, pos_w), constant(self._local_com, pos_w)
         com_w = (mass[:, None] * (pos_w + quat_rotate(quat_w, local_com.expand_as(pos_w)))).sum(-2) / mass.sum()
         return com_w, pos_w, quat_w

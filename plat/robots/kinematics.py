@@ -5,8 +5,9 @@ import torch
 from torch import Tensor
 
 from plat.errors import RobotError, StateError
+from plat.gpu import constant, on_gpu
 from plat.robots.robot import Robot
-from plat.rotations import quat_multiply, quat_rotate
+from plat.rotations import quat_multiply, quat_rotate, quat_to_matrix
 
 __all__ = ["ForwardKinematics"]
 
@@ -49,13 +50,53 @@ class ForwardKinematics:
             (body, int(model.body_parentid[body]), max(int(model.body_jntadr[body]) - 1, -1)) for body in sorted(needed)
         ]
         """Bodies between the root and the wanted ones: MuJoCo's ids of body and parent, and the joint's index or -1."""
-        self._levels, row_of = _levels(self.chain)
-        self._rows = [row_of[body] for body in self._wanted]
-        ids = [body for level in self._levels for body, _, _ in level]
-        self._joints = [joint for level in self._levels for _, _, joint in level]
+        levels, row_of = _levels(self.chain)
+        self._rows = torch.tensor([row_of[body] for body in self._wanted])
+        ids = [body for level in levels for body, _, _ in level]
+        # a body without a joint finds no turn behind the last joint
+        self._joints = torch.tensor(
+            [joint if joint >= 0 else robot.num_joints for level in levels for _, _, joint in level]
+        )
+        self._parents = [torch.tensor([parent for _, parent, _ in level]) for level in levels]
+        self._turning = _turning(model, ids, self._joints.tolist())
+        self._joint_or_any = torch.cat((self._joints.new_zeros(1), self._joints.clamp_max(robot.num_joints - 1)))
+        self._above = _ancestors([0, *[parent for level in levels for _, parent, _ in level]])
         self._body_pos = torch.from_numpy(model.body_pos[ids]).float()
         self._body_quat = torch.from_numpy(model.body_quat[ids]).float()
         self._axis = torch.from_numpy(model.jnt_axis[1:]).float()
+
+    def positions(
+        self, root_pos_w: Tensor, root_quat_w: Tensor, joint_pos: Tensor, offset: Tensor | None = None
+    ) -> Tensor:
+        """Compute the positions ``[*B, K, 3]`` (m, world) of points on the selected bodies.
+
+        Args:
+            root_pos_w, root_quat_w, joint_pos: as for a call.
+            offset: of the points from the bodies' origins ``[K, 3]`` (m, body frames); None for the origins.
+        """
+        if not on_gpu(joint_pos):
+            pos_w, quat_w = self(root_pos_w, root_quat_w, joint_pos)
+            return pos_w if offset is None else pos_w + quat_rotate(quat_w, constant(offset, pos_w).expand_as(pos_w))
+        frames = self._frames_of(joint_pos).index_select(-3, constant(self._rows, joint_pos.device))
+        origin, turned = frames[..., 3], frames[..., :3]
+        if offset is not None:
+            origin = origin + (turned * constant(offset, joint_pos)[..., None, :]).sum(-1)
+        return root_pos_w[..., None, :] + quat_rotate(root_quat_w[..., None, :], origin)
+
+    def _frames_of(self, joint_pos: Tensor) -> Tensor:
+        """Rotations and positions ``[*B, L, 3, 4]`` of all bodies in the root's frame, the root first.
+
+        Each body's frame is composed with that of its parent, then with that of the body two above, and so on: a few
+        operations on all bodies, as a GPU likes it.
+        """
+        fixed, sine, versine = (constant(values, joint_pos) for values in self._turning)
+        angle = joint_pos.index_select(-1, constant(self._joint_or_any, joint_pos.device))[..., None, None]
+        frames = fixed + angle.sin() * sine + (1 - angle.cos()) * versine
+        for above in self._above:
+            upper = frames.index_select(-3, constant(above, joint_pos.device))
+            turned = (upper[..., :3, None] * frames[..., None, :, :]).sum(-2)
+            frames = turned + torch.nn.functional.pad(upper[..., 3:], (3, 0))
+        return frames
 
     def __call__(self, root_pos_w: Tensor, root_quat_w: Tensor, joint_pos: Tensor) -> tuple[Tensor, Tensor]:
         """Compute the poses of the selected bodies.
@@ -78,26 +119,26 @@ class ForwardKinematics:
             raise StateError(
                 f"kinematics: joint_pos has shape {tuple(joint_pos.shape)}, expected [*B, {self._num_joints}]"
             )
-        body_pos, body_quat, axis = (tensor.to(root_pos_w) for tensor in (self._body_pos, self._body_quat, self._axis))
+        constants = (self._body_pos, self._body_quat, self._axis)
+        body_pos, body_quat, axis = (constant(values, root_pos_w) for values in constants)
         half = 0.5 * joint_pos[..., None]
         joint_quat = torch.cat((half.cos(), half.sin() * axis), -1)  # (*B, J, 4)
-        # a body without a joint finds no turn behind the last joint
         no_turn = torch.nn.functional.pad(joint_quat.new_ones(*joint_quat.shape[:-2], 1, 1), (0, 3))
-        local = quat_multiply(
-            body_quat.expand(*joint_pos.shape[:-1], -1, -1), torch.cat((joint_quat, no_turn), -2)[..., self._joints, :]
-        )
+        turns = torch.cat((joint_quat, no_turn), -2).index_select(-2, constant(self._joints, joint_pos.device))
+        local = quat_multiply(body_quat.expand(*joint_pos.shape[:-1], -1, -1), turns)
         pos_w, quat_w = root_pos_w[..., None, :], root_quat_w[..., None, :]
         begin = 0
-        for level in self._levels:  # all bodies at the same number of joints from the root at once
-            rows, parents = slice(begin, begin + len(level)), [parent for _, parent, _ in level]
-            parent_quat = quat_w[..., parents, :]
-            new_pos = pos_w[..., parents, :] + quat_rotate(
+        for level in self._parents:  # all bodies at the same number of joints from the root at once
+            rows, parents = slice(begin, begin + len(level)), constant(level, joint_pos.device)
+            parent_quat = quat_w.index_select(-2, parents)
+            new_pos = pos_w.index_select(-2, parents) + quat_rotate(
                 parent_quat, body_pos[rows].expand(*parent_quat.shape[:-1], 3)
             )
             new_quat = quat_multiply(parent_quat, local[..., rows, :])
             pos_w, quat_w = torch.cat((pos_w, new_pos), -2), torch.cat((quat_w, new_quat), -2)
             begin = rows.stop
-        return pos_w[..., self._rows, :], quat_w[..., self._rows, :]
+        wanted = constant(self._rows, joint_pos.device)
+        return pos_w.index_select(-2, wanted), quat_w.index_select(-2, wanted)
 
 
 def _levels(chain: list[tuple[int, int, int]]) -> tuple[list[list[tuple[int, int, int]]], dict[int, int]]:
@@ -112,3 +153,30 @@ def _levels(chain: list[tuple[int, int, int]]) -> tuple[list[list[tuple[int, int
         levels.append([(body, row_of[parent], joint) for body, parent, joint in deepest[depth]])
         row_of.update({body: len(row_of) + number for number, (body, _, _) in enumerate(deepest[depth])})
     return levels, row_of
+
+
+def _turning(model: mujoco.MjModel, ids: list[int], joints: list[int]) -> tuple[Tensor, Tensor, Tensor]:
+    """Matrices ``[1 + L, 3, 4]``: a body in its parent's frame at angle 0, and what sine and ``1 - cos`` of it add.
+
+    The first is the root's, the identity.
+    """
+    out = torch.zeros(3, 1 + len(ids), 3, 4)
+    out[0, 0, :, :3] = torch.eye(3)
+    for row, (body, joint) in enumerate(zip(ids, joints, strict=True), start=1):
+        turned = quat_to_matrix(torch.from_numpy(model.body_quat[body]))
+        out[0, row, :, :3], out[0, row, :, 3] = turned, torch.from_numpy(model.body_pos[body])
+        if joint < model.njnt - 1:
+            x, y, z = model.jnt_axis[joint + 1]
+            cross = torch.tensor([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+            out[1, row, :, :3], out[2, row, :, :3] = turned @ cross, turned @ cross @ cross
+    return out[0], out[1], out[2]
+
+
+def _ancestors(parents: list[int]) -> list[Tensor]:
+    """Rows of the bodies 1, 2, 4 .. above each, until all are the root."""
+    above = torch.tensor(parents)
+    found = []
+    while above.any():
+        found.append(above)
+        above = above[above]
+    return [*found, above]

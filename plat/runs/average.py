@@ -1,5 +1,6 @@
 """Average of the weights of runs that came from one another."""
 
+import copy
 import math
 import shutil
 from collections.abc import Sequence
@@ -10,6 +11,7 @@ from torch import Tensor, nn
 
 from plat.errors import CheckpointError, ConfigError
 from plat.files import check_folder
+from plat.modules import LatentPolicy, PlainPolicy, take_over
 from plat.runs.dynamics import DYNAMICS_FILE
 from plat.runs.json_object import write_json
 from plat.runs.locate import CONFIG_FILE
@@ -50,12 +52,22 @@ def average_weights(policies: Sequence[nn.Module], shares: Sequence[float]) -> d
     return mean
 
 
+def _like(last: nn.Module, policy: nn.Module) -> nn.Module:
+    """Return a student in the shape of the last one, whose new units it takes; others are returned as they are."""
+    if not isinstance(last, (LatentPolicy, PlainPolicy)) or getattr(policy, "config", None) == last.config:
+        return policy
+    wider = copy.deepcopy(last, {id(last.robot): last.robot})
+    take_over(wider, policy)
+    return wider
+
+
 def average_runs(runs: Sequence[str | Path], out: Path, shares: Sequence[float] = ()) -> SavedRun:
     """Write a run whose weights are the mean of those of others, and return it.
 
     Policies that were trained on from one another, or from a common one, often gain by it, at no cost when they act.
     Its settings, and its model of the robot where there is one, are those of the last. ``average`` in its
-    ``config.json`` says of what it is the mean.
+    ``config.json`` says of what it is the mean. A student that is narrower than the last run's, which went on from it,
+    counts as the student of that width that acts like it (:func:`plat.modules.take_over`).
 
     Args:
         runs: two or more run directories, or names of shipped weights.
@@ -83,7 +95,7 @@ def average_runs(runs: Sequence[str | Path], out: Path, shares: Sequence[float] 
     policies = [run.policy_as(nn.Module, "weights") for run in saved]
     policy = policies[-1]
     try:
-        policy.load_state_dict(average_weights(policies, parts))
+        policy.load_state_dict(average_weights([_like(policy, one) for one in policies], parts))
     except ConfigError as error:
         raise CheckpointError(f"{', '.join(str(run.folder) for run in saved)}: {error}") from None
     out.mkdir(parents=True, exist_ok=True)

@@ -1,10 +1,12 @@
 """How far out of balance a standing robot is."""
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
 from plat.envs.state import GeneralizedState
-from plat.robots.center_of_mass import CenterOfMass
+from plat.gpu import constant
+from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
 from plat.rotations import quat_rotate
 
@@ -37,21 +39,21 @@ class Balance(nn.Module):
     0.09
     """
 
-    _soles: Tensor
-
     def __init__(self, robot: Robot):
         super().__init__()
         model = robot.model()
-        self._com = CenterOfMass(robot)
-        self._feet = [self._com.bodies.index(foot) for foot in robot.feet]
+        links = tuple(model.body(number).name for number in range(1, model.nbody))
         soles = model.geom_pos[robot.sole_geoms(model)].mean(1)
-        self.register_buffer("_soles", torch.from_numpy(soles).float(), persistent=False)
+        self._kinematics = ForwardKinematics(robot, (*links, *robot.feet))
+        # centers of mass of all links, and of the soles
+        self._points = torch.from_numpy(np.concatenate((model.body_ipos[1:], soles))).float()
+        self._mass = torch.from_numpy(model.body_mass[1:] / model.body_mass[1:].sum()).float()
 
     def forward(self, state: GeneralizedState) -> Tensor:
         """Compute the horizontal distance ``[N]`` (m); 0 in balance."""
-        com, pos, quat = self._com(state.root_pos_w, state.root_quat_w, state.joint_pos)
-        soles = self._soles.expand(len(com), 2, 3)
-        left, right = (pos[:, self._feet] + quat_rotate(quat[:, self._feet], soles)).unbind(1)
+        points = self._kinematics.positions(state.root_pos_w, state.root_quat_w, state.joint_pos, self._points)
+        com = (constant(self._mass, points)[:, None] * points[:, :-2]).sum(-2)
+        left, right = points[:, -2], points[:, -1]
         spin = quat_rotate(state.root_quat_w, state.root_ang_vel_b)
         velocity = state.root_lin_vel_w + torch.linalg.cross(spin, com - state.root_pos_w)
         height = (com[:, 2] - torch.minimum(left[:, 2], right[:, 2])).clamp_min(0.1)

@@ -54,6 +54,7 @@ class DenseTracking(Task):
     (torch.Size([2, 3]), torch.Size([2]))
     """
 
+    static = True
     _ahead: Tensor
 
     def __init__(

@@ -5,6 +5,7 @@ from torch import Tensor
 
 from plat.envs.settings import ReachLimits
 from plat.envs.state import GeneralizedState
+from plat.gpu import constant
 from plat.tasks.distances import smooth_angle, smooth_length
 from plat.tasks.partial import joint_error, root_offset
 
@@ -71,7 +72,8 @@ class NearMiss:
         off = points - wanted
         heights = excess(off[..., 2].abs(), limits.window.end_effector_height)
         turn = excess(smooth_angle(state.root_quat_w, pose.root_quat_w), limits.window.anchor_rot_squared**0.5)
-        missed = (heights * torch.where(whole, self._whole.to(heights), bodies)).sum(-1) + commanded[:, -1] * turn
+        looked_at = torch.where(whole, constant(self._whole, heights), bodies)
+        missed = (heights * looked_at).sum(-1) + commanded[:, -1] * turn
         late = (
             excess(smooth_length(root_offset(state, pose, commanded)), limits.root)
             + excess(joint_error(state, pose, commanded), limits.joints)

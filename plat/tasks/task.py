@@ -1,6 +1,7 @@
 """What a task is: functions of the robot's state and of a small memory, for simulated and imagined robots alike."""
 
 from abc import abstractmethod
+from typing import ClassVar
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -8,6 +9,7 @@ from torch import Tensor, nn
 
 from plat.envs.state import GeneralizedState
 from plat.errors import TaskError
+from plat.gpu import constant
 from plat.robots.robot import Robot
 
 __all__ = ["Task", "robot_entries"]
@@ -28,6 +30,10 @@ class Task(nn.Module):
         robot: the robot.
         dt: control step (s).
     """
+
+    static: ClassVar[bool] = False
+    """Whether on a GPU it runs the same kernels whatever the states are, and copies nothing from the CPU; then
+    imagination is captured as a CUDA graph (:class:`plat.objectives.GraphedLoss`)."""
 
     def __init__(self, robot: Robot, dt: float = 0.02):
         super().__init__()
@@ -93,7 +99,7 @@ def robot_entries(state: GeneralizedState, last_action: Tensor, robot: Robot) ->
     gravity_b, root_lin_vel_b = state.in_root_frame()
     return TensorDict(
         {
-            "joint_pos": state.joint_pos - robot.default_joint_pos.to(state.joint_pos),
+            "joint_pos": state.joint_pos - constant(robot.default_joint_pos, state.joint_pos),
             "joint_vel": state.joint_vel,
             "root_ang_vel_b": state.root_ang_vel_b,
             "root_lin_vel_b": root_lin_vel_b,

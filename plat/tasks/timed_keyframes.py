@@ -10,6 +10,7 @@ from plat.envs.settings import ReachLimits
 from plat.envs.state import GeneralizedState
 from plat.envs.tracking import ResetNoise
 from plat.envs.transforms.settings import TerminationLimits
+from plat.gpu import HORIZONTAL, UP, constant, on_gpu
 from plat.keyframes.chain_families import FAMILY_TABLE
 from plat.motions.library import MotionLibrary
 from plat.robots.kinematics import ForwardKinematics
@@ -23,6 +24,7 @@ from plat.tasks.distances import smooth_length
 from plat.tasks.near_miss import NearMiss
 from plat.tasks.partial import partial_pose_cost, points_cost
 from plat.tasks.pose_table import PoseTable
+from plat.tasks.rows import for_some
 from plat.tasks.settings import TimedKeyframesConfig
 from plat.tasks.starts import ClipStarts, FailureWeights, disturbed
 from plat.tasks.task import Task, robot_entries
@@ -72,6 +74,7 @@ class TimedKeyframes(Task):
     torch.Size([3, 1])
     """
 
+    static = True
     _steps_to: Tensor
     _next_row: Tensor
     _chain: Tensor
@@ -225,7 +228,7 @@ class TimedKeyframes(Task):
     def renew(self, memory: TensorDictBase, state: GeneralizedState) -> TensorDictBase:
         """The next keyframe where the last one's time is up."""
         due, authored, frame = memory["steps_left"] <= 0, memory["authored"], memory["frame"]
-        if not due.any():
+        if not on_gpu(due) and not due.any():  # a GPU would have to be waited for
             return memory
         drawn = self._draw_steps(frame)
         # along a motion: that many frames ahead; of a chain: its next row, and the last one again and again
@@ -278,7 +281,7 @@ class TimedKeyframes(Task):
         turned = quat_multiply(quat_yaw(state.root_quat_w), quat_conjugate(quat_yaw(reference.root_quat_w)))
         quat = torch.where(open_yaw[:, None], turned, memory["anchor_quat"])
         on_motion = torch.where(open_pos[:, None], reference.root_pos_w, here.root_pos_w)
-        pos = (state.root_pos_w - quat_rotate(quat, on_motion)) * quat.new_tensor([1.0, 1.0, 0.0])
+        pos = (state.root_pos_w - quat_rotate(quat, on_motion)) * constant(HORIZONTAL, quat)
         out["anchor_quat"], out["anchor_pos"] = quat, torch.where(open_pos[:, None], pos, memory["anchor_pos"])
 
     def _on_motion(self, state: GeneralizedState, memory: TensorDictBase) -> GeneralizedState:
@@ -326,14 +329,9 @@ class TimedKeyframes(Task):
         )
         if moderate.balance:
             looked_at = held & memory["authored"] & (memory["age"] % _BALANCE_EVERY == 0)
-            authored = authored + _BALANCE_EVERY * moderate.balance * self._unbalance(state, looked_at)
+            unbalance = for_some(looked_at, lambda rows: self._balance(state.at(rows)))
+            authored = authored + _BALANCE_EVERY * moderate.balance * unbalance
         return torch.where(memory["authored"], authored, along)
-
-    def _unbalance(self, state: GeneralizedState, counts: Tensor) -> Tensor:
-        """How far robots are out of balance ``[N]`` (m); 0 for those that do not count."""
-        rows = counts.nonzero()[:, 0]
-        out = torch.zeros_like(state.root_pos_w[:, 0])
-        return out.index_add(0, rows, self._balance(GeneralizedState(*(part[rows] for part in state))))
 
     def _points_cost(self, state: GeneralizedState, memory: TensorDictBase, in_window: Tensor) -> Tensor:
         """Weighted distance ``[N]`` of bodies from where they are to be, mean over a robot's.
@@ -352,28 +350,29 @@ class TimedKeyframes(Task):
             bodies = torch.where(whole[:, None], bodies, parts[:, self.robot.num_joints : -3])
             counts = torch.where(whole, counts, (in_window | authored) & (bodies > 0).any(-1))
             weight = torch.where(whole, weight, weights.bodies)
-        rows = counts.nonzero()[:, 0]
-        out = torch.zeros_like(weight)
-        if len(rows) == 0:
-            return out
-        points, _ = self._kinematics(state.root_pos_w[rows], state.root_quat_w[rows], state.joint_pos[rows])
-        before, after, now = (self.table.points(memory[key][rows]) for key in ("before", "goal", "frame"))
-        share = (1 - memory["steps_left"] / memory["length"])[rows].clamp(0, 1)[:, None, None]
-        wanted = torch.where(authored[rows, None, None], before.lerp(after, share), now)
-        cost = weight[rows] * points_cost(points, wanted, bodies[rows])
-        if weights.miss:
-            pose = self.table.state(torch.where(authored, memory["goal"], memory["frame"])[rows])
-            near_miss = self._near_miss(
-                GeneralizedState(*(part[rows] for part in state)),
-                pose,
-                points,
-                torch.where(authored[rows, None, None], after, now),
-                None if parts is None else parts[rows],
-                reached_within=self._reached_within[self._chain[(memory["goal"] - self._frames).clamp_min(0)]][rows],
-                arrives=(authored & (memory["steps_left"] == 0))[rows],
-            )
-            cost = cost + weights.miss * in_window[rows] * near_miss
-        return out.index_add(0, rows, cost)
+
+        def of(rows: Tensor | slice) -> Tensor:
+            here, authored_here = state.at(rows), authored[rows][:, None, None]
+            points = self._kinematics.positions(here.root_pos_w, here.root_quat_w, here.joint_pos)
+            before, after, now = (self.table.points(memory[key][rows]) for key in ("before", "goal", "frame"))
+            share = (1 - memory["steps_left"] / memory["length"])[rows].clamp(0, 1)[:, None, None]
+            wanted = torch.where(authored_here, before.lerp(after, share), now)
+            cost = weight[rows] * points_cost(points, wanted, bodies[rows])
+            if weights.miss:
+                chain = self._chain[(memory["goal"][rows] - self._frames).clamp_min(0)]
+                near_miss = self._near_miss(
+                    here,
+                    self.table.state(torch.where(authored, memory["goal"], memory["frame"])[rows]),
+                    points,
+                    torch.where(authored_here, after, now),
+                    None if parts is None else parts[rows],
+                    reached_within=self._reached_within[chain],
+                    arrives=(authored & (memory["steps_left"] == 0))[rows],
+                )
+                cost = cost + weights.miss * in_window[rows] * near_miss
+            return cost
+
+        return for_some(counts, of)
 
     def failed(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
         """Mask ``[N]``: 0.3 m too high or low, too far off, or tilted otherwise than motion or line.
@@ -398,9 +397,9 @@ class TimedKeyframes(Task):
         rows = arrived.nonzero()[:, 0]
         if len(rows) == 0:
             return out
-        here = GeneralizedState(*(part[rows] for part in self._on_motion(state, memory)))
+        here = self._on_motion(state, memory).at(rows)
         there, limits = self.table.state(memory["goal"][rows]), TerminationLimits()
-        points, _ = self._kinematics(here.root_pos_w, here.root_quat_w, here.joint_pos)
+        points = self._kinematics.positions(here.root_pos_w, here.root_quat_w, here.joint_pos)
         off = (points - self.table.points(memory["goal"][rows]))[..., 2].abs()
         turned = quat_angle(here.root_quat_w, there.root_quat_w).square() > limits.anchor_rot_squared
         out[rows] = turned | ((off > limits.end_effector_height) & (self._end_effectors > 0)).any(-1)
@@ -449,7 +448,7 @@ class TimedKeyframes(Task):
     def _at_origin(self, state: GeneralizedState) -> GeneralizedState:
         """The same states ``[n]`` at the origin, looking along x."""
         back = quat_conjugate(quat_yaw(state.root_quat_w))
-        height = state.root_pos_w * state.root_pos_w.new_tensor([0.0, 0.0, 1.0])
+        height = state.root_pos_w * constant(UP, state.root_pos_w)
         return state._replace(
             root_pos_w=height,
             root_quat_w=quat_multiply(back, state.root_quat_w),

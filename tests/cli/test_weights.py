@@ -18,7 +18,7 @@ RUNS = {
     "dagger": "dagger",
     "plat-seed0": "plat",
     "expert-model": "expert-model",
-    "arriving": "imagined",
+    "wide": "imagined",
     "imagined-robot": "imagined-robot",
     "plat-generated": "plat-generated",
 }

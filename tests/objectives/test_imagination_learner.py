@@ -66,9 +66,34 @@ def test_the_average_trails_the_policy(setting):
     start = weights(learner.policy)["network.0.weight"]
     for _ in range(3):
         learner.step(replay)
-    now, average = (weights(module)["network.0.weight"] for module in (learner.policy, learner.average))
-    assert 0 < float((average - start).norm()) < 0.2 * float((now - start).norm())
+    now, average = (weights(module)["network.0.weight"].detach() for module in (learner.policy, learner.average))
+    assert float((average - start.detach()).norm()) > 0
+    assert float((average - now).norm()) > 0
     assert learner.average.normalizer.mean.equal(learner.policy.normalizer.mean)
+
+
+@pytest.mark.parametrize(("before", "moved"), [(0, 0.9), (41, 9 / 51), (10_000, 0.01)])
+def test_the_average_is_over_a_part_of_the_updates_so_far(setting, before, moved):
+    learner, _, _ = setting
+    with torch.no_grad():
+        for module, value in ((learner.policy, 1.0), (learner.average, 0.0)):
+            for parameter in module.parameters():
+                parameter.fill_(value)
+    learner.updates = before
+    learner._move_average()
+    weight = weights(learner.average)["network.0.weight"]
+    torch.testing.assert_close(weight, torch.full_like(weight, moved))
+    assert learner.updates == before + 1
+
+
+def test_a_state_of_before_knows_its_updates(setting):
+    learner, _, _ = setting
+    state = learner.state_dict()
+    assert state["updates"] == 0
+    del state["updates"]
+    state["iterations"] = learner.config.warmup + 5
+    learner.load_state_dict(state)
+    assert learner.updates == 5 * learner.config.policy_updates
 
 
 def test_normalizers_settle(setting):

@@ -169,6 +169,17 @@ def test_only_a_student_with_a_latent_is_refined(tmp_path):
         main(["refine-model", *map(str, arguments)])
 
 
+def test_going_on_from_a_student_takes_its_shape(tmp_path):
+    start, out = tmp_path / "start", tmp_path / "run"
+    write_run(start, small_policy("plain"))
+    arguments = [*SMALL, "--task.chains", 12, "--init", start, "--out", out]
+    run("imagine", *arguments, "--steps", 64)
+    assert load_policy(out).config == load_policy(start).config
+    run("imagine", *arguments, "--steps", 128, "--resume")
+    with pytest.raises(SystemExit, match="the trained student has"):
+        main(["imagine", *map(str, arguments), "--policy.backbone", "8", "--steps", "64", "--out", str(tmp_path / "x")])
+
+
 @pytest.mark.parametrize("recipe", RECIPES)
 def test_bad_input_is_one_clear_line(tmp_path, recipe):
     weights = ROOT / "plat" / "weights"

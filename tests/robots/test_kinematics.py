@@ -11,6 +11,21 @@ def test_keypoints_come_in_the_robots_order():
     assert pos[left, 1] > pos[right, 1]
 
 
+def test_points_on_bodies_are_the_same_on_a_gpu(monkeypatch):
+    """There a body's frame is composed of those 1, 2, 4 .. bodies above, not of its parent's alone."""
+    bodies = (*G1.keypoints, *G1.feet)
+    kinematics = ForwardKinematics(G1, bodies)
+    root_pos = torch.randn(2, 3, 3, dtype=torch.float64)
+    root_quat = torch.nn.functional.normalize(torch.randn(2, 3, 4, dtype=torch.float64), dim=-1)
+    joint_pos = torch.randn(2, 3, G1.num_joints, dtype=torch.float64)
+    for offset in (None, torch.randn(len(bodies), 3)):
+        wanted = kinematics.positions(root_pos, root_quat, joint_pos, offset)
+        with monkeypatch.context() as patched:
+            patched.setattr("plat.robots.kinematics.on_gpu", lambda tensor: True)
+            found = kinematics.positions(root_pos, root_quat, joint_pos, offset)
+        torch.testing.assert_close(found, wanted, rtol=0, atol=1e-6)
+
+
 def test_batches_broadcast():
     kinematics = ForwardKinematics(G1)
     pos, quat = kinematics(torch.zeros(2, 5, 3), torch.tensor([1.0, 0, 0, 0]).expand(2, 5, 4), torch.zeros(2, 5, 29))

@@ -9,6 +9,7 @@ from plat.errors import CheckpointError, ConfigError
 from plat.modules import PlainPolicy, PlainPolicyConfig
 from plat.robots import G1
 from plat.runs import SavedRun, average_runs, average_weights, policy_spec, save_weights, write_json
+from plat.tasks import TimedKeyframes, TimedKeyframesConfig
 
 
 def saved(folder, hidden=16):
@@ -45,19 +46,34 @@ def test_the_mean_of_a_run_with_itself_is_the_run(tmp_path):
 
 
 def test_what_cannot_be_averaged(tmp_path):
-    saved(tmp_path / "one"), saved(tmp_path / "wider", hidden=24)
+    saved(tmp_path / "one"), saved(tmp_path / "narrower", hidden=8)
     out = tmp_path / "mean"
     with pytest.raises(ConfigError, match="runs: 1, expected two or more"):
         average_runs([tmp_path / "one"], out)
     with pytest.raises(ConfigError, match="--shares: 3 numbers, expected 2"):
         average_runs([tmp_path / "one", tmp_path / "one"], out, (1, 1, 1))
-    with pytest.raises(CheckpointError, match="one architecture"):
-        average_runs([tmp_path / "one", tmp_path / "wider"], out)
+    with pytest.raises(CheckpointError, match=r"the trained student has \(16, \d+\) for backbone"):
+        average_runs([tmp_path / "one", tmp_path / "narrower"], out)
     with pytest.raises(CheckpointError, match="holds a 'residual_latent' policy"):
         average_runs(["plat-g1", tmp_path / "one"], out)
     assert not out.exists()
     with pytest.raises(CheckpointError, match="already holds a run"):
-        average_runs([tmp_path / "one", tmp_path / "one"], tmp_path / "wider")
+        average_runs([tmp_path / "one", tmp_path / "one"], tmp_path / "narrower")
+
+
+def test_a_narrower_run_counts_as_the_wider_one_that_acts_like_it(tmp_path, library):
+    saved(tmp_path / "narrow"), saved(tmp_path / "wide", hidden=24)
+    narrow, wide = (SavedRun(tmp_path / name).policy_as(PlainPolicy, "a student") for name in ("narrow", "wide"))
+    task = TimedKeyframes(library, TimedKeyframesConfig(chains=6))
+    seen = task.observe(*task.start(5))
+    nearly = average_runs([tmp_path / "narrow", tmp_path / "wide"], tmp_path / "nearly", (1, 1e-9)).policy()
+    acted = [policy.deployed()(seen.copy())["action"] for policy in (narrow, nearly)]
+    torch.testing.assert_close(*acted)
+    half = average_runs([tmp_path / "narrow", tmp_path / "wide"], tmp_path / "half").policy().state_dict()
+    first, new = "backbone.module.0.0.weight", slice(16, None)
+    torch.testing.assert_close(half[first][new], wide.state_dict()[first][new])  # new units look at what they did
+    second = "backbone.module.0.2.weight"
+    torch.testing.assert_close(half[second][:, new], 0.5 * wide.state_dict()[second][:, new])
 
 
 def test_whole_numbers_are_the_last_ones():

@@ -1,0 +1,46 @@
+"""What a GPU does in another way: it starts kernels one by one, and small ones take as long as large ones."""
+
+import torch
+from torch import Tensor
+from torch.utils.weak import WeakTensorKeyDictionary
+
+__all__ = ["HORIZONTAL", "UP", "constant", "on_gpu"]
+
+HORIZONTAL = torch.tensor([1.0, 1.0, 0.0])
+"""Factors that leave a vector's horizontal part."""
+UP = torch.tensor([0.0, 0.0, 1.0])
+"""Factors that leave its vertical part."""
+
+_COPIES = WeakTensorKeyDictionary()
+
+
+def on_gpu(tensor: Tensor) -> bool:
+    """Return whether a tensor is on a GPU, where few operations on much are faster than many on little.
+
+    >>> on_gpu(UP)
+    False
+    """
+    return tensor.device.type != "cpu"
+
+
+def constant(values: Tensor, like: Tensor | torch.device) -> Tensor:
+    """Return a constant on another tensor's device, with its data type.
+
+    It is copied once: a copy to a GPU in every control step would stop the GPU each time, and cannot be part of a CUDA
+    graph.
+
+    Args:
+        values: the constant, a tensor that is kept and never changed.
+        like: whose device and data type it gets; a device, for one that keeps its type.
+
+    >>> constant(UP, torch.zeros(3, dtype=torch.float64)).dtype
+    torch.float64
+    """
+    device, dtype = (like.device, like.dtype) if isinstance(like, Tensor) else (like, values.dtype)
+    if values.device == device and values.dtype == dtype:
+        return values
+    copies: dict[tuple[torch.device, torch.dtype], Tensor] = _COPIES.setdefault(values, {})
+    if (device, dtype) not in copies:
+        with torch.inference_mode(False):  # whoever comes first may not need gradients, others may
+            copies[device, dtype] = values.to(device, dtype)
+    return copies[device, dtype]
