@@ -17,15 +17,16 @@ from plat.envs.transforms import HORIZONS, horizon_named
 from plat.envs.transforms.settings import robot_ranges
 from plat.errors import PlatError
 from plat.evaluation import HEADLINE, METRICS, Entrant, EvaluationSetting, Score, markdown, write_csv
+from plat.evaluation.authored_cells import authored_records
 from plat.evaluation.authored_playback import play_authored
 from plat.evaluation.authored_rollout import Pushes
 from plat.evaluation.authored_scores import (
     AuthoredRecords,
     author_families,
     authored_table,
-    evaluate_families,
     write_authored_csv,
 )
+from plat.evaluation.cells import Candidate
 from plat.evaluation.disturbance import Disturbance
 from plat.evaluation.families import families_of, read_manifest
 from plat.evaluation.groups import GroupScore
@@ -107,9 +108,7 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
         text = "\n".join(filter(None, (markdown(scores), tables)))
         replace_file(recipe.out / "scores.md", lambda part: part.write_text(text, encoding="utf-8"))
     if recipe.authored:
-        authored = score_authored(recipe, entrants, library)
-        if recipe.csv is not None:
-            write_authored_csv(recipe.csv.with_name(f"{recipe.csv.stem}_authored.csv"), authored)
+        score_authored(recipe, found, library, plan.setting)
         if recipe.strips is not None:
             draw_authored_strips(recipe, recipe.strips, entrants, library)
     pictures: list[Path] = []
@@ -198,23 +197,28 @@ def common_control_dt(entrants: Mapping[str, Entrant], horizons: Sequence[str]) 
 
 
 def score_authored(
-    recipe: EvaluateRecipe, entrants: dict[str, Entrant], library: MotionLibrary
+    recipe: EvaluateRecipe,
+    entrants: Mapping[Candidate, Entrant],
+    library: MotionLibrary,
+    setting: EvaluationSetting,
 ) -> dict[str, AuthoredRecords]:
-    """Print a table of authored keyframes for every entrant; return their records."""
+    """Print a table of authored keyframes for every entrant, and write what there is so far; return their records."""
     scored = {}
-    for name, entrant in entrants.items():
-        scored[name] = evaluate_families(
-            entrant.policy,
-            entrant.robot,
+    for candidate, entrant in entrants.items():
+        name = candidate.name
+        scored[name] = authored_records(
+            candidate,
+            entrant,
             library.for_robot(entrant.robot),
             recipe.authored,
-            recipe.seed,
-            observe=entrant.view.keyframes().transforms,
+            setting,
+            recipe.out and recipe.out / "records",
             pushes=pushes_of(recipe),
-            device=recipe.device,
         )
         pushed = f", pushes of {recipe.pushes:g} m/s every 1.5 s" if recipe.pushes else ""
         print(f"\n{name}, authored keyframes{pushed}\n{authored_table(scored[name])}", end="", flush=True)
+        if recipe.csv is not None:
+            write_authored_csv(recipe.csv.with_name(f"{recipe.csv.stem}_authored.csv"), scored)
     return scored
 
 

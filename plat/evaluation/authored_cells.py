@@ -1,11 +1,13 @@
 """Authored keyframes in a comparison: records that are kept on disk and taken up again."""
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from plat.control.authored import Authored
 from plat.errors import RecordsError
+from plat.evaluation.authored_rollout import Pushes
 from plat.evaluation.authored_scores import AuthoredRecords, AuthoredScore, author_families, evaluate_authored
 from plat.evaluation.cells import Candidate, Cell, fingerprint
 from plat.evaluation.entrant import Entrant
@@ -30,6 +32,7 @@ def authored_records(
     setting: EvaluationSetting,
     folder: Path | None = None,
     chains: Sequence[Authored] | None = None,
+    pushes: Pushes | None = None,
 ) -> AuthoredRecords:
     """Return a candidate's records of ``count`` chains of every authored family; those in the folder if it has them.
 
@@ -41,10 +44,11 @@ def authored_records(
         setting: its seed, device and threads.
         folder: for the records; None keeps nothing.
         chains: which takes seconds to draw; None to draw them here.
+        pushes: of the robots.
     """
     if chains is None:
         chains = author_families(motions.robot, motions, count, setting.seed, entrant.timing)
-    about = _about(candidate, chains)
+    about = _about(candidate, chains, pushes)
     path = None if folder is None else folder / f"{Cell(candidate, AUTHORED).stem}.safetensors"
     if path is not None and path.exists():
         try:
@@ -58,6 +62,7 @@ def authored_records(
         entrant.robot,
         chains,
         observe=entrant.view.keyframes().transforms,
+        pushes=pushes,
         num_threads=setting.num_threads,
         device=setting.device,
     )
@@ -76,11 +81,12 @@ def authored_groups(policy: str, records: AuthoredRecords) -> list[GroupScore]:
     return scores
 
 
-def _about(candidate: Candidate, chains: Sequence[Authored]) -> dict[str, Any]:
+def _about(candidate: Candidate, chains: Sequence[Authored], pushes: Pushes | None) -> dict[str, Any]:
     """Return what the records depend on. Chains are fingerprinted themselves: a change of their families is seen."""
     parts = []
     for chain in chains:
         for keyframe in chain.sequence.keyframes:
             told = (chain.family, chain.hold, keyframe.time, keyframe.commands)
             parts += [repr(told).encode(), keyframe.qpos.tobytes()]
-    return {"policy": candidate.fingerprint, "chains": fingerprint(parts), "plat": __version__}
+    about = {"policy": candidate.fingerprint, "chains": fingerprint(parts), "plat": __version__}
+    return about if pushes is None else about | {"pushes": asdict(pushes)}

@@ -7,7 +7,7 @@ from plat.baselines import ReleasedTrackers
 from plat.cli import evaluate
 from plat.envs.transforms import HORIZONS
 from plat.errors import MotionError, PlatError
-from plat.evaluation import entrant
+from plat.evaluation import authored_cells, entrant
 from plat.modules import Expert, ExpertConfig, PlainPolicy
 from plat.robots import G1
 from plat.spec.timing import Timing
@@ -152,6 +152,16 @@ def test_authored_keyframes_have_a_table_of_their_own(runs, capsys, tmp_path):
     families = [line.split("|")[1].strip() for line in table.splitlines()[2:] if line.startswith("|")]
     # nobody rests in a run, and a policy of 1 s has no 3 s
     assert families == ["arms", "steps", "crouch", "reach", "three_point", "waypoint", "far"]
+
+
+def test_authored_keyframes_of_an_earlier_start_are_kept(runs, capsys, tmp_path, monkeypatch):
+    authored = recipe(runs, "plain", authored=1, only="run", out=tmp_path)
+    evaluate.main(authored)
+    monkeypatch.setattr(authored_cells, "evaluate_authored", lambda *_, **__: pytest.fail("evaluated again"))
+    before = capsys.readouterr().out
+    evaluate.main(authored)
+    table = before.index("plain, authored keyframes")
+    assert before[table:] in capsys.readouterr().out
 
 
 def test_a_policy_of_other_timing_is_scored_by_its_own(runs, capsys):

@@ -8,6 +8,7 @@ from plat.control.authored import author
 from plat.errors import RecordsError
 from plat.evaluation import Entrant, EvaluationSetting, authored_cells
 from plat.evaluation.authored_cells import authored_groups, authored_records
+from plat.evaluation.authored_rollout import Pushes
 from plat.evaluation.authored_scores import AuthoredRecords, AuthoredScore
 from plat.evaluation.cells import Candidate
 from plat.evaluation.records import write_columns
@@ -52,9 +53,13 @@ def test_records_are_kept_and_taken_up_again(tracker, motions, tmp_path, monkeyp
     candidate, entrant = tracker
     authored_records(replace(candidate, fingerprint="other"), entrant, motions, 1, SETTING, tmp_path)
     assert len(calls) == 3
+    for _ in range(2):
+        authored_records(*tracker, motions, 1, SETTING, tmp_path / "pushed", pushes=Pushes(0.2))
+    authored_records(*tracker, motions, 1, SETTING, tmp_path / "pushed", pushes=Pushes(0.3))
+    assert len(calls) == 5
     (tmp_path / "expert-authored.safetensors").write_bytes(b"nonsense")
     authored_records(*tracker, motions, 1, SETTING, tmp_path)
-    assert len(calls) == 4
+    assert len(calls) == 6
 
 
 def test_a_file_of_other_records_is_refused(tmp_path):

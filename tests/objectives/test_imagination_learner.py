@@ -164,7 +164,7 @@ def test_noise_is_for_exploration(library):
     observed = task.observe(*task.start(500))
     mean = expert.deployed()(observed.copy())["action"]
     noisy = exploring(expert.deployed(), 0.25)(observed.copy())["action"]
-    assert float((noisy - mean).std()) == pytest.approx(0.25, rel=0.05)
+    assert (noisy - mean).std().item() == pytest.approx(0.25, rel=0.05)
     with set_exploration_type(ExplorationType.DETERMINISTIC):
         assert exploring(expert.deployed(), 0.25)(observed.copy())["action"].equal(mean)
 
