@@ -20,6 +20,7 @@ RUNS = {
     "expert-model": "expert-model",
     "wide": "imagined",
     "imagined-robot": "imagined-robot",
+    "free-11": "imagined-free",
     "plat-generated": "plat-generated",
 }
 # files of the machine that trained, and how it was watched
