@@ -208,7 +208,7 @@ class ImagineRecipe(ImaginationRecipe):
     student: Literal["plain", "latent"] = "plain"
     """without a latent, or through the prior's mean"""
     init: Path | None = None
-    """run whose student to go on from, in its shape; or in that of --policy, which knows or holds more"""
+    """run whose student to go on from, in its shape, or in that of --policy, which holds more"""
     posterior: Fraction = 0.0
     """share of the imagined robots that act through the privileged posterior (--student latent)"""
     beta: NonNegative = 0.002

@@ -113,7 +113,7 @@ class ImaginationConfig(Bounded):
     grad_norm: Positive = 1.0
     """largest norm of the gradient, for model and policy each"""
     average: Annotated[float, Range(0, 1, below=True)] = 0.99  # 1 would save the weights of the start
-    """decay of the moving average of the policy's weights, which is what is saved; less in the first updates"""
+    """decay of the moving average of the policy's weights, which is saved; less at first"""
     warmup: Natural = 40
     """warm-up iterations, in which only the model learns"""
     settle: Natural = 400
