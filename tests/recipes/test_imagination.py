@@ -173,9 +173,9 @@ def test_going_on_from_a_student_takes_its_shape(tmp_path):
     start, out = tmp_path / "start", tmp_path / "run"
     write_run(start, small_policy("plain"))
     arguments = [*SMALL, "--task.chains", 12, "--init", start, "--out", out]
-    run("imagine", *arguments, "--steps", 64)
+    main(["imagine", *map(str, arguments), "--steps", "64"])
     assert load_policy(out).config == load_policy(start).config
-    run("imagine", *arguments, "--steps", 128, "--resume")
+    main(["imagine", *map(str, arguments), "--steps", "128", "--resume"])
     with pytest.raises(SystemExit, match="the trained student has"):
         main(["imagine", *map(str, arguments), "--policy.backbone", "8", "--steps", "64", "--out", str(tmp_path / "x")])
 
