@@ -17,7 +17,7 @@ from plat.envs.transforms import HORIZONS, horizon_named
 from plat.envs.transforms.settings import robot_ranges
 from plat.errors import PlatError
 from plat.evaluation import HEADLINE, METRICS, Entrant, EvaluationSetting, Score, markdown, write_csv
-from plat.evaluation.authored_cells import authored_records
+from plat.evaluation.authored_cells import records_of_all
 from plat.evaluation.authored_playback import play_authored
 from plat.evaluation.authored_rollout import Pushes
 from plat.evaluation.authored_scores import (
@@ -136,7 +136,7 @@ def written_by(recipe: EvaluateRecipe, pictures: Sequence[Path]) -> list[Path]:
     """Tables, folders and figures that are there now, of those that were asked for."""
     tables = [recipe.csv] if recipe.csv is not None else []
     if recipe.csv is not None and recipe.authored:
-        tables.append(recipe.csv.with_name(f"{recipe.csv.stem}_authored.csv"))
+        tables.append(authored_csv(recipe.csv))
     folders = [recipe.out] if recipe.out is not None else []
     return [path for path in (*tables, *folders) if path.exists()] + list(dict.fromkeys(pictures))
 
@@ -201,25 +201,23 @@ def score_authored(
     entrants: Mapping[Candidate, Entrant],
     library: MotionLibrary,
     setting: EvaluationSetting,
-) -> dict[str, AuthoredRecords]:
-    """Print a table of authored keyframes for every entrant, and write what there is so far; return their records."""
-    scored = {}
-    for candidate, entrant in entrants.items():
-        name = candidate.name
-        scored[name] = authored_records(
-            candidate,
-            entrant,
-            library.for_robot(entrant.robot),
-            recipe.authored,
-            setting,
-            recipe.out and recipe.out / "records",
-            pushes=pushes_of(recipe),
-        )
-        pushed = f", pushes of {recipe.pushes:g} m/s every 1.5 s" if recipe.pushes else ""
-        print(f"\n{name}, authored keyframes{pushed}\n{authored_table(scored[name])}", end="", flush=True)
+) -> None:
+    """Print a table of authored keyframes for every entrant, and write what there is so far."""
+    scored: dict[str, AuthoredRecords] = {}
+    folder, pushed = recipe.out and recipe.out / "records", ""
+    if recipe.pushes:
+        pushed = f", pushes of {recipe.pushes:g} m/s every 1.5 s"
+    pushes = pushes_of(recipe)
+    for candidate, records in records_of_all(entrants, library, recipe.authored, setting, folder, pushes):
+        scored[candidate.name] = records
+        print(f"\n{candidate.name}, authored keyframes{pushed}\n{authored_table(records)}", end="", flush=True)
         if recipe.csv is not None:
-            write_authored_csv(recipe.csv.with_name(f"{recipe.csv.stem}_authored.csv"), scored)
-    return scored
+            write_authored_csv(authored_csv(recipe.csv), scored)
+
+
+def authored_csv(scores: Path) -> Path:
+    """Return the table of authored keyframes that goes beside one of scores."""
+    return scores.with_name(f"{scores.stem}_authored.csv")
 
 
 def pushes_of(recipe: EvaluateRecipe) -> Pushes | None:

@@ -1,6 +1,6 @@
 """Authored keyframes in a comparison: records that are kept on disk and taken up again."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -16,9 +16,10 @@ from plat.evaluation.report import Estimate
 from plat.evaluation.score_table import AUTHORED_METRICS
 from plat.evaluation.setting import EvaluationSetting
 from plat.motions.library import MotionLibrary
+from plat.spec.timing import Timing
 from plat.version import __version__
 
-__all__ = ["AUTHORED", "authored_groups", "authored_records"]
+__all__ = ["AUTHORED", "authored_groups", "authored_records", "records_of_all"]
 
 AUTHORED = "authored"
 """Name of the test in tables and files."""
@@ -69,6 +70,23 @@ def authored_records(
     if path is not None:
         records.save(path, about)
     return records
+
+
+def records_of_all(
+    entrants: Mapping[Candidate, Entrant],
+    motions: MotionLibrary,
+    count: int,
+    setting: EvaluationSetting,
+    folder: Path | None = None,
+    pushes: Pushes | None = None,
+) -> Iterator[tuple[Candidate, AuthoredRecords]]:
+    """Yield each candidate and its records, as of :func:`authored_records`; chains are drawn once for all alike."""
+    chains: dict[tuple[int, Timing], list[Authored]] = {}
+    for candidate, entrant in entrants.items():
+        key, own = (id(entrant.robot), entrant.timing), motions.for_robot(entrant.robot)
+        if key not in chains:
+            chains[key] = author_families(entrant.robot, own, count, setting.seed, entrant.timing)
+        yield candidate, authored_records(candidate, entrant, own, count, setting, folder, chains[key], pushes)
 
 
 def authored_groups(policy: str, records: AuthoredRecords) -> list[GroupScore]:

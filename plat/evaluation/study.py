@@ -7,10 +7,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
 
-from plat.control.authored import Authored
 from plat.envs.transforms import HORIZONS
-from plat.evaluation.authored_cells import AUTHORED, authored_groups, authored_records
-from plat.evaluation.authored_scores import author_families
+from plat.evaluation.authored_cells import AUTHORED, authored_groups, records_of_all
 from plat.evaluation.cells import Candidate, Cell, evaluate_cells
 from plat.evaluation.clip_records import ClipRecords
 from plat.evaluation.difficulty import BINS, command_bins
@@ -290,12 +288,8 @@ def run_study(
     run(plan.dense_cells(trackers))
     order = list(of_horizon)
     study.scores.sort(key=lambda score: order.index(score.horizon))  # stable: policies stay in order
-    chains: dict[Timing, list[Authored]] = {}
-    for one, entrant in rest.items() if plan.authored else ():
-        timing, seed = entrant.timing, plan.setting.seed
-        if timing not in chains:
-            chains[timing] = author_families(library.robot, library, plan.authored, seed, timing)
-        records = authored_records(one, entrant, library, plan.authored, plan.setting, folder, chains[timing])
+    authored = records_of_all(rest if plan.authored else {}, library, plan.authored, plan.setting, folder)
+    for one, records in authored:
         study.groups.setdefault(AUTHORED, []).extend(authored_groups(shown[one.name], records))
         told(study)
     if plan.ours is not None:

@@ -99,8 +99,7 @@ class ImaginationLearner:
         learning = [parameter for parameter in policy.parameters() if parameter.requires_grad]
         self.policy_optimizer = torch.optim.Adam(learning, lr=config.lr, fused=True)
         critic_weights = [] if self.critic is None else list(self.critic.parameters())
-        critics = [critic_weights] if critic_weights else []
-        self.critic_optimizers = [torch.optim.Adam(weights, lr=config.lr, fused=True) for weights in critics]
+        self.critic_optimizers = [torch.optim.Adam(critic_weights, lr=config.lr, fused=True)] if critic_weights else []
         device, static = model.mean.device, task.static and self.policy_loss.static
         self._model_gradient = GraphedLoss(self.model_loss, model.parameters(), device, config.precision)
         self._policy_gradient = GraphedLoss(

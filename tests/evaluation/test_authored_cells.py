@@ -7,7 +7,7 @@ import torch
 from plat.control.authored import author
 from plat.errors import RecordsError
 from plat.evaluation import Entrant, EvaluationSetting, authored_cells
-from plat.evaluation.authored_cells import authored_groups, authored_records
+from plat.evaluation.authored_cells import authored_groups, authored_records, records_of_all
 from plat.evaluation.authored_rollout import Pushes
 from plat.evaluation.authored_scores import AuthoredRecords, AuthoredScore
 from plat.evaluation.cells import Candidate
@@ -60,6 +60,22 @@ def test_records_are_kept_and_taken_up_again(tracker, motions, tmp_path, monkeyp
     (tmp_path / "expert-authored.safetensors").write_bytes(b"nonsense")
     authored_records(*tracker, motions, 1, SETTING, tmp_path)
     assert len(calls) == 6
+
+
+def test_chains_are_drawn_once_for_all_that_are_alike(tracker, motions, monkeypatch):
+    candidate, entrant = tracker
+    drawn: list[int] = []
+
+    def chains(robot, motions, count, seed, timing):
+        drawn.append(count)
+        return author("arms", robot, count, seed)
+
+    monkeypatch.setattr(authored_cells, "evaluate_authored", lambda *_, **__: made_up())
+    monkeypatch.setattr(authored_cells, "author_families", chains)
+    other = replace(candidate, name="other")
+    found = dict(records_of_all({candidate: entrant, other: entrant}, motions, 2, SETTING))
+    assert list(found) == [candidate, other]
+    assert drawn == [2]
 
 
 def test_a_file_of_other_records_is_refused(tmp_path):

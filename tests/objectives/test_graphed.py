@@ -83,7 +83,6 @@ def test_what_imagination_runs_depends_on_no_value(library, kind):
     loss.task = task
     assert task.static
     assert loss.static
-    learning = [parameter for module in (policy, critic) if module is not None for parameter in module.parameters()]
     for module in (policy, actor, model, task, critic):
         if module is not None:
             module.to("meta")
