@@ -18,9 +18,9 @@ RUNS = {
     "dagger": "dagger",
     "plat-seed0": "plat",
     "expert-model": "expert-model",
-    "wide": "imagined",
+    "drawn": "imagined",
     "imagined-robot": "imagined-robot",
-    "free-11": "imagined-free",
+    "free-13": "imagined-free",
     "plat-generated": "plat-generated",
 }
 # files of the machine that trained, and how it was watched
