@@ -108,13 +108,12 @@ def _mean_distance(predicted: Tensor, actual: Tensor) -> Tensor:
     return (predicted - actual).abs().mean()
 
 
-def muon_and_adam(network: nn.Module, muon_lr: float, adam_lr: float) -> list[torch.optim.Optimizer]:
+def muon_and_adam(network: nn.Sequential, muon_lr: float, adam_lr: float) -> list[torch.optim.Optimizer]:
     """Return the optimizers of a network: Muon for its hidden matrices, Adam for its last layer and the biases.
 
     Args:
-        network: layers in the order of the data. What needs no gradient is left out.
-        muon_lr: learning rate of the matrices, whose every update has a spectral norm of about this; 0 leaves all to
-            Adam.
+        network: layers in the order of the data.
+        muon_lr: learning rate of the matrices, whose every update has a spectral norm of about this.
         adam_lr: learning rate of the rest.
 
     Source: Jordan et al. 2024, "Muon: an optimizer for hidden layers in neural networks".
@@ -123,8 +122,9 @@ def muon_and_adam(network: nn.Module, muon_lr: float, adam_lr: float) -> list[to
     >>> [len(optimizer.param_groups[0]["params"]) for optimizer in muon_and_adam(mlp(4, (8, 8), 2), 4e-3, 1e-3)]
     [2, 4]
     """
-    learning = [parameter for parameter in network.parameters() if parameter.requires_grad]
-    matrices = [parameter for parameter in learning if parameter.ndim == 2][:-1] if muon_lr > 0 else []
-    others = [parameter for parameter in learning if all(parameter is not matrix for matrix in matrices)]
-    adam = torch.optim.Adam(others, lr=adam_lr, fused=True)
-    return [torch.optim.Muon(matrices, lr=muon_lr, weight_decay=0.0), adam] if matrices else [adam]
+    matrices = [parameter for parameter in network.parameters() if parameter.ndim == 2][:-1]
+    others = [parameter for parameter in network.parameters() if all(parameter is not matrix for matrix in matrices)]
+    return [
+        torch.optim.Muon(matrices, lr=muon_lr, weight_decay=0.0),
+        torch.optim.Adam(others, lr=adam_lr, fused=True),
+    ]

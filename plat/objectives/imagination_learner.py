@@ -97,7 +97,7 @@ class ImaginationLearner:
         self.policy_loss.set_keys(effort=effort)
         self.model_optimizers = muon_and_adam(model.network, config.muon_lr, config.model_lr)
         learning = [parameter for parameter in policy.parameters() if parameter.requires_grad]
-        self.policy_optimizers = muon_and_adam(policy, config.policy_muon_lr, config.lr)
+        self.policy_optimizer = torch.optim.Adam(learning, lr=config.lr, fused=True)
         critic_weights = [] if self.critic is None else list(self.critic.parameters())
         self.critic_optimizers = [torch.optim.Adam(critic_weights, lr=config.lr, fused=True)] if critic_weights else []
         device, static = model.mean.device, task.static and self.policy_loss.static
@@ -179,10 +179,9 @@ class ImaginationLearner:
             optimizer.zero_grad()
         norm = nn.utils.clip_grad_norm_(self.policy.parameters(), self.config.grad_norm)
         learns = self._finite["policy"].allow(norm)  # the gradient of an exploding imagined rollout is useless
-        for optimizer in self.policy_optimizers:
-            if learns:
-                optimizer.step()
-            optimizer.zero_grad()
+        if learns:
+            self.policy_optimizer.step()
+        self.policy_optimizer.zero_grad()
         self._move_average()
         log.add({**losses, "policy_gradient": norm, "policy_skipped": torch.tensor(float(not learns))})
 
@@ -197,7 +196,7 @@ class ImaginationLearner:
             ours_buffer.copy_(theirs_buffer)
 
     def _optimizers(self) -> list[torch.optim.Optimizer]:
-        return [*self.model_optimizers, *self.policy_optimizers, *self.critic_optimizers]
+        return [*self.model_optimizers, self.policy_optimizer, *self.critic_optimizers]
 
     def _set_rates(self, fraction: float) -> None:
         config = self.config

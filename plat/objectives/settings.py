@@ -110,8 +110,6 @@ class ImaginationConfig(Bounded):
     """weight of its squared change"""
     lr: Positive = 1e-3
     """Adam's learning rate for policy and critic"""
-    policy_muon_lr: NonNegative = 0.0
-    """Muon's learning rate for the policy's hidden matrices; 0 leaves them to Adam"""
     grad_norm: Positive = 1.0
     """largest norm of the gradient, for model and policy each"""
     average: Annotated[float, Range(0, 1, below=True)] = 0.99  # 1 would save the weights of the start
