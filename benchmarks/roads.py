@@ -3,7 +3,8 @@
 python benchmarks/roads.py --motions train.npz --tests val.npz --minutes 60 --seeds 0 1 2 --out runs/roads
 
 Each road is trained from scratch, a stage a process, and goes on where it was when the benchmark is started again.
-Nothing else should run meanwhile: budgets are wall time. All policies are then scored on the same commands.
+A stage that roads have in common is trained once. Nothing else should run meanwhile: budgets are wall time. All
+policies are then scored on the same commands.
 """
 
 import csv
@@ -56,7 +57,7 @@ class Stage:
     """Stage of a road.
 
     Args:
-        name: folder of its run.
+        name: folder of its run; the same for roads that share it.
         command: of plat.
         share: of the road's time.
         needs: flags with the stage whose run they name.
@@ -70,13 +71,16 @@ class Stage:
     settings: tuple[str, ...] = ()
 
 
-_EXPERT, _MODEL = Stage("expert", "expert", 0.6), Stage("expert", "expert-model", 0.4)
-_STUDENT = Stage("student", "distill", 0.25, {"--expert": "expert"})
-_IN_MODEL = {"--student": "student", "--init-model": "expert"}
+_BY_PPO = (Stage("expert", "expert", 0.6), Stage("student", "distill", 0.25, {"--expert": "expert"}))
+_BY_MODEL = (
+    Stage("expert-model", "expert-model", 0.4),
+    Stage("student-model", "distill", 0.25, {"--expert": "expert-model"}),
+)
+_IN_MODEL = {"--student": "student-model", "--init-model": "expert-model"}
 ROADS: dict[Road, tuple[Stage, ...]] = {
-    "ppo": (_EXPERT, _STUDENT, Stage("policy", "refine", 0.15, {"--student": "student"})),
-    "model": (_MODEL, _STUDENT, Stage("policy", "refine-model", 0.35, _IN_MODEL)),
-    "finetune": (_MODEL, _STUDENT, Stage("policy", "refine-model", 0.35, _IN_MODEL, ("--variant", "finetune"))),
+    "ppo": (*_BY_PPO, Stage("policy", "refine", 0.15, {"--student": "student"})),
+    "model": (*_BY_MODEL, Stage("policy", "refine-model", 0.35, _IN_MODEL)),
+    "finetune": (*_BY_MODEL, Stage("policy", "refine-model", 0.35, _IN_MODEL, ("--variant", "finetune"))),
     "imagine": (Stage("policy", "imagine", 1.0),),
     "recorded": (Stage("policy", "imagine", 1.0, settings=("--task.authored", "0")),),
 }
@@ -90,9 +94,8 @@ def commands(config: RoadsConfig, road: Road, seed: int) -> list[tuple[Path, lis
 
     The last stage's folder has the name of road and seed, under which it is scored.
     """
-    name = f"{road}_{seed}"
-    folders = {stage.name: config.out / "stages" / name / stage.name for stage in ROADS[road]}
-    folders["policy"] = config.out / name
+    folders = {stage.name: config.out / "stages" / f"{stage.name}_{seed}" for stage in ROADS[road]}
+    folders["policy"] = config.out / f"{road}_{seed}"
     return [
         (
             folders[stage.name],
@@ -109,10 +112,19 @@ def commands(config: RoadsConfig, road: Road, seed: int) -> list[tuple[Path, lis
     ]
 
 
-def train(config: RoadsConfig, road: Road, seed: int) -> Path:
-    """Train the stages of a road, and return the folder of its policy; what is finished stays as it is."""
+def train(config: RoadsConfig, road: Road, seed: int, done: set[Path]) -> Path:
+    """Train the stages of a road that are not done, and return the folder of its policy.
+
+    Args:
+        config: settings.
+        road: which.
+        seed: of training.
+        done: folders of the stages that other roads have trained; this road's are added.
+    """
     for folder, words in commands(config, road, seed):
-        run([*words, *(["--resume"] if is_run(folder) else [])])
+        if folder not in done:
+            run([*words, *(["--resume"] if is_run(folder) else [])])
+            done.add(folder)
     return folder
 
 
@@ -155,7 +167,8 @@ def main(config: RoadsConfig) -> list[dict[str, str]]:
     """Run the benchmark; write ``roads.csv``, print it and return its rows."""
     if config.minutes * min(stage.share for road in config.roads for stage in ROADS[road]) < 1 / 60:
         raise ConfigError(f"--minutes {config.minutes:g}: expected enough for a second of each stage")
-    policies = {train(config, road, seed): road for seed in config.seeds for road in config.roads}
+    done: set[Path] = set()
+    policies = {train(config, road, seed, done): road for seed in config.seeds for road in config.roads}
     scores = {}
     for number, test in enumerate(config.tests):
         scores[test] = config.out / f"scores_{number}.csv"

@@ -34,6 +34,13 @@ def test_every_stage_is_a_command_of_plat(config, road):
     assert folder.name == f"{road}_1"
 
 
+def test_roads_share_what_is_the_same(config):
+    model, finetune = commands(config, "model", seed=1), commands(config, "finetune", seed=1)
+    assert model[:2] == finetune[:2]
+    assert model[2] != finetune[2]
+    assert commands(config, "ppo", seed=1)[1] != model[1]
+
+
 def test_all_roads_are_trained_then_scored_together(config, monkeypatch):
     ran = []
 
@@ -45,6 +52,7 @@ def test_all_roads_are_trained_then_scored_together(config, monkeypatch):
     monkeypatch.setattr(roads, "run", run)
     rows = main(config)
     assert [words[0] for words in ran].count("imagine") == 4
+    assert [words[0] for words in ran].count("expert-model") == 2
     assert ran[-1][0] == "evaluate"
     assert len(rows) == 5 * 3
     with (config.out / "roads.csv").open(newline="") as file:
