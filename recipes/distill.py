@@ -17,10 +17,11 @@ from plat.envs.physics import get_physics
 from plat.envs.transforms import horizon_named
 from plat.errors import ConfigError
 from plat.evaluation import play
-from plat.modules import LatentPolicy, PlainPolicy, Teacher
+from plat.modules import Teacher
 from plat.motions import MotionLibrary
 from plat.objectives import ImitationLoss, LatentImitationLoss, autocast
-from plat.recipes.options import DistillRecipe, check_partial
+from plat.recipes.options import DistillRecipe
+from plat.recipes.students import make_student, trained_student
 from plat.rendering import Films
 from plat.runs import Budget, Run, SavedRun, begin, report_errors, run_inputs, training_motions
 from plat.runs.announce import begins, next_command
@@ -31,24 +32,22 @@ def main(recipe: DistillRecipe) -> None:
     """Run the recipe."""
     recipe = begin(recipe)
     torch.manual_seed(recipe.seed)
+    recipe, trained = trained_student(recipe)
     device, timing = recipe.device, recipe.policy.timing
     expected = "a teacher, such as the expert of stage 1 (--expert)"
     teacher: Teacher = SavedRun(recipe.expert).policy_as(Teacher, expected, device)  # type: ignore[type-abstract]
     library = training_motions(recipe, timing.control_dt)
     (timing_of(teacher) or timing).check_control_dt(timing.control_dt, f"--expert {str(recipe.expert)!r}")
     horizon = horizon_named(recipe.horizon, timing)
-    check_partial(recipe.task.partial, recipe.policy.also)
     if teacher.stateful and recipe.workers:
         raise ConfigError("--workers: what this teacher remembers of a robot (--expert) is in one process, use 0")
-    student: Any
+    student = make_student(recipe, library.robot, trained)
     loss: Any
     if recipe.student == "latent":
-        student = LatentPolicy(library.robot, recipe.policy).to(device)
         loss = LatentImitationLoss(
             student.training_graph(), prior_weight=recipe.prior_weight, beta=recipe.beta, free_bits=recipe.free_bits
         )
     else:
-        student = PlainPolicy(library.robot, recipe.policy).to(device)
         loss = ImitationLoss(student.training_graph())
     optimizer = torch.optim.Adam(student.parameters(), lr=recipe.lr, fused=True)
     buffer = dagger_buffer(library, recipe.buffer_size, recipe.batch_size, recipe.stride, device)
@@ -79,7 +78,7 @@ def main(recipe: DistillRecipe) -> None:
             policy=student,
             budget=budget,
             state={"optimizer": optimizer, "rollouts": source, **({"buffer": buffer} if recipe.save_buffer else {})},
-            inputs=run_inputs(library, expert=teacher if isinstance(teacher, nn.Module) else None),
+            inputs=run_inputs(library, expert=teacher if isinstance(teacher, nn.Module) else None, init=trained),
             film=films.take,
         ) as run,
     ):

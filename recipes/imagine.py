@@ -3,20 +3,18 @@
 plat imagine --motions clips.npz --init-model runs/expert --minutes 20 --out runs/imagined
 """
 
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import torch
 
 from plat.cli.settings import parse
-from plat.errors import CheckpointError, ConfigError
-from plat.modules import LatentPolicy, PlainPolicy, take_over
 from plat.motions import MotionLibrary
 from plat.objectives import LatentImaginationLoss
 from plat.recipes.learning import learn
-from plat.recipes.options import ImagineRecipe, check_partial
-from plat.runs import SavedRun, begin, report_errors, training_motions
+from plat.recipes.options import ImagineRecipe
+from plat.recipes.students import make_student, trained_student
+from plat.runs import begin, report_errors, training_motions
 from plat.runs.announce import next_command
 from plat.tasks import TimedKeyframes
 
@@ -25,22 +23,9 @@ def main(recipe: ImagineRecipe) -> None:
     """Run the recipe."""
     recipe = begin(recipe)
     torch.manual_seed(recipe.seed)
-    kind: type[Any] = LatentPolicy if recipe.student == "latent" else PlainPolicy
-    trained: Any = None
-    if recipe.init:
-        trained = SavedRun(recipe.init).policy_as(
-            kind, f"a {recipe.student} student (--init, --student)", recipe.device
-        )
-        if recipe.policy == type(recipe.policy)():
-            recipe = replace(recipe, policy=replace(recipe.policy, **vars(trained.config)))
-    check_partial(recipe.task.partial, recipe.policy.also)
+    recipe, trained = trained_student(recipe)
     library = training_motions(recipe, recipe.policy.timing.control_dt)
-    student = kind(library.robot, recipe.policy).to(recipe.device)
-    if trained is not None:
-        try:
-            take_over(student, trained)
-        except ConfigError as error:
-            raise CheckpointError(f"--init {str(recipe.init)!r}: {error}") from None
+    student = make_student(recipe, library.robot, trained)
 
     def task(motions: MotionLibrary) -> TimedKeyframes:
         return TimedKeyframes(motions, recipe.task, timing=recipe.policy.timing, seed=recipe.seed)

@@ -88,6 +88,8 @@ class DistillRecipe(RecipeConfig):
     """run of stage 1, or of another teacher"""
     student: Literal["latent", "plain"] = "latent"
     """with the privileged latent, or the ablation without"""
+    init: Path | None = None
+    """run whose student to go on from, in its shape, or in that of --policy, which holds more"""
     policy: LatentPolicyConfig = field(default_factory=LatentPolicyConfig)
     task: DistillationTaskConfig = field(default_factory=DistillationTaskConfig)
     horizon: Literal["single", "short", "medium", "long", "mixed", "distant", "all"] = "mixed"

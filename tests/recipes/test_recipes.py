@@ -17,6 +17,8 @@ import torch
 from safetensors.torch import load_file
 
 from plat.cli import main
+from plat.runs import load_policy
+from tests.export.runs import small_policy, write_run
 
 ROOT = Path(__file__).parents[2]
 # enough for a few iterations of each stage; small networks and few robots
@@ -93,6 +95,24 @@ def test_killed_and_resumed(tmp_path, stages, recipe):
     assert after[-1] >= before[-1] + 500
     assert after[: before.index(resumed_at) + 1] == before[: before.index(resumed_at) + 1]
     assert (out / "model.safetensors").exists()
+
+
+@pytest.mark.parametrize("student", ["latent", "plain"])
+def test_distilling_goes_on_from_a_student_in_its_shape(tmp_path, stages, student):
+    start, out = tmp_path / "start", tmp_path / "run"
+    write_run(start, small_policy(student))
+    arguments = [*stages["distill"], "--student", student, "--init", start]
+    run("distill", *arguments, "--lr", 1e-12, "--steps", 64, "--out", out)
+    before, after = load_policy(start), load_policy(out)
+    assert after.config == before.config
+    assert torch.allclose(after.decoder.network[0].weight, before.decoder.network[0].weight, atol=1e-6)
+    assert after.normalizer.count == before.normalizer.count + 64
+    run("distill", *arguments, "--lr", 1e-12, "--steps", 128, "--out", out, "--resume")
+    narrow = [*arguments, "--policy.backbone", 8, "--steps", 64, "--out", tmp_path / "x"]
+    assert "the trained student" in error_of("distill", *narrow)
+    other = "plain" if student == "latent" else "latent"
+    wrong = [*arguments, "--student", other, "--steps", 64, "--out", tmp_path / "x"]
+    assert f"expected a {other} student (--init, --student)" in error_of("distill", *wrong)
 
 
 def test_a_finished_run_stays_as_it_is_and_others_are_refused(stages):
