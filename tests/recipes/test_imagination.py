@@ -101,7 +101,8 @@ def test_killed_resumed_and_evaluated(tmp_path, library, recipe):
 
 def test_a_seed_fixes_the_result(tmp_path):
     for name, seed in (("a", 3), ("b", 3), ("c", 4)):
-        run("imagine", *RECIPES["imagine"], "--out", tmp_path / name, "--steps", 300, "--seed", seed)
+        arguments = [*RECIPES["imagine"], "--out", tmp_path / name, "--steps", 300, "--seed", seed]
+        main(["imagine", *map(str, arguments)])
     a, b, c = (load_file(tmp_path / name / "model.safetensors") for name in "abc")
     assert all(a[name].equal(b[name]) for name in a)
     assert not all(a[name].equal(c[name]) for name in a)
