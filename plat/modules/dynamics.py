@@ -129,23 +129,26 @@ class DynamicsModel(nn.Module):
 
     @torch.no_grad()
     def take_over(self, trained: "DynamicsModel") -> None:
-        """Take the weights of a model that was told less of the physics; what it was not told counts for nothing yet.
+        """Take the weights of a model that was told less or more of the physics.
+
+        What it was not told counts for nothing yet. What this one is not told is that of the nominal robot.
 
         Raises:
             ConfigError: when the layers differ.
         """
-        weights, further = trained.state_dict(), self.num_parameters - trained.num_parameters
-        if further < 0 or trained.config != self.config:
-            raise ConfigError(
-                f"a model of {trained.config} with {trained.num_parameters} parameters, expected {self.config} and at "
-                f"most {self.num_parameters}"
-            )
+        if trained.config != self.config:
+            raise ConfigError(f"a model of {trained.config}, expected {self.config}")
+        weights, size = trained.state_dict(), len(self.mean)
+        first, bias, mean, std = (weights[name] for name in ("network.0.weight", "network.0.bias", "mean", "std"))
+        nominal = (-mean / std).clamp(-5.0, 5.0)[size:]
+        further = max(0, size - len(mean))
         pad = torch.nn.functional.pad
-        weights["network.0.weight"] = pad(weights["network.0.weight"], (0, further))
-        weights["mean"], weights["std"] = (
-            pad(weights["mean"], (0, further)),
-            pad(weights["std"], (0, further), value=0.6),
-        )
+        weights |= {
+            "network.0.weight": pad(first[:, :size], (0, further)),
+            "network.0.bias": bias + first[:, size:] @ nominal,
+            "mean": pad(mean[:size], (0, further)),
+            "std": pad(std[:size], (0, further), value=0.6),
+        }
         self.load_state_dict(weights)
 
     def _features(

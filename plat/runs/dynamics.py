@@ -35,7 +35,7 @@ def load_dynamics(
         folder: run directory of ``plat expert-model`` or ``plat imagine``, or the name of weights that come with plat.
         robot: the modeled robot.
         device: device of the model.
-        num_parameters: of the robot's physics that it is to be told; a model that was told less knows nothing of them.
+        num_parameters: of the robot's physics that it is to be told, see :meth:`plat.modules.DynamicsModel.take_over`.
 
     Raises:
         CheckpointError: naming file and field, when the run has no model, or one of another robot.

@@ -1,6 +1,8 @@
+import pytest
 import torch
 
 from plat.envs import GeneralizedState, MotionTrackingEnv, ResetNoise, joint_target
+from plat.errors import ConfigError
 from plat.modules import DynamicsConfig, DynamicsModel
 from plat.robots import G1
 from plat.rotations import quat_from_rotvec, quat_multiply, quat_rotate, quat_yaw
@@ -63,3 +65,36 @@ def test_statistics_scale_inputs_and_outputs(library):
     spread = model.spread.clone()
     model.update_statistics(after, target, state)
     assert model.spread.equal(spread)
+
+
+def told_of_physics(library, num_parameters):
+    """A model that has seen robots of all kinds, some more than nominal, and what it takes for steps."""
+    state, target, after = steps(library)
+    model = DynamicsModel(G1, DynamicsConfig(hidden=(32,)), num_parameters=num_parameters)
+    parameters = 0.3 + torch.rand(len(target), num_parameters)
+    model.update_statistics(state, target, after, parameters)
+    return model, state, target, parameters
+
+
+def test_a_model_that_is_told_less_is_that_of_the_nominal_robot(library):
+    trained, state, target, _ = told_of_physics(library, 5)
+    model = DynamicsModel(G1, trained.config)
+    before = {name: value.clone() for name, value in trained.state_dict().items()}
+    model.take_over(trained)
+    for ours, theirs in zip(model(state, target), trained(state, target), strict=True):
+        torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=1e-5)
+    assert all(before[name].equal(value) for name, value in trained.state_dict().items())
+
+
+def test_a_model_that_is_told_more_makes_nothing_of_it_yet(library):
+    trained, state, target, parameters = told_of_physics(library, 2)
+    model = DynamicsModel(G1, trained.config, num_parameters=5)
+    model.take_over(trained)
+    more = torch.cat((parameters, torch.rand(len(target), 3)), -1)
+    for ours, theirs in zip(model(state, target, more), trained(state, target, parameters), strict=True):
+        torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=1e-5)
+
+
+def test_a_model_of_another_shape_is_refused():
+    with pytest.raises(ConfigError, match=r"hidden=\(16,\).*, expected .*hidden=\(32,\)"):
+        DynamicsModel(G1, DynamicsConfig(hidden=(32,))).take_over(DynamicsModel(G1, DynamicsConfig(hidden=(16,))))
