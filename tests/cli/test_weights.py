@@ -17,6 +17,7 @@ RUNS = {
     "expert": "expert",
     "dagger": "dagger",
     "plat": "plat",
+    "finetuned": "finetuned",
     "expert-model": "expert-model",
     "drawn": "imagined",
     "imagined-robot": "imagined-robot",
