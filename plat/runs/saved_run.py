@@ -50,7 +50,7 @@ class SavedRun:
 
     >>> run = SavedRun("plat-g1")
     >>> run.name, run.kind, run.steps
-    ('plat', 'residual_latent', 1253376)
+    ('plat', 'residual_latent', 1458176)
     """
 
     def __init__(self, folder: str | Path):
