@@ -112,20 +112,15 @@ def commands(config: RoadsConfig, road: Road, seed: int) -> list[tuple[Path, lis
     ]
 
 
-def train(config: RoadsConfig, road: Road, seed: int, done: set[Path]) -> Path:
-    """Train the stages of a road that are not done, and return the folder of its policy.
+def train(config: RoadsConfig) -> dict[Path, Road]:
+    """Train every stage of all roads once, and return the road of each policy by its folder.
 
-    Args:
-        config: settings.
-        road: which.
-        seed: of training.
-        done: folders of the stages that other roads have trained; this road's are added.
+    What is finished stays as it is.
     """
-    for folder, words in commands(config, road, seed):
-        if folder not in done:
-            run([*words, *(["--resume"] if is_run(folder) else [])])
-            done.add(folder)
-    return folder
+    taken = [(road, commands(config, road, seed)) for seed in config.seeds for road in config.roads]
+    for folder, words in {folder: words for _, stages in taken for folder, words in stages}.items():
+        run([*words, *(["--resume"] if is_run(folder) else [])])
+    return {stages[-1][0]: road for road, stages in taken}
 
 
 def run(words: list[str]) -> None:
@@ -167,8 +162,7 @@ def main(config: RoadsConfig) -> list[dict[str, str]]:
     """Run the benchmark; write ``roads.csv``, print it and return its rows."""
     if config.minutes * min(stage.share for road in config.roads for stage in ROADS[road]) < 1 / 60:
         raise ConfigError(f"--minutes {config.minutes:g}: expected enough for a second of each stage")
-    done: set[Path] = set()
-    policies = {train(config, road, seed, done): road for seed in config.seeds for road in config.roads}
+    policies = train(config)
     scores = {}
     for number, test in enumerate(config.tests):
         scores[test] = config.out / f"scores_{number}.csv"
