@@ -23,7 +23,17 @@ from plat.objectives import ImitationLoss, LatentImitationLoss, autocast
 from plat.recipes.options import DistillRecipe
 from plat.recipes.students import make_student, trained_student
 from plat.rendering import Films
-from plat.runs import Budget, Run, SavedRun, begin, report_errors, run_inputs, training_motions
+from plat.runs import (
+    DYNAMICS_FILE,
+    Budget,
+    Run,
+    SavedRun,
+    begin,
+    report_errors,
+    run_folder,
+    run_inputs,
+    training_motions,
+)
 from plat.runs.announce import begins, next_command
 from plat.spec.timing import timing_of
 
@@ -130,8 +140,10 @@ def after(recipe: DistillRecipe) -> str:
     """Return the lines that say where the run is and what comes next."""
     if recipe.student == "plain":
         return next_command(recipe.out, "plat evaluate", recipe.out, "--motions", recipe.motions)
-    rest = ("--minutes", "10", "--out", "runs/plat")
-    return next_command(recipe.out, "plat refine", "--student", recipe.out, "--motions", recipe.motions, *rest)
+    rest = ("--student", recipe.out, "--motions", recipe.motions, "--minutes", "10", "--out", "runs/plat")
+    if (run_folder(recipe.expert) / DYNAMICS_FILE).exists():  # the robot is learned already: imagine with it
+        return next_command(recipe.out, "plat refine-model", "--init-model", recipe.expert, *rest)
+    return next_command(recipe.out, "plat refine", *rest)
 
 
 def cosine(start: float, end: float, fraction: float) -> float:

@@ -22,7 +22,7 @@ from plat.evaluation.records import read_columns, write_columns
 from plat.files import replace_table
 from plat.motions import MotionLibrary
 from plat.robots import Robot
-from plat.spec.timing import Timing, timing_of
+from plat.spec.timing import Timing
 
 __all__ = [
     "AuthoredRecords",
@@ -30,7 +30,6 @@ __all__ = [
     "author_families",
     "authored_table",
     "evaluate_authored",
-    "evaluate_families",
     "write_authored_csv",
 ]
 
@@ -244,32 +243,6 @@ def author_families(
         if family.interval[1] <= timing.longest and not lacking(family, robot, resting)
         for chain in author(family.name, robot, count, seed, resting, timing)
     ]
-
-
-def evaluate_families(
-    policy: TensorDictModuleBase,
-    robot: Robot,
-    motions: MotionLibrary,
-    count: int,
-    seed: int = 0,
-    *,
-    observe: Callable[[MotionLibrary], Sequence[Transform]] | None = None,
-    pushes: Pushes | None = None,
-    num_threads: int | None = None,
-    device: torch.device | str = "cpu",
-) -> AuthoredRecords:
-    """Return records of ``count`` chains of every authored family, see :func:`author_families`.
-
-    Args:
-        policy, robot, observe, pushes, num_threads, device: as for :func:`evaluate_authored`.
-        motions: source of resting poses.
-        count: chains per family.
-        seed: of the chains; the same for every policy.
-    """
-    chains = author_families(robot, motions, count, seed, timing_of(policy))
-    return evaluate_authored(
-        policy, robot, chains, observe=observe, pushes=pushes, num_threads=num_threads, device=device
-    )
 
 
 _COLUMNS = {

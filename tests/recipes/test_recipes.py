@@ -17,6 +17,7 @@ import torch
 from safetensors.torch import load_file
 
 from plat.cli import main
+from plat.recipes import distill
 from plat.runs import load_policy
 from tests.export.runs import small_policy, write_run
 
@@ -113,6 +114,15 @@ def test_distilling_goes_on_from_a_student_in_its_shape(tmp_path, stages, studen
     other = "plain" if student == "latent" else "latent"
     wrong = [*arguments, "--student", other, "--steps", 64, "--out", tmp_path / "x"]
     assert f"expected a {other} student (--init, --student)" in error_of("distill", *wrong)
+
+
+@pytest.mark.parametrize(
+    ("expert", "stage_3"),
+    [("expert-g1", "plat refine"), ("expert-model-g1", "plat refine-model --init-model expert-model-g1")],
+)
+def test_after_distilling_comes_stage_3_of_the_kind_that_stage_1_was(tmp_path, expert, stage_3):
+    recipe = distill.DistillRecipe(motions=("generated:val",), expert=Path(expert), out=tmp_path)
+    assert f"next: {stage_3} --student {tmp_path} --motions generated:val" in distill.after(recipe)
 
 
 def test_a_finished_run_stays_as_it_is_and_others_are_refused(stages):
