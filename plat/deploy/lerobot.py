@@ -1,5 +1,6 @@
 """Controller for LeRobot's Unitree G1, by the interface of its locomotion controllers; LeRobot itself is not needed."""
 
+import threading
 import time
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -8,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plat.deploy.estimator import StateEstimator
+from plat.deploy.runner import JointCommand
 from plat.deploy.safety import CommandSource, Journal, OnboardController, OnboardReading, Policy
 from plat.deploy.safety.settings import SafetySettings
 from plat.deploy.state import Pose
@@ -70,6 +72,7 @@ class LeRobotController:
         self._stop_key, self._clock = stop_key, clock
         self._damping = settings.damping * robot.damping
         self.control_dt = control_dt
+        self._lock = threading.RLock()
         self.reset()
 
     @property
@@ -88,10 +91,11 @@ class LeRobotController:
 
     def reset(self) -> None:
         """Begin anew: the robot has to stand still, then it ramps."""
-        self._onboard.reset()
-        self._targets: NDArray[np.float64] | None = None
-        # until something is known motors are braked
-        self.kp, self.kd = np.zeros(self._joints), self._damping.copy()
+        with self._lock:  # not within a step of LeRobot's thread, which would set its gains afterwards
+            self._onboard.reset()
+            self._targets: NDArray[np.float64] | None = None
+            # until something is known motors are braked
+            self.kp, self.kd = np.zeros(self._joints), self._damping.copy()
 
     def run_step(self, action: Mapping[str, Any], lowstate: Any) -> dict[str, float]:
         """Return targets by LeRobot's names (rad), and set the gains that go with them.
@@ -100,14 +104,17 @@ class LeRobotController:
             action: what LeRobot's teleoperator says; only the key that stops is read.
             lowstate: with ``motor_state`` and ``imu_state`` as LeRobot fills them; None when none came.
         """
-        if self._stop_key is not None and action.get(self._stop_key) and self.mode != "damping":
-            self._onboard.stop(f"{self._stop_key} was pressed")
-        command = self._onboard.step(self._clock(), self._reading(lowstate))
-        if command is not None:
-            self._targets, self.kp, self.kd = command
-        if self._targets is None:
-            return {}
-        return dict(zip(self._keys, self._targets.tolist(), strict=True))
+        with self._lock:
+            if self._stop_key is not None and action.get(self._stop_key) and self.mode != "damping":
+                # sent at once: the next control step may not be due yet
+                command: JointCommand | None = self._onboard.stop(f"{self._stop_key} was pressed")
+            else:
+                command = self._onboard.step(self._clock(), self._reading(lowstate))
+            if command is not None:
+                self._targets, self.kp, self.kd = command
+            if self._targets is None:
+                return {}
+            return dict(zip(self._keys, self._targets.tolist(), strict=True))
 
     def _reading(self, lowstate: Any) -> OnboardReading | None:
         try:

@@ -6,6 +6,8 @@ from bisect import bisect_left, insort
 from dataclasses import replace
 from typing import Literal
 
+import numpy as np
+
 from plat.errors import KeyframeError
 from plat.keyframes.keyframe import Keyframe, RobotJoints
 from plat.keyframes.sequence import Command
@@ -40,7 +42,8 @@ class KeyframeQueue:
     def __init__(self, robot: RobotJoints, timing: Timing = Timing()):
         self.robot = robot
         """Whose keyframes they are."""
-        self._timing = timing
+        self.timing = timing
+        """Of the policy."""
         self._lock = threading.Lock()
         self._queue: list[Keyframe] = []
         self._index = 0
@@ -67,7 +70,7 @@ class KeyframeQueue:
         if not math.isfinite(now):
             raise KeyframeError(f"now is {now} s, expected the time of the robot's clock")
         checked = keyframe.checked(self.robot)
-        steps = self._timing.steps(checked.time) - self._timing.steps(now)
+        steps = self.timing.steps(checked.time) - self.timing.steps(now)
         if steps <= 0:
             return "late" if steps < 0 else "too soon"
         if checked.time - now > _LONGEST_WAIT:
@@ -75,9 +78,9 @@ class KeyframeQueue:
         with self._lock:
             if replace_all:
                 self._queue.clear()
-            arrivals = [self._timing.steps(each.time) for each in self._queue]
-            place = bisect_left(arrivals, self._timing.steps(checked.time))
-            if place < len(arrivals) and arrivals[place] == self._timing.steps(checked.time):
+            arrivals = [self.timing.steps(each.time) for each in self._queue]
+            place = bisect_left(arrivals, self.timing.steps(checked.time))
+            if place < len(arrivals) and arrivals[place] == self.timing.steps(checked.time):
                 self._queue[place] = checked
             else:
                 insort(self._queue, checked, key=lambda each: each.time)
@@ -93,26 +96,43 @@ class KeyframeQueue:
     def stay(self, pose: Keyframe, now: float, seconds: float = 0.5) -> None:
         """Forget all keyframes and command one pose, for example where the robot is: what a cancellation means.
 
+        The pose may be a measured one: an angle beyond its joint's range is taken to be at the end of it.
+
         Raises:
-            KeyframeError: for a pose that is not the robot's.
+            KeyframeError: for a pose that is not the robot's; all keyframes are forgotten nevertheless.
         """
-        checked = replace(pose, time=now + max(seconds, self._timing.control_dt)).checked(self.robot)
-        with self._lock:
-            self._queue[:] = [checked]
+        staying: list[Keyframe] = []
+        time = now + max(seconds, self.timing.control_dt)
+        try:
+            staying.append(replace(pose, time=time, joint_pos=self._within(pose.joint_pos)).checked(self.robot))
+        finally:
+            with self._lock:
+                self._queue[:] = staying
 
     def command(self, time: float) -> Command | None:
         """Return the command at a time (s); None when there is none within reach. Times do not go back."""
-        step = self._timing.steps(time)
+        step = self.timing.steps(time)
         with self._lock:
-            while self._queue and self._timing.steps(self._queue[0].time) <= step:
+            while self._queue and self.timing.steps(self._queue[0].time) <= step:
                 self._queue.pop(0)
                 self._index += 1
             if not self._queue:
                 return None
-            left = self._timing.steps(self._queue[0].time) - step
-            if left > self._timing.max_steps:
+            left = self.timing.steps(self._queue[0].time) - step
+            if left > self.timing.max_steps:
                 return None
             return Command(self._index, self._queue[0], left, left)
+
+    def _within(self, joint_pos: np.ndarray) -> np.ndarray:
+        """Return angles within the joints' ranges; what are no angles stays as it is, to be refused."""
+        low, high = np.asarray(self.robot.joint_range, dtype=np.float64).T
+        try:
+            angles = np.asarray(joint_pos, dtype=np.float64)
+        except (TypeError, ValueError):
+            return joint_pos
+        if angles.shape != low.shape or not np.isfinite(angles).all():
+            return joint_pos
+        return angles.clip(low, high)
 
 
 _LONGEST_WAIT = 60.0  # s: a clock that is off by hours shows here

@@ -1,5 +1,6 @@
 """The controller for LeRobot's G1, against a stand-in that calls it as LeRobot's robot does."""
 
+import threading
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -126,6 +127,35 @@ def test_the_button_brakes(robot):
     assert "remote.button.3" in list(robot.controller.journal)[-1].reason
     robot.controller.reset()
     assert robot.controller.mode == "settle"
+
+
+@pytest.mark.parametrize("after", range(4))
+def test_the_button_brakes_at_once(robot, after):
+    """Also between two control steps, of four calls each."""
+    robot.run(0.6 + 0.005 * after)
+    assert robot.sent[-1][1].any()
+    robot.action["remote.button.3"] = 1.0
+    robot.run(0.005)
+    assert not robot.sent[-1][1].any()
+
+
+def test_a_reset_during_a_step_of_lerobots_thread_brakes(robot):
+    robot.run(0.6)
+    reset = threading.Thread(target=robot.controller.reset)
+
+    def answer(state, keyframe, steps_left):
+        if not reset.ident:
+            reset.start()
+            reset.join(0.05)  # time enough, if nothing holds it
+        return keyframe.joint_pos
+
+    robot.policy.answer = answer
+    while not reset.ident:
+        robot.run(0.005)
+    reset.join()
+    assert robot.controller.mode == "settle"
+    assert not robot.controller.kp.any()
+    np.testing.assert_array_equal(robot.controller.kd, ROBOT.damping)
 
 
 def test_a_hot_motor_and_a_lost_connection_brake(robot):

@@ -62,6 +62,39 @@ def test_canceling():
     assert (command.keyframe.name, command.steps_left, len(queue)) == ("here", 5, 1)
 
 
+def test_a_measured_pose_to_stay_in_may_be_beyond_the_range():
+    """By the bias of an encoder."""
+    queue, here, knee = KeyframeQueue(G1), standing(G1), G1.joint_names.index("left_knee")
+    queue.put(at(0.5), 0.0)
+    most = float(G1.joint_range[knee, 1])
+    joint_pos = here.joint_pos.copy()
+    joint_pos[knee] = most + 0.005
+    queue.stay(replace(here, joint_pos=joint_pos, name="here"), now=0.2)
+    command = queue.command(0.2)
+    assert (command.keyframe.name, len(queue)) == ("here", 1)
+    assert command.keyframe.joint_pos[knee] == most
+    assert joint_pos[knee] == most + 0.005
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"joint_pos": np.zeros(3)},
+        {"joint_pos": np.full(29, np.inf)},
+        {"joint_pos": 0.0},
+        {"joint_pos": ["much"] * 29},
+        {"root_pos": np.full(3, np.nan)},
+    ],
+)
+def test_a_cancellation_holds_even_if_its_pose_is_refused(change):
+    queue = KeyframeQueue(G1)
+    queue.put(at(0.5), 0.0)
+    with pytest.raises(KeyframeError, match=next(iter(change))):
+        queue.stay(replace(standing(G1), **change), now=0.2)
+    assert len(queue) == 0
+    assert queue.command(0.2) is None
+
+
 def test_poses_of_another_robot_are_refused():
     with pytest.raises(KeyframeError, match="joint_pos has shape"):
         KeyframeQueue(G1).put(replace(at(0.5), joint_pos=np.zeros(3)), 0.0)

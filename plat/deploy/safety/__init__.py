@@ -1,6 +1,7 @@
 """Last line of defence between a policy and the motors: small pieces, and a runner that puts them together."""
 
 from plat.deploy.safety.ending import CommandSource, EndOfSequence, TimedCommand
+from plat.deploy.safety.followable import FollowableCommands
 from plat.deploy.safety.journal import Intervention, Journal
 from plat.deploy.safety.limits import TargetLimiter
 from plat.deploy.safety.onboard import OnboardController, OnboardReading
@@ -13,6 +14,7 @@ from plat.deploy.safety.watch import StateWatch
 __all__ = [
     "CommandSource",
     "EndOfSequence",
+    "FollowableCommands",
     "Intervention",
     "Journal",
     "OnboardController",

@@ -44,6 +44,7 @@ class OnboardController:
 
     The robot must stand or hang still at first: tilt and bias of the gyroscope are measured then. It ramps, and the
     world of the keyframes is laid under it when the policy begins. :meth:`step` never raises for what it is given.
+    :meth:`stop` may be called at any time, as that of :class:`plat.deploy.safety.SafeRunner`.
 
     Args:
         policy: what computes targets.
@@ -52,6 +53,9 @@ class OnboardController:
         estimator: with the place of the IMU; None for one at the root.
         anchor: pose that the robot is taken to stand in when the policy begins, by position and heading, such as the
             sequence's start; None to leave it at the origin.
+
+    Raises:
+        PlatError: when the policy cannot follow the source, see :class:`plat.deploy.safety.SafeRunner`.
 
     >>> from plat.keyframes import KeyframeSequence, standing
     >>> from plat.robots import G1, describe_robot
@@ -105,7 +109,7 @@ class OnboardController:
         return self._safe.elapsed(now)
 
     def reset(self) -> None:
-        """Begin anew: the robot has to stand still, then it ramps."""
+        """Begin anew: the robot has to stand still, then it ramps. Call it between steps."""
         self._safe.reset()
         self._state: RobotState | None = None
         self._still: list[tuple[NDArray[np.float64], ...]] = []

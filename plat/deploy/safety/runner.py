@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from plat.deploy.description import RobotDescription
 from plat.deploy.runner import JointCommand
 from plat.deploy.safety.ending import CommandSource, EndOfSequence
+from plat.deploy.safety.followable import FollowableCommands
 from plat.deploy.safety.journal import Journal
 from plat.deploy.safety.limits import TargetLimiter
 from plat.deploy.safety.ramp import Ramp
@@ -49,6 +50,9 @@ class SafeRunner:
     in to the start pose; ``"run"`` the policy; ``"end"``: hold the last keyframe, then stand. ``"damping"`` lasts until
     :meth:`reset`: no stiffness, joints braked.
 
+    :meth:`stop` may come at any time, also within a step: from a signal handler, another thread, or a hook. A command
+    that the policy cannot follow is as if it had not been given.
+
     Args:
         policy: what computes targets.
         source: what commands keyframes; its time begins with ``"run"``.
@@ -60,7 +64,10 @@ class SafeRunner:
 
     Attributes:
         journal: why and when it stepped in.
-        mode: what it does now.
+
+    Raises:
+        PlatError: when the policy cannot follow the source: other control steps, commands that are too long, or partial
+            keyframes for a policy that was trained on whole poses.
     """
 
     def __init__(
@@ -72,8 +79,10 @@ class SafeRunner:
         temperatures: Callable[[], Array] | None = None,
         on_start: Callable[[RobotState], RobotState | None] | None = None,
     ):
-        self._policy, self._source, self._settings = policy, source, settings
+        self._policy, self._settings = policy, settings
         self._robot = policy.robot
+        timing = Timing(self._robot.control_dt, policy.timing.max_steps)
+        self._source = FollowableCommands(source, timing, getattr(policy, "sees_parts", True), self._refused)
         self._start = self._robot.default_joint_pos if start is None else np.asarray(start, dtype=np.float64)
         self._temperatures, self._on_start = temperatures, on_start
         self._limiter = TargetLimiter(self._robot, settings)
@@ -82,13 +91,20 @@ class SafeRunner:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew: wait for a good state, then ramp."""
-        self.mode: Mode = "wait"
+        """Begin anew: wait for a good state, then ramp. Call it between steps."""
+        self._stopped = False
+        self._mode: Mode = "wait"
         self._watch.reset()
         self._commands = EndOfSequence(self._source, self._robot, self._policy.timing.max_steps, self._settings)
         self._now: float | None = None
         self._began = 0.0
         self._ramp: Ramp | None = None
+
+    @property
+    def mode(self) -> Mode:
+        """Return what it does now."""
+        # a flag of its own: a step that a stop interrupts may still set the mode
+        return "damping" if self._stopped else self._mode
 
     def elapsed(self, now: float) -> float:
         """Return the time of the source's commands at a time of the clock (s); 0 before ``"run"`` began."""
@@ -106,6 +122,11 @@ class SafeRunner:
             state: newest measured state; None when none came.
             stamp: time of its measurement (s), same clock; None for ``now``.
         """
+        command = self._step(now, state, stamp)
+        # a stop may have come while it was computed
+        return self._damped() if self._stopped else command
+
+    def _step(self, now: float, state: RobotState | None, stamp: float | None) -> JointCommand:
         dt = self._robot.control_dt if self._now is None else min(max(now - self._now, 0.0), self._robot.control_dt)
         if not np.isfinite(now):
             self.journal.note(0.0 if self._now is None else self._now, "clock", f"time is {now}")
@@ -139,27 +160,27 @@ class SafeRunner:
         good = self._watch.good
         assert good is not None
         self._limiter.reset(good.joint_pos)
-        self._ramp, self._began, self.mode = Ramp(self._limiter.last, self._start, self._settings.ramp), now, "ramp"
+        self._ramp, self._began, self._mode = Ramp(self._limiter.last, self._start, self._settings.ramp), now, "ramp"
 
     def _target(self, now: float, state: RobotState) -> Array:
         """Return what is asked for before limits ``[J]`` (rad)."""
         assert self._ramp is not None
-        if self.mode == "ramp":
+        if self._mode == "ramp":
             elapsed = now - self._began
             if elapsed < self._ramp.seconds:
                 return self._ramp(elapsed)
-            self.mode, self._began = "run", now
+            self._mode, self._began = "run", now
             self._policy.reset(self._limiter.last)
             if self._on_start is not None:
                 # the keyframes' world may have moved under the robot
                 state = self._on_start(state) or state
         try:
-            command = self._commands.command(now - self._began)
-            if self._commands.ended and self.mode == "run":
-                self.mode = "end"
-                self.journal.note(now, "end", "the last keyframe has passed: hold, then stand")
+            command = self._commands.command(now - self._began, state)
+            if self._commands.ended and self._mode == "run":
+                self._mode = "end"
+                self.journal.note(now, "end", "nothing more is commanded: hold the last keyframe, then stand")
             elif not self._commands.ended:
-                self.mode = "run"
+                self._mode = "run"
             return self._policy(state, command.keyframe, command.steps_left)
         except PlatError as error:
             self.journal.note(now, "policy", str(error))
@@ -174,10 +195,13 @@ class SafeRunner:
             self.journal.note(now, "temperature", f"cannot be read ({type(error).__name__}: {error})")
             return None
 
+    def _refused(self, reason: str) -> None:
+        self.journal.note(0.0 if self._now is None else self._now, "commands", reason)
+
     def _damp(self, now: float, piece: str, reason: str) -> JointCommand:
-        if self.mode != "damping":
+        if not self._stopped:
+            self._stopped = True  # first of all: a program of the user's own may listen to the log
             self.journal.note(now, piece, f"{reason}: damping mode", new=True)
-            self.mode = "damping"
         return self._damped()
 
     def _held(self) -> JointCommand:

@@ -162,6 +162,16 @@ def test_stop_and_reset():
     assert bench.controller.mode == "ramp"
 
 
+def test_a_stop_from_within_a_step_holds():
+    bench = Bench().run(0.6)
+    bench.policy.answer = lambda *_: bench.controller.stop("smoke").position
+    count = len(bench.commands)
+    bench.run(0.1)
+    assert bench.controller.mode == "damping"
+    assert len(bench.policy.asked) < 20
+    assert not any(command.stiffness.any() for _, command in bench.commands[count:])
+
+
 def test_anchoring_returns_the_state_there():
     estimator = StateEstimator(ROBOT)
     estimator.reset(ROBOT.default_joint_pos, np.zeros(3), np.array([0.0, 0.0, 9.81]))

@@ -10,6 +10,7 @@ import pytest
 from plat.deploy.safety import EndOfSequence, Journal, Ramp, SafetySettings, StateWatch, TargetLimiter, stop_reason
 from plat.errors import ConfigError
 from plat.rotations_np import quat_from_rotvec
+from plat.spec.parts import Parts
 from tests.deploy.safety.stand_ins import DT, ROBOT, Commands, good_state
 
 LOW, HIGH = ROBOT.joint_range.T
@@ -185,11 +186,39 @@ def test_the_end_of_a_sequence_is_held_and_then_it_stands():
     np.testing.assert_array_equal(last.joint_pos, ROBOT.default_joint_pos)
 
 
+@pytest.mark.parametrize(
+    ("root", "body"),
+    [
+        ((), "left_wrist_yaw_link"),
+        ((), "pelvis"),  # a body among others, and the root
+        (("horizontal",), "left_wrist_yaw_link"),
+        (("orientation",), "left_wrist_yaw_link"),
+        (("horizontal", "height", "orientation"), "left_wrist_yaw_link"),
+    ],
+)
+def test_what_of_the_root_was_not_commanded_is_where_the_robot_is(root, body):
+    """Wherever the keyframe happens to draw it."""
+    source = Commands(0.04)
+    source.pose.root_pos, source.pose.root_quat = np.array([1.5, 0.5, 0.7]), quat_from_rotvec([0, 0, 1.0])
+    source.pose.commands = Parts.only(ROBOT, bodies=[body], root=root)
+    commands = EndOfSequence(source, ROBOT, max_steps=50, settings=SafetySettings(hold=0.04, stand=0.1))
+    state = good_state()
+    for step in range(10):
+        # it goes on moving until it is to stand
+        state.root_pos_w = np.array([2.0 + 0.1 * min(step, 4), 1.0, 0.74])
+        state.root_quat_w = quat_from_rotvec([0.0, 0.0, -0.5])
+        pose = commands.command(step * DT, state).keyframe
+    place = [1.5, 0.5] if "horizontal" in root or body == "pelvis" else [2.4, 1.0]
+    np.testing.assert_allclose(pose.root_pos, [*place, ROBOT.root_height])
+    heading = 1.0 if "orientation" in root else -0.5
+    np.testing.assert_allclose(pose.root_quat, quat_from_rotvec([0, 0, heading]), atol=1e-12)
+
+
 def test_a_source_that_goes_on_is_obeyed_again():
     commands = [None, SimpleNamespace(keyframe=good_pose(), steps_left=7)]
     source = SimpleNamespace(command=lambda time: commands[int(time)])
     ending = EndOfSequence(source, ROBOT, 50)
-    assert ending.command(0.0).steps_left == 1
+    assert ending.command(0.0).steps_left == 50  # there is nothing to hold: it stands, and not at once
     assert ending.ended
     assert ending.command(1.0).steps_left == 7
     assert not ending.ended

@@ -1,3 +1,5 @@
+import logging
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -5,8 +7,10 @@ import pytest
 
 from plat.deploy import PolicyRunner
 from plat.deploy.safety import SafeRunner, SafetySettings
-from plat.errors import StateError
+from plat.errors import PlatError, StateError
+from plat.keyframes import KeyframeQueue, KeyframeSequence, only, standing
 from plat.rotations_np import quat_from_rotvec
+from plat.spec.timing import Timing
 from tests.deploy.safety.stand_ins import DT, ROBOT, Commands, StandIn, good_state
 
 QUICK = SafetySettings(ramp=0.1, hold=0.1, stand=0.1)
@@ -124,6 +128,103 @@ def test_an_emergency_stop_and_a_broken_clock():
     assert [entry.piece for entry in robot.runner.journal] == ["clock", "stop"]
 
 
+class Interruption:
+    """A stop in the middle of a step, as by a signal: before the n-th line that the runner's file executes."""
+
+    def __init__(self, runner: SafeRunner, line: int):
+        self.runner, self.left = runner, line
+
+    @property
+    def came(self) -> bool:
+        return self.left < 0
+
+    def trace(self, frame, event, argument):
+        if frame.f_code.co_filename != sys.modules[SafeRunner.__module__].__file__:
+            return None
+        if event == "line":
+            self.left -= 1
+            if self.left == -1:
+                self.runner.stop("a hand on the button")
+        return self.trace
+
+    def step(self, *arguments):
+        before = sys.gettrace()
+        sys.settrace(self.trace)
+        try:
+            return self.runner.step(*arguments)
+        finally:
+            sys.settrace(before)
+
+
+def test_a_stop_holds_wherever_in_a_step_it_comes():
+    """At every line: of the wait, the ramp, the start, a broken clock, a missing state, the end, and a new command."""
+    times = [0.0, 0.02, 0.04, float("nan"), 0.06, 0.08, 0.10, 0.12]
+    missing, commanded, line = 0.06, (0.04, 0.08, 0.12), 0
+    while True:
+        queue = KeyframeQueue(ROBOT)
+        policy = StandIn(lambda *_: ROBOT.default_joint_pos + 9.0)  # the limits tell of it
+        hooks = {"temperatures": lambda: np.full(29, 30.0), "on_start": lambda state: state}
+        runner = SafeRunner(policy, queue, SafetySettings(ramp=0.02), **hooks)
+        button = Interruption(runner, line)
+        for index, now in enumerate(times):
+            if now in commanded:
+                queue.put(standing(ROBOT).at(runner.elapsed(now) + 0.04), runner.elapsed(now), replace_all=True)
+            came = button.came
+            command = button.step(now, None if now == missing else good_state(1e-4 * index))
+            if came or button.came:
+                assert runner.mode == "damping", (line, now)
+                assert not command.stiffness.any(), (line, now)
+        if not button.came:
+            break
+        assert [entry.piece for entry in runner.journal].count("stop") == 1
+        line += 1
+    assert line > 100
+    assert "end" in [entry.piece for entry in runner.journal]
+
+
+class Smoke(logging.Handler):
+    """A detector that stops the robot from within a piece of the user's own, among them a handler of the log."""
+
+    def __init__(self, place: str):
+        super().__init__()
+        self.place, self.robot, self.stopped = place, None, None
+
+    def pass_by(self, place: str, value=None):
+        if place == self.place:
+            if self.stopped is None:
+                self.stopped = len(self.robot.commands)
+            self.robot.runner.stop("smoke")
+        return value
+
+    def emit(self, record):
+        self.pass_by("log")
+
+
+@pytest.mark.parametrize("place", ["temperatures", "on_start", "source", "reset", "policy", "log"])
+def test_a_stop_holds_that_a_hook_asks_for(place):
+    """The log tells of a target beyond its limits: the last thing in a step."""
+    smoke, policy, source = Smoke(place), StandIn(), Commands()
+    policy.answer = lambda *_: smoke.pass_by("policy", ROBOT.default_joint_pos + 9.0)
+    policy.reset = lambda target: smoke.pass_by("reset")
+    command, source.command = source.command, lambda time: smoke.pass_by("source", command(time))
+    hooks = {
+        "temperatures": lambda: smoke.pass_by("temperatures", np.zeros(29)),
+        "on_start": lambda state: smoke.pass_by("on_start", state),
+    }
+    robot = smoke.robot = Robot(SafeRunner(policy, source, QUICK, **hooks))
+    logger = logging.getLogger("plat.deploy.safety")
+    logger.addHandler(smoke)
+    try:
+        assert robot.run(20) == "damping"
+    finally:
+        logger.removeHandler(smoke)
+    assert not any(command.stiffness.any() for command in robot.commands[smoke.stopped :])
+    assert [entry.reason for entry in robot.runner.journal if entry.piece == "stop"] == ["smoke: damping mode"]
+    smoke.place = "nowhere"
+    robot.runner.reset()
+    assert robot.run(10) == "run"
+
+
 def test_the_start_is_told_once():
     seen = []
     robot = Robot(SafeRunner(StandIn(), Commands(), QUICK, on_start=seen.append))
@@ -134,3 +235,109 @@ def test_the_start_is_told_once():
 def test_a_runner_of_a_bundle_is_a_policy(bundle):
     robot = Robot(SafeRunner(PolicyRunner(bundle), Commands(), QUICK))
     assert robot.run(20) == "run"
+
+
+def at(seconds: float, x: float = 0.0):
+    pose = standing(ROBOT)
+    return replace(pose.at(seconds), root_pos=pose.root_pos + np.array([x, 0.0, 0.0]))
+
+
+def hand(seconds: float):
+    return only(ROBOT, seconds, bodies={"left_wrist_yaw_link": (0.3, 0.2, 0.9)})
+
+
+class WholePoses(StandIn):
+    """A policy that was trained on whole poses."""
+
+    sees_parts = False
+
+
+@pytest.mark.parametrize(
+    ("source", "policy", "message"),
+    [
+        (KeyframeSequence(ROBOT, at(0.0), (at(3.0),), Timing(max_steps=150)), StandIn,
+         r"keyframe 0: time is 3 s, 150 control steps after 0 s, expected at most 50 \(1 s\)"),
+        (KeyframeSequence(ROBOT, at(0.0), (at(0.5),), Timing(control_dt=0.01)), StandIn,
+         "keyframes: control step of 0.01 s, expected the policy's 0.02 s"),
+        (KeyframeSequence(ROBOT, at(0.0), (at(0.5), hand(1.0))), WholePoses,
+         "the keyframe at 1 s commands a part of its pose, but this policy was trained on whole poses"),
+        (KeyframeQueue(ROBOT, Timing(control_dt=0.01)), StandIn, "keyframes: control step of 0.01 s"),
+        (KeyframeQueue(ROBOT, Timing(max_steps=150)), StandIn, "150 control steps, expected at most the policy's 50"),
+    ],
+)  # fmt: skip
+def test_what_the_policy_cannot_follow_is_refused_before_anything_moves(source, policy, message):
+    with pytest.raises(PlatError, match=message) as refused:
+        SafeRunner(policy(), source, QUICK)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("source", "policy"),
+    [
+        # for a policy with longer commands, but near enough; and of shorter ones
+        (KeyframeSequence(ROBOT, at(0.0), (at(0.9),), Timing(max_steps=150)), StandIn),
+        (KeyframeSequence(ROBOT, at(0.0), (at(0.4),), Timing(max_steps=20)), StandIn),
+        (KeyframeSequence(ROBOT, at(0.0), (hand(0.9),)), StandIn),
+        (KeyframeQueue(ROBOT, Timing(max_steps=20)), WholePoses),
+    ],
+)
+def test_what_it_can_follow_is_taken(source, policy):
+    assert SafeRunner(policy(), source, QUICK).mode == "wait"
+
+
+def test_a_partial_keyframe_that_comes_later_is_left_out():
+    """As if it had not been given: the robot stands, and obeys the next one."""
+    policy, queue = WholePoses(), KeyframeQueue(ROBOT)
+    robot = Robot(SafeRunner(policy, queue, QUICK))
+    for keyframe in (at(0.2, x=0.1), hand(0.6), at(1.0, x=0.2)):
+        assert queue.put(keyframe, 0.0) == "queued"
+    assert robot.run(6 + 25) == "end"
+    assert robot.run(10) == "run"
+    assert {keyframe.root_pos[0] for _, keyframe, _ in policy.asked} == {0.1, 0.2}
+    reasons = {entry.piece: entry.reason for entry in robot.runner.journal}
+    assert "policy" not in reasons
+    assert "the keyframe at 0.6 s commands a part of its pose" in reasons["commands"]
+
+
+def test_a_command_that_is_too_long_for_the_policy_is_left_out_until_it_is_near():
+    class Far:
+        """Of a kind that says nothing about its timing."""
+
+        def command(self, time):
+            from types import SimpleNamespace
+
+            left = 60 - round(time / DT)
+            return SimpleNamespace(keyframe=at(1.2, x=0.3), steps_left=left) if left > 0 else None
+
+    policy = StandIn()
+    robot = Robot(SafeRunner(policy, Far(), QUICK))
+    assert robot.run(6 + 5) == "end"
+    assert robot.run(10) == "run"
+    assert [steps for *_, steps in policy.asked if steps > 5] == list(range(50, 44, -1))
+    assert "commands" in [entry.piece for entry in robot.runner.journal]
+
+
+def test_nothing_is_commanded_and_it_stands_where_it_is():
+    """Not at the origin, nor at once."""
+    policy = StandIn()
+    robot = Robot(SafeRunner(policy, KeyframeQueue(ROBOT), replace(QUICK, stand=0.2)))
+    quat = quat_from_rotvec([0, 0, 1.2])
+    robot.state = replace(robot.state, root_pos_w=np.array([3.0, 2.0, ROBOT.root_height]), root_quat_w=quat)
+    assert robot.run(20) == "end"
+    assert [steps for *_, steps in policy.asked][:12] == [*range(10, 0, -1), 1, 1]
+    for _, pose, _ in policy.asked:
+        np.testing.assert_allclose(pose.root_pos, [3.0, 2.0, ROBOT.root_height])
+        np.testing.assert_allclose(pose.root_quat, quat, atol=1e-12)
+
+
+def test_a_canceled_keyframe_is_not_chased():
+    policy, queue = StandIn(), KeyframeQueue(ROBOT)
+    robot = Robot(SafeRunner(policy, queue, QUICK))
+    queue.put(at(0.8, x=2.0), 0.0)
+    robot.run(15)
+    queue.cancel()
+    policy.asked.clear()
+    robot.state = replace(robot.state, root_pos_w=np.array([0.5, 0.0, ROBOT.root_height]))
+    assert robot.run(20) == "end"
+    assert {pose.root_pos[0] for _, pose, _ in policy.asked} == {0.5}
+    assert policy.asked[0][2] == 5
