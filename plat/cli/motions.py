@@ -45,7 +45,7 @@ from plat.motions import (
     validate_motions,
 )
 from plat.motions.checks.feet import Soles
-from plat.motions.formats.rate import without_rates
+from plat.motions.files import csv_stem
 from plat.motions.generation import PREFIX, generate_named
 from plat.motions.paths import names_apart
 from plat.motions.resample import resample_qpos
@@ -358,8 +358,8 @@ def draw_maps(command: Map) -> list[Path]:
 def write(out: Path, files: Sequence[MotionFile], form: str, robot: Robot = G1) -> list[Path]:
     """Write clips to one npz, or to a folder."""
     clips = [clip for file in files for clip in file.clips]
-    if form == "csv":  # whose names state the clip's own rate, and no other
-        clips = [replace(clip, name=without_rates(clip.name)) for clip in clips]
+    if form == "csv":  # a file each, so the names of files stay apart
+        clips = [replace(clip, name=csv_stem(clip)) for clip in clips]
     clips = distinct(clips)
     if not clips:
         raise PlatError("no clips are left to write")

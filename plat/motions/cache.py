@@ -26,6 +26,8 @@ _LOGGER = logging.getLogger("plat.motions")
 # Bytes before the first row: length of the header, and the header with blanks behind it. Rows begin on a page.
 _HEAD = 4096
 
+_TENSORS = ("table", "clip_start", "clip_length", "clip_names", "facts")
+
 # From this size on, a file that has not been touched since it was found whole is not read through again, and a set of
 # motion files that has not been touched is not either.
 _LARGE = 1 << 28
@@ -94,7 +96,8 @@ def write_table(
             for name, dtype, tensor in (
                 ("clip_start", "I64", start),
                 ("clip_length", "I64", length),
-                ("clip_names", "U8", torch.frombuffer(bytearray(json.dumps(names).encode()), dtype=torch.uint8)),
+                ("clip_names", "U8", _as_tensor(names)),
+                ("facts", "U8", _as_tensor(facts)),
             ):
                 begin = written.size
                 written.take(tensor)
@@ -104,7 +107,7 @@ def write_table(
                 for name, (dtype, shape, begin, end) in tensors.items()
             }
             checksum = f"{written.checksum:08x}"
-            header["__metadata__"] = {"dt": repr(dt), "facts": json.dumps(facts), "checksum": checksum}
+            header["__metadata__"] = {"dt": repr(dt), "checksum": checksum}
             text = json.dumps(header).encode().ljust(_HEAD - 8)
             file.seek(0)
             file.write(struct.pack("<Q", len(text)) + text)
@@ -112,6 +115,11 @@ def write_table(
     replace_file(path, write)
     if path.stat().st_size >= _LARGE:
         _remember_whole(path)
+
+
+def _as_tensor(value: object) -> Tensor:
+    """Return a value as JSON in bytes. The header has a fixed size, and what can be of any goes behind the table."""
+    return torch.frombuffer(bytearray(json.dumps(value).encode()), dtype=torch.uint8)
 
 
 class _Written:
@@ -140,7 +148,7 @@ def read_table(path: Path) -> CachedTable | None:
             return None
         with safe_open(path, "pt") as file:
             metadata = file.metadata()
-            tensors = [file.get_tensor(name) for name in ("table", "clip_start", "clip_length", "clip_names")]
+            tensors = [file.get_tensor(name) for name in _TENSORS]
         if not (path.stat().st_size >= _LARGE and _is_known_whole(path)):
             checksum = 0
             for tensor in tensors:
@@ -149,14 +157,14 @@ def read_table(path: Path) -> CachedTable | None:
                 return None
             if path.stat().st_size >= _LARGE:
                 _remember_whole(path)
-        rows, start, length, names = tensors
+        rows, start, length, names, facts = tensors
         return CachedTable(
             rows,
             start.clone(),
             length.clone(),
             json.loads(names.numpy().tobytes()),
             float(metadata["dt"]),
-            json.loads(metadata["facts"]),
+            json.loads(facts.numpy().tobytes()),
         )
     except (AttributeError, OSError, RuntimeError, SafetensorError, KeyError, ValueError, TypeError):
         return None

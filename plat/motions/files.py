@@ -2,23 +2,23 @@
 
 A plat motion file is a NumPy ``.npz`` with one array a clip, named by the clip: ``qpos`` ``[T, 7 + J]`` (root position
 in m, root quaternion ``wxyz``, joint angles in rad), and the array ``fps``. If ``joint_names`` is there, the joint
-columns are brought into the robot's order by name. The other formats are in :mod:`plat.motions.formats`.
+columns are brought into the robot's order by name. Where plat wrote it, the array ``plat_motions`` marks it: clips may
+then have the names that other formats give to other things. The other formats are in :mod:`plat.motions.formats`.
 """
 
 import logging
+import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from plat.errors import MotionError
 from plat.files import readable, replace_file
 from plat.motions.clip import ASSUMED_RATE, MotionClip
-from plat.motions.formats import MotionFile, QuatOrder, ReadOptions, csv_text
+from plat.motions.formats import MotionFile, QuatOrder, ReadOptions, check_clip_names, csv_text, write_archive
 from plat.motions.formats.axes import Up
+from plat.motions.formats.clock import without_steps
 from plat.motions.formats.foreign import refuse_foreign
 from plat.motions.formats.pace import UnfitRateError
 from plat.motions.formats.rate import without_rates
@@ -30,12 +30,20 @@ from plat.motions.retargeting.asf import skeletons_beside
 from plat.progress import tracked
 from plat.robots import G1, Robot
 
-__all__ = ["load_motions", "motion_paths", "read_along", "read_motion_files", "save_csv", "save_motions"]
+__all__ = ["csv_stem", "load_motions", "motion_paths", "read_along", "read_motion_files", "save_csv", "save_motions"]
 
-# names with a meaning in the file, and to the function that writes it
-_RESERVED = ("fps", "joint_names", "joint_pos", "file", "allow_pickle")
+# endings of what is read as a table
+_TABLES = (".csv", ".tsv", ".txt", ".npy")
 _LONGEST_MESSAGE = 800
 _LOGGER = logging.getLogger("plat.motions")
+
+Say = Callable[[int, str], object]
+"""What is given a line about what was read, and its level of logging."""
+
+
+def log(level: int, line: str) -> None:
+    """Log a line under ``plat.motions``."""
+    _LOGGER.log(level, "%s", line)
 
 
 def motion_paths(
@@ -61,11 +69,13 @@ def read_along(path: Path) -> list[Path]:
     ending = path.suffix.lower()
     if ending == ".amc":
         return skeletons_beside(path)
-    beside = {
-        ".csv": [path.with_suffix(".npz"), path.with_suffix(".pkl"), *sonic_parts(path)],
-        ".npz": [path.with_name("meta.json")],
-    }
-    return [file for file in beside.get(ending, []) if file.is_file()]
+    if ending == ".npz":
+        beside = [path.with_name("meta.json")]
+    elif ending in _TABLES:
+        beside = [path.with_suffix(".npz"), path.with_suffix(".pkl"), *sonic_parts(path)]
+    else:
+        beside = []
+    return [file for file in beside if file.is_file()]
 
 
 def read_motion_files(
@@ -80,6 +90,7 @@ def read_motion_files(
     skipped: list[MotionError] | None = None,
     told: list[str] | None = None,
     store: Callable[[MotionFile], MotionFile] | None = None,
+    say: Say = log,
 ) -> list[MotionFile]:
     """Return motion files that were read, with what each was taken for; see :func:`load_motions`.
 
@@ -95,6 +106,7 @@ def read_motion_files(
             and globs are logged, and the others raised.
         told: is given a line for each copy in a folder that was left out; without it they are logged.
         store: is given each file as it was read, and returns it with its clips where they are kept.
+        say: is given what would be logged.
     """
     options = ReadOptions(robot, quat_order, fps, up, units)
     files, errors = [], []
@@ -104,7 +116,7 @@ def read_motion_files(
         told += lines
     else:
         for line in lines:
-            _LOGGER.log(logging.INFO if line.startswith("ignored") else logging.DEBUG, "%s", readable(line))
+            say(logging.INFO if line.startswith("ignored") else logging.DEBUG, readable(line))
     listed = listed_paths(patterns)
     for path in tracked(paths, "reading motions", unit="files"):
         try:
@@ -124,7 +136,7 @@ def read_motion_files(
         skipped += errors
     else:
         for bad in errors:
-            _LOGGER.warning("skipped: %s", readable(str(bad)))
+            say(logging.WARNING, f"skipped: {readable(str(bad))}")
     return _named_apart(files)
 
 
@@ -138,6 +150,7 @@ def load_motions(
     units: Units | None = None,
     strict: bool = False,
     store: Callable[[MotionFile], MotionFile] | None = None,
+    say: Say = log,
 ) -> list[MotionClip]:
     """Return every clip of some motion files.
 
@@ -158,6 +171,7 @@ def load_motions(
         strict: raise for a bad file in a folder or glob too, and read copies.
         store: is given each file as it was read, and returns it with its clips where they are kept, such as
             :class:`plat.motions.store.ClipStore`.
+        say: is given what would be logged.
 
     Raises:
         MotionError: naming file, clip and field, when a file is missing or broken, or does not tell which order its
@@ -171,7 +185,7 @@ def load_motions(
     2
     """
     files = read_motion_files(
-        patterns, robot, quat_order=quat_order, fps=fps, up=up, units=units, strict=strict, store=store
+        patterns, robot, quat_order=quat_order, fps=fps, up=up, units=units, strict=strict, store=store, say=say
     )
     alike: dict[str, list[MotionFile]] = {}
     for file in files:
@@ -179,7 +193,7 @@ def load_motions(
             alike.setdefault(file.facts, []).append(file)
     for facts, group in alike.items():
         more = f" and {len(group) - 1} more" if len(group) > 1 else ""
-        _LOGGER.info("%s%s: %s", readable(str(group[0].path)), more, facts)
+        say(logging.INFO, f"{readable(str(group[0].path))}{more}: {facts}")
     return [clip for file in files for clip in file.clips]
 
 
@@ -200,28 +214,34 @@ def save_motions(path: str | Path, clips: Sequence[MotionClip], robot: Robot = G
             f"motion file {str(path)!r}: clips at {found} frames a second, expected one rate: "
             "plat motions convert --resample 50 gives all the same, and a folder takes each as it is"
         )
-    arrays = {clip.name: clip.qpos for clip in clips}
-    taken = sorted(set(arrays) & set(_RESERVED))
-    if taken or len(arrays) != len(clips):
-        raise MotionError(f"motion file {str(path)!r}: clip names must differ from each other and from {_RESERVED}")
-    described: dict[str, Any] = {"fps": np.float64(rates.pop()), "joint_names": np.array(robot.joint_names), **arrays}
+    try:
+        check_clip_names([clip.name for clip in clips])
+    except MotionError as error:
+        raise MotionError(f"motion file {str(path)!r}: {error}") from None
+    arrays, (fps,) = {clip.name: clip.qpos for clip in clips}, rates
     path = Path(path)
     path = path if path.suffix == ".npz" else path.with_name(f"{path.name}.npz")  # as numpy does
-    replace_file(path, lambda part: np.savez_compressed(part, **described))
+    replace_file(path, lambda part: write_archive(part, arrays, fps, robot.joint_names))
 
 
 def save_csv(folder: str | Path, clip: MotionClip, robot: Robot = G1) -> Path:
     """Write a clip to ``NAME_30fps.csv``: MuJoCo's ``qpos`` under a header, quaternion ``wxyz``.
 
-    A rate that the clip's name states gives way to the clip's own.
+    A rate that the clip's name states gives way to the clip's own, and so does what no file may be called or hides it.
 
     Raises:
         MotionError: for a clip that is none of the robot's.
     """
     clip.check(robot)
-    path = Path(folder) / f"{without_rates(clip.name).replace('/', '_')}_{clip.fps:.10g}fps.csv"
+    stem = csv_stem(clip)
+    path = Path(folder) / f"{stem}_{clip.fps:.10g}fps.csv"
     replace_file(path, lambda part: part.write_text(csv_text(clip, robot.joint_names)))
     return path
+
+
+def csv_stem(clip: MotionClip) -> str:
+    """Return the name of a clip's table without the rate at its end: ``NAME``."""
+    return without_rates(without_steps(re.sub(r"[/\0]", "_", clip.name).lstrip(".")), "motion")
 
 
 def _named_apart(files: list[MotionFile]) -> list[MotionFile]:

@@ -3,15 +3,18 @@
 import hashlib
 import json
 import logging
+import os
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
+from importlib.util import find_spec
 from itertools import chain, pairwise
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
+import mujoco
 import numpy as np
 import torch
 from tensordict import TensorDict
@@ -24,9 +27,11 @@ from plat.motions.cache import CachedTable, cache_dir, file_digests, read_table,
 from plat.motions.checks.repair import clip_to_limits
 from plat.motions.checks.validation import MotionValidator, Verdict
 from plat.motions.clip import MotionClip
-from plat.motions.files import load_motions, motion_paths, read_along
+from plat.motions.files import load_motions, log, motion_paths, read_along
+from plat.motions.formats.sonic import holds_sonic
 from plat.motions.generation import PREFIX, generate_named
 from plat.motions.mirror import mirror_motion
+from plat.motions.paths import listed_paths
 from plat.motions.resample import resampled_length
 from plat.motions.store import ClipStore
 from plat.motions.table import FIELDS, POSE_FIELDS, TableBuilder, table_width, unpacked
@@ -40,7 +45,7 @@ _SMALL_EXCESS = 0.15
 
 _LOGGER = logging.getLogger("plat.motions")
 
-TABLE_VERSION = 12
+TABLE_VERSION = 13
 """Part of every cache key. Raise it with any change of what readers, resampling, checks or the generator produce."""
 
 
@@ -292,8 +297,8 @@ class MotionLibrary:
         Args:
             motions: paths, folders, globs, or ``"generated:train"`` (``val``, ``test``) for the motions that plat
                 makes itself; see :func:`plat.motions.generation.generate_named`.
-            cache: keep the finished table under :func:`cache_dir`, named by names and content of the files and of the
-                code that reads or makes motions.
+            cache: keep the finished table under :func:`cache_dir`, named by content and names of the files, the names
+                of their folders, the robot, and the code that reads or makes motions.
             mirror: add every clip's mirror image, left and right exchanged.
             drop_bad: leave out clips of files that would be dropped.
 
@@ -308,20 +313,22 @@ class MotionLibrary:
 
         path = None
         if cache:
-            content = _content_hash(names, generated, paths, robot, dt, mirror, drop_bad)
+            content = _content_hash(generated, files, paths, robot, dt, mirror, drop_bad)
             path = cache_dir() / "motions" / f"{content}.safetensors"
         cached = None if path is None else read_table(path)
         if cached is None:
             source = _Source(generated, files, robot, mirror, drop_bad)
-            cached = None if path is None else _write(path, source, robot, dt)
+            cached = None if path is None else _write(path, source, paths, robot, dt)
             if cached is None:
                 library = cls._built(source.clips(), source.most_frames(dt), robot, dt)
                 _warn_of_bad_clips(source.verdicts, files, drop_bad)
                 return library
-            if path is not None and path.stem != _content_hash(names, generated, paths, robot, dt, mirror, drop_bad):
+            if path is not None and path.stem != _content_hash(generated, files, paths, robot, dt, mirror, drop_bad):
                 # files that changed while they were read may be in it as they were before or after
                 with suppress(OSError):
                     path.unlink()
+        else:
+            _say_again(cached.facts, paths)
         library = cls(cached.rows, cached.start, cached.length, cached.names, cached.dt, robot)
         _warn_of_bad_clips(cached.facts["verdicts"], files, drop_bad)
         return library
@@ -333,9 +340,16 @@ class _Source:
     def __init__(self, generated: Sequence[str], files: Sequence[str], robot: Robot, mirror: bool, drop_bad: bool):
         self._robot, self._mirror, self._drop_bad = robot, mirror, drop_bad
         self._generated = [clip for name in generated for clip in generate_named(name, robot)]
-        self._read = load_motions(files, robot, store=ClipStore(cache_dir() / "motions")) if files else []
+        self.said: list[tuple[int, str]] = []
+        """What was logged about the files, each with its level."""
+        store = ClipStore(cache_dir() / "motions")
+        self._read = load_motions(files, robot, store=store, say=self._say) if files else []
         self.verdicts: Counter[Verdict] = Counter()
         """How many clips of the files have which verdict, once all were asked for."""
+
+    def _say(self, level: int, line: str) -> None:
+        log(level, line)
+        self.said.append((level, line))
 
     def most_frames(self, dt: float) -> int:
         """Return how many frames there are if no clip is dropped."""
@@ -369,7 +383,7 @@ class _Source:
         return _within_limits(clip.checked(self._robot), self._robot)
 
 
-def _write(path: Path, source: _Source, robot: Robot, dt: float) -> CachedTable | None:
+def _write(path: Path, source: _Source, paths: Sequence[Path], robot: Robot, dt: float) -> CachedTable | None:
     """Build a table on disk and return it; None where the disk does not take it."""
 
     def build(write: Callable[[Tensor], object]) -> tuple[Tensor, Tensor, list[str], dict[str, object]]:
@@ -377,7 +391,8 @@ def _write(path: Path, source: _Source, robot: Robot, dt: float) -> CachedTable 
         for clip in source.clips():
             builder.add(clip)
         start, length = builder.finish()
-        return start, length, builder.names, {"verdicts": dict(source.verdicts)}
+        facts: dict[str, object] = {"verdicts": dict(source.verdicts), "said": source.said, "folders": _folders(paths)}
+        return start, length, builder.names, facts
 
     try:
         write_table(path, table_width(FIELDS, robot), dt, build)
@@ -385,6 +400,20 @@ def _write(path: Path, source: _Source, robot: Robot, dt: float) -> CachedTable 
         _LOGGER.warning("motion cache %r was not written (%s): going on without it", str(path), error.strerror)
         return None
     return read_table(path)
+
+
+def _folders(paths: Sequence[Path]) -> list[str]:
+    """Return the folders of files, each once, as they begin the files' paths."""
+    return list(dict.fromkeys(f"{path.parent}{os.sep}" for path in paths))
+
+
+def _say_again(facts: Mapping[str, Any], paths: Sequence[Path]) -> None:
+    """Log what was logged when the files were read, with the folders that they are in now."""
+    folders = dict(zip(facts["folders"], _folders(paths), strict=True))
+    moved = any(old != new for old, new in folders.items())
+    begins = "|".join(re.escape(old) for old in sorted(folders, key=len, reverse=True))
+    for level, line in facts["said"]:
+        log(level, re.sub(rf"(?<![^\s'])(?:{begins})", lambda found: folders[found[0]], line) if moved else line)
 
 
 def _frames(clips: Sequence[MotionClip], dt: float) -> int:
@@ -415,21 +444,36 @@ def _warn_of_bad_clips(verdicts: Mapping[Verdict, int], files: Sequence[str], dr
 
 
 def _content_hash(
-    names: Sequence[str],
     generated: Sequence[str],
+    files: Sequence[str],
     paths: Sequence[Path],
     robot: Robot,
     dt: float,
     mirror: bool,
     drop_bad: bool,
 ) -> str:
+    """Return a digest of all that the table and what is said about it depend on."""
     digest = hashlib.blake2b(digest_size=16)
-    settings = [TABLE_VERSION, generated, robot.name, robot.keypoints, dt, mirror, drop_bad]
-    digest.update(json.dumps(settings).encode())
-    digest.update(hashlib.blake2b(robot.asset_path.read_bytes()).digest())
-    read = [part for path in paths for part in (path, *read_along(path))]
-    asked = hashlib.blake2b(json.dumps([str(Path.cwd()), *names]).encode(), digest_size=16).hexdigest()
-    for path, content in zip(read, file_digests(read, cache_dir() / "motions" / f"{asked}.digests.json"), strict=True):
-        # clips are named by their files, and a name may say the frame rate
-        digest.update(path.name.encode(errors="surrogateescape") + b"\0" + content.encode())
+    described = [robot.name, robot.keypoints, robot.feet, robot.default_qpos.tolist()]
+    retargets = find_spec("mink") is not None  # of the extra, without which human motions are skipped
+    digest.update(json.dumps([TABLE_VERSION, generated, described, dt, mirror, drop_bad, retargets]).encode())
+    digest.update(hashlib.blake2b(_compiled(robot)).digest())
+    listed, folders = listed_paths(files), {folder: number for number, folder in enumerate(_folders(paths))}
+    read = [(part, path in listed) for path in paths for part in (path, *read_along(path))]
+    asked = hashlib.blake2b(json.dumps([str(Path.cwd()), *generated, *files]).encode(), digest_size=16).hexdigest()
+    digests = file_digests([path for path, _ in read], cache_dir() / "motions" / f"{asked}.digests.json")
+    for (path, named), content in zip(read, digests, strict=True):
+        # Names of files and folders name clips and may say the frame rate. Files of one folder vouch for each other's
+        # rate. A bad one is refused if it was named, and skipped if it was found.
+        called = path.resolve().parent.name if holds_sonic(path) else ""
+        places = [path.name, path.parent.name, called, folders[f"{path.parent}{os.sep}"], named]
+        digest.update(json.dumps([*places, content]).encode())
     return digest.hexdigest()
+
+
+def _compiled(robot: Robot) -> bytes:
+    """Return the robot's model as MuJoCo saves it, with what its description includes."""
+    model = robot.shared_model
+    content = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, content)
+    return content.tobytes()

@@ -20,8 +20,7 @@ class ForwardKinematics:
         bodies: names of the bodies to compute; by default the robot's keypoints.
 
     Raises:
-        RobotError: for a body that there is not, and when a joint does not pass through the origin of its body, which
-            this code relies on.
+        RobotError: for a body that there is not, and for a robot whose model cannot be used.
 
     >>> from plat.robots import G1
     >>> kinematics = ForwardKinematics(G1)
@@ -33,8 +32,6 @@ class ForwardKinematics:
 
     def __init__(self, robot: Robot, bodies: tuple[str, ...] | None = None):
         model = robot.shared_model
-        if abs(model.jnt_pos[1:]).max() > 0:
-            raise RobotError(f"robot {robot.name!r}: a joint is off its body's origin; set its pos to 0 0 0")
         names = robot.keypoints if bodies is None else bodies
         if unknown := [name for name in names if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name) < 1]:
             raise RobotError(f"robot {robot.name!r} has no body {unknown[0]!r}")

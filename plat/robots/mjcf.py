@@ -15,6 +15,7 @@ from plat.robots.mujoco_log import leave_no_log_file
 __all__ = ["Capsule", "asset_path", "check_model", "compile_spec", "read_spec", "replace_soles"]
 
 _LONGEST_NAME = 255
+_ROOT = 1  # MuJoCo's index of the first body; 0 is the world
 
 leave_no_log_file()  # here: no model comes into being without this module
 
@@ -74,20 +75,59 @@ def check_model(model: mujoco.MjModel, robot: str, bodies: Sequence[str], asset:
     """Check what plat relies on: the bodies, a free root joint, hinges, and one actuator per hinge in order.
 
     Raises:
-        RobotError: naming what is missing.
+        RobotError: naming what is missing, or the body, joint or actuator that plat would take for another one.
     """
     for body in bodies:
         if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body) < 0:
             raise RobotError(f"robot {robot!r}: body {body!r} is not in {asset}")
-    types = list(model.jnt_type)
-    if not types or types[0] != mujoco.mjtJoint.mjJNT_FREE or any(t != mujoco.mjtJoint.mjJNT_HINGE for t in types[1:]):
+    where = f"robot {robot!r}: {asset}"
+    free, hinge = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_HINGE)
+    types = model.jnt_type.tolist()
+    if len(types) < 2 or types != [free] + [hinge] * (len(types) - 1):
         raise RobotError(f"robot {robot!r}: the joints of {asset} are not one free joint followed by hinges")
+    if model.jnt_bodyid[0] != _ROOT:
+        root, first = (model.body(index).name for index in (model.jnt_bodyid[0], _ROOT))
+        raise RobotError(f"{where}: the free joint is that of body {root!r}, expected the first body, {first!r}")
+    if bodies and bodies[0] != model.body(_ROOT).name:
+        raise RobotError(
+            f"robot {robot!r}: keypoints: the first is {bodies[0]!r}, expected the root, {model.body(_ROOT).name!r}"
+        )
     driven = [int(joint) for joint in model.actuator_trnid[:, 0]]
     if driven != list(range(1, model.njnt)):
         raise RobotError(
-            f"robot {robot!r}: {asset} has {model.nu} actuators, expected one position actuator for each of the "
+            f"{where} has {model.nu} actuators, expected one position actuator for each of the "
             f"{model.njnt - 1} hinges, in their order"
         )
+    _check_hinges(model, where)
+    _check_actuators(model, where)
+
+
+def _check_hinges(model: mujoco.MjModel, where: str) -> None:
+    """Check what forward kinematics and joint limits rely on."""
+    for body in range(model.nbody):
+        if model.body_jntnum[body] > 1:
+            name, hinges = model.body(body).name, model.body_jntnum[body]
+            raise RobotError(f"{where}: body {name!r} has {hinges} hinges, expected one; give each a body of its own")
+    for index in range(1, model.njnt):
+        joint = f"{where}: joint {model.joint(index).name!r}"
+        if model.jnt_pos[index].any():
+            raise RobotError(f"{joint} is off its body's origin; set its pos to 0 0 0")
+        if ref := model.qpos0[model.jnt_qposadr[index]]:
+            raise RobotError(f"{joint} has ref {ref:g} rad, expected none; give its body its pose at angle 0")
+        if not model.jnt_limited[index]:
+            raise RobotError(f"{joint} has no limits, expected its range")
+
+
+def _check_actuators(model: mujoco.MjModel, where: str) -> None:
+    """Check what gains, torque limits and the size of actions are read from."""
+    for index in range(model.nu):
+        actuator = f"{where}: the actuator of joint {model.joint(index + 1).name!r}"
+        stiffness, bias = model.actuator_gainprm[index, 0], model.actuator_biasprm[index]
+        affine = model.actuator_biastype[index] == mujoco.mjtBias.mjBIAS_AFFINE
+        if not affine or stiffness <= 0 or bias[1] != -stiffness or model.actuator_gear[index, 0] != 1:
+            raise RobotError(f"{actuator} is no position actuator of gear 1, expected <position> with kp and kv")
+        if not model.actuator_forcelimited[index] or model.actuator_forcerange[index, 1] <= 0:
+            raise RobotError(f"{actuator} has no torque limits, expected its forcerange")
 
 
 def replace_soles(spec: mujoco.MjSpec, feet: Sequence[str], capsules: Sequence[Capsule]) -> None:

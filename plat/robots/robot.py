@@ -23,9 +23,10 @@ class Robot:
     Args:
         name: identifies the robot in caches, checkpoints and error messages.
         asset: MJCF description: a file name in ``plat/robots/assets``, or a path elsewhere. It has one free joint
-            first, then hinges, and one position actuator a hinge in their order. Environments read its contact
-            sensors ``left_foot_contact`` and ``right_foot_contact`` (``data="found force"``), ``ground_contact`` and
-            ``self_contact`` (``data="found"``).
+            first, then hinges, and one position actuator a hinge in their order. Each hinge has a body of its own,
+            whose origin it goes through, a ``range`` and no ``ref``; each actuator has a ``forcerange``. Environments
+            read the contact sensors ``left_foot_contact`` and ``right_foot_contact`` (``data="found force"``),
+            ``ground_contact`` and ``self_contact`` (``data="found"``).
         root_height: height of the root above the floor in the default pose (m).
         default_pose: joint name to angle (rad); joints that are not named are 0.
         keypoints: bodies whose positions a keyframe commands; the first one is the root body.
@@ -35,7 +36,7 @@ class Robot:
         sole_capsules: contact geometry of a foot that ``feet="capsules"`` uses in place of the asset's own.
 
     Raises:
-        RobotError: when a name is not in the model.
+        RobotError: by :meth:`model`, when a name is not in the model.
 
     >>> from plat.robots import G1
     >>> G1.num_joints, len(G1.keypoints), round(G1.model().body_mass.sum(), 3)
@@ -80,10 +81,14 @@ class Robot:
             timestep: physics step (s); None for the asset's.
 
         Raises:
-            RobotError: when the asset cannot be used, or a name is not in it.
+            RobotError: when the asset cannot be used, a name is not in it, or a body that has to be a keypoint is none.
         """
         model = compile_spec(self.spec(feet), self.asset, self.name)
         check_model(model, self.name, (*self.keypoints, *self.feet), self.asset)
+        named = {"anchor": (self.anchor,), "end_effectors": self.end_effectors, "feet": self.feet}
+        for field, bodies in named.items():
+            if others := [body for body in bodies if body not in self.keypoints]:
+                raise RobotError(f"robot {self.name!r}: {field}: {others[0]!r} is not among its keypoints")
         if timestep is not None:
             model.opt.timestep = timestep
         return model

@@ -127,12 +127,14 @@ def test_convert_to_folders(folder, tmp_path):
     np.testing.assert_allclose(load_motions(tmp_path / "csv" / "two_50fps.csv")[0].qpos, bowing_clip().qpos, atol=1e-5)
 
 
-def test_csv_names_that_differ_in_the_rate_alone_stay_apart(tmp_path):
-    clips = [MotionClip(name, bowing_clip().qpos, 50.0) for name in ("bow_50fps", "bow_100fps", "bow")]
+@pytest.mark.parametrize("names", [("bow_50fps", "bow_100fps", "bow"), ("a/b", "a_b", ".a_b")])
+def test_clips_whose_tables_would_be_called_alike_stay_apart(tmp_path, names):
+    clips = [MotionClip(name, bowing_clip().qpos, 50.0) for name in names]
     save_motions(tmp_path / "a.npz", clips)
     run("convert", tmp_path / "a.npz", "--out", tmp_path / "csv", "--format", "csv")
+    stem = names[-1].lstrip(".")
     files = sorted(path.name for path in (tmp_path / "csv").iterdir())
-    assert files == ["bow_2_50fps.csv", "bow_3_50fps.csv", "bow_50fps.csv"]
+    assert files == [f"{stem}_2_50fps.csv", f"{stem}_3_50fps.csv", f"{stem}_50fps.csv"]
 
 
 def test_convert_with_what_the_user_states(tmp_path):

@@ -10,11 +10,11 @@ from plat.motions.store import ClipStore
 from tests.conftest import standing_clip
 
 
-def write(path: Path, rows: torch.Tensor) -> None:
+def write(path: Path, rows: torch.Tensor, **facts: object) -> None:
     def build(take):
         for part in rows.split(3):
             take(part)
-        return torch.tensor([0]), torch.tensor([len(rows)]), ["a clip, ünïcode"], {"verdicts": {"drop": 2}}
+        return torch.tensor([0]), torch.tensor([len(rows)]), ["a clip, ünïcode"], {"verdicts": {"drop": 2}, **facts}
 
     write_table(path, rows.shape[1], 0.02, build)
 
@@ -27,6 +27,14 @@ def test_a_table_comes_back_from_pieces(tmp_path):
     assert (table.names, table.dt, table.facts) == (["a clip, ünïcode"], 0.02, {"verdicts": {"drop": 2}})
     assert table.length.tolist() == [10]
     assert [path.name for path in tmp_path.iterdir()] == ["a.safetensors"]
+
+
+def test_facts_may_be_of_any_length(tmp_path):
+    rows, said = torch.randn(10, 7), [[30, "skipped: a file"]] * 1000
+    write(tmp_path / "a.safetensors", rows, said=said)
+    table = read_table(tmp_path / "a.safetensors")
+    assert table.rows.equal(rows)
+    assert table.facts == {"verdicts": {"drop": 2}, "said": said}
 
 
 def test_rows_are_mapped_and_a_write_stays_in_the_process(tmp_path):

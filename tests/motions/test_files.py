@@ -14,6 +14,7 @@ from plat.motions import (
     save_motions,
     validate_motions,
 )
+from plat.motions.files import read_along
 from plat.robots import G1
 from tests.motions.formats.writers import WRITERS, bowing_clip, write_csv
 
@@ -235,12 +236,77 @@ def test_names_that_are_no_text_are_made_so(tmp_path, clip, caplog):
     assert {clip.name for clip in load_motions(tmp_path / "all.npz")} == {clip.name for clip in found}
 
 
-def test_reserved_and_repeated_names_are_refused(tmp_path, clip):
-    with pytest.raises(MotionError, match="clip names must differ"):
+NAMES = (
+    *("qpos", "qpos_1", "joint_pos", "joint_positions", "joint_angles", "dof", "dof_pos", "poses", "betas", "trans"),
+    *("dt", "hz", "frequency", "timestep", "time", "t", "metadata", "split_points", "root_pos", "base pos", "joints"),
+    *("file", "allow_pickle", "arr_0", "a/b", "x.npy", "ünï code", "fps_", "q_pelvis_tx", "global_rot_mats", ""),
+)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_clips_come_back_whatever_they_are_called(tmp_path, clip, name):
+    clips = [replace(clip, name=name), replace(clip, name="other")]
+    save_motions(tmp_path / "x.npz", clips)
+    found = load_motions(tmp_path / "x.npz")
+    assert [(one.name, one.fps) for one in found] == [(name, 30.0), ("other", 30.0)]
+    for one in found:
+        np.testing.assert_allclose(one.qpos, clip.qpos, atol=1e-6)
+
+
+def test_all_names_in_one_file_come_back(tmp_path, clip):
+    save_motions(tmp_path / "x.npz", [replace(clip, name=name) for name in NAMES])
+    (file,) = read_motion_files(tmp_path / "x.npz")
+    assert sorted(one.name for one in file.clips) == sorted(NAMES)
+    assert file.facts == "plat npz, 30 fps"
+    assert {one.fps for one in load_motions(tmp_path / "x.npz", fps=50)} == {50.0}
+
+
+def test_a_file_without_the_mark_is_read_as_before(tmp_path, clip):
+    arrays = {"fps": 30.0, "joint_names": G1.joint_names, "walk": clip.qpos, "run": clip.qpos}
+    np.savez_compressed(tmp_path / "x.npz", **arrays)
+    assert [one.name for one in load_motions(tmp_path / "x.npz")] == ["walk", "run"]
+    np.savez_compressed(tmp_path / "x.npz", fps=30.0, joint_names=G1.joint_names, qpos=clip.qpos)
+    assert [one.name for one in load_motions(tmp_path / "x.npz")] == ["x"]
+
+
+@pytest.mark.parametrize(
+    "name", ["..walk", "60fps", "walk_dt0.02", "walk_timestep_0.005s_x", "a/b", "a\0b", "a_120fps_to_60fps"]
+)
+def test_a_table_is_read_back_whatever_its_clip_is_called(tmp_path, clip, name):
+    save_csv(tmp_path, replace(clip, name=name))
+    (found,) = load_motions(tmp_path)
+    assert found.fps == 30.0
+    np.testing.assert_allclose(found.qpos, clip.qpos, atol=1e-6)
+
+
+def test_what_is_read_along_with_a_table(tmp_path, clip):
+    for ending in (".csv", ".tsv", ".txt", ".npy"):
+        assert read_along(tmp_path / f"a{ending}") == []
+    save_motions(tmp_path / "a.npz", [clip])
+    for ending in (".csv", ".tsv", ".txt", ".npy"):
+        assert read_along(tmp_path / f"a{ending}") == [tmp_path / "a.npz"]
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("fps", "a clip is called 'fps', expected a name other than 'fps', 'joint_names', 'plat_motions'"),
+        ("joint_names", "a clip is called 'joint_names', expected"),
+        ("plat_motions", "a clip is called 'plat_motions', expected"),
+        ("a\0b", "expected text without null characters of at most 65000 bytes"),
+        ("\ud800", "expected text without null characters of at most 65000 bytes"),
+        ("x" * 70_000, "expected text without null characters of at most 65000 bytes"),
+    ],
+)
+def test_names_that_cannot_stand_in_a_file_are_refused(tmp_path, clip, name, message):
+    with pytest.raises(MotionError, match=f"x.npz': .*{message}"):
+        save_motions(tmp_path / "x.npz", [replace(clip, name=name)])
+    assert not list(tmp_path.iterdir())
+
+
+def test_repeated_names_and_rates_are_refused(tmp_path, clip):
+    with pytest.raises(MotionError, match="2 clips are called 'a', expected names that differ from each other"):
         save_motions(tmp_path / "x.npz", [clip, clip])
-    for name in ("fps", "joint_pos", "file"):
-        with pytest.raises(MotionError, match="clip names must differ"):
-            save_motions(tmp_path / "x.npz", [MotionClip(name, clip.qpos, 30.0)])
     with pytest.raises(MotionError, match="one rate"):
         save_motions(tmp_path / "x.npz", [clip, MotionClip("b", clip.qpos, 50.0)])
 

@@ -16,7 +16,8 @@ from plat.errors import MotionError
 from plat.motions import MotionClip, MotionLibrary, cache_dir, load_motions, save_motions
 from plat.robots import G1
 from tests.conftest import standing_clip
-from tests.motions.formats.writers import bowing_clip, write_csv
+from tests.motions.formats.test_sonic import write as write_sonic
+from tests.motions.formats.writers import WITHOUT_WRISTS, bowing_clip, write_csv
 
 
 def test_velocities_of_a_known_motion():
@@ -149,6 +150,105 @@ def test_another_name_is_another_cache_entry(tmp_path, monkeypatch):
     fast = MotionLibrary.load((tmp_path / "a_30fps.csv").rename(tmp_path / "b_60fps.csv"))
     assert fast.duration == pytest.approx(slow.duration / 2, abs=0.04)
     assert fast.clip_names == ["b"]
+
+
+def test_another_folder_is_another_cache_entry(tmp_path, monkeypatch):
+    # the folder's name may say the frame rate as well
+    monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
+    for folder in ("30fps", "60fps"):
+        (tmp_path / folder).mkdir()
+        write_csv(tmp_path / folder / "a.csv", bowing_clip())
+    slow, fast = (MotionLibrary.load(tmp_path / folder / "a.csv") for folder in ("30fps", "60fps"))
+    assert fast.duration == pytest.approx(slow.duration / 2, abs=0.04)
+
+
+def test_a_folder_of_sonic_names_its_clip_wherever_it_is_read_from(tmp_path, monkeypatch):
+    monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
+    for folder in ("a", "b"):
+        write_sonic(tmp_path / folder, bowing_clip())
+        monkeypatch.chdir(tmp_path / folder)
+        assert MotionLibrary.load("joint_pos.csv").clip_names == [folder]
+
+
+def test_a_rate_beside_a_table_is_part_of_the_key(tmp_path, monkeypatch):
+    monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
+    durations = []
+    for fps in (25.0, 50.0):
+        write_csv(tmp_path / "a.txt", bowing_clip())
+        save_motions(tmp_path / "a.npz", [MotionClip("a", bowing_clip().qpos, fps)])
+        durations.append(MotionLibrary.load(tmp_path / "a.txt").duration)
+    assert durations == pytest.approx([39 / 25, 39 / 50], abs=0.04)
+
+
+def test_another_default_pose_is_another_cache_entry(tmp_path, monkeypatch):
+    # joints that a file lacks have it
+    monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
+    columns = [*range(7), *(7 + joint for joint in WITHOUT_WRISTS)]
+    names = [G1.joint_names[joint] for joint in WITHOUT_WRISTS]
+    np.savez(tmp_path / "a.npz", a=bowing_clip().qpos[:, columns], fps=50, joint_names=names)
+    wrist = G1.joint_names.index("left_wrist_pitch")
+    for angle in (0.0, 0.5):
+        robot = dataclasses.replace(G1, default_pose={**G1.default_pose, "left_wrist_pitch": angle})
+        library = MotionLibrary.load(tmp_path / "a.npz", robot)
+        assert float(library.frames["joint_pos"][0, wrist]) == pytest.approx(angle)
+
+
+def test_what_a_description_includes_is_part_of_the_key(tmp_path, monkeypatch):
+    monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
+    save_motions(tmp_path / "a.npz", [standing_clip()])
+    (tmp_path / "robot.xml").write_text('<mujoco><include file="body.xml"/></mujoco>')
+    heights = []
+    for hip in ("0 0.064452 -0.1027", "0 0.064452 -0.2027"):
+        own = G1.asset_path.read_text()
+        assert "0 0.064452 -0.1027" in own
+        (tmp_path / "body.xml").write_text(own.replace("0 0.064452 -0.1027", hip))
+        robot = dataclasses.replace(G1, name="other", asset=str(tmp_path / "robot.xml"))
+        heights.append(float(MotionLibrary.load(tmp_path / "a.npz", robot).frames["keypoint_pos"][..., 2].min()))
+    assert heights[0] - heights[1] == pytest.approx(0.1, abs=1e-3)
+
+
+def words(caplog) -> list[tuple[str, str]]:
+    """Take what was logged, but for lines on what clips are like."""
+    told = [
+        (record.levelname, record.message) for record in caplog.records if "plat motions inspect" not in record.message
+    ]
+    caplog.clear()
+    return told
+
+
+def test_the_cache_says_what_reading_says(tmp_path, monkeypatch, caplog):
+    monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
+    caplog.set_level("INFO", logger="plat.motions")
+    folder = tmp_path / "motions"
+    folder.mkdir()
+    save_motions(folder / "good.npz", [bowing_clip()])
+    save_motions(folder / "good (1).npz", [bowing_clip()])
+    write_csv(folder / "table.csv", bowing_clip())
+    (folder / "bad.npz").write_bytes(b"nonsense")
+    names = MotionLibrary.load(folder, cache=False).clip_names
+    told = words(caplog)
+    assert [line.split(":")[0] for _, line in told if "table.csv" not in line] == ["ignored", "skipped"]
+    assert any("table.csv: csv, 30 fps" in line for _, line in told)
+    for _ in range(2):  # made, and from the cache
+        assert MotionLibrary.load(folder).clip_names == names
+        assert words(caplog) == told
+    (tmp_path / "elsewhere").mkdir()
+    moved = folder.rename(tmp_path / "elsewhere" / "motions")
+    monkeypatch.setattr("plat.motions.library.load_motions", lambda *_: pytest.fail("the cache was not used"))
+    assert MotionLibrary.load(moved).clip_names == names
+    assert words(caplog) == [(level, line.replace(str(folder), str(moved))) for level, line in told]
+
+
+def test_a_bad_file_that_is_named_is_refused_with_and_without_the_cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
+    folder = tmp_path / "motions"
+    folder.mkdir()
+    save_motions(folder / "good.npz", [bowing_clip()])
+    (folder / "bad.npz").write_bytes(b"nonsense")
+    assert MotionLibrary.load(folder).num_clips == 1
+    for cache in (True, False):
+        with pytest.raises(MotionError, match="bad.npz': not a readable .npz file"):
+            MotionLibrary.load([folder / "bad.npz", folder / "good.npz"], cache=cache)
 
 
 def test_mirrored_clips_are_added_on_request(tmp_path, monkeypatch):

@@ -142,8 +142,9 @@ def test_default_pose_has_no_self_contact():
 def test_unknown_names_are_refused():
     with pytest.raises(RobotError, match="body 'tail' is not in g1.xml"):
         Robot("g1", "g1.xml", 0.76, {}, ("pelvis", "tail"), "pelvis", (), G1.feet).model()
+    names = ("pelvis", *G1.feet), "pelvis", (), G1.feet
     with pytest.raises(RobotError, match="left_wing"):
-        _ = Robot("g1", "g1.xml", 0.76, {"left_wing": 1.0}, ("pelvis",), "pelvis", (), G1.feet).default_joint_pos
+        _ = Robot("g1", "g1.xml", 0.76, {"left_wing": 1.0}, *names).default_joint_pos
     with pytest.raises(RobotError, match="expected 'spheres' or 'capsules'"):
         G1.model("boots")
 

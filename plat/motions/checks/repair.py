@@ -89,6 +89,9 @@ def level_feet(clip: MotionClip, robot: Robot = G1) -> MotionClip:
         clip: a motion.
         robot: the robot; each foot is the body of an ankle's roll joint (x), which follows its pitch joint (y).
 
+    Raises:
+        MotionError: for a robot with other ankles.
+
     >>> qpos = G1.default_qpos[None].repeat(60, 0)
     >>> ankle = 7 + G1.joint_names.index("left_ankle_pitch")
     >>> qpos[:, ankle] += 0.3
@@ -107,7 +110,7 @@ def level_feet(clip: MotionClip, robot: Robot = G1) -> MotionClip:
         standing = stance(points[:, foot : foot + 1], clip.fps) & (low[:, foot] < low.amin(-1) + _STANDING_HEIGHT)
         share = torch.from_numpy(_smooth(standing.double().numpy(), _LEVEL_SECONDS * clip.fps))
         body = model.body(name).id
-        roll, pitch = (model.body_jntadr[link] - 1 for link in (body, model.body_parentid[body]))  # the root's is 0
+        roll, pitch = _ankle(robot, body, name)
         # the upward direction in the foot's frame, and turned back by roll and pitch in the shin's
         x, y, z = quat_rotate_inverse(foot_quat[:, foot], upward).unbind(-1)
         y, z = _turn(y, z, qpos[:, 7 + roll])
@@ -116,6 +119,19 @@ def level_feet(clip: MotionClip, robot: Robot = G1) -> MotionClip:
             angle = qpos[:, 7 + joint]
             angle += share * (level.clamp(low_angle[joint], high_angle[joint]) - angle)
     return replace(clip, qpos=qpos.numpy())
+
+
+def _ankle(robot: Robot, foot: int, name: str) -> tuple[int, int]:
+    """Return the columns of roll and pitch of a foot's ankle among the robot's joints."""
+    model = robot.shared_model
+    joints = [int(model.body_jntadr[body]) for body in (foot, model.body_parentid[foot])]
+    for joint, axis in zip(joints, np.eye(3), strict=False):
+        if joint < 1 or not np.allclose(model.jnt_axis[joint], axis, atol=0.1):
+            raise MotionError(
+                f"feet of robot {robot.name!r} cannot be leveled: {name!r} is not the body of a roll joint (x) after a "
+                "pitch joint (y)"
+            )
+    return joints[0] - 1, joints[1] - 1  # the root's is 0
 
 
 def clip_to_limits(clip: MotionClip, robot: Robot = G1) -> MotionClip:

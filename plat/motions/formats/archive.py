@@ -11,18 +11,19 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.json_file import short
-from plat.motions.formats.clock import rate_of_times
-from plat.motions.formats.common import number
+from plat.motions.formats.clock import (
+    RATE_FIELDS,
+    STEP_FIELDS,
+    TIME_FIELDS,
+    StatedRate,
+    contradiction,
+    rates_of_fields,
+)
 from plat.motions.formats.decompress import check_numbers, size_limit
+from plat.motions.formats.plat_file import RATE, is_marked
 from plat.motions.formats.unpickle import PickledArray, unpickle
 
-__all__ = ["archive_shapes", "read_archive", "read_array", "states_rate", "take_rate"]
-
-_FPS = ("fps", "frequency", "frame_rate", "framerate", "hz", "mocap_framerate", "mocap_frame_rate")
-_STEP = ("dt", "timestep", "frame_time")
-_TIMES = ("time", "times", "timestamps", "timestamp", "t")
-# rates that differ by less are one, rounded
-_SAME_RATE = 1.02
+__all__ = ["archive_shapes", "read_archive", "read_array", "states_rate", "take_rate", "take_rates"]
 
 # arrays of Python objects that describe a motion and are not needed to read it
 _DESCRIPTIONS = frozenset(("metadata", "meta", "info", "config", "obs_container"))
@@ -78,45 +79,40 @@ def archive_shapes(path: Path) -> dict[str, tuple[int, ...]]:
 
 def states_rate(arrays: Collection[str]) -> bool:
     """Return whether one of the arrays gives the frames a second."""
-    return any(name in arrays for name in (*_FPS, *_STEP))
+    return any(name in arrays for name in (*RATE_FIELDS, *STEP_FIELDS))
 
 
 def take_rate(arrays: dict[str, np.ndarray], fps: float | None) -> float:
-    """Take the frames a second out of the arrays.
+    """Take the frames a second out of the arrays; see :func:`take_rates`.
+
+    Raises:
+        MotionError: when nothing states it, or arrays contradict each other.
+    """
+    rates = take_rates(arrays, fps)
+    if len(rates) > 1:
+        raise contradiction(rates)
+    return rates[0][0]
+
+
+def take_rates(arrays: dict[str, np.ndarray], fps: float | None) -> list[StatedRate]:
+    """Take the frames a second out of the arrays: all that they state, and one at least.
 
     Args:
         arrays: of an archive, by name.
         fps: where the user states it.
 
     Raises:
-        MotionError: when nothing states it, or arrays contradict each other.
+        MotionError: when nothing states it.
     """
-    stated = {name: number(_one_of(arrays.pop(name)), name) for name in _FPS if name in arrays}
-    steps = {name: 1 / max(number(arrays.pop(name), name), 1e-9) for name in _STEP if name in arrays}
-    if fps is not None:
-        return fps
-    rates = stated or steps or _of_times(arrays)
+    marked = is_marked(arrays)  # its other arrays are clips
+    fields = {name: array for name, array in arrays.items() if name == RATE or not marked}
+    rates = rates_of_fields(fields) if fps is None else [(fps, "--fps")]
     if not rates:
         raise MotionError("no array 'fps', expected the frames a second (or state them: --fps)")
-    if max(rates.values()) > _SAME_RATE * min(rates.values()):
-        told = " and ".join(f"{name} {rate:g}" for name, rate in rates.items())
-        raise MotionError(f"it states {told}; state which: --fps")
-    return next(iter(rates.values()))
-
-
-def _one_of(values: np.ndarray) -> np.ndarray:
-    """Return one of several equal numbers, as where each clip has its rate; else all of them."""
-    return values.ravel()[:1] if values.ndim == 1 and len(values) and (values == values[0]).all() else values
-
-
-def _of_times(arrays: dict[str, np.ndarray]) -> dict[str, float]:
-    """Return the rate of the times of the frames, by the name of their array; nothing where there are none."""
-    for name in _TIMES:
-        times = arrays.get(name)
-        if times is not None and times.ndim == 1 and len(times) > 2 and times.dtype.kind in "fiu":
-            del arrays[name]
-            return {name: rate_of_times(times.astype(np.float64))}
-    return {}
+    times = [name for name in TIME_FIELDS if name in arrays and arrays[name].ndim == 1]
+    for name in (RATE,) if marked else (*RATE_FIELDS, *STEP_FIELDS, *times):
+        arrays.pop(name, None)
+    return rates
 
 
 def _header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:

@@ -1,16 +1,42 @@
-"""The frame rate of a table, from a column of times, a comment or the file's name."""
+"""The frame rate of a file, from times of its frames, fields, a comment or its name."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from plat.errors import MotionError
+from plat.motions.formats.common import number
 from plat.motions.formats.rate import rates_in_name
 
-__all__ = ["rate_of_times", "stated_rates"]
+__all__ = [
+    "RATE_FIELDS",
+    "STEP_FIELDS",
+    "TIME_FIELDS",
+    "StatedRate",
+    "contradiction",
+    "counts_frames",
+    "distinct_rates",
+    "rate_of_times",
+    "rates_of_fields",
+    "stated_rates",
+    "without_steps",
+]
 
+StatedRate = tuple[float, str]
+"""Frames a second, and what states them."""
+
+RATE_FIELDS = ("fps", "frequency", "frame_rate", "framerate", "hz", "mocap_framerate", "mocap_frame_rate", "motion_fps")
+STEP_FIELDS = ("dt", "timestep", "frame_time")
+TIME_FIELDS = ("time", "times", "timestamps", "timestamp", "t")
+"""Fields of archives and pickles that give frames a second, seconds a frame, and the time of each frame."""
+
+# Rates that differ by less than this share are one, rounded.
+_SAME_RATE = 0.02
+# Whole numbers that go on by so much at most count frames, of which some may be left out. In ms they were over 240 Hz.
+_LARGEST_COUNT = 4
 _UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 # rates of motions; a time that counts in another unit lies far outside
 _LIKELY = (5.0, 1000.0)
@@ -53,7 +79,68 @@ def rate_of_times(times: np.ndarray, unit: str = "") -> float:
     raise MotionError(f"the time goes on by {mean:g} a row, a likely rate in no unit (s, ms, us, ns); state --fps")
 
 
-def stated_rates(path: Path, comments: Sequence[str]) -> list[tuple[float, str]]:
+def counts_frames(times: np.ndarray, unit: str = "") -> bool:
+    """Return whether a column ``[T]`` of no stated unit is a count of frames, which says nothing about their rate.
+
+    >>> counts_frames(np.arange(5.0)), counts_frames(np.arange(5) * 20), counts_frames(np.arange(5.0), "ms")
+    (True, False, False)
+    """
+    steps = np.diff(times)
+    whole = unit not in _UNITS and len(steps) > 0 and bool((times % 1 == 0).all())
+    return whole and bool(1 <= steps[0] <= _LARGEST_COUNT and (steps == steps[0]).all())
+
+
+def rates_of_fields(fields: Mapping[str, Any]) -> list[StatedRate]:
+    """Return the frame rates that fields of an archive or pickle state, each that differs from those before it.
+
+    Times are looked at where there is one for each frame of another array.
+
+    Raises:
+        MotionError: for a rate that is not one number, or times that do not go on evenly.
+
+    >>> rates_of_fields({"fps": 30, "dt": 0.02, "frequency": 30.1})
+    [(30.0, "'fps'"), (50.0, "'dt'")]
+    """
+    stated = [(number(_one_of(fields[name]), name), repr(name)) for name in RATE_FIELDS if name in fields]
+    steps = [(number(_one_of(fields[name]), name), repr(name)) for name in STEP_FIELDS if name in fields]
+    stated += [(1 / max(step, 1e-9), source) for step, source in steps]
+    arrays = {name: value for name, value in fields.items() if isinstance(value, np.ndarray)}
+    lengths = {size for array in arrays.values() if array.ndim > 1 for size in array.shape[:2]}
+    for name in TIME_FIELDS:
+        times = arrays.get(name)
+        if times is None or times.ndim != 1 or len(times) not in lengths or times.dtype.kind not in "fiu":
+            continue
+        if len(times) > 2 and not counts_frames(times):
+            stated.append((rate_of_times(times.astype(np.float64)), repr(name)))
+    return distinct_rates(stated)
+
+
+def _one_of(values: Any) -> Any:
+    """Return one of several equal numbers, as where each clip has its rate; else what it is."""
+    several = isinstance(values, np.ndarray) and values.ndim == 1 and len(values) > 0
+    return values[:1] if several and (values == values[0]).all() else values
+
+
+def distinct_rates(stated: Iterable[StatedRate]) -> list[StatedRate]:
+    """Return the rates that differ by more than rounding, each with what states it first.
+
+    >>> distinct_rates([(30, "'fps'"), (29.97, "the file name"), (60, "a comment")])
+    [(30, "'fps'"), (60, 'a comment')]
+    """
+    distinct: list[StatedRate] = []
+    for rate, source in stated:
+        if all(abs(rate - other) > _SAME_RATE * other for other, _ in distinct):
+            distinct.append((rate, source))
+    return distinct
+
+
+def contradiction(rates: Sequence[StatedRate]) -> MotionError:
+    """Return the error of a file that states several rates."""
+    told = " and ".join(f"{rate:g} ({source})" for rate, source in rates)
+    return MotionError(f"it states {told} frames a second; state which: --fps {rates[-1][0]:g}")
+
+
+def stated_rates(path: Path, comments: Sequence[str]) -> list[StatedRate]:
     """Return the frame rates that comments and the name, else the name of the folder state, each with its source."""
     found = [float(next(filter(None, match.groups()))) for line in comments for match in _IN_COMMENT.finditer(line)]
     found += [rate for line in comments for rate in _of_steps(line)]
@@ -62,6 +149,15 @@ def stated_rates(path: Path, comments: Sequence[str]) -> list[tuple[float, str]]
         *((rate, "the file name") for rate in (*rates_in_name(path.stem), *_of_steps(path.stem))),
     ]
     return list(dict.fromkeys(told or ((rate, "the folder's name") for rate in rates_in_name(path.parent.name))))
+
+
+def without_steps(name: str) -> str:
+    """Return a name without the time steps in it.
+
+    >>> without_steps("walk_dt0.02")
+    'walk'
+    """
+    return _STEP_IN_TEXT.sub("", name).rstrip("_ ")
 
 
 def _of_steps(text: str) -> list[float]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from plat.errors import MotionError
+from plat.motions.formats.clock import counts_frames
 from plat.motions.formats.names import Column, classify_columns, is_generic, tokens
 from plat.motions.formats.quaternion_order import QuatOrder
 from plat.motions.formats.table import Table
@@ -156,7 +157,7 @@ def _by_place(
             first, values = values[:, :before], values[:, before:]
             columns, joints = columns[before:], joints - before
             for column in first.T:
-                if not np.array_equal(np.diff(column), np.ones(len(column) - 1)):
+                if not counts_frames(column):
                     times = (column, "")
             break
     if not table.header and joints == 2 * sizes[0] + 6:
@@ -205,7 +206,8 @@ def _counters(table: Table, kinds: Sequence[Column]) -> tuple[list[int], tuple[n
     for n, column in enumerate(kinds):
         if column.kind == "time":
             counters.append(n)
-            times = times or (table.values[:, n], column.part)
+            clock = not counts_frames(table.values[:, n], column.part)
+            times = times or ((table.values[:, n], column.part) if clock else None)
         elif column.kind == "count" and (table.header[n] or (n == 0 and _even(table.values[:, n]))):
             counters.append(n)
     return counters, times

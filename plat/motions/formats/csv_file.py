@@ -7,11 +7,11 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.motions.clip import ASSUMED_RATE, MotionClip
-from plat.motions.formats.beside import rate_beside
-from plat.motions.formats.clock import rate_of_times, stated_rates
+from plat.motions.formats.beside import rates_beside
+from plat.motions.formats.clock import distinct_rates, rate_of_times, stated_rates
 from plat.motions.formats.columns import Parts, split_columns
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip
-from plat.motions.formats.pace import Pace, UnfitRateError
+from plat.motions.formats.pace import Pace, UnfitRateError, settled_rate
 from plat.motions.formats.quaternion_order import choose_quat_order, settle_joint_order, settle_quat_order
 from plat.motions.formats.rate import without_rates
 from plat.motions.formats.root_turn import likeliest_turn
@@ -23,8 +23,6 @@ __all__ = ["csv_text", "read_csv", "read_values"]
 # of the LAFAN1 retargeting data set, whose files do not say it, and of BONES-SEED, whose header is known
 _USUAL_FPS = 30.0
 _SEED_FPS = 120.0
-# Rates that differ by less than this share are one, rounded.
-_SAME_RATE = 0.02
 _FIELDS = ("root position", "root rotation")
 
 
@@ -131,26 +129,18 @@ def _rate(
     """
     if options.fps is not None:
         return clip.fps, ()
-    stated = stated_rates(path, table.comments)
-    if not stated and (beside := rate_beside(path, len(table.values))) is not None:
-        stated = [beside]
+    stated = stated_rates(path, table.comments) or rates_beside(path, len(table.values))
     if parts.times is not None:
         stated.insert(0, (rate_of_times(*parts.times), "the column of times"))
     elif parts.seed and not stated:
         stated = [(_SEED_FPS, "the format")]
-    distinct: list[tuple[float, str]] = []
-    for rate, source in stated:
-        if all(abs(rate - other) > _SAME_RATE * other for other, _ in distinct):
-            distinct.append((rate, source))
+    distinct = distinct_rates(stated)
     if len(distinct) == 1:
         return distinct[0][0], (f"fps from {distinct[0][1]}",)
+    if distinct:
+        rate, told = settled_rate(distinct, [clip], options.robot)
+        return rate, (told,)
     pace = Pace(clip, options.robot)
-    if len(distinct) > 1:
-        told = " and ".join(f"{rate:g} ({source})" for rate, source in distinct)
-        fitting = [rate for rate, _ in distinct if pace.confirmed_by(rate)]
-        if len(fitting) != 1:
-            raise MotionError(f"it states {told} frames a second; state which: --fps {distinct[-1][0]:g}")
-        return fitting[0], (f"fps {fitting[0]:g} of {told}: the one that fits its {pace.confirmed_by(fitting[0])}",)
     if against := pace.against(_USUAL_FPS):
         raise UnfitRateError(
             f"nothing states its frames a second; the usual {_USUAL_FPS:g} do not fit {against}: state --fps"

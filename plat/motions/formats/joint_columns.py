@@ -8,12 +8,21 @@ from plat.motions.formats.names import match_joint, tokens
 from plat.motions.formats.unnamed_joints import OPTIONAL
 from plat.robots.robot import Robot
 
-__all__ = ["robot_columns"]
+__all__ = ["is_root", "robot_columns"]
 
 # what files call the joint between world and robot
 _ROOT_WORDS = frozenset(("root", "floating", "base", "free", "freejoint", "joint", "pelvis", "floatingbase", "world"))
 # names of the first G1, whose elbows count from another zero
 _OLD = frozenset(("elbow", "roll"))
+
+
+def is_root(name: str) -> bool:
+    """Return whether a name is that of the joint between world and robot.
+
+    >>> is_root("floating_base_joint"), is_root("left_knee_joint")
+    (True, False)
+    """
+    return set(tokens(name)) <= _ROOT_WORDS
 
 
 def robot_columns(names: Sequence[str], count: int, robot: Robot) -> tuple[list[int], list[str], list[str]]:
@@ -30,7 +39,7 @@ def robot_columns(names: Sequence[str], count: int, robot: Robot) -> tuple[list[
         MotionError: for joints that are missing, named twice, or not as many as columns.
     """
     listed = list(names)
-    roots = [name for name in listed if set(tokens(name)) <= _ROOT_WORDS]
+    roots = [name for name in listed if is_root(name)]
     if len(listed) == count + 1 and len(roots) == 1:
         listed.remove(roots[0])
     if old := sorted(name for name in listed if set(tokens(name)) >= _OLD):

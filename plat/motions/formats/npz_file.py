@@ -1,7 +1,9 @@
 """NumPy archives: plat's own, those of trackers and of retargeters."""
 
 import contextlib
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -11,11 +13,14 @@ import numpy as np
 from plat.errors import MotionError
 from plat.json_file import parse_json, read_json, short
 from plat.motions.clip import MotionClip
-from plat.motions.formats.archive import read_archive, states_rate, take_rate
+from plat.motions.formats.archive import read_archive, states_rate, take_rate, take_rates
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, number, strings
 from plat.motions.formats.foreign import refuse_human_body, refuse_old_arrays
+from plat.motions.formats.joint_columns import is_root
 from plat.motions.formats.kimodo import KIMODO_FPS, has_links, read_kimodo
 from plat.motions.formats.names import array_meaning
+from plat.motions.formats.pace import settled_rate
+from plat.motions.formats.plat_file import RESERVED, is_marked
 from plat.motions.formats.quaternion_order import settle_joint_order, settle_quat_order
 from plat.motions.formats.tracker_file import read_tracker
 
@@ -73,6 +78,8 @@ _BESIDE = 7
 _LEAST_FRAMES = 2
 # clips of an archive that are looked at before all are
 _EXAMINED = 10
+# what clips are called where one is called qpos
+_NUMBERED = re.compile(r"qpos(_\d+)?")
 
 
 def read_npz(path: Path, options: ReadOptions) -> MotionFile:
@@ -81,6 +88,8 @@ def read_npz(path: Path, options: ReadOptions) -> MotionFile:
     A ``meta.json`` beside it, as HDMI writes it, gives what the archive does not say.
     """
     stored = read_archive(path)
+    if is_marked(stored):
+        return _own(path, stored, options)
     arrays = {_ALIASES.get(name, name): array for name, array in stored.items()}
     _rename(arrays)
     refuse_human_body(arrays)
@@ -93,14 +102,30 @@ def read_npz(path: Path, options: ReadOptions) -> MotionFile:
     if links and options.fps is None and not states_rate(arrays):
         arrays["fps"] = np.array(KIMODO_FPS)
         notes.append("fps as Kimodo writes it")
-    fps = take_rate(arrays, options.fps)
+    rates = take_rates(arrays, options.fps)
+    fps = rates[0][0]
     if links:
         file = read_kimodo(path, arrays, fps, options)
     elif "joint_pos" in arrays:
         file = read_tracker(path, arrays, fps, names, options)
     else:
         file = _clips(path, arrays, fps, names, options)
-    return MotionFile(path, file.format, file.clips, (*notes, *file.notes))
+    clips = file.clips
+    if len(rates) > 1:
+        fps, told = settled_rate(rates, clips[:: max(1, len(clips) // _EXAMINED)], options.robot)
+        clips = [replace(clip, fps=fps) for clip in clips]
+        notes.append(told)
+    return MotionFile(path, file.format, clips, (*notes, *file.notes))
+
+
+def _own(path: Path, arrays: dict[str, np.ndarray], options: ReadOptions) -> MotionFile:
+    """Read an archive that is marked as plat's own: its clips have any names, and these are the clips' names."""
+    fps = take_rate(arrays, options.fps)
+    names = strings(arrays["joint_names"], "joint_names") if "joint_names" in arrays else None
+    arrays = {name: array for name, array in arrays.items() if name not in RESERVED}
+    widths = _widths(names, options)
+    fitting = {name: array for name, array in arrays.items() if _is_motion(array, widths)}
+    return _read(path, arrays, fitting, {name: name for name in fitting}, fps, names, options)
 
 
 def _rename(arrays: dict[str, np.ndarray]) -> None:
@@ -117,13 +142,14 @@ def _rename(arrays: dict[str, np.ndarray]) -> None:
 def _add_metadata(arrays: dict[str, np.ndarray]) -> list[str]:
     """Add the frame rate that an array ``metadata`` of JSON says, as HoloMotion writes it."""
     told = arrays.get("metadata")
-    if told is None or told.size != 1 or told.dtype.kind not in "SU" or states_rate(arrays):
+    if told is None or told.size != 1 or told.dtype.kind not in "SU":
         return []
+    alone = not states_rate(arrays)
     with contextlib.suppress(MotionError):  # the rate is missed anyhow where it is in no text that can be read
         meta = parse_json(strings(told, "metadata")[0].encode(), MotionError, "'metadata'")
         if isinstance(meta, dict) and type(meta.get(_META_RATE)) in (int, float):
-            arrays["fps"] = np.array(meta[_META_RATE])
-            return [f"fps from {_META_RATE!r} of its metadata"]
+            arrays[_META_RATE] = np.array(meta[_META_RATE])
+            return [f"fps from {_META_RATE!r} of its metadata"] if alone else []
     return []
 
 
@@ -157,30 +183,59 @@ def _add_meta(path: Path, arrays: dict[str, np.ndarray], options: ReadOptions) -
 def _clips(
     path: Path, arrays: dict[str, np.ndarray], fps: float, names: list[str] | None, options: ReadOptions
 ) -> MotionFile:
-    """One array a clip, ``[T, 7 + J]``, named by the clip; a clip called ``qpos`` is named by the file."""
+    """One array a clip, ``[T, 7 + J]``, named by the clip; a clip called ``qpos`` is named by the file.
+
+    Where there is a ``qpos``, the clips are this and ``qpos_1``, ``qpos_2``, ... Other arrays of its width are none.
+    """
     widths = _widths(names, options)
     fitting = {name: array for name, array in arrays.items() if _is_motion(array, widths)}
     if "qpos" in arrays and arrays["qpos"].ndim == 3:
         fitting = _of_batch(arrays["qpos"])
-    elif "qpos" in arrays and "qpos" not in fitting:
+    elif "qpos" in fitting:
+        fitting = {name: array for name, array in fitting.items() if _NUMBERED.fullmatch(name)}
+    elif "qpos" in arrays:
         fitting = {"qpos": arrays["qpos"]}
+    known = _LOCO if "split_points" in arrays else frozenset()
+    beside = {name: array for name, array in arrays.items() if name not in known and name != "qpos"}
+    if "split_points" in arrays and list(fitting) == ["qpos"] and _is_motion(fitting["qpos"], widths):
+        fitting = _split(fitting["qpos"], arrays["split_points"])
+    labels = {name: name.replace("qpos", path.stem, 1) if name.startswith("qpos") else name for name in fitting}
+    return _read(path, beside, fitting, labels, fps, names, options)
+
+
+def _read(
+    path: Path,
+    arrays: Mapping[str, np.ndarray],
+    fitting: Mapping[str, np.ndarray],
+    labels: Mapping[str, str],
+    fps: float,
+    names: list[str] | None,
+    options: ReadOptions,
+) -> MotionFile:
+    """Read clips from arrays.
+
+    Args:
+        path: of the file.
+        arrays: that it has.
+        fitting: those of them that are clips.
+        labels: names of the clips, by the names of their arrays.
+        fps: frames a second.
+        names: of the joints, where the file has them.
+        options: what the user says.
+    """
     if not fitting:
         told = ", ".join(f"{name!r} {array.shape}" for name, array in list(arrays.items())[:6]) or "nothing else"
         for name, qpos in list(arrays.items())[:1] if len(arrays) == 1 else []:
             MotionClip(name, qpos, fps).checked(options.robot)  # says what is wrong
-        raise MotionError(f"no clips, expected one array (frames, {widths[0]}) each; it has {told}")
-    known = _LOCO if "split_points" in arrays else frozenset()
-    left_out = [name for name in arrays if name not in fitting and name not in known and name != "qpos"]
+        width = _widths(names, options)[0]
+        raise MotionError(f"no clips, expected one array (frames, {width}) each; it has {told}")
+    left_out = [name for name in arrays if name not in fitting]
     empty = [name for name, array in fitting.items() if array.ndim == 2 and len(array) < _LEAST_FRAMES]
     if empty and len(empty) == len(fitting):
         MotionClip(empty[0], fitting[empty[0]], fps).checked(options.robot)  # says what is wrong
     fitting = {name: array for name, array in fitting.items() if name not in empty}
     # a file has one convention: where some of its clips raise no doubt, the others are not looked at
     some = [*fitting][:: max(1, len(fitting) // _EXAMINED)]
-    if "split_points" in arrays and list(fitting) == ["qpos"]:
-        fitting = _split(fitting["qpos"], arrays["split_points"])
-        some = [*fitting][:: max(1, len(fitting) // _EXAMINED)]
-    labels = {name: name.replace("qpos", path.stem, 1) if name.startswith("qpos") else name for name in fitting}
     looked_at = {name: _clip(labels[name], name, fitting[name], fps, names, options) for name in some}
     doubtful = any(clip.notes for clip in looked_at.values())
     clips = [
@@ -248,7 +303,8 @@ def _widths(names: list[str] | None, options: ReadOptions) -> tuple[int, ...]:
     joints = (
         robot.num_joints,
         sum("wrist" not in name for name in robot.joint_names),
-        *([len(names), len(names) - 1] if names else []),  # the root has a name in some, and no angle
+        *([len(names)] if names else []),
+        *([len(names) - 1] if names and any(map(is_root, names)) else []),  # the root has a name in some, and no angle
     )
     return (*(7 + count for count in joints), 7 + robot.num_joints + _BESIDE)
 

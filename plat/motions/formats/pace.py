@@ -1,12 +1,15 @@
 """What a motion itself says about its frame rate."""
 
+from collections.abc import Sequence
+
 from plat.errors import MotionError
 from plat.motions.checks.flight import Flight
 from plat.motions.checks.tempo import Tempo
 from plat.motions.clip import MotionClip
+from plat.motions.formats.clock import StatedRate, contradiction
 from plat.robots.robot import Robot
 
-__all__ = ["Pace", "UnfitRateError"]
+__all__ = ["Pace", "UnfitRateError", "settled_rate"]
 
 
 class UnfitRateError(MotionError):
@@ -40,3 +43,27 @@ class Pace:
     def confirmed_by(self, fps: float) -> str:
         """Return what speaks for a rate, where nothing speaks against it; empty where nothing does."""
         return "" if self.against(fps) else " and ".join(self._found)
+
+
+def settled_rate(rates: Sequence[StatedRate], clips: Sequence[MotionClip], robot: Robot) -> tuple[float, str]:
+    """Return the one of several stated rates that fits the motion, and a note on it.
+
+    Args:
+        rates: that a file states.
+        clips: of the file, whose frame rate is not looked at.
+        robot: whose motions they are.
+
+    Raises:
+        MotionError: naming the rates, where the motion does not decide.
+    """
+    paces = [Pace(clip, robot) for clip in clips]
+    fitting = {}
+    for rate, _ in rates:
+        found = [what for pace in paces if (what := pace.confirmed_by(rate))]
+        if found and not any(pace.against(rate) for pace in paces):
+            fitting[rate] = found[0]
+    if len(fitting) != 1:
+        raise contradiction(rates)
+    ((rate, what),) = fitting.items()
+    told = " and ".join(f"{rate:g} ({source})" for rate, source in rates)
+    return rate, f"fps {rate:g} of {told}: the one that fits its {what}"

@@ -1,6 +1,7 @@
 """Pickles of GMR and TWIST2, joblib's of ASAP and PBHC, which hold ``xyzw`` quaternions, and MimicKit's."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,10 +9,12 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.motions.clip import MotionClip
-from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, number, strings
+from plat.motions.formats.clock import StatedRate, rates_of_fields
+from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, strings
 from plat.motions.formats.decompress import check_numbers, decompress
 from plat.motions.formats.foreign import refuse_human_body
 from plat.motions.formats.names import array_meaning
+from plat.motions.formats.pace import settled_rate
 from plat.motions.formats.quaternion_order import settle_joint_order, settle_quat_order
 from plat.motions.formats.unnamed_joints import unnamed_joints
 from plat.motions.formats.unpickle import PickledArray, unpickle
@@ -23,8 +26,6 @@ __all__ = ["read_fields", "read_pickle"]
 _ROOT_POS = ("root_pos", "root_trans_offset", "root_trans", "base_pos")
 _ROOT_QUAT = ("root_rot", "root_quat", "base_quat")
 _JOINT_POS = ("dof_pos", "dof", "joint_pos")
-_RATE = ("fps", "frame_rate", "framerate", "frequency", "mocap_framerate", "motion_fps")
-_STEP = ("dt", "timestep")
 _NAMES = ("joint_names", "dof_names", "joint_order", "motor_names")
 # what MimicKit calls its rows of root position, rotation vector and joints
 _FRAMES = "frames"
@@ -103,7 +104,8 @@ def _read_motion(name: str, fields: dict[str, Any], options: ReadOptions) -> tup
         except MotionError:
             names = without_wrists  # the format of ASAP and PBHC
     arranged, notes = arrange_joints(joint_pos, names, robot, "/".join(_JOINT_POS))
-    fps = _rate(fields) if options.fps is None else options.fps
+    rates = _rates(fields) if options.fps is None else [(options.fps, "--fps")]
+    fps = rates[0][0]
     called = ("/".join(_ROOT_POS), "/".join(_ROOT_QUAT))
 
     def read(joints: np.ndarray, order: QuatOrder, doubts: Sequence[str] = ()) -> MotionClip:
@@ -113,14 +115,17 @@ def _read_motion(name: str, fields: dict[str, Any], options: ReadOptions) -> tup
     if names is None and joint_pos.shape[1] == robot.num_joints:
         arranged, found = settle_joint_order(arranged, lambda joints: read(joints, stated).qpos, options, stated)
         notes += found
-    clip = read(arranged, stated)
-    if options.quat_order is not None:
-        return clip, options.quat_order
-    in_file = clip.qpos.copy()
-    if stated == "xyzw":
-        in_file[:, 3:7] = clip.qpos[:, [4, 5, 6, 3]]
-    order, doubts = settle_quat_order(in_file, fps, options.soles, stated)
-    return (read(arranged, order, doubts) if doubts else clip), order
+    clip, order = read(arranged, stated), stated
+    if options.quat_order is None:
+        in_file = clip.qpos.copy()
+        if stated == "xyzw":
+            in_file[:, 3:7] = clip.qpos[:, [4, 5, 6, 3]]
+        order, doubts = settle_quat_order(in_file, fps, options.soles, stated)
+        clip = read(arranged, order, doubts) if doubts else clip
+    if len(rates) > 1:
+        fps, told = settled_rate(rates, [clip], robot)
+        clip = replace(clip, fps=fps, notes=(*clip.notes, told))
+    return clip, order
 
 
 def _renamed(fields: dict[str, Any]) -> dict[str, Any]:
@@ -159,14 +164,11 @@ def _count(value: Any) -> int:
     return value.size if isinstance(value, np.ndarray) else 0
 
 
-def _rate(fields: dict[str, Any]) -> float:
-    for name in _RATE:
-        if name in fields:
-            return number(_unwrap(fields[name]), name)
-    for name in _STEP:
-        if name in fields:
-            return 1 / max(number(_unwrap(fields[name]), name), 1e-9)
-    raise MotionError("no field 'fps', expected the frames a second (or state them: --fps)")
+def _rates(fields: dict[str, Any]) -> list[StatedRate]:
+    rates = rates_of_fields({name: _unwrap(value) for name, value in fields.items()})
+    if not rates:
+        raise MotionError("no field 'fps', expected the frames a second (or state them: --fps)")
+    return rates
 
 
 def _array(fields: dict[str, Any], names: tuple[str, ...]) -> np.ndarray:

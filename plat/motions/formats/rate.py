@@ -34,10 +34,14 @@ def rates_in_name(name: str) -> list[float]:
     return list(dict.fromkeys(found))
 
 
-def without_rates(name: str) -> str:
+def without_rates(name: str, otherwise: str | None = None) -> str:
     """Return a name without the rates in it.
 
-    >>> without_rates("walk_60fps"), without_rates("60fps")
-    ('walk', '60fps')
+    Args:
+        name: of a file or clip.
+        otherwise: what to return where nothing else is in it; the name, if that is None.
+
+    >>> without_rates("walk_60fps"), without_rates("60fps"), without_rates("60fps", "motion")
+    ('walk', '60fps', 'motion')
     """
-    return _STATED.sub("", name) or name
+    return _STATED.sub("", name) or (name if otherwise is None else otherwise)

@@ -1,5 +1,6 @@
 """Archives of trackers: joints, and poses of bodies in the world that say how to read them."""
 
+import contextlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from plat.motions.formats.joint_columns import robot_columns
 from plat.motions.formats.joint_orders import usual_orders
 from plat.motions.formats.names import match_joint
 from plat.motions.formats.quaternion_order import settle_joint_order, settle_quat_order
+from plat.motions.formats.units import angles_in_radians
 from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
 
@@ -19,6 +21,9 @@ __all__ = ["read_tracker"]
 
 # Bodies that a tracker's file records as they are (m): its robot may differ from ours by some millimeters.
 _SAME_PLACE = 0.01
+# Links of another description of the robot put bodies elsewhere by less than this (m); what is beyond is another pose.
+_OTHER_LINKS, _OTHER_POSE = 0.02, 0.05
+_FARTHEST = 1e6
 _CHECKED_FRAMES = 50
 # Named bodies that a motion is checked against, at least.
 _ENOUGH = 5
@@ -31,11 +36,13 @@ class Recorded:
 
     Attributes:
         places: of the bodies ``[T, B, 3]``.
-        kinematics: to the robot's bodies of these names, in their order, or to its keypoints.
+        bodies: of the robot: those of these places, or its keypoints.
+        kinematics: to these bodies.
         named: whether the places are those of these bodies, and not of any.
     """
 
     places: torch.Tensor
+    bodies: tuple[str, ...]
     kinematics: ForwardKinematics
     named: bool
 
@@ -49,9 +56,9 @@ class Recorded:
         found = {name.removesuffix("_link"): column for column, name in enumerate(names)}
         both = [name for name in found if name in known]
         if len(names) != bodies.shape[1] or len(both) < _ENOUGH:
-            return cls(places, ForwardKinematics(robot, robot.keypoints), False)
-        kinematics = ForwardKinematics(robot, tuple(known[name] for name in both))
-        return cls(places[:, [found[name] for name in both]], kinematics, True)
+            return cls(places, robot.keypoints, ForwardKinematics(robot, robot.keypoints), False)
+        matched = tuple(known[name] for name in both)
+        return cls(places[:, [found[name] for name in both]], matched, ForwardKinematics(robot, matched), True)
 
     def distance(self, root_pos: np.ndarray, root_quat: np.ndarray, joints: np.ndarray, frames: np.ndarray) -> float:
         """Return the largest mean distance of a body from where the motion puts it (m)."""
@@ -63,13 +70,39 @@ class Recorded:
             return float((pos_w - recorded).norm(dim=-1).mean(0).amax())
         return float(torch.cdist(pos_w, recorded).amin(-1).mean(0).amax())
 
+    def contradictions(self, qpos: np.ndarray, whole: bool) -> list[str]:
+        """Return what named bodies say against a motion: against its joints, and against its root.
+
+        Args:
+            qpos: the motion ``[T, 7 + J]``.
+            whole: whether the file has all joints of the robot.
+
+        Raises:
+            MotionError: where joints of a whole robot lead to other poses than the recorded ones.
+        """
+        if not self.named:
+            return []
+        frames = _some(len(qpos))
+        if not bool((self.places[frames].abs() < _FARTHEST).all()):
+            return ["places in 'body_pos_w' that are none"]
+        pos_w, _ = self.kinematics(*torch.from_numpy(qpos[frames]).double().split((3, 4, qpos.shape[1] - 7), -1))
+        posed = _aligned(pos_w, self.places[frames])  # as no root puts them nearer
+        off = (posed - self.places[frames]).norm(dim=-1).mean(0)
+        told = f"joints as named put {self.bodies[int(off.argmax())]!r} {float(off.amax()):.2f} m from 'body_pos_w'"
+        if whole and off.amax() > _OTHER_POSE:
+            raise MotionError(f"{told}; correct 'joint_names', or leave 'body_pos_w' out")
+        notes = [told] if off.amax() > _OTHER_LINKS else []
+        moved = float((posed - pos_w).norm(dim=-1).mean())
+        return notes + ([f"the root puts bodies {moved:.2f} m from 'body_pos_w'"] if moved > _OTHER_LINKS else [])
+
 
 def read_tracker(
     path: Path, arrays: dict[str, np.ndarray], fps: float, names: list[str] | None, options: ReadOptions
 ) -> MotionFile:
     """Read ``joint_pos`` with the joints, or with root position, quaternion and joints, and the root beside it.
 
-    Where the file records bodies in the world, the orders of quaternion and joints are those that lead to them.
+    Where the file records bodies in the world, the orders of quaternion and joints are those that lead to them. Names
+    that do not, and no other order either, are refused.
 
     Raises:
         MotionError: naming the array that is missing, or what does not fit.
@@ -87,8 +120,8 @@ def read_tracker(
     notes: list[str] = []
     fits = False
     order: QuatOrder = options.quat_order or ("xyzw" if _scalar_last(arrays) else "wxyz")
-    if usable and bodies is not None:
-        recorded = Recorded.of(bodies, arrays, robot)
+    recorded = Recorded.of(bodies, arrays, robot) if usable and bodies is not None else None
+    if recorded is not None:
         order, names, notes, fits = _fit(recorded, root_pos, root_quat, joint_pos, order, stated, options)
     elif names is None and "root_pos" in arrays and joint_pos.shape[1] == robot.num_joints:
         # fields as of a pickle of GMR: the robot's order, unless the motion shows another
@@ -112,6 +145,9 @@ def read_tracker(
         notes += doubts
         if found != order:
             order, clip = found, make_clip(path.stem, root_pos, root_quat, arranged, fps, options, found, fields)
+    # places in other units or axes than the clip's say nothing here
+    if recorded is not None and not fits and np.allclose(clip.qpos[:, :3], root_pos, atol=1e-4):
+        notes += recorded.contradictions(clip.qpos, len(names) == robot.num_joints)
     return MotionFile(path, "tracker npz", [clip], (f"quaternion {order}", *notes, *more, *beside))
 
 
@@ -152,6 +188,18 @@ def _root_index(arrays: dict[str, np.ndarray], robot: Robot) -> int:
     return bodies.index(root)
 
 
+def _aligned(points: torch.Tensor, to: torch.Tensor) -> torch.Tensor:
+    """Return points ``[F, B, 3]`` moved and turned as a whole in each frame, so that they are nearest to others."""
+    center, goal = points.mean(1, keepdim=True), to.mean(1, keepdim=True)
+    left, _, right = torch.linalg.svd((points - center).mT @ (to - goal))
+    left[..., -1] *= torch.linalg.det(left @ right)[:, None].sign()  # no mirror image
+    return goal + (points - center) @ (left @ right)
+
+
+def _some(frames: int) -> np.ndarray:
+    return np.linspace(0, frames - 1, min(frames, _CHECKED_FRAMES)).round().astype(int)
+
+
 def _scalar_last(arrays: dict[str, np.ndarray]) -> bool:
     first = arrays.get("scalar_first")
     return first is not None and first.size == 1 and not bool(first.item())
@@ -182,12 +230,14 @@ def _fit(
             f"no array 'joint_names', and {joint_pos.shape[1]} joints are no robot's whole number; add 'joint_names', "
             f"{joint_pos.shape[1]} names in the order of the columns of 'joint_pos'"
         )
-    frames = np.linspace(0, len(joint_pos) - 1, min(len(joint_pos), _CHECKED_FRAMES)).round().astype(int)
+    frames = _some(len(joint_pos))
     orders = _ORDERS if options.quat_order is None else (options.quat_order,)
     errors: dict[tuple[str, QuatOrder], float] = {}
     for label, listed in candidates.items():
         if label != "as named" or all(match_joint(name, robot) for name in listed):
             arranged, _ = arrange_joints(joint_pos[frames], listed, robot, "joint_pos")
+            with contextlib.suppress(MotionError):  # the clip's own reading says it
+                arranged = angles_in_radians(arranged, robot).values
             for which in orders:
                 quat = root_quat[frames][:, [3, 0, 1, 2]] if which == "xyzw" else root_quat[frames]
                 errors[label, which] = recorded.distance(root_pos[frames], quat, arranged, frames)

@@ -11,7 +11,7 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.motions.formats.rate import rates_in_name
-from plat.motions.retargeting.mocap import Mocap, check_extent
+from plat.motions.retargeting.mocap import LARGEST_RADIANS, Mocap, check_extent, may_be_radians, turns_all_around
 from plat.rotations_np import axis_rotation
 
 __all__ = ["find_asf", "read_amc", "skeletons_beside"]
@@ -20,8 +20,6 @@ __all__ = ["find_asf", "read_amc", "skeletons_beside"]
 _USUAL_FPS = 120.0
 # HDM05 ends its names in the rate
 _RATE_LAST = re.compile(r"_(30|60|120|240)$")
-# No pose of a whole body has all its angles below this in degrees, none has one above it in radians.
-_LARGEST_RADIANS = 7.0
 # what a value of a frame may move: along or about an axis, or a bone's length, which is left as it is
 _FREEDOM = frozenset(("tx", "ty", "tz", "rx", "ry", "rz", "l"))
 
@@ -87,10 +85,8 @@ def read_amc(path: str | Path, fps: float | None = None) -> Mocap:
     frames, degrees = _read_frames(path, skeleton)
     check_extent(f"AMC file {str(path)!r}", 2 * len(skeleton.bones), len(frames), path.stat().st_size)
     notes = []
-    turns = (_turns(skeleton, name, values) for row in frames for name, values in row.items())
-    largest = max((abs(value) for values in turns for value in values), default=0.0)
     told = skeleton.degrees if degrees is None else degrees
-    if told != (largest > _LARGEST_RADIANS):
+    if _other_unit(skeleton, frames, told):
         notes.append(f"angles in {'radians' if told else 'degrees'} and not as stated, by their size")
         told = not told
     if fps is None:
@@ -220,8 +216,18 @@ def _read_frames(path: Path, skeleton: _Skeleton) -> tuple[list[dict[str, list[f
     return frames, degrees
 
 
-def _turns(skeleton: _Skeleton, name: str, values: list[float]) -> list[float]:
-    return [value for what, value in zip(skeleton.bones[name].dof, values, strict=True) if what.startswith("r")]
+def _other_unit(skeleton: _Skeleton, frames: list[dict[str, list[float]]], degrees: bool) -> bool:
+    """Return whether angles are in radians for degrees, or in degrees for radians, by their size."""
+    bones = skeleton.bones.items()
+    turns = [(name, k) for name, bone in bones for k, what in enumerate(bone.dof) if what.startswith("r")]
+    angles = np.array([[row[name][k] if name in row else 0.0 for name, k in turns] for row in frames])
+    if not degrees:
+        return bool(np.abs(angles).max(initial=0.0) > LARGEST_RADIANS)
+    if not may_be_radians(angles):
+        return False
+    posed = _posed(skeleton, frames, 1.0, _USUAL_FPS, ())
+    assert posed.rotations is not None
+    return not turns_all_around(posed.rotations, posed.parents)
 
 
 def _posed(

@@ -10,14 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from plat.errors import MotionError
-from plat.motions.retargeting.mocap import Mocap, check_extent, checked_rate
+from plat.motions.retargeting.mocap import Mocap, check_extent, checked_rate, may_be_radians, turns_all_around
 from plat.rotations_np import axis_rotation
 
 __all__ = ["read_bvh"]
 
-# No moving body has all its angles below this in degrees, and none has one above it in radians; what is below the first
-# is a rest pose.
-_LEAST_RADIANS, _LARGEST_RADIANS = 0.5, 7.0
 _CHANNELS = ("xposition", "yposition", "zposition", "xrotation", "yrotation", "zrotation")
 
 
@@ -74,9 +71,9 @@ def read_bvh(path: str | Path, fps: float | None = None) -> Mocap:
     joints = _hierarchy(lines)
     values, seconds, notes = _motion(lines, sum(len(joint.channels) for joint in joints))
     rate = checked_rate(path, seconds) if fps is None else fps
+    check_extent(f"BVH file {str(path)!r}", len(joints), len(values), len(text))
     values, told = _in_degrees(joints, values)
     notes = (*notes, *told)
-    check_extent(f"BVH file {str(path)!r}", len(joints), len(values), len(text))
     positions, rotations = _forward_kinematics(joints, values)
     names, parents = zip(*((joint.name, joint.parent) for joint in joints), strict=True)
     rest = np.zeros((len(joints), 3))
@@ -196,12 +193,14 @@ def _motion(lines: _Lines, width: int) -> tuple[np.ndarray, float, tuple[str, ..
 
 
 def _in_degrees(joints: list[_Joint], values: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Return channel values ``[T, width]`` with angles in degrees, and a note where the file has radians."""
+    """Return channel values ``[T, width]`` with angles in degrees, and a note where they could be radians."""
     turns = np.array([channel >= len("xyz") for joint in joints for channel in joint.channels])
-    largest, moving = np.abs(values[:, turns]).max(initial=0.0), np.ptp(values[:, turns], axis=0).max(initial=0.0)
-    if not _LEAST_RADIANS < largest < _LARGEST_RADIANS or moving < _LEAST_RADIANS:
+    if not may_be_radians(values[:, turns]):
         return values, ()
-    return np.where(turns, np.rad2deg(values), values), ("angles in radians: no body moves so little in degrees",)
+    converted = np.where(turns, np.rad2deg(values), values)
+    if turns_all_around(_forward_kinematics(joints, converted)[1], [joint.parent for joint in joints]):
+        return values, ("angles in degrees, though small: in radians joints would turn all around",)
+    return converted, ("angles in radians: no body moves so little in degrees",)
 
 
 def _forward_kinematics(joints: list[_Joint], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,5 +1,6 @@
 """A human's motion as capture files have it: a skeleton, and where its joints are."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -7,11 +8,17 @@ import numpy as np
 
 from plat.errors import MotionError
 
-__all__ = ["FPS", "Mocap", "check_extent", "checked_rate"]
+__all__ = ["FPS", "LARGEST_RADIANS", "Mocap", "check_extent", "checked_rate", "may_be_radians", "turns_all_around"]
 
 # A body with fingers and a face has 200 joints.
 _MOST_JOINTS = 2000
 _GENEROUS_NUMBERS, _MOST_NUMBERS_A_BYTE = 8 << 20, 4
+_LEAST_RADIANS = 0.5  # what is below is a rest pose
+LARGEST_RADIANS = 7.0
+"""No body has an angle above this in radians. In degrees all are below it only near a rest pose that stands."""
+# Length of the mean of a joint's rotations: 1 where it rests, 0 where it turns all around. Of 333 clips
+# (Bandai-Namco, CMU, MASS) none has more than two joints below 0.79.
+_ALL_AROUND, _MOST_AROUND = 0.6, 2
 FPS = (8.0, 1000.0)
 """Frames a second of motion capture, lowest and highest."""
 
@@ -90,3 +97,28 @@ def checked_rate(path: str | Path, seconds: float) -> float:
         f"BVH file {str(path)!r}: 'Frame Time' {seconds:g} s is {fps:.3g} frames a second, expected {FPS[0]:g} to "
         f"{FPS[1]:g}{told}; state it: --fps"
     )
+
+
+def may_be_radians(angles: np.ndarray) -> bool:
+    """Return whether the angles ``[T, C]`` of a body are small enough for radians, and move too much for a rest pose.
+
+    >>> may_be_radians(np.array([[0.0, 1.5], [0.4, -1.5]])), may_be_radians(np.array([[0.0, 1.5], [0.4, -90.0]]))
+    (True, False)
+    """
+    largest, moving = np.abs(angles).max(initial=0.0), np.ptp(angles, axis=0).max(initial=0.0)
+    return bool(_LEAST_RADIANS < largest <= LARGEST_RADIANS and moving >= _LEAST_RADIANS)
+
+
+def turns_all_around(rotations: np.ndarray, parents: Sequence[int]) -> bool:
+    """Return whether more than two joints turn all around, as those of nobody do: degrees taken for radians.
+
+    Args:
+        rotations: of the joints to the world ``[T, J, 3, 3]``.
+        parents: index of the parent of each, -1 for a root, which may turn as it likes.
+    """
+    around = 0
+    for joint, parent in enumerate(parents):
+        if parent >= 0:
+            turn = (rotations[:, parent].swapaxes(-1, -2) @ rotations[:, joint]).mean(0)
+            around += bool(np.linalg.svd(turn, compute_uv=False)[-1] < _ALL_AROUND)
+    return around > _MOST_AROUND

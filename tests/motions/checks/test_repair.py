@@ -86,6 +86,12 @@ def sole_tilt(clip: MotionClip) -> np.ndarray:
     return (heights.amax(-1) - heights.amin(-1)).numpy()
 
 
+def test_feet_on_other_ankles_are_refused():
+    welded = replace(G1, name="other", feet=("left_knee_link", "right_knee_link"))
+    with pytest.raises(MotionError, match="'left_knee_link' is not the body of a roll joint"):
+        level_feet(bowing_clip(), welded)
+
+
 def test_standing_feet_are_levelled_and_nothing_else_moves():
     clip = bowing_clip(100)
     ankles = [

@@ -1,30 +1,45 @@
 """Rates of tables from the same motion beside them."""
 
+import pickle
+
 import numpy as np
 import pytest
 
 from plat.errors import MotionError
 from plat.motions import MotionClip, read_motion_files
-from plat.motions.formats.beside import rate_beside
+from plat.motions.formats.beside import rates_beside
 from tests.motions.checks.test_flight import jump
 
-from .writers import bowing_clip, write_asap, write_csv, write_gmr, write_tracker
+from .writers import bowing_clip, gmr_fields, write_asap, write_csv, write_gmr, write_tracker
 
 
 @pytest.mark.parametrize("write", [write_tracker, write_gmr, write_asap])
 def test_the_same_motion_in_another_format_gives_the_rate(tmp_path, write):
     clip = bowing_clip()
     write_csv(tmp_path / "bow.csv", clip)
-    assert rate_beside(tmp_path / "bow.csv", 40) is None
+    assert rates_beside(tmp_path / "bow.csv", 40) == []
     beside = tmp_path / f"bow{'.npz' if write is write_tracker else '.pkl'}"
     write(beside, clip) if write is not write_asap else write_asap_of_one(beside, clip)
-    assert rate_beside(tmp_path / "bow.csv", 41) == (50, f"{beside.name} beside it")
-    assert rate_beside(tmp_path / "bow.csv", 80) is None
+    assert rates_beside(tmp_path / "bow.csv", 41) == [(50, f"{beside.name} beside it")]
+    assert rates_beside(tmp_path / "bow.csv", 80) == []
     (file,) = read_motion_files(tmp_path / "bow.csv")
     assert file.clips[0].fps == 50
     assert f"fps from {beside.name} beside it" in file.facts
     beside.write_bytes(b"version https://git-lfs")
-    assert rate_beside(tmp_path / "bow.csv", 40) is None
+    assert rates_beside(tmp_path / "bow.csv", 40) == []
+
+
+@pytest.mark.parametrize("ending", [".npz", ".pkl"])
+def test_a_file_beside_that_contradicts_itself_decides_nothing(tmp_path, ending):
+    write_csv(tmp_path / "bow.csv", bowing_clip())
+    fields = {**gmr_fields(bowing_clip()), "dt": 0.04}
+    if ending == ".npz":
+        np.savez(tmp_path / "bow.npz", **fields)
+    else:
+        (tmp_path / "bow.pkl").write_bytes(pickle.dumps(fields))
+    told = f"it states 50 .bow{ending} beside it. and 25 .bow{ending} beside it. frames a second; state which"
+    with pytest.raises(MotionError, match=told):
+        read_motion_files(tmp_path / "bow.csv")
 
 
 def write_asap_of_one(path, clip):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from plat.errors import MotionError
-from plat.motions.formats.clock import rate_of_times, stated_rates
+from plat.motions.formats.clock import counts_frames, rate_of_times, rates_of_fields, stated_rates
 
 
 @pytest.mark.parametrize(("scale", "unit"), [(1, ""), (1, "s"), (1e3, ""), (1e3, "ms"), (1e6, "us"), (1e9, "ns")])
@@ -28,6 +28,32 @@ def test_times_that_waver_a_little():
 def test_times_that_are_no_clock(times, message):
     with pytest.raises(MotionError, match=message):
         rate_of_times(np.array(times))
+
+
+@pytest.mark.parametrize(
+    ("times", "unit", "counts"),
+    [
+        (np.arange(9), "", True),
+        (100.0 + 4 * np.arange(9), "", True),
+        (5 * np.arange(9), "", False),
+        (np.arange(9), "ms", False),
+        (0.5 * np.arange(9), "", False),
+        (np.array([0, 1, 2, 4]), "", False),
+        (np.zeros(9), "", False),
+        (np.zeros(1), "", False),
+    ],
+)
+def test_a_count_of_frames_is_no_clock(times, unit, counts):
+    assert counts_frames(times, unit) is counts
+
+
+def test_all_that_fields_state_is_compared():
+    rows = np.zeros((9, 36))
+    fields = {"qpos": rows, "fps": np.array([30, 30]), "hz": 30.2, "dt": "0.02", "time": np.arange(9) * 0.1}
+    assert rates_of_fields(fields) == [(30.0, "'fps'"), (50.0, "'dt'"), (10.0, "'time'")]
+    assert rates_of_fields({"qpos": rows, "t": np.arange(9), "times": np.arange(5) * 0.1}) == []
+    with pytest.raises(MotionError, match="expected even steps .or state --fps"):
+        rates_of_fields({"qpos": rows, "fps": 30, "time": np.array([0, 1, 2, 3, 9, 10, 11, 12, 13]) / 30})
 
 
 def test_where_rates_are_stated(tmp_path):

@@ -199,6 +199,14 @@ RIGHT = {
     "frame and time": table(
         "walk.csv", ["frame", "time", *ROOT, *JOINTS], np.column_stack((COUNT, 0.02 * COUNT, ROWS))
     ),
+    "a count that is called t": table(header=["t", *ROOT, *JOINTS], rows=np.column_stack((COUNT, ROWS))),
+    "a count of every fourth frame that is called time": table(
+        header=["time", *ROOT, *JOINTS], rows=np.column_stack((4 * COUNT, ROWS))
+    ),
+    "a count of every fourth frame without a name": table(rows=np.column_stack((4 * COUNT, ROWS))),
+    "a count called timestamp, and the time": table(
+        "walk.csv", ["timestamp", "time", *ROOT, *JOINTS], np.column_stack((COUNT, 0.02 * COUNT, ROWS))
+    ),
     "frame and time without names": table("walk.csv", rows=np.column_stack((COUNT, 0.02 * COUNT, ROWS))),
     "a comment with fps": table("walk.csv", before="# fps: 50\n"),
     "a comment with a time step": table("walk.csv", before="# timestep: 0.02 s\n"),
@@ -217,6 +225,12 @@ RIGHT = {
     "names as bytes": npz(clip=ROWS, fps=50, joint_names=np.array([name.encode() for name in JOINTS])),
     "names as objects": npz(clip=ROWS, fps=50, joint_names=np.array(JOINTS, dtype=object)),
     "time step": npz(clip=ROWS, dt=0.02),
+    "a count and a rate in an archive": npz(qpos=ROWS, t=COUNT, fps=50),
+    "times of something else in an archive": npz(qpos=ROWS, times=[0.1, 0.4, 0.9], fps=50),
+    "several that state one rate in an archive": npz(qpos=ROWS, fps=50, dt=0.02, hz=50.1, time=0.02 * COUNT),
+    "velocities beside in an archive": npz(qpos=ROWS, qvel=np.zeros((40, 35)), fps=50, joint_names=JOINTS),
+    "contacts beside in an archive": npz(qpos=ROWS, contact=np.zeros((40, 30)), fps=50),
+    "a reference beside in an archive": npz(qpos=ROWS, ref_qpos=ROWS + 0.01, fps=50),
     "times in an archive": npz(qpos=ROWS, time=0.02 * COUNT),
     "a rate for each clip": npz(clip=ROWS, fps=[50, 50]),
     "a batch of each frame": npz(qpos=ROWS[:, None], fps=50),
@@ -272,7 +286,10 @@ REFUSED = {
     "one frame": (table(rows=ROWS[:1]), "motion 'walk': 1 frames, expected at least 2"),
     "no frames": (table(header=ROOT + JOINTS, rows=ROWS[:0]), "no rows of numbers, expected one a frame"),
     "no rate in an archive": (npz(clip=ROWS), "no array 'fps', expected the frames a second"),
-    "two rates in an archive": (npz(clip=ROWS, fps=50, framerate=25), "it states fps 50 and framerate 25; state which"),
+    "two rates in an archive": (
+        npz(clip=ROWS, fps=50, framerate=25),
+        r"it states 50 \('fps'\) and 25 \('framerate'\) frames a second; state which",
+    ),
     "other names": (
         npz(a=ROWS[:, :3], b=ROWS[:, 3:7], c=ROWS[:, 7:], fps=50),
         r"expected one array \(frames, 36\) each",
@@ -305,6 +322,22 @@ REFUSED = {
     "rotation vectors of the root": (
         npz(**{**FIELDS, "root_rot": XYZW[:, 3:6]}),
         "write rotation vectors, .* as quater",
+    ),
+    "a rate and another time step": (
+        npz(clip=ROWS, fps=50, dt=0.04),
+        r"it states 50 \('fps'\) and 25 \('dt'\) frames a second; state which: --fps 25",
+    ),
+    "a rate and times of another": (
+        npz(qpos=ROWS, fps=50, time=0.04 * COUNT),
+        r"it states 50 \('fps'\) and 25 \('time'\) frames a second; state which",
+    ),
+    "a rate and times of another in a pickle": (
+        pkl({**FIELDS, "timestamps": 0.04 * COUNT}),
+        r"it states 50 \('fps'\) and 25 \('timestamps'\) frames a second; state which",
+    ),
+    "two rates in a pickle": (
+        pkl({**FIELDS, "frequency": 25, "dt": 0.02}),
+        r"it states 50 \('fps'\) and 25 \('frequency'\) frames a second; state which",
     ),
     "different rates of clips": (npz(a=ROWS, b=ROWS, fps=[50, 30]), "'fps' is array"),
     "times with a gap": (npz(qpos=ROWS, time=0.02 * (COUNT + 5 * (COUNT > 20))), "the time goes on by 0.12 at row"),

@@ -1,12 +1,13 @@
 import io
 import json
+import pickle
 import zipfile
 
 import numpy as np
 import pytest
 
 from plat.errors import MotionError
-from plat.motions import MotionClip, load_motions, read_motion_files
+from plat.motions import MotionClip, generate_motions, load_motions, read_motion_files
 from plat.robots import G1
 from tests.motions.formats.writers import (
     ISAAC_ORDER,
@@ -255,7 +256,10 @@ def test_names_may_be_objects(tmp_path):
         ({"poses": np.zeros((5, 165)), "trans": np.zeros((5, 3)), "mocap_frame_rate": 120}, "human motion of the SMPL"),
         ({"betas": np.zeros(16), "gender": "neutral"}, "a human body's shape of the SMPL family .AMASS., no motion"),
         ({"labels": np.zeros((5, 3)), "fps": 30, "more": np.zeros(4)}, "no clips, .* it has 'labels' .5, 3., 'more'"),
-        ({"qpos": np.zeros((5, 36)), "fps": 30, "frequency": 60}, "it states fps 30 and frequency 60; state which"),
+        (
+            {"qpos": np.tile(G1.default_qpos, (5, 1)), "fps": 30, "frequency": 60},
+            "it states 30 .'fps'. and 60 .'frequency'. frames a second; state which",
+        ),
     ],
 )
 def test_archives_of_other_things_are_named(tmp_path, arrays, message):
@@ -267,6 +271,30 @@ def test_archives_of_other_things_are_named(tmp_path, arrays, message):
 def test_a_step_gives_the_rate(tmp_path):
     np.savez(tmp_path / "a.npz", qpos=bowing_clip().qpos, dt=0.02)
     assert load_motions(tmp_path / "a.npz")[0].fps == pytest.approx(50)
+
+
+def test_of_several_rates_the_gait_decides(tmp_path):
+    walk = next(clip for clip in generate_motions("train", seconds=20) if clip.name.startswith("walk_"))
+    for other in ({"dt": 0.25 / walk.fps}, {"time": np.arange(len(walk.qpos)) * 4 / walk.fps}):
+        np.savez(tmp_path / "walk.npz", qpos=walk.qpos, fps=walk.fps, **other)
+        (file,) = read_motion_files(tmp_path / "walk.npz")
+        assert file.clips[0].fps == walk.fps
+        assert f"fps {walk.fps:g} of {walk.fps:g} ('fps') and " in file.facts
+        assert "the one that fits its steps" in file.facts
+        assert load_motions(tmp_path / "walk.npz", fps=20)[0].fps == 20
+        (tmp_path / "walk.pkl").write_bytes(pickle.dumps({"qpos": walk.qpos, "fps": walk.fps, **other}))
+        (file,) = read_motion_files(tmp_path / "walk.pkl")
+        assert file.clips[0].fps == walk.fps
+        assert "the one that fits its steps" in file.facts
+
+
+def test_clips_are_qpos_and_those_that_are_numbered(tmp_path):
+    clip = bowing_clip()
+    arrays = {"qpos": clip.qpos, "qpos_1": clip.qpos, "qpos_raw": clip.qpos, "qvel": np.zeros((40, 35))}
+    np.savez(tmp_path / "take.npz", **arrays, fps=50, joint_names=G1.joint_names)
+    (file,) = read_motion_files(tmp_path / "take.npz")
+    assert [found.name for found in file.clips] == ["take", "take_1"]
+    assert "2 other arrays left out (qpos_raw, qvel)" in file.facts
 
 
 def test_joints_that_nothing_names_are_looked_at(tmp_path):
@@ -468,6 +496,9 @@ def test_holomotion(tmp_path, prefix):
     np.testing.assert_allclose(file.clips[0].qpos, bowing_clip().qpos, atol=1e-6)
     assert file.clips[0].fps == 25
     assert "fps from 'motion_fps' of its metadata" in file.facts
+    np.savez(tmp_path / "bow.npz", metadata=metadata, fps=50, **arrays)
+    with pytest.raises(MotionError, match="it states 50 .'fps'. and 25 .'motion_fps'. frames a second; state which"):
+        load_motions(tmp_path / "bow.npz")
     np.savez(tmp_path / "bow.npz", metadata="{", **arrays)
     with pytest.raises(MotionError, match="no array 'fps'"):
         load_motions(tmp_path / "bow.npz")

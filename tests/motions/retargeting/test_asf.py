@@ -73,13 +73,20 @@ def angles_at(share: float) -> dict[str, np.ndarray]:
     return {n: share * np.array(POSE.get(n, (0,) * len(dof.split())), float) for n, *_, dof in BONES if dof}
 
 
-def write_amc(path: Path, frames: int = 20, radians: bool = False, drop: tuple[str, ...] = (), told: str = "") -> None:
+def write_amc(
+    path: Path,
+    frames: int = 20,
+    radians: bool = False,
+    drop: tuple[str, ...] = (),
+    told: str = "",
+    size: float = 1.0,
+) -> None:
     angle = np.pi / 180 if radians else 1.0
     lines = ["#!OML:ASF a.ASF", ":FULLY-SPECIFIED", told or (":RADIANS" if radians else ":DEGREES")]
     rng = np.random.default_rng(0)
     for frame in range(frames):
         rows = [f"root {3 * INCHES} {91 * INCHES} {frame * INCHES} 0 {0.5 * angle * frame} 0"]
-        for name, values in angles_at(np.sin(np.pi * frame / (frames - 1)) ** 2).items():
+        for name, values in angles_at(size * np.sin(np.pi * frame / (frames - 1)) ** 2).items():
             if name not in drop:
                 rows.append(f"{name} {' '.join(f'{angle * value:.8g}' for value in values)}")
         rng.shuffle(rows)
@@ -123,6 +130,14 @@ def test_angles_in_both_units_whatever_is_stated(tmp_path, radians):
     found = read_amc(tmp_path / "a.amc")
     np.testing.assert_allclose(found.positions, expected.positions)
     assert f"angles in {'radians' if radians else 'degrees'} and not as stated, by their size" in found.notes
+
+
+def test_someone_who_stands_quietly_is_in_degrees_as_stated(tmp_path):
+    write_asf(tmp_path / "a.asf")
+    write_amc(tmp_path / "a.amc", frames=12, size=0.09)
+    mocap = read_amc(tmp_path / "a.amc", fps=60)
+    assert mocap.notes == ()
+    assert np.abs(mocap.rotations - np.eye(3)).max() < 0.4
 
 
 def test_bones_may_be_missing(tmp_path):

@@ -185,3 +185,33 @@ def test_a_rest_pose_is_in_degrees(tmp_path):
     still = "\n".join(" ".join(row.split()[:3] + ["0"] * (len(row.split()) - 3)) for row in rows.splitlines())
     (tmp_path / "b.bvh").write_text(f"{head}Frame Time: 0.033333\n{still}")
     assert read_bvh(tmp_path / "b.bvh").notes == ()
+
+
+def swaying(path, largest: float):
+    """Write a body of five links that sway about a standing rest pose, each by more than the one below."""
+    joints = "".join(f"JOINT j{index} {{\nOFFSET 0 10 0\nCHANNELS 1 Xrotation\n" for index in range(5))
+    head = f"HIERARCHY\nROOT hips {{\nOFFSET 0 0 0\nCHANNELS 1 Xrotation\n{joints}{'} ' * 6}\nMOTION\n"
+    shares = np.sin(np.arange(120)[:, None] / 15 + np.arange(6)) * np.linspace(0.2, 1, 6)
+    rows = "\n".join(" ".join(f"{value:.6f}" for value in row) for row in largest * shares)
+    path.write_text(f"{head}Frames: 120\nFrame Time: 0.033333\n{rows}\n")
+    return read_bvh(path)
+
+
+def test_someone_who_stands_quietly_is_in_degrees(tmp_path):
+    idle = swaying(tmp_path / "a.bvh", 6.0)
+    assert idle.notes == ("angles in degrees, though small: in radians joints would turn all around",)
+    assert np.abs(idle.positions[:, -1] - [0, 50, 0]).max() < 10
+    bent = swaying(tmp_path / "a.bvh", 1.2)
+    assert bent.notes == ("angles in radians: no body moves so little in degrees",)
+    assert np.abs(bent.positions[:, -1] - [0, 50, 0]).max() > 20
+
+
+def test_radians_of_whole_turns_are_radians(tmp_path):
+    """Angles that jump by a turn, as those beyond half of one do in some files, are the same rotation."""
+    swaying(tmp_path / "a.bvh", 1.2)
+    head, rows = (tmp_path / "a.bvh").read_text().split("0.033333\n")
+    values = np.array([[float(word) for word in row.split()] for row in rows.splitlines()]) % (2 * np.pi)
+    jumping = "\n".join(" ".join(f"{value:.6f}" for value in row) for row in values)
+    (tmp_path / "b.bvh").write_text(f"{head}0.033333\n{jumping}")
+    found = read_bvh(tmp_path / "b.bvh")
+    np.testing.assert_allclose(found.positions, read_bvh(tmp_path / "a.bvh").positions, atol=1e-3)

@@ -1,0 +1,73 @@
+"""Archives of plat: one array a clip, named by the clip, with rate, names of joints and a mark beside them."""
+
+import zipfile
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from plat.errors import MotionError
+from plat.json_file import short
+
+__all__ = ["RATE", "RESERVED", "check_clip_names", "is_marked", "write_archive"]
+
+# An archive with this array, a version, is plat's own: whatever its arrays are called, they are clips.
+_MARK = "plat_motions"
+_VERSION = 1
+RATE, _JOINTS = "fps", "joint_names"
+RESERVED = (RATE, _JOINTS, _MARK)
+"""Names of arrays that are no clips."""
+
+_LONGEST = 65_000  # bytes of a name: an archive counts them in 16 bits
+
+
+def is_marked(arrays: Mapping[str, np.ndarray]) -> bool:
+    """Return whether the arrays of an archive are marked as plat's own.
+
+    >>> is_marked({"qpos": np.zeros((2, 36))})
+    False
+    """
+    return _MARK in arrays and arrays[_MARK].ndim == 0
+
+
+def check_clip_names(names: Sequence[str]) -> None:
+    """Raise for names of clips that cannot stand in one archive.
+
+    Raises:
+        MotionError: naming the first, and what would be right.
+
+    >>> check_clip_names(["walk", "fps"])
+    Traceback (most recent call last):
+    plat.errors.MotionError: a clip is called 'fps', expected a name other than 'fps', 'joint_names', 'plat_motions'
+    """
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise MotionError(f"{count} clips are called {short(name)}, expected names that differ from each other")
+        if name in RESERVED:
+            others = ", ".join(map(repr, RESERVED))
+            raise MotionError(f"a clip is called {name!r}, expected a name other than {others}")
+        if "\0" in name or len(name.encode(errors="replace")) > _LONGEST or not _is_text(name):
+            raise MotionError(
+                f"a clip is called {short(name)}, expected text without null characters of at most {_LONGEST} bytes"
+            )
+
+
+def _is_text(name: str) -> bool:
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def write_archive(path: Path, clips: Mapping[str, np.ndarray], fps: float, joint_names: Sequence[str]) -> None:
+    """Write clips ``[T, 7 + J]`` of one frame rate with the mark of plat.
+
+    ``numpy.savez_compressed`` writes the same, but takes no array by the name of one of its arguments.
+    """
+    about = {_MARK: np.int64(_VERSION), RATE: np.float64(fps), _JOINTS: np.array(joint_names)}
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, array in (*about.items(), *clips.items()):
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, np.asanyarray(array), allow_pickle=False)

@@ -1,0 +1,90 @@
+import numpy as np
+import pytest
+
+from plat.errors import MotionError
+from plat.motions import MotionClip, read_motion_files
+from plat.robots import G1
+from tests.motions.formats.writers import body_poses, bowing_clip
+
+BACKWARDS = list(G1.joint_names)[::-1]
+
+
+def arrays(clip: MotionClip | None = None, names: list[str] = BACKWARDS) -> dict[str, object]:
+    """Arrays of a tracker with named bodies; joints stand in an order of nobody, called by these names."""
+    clip = clip or bowing_clip(heading=0.7)
+    pos, quat = body_poses(clip)
+    bodies = {"body_pos_w": pos, "body_quat_w": quat, "body_names": G1.keypoints}
+    return {"fps": 50, "joint_pos": clip.qpos[:, :6:-1], "joint_names": names, **bodies}
+
+
+def read(path, arrays: dict[str, object], **options):
+    np.savez(path, **arrays)
+    (file,) = read_motion_files(path, **options)
+    return file
+
+
+def qpos_of(file) -> np.ndarray:
+    return file.clips[0].qpos
+
+
+def test_names_that_lead_elsewhere_than_the_bodies_are_refused(tmp_path):
+    np.testing.assert_allclose(qpos_of(read(tmp_path / "a.npz", arrays())), bowing_clip(heading=0.7).qpos, atol=1e-5)
+    exchanged = {"left_knee": "left_hip_pitch", "left_hip_pitch": "left_knee"}
+    wrong = arrays(names=[exchanged.get(name, name) for name in BACKWARDS])
+    told = r"a.npz': joints as named put 'left_\w+' 0.\d\d m from 'body_pos_w'; correct 'joint_names', or leave"
+    with pytest.raises(MotionError, match=told):
+        read(tmp_path / "a.npz", wrong)
+    del wrong["body_names"]  # bodies that nothing names say less
+    assert len(qpos_of(read(tmp_path / "a.npz", wrong)))
+
+
+def test_links_of_another_description_are_said(tmp_path):
+    other = arrays()
+    other["body_pos_w"] = other["body_pos_w"] + 0.012 * np.random.default_rng(0).normal(size=(1, 14, 3))
+    file = read(tmp_path / "a.npz", other)
+    np.testing.assert_allclose(qpos_of(file)[:, 7:], bowing_clip().qpos[:, 7:], atol=1e-5)
+    assert "joints as named put" in file.facts
+    assert "the root puts" not in file.facts
+
+
+def test_bodies_without_places_say_nothing(tmp_path):
+    clip = bowing_clip(heading=0.7)
+    broken = {**arrays(), "root_pos": clip.qpos[:, :3], "root_quat": clip.qpos[:, 3:7]}
+    broken["body_pos_w"][:, 5] = np.nan
+    file = read(tmp_path / "a.npz", broken)
+    np.testing.assert_allclose(qpos_of(file), clip.qpos, atol=1e-5)
+    assert "places in 'body_pos_w' that are none" in file.facts
+
+
+def test_joints_that_a_file_lacks_are_no_wrong_names(tmp_path):
+    clip, waist = bowing_clip(), BACKWARDS.index("waist_pitch")
+    clip.qpos[:, -1 - waist] = 0.4
+    cut = arrays(clip)
+    cut["joint_pos"], cut["joint_names"] = np.delete(cut["joint_pos"], waist, 1), np.delete(BACKWARDS, waist)
+    assert "joints as named put" in read(tmp_path / "a.npz", cut).facts
+
+
+def test_a_root_beside_the_bodies_root_is_said(tmp_path):
+    clip = bowing_clip(heading=0.7)
+    root = {"root_pos": clip.qpos[:, :3] + [0, 0, 0.1], "root_quat": clip.qpos[:, 3:7]}
+    file = read(tmp_path / "a.npz", {**arrays(), **root})
+    np.testing.assert_allclose(qpos_of(file)[:, 7:], clip.qpos[:, 7:], atol=1e-5)
+    assert "the root puts bodies 0.10 m from 'body_pos_w'" in file.facts
+
+
+def test_a_stated_order_of_quaternions_overrides_the_bodies(tmp_path):
+    file = read(tmp_path / "a.npz", arrays(), quat_order="xyzw")
+    assert "quaternion xyzw, the root puts bodies" in file.facts
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_bodies_tell_the_order_of_joints_in_degrees(tmp_path, named):
+    degrees = arrays()
+    degrees["joint_pos"] = np.rad2deg(degrees["joint_pos"])
+    if not named:
+        degrees["joint_pos"] = degrees["joint_pos"][:, ::-1]
+        del degrees["joint_names"]
+    file = read(tmp_path / "a.npz", degrees)
+    np.testing.assert_allclose(qpos_of(file), bowing_clip(heading=0.7).qpos, atol=1e-5)
+    assert "joint angles in degrees" in file.facts
+    assert "from 'body_pos_w'" not in file.facts
