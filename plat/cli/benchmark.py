@@ -49,11 +49,20 @@ _LONGER = ("distant",)
 
 @dataclass(frozen=True)
 class MotionSet:
-    """Motions of a section."""
+    """Motions of a section.
+
+    Attributes:
+        name: of section and folder.
+        source: where they are from, for people.
+        library: of pieces of them.
+        source_motions: number of the motion that each clip is a piece of.
+        families: of the clips.
+    """
 
     name: str
     source: str
     library: MotionLibrary
+    source_motions: list[int]
     families: list[str] | None = None
 
 
@@ -76,7 +85,8 @@ def main(recipe: BenchmarkRecipe) -> dict[str, Study]:
     studies: dict[str, Study] = {}
     replace_file(recipe.out / ABOUT, partial(_write, text=json.dumps(about(recipe, candidates, sets), indent=1)))
     for number, motions in enumerate(sets):
-        print(f"\n{motions.name}: {motions.library.num_clips} motions, {motions.library.duration:.0f} s", flush=True)
+        told = f"{motions.library.num_clips} clips of {len(set(motions.source_motions))} motions"
+        print(f"\n{motions.name}: {told}, {motions.library.duration:.0f} s", flush=True)
         folder = recipe.out / motions.name
         study = run_study(
             candidates,
@@ -86,7 +96,7 @@ def main(recipe: BenchmarkRecipe) -> dict[str, Study]:
             workers=recipe.workers or None,
             modules=recipe.imports,
             told=partial(write_study, folder=folder),
-            motions=partial(long_enough, motions.library),
+            clips=partial(long_enough, motions.library),
             trackers=trackers if number == 0 else {},
         )
         studies[motions.name] = study
@@ -98,7 +108,16 @@ def main(recipe: BenchmarkRecipe) -> dict[str, Study]:
 
 
 def motion_sets(recipe: BenchmarkRecipe, robot: Robot, control_dt: float) -> list[MotionSet]:
-    """Return the sets of motions: those that files were given for, and the generated one."""
+    """Return the sets of motions: those that files were given for, and the generated one.
+
+    Raises:
+        PlatError: when two sets have one name.
+    """
+    names = [name for name in PUBLIC if getattr(recipe, name) is not None] + ["generated"]
+    for path in recipe.hard:
+        if path.stem in names:
+            raise PlatError(f"--hard {str(path)!r}: there is a set {path.stem!r} already, expected another file name")
+        names.append(path.stem)
     families = read_manifest(recipe.manifest) if recipe.manifest else None
     sets = []
 
@@ -106,12 +125,11 @@ def motion_sets(recipe: BenchmarkRecipe, robot: Robot, control_dt: float) -> lis
         library = MotionLibrary.load([motions], robot, dt=control_dt)
         cut = library.pieces(recipe.longest)
         chosen = evenly(range(cut.num_clips), recipe.clips or cut.num_clips)
-        part = cut.only(*chosen)
-        of_clips = None
-        if family is not None:
-            of_name = dict(zip(library.clip_names, family(library.clip_names), strict=True))
-            of_clips = [of_name.get(clip) or of_name[clip.rpartition("_")[0]] for clip in part.clip_names]
-        sets.append(MotionSet(name, source, part, of_clips))
+        # pieces are frames of the same table
+        sources = library.clip_of(cut.clip_start[list(chosen)]).tolist()
+        of_motions = None if family is None else family(library.clip_names)
+        of_clips = None if of_motions is None else [of_motions[motion] for motion in sources]
+        sets.append(MotionSet(name, source, cut.only(*chosen), sources, of_clips))
 
     for name, public in PUBLIC.items():
         if (source := getattr(recipe, name)) is not None:
@@ -136,6 +154,7 @@ def plan_of(recipe: BenchmarkRecipe, motions: MotionSet, ours: str, first: bool)
         setting=EvaluationSetting(recipe.seed, num_envs=recipe.num_envs, device=recipe.device),
         rules=recipe.rules,
         families=motions.families,
+        sources=motions.source_motions,
         difficulty=True,
         robustness=recipe.robustness if first else (),
         strengths=recipe.strengths,
@@ -202,7 +221,9 @@ def _write(part: Path, text: str) -> None:
 
 
 def draw(folder: Path, study: Study) -> list[Path]:
-    """Draw the figures of a set."""
+    """Draw the figures of a set, in the place of those that were there."""
+    for path in (*folder.glob("*.png"), *folder.glob("*.pdf")):
+        path.unlink()
     scores = study.scores
     usual = [score for score in scores if score.horizon not in _LONGER]
     horizons = {score.horizon for score in usual}

@@ -124,7 +124,7 @@ def _section(name: str, study: Study, folder: Path, pictures: str, about: dict[s
         return [f"![{_ALT[stem]}]({pictures}/{stem}.png)\n" for stem in found]
 
     parts = [f"## {name}\n", overview(study.scores) + "\n", *shown("radar", "success", "horizon")]
-    main = "mixed" if any(score.horizon == "mixed" for score in study.scores) else study.scores[0].horizon
+    main = study.main_horizon
     columns = [score for score in study.scores if score.horizon == main]
     parts += [f"### {name}: all metrics at {main.capitalize()}\n", metrics_table(columns) + "\n"]
     if study.differences:

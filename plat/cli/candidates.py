@@ -11,7 +11,7 @@ from plat.baselines.catalog import sha256
 from plat.deploy.runner import BUNDLE_FILE
 from plat.errors import PlatError
 from plat.evaluation import Entrant, Interface
-from plat.evaluation.cells import Candidate, fingerprint
+from plat.evaluation.cells import Candidate, Cell, fingerprint
 from plat.export.data_sets import data_set_of
 from plat.files import readable
 from plat.robots import get_robot
@@ -42,7 +42,8 @@ def candidates_of(
         robot: of bundles.
 
     Raises:
-        PlatError: when something cannot be loaded, or an ``.onnx`` file is of no tracker that plat knows.
+        PlatError: when something cannot be loaded, an ``.onnx`` file is of no tracker that plat knows, or two have one
+            name.
     """
     released = {name: path for name, path in trackers.files().items() if path is not None}
     names = [readable(path.name) for path in paths]
@@ -66,7 +67,7 @@ def candidates_of(
             found |= _once(label, load, files, f"{dense} {interface}", _described(name), "its owner's data")
     if not found:
         raise PlatError("nothing to evaluate: give run directories, or files of released trackers (--trackers.twist2)")
-    return found
+    return _told_apart(found)
 
 
 def trackers_of(
@@ -76,6 +77,24 @@ def trackers_of(
     with redirect_stdout(None):  # what there is to say of the files was said of their keyframes
         found = candidates_of(paths, trackers, device=device, dense=True, robot=robot)
     return {one: entrant for one, entrant in found.items() if entrant.tracks}
+
+
+def _told_apart(found: dict[Candidate, Entrant]) -> dict[Candidate, Entrant]:
+    """Return the candidates; what would share files of records with one before it is filed under a name of its own."""
+    names: set[str] = set()
+    stems: set[str] = set()
+    apart = {}
+    for one, entrant in found.items():
+        if one.name in names:
+            raise PlatError(
+                f"two rows are called {one.name!r}: give each policy once, and rename one of two that differ"
+            )
+        if Cell(one, "").stem in stems:
+            one = replace(one, filed=f"{one.name} {one.fingerprint[:8]}")
+        names.add(one.name)
+        stems.add(Cell(one, "").stem)
+        apart[one] = entrant
+    return apart
 
 
 def _of_run(

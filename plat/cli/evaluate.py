@@ -13,7 +13,7 @@ import plat.headless  # noqa: F401
 # isort: split
 from plat.cli.candidates import candidates_of
 from plat.cli.options import EvaluateRecipe
-from plat.envs.transforms import HORIZONS, horizon_named
+from plat.envs.transforms import HORIZONS, RandomizationRanges, horizon_named
 from plat.envs.transforms.settings import robot_ranges
 from plat.errors import PlatError
 from plat.evaluation import HEADLINE, METRICS, Entrant, EvaluationSetting, Score, markdown, write_csv
@@ -56,10 +56,7 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
     robot = get_robot(recipe.robot)
     if recipe.out is not None:
         check_folder(recipe.out, "--out")
-    if recipe.disturbed and recipe.domain_randomization:
-        raise PlatError("--disturbed: has randomization of its own, expected no --domain-randomization beside it")
-    if recipe.partial and recipe.whole_clips:
-        raise PlatError("--whole-clips: judges whole poses, expected no --partial beside it")
+    check_together(recipe)
     found = candidates_of(
         recipe.runs,
         recipe.trackers,
@@ -99,7 +96,7 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
         workers=recipe.workers or None,
         modules=recipe.imports,
         told=Teller(recipe),
-        motions=partial(long_enough, library),
+        clips=partial(long_enough, library),
     )
     scores = study.scores
     if tables := study.markdown():
@@ -132,6 +129,38 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
     return scores
 
 
+def check_together(recipe: EvaluateRecipe) -> None:
+    """Raise an error for options that would be without effect, or mean something else, beside others.
+
+    Raises:
+        PlatError: naming both.
+    """
+    disturbed = ("--disturbed", recipe.disturbed)
+    randomized = ("--domain-randomization", recipe.domain_randomization)
+    partial = ("--partial", recipe.partial)
+    robustness = ("--robustness", recipe.robustness, "measures one disturbance at a time")
+    authored = ("--authored", recipe.authored)
+    for (flag, given, why), (other, there) in (
+        ((*disturbed, "has randomization of its own"), randomized),
+        (("--whole-clips", recipe.whole_clips, "judges whole poses"), partial),
+        (robustness, disturbed),
+        (robustness, randomized),
+        ((*authored, "scores robots that nothing but --pushes disturbs"), disturbed),
+        ((*authored, "scores robots that nothing but --pushes disturbs"), randomized),
+        ((*authored, "has families that say what they command"), partial),
+        ((*authored, "has no motion between its keyframes"), ("--dense", recipe.dense)),
+    ):
+        if given and there:
+            raise PlatError(f"{flag}: {why}, expected no {other} beside it; run {other} without {flag}")
+    for flag, changed, (needed, there) in (
+        ("--pushes", recipe.pushes, authored),
+        ("--strips", recipe.strips is not None, authored),
+        ("--randomization", recipe.randomization != RandomizationRanges(), randomized),
+    ):
+        if changed and not there:
+            raise PlatError(f"{flag}: without effect but with {needed}, expected that beside it")
+
+
 def written_by(recipe: EvaluateRecipe, pictures: Sequence[Path]) -> list[Path]:
     """Tables, folders and figures that are there now, of those that were asked for."""
     tables = [recipe.csv] if recipe.csv is not None else []
@@ -160,34 +189,41 @@ class Teller:
             write_study(study, self._recipe.out)
 
 
-def long_enough(library: MotionLibrary, horizon: str) -> MotionLibrary:
-    """Return the motions that a horizon's shortest command fits into; say how many are left out.
+def long_enough(library: MotionLibrary, horizon: str) -> list[int]:
+    """Return the numbers of the motions that a horizon's shortest command fits into; say how many are left out.
 
     Raises:
         PlatError: when none is long enough.
     """
     shortest = HORIZONS[horizon].shortest if horizon in HORIZONS else 1
-    kept = (library.clip_length - 1 >= shortest).nonzero()[:, 0].tolist()
+    kept: list[int] = (library.clip_length - 1 >= shortest).nonzero()[:, 0].tolist()
     if len(kept) == library.num_clips:
-        return library
+        return kept
     told = f"horizon {horizon!r}: {library.num_clips - len(kept)} of {library.num_clips} motions are shorter than"
     told += f" {shortest * library.dt:g} s, its shortest command"
     if not kept:
         raise PlatError(f"{told}: give longer ones or a shorter horizon (--horizon)")
     print(f"{told}, and are left out")
-    return library.only(*kept)
+    return kept
 
 
 def common_control_dt(entrants: Mapping[str, Entrant], horizons: Sequence[str]) -> float:
     """Return the control step (s) of all entrants, by which motions are sampled.
 
     Raises:
-        PlatError: when the entrants differ in it, or cannot all be given the same commands at a horizon.
+        PlatError: when the entrants differ in it or in their arrival window, or cannot all be given the same commands
+            at a horizon.
     """
     steps = {name: entrant.timing.control_dt for name, entrant in entrants.items()}
     if len(set(steps.values())) > 1:
         told = ", ".join(f"{name} {step:g} s" for name, step in steps.items())
         raise PlatError(f"policies of different control steps: {told}; score those of each step on their own")
+    windows = {name: entrant.timing.window for name, entrant in entrants.items()}
+    if len(set(windows.values())) > 1:
+        told = ", ".join(f"{name} {window}" for name, window in windows.items())
+        raise PlatError(
+            f"policies of different arrival windows: {told} control steps; score those of each on their own"
+        )
     for horizon in horizons:
         lengths = {name: horizon_named(horizon, entrant.timing).longest for name, entrant in entrants.items()}
         if len(set(lengths.values())) > 1:

@@ -9,13 +9,14 @@ from plat.control.authored import Authored
 from plat.errors import RecordsError
 from plat.evaluation.authored_rollout import Pushes
 from plat.evaluation.authored_scores import AuthoredRecords, AuthoredScore, author_families, evaluate_authored
-from plat.evaluation.cells import Candidate, Cell, fingerprint
+from plat.evaluation.cells import Candidate, Cell, fingerprint, robot_fingerprint
 from plat.evaluation.entrant import Entrant
 from plat.evaluation.groups import GroupScore
 from plat.evaluation.report import Estimate
 from plat.evaluation.score_table import AUTHORED_METRICS
 from plat.evaluation.setting import EvaluationSetting
 from plat.motions.library import MotionLibrary
+from plat.robots.robot import Robot
 from plat.spec.timing import Timing
 from plat.version import __version__
 
@@ -40,7 +41,7 @@ def authored_records(
     Args:
         candidate: with its fingerprint.
         entrant: its policy, loaded. A dense tracker is shown keyframes by its interface.
-        motions: source of resting poses.
+        motions: source of resting poses; its robot is the one that was chosen.
         count: chains per family.
         setting: its seed, device and threads.
         folder: for the records; None keeps nothing.
@@ -49,7 +50,7 @@ def authored_records(
     """
     if chains is None:
         chains = author_families(motions.robot, motions, count, setting.seed, entrant.timing)
-    about = _about(candidate, chains, pushes)
+    about = _about(candidate, motions.robot, chains, pushes)
     path = None if folder is None else folder / f"{Cell(candidate, AUTHORED).stem}.safetensors"
     if path is not None and path.exists():
         try:
@@ -83,10 +84,11 @@ def records_of_all(
     """Yield each candidate and its records, as of :func:`authored_records`; chains are drawn once for all alike."""
     chains: dict[tuple[int, Timing], list[Authored]] = {}
     for candidate, entrant in entrants.items():
-        key, own = (id(entrant.robot), entrant.timing), motions.for_robot(entrant.robot)
+        key = (id(entrant.robot), entrant.timing)
         if key not in chains:
+            own = motions.for_robot(entrant.robot)
             chains[key] = author_families(entrant.robot, own, count, setting.seed, entrant.timing)
-        yield candidate, authored_records(candidate, entrant, own, count, setting, folder, chains[key], pushes)
+        yield candidate, authored_records(candidate, entrant, motions, count, setting, folder, chains[key], pushes)
 
 
 def authored_groups(policy: str, records: AuthoredRecords) -> list[GroupScore]:
@@ -99,7 +101,7 @@ def authored_groups(policy: str, records: AuthoredRecords) -> list[GroupScore]:
     return scores
 
 
-def _about(candidate: Candidate, chains: Sequence[Authored], pushes: Pushes | None) -> dict[str, Any]:
+def _about(candidate: Candidate, robot: Robot, chains: Sequence[Authored], pushes: Pushes | None) -> dict[str, Any]:
     """Return what the records depend on. Chains are fingerprinted themselves: a change of their families is seen."""
     parts = []
     for chain in chains:
@@ -107,4 +109,6 @@ def _about(candidate: Candidate, chains: Sequence[Authored], pushes: Pushes | No
             told = (chain.family, chain.hold, keyframe.time, keyframe.commands)
             parts += [repr(told).encode(), keyframe.qpos.tobytes()]
     about = {"policy": candidate.fingerprint, "chains": fingerprint(parts), "plat": __version__}
+    if mark := robot_fingerprint(robot):
+        about |= {"robot": mark}
     return about if pushes is None else about | {"pushes": asdict(pushes)}

@@ -32,7 +32,8 @@ def play_authored(
 ) -> list[Playback]:
     """Return a playback of a policy for each chain; the hold is one more command, which arrives at its end.
 
-    A command has failed where the robot is not near enough at its arrival, or lies.
+    A command has failed where the robot is not near enough at its arrival, or lies; so have all after an action that
+    is absurd or a simulation that diverged.
 
     Args:
         policy, robot, chains, observe, pushes, device: see :class:`plat.evaluation.authored_rollout.AuthoredRollout`.
@@ -42,12 +43,15 @@ def play_authored(
     rollout = AuthoredRollout(policy, robot, chains, observe=observe, pushes=pushes, num_threads=1, device=device)
     bodies = torch.tensor([limits.bodies if chain.bodies is None else chain.bodies for chain in chains], device=device)
     before, after, failed = [], [], []
+    broken = torch.zeros(len(chains), dtype=torch.bool, device=device)
     for step in rollout:
         state, reference = step.after["state"], step.after["reference"]
         before.append(_qpos(GeneralizedState.from_entries(step.before)))
         after.append(_qpos(GeneralizedState.from_entries(step.after)))
-        near = distances(state, reference, rollout.commanded(step.number)).near(limits, bodies)
-        failed.append((down(state, reference, limits) | ~near).cpu().numpy())
+        parts = rollout.commanded(step.number)
+        near = distances(state, reference, parts).near(limits, bodies)
+        broken |= step.after["terminated"][:, 0]
+        failed.append((down(state, reference, limits, parts) | ~near | broken).cpu().numpy())
     qpos, reached, misses = (np.stack(values, 1) for values in (before, after, failed))
     ends = torch.cat((rollout.arrivals, rollout.ends[:, None]), 1).tolist()
     return [

@@ -19,6 +19,7 @@ from plat.envs.transforms.terminations import off_pose
 from plat.errors import RecordsError
 from plat.evaluation.authored_rollout import AuthoredRollout, Pushes
 from plat.evaluation.records import read_columns, write_columns
+from plat.evaluation.report import estimate
 from plat.files import replace_table
 from plat.motions import MotionLibrary
 from plat.robots import Robot
@@ -185,10 +186,12 @@ def evaluate_authored(
     places: Tensor | None = None
     for step in rollout:
         state, reference, number = step.after["state"], step.after["reference"], step.number
-        fallen = down(state, reference, limits) & (number <= ends)
+        parts = rollout.commanded(number)
+        # MuJoCo puts a robot whose simulation diverged back to its start, upright
+        broken = step.after["terminated"][:, 0]
+        fallen = (down(state, reference, limits, parts) | broken) & (number <= ends)
         fell_at = torch.where(fallen, fell_at.clamp_max(number), fell_at)
         # a window is the last steps of a command, the arrival among them
-        parts = rollout.commanded(number)
         in_window = (arrivals >= number) & (arrivals - number < timing.window)
         missed |= in_window & off_pose(state, reference, robot, limits.window, parts)[:, None]
         now = arrivals == number
@@ -295,12 +298,9 @@ def _feasibility(robot: Robot, chains: Sequence[Authored]) -> tuple[Tensor, Tens
 
 
 def _interval(top: Tensor, bottom: Tensor, draws: Tensor) -> Interval:
-    if not bool(bottom.any()):
-        return math.nan, math.nan, math.nan
     value = 100 * float(top.sum() / bottom.sum())
-    resampled = 100 * top[draws].sum(1) / bottom[draws].sum(1).clamp_min(1e-9)
-    low, high = torch.quantile(resampled, torch.tensor([0.025, 0.975], dtype=torch.float64)).tolist()
-    return value, low, high
+    found = estimate(value, 100 * top[draws].sum(1) / bottom[draws].sum(1))
+    return found.value, found.low, found.high
 
 
 def _cell(figure: Interval) -> str:

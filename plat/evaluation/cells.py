@@ -10,11 +10,13 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeAlias
 
+import mujoco
+import numpy as np
 import torch
 
 from plat.envs.physics import available_cpus
@@ -25,11 +27,22 @@ from plat.evaluation.records import CommandRecords
 from plat.evaluation.setting import EvaluationSetting
 from plat.motions.library import MotionLibrary
 from plat.progress import Progress
+from plat.robots import G1
+from plat.robots.robot import Robot
 from plat.runs.user_modules import import_modules
 from plat.scratch import Scratch
 from plat.version import __version__
 
-__all__ = ["PART", "Candidate", "Cell", "Records", "evaluate_cells", "fingerprint", "motions_fingerprint"]
+__all__ = [
+    "PART",
+    "Candidate",
+    "Cell",
+    "Records",
+    "evaluate_cells",
+    "fingerprint",
+    "motions_fingerprint",
+    "robot_fingerprint",
+]
 
 PART = 512
 """Clips of a part, at most. Parts are the same whatever the number of processes, so the records are as well."""
@@ -50,6 +63,7 @@ class Candidate:
         weights: SHA-256 of its weights, for people.
         made_by: what made it, for people.
         trained_on: the motions that it was trained on, for people.
+        filed: name in the names of its files of records, where another candidate's name makes the same; else empty.
     """
 
     name: str
@@ -58,6 +72,7 @@ class Candidate:
     weights: str = ""
     made_by: str = ""
     trained_on: str = ""
+    filed: str = ""
 
 
 @dataclass(frozen=True)
@@ -83,11 +98,11 @@ class Cell:
     @property
     def stem(self) -> str:
         """Return the name of its file of records, without ending."""
-        words = (self.candidate.name, self.horizon, self.rule, self.label)
+        words = (self.candidate.filed or self.candidate.name, self.horizon, self.rule, self.label)
         return "-".join(re.sub(r"[^\w.]+", "_", word).strip("_") for word in words if word)
 
-    def about(self, motions: str) -> dict[str, Any]:
-        """Return what its records depend on, with the fingerprint of the motions."""
+    def about(self, motions: str, robot: str = "") -> dict[str, Any]:
+        """Return what its records depend on, with the fingerprints of motions and robot."""
         # devices and threads round differently at most
         setting = replace(self.setting, num_threads=None, device="cpu")
         about = {
@@ -98,6 +113,8 @@ class Cell:
             "setting": repr(setting),
             "plat": __version__,
         }
+        if robot:
+            about["robot"] = robot
         if self.rule is not None:
             about["rule"] = self.rule
         if self.clips is not None:
@@ -163,7 +180,11 @@ class _Desk:
 
     def __init__(self, folder: Path, library: MotionLibrary):
         self.folder, self.library = folder, library
-        self.motions = motions_fingerprint(library)
+        self._marks = motions_fingerprint(library), robot_fingerprint(library.robot)
+
+    def about(self, cell: Cell) -> dict[str, Any]:
+        """Return what the records of a cell depend on."""
+        return cell.about(*self._marks)
 
     def parts(self, cell: Cell) -> list[list[int]]:
         """Return the clips of each part of a cell: as few parts as may be, of about the same size."""
@@ -193,7 +214,7 @@ class _Desk:
         except RecordsError as error:
             print(f"evaluated again: {error}")
             return None
-        return records if known == cell.about(self.motions) else None
+        return records if known == self.about(cell) else None
 
     def missing(self, cell: Cell) -> list[int]:
         """Return the parts of a cell that are not there yet."""
@@ -208,7 +229,7 @@ class _Desk:
         if records is None:
             parts = [self.read(cell, path) for path in paths]
             records = cell.joined(parts)
-            records.save(self.whole(cell), cell.about(self.motions))
+            records.save(self.whole(cell), self.about(cell))
         for path in paths:
             path.unlink(missing_ok=True)
         return records
@@ -229,7 +250,7 @@ def _in_process(
 
             with _one_thread():
                 records = cell.evaluate(entrant, desk.library, clips=desk.parts(cell)[number], progress=told)
-            records.save(desk.part(cell, number), cell.about(desk.motions))
+            records.save(desk.part(cell, number), desk.about(cell))
             progress.update(before + steps)
         yield cell, desk.finished(cell)
 
@@ -252,7 +273,7 @@ def _on_processes(
     try:
         futures: dict[str, list[Future[None]]] = {}
         for cell, number in missing:
-            job = (cell, desk.parts(cell)[number], desk.part(cell, number), cell.about(desk.motions))
+            job = (cell, desk.parts(cell)[number], desk.part(cell, number), desk.about(cell))
             future = pool.submit(_work, *job)
             future.add_done_callback(functools.partial(_told, progress, desk.steps(cell, number)))
             futures.setdefault(cell.stem, []).append(future)
@@ -341,3 +362,18 @@ def motions_fingerprint(library: MotionLibrary) -> str:
     """Return a fingerprint of the motions of a library."""
     frames = (library.frames[entry].cpu().numpy().tobytes() for entry in ("joint_pos", "keypoint_pos"))
     return fingerprint([*frames, library.clip_length.cpu().numpy().tobytes(), repr(library.dt).encode()])
+
+
+def robot_fingerprint(robot: Robot) -> str:
+    """Return a fingerprint of a robot, its fields and its compiled model; empty for the G1, which comes with plat.
+
+    >>> robot_fingerprint(G1)
+    ''
+    """
+    if robot == G1:
+        return ""
+    # not where its files lie
+    told = {one.name: getattr(robot, one.name) for one in fields(robot) if one.name != "asset"}
+    model = np.empty(mujoco.mj_sizeModel(robot.shared_model), np.uint8)
+    mujoco.mj_saveModel(robot.shared_model, None, model)
+    return fingerprint([repr(told).encode(), model.tobytes()])

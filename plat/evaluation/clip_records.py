@@ -30,6 +30,7 @@ class ClipRecords:
         errors: for each of :data:`CLIP_ERRORS`, the sum over the tracked steps ``[C]``: joints (rad), keypoints in the
             world (m), in their own root's frame (m), and the distance of the keypoints' displacements a frame (m/frame)
             and of their changes (m/frame²). The last two are those of PHC.
+        source: motion that the clip is a piece of ``[C]``; None where clips are whole motions.
     """
 
     rule: str
@@ -38,6 +39,7 @@ class ClipRecords:
     tracked: Tensor
     failed: Tensor
     errors: dict[str, Tensor]
+    source: Tensor | None = None
 
     def columns(self) -> dict[str, Tensor]:
         """Return every column by its name in files."""

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,12 +13,14 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from plat.envs.transforms.command import CommandSchedule
+from plat.envs.transforms.metrics import commanded_joints_and_bodies
 from plat.errors import RecordsError
 from plat.files import replace_file
 from plat.json_file import parse_json
 from plat.motions.library import MotionLibrary
 
 __all__ = [
+    "COMMANDED",
     "STEP_METRICS",
     "WINDOW_METRICS",
     "CommandRecorder",
@@ -32,6 +34,8 @@ WINDOW_METRICS = ("joint_error", "keypoint_error", "keypoint_error_root")
 """Errors that are averaged over a command's arrival window."""
 STEP_METRICS = ("action_change", "joint_jerk", "foot_slip")
 """Quantities that are averaged over all steps."""
+COMMANDED = {"joints": "joint_error", "bodies": "keypoint_error"}
+"""What a command may command, with an error that it then has."""
 
 
 _Table = TypeVar("_Table")
@@ -88,6 +92,9 @@ class CommandRecords:
         window: for each of :data:`WINDOW_METRICS`, the mean over those steps ``[M]``; NaN where there were none.
         arrival_error: world keypoint error at the arrival step ``[M]`` (m); infinite for a command that failed.
         step: for each of :data:`STEP_METRICS`, the sum over all steps ``[M]``.
+        commanded: for each of :data:`COMMANDED`, whether a command commands any ``[M]``. What is not given is read off
+            the errors, as if all rows were of one kind.
+        source: motion that the clip is a piece of ``[M]``; None where clips are whole motions.
     """
 
     clip: Tensor
@@ -99,11 +106,20 @@ class CommandRecords:
     window: dict[str, Tensor]
     arrival_error: Tensor
     step: dict[str, Tensor]
+    commanded: dict[str, Tensor] = field(default_factory=dict)
+    source: Tensor | None = None
+
+    def __post_init__(self) -> None:
+        reached = self.window_steps > 0
+        for name in [name for name in COMMANDED if name not in self.commanded]:
+            measured = reached & ~self.window[COMMANDED[name]].isnan()
+            all_or_none = bool(measured.any() | ~reached.any())
+            self.commanded[name] = torch.full_like(reached, all_or_none)
 
     def columns(self) -> dict[str, Tensor]:
         """Return every column by its name in files."""
         columns = {name: value for name, value in vars(self).items() if isinstance(value, Tensor)}
-        for group in ("window", "step"):
+        for group in ("window", "step", "commanded"):
             columns |= {f"{group}.{name}": column for name, column in getattr(self, group).items()}
         return columns
 
@@ -117,7 +133,9 @@ class CommandRecords:
         rest = dict(columns)
         window = {name: rest.pop(f"window.{name}") for name in WINDOW_METRICS}
         step = {name: rest.pop(f"step.{name}") for name in STEP_METRICS}
-        return cls(**rest, window=window, step=step)
+        names = [name for name in COMMANDED if f"commanded.{name}" in rest]  # not in files of earlier versions
+        commanded = {name: rest.pop(f"commanded.{name}") for name in names}
+        return cls(**rest, window=window, step=step, commanded=commanded)
 
     def of_rows(self, rows: Tensor) -> "CommandRecords":
         """Return the rows that a mask ``[M]`` or indices choose."""
@@ -207,4 +225,13 @@ class CommandRecorder:
             window={name: (total / self._window_steps).cpu() for name, total in self._window.items()},
             arrival_error=self._arrival_error.cpu(),
             step={name: total.cpu() for name, total in self._step.items()},
+            commanded=self._commanded(),
         )
+
+    def _commanded(self) -> dict[str, Tensor]:
+        parts = self._schedule.parts
+        if parts is None:
+            every = torch.ones(self._schedule.num_commands, dtype=torch.bool)
+            return {name: every.clone() for name in COMMANDED}
+        joints, bodies = commanded_joints_and_bodies(parts, self._library.robot.num_joints)
+        return {"joints": (joints > 0).any(-1).cpu(), "bodies": (bodies > 0).any(-1).cpu()}

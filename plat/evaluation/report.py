@@ -11,7 +11,7 @@ from plat.errors import RecordsError
 from plat.evaluation.clip_records import CLIP_ERRORS, ClipRecords
 from plat.evaluation.records import STEP_METRICS, CommandRecords
 
-__all__ = ["Estimate", "Penalties", "compare", "report", "report_clips", "success_curve"]
+__all__ = ["Estimate", "Penalties", "compare", "estimate", "report", "report_clips", "success_curve"]
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,8 @@ def report(
         errors over the commands that reached their window; ``mpjpe_all``, ``mpkpe_all``, ``mpkpe_root_all``: the same
         over all commands, each capped, and a failed one at its cap; ``fall_rate`` (%); ``success_area`` (%): area
         under :func:`success_curve`; ``action_change``, ``joint_jerk`` (rad/s^3), ``foot_slip`` (m/s): means over
-        steps. The bootstrap resamples motions and training seeds.
+        steps. Of partial keyframes, errors are over the commands that command a joint, or a body; nan without any. The
+        bootstrap resamples motions and training seeds; pieces of a motion stay together.
 
     Raises:
         RecordsError: when the tables are of different commands.
@@ -111,15 +112,14 @@ def compare(
     tables = [_Table(_as_runs(records), penalties or Penalties()) for records in (ours, theirs)]
     if tables[0].rule != tables[1].rule:
         raise RecordsError(f"clips judged by {tables[0].rule!r} and by {tables[1].rule!r}, expected one rule")
-    if not torch.equal(tables[0].clip, tables[1].clip):
+    if not torch.equal(tables[0].commands, tables[1].commands):
         raise RecordsError("records of different commands, expected the same commands for both policies")
     generator = torch.Generator().manual_seed(seed)
-    clip_weights = _draws(len(tables[0].clips), resamples, generator)
+    clip_weights = _draws(tables[0].num_motions, resamples, generator)
     values = [table.figures() for table in tables]
     resampled = [table.resampled(clip_weights, generator) for table in tables]
     return {
-        name: _estimate(values[0][name] - values[1][name], resampled[0][name] - resampled[1][name])
-        for name in values[0]
+        name: estimate(values[0][name] - values[1][name], resampled[0][name] - resampled[1][name]) for name in values[0]
     }
 
 
@@ -130,33 +130,35 @@ def success_curve(records: CommandRecords | Sequence[CommandRecords], points: in
     """Return the fraction of commands whose world keypoint error at arrival is at most x, for x from 0 to 0.5 m.
 
     Returns:
-        x ``[points]`` (m) and fractions ``[points]`` in 0..1. A failed command counts at no x.
+        x ``[points]`` (m) and fractions ``[points]`` in 0..1. A failed command counts at no x; one that commands no
+        body does not count.
     """
     runs = [records] if isinstance(records, CommandRecords) else records
-    error = torch.cat([run.arrival_error for run in runs])
+    error = torch.cat([run.arrival_error[run.commanded["bodies"]] for run in runs])
     thresholds = torch.linspace(0, _LARGEST, points, dtype=torch.float64)
     return thresholds, (error <= thresholds[:, None]).double().mean(-1)
 
 
 class _Table:
-    """Numerators and denominators of each metric, summed over the commands of a motion: ``[runs, clips]``."""
+    """Numerators and denominators of each metric, summed over the commands of a motion: ``[runs, motions]``."""
 
     def __init__(self, runs: "list[CommandRecords] | list[ClipRecords]", penalties: Penalties):
         if not runs:
             raise RecordsError("no records, expected those of at least one run")
-        self.clip = runs[0].clip
+        self.commands = _commands(runs[0])
         rules = {run.rule if isinstance(run, ClipRecords) else None for run in runs}
         if len(rules) != 1:
             raise RecordsError(f"clips judged by the rules {sorted(map(str, rules))}, expected one rule")
         self.rule = rules.pop()
-        if any(not torch.equal(run.clip, self.clip) for run in runs):
+        if any(not torch.equal(_commands(run), self.commands) for run in runs):
             raise RecordsError("records of different commands, expected the same commands for every training seed")
-        self.clips, rows = torch.unique(self.clip, return_inverse=True)
+        motions, rows = torch.unique(self.commands[-1], return_inverse=True)
+        self.num_motions = len(motions)
         ratios = [_clip_ratios(run) if isinstance(run, ClipRecords) else _ratios(run, penalties) for run in runs]
         self._num_runs = len(runs)
         self._sums: dict[str, tuple[Tensor, ...]] = {}
         for name in ratios[0]:
-            zeros = torch.zeros(len(runs), len(self.clips), dtype=torch.float64)
+            zeros = torch.zeros(len(runs), self.num_motions, dtype=torch.float64)
             parts = (torch.stack([ratio[name][part].double() for ratio in ratios]) for part in (0, 1))
             self._sums[name] = tuple(zeros.index_add(1, rows, part) for part in parts)
 
@@ -173,12 +175,18 @@ class _Table:
         }
 
 
+def _commands(records: CommandRecords | ClipRecords) -> Tensor:
+    """Return what makes the rows of two tables the same ``[3, M]``: their clips, lengths, and source motions."""
+    length = records.length if isinstance(records, CommandRecords) else records.frames
+    source = records.clip if records.source is None else records.source
+    return torch.stack([records.clip.double(), length.double(), source.double()])
+
+
 def _ratios(records: CommandRecords, penalties: Penalties) -> dict[str, tuple[Tensor, Tensor]]:
     """Return each metric's numerator and denominator ``[M]``."""
     every = torch.ones_like(records.steps)
     reached = records.window_steps > 0
-    # partial keyframes that command no body have no error of bodies
-    at_arrival = ~records.arrival_error.isnan()
+    at_arrival = records.commanded["bodies"]
     area = 100.0 * (1 - records.arrival_error.nan_to_num(_LARGEST).clamp_max(_LARGEST) / _LARGEST)
     ratios: dict[str, tuple[Tensor, Tensor]] = {
         "tks": (100.0 * ~records.failed, every),
@@ -187,11 +195,11 @@ def _ratios(records: CommandRecords, penalties: Penalties) -> dict[str, tuple[Te
     }
     for name, short in (("joint_error", "mpjpe"), ("keypoint_error", "mpkpe"), ("keypoint_error_root", "mpkpe_root")):
         error, cap = records.window[name], getattr(penalties, name)
+        commanded = records.commanded["joints" if name == "joint_error" else "bodies"]
         measured = reached & ~error.isnan()
         ratios[short] = (error.nan_to_num(0.0) * measured, measured.double())
         capped = torch.where(records.failed, cap, error.nan_to_num(cap).clamp_max(cap))
-        counts = measured | ~reached  # a window in which nothing of it was commanded says nothing
-        ratios[f"{short}_all"] = (capped * counts, every * counts)
+        ratios[f"{short}_all"] = (capped * commanded, every * commanded)
     for name in STEP_METRICS:
         ratios[name] = (records.step[name], records.steps)
     return ratios
@@ -214,9 +222,9 @@ def _as_runs(records: "CommandRecords | ClipRecords | Sequence[CommandRecords] |
 
 def _estimates(table: _Table, resamples: int, seed: int) -> dict[str, Estimate]:
     generator = torch.Generator().manual_seed(seed)
-    clip_weights = _draws(len(table.clips), resamples, generator)
+    clip_weights = _draws(table.num_motions, resamples, generator)
     resampled = table.resampled(clip_weights, generator)
-    return {name: _estimate(value, resampled[name]) for name, value in table.figures().items()}
+    return {name: estimate(value, resampled[name]) for name, value in table.figures().items()}
 
 
 def _draws(count: int, resamples: int, generator: torch.Generator) -> Tensor:
@@ -226,7 +234,13 @@ def _draws(count: int, resamples: int, generator: torch.Generator) -> Tensor:
     return torch.zeros(resamples, count, dtype=torch.float64).scatter_add_(1, draws, ones)
 
 
-def _estimate(value: float, resampled: Tensor) -> Estimate:
+def estimate(value: float, resampled: Tensor) -> Estimate:
+    """Return a value with its interval; resamples without anything to count, which are not finite, are left out.
+
+    Args:
+        value: of the metric.
+        resampled: values of the bootstrap ``[resamples]``.
+    """
     resampled = resampled[resampled.isfinite()]
     if len(resampled) == 0:
         return Estimate(float("nan"), float("nan"), float("nan"))

@@ -7,9 +7,12 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
 
+import torch
+
 from plat.envs.transforms import HORIZONS
+from plat.errors import ConfigError
 from plat.evaluation.authored_cells import AUTHORED, authored_groups, records_of_all
-from plat.evaluation.cells import Candidate, Cell, evaluate_cells
+from plat.evaluation.cells import Candidate, Cell, Records, evaluate_cells
 from plat.evaluation.clip_records import ClipRecords
 from plat.evaluation.difficulty import BINS, command_bins
 from plat.evaluation.disturbance import STRENGTHS
@@ -49,6 +52,8 @@ class StudyPlan:
         setting: conditions of every test.
         rules: of whole-clip success.
         families: family of each clip, for scores by family; None for none.
+        sources: number of the motion that each clip is a piece of, over which intervals are; None where clips are
+            whole motions.
         difficulty: whether to score by difficulty.
         robustness: disturbances whose curves are measured.
         strengths: how many of each, beside the undisturbed robot; None for all of
@@ -59,12 +64,16 @@ class StudyPlan:
         choose: whether only the best interface of each dense tracker goes through all tests, by TKS@3 at the main
             horizon.
         ours: policy whose paired differences to each other one are taken, at the horizons long and mixed.
+
+    Raises:
+        ConfigError: for curves of robots that are disturbed already.
     """
 
     horizons: Sequence[str]
     setting: EvaluationSetting = EvaluationSetting()
     rules: Sequence[RuleName] = ()
     families: Sequence[str] | None = None
+    sources: Sequence[int] | None = None
     difficulty: bool = False
     robustness: Sequence[DisturbanceName] = ()
     strengths: int | None = None
@@ -73,6 +82,10 @@ class StudyPlan:
     authored: int = 0
     choose: bool = False
     ours: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.robustness and (self.setting.disturbance is not None or self.setting.randomization is not None):
+            raise ConfigError("robustness: curves are of one disturbance at a time, expected an undisturbed setting")
 
     @property
     def main_horizon(self) -> str:
@@ -192,6 +205,12 @@ class Study:
     interfaces: list[Score] = field(default_factory=list)
     differences: list[Difference] = field(default_factory=list)
 
+    @property
+    def main_horizon(self) -> str:
+        """Return the horizon of whole clips, groups and curves: mixed, or else the first."""
+        horizons = [score.horizon for score in self.scores]
+        return "mixed" if "mixed" in horizons else horizons[0]
+
     def curve_table(self, name: DisturbanceName) -> str:
         """Return TKS@3 against the strength of a disturbance as a Markdown table."""
         strength, tks = STRENGTHS[name], METRICS["tks"]
@@ -207,12 +226,13 @@ class Study:
     def markdown(self) -> str:
         """Return the tables beside those of :func:`plat.evaluation.markdown`: whole clips, groups and curves."""
         parts = []
+        main = f"at {self.main_horizon.capitalize()}" if self.scores else ""
         if self.clips:
-            parts.append(f"**whole clips**\n\n{clip_table(self.clips)}")
+            parts.append(f"**whole clips** {main}\n\n{clip_table(self.clips)}")
         for kind, scores in self.groups.items():
-            parts += [f"**by {kind}**\n\n{group_table(scores, metric)}" for metric in group_metrics(scores)]
+            parts += [f"**by {kind}** {main}\n\n{group_table(scores, metric)}" for metric in group_metrics(scores)]
         names = dict.fromkeys(point.disturbance for point in self.curves)
-        parts += [f"**robustness: {name}**, TKS@3 (%)\n\n{self.curve_table(name)}" for name in names]
+        parts += [f"**robustness: {name}** {main}, TKS@3 (%)\n\n{self.curve_table(name)}" for name in names]
         return "\n".join(parts)
 
 
@@ -235,7 +255,7 @@ def run_study(
     workers: int | None = None,
     modules: Sequence[str] = (),
     told: Callable[[Study], None] = lambda study: None,
-    motions: Callable[[str], MotionLibrary] | None = None,
+    clips: Callable[[str], Sequence[int]] | None = None,
     trackers: Mapping[Candidate, Entrant] = MappingProxyType({}),
 ) -> Study:
     """Run every test of a plan and return the results.
@@ -247,7 +267,7 @@ def run_study(
         folder: for the records, so that a study that was stopped goes on; None keeps nothing.
         workers, modules: as for :func:`plat.evaluation.cells.evaluate_cells`.
         told: called with what there is after each test.
-        motions: the motions of a horizon, where it leaves some of the library out; by default all.
+        clips: numbers of the motions of a horizon, where it leaves some of the library out; by default all.
         trackers: dense trackers that see the reference, which are scored for comparison.
     """
     study = Study()
@@ -255,18 +275,19 @@ def run_study(
     frames = int(library.clip_length.max()) - 1
     able = [name for name in plan.longer if HORIZONS[name].longest <= longest and HORIZONS[name].shortest <= frames]
     plan = replace(plan, longer=able)
-    of_horizon = {
-        horizon: library if motions is None else motions(horizon) for horizon in (*plan.horizons, *plan.longer)
-    }
+    every = tuple(range(library.num_clips))
+    numbers = {horizon: every if clips is None else tuple(clips(horizon)) for horizon in (*plan.horizons, *plan.longer)}
+    of_horizon = {horizon: library if kept == every else library.only(*kept) for horizon, kept in numbers.items()}
     main = of_horizon[plan.main_horizon]
-    labels = _Labels(plan, library, main, next(iter(candidates.values())).timing)
+    labels = _Labels(plan, main, numbers[plan.main_horizon], next(iter(candidates.values())).timing)
     shown = {candidate.name: candidate.name for candidate in candidates}
 
     def run(cells: Sequence[Cell]) -> None:
         for _, group in groupby(cells, key=lambda cell: id(of_horizon[cell.horizon])):
             wanted = list(group)
             chosen = of_horizon[wanted[0].horizon]
-            for cell, records in evaluate_cells(wanted, chosen, folder=folder, workers=workers, modules=modules):
+            for cell, found in evaluate_cells(wanted, chosen, folder=folder, workers=workers, modules=modules):
+                records = _with_sources(found, plan.sources, numbers[cell.horizon])
                 if cell.label == _DENSE:
                     _add_dense(study, cell, records)
                 else:
@@ -300,6 +321,19 @@ def run_study(
     return study
 
 
+def _with_sources(records: Records, sources: Sequence[int] | None, clips: Sequence[int]) -> Records:
+    """Return records that say which motion each clip is a piece of.
+
+    Args:
+        records: of some clips of a library.
+        sources: motion of each clip of the library.
+        clips: numbers of the clips in the library.
+    """
+    if sources is None:
+        return records
+    return replace(records, source=torch.tensor([sources[clip] for clip in clips])[records.clip])
+
+
 def _renamed(items: Sequence[Any], names: Mapping[str, str]) -> list[Any]:
     """Return the items of some policies, under other names."""
     return [replace(item, policy=names[item.policy]) for item in items if item.policy in names]
@@ -308,9 +342,8 @@ def _renamed(items: Sequence[Any], names: Mapping[str, str]) -> list[Any]:
 class _Labels:
     """Groups of the clips and commands of the main horizon."""
 
-    def __init__(self, plan: StudyPlan, library: MotionLibrary, motions: MotionLibrary, timing: Timing):
-        families = dict(zip(library.clip_names, plan.families or (), strict=False))
-        self.families = [families[name] for name in motions.clip_names] if families else None
+    def __init__(self, plan: StudyPlan, motions: MotionLibrary, clips: Sequence[int], timing: Timing):
+        self.families = [plan.families[clip] for clip in clips] if plan.families else None
         self.curve_clips = plan.clips_of_curves(motions)
         self.difficulty: list[str] = []
         if plan.difficulty:

@@ -10,7 +10,7 @@ from plat.errors import PlatError, RecordsError
 from plat.evaluation.disturbance import STRENGTHS
 from plat.evaluation.groups import GroupScore
 from plat.evaluation.report import Estimate
-from plat.evaluation.score_table import Difference, Score, write_csv
+from plat.evaluation.score_table import COLUMNS, Difference, Score, rows
 from plat.evaluation.study import ClipScore, CurvePoint, Study
 from plat.files import replace_table
 from plat.json_file import short
@@ -24,12 +24,8 @@ _CLIPS, _DENSE_CLIPS = "whole_clips.csv", "dense_whole_clips.csv"
 
 def write_study(study: Study, folder: Path) -> None:
     """Write a CSV file for each kind of result; values are in SI units, with six digits."""
-    if study.scores:
-        write_csv(folder / "scores.csv", study.scores)
-    if study.interfaces:
-        write_csv(folder / "interfaces.csv", study.interfaces)
-    if study.dense:
-        write_csv(folder / "dense.csv", study.dense)
+    for name, table in (("scores.csv", study.scores), ("interfaces.csv", study.interfaces), ("dense.csv", study.dense)):
+        _write(folder / name, COLUMNS, rows(table))
     for name, scores in ((_CLIPS, study.clips), (_DENSE_CLIPS, study.dense_clips)):
         clips = [(score.policy, score.rule, score.count, *row) for score in scores for row in _rows(score.figures)]
         _write(folder / name, (*_CLIP_KEYS, *_FIGURES), clips)

@@ -74,11 +74,12 @@ def _binned(runs: Sequence[CommandRecords], dt: float) -> tuple[list[float], lis
     failed = torch.cat([run.failed for run in runs])
     error = torch.cat([run.window["keypoint_error"] for run in runs]).nan_to_num(1.0).clamp_max(1.0)
     error = torch.where(failed, 1.0, error)
+    commanded = torch.cat([run.commanded["bodies"] for run in runs])
     times, shares, errors = [], [], []
     for low, high in pairwise(_EDGES):
         rows = (seconds > low + 1e-6) & (seconds <= high + 1e-6)
         if rows.any():
             times.append((low + high) / 2)
             shares.append(100 * float((~failed[rows]).double().mean()))
-            errors.append(1000 * float(error[rows].mean()))
+            errors.append(1000 * float(error[rows & commanded].mean()))
     return times, shares, errors

@@ -15,10 +15,12 @@ from plat.errors import PlatError, RecordsError
 from plat.evaluation import authored_cells, study
 from plat.evaluation.cells import Cell
 from plat.evaluation.disturbance import STRENGTHS, Strength
+from plat.evaluation.study import Study
 from plat.figures import pyplot
 from plat.modules import Expert, ExpertConfig, PlainPolicy
 from plat.robots import G1
 from tests.evaluation.authored import authored_records
+from tests.figures.scores import made_up
 from tests.modules.policies.test_student import SMALL
 from tests.recipes.runs import save_run, write_motions
 
@@ -73,7 +75,8 @@ def test_one_document_and_figures_of_every_kind(recipe, monkeypatch, capsys):
     assert [score.policy for score in found.scores] == ["plain", expert] * 3
     assert {score.policy for score in found.interfaces} == {"expert, next-frame", "expert, line"}
     # two motions of 2 s make four pieces of 1 s, of which three are taken
-    assert sorted(set(found.scores[0].records[0].clip.tolist())) == [0, 1, 2]
+    pieces = found.scores[0].records[0]
+    assert sorted(set(zip(pieces.clip.tolist(), pieces.source.tolist(), strict=True))) == [(0, 0), (1, 0), (2, 1)]
     assert {point.strength for point in found.curves} == {0.8, 0.1}
     assert list(found.groups) == [
         *("family", "difficulty", "family, humantracker", "family, supermimic", "authored"),
@@ -177,3 +180,19 @@ def test_another_folder_is_refused(tmp_path, capsys):
     assert "it falls" in page(tmp_path)
     with pytest.raises(SystemExit, match="expected two folders"):
         publish_words([])
+
+
+def test_sets_of_one_name_are_refused(tmp_path):
+    for stem in ("hard", "generated"):
+        recipe = BenchmarkRecipe(out=tmp_path, hard=(tmp_path / "a" / "hard.npz", tmp_path / "b" / f"{stem}.npz"))
+        with pytest.raises(PlatError, match=f"--hard '.*b/{stem}.npz': there is a set '{stem}' already"):
+            benchmark.motion_sets(recipe, G1, 0.02)
+
+
+def test_pictures_of_an_earlier_start_do_not_stay(tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib")
+    monkeypatch.setattr(benchmark, "save_figure", touch)
+    for name in ("radar.png", "radar.pdf"):
+        (tmp_path / name).touch()
+    benchmark.draw(tmp_path, Study(scores=made_up("PLAT", "wbc", horizons=("long", "mixed"))))
+    assert {path.name for path in tmp_path.iterdir()} == {"success.png", "horizon.png"}

@@ -7,6 +7,7 @@ from plat.baselines import CATALOG, ReleasedTrackers, Tracker
 from plat.baselines.catalog import sha256
 from plat.cli.candidates import candidates_of
 from plat.errors import PlatError
+from plat.evaluation.cells import Cell
 from plat.modules import Expert, ExpertConfig, PlainPolicy
 from plat.robots import G1
 from tests.modules.policies.test_student import SMALL
@@ -85,3 +86,17 @@ def test_a_run_that_is_not_finished_is_said_to_be(runs, capsys):
     (path / "config.json").write_text(json.dumps({**config, "recipe": {"name": "distill"}}))
     candidates_of([path], trackers)
     assert f"{path.name}: its training is not finished" in capsys.readouterr().out
+
+
+def test_names_that_make_one_file_name_are_told_apart(runs, tmp_path):
+    paths = [save_run(tmp_path / name, PlainPolicy(G1, SMALL)) for name in ("my-run", "my_run", "my run")]
+    stems = [Cell(one, "mixed").stem for one in candidates_of(paths, ReleasedTrackers())]
+    assert stems[0] == "my_run-mixed"  # as alone
+    assert len(set(stems)) == 3
+    assert names(paths, ReleasedTrackers()) == ["my-run", "my_run", "my run"]
+
+
+def test_rows_of_one_name_are_refused(runs):
+    path = runs / "plain"
+    with pytest.raises(PlatError, match=r"two rows are called '.*plain': give each policy once"):
+        candidates_of((path, path), ReleasedTrackers())

@@ -1,11 +1,12 @@
 import csv
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from plat.baselines import ReleasedTrackers
 from plat.cli import evaluate
-from plat.envs.transforms import HORIZONS
+from plat.envs.transforms import HORIZONS, RandomizationRanges
 from plat.errors import MotionError, PlatError
 from plat.evaluation import authored_cells, entrant
 from plat.modules import Expert, ExpertConfig, PlainPolicy
@@ -184,3 +185,27 @@ def test_policies_of_different_timing_are_not_mixed(runs):
     save_run(runs / "far", PlainPolicy(G1, replace(SMALL, timing=Timing(max_steps=150))))
     with pytest.raises(PlatError, match="horizon 'all': longest commands of plain 50, far 150 control steps"):
         evaluate.main(recipe(runs, "plain", "far", horizon=("all",)))
+    save_run(runs / "patient", PlainPolicy(G1, replace(SMALL, timing=Timing(window=5))))
+    with pytest.raises(PlatError, match="different arrival windows: plain 3, patient 5 control steps"):
+        evaluate.main(recipe(runs, "plain", "patient"))
+
+
+@pytest.mark.parametrize(
+    ("flags", "told"),
+    [
+        ({"robustness": ("push",), "disturbed": 0.5}, "--robustness: .* expected no --disturbed"),
+        ({"robustness": ("push",), "domain_randomization": True}, "--robustness: .* no --domain-randomization"),
+        ({"authored": 1, "disturbed": 0.5}, "--authored: .* run --disturbed without --authored"),
+        ({"authored": 1, "domain_randomization": True}, "--authored: .* run --domain-randomization without"),
+        ({"authored": 1, "partial": "hands"}, "--authored: .* run --partial without --authored"),
+        ({"authored": 1, "dense": True}, "--authored: .* run --dense without --authored"),
+        ({"whole_clips": ("supermimic",), "partial": "hands"}, "--whole-clips: .* no --partial"),
+        ({"pushes": 0.3}, "--pushes: .* --authored"),
+        ({"strips": Path("strips")}, "--strips: .* --authored"),
+        ({"randomization": RandomizationRanges(push_interval=(1.0, 2.0))}, "--randomization: .* --domain-random"),
+    ],
+)
+def test_flags_that_mean_nothing_together_are_refused_before_anything_is_read(flags, told, tmp_path):
+    settings = {"runs": (tmp_path / "none",), "motions": ("none.npz",), **flags}
+    with pytest.raises(PlatError, match=told):
+        evaluate.main(evaluate.EvaluateRecipe(device="cpu", **settings))

@@ -6,6 +6,7 @@ import pytest
 from plat.cli import keyframes
 from plat.errors import KeyframeError, MotionError
 from plat.keyframes import Keyframe, KeyframeSequence, standing
+from plat.keyframes.files import write_keyframes
 from plat.motions import generate_motions, save_motions
 from plat.robots import G1
 
@@ -104,3 +105,12 @@ def test_keyframes_to_mjcf_and_constraints_and_back(tmp_path, capsys):
     found = convert(tmp_path / "untimed.xml", "plat.json", every=0.5)
     assert [keyframe.time for keyframe in found.keyframes] == [0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
     assert "its keys have no times of their own: 0.5 s apart" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("out", ["out.json", "out.xml"])
+def test_poses_out_of_order_are_refused_before_they_are_written(tmp_path, out):
+    stand = standing(G1)
+    write_keyframes(tmp_path / "two.json", G1, stand, [stand.at(0.5), stand.at(0.5)])
+    with pytest.raises(KeyframeError, match=r"two.json': pose 2 is at 0.5 s, expected later than .* at 0.5 s"):
+        keyframes.main(keyframes.ConvertKeyframes(file=tmp_path / "two.json", out=tmp_path / out))
+    assert not (tmp_path / out).exists()

@@ -1,3 +1,4 @@
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,10 +8,12 @@ from plat.cli import sim_to_sim
 from plat.control import Simulator
 from plat.errors import KeyframeError
 from plat.export import export_bundle
-from plat.keyframes import standing
+from plat.keyframes import KeyframeSequence, standing
 from plat.motions import MotionLibrary, generate_motions
 from plat.robots import G1
+from plat.robots.describe import describe_robot
 from plat.spec.timing import Timing
+from tests.control.made_up import score
 from tests.control.test_changed_physics import model
 from tests.export.runs import small_policy, write_run
 
@@ -68,3 +71,14 @@ def test_nothing_to_run(tmp_path, monkeypatch):
     monkeypatch.setattr(sim_to_sim, "PolicyRunner", lambda *_: SimpleNamespace(timing=Timing()))
     with pytest.raises(KeyframeError, match="nothing to run: give --motions or --keyframes"):
         sim_to_sim.main(sim_to_sim.SimToSimRecipe(bundle=tmp_path, motions=()))
+
+
+def test_errors_are_means_over_what_is_commanded(tmp_path, capsys, monkeypatch):
+    """One of two keyframes commands no joint: it has no joint error."""
+    rows = [score(0, None, 0.1, joint=0.01, keypoint=0.02), score(1, None, 0.2, joint=math.nan, keypoint=0.04)]
+    runner = SimpleNamespace(timing=Timing(), robot=describe_robot(G1, 0.02), reset=lambda *_: None)
+    monkeypatch.setattr(sim_to_sim, "PolicyRunner", lambda *_: runner)
+    monkeypatch.setattr(sim_to_sim, "run", lambda *_: rows)
+    KeyframeSequence(G1, standing(G1), (standing(G1).at(0.1),)).save(tmp_path / "stand.json")
+    sim_to_sim.main(sim_to_sim.SimToSimRecipe(bundle=tmp_path, motions=(), keyframes=(tmp_path / "stand.json",)))
+    assert capsys.readouterr().out.splitlines()[2].split()[-2:] == ["0.010", "30"]

@@ -4,6 +4,7 @@ from functools import partial
 import pytest
 import torch
 
+from plat.baselines import tuned_robot
 from plat.control.authored import author
 from plat.errors import RecordsError
 from plat.evaluation import Entrant, EvaluationSetting, authored_cells
@@ -115,3 +116,26 @@ def test_a_dense_tracker_is_led_by_its_interface(interface, monkeypatch):
         authored_cells.evaluate_authored(entrant.policy, G1, chains, observe=observe, num_threads=1)
     far = float(shown[0].max())
     assert far > 0.2 if interface == "next-frame" else far < 0.1
+
+
+def test_records_of_another_robot_are_not_used(tracker, tmp_path, monkeypatch):
+    calls: list[str] = []
+
+    def chains(robot, motions, count, seed, timing):
+        return author("arms", robot, count, seed)
+
+    def evaluate(policy, robot, chains, **options):
+        calls.append(robot.name)
+        return made_up()
+
+    monkeypatch.setattr(authored_cells, "evaluate_authored", evaluate)
+    monkeypatch.setattr(authored_cells, "author_families", chains)
+    candidate, entrant = tracker
+    # a tracker has the G1 with motors of its own
+    tuned = tuned_robot(G1, "tuned", 0.5 * G1.stiffness, G1.damping, G1.effort_limit)
+    for robot in (G1, replace(G1, name="mine", root_height=0.7), replace(G1, name="mine", root_height=0.7)):
+        motions = MotionLibrary.from_clips([standing_clip(frames=30)], robot=robot)
+        list(records_of_all({candidate: replace(entrant, robot=tuned)}, motions, 1, SETTING, tmp_path))
+        _, about = AuthoredRecords.load(tmp_path / "expert-authored.safetensors")
+        assert ("robot" in about) == (robot is not G1)
+    assert calls == ["tuned", "tuned"]

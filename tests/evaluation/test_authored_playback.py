@@ -5,7 +5,7 @@ from plat.control.authored import Authored
 from plat.evaluation.authored_playback import play_authored
 from plat.keyframes import KeyframeSequence, standing
 from plat.robots import G1
-from tests.evaluation.test_authored_scores import limp
+from tests.evaluation.test_authored_scores import limp, wild
 
 STAND = standing(G1)
 CHAINS = [
@@ -28,3 +28,9 @@ def test_a_fall_shows_at_the_end_of_the_hold() -> None:
     falling = Authored("still", KeyframeSequence(G1, STAND, (STAND.at(0.1),)), 1.5)
     (playback,) = play_authored(limp(), G1, [falling])
     assert playback.failed.nonzero()[0].tolist()[-1] == 79
+
+
+def test_after_an_absurd_action_every_command_has_failed() -> None:
+    still = Authored("still", KeyframeSequence(G1, STAND, (STAND.at(0.2), STAND.at(0.5))), 0.3)
+    (playback,) = play_authored(wild(), G1, [still])
+    assert playback.failed.nonzero()[0].tolist() == [24, 39]  # the first command was met in step 10

@@ -1,8 +1,11 @@
+from dataclasses import replace
+from itertools import count
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from tensordict import TensorDict
 from tensordict.nn import TensorDictModule
 
 import plat
@@ -19,6 +22,7 @@ from plat.evaluation.authored_scores import (
 )
 from plat.keyframes import KeyframeSequence, standing
 from plat.robots import G1
+from plat.spec.parts import Parts
 
 STAND = standing(G1)
 
@@ -152,3 +156,39 @@ def test_a_chain_is_scored_like_a_chase() -> None:
 def test_another_family_is_named() -> None:
     with pytest.raises(RecordsError, match=r"'c': no records, expected one of \['a', 'b'\]"):
         AuthoredScore.of(records(), "c")
+
+
+def test_a_fall_is_seen_however_the_keyframes_are_drawn() -> None:
+    """Of a pose that lies upside down only the hands are commanded; the robot tips over after a while."""
+    hands = Parts.only(G1, bodies=("left_wrist_yaw_link", "right_wrist_yaw_link"))
+    lying = replace(STAND, root_pos=np.array([0.0, 0.0, 0.12]), root_quat=np.array([0.0, 0.0, 1.0, 0.0]))
+    poses = tuple(replace(lying.at(0.5 * number), commands=hands) for number in range(1, 6))
+    stiff = TensorDictModule(lambda pos: torch.ones_like(pos), [("robot", "joint_pos")], ["action"])
+    records = evaluate_authored(stiff, G1, [Authored("drawn low", KeyframeSequence(G1, STAND, poses), 1.0)])
+    assert records.fell.tolist() == [True]
+    assert not bool(records.fell_before[0, 0])
+
+
+def test_what_there_is_nothing_of_in_a_resample_is_not_zero() -> None:
+    """One keyframe of three chains is feasible, and was reached: all of them, whichever chains are drawn."""
+    feasible = torch.zeros(4, 2, dtype=torch.bool)
+    feasible[0, 0] = True
+    assert AuthoredScore.of(replace(records(), feasible=feasible), "a").reached_feasible == (100, 100, 100)
+
+
+def wild() -> TensorDictModule:
+    """A policy that stands, but for an absurd action in the twentieth step, which the simulation is not given."""
+    policy, steps = plat.load("plat-g1").deployed(), count(1)
+
+    def act(*values: torch.Tensor) -> torch.Tensor:
+        action = policy(TensorDict(dict(zip(policy.in_keys, values, strict=True)), values[0].shape[:1]))["action"]
+        return torch.full_like(action, 2e4) if next(steps) == 20 else action
+
+    return TensorDictModule(act, policy.in_keys, ["action"])
+
+
+def test_a_robot_whose_action_is_absurd_has_fallen() -> None:
+    records = evaluate_authored(wild(), G1, [still(1.0)])
+    assert records.fell.tolist() == [True]
+    assert records.fell_before.tolist() == [[False, True, True, True, True]]
+    assert records.reached.tolist() == [[True, False, False, False, False]]

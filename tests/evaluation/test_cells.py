@@ -2,20 +2,23 @@ import functools
 import signal
 import tempfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import mujoco
 import pytest
 import torch
 
 from plat.errors import PlatError
 from plat.evaluation import CommandRecords, Entrant, EvaluationSetting, cells
-from plat.evaluation.cells import Candidate, Cell, evaluate_cells, fingerprint
+from plat.evaluation.cells import Candidate, Cell, evaluate_cells, fingerprint, robot_fingerprint
 from plat.evaluation.disturbance import Disturbance
 from plat.modules import PlainPolicy
 from plat.motions import MotionLibrary
-from plat.robots import G1
+from plat.robots import G1, Robot
 from tests.conftest import standing_clip
+from tests.figures.scores import records as made_up
 from tests.modules.policies.test_student import SMALL
 from tests.recipes.runs import save_run
 
@@ -162,3 +165,41 @@ def test_processes_give_the_records_of_one(candidate, clips, parts_of_two, tmp_p
     for cell in wanted:
         assert same(one[cell], several[cell])
     assert several[wanted[1]].rule == "humantracker"
+
+
+def described(folder: Path, mass: float = 1.0) -> Robot:
+    """The G1 as a robot from files, with other masses."""
+    folder.mkdir()
+    spec = mujoco.MjSpec.from_file(str(G1.asset_path))
+    for body in spec.bodies:
+        body.mass *= mass
+    spec.compile()
+    (folder / "mine.xml").write_text(spec.to_xml())
+    return replace(G1, name="mine", asset=str(folder / "mine.xml"))
+
+
+def test_a_robot_from_files_is_told_by_what_is_in_them(tmp_path):
+    robot = described(tmp_path / "a")
+    mark = robot_fingerprint(robot)
+    assert robot_fingerprint(described(tmp_path / "moved")) == mark
+    assert robot_fingerprint(described(tmp_path / "b", mass=2.0)) != mark
+    assert robot_fingerprint(replace(robot, root_height=0.7)) != mark
+    assert robot_fingerprint(G1) == ""
+
+
+def test_records_of_another_robot_are_not_used(tmp_path, monkeypatch):
+    done: list[float] = []
+
+    def evaluate(self, entrant, library, **options):
+        done.append(float(library.robot.shared_model.body_mass.sum()))
+        return replace(made_up(0.0, 0.1, 0.1), fell=torch.zeros(40, dtype=torch.bool))
+
+    monkeypatch.setattr(Cell, "evaluate", evaluate)
+    light, heavy = described(tmp_path / "light"), described(tmp_path / "heavy", mass=2.0)
+    cell = Cell(Candidate("plain", dict, "weights"), "short", SETTING)
+    for robot in (light, light, heavy, heavy, G1):
+        library = MotionLibrary.from_clips([standing_clip("a", frames=20)], robot=robot)
+        list(evaluate_cells([cell], library, folder=tmp_path / "records", workers=1))
+    assert done == pytest.approx([33.341, 66.682, 33.341], abs=1e-3)
+    _, about = CommandRecords.load(tmp_path / "records" / "plain-short.safetensors")
+    assert "robot" not in about  # the G1 comes with plat

@@ -1,4 +1,5 @@
 import dataclasses
+from pathlib import Path
 
 import pytest
 import torch
@@ -68,3 +69,26 @@ def test_columns_of_different_lengths(tmp_path):
     save_file({**columns, "length": torch.zeros(2)}, tmp_path / "a.safetensors", {"about": "{}"})
     with pytest.raises(RecordsError, match="not a readable file of evaluation records .*different lengths"):
         CommandRecords.load(tmp_path / "a.safetensors")
+
+
+def of_an_earlier_version(records: CommandRecords, path: Path) -> CommandRecords:
+    """The records as they come back from a file without the columns of what was commanded."""
+    columns = {name: column for name, column in records.columns().items() if not name.startswith("commanded.")}
+    save_file(columns, path, {"about": "{}"})
+    return CommandRecords.load(path)[0]
+
+
+def test_a_file_that_does_not_say_what_was_commanded(tmp_path):
+    path = tmp_path / "a.safetensors"
+    whole = of_an_earlier_version(records(), path)
+    assert whole.commanded["joints"].tolist() == whole.commanded["bodies"].tolist() == [True] * 4
+    assert report(whole) == report(records())
+    joints = records(
+        window={name: torch.full((4,), torch.nan).double() for name in records().window}
+        | {"joint_error": records().window["joint_error"]},
+        arrival_error=torch.tensor([torch.nan, torch.nan, torch.nan, torch.inf]).double(),
+    )
+    read = of_an_earlier_version(joints, path)
+    assert (read.commanded["joints"].tolist(), read.commanded["bodies"].tolist()) == ([True] * 4, [False] * 4)
+    assert report(read)["mpkpe_all"].value != report(read)["mpkpe_all"].value  # NaN
+    assert report(read)["mpjpe_all"] == report(records())["mpjpe_all"]

@@ -3,7 +3,8 @@ import math
 import pytest
 import torch
 
-from plat.evaluation import CommandRecords, Penalties, compare, report, success_curve
+from plat.evaluation import CommandRecords, Penalties, compare, report, report_clips, success_curve
+from plat.evaluation.clip_records import CLIP_ERRORS, ClipRecords
 
 
 def records(**changes) -> CommandRecords:
@@ -170,3 +171,74 @@ def test_a_lucky_training_seed_is_not_a_difference():
 def test_policies_with_other_commands_cannot_be_compared():
     with pytest.raises(ValueError, match="the same commands for both policies"):
         compare(records(), spread(0.0))
+
+
+def test_policies_with_other_lengths_of_commands_cannot_be_compared():
+    longer = records(length=torch.tensor([10, 10, 10, 11]))
+    with pytest.raises(ValueError, match="the same commands for both policies"):
+        compare(records(), longer)
+    with pytest.raises(ValueError, match="the same commands for every training seed"):
+        report([records(), longer])
+
+
+def whole_clips(**changes) -> ClipRecords:
+    """Two clips, of which the second one failed."""
+    frames = torch.tensor([20.0, 30.0], dtype=torch.float64)
+    base = {"rule": "supermimic", "clip": torch.tensor([0, 1]), "frames": frames, "tracked": frames}
+    base |= {"failed": torch.tensor([False, True]), "errors": dict.fromkeys(CLIP_ERRORS, frames)}
+    return ClipRecords(**{**base, **changes})
+
+
+def test_policies_on_other_clips_cannot_be_compared():
+    longer = whole_clips(frames=torch.tensor([20.0, 31.0], dtype=torch.float64))
+    with pytest.raises(ValueError, match="the same commands for both policies"):
+        compare([whole_clips()], [longer])
+
+
+def test_pieces_of_a_motion_are_drawn_together():
+    failed = torch.tensor([False, False, True, True])
+    tks = report(records(failed=failed, source=torch.tensor([4, 4, 4, 4])))["tks"]
+    assert (tks.low, tks.value, tks.high) == (50, 50, 50)
+    tks = report(records(failed=failed, source=torch.tensor([4, 4, 7, 7])))["tks"]
+    assert (tks.low, tks.value, tks.high) == (0, 50, 100)
+    success = report_clips(whole_clips(source=torch.tensor([4, 4])))["clip_success"]
+    assert (success.low, success.value, success.high) == (50, 50, 50)
+    assert report_clips(whole_clips())["clip_success"].high == 100
+
+
+def test_differences_are_over_motions_and_not_over_their_pieces():
+    """Ours is better on one motion of four pieces, and worse on another one of 36."""
+    ours, theirs = spread(0.0), spread(0.0)
+    source = (torch.arange(40) >= 4).long()
+    shift = torch.where(source > 0, 0.02, -0.02)
+    theirs.window = {name: error + shift for name, error in theirs.window.items()}
+    assert compare(ours, theirs)["mpjpe"].high < 0
+    ours.source = theirs.source = source
+    found = compare(ours, theirs)["mpjpe"]
+    assert found.low < 0 < found.high
+
+
+def test_only_commands_of_joints_have_errors_of_joints_and_so_for_bodies():
+    """The first two command joints, the last two bodies; the second and the last failed before their windows."""
+    failed = torch.tensor([False, True, False, True])
+    nan = math.nan
+    partial = records(
+        failed=failed,
+        window_steps=torch.tensor([3.0, 0, 3, 0], dtype=torch.float64),
+        window={
+            "joint_error": torch.tensor([0.1, nan, nan, nan], dtype=torch.float64),
+            "keypoint_error": torch.tensor([nan, nan, 0.2, nan], dtype=torch.float64),
+            "keypoint_error_root": torch.tensor([nan, nan, 0.2, nan], dtype=torch.float64),
+        },
+        arrival_error=torch.tensor([nan, math.inf, 0.2, math.inf], dtype=torch.float64),
+        commanded={
+            "joints": torch.tensor([True, True, False, False]),
+            "bodies": torch.tensor([False, False, True, True]),
+        },
+    )
+    figures = report(partial)
+    assert figures["mpjpe_all"].value == pytest.approx((0.1 + 0.5) / 2)
+    assert figures["mpkpe_all"].value == pytest.approx((0.2 + 1.0) / 2)
+    assert figures["mpkpe_root_all"].value == pytest.approx((0.2 + 0.5) / 2)
+    assert figures["success_area"].value == pytest.approx(100 * (0.6 + 0) / 2)
+    assert success_curve(partial, points=6)[1].tolist() == [0, 0, 0.5, 0.5, 0.5, 0.5]

@@ -268,3 +268,23 @@ def test_partial_commands_of_a_clip_are_the_same_in_parts(two_clips):
     both = evaluate(policy, two_clips, HORIZONS["medium"], partial="bodies")
     second = evaluate(policy, two_clips, HORIZONS["medium"], partial="bodies", clips=[1])
     torch.testing.assert_close(both.of_clips([1]).arrival_error, second.arrival_error, equal_nan=True)
+
+
+def test_failures_are_no_errors_of_what_was_not_commanded(monkeypatch, two_clips):
+    def falling(frame):
+        out = nowhere(frame)
+        out[:, 2] = torch.where(frame == 47, -0.4, 0.0)  # one of eight commands
+        return out
+
+    monkeypatch.setattr(still, "in_keys", [("parts", "joints")], raising=False)
+    legs = evaluate_puppet(monkeypatch, two_clips, Horizon(20, 20), falling, partial="legs")
+    assert legs.failed.tolist() == [False] * 2 + [True] + [False] * 5
+    assert (legs.commanded["joints"].tolist(), legs.commanded["bodies"].tolist()) == ([True] * 8, [False] * 8)
+    figures = report(legs)
+    assert figures["mpjpe_all"].value == pytest.approx(0.5 / 8)
+    for name in ("mpkpe_all", "mpkpe_root_all", "success_area"):
+        assert figures[name].value != figures[name].value, name  # NaN
+    hands = report(evaluate_puppet(monkeypatch, two_clips, Horizon(20, 20), falling, partial="hands"))
+    assert hands["mpjpe_all"].value != hands["mpjpe_all"].value
+    assert hands["mpkpe_all"].value == pytest.approx(1.0 / 8)
+    assert hands["success_area"].value == pytest.approx(100 * 7 / 8, abs=0.01)

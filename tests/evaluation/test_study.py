@@ -3,9 +3,10 @@ from functools import partial
 
 import pytest
 
+from plat.errors import ConfigError
 from plat.evaluation import Entrant, EvaluationSetting, Score
 from plat.evaluation.cells import Candidate, fingerprint
-from plat.evaluation.disturbance import STRENGTHS, Strength
+from plat.evaluation.disturbance import STRENGTHS, Disturbance, Strength
 from plat.evaluation.study import StudyPlan, best_interfaces, run_study
 from plat.evaluation.study_files import write_study
 from plat.modules import PlainPolicy
@@ -56,8 +57,46 @@ def test_every_test_of_a_plan(tmp_path, monkeypatch):
     with (tmp_path / "out" / "whole_clips.csv").open(newline="") as file:
         assert {row["rule"] for row in csv.DictReader(file)} == {"supermimic"}
     text = study.markdown()
-    for wanted in ("**whole clips**", "| supermimic | plain |", "**by family**", "**robustness: friction**"):
+    for wanted in (
+        *("**whole clips** at Short", "| supermimic | plain |"),
+        *("**by family** at Short", "**robustness: friction** at Short"),
+    ):
         assert wanted in text
+
+
+def test_intervals_are_over_the_motions_that_clips_are_pieces_of(tmp_path):
+    """Of three pieces of two motions, a horizon leaves the first one out."""
+    run = save_run(tmp_path / "plain", PlainPolicy(G1, SMALL))
+    candidate = Candidate("plain", partial(Entrant.of_run, run), fingerprint([b"plain"]))
+    library = MotionLibrary.from_clips([standing_clip(name, frames=20) for name in ("a_0", "a_1", "b")])
+    plan = StudyPlan(
+        horizons=("short", "medium"),
+        setting=EvaluationSetting(num_threads=1),
+        rules=("supermimic",),
+        families=["walk", "walk", "run"],
+        sources=[5, 5, 7],
+    )
+    study = run_study(
+        {candidate: candidate.load()},
+        library,
+        plan,
+        workers=1,
+        clips=lambda horizon: [0, 1, 2] if horizon == "short" else [1, 2],
+    )
+    sources = {}
+    for score in study.scores:
+        (records,) = score.records
+        pairs = zip(records.clip.tolist(), records.source.tolist(), strict=True)
+        sources[score.horizon] = sorted(set(pairs))
+    assert sources == {"short": [(0, 5), (1, 5), (2, 7)], "medium": [(0, 5), (1, 7)]}
+    assert {(one.group, one.count) for one in study.groups["family, supermimic"]} == {("walk", 2), ("run", 1)}
+
+
+def test_curves_of_disturbed_robots_are_refused():
+    disturbed = EvaluationSetting(disturbance=Disturbance(noise=0.5))
+    assert StudyPlan(horizons=("short",), setting=disturbed).robustness == ()
+    with pytest.raises(ConfigError, match="expected an undisturbed setting"):
+        StudyPlan(horizons=("short",), setting=disturbed, robustness=("push",))
 
 
 def test_the_best_interface_of_each_tracker():

@@ -43,7 +43,10 @@ def test_what_was_written_is_read(tmp_path):
 
 
 def test_results_of_an_earlier_plan_do_not_stay(tmp_path):
-    write_study(Study(curves=[CurvePoint("PLAT", "push", 0.5, FIGURE)]), tmp_path)
+    scores = made_up("PLAT")
+    curves = [CurvePoint("PLAT", "push", 0.5, FIGURE)]
+    write_study(Study(scores=scores, interfaces=scores, dense=scores, curves=curves), tmp_path)
+    assert len(list(tmp_path.iterdir())) == 4
     write_study(Study(), tmp_path)
     assert list(tmp_path.iterdir()) == []
     assert read_study(tmp_path) == Study()

@@ -1,7 +1,9 @@
+import math
+
 import pytest
 
 from plat.errors import RecordsError
-from plat.evaluation import Estimate, Score
+from plat.evaluation import CommandRecords, Estimate, Score
 from plat.evaluation.disturbance import STRENGTHS
 from plat.evaluation.groups import score_groups
 from plat.evaluation.study import CurvePoint
@@ -20,6 +22,13 @@ def test_success_against_the_commands_time():
     assert list(line.get_ydata()) == pytest.approx([100 * (1 - float(sum(failed)) / 3)])
     assert "mm" in error.get_ylabel()
     assert error.get_yscale() == "linear"
+
+
+def test_commands_of_no_body_have_no_position_error():
+    joints = records(0.0, 0.1, math.nan)
+    both = CommandRecords.joined([records(0.0, 0.1, 0.2), joints])
+    _, error = horizon_plot([Score.of("PLAT", "long", [both])]).axes
+    assert list(error.lines[0].get_ydata()) == pytest.approx([200.0])
 
 
 def test_errors_that_differ_much_are_on_a_logarithmic_scale():
