@@ -5,6 +5,8 @@ plat keyframes show bow.json
 plat keyframes convert g1_with_keys.xml --out keys.json
 """
 
+from itertools import pairwise
+
 import numpy as np
 
 from plat.cli.options import ConvertKeyframes, FromMotion, KeyframesCommand, Show
@@ -91,6 +93,7 @@ def convert(command: ConvertKeyframes) -> list[Keyframe]:
         print(line)
     if poses[0].time > 0:
         poses.insert(0, standing(robot))
+    _check_order(command, poses)
     form = "MJCF keys" if command.out.suffix.lower() == ".xml" else "keyframes"
     if command.out.suffix.lower() == ".xml":
         write_mjcf_keys(command.out, robot, poses)
@@ -104,6 +107,15 @@ def convert(command: ConvertKeyframes) -> list[Keyframe]:
         write_keyframes(command.out, robot, start, others)
     print(f"wrote {command.out}: {len(poses)} poses as {form}, the first at {poses[0].time:g} s")
     return poses
+
+
+def _check_order(command: ConvertKeyframes, poses: list[Keyframe]) -> None:
+    for number, (before, after) in enumerate(pairwise(poses), 1):
+        if after.time <= before.time:
+            raise KeyframeError(
+                f"{str(command.file)!r}: pose {number} is at {after.time:g} s, expected later than the one before it, "
+                f"at {before.time:g} s"
+            )
 
 
 def _poses(command: ConvertKeyframes, robot: Robot) -> tuple[list[Keyframe], list[str]]:

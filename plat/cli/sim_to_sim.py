@@ -11,7 +11,16 @@ from statistics import fmean
 import torch
 
 from plat.cli.options import SimToSimRecipe
-from plat.control import Chase, Controller, KeyframeScore, KeyframeScorer, Simulator, distance_text, error_text
+from plat.control import (
+    Chase,
+    Controller,
+    KeyframeScore,
+    KeyframeScorer,
+    Simulator,
+    distance_text,
+    error_text,
+    mean_errors,
+)
 from plat.control.changed_physics import SETTINGS, Delayed, PhysicsSetting, make_model
 from plat.deploy import PolicyRunner
 from plat.envs.transforms import CommandSchedule, Horizon
@@ -46,14 +55,11 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
         scores = [score for sequence in sequences for score in run(controller, sequence, simulator, robot)]
         results[physics.name] = scores
         succeeded = [score for score in scores if score.success]
-        joint, keypoint = (
-            fmean(getattr(score, error) for score in succeeded) if succeeded else float("nan")
-            for error in ("joint_error", "keypoint_error")
-        )
+        joint, keypoint = mean_errors(succeeded)
         share, falls = len(succeeded) / len(scores), fmean(score.root_off for score in scores)
         errors = f"{error_text(joint):>13}{distance_text(keypoint):>12}"
         print(f"{physics.name:<40}{100 * share:>10.1f}{100 * falls:>9.1f}{errors}", flush=True)
-    print("errors are means over the keyframes that TKS@3 counts")
+    print("errors are means over the keyframes that TKS@3 counts, of what they command")
     return results
 
 

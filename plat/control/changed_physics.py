@@ -65,6 +65,7 @@ class Delayed:
         self._first = robot.default_joint_pos
         self._delay = delay
         self.timing = controller.timing
+        self.sees_parts = getattr(controller, "sees_parts", True)
         self.reset()
 
     def reset(self, joint_target: NDArray[np.floating] | None = None) -> None:

@@ -58,6 +58,8 @@ class ChaseStep:
     """the sequence at the end of the step, see :meth:`plat.keyframes.KeyframeSequence.sample`"""
     timing: Timing
     """of the policy"""
+    root: Keyframe | None = None
+    """where the root is to be at the end of the step, see :meth:`plat.keyframes.KeyframeSequence.commanded`"""
 
     @property
     def in_window(self) -> bool:
@@ -114,8 +116,16 @@ class Chase(Iterator[ChaseStep]):
 
     @controller.setter
     def controller(self, controller: Controller) -> None:
+        self.hand_over(controller, self._sequence)
+
+    def hand_over(self, controller: Controller, sequence: KeyframeSequence) -> None:
+        """Replace policy and keyframes together, or, on an error, neither.
+
+        Raises:
+            KeyframeError, PlatError: as for a new chase.
+        """
         controller.timing.check_control_dt(self.simulator.control_dt, "simulator")
-        sequence = _for_controller(self._sequence, controller)
+        sequence = _for_controller(sequence, controller)
         controller.reset(self._joint_target)
         self._controller, self._sequence = controller, sequence
 
@@ -153,8 +163,8 @@ class Chase(Iterator[ChaseStep]):
         self.simulator.step(self._joint_target)
         self._steps += 1
         after, reference = self.simulator.state(), self.sequence.sample(self.time)
-        timing = self._controller.timing
-        return ChaseStep(self.time, command, holding, before, self._joint_target, after, reference, timing)
+        timing, root = self._controller.timing, self.sequence.commanded(self.time)
+        return ChaseStep(self.time, command, holding, before, self._joint_target, after, reference, timing, root)
 
 
 def _for_controller(sequence: KeyframeSequence, controller: Controller) -> KeyframeSequence:

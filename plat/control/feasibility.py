@@ -6,7 +6,6 @@ them may still be out of reach; one that fails is, or can only be approached.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import mujoco
 import numpy as np
@@ -120,8 +119,9 @@ class Feasibility:
 
     def sequence(self, keyframes: KeyframeSequence) -> tuple[tuple[Concern, ...], ...]:
         """Return the concerns about each keyframe of a sequence; the last one is held."""
-        poses = (keyframes.start, *keyframes.keyframes)
-        return tuple(self(before, after, held=after is poses[-1]) for before, after in pairwise(poses))
+        last = keyframes.keyframes[-1]
+        pairs = zip(keyframes.arrived[:-1], keyframes.keyframes, strict=True)
+        return tuple(self(before, after, held=after is last) for before, after in pairs)
 
     def _move(self, before: Keyframe, after: Keyframe) -> list[Concern]:
         limits, seconds = self.limits, after.time - before.time

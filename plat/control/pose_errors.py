@@ -1,6 +1,6 @@
 """Errors of one robot against a pose. The twin of :class:`plat.envs.transforms.KeyframeMetrics`, which is batched."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -13,7 +13,8 @@ from plat.envs.reach import distances, down
 from plat.envs.settings import ReachLimits
 from plat.envs.transforms.metrics import commanded_joints_and_bodies
 from plat.envs.transforms.terminations import fallen, off_pose
-from plat.keyframes import Keyframe
+from plat.keyframes import Keyframe, standing
+from plat.keyframes.roots import with_commanded_root
 from plat.robots.robot import Robot
 from plat.rotations import quat_angle
 from plat.spec.parts import Parts
@@ -71,11 +72,26 @@ class PoseComparison:
         self._data = mujoco.MjData(self._model)
         self._keypoints = [self._model.body(name).id for name in robot.keypoints]
         self._watched = [robot.anchor_index, *robot.end_effector_indices]
+        self._standing = standing(robot)
 
-    def __call__(self, state: RobotState, pose: Keyframe, commands: Parts | None = None) -> PoseErrors:
-        """Errors of a state against a pose, or against the parts of it that are commanded."""
+    def __call__(
+        self, state: RobotState, pose: Keyframe, commands: Parts | None = None, root: Keyframe | None = None
+    ) -> PoseErrors:
+        """Errors of a state against a pose, or against the parts of it that are commanded.
+
+        Args:
+            state: of the robot.
+            pose: that it should have.
+            commands: parts of it that are commanded; None for all.
+            root: where its root should be, :meth:`plat.keyframes.KeyframeSequence.commanded`. None for where the pose
+                has it, and upright where that is not commanded.
+        """
         actual = self._keypoints_of(state.qpos)
         wanted = self._keypoints_of(pose.qpos)
+        # how a root is drawn that is not commanded is no measure of a fall
+        root = root or with_commanded_root(self._standing, replace(pose, commands=commands))
+        wanted["keypoint_pos_w"][0, 0] = torch.from_numpy(root.root_pos)
+        wanted["keypoint_quat_w"][0, 0] = torch.from_numpy(root.root_quat)
         parts = None
         if commands is not None and not commands.whole:
             parts = torch.tensor(commands.values(), dtype=torch.float64)[None]

@@ -13,6 +13,7 @@ from plat.control.chase import ChaseStep
 from plat.control.pose_errors import PoseComparison, PoseErrors
 from plat.envs.settings import ReachLimits
 from plat.keyframes import Keyframe
+from plat.keyframes.roots import with_commanded_root
 from plat.robots.robot import Robot
 
 __all__ = [
@@ -154,7 +155,7 @@ class KeyframeScorer:
 
     def add(self, step: ChaseStep) -> StepErrors:
         """Add a step; return the robot's distance from the sequence at its end."""
-        errors = self._compare(step.after, step.reference, step.command.keyframe.commands)
+        errors = self._compare(step.after, step.reference, step.command.keyframe.commands, step.root)
         failed = errors.off_pose if step.in_window else errors.fallen
         scored = StepErrors(**{field.name: getattr(errors, field.name) for field in fields(errors)}, failed=failed)
         self._watch_late(step)
@@ -189,7 +190,9 @@ class KeyframeScorer:
         if index in self._near_after or not steps or self._near(steps[-1][1]):
             return
         missed = steps[-1][0]
-        if self._near(self._compare(step.after, missed.command.keyframe, missed.command.keyframe.commands)):
+        keyframe = missed.command.keyframe
+        root = missed.root and with_commanded_root(missed.root, keyframe)
+        if self._near(self._compare(step.after, keyframe, keyframe.commands, root)):
             self._near_after[index] = round(step.time - missed.time, 6)
 
     def _near(self, errors: PoseErrors) -> bool:

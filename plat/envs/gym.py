@@ -31,7 +31,7 @@ from plat.envs.settings import ReachLimits
 from plat.envs.tasks import make_keyframe_env
 from plat.envs.transforms import FailureWeightedStarts, KeyframeMetrics, horizon_named
 from plat.envs.transforms.terminations import commanded_parts
-from plat.errors import ActionError
+from plat.errors import ActionError, TaskError
 from plat.motions.library import MotionLibrary
 from plat.spec.observation import observation_size, student_keys
 from plat.spec.timing import Timing
@@ -41,6 +41,7 @@ __all__ = ["G1TimedKeyframeEnv", "G1TimedKeyframeVectorEnv"]
 # An action of this size asks for several times a motor's torque; larger ones make no difference.
 _ACTION_BOUND = 20.0
 _NEAR = ("metrics", "near")
+_VECTOR_ARGUMENTS = ("num_envs", "motions", "horizon", "task", "device", "timing", "also")
 
 
 class _Nearness(Transform):
@@ -233,6 +234,9 @@ class G1TimedKeyframeVectorEnv(VectorEnv):
         num_envs: number of robots.
         motions, horizon, task, device, timing, also: as for :class:`G1TimedKeyframeEnv`.
 
+    Raises:
+        TaskError, PlatError, MotionError: as for :class:`G1TimedKeyframeEnv`, and for another argument.
+
     >>> env = gymnasium.make_vec("plat/G1TimedKeyframe-v0", num_envs=4)
     >>> env.reset(seed=0)[0].shape
     (4, 177)
@@ -249,8 +253,13 @@ class G1TimedKeyframeVectorEnv(VectorEnv):
         device: str = "cpu",
         timing: Timing = Timing(),
         also: Sequence[str] = (),
-        **_: Any,
+        **others: Any,
     ):
+        # gymnasium hands on whatever make_vec() was given
+        if unknown := [name for name, value in others.items() if value is not None]:
+            raise TaskError(
+                f"make_vec: unknown argument {unknown[0]!r}, expected some of {', '.join(_VECTOR_ARGUMENTS)}"
+            )
         self._task = _Task(num_envs, motions, horizon, task, device, timing, also)
         self.num_envs = num_envs
         self.single_observation_space = self._task.observation_space

@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +51,7 @@ def is_keyframe_file(path: Path) -> bool:
 
 
 def write_keyframes(path: Path, robot: RobotJoints, start: Keyframe, keyframes: Sequence[Keyframe]) -> None:
-    """Write a keyframe file; it is replaced atomically or not at all.
+    """Write a keyframe file; it is replaced atomically or not at all. The start commands nothing.
 
     Raises:
         KeyframeError: when the disk does not take it.
@@ -60,7 +61,7 @@ def write_keyframes(path: Path, robot: RobotJoints, start: Keyframe, keyframes: 
         "version": 1 if all(keyframe.whole for keyframe in keyframes) else 2,
         "robot": robot.name,
         "quaternion_order": "wxyz",
-        "start": _entry(start, robot),
+        "start": _entry(replace(start, commands=None), robot),
         "keyframes": [{"time": keyframe.time, **_entry(keyframe, robot)} for keyframe in keyframes],
     }
     try:

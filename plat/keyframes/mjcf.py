@@ -7,6 +7,7 @@ a free joint with seven numbers; angles are in radians whatever the compiler say
 from __future__ import annotations
 
 import os
+import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,6 +29,8 @@ __all__ = ["read_mjcf_keys", "write_mjcf_keys"]
 
 _MAX_BYTES = 16 << 20
 _LONGEST_NAME = 80
+# letters that no XML file can have
+_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _WIDTHS = {"free": 7, "ball": 4, "slide": 1, "hinge": 1}
 
 
@@ -69,22 +72,37 @@ def read_mjcf_keys(path: Path, robot: Robot) -> list[Keyframe]:
 def write_mjcf_keys(path: Path, robot: Robot, keyframes: Sequence[Keyframe]) -> None:
     """Write keyframes as an MJCF file to include in the robot's model.
 
+    MuJoCo takes a name once: those that come again are numbered.
+
     Raises:
         KeyframeError: for a partial keyframe, or when the disk does not take the file.
     """
     lines = [f"<!-- keyframes of {robot.name}, joints in the order: {' '.join(robot.joint_names)} -->", "<mujoco>"]
     lines.append("  <keyframe>")
-    for number, keyframe in enumerate(keyframes):
+    names = _different([keyframe.name or f"key{number}" for number, keyframe in enumerate(keyframes)])
+    for number, (keyframe, name) in enumerate(zip(keyframes, names, strict=True)):
         if not keyframe.whole:
             raise KeyframeError(f"keyframe {number}: it commands parts of a pose, and MJCF has whole ones only")
         qpos = " ".join(f"{value:.9g}" for value in keyframe.qpos)
-        name = quoteattr(keyframe.name or f"key{number}")
-        lines.append(f'    <key name={name} time="{keyframe.time:.9g}" qpos="{qpos}"/>')
+        lines.append(f'    <key name={quoteattr(name)} time="{keyframe.time:.9g}" qpos="{qpos}"/>')
     lines += ["  </keyframe>", "</mujoco>", ""]
     try:
         replace_file(path, lambda part: part.write_text("\n".join(lines), encoding="utf-8"))
     except OSError as error:
         raise KeyframeError(f"MJCF file {str(path)!r} could not be written ({error.strerror or error})") from error
+
+
+def _different(names: Sequence[str]) -> list[str]:
+    """Return names with a number behind those that came before, and without letters that XML has not."""
+    names = [_NOT_XML.sub("?", name) for name in names]
+    found: list[str] = []
+    for name in names:
+        new, number = name, 1
+        while new in found or (number > 1 and new in names):
+            number += 1
+            new = f"{name} {number}"
+        found.append(new)
+    return found
 
 
 def _roots(path: Path, where: str, seen: set[str], depth: int = 0) -> list[ElementTree.Element]:

@@ -23,6 +23,8 @@ __all__ = ["hands_of", "only"]
 # Steps of the inverse kinematics, its damping (m), and how far an angle may change in a step (rad).
 _STEPS, _DAMPING, _LARGEST = 60, 0.03, 0.3
 _NUDGE = 1e-4
+# How far a body may be from its place in the end (m).
+_OFF = 0.05
 
 
 def only(
@@ -41,8 +43,8 @@ def only(
 ) -> Keyframe:
     """Return a keyframe that commands what is given, and nothing else.
 
-    The rest of its pose is that of ``base``, with the limbs bent so that the bodies come as near as they can to
-    their places; the root stays.
+    The rest of its pose is that of ``base``, with the limbs bent so that the bodies come to their places; the root
+    stays. A body is commanded to be where it is in that pose, so its place has to be within reach of it.
 
     Args:
         robot: whose keyframe it is; a bundle's description knows ``bodies``, but not which of them are hands.
@@ -54,11 +56,12 @@ def only(
         root: horizontal position of the root ``[2]`` (m, world).
         height: of the root (m, world).
         heading: orientation of the root: upright, turned by this angle about the vertical (rad).
-        base: pose to begin from; None for the default pose.
+        base: pose to begin from, near the bodies' places; None for the default pose at the origin.
         name: label in tables and messages.
 
     Raises:
-        KeyframeError: when nothing is given, a name does not exist, or a position has not three numbers.
+        KeyframeError: when nothing is given, a name does not exist, a position has not three numbers, or a body
+            comes no nearer to it than 5 cm.
 
     >>> from plat.robots import G1
     >>> keyframe = only(G1, 1.0, left_hand=(0.35, 0.2, 0.95), right_hand=(0.35, -0.2, 0.95))
@@ -82,11 +85,12 @@ def only(
     if root is not None:
         qpos[:2] = _numbers("root", root, 2)
     if height is not None:
-        qpos[2] = height
+        qpos[2] = _number("height", height)
     if heading is not None:
-        qpos[3:7] = (np.cos(heading / 2), 0.0, 0.0, np.sin(heading / 2))
+        turn = _number("heading", heading)
+        qpos[3:7] = (np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2))
     for joint, angle in angles.items():
-        qpos[7 + robot.joint_names.index(joint)] = angle
+        qpos[7 + robot.joint_names.index(joint)] = _number(f"joints: {joint!r}", angle)
     places = {body: _numbers(f"bodies: {body!r}", place, 3) for body, place in wanted.items()}
     if places:
         qpos = _reaching(robot, qpos, places, fixed=angles)
@@ -110,6 +114,13 @@ def hands_of(robot: Robot | RobotDescription) -> tuple[str, str]:
     return (left, right) if not right.startswith("left") else (right, left)
 
 
+def _number(field: str, value: float) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise KeyframeError(f"{field} is {value!r}, expected a number") from None
+
+
 def _numbers(field: str, values: Sequence[float], count: int) -> NDArray[np.float64]:
     try:
         numbers = np.array(values, dtype=np.float64)
@@ -126,7 +137,7 @@ def _reaching(
     places: Mapping[str, NDArray[np.float64]],
     fixed: Mapping[str, float],
 ) -> NDArray[np.float64]:
-    """Return a pose in which bodies are near their places, by damped least squares over the joints that move them."""
+    """Return a pose in which bodies are at their places, by damped least squares over the joints that move them."""
     if isinstance(robot, RobotDescription):
         description = robot
     else:
@@ -164,7 +175,14 @@ def _reaching(
         eased = jacobian * ease
         step = ease * (eased.T @ np.linalg.solve(eased @ eased.T + _DAMPING**2 * np.eye(len(off)), off))
         angles = np.clip(angles + step.clip(-_LARGEST, _LARGEST), low, high)
-    points(angles)
+    missed = np.linalg.norm(points(angles).reshape(-1, 3) - targets, axis=-1)
+    worst = int(missed.argmax())
+    if missed[worst] > _OFF:
+        body, place = list(places.items())[worst]
+        raise KeyframeError(
+            f"bodies: {body!r} comes no nearer than {missed[worst]:.2f} m to {place.tolist()} from the pose that it is "
+            "drawn from: give a base= within reach of it"
+        )
     return qpos
 
 

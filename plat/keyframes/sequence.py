@@ -5,12 +5,15 @@ from __future__ import annotations  # the types of motions and robots bring torc
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from plat.errors import KeyframeError
 from plat.keyframes.files import read_keyframes, write_keyframes
 from plat.keyframes.keyframe import Keyframe, RobotJoints, interpolate, standing
+from plat.keyframes.roots import as_arrived, with_commanded_root
 from plat.spec.timing import Timing
 
 if TYPE_CHECKING:
@@ -110,12 +113,24 @@ class KeyframeSequence:
         return Command(index, self.keyframes[index], arrival - step, arrival - arrivals[index])
 
     def sample(self, time: float) -> Keyframe:
-        """Return the pose at a time (s), see :func:`interpolate`; first and last pose extend beyond the ends."""
-        poses = (self.start, *self.keyframes)
-        after = bisect_right([pose.time for pose in poses], time)
-        if after in (0, len(poses)):
-            return poses[min(after, len(poses) - 1)].at(time)
-        return interpolate(poses[after - 1], poses[after], time)
+        """Return the pose at a time (s), see :func:`interpolate`; first and last pose extend beyond the ends.
+
+        The root of a partial keyframe is where the robot probably is, see :func:`plat.keyframes.roots.as_arrived`.
+        """
+        return _between(self.arrived, time)
+
+    def commanded(self, time: float) -> Keyframe:
+        """Return the pose at a time (s) with the root as it is commanded: what no keyframe says is as it was."""
+        return _between(self._commanded, time)
+
+    @cached_property
+    def arrived(self) -> tuple[Keyframe, ...]:
+        """Return the start and the keyframes, each with its root where the robot probably is at the arrival."""
+        return tuple(accumulate((self.start, *self.keyframes), as_arrived))
+
+    @cached_property
+    def _commanded(self) -> tuple[Keyframe, ...]:
+        return tuple(accumulate((self.start, *self.keyframes), with_commanded_root))
 
     def with_timing(self, timing: Timing, *, split: bool = False) -> KeyframeSequence:
         """Return the same keyframes for a policy of another timing.
@@ -214,6 +229,7 @@ def split_long_intervals(
 
     Such an interval is split into as few equal parts as possible, to a control step, at poses of :func:`interpolate`.
     An added keyframe is named after the one that it leads to: ``wave 1/3``, ``wave 2/3``. It commands the same parts.
+    The way begins where the robot probably is, see :func:`plat.keyframes.roots.as_arrived`.
 
     Raises:
         KeyframeError: for times that do not increase.
@@ -235,8 +251,16 @@ def split_long_intervals(
             name = keyframe.name and f"{keyframe.name} {part}/{parts}"
             result.append(replace(interpolate(before, keyframe, time), name=name, commands=keyframe.commands))
         result.append(keyframe)
-        before = keyframe
+        before = as_arrived(before, keyframe)
     return tuple(result)
+
+
+def _between(poses: Sequence[Keyframe], time: float) -> Keyframe:
+    """Return the pose at a time (s) between poses, or the one at the end that is nearest."""
+    after = bisect_right([pose.time for pose in poses], time)
+    if after in (0, len(poses)):
+        return poses[min(after, len(poses) - 1)].at(time)
+    return interpolate(poses[after - 1], poses[after], time)
 
 
 def _label(index: int, keyframe: Keyframe) -> str:

@@ -136,8 +136,8 @@ class Studio:
         if isinstance(dark := message.get("dark"), bool):
             self._backdrop.paint(dark)
         frames = message.get("frames")
-        if isinstance(frames, (int, float)) and not isinstance(frames, bool):
-            self._frames = float(np.clip(frames, _SLOWEST, _FASTEST))
+        if isinstance(frames, (int, float)) and not isinstance(frames, bool) and frames > 0:  # NaN is not
+            self._frames = float(min(max(frames, _SLOWEST), _FASTEST))
 
     def _clicked(self, body: str) -> None:
         self._desk.ask(lambda: self._pose.click_body(body))
@@ -192,7 +192,7 @@ class Studio:
         with self.server.atomic():
             self._robot.show(self._shown(player))
             self._second.show(self._shown(second))
-            for name, view, goal in zip((playback.policy, playback.beside), (player, second), self._goals, strict=True):
+            for name, view, goal in zip((playback.played, playback.beside), (player, second), self._goals, strict=True):
                 step = None if view is None or posing else view.step_at(cursor)
                 goal.show(None if step is None else step.command.keyframe.qpos)
                 self._name(goal is self._goals[1], name, view if second is not None else None)

@@ -9,6 +9,7 @@ import torch
 from plat.control import Feasibility
 from plat.control.feasibility import support_margin
 from plat.keyframes import Keyframe
+from plat.keyframes.roots import as_arrived
 from plat.motions.checks.feet import Soles
 from plat.robots.robot import Robot
 from plat.studio.timeline import Timeline
@@ -84,7 +85,7 @@ class Checker:
         self._soles = Soles(robot)
         self._model = robot.shared_model
         self._data = mujoco.MjData(self._model)
-        self._known: dict[tuple[Keyframe, Keyframe, float, bool], Verdict] = {}
+        self._known: dict[tuple[bytes, Keyframe, float, bool], Verdict] = {}
 
     def timeline(self, timeline: Timeline) -> tuple[Verdict, ...]:
         """Return the verdict on each keyframe; those that are held, and the last one, must be balanced."""
@@ -92,11 +93,11 @@ class Checker:
         before, end = timeline.start, 0.0
         for number, (frame, hold) in enumerate(zip(timeline.keyframes, timeline.holds, strict=True), 1):
             held = hold > 0 or number == len(timeline.keyframes)
-            key = before, frame, round(frame.time - end, 6), held
+            key = before.qpos.tobytes(), frame, round(frame.time - end, 6), held
             verdict = self._known.get(key) or self._verdict(before.at(end), frame, held)
             known[key] = verdict
             verdicts.append(verdict)
-            before, end = frame, frame.time + hold
+            before, end = as_arrived(before, frame), frame.time + hold
         self._known = known
         return tuple(verdicts)
 

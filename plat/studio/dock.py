@@ -131,6 +131,9 @@ class Dock:
             message = json.loads(text)
         except ValueError:
             return
+        except RecursionError:
+            self.note("That did not work", "a message is nested too deeply, expected an object of values", "error")
+            return
         if isinstance(message, dict) and isinstance(message.get("do"), str):
             self._receive(message)
 

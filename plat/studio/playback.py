@@ -6,7 +6,7 @@ from itertools import pairwise
 from tensordict.nn import TensorDictModuleBase
 
 from plat.control import KeyframeScore, PolicyController
-from plat.errors import StudioError
+from plat.errors import PlatError, StudioError
 from plat.keyframes import KeyframeSequence
 from plat.robots.robot import Robot
 from plat.spec.timing import Timing, timing_of
@@ -55,6 +55,10 @@ class Playback:
         """That of the policy beside it."""
         self.scores: dict[str, list[KeyframeScore]] = {}
         """By policy, of the keyframes as they are now."""
+        self.refusals: dict[str, str] = {}
+        """By policy, why it did not play them when all were compared."""
+        self.played = self.policy
+        """Name of the policy whose chase :attr:`player` is."""
         self._timeline = timeline
         self._paused = False
 
@@ -71,7 +75,7 @@ class Playback:
     @property
     def players(self) -> list[tuple[str, Player]]:
         """Return the policies that play, each with its chase: one, two or none."""
-        named = ((self.policy, self.player), (self.beside, self.second))
+        named = ((self.played, self.player), (self.beside, self.second))
         return [(name, player) for name, player in named if name is not None and player is not None]
 
     @property
@@ -83,11 +87,11 @@ class Playback:
         """Start from the start pose.
 
         Raises:
-            KeyframeError: when there is no keyframe.
+            KeyframeError: when there is no keyframe, or a policy cannot follow one.
         """
         player = self._player(self.policy)
         self.second = None if self.beside is None else self._player(self.beside)
-        self.player = player
+        self.player, self.played = player, self.policy
         self._paused, self.cursor = False, 0.0
 
     def toggle(self) -> None:
@@ -124,11 +128,16 @@ class Playback:
         self.cursor = min(goal, self.simulated)
 
     def choose(self, policy: str) -> None:
-        """Select another policy; it takes over while playing."""
+        """Select another policy; it takes over while playing.
+
+        Raises:
+            KeyframeError: when it cannot follow the keyframes; the one before goes on.
+        """
         self._check(policy)
-        self.policy = policy
         if self.player is not None and not self.player.finished:
             self.player.hand_over(self.controller(policy), self.sequence(policy))
+            self.played = policy
+        self.policy = policy
 
     def set_beside(self, policy: str | None) -> None:
         """Select the policy that plays beside; it does from the next start on."""
@@ -154,8 +163,13 @@ class Playback:
                 self.scores[name] = scores
 
     def changed(self) -> None:
-        """Obey edited keyframes: a chase that is on goes on with them, one that is over is forgotten."""
+        """Obey edited keyframes: a chase that is on goes on with them, one that is over is forgotten.
+
+        Raises:
+            KeyframeError: when a policy that plays cannot follow them; the chase is ended.
+        """
         self.scores.clear()
+        self.refusals.clear()
         timeline = self._timeline()
         if self.player is None:
             return
@@ -164,26 +178,43 @@ class Playback:
             self.stop()
             self.cursor = cursor
         else:
-            for name, player in self.players:
-                player.sequence = self.sequence(name)
+            try:
+                for name, player in self.players:
+                    player.sequence = self.sequence(name)
+            except PlatError:
+                # half of it would be played with other keyframes, and none of it counts
+                self.stop()
+                raise
 
-    def compare(self, timeline: Timeline) -> dict[str, list[KeyframeScore]]:
+    def compare(self, timeline: Timeline) -> tuple[dict[str, list[KeyframeScore]], dict[str, str]]:
         """Compute the scores of every policy on some keyframes, at full speed.
 
         It changes no state, so another thread may call it.
 
+        Returns:
+            The scores by policy, and why the others did not play.
+
         Raises:
             KeyframeError: when there is no keyframe.
         """
-        return {
-            name: score(self._robot, self.controller(name), self.sequence(name, timeline)) for name in self.policies
-        }
+        timeline.sequence()  # that there is something to play
+        scores: dict[str, list[KeyframeScore]] = {}
+        refusals: dict[str, str] = {}
+        for name in self.policies:
+            try:
+                scores[name] = score(self._robot, self.controller(name), self.sequence(name, timeline))
+            except PlatError as error:
+                refusals[name] = str(error)
+        return scores, refusals
 
-    def take_scores(self, timeline: Timeline, scores: Mapping[str, list[KeyframeScore]]) -> None:
-        """Store scores, if they belong to the current keyframes."""
+    def take_scores(
+        self, timeline: Timeline, scores: Mapping[str, list[KeyframeScore]], refusals: Mapping[str, str]
+    ) -> None:
+        """Store what :meth:`compare` returned, if it belongs to the current keyframes."""
         now = self._timeline()
         if timeline.start is now.start and timeline.keyframes is now.keyframes and timeline.holds is now.holds:
             self.scores.update(scores)
+            self.refusals = dict(refusals)
 
     def sequence(self, policy: str, timeline: Timeline | None = None) -> KeyframeSequence:
         """Return the keyframes as a policy is given them: split where they are farther apart than its commands reach.

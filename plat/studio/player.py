@@ -17,6 +17,7 @@ from plat.control import (
     mean_errors,
 )
 from plat.keyframes import KeyframeSequence
+from plat.keyframes.roots import with_commanded_root
 from plat.robots.robot import Robot
 
 __all__ = ["HOLD", "Player", "Summary", "score", "simulator"]
@@ -95,16 +96,12 @@ class Player:
         self._changed = True
 
     def hand_over(self, controller: Controller, sequence: KeyframeSequence) -> None:
-        """Continue with another policy, and with the keyframes as it is given them.
+        """Continue with another policy, and with the keyframes as it is given them; on an error, as before.
 
         Raises:
             KeyframeError: for a partial keyframe and a policy that knows whole poses only.
         """
-        # at no time a policy has a command that is too long for it
-        if sequence.timing.max_steps < self._chase.controller.timing.max_steps:
-            self._chase.sequence = sequence
-        self._chase.controller = controller
-        self._chase.sequence = sequence
+        self._chase.hand_over(controller, sequence)
         self._changed = True
 
     def advance(self, seconds: float) -> None:
@@ -128,7 +125,8 @@ class Player:
         self._poses.append(self.qpos)
         self.times.append(step.time)
         keyframe = step.command.keyframe
-        self.errors.append(self._compare(step.after, keyframe, keyframe.commands))
+        root = step.root and with_commanded_root(step.root, keyframe)
+        self.errors.append(self._compare(step.after, keyframe, keyframe.commands, root))
 
     @property
     def scores(self) -> list[KeyframeScore] | None:

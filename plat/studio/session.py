@@ -153,8 +153,10 @@ class Session:
         self.edit(self.timeline.inserted(self._clipboard))
 
     def _keyframes_changed(self) -> None:
-        self.playback.changed()
-        self._follow()
+        try:
+            self.playback.changed()
+        finally:
+            self._follow()
 
     def _follow(self) -> None:
         """Move the cursor to the selected pose, unless a robot is playing."""

@@ -43,15 +43,21 @@ def keyframe_table(timeline: Timeline, scores: Sequence[KeyframeScore] | None) -
     return "\n".join(rows)
 
 
-def policy_table(scores: Mapping[str, Sequence[KeyframeScore]]) -> str:
-    """Return a table with a row per policy: the outcomes of its keyframes, and mean errors. Empty without scores."""
-    if not scores:
+def policy_table(scores: Mapping[str, Sequence[KeyframeScore]], refusals: Mapping[str, str]) -> str:
+    """Return a table with a row per policy: the outcomes of its keyframes, and mean errors. Empty without any.
+
+    Args:
+        scores: by policy.
+        refusals: why others did not play, by policy.
+    """
+    if not scores and not refusals:
         return ""
     rows = ["| policy | outcome | joints rad | keypoints mm |", "|---|---|---|---|"]
     for policy, of_policy in scores.items():
         mean = Summary.of(of_policy)
         errors = f"{error_text(mean.joint_error)} | {distance_text(mean.keypoint_error)}"
         rows.append(f"| {_plain(policy)} | {tally(of_policy)} | {errors} |")
+    rows += [f"| {_plain(policy)} | did not play: {_plain(why)} | - | - |" for policy, why in refusals.items()]
     return "\n".join(rows)
 
 

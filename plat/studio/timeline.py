@@ -76,7 +76,7 @@ class Timeline:
         frames: list[Keyframe] = []
         holds: list[float] = []
         for frame in keyframes:
-            if frames and (frame.name or "").endswith(_HOLD) and np.array_equal(frame.qpos, frames[-1].qpos):
+            if frames and _holds(frames[-1], frame):
                 holds[-1] = round(frame.time - frames[-1].time, 6)
             else:
                 frames.append(frame)
@@ -89,8 +89,7 @@ class Timeline:
         for frame, hold in zip(self.keyframes, self.holds, strict=True):
             frames.append(frame)
             if hold:
-                name = f"{frame.name or ''} {_HOLD}".strip()
-                frames.append(replace(frame, time=round(frame.time + hold, 6), name=name))
+                frames.append(replace(frame, time=round(frame.time + hold, 6), name=_hold_name(frame)))
         return tuple(frames)
 
     def sequence(self, timing: Timing | None = None) -> KeyframeSequence:
@@ -311,3 +310,14 @@ class Timeline:
     def _allowed(self, seconds: float, least: int = 1) -> int:
         """Return the control steps nearest to an interval or hold (s) that are allowed."""
         return min(max(self.timing.steps(seconds), least), self.timing.steps(LONGEST_INTERVAL))
+
+
+def _hold_name(frame: Keyframe) -> str:
+    """Return the name in files of the keyframe that ends the hold of another one."""
+    return f"{frame.name or ''} {_HOLD}".strip()
+
+
+def _holds(before: Keyframe, frame: Keyframe) -> bool:
+    """Return whether a keyframe of a file only ends the hold of the one before it: all but its time is the same."""
+    same = before.commands == frame.commands or (before.whole and frame.whole)
+    return frame.name == _hold_name(before) and same and np.array_equal(frame.qpos, before.qpos)

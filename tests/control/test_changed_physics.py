@@ -1,10 +1,13 @@
 import numpy as np
 import pytest
 
+from plat.control import Chase, Simulator
 from plat.control.changed_physics import Delayed, PhysicsSetting, make_model
-from plat.keyframes import standing
+from plat.errors import KeyframeError
+from plat.keyframes import KeyframeSequence, only, standing
 from plat.robots import G1
 from plat.spec.timing import Timing
+from tests.control.puppets import Puppet
 from tests.deploy.robots import describe_g1
 
 
@@ -53,3 +56,13 @@ def test_targets_come_late():
         assert late == [*[robot.default_joint_pos[0]] * delay, 1.0, 2.0, 3.0, 4.0][:4]
     delayed.reset(np.full(29, 7.0))
     assert [delayed(None, pose, 1)[0] for _ in range(3)] == [7.0, 7.0, 1.0]
+
+
+def test_a_delayed_policy_for_whole_poses_is_still_one():
+    class Whole(Puppet):
+        sees_parts = False
+
+    sequence = KeyframeSequence(G1, standing(G1), (only(G1, 0.1, height=0.7),))
+    Chase(Delayed(Puppet(), describe_g1(), 1), sequence, Simulator(G1.model()))
+    with pytest.raises(KeyframeError, match="trained on whole poses"):
+        Chase(Delayed(Whole(), describe_g1(), 1), sequence, Simulator(G1.model()))

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from plat.control.feasibility import Feasibility, FeasibilityLimits, support_margin
-from plat.keyframes import Keyframe, KeyframeSequence, standing
+from plat.keyframes import Keyframe, KeyframeSequence, only, standing
 from plat.robots import G1
 from plat.spec.parts import Parts
+from plat.spec.timing import Timing
 
 STAND = standing(G1)
 
@@ -137,3 +138,12 @@ def test_margin_of_a_line_and_of_a_point() -> None:
     assert support_margin(np.array([0.0, 0.3]), [[-1, 0], [1, 0]]) == pytest.approx(-0.3, abs=1e-4)
     assert support_margin(np.array([0.5, 0.0]), [[-1, 0], [1, 0]]) == pytest.approx(0.0, abs=1e-9)
     assert support_margin(np.array([3.0, 4.0]), [[0, 0]]) == pytest.approx(-5.0, abs=1e-3)
+
+
+def test_a_way_begins_where_the_robot_was_last_commanded_to_be(feasibility: Feasibility) -> None:
+    """The elbow's keyframe is drawn at the origin, which says nothing of where the robot is."""
+    way, elbow = only(G1, 3.0, root=(2.0, 0.0)), only(G1, 4.0, joints={"right_elbow": 1.2})
+    near, far = only(G1, 4.5, root=(2.1, 0.0)), only(G1, 4.5, root=(0.1, 0.0))
+    for last, expected in ((near, []), (far, ["root_speed", "root_acceleration"])):
+        *_, concerns = feasibility.sequence(KeyframeSequence(G1, STAND, (way, elbow, last), Timing(max_steps=150)))
+        assert measures(concerns) == expected

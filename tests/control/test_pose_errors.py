@@ -104,3 +104,21 @@ def test_only_what_is_commanded_is_off(compare):
 def test_all_parts_are_the_whole_pose(compare):
     away = state(moved(root_pos=POSE.root_pos + np.array([0.1, 0.0, 0.0])))
     assert compare(away, POSE, Parts.all(G1)) == compare(away, POSE)
+
+
+LAID = moved(root_pos=np.array([0.3, 0.0, 0.12]), root_quat=np.array([np.sqrt(0.5), 0, np.sqrt(0.5), 0]))
+
+
+@pytest.mark.parametrize("drawn", [POSE, LAID])
+def test_a_fall_is_a_fall_however_the_rest_of_the_pose_is_drawn(compare, drawn):
+    hands = Parts.only(G1, bodies=["left_wrist_yaw_link", "right_wrist_yaw_link"])
+    errors = compare(state(LAID), drawn, hands)
+    assert (errors.down, errors.fallen, errors.off_pose) == (True, True, True)
+    assert not compare(state(POSE), drawn, hands).fallen
+
+
+def test_who_was_told_to_be_low_and_not_to_get_up_has_not_fallen(compare):
+    elbow = Parts.only(G1, joints=["left_elbow"])
+    errors = compare(state(LOW), POSE, elbow, root=LOW)
+    assert (errors.down, errors.fallen, errors.off_pose) == (False, False, False)
+    assert compare(state(LAID), POSE, elbow, root=LOW).down

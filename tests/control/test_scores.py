@@ -12,6 +12,7 @@ from plat.keyframes import KeyframeSequence, only, standing
 from plat.modules import LatentPolicy
 from plat.motions import MotionLibrary, generate_motions
 from plat.robots import G1
+from plat.spec.parts import Parts
 from tests.control.made_up import score
 from tests.control.puppets import Limp, Puppet
 
@@ -167,3 +168,41 @@ def test_a_partial_keyframe_has_the_errors_of_what_it_commands(given, joints, pl
     (result,) = scorer.scores()
     assert math.isnan(result.joint_error) == (not joints)
     assert math.isnan(result.keypoint_error) == (not places)
+
+
+LYING = replace(POSE, root_pos=np.array([0.3, 0.0, 0.12]), root_quat=np.array([np.sqrt(0.5), 0, np.sqrt(0.5), 0]))
+HANDS = Parts.only(G1, bodies=("left_wrist_yaw_link", "right_wrist_yaw_link"))
+
+
+def put(sequence, pose_at) -> KeyframeScorer:
+    """The scorer of a chase with a hold, the robot of each step put where the test wants it."""
+    scorer = KeyframeScorer(G1)
+    for step in Chase(Puppet(), sequence, Simulator(G1.model()), hold=0.2):
+        pose = pose_at(step.time)
+        after = replace(step.after, root_pos_w=pose.root_pos, root_quat_w=pose.root_quat, joint_pos=pose.joint_pos)
+        scorer.add(replace(step, after=after))
+    return scorer
+
+
+@pytest.mark.parametrize("drawn", [LYING, POSE])
+def test_a_fall_is_a_fall_however_a_partial_keyframe_is_drawn(drawn):
+    sequence = KeyframeSequence(G1, POSE, (replace(drawn.at(0.6), commands=HANDS),))
+    scorer = put(sequence, lambda time: LYING if time > 0.3 else POSE)
+    (score,) = scorer.scores()
+    assert (score.words, score.success) == ("fell", False)
+    assert scorer.hold().words == "on the floor"
+
+
+@pytest.mark.parametrize("then", [HANDS, Parts.only(G1, joints=["left_elbow"])])
+def test_who_is_commanded_to_lie_and_not_to_get_up_has_not_fallen(then):
+    there, after = replace(LYING, name="lie").at(0.4), replace(LYING, commands=then).at(0.8)
+    sequence = KeyframeSequence(G1, LYING, (there, after))
+    scorer = put(sequence, lambda time: LYING)
+    assert [(score.words, score.success) for score in scorer.scores()] == [("reached", True)] * 2
+    assert scorer.hold().words.startswith("held for")
+
+
+def test_a_robot_that_stands_is_not_off_after_a_keyframe_that_was_drawn_low():
+    sequence = KeyframeSequence(G1, POSE, (replace(LYING.at(0.4), commands=HANDS), POSE.at(0.8)))
+    _, last = put(sequence, lambda time: POSE).scores()
+    assert (last.words, last.success) == ("reached", True)

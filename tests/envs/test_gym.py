@@ -1,3 +1,4 @@
+import inspect
 import os
 import subprocess
 import sys
@@ -186,3 +187,13 @@ def test_reached_is_near_and_not_only_within_the_thresholds(env, monkeypatch, of
 
 
 KEYPOINT_STATE = ("keypoint_pos_w", "keypoint_quat_w", "joint_pos")
+
+
+def test_an_unknown_argument_of_make_vec_is_named():
+    with pytest.raises(TaskError, match="make_vec: unknown argument 'motion', expected some of num_envs, motions"):
+        gymnasium.make_vec("plat/G1TimedKeyframe-v0", num_envs=2, motion="nonsense", horizn="short")
+
+
+def test_the_arguments_that_make_vec_names_are_those_it_takes():
+    taken = list(inspect.signature(plat.envs.gym.G1TimedKeyframeVectorEnv.__init__).parameters)
+    assert taken[1:-1] == list(plat.envs.gym._VECTOR_ARGUMENTS)

@@ -1,5 +1,8 @@
 """Keys of MuJoCo's model files, against MuJoCo itself."""
 
+import re
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -93,3 +96,18 @@ def test_messages_are_short(tmp_path):
         with pytest.raises(KeyframeError) as caught:
             read_mjcf_keys(tmp_path / "a.xml", G1)
         assert len(str(caught.value).replace(str(tmp_path), "")) < 300
+
+
+def test_names_that_come_again_are_numbered_for_mujoco(tmp_path):
+    names = ["wave", "wave", "wave 2", None, "key3", "bell\x07"]
+    poses = [replace(POSES[0].at(0.5 * number), name=name) for number, name in enumerate(names)]
+    write_mjcf_keys(tmp_path / "keys.xml", G1, poses)
+    text = model(G1.joint_names, "", '<include file="keys.xml"/>').replace("<keyframe></keyframe>", "")
+    box = "".join(part for part in re.findall(r'<body name="(?:box|other)">.*?</body>', text))
+    assert box  # with other things in it the keys would lack positions
+    text = re.sub(r'<body name="(?:box|other)">.*?</body>', "", text)
+    (tmp_path / "scene.xml").write_text(text)
+    compiled = mujoco.MjModel.from_xml_path(str(tmp_path / "scene.xml"))
+    found = [compiled.key(number).name for number in range(compiled.nkey)]
+    assert found == ["wave", "wave 3", "wave 2", "key3", "key3 2", "bell?"]
+    assert [pose.name for pose in read_mjcf_keys(tmp_path / "keys.xml", G1)] == found

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from plat.robots import G1
+from plat.spec.parts import Parts
 from plat.studio.checker import Checker, convex_hull
 from plat.studio.timeline import Timeline
 from tests.studio.conftest import squat
@@ -67,3 +68,14 @@ def test_a_hull_contains_all_points():
     for begin, end in zip(hull, np.roll(hull, -1, axis=0), strict=True):
         edge, away = end - begin, points - begin
         assert (edge[0] * away[:, 1] - edge[1] * away[:, 0] >= -1e-9).all(), "all are to the left of each edge"
+
+
+def test_a_way_begins_where_the_robot_was_last_commanded_to_be():
+    timeline = Timeline.empty(G1)
+    for x, seconds, commands in (
+        (2.0, 3.0, {"root": ["horizontal"]}),
+        (0.0, 1.0, {"joints": ["left_elbow"]}),
+        (2.1, 0.5, {"root": ["horizontal"]}),
+    ):
+        timeline = timeline.inserted(moved(x), seconds).commanding(Parts.only(G1, **commands))
+    assert [verdict.words for verdict in CHECKER.timeline(timeline)] == [(), (), ()]

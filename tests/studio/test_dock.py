@@ -70,3 +70,15 @@ def test_messages_are_kept_for_a_while():
     for number in range(9):
         dock.note("hello", str(number), "good")
     assert [note["id"] for note in dock.state["notes"]] == [4, 5, 6, 7, 8, 9]
+
+
+def test_a_message_that_is_nested_too_deeply_is_answered_and_the_next_one_heard():
+    received = []
+    dock = Dock(received.append)
+    asyncio.run(dock.serve(Connection("[" * 90_000, '{"do": "add"}')))
+    assert received == [{"do": "add"}]
+    (note,) = dock.state["notes"]
+    assert (note["kind"], note["text"]) == (
+        "error",
+        "a message is nested too deeply, expected an object of values",
+    )

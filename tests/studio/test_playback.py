@@ -1,10 +1,12 @@
 import numpy as np
 import pytest
+from tensordict.nn import TensorDictModuleBase
 
-from plat.errors import StudioError
+from plat.errors import KeyframeError, StudioError
 from plat.modules import LatentPolicy, LatentPolicyConfig
 from plat.robots import G1
 from plat.spec.timing import Timing
+from plat.studio.pins import preset
 from plat.studio.playback import Playback
 from plat.studio.timeline import Timeline
 from tests.studio.conftest import squat
@@ -107,3 +109,77 @@ def test_a_long_interval_is_one_command_where_the_policy_knows_it():
         assert len(playback.player.sequence) == len(playback.sequence(name))
         playback.step(1)
     assert playback.simulated == pytest.approx(0.64)
+
+
+@pytest.fixture
+def two() -> dict[str, TensorDictModuleBase]:
+    """A policy that sees parts of poses, and one for whole poses and shorter commands."""
+    sees = LatentPolicyConfig(also=("parts",), timing=Timing(max_steps=50))
+    return {
+        "parts": LatentPolicy(G1, sees).deployed(),
+        "whole": LatentPolicy(G1, LatentPolicyConfig(timing=Timing(max_steps=15))).deployed(),
+    }
+
+
+class Edited:
+    """Keyframes that are edited while they are played."""
+
+    def __init__(self, policies: dict[str, TensorDictModuleBase], timeline: Timeline):
+        self.timeline = timeline
+        self.playback = Playback(G1, policies, lambda: self.timeline)
+
+
+HANDS = TIMELINE.select(1).commanding(preset("hands", G1))
+
+
+def test_a_policy_that_refuses_the_keyframes_does_not_take_over(two):
+    playback = Edited(two, HANDS).playback
+    playback.step(5)
+    with pytest.raises(KeyframeError, match="trained on whole poses"):
+        playback.choose("whole")
+    assert playback.policy == "parts"
+    playback.step(1000)
+    # as if nobody had been asked: neither was the sequence split for the other one
+    scores, _ = playback.compare(HANDS)
+    assert playback.scores == {"parts": scores["parts"]}
+
+
+def test_scores_are_those_of_the_policy_that_played(two):
+    playback = Edited(two, TIMELINE).playback
+    playback.step(1000)
+    scores = dict(playback.scores)
+    playback.choose("whole")
+    playback.step(-1)
+    assert playback.scores == scores, "the other one has not played yet"
+    assert [name for name, _ in playback.players] == ["parts"]
+
+
+@pytest.mark.parametrize("beside", [False, True])
+def test_a_chase_ends_when_its_policy_refuses_the_edited_keyframes(two, beside):
+    edited = Edited(two, TIMELINE)
+    playback = edited.playback
+    playback.choose("parts" if beside else "whole")
+    playback.set_beside("whole" if beside else None)
+    playback.step(5)
+    playback.toggle()
+    edited.timeline = HANDS
+    with pytest.raises(KeyframeError, match="trained on whole poses"):
+        playback.changed()
+    assert not playback.players
+    playback.tick(5.0)
+    assert not playback.scores
+
+
+def test_a_policy_that_refuses_is_left_out_of_a_comparison_and_says_why(two):
+    edited = Edited(two, HANDS)
+    playback = edited.playback
+    compared = scores, refusals = playback.compare(HANDS)
+    assert list(scores) == ["parts"]
+    assert "trained on whole poses" in refusals["whole"]
+    playback.take_scores(HANDS, *compared)
+    assert (playback.scores, playback.refusals) == (scores, refusals)
+    edited.timeline = TIMELINE
+    playback.changed()
+    assert not playback.refusals
+    with pytest.raises(KeyframeError, match="no keyframes yet"):
+        playback.compare(Timeline.empty(G1))

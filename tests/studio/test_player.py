@@ -1,8 +1,13 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from plat.control import PolicyController
+from plat.errors import KeyframeError
+from plat.keyframes import KeyframeSequence
 from plat.robots import G1
+from plat.spec.timing import Timing
 from plat.studio.pins import preset
 from plat.studio.player import HOLD, Player, Summary, score
 from plat.studio.timeline import Timeline
@@ -101,3 +106,17 @@ def test_a_summary_counts_and_averages(sequence):
     assert (summary.reached, summary.total) == (sum(keyframe.reached for keyframe in scores), 2)
     assert summary.joint_error == pytest.approx((scores[0].joint_error + scores[1].joint_error) / 2)
     assert summary.keypoint_error == pytest.approx((scores[0].keypoint_error + scores[1].keypoint_error) / 2)
+
+
+def test_a_policy_that_refuses_the_keyframes_changes_nothing(sequence):
+    class Whole(Puppet):
+        sees_parts = False
+
+    commanded = replace(sequence.keyframes[0], commands=preset("hands", G1))
+    partial = KeyframeSequence(G1, sequence.start, (commanded, *sequence.keyframes[1:]))
+    undisturbed, player = (Player(G1, Puppet(), partial) for _ in range(2))
+    player.advance(0.1)
+    with pytest.raises(KeyframeError, match="trained on whole poses"):
+        player.hand_over(Whole(Timing(max_steps=10)), partial.with_timing(Timing(max_steps=10), split=True))
+    assert player.sequence is partial
+    assert play(player).scores == play(undisturbed).scores

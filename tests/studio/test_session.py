@@ -195,15 +195,16 @@ def test_all_policies_are_compared_as_if_played(session):
     with_squat(session)
     play(session)
     played = session.playback.scores["plat"]
-    scores = session.playback.compare(session.timeline)
+    scores, refusals = session.playback.compare(session.timeline)
+    assert not refusals
     assert list(scores) == ["plat", "expert"]
     assert scores["plat"] == played
     compared = session.timeline
     session.select(1)
-    session.playback.take_scores(compared, scores)
+    session.playback.take_scores(compared, scores, refusals)
     assert set(session.playback.scores) == {"plat", "expert"}
     session.set_joint(LEFT_ELBOW, 0.0)
-    session.playback.take_scores(compared, scores)
+    session.playback.take_scores(compared, scores, refusals)
     assert not session.playback.scores, "they are of other keyframes"
 
 

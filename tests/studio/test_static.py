@@ -20,6 +20,7 @@ from plat.keyframes import Keyframe, standing
 from plat.keyframes.files import read_keyframes, write_keyframes
 from plat.robots import G1
 from plat.rotations_np import heading_pitch_roll
+from plat.spec.parts import Parts
 from plat.spec.timing import Timing
 
 pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
@@ -405,3 +406,60 @@ def test_trajectories_and_scores_are_pythons(page, address, tmp_path):
         scores = player.scores
         assert scores is not None
         assert [score["words"] for score in played["scores"]] == [score.words for score in scores]
+
+
+@pytest.mark.slow
+def test_partial_roots_and_holds_are_pythons(visitor, tmp_path):
+    stand, lying = standing(G1), np.concatenate(([0.3, 0.0, 0.12, 0.5**0.5, 0.0, 0.5**0.5, 0.0], G1.default_joint_pos))
+    hands, elbow = preset("hands", G1), Parts.only(G1, joints=["left_elbow"])
+    way = Keyframe.from_qpos(1.0, stand.qpos + 2 * np.eye(36)[0], "way")
+    frames = [
+        replace(way, commands=Parts.only(G1, root=["horizontal"])),
+        replace(stand.at(2.0), name="arm", commands=elbow),
+        replace(way.at(4.0), name="on", commands=Parts.only(G1, root=["horizontal"])),
+        replace(way.at(4.5), name="on (hold)", commands=hands),
+        replace(Keyframe.from_qpos(5.0, lying, "down"), commands=hands),
+        replace(Keyframe.from_qpos(5.5, lying, "down (hold)"), commands=hands),
+    ]
+    file = tmp_path / "partial.json"
+    write_keyframes(file, G1, replace(stand, commands=hands), frames)
+    timeline = Timeline.of(*_read(file), G1, Timing())
+    played = timeline.sequence()
+    found = visitor.page.evaluate(
+        "async (text) => { const { Timeline, asArrived, between, following, read, withCommandedRoot, write } ="
+        " await import('./keyframes.mjs'); const { compare } = await import('./chase.mjs');"
+        "const { site, robot } = window.platStudio, timeline = Timeline.of(site, read(text, site));"
+        "const frames = timeline.sequence(50), at = (change) => {"
+        "  const poses = following(change, timeline.start, frames, site);"
+        "  return [0.5, 1.5, 3.0, 4.9, 9.0].map((time) => between(poses, time).qpos.slice(0, 7)); };"
+        "const last = frames[frames.length - 1], flags = [...Array(29).fill(0), ...site.keypoints.map((name) =>"
+        "  Number(last.commands.bodies.includes(name))), 0, 0, 0];"
+        "const place = { qpos: at(withCommandedRoot)[4] };"
+        "return { holds: timeline.holds, split: frames.map((frame) => [frame.time, ...frame.qpos.slice(0, 3)]),"
+        "  sample: at(asArrived), commanded: at(withCommandedRoot),"
+        "  down: compare(robot, last.qpos, last, flags, place).down,"
+        "  start: Object.keys(JSON.parse(write(timeline)).start) }; }",
+        file.read_text(encoding="utf-8"),
+    )
+    assert found["holds"] == list(timeline.holds) == [0.0, 0.0, 0.0, 0.0, 0.5]
+    split = [[frame.time, *frame.root_pos] for frame in played.keyframes]
+    np.testing.assert_allclose(found["split"], split, atol=1e-9)
+    for name in ("sample", "commanded"):
+        poses = [getattr(played, name)(time).qpos[:7] for time in (0.5, 1.5, 3.0, 4.9, 9.0)]
+        np.testing.assert_allclose(found[name], poses, atol=1e-9, err_msg=name)
+    assert found["down"], "only the hands are commanded to be there"
+    assert found["start"] == ["root_pos", "root_quat", "joint_pos"]
+
+
+@pytest.mark.slow
+def test_a_policy_that_refuses_is_left_out_of_a_comparison_and_says_why(visitor):
+    page = visitor.page
+    visitor.begin("bow")
+    page.evaluate("window.platStudio.pin('left hand')")
+    page.get_by_role("button", name="Compare all policies").click()
+    visitor.until("Object.keys(studio.scores).length > 0 && !studio.busy.length")
+    assert visitor.get("scores.imagined")
+    assert visitor.get("scores.plat") is None
+    page.get_by_text("plat did not play: the keyframe at").wait_for()
+    page.keyboard.press("Control+z")
+    visitor.until("studio.past.length === 0 && !Object.keys(studio.refusals).length")

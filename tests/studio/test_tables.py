@@ -33,16 +33,17 @@ def test_a_row_a_keyframe(sequence):
 
 
 def test_a_row_a_policy():
-    rows = policy_table({"plat": SCORES, "expert": SCORES[1:] * 2}).splitlines()
+    rows = policy_table({"plat": SCORES, "expert": SCORES[1:] * 2}, {"old": "it is for whole poses"}).splitlines()
     assert rows[2:] == [
         "| plat | 1 of 2 reached, 1 late or off | 0.150 | 30 |",
         "| expert | 0 of 2 reached, 2 late or off | 0.200 | 40 |",
+        "| old | did not play: it is for whole poses | - | - |",
     ]
 
 
 def test_no_scores_no_table(sequence):
     assert keyframe_table(timeline_of(sequence), None) == ""
-    assert policy_table({}) == ""
+    assert policy_table({}, {}) == ""
 
 
 def test_names_are_not_taken_for_markdown():

@@ -23,7 +23,7 @@ def test_nothing_about_a_template_is_doubtful(name: str):
 
 def test_the_committed_policy_reaches_a_wave(policies):
     timeline = template("wave", EMPTY, POSER)
-    scores = Playback(G1, policies, lambda: timeline).compare(timeline)["plat"]
+    scores = Playback(G1, policies, lambda: timeline).compare(timeline)[0]["plat"]
     assert all(score.reached for score in scores)
 
 

@@ -1,9 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from plat.errors import KeyframeError
 from plat.robots import G1
 from plat.spec.timing import Timing
+from plat.studio.pins import preset
 from plat.studio.timeline import NEW_INTERVAL, Timeline
 
 
@@ -183,3 +186,15 @@ def test_a_sequence_comes_back_as_it_went():
     assert again.selected == 1
     assert times(again) == [0.5, 0.9, 1.8]
     assert heights(again) == [0.1, 0.2, 0.3]
+
+
+def test_only_what_a_hold_is_written_as_comes_back_as_one():
+    hands = preset("hands", G1)
+    whole = Timeline.empty(G1).inserted(pose(0.7), 0.5, "a")
+    for second, name in ((hands, "a (hold)"), (None, "b (hold)")):
+        frame = replace(whole.pose, time=1.0, name=name, commands=second)
+        again = Timeline.of(whole.start, (*whole.keyframes, frame), G1, whole.timing)
+        assert [(kept.name, kept.commands) for kept in again.keyframes] == [("a", None), (name, second)]
+        assert [(kept.name, kept.commands) for kept in again.to_keyframes()] == [("a", None), (name, second)]
+    partial = whole.commanding(hands).held(0.4)
+    assert Timeline.of(partial.start, partial.to_keyframes(), G1, partial.timing).holds == (0.4,)

@@ -2,6 +2,7 @@
 
 import viser
 
+from plat.errors import PlatError
 from plat.studio.desk import Task
 from plat.studio.page import Page
 from plat.studio.tables import keyframe_table, live_line, policy_table
@@ -18,7 +19,7 @@ class PlayPanel:
         self._page, gui = page, page.gui
         self._playback = playback = page.session.playback
         self._policy = gui.add_dropdown("Policy", tuple(playback.policies), initial_value=playback.policy)
-        page.when_changed(self._policy, lambda: playback.choose(self._policy.value))
+        page.when_changed(self._policy, self._choose)
         self._beside = gui.add_dropdown(
             "Beside it", (_ALONE, *playback.policies), hint="Another policy that plays the same keyframes at its side."
         )
@@ -35,13 +36,20 @@ class PlayPanel:
         )
         self._policies = gui.add_markdown("")
 
+    def _choose(self) -> None:
+        try:
+            self._playback.choose(self._policy.value)
+        except PlatError:
+            self._policy.value = self._playback.policy
+            raise
+
     def _set_beside(self) -> None:
         self._playback.set_beside(None if self._beside.value == _ALONE else self._beside.value)
 
     def _compare(self) -> Task:
         timeline = self._page.session.timeline
-        scores = self._playback.compare(timeline)
-        return lambda: self._playback.take_scores(timeline, scores)
+        compared = self._playback.compare(timeline)
+        return lambda: self._playback.take_scores(timeline, *compared)
 
     def show(self) -> None:
         """Update the tables."""
@@ -51,7 +59,7 @@ class PlayPanel:
         if len(tables) > 1:
             tables = [f"**{name}**\n\n{table}" for name, table in zip(names, tables, strict=True)]
         _set(self._keyframes, "\n\n".join(tables))
-        _set(self._policies, policy_table(playback.scores))
+        _set(self._policies, policy_table(playback.scores, playback.refusals))
         self.show_time()
 
     def show_time(self) -> None:

@@ -5,6 +5,7 @@ from typing import Any
 
 from plat.control import KeyframeScore
 from plat.errors import StudioError
+from plat.json_file import short
 from plat.studio.checker import Checker
 from plat.studio.dock import Message
 from plat.studio.page import Page
@@ -96,8 +97,8 @@ class TimelinePanel:
 
     def _set_speed(self, message: Message) -> None:
         label = message.get("value")
-        if label not in SPEEDS:
-            raise StudioError(f"speed {label!r}, expected one of {', '.join(SPEEDS)}")
+        if not isinstance(label, str) or label not in SPEEDS:
+            raise StudioError(f"speed {short(label)}, expected one of {', '.join(SPEEDS)}")
         self._page.session.playback.speed = SPEEDS[label]
 
     def show(self) -> None:
@@ -169,5 +170,5 @@ def _ignoring(action: Callable[[], None]) -> Callable[[Message], None]:
 def _number(message: Message, entry: str) -> float:
     value = message.get(entry)
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < 1e6:
-        raise StudioError(f"{entry} is {value!r}, expected a number")
+        raise StudioError(f"{entry} is {short(value)}, expected a number")
     return float(value)

@@ -1,6 +1,6 @@
 /* Chase: one robot and one policy that goes after keyframes, and what became of each of them.
    The same rules as plat.control.Chase and plat.control.KeyframeScorer, by which they are tested. */
-import { interpolate, mask } from "./keyframes.mjs";
+import { asArrived, between, following, mask, withCommandedRoot } from "./keyframes.mjs";
 import { angle } from "./rotations.mjs";
 
 const HOLD = 0.6;
@@ -21,6 +21,8 @@ export class Chase {
     this.taken = 0;
     this.finished = false;
     this.scorer = new Scorer(robot, frames);
+    this.arrived = following(asArrived, start, frames, robot.site);
+    this.commanded = following(withCommandedRoot, start, frames, robot.site);
   }
 
   get time() { return this.taken * this.control_dt; }
@@ -32,11 +34,6 @@ export class Chase {
     while (index < this.frames.length && this.arrivals[index + 1] <= step) index += 1;
     if (index === this.frames.length) return { index: index - 1, left: 1, holding: true };
     return { index, left: this.arrivals[index + 1] - step, holding: false };
-  }
-
-  sample(time) {
-    const poses = [this.start, ...this.frames], after = poses.findIndex((pose) => pose.time > time);
-    return after < 0 ? poses[poses.length - 1] : interpolate(poses[after - 1], poses[after], time);
   }
 
   async step() {
@@ -57,7 +54,7 @@ export class Chase {
     this.taken += 1;
     const qpos = [...this.data.qpos];
     this.poses.push(qpos);
-    this.scorer.add(command, qpos, this.time, this.sample(this.time), policy.window);
+    this.scorer.add(command, qpos, this.time, between(this.arrived, this.time), between(this.commanded, this.time), policy.window);
     this.errors.push(compare(robot, qpos, keyframe, mask(keyframe, robot.site))); // how far it still is
   }
 
@@ -68,9 +65,11 @@ export class Chase {
   }
 }
 
-export function compare(robot, qpos, pose, parts) {
+/* How far a robot is from a pose, in the parts that are commanded; the root is where it is commanded to be. */
+export function compare(robot, qpos, pose, parts, place = pose) {
   const limits = robot.site.limits, count = robot.site.joints.length;
   const actual = robot.points(qpos), wanted = robot.points(pose.qpos);
+  wanted[0] = { pos: place.qpos.slice(0, 3), quat: place.qpos.slice(3, 7) };
   const flags = parts ?? Array(count + actual.length + 3).fill(1), [horizontal, upright, orientation] = flags.slice(-3);
   const distances = actual.map((point, body) => apart(point.pos, wanted[body].pos)), heights = actual.map((point, body) => Math.abs(point.pos[2] - wanted[body].pos[2]));
   const off = qpos.slice(7).map((value, joint) => Math.abs(value - pose.qpos[7 + joint])), joints = off.filter((_, joint) => flags[joint]);
@@ -104,15 +103,15 @@ class Scorer {
     Object.assign(this, { robot, frames, steps: frames.map(() => []), late: {}, fell: null });
   }
 
-  add(command, qpos, time, reference, window) {
+  add(command, qpos, time, reference, place, window) {
     const { robot } = this, { site } = robot, parts = mask(this.frames[command.index], site);
     const before = command.holding ? command.index : command.index - 1, steps = this.steps[before];
     if (before >= 0 && steps.length && !(before in this.late) && !steps[steps.length - 1].near) {
-      const missed = this.frames[before];
-      if (compare(robot, qpos, missed, mask(missed, site)).near) this.late[before] = Math.round(1e6 * (time - missed.time)) / 1e6;
+      const missed = this.frames[before], there = withCommandedRoot(steps[steps.length - 1].place, missed, site);
+      if (compare(robot, qpos, missed, mask(missed, site), there).near) this.late[before] = Math.round(1e6 * (time - missed.time)) / 1e6;
     }
-    const errors = compare(robot, qpos, reference, parts);
-    if (!command.holding) this.steps[command.index].push({ ...errors, inWindow: command.left <= window, arrival: command.left === 1 });
+    const errors = compare(robot, qpos, reference, parts, place);
+    if (!command.holding) this.steps[command.index].push({ ...errors, place, inWindow: command.left <= window, arrival: command.left === 1 });
     else if (errors.down && this.fell === null) this.fell = time;
   }
 

@@ -25,6 +25,28 @@ export function mask(keyframe, site) {
   return all.every(Boolean) ? null : all;
 }
 
+/* A keyframe with what it does not command of its root as in the one before it. */
+export function withCommandedRoot(before, after, site) {
+  const flags = mask(after, site);
+  if (!flags) return after;
+  // the root is the first of the bodies
+  const [horizontal, height, orientation] = flags.slice(-3), root = flags[site.joints.length], place = [horizontal || root, horizontal || root, height || root];
+  const commanded = [...place, ...Array(4).fill(orientation)];
+  return { ...after, qpos: after.qpos.map((value, index) => (index >= 7 || commanded[index] ? value : before.qpos[index])) };
+}
+
+/* A keyframe with its root where the robot probably is at the arrival: as it is drawn where bodies are commanded. */
+export const asArrived = (before, after, site) => (after.commands?.bodies?.length ? after : withCommandedRoot(before, after, site));
+
+/* What is at a time between poses, or the one at the end that is nearest. */
+export function between(poses, time) {
+  const after = poses.findIndex((pose) => pose.time > time);
+  return after < 1 ? poses[after < 0 ? poses.length - 1 : 0] : interpolate(poses[after - 1], poses[after], time);
+}
+
+/* The start and all keyframes, each changed by what came before it. */
+export const following = (change, start, frames, site) => frames.reduce((poses, frame) => [...poses, change(poses[poses.length - 1], frame, site)], [start]);
+
 // no robot's root is this far above or below the floor (m); how far a quaternion may be from unit length; a day (s)
 const HIGHEST = 5, UNIT = 1e-2, LONGEST = 86400;
 const POSE = ["root_pos", "root_quat", "joint_pos"];
@@ -124,10 +146,16 @@ export function write(timeline) {
   const frames = timeline.toKeyframes();
   const content = {
     format: "plat-keyframes", version: frames.some((frame) => mask(frame, site)) ? 2 : 1, robot: site.robot, quaternion_order: "wxyz",
-    start: entry(timeline.start), keyframes: frames.map((frame) => ({ time: frame.time, ...entry(frame) })),
+    start: entry({ ...timeline.start, commands: null }), keyframes: frames.map((frame) => ({ time: frame.time, ...entry(frame) })),
   };
   return JSON.stringify(content, null, 2) + "\n";
 }
+
+const holdName = (frame) => `${frame.name || ""} ${HOLD}`.trim();
+
+/* Whether a keyframe of a file only ends the hold of the one before it: all but its time is the same. */
+const endsHold = (before, frame, site) =>
+  frame.name === holdName(before) && String(mask(frame, site)) === String(mask(before, site)) && frame.qpos.every((value, index) => value === before.qpos[index]);
 
 /* Timeline of a start and keyframes, one of them selected (0 is the start). Every edit returns a new one. */
 export class Timeline {
@@ -139,7 +167,7 @@ export class Timeline {
     const frames = [], holds = [];
     for (const frame of keyframes) {
       const last = frames[frames.length - 1];
-      if (last && (frame.name || "").endsWith(HOLD) && frame.qpos.every((value, index) => value === last.qpos[index])) holds[holds.length - 1] = round(frame.time - last.time);
+      if (last && endsHold(last, frame, site)) holds[holds.length - 1] = round(frame.time - last.time);
       else { frames.push(frame); holds.push(0); }
     }
     return new Timeline(site, start, frames, holds, Math.min(1, frames.length));
@@ -178,7 +206,7 @@ export class Timeline {
   toKeyframes() {
     return this.keyframes.flatMap((frame, index) => {
       const hold = this.holds[index];
-      return hold ? [frame, { ...frame, time: round(frame.time + hold), name: `${frame.name || ""} ${HOLD}`.trim() }] : [frame];
+      return hold ? [frame, { ...frame, time: round(frame.time + hold), name: holdName(frame) }] : [frame];
     });
   }
 
@@ -194,7 +222,7 @@ export class Timeline {
         result.push({ ...interpolate(before, frame, time), name: frame.name && `${frame.name} ${part}/${parts}`, commands: frame.commands });
       }
       result.push(frame);
-      before = frame;
+      before = asArrived(before, frame, this.site);
     }
     const ends = this.keyframes.map((frame, index) => frame.time + this.holds[index] + 1e-6);
     return result.map((frame) => ({ ...frame, number: ends.findIndex((end) => frame.time <= end) + 1 }));

@@ -3,7 +3,7 @@ import loadMujoco from "mujoco";
 import * as ort from "onnxruntime-web";
 import { Chase } from "./chase.mjs";
 import { verdict } from "./feasibility.mjs";
-import { Timeline, mask, read, write } from "./keyframes.mjs";
+import { Timeline, asArrived, mask, read, write } from "./keyframes.mjs";
 import { Policy } from "./policy.mjs";
 import { Robot } from "./robot.mjs";
 import { conjugate, fromHeadingPitchRoll, headingPitchRoll, multiply } from "./rotations.mjs";
@@ -62,6 +62,7 @@ class Studio {
     this.notes = [];
     this.saved = this.timeline;
     this.scores = {};
+    this.refusals = {}; // why a policy did not play when all were compared
     this.busy = []; // what the page waits for
     this.scene = new Scene(document.querySelector("#root .view"), robot, {
       grab: () => this.grab(), drag: (target) => this.drag(target), release: () => { this.grip = null; this.gesture = null; this.show(); },
@@ -131,6 +132,7 @@ class Studio {
     this.timeline = timeline;
     this.end();
     this.scores = {};
+    this.refusals = {};
     this.cursor = timeline.pose.time;
     clearTimeout(this.autosave);
     this.autosave = setTimeout(() => { try { localStorage.setItem(AUTOSAVE, timeline.keyframes.length ? write(timeline) : ""); } catch { /* a private window */ } }, 1000);
@@ -275,10 +277,10 @@ class Studio {
     let before = start, end = 0;
     const result = keyframes.map((frame, index) => {
       const seconds = Math.round((frame.time - end) * 1e6) / 1e6, held = holds[index] > 0 || index === keyframes.length - 1;
-      const kept = this.known.get(frame), same = kept && kept.before === before && kept.seconds === seconds && kept.held === held;
-      const one = same ? kept : { before, seconds, held, verdict: verdict(this.robot, before, frame, seconds, held) };
+      const from = String(before.qpos), kept = this.known.get(frame), same = kept && kept.from === from && kept.seconds === seconds && kept.held === held;
+      const one = same ? kept : { from, seconds, held, verdict: verdict(this.robot, before, frame, seconds, held) };
       known.set(frame, one);
-      before = frame;
+      before = asArrived(before, frame, this.site);
       end = frame.time + holds[index];
       return one.verdict;
     });
@@ -305,6 +307,7 @@ class Studio {
     const players = names.map((name) => new Chase(this.robot, this.policies[name], this.timeline.start, this.timeline.sequence(this.policies[name].maxSteps)));
     this.end();
     this.scores = {};
+    this.refusals = {};
     this.players = players;
     this.cursor = 0;
   }
@@ -337,26 +340,30 @@ class Studio {
   /* Score all policies on the keyframes as they are, at full speed. */
   async compare() {
     if (this.comparing) return;
-    const { timeline, site, robot } = this, results = {};
+    const { timeline, site } = this, results = {}, refusals = {};
     timeline.sequence(site.max_steps); // that there is something to play
     this.comparing = true;
     try {
       for (const name of site.policies) {
         this.busy = [`Playing ${name} at full speed …`];
         this.show();
-        const chase = new Chase(robot, this.policies[name], timeline.start, timeline.sequence(this.policies[name].maxSteps));
-        while (!chase.finished) {
-          if (chase.taken % 10 === 0) await new Promise((done) => setTimeout(done)); // the page lives on
-          await chase.step();
-        }
-        results[name] = chase.scorer.scores();
+        try { results[name] = await this.scored(name, timeline); } catch (error) { refusals[name] = error.message; }
       }
-      if (this.timeline.keyframes === timeline.keyframes && this.timeline.start === timeline.start) this.scores = results;
+      if (this.timeline.keyframes === timeline.keyframes && this.timeline.start === timeline.start) Object.assign(this, { scores: results, refusals });
     } finally {
       this.comparing = false;
       this.busy = [];
       this.show();
     }
+  }
+
+  async scored(name, timeline) {
+    const policy = this.policies[name], chase = new Chase(this.robot, policy, timeline.start, timeline.sequence(policy.maxSteps));
+    while (!chase.finished) {
+      if (chase.taken % 10 === 0) await new Promise((done) => setTimeout(done)); // the page lives on
+      await chase.step();
+    }
+    return chase.scorer.scores();
   }
 
   async forward() {
@@ -485,8 +492,9 @@ class Studio {
       }
       return element;
     };
-    this.at.scores.replaceChildren(...Object.entries(this.scores).map(([name, scores]) => table(name, scores)));
-    if (!Object.keys(this.scores).length) this.at.scores.textContent = "Press Play (space) to see what the policy makes of the keyframes.";
+    const refused = Object.entries(this.refusals).map(([name, why]) => Object.assign(document.createElement("p"), { textContent: `${name} did not play: ${why}` }));
+    this.at.scores.replaceChildren(...Object.entries(this.scores).map(([name, scores]) => table(name, scores)), ...refused);
+    if (!this.at.scores.childElementCount) this.at.scores.textContent = "Press Play (space) to see what the policy makes of the keyframes.";
   }
 }
 

@@ -1,0 +1,49 @@
+from types import SimpleNamespace
+
+import pytest
+
+from plat.errors import StudioError
+from plat.robots import G1
+
+pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
+pytest.importorskip("viser", reason="the extra plat-rl[studio] is not installed")
+
+from plat.studio.app import Studio
+from plat.studio.checker import Checker
+from plat.studio.panels import TimelinePanel
+from plat.studio.session import Session
+
+
+@pytest.fixture
+def panel(policies) -> TimelinePanel:
+    """A panel that does at once what it is asked."""
+    desk = SimpleNamespace(ask=lambda task, once=False: task())
+    return TimelinePanel(SimpleNamespace(session=Session(G1, policies), desk=desk), Checker(G1), {})
+
+
+@pytest.mark.parametrize("value", [[1], {"1x": 1}, None, 3, "9x", [[1] * 500]])
+def test_a_speed_that_is_none_is_named(panel, value):
+    with pytest.raises(StudioError, match="expected one of 1x, 1/2, 1/4, 1/10$") as error:
+        panel.receive({"do": "speed", "value": value})
+    assert len(str(error.value)) < 500
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        {"do": "select", "number": [1]},
+        {"do": "seek", "time": float("nan")},
+        {"do": "step", "value": 10**400},
+        {"do": "retime"},
+    ],
+)
+def test_what_is_no_number_is_named(panel, message):
+    with pytest.raises(StudioError, match="expected a number"):
+        panel.receive(message)
+
+
+@pytest.mark.parametrize(("frames", "shown"), [(10, 10.0), (1000, 30.0), (1, 5.0), (float("nan"), 30.0), ("10", 30.0)])
+def test_a_browser_says_how_often_it_draws(frames, shown):
+    studio = SimpleNamespace(_frames=30.0)
+    Studio._suit(studio, {"do": "browser", "frames": frames})
+    assert studio._frames == shown
