@@ -20,12 +20,13 @@ from plat.errors import ConfigError, RenderingError
 from plat.evaluation.model_error import model_errors
 from plat.figures import save_figure
 from plat.figures.model_error_plot import model_error_plot
-from plat.modules import DynamicsModel
+from plat.modules import DynamicsConfig, DynamicsModel
 from plat.motions import MotionLibrary
 from plat.objectives import ExploitationWatch, ImaginationLearner, ImaginationLoss, exploring
 from plat.recipes.options import ImaginationRecipe
 from plat.runs import DYNAMICS_FILE, Budget, Run, load_dynamics, run_inputs
 from plat.runs.announce import begins
+from plat.spec.timing import Timing
 from plat.tasks import SimulatedTask, Task
 from plat.tasks.disturbed import measuring
 
@@ -72,6 +73,7 @@ def learn(
     start = None
     if recipe.init_model:
         start = load_dynamics(recipe.init_model, library.robot, device, num_parameters)
+        recipe = _shaped_like(start, recipe, library.dt)
     inputs = run_inputs(library, init=init, init_model=start)
     if start is not None:
         model = start
@@ -142,6 +144,19 @@ def learn(
         if unseen is not None:
             report_model_error(recipe.out, model, SimulatedTask(make_task(unseen), 64, device=device), actor)
         run.finish()
+
+
+def _shaped_like(start: DynamicsModel, recipe: ImaginationRecipe, dt: float) -> ImaginationRecipe:
+    """Return the recipe with the shape of the model that it goes on from, which has to have its control step (s).
+
+    Raises:
+        PlatError: when control step or shape are others than were asked for.
+    """
+    what, layers = f"--init-model {str(recipe.init_model)!r}", start.config.hidden
+    Timing(control_dt=dt).check_control_dt(start.dt, what)
+    if recipe.model not in (DynamicsConfig(), start.config):
+        raise ConfigError(f"--model.hidden is {recipe.model.hidden}, expected {layers}, the layers of {what}")
+    return replace(recipe, model=start.config)
 
 
 def simulated_task(

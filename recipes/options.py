@@ -200,6 +200,10 @@ class ExpertModelRecipe(ImaginationRecipe):
     uniform_starts: Fraction = 0.3
     """share of the episodes that start anywhere; the others start where failures are"""
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.costs.check_dense(f"{type(self).__name__}: costs")
+
 
 @dataclass(kw_only=True)
 class ImagineRecipe(ImaginationRecipe):

@@ -6,10 +6,11 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
-from torchrl.data import LazyTensorStorage, RandomSampler, TensorDictReplayBuffer
+from torchrl.data import RandomSampler, TensorDictReplayBuffer
 
 from plat.bounds import Count, Fraction, check_value
 from plat.collectors.goals import PrivilegedGoals
+from plat.collectors.storage import DeviceStorage
 from plat.errors import ActionError
 from plat.motions.library import MotionLibrary
 from plat.precision import Precision, autocast
@@ -116,7 +117,7 @@ def dagger_buffer(
     check_value("buffer: capacity", capacity, Count)
     check_value("buffer: batch_size", batch_size, Count)
     return TensorDictReplayBuffer(
-        storage=LazyTensorStorage(capacity, device=device),
+        storage=DeviceStorage(capacity, device=device),
         sampler=RandomSampler(),
         transform=PrivilegedGoals(library, stride),
         batch_size=batch_size,

@@ -6,10 +6,11 @@ from typing import Any
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
-from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
+from torchrl.data import TensorDictReplayBuffer
 from torchrl.data.replay_buffers import ImmutableDatasetWriter, Sampler, Storage
 
 from plat.bounds import Count, Robots, check_value
+from plat.collectors.storage import DeviceStorage
 from plat.entries import check_rollout
 from plat.errors import ConfigError, ObservationError
 
@@ -49,7 +50,7 @@ class RolloutReplay:
         self._episode = torch.zeros(num_envs, dtype=torch.int64, device=device)
         self._sampler = WindowSampler(self)
         self.buffer = TensorDictReplayBuffer(
-            storage=LazyTensorStorage(num_envs * capacity, device=device), sampler=self._sampler
+            storage=DeviceStorage(num_envs * capacity, device=device), sampler=self._sampler
         )
         self._recent_sampler = WindowSampler(self)
         self._recent = TensorDictReplayBuffer(

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 import torch
-from torchrl.envs import Compose, ExcludeTransform, Transform, TransformedEnv
+from torchrl.envs import Compose, ExcludeTransform, RemoveEmptySpecs, Transform, TransformedEnv
 
 from plat.envs.configs import (
     DistillationTaskConfig,
@@ -200,4 +200,5 @@ def _assemble(
     entries = task_env.observation_spec.keys(True, True)
     working = [key for key in entries if key[0] in _WORKING_GROUPS and key not in _KEPT_STATE]
     task_env.append_transform(ExcludeTransform(*working))
+    task_env.append_transform(RemoveEmptySpecs())  # environments of several processes stack no empty group
     return task_env

@@ -28,10 +28,11 @@ class ImaginationLoss(LossModule):
 
     .. math::
         L = \frac{1}{\sum_k \gamma^k} \sum_{k=0}^{H-1} \gamma^k \left( m_k \, c(s_{k+1})
-            + \lambda_a \|a_k\|^2 + \lambda_r \|a_k - a_{k-1}\|^2 \right) + \gamma^H m_H V(s_H)
+            + \lambda_a \|a_k\|^2 + \lambda_r [k > 0] \|a_k - a_{k-1}\|^2 \right) + \gamma^H m_H V(s_H)
 
     The gradient flows through observation, policy, joint targets, model and cost, and reaches the policy alone. The
-    mask :math:`m_k` leaves out lost robots and steps after an episode's end. Norms are means over joints.
+    mask :math:`m_k` leaves out lost robots and steps after an episode's end. Norms are means over joints. The first
+    imagined step pays for no rate: the action before it was an exploring robot's.
 
     The critic V speaks for what follows the imagined steps, such as a fall that begins in them. It learns the cost
     :math:`c` to go, in which a lost robot costs ``lost_cost`` a step for good.

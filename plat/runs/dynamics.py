@@ -4,17 +4,18 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from pydantic import TypeAdapter
 from safetensors import SafetensorError
 from safetensors.torch import load_file
+from torch import Tensor
 
-from plat.errors import CheckpointError
+from plat.errors import CheckpointError, ConfigError
 from plat.modules.dynamics import DynamicsConfig, DynamicsModel
 from plat.robots.robot import Robot
 from plat.runs.allocations import LimitedAllocations
 from plat.runs.json_object import read_json
 from plat.runs.locate import CONFIG_FILE, run_folder
 from plat.runs.saved_run import save_weights
+from plat.spec.timing import Timing
 
 __all__ = ["DYNAMICS_FILE", "load_dynamics", "save_dynamics"]
 
@@ -22,14 +23,14 @@ DYNAMICS_FILE = "dynamics.safetensors"
 
 
 def save_dynamics(folder: Path, model: DynamicsModel) -> None:
-    """Write the weights of a model into a run's folder; its settings are saved with the recipe's."""
+    """Write the weights of a model into a run's folder; its control step is that of the run's policy."""
     save_weights(folder / DYNAMICS_FILE, model)
 
 
 def load_dynamics(
     folder: Path, robot: Robot, device: torch.device | str = "cpu", num_parameters: int = 0
 ) -> DynamicsModel:
-    """Return the dynamics model that a run has learned.
+    """Return the dynamics model that a run has learned, in the shape of its weights, at the run's control step.
 
     Args:
         folder: run directory of ``plat expert-model`` or ``plat imagine``, or the name of weights that come with plat.
@@ -41,22 +42,45 @@ def load_dynamics(
         CheckpointError: naming file and field, when the run has no model, or one of another robot.
     """
     folder = run_folder(folder)
-    path, settings = folder / DYNAMICS_FILE, read_json(folder / CONFIG_FILE)
+    path, dt = folder / DYNAMICS_FILE, _control_dt(folder / CONFIG_FILE)
     if not path.exists():
         raise CheckpointError(f"{str(path)!r}: no such file; expected the run of `plat expert-model` or `plat imagine`")
-    shape: Any = settings
-    for name in ("recipe", "settings", "model"):
-        shape = shape.get(name, {}) if isinstance(shape, dict) else {}
     try:
-        weights, config = load_file(path), TypeAdapter(DynamicsConfig).validate_python(shape)
+        weights = load_file(path)
+        config = DynamicsConfig(hidden=_hidden(weights))
         told = len(weights["mean"]) - len(DynamicsModel(robot, DynamicsConfig(hidden=(1,))).mean)
         with LimitedAllocations():
-            trained = model = DynamicsModel(robot, config, num_parameters=max(told, 0))
+            trained = model = DynamicsModel(robot, config, dt, num_parameters=max(told, 0))
         trained.load_state_dict(weights)
         if told != num_parameters:
-            model = DynamicsModel(robot, config, num_parameters=num_parameters)
+            model = DynamicsModel(robot, config, dt, num_parameters=num_parameters)
             model.take_over(trained)
     except (ArithmeticError, KeyError, OSError, RuntimeError, SafetensorError, TypeError, ValueError) as error:
         first = str(error).strip().partition("\n")[0]
         raise CheckpointError(f"{str(path)!r}: not a model of robot {robot.name!r} ({first})") from error
     return model.to(device)
+
+
+def _hidden(weights: dict[str, Tensor]) -> tuple[int, ...]:
+    """Return the sizes of the hidden layers of a model's weights: settings may be of another model."""
+    layers = 0
+    while f"network.{2 * layers}.weight" in weights:
+        layers += 1
+    return tuple(len(weights[f"network.{2 * layer}.weight"]) for layer in range(layers - 1))
+
+
+def _control_dt(path: Path) -> float:
+    """Return the control step (s) of the policy that a run's ``config.json`` describes.
+
+    Raises:
+        CheckpointError: naming file and field, when there is no such control step.
+    """
+    policy: Any = read_json(path).get("policy")
+    timing: Any = {}
+    while isinstance(policy, dict) and not timing:  # what is built on a student has the student's
+        config, policy = policy.get("config"), policy.get("student")
+        timing = config.get("timing", {}) if isinstance(config, dict) else {}
+    try:
+        return Timing(**timing).control_dt
+    except (ArithmeticError, ConfigError, TypeError) as error:
+        raise CheckpointError(f"{str(path)!r}: policy: {error}") from None

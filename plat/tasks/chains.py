@@ -20,8 +20,6 @@ from plat.tasks.settings import CHAIN_FAMILIES
 __all__ = ["CHAIN_FAMILIES", "KeyframeChains", "draw_chains"]
 
 
-# control steps of a second
-_SECOND = 50
 # Frames of a library that are looked at for resting poses, at most about, and at a time.
 _LOOKED_AT, _CHUNK = 1 << 22, 1 << 16
 # Holds after a chain (s), the fraction of long ones, and of the poses of motions, which are there to be held.
@@ -80,7 +78,7 @@ def draw_chains(
     ===========  ==================================================================================  =======
 
     A quarter of the chains that stay in place end in a hold of 15 s: who drifts falls late. Where the timing allows
-    more than a second, three of ten keyframes take up to its longest command.
+    more than a second, three of ten keyframes take up to its longest command. Where it allows less, none takes longer.
 
     Args:
         library: motions with the resting poses; families that need some are left out where there are none, and those
@@ -88,7 +86,7 @@ def draw_chains(
         count: number of chains.
         families: some of :data:`CHAIN_FAMILIES`.
         seed: draws them, apart from the global generator.
-        timing: of the policy.
+        timing: of the policy; None for the default at the control step of the motions.
 
     Raises:
         TaskError: for an unknown family, or where none of the families can be drawn.
@@ -102,36 +100,38 @@ def draw_chains(
     unknown = [family for family in families if family not in CHAIN_FAMILIES]
     if unknown:
         raise TaskError(f"families: {unknown[0]!r}, expected some of {CHAIN_FAMILIES}")
+    timing = timing or Timing(control_dt=library.dt)
+    longest, second = timing.max_steps, timing.steps(1.0)
+    usual = (min(max(1, timing.steps(0.5)), longest), min(second, longest) + 1)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         resting = _resting_poses(library).cpu()
-        longest = (timing or Timing()).max_steps
         drawn = [
             family
             for family in (FAMILY_TABLE[name] for name in families)
             if (len(resting) or not family.resting)
-            and (longest >= 2 * _SECOND or not _distant(family))
+            and (longest >= 2 * second or not _distant(family))
             and (all(hands_of(library.robot)) or not family.needs_hands)
         ]
         if not drawn:
             raise TaskError(
                 f"families: {', '.join(families)} start from poses at rest, which the motions have none of, need a "
-                f"longest command of {2 * _SECOND} steps, or hands"
+                f"longest command of {2 * second} steps, or hands"
             )
         parts: list[tuple[ChainFamily, Tensor, Tensor, Tensor]] = []
         for number, family in enumerate(drawn[:count]):
             share = (count - number - 1) // len(drawn) + 1  # the first families have one more where it does not divide
             poses = _chains(family, share, library.robot, resting)
-            steps = torch.randint(_SECOND // 2, _SECOND + 1, poses.shape[:2])
+            steps = torch.randint(*usual, poses.shape[:2])
             if _distant(family):
-                steps = torch.randint(round(family.interval[0] * _SECOND), longest + 1, poses.shape[:2])
-            elif longest > _SECOND and not family.out_of_reach:
+                steps = torch.randint(timing.steps(family.interval[0]), longest + 1, poses.shape[:2])
+            elif longest > second and not family.out_of_reach:
                 slow = torch.rand(poses.shape[:2]) < 0.3
-                steps = torch.where(slow, torch.randint(_SECOND, longest + 1, poses.shape[:2]), steps)
+                steps = torch.where(slow, torch.randint(second, longest + 1, poses.shape[:2]), steps)
             hold = torch.full((share,), _HOLD_OF_MOTIONS if family.same else _HOLD)
             if family.way is None:
                 hold[torch.rand(share) < _LONG] = _LONG_HOLD
-            parts.append((family, poses, steps, (hold * _SECOND).long()))
+            parts.append((family, poses, steps, (hold / timing.control_dt).round().long()))
     return _joined(parts, library)
 
 

@@ -43,9 +43,12 @@ class DenseTracking(Task):
         library: motions.
         goals: groups in which the reference is shown, and how many frames ahead each is; those of
             :attr:`plat.modules.Expert.goals`.
-        costs: weights of the cost.
+        costs: weights of the cost; those of keyframes are the default.
         reset_noise: on the starting states; None starts on the reference.
         uniform: share of the starts that is uniform over the motions; the others are where episodes failed.
+
+    Raises:
+        ConfigError: for a weight of keyframes in ``costs``.
 
     >>> from plat.motions import generate_motions
     >>> task = DenseTracking(MotionLibrary.from_clips(generate_motions("train", seconds=8)))
@@ -68,6 +71,7 @@ class DenseTracking(Task):
     ):
         super().__init__(library.robot, library.dt)
         self.costs = costs or TrackingCosts()
+        self.costs.check_dense("DenseTracking: costs")
         self.reset_noise = reset_noise
         self.table = PoseTable.of_library(library)
         self.starts = ClipStarts(library, uniform=uniform)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from plat.bounds import Bounded, Count, Fraction, NonNegative, NotEmpty
+from plat.errors import ConfigError
 from plat.keyframes.chain_families import FAMILY_TABLE
 
 __all__ = ["CHAIN_FAMILIES", "AuthoredCosts", "TimedKeyframesConfig", "TrackingCosts"]
@@ -31,6 +32,21 @@ class TrackingCosts(Bounded):
     """of the end effectors in the arrival window of a whole keyframe, mean over them (m)"""
     miss: NonNegative = 0.0
     """of errors in the arrival window beyond 0.6 of the thresholds by which a keyframe is missed, in thresholds"""
+
+    def check_dense(self, what: str) -> None:
+        """Raise an error for weights that cost nothing along a dense reference, which has no keyframes.
+
+        Args:
+            what: holds these weights; begins the message.
+
+        Raises:
+            ConfigError: naming the first of them that is not the default.
+        """
+        for name in ("bodies", "end_effectors", "miss"):
+            value, default = getattr(self, name), getattr(TrackingCosts, name)
+            if value != default:
+                why = "it is of keyframes, and a dense reference has none"
+                raise ConfigError(f"{what}.{name} is {value:g}, expected {default:g}: {why}")
 
 
 @dataclass(frozen=True)

@@ -62,9 +62,12 @@ class TimedKeyframes(Task):
     Args:
         library: motions.
         config: sources and costs.
-        timing: longest command and arrival window.
+        timing: of the policy; None for the default at the control step of the motions.
         reset_noise: on the starting states; None starts on the reference.
         seed: draws the authored chains.
+
+    Raises:
+        PlatError: when motions or ``config.shortest`` do not fit the timing, or no chains can be drawn.
 
     >>> from plat.motions import generate_motions
     >>> library = MotionLibrary.from_clips(generate_motions("train", seconds=8))
@@ -98,7 +101,8 @@ class TimedKeyframes(Task):
     ):
         super().__init__(library.robot, library.dt)
         self.config = config = config or TimedKeyframesConfig()
-        self.timing = timing or Timing()
+        self.timing = timing or Timing(control_dt=library.dt)
+        self.timing.check_control_dt(library.dt, f"motion library of {library.num_clips} clips")
         self.timing.check_steps(config.shortest, "shortest command along a motion (task.shortest)")
         self.reset_noise = reset_noise
         self.chains = chains = draw_chains(library, config.chains, config.families, seed=seed, timing=self.timing)
@@ -187,19 +191,19 @@ class TimedKeyframes(Task):
         return state, self.renew(memory.set("authored", torch.ones_like(memory["authored"])), state)
 
     def observe(self, state: GeneralizedState, memory: TensorDictBase) -> TensorDict:
-        """Groups ``"robot"``, ``"goal"``, ``"command"``, ``"clock"``; ``"parts"`` where keyframes are partial."""
+        """Groups ``"robot"``, ``"goal"``, ``"command"``, ``"clock"``, and ``"parts"``: of whole poses all ones."""
         parts = self.parts[memory["parts"]] if self.partial else None
         here = self._on_motion(state, memory)
         goal = robot_centric_goal(self.table.pose(memory["goal"]), here.root_pos_w, here.root_quat_w, parts)
         steps_left = memory["steps_left"][:, None]
+        shown = self.parts[:1].expand(len(steps_left), -1) if parts is None else parts
         groups = {
             "robot": robot_entries(state, memory["last_action"], self.robot),
             "goal": goal,
             "command": {"horizon": steps_left / self.timing.max_steps},
+            "parts": parts_entries(shown, self.robot),
             "clock": clock_entries(steps_left, self.timing),
         }
-        if parts is not None:
-            groups["parts"] = parts_entries(parts, self.robot)
         batch, device = memory.batch_size, memory["goal"].device
         entries = {name: TensorDict(group, batch, device=device) for name, group in groups.items()}
         return TensorDict(entries, batch, device=device)
@@ -256,7 +260,7 @@ class TimedKeyframes(Task):
     def _draw_steps(self, frame: Tensor) -> Tensor:
         """Lengths of commands along motions, like ``frame``."""
         config, longest = self.config, self.timing.max_steps
-        usual = min(round(1.0 / self.dt), longest)
+        usual = max(min(self.timing.steps(1.0), longest), config.shortest)
         drawn = torch.randint_like(frame, config.shortest, usual + 1)
         if usual == longest:
             return drawn
@@ -311,16 +315,16 @@ class TimedKeyframes(Task):
             parts, whole = self.parts[memory["parts"]], memory["parts"] == 0
             along = torch.where(whole, 1.0, self.config.partial_tracking) * along
             at_goal, at_line = (partial_pose_cost(state, pose, parts, weights) for pose in (goal, line))
-            at_line = at_line + torch.where(whole, 0.0, moderate.not_commanded / share) * pose_cost(
-                state, line, weights
-            )
+            left_open = torch.where(whole, 0.0, moderate.not_commanded) * pose_cost(state, line, weights)
         else:
             at_goal, at_line = pose_cost(state, goal, weights), pose_cost(state, line, weights)
+            left_open = torch.zeros_like(at_line)
         points = self._points_cost(state, memory, in_window)
         at_goal, at_line = at_goal + points, at_line + points
         along = along + in_window * at_goal
         authored = (
             share * at_line
+            + left_open
             + moderate.height * (state.root_pos_w[:, 2] - line.root_pos_w[:, 2]).abs()
             + moderate.root_lin_vel * smooth_length(state.root_lin_vel_w)
             + moderate.root_ang_vel * state.root_ang_vel_b.abs().mean(-1)
@@ -348,7 +352,8 @@ class TimedKeyframes(Task):
         if self.partial:
             whole, parts = memory["parts"] == 0, self.parts[memory["parts"]]
             bodies = torch.where(whole[:, None], bodies, parts[:, self.robot.num_joints : -3])
-            counts = torch.where(whole, counts, (in_window | authored) & (bodies > 0).any(-1))
+            commanded = (in_window | authored) & (bodies > 0).any(-1)
+            counts = torch.where(whole, counts, commanded | (in_window & (weights.miss > 0)))
             weight = torch.where(whole, weight, weights.bodies)
 
         def of(rows: Tensor | slice) -> Tensor:

@@ -1,5 +1,6 @@
 import pytest
 import torch
+from tensordict import TensorDict
 from torchrl.collectors import Collector
 
 from plat.collectors import LOOKUP_KEYS, ExpertLabels, MixedPolicy, dagger_buffer
@@ -107,3 +108,13 @@ def test_states_that_are_not_finite_are_not_labeled(library, entry):
     rollout[entry].view(-1)[50] = float("nan")
     with pytest.raises(ActionError, match=r"rollout: .* holds NaN or infinity; nothing of it is kept"):
         labels(rollout)
+
+
+def test_what_is_loaded_is_on_the_device_of_the_buffer(library):
+    buffer = dagger_buffer(library, capacity=50, batch_size=16)
+    buffer.extend(TensorDict({"robot": {"joint_pos": torch.zeros(20, 29)}}, [20]))
+    # "meta" stands for a GPU: a checkpoint is read to the CPU
+    resumed = dagger_buffer(library, capacity=50, batch_size=16, device="meta")
+    resumed.load_state_dict(buffer.state_dict())
+    assert len(resumed) == 20
+    assert resumed.storage[:]["robot", "joint_pos"].device.type == "meta"

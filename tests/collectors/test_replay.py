@@ -72,3 +72,31 @@ def test_what_a_sample_costs_does_not_grow_with_the_storage():
         return best
 
     assert seconds(2000) < 8 * seconds(100)  # of a storage that is 20 times as large
+
+
+def test_what_is_loaded_is_on_the_device_of_the_replay(replay):
+    # "meta" stands for a GPU: a checkpoint is read to the CPU
+    resumed = RolloutReplay(4, 20, ["robot", "group"], device="meta")
+    resumed.load_state_dict(replay.state_dict())
+    rows = resumed.buffer.storage[:]
+    assert {value.device.type for value in rows.values(True, True)} == {"meta"}
+    assert rows.device.type == "meta"
+
+
+def test_an_empty_replay_is_loaded_as_it_is():
+    resumed = RolloutReplay(4, 20, ["robot"])
+    resumed.load_state_dict(RolloutReplay(4, 20, ["robot"]).state_dict())
+    resumed.extend(rollout(0))
+    assert (len(resumed), len(resumed.states(9))) == (5, 9)
+
+
+def test_a_replay_goes_on_from_its_state(replay):
+    resumed = RolloutReplay(4, 20, ["robot", "group"])
+    resumed.load_state_dict(replay.state_dict())
+    for each in (replay, resumed):
+        each.extend(rollout(25))
+    assert resumed.buffer.storage[:]["group", "time"].equal(replay.buffer.storage[:]["group", "time"])
+    torch.manual_seed(1)
+    wanted = replay.windows(8, 4)["group", "time"]
+    torch.manual_seed(1)
+    assert resumed.windows(8, 4)["group", "time"].equal(wanted)

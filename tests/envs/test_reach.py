@@ -75,3 +75,24 @@ def test_who_is_down():
     assert bool(down(robots(keypoint_pos_w=low), robots(keypoint_pos_w=upright), limits))
     assert not bool(down(robots(keypoint_pos_w=low), robots(keypoint_pos_w=low), limits))
     assert not bool(down(robots(keypoint_pos_w=low), robots(keypoint_pos_w=upright), ReachLimits(fallen_height=0.2)))
+
+
+@pytest.mark.parametrize(
+    ("parts", "fell_low", "fell_tilted"),
+    [
+        (WHOLE, False, False),
+        (Parts.only(G1, bodies=["left_wrist_yaw_link"]), True, True),
+        (Parts.only(G1, root=["height"]), False, True),
+        (Parts.only(G1, bodies=["pelvis"]), False, True),
+        (Parts.only(G1, root=["horizontal", "orientation"]), True, False),
+    ],
+)
+def test_how_a_root_is_drawn_that_is_not_commanded_excuses_no_fall(parts, fell_low, fell_tilted):
+    low, up = torch.zeros(1, 14, 3), torch.zeros(1, 14, 3)
+    low[..., 2], up[..., 2] = 0.3, 0.76
+    lying = torch.tensor([math.sqrt(0.5), 0, math.sqrt(0.5), 0]).expand(1, 14, 4)
+    for robot, fell in (
+        (robots(keypoint_pos_w=low), fell_low),
+        (robots(keypoint_pos_w=up, keypoint_quat_w=lying), fell_tilted),
+    ):
+        assert bool(down(robot, robot.clone(), ReachLimits(), mask(parts))) is fell

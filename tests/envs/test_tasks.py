@@ -1,6 +1,6 @@
 import pytest
 import torch
-from torchrl.envs import Transform
+from torchrl.envs import SerialEnv, Transform
 from torchrl.envs.utils import check_env_specs
 
 from plat.envs import (
@@ -57,7 +57,8 @@ def test_partial_resets_agree_with_whole_ones(library):
     keep = ~mask[:, 0]
     for key in state.keys(True, True):
         assert torch.equal(after[key][keep], state[key][keep]), key
-    whole = env.transform[-2].compute(env.transform[-2]._reset(state.empty(), env.base_env._observe()))
+    last = [transform for transform in env.transform if isinstance(transform, ObservationTransform)][-1]
+    whole = last.compute(last._reset(state.empty(), env.base_env._observe()))
     for key, value in whole.items():
         torch.testing.assert_close(after[key][~keep], value[~keep])
 
@@ -120,3 +121,12 @@ def test_transforms_of_ones_own(library, make):
     assert rollout["next", "terminated"].all()
     starts = next(transform for transform in env.transform if isinstance(transform, FailureWeightedStarts))
     assert starts.failures.sum() > 0  # it hears of failures that end an episode
+
+
+@pytest.mark.parametrize("make", [make_tracking_env, make_keyframe_env])
+def test_environments_side_by_side(library, make):
+    env = SerialEnv(2, lambda: make(library, 3))
+    rollout = env.rollout(4, break_when_any_done=False)
+    assert rollout.shape == (2, 3, 4)
+    assert rollout.get("reference", None) is None
+    env.close()

@@ -18,6 +18,8 @@ from plat.envs.randomized_physics import num_physics
 from plat.envs.transforms import HORIZONS
 from plat.evaluation import evaluate
 from plat.modules import (
+    DynamicsConfig,
+    DynamicsModel,
     Expert,
     FinetunedPolicy,
     LatentPolicy,
@@ -27,7 +29,7 @@ from plat.modules import (
 )
 from plat.recipes import expert_model, imagine
 from plat.robots import G1
-from plat.runs import load_dynamics, load_policy
+from plat.runs import SavedRun, load_dynamics, load_policy, save_dynamics, write_json
 from tests.export.runs import small_policy, write_run
 
 ROOT = Path(__file__).parents[2]
@@ -209,3 +211,61 @@ def test_motions_have_the_control_step_of_the_policy(tmp_path, monkeypatch, reci
     about = ["--policy.timing.control-dt", "0.04", "--device", "cpu", "--steps", "10", "--out", str(tmp_path / "run")]
     main([name, *sizes, *about])
     assert seen == [0.04]
+
+
+QUICK: list[object] = [
+    *("--motions", "generated:val@8", "--unseen", "--num-envs", 8, "--replay", 64, "--device", "cpu"),
+    *("--imagination.warmup", 0, "--imagination.steps", 2, "--imagination.window", 4),
+    *("--imagination.model-batch", 8, "--imagination.policy-batch", 8, "--imagination.recent", 16),
+    *("--policy.backbone", 16, "--policy.decoder", 16, "--task.chains", 3, "--task.families", "arms", "--steps", 64),
+]
+
+
+@pytest.fixture
+def of_a_model(tmp_path) -> list[object]:
+    """Arguments that go on from a run with a small model at 0.01 s, whose settings do not say its shape."""
+    folder = tmp_path / "before"
+    folder.mkdir()
+    write_json(folder / "config.json", {"policy": {"config": {"timing": {"control_dt": 0.01}}}})
+    save_dynamics(folder, DynamicsModel(G1, DynamicsConfig(hidden=(8, 24))))
+    return [*QUICK, "--init-model", folder]
+
+
+def test_the_shape_of_a_model_is_handed_on(tmp_path, of_a_model):
+    out = tmp_path / "run"
+    arguments = ["imagine", *map(str, of_a_model), "--policy.timing.control-dt", "0.01", "--out", str(out)]
+    main(arguments)
+    assert SavedRun(out).settings["model"] == {"hidden": [8, 24]}
+    model = load_dynamics(out, G1)
+    assert (model.config.hidden, model.dt) == ((8, 24), 0.01)
+    main([*arguments, "--resume"])
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        ([], r"--init-model '.*before': control step of 0.01 s, expected the policy's 0.02 s"),
+        (
+            ["--policy.timing.control-dt", "0.01", "--model.hidden", "8", "8"],
+            r"--model.hidden is \(8, 8\), expected \(8, 24\), the layers of --init-model '.*before'",
+        ),
+    ],
+)
+def test_a_model_of_another_shape_or_control_step_is_refused(tmp_path, of_a_model, flags, message):
+    with pytest.raises(SystemExit, match=message):
+        main(["imagine", *map(str, of_a_model), *flags, "--out", str(tmp_path / "run")])
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_policy_that_sees_parts_learns_from_whole_keyframes(tmp_path):
+    arguments = [*QUICK, "--model.hidden", 16, "--policy.also", "parts", "clock", "--out", tmp_path / "run"]
+    main(["imagine", *map(str, arguments)])
+    assert float(rows_of(tmp_path / "run" / "metrics.csv")[-1]["imagined_cost"]) > 0
+
+
+@pytest.mark.parametrize(("cost", "default"), [("miss", 0), ("end_effectors", 0), ("bodies", 2)])
+def test_an_expert_has_no_costs_of_keyframes(tmp_path, cost, default):
+    arguments = [*RECIPES["expert-model"], "--costs", f"joint_pos=4,{cost}=1", "--steps", 8, "--out", tmp_path / "x"]
+    message = rf"--costs.{cost.replace('_', '-')} is 1, expected {default}: it is of keyframes"
+    with pytest.raises(SystemExit, match=message):
+        main(["expert-model", *map(str, arguments)])

@@ -1,5 +1,6 @@
 import pytest
 import torch
+from safetensors.torch import load_file, save_file
 
 from plat.envs import GeneralizedState
 from plat.errors import CheckpointError
@@ -10,8 +11,8 @@ from plat.runs import load_dynamics, save_dynamics, write_json
 SHAPE = DynamicsConfig(hidden=(16, 16))
 
 
-def run_of(folder, hidden=(16, 16)):
-    write_json(folder / "config.json", {"recipe": {"settings": {"model": {"hidden": list(hidden)}}}})
+def run_of(folder, hidden=(16, 16), policy=None):
+    write_json(folder / "config.json", {"recipe": {"settings": {"model": {"hidden": list(hidden)}}}, "policy": policy})
     model = DynamicsModel(G1, SHAPE)
     model.spread.fill_(0.5)
     save_dynamics(folder, model)
@@ -36,9 +37,46 @@ def test_models_come_with_plat(name):
 
 
 def test_what_is_wrong_is_named(tmp_path):
-    run_of(tmp_path, hidden=(16,))
+    run_of(tmp_path)
+    weights = load_file(tmp_path / "dynamics.safetensors")
+    save_file({**weights, "network.2.weight": torch.zeros(16, 15)}, tmp_path / "dynamics.safetensors")
+    with pytest.raises(CheckpointError, match=r"dynamics.safetensors': not a model of robot 'g1'"):
+        load_dynamics(tmp_path, G1)
+    save_file({}, tmp_path / "dynamics.safetensors")
     with pytest.raises(CheckpointError, match=r"dynamics.safetensors': not a model of robot 'g1'"):
         load_dynamics(tmp_path, G1)
     (tmp_path / "dynamics.safetensors").unlink()
     with pytest.raises(CheckpointError, match=r"dynamics.safetensors': no such file"):
+        load_dynamics(tmp_path, G1)
+
+
+@pytest.mark.parametrize("hidden", [(16,), (512, 512, 512)])
+def test_a_model_has_the_shape_of_its_weights_whatever_the_settings_say(tmp_path, hidden):
+    run_of(tmp_path, hidden)
+    assert load_dynamics(tmp_path, G1).config == SHAPE
+
+
+@pytest.mark.parametrize(
+    ("policy", "dt"),
+    [
+        (None, 0.02),  # of a plat before timings
+        ({"kind": "expert", "config": {"hidden": [16]}}, 0.02),
+        ({"kind": "expert", "config": {"timing": {"control_dt": 0.01, "max_steps": 100, "window": 3}}}, 0.01),
+        ({"kind": "finetuned", "config": {}, "student": {"config": {"timing": {"control_dt": 0.04}}}}, 0.04),
+    ],
+)
+def test_a_model_has_the_control_step_of_its_run(tmp_path, policy, dt):
+    run_of(tmp_path, policy=policy)
+    assert load_dynamics(tmp_path, G1).dt == dt
+    # one that is told more of the physics as well
+    assert load_dynamics(tmp_path, G1, num_parameters=4).dt == dt
+
+
+@pytest.mark.parametrize(
+    ("timing", "message"),
+    [({"control_dt": 0}, "control_dt is 0, expected a number from 0.001 to 1"), ([0.02], "mapping"), (None, "mapping")],
+)
+def test_a_control_step_that_is_none_is_named(tmp_path, timing, message):
+    run_of(tmp_path, policy={"config": {"timing": timing}})
+    with pytest.raises(CheckpointError, match=rf"config.json': policy: .*{message}"):
         load_dynamics(tmp_path, G1)

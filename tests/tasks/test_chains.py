@@ -3,8 +3,10 @@ import torch
 
 from plat.errors import TaskError
 from plat.keyframes.partial import hands_of
+from plat.motions import MotionLibrary, generate_motions
 from plat.robots import G1
 from plat.robots.kinematics import ForwardKinematics
+from plat.spec.timing import Timing
 from plat.tasks import CHAIN_FAMILIES, draw_chains
 
 
@@ -102,3 +104,47 @@ def test_some_holds_are_long(library):
     assert {hold for family, hold in holds if family == "steps"} == {150}
     assert {hold for family, hold in holds if family == "arms"} == {150, 750}
     assert 3 < sum(hold == 750 for _, hold in holds) < 20
+
+
+def seconds(chains, dt):
+    """Times (s) between keyframes, and the holds."""
+    holds = [int(end) - int(chains.steps[chains.chain == number].sum()) for number, end in enumerate(chains.duration)]
+    return dt * chains.steps[chains.steps > 0], {round(dt * hold, 3) for hold in holds}
+
+
+@pytest.mark.parametrize("dt", [0.01, 0.02, 0.03])
+def test_times_are_in_seconds_whatever_the_control_step(dt):
+    motions = MotionLibrary.from_clips(generate_motions("train", seconds=8), dt=dt)
+    timing = Timing(control_dt=dt, max_steps=round(1 / dt))
+    between, holds = seconds(draw_chains(motions, 80, ["arms", "steps"], timing=timing), dt)
+    assert 0.49 < float(between.min()) < 0.56
+    assert 0.94 < float(between.max()) < 1.01
+    assert holds == {3.0, 15.0}
+    long = Timing(control_dt=dt, max_steps=round(3 / dt))
+    between, _ = seconds(draw_chains(motions, 80, ["distant"], timing=long), dt)
+    assert 1.49 < float(between.min()) < 1.6
+    assert 2.8 < float(between.max()) < 3.01
+
+
+@pytest.mark.parametrize("longest", [1, 20, 40])
+def test_no_keyframe_takes_longer_than_the_longest_command(library, longest):
+    steps = draw_chains(library, 80, timing=Timing(max_steps=longest)).steps
+    assert set(steps[steps > 0].tolist()) == set(range(min(25, longest), longest + 1))
+
+
+def test_without_a_timing_chains_have_the_control_step_of_the_motions():
+    motions = MotionLibrary.from_clips(generate_motions("train", seconds=8), dt=0.04)
+    between, _ = seconds(draw_chains(motions, 40, ["arms"]), 0.04)
+    assert 0.47 < float(between.min()) < 0.6
+
+
+@pytest.mark.parametrize(
+    ("longest", "wanted"),
+    [
+        (50, [42, 35, 41, 30, 50, 39, 41, 38, 36, 27, 38, 32, 45, 42, 42, 32, 28, 48, 38, 50, 29, 38]),
+        (150, [42, 109, 137, 30, 50, 39, 41, 38, 36, 84, 26, 46, 32, 41, 48, 38, 122, 81]),
+    ],
+)
+def test_a_seed_draws_the_times_that_trained_weights_know(library, longest, wanted):
+    steps = draw_chains(library, 4, ["steps", "far", "distant"], seed=7, timing=Timing(max_steps=longest)).steps
+    assert steps[steps > 0].tolist() == wanted

@@ -6,6 +6,8 @@ import torch
 from plat.envs.state import GeneralizedState
 from plat.motions import MotionLibrary, generate_motions
 from plat.robots import G1, ForwardKinematics
+from plat.rotations import quat_from_rotvec, quat_multiply
+from plat.spec.parts import Parts
 from plat.tasks import TimedKeyframes, TimedKeyframesConfig
 from plat.tasks.near_miss import NearMiss, excess
 from plat.tasks.settings import TrackingCosts
@@ -98,3 +100,32 @@ def test_the_task_adds_it_in_the_arrival_window(partial):
         costs.append([float(task.cost(high, arrival.set("steps_left", torch.tensor([left])))) for left in (3, 2)])
     assert costs[1][0] == costs[0][0]
     assert costs[1][1] - costs[0][1] == pytest.approx(2.0 * 5 * 0.2, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("commanded", "authored", "missed"),
+    [
+        # turned by 2 of 1 rad in the window; at an authored arrival 0.4 of 0.2 m away
+        ({"root": ["horizontal", "height", "orientation"]}, False, 1.4),
+        ({"root": ["horizontal", "height", "orientation"]}, True, 1.4 + 3 * 1.4),
+        ({"joints": ["left_elbow"]}, False, 0.0),
+        ({"joints": ["left_elbow"]}, True, 3 * 1.9),
+    ],
+)
+def test_keyframes_that_command_no_body_have_near_misses(library, commanded, authored, missed):
+    costs = []
+    for weight in (0.0, 2.0):
+        config = TimedKeyframesConfig(chains=6, partial=1.0, tracking=TrackingCosts(miss=weight))
+        task = TimedKeyframes(library, config, reset_noise=None)
+        task.parts[1] = torch.tensor(Parts.only(G1, **commanded).values(), dtype=torch.float32)
+        _, memory = task.authored(torch.tensor([0])) if authored else task.along(torch.tensor([5]))
+        memory["parts"] = torch.tensor([1])
+        if not authored:
+            memory["frame"] = memory["goal"].clone()
+        there = task.table.state(memory["goal"])
+        turned = quat_multiply(quat_from_rotvec(torch.tensor([[0.0, 0.0, 2.0]])), there.root_quat_w)
+        away = there.root_pos_w + torch.tensor([0.4, 0.0, 0.0])
+        off = there._replace(root_pos_w=away, root_quat_w=turned, joint_pos=there.joint_pos + 1.0)
+        costs.append([float(task.cost(off, memory.set("steps_left", torch.tensor([left])))) for left in (3, 0)])
+    assert costs[1][0] == costs[0][0]
+    assert costs[1][1] - costs[0][1] == pytest.approx(2.0 * missed, abs=1e-2)

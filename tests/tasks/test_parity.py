@@ -5,6 +5,7 @@ from torchrl.envs import TransformedEnv
 
 from plat.envs import GeneralizedState, KeyframeTaskConfig, TrackingTaskConfig, make_keyframe_env, make_tracking_env
 from plat.envs.transforms import ReferenceMotion
+from plat.modules import PlainPolicy, PlainPolicyConfig
 from plat.robots import G1
 from plat.rotations import quat_angle, quat_rotate
 from plat.tasks import DenseTracking, SimulatedTask, TimedKeyframes, TimedKeyframesConfig
@@ -134,3 +135,22 @@ def test_the_simulated_task_costs_what_an_imagined_one_would(library):
             going_on = ~after["done"][:, 0]
             assert after["memory", "last_action"].equal(before["action"])
             assert_same(task.observe(state, after["memory"])[going_on], after[going_on])
+
+
+def test_a_policy_that_sees_parts_acts_alike_on_whole_keyframes(library):
+    small = {"backbone": (16,), "hidden_size": 16, "decoder": (16,)}
+    policy = PlainPolicy(G1, PlainPolicyConfig(**small, also=("parts", "clock"))).deployed()
+    task = TimedKeyframes(library, TimedKeyframesConfig(chains=6, families=("arms",)))
+    for before in steps_of(make_keyframe_env(library, 5, KEYFRAMES), 3):
+        memory = task.along(before["motion", "frame"])[1]
+        memory["last_action"] = before["robot", "last_action"]
+        memory["goal"], memory["steps_left"] = before["command", "target_frame"], before["command", "steps_left"][:, 0]
+        observed = task.observe(state_of(before), memory)
+        assert set(observed["parts"].keys()) == {"joints", "bodies", "root"}
+        torch.testing.assert_close(policy(observed)["action"], policy(before.copy())["action"], **EXACT)
+    simulated = SimulatedTask(task, 6)
+    for before in steps_of(simulated, 20):
+        going_on = ~before["next", "done"][:, 0]
+        shown = task.observe(GeneralizedState.unpack(before["next", "robot_state"]), before["next", "memory"])
+        imagined = policy(shown)["action"]
+        torch.testing.assert_close(policy(before["next"].copy())["action"][going_on], imagined[going_on], **EXACT)

@@ -6,8 +6,9 @@ from tensordict import TensorDict
 from torchrl.envs.utils import check_env_specs
 
 from plat.envs import GeneralizedState
+from plat.errors import ConfigError
 from plat.robots import G1
-from plat.tasks import DenseTracking, SimulatedTask, Task, robot_entries
+from plat.tasks import DenseTracking, SimulatedTask, Task, TrackingCosts, robot_entries
 
 
 class Stand(Task):
@@ -74,3 +75,8 @@ def test_a_simulation_that_diverges_is_terminated(library):
     env.physics.set_state(torch.arange(2), qpos.double(), qvel.double())
     tensordict["action"] = torch.zeros(2, 29)
     assert env.step(tensordict)["next", "terminated"][:, 0].tolist() == [False, True]
+
+
+def test_a_dense_reference_has_no_costs_of_keyframes(library):
+    with pytest.raises(ConfigError, match=r"DenseTracking: costs.miss is 2, expected 0: it is of keyframes"):
+        DenseTracking(library, costs=TrackingCosts(miss=2.0))

@@ -6,9 +6,11 @@ from tensordict import TensorDict
 
 from plat.collectors import PrivilegedGoals
 from plat.envs import GeneralizedState
+from plat.errors import PlatError
 from plat.robots import G1, ForwardKinematics
 from plat.rotations import quat_from_rotvec, quat_multiply
-from plat.tasks import TimedKeyframes, TimedKeyframesConfig, TrackingCosts
+from plat.spec.timing import Timing
+from plat.tasks import AuthoredCosts, TimedKeyframes, TimedKeyframesConfig, TrackingCosts
 from plat.tasks.balance import Balance
 
 
@@ -213,3 +215,35 @@ def test_an_authored_keyframe_tells_a_posterior_nothing_more(task):
     assert (privileged["length"] == 1).all()
     goal = task.observe(state, memory)["goal"]
     torch.testing.assert_close(privileged["frames"][:, 0], torch.cat(list(goal.values()), -1))
+
+
+def test_commands_may_be_longer_than_a_second_at_least(library):
+    config = TimedKeyframesConfig(chains=6, shortest=60, distant=0.5)
+    task = TimedKeyframes(library, config, timing=Timing(max_steps=150))
+    steps = task._draw_steps(torch.zeros(400, dtype=torch.int64))
+    assert (steps == 60).float().mean() > 0.4
+    assert (int(steps.min()), int(steps.max())) == (60, 150)
+
+
+@pytest.mark.parametrize("longest", [10, 20])
+def test_tau_is_at_most_1(library, longest):
+    task = TimedKeyframes(library, TimedKeyframesConfig(chains=12), timing=Timing(max_steps=longest))
+    assert float(task.observe(*task.start(100))["command", "horizon"].max()) == 1.0
+
+
+def test_motions_have_the_control_step_of_the_timing(library):
+    with pytest.raises(PlatError, match=r"motion library of .* control step of 0.02 s, expected the policy's 0.01 s"):
+        TimedKeyframes(library, TimedKeyframesConfig(chains=6), timing=Timing(control_dt=0.01))
+
+
+@pytest.mark.parametrize("partial", [0.0, 1.0])
+def test_the_line_may_pull_at_nothing_before_the_window(library, partial):
+    config = TimedKeyframesConfig(chains=20, partial=partial, underway=AuthoredCosts(underway=0.0))
+    task = TimedKeyframes(library, config)
+    state, memory = task.authored(torch.arange(20))
+    cost = task.cost(state, memory)
+    assert cost.isfinite().all()
+    # a partial keyframe leaves the line's pull to what it does not command
+    aside = state._replace(root_pos_w=state.root_pos_w + torch.tensor([0.0, 0.5, 0.0]))
+    pull = config.underway.not_commanded * config.tracking.root_pos * 0.5 if partial else 0.0
+    assert float((task.cost(aside, memory) - cost).mean()) == pytest.approx(pull, abs=0.01)

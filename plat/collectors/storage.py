@@ -1,0 +1,30 @@
+"""Storage of a replay buffer that a run resumes with."""
+
+from typing import Any
+
+from torchrl.data import LazyTensorStorage
+
+__all__ = ["DeviceStorage"]
+
+
+class DeviceStorage(LazyTensorStorage):
+    """TorchRL's ``LazyTensorStorage`` whose rows are on its device after a checkpoint was loaded as well.
+
+    TorchRL's own, while it is empty, keeps the rows where the checkpoint has them: on the CPU.
+
+    >>> import torch
+    >>> from tensordict import TensorDict
+    >>> filled = DeviceStorage(4)
+    >>> filled.set(0, TensorDict({"x": torch.ones(1)}, []))
+    >>> loaded = DeviceStorage(4, device="meta")
+    >>> loaded.load_state_dict(filled.state_dict())
+    >>> loaded[:]["x"].device
+    device(type='meta')
+    """
+
+    _storage: Any
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Restore a state of :meth:`state_dict`."""
+        super().load_state_dict(state_dict)
+        self._storage = self._storage.to(self.device)
