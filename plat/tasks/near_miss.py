@@ -30,7 +30,8 @@ class NearMiss:
 
     Along motions those are the thresholds of TKS, in every step of the arrival window: heights of anchor and end
     effectors, or of the bodies that a partial keyframe commands, and the root's orientation. Of authored keyframes
-    they are those of *reached* as well, at the arrival: root, joints and commanded bodies.
+    they are those of *reached* as well, at the arrival: root, joints, commanded bodies and, of partial keyframes, the
+    root's orientation.
 
     Args:
         anchor: index of the anchor among the K keypoints.
@@ -71,13 +72,15 @@ class NearMiss:
         bodies = torch.where(whole, 0.0, commanded[:, joints:-3])
         off = points - wanted
         heights = excess(off[..., 2].abs(), limits.window.end_effector_height)
-        turn = excess(smooth_angle(state.root_quat_w, pose.root_quat_w), limits.window.anchor_rot_squared**0.5)
+        angle = smooth_angle(state.root_quat_w, pose.root_quat_w)
+        turn = commanded[:, -1] * excess(angle, limits.window.anchor_rot_squared**0.5)
         looked_at = torch.where(whole, constant(self._whole, heights), bodies)
-        missed = (heights * looked_at).sum(-1) + commanded[:, -1] * turn
+        missed = (heights * looked_at).sum(-1) + turn
         late = (
             excess(smooth_length(root_offset(state, pose, commanded)), limits.root)
             + excess(joint_error(state, pose, commanded), limits.joints)
             + (excess(smooth_length(off), reached_within[:, None]) * bodies).sum(-1)
+            + torch.where(whole[:, 0], 0.0, commanded[:, -1]) * excess(angle, limits.turn)
         )
         # an arrival is one step of the window: what counts there alone counts as much
         return missed + self.window * torch.where(arrives, late, 0.0)

@@ -105,9 +105,10 @@ def test_the_task_adds_it_in_the_arrival_window(partial):
 @pytest.mark.parametrize(
     ("commanded", "authored", "missed"),
     [
-        # turned by 2 of 1 rad in the window; at an authored arrival 0.4 of 0.2 m away
+        # turned by 2 of 1 rad in the window; at an authored arrival by 2 of 0.2 rad, and 0.4 of 0.2 m away
         ({"root": ["horizontal", "height", "orientation"]}, False, 1.4),
-        ({"root": ["horizontal", "height", "orientation"]}, True, 1.4 + 3 * 1.4),
+        ({"root": ["horizontal", "height", "orientation"]}, True, 1.4 + 3 * (1.4 + 1.9)),
+        ({"root": ["horizontal"]}, True, 3 * 1.4),
         ({"joints": ["left_elbow"]}, False, 0.0),
         ({"joints": ["left_elbow"]}, True, 3 * 1.9),
     ],
