@@ -19,9 +19,9 @@ RUNS = {
     "plat": "plat",
     "finetuned": "finetuned",
     "expert-model": "expert-model",
-    "drawn": "imagined",
+    "disturbed": "imagined",
     "imagined-robot": "imagined-robot",
-    "free-13": "imagined-free",
+    "free-22": "imagined-free",
     "plat-generated": "plat-generated",
 }
 # files of the machine that trained, and how it was watched
