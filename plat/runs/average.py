@@ -15,6 +15,7 @@ from plat.modules import LatentPolicy, PlainPolicy, take_over
 from plat.runs.dynamics import DYNAMICS_FILE
 from plat.runs.json_object import write_json
 from plat.runs.locate import CONFIG_FILE
+from plat.runs.lock import RunLock
 from plat.runs.outputs import WEIGHTS_FILE, check_out
 from plat.runs.saved_run import SavedRun, save_weights
 
@@ -98,13 +99,16 @@ def average_runs(runs: Sequence[str | Path], out: Path, shares: Sequence[float] 
         policy.load_state_dict(average_weights([_like(policy, one) for one in policies], parts))
     except ConfigError as error:
         raise CheckpointError(f"{', '.join(str(run.folder) for run in saved)}: {error}") from None
-    out.mkdir(parents=True, exist_ok=True)
     of = [
         {"run": run.name, "share": share} | {key: run.config.get(key) for key in ("finished", "made_with")}
         for run, share in zip(saved, parts, strict=True)
     ]
-    if (last.folder / DYNAMICS_FILE).exists():
-        shutil.copy(last.folder / DYNAMICS_FILE, out / DYNAMICS_FILE)
-    save_weights(out / WEIGHTS_FILE, policy)
-    write_json(out / CONFIG_FILE, {**last.config, "average": of})
+    lock = RunLock(out)  # a training that has no checkpoint yet may have it
+    try:
+        if (last.folder / DYNAMICS_FILE).exists():
+            shutil.copy(last.folder / DYNAMICS_FILE, out / DYNAMICS_FILE)
+        save_weights(out / WEIGHTS_FILE, policy)
+        write_json(out / CONFIG_FILE, {**last.config, "average": of})
+    finally:
+        lock.release()
     return SavedRun(out)

@@ -71,6 +71,10 @@ class Budget:
             estimates.append(left / self.rate if self.rate > 0 else float("inf"))
         return max(0.0, min(estimates))
 
+    def begin(self) -> None:
+        """Count seconds from now on: starting workers is no training."""
+        self._started = time.monotonic()
+
     def add(self, steps: int) -> None:
         """Count environment steps."""
         self.steps += steps

@@ -101,7 +101,11 @@ class Checkpoints:
             ) from error
 
     def clear_leftovers(self) -> None:
-        """Remove what a killed process did not finish writing."""
+        """Remove what a killed process did not finish writing, and put back what it was about to replace."""
+        for backup in self._folder.glob(".checkpoint-*.backup-*"):
+            place = self._folder / backup.name.removeprefix(".").partition(".")[0]
+            if not place.exists():
+                backup.rename(place)
         for leftover in self._folder.glob(".*"):
             shutil.rmtree(leftover, ignore_errors=True)
 

@@ -47,6 +47,8 @@ def load_dynamics(
         raise CheckpointError(f"{str(path)!r}: no such file; expected the run of `plat expert-model` or `plat imagine`")
     try:
         weights = load_file(path)
+        if broken := [name for name, tensor in weights.items() if not torch.isfinite(tensor).all()]:
+            raise ValueError(f"{broken[0]!r} holds NaN or infinity")
         config = DynamicsConfig(hidden=_hidden(weights))
         told = len(weights["mean"]) - len(DynamicsModel(robot, DynamicsConfig(hidden=(1,))).mean)
         with LimitedAllocations():

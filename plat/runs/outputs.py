@@ -34,7 +34,8 @@ def check_out(folder: Path, *, resume: bool) -> None:
     if resume:
         if not os.path.exists(config):
             raise CheckpointError(f"{str(folder)!r} holds no run to go on with: leave out --resume to start one")
-        read_json(config)
+        if read_json(config).get("format") != "plat-run":
+            raise CheckpointError(f"{str(config)!r} is of no run of plat: choose another --out")
     elif os.path.exists(config) and not _is_abandoned(folder):
         raise CheckpointError(f"{str(folder)!r} already holds a run: go on with --resume or choose another --out")
 

@@ -22,7 +22,6 @@ from typing import Any, NoReturn
 
 import torch
 from pydantic import TypeAdapter
-from safetensors.torch import load_file
 from torch import nn
 from torchrl.checkpoint import GlobalRNGState
 
@@ -41,7 +40,7 @@ from plat.runs.metrics import MetricsFile
 from plat.runs.outputs import CHECKPOINTS, check_out
 from plat.runs.policies import complete_spec, policy_spec
 from plat.runs.recipe import RecipeConfig
-from plat.runs.saved_run import CONFIG_FILE, WEIGHTS_FILE, save_weights
+from plat.runs.saved_run import CONFIG_FILE, WEIGHTS_FILE, SavedRun, save_weights
 from plat.version import __version__
 
 __all__ = ["Run"]
@@ -165,6 +164,7 @@ class Run:
 
     def __enter__(self) -> "Run":
         self._stop.__enter__()
+        self.budget.begin()
         return self
 
     def __exit__(
@@ -172,6 +172,8 @@ class Run:
     ) -> None:
         self._stop.__exit__(kind, error, trace)
         self._lock.release()
+        if kind is None and self._stop.asked:  # while the run ended: what would follow is not wanted either
+            sys.exit(self._stop.status)
 
     def _begin(self, config: Mapping[str, Any], inputs: Mapping[str, Any]) -> None:
         (self.folder / _METRICS_FILE).unlink(missing_ok=True)  # of a start that did not get to a checkpoint
@@ -205,7 +207,7 @@ class Run:
                 flush=True,
             )
             if (self.folder / WEIGHTS_FILE).exists():
-                self.policy.load_state_dict(load_file(self.folder / WEIGHTS_FILE))
+                self.policy.load_state_dict(SavedRun(self.folder).policy_as(nn.Module, "weights").state_dict())
             return
         try:
             latest = self._checkpoints.load()

@@ -163,7 +163,8 @@ class SavedRun:
         """
         own = _read_scores(self.folder / SCORES_FILE)
         shared = _read_scores(self.folder.resolve().parent / SCORES_FILE)
-        made_as = Path(str(self.settings.get("out", ""))).name
+        # an average has the settings of its last run, and other weights
+        made_as = "" if "average" in self.config else Path(str(self.settings.get("out", ""))).name
         for table in (own, shared):
             for name in (self.name, made_as):
                 if name in table:

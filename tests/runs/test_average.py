@@ -1,4 +1,6 @@
 import json
+import subprocess
+import sys
 
 import pytest
 import torch
@@ -74,6 +76,30 @@ def test_a_narrower_run_counts_as_the_wider_one_that_acts_like_it(tmp_path, libr
     torch.testing.assert_close(half[first][new], wide.state_dict()[first][new])  # new units look at what they did
     second = "backbone.module.0.2.weight"
     torch.testing.assert_close(half[second][:, new], 0.5 * wide.state_dict()[second][:, new])
+
+
+def test_a_folder_that_is_trained_into_is_left_alone(tmp_path):
+    saved(tmp_path / "one"), (tmp_path / "busy").mkdir()
+    held = (
+        "import sys, pathlib, plat.runs.lock as it; lock = it.RunLock(pathlib.Path(sys.argv[1])); "
+        "print(1, flush=True); input()"
+    )
+    command = [sys.executable, "-c", held, str(tmp_path / "busy")]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as training:
+        assert training.stdout.readline()
+        with pytest.raises(CheckpointError, match="is training into it"):
+            average_runs([tmp_path / "one"] * 2, tmp_path / "busy")
+        training.communicate(b"\n")
+    assert not (tmp_path / "busy" / "config.json").exists()
+
+
+def test_scores_of_the_last_run_are_not_the_averages(tmp_path):
+    saved(tmp_path / "one")
+    config = tmp_path / "one" / "config.json"
+    config.write_text(json.dumps(json.loads(config.read_text()) | {"recipe": {"settings": {"out": "one"}}}))
+    (tmp_path / "evaluation.csv").write_text("policy,horizon,seeds,metric,value,low,high\none,mixed,1,tks,99,98,100\n")
+    assert SavedRun(tmp_path / "one").scores
+    assert average_runs([tmp_path / "one"] * 2, tmp_path / "mean").scores is None
 
 
 def test_whole_numbers_are_the_last_ones():

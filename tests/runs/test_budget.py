@@ -25,6 +25,16 @@ def test_minutes(monkeypatch):
     assert budget.done
 
 
+def test_what_comes_before_training_does_not_count(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr("plat.runs.budget.time.monotonic", lambda: now[0])
+    budget = Budget(minutes=2)
+    now[0] = 500.0
+    budget.begin()
+    now[0] = 530.0
+    assert budget.seconds == 30.0
+
+
 def test_the_first_limit_counts():
     budget = Budget(minutes=1000, steps=10)
     budget.add(10)

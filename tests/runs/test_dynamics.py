@@ -42,6 +42,9 @@ def test_what_is_wrong_is_named(tmp_path):
     save_file({**weights, "network.2.weight": torch.zeros(16, 15)}, tmp_path / "dynamics.safetensors")
     with pytest.raises(CheckpointError, match=r"dynamics.safetensors': not a model of robot 'g1'"):
         load_dynamics(tmp_path, G1)
+    save_file({**weights, "mean": weights["mean"] * torch.nan}, tmp_path / "dynamics.safetensors")
+    with pytest.raises(CheckpointError, match=r"dynamics.safetensors': .*'mean' holds NaN or infinity"):
+        load_dynamics(tmp_path, G1)
     save_file({}, tmp_path / "dynamics.safetensors")
     with pytest.raises(CheckpointError, match=r"dynamics.safetensors': not a model of robot 'g1'"):
         load_dynamics(tmp_path, G1)

@@ -195,6 +195,27 @@ def test_a_foreign_config_is_not_overwritten(tmp_path):
         check_out(tmp_path, resume=False)
 
 
+@pytest.mark.parametrize("checkpoint", [False, True])
+def test_what_is_no_run_is_not_resumed(tmp_path, checkpoint):
+    (tmp_path / "config.json").write_text('{"name": "another program"}')
+    if checkpoint:
+        (tmp_path / "checkpoints" / "checkpoint-000000000010").mkdir(parents=True)
+    with pytest.raises(CheckpointError, match="is of no run of plat: choose another --out"):
+        start(tmp_path, resume=True)
+    assert (tmp_path / "config.json").read_text() == '{"name": "another program"}'
+
+
+def test_a_checkpoint_that_was_about_to_be_replaced_is_put_back(tmp_path):
+    run, _, _, budget = start(tmp_path / "a")
+    budget.add(10)
+    run.save()
+    (checkpoint,) = (tmp_path / "a" / "checkpoints").iterdir()
+    checkpoint.rename(checkpoint.with_name(f".{checkpoint.name}.backup-dead"))
+    (checkpoint.parent / f".{checkpoint.name}.stage-dead").mkdir()
+    assert start(tmp_path / "a", resume=True)[3].steps == 10
+    assert [path.name for path in checkpoint.parent.iterdir()] == [checkpoint.name]
+
+
 def test_two_checkpoints_are_kept_and_leftovers_cleared(tmp_path):
     run, _, _, budget = start(tmp_path / "a")
     for _ in range(4):
@@ -378,6 +399,16 @@ def test_a_finished_run_stays_finished(tmp_path, capsys):
     assert "the run is finished, with 70 steps; it goes on with more --steps" in capsys.readouterr().out
 
 
+def test_a_finished_run_whose_weights_are_damaged_is_named(tmp_path):
+    run, _, _, budget = start(tmp_path / "a", steps=70)
+    budget.add(70)
+    run.finish()
+    weights = tmp_path / "a" / "model.safetensors"
+    weights.write_bytes(weights.read_bytes()[:500])
+    with pytest.raises(CheckpointError, match="model.safetensors': not a readable safetensors file"):
+        start(tmp_path / "a", steps=70, resume=True)
+
+
 def test_a_finished_run_goes_on_with_more_steps(tmp_path):
     run, _, _, budget = start(tmp_path / "a", steps=70)
     budget.add(70)
@@ -406,6 +437,22 @@ def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path, capsys):
     assert "stopped with a checkpoint at 20 steps\n" in out
     assert f"go on with the same command and --resume (--out {tmp_path / 'a'})\n" in out
     assert start(tmp_path / "a", resume=True)[3].steps == 20
+
+
+def test_ctrl_c_while_a_run_ends_ends_the_program_that_would_go_on(tmp_path):
+    run, _, _, budget = start(tmp_path / "a", steps=10)
+
+    def train():
+        with run:
+            budget.add(10)
+            signal.raise_signal(signal.SIGINT)
+            run.log({"loss": 1.0})
+            run.finish()
+
+    with pytest.raises(SystemExit) as ended:
+        train()
+    assert ended.value.code == 130
+    assert "finished" in read_json(tmp_path / "a" / "config.json")
 
 
 def test_a_reader_that_leaves_costs_no_training(tmp_path, monkeypatch):
