@@ -91,6 +91,6 @@ DEFAULTS = KeyframeTaskConfig().rewards(G1)
 )
 def test_a_transform_in_the_wrong_place_says_so(library, position, transform, message):
     env = make_keyframe_env(library, 2, rewards=())
-    index = position if position >= 0 else len(env.transform) - 1
+    index = position if position >= 0 else len(env.transform) - 2  # the last two take the working groups away
     with pytest.raises(TaskError, match=message):
         env.insert_transform(index, transform).rollout(1)
