@@ -4,6 +4,7 @@ plat studio plat-g1 dagger-g1 expert-g1 --motions generated:val
 """
 
 import os
+import shlex
 import sys
 import threading
 import webbrowser
@@ -78,7 +79,7 @@ def _write_static(recipe: StudioRecipe, runs: dict[str, Path], policies: dict[st
     write_static(recipe.static, robot, kept, timing, recipe.libraries)
     left = f" (without {', '.join(experts)}: experts follow dense motion)" if experts else ""
     print(f"wrote {recipe.static} with {', '.join(kept)}{left}; any web server of files shows it:")
-    print(f"  python -m http.server --directory {recipe.static}")
+    print(f"  python -m http.server --directory {shlex.quote(str(recipe.static))}")
 
 
 def _has_screen() -> bool:

@@ -44,8 +44,10 @@ def data_set_of(motions: str) -> DataSet | None:
 
     >>> data_set_of("motions/bandai_train.npz").license
     'CC BY-NC 4.0'
+    >>> data_set_of("generated:train/wide@900").license
+    'Apache-2.0'
     """
-    name = PurePath(motions.replace("\\", "/")).name.lower()
+    name = _short(motions.replace("\\", "/")).lower()
     return next((each for each in DATA_SETS if name.startswith(each.prefix)), None)
 
 
@@ -55,5 +57,10 @@ def license_table(motions: Iterable[str]) -> str:
     for given in motions:
         known = data_set_of(given)
         name, terms = (known.name, known.license) if known else ("not known to plat", "ask who made them")
-        lines.append(f"| `{PurePath(given).name}` | {name} | {terms} |")
+        lines.append(f"| `{_short(given)}` | {name} | {terms} |")
     return "\n".join(lines)
+
+
+def _short(motions: str) -> str:
+    """Return the name of a motion file; of generated motions the whole, in which a slash parts no folders."""
+    return motions if motions.startswith("generated:") else PurePath(motions).name

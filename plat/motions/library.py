@@ -5,6 +5,7 @@ import json
 import logging
 import os
 import re
+import shlex
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -439,7 +440,7 @@ def _warn_of_bad_clips(verdicts: Mapping[Verdict, int], files: Sequence[str], dr
     if bad:
         total = sum(verdicts.values())
         _LOGGER.warning(
-            "of %d clips %s: run plat motions inspect %s", total, " and ".join(bad), readable(" ".join(files))
+            "of %d clips %s: run plat motions inspect %s", total, " and ".join(bad), readable(shlex.join(files))
         )
 
 
