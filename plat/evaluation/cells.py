@@ -15,8 +15,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeAlias
 
-import mujoco
-import numpy as np
 import torch
 
 from plat.envs.physics import available_cpus
@@ -374,6 +372,4 @@ def robot_fingerprint(robot: Robot) -> str:
         return ""
     # not where its files lie
     told = {one.name: getattr(robot, one.name) for one in fields(robot) if one.name != "asset"}
-    model = np.empty(mujoco.mj_sizeModel(robot.shared_model), np.uint8)
-    mujoco.mj_saveModel(robot.shared_model, None, model)
-    return fingerprint([repr(told).encode(), model.tobytes()])
+    return fingerprint([repr(told).encode(), robot.compiled()])

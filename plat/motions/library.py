@@ -15,7 +15,6 @@ from itertools import chain, pairwise
 from pathlib import Path
 from typing import Annotated, Any
 
-import mujoco
 import numpy as np
 import torch
 from tensordict import TensorDict
@@ -458,7 +457,7 @@ def _content_hash(
     described = [robot.name, robot.keypoints, robot.feet, robot.default_qpos.tolist()]
     retargets = find_spec("mink") is not None  # of the extra, without which human motions are skipped
     digest.update(json.dumps([TABLE_VERSION, generated, described, dt, mirror, drop_bad, retargets]).encode())
-    digest.update(hashlib.blake2b(_compiled(robot)).digest())
+    digest.update(hashlib.blake2b(robot.compiled()).digest())
     listed, folders = listed_paths(files), {folder: number for number, folder in enumerate(_folders(paths))}
     read = [(part, path in listed) for path in paths for part in (path, *read_along(path))]
     asked = hashlib.blake2b(json.dumps([str(Path.cwd()), *generated, *files]).encode(), digest_size=16).hexdigest()
@@ -470,11 +469,3 @@ def _content_hash(
         places = [path.name, path.parent.name, called, folders[f"{path.parent}{os.sep}"], named]
         digest.update(json.dumps([*places, content]).encode())
     return digest.hexdigest()
-
-
-def _compiled(robot: Robot) -> bytes:
-    """Return the robot's model as MuJoCo saves it, with what its description includes."""
-    model = robot.shared_model
-    content = np.empty(mujoco.mj_sizeModel(model), np.uint8)
-    mujoco.mj_saveModel(model, None, content)
-    return content.tobytes()

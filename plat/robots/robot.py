@@ -93,6 +93,12 @@ class Robot:
             model.opt.timestep = timestep
         return model
 
+    def compiled(self) -> bytes:
+        """Return the compiled model as MuJoCo saves it, with all that its description includes."""
+        content = np.empty(mujoco.mj_sizeModel(self.shared_model), np.uint8)
+        mujoco.mj_saveModel(self.shared_model, None, content)
+        return content.tobytes()
+
     @property
     def asset_path(self) -> Path:
         """Return the path of the MJCF description."""
