@@ -12,7 +12,7 @@ from plat.control.simulator import Simulator
 from plat.deploy import Pose, RobotState
 from plat.errors import KeyframeError
 from plat.keyframes import Command, Keyframe, KeyframeSequence
-from plat.spec.parts import WHOLE_ONLY
+from plat.spec.parts import whole_only
 from plat.spec.timing import Timing
 
 __all__ = ["Chase", "ChaseStep", "Controller"]
@@ -171,6 +171,5 @@ def _for_controller(sequence: KeyframeSequence, controller: Controller) -> Keyfr
     """Return a sequence at the timing of a controller that can follow it."""
     partial = sequence.partial
     if partial is not None and not getattr(controller, "sees_parts", True):
-        label = f" ({partial.name!r})" if partial.name else ""
-        raise KeyframeError(f"the keyframe at {partial.time:g} s{label} commands a part of its pose, but {WHOLE_ONLY}")
+        raise KeyframeError(whole_only(partial))
     return sequence.with_timing(controller.timing)

@@ -13,7 +13,7 @@ from plat.errors import KeyframeError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["ROOT_PARTS", "WHOLE_ONLY", "Parts", "RobotParts"]
+__all__ = ["ROOT_PARTS", "WHOLE_ONLY", "Parts", "RobotParts", "whole_only"]
 
 ROOT_PARTS = ("horizontal", "height", "orientation")
 """Components of the root that a keyframe commands apart from each other."""
@@ -22,6 +22,13 @@ WHOLE_ONLY = (
     "this policy was trained on whole poses: command all of it, or use a policy that sees which parts are commanded"
 )
 """What to tell those who give a partial keyframe to a policy that does not see parts."""
+
+
+def whole_only(keyframe: object) -> str:
+    """Return the same with the time and the name of the keyframe, as far as it has them."""
+    time, name = getattr(keyframe, "time", None), getattr(keyframe, "name", None)
+    label = ("" if time is None else f" at {time:g} s") + (f" ({name!r})" if name else "")
+    return f"the keyframe{label} commands a part of its pose, but {WHOLE_ONLY}"
 
 
 class RobotParts(Protocol):

@@ -5,9 +5,8 @@ from dataclasses import replace
 from typing import Any
 
 from plat.deploy.safety.ending import CommandSource, TimedCommand
-from plat.deploy.state import Pose
 from plat.errors import KeyframeError
-from plat.spec.parts import WHOLE_ONLY
+from plat.spec.parts import whole_only
 from plat.spec.timing import Timing, timing_of
 
 __all__ = ["FollowableCommands"]
@@ -35,7 +34,7 @@ class FollowableCommands:
         self._source, self._timing, self._sees_parts, self._tell = source, timing, sees_parts, tell
         partial = getattr(source, "partial", None)
         if partial is not None and not sees_parts:
-            raise KeyframeError(_whole_only(partial))
+            raise KeyframeError(whole_only(partial))
         theirs = timing_of(source)
         if theirs is None:
             return
@@ -59,14 +58,8 @@ class FollowableCommands:
         """Return why the policy cannot follow a command; None when it can."""
         commands = getattr(command.keyframe, "commands", None)
         if not self._sees_parts and commands is not None and not commands.whole:
-            return _whole_only(command.keyframe)
+            return whole_only(command.keyframe)
         if not 0 < command.steps_left <= self._timing.max_steps + _TOLERANCE:
             longest = self._timing.max_steps
             return f"a command of {command.steps_left:g} control steps, expected more than 0 and at most {longest}"
         return None
-
-
-def _whole_only(keyframe: Pose) -> str:
-    time, name = getattr(keyframe, "time", None), getattr(keyframe, "name", None)
-    label = ("" if time is None else f" at {time:g} s") + (f" ({name!r})" if name else "")
-    return f"the keyframe{label} commands a part of its pose, but {WHOLE_ONLY}"
