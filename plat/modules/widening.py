@@ -10,7 +10,7 @@ from plat.modules.settings import PlainPolicyConfig
 from plat.robots.robot import Robot
 from plat.spec.observation import observation_widths, student_keys
 
-__all__ = ["take_over"]
+__all__ = ["take_over", "widened"]
 
 _FIRST_LAYER = "backbone.module.0.0.weight"
 
@@ -53,7 +53,7 @@ def take_over(student: Any, trained: Any) -> None:
     for name, ours_value in state.items():
         if name not in weights:
             raise ConfigError(f"the trained student has no {name}: both need as many layers")
-        weights[name] = _wider(name, weights[name], ours_value)
+        weights[name] = widened(name, weights[name], ours_value)
     if len(weights) > len(state):
         raise ConfigError(
             f"the trained student has more than this one: {next(name for name in weights if name not in state)}"
@@ -80,15 +80,26 @@ def _observe_more(weights: dict[str, Tensor], ours: PlainPolicyConfig, theirs: P
     weights.update({"normalizer.mean": mean, "normalizer.var": var, _FIRST_LAYER: first})
 
 
-def _wider(name: str, trained: Tensor, drawn: Tensor) -> Tensor:
-    """Return a trained tensor, or one as large as ``drawn`` with it in its corner.
+def widened(name: str, trained: Tensor, drawn: Tensor) -> Tensor:
+    """Return a trained tensor of a network, or one as large as ``drawn`` with it in its corner.
 
-    The units that it has keep their inputs, and take nothing from new ones.
+    The units that it has keep their inputs, and take nothing from new ones. These see what ``drawn`` says.
+
+    Args:
+        name: of the tensor, for the message.
+        trained: a weight ``[out, in]`` or a bias ``[out]``.
+        drawn: the same of the wider network, newly drawn.
+
+    Raises:
+        ConfigError: when ``drawn`` is narrower.
+
+    >>> widened("weight", torch.ones(1, 1), torch.full((2, 2), 5.0)).tolist()
+    [[1.0, 0.0], [5.0, 5.0]]
     """
     if trained.shape == drawn.shape:
         return trained
     if trained.ndim != drawn.ndim or any(a > b for a, b in zip(trained.shape, drawn.shape, strict=True)):
-        raise ConfigError(f"the trained student has {tuple(trained.shape)} for {name}, this one {tuple(drawn.shape)}")
+        raise ConfigError(f"the trained policy has {tuple(trained.shape)} for {name}, this one {tuple(drawn.shape)}")
     out = drawn.clone()
     out[: len(trained)] = 0.0
     out[tuple(slice(size) for size in trained.shape)] = trained

@@ -11,8 +11,11 @@ from plat.envs.state import GeneralizedState
 from plat.envs.tracking import ResetNoise
 from plat.envs.transforms import NEXT_FRAME
 from plat.motions.library import MotionLibrary
+from plat.robots.kinematics import ForwardKinematics
 from plat.rotations import quat_angle
 from plat.tasks.costs import TrackingCosts, tilt, tracking_cost
+from plat.tasks.near_miss import NearMiss, end_effector_mask
+from plat.tasks.partial import points_cost
 from plat.tasks.pose_table import PoseTable
 from plat.tasks.starts import ClipStarts, disturbed
 from plat.tasks.task import Task, robot_entries
@@ -43,12 +46,12 @@ class DenseTracking(Task):
         library: motions.
         goals: groups in which the reference is shown, and how many frames ahead each is; those of
             :attr:`plat.modules.Expert.goals`.
-        costs: weights of the cost; those of keyframes are the default.
+        costs: weights of the cost. ``end_effectors`` and ``miss`` count in every step.
         reset_noise: on the starting states; None starts on the reference.
         uniform: share of the starts that is uniform over the motions; the others are where episodes failed.
 
     Raises:
-        ConfigError: for a weight of keyframes in ``costs``.
+        ConfigError: for a weight of partial keyframes in ``costs`` (``bodies``) that is not the default.
 
     >>> from plat.motions import generate_motions
     >>> task = DenseTracking(MotionLibrary.from_clips(generate_motions("train", seconds=8)))
@@ -59,6 +62,7 @@ class DenseTracking(Task):
 
     static = True
     _ahead: Tensor
+    _end_effectors: Tensor
 
     def __init__(
         self,
@@ -75,6 +79,10 @@ class DenseTracking(Task):
         self.reset_noise = reset_noise
         self.table = PoseTable.of_library(library)
         self.starts = ClipStarts(library, uniform=uniform)
+        self._kinematics = ForwardKinematics(library.robot)
+        ends = end_effector_mask(library.robot).to(library.device)
+        self.register_buffer("_end_effectors", ends, persistent=False)
+        self._near_miss = NearMiss(library.robot.anchor_index, ends, window=1)
         self._groups = list(goals)
         self.register_buffer("_ahead", torch.tensor(list(goals.values()), device=library.device), persistent=False)
 
@@ -109,7 +117,15 @@ class DenseTracking(Task):
 
     def cost(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
         """Distance ``[N]`` from the reference."""
-        return tracking_cost(state, self.table.state(memory["frame"]), self.costs)
+        weights, frame = self.costs, memory["frame"]
+        reference = self.table.state(frame)
+        cost = tracking_cost(state, reference, weights)
+        if weights.end_effectors or weights.miss:
+            points = self._kinematics.positions(state.root_pos_w, state.root_quat_w, state.joint_pos)
+            wanted = self.table.points(frame)
+            cost = cost + weights.end_effectors * points_cost(points, wanted, self._end_effectors)
+            cost = cost + weights.miss * self._near_miss.off_track(state, reference, points, wanted)
+        return cost
 
     def failed(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
         """Mask ``[N]``: 0.25 m too high or low, 0.6 m off, or tilted otherwise than the reference."""

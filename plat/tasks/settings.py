@@ -29,24 +29,22 @@ class TrackingCosts(Bounded):
     bodies: NonNegative = 2.0
     """of the bodies that a partial keyframe commands, mean over them (m)"""
     end_effectors: NonNegative = 0.0
-    """of the end effectors in the arrival window of a whole keyframe, mean over them (m)"""
+    """of the end effectors, mean over them (m); of a whole keyframe in its arrival window"""
     miss: NonNegative = 0.0
-    """of errors in the arrival window beyond 0.6 of the thresholds by which a keyframe is missed, in thresholds"""
+    """of errors beyond 0.6 of the thresholds of TKS, in thresholds; of a keyframe in its arrival window"""
 
     def check_dense(self, what: str) -> None:
-        """Raise an error for weights that cost nothing along a dense reference, which has no keyframes.
+        """Raise an error for another weight than the default that costs nothing along a dense reference.
 
         Args:
             what: holds these weights; begins the message.
 
         Raises:
-            ConfigError: naming the first of them that is not the default.
+            ConfigError: for ``bodies``, which partial keyframes command.
         """
-        for name in ("bodies", "end_effectors", "miss"):
-            value, default = getattr(self, name), getattr(TrackingCosts, name)
-            if value != default:
-                why = "it is of keyframes, and a dense reference has none"
-                raise ConfigError(f"{what}.{name} is {value:g}, expected {default:g}: {why}")
+        if self.bodies != TrackingCosts.bodies:
+            why = "it is of partial keyframes, and a dense reference has none"
+            raise ConfigError(f"{what}.bodies is {self.bodies:g}, expected {TrackingCosts.bodies:g}: {why}")
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from plat.tasks.chains import draw_chains
 from plat.tasks.costs import pose_cost, tracking_cost
 from plat.tasks.dense_tracking import START_NOISE, off_reference
 from plat.tasks.distances import smooth_length
-from plat.tasks.near_miss import NearMiss
+from plat.tasks.near_miss import NearMiss, end_effector_mask
 from plat.tasks.partial import partial_pose_cost, points_cost
 from plat.tasks.pose_table import PoseTable
 from plat.tasks.rows import for_some
@@ -120,7 +120,7 @@ class TimedKeyframes(Task):
             ("_roams", torch.tensor([name == "far" for name in chains.family], device=library.device)),
             ("parts", self._draw_parts(seed).to(library.device)),
             ("_mask", self._mask_of_chains().to(library.device)),
-            ("_end_effectors", self._mask_of_end_effectors().to(library.device)),
+            ("_end_effectors", end_effector_mask(library.robot).to(library.device)),
             ("_reached_within", self._distances_of_chains().to(library.device)),
         ):
             self.register_buffer(name, value, persistent=False)
@@ -146,10 +146,6 @@ class TimedKeyframes(Task):
         """Row ``[C]`` of the mask that all keyframes of a chain have; 0 where it is drawn."""
         row = {kind: 2 * NUM_MASKS + number for number, kind in enumerate(self._kinds())}
         return torch.tensor([row.get(kind, 0) for kind in self.chains.commands])
-
-    def _mask_of_end_effectors(self) -> Tensor:
-        """Mask ``[K]`` of the end effectors among the keypoints, float."""
-        return torch.tensor([float(name in self.robot.end_effectors) for name in self.robot.keypoints])
 
     def _distances_of_chains(self) -> Tensor:
         """Largest distance ``[C]`` of a commanded body with which a chain's keyframes are reached (m)."""

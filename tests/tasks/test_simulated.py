@@ -77,6 +77,21 @@ def test_a_simulation_that_diverges_is_terminated(library):
     assert env.step(tensordict)["next", "terminated"][:, 0].tolist() == [False, True]
 
 
-def test_a_dense_reference_has_no_costs_of_keyframes(library):
-    with pytest.raises(ConfigError, match=r"DenseTracking: costs.miss is 2, expected 0: it is of keyframes"):
-        DenseTracking(library, costs=TrackingCosts(miss=2.0))
+def test_a_dense_reference_has_no_costs_of_partial_keyframes(library):
+    with pytest.raises(ConfigError, match=r"DenseTracking: costs.bodies is 3, expected 2: it is of partial keyframes"):
+        DenseTracking(library, costs=TrackingCosts(bodies=3.0))
+
+
+@pytest.mark.parametrize(("name", "per_meter"), [("end_effectors", 1.0), ("miss", 5 / 0.25)])
+def test_end_effectors_and_near_misses_cost_along_a_dense_reference(library, name, per_meter):
+    plain, costly = (DenseTracking(library, costs=TrackingCosts(**weights)) for weights in ({}, {name: 1.0}))
+    reference, memory = plain.at(torch.tensor([0, 20]))
+    reference = plain.table.state(memory["frame"])
+    lifted = [
+        reference._replace(root_pos_w=reference.root_pos_w + torch.tensor([0.0, 0.0, height])) for height in (0.2, 0.3)
+    ]
+    near, far = (costly.cost(state, memory) - plain.cost(state, memory) for state in lifted)
+    # of anchor and four end effectors each; the reference itself costs nothing
+    torch.testing.assert_close(far - near, torch.full((2,), 0.1 * per_meter), rtol=0.01, atol=1e-3)
+    same = costly.cost(reference, memory) - plain.cost(reference, memory)
+    assert float(same.abs().max()) < 0.02

@@ -1,5 +1,6 @@
 """Stage 1: the dense motion-tracking expert."""
 
+import operator
 from collections.abc import Sequence
 
 import torch
@@ -21,6 +22,7 @@ from plat.modules.lead import GoalLead, led
 from plat.modules.networks import mlp
 from plat.modules.normalizer import ObservationNormalizer
 from plat.modules.settings import ExpertConfig
+from plat.modules.widening import widened
 from plat.motions.library import MotionLibrary
 from plat.robots.robot import Robot
 from plat.spec.observation import goal_keys, observation_size, observation_widths, robot_keys
@@ -114,18 +116,21 @@ class Expert(nn.Module):
 
     @torch.no_grad()
     def start_from(self, trained: "Expert") -> None:
-        """Take over the weights of an expert with the same hidden layers that sees the first of the same frames.
+        """Take over the weights of an expert with as many hidden layers, as wide or narrower, that sees these frames.
 
-        The further frames count for nothing at first. Their statistics are those of the last frame that both see.
+        It may see the first of these frames alone. The further ones count for nothing at first, and their statistics
+        are those of the last frame that both see. At first this expert acts like the trained one.
 
         Raises:
             ConfigError: saying what differs.
         """
         frames, hidden = trained.config.ahead, trained.config.hidden
-        if self.config.ahead[: len(frames)] != frames or self.config.hidden != hidden:
+        narrower = len(hidden) == len(self.config.hidden) and all(map(operator.le, hidden, self.config.hidden))
+        if self.config.ahead[: len(frames)] != frames or not narrower:
             raise ConfigError(
-                f"it sees frames {frames} with hidden layers {hidden}; an expert that goes on from it has those layers "
-                f"and sees these frames first, not {self.config.ahead} with {self.config.hidden}"
+                f"it sees frames {frames} with hidden layers {hidden}; an expert that goes on from it has as many "
+                f"layers, as wide or wider, and sees these frames first, not {self.config.ahead} with "
+                f"{self.config.hidden}"
             )
         weights = trained.state_dict()
         frame_size = observation_size(goal_keys(), self.robot)
@@ -135,7 +140,7 @@ class Expert(nn.Module):
         for name in ("normalizer.mean", "normalizer.var"):
             last = weights[name][-frame_size:]
             weights[name] = torch.cat((weights[name], last.repeat(further // frame_size)))
-        self.load_state_dict(weights)
+        self.load_state_dict({name: widened(name, weights[name], ours) for name, ours in self.state_dict().items()})
 
     stateful = False
 

@@ -113,6 +113,17 @@ def test_starting_from_an_expert_that_saw_less_changes_no_action(library):
         less.start_from(more)
 
 
+def test_starting_from_a_narrower_expert_changes_no_action(library):
+    narrow, wide = (Expert(G1, ExpertConfig(hidden=hidden, ahead=(1, 2))) for hidden in ((16, 8), (24, 8)))
+    state = make_tracking_env(library, 4, goals=wide.goals).reset()
+    narrow.normalizer.update(state)
+    wide.start_from(narrow)
+    actions = (expert.deployed(tuple(expert.goals))(state)["action"] for expert in (narrow, wide))
+    torch.testing.assert_close(*actions)
+    with pytest.raises(ValueError, match=r"with hidden layers \(24, 8\); an expert that goes on from it has as many"):
+        narrow.start_from(wide)
+
+
 LED = ExpertConfig(ahead=(1, 2), lead=0.1, catch_up=0.5)
 
 
