@@ -31,6 +31,7 @@ __all__ = [
     "Within",
     "check_fields",
     "check_value",
+    "is_finite",
 ]
 
 
@@ -54,10 +55,7 @@ class Range:
 
     def holds(self, value: float) -> bool:
         """Return whether a number lies in the range."""
-        try:
-            if math.isinf(value) and not self.infinite:
-                return False
-        except OverflowError:  # a whole number of hundreds of digits
+        if not is_finite(value, or_infinite=self.infinite):
             return False
         enough = value > self.low if self.above else value >= self.low
         return enough and (value < self.high if self.below else value <= self.high)
@@ -151,9 +149,7 @@ def check_fields(settings: Any) -> None:
     for name, (holds, expected) in _checks(settings.__class__).items():
         value = getattr(settings, name)
         if not holds(value):
-            raise ConfigError(
-                f"{type(settings).__name__}: {name} is {reprlib.repr(value)}, expected {expected}".rstrip()
-            )
+            raise ConfigError(f"{type(settings).__name__}: {name} is {_shown(value)}, expected {expected}".rstrip())
 
 
 def check_value(what: str, value: Any, hint: Any) -> None:
@@ -174,7 +170,30 @@ def check_value(what: str, value: Any, hint: Any) -> None:
     """
     holds, expected = _check(hint)
     if not holds(value):
-        raise ConfigError(f"{what} is {reprlib.repr(value)}, expected {expected}")
+        raise ConfigError(f"{what} is {_shown(value)}, expected {expected}")
+
+
+def is_finite(value: Any, *, or_infinite: bool = False) -> bool:
+    """Return whether a value is a finite number that a float can hold.
+
+    Args:
+        value: anything.
+        or_infinite: take infinity as well.
+
+    >>> is_finite(1), is_finite(float("inf")), is_finite(10**400), is_finite("1")
+    (True, False, False, False)
+    """
+    try:
+        return math.isfinite(value) or (or_infinite and math.isinf(value))
+    except (OverflowError, TypeError, ValueError):  # a whole number of hundreds of digits; no number
+        return False
+
+
+def _shown(value: Any) -> str:
+    try:
+        return reprlib.repr(value)
+    except ValueError:  # Python shows no whole number of thousands of digits
+        return "a number of thousands of digits"
 
 
 @cache
@@ -201,7 +220,7 @@ def _check(hint: Any) -> tuple[_Check, str]:
     if hint is type(None):
         return (lambda value: value is None), "None"
     if hint is float:
-        return (lambda value: _is(numbers.Real, value) and math.isfinite(value)), "a number"
+        return (lambda value: _is(numbers.Real, value) and is_finite(value)), "a number"
     if hint is int:
         return (lambda value: _is(numbers.Integral, value)), "a whole number"
     if hint is bool:
@@ -218,7 +237,7 @@ def _check(hint: Any) -> tuple[_Check, str]:
 def _bounded(hint: Any, bounds: list[Any]) -> tuple[_Check, str]:
     holds, expected = _check(hint)
     if hint is float and any(isinstance(bound, Range) and bound.infinite for bound in bounds):
-        holds = lambda value: _is(numbers.Real, value) and not math.isnan(value)  # noqa: E731
+        holds = lambda value: _is(numbers.Real, value) and is_finite(value, or_infinite=True)  # noqa: E731
     text = " ".join([expected, *filter(None, map(str, bounds))])
     return (lambda value: holds(value) and all(bound.holds(value) for bound in bounds)), text
 

@@ -106,6 +106,10 @@ def short(value: object) -> str:
     >>> short([1, 2]), len(short("x" * 1000)) < 80
     ('[1, 2]', True)
     """
+    try:
+        shown = _SHORT.repr(value)
+    except ValueError:  # Python shows no whole number of thousands of digits
+        return "a number of thousands of digits"
     # arrays are written over several lines
-    text = " ".join(_SHORT.repr(value).encode("utf-8", "backslashreplace").decode().split())
+    text = " ".join(shown.encode("utf-8", "backslashreplace").decode().split())
     return text if len(text) <= _MOST_LETTERS else f"{text[:_MOST_LETTERS]} ..."

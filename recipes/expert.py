@@ -3,9 +3,8 @@
 plat expert --motions clips.npz --minutes 30 --out runs/expert
 """
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import torch
 
@@ -14,13 +13,13 @@ from plat.collectors import collect
 from plat.envs import make_tracking_env
 from plat.envs.physics import get_physics
 from plat.envs.transforms import Horizon
-from plat.errors import CheckpointError
 from plat.evaluation import play
-from plat.modules import Critic, Expert
+from plat.modules import Critic
 from plat.objectives import PPO, PPOConfig, motor_gradient
+from plat.recipes.experts import make_expert, trained_expert
 from plat.recipes.options import ExpertRecipe
 from plat.rendering import Films
-from plat.runs import Budget, Run, SavedRun, begin, report_errors, run_inputs, training_motions
+from plat.runs import Budget, Run, begin, report_errors, run_inputs, training_motions
 from plat.runs.announce import DISTILL, STUDENT, begins, next_command
 
 
@@ -28,11 +27,10 @@ def main(recipe: ExpertRecipe) -> None:
     """Run the recipe."""
     recipe = begin(recipe)
     torch.manual_seed(recipe.seed)
+    recipe, start = trained_expert(recipe)
     timing = recipe.policy.timing
     library = training_motions(recipe, timing.control_dt)
-    expert = Expert(library.robot, recipe.policy)
-    start = start_from(expert, recipe.init) if recipe.init else None
-    expert = expert.to(recipe.device)
+    expert = make_expert(recipe, library.robot, start)
     critic = Critic(library.robot, expert.normalizer.in_keys, recipe.critic).to(recipe.device)
     ppo = PPO(expert.head(), critic.head(), critic.observe(), ppo_config(recipe))
     budget = Budget(recipe.minutes, recipe.steps)
@@ -98,27 +96,6 @@ def ppo_config(recipe: ExpertRecipe) -> PPOConfig:
     """The recipe's hyperparameters, with the learning rate of an expert that is trained already after --init."""
     config, most = recipe.ppo, recipe.init_lr
     return replace(config, lr=min(config.lr, most), min_lr=min(config.min_lr, most)) if recipe.init else config
-
-
-def start_from(expert: Expert, folder: Path) -> Expert:
-    """Give the expert the weights of a run, and say in which settings it differs from the one that they are of.
-
-    Returns:
-        The expert of that run.
-
-    Raises:
-        CheckpointError: when the run holds something else, or an expert of other sizes.
-    """
-    policy = SavedRun(folder).policy_as(Expert, "an expert (--init)")
-    try:
-        expert.start_from(policy)
-    except ValueError as error:
-        raise CheckpointError(f"--init {str(folder)!r}: {error} (--policy.ahead, --policy.hidden)") from error
-    old, new = asdict(policy.config), asdict(expert.config)
-    changed = [f"{name} {new[name]} in place of {old[name]}" for name in new if new[name] != old[name]]
-    if changed:
-        print(f"--init {str(folder)!r} goes on with {', '.join(changed)}")
-    return policy
 
 
 if __name__ == "__main__":

@@ -6,11 +6,11 @@ plat expert-model --motions clips.npz --minutes 30 --out runs/expert
 import torch
 
 from plat.cli.settings import parse
-from plat.modules import Expert
 from plat.motions import MotionLibrary
+from plat.recipes.experts import make_expert, trained_expert
 from plat.recipes.learning import learn
 from plat.recipes.options import ExpertModelRecipe
-from plat.runs import SavedRun, begin, report_errors, training_motions
+from plat.runs import begin, report_errors, training_motions
 from plat.runs.announce import DISTILL, STUDENT, next_command
 from plat.tasks import DenseTracking
 
@@ -19,12 +19,9 @@ def main(recipe: ExpertModelRecipe) -> None:
     """Run the recipe."""
     recipe = begin(recipe)
     torch.manual_seed(recipe.seed)
+    recipe, start = trained_expert(recipe)
     library = training_motions(recipe, recipe.policy.timing.control_dt)
-    expert = Expert(library.robot, recipe.policy).to(recipe.device)
-    start = None
-    if recipe.init:
-        start = SavedRun(recipe.init).policy_as(Expert, "an expert (--init)", recipe.device)
-        expert.start_from(start)
+    expert = make_expert(recipe, library.robot, start)
 
     def task(motions: MotionLibrary) -> DenseTracking:
         return DenseTracking(motions, expert.goals, costs=recipe.costs, uniform=recipe.uniform_starts)

@@ -54,7 +54,7 @@ class ExpertRecipe(RecipeConfig):
     presets = {name: preset["expert"] for name, preset in PRESETS.items()}
 
     init: Path | None = None
-    """run of an expert to continue from, with other motions, rewards, frames or settings"""
+    """run whose expert to go on from, in its shape, or in that of --policy, which holds more"""
     init_lr: Positive = 3e-5
     """with --init: upper bound on the initial and the minimum learning rate"""
     rollout: Rollout = 24
@@ -193,8 +193,8 @@ class ExpertModelRecipe(ImaginationRecipe):
     name = "expert-model"
 
     init: Path | None = None
-    """run whose expert to go on from"""
-    policy: ExpertConfig = field(default_factory=lambda: ExpertConfig(action="reference_velocity", ahead=(1, 2, 5, 10)))
+    """run whose expert to go on from, in its shape, or in that of --policy, which holds more"""
+    policy: ExpertConfig = ExpertConfig(action="reference_velocity", ahead=(1, 2, 5, 10))
     costs: TrackingCosts = TrackingCosts()
     """weights of the distances from the reference"""
     uniform_starts: Fraction = 0.3

@@ -61,17 +61,10 @@ def page(folder: Path, pictures: str = "", sets: Collection[str] | None = None) 
     Raises:
         RecordsError: when the folder holds no benchmark.
     """
-    try:
-        about = read_json(
-            folder / ABOUT, RecordsError, f"{str(folder)!r}: not the folder of a benchmark", constants=True
-        )
-        sections, names = [_head(about)], [str(name) for name, *_ in about["sets"]]
-    except (ArithmeticError, KeyError, TypeError, ValueError) as error:
-        if isinstance(error, PlatError):
-            raise
-        raise RecordsError(f"{str(folder)!r}: not the folder of a benchmark ({ABOUT}: {short(error)})") from None
+    about, head, names = _read_about(folder)
+    sections = [head]
     for name in names:
-        if (folder / name / "scores.csv").exists() and (sets is None or name in sets):
+        if sets is None or name in sets:
             sections.append(_section(name, read_study(folder / name), folder / name, pictures + name, about))
     return "\n".join(sections)
 
@@ -93,12 +86,27 @@ def publish(folder: Path, docs: Path) -> None:
     """
     kept = docs / "benchmark"
     text = page(folder, "benchmark/")
+    shown = [folder / name for name in _read_about(folder)[2]]  # other sets are of an earlier start
     shutil.rmtree(kept, ignore_errors=True)
-    for path in [folder / ABOUT, *sorted(folder.glob("*/*.csv")), *sorted(folder.glob("*/*.png"))]:
+    for path in [folder / ABOUT, *(path for one in shown for kind in ("csv", "png") for path in one.glob(f"*.{kind}"))]:
         place = kept / path.relative_to(folder)
         place.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, place)
     replace_file(docs / "results.md", lambda part: part.write_text(text, encoding="utf-8"))
+
+
+def _read_about(folder: Path) -> tuple[dict[str, Any], str, list[str]]:
+    """Return what a benchmark says of itself, the head of its page, and the names of the sets that have scores."""
+    try:
+        about = read_json(
+            folder / ABOUT, RecordsError, f"{str(folder)!r}: not the folder of a benchmark", constants=True
+        )
+        head, names = _head(about), [str(name) for name, *_ in about["sets"]]
+    except (ArithmeticError, KeyError, TypeError, ValueError) as error:
+        if isinstance(error, PlatError):
+            raise
+        raise RecordsError(f"{str(folder)!r}: not the folder of a benchmark ({ABOUT}: {short(error)})") from None
+    return about, head, [name for name in names if (folder / name / "scores.csv").exists()]
 
 
 def _head(about: dict[str, Any]) -> str:

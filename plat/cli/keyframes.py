@@ -20,6 +20,7 @@ from plat.keyframes.mjcf import read_mjcf_keys, write_mjcf_keys
 from plat.motions import MotionClip, load_motions
 from plat.motions.generation import PREFIX, generate_named
 from plat.robots import Robot, get_robot
+from plat.spec.parts import Parts
 
 
 def from_motion(command: FromMotion) -> KeyframeSequence:
@@ -53,7 +54,7 @@ def _clip(command: FromMotion) -> MotionClip:
 def _spread(command: FromMotion, every: float, end: float) -> list[float]:
     control_dt, longest = command.timing.control_dt, command.timing.longest
     if not control_dt <= every <= longest:
-        raise KeyframeError(f"every is {every:g} s, expected {control_dt:g} to {longest:g}")
+        raise KeyframeError(f"every is {every:g} s, expected {control_dt:g} to {longest:g} (--timing.max-steps)")
     if command.begin >= end:
         raise KeyframeError(f"begin is {command.begin:g} s, expected less than the {end:g} s of the clip")
     # the small margin is for clips that last a multiple of it up to rounding
@@ -71,18 +72,38 @@ def show(command: Show) -> KeyframeSequence:
     print(f"{'':>3}  {'name':<20}  {'time s':>7}  {'steps':>5}  {'root x y z m':>20}  most changed joint")
     before, step = sequence.start, 0
     for index, (keyframe, arrival) in enumerate(zip(sequence.keyframes, sequence.arrival_steps, strict=True)):
-        change = keyframe.joint_pos - before.joint_pos
-        joint = int(np.abs(change).argmax())
-        root = " ".join(f"{value:>6.2f}" for value in keyframe.root_pos)
+        parts = keyframe.commands or Parts.all(robot)
+        places = zip(keyframe.root_pos, parts.root_place, strict=True)
+        root = " ".join(f"{value:>6.2f}" if commanded else f"{'-':>6}" for value, commanded in places)
         print(
             f"{index:>3}  {keyframe.name or '':<20.20}  {keyframe.time:>7.2f}  {arrival - step:>5}  {root:>20}  "
-            f"{sequence.robot.joint_names[joint]} {change[joint]:+.2f} rad"
+            f"{_most_changed(before, keyframe, parts, robot)}"
         )
+        if not keyframe.whole:
+            print(f"     commands {_words(parts, robot)}")
         before, step = keyframe, arrival
     for index, concerns in enumerate(Feasibility(robot).sequence(sequence)):
         if concerns:
             print(f"keyframe {index} may be out of reach: {'; '.join(map(str, concerns))}")
     return sequence
+
+
+def _most_changed(before: Keyframe, after: Keyframe, parts: Parts, robot: Robot) -> str:
+    """Return the commanded joint that changes most, and by how much."""
+    if not any(parts.joints):
+        return "-"
+    change = after.joint_pos - before.joint_pos
+    joint = int(np.where(parts.joints, np.abs(change), -1.0).argmax())
+    return f"{robot.joint_names[joint]} {change[joint]:+.2f} rad"
+
+
+def _words(parts: Parts, robot: Robot) -> str:
+    """Return the names of what is commanded."""
+    every = Parts.all(robot).names(robot)
+    chosen = {field: names for field, names in parts.names(robot).items() if names}
+    return "; ".join(
+        f"{field} {'all' if names == every[field] else ', '.join(names)}" for field, names in chosen.items()
+    )
 
 
 def convert(command: ConvertKeyframes) -> list[Keyframe]:

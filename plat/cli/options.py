@@ -472,8 +472,8 @@ class CurvesRecipe(Bounded):
 
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """run directories, one line each"""
-    metrics: tuple[str, ...] = ("terminations_per_second", "error/keypoint_aligned")
-    """columns of metrics.csv, one panel each"""
+    metrics: tuple[str, ...] = ()
+    """columns of metrics.csv, one panel each; by default failures, and errors or costs"""
     out: Path = Path("curves.png")
     """picture to write (PNG, PDF or SVG)"""
     smooth: Count = 5

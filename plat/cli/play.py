@@ -3,6 +3,7 @@
 plat play --policy plat-g1 --keyframes recipes/examples/bow.json --video bow.mp4
 """
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -98,19 +99,27 @@ def print_table(scores: Sequence[KeyframeScore], hold: HoldScore | None = None) 
         print(hold.words)
 
 
-COLUMNS = ("keyframe", "name", "time_s", "outcome", "late_s", "root_m", "joints_rad", "fell_afterwards")
+COLUMNS = (
+    *("keyframe", "name", "time_s", "outcome", "late_s"),
+    *("root_m", "joints_rad", "bodies_m", "turn_rad", "fell_afterwards"),
+)
 """Of the file of scores, before the figures of TKS@3."""
 
 
 def write_scores(path: Path, scores: Sequence[KeyframeScore]) -> None:
-    """Write a CSV with a row a keyframe."""
+    """Write a CSV with a row a keyframe; cells of what a keyframe does not command are empty."""
     rows: list[tuple[object, ...]] = []
     for score in scores:
         late = "" if score.late is None else f"{score.late:.3f}"
-        away = (f"{score.arrival.root:.4f}", f"{score.arrival.joint:.4f}", int(score.fell_afterwards))
-        figures = (int(score.success), f"{score.joint_error:.4f}", f"{score.keypoint_error:.4f}")
+        at = score.arrival
+        away = (*map(_cell, (at.root, at.joint, at.bodies, at.turn)), int(score.fell_afterwards))
+        figures = (int(score.success), _cell(score.joint_error), _cell(score.keypoint_error))
         rows.append((score.index, score.name or "", str(score.time), score.outcome, late, *away, *figures))
     replace_table(path, (*COLUMNS, "tks3", "mpjpe3_rad", "mpkpe3_m"), rows)
+
+
+def _cell(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.4f}"
 
 
 def summary(scores: Sequence[KeyframeScore]) -> str:

@@ -27,6 +27,7 @@ from plat.runs.user_modules import import_modules
 
 def main(recipe: StudioRecipe) -> None:
     """Run the recipe until it is interrupted."""
+    check_together(recipe)
     try:
         from plat.studio.app import Studio
         from plat.studio.session import Session
@@ -63,6 +64,24 @@ def main(recipe: StudioRecipe) -> None:
         pass
     finally:
         studio.stop()
+
+
+def check_together(recipe: StudioRecipe) -> None:
+    """Raise an error for options that would be without effect.
+
+    Raises:
+        StudioError: naming the option.
+    """
+    if recipe.static is None:
+        if recipe.libraries is not None:
+            raise StudioError("--libraries: without effect but with --static, expected that beside it")
+        return
+    for name in ("motions", "keyframes", "folder", "host", "port"):
+        if getattr(recipe, name) != getattr(StudioRecipe, name):
+            raise StudioError(
+                f"--{name}: without effect on the page of --static, where keyframe files are opened in the browser; "
+                "expected none beside it"
+            )
 
 
 def _write_static(recipe: StudioRecipe, runs: dict[str, Path], policies: dict[str, Policy], robot: Robot) -> None:

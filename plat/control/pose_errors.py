@@ -1,5 +1,6 @@
 """Errors of one robot against a pose. The twin of :class:`plat.envs.transforms.KeyframeMetrics`, which is batched."""
 
+import math
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -24,20 +25,20 @@ __all__ = ["PoseComparison", "PoseErrors"]
 
 @dataclass(frozen=True)
 class PoseErrors:
-    """Distance of a robot from a pose."""
+    """Distance of a robot from a pose; NaN where a partial keyframe commands nothing of the kind."""
 
     joint: float
-    """mean absolute error of the commanded joint angles (rad): MPJPE; 0 where none are commanded"""
+    """mean absolute error of the commanded joint angles (rad): MPJPE"""
     keypoint: float
-    """mean Euclidean error of the commanded keypoints in the world (m): MPKPE; 0 where none are commanded"""
+    """mean Euclidean error of the commanded keypoints in the world (m): MPKPE"""
     root: float
     """distance of the root in what is commanded of its position (m)"""
     bodies: float
-    """largest distance of a body whose position a partial keyframe commands (m); 0 for whole ones"""
+    """largest distance of a body whose position is commanded (m)"""
     height: float
     """largest error of the height of anchor, ankles and wrists, or of the commanded bodies (m)"""
     turn: float
-    """angle between the anchor's orientations; of a partial keyframe the root's, where it is commanded (rad)"""
+    """angle between the anchor's orientations; of a partial keyframe the root's (rad)"""
     near: bool
     """whether everything that is commanded is near enough: see :class:`plat.control.ReachLimits`"""
     off_pose: bool
@@ -92,15 +93,14 @@ class PoseComparison:
         root = root or with_commanded_root(self._standing, replace(pose, commands=commands))
         wanted["keypoint_pos_w"][0, 0] = torch.from_numpy(root.root_pos)
         wanted["keypoint_quat_w"][0, 0] = torch.from_numpy(root.root_quat)
-        parts = None
-        if commands is not None and not commands.whole:
-            parts = torch.tensor(commands.values(), dtype=torch.float64)[None]
+        commands = commands or Parts.all(self._robot)
+        parts = None if commands.whole else torch.tensor(commands.values(), dtype=torch.float64)[None]
         for poses, joint_pos in ((actual, state.joint_pos), (wanted, pose.joint_pos)):
             poses["joint_pos"] = torch.from_numpy(np.asarray(joint_pos, dtype=np.float64))[None]
         away = distances(actual, wanted, parts)
         heights = (actual["keypoint_pos_w"] - wanted["keypoint_pos_w"])[0, :, 2].abs()
         points = torch.linalg.vector_norm(actual["keypoint_pos_w"] - wanted["keypoint_pos_w"], dim=-1)[0]
-        if parts is None or commands is None:
+        if parts is None:
             anchors = (poses["keypoint_quat_w"][:, self._robot.anchor_index] for poses in (actual, wanted))
             turn, watched, counted = quat_angle(*anchors), self._watched, torch.ones_like(points)
         else:
@@ -108,12 +108,12 @@ class PoseComparison:
             watched = [row for row, flag in enumerate(commands.bodies) if flag or (row == 0 and commands.root[1])]
             counted = commanded_joints_and_bodies(parts, len(state.joint_pos))[1][0]
         return PoseErrors(
-            joint=float(away.joints),
-            keypoint=float((points * counted).sum() / counted.sum().clamp_min(1.0)),
-            root=float(away.root),
-            bodies=0.0 if parts is None else float(away.bodies),
+            joint=float(away.joints) if any(commands.joints) else math.nan,
+            keypoint=float((points * counted).sum() / counted.sum()) if counted.any() else math.nan,
+            root=float(away.root) if any(commands.root[:2]) else math.nan,
+            bodies=float(away.bodies) if any(commands.bodies) else math.nan,
             height=float(heights[watched].max()) if watched else 0.0,
-            turn=float(turn),
+            turn=float(turn) if commands.root[2] else math.nan,
             near=bool(away.near(self._limits)),
             off_pose=bool(off_pose(actual, wanted, self._robot, self._limits.window, parts)),
             fallen=bool(fallen(actual, wanted, self._limits.window, parts)),

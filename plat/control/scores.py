@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from plat.control.chase import ChaseStep
 from plat.control.pose_errors import PoseComparison, PoseErrors
 from plat.envs.settings import ReachLimits
-from plat.keyframes import Keyframe
 from plat.keyframes.roots import with_commanded_root
 from plat.robots.robot import Robot
 
@@ -204,7 +203,6 @@ class KeyframeScorer:
         fell = any(errors.down for _, errors in steps)
         reached = not fell and self._near(arrival) and not any(errors.off_pose for errors in window)
         late = None if fell else self._near_after.get(last.command.index)
-        joints, points = _measured(last.command.keyframe)
         hold = self.hold() if last.command.index == max(self._steps) else None
         return KeyframeScore(
             last.command.index,
@@ -217,8 +215,8 @@ class KeyframeScorer:
             arrival=PoseErrors(**{field.name: getattr(arrival, field.name) for field in fields(PoseErrors)}),
             success=not any(errors.failed for _, errors in steps),
             root_off=any(errors.fallen for _, errors in steps),
-            joint_error=float(np.mean([errors.joint for errors in window])) if joints else math.nan,
-            keypoint_error=float(np.mean([errors.keypoint for errors in window])) if points else math.nan,
+            joint_error=_mean([errors.joint for errors in window]),
+            keypoint_error=_mean([errors.keypoint for errors in window]),
         )
 
     def _faults(
@@ -231,7 +229,7 @@ class KeyframeScorer:
             (late is not None, f"{late or 0:.2f} s late"),
             (arrival.root > limits.root, f"{arrival.root:.2f} m off"),
             (arrival.joint > limits.joints, f"joints {arrival.joint:.2f} rad off"),
-            (arrival.bodies > limits.bodies, f"a commanded body {arrival.bodies:.2f} m off"),
+            (partial and arrival.bodies > limits.bodies, f"a commanded body {arrival.bodies:.2f} m off"),
             (
                 height > min(limits.window.anchor_height, limits.window.end_effector_height),
                 f"a hand, a foot or the torso {height:.2f} m too high or low",
@@ -241,12 +239,10 @@ class KeyframeScorer:
         return tuple(words for present, words in faults if present)
 
 
-def _measured(keyframe: Keyframe) -> tuple[bool, bool]:
-    """Return whether a keyframe commands joints, and whether it commands places of bodies."""
-    commands = keyframe.commands
-    if commands is None:
-        return True, True
-    return any(commands.joints), any(commands.bodies) or commands.root[:2] == (True, True)
+def _mean(values: Sequence[float]) -> float:
+    mean = float(np.mean(values))
+    # always the same NaN, so that equal scores compare as equal
+    return math.nan if math.isnan(mean) else mean
 
 
 def mean_errors(scores: Sequence[KeyframeScore]) -> tuple[float, float]:

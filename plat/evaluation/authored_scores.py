@@ -49,7 +49,8 @@ class AuthoredRecords:
         family: of each chain, ``[C]``.
         reached: in time, near enough and not fallen before ``[C, K]``.
         fell_before: fallen by the arrival ``[C, K]``; what is neither was late or off.
-        root_error: distance of the root at arrival ``[C, K]`` (m), in what is commanded of it.
+        root_error: distance of the root at arrival ``[C, K]`` (m), in what is commanded of it. As in the next
+            two, 0 where nothing is.
         joint_error: mean absolute error of the commanded joints at arrival ``[C, K]`` (rad).
         body_error: largest distance of a commanded body at arrival ``[C, K]`` (m).
         feasible: without a concern of :class:`plat.control.Feasibility` ``[C, K]``.

@@ -66,7 +66,8 @@ class StudyPlan:
         ours: policy whose paired differences to each other one are taken, at the horizons long and mixed.
 
     Raises:
-        ConfigError: for curves of robots that are disturbed already.
+        ConfigError: for curves of robots that are disturbed already, and for partial keyframes beside tests that say
+            themselves what is commanded.
     """
 
     horizons: Sequence[str]
@@ -86,6 +87,10 @@ class StudyPlan:
     def __post_init__(self) -> None:
         if self.robustness and (self.setting.disturbance is not None or self.setting.randomization is not None):
             raise ConfigError("robustness: curves are of one disturbance at a time, expected an undisturbed setting")
+        for test, asked in (("rules", self.rules), ("authored", self.authored)):
+            if asked and self.setting.partial is not None:
+                told = f"the setting's partial is {self.setting.partial!r}, expected None"
+                raise ConfigError(f"{test}: says itself what is commanded; {told}")
 
     @property
     def main_horizon(self) -> str:

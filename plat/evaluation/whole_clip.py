@@ -21,6 +21,7 @@ from plat.envs.transforms import (
     ReferenceMotion,
 )
 from plat.envs.transforms.command import check_timing
+from plat.errors import ConfigError
 from plat.evaluation.clip_records import CLIP_ERRORS, ClipRecords
 from plat.evaluation.disturbance import disturbing, observing_noise
 from plat.evaluation.finite import check_actions
@@ -67,6 +68,7 @@ def evaluate_clips(
         conditions: fields of :class:`plat.evaluation.EvaluationSetting` that replace those of ``setting``.
 
     Raises:
+        ConfigError: for partial keyframes, which no rule judges.
         RecordsError: for an unknown rule.
         ActionError: when the policy gives an action that is not finite.
         PlatError: when motions or horizon do not fit the policy's timing.
@@ -81,6 +83,8 @@ def evaluate_clips(
     """
     judge = rule_named(rule)
     setting = replace(setting or EvaluationSetting(), **conditions)
+    if setting.partial is not None:
+        raise ConfigError(f"partial is {setting.partial!r}: a whole clip is judged by whole poses, expected None")
     timing = setting.timing or timing_of(policy) or Timing(control_dt=library.dt)
     setting = replace(setting, timing=timing)
     horizon = horizon or Horizon(1, min(50, timing.max_steps))

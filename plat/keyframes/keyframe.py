@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from plat.bounds import is_finite
 from plat.errors import KeyframeError
+from plat.json_file import short
 from plat.rotations_np import UNIT_TOLERANCE, quat_slerp
 from plat.spec.parts import Parts
 
@@ -116,8 +118,8 @@ class Keyframe:
             KeyframeError: naming the field, for a wrong shape, a value that is not finite, a quaternion that is not of
                 unit length, a joint angle outside the joint's range, or commands of another robot.
         """
-        if not np.isfinite(self.time):
-            raise KeyframeError(f"time is {self.time}, expected a finite number of seconds")
+        if not is_finite(self.time):
+            raise KeyframeError(f"time is {short(self.time)}, expected a finite number of seconds")
         if abs(self.time) > _LONGEST:
             raise KeyframeError(f"time is {self.time:g} s, expected at most a day ({_LONGEST:g} s)")
         root_pos = _vector("root_pos", self.root_pos, 3, "x, y, z")
@@ -165,8 +167,10 @@ def interpolate(before: Keyframe, after: Keyframe, time: float) -> Keyframe:
     >>> interpolate(low, high, 0.25).root_pos
     array([0.   , 0.   , 0.785])
     """
-    if not np.isfinite(time) or before.time == after.time:
-        raise KeyframeError(f"time is {time} s between {before.time} and {after.time} s, expected different times")
+    if not is_finite(time) or before.time == after.time:
+        raise KeyframeError(
+            f"time is {short(time)} s between {before.time} and {after.time} s, expected different times"
+        )
     weight = (time - before.time) / (after.time - before.time)
     return Keyframe(
         time,
@@ -179,8 +183,8 @@ def interpolate(before: Keyframe, after: Keyframe, time: float) -> Keyframe:
 def _vector(field: str, value: np.ndarray, size: int, content: str) -> np.ndarray:
     try:
         vector = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise KeyframeError(f"{field} is {value!r}, expected {size} numbers ({content})") from None
+    except (OverflowError, TypeError, ValueError):
+        raise KeyframeError(f"{field} is {short(value)}, expected {size} numbers ({content})") from None
     if vector.shape != (size,):
         raise KeyframeError(f"{field} has shape {vector.shape}, expected ({size},) ({content})")
     if not np.isfinite(vector).all():

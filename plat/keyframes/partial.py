@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from plat.deploy.description import RobotDescription
 from plat.deploy.kinematics import KeypointKinematics
 from plat.errors import KeyframeError
+from plat.json_file import short
 from plat.keyframes.keyframe import Keyframe, standing
 from plat.spec.parts import Parts
 
@@ -117,17 +118,17 @@ def hands_of(robot: Robot | RobotDescription) -> tuple[str, str]:
 def _number(field: str, value: float) -> float:
     try:
         return float(value)
-    except (TypeError, ValueError):
-        raise KeyframeError(f"{field} is {value!r}, expected a number") from None
+    except (OverflowError, TypeError, ValueError):
+        raise KeyframeError(f"{field} is {short(value)}, expected a number") from None
 
 
 def _numbers(field: str, values: Sequence[float], count: int) -> NDArray[np.float64]:
     try:
         numbers = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (OverflowError, TypeError, ValueError):
         numbers = np.empty(0)
     if numbers.shape != (count,) or not np.isfinite(numbers).all():
-        raise KeyframeError(f"{field} is {values!r}, expected {count} finite numbers (m, world)")
+        raise KeyframeError(f"{field} is {short(values)}, expected {count} finite numbers (m, world)")
     return numbers
 
 

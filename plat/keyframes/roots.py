@@ -22,14 +22,10 @@ def with_commanded_root(before: Keyframe, after: Keyframe) -> Keyframe:
     """
     if after.commands is None:
         return after
-    horizontal, height, orientation = after.commands.root
-    # the root is the first of the bodies
-    root = after.commands.bodies[0]
-    commanded = np.array([horizontal or root, horizontal or root, height or root])
     return replace(
         after,
-        root_pos=np.where(commanded, after.root_pos, before.root_pos),
-        root_quat=after.root_quat if orientation else before.root_quat,
+        root_pos=np.where(after.commands.root_place, after.root_pos, before.root_pos),
+        root_quat=after.root_quat if after.commands.root[2] else before.root_quat,
     )
 
 

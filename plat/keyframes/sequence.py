@@ -286,5 +286,6 @@ def _check_length(before: Keyframe, keyframe: Keyframe, label: str, timing: Timi
     if steps > timing.max_steps:
         raise KeyframeError(
             f"{label}: time is {keyframe.time:g} s, {steps} control steps after {before.time:g} s, expected at most "
-            f"{timing.max_steps} ({timing.longest:g} s): add a keyframe in between, or have the interval split"
+            f"{timing.max_steps} ({timing.longest:g} s): add a keyframe in between, have the interval split (--split), "
+            "or use a policy with longer commands (--timing.max-steps)"
         )

@@ -4,7 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from plat.bounds import is_finite
 from plat.errors import MotionError
+from plat.json_file import short
 from plat.robots.robot import Robot
 from plat.rotations_np import UNIT_TOLERANCE
 
@@ -81,8 +83,8 @@ class MotionClip:
             )
         if len(qpos) < least:
             raise MotionError(f"motion {self.name!r}: {len(qpos)} frames, expected at least {least}")
-        if not (np.isfinite(self.fps) and self.fps > 0):
-            raise MotionError(f"motion {self.name!r}: fps is {self.fps}, expected a positive number")
+        if not (is_finite(self.fps) and self.fps > 0):
+            raise MotionError(f"motion {self.name!r}: fps is {short(self.fps)}, expected a positive number")
         finite = np.isfinite(qpos)
         if not finite.all():
             frame, column = np.argwhere(~finite)[0]

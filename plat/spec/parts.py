@@ -112,6 +112,13 @@ class Parts:
         """Return whether everything is commanded."""
         return all(self.values())
 
+    @property
+    def root_place(self) -> tuple[bool, bool, bool]:
+        """Return whether x, y and z of the root are commanded; as a body, or as parts of the root."""
+        horizontal, height, _ = self.root
+        root = self.bodies[0]  # it is the first of the bodies
+        return horizontal or root, horizontal or root, height or root
+
     def values(self) -> tuple[bool, ...]:
         """Return all flags ``[J + K + 3]``: joints, bodies, root."""
         return (*self.joints, *self.bodies, *self.root)

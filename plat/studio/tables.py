@@ -1,5 +1,6 @@
 """Markdown tables of errors and scores."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 from plat.control import FELL, ChaseStep, KeyframeScore, PoseErrors, distance_text, error_text, tally
@@ -20,8 +21,9 @@ def live_line(timeline: Timeline, step: ChaseStep, errors: PoseErrors) -> str:
     called = _plain(timeline.labels[timeline.toward(step.command.keyframe.time)])
     when = "held" if step.holding else f"in {(step.command.steps_left - 1) * step.timing.control_dt:.2f} s"
     fallen = " **fallen**" if errors.down else ""
-    away = f"{errors.keypoint:.2f} m and {errors.joint:.2f} rad away"
-    return f"{step.time:.1f} s: keyframe **{called}** {when}, {away}{fallen}"
+    figures = ((errors.keypoint, "m"), (errors.joint, "rad"))
+    away = " and ".join(f"{value:.2f} {unit}" for value, unit in figures if not math.isnan(value))
+    return f"{step.time:.1f} s: keyframe **{called}** {when}{away and f', {away} away'}{fallen}"
 
 
 def grade(score: KeyframeScore) -> str:

@@ -1,4 +1,5 @@
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -129,7 +130,10 @@ def test_one_document_and_figures_of_every_kind(recipe, monkeypatch, capsys):
     assert (recipe.out / "benchmark.md").read_text() == text
 
     docs = recipe.out.parent / "docs"
+    shutil.copytree(recipe.out / "motions", recipe.out / "earlier")  # a set of an earlier start
     publish(recipe.out, docs)
+    kept = {path.name for path in (docs / "benchmark").iterdir()}
+    assert kept == {"about.json", *(name for name, *_ in json.loads((recipe.out / "about.json").read_text())["sets"])}
     assert (docs / "results.md").read_text() == page(docs / "benchmark", "benchmark/")
     assert (docs / "benchmark" / "motions" / "radar.png").exists()
     assert "(benchmark/motions/radar.png)" in (docs / "results.md").read_text()

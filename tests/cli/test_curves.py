@@ -28,7 +28,7 @@ def test_a_picture_is_written(tmp_path):
 def test_a_folder_without_metrics_and_an_unknown_column_are_named(tmp_path):
     with pytest.raises(PlatError, match="nowhere/metrics.csv"):
         curves.read(tmp_path / "nowhere", "loss")
-    with pytest.raises(PlatError, match="'gain'"):
+    with pytest.raises(PlatError, match="'gain', expected some of step, loss, rare$"):
         curves.read(write_metrics(tmp_path / "run"), "gain")
 
 
@@ -42,3 +42,40 @@ def test_a_broken_table_is_named(tmp_path, text):
     (tmp_path / "metrics.csv").write_text(text)
     with pytest.raises(PlatError, match=r"metrics.csv': not the metrics of a run \(.*\)$"):
         curves.read(tmp_path, "loss")
+
+
+@pytest.mark.parametrize(
+    ("columns", "shown"),
+    [
+        ("terminated,error/keypoint_aligned,terminations_per_second", "terminations_per_second error/keypoint_aligned"),
+        ("failures_per_second,simulated_cost,model/loss", "failures_per_second simulated_cost"),
+        ("terminated,prior_error,terminations_per_second", "terminations_per_second prior_error"),
+        ("loss_imitation,error,terminations_per_second", "terminations_per_second error"),
+    ],
+    ids=["expert", "imagination", "distill", "distill-plain"],
+)
+def test_without_names_each_kind_of_run_shows_failures_and_its_error_or_cost(tmp_path, columns, shown):
+    count = columns.count(",") + 1
+    (tmp_path / "metrics.csv").write_text(f"step,seconds,{columns}\n10,30{',0.5' * count}\n")
+    assert list(curves.shown_by_default([tmp_path])) == shown.split()
+
+
+def test_runs_of_two_kinds_share_panels_where_both_have_the_column(tmp_path):
+    pytest.importorskip("matplotlib")
+    expert, imagined = tmp_path / "expert", tmp_path / "imagined"
+    for run, text in (
+        (expert, "step,seconds,terminations_per_second,simulated_cost\n1,3,0.5,2\n"),
+        (imagined, "step,seconds,failures_per_second,simulated_cost\n1,3,0.5,2\n"),
+    ):
+        run.mkdir()
+        (run / "metrics.csv").write_text(text)
+    shown = curves.shown_by_default([expert, imagined])
+    assert shown["simulated_cost"] == [expert, imagined]
+    assert shown["failures_per_second"] == [imagined]
+    curves.main(curves.CurvesRecipe(runs=(expert, imagined), out=tmp_path / "curves.png"))
+    assert (tmp_path / "curves.png").exists()
+
+
+def test_a_run_with_columns_of_its_own_is_asked_for_their_names(tmp_path):
+    with pytest.raises(PlatError, match="which columns.* Expected --metrics with some of step, loss, rare$"):
+        curves.shown_by_default([write_metrics(tmp_path / "run")])

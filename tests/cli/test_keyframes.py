@@ -5,7 +5,7 @@ import pytest
 
 from plat.cli import keyframes
 from plat.errors import KeyframeError, MotionError
-from plat.keyframes import Keyframe, KeyframeSequence, standing
+from plat.keyframes import Keyframe, KeyframeSequence, only, standing
 from plat.keyframes.files import write_keyframes
 from plat.motions import generate_motions, save_motions
 from plat.robots import G1
@@ -74,6 +74,35 @@ def test_show_prints_a_row_a_keyframe(capsys):
     assert len(rows) == 2 + 5
     assert "bow" in rows[3]
     assert "left_hip_pitch" in rows[3]
+
+
+def test_show_names_what_partial_keyframes_command(tmp_path, capsys):
+    arms = only(G1, 0.5, joints={"left_elbow": 0.4, "right_elbow": 0.9})
+    away = only(G1, 1.0, root=(0.1, 0.2), base=arms)
+    hand = only(G1, 1.5, left_hand=(0.3, 0.2, 1.0), height=0.7)
+    KeyframeSequence(G1, standing(G1), (arms, away, hand, standing(G1).at(2.0))).save(tmp_path / "parts.json")
+    keyframes.main(keyframes.Show(file=tmp_path / "parts.json"))
+    rows = [line for line in capsys.readouterr().out.splitlines()[2:] if "out of reach" not in line]
+    assert [row.strip() for row in rows[1:6:2]] == [
+        "commands joints left_elbow, right_elbow",
+        "commands root horizontal",
+        "commands bodies left_wrist_yaw_link; root height",
+    ]
+    assert [row.split()[3:] for row in rows[0:5:2]] == [
+        ["-", "-", "-", "right_elbow", "+0.30", "rad"],
+        ["0.10", "0.20", "-", "-"],
+        ["-", "-", "0.70", "-"],
+    ]
+    assert len(rows) == 7  # that of the whole keyframe is as ever
+
+
+def test_an_interval_that_is_too_long_comes_with_the_ways_out(tmp_path):
+    stand = standing(G1)
+    write_keyframes(tmp_path / "slow.json", G1, stand, [stand.at(2.5)])
+    with pytest.raises(KeyframeError, match=r"expected at most 50 \(1 s\): .*--split.*--timing.max-steps"):
+        keyframes.main(keyframes.Show(file=tmp_path / "slow.json"))
+    with pytest.raises(KeyframeError, match=r"every is 2 s, expected 0.02 to 1 \(--timing.max-steps\)"):
+        keyframes.main(keyframes.FromMotion(motion="generated:val/bow@1", every=2.0, out=tmp_path / "a.json"))
 
 
 def test_show_tells_what_is_out_of_reach(tmp_path, capsys):

@@ -13,7 +13,7 @@ import pytest
 from plat.cli import play
 from plat.control import ReachLimits
 from plat.errors import CheckpointError, KeyframeError
-from plat.keyframes import KeyframeSequence, standing
+from plat.keyframes import KeyframeSequence, only, standing
 from plat.rendering import RenderingError, Stage
 from plat.robots import G1
 
@@ -75,6 +75,24 @@ def test_outcomes_go_to_a_file(tmp_path):
         (score.name, "reached", "") for score in scores
     ]
     assert [float(row["root_m"]) for row in rows] == pytest.approx([score.arrival.root for score in scores], abs=1e-4)
+
+
+def test_what_a_partial_keyframe_does_not_command_is_empty_in_the_file(tmp_path):
+    hands = only(G1, 0.5, left_hand=(0.3, 0.2, 1.0))
+    away = only(G1, 1.0, root=(0.1, 0.0), heading=0.3)
+    elbow = only(G1, 1.5, joints={"left_elbow": 1.0})
+    KeyframeSequence(G1, standing(G1), (hands, away, elbow, standing(G1).at(2.0))).save(tmp_path / "parts.json")
+    recipe = play.PlayRecipe(policy=ROOT / "plat" / "weights" / "imagined", keyframes=tmp_path / "parts.json", hold=0.0)
+    play.main(dataclasses.replace(recipe, csv=tmp_path / "scores.csv"))
+    rows = list(csv.DictReader((tmp_path / "scores.csv").read_text().splitlines()))
+    names = ("root_m", "joints_rad", "bodies_m", "turn_rad", "mpjpe3_rad", "mpkpe3_m")
+    assert [[name for name in names if row[name]] for row in rows] == [
+        ["bodies_m", "mpkpe3_m"],
+        ["root_m", "turn_rad"],
+        ["joints_rad", "mpjpe3_rad"],
+        list(names),
+    ]
+    assert all(float(row[name]) > 0 for row in rows for name in names if row[name])
 
 
 def test_a_tolerance_can_be_chosen_and_it_decides_who_has_reached():

@@ -76,6 +76,21 @@ def test_the_browser_is_opened_where_there_is_a_screen(monkeypatch, tmp_path):
     assert not studio._has_screen(), "a browser in the terminal would take it"
 
 
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"keyframes": Path("wave.json")}, "--keyframes: without effect on the page of --static"),
+        ({"motions": "generated:test"}, "--motions: without effect on the page of --static"),
+        ({"static": None, "libraries": Path("node_modules")}, "--libraries: without effect but with --static"),
+    ],
+)
+def test_options_that_a_page_of_files_cannot_honor_are_refused(tmp_path, options, message):
+    recipe = studio.StudioRecipe(runs=(PLAT,), **{"static": tmp_path / "page", **options})
+    with pytest.raises(StudioError, match=message):
+        studio.main(recipe)
+    assert not (tmp_path / "page").exists()
+
+
 def test_runs_in_folders_of_the_same_name_are_told_apart():
     runs = Path("a/plat"), Path("b/plat"), Path("b/expert")
     assert studio._names(runs) == ["a/plat", "b/plat", "expert"]

@@ -99,6 +99,14 @@ def test_curves_of_disturbed_robots_are_refused():
         StudyPlan(horizons=("short",), setting=disturbed, robustness=("push",))
 
 
+@pytest.mark.parametrize("test", [{"rules": ("humantracker",)}, {"authored": 2}])
+def test_partial_keyframes_are_refused_by_tests_that_would_leave_them_out(test):
+    hands = EvaluationSetting(partial="hands")
+    assert StudyPlan(horizons=("short",), setting=hands).setting.partial == "hands"
+    with pytest.raises(ConfigError, match="the setting's partial is 'hands', expected None"):
+        StudyPlan(horizons=("short",), setting=hands, **test)
+
+
 def test_the_best_interface_of_each_tracker():
     scores = [
         Score.of(name, "mixed", [records(failures, 0.1, error)])

@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from plat.errors import RecordsError
+from plat.errors import ConfigError, RecordsError
 from plat.evaluation import ClipRecords, compare, evaluate_clips, report_clips
 from plat.motions import MotionLibrary
 from plat.robots import G1
@@ -101,6 +101,11 @@ def test_the_rule_stands_in_the_file(followed, tmp_path):
     assert about == {"policy": "a", "rule": "supermimic"}
     assert loaded.rule == "supermimic"
     assert torch.equal(loaded.tracked, records.tracked)
+
+
+def test_partial_keyframes_are_refused(two_clips):
+    with pytest.raises(ConfigError, match="partial is 'hands': a whole clip is judged by whole poses, expected None"):
+        evaluate_clips(still, two_clips, "humantracker", partial="hands")
 
 
 def test_unknown_rules_and_mixtures_are_refused(followed, two_clips):

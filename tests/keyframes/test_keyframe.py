@@ -58,6 +58,8 @@ def test_checked_makes_the_quaternion_exactly_unit():
         ({"joint_pos": np.zeros(12)}, r"joint_pos has shape \(12,\), expected \(29,\)"),
         ({"joint_pos": np.full(29, 3.0)}, "joint_pos: 'left_ankle_roll' is 3 rad, expected -0.2618 to 0.2618"),
         ({"time": np.inf}, "time is inf"),
+        ({"time": 10**400}, "time is 1000.*000, expected a finite number"),
+        ({"root_pos": [10**400, 0, 0]}, r"root_pos is \[1000.*000, 0, 0\], expected 3 numbers"),
     ],
 )
 def test_what_is_wrong_is_named(changes, message):

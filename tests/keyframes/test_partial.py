@@ -61,6 +61,8 @@ def test_a_waypoint_commands_place_and_heading():
         ({"height": "low"}, "height is 'low', expected a number"),
         ({"heading": "north"}, "heading is 'north', expected a number"),
         ({"joints": {"left_elbow": [1, 2]}}, "joints: 'left_elbow' is"),
+        ({"height": 10**400}, "height is 1000.*000, expected a number"),
+        ({"left_hand": (10**400, 0, 0)}, "is .1000.*000, 0, 0., expected 3 finite numbers"),
     ],
 )
 def test_bad_parts_are_named(given, message):

@@ -27,6 +27,7 @@ def broken(**changes) -> MotionClip:
         (broken(qpos=good(1)), "1 frames, expected at least 2"),
         (broken(fps=0.0), "fps is 0.0"),
         (broken(fps=float("nan")), "fps is nan"),
+        (broken(fps=10**400), "fps is 1000.*000, expected a positive number"),
         (broken(cells={(2, 9): np.nan}), r"qpos\[2, 9\] is nan"),
         (broken(cells={(1, 0): np.inf}), r"qpos\[1, 0\] is inf"),
         (broken(cells={(3, 3): 0.5}), "quaternion of frame 3 .* has length 0.5, expected 1"),

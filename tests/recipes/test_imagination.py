@@ -21,6 +21,7 @@ from plat.modules import (
     DynamicsConfig,
     DynamicsModel,
     Expert,
+    ExpertConfig,
     FinetunedPolicy,
     LatentPolicy,
     PlainPolicy,
@@ -179,8 +180,26 @@ def test_going_on_from_a_student_takes_its_shape(tmp_path):
     main(["imagine", *map(str, arguments), "--steps", "64"])
     assert load_policy(out).config == load_policy(start).config
     main(["imagine", *map(str, arguments), "--steps", "128", "--resume"])
-    with pytest.raises(SystemExit, match="the trained student has"):
+    with pytest.raises(SystemExit, match="the trained policy has"):
         main(["imagine", *map(str, arguments), "--policy.backbone", "8", "--steps", "64", "--out", str(tmp_path / "x")])
+
+
+def test_going_on_from_an_expert_takes_its_shape(tmp_path, capsys):
+    start, out = tmp_path / "start", tmp_path / "run"
+    config = ExpertConfig(hidden=(16,), action="reference_velocity", ahead=(1, 2), lead=0.085, catch_up=2.0)
+    write_run(start, Expert(G1, config))
+    arguments = ["expert-model", *map(str, [*SMALL, "--init", start, "--out"])]
+    main([*arguments, str(out), "--steps", "64"])
+    assert load_policy(out).config == config
+    told = r"start' goes on in its shape: hidden .*, ahead .*, lead 0.085, catch_up 2.0\n"
+    assert re.search(told, capsys.readouterr().out)
+    main([*arguments, str(out), "--steps", "128", "--resume"])
+    wider = [*arguments, str(tmp_path / "wider"), "--policy.hidden", "32", "--steps", "64"]
+    main([*wider, "--policy.catch-up", "2.0"])
+    assert "ahead (1, 2, 5, 10) in place of (1, 2), lead 0.0 in place of 0.085\n" in capsys.readouterr().out
+    assert load_policy(tmp_path / "wider").config.catch_up == 2.0
+    with pytest.raises(SystemExit, match=r"start': it sees frames .* \(--policy.ahead, --policy.hidden\)"):
+        main([*arguments, str(tmp_path / "x"), "--policy.hidden", "8", "--steps", "64"])
 
 
 @pytest.mark.parametrize("recipe", RECIPES)

@@ -54,7 +54,7 @@ def test_what_cannot_be_averaged(tmp_path):
         average_runs([tmp_path / "one"], out)
     with pytest.raises(ConfigError, match="--shares: 3 numbers, expected 2"):
         average_runs([tmp_path / "one", tmp_path / "one"], out, (1, 1, 1))
-    with pytest.raises(CheckpointError, match=r"the trained student has \(16, \d+\) for backbone"):
+    with pytest.raises(CheckpointError, match=r"the trained policy has \(16, \d+\) for backbone"):
         average_runs([tmp_path / "one", tmp_path / "narrower"], out)
     with pytest.raises(CheckpointError, match="holds a 'residual_latent' policy"):
         average_runs(["plat-g1", tmp_path / "one"], out)

@@ -1,3 +1,5 @@
+import math
+
 import pytest
 
 from plat.control import PoseErrors
@@ -61,6 +63,8 @@ def test_names_are_not_taken_for_markdown():
             made_up.errors(0.25, 0.5, down=True),
             "0.6 s: keyframe **2** in 0.40 s, 0.50 m and 0.25 rad away **fallen**",
         ),
+        (1, made_up.errors(math.nan, 0.5), "0.0 s: keyframe **1 squat** in 0.48 s, 0.50 m away"),
+        (1, made_up.errors(math.nan, math.nan), "0.0 s: keyframe **1 squat** in 0.48 s"),
         (55, made_up.errors(), "1.1 s: keyframe **2** held, 0.00 m and 0.00 rad away"),
     ],
 )

@@ -1,3 +1,5 @@
+import json
+import math
 from types import SimpleNamespace
 
 import pytest
@@ -12,6 +14,7 @@ from plat.studio.app import Studio
 from plat.studio.checker import Checker
 from plat.studio.panels import TimelinePanel
 from plat.studio.session import Session
+from tests.control import made_up
 
 
 @pytest.fixture
@@ -40,6 +43,16 @@ def test_a_speed_that_is_none_is_named(panel, value):
 def test_what_is_no_number_is_named(panel, message):
     with pytest.raises(StudioError, match="expected a number"):
         panel.receive(message)
+
+
+def test_the_page_draws_no_distance_where_no_place_is_commanded(policies):
+    shown = {}
+    session = Session(G1, policies)
+    errors = [made_up.errors(keypoint=distance) for distance in (0.1234, math.nan)]
+    session.playback.played, session.playback.player = "a", SimpleNamespace(errors=errors, time=0.04, finished=True)
+    page = SimpleNamespace(session=session, dock=SimpleNamespace(show=shown.__setitem__))
+    TimelinePanel(page, Checker(G1), {}).show_time()
+    assert json.dumps(shown["distances"]["of"], allow_nan=False) == "[[0.123, null]]"
 
 
 @pytest.mark.parametrize(("frames", "shown"), [(10, 10.0), (1000, 30.0), (1, 5.0), (float("nan"), 30.0), ("10", 30.0)])

@@ -114,8 +114,7 @@ class EndOfSequence:
         here = self._place if state is None else _Pose(state.root_pos_w, state.root_quat_w, state.joint_pos)
         last = here if self._last is None else self._last
         commands = getattr(last, "commands", None)
-        # the root is the first of the bodies
-        horizontal = commands is None or commands.root[0] or commands.bodies[0]
+        horizontal = commands is None or commands.root_place[0]
         orientation = commands is None or commands.root[2]
         x_w, y_w, _ = (last if horizontal else here).root_pos
         half = 0.5 * heading_pitch_roll((last if orientation else here).root_quat)[0]

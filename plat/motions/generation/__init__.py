@@ -7,6 +7,7 @@ from itertools import count
 import numpy as np
 
 from plat.errors import MotionError, RobotError
+from plat.json_file import short
 from plat.motions.checks.validation import validate_motion
 from plat.motions.clip import MotionClip
 from plat.motions.generation.families import FAMILIES, GROUPS, NOT_FOLLOWED, ON_QUICK_FEET, WIDE_FAMILIES, Family
@@ -71,7 +72,7 @@ def generate_motions(
     if split not in SPLITS:
         raise MotionError(f"generated motions: no set {split!r}, expected one of {SPLITS}")
     if not 0 < seconds <= LONGEST:
-        raise MotionError(f"generated motions: {seconds:g} s, expected above 0 and at most {LONGEST:,g} s")
+        raise MotionError(f"generated motions: {short(seconds)} s, expected above 0 and at most {LONGEST:,g} s")
     known = {**FAMILIES, **WIDE_FAMILIES}
     families = tuple(member for name in families for member in GROUPS.get(name, (name,)))
     unknown = sorted(set(families) - set(known))

@@ -1,5 +1,6 @@
 """Timeline at the bottom of the page: what a user does there, and the state that it shows."""
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -151,8 +152,13 @@ class TimelinePanel:
         speed = next(label for label, speed in SPEEDS.items() if speed == playback.speed)
         state = {"cursor": round(playback.cursor, 4), "simulated": round(playback.simulated, 4), "mode": mode}
         self._page.dock.show("time", {**state, "speed": speed, "loop": playback.loop})
-        distances = [[round(error.keypoint, 3) for error in player.errors] for _, player in playback.players]
+        distances = [[_distance(error.keypoint) for error in player.errors] for _, player in playback.players]
         self._page.dock.show("distances", {"dt": session.timing.control_dt, "of": distances})
+
+
+def _distance(value: float) -> float | None:
+    # JSON has no NaN, and a browser could not read it
+    return None if math.isnan(value) else round(value, 3)
 
 
 def _result(scores: list[KeyframeScore]) -> dict[str, str]:

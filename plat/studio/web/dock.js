@@ -501,11 +501,15 @@
     const { dt, of } = state.distances || { of: [] }, colors = ["var(--blue)", "var(--late)"];
     const most = Math.max(0.1, ...of.flat()), high = 0.5 * (height - axis);
     return of.flatMap((values, robot) => {
-      if (values.length < 2) return [];
-      const points = values.map((value, step) => `${toX((step + 1) * dt).toFixed(1)},${(height - 2 - (high * value) / most).toFixed(1)}`);
-      const line = draw("polyline", { points: points.join(" "), fill: "none", stroke: colors[robot], "stroke-width": 1.5, opacity: 0.75, "data-distance": robot });
+      if (values.filter((value) => value !== null).length < 2) return [];
+      const spot = (value, step) => `${toX((step + 1) * dt).toFixed(1)},${(height - 2 - (high * value) / most).toFixed(1)}`;
+      // null where a keyframe commands no place: the line has a gap there
+      const path = values.map((value, step) => (value === null ? "" : `${(values[step - 1] ?? null) === null ? "M" : "L"}${spot(value, step)}`));
+      const line = draw("path", { d: path.join(""), fill: "none", stroke: colors[robot], "stroke-width": 1.5, opacity: 0.75, "data-distance": robot });
       line.append(tip("mean distance of the commanded bodies from the keyframe"));
-      const last = values[values.length - 1], label = draw("text", { x: toX(values.length * dt) + 4, y: height - 2 - (high * last) / most, style: `fill:${colors[robot]}` });
+      const last = values[values.length - 1];
+      if (last === null) return [line];
+      const label = draw("text", { x: toX(values.length * dt) + 4, y: height - 2 - (high * last) / most, style: `fill:${colors[robot]}` });
       label.textContent = `${last.toFixed(2)} m`;
       return [line, label];
     });

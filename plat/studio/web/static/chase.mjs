@@ -93,9 +93,9 @@ export function compare(robot, qpos, pose, parts, place = pose) {
   const near = root <= limits.root && joint <= limits.joints && (!parts || (bodies <= limits.bodies && turn <= limits.turn));
   const down = (low < limits.fallen_height && meant >= limits.fallen_height) || tilt > limits.fallen_tilt;
   const total = counted.reduce((a, b) => a + b, 0);
-  const keypoint = total ? distances.reduce((sum, value, body) => sum + value * counted[body], 0) / total : 0;
+  const keypoint = total ? distances.reduce((sum, value, body) => sum + value * counted[body], 0) / total : null;
   const watched = parts ? heights.map((_, body) => body).filter((body) => flags[count + body] || (body === 0 && upright)) : [robot.anchor, ...robot.ends];
-  return { joint, keypoint, root, bodies, turn, near: near && !down, offPose: Boolean(offPose), fallen, down, height: highest(watched), points: total > 0, joints: joints.length > 0 };
+  return { joint, keypoint, root, bodies, turn, near: near && !down, offPose: Boolean(offPose), fallen, down, height: highest(watched), joints: joints.length > 0 };
 }
 
 class Scorer {
@@ -134,7 +134,7 @@ class Scorer {
         number: this.frames[index].number, name: this.frames[index].name, time: this.frames[index].time, outcome,
         status: fell || afterwards ? "fell" : reached ? "reached" : "late",
         words: outcome + (faults.length ? `: ${faults.join(", ")}` : "") + (afterwards ? "; fell afterwards" : ""),
-        joint: arrival.joints ? mean(window.map((step) => step.joint)) : null, keypoint: arrival.points ? mean(window.map((step) => step.keypoint)) : null,
+        joint: arrival.joints ? mean(window.map((step) => step.joint)) : null, keypoint: arrival.keypoint !== null ? mean(window.map((step) => step.keypoint)) : null,
       };
     });
   }
