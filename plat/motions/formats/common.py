@@ -15,7 +15,7 @@ from plat.motions.checks.feet import Soles
 from plat.motions.clip import MotionClip
 from plat.motions.formats.axes import Up, z_up
 from plat.motions.formats.joint_columns import robot_columns
-from plat.motions.formats.units import Units, angles_in_radians, place_in_meters, unit_quaternions
+from plat.motions.formats.units import Angles, Units, angles_in_radians, place_in_meters, unit_quaternions
 from plat.motions.formats.unnamed_joints import unnamed_joints
 from plat.robots.robot import Robot
 
@@ -36,6 +36,7 @@ class ReadOptions:
         fps: frames a second, where the user states it.
         up: axis of the world that points up, where the user states it.
         units: of places, where the user states it.
+        angles: their unit in captures of humans, where the user states it.
     """
 
     robot: Robot
@@ -43,6 +44,7 @@ class ReadOptions:
     fps: float | None = None
     up: Up | None = None
     units: Units | None = None
+    angles: Angles | None = None
 
     @cached_property
     def soles(self) -> Soles:
