@@ -22,9 +22,11 @@ __all__ = ["hands_of", "only"]
 
 # Steps of the inverse kinematics, its damping (m), and how far an angle may change in a step (rad).
 _STEPS, _DAMPING, _LARGEST = 60, 0.03, 0.3
+_STUCK = 1e-4  # rad in a step
 _NUDGE = 1e-4
-# How far a body may be from its place in the end (m).
-_OFF = 0.05
+# How far a body may be from its place in the end (m). Further than the second, other poses are begun from, at most so
+# many: the middle of the joints' ranges, then random ones.
+_OFF, _NEAR, _OTHERS = 0.05, 0.005, 8
 
 
 def only(
@@ -137,7 +139,10 @@ def _reaching(
     places: Mapping[str, NDArray[np.float64]],
     fixed: Mapping[str, float],
 ) -> NDArray[np.float64]:
-    """Return a pose in which bodies are at their places, by damped least squares over the joints that move them."""
+    """Return a pose in which bodies are at their places, by damped least squares over the joints that move them.
+
+    It begins from ``qpos``, and where that leads to no such pose from others, the same ones each time.
+    """
     if isinstance(robot, RobotDescription):
         description = robot
     else:
@@ -165,17 +170,31 @@ def _reaching(
         qpos[[7 + column for column in columns]] = angles
         return kinematics(qpos[:3], qpos[3:7], qpos[7:])[rows].ravel()
 
-    angles = qpos[[7 + column for column in columns]]
-    for _ in range(_STEPS):
-        now = points(angles)
-        off = targets.ravel() - now
-        if np.abs(off).max() < 1e-4:
+    def settled(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+        for _ in range(_STEPS):
+            now = points(angles)
+            off = targets.ravel() - now
+            if np.abs(off).max() < 1e-4:
+                break
+            jacobian = np.stack([(points(angles + _NUDGE * unit) - now) / _NUDGE for unit in np.eye(len(columns))], -1)
+            eased = jacobian * ease
+            step = ease * (eased.T @ np.linalg.solve(eased @ eased.T + _DAMPING**2 * np.eye(len(off)), off))
+            before, angles = angles, np.clip(angles + step.clip(-_LARGEST, _LARGEST), low, high)
+            if np.abs(angles - before).max() < _STUCK:
+                break
+        return angles
+
+    def distances(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.linalg.norm(points(angles).reshape(-1, 3) - targets, axis=-1)
+
+    best = settled(qpos[[7 + column for column in columns]])
+    random = np.random.default_rng(0)
+    for other in range(_OTHERS):  # joints at their limits can be in the way from one pose, and not from another
+        if distances(best).max() <= _NEAR:
             break
-        jacobian = np.stack([(points(angles + _NUDGE * unit) - now) / _NUDGE for unit in np.eye(len(columns))], -1)
-        eased = jacobian * ease
-        step = ease * (eased.T @ np.linalg.solve(eased @ eased.T + _DAMPING**2 * np.eye(len(off)), off))
-        angles = np.clip(angles + step.clip(-_LARGEST, _LARGEST), low, high)
-    missed = np.linalg.norm(points(angles).reshape(-1, 3) - targets, axis=-1)
+        share = random.uniform(size=len(columns)) if other else 0.5
+        best = min(best, settled(low + share * (high - low)), key=lambda angles: distances(angles).max())
+    missed = distances(best)
     worst = int(missed.argmax())
     if missed[worst] > _OFF:
         body, place = list(places.items())[worst]

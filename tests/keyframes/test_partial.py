@@ -35,6 +35,22 @@ def test_hands_are_where_they_are_asked_to_be(left):
     np.testing.assert_array_equal(keyframe.root_pos, standing(G1).root_pos)
 
 
+def test_places_that_extreme_poses_reach_are_reached():
+    random = np.random.default_rng(0)
+    free = [index for index, name in enumerate(G1.joint_names) if index not in G1.leg_joints]
+    low, high = np.asarray(G1.joint_range, dtype=np.float64)[free].T
+    for number in range(8):
+        share = random.uniform(size=len(free))
+        pose = standing(G1)
+        pose.joint_pos[free] = low + (share.round() if number % 3 == 0 else share) * (high - low)
+        left, right = place(pose, LEFT), place(pose, RIGHT)
+        keyframe = only(G1, 1.0, left_hand=left, right_hand=right)
+        np.testing.assert_allclose(place(keyframe, LEFT), left, atol=0.006)
+        np.testing.assert_allclose(place(keyframe, RIGHT), right, atol=0.006)
+    again = only(G1, 1.0, left_hand=left, right_hand=right)
+    np.testing.assert_array_equal(keyframe.joint_pos, again.joint_pos)
+
+
 def test_a_hand_out_of_reach_needs_a_pose_that_is_near():
     wanted = (1.85, 0.2, 1.0)
     with pytest.raises(KeyframeError, match=rf"'{LEFT}' comes no nearer than 1.\d\d m to \[1.85, 0.2, 1.0\].*base="):
