@@ -15,7 +15,10 @@ if TYPE_CHECKING:
     from plat.motions.clip import MotionClip
     from plat.robots.robot import Robot
 
-__all__ = ["Keyframe", "RobotJoints", "interpolate", "standing"]
+__all__ = ["HIGHEST", "Keyframe", "RobotJoints", "interpolate", "standing"]
+
+HIGHEST = 5.0
+"""No robot's root is this far above or below the floor (m)."""
 
 # Latest time of a keyframe (s): later ones would be split into millions of commands.
 _LONGEST = 86_400.0
@@ -116,8 +119,8 @@ class Keyframe:
             KeyframeError: naming the field, for a wrong shape, a value that is not finite, a quaternion that is not of
                 unit length, a joint angle outside the joint's range, or commands of another robot.
         """
-        if not np.isfinite(self.time):
-            raise KeyframeError(f"time is {self.time}, expected a finite number of seconds")
+        if np.ndim(self.time) or np.asarray(self.time).dtype.kind not in "fiu" or not np.isfinite(self.time):
+            raise KeyframeError(f"time is {self.time!r}, expected a finite number of seconds")
         if abs(self.time) > _LONGEST:
             raise KeyframeError(f"time is {self.time:g} s, expected at most a day ({_LONGEST:g} s)")
         root_pos = _vector("root_pos", self.root_pos, 3, "x, y, z")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from plat.deploy.description import RobotDescription
 from plat.deploy.kinematics import KeypointKinematics
 from plat.errors import KeyframeError
-from plat.keyframes.keyframe import Keyframe, standing
+from plat.keyframes.keyframe import HIGHEST, Keyframe, standing
 from plat.spec.parts import Parts
 
 if TYPE_CHECKING:
@@ -87,9 +87,9 @@ def only(
     if root is not None:
         qpos[:2] = _numbers("root", root, 2)
     if height is not None:
-        qpos[2] = _number("height", height)
+        qpos[2] = _number("height", height, HIGHEST, "m")
     if heading is not None:
-        turn = _number("heading", heading)
+        turn = _number("heading", heading, 2 * np.pi, "rad")
         qpos[3:7] = (np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2))
     for joint, angle in angles.items():
         qpos[7 + robot.joint_names.index(joint)] = _number(f"joints: {joint!r}", angle)
@@ -116,11 +116,14 @@ def hands_of(robot: Robot | RobotDescription) -> tuple[str, str]:
     return (left, right) if not right.startswith("left") else (right, left)
 
 
-def _number(field: str, value: float) -> float:
+def _number(field: str, value: float, most: float = np.inf, unit: str = "") -> float:
     try:
-        return float(value)
+        number = float(value)
     except (TypeError, ValueError):
         raise KeyframeError(f"{field} is {value!r}, expected a number") from None
+    if abs(number) > most:
+        raise KeyframeError(f"{field} is {number:g} {unit}, expected at most {most:.3g}; is it in another unit?")
+    return number
 
 
 def _numbers(field: str, values: Sequence[float], count: int) -> NDArray[np.float64]:
@@ -187,9 +190,12 @@ def _reaching(
     def distances(angles: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.linalg.norm(points(angles).reshape(-1, 3) - targets, axis=-1)
 
-    best = settled(qpos[[7 + column for column in columns]])
+    best = qpos[[7 + column for column in columns]]
+    best = settled(best) if columns else best
     random = np.random.default_rng(0)
-    for other in range(_OTHERS):  # joints at their limits can be in the way from one pose, and not from another
+    for other in range(
+        _OTHERS if columns else 0
+    ):  # joints at their limits can be in the way from one pose, and not from another
         if distances(best).max() <= _NEAR:
             break
         share = random.uniform(size=len(columns)) if other else 0.5

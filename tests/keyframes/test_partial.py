@@ -76,12 +76,30 @@ def test_a_waypoint_commands_place_and_heading():
         ({"root": (0.0, float("nan"))}, "root is"),
         ({"height": "low"}, "height is 'low', expected a number"),
         ({"heading": "north"}, "heading is 'north', expected a number"),
+        ({"heading": 90}, "heading is 90 rad, expected at most 6.28"),
+        ({"height": 76}, "height is 76 m, expected at most 5"),
+        ({"bodies": {"pelvis": (0, 0, 0.5)}}, "'pelvis' comes no nearer than 0.26 m"),
+        (
+            {"left_hand": (0.3, 0.2, 0.9), "joints": dict.fromkeys(G1.joint_names, 0.0)},
+            "'left_wrist_yaw_link' comes no nearer than",
+        ),
         ({"joints": {"left_elbow": [1, 2]}}, "joints: 'left_elbow' is"),
     ],
 )
 def test_bad_parts_are_named(given, message):
     with pytest.raises(KeyframeError, match=message):
         only(G1, 1.0, **given)
+
+
+def test_a_pelvis_that_is_where_it_is_asked_to_be():
+    place = tuple(standing(G1).root_pos)
+    assert only(G1, 1.0, bodies={"pelvis": place}).commands == Parts.only(G1, bodies=("pelvis",))
+
+
+@pytest.mark.parametrize("time", ["1.0", None, [1.0], float("nan")])
+def test_a_time_that_is_no_number(time):
+    with pytest.raises(KeyframeError, match="time is .*, expected a finite number"):
+        only(G1, time, joints={"left_elbow": 0.5})
 
 
 def test_files_keep_what_is_commanded(tmp_path):
