@@ -81,8 +81,8 @@ class MotionClip:
             )
         if len(qpos) < least:
             raise MotionError(f"motion {self.name!r}: {len(qpos)} frames, expected at least {least}")
-        if not (np.isfinite(self.fps) and self.fps > 0):
-            raise MotionError(f"motion {self.name!r}: fps is {self.fps}, expected a positive number")
+        if np.ndim(self.fps) or np.asarray(self.fps).dtype.kind not in "fiu" or not 0 < self.fps < np.inf:
+            raise MotionError(f"motion {self.name!r}: fps is {self.fps!r}, expected a positive number")
         finite = np.isfinite(qpos)
         if not finite.all():
             frame, column = np.argwhere(~finite)[0]

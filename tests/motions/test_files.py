@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plat.errors import MotionError
+from plat.errors import MotionError, PlatError
 from plat.motions import (
     MotionClip,
     load_motions,
@@ -24,6 +24,28 @@ def clip() -> MotionClip:
     qpos = np.tile(G1.default_qpos, (6, 1)).astype(np.float32)
     qpos[:, 7:] += np.linspace(0, 0.1, 29)
     return MotionClip("a", qpos, 30.0)
+
+
+@pytest.mark.parametrize(
+    ("stated", "message"),
+    [
+        ({"quat_order": "wzyx"}, "quat_order is 'wzyx', expected one of wxyz, xyzw"),
+        ({"fps": "30"}, "fps is '30', expected a number from 1 to 1,000"),
+        ({"fps": 0}, "fps is 0, expected a number from 1"),
+        ({"up": "q"}, "up is 'q', expected one of x, y, z"),
+        ({"units": "km"}, "units is 'km', expected one of m, cm"),
+        ({"angles": "grad"}, "angles is 'grad', expected one of degrees, radians"),
+    ],
+)
+def test_what_is_stated_has_to_be_something(clip, tmp_path, stated, message):
+    save_motions(tmp_path / "a.npz", [clip])
+    with pytest.raises(PlatError, match=message):
+        load_motions(tmp_path / "a.npz", **stated)
+
+
+def test_no_clips_are_no_file(tmp_path):
+    with pytest.raises(MotionError, match=r"a.npz': no clips, expected at least one"):
+        save_motions(tmp_path / "a.npz", [])
 
 
 def test_round_trip(tmp_path, clip):

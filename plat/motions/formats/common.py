@@ -5,10 +5,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
+from plat.bounds import Bounded, Range
 from plat.errors import MotionError
 from plat.json_file import short
 from plat.motions.checks.feet import Soles
@@ -27,7 +28,7 @@ _FPS = (1.0, 1000.0)
 
 
 @dataclass(frozen=True)
-class ReadOptions:
+class ReadOptions(Bounded):
     """What the user says about files.
 
     Args:
@@ -37,11 +38,14 @@ class ReadOptions:
         up: axis of the world that points up, where the user states it.
         units: of places, where the user states it.
         angles: their unit in captures of humans, where the user states it.
+
+    Raises:
+        ConfigError: for a value that is none of these.
     """
 
     robot: Robot
     quat_order: QuatOrder | None = None
-    fps: float | None = None
+    fps: Annotated[float, Range(1, 1000)] | None = None
     up: Up | None = None
     units: Units | None = None
     angles: Angles | None = None
@@ -163,7 +167,7 @@ def number(value: Any, field: str) -> float:
     if isinstance(value, (str, bytes)):
         with contextlib.suppress(ValueError):
             value = float(value)
-    if not isinstance(value, (int, float)) or not abs(value) <= 1e300:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= 1e300:
         raise MotionError(f"{field!r} is {short(value)}, expected one number")
     return float(value)
 

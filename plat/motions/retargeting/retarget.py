@@ -7,14 +7,16 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 import torch
 
+from plat.bounds import Range, check_value
 from plat.errors import MotionError
 from plat.motions.checks.underside import Underside
 from plat.motions.clip import MotionClip
+from plat.motions.formats.axes import Up
 from plat.motions.formats.units import Angles
 from plat.motions.paths import find_files, listed_paths
 from plat.motions.retargeting.asf import read_amc
@@ -26,7 +28,7 @@ from plat.motions.retargeting.joint_file import holds_human_joints, read_joint_f
 from plat.motions.retargeting.mocap import Mocap
 from plat.motions.retargeting.options import SolverOptions
 from plat.motions.retargeting.poselib import holds_poselib, read_poselib
-from plat.motions.retargeting.skeletons import SkeletonMap
+from plat.motions.retargeting.skeletons import UNITS, SkeletonMap
 from plat.robots import G1, Robot
 from plat.robots.kinematics import ForwardKinematics
 from plat.rotations import quat_rotate
@@ -125,6 +127,7 @@ def retarget(
 
     Raises:
         MotionError: naming file and line or field, when it cannot be read or does not fit the map.
+        ConfigError: for a stated value that is none.
     """
     try:
         from plat.motions.retargeting.feet import lift
@@ -134,6 +137,13 @@ def retarget(
         from plat.motions.retargeting.targets import robot_targets
     except ImportError as error:
         raise MotionError("retargeting needs: pip install 'plat-rl[retarget]'") from error
+    for name, value, hint in (
+        ("fps", fps, Annotated[float, Range(1, 1000)] | None),
+        ("up", up, Up | None),
+        ("units", units, Literal[tuple(UNITS)] | None),
+        ("angles", angles, Angles | None),
+    ):
+        check_value(f"retarget: {name}", value, hint)
     began = time.perf_counter()
     ending = Path(path).suffix.lower()
     where = f"{ending[1:].upper()} file {str(path)!r}"

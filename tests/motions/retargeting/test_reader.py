@@ -3,8 +3,9 @@ import sys
 import numpy as np
 import pytest
 
-from plat.errors import MotionError
+from plat.errors import MotionError, PlatError
 from plat.motions import load_motions, read_motion_files
+from plat.motions.retargeting import retarget
 from tests.motions.retargeting.human import write_human
 
 
@@ -40,6 +41,13 @@ def test_a_stated_unit_of_angles_wins(tmp_path):
     path.write_text(f"{head}Frame Time: 0.033333\n" + "\n".join(" ".join(map(str, row)) for row in values))
     (clip,) = load_motions(path, angles="radians")
     np.testing.assert_allclose(clip.qpos, expected.qpos, atol=1e-2)
+
+
+@pytest.mark.parametrize("stated", [{"fps": -30}, {"up": "q"}, {"units": "km"}, {"angles": "grad"}])
+def test_what_is_stated_of_a_capture_has_to_be_something(tmp_path, stated):
+    pytest.importorskip("mink")
+    with pytest.raises(PlatError, match=f"retarget: {next(iter(stated))} is .*, expected"):
+        retarget(write_human(tmp_path / "person.bvh", frames=5), **stated)
 
 
 def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
