@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plat.errors import MotionError, PlatError
+from plat.errors import MotionError
 from plat.motions import (
     MotionClip,
     load_motions,
@@ -39,7 +39,7 @@ def clip() -> MotionClip:
 )
 def test_what_is_stated_has_to_be_something(clip, tmp_path, stated, message):
     save_motions(tmp_path / "a.npz", [clip])
-    with pytest.raises(PlatError, match=message):
+    with pytest.raises(MotionError, match=f"stated of motions: {message}"):
         load_motions(tmp_path / "a.npz", **stated)
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from plat.bounds import Bounded, Range
-from plat.errors import MotionError
+from plat.errors import ConfigError, MotionError
 from plat.json_file import short
 from plat.motions.checks.feet import Soles
 from plat.motions.clip import MotionClip
@@ -20,7 +20,7 @@ from plat.motions.formats.units import Angles, Units, angles_in_radians, place_i
 from plat.motions.formats.unnamed_joints import unnamed_joints
 from plat.robots.robot import Robot
 
-__all__ = ["MotionFile", "QuatOrder", "ReadOptions", "arrange_joints", "make_clip", "number", "strings"]
+__all__ = ["MotionFile", "QuatOrder", "ReadOptions", "arrange_joints", "check_rate", "make_clip", "number", "strings"]
 
 QuatOrder = Literal["wxyz", "xyzw"]
 
@@ -40,7 +40,7 @@ class ReadOptions(Bounded):
         angles: their unit in captures of humans, where the user states it.
 
     Raises:
-        ConfigError: for a value that is none of these.
+        MotionError: for a value that is none of these.
     """
 
     robot: Robot
@@ -49,6 +49,12 @@ class ReadOptions(Bounded):
     up: Up | None = None
     units: Units | None = None
     angles: Angles | None = None
+
+    def __post_init__(self) -> None:
+        try:
+            super().__post_init__()
+        except ConfigError as error:
+            raise MotionError(f"stated of motions: {str(error).removeprefix('ReadOptions: ')}") from None
 
     @cached_property
     def soles(self) -> Soles:
@@ -144,8 +150,7 @@ def make_clip(
         if values.shape != (len(joint_pos), width) or values.dtype.kind not in "fiu":
             advice = "; write rotation vectors, Euler angles or matrices as quaternions" * (width == 4)
             raise MotionError(f"{field!r} has shape {values.shape}, expected {(len(joint_pos), width)} numbers{advice}")
-    if not _FPS[0] <= fps <= _FPS[1]:
-        raise MotionError(f"fps is {fps:g}, expected {_FPS[0]:g} to {_FPS[1]:g} frames a second")
+    check_rate(fps)
     if quat_order == "xyzw":
         root_quat = root_quat[:, [3, 0, 1, 2]]
     parts = (root_pos.astype(np.float64), root_quat.astype(np.float64), joint_pos.astype(np.float64))
@@ -158,6 +163,16 @@ def make_clip(
     found = (*quat.notes, *angles.notes, *upright.notes, *place.notes)
     qpos = np.concatenate((place.values, turned.values, angles.values), 1)
     return MotionClip(name, qpos, fps, tuple(dict.fromkeys((*notes, *found)))).checked(robot)
+
+
+def check_rate(fps: float) -> None:
+    """Raise for frames a second that no motion has.
+
+    Raises:
+        MotionError: naming the rate.
+    """
+    if not _FPS[0] <= fps <= _FPS[1]:
+        raise MotionError(f"fps is {fps:g}, expected {_FPS[0]:g} to {_FPS[1]:g} frames a second")
 
 
 def number(value: Any, field: str) -> float:

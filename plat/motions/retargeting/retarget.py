@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from plat.bounds import Range, check_value
-from plat.errors import MotionError
+from plat.errors import ConfigError, MotionError
 from plat.motions.checks.underside import Underside
 from plat.motions.clip import MotionClip
 from plat.motions.formats.axes import Up
@@ -126,8 +126,8 @@ def retarget(
         angles: unit of the angles of a ``.bvh`` or ``.amc``, the same way.
 
     Raises:
-        MotionError: naming file and line or field, when it cannot be read or does not fit the map.
-        ConfigError: for a stated value that is none.
+        MotionError: naming file and line or field, when it cannot be read or does not fit the map, or what is stated
+            of it is none of these values.
     """
     try:
         from plat.motions.retargeting.feet import lift
@@ -137,13 +137,13 @@ def retarget(
         from plat.motions.retargeting.targets import robot_targets
     except ImportError as error:
         raise MotionError("retargeting needs: pip install 'plat-rl[retarget]'") from error
-    for name, value, hint in (
-        ("fps", fps, Annotated[float, Range(1, 1000)] | None),
-        ("up", up, Up | None),
-        ("units", units, Literal[tuple(UNITS)] | None),
-        ("angles", angles, Angles | None),
-    ):
-        check_value(f"retarget: {name}", value, hint)
+    try:
+        check_value("fps", fps, Annotated[float, Range(1, 1000)] | None)
+        check_value("up", up, Up | None)
+        check_value("units", units, Literal[tuple(UNITS)] | None)
+        check_value("angles", angles, Angles | None)
+    except ConfigError as error:
+        raise MotionError(f"stated of {str(path)!r}: {error}") from None
     began = time.perf_counter()
     ending = Path(path).suffix.lower()
     where = f"{ending[1:].upper()} file {str(path)!r}"
