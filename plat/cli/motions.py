@@ -85,6 +85,7 @@ def read(command: MotionFiles, skipped: list[MotionError] | None = None) -> list
             fps=command.fps,
             up=command.up,
             units=command.units,
+            angles=command.angles,
             strict=command.strict,
             skipped=skipped,
             told=told,
@@ -278,6 +279,7 @@ def retarget(command: Retarget) -> list[Retargeted]:
         fps=command.fps,
         up=command.up,
         units=command.units,
+        angles=command.angles,
     )
     for path, name, result in zip(paths, names_apart(paths), results, strict=True):
         if isinstance(result, MotionError):

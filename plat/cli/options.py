@@ -278,6 +278,8 @@ class MotionFiles(Bounded):
     """axis that points up in these files, where they do not show it"""
     units: Literal["m", "cm", "mm", "in", "ft"] | None = None
     """of lengths in these files, where they do not show it"""
+    angles: Literal["degrees", "radians"] | None = None
+    """unit of angles in .bvh and .amc, where they do not show it"""
     strict: bool = False
     """stop at the first bad file of a folder, read copies; else they are named and left out"""
     robot: str = "g1"
@@ -348,6 +350,8 @@ class Retarget(Bounded):
     """axis that points up in these files, where they do not show it"""
     units: Literal["m", "cm", "mm", "in", "ft", "in/0.45"] | None = None
     """of lengths in these files, where they do not show it"""
+    angles: Literal["degrees", "radians"] | None = None
+    """unit of angles in .bvh and .amc, where they do not show it"""
     split: bool = False
     """write train.npz, val.npz and test.npz by clip name instead of a file for each capture"""
     workers: Annotated[int, Range(1, 1024)] = field(default_factory=lambda: os.cpu_count() or 1)

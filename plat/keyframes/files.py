@@ -12,7 +12,7 @@ import numpy as np
 from plat.errors import KeyframeError
 from plat.files import replace_file
 from plat.json_file import read_json, short
-from plat.keyframes.keyframe import Keyframe, RobotJoints
+from plat.keyframes.keyframe import HIGHEST, Keyframe, RobotJoints
 from plat.spec.parts import Parts
 
 __all__ = ["is_keyframe_file", "keyframe_from_json", "keyframe_to_json", "read_keyframes", "write_keyframes"]
@@ -21,8 +21,6 @@ _FORMAT = "plat-keyframes"
 # version 2 adds the field "commands" of partial keyframes; files without one are written as version 1
 _VERSIONS = (1, 2)
 _POSE_FIELDS = ("root_pos", "root_quat", "joint_pos")
-# no robot's root is this far above or below the floor (m)
-_HIGHEST = 5.0
 # positions of w, x, y, z in a quaternion of each order
 _QUATERNION_ORDERS = {"wxyz": [0, 1, 2, 3], "xyzw": [3, 0, 1, 2]}
 
@@ -134,9 +132,9 @@ def _keyframe(
 def _root_pos(content: Any) -> np.ndarray:
     """Return a place that is one in meters."""
     place = _numbers(content, "root_pos", 3, "xyz")
-    if abs(place[2]) > _HIGHEST:
+    if abs(place[2]) > HIGHEST:
         raise KeyframeError(
-            f"root_pos puts the root at a height of {place[2]:g} m, expected meters, at most {_HIGHEST:g}; "
+            f"root_pos puts the root at a height of {place[2]:g} m, expected meters, at most {HIGHEST:g}; "
             "is it in centimeters or millimeters?"
         )
     return place
@@ -164,7 +162,12 @@ def _joints(content: Any, robot: RobotJoints) -> np.ndarray:
     if not isinstance(content, dict):
         raise KeyframeError("joint_pos: expected an object of joint names and angles")
     # robots' own files say left_knee_joint
-    content = {name if name in robot.joint_names else name.removesuffix("_joint"): content[name] for name in content}
+    names = [name if name in robot.joint_names else name.removesuffix("_joint") for name in content]
+    if twice := [name for name in content if name not in robot.joint_names and names.count(name[:-6]) > 1]:
+        raise KeyframeError(
+            f"joint_pos: {short(twice[0])} and {short(twice[0][:-6])} are one joint, expected one of them"
+        )
+    content = dict(zip(names, content.values(), strict=True))
     unknown = [name for name in content if name not in robot.joint_names]
     missing = [name for name in robot.joint_names if name not in content]
     if unknown or missing:

@@ -17,7 +17,10 @@ if TYPE_CHECKING:
     from plat.motions.clip import MotionClip
     from plat.robots.robot import Robot
 
-__all__ = ["Keyframe", "RobotJoints", "interpolate", "standing"]
+__all__ = ["HIGHEST", "Keyframe", "RobotJoints", "interpolate", "standing"]
+
+HIGHEST = 5.0
+"""No robot's root is this far above or below the floor (m)."""
 
 # Latest time of a keyframe (s): later ones would be split into millions of commands.
 _LONGEST = 86_400.0
@@ -118,7 +121,7 @@ class Keyframe:
             KeyframeError: naming the field, for a wrong shape, a value that is not finite, a quaternion that is not of
                 unit length, a joint angle outside the joint's range, or commands of another robot.
         """
-        if not is_finite(self.time):
+        if np.ndim(self.time) or np.asarray(self.time).dtype.kind == "b" or not is_finite(self.time):
             raise KeyframeError(f"time is {short(self.time)}, expected a finite number of seconds")
         if abs(self.time) > _LONGEST:
             raise KeyframeError(f"time is {self.time:g} s, expected at most a day ({_LONGEST:g} s)")

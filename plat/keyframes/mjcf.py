@@ -44,10 +44,10 @@ def read_mjcf_keys(path: Path, robot: Robot) -> list[Keyframe]:
         KeyframeError: naming file and key, when the file is broken, has no keys, or they are of another robot.
     """
     where = f"MJCF file {str(path)!r}"
-    roots = _roots(path, where, set())
-    columns = _columns(roots, robot, where)
+    root = _model(path, where, set())
+    columns = _columns(root, robot, where)
     keyframes = []
-    for number, key in enumerate(key for root in roots for key in root.findall("./keyframe/key")):
+    for number, key in enumerate(root.findall("./keyframe/key")):
         name = key.get("name")
         label = f"{where}: key {name if name and len(name) <= _LONGEST_NAME else number}"
         if key.get("qpos") is None:
@@ -105,8 +105,11 @@ def _different(names: Sequence[str]) -> list[str]:
     return found
 
 
-def _roots(path: Path, where: str, seen: set[str], depth: int = 0) -> list[ElementTree.Element]:
-    """Return the root element of a file, and those of the files that it includes; MuJoCo takes each of them once."""
+def _model(path: Path, where: str, seen: set[str], depth: int = 0) -> ElementTree.Element:
+    """Return the root element of a file, with the content of the files that it includes in their places.
+
+    MuJoCo takes each of them once.
+    """
     seen.add(os.path.realpath(path))
     try:
         if path.stat().st_size > _MAX_BYTES:
@@ -121,29 +124,34 @@ def _roots(path: Path, where: str, seen: set[str], depth: int = 0) -> list[Eleme
         raise KeyframeError(f"{where}: not readable XML ({error})") from None
     if root.tag not in ("mujoco", "mujocoinclude"):
         raise KeyframeError(f"{where}: begins with <{root.tag[:_LONGEST_NAME]}>, expected <mujoco>")
-    included = [path.parent / name for part in root.iter("include") if (name := part.get("file"))]
-    found = [root]
-    for other in included if depth < 4 else []:
-        # false for a name that is too long, too
-        if os.path.isfile(other) and os.path.realpath(other) not in seen:
-            found += _roots(other, where, seen, depth + 1)
-    return found
+    for parent in list(root.iter()):
+        parts: list[ElementTree.Element] = []
+        for part in parent:
+            other = path.parent / part.get("file", "") if part.tag == "include" else None
+            if other is None:
+                parts.append(part)
+            # false for a name that is too long, too
+            elif depth < 4 and os.path.isfile(other) and os.path.realpath(other) not in seen:
+                parts += _model(other, where, seen, depth + 1)
+        parent[:] = parts
+    return root
 
 
-def _columns(roots: Sequence[ElementTree.Element], robot: Robot, where: str) -> list[int] | None:
+def _columns(root: ElementTree.Element, robot: Robot, where: str) -> list[int] | None:
     """Return which positions are the root's and the robot's joints', in the robot's order; None without any joints."""
     found: dict[str, int] = {}
     free, start = None, 0
-    for root in roots:
-        for joint in (part for body in root.findall("worldbody") for part in body.iter() if part.tag.endswith("joint")):
+    for thing in root.findall("./worldbody/*"):
+        own = None
+        for joint in (part for part in thing.iter() if part.tag.endswith("joint")):
             kind = "free" if joint.tag == "freejoint" else joint.get("type", "hinge")
             if kind not in _WIDTHS or joint.tag not in ("joint", "freejoint"):
                 raise KeyframeError(f"{where}: a joint of type {short(kind)}, expected one of {', '.join(_WIDTHS)}")
             name = match_joint(joint.get("name", ""), robot) if kind == "hinge" else None
-            if kind == "free" and free is None:
-                free = start
+            if kind == "free":
+                own = start
             if name is not None:
-                found[name] = start
+                found[name], free = start, own  # other things may be free as well
             start += _WIDTHS[kind]
     if start == 0:
         return None

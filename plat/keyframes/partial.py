@@ -13,7 +13,7 @@ from plat.deploy.description import RobotDescription
 from plat.deploy.kinematics import KeypointKinematics
 from plat.errors import KeyframeError
 from plat.json_file import short
-from plat.keyframes.keyframe import Keyframe, standing
+from plat.keyframes.keyframe import HIGHEST, Keyframe, standing
 from plat.spec.parts import Parts
 
 if TYPE_CHECKING:
@@ -23,9 +23,11 @@ __all__ = ["hands_of", "only"]
 
 # Steps of the inverse kinematics, its damping (m), and how far an angle may change in a step (rad).
 _STEPS, _DAMPING, _LARGEST = 60, 0.03, 0.3
+_STUCK = 1e-4  # rad in a step
 _NUDGE = 1e-4
-# How far a body may be from its place in the end (m).
-_OFF = 0.05
+# How far a body may be from its place in the end (m). Further than the second, other poses are begun from, at most so
+# many: the middle of the joints' ranges, then random ones.
+_OFF, _NEAR, _OTHERS = 0.05, 0.005, 8
 
 
 def only(
@@ -86,9 +88,9 @@ def only(
     if root is not None:
         qpos[:2] = _numbers("root", root, 2)
     if height is not None:
-        qpos[2] = _number("height", height)
+        qpos[2] = _number("height", height, HIGHEST, "m")
     if heading is not None:
-        turn = _number("heading", heading)
+        turn = _number("heading", heading, 2 * np.pi, "rad")
         qpos[3:7] = (np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2))
     for joint, angle in angles.items():
         qpos[7 + robot.joint_names.index(joint)] = _number(f"joints: {joint!r}", angle)
@@ -115,11 +117,14 @@ def hands_of(robot: Robot | RobotDescription) -> tuple[str, str]:
     return (left, right) if not right.startswith("left") else (right, left)
 
 
-def _number(field: str, value: float) -> float:
+def _number(field: str, value: float, most: float = np.inf, unit: str = "") -> float:
     try:
-        return float(value)
+        number = float(value)
     except (OverflowError, TypeError, ValueError):
         raise KeyframeError(f"{field} is {short(value)}, expected a number") from None
+    if abs(number) > most:
+        raise KeyframeError(f"{field} is {number:g} {unit}, expected at most {most:.3g}; is it in another unit?")
+    return number
 
 
 def _numbers(field: str, values: Sequence[float], count: int) -> NDArray[np.float64]:
@@ -138,7 +143,10 @@ def _reaching(
     places: Mapping[str, NDArray[np.float64]],
     fixed: Mapping[str, float],
 ) -> NDArray[np.float64]:
-    """Return a pose in which bodies are at their places, by damped least squares over the joints that move them."""
+    """Return a pose in which bodies are at their places, by damped least squares over the joints that move them.
+
+    It begins from ``qpos``, and where that leads to no such pose from others, the same ones each time.
+    """
     if isinstance(robot, RobotDescription):
         description = robot
     else:
@@ -166,17 +174,34 @@ def _reaching(
         qpos[[7 + column for column in columns]] = angles
         return kinematics(qpos[:3], qpos[3:7], qpos[7:])[rows].ravel()
 
-    angles = qpos[[7 + column for column in columns]]
-    for _ in range(_STEPS):
-        now = points(angles)
-        off = targets.ravel() - now
-        if np.abs(off).max() < 1e-4:
+    def settled(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+        for _ in range(_STEPS):
+            now = points(angles)
+            off = targets.ravel() - now
+            if np.abs(off).max() < 1e-4:
+                break
+            jacobian = np.stack([(points(angles + _NUDGE * unit) - now) / _NUDGE for unit in np.eye(len(columns))], -1)
+            eased = jacobian * ease
+            step = ease * (eased.T @ np.linalg.solve(eased @ eased.T + _DAMPING**2 * np.eye(len(off)), off))
+            before, angles = angles, np.clip(angles + step.clip(-_LARGEST, _LARGEST), low, high)
+            if np.abs(angles - before).max() < _STUCK:
+                break
+        return angles
+
+    def distances(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.linalg.norm(points(angles).reshape(-1, 3) - targets, axis=-1)
+
+    best = qpos[[7 + column for column in columns]]
+    best = settled(best) if columns else best
+    random = np.random.default_rng(0)
+    for other in range(
+        _OTHERS if columns else 0
+    ):  # joints at their limits can be in the way from one pose, and not from another
+        if distances(best).max() <= _NEAR:
             break
-        jacobian = np.stack([(points(angles + _NUDGE * unit) - now) / _NUDGE for unit in np.eye(len(columns))], -1)
-        eased = jacobian * ease
-        step = ease * (eased.T @ np.linalg.solve(eased @ eased.T + _DAMPING**2 * np.eye(len(off)), off))
-        angles = np.clip(angles + step.clip(-_LARGEST, _LARGEST), low, high)
-    missed = np.linalg.norm(points(angles).reshape(-1, 3) - targets, axis=-1)
+        share = random.uniform(size=len(columns)) if other else 0.5
+        best = min(best, settled(low + share * (high - low)), key=lambda angles: distances(angles).max())
+    missed = distances(best)
     worst = int(missed.argmax())
     if missed[worst] > _OFF:
         body, place = list(places.items())[worst]

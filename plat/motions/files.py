@@ -23,7 +23,7 @@ from plat.motions.formats.foreign import refuse_foreign
 from plat.motions.formats.pace import UnfitRateError
 from plat.motions.formats.rate import without_rates
 from plat.motions.formats.sonic import is_part_of_sonic, sonic_parts
-from plat.motions.formats.units import Units
+from plat.motions.formats.units import Angles, Units
 from plat.motions.paths import find_files, listed_paths
 from plat.motions.readers import NAMED, READERS
 from plat.motions.retargeting.asf import skeletons_beside
@@ -86,6 +86,7 @@ def read_motion_files(
     fps: float | None = None,
     up: Up | None = None,
     units: Units | None = None,
+    angles: Angles | None = None,
     strict: bool = False,
     skipped: list[MotionError] | None = None,
     told: list[str] | None = None,
@@ -101,6 +102,7 @@ def read_motion_files(
         fps: frames a second of these files.
         up: axis that points up in these files.
         units: of lengths in these files.
+        angles: their unit in captures of humans (``.bvh``, ``.amc``).
         strict: raise for a bad file in a folder or glob too, and read copies.
         skipped: is given the errors of bad files, of several those that are named as well; without it those of folders
             and globs are logged, and the others raised.
@@ -108,7 +110,7 @@ def read_motion_files(
         store: is given each file as it was read, and returns it with its clips where they are kept.
         say: is given what would be logged.
     """
-    options = ReadOptions(robot, quat_order, fps, up, units)
+    options = ReadOptions(robot, quat_order, fps, up, units, angles)
     files, errors = [], []
     lines: list[str] = []
     paths = motion_paths(patterns, strict=strict, told=lines)
@@ -148,6 +150,7 @@ def load_motions(
     fps: float | None = None,
     up: Up | None = None,
     units: Units | None = None,
+    angles: Angles | None = None,
     strict: bool = False,
     store: Callable[[MotionFile], MotionFile] | None = None,
     say: Say = log,
@@ -168,6 +171,7 @@ def load_motions(
         fps: frames a second of these files; by default what they say, and 30 for a table that does not.
         up: axis that points up in these files; by default what the motion shows.
         units: of lengths in these files; by default what the motion shows.
+        angles: their unit in captures of humans; by default degrees, or what the file says and the motion shows.
         strict: raise for a bad file in a folder or glob too, and read copies.
         store: is given each file as it was read, and returns it with its clips where they are kept, such as
             :class:`plat.motions.store.ClipStore`.
@@ -185,7 +189,16 @@ def load_motions(
     2
     """
     files = read_motion_files(
-        patterns, robot, quat_order=quat_order, fps=fps, up=up, units=units, strict=strict, store=store, say=say
+        patterns,
+        robot,
+        quat_order=quat_order,
+        fps=fps,
+        up=up,
+        units=units,
+        angles=angles,
+        strict=strict,
+        store=store,
+        say=say,
     )
     alike: dict[str, list[MotionFile]] = {}
     for file in files:
@@ -207,6 +220,8 @@ def save_motions(path: str | Path, clips: Sequence[MotionClip], robot: Robot = G
     """
     for clip in clips:
         clip.check(robot)
+    if not clips:
+        raise MotionError(f"motion file {str(path)!r}: no clips, expected at least one")
     rates = {clip.fps for clip in clips}
     if len(rates) != 1:
         found = ", ".join(f"{rate:.5g}" for rate in sorted(rates))

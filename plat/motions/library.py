@@ -45,7 +45,7 @@ _SMALL_EXCESS = 0.15
 
 _LOGGER = logging.getLogger("plat.motions")
 
-TABLE_VERSION = 13
+TABLE_VERSION = 14
 """Part of every cache key. Raise it with any change of what readers, resampling, checks or the generator produce."""
 
 

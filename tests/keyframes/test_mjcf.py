@@ -42,6 +42,26 @@ def test_keys_are_read_by_the_names_of_joints(tmp_path):
     np.testing.assert_allclose(pose.joint_pos, wanted)
 
 
+@pytest.mark.parametrize("inside", [False, True])
+@pytest.mark.parametrize("first", [False, True])
+def test_an_included_robot_stands_where_it_is_included(tmp_path, first, inside):
+    """Beside a box that is free as well, before it or after it, within ``<worldbody>`` or beside it."""
+    robot = model(G1.joint_names, "")
+    robot = robot[robot.index('<body name="pelvis">') : robot.index('<body name="box">')]
+    (tmp_path / "robot.xml").write_text(f"<mujoco>{robot if inside else f'<worldbody>{robot}</worldbody>'}</mujoco>")
+    include, box = '<include file="robot.xml"/>', '<body name="box"><freejoint/><geom size=".1"/></body>'
+    parts = [include if inside else f"</worldbody>{include}<worldbody>", box][:: 1 if first else -1]
+    angles = " ".join(f"{0.01 * number:.2f}" for number in range(29))
+    qpos = " ".join([f"1.5 2.5 0.7 1 0 0 0 {angles}", "9 9 9 1 0 0 0"][:: 1 if first else -1])
+    text = f"<mujoco><worldbody>{''.join(parts)}</worldbody><keyframe><key qpos='{qpos}'/></keyframe></mujoco>"
+    (tmp_path / "scene.xml").write_text(text)
+    compiled = mujoco.MjModel.from_xml_path(str(tmp_path / "scene.xml"))
+    (pose,) = read_mjcf_keys(tmp_path / "scene.xml", G1)
+    root = compiled.joint("left_hip_pitch_joint").qposadr[0] - 7
+    np.testing.assert_allclose(pose.qpos, compiled.key_qpos[0, root : root + 36])
+    assert pose.root_pos.tolist() == [1.5, 2.5, 0.7]
+
+
 def test_what_is_written_is_read_and_fits_the_model(tmp_path):
     write_mjcf_keys(tmp_path / "keys.xml", G1, POSES)
     found = read_mjcf_keys(tmp_path / "keys.xml", G1)

@@ -35,6 +35,22 @@ def test_hands_are_where_they_are_asked_to_be(left):
     np.testing.assert_array_equal(keyframe.root_pos, standing(G1).root_pos)
 
 
+def test_places_that_extreme_poses_reach_are_reached():
+    random = np.random.default_rng(0)
+    free = [index for index, name in enumerate(G1.joint_names) if index not in G1.leg_joints]
+    low, high = np.asarray(G1.joint_range, dtype=np.float64)[free].T
+    for number in range(8):
+        share = random.uniform(size=len(free))
+        pose = standing(G1)
+        pose.joint_pos[free] = low + (share.round() if number % 3 == 0 else share) * (high - low)
+        left, right = place(pose, LEFT), place(pose, RIGHT)
+        keyframe = only(G1, 1.0, left_hand=left, right_hand=right)
+        np.testing.assert_allclose(place(keyframe, LEFT), left, atol=0.006)
+        np.testing.assert_allclose(place(keyframe, RIGHT), right, atol=0.006)
+    again = only(G1, 1.0, left_hand=left, right_hand=right)
+    np.testing.assert_array_equal(keyframe.joint_pos, again.joint_pos)
+
+
 def test_a_hand_out_of_reach_needs_a_pose_that_is_near():
     wanted = (1.85, 0.2, 1.0)
     with pytest.raises(KeyframeError, match=rf"'{LEFT}' comes no nearer than 1.\d\d m to \[1.85, 0.2, 1.0\].*base="):
@@ -60,6 +76,13 @@ def test_a_waypoint_commands_place_and_heading():
         ({"root": (0.0, float("nan"))}, "root is"),
         ({"height": "low"}, "height is 'low', expected a number"),
         ({"heading": "north"}, "heading is 'north', expected a number"),
+        ({"heading": 90}, "heading is 90 rad, expected at most 6.28"),
+        ({"height": 76}, "height is 76 m, expected at most 5"),
+        ({"bodies": {"pelvis": (0, 0, 0.5)}}, "'pelvis' comes no nearer than 0.26 m"),
+        (
+            {"left_hand": (0.3, 0.2, 0.9), "joints": dict.fromkeys(G1.joint_names, 0.0)},
+            "'left_wrist_yaw_link' comes no nearer than",
+        ),
         ({"joints": {"left_elbow": [1, 2]}}, "joints: 'left_elbow' is"),
         ({"height": 10**400}, "height is 1000.*000, expected a number"),
         ({"left_hand": (10**400, 0, 0)}, "is .1000.*000, 0, 0., expected 3 finite numbers"),
@@ -68,6 +91,17 @@ def test_a_waypoint_commands_place_and_heading():
 def test_bad_parts_are_named(given, message):
     with pytest.raises(KeyframeError, match=message):
         only(G1, 1.0, **given)
+
+
+def test_a_pelvis_that_is_where_it_is_asked_to_be():
+    place = tuple(standing(G1).root_pos)
+    assert only(G1, 1.0, bodies={"pelvis": place}).commands == Parts.only(G1, bodies=("pelvis",))
+
+
+@pytest.mark.parametrize("time", ["1.0", None, [1.0], float("nan")])
+def test_a_time_that_is_no_number(time):
+    with pytest.raises(KeyframeError, match="time is .*, expected a finite number"):
+        only(G1, time, joints={"left_elbow": 0.5})
 
 
 def test_files_keep_what_is_commanded(tmp_path):

@@ -26,6 +26,8 @@ def broken(**changes) -> MotionClip:
         (broken(qpos=good(0)), "0 frames, expected at least 2"),
         (broken(qpos=good(1)), "1 frames, expected at least 2"),
         (broken(fps=0.0), "fps is 0.0"),
+        (broken(fps="30"), "fps is '30', expected a positive number"),
+        (broken(fps=True), "fps is True"),
         (broken(fps=float("nan")), "fps is nan"),
         (broken(fps=10**400), "fps is 1000.*000, expected a positive number"),
         (broken(cells={(2, 9): np.nan}), r"qpos\[2, 9\] is nan"),

@@ -26,6 +26,28 @@ def clip() -> MotionClip:
     return MotionClip("a", qpos, 30.0)
 
 
+@pytest.mark.parametrize(
+    ("stated", "message"),
+    [
+        ({"quat_order": "wzyx"}, "quat_order is 'wzyx', expected one of wxyz, xyzw"),
+        ({"fps": "30"}, "fps is '30', expected a number from 1 to 1,000"),
+        ({"fps": 0}, "fps is 0, expected a number from 1"),
+        ({"up": "q"}, "up is 'q', expected one of x, y, z"),
+        ({"units": "km"}, "units is 'km', expected one of m, cm"),
+        ({"angles": "grad"}, "angles is 'grad', expected one of degrees, radians"),
+    ],
+)
+def test_what_is_stated_has_to_be_something(clip, tmp_path, stated, message):
+    save_motions(tmp_path / "a.npz", [clip])
+    with pytest.raises(MotionError, match=f"stated of motions: {message}"):
+        load_motions(tmp_path / "a.npz", **stated)
+
+
+def test_no_clips_are_no_file(tmp_path):
+    with pytest.raises(MotionError, match=r"a.npz': no clips, expected at least one"):
+        save_motions(tmp_path / "a.npz", [])
+
+
 def test_round_trip(tmp_path, clip):
     save_motions(tmp_path / "one.npz", [clip])
     (loaded,) = load_motions(tmp_path / "one.npz")

@@ -58,7 +58,7 @@ class Journal:
         _LOGGER.warning("%.2f s: %s: %s", time, piece, reason)
 
     def __iter__(self) -> Iterator[Intervention]:
-        return iter(self._entries)
+        return iter(list(self._entries))  # steps of another thread may add some
 
     def __len__(self) -> int:
         return len(self._entries)

@@ -44,7 +44,7 @@ class OnboardController:
 
     The robot must stand or hang still at first: tilt and bias of the gyroscope are measured then. It ramps, and the
     world of the keyframes is laid under it when the policy begins. :meth:`step` never raises for what it is given.
-    :meth:`stop` may be called at any time, as that of :class:`plat.deploy.safety.SafeRunner`.
+    :meth:`stop` and :meth:`reset` may be called at any time, as those of :class:`plat.deploy.safety.SafeRunner`.
 
     Args:
         policy: what computes targets.
@@ -87,12 +87,14 @@ class OnboardController:
         self._estimator = estimator or StateEstimator(policy.robot)
         self._anchor = anchor
         self._safe = SafeRunner(policy, source, settings, temperatures=self._temperatures, on_start=self._start)
-        self.reset()
+        self._anew = False
+        self._forget()
 
     @property
     def mode(self) -> str:
         """Return what the safe runner does now; ``"settle"`` before the robot stood still."""
-        return "settle" if self._state is None and self._safe.mode == "wait" else self._safe.mode
+        mode = self._safe.mode
+        return "settle" if mode == "wait" and (self._anew or self._state is None) else mode
 
     @property
     def journal(self) -> Journal:
@@ -102,15 +104,18 @@ class OnboardController:
     @property
     def state(self) -> RobotState | None:
         """Return the newest estimate; None before the robot stood still."""
-        return self._state
+        return None if self._anew else self._state
 
     def elapsed(self, now: float) -> float:
         """Return the time of the source's commands (s), see :meth:`SafeRunner.elapsed`."""
         return self._safe.elapsed(now)
 
     def reset(self) -> None:
-        """Begin anew: the robot has to stand still, then it ramps. Call it between steps."""
+        """Begin anew: the robot has to stand still, then it ramps."""
+        self._anew = True  # first: a step that uses up the other one's mark leaves this one for the next
         self._safe.reset()
+
+    def _forget(self) -> None:
         self._state: RobotState | None = None
         self._still: list[tuple[NDArray[np.float64], ...]] = []
         self._settling = np.nan
@@ -132,15 +137,22 @@ class OnboardController:
             now: time (s) at which it was read, by a clock that does not jump: the robot's, or this computer's.
             reading: of the sensors; None when none came.
         """
+        if self._anew:
+            self._anew = False
+            self._forget()
+            self._safe.reset(keep_stop=True)
         try:
             self._take(now, reading)
         except _FAULTS as error:
             self.journal.note(now if np.isfinite(now) else 0.0, "sensors", str(error))
-        if self._state is None or 0 <= now - self._sent < self._robot.control_dt - 1e-6:
+        settling = self._state is None and self._safe.mode != "damping"
+        if settling or 0 <= now - self._sent < self._robot.control_dt - 1e-6:
             return None
         self._sent = now
         state, self._fresh = (self._state if self._fresh else None), False
-        return self._safe.step(now, state, self._time)
+        command = self._safe.step(now, state, self._time)
+        # after a reset within this step nothing is known: not even that the estimate is that of a robot at rest
+        return None if self._anew and self._safe.mode != "damping" else command
 
     def _take(self, now: float, reading: OnboardReading | None) -> None:
         """Bring the estimate up to date.

@@ -50,8 +50,9 @@ class SafeRunner:
     in to the start pose; ``"run"`` the policy; ``"end"``: hold the last keyframe, then stand. ``"damping"`` lasts until
     :meth:`reset`: no stiffness, joints braked.
 
-    :meth:`stop` may come at any time, also within a step: from a signal handler, another thread, or a hook. A command
-    that the policy cannot follow is as if it had not been given.
+    :meth:`stop` and :meth:`reset` may come at any time, also within a step: from a signal handler, another thread, or a
+    hook. No stop is lost that comes after a reset began. A command that the policy cannot follow is as if it had not
+    been given.
 
     Args:
         policy: what computes targets.
@@ -88,11 +89,24 @@ class SafeRunner:
         self._limiter = TargetLimiter(self._robot, settings)
         self._watch = StateWatch(self._robot, settings)
         self.journal = Journal()
-        self.reset()
+        # a stop is an object of its own: a reset takes back the last one that it saw, and never one that came since
+        self._last_stop: object = None
+        self._taken_back: object = None
+        self._anew = False
+        self._forget()
 
-    def reset(self) -> None:
-        """Begin anew: wait for a good state, then ramp. Call it between steps."""
-        self._stopped = False
+    def reset(self, *, keep_stop: bool = False) -> None:
+        """Begin anew: wait for a good state, then ramp. A step that it comes in the middle of brakes.
+
+        Args:
+            keep_stop: stay in damping mode after a stop.
+        """
+        seen = self._last_stop
+        self._anew = True  # the next step forgets: what a step works with is changed by steps alone
+        if not keep_stop:
+            self._taken_back = seen
+
+    def _forget(self) -> None:
         self._mode: Mode = "wait"
         self._watch.reset()
         self._commands = EndOfSequence(self._source, self._robot, self._policy.timing.max_steps, self._settings)
@@ -103,8 +117,12 @@ class SafeRunner:
     @property
     def mode(self) -> Mode:
         """Return what it does now."""
-        # a flag of its own: a step that a stop interrupts may still set the mode
-        return "damping" if self._stopped else self._mode
+        # not kept in one place: a step that a stop or a reset interrupts may still set the mode
+        return "damping" if self._stopped else "wait" if self._anew else self._mode
+
+    @property
+    def _stopped(self) -> bool:
+        return self._last_stop is not self._taken_back
 
     def elapsed(self, now: float) -> float:
         """Return the time of the source's commands at a time of the clock (s); 0 before ``"run"`` began."""
@@ -112,7 +130,8 @@ class SafeRunner:
 
     def stop(self, reason: str = "asked for") -> JointCommand:
         """Go to damping mode and return its command: an emergency stop."""
-        return self._damp(0.0 if self._now is None else self._now, "stop", reason)
+        now = self._now
+        return self._damp(0.0 if now is None else now, "stop", reason)
 
     def step(self, now: float, state: RobotState | None, stamp: float | None = None) -> JointCommand:
         """Return what the motors are to do in this control step.
@@ -122,9 +141,12 @@ class SafeRunner:
             state: newest measured state; None when none came.
             stamp: time of its measurement (s), same clock; None for ``now``.
         """
+        if self._anew:
+            self._anew = False
+            self._forget()
         command = self._step(now, state, stamp)
-        # a stop may have come while it was computed
-        return self._damped() if self._stopped else command
+        # a stop or a reset may have come while it was computed
+        return self._damped() if self._stopped or self._anew else command
 
     def _step(self, now: float, state: RobotState | None, stamp: float | None) -> JointCommand:
         dt = self._robot.control_dt if self._now is None else min(max(now - self._now, 0.0), self._robot.control_dt)
@@ -199,8 +221,8 @@ class SafeRunner:
         self.journal.note(0.0 if self._now is None else self._now, "commands", reason)
 
     def _damp(self, now: float, piece: str, reason: str) -> JointCommand:
-        if not self._stopped:
-            self._stopped = True  # first of all: a program of the user's own may listen to the log
+        before, self._last_stop = self._stopped, object()  # first: a program of the user's own may listen to the log
+        if not before:
             self.journal.note(now, piece, f"{reason}: damping mode", new=True)
         return self._damped()
 

@@ -5,21 +5,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from plat.errors import MotionError
+from plat.bounds import Bounded, Range
+from plat.errors import ConfigError, MotionError
 from plat.json_file import short
 from plat.motions.checks.feet import Soles
 from plat.motions.clip import MotionClip
 from plat.motions.formats.axes import Up, z_up
 from plat.motions.formats.joint_columns import robot_columns
-from plat.motions.formats.units import Units, angles_in_radians, place_in_meters, unit_quaternions
+from plat.motions.formats.units import Angles, Units, angles_in_radians, place_in_meters, unit_quaternions
 from plat.motions.formats.unnamed_joints import unnamed_joints
 from plat.robots.robot import Robot
 
-__all__ = ["MotionFile", "QuatOrder", "ReadOptions", "arrange_joints", "make_clip", "number", "strings"]
+__all__ = ["MotionFile", "QuatOrder", "ReadOptions", "arrange_joints", "check_rate", "make_clip", "number", "strings"]
 
 QuatOrder = Literal["wxyz", "xyzw"]
 
@@ -27,7 +28,7 @@ _FPS = (1.0, 1000.0)
 
 
 @dataclass(frozen=True)
-class ReadOptions:
+class ReadOptions(Bounded):
     """What the user says about files.
 
     Args:
@@ -36,13 +37,24 @@ class ReadOptions:
         fps: frames a second, where the user states it.
         up: axis of the world that points up, where the user states it.
         units: of places, where the user states it.
+        angles: their unit in captures of humans, where the user states it.
+
+    Raises:
+        MotionError: for a value that is none of these.
     """
 
     robot: Robot
     quat_order: QuatOrder | None = None
-    fps: float | None = None
+    fps: Annotated[float, Range(1, 1000)] | None = None
     up: Up | None = None
     units: Units | None = None
+    angles: Angles | None = None
+
+    def __post_init__(self) -> None:
+        try:
+            super().__post_init__()
+        except ConfigError as error:
+            raise MotionError(f"stated of motions: {str(error).removeprefix('ReadOptions: ')}") from None
 
     @cached_property
     def soles(self) -> Soles:
@@ -138,8 +150,7 @@ def make_clip(
         if values.shape != (len(joint_pos), width) or values.dtype.kind not in "fiu":
             advice = "; write rotation vectors, Euler angles or matrices as quaternions" * (width == 4)
             raise MotionError(f"{field!r} has shape {values.shape}, expected {(len(joint_pos), width)} numbers{advice}")
-    if not _FPS[0] <= fps <= _FPS[1]:
-        raise MotionError(f"fps is {fps:g}, expected {_FPS[0]:g} to {_FPS[1]:g} frames a second")
+    check_rate(fps)
     if quat_order == "xyzw":
         root_quat = root_quat[:, [3, 0, 1, 2]]
     parts = (root_pos.astype(np.float64), root_quat.astype(np.float64), joint_pos.astype(np.float64))
@@ -154,6 +165,16 @@ def make_clip(
     return MotionClip(name, qpos, fps, tuple(dict.fromkeys((*notes, *found)))).checked(robot)
 
 
+def check_rate(fps: float) -> None:
+    """Raise for frames a second that no motion has.
+
+    Raises:
+        MotionError: naming the rate.
+    """
+    if not _FPS[0] <= fps <= _FPS[1]:
+        raise MotionError(f"fps is {fps:g}, expected {_FPS[0]:g} to {_FPS[1]:g} frames a second")
+
+
 def number(value: Any, field: str) -> float:
     """A number from a scalar or an array that holds one."""
     if isinstance(value, np.ndarray) and value.size == 1:
@@ -161,7 +182,7 @@ def number(value: Any, field: str) -> float:
     if isinstance(value, (str, bytes)):
         with contextlib.suppress(ValueError):
             value = float(value)
-    if not isinstance(value, (int, float)) or not abs(value) <= 1e300:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= 1e300:
         raise MotionError(f"{field!r} is {short(value)}, expected one number")
     return float(value)
 

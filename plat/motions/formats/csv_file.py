@@ -10,7 +10,7 @@ from plat.motions.clip import ASSUMED_RATE, MotionClip
 from plat.motions.formats.beside import rates_beside
 from plat.motions.formats.clock import distinct_rates, rate_of_times, stated_rates
 from plat.motions.formats.columns import Parts, split_columns
-from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip
+from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, check_rate, make_clip
 from plat.motions.formats.pace import Pace, UnfitRateError, settled_rate
 from plat.motions.formats.quaternion_order import choose_quat_order, settle_joint_order, settle_quat_order
 from plat.motions.formats.rate import without_rates
@@ -46,6 +46,7 @@ def read_values(path: Path, table: Table, options: ReadOptions, kind: str) -> Mo
     order, how, doubts = _quat_order(path, name, parts, joint_pos, options)
     clip = _clip(name, parts, joint_pos, order, options)
     fps, told = _rate(path, table, parts, clip, options)
+    check_rate(fps)
     three = any(note.startswith("root rotation from") for note in parts.notes)
     shown = () if three else (f"quaternion {order} {how}",)
     kind = "BONES-SEED csv" if parts.seed else kind

@@ -49,6 +49,8 @@ def robot_columns(names: Sequence[str], count: int, robot: Robot) -> tuple[list[
         )
     matched = [match_joint(name, robot) for name in listed]
     found = [joint for joint in matched if joint is not None]
+    if twice := sorted({joint for joint in found if found.count(joint) > 1}):
+        raise MotionError(f"'joint_names' has {_some(twice)} twice, expected each joint once")
     missing = sorted(set(robot.joint_names) - set(found))
     unknown = sorted(name for name, joint in zip(listed, matched, strict=True) if joint is None)
     expected = f"the {robot.num_joints} joints of {robot.name!r}"
@@ -60,8 +62,6 @@ def robot_columns(names: Sequence[str], count: int, robot: Robot) -> tuple[list[
         told = f"'joint_names' lacks {_some(missing)} and has the unknown {_some(unknown)}"
         another = ", as another body" if len(found) < robot.num_joints // 3 else ""
         raise MotionError(f"{told}{another}; expected {expected}")
-    if twice := sorted({joint for joint in found if found.count(joint) > 1}):
-        raise MotionError(f"'joint_names' has {_some(twice)} twice, expected each joint once")
     if len(listed) != count:
         raise MotionError(f"'joint_names' has {len(listed)} names, expected one for each of {count} joints")
     return [column for column, joint in enumerate(matched) if joint is not None], found, unknown

@@ -10,9 +10,19 @@ from plat.errors import MotionError
 from plat.motions.checks.feet import Soles, lowest_step
 from plat.robots.robot import Robot
 
-__all__ = ["METERS", "Converted", "Units", "angles_in_radians", "leg_height", "place_in_meters", "unit_quaternions"]
+__all__ = [
+    "METERS",
+    "Angles",
+    "Converted",
+    "Units",
+    "angles_in_radians",
+    "leg_height",
+    "place_in_meters",
+    "unit_quaternions",
+]
 
 Units = Literal["m", "cm", "mm", "in", "ft"]
+Angles = Literal["degrees", "radians"]
 
 # A quaternion outside of this is no rounding and no averaging, but another column.
 _LENGTHS = (0.8, 1.25)

@@ -11,7 +11,8 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.motions.formats.rate import rates_in_name
-from plat.motions.retargeting.mocap import LARGEST_RADIANS, Mocap, check_extent, may_be_radians, turns_all_around
+from plat.motions.formats.units import Angles
+from plat.motions.retargeting.mocap import LARGEST_RADIANS, Mocap, check_extent, may_be_radians, reads_better
 from plat.rotations_np import axis_rotation
 
 __all__ = ["find_asf", "read_amc", "skeletons_beside"]
@@ -66,16 +67,17 @@ def skeletons_beside(path: Path) -> list[Path]:
     return [path.with_name(name) for name in names]
 
 
-def read_amc(path: str | Path, fps: float | None = None) -> Mocap:
+def read_amc(path: str | Path, fps: float | None = None, angles: Angles | None = None) -> Mocap:
     """Read an ``.amc`` and the ``.asf`` beside it, and work out where the joints are.
 
     Every joint is called as the bone that begins in it, the end of a bone ``<bone>_end``. Bones may stand in any
     order, and those without values in a frame keep their rest pose. Angles are in degrees or radians, as the files
-    say and the values show.
+    say, unless the motion shows the other.
 
     Args:
         path: the file.
         fps: frames a second, where the user states them; else the name does, or they are 120.
+        angles: their unit, where the user states it; the rest pose has that of the skeleton's file.
 
     Raises:
         MotionError: naming file and line, when one of the two is missing or broken.
@@ -86,8 +88,10 @@ def read_amc(path: str | Path, fps: float | None = None) -> Mocap:
     check_extent(f"AMC file {str(path)!r}", 2 * len(skeleton.bones), len(frames), path.stat().st_size)
     notes = []
     told = skeleton.degrees if degrees is None else degrees
-    if _other_unit(skeleton, frames, told):
-        notes.append(f"angles in {'radians' if told else 'degrees'} and not as stated, by their size")
+    if angles is not None:
+        told = angles == "degrees"
+    elif _other_unit(skeleton, frames, told):
+        notes.append(f"angles in {'radians' if told else 'degrees'} and not as stated, as the motion shows")
         told = not told
     if fps is None:
         stated = rates_in_name(path.stem) or [float(rate) for rate in _RATE_LAST.findall(path.stem)]
@@ -221,13 +225,10 @@ def _other_unit(skeleton: _Skeleton, frames: list[dict[str, list[float]]], degre
     bones = skeleton.bones.items()
     turns = [(name, k) for name, bone in bones for k, what in enumerate(bone.dof) if what.startswith("r")]
     angles = np.array([[row[name][k] if name in row else 0.0 for name, k in turns] for row in frames])
-    if not degrees:
-        return bool(np.abs(angles).max(initial=0.0) > LARGEST_RADIANS)
-    if not may_be_radians(angles):
+    if not (may_be_radians(angles) if degrees else np.abs(angles).max(initial=0.0) > LARGEST_RADIANS):
         return False
-    posed = _posed(skeleton, frames, 1.0, _USUAL_FPS, ())
-    assert posed.rotations is not None
-    return not turns_all_around(posed.rotations, posed.parents)
+    one, other = (_posed(skeleton, frames, unit, _USUAL_FPS, ()) for unit in (1.0, np.pi / 180))
+    return reads_better(one.positions, other.positions, one.parents) == degrees
 
 
 def _posed(

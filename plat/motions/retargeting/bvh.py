@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from plat.errors import MotionError
-from plat.motions.retargeting.mocap import Mocap, check_extent, checked_rate, may_be_radians, turns_all_around
+from plat.motions.formats.units import Angles
+from plat.motions.retargeting.mocap import Mocap, check_extent, checked_rate, may_be_radians, reads_better
 from plat.rotations_np import axis_rotation
 
 __all__ = ["read_bvh"]
@@ -27,7 +28,7 @@ class _Joint:
     channels: Sequence[int] = ()
 
 
-def read_bvh(path: str | Path, fps: float | None = None) -> Mocap:
+def read_bvh(path: str | Path, fps: float | None = None, angles: Angles | None = None) -> Mocap:
     """Read a BVH file and work out where its joints are.
 
     A rotation is the product of the joint's rotation channels in the order of the file. A position channel takes the
@@ -37,6 +38,7 @@ def read_bvh(path: str | Path, fps: float | None = None) -> Mocap:
     Args:
         path: the file.
         fps: frames a second, where the user states them; else ``Frame Time`` does.
+        angles: their unit, where the user states it; else degrees, unless a body moves so in radians alone.
 
     Raises:
         MotionError: naming file and line, when the file is missing, broken or cut short.
@@ -72,9 +74,8 @@ def read_bvh(path: str | Path, fps: float | None = None) -> Mocap:
     values, seconds, notes = _motion(lines, sum(len(joint.channels) for joint in joints))
     rate = checked_rate(path, seconds) if fps is None else fps
     check_extent(f"BVH file {str(path)!r}", len(joints), len(values), len(text))
-    values, told = _in_degrees(joints, values)
+    positions, rotations, told = _settled(joints, values, angles)
     notes = (*notes, *told)
-    positions, rotations = _forward_kinematics(joints, values)
     names, parents = zip(*((joint.name, joint.parent) for joint in joints), strict=True)
     rest = np.zeros((len(joints), 3))
     for joint in joints:
@@ -192,15 +193,21 @@ def _motion(lines: _Lines, width: int) -> tuple[np.ndarray, float, tuple[str, ..
     return np.array(values).reshape(frames, width), seconds, notes
 
 
-def _in_degrees(joints: list[_Joint], values: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Return channel values ``[T, width]`` with angles in degrees, and a note where they could be radians."""
+def _settled(
+    joints: list[_Joint], values: np.ndarray, angles: Angles | None
+) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Return positions, rotations and a note, with angles in the unit that is stated, or that the motion shows."""
     turns = np.array([channel >= len("xyz") for joint in joints for channel in joint.channels])
-    if not may_be_radians(values[:, turns]):
-        return values, ()
-    converted = np.where(turns, np.rad2deg(values), values)
-    if turns_all_around(_forward_kinematics(joints, converted)[1], [joint.parent for joint in joints]):
-        return values, ("angles in degrees, though small: in radians joints would turn all around",)
-    return converted, ("angles in radians: no body moves so little in degrees",)
+    if angles == "radians" or (angles is None and may_be_radians(values[:, turns])):
+        radians = _forward_kinematics(joints, np.where(turns, np.rad2deg(values), values))
+        if angles == "radians":
+            return *radians, ()
+        degrees = _forward_kinematics(joints, values)
+        if reads_better(radians[0], degrees[0], [joint.parent for joint in joints]):
+            return *radians, ("angles in radians: in degrees nobody stands or moves so",)
+        largest = np.abs(values[:, turns]).max()
+        return *degrees, (f"angles in degrees, as BVH has them, though none is above {largest:.2g} (else: --angles)",)
+    return *_forward_kinematics(joints, values), ()
 
 
 def _forward_kinematics(joints: list[_Joint], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

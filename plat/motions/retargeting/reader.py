@@ -17,7 +17,9 @@ def read_human_motion(path: Path, options: ReadOptions) -> MotionFile:
             retargets is not installed.
     """
     try:
-        made = retarget(path, robot=options.robot, fps=options.fps, up=options.up, units=options.units)
+        made = retarget(
+            path, robot=options.robot, fps=options.fps, up=options.up, units=options.units, angles=options.angles
+        )
     except MotionError as error:
         told = str(error).removeprefix(f"{path.suffix[1:].upper()} file {str(path)!r}").lstrip(":, ")
         raise MotionError(told) from None

@@ -7,14 +7,17 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 import torch
 
-from plat.errors import MotionError
+from plat.bounds import Range, check_value
+from plat.errors import ConfigError, MotionError
 from plat.motions.checks.underside import Underside
 from plat.motions.clip import MotionClip
+from plat.motions.formats.axes import Up
+from plat.motions.formats.units import Angles
 from plat.motions.paths import find_files, listed_paths
 from plat.motions.retargeting.asf import read_amc
 from plat.motions.retargeting.builtin import find_map
@@ -25,7 +28,7 @@ from plat.motions.retargeting.joint_file import holds_human_joints, read_joint_f
 from plat.motions.retargeting.mocap import Mocap
 from plat.motions.retargeting.options import SolverOptions
 from plat.motions.retargeting.poselib import holds_poselib, read_poselib
-from plat.motions.retargeting.skeletons import SkeletonMap
+from plat.motions.retargeting.skeletons import UNITS, SkeletonMap
 from plat.robots import G1, Robot
 from plat.robots.kinematics import ForwardKinematics
 from plat.rotations import quat_rotate
@@ -45,6 +48,9 @@ MOCAP_READERS: dict[str, Callable[..., Mocap]] = {
 
 # endings that files of robots have as well, and what tells those of humans
 _HUMAN: dict[str, Callable[[Path], bool]] = {".npz": holds_human_joints, ".npy": holds_poselib}
+
+# those that hold angles
+_TURNED = (".bvh", ".amc")
 
 # Files that a process must have to itself to be worth the seconds in which it starts.
 _FILES_PER_WORKER = 16
@@ -105,6 +111,7 @@ def retarget(
     fps: float | None = None,
     up: str | None = None,
     units: str | None = None,
+    angles: Angles | None = None,
 ) -> Retargeted:
     """Turn the human motion of a capture, such as ``.bvh`` or ``.amc``, into one of the robot at its frame rate.
 
@@ -116,9 +123,11 @@ def retarget(
         fps: frames a second of the file, where what it states is wrong.
         up: axis that points up in the file, ``x``, ``y`` or ``z``, where it is not to be told or found wrong.
         units: of its lengths, one of :data:`~plat.motions.retargeting.skeletons.UNITS`, the same way.
+        angles: unit of the angles of a ``.bvh`` or ``.amc``, the same way.
 
     Raises:
-        MotionError: naming file and line or field, when it cannot be read or does not fit the map.
+        MotionError: naming file and line or field, when it cannot be read or does not fit the map, or what is stated
+            of it is none of these values.
     """
     try:
         from plat.motions.retargeting.feet import lift
@@ -128,10 +137,17 @@ def retarget(
         from plat.motions.retargeting.targets import robot_targets
     except ImportError as error:
         raise MotionError("retargeting needs: pip install 'plat-rl[retarget]'") from error
+    try:
+        check_value("fps", fps, Annotated[float, Range(1, 1000)] | None)
+        check_value("up", up, Up | None)
+        check_value("units", units, Literal[tuple(UNITS)] | None)
+        check_value("angles", angles, Angles | None)
+    except ConfigError as error:
+        raise MotionError(f"stated of {str(path)!r}: {error}") from None
     began = time.perf_counter()
     ending = Path(path).suffix.lower()
     where = f"{ending[1:].upper()} file {str(path)!r}"
-    mocap = MOCAP_READERS[ending](path, fps)
+    mocap = MOCAP_READERS[ending](path, fps, *([angles] if ending in _TURNED else []))
     if len(mocap.positions) < 2:
         raise MotionError(f"{where}: 1 frame, expected at least 2")
     notes = []
@@ -170,6 +186,7 @@ def retarget_all(
     fps: float | None = None,
     up: str | None = None,
     units: str | None = None,
+    angles: Angles | None = None,
 ) -> Iterator[Retargeted | MotionError]:
     """:func:`retarget` for many files, in their order; a file that cannot be used yields its error.
 
@@ -177,9 +194,11 @@ def retarget_all(
         paths: files.
         skeleton, robot, options: see :func:`retarget`.
         workers: processes, at most; few files are done in this one.
-        fps, up, units: of the files; see :func:`retarget`.
+        fps, up, units, angles: of the files; see :func:`retarget`.
     """
-    work = functools.partial(_attempt, skeleton=skeleton, robot=robot, options=options, fps=fps, up=up, units=units)
+    work = functools.partial(
+        _attempt, skeleton=skeleton, robot=robot, options=options, fps=fps, up=up, units=units, angles=angles
+    )
     workers = min(workers, len(paths) // _FILES_PER_WORKER)
     if workers < 2:
         yield from map(work, paths)
@@ -198,9 +217,10 @@ def _attempt(
     fps: float | None,
     up: str | None,
     units: str | None,
+    angles: Angles | None,
 ) -> Retargeted | MotionError:
     try:
-        return retarget(path, skeleton, robot, options, fps, up, units)
+        return retarget(path, skeleton, robot, options, fps, up, units, angles)
     except MotionError as error:
         return error
 

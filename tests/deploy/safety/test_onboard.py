@@ -63,6 +63,47 @@ def test_modes_and_rate():
     assert abs(bench.controller.state.root_pos_w[2] - ROBOT.root_height) < 0.03
 
 
+def test_a_reset_within_a_step_begins_with_settling():
+    bench, times = Bench(), []
+
+    def answer(*_):
+        times.append(bench.now)
+        bench.controller.reset()
+        return ROBOT.default_joint_pos
+
+    bench.policy.answer = answer
+    bench.run(0.4)
+    assert bench.controller.mode == "settle"
+    assert bench.controller.state is None
+    bench.run(0.4)
+    first, second = times
+    assert second - first > QUICK.settle + QUICK.ramp - 1e-6
+
+
+def test_a_stop_before_it_stood_still_is_sent():
+    bench = Bench().run(0.05)
+    bench.controller.stop()
+    bench.run(0.02)
+    assert bench.commands
+    assert not any(command.stiffness.any() for _, command in bench.commands)
+
+
+def test_a_stop_after_a_reset_within_one_step_is_sent():
+    bench = Bench()
+
+    def answer(*_):
+        bench.controller.reset()
+        bench.controller.stop()
+        return ROBOT.default_joint_pos
+
+    bench.policy.answer = answer
+    bench.run(0.5)
+    assert bench.controller.mode == "damping"
+    assert len(bench.policy.asked) == 1
+    assert not bench.commands[-1][1].stiffness.any()
+    assert bench.commands[-1][0] > 0.45
+
+
 def test_a_robot_that_moves_has_to_come_to_rest():
     bench = Bench().run(0.5, gyro=np.array([0.0, 1.0, 0.0]))
     assert bench.controller.mode == "settle"

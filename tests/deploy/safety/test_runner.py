@@ -1,5 +1,6 @@
 import logging
 import sys
+import threading
 from dataclasses import replace
 
 import numpy as np
@@ -129,10 +130,10 @@ def test_an_emergency_stop_and_a_broken_clock():
 
 
 class Interruption:
-    """A stop in the middle of a step, as by a signal: before the n-th line that the runner's file executes."""
+    """A call in the middle of a step, as by a signal: before the n-th line that the runner's file executes."""
 
-    def __init__(self, runner: SafeRunner, line: int):
-        self.runner, self.left = runner, line
+    def __init__(self, runner: SafeRunner, line: int, call=lambda runner: runner.stop("a hand on the button")):
+        self.runner, self.left, self.call = runner, line, call
 
     @property
     def came(self) -> bool:
@@ -144,14 +145,17 @@ class Interruption:
         if event == "line":
             self.left -= 1
             if self.left == -1:
-                self.runner.stop("a hand on the button")
+                self.call(self.runner)
         return self.trace
 
     def step(self, *arguments):
+        return self.during(self.runner.step, *arguments)
+
+    def during(self, method, *arguments):
         before = sys.gettrace()
         sys.settrace(self.trace)
         try:
-            return self.runner.step(*arguments)
+            return method(*arguments)
         finally:
             sys.settrace(before)
 
@@ -180,6 +184,81 @@ def test_a_stop_holds_wherever_in_a_step_it_comes():
         line += 1
     assert line > 100
     assert "end" in [entry.piece for entry in runner.journal]
+
+
+def test_a_reset_within_a_step_brakes_and_begins_anew():
+    """At every line: of the wait, the ramp, the start, the run and damping mode. Before the first it is none within."""
+    line = 0
+    while True:
+        runner = SafeRunner(StandIn(), Commands(), SafetySettings(ramp=0.04))
+        hand = Interruption(runner, line, SafeRunner.reset)
+        for index, now in enumerate([0.0, 0.02, 0.04, 0.06, 0.08, 0.10]):
+            if now == 0.08:
+                runner.stop()
+            state = good_state(1e-4 * index)
+            command = hand.step(now, state)
+            if hand.came:
+                break
+        if not hand.came:
+            break
+        if runner.mode == "ramp":
+            np.testing.assert_allclose(command.position, state.joint_pos, atol=1e-6)
+        else:
+            assert runner.mode == "wait", (line, now)
+            assert not command.stiffness.any(), (line, now)
+            command = runner.step(now + 0.02, good_state(0.2))
+            assert runner.mode == "ramp"
+            np.testing.assert_allclose(command.position, good_state(0.2).joint_pos, atol=1e-6)
+        line += 1
+    assert line > 50
+
+
+def test_a_stop_holds_that_comes_within_a_reset():
+    """Before its first line it is as if the stop had come before."""
+    modes = []
+    while True:
+        runner = SafeRunner(StandIn(), Commands(), QUICK)
+        runner.step(0.0, good_state())
+        runner.stop("an older one")
+        button = Interruption(runner, len(modes))
+        button.during(runner.reset)
+        if not button.came:
+            break
+        runner.step(0.02, good_state(1e-4))
+        modes.append(runner.mode)
+    assert modes[0] == "ramp"
+    assert set(modes[1:]) == {"damping"}
+
+
+def test_resets_and_stops_of_other_threads():
+    switch = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        for _ in range(20):
+            runner = SafeRunner(StandIn(), Commands(), QUICK)
+            robot, failed = Robot(runner), []
+
+            def walk(robot=robot, failed=failed):
+                try:
+                    robot.run(40)
+                except Exception as error:
+                    failed.append(error)
+
+            def press(runner=runner):
+                for _ in range(20):
+                    runner.reset()
+                runner.stop("the last word")
+
+            threads = [threading.Thread(target=work) for work in (walk, press)]
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+            assert not failed
+            assert robot.run(2) == "damping"
+            assert not robot.commands[-1].stiffness.any()
+    finally:
+        sys.setswitchinterval(switch)
 
 
 class Smoke(logging.Handler):

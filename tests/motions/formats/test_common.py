@@ -3,8 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
-from plat.motions.formats.common import arrange_joints
+from plat.errors import MotionError
+from plat.motions.formats.common import arrange_joints, number
 from plat.robots import G1
 
 
@@ -25,3 +27,15 @@ def test_a_robot_without_wrists_misses_none():
     arranged, notes = arrange_joints(angles, names, robot, "joint_pos")
     assert notes == []
     np.testing.assert_array_equal(arranged, angles)
+
+
+def test_a_joint_twice_is_said_so():
+    names = [*G1.joint_names[:3], *G1.joint_names[4:5], *G1.joint_names[4:]]
+    with pytest.raises(MotionError, match=rf"has \['{G1.joint_names[4]}'\] twice, expected each joint once"):
+        arrange_joints(np.zeros((3, 29)), names, G1, "joint_pos")
+
+
+def test_a_truth_value_is_no_number():
+    assert number("30", "fps") == 30
+    with pytest.raises(MotionError, match="'fps' is True, expected one number"):
+        number(np.array(True), "fps")

@@ -108,8 +108,11 @@ def test_errors_name_file_and_field(tmp_path, text, message):
 def test_a_frame_rate_must_be_possible(tmp_path):
     write_csv(tmp_path / "a.csv", bowing_clip())
     for fps in (-1.0, 0.0, 5000.0, float("nan")):
-        with pytest.raises(MotionError, match=f"fps is {fps:g}, expected 1 to 1000"):
+        with pytest.raises(MotionError, match=f"fps is {fps}, expected a number from 1 to 1,000"):
             load_motions(tmp_path / "a.csv", fps=fps)
+    write_csv(tmp_path / "a_5000fps.csv", bowing_clip())
+    with pytest.raises(MotionError, match="fps is 5000, expected 1 to 1000"):
+        load_motions(tmp_path / "a_5000fps.csv")
 
 
 NAMES = [*(f"root_{axis}" for axis in "xyz"), *(f"quat_{axis}" for axis in "wxyz"), *G1.joint_names]

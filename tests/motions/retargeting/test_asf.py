@@ -80,13 +80,16 @@ def write_amc(
     drop: tuple[str, ...] = (),
     told: str = "",
     size: float = 1.0,
+    planted: bool = False,
 ) -> None:
     angle = np.pi / 180 if radians else 1.0
     lines = ["#!OML:ASF a.ASF", ":FULLY-SPECIFIED", told or (":RADIANS" if radians else ":DEGREES")]
     rng = np.random.default_rng(0)
     for frame in range(frames):
-        rows = [f"root {3 * INCHES} {91 * INCHES} {frame * INCHES} 0 {0.5 * angle * frame} 0"]
-        for name, values in angles_at(size * np.sin(np.pi * frame / (frames - 1)) ** 2).items():
+        share = size * np.sin(np.pi * frame / (frames - 1)) ** 2
+        x, y, z = np.array([3, 91, 0 if planted else frame]) - (places_of_pose(share)["ltoes"] if planted else 0)
+        rows = [f"root {x * INCHES} {y * INCHES} {z * INCHES} 0 {0 if planted else 0.5 * angle * frame} 0"]
+        for name, values in angles_at(share).items():
             if name not in drop:
                 rows.append(f"{name} {' '.join(f'{angle * value:.8g}' for value in values)}")
         rng.shuffle(rows)
@@ -94,13 +97,13 @@ def write_amc(
     path.write_text("\n".join([*lines, ""]))
 
 
-def places_of_pose() -> dict[str, np.ndarray]:
-    """Ends of the bones from the root in the full pose (cm): every bone turns by C R C', R and C about fixed axes."""
+def places_of_pose(share: float = 1.0) -> dict[str, np.ndarray]:
+    """Ends of the bones from the root in a share of the pose (cm). Bones turn by C R C', R and C about fixed axes."""
     ends, turns = {"root": np.zeros(3)}, {"root": Rotation.identity()}
     for name, parent, direction, length, axis, dof in BONES:
         own = Rotation.from_euler("xyz", axis, degrees=True)
         turn = Rotation.identity()
-        for what, value in zip(dof.split(), angles_at(1.0).get(name, ()), strict=True):
+        for what, value in zip(dof.split(), angles_at(share).get(name, ()), strict=True):
             turn = Rotation.from_euler(what[1], value, degrees=True) * turn
         turns[name] = turns[parent] * own * turn * own.inv()
         ends[name] = ends[parent] + turns[name].apply(length * unit(direction))
@@ -124,12 +127,12 @@ def test_joints_are_where_the_angles_put_them(tmp_path):
 @pytest.mark.parametrize("radians", [False, True])
 def test_angles_in_both_units_whatever_is_stated(tmp_path, radians):
     write_asf(tmp_path / "a.asf", radians)
-    write_amc(tmp_path / "a.amc", radians=radians)
+    write_amc(tmp_path / "a.amc", radians=radians, planted=True)
     expected = read_amc(tmp_path / "a.amc")
-    write_amc(tmp_path / "a.amc", radians=radians, told=":DEGREES" if radians else ":RADIANS")
+    write_amc(tmp_path / "a.amc", radians=radians, told=":DEGREES" if radians else ":RADIANS", planted=True)
     found = read_amc(tmp_path / "a.amc")
     np.testing.assert_allclose(found.positions, expected.positions)
-    assert f"angles in {'radians' if radians else 'degrees'} and not as stated, by their size" in found.notes
+    assert f"angles in {'radians' if radians else 'degrees'} and not as stated, as the motion shows" in found.notes
 
 
 def test_someone_who_stands_quietly_is_in_degrees_as_stated(tmp_path):
@@ -138,6 +141,16 @@ def test_someone_who_stands_quietly_is_in_degrees_as_stated(tmp_path):
     mocap = read_amc(tmp_path / "a.amc", fps=60)
     assert mocap.notes == ()
     assert np.abs(mocap.rotations - np.eye(3)).max() < 0.4
+
+
+def test_small_motion_is_in_degrees_as_stated(tmp_path):
+    write_asf(tmp_path / "a.asf")
+    write_amc(tmp_path / "a.amc", frames=12, size=0.015)
+    mocap = read_amc(tmp_path / "a.amc", fps=60)
+    assert mocap.notes == ()
+    assert np.abs(mocap.rotations - np.eye(3)).max() < 0.1
+    radians = read_amc(tmp_path / "a.amc", fps=60, angles="radians")
+    assert np.abs(radians.rotations - np.eye(3)).max() > 0.5
 
 
 def test_bones_may_be_missing(tmp_path):

@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -175,7 +177,7 @@ def test_angles_in_radians_are_seen(tmp_path):
     )
     found, expected = read_bvh(tmp_path / "b.bvh"), read_bvh(path)
     np.testing.assert_allclose(found.positions, expected.positions, atol=1e-3)
-    assert "angles in radians: no body moves so little in degrees" in found.notes
+    assert found.notes == ("angles in radians: in degrees nobody stands or moves so",)
     assert expected.notes == ()
 
 
@@ -187,31 +189,81 @@ def test_a_rest_pose_is_in_degrees(tmp_path):
     assert read_bvh(tmp_path / "b.bvh").notes == ()
 
 
-def swaying(path, largest: float):
-    """Write a body of five links that sway about a standing rest pose, each by more than the one below."""
-    joints = "".join(f"JOINT j{index} {{\nOFFSET 0 10 0\nCHANNELS 1 Xrotation\n" for index in range(5))
-    head = f"HIERARCHY\nROOT hips {{\nOFFSET 0 0 0\nCHANNELS 1 Xrotation\n{joints}{'} ' * 6}\nMOTION\n"
-    shares = np.sin(np.arange(120)[:, None] / 15 + np.arange(6)) * np.linspace(0.2, 1, 6)
-    rows = "\n".join(" ".join(f"{value:.6f}" for value in row) for row in largest * shares)
-    path.write_text(f"{head}Frames: 120\nFrame Time: 0.033333\n{rows}\n")
-    return read_bvh(path)
+WALKER = """HIERARCHY
+ROOT hips
+{
+OFFSET 0 0 0
+CHANNELS 6 Xposition Yposition Zposition Xrotation Yrotation Zrotation
+JOINT chest {
+OFFSET 0 50 0
+CHANNELS 1 Xrotation
+End Site {
+OFFSET 0 30 0
+} }
+JOINT left {
+OFFSET 10 0 0
+CHANNELS 1 Xrotation
+End Site {
+OFFSET 0 -90 0
+} }
+JOINT right {
+OFFSET -10 0 0
+CHANNELS 1 Xrotation
+End Site {
+OFFSET 0 -90 0
+} }
+}
+MOTION
+"""
 
 
-def test_someone_who_stands_quietly_is_in_degrees(tmp_path):
-    idle = swaying(tmp_path / "a.bvh", 6.0)
-    assert idle.notes == ("angles in degrees, though small: in radians joints would turn all around",)
-    assert np.abs(idle.positions[:, -1] - [0, 50, 0]).max() < 10
-    bent = swaying(tmp_path / "a.bvh", 1.2)
-    assert bent.notes == ("angles in radians: no body moves so little in degrees",)
-    assert np.abs(bent.positions[:, -1] - [0, 50, 0]).max() > 20
+def write_walker(path, swing: float, *, scale: float, walks: bool) -> Path:
+    """Write someone on stiff legs that swing by some degrees, in numbers of which one is so many degrees.
+
+    With ``walks`` the hips go where the standing foot wants them, else they stay.
+    """
+    angles = np.deg2rad(swing) * np.sin(np.arange(90) / 8)
+    rows, z = [], 0.0
+    for frame, angle in enumerate(angles):
+        if frame and walks:
+            z += 90 * abs(np.sin(angle) - np.sin(angles[frame - 1]))
+        turn = np.rad2deg(angle) / scale
+        rows.append(f"0 {90 * np.cos(angle) if walks else 90} {z:.6f} {0.6 / scale} 0 0 0 {turn:.6f} {-turn:.6f}")
+    path.write_text(WALKER + f"Frames: {len(rows)}\nFrame Time: 0.033333\n" + "\n".join(rows) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("largest", [0.6, 1.5, 2.4, 6.0])
+def test_small_motion_is_in_degrees_as_the_format_has_it(tmp_path, largest):
+    quiet = read_bvh(write_walker(tmp_path / "a.bvh", largest, scale=1.0, walks=False))
+    told = f"{max(largest * np.sin(np.arange(90) / 8).max(), 0.6):.2g}"
+    assert quiet.notes == (f"angles in degrees, as BVH has them, though none is above {told} (else: --angles)",)
+    assert np.abs(quiet.positions - quiet.positions[:1]).max() < 10
+
+
+def test_who_walks_in_radians_alone_has_angles_in_radians(tmp_path):
+    expected = read_bvh(write_walker(tmp_path / "a.bvh", 35, scale=1.0, walks=True))
+    found = read_bvh(write_walker(tmp_path / "b.bvh", 35, scale=np.rad2deg(1), walks=True))
+    assert (expected.notes, found.notes) == ((), ("angles in radians: in degrees nobody stands or moves so",))
+    np.testing.assert_allclose(found.positions, expected.positions, atol=1e-3)
+
+
+def test_the_unit_that_is_stated_counts(tmp_path):
+    path = write_walker(tmp_path / "a.bvh", 2.0, scale=1.0, walks=False)
+    radians = read_bvh(path, angles="radians")
+    assert radians.notes == ()
+    assert np.abs(radians.positions - radians.positions[:1]).max() > 50
+    path = write_walker(tmp_path / "b.bvh", 35, scale=np.rad2deg(1), walks=True)
+    assert read_bvh(path, angles="degrees").notes == ()
 
 
 def test_radians_of_whole_turns_are_radians(tmp_path):
     """Angles that jump by a turn, as those beyond half of one do in some files, are the same rotation."""
-    swaying(tmp_path / "a.bvh", 1.2)
-    head, rows = (tmp_path / "a.bvh").read_text().split("0.033333\n")
-    values = np.array([[float(word) for word in row.split()] for row in rows.splitlines()]) % (2 * np.pi)
+    path = write_walker(tmp_path / "a.bvh", 35, scale=np.rad2deg(1), walks=True)
+    head, rows = path.read_text().split("0.033333\n")
+    values = np.array([[float(word) for word in row.split()] for row in rows.splitlines()])
+    values[:, 3:] %= 2 * np.pi
     jumping = "\n".join(" ".join(f"{value:.6f}" for value in row) for row in values)
     (tmp_path / "b.bvh").write_text(f"{head}0.033333\n{jumping}")
     found = read_bvh(tmp_path / "b.bvh")
-    np.testing.assert_allclose(found.positions, read_bvh(tmp_path / "a.bvh").positions, atol=1e-3)
+    np.testing.assert_allclose(found.positions, read_bvh(path).positions, atol=1e-3)

@@ -1,9 +1,11 @@
 import sys
 
+import numpy as np
 import pytest
 
 from plat.errors import MotionError
 from plat.motions import load_motions, read_motion_files
+from plat.motions.retargeting import retarget
 from tests.motions.retargeting.human import write_human
 
 
@@ -27,6 +29,25 @@ def test_a_stated_rate_wins(tmp_path):
     write_human(tmp_path / "person.bvh", frames=5)
     (clip,) = load_motions(tmp_path, fps=60)
     assert clip.fps == 60
+
+
+def test_a_stated_unit_of_angles_wins(tmp_path):
+    pytest.importorskip("mink")
+    path = write_human(tmp_path / "person.bvh", frames=5)
+    (expected,) = load_motions(path)
+    head, rows = path.read_text().split("Frame Time: 0.033333\n")
+    values = np.array([[float(word) for word in row.split()] for row in rows.splitlines()])
+    values[:, 3:] = np.deg2rad(values[:, 3:])
+    path.write_text(f"{head}Frame Time: 0.033333\n" + "\n".join(" ".join(map(str, row)) for row in values))
+    (clip,) = load_motions(path, angles="radians")
+    np.testing.assert_allclose(clip.qpos, expected.qpos, atol=1e-2)
+
+
+@pytest.mark.parametrize("stated", [{"fps": -30}, {"up": "q"}, {"units": "km"}, {"angles": "grad"}])
+def test_what_is_stated_of_a_capture_has_to_be_something(tmp_path, stated):
+    pytest.importorskip("mink")
+    with pytest.raises(MotionError, match=f"person.bvh': {next(iter(stated))} is .*, expected"):
+        retarget(write_human(tmp_path / "person.bvh", frames=5), **stated)
 
 
 def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
