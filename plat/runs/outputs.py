@@ -8,9 +8,9 @@ from plat.files import readable
 from plat.runs.json_object import read_json
 from plat.runs.locate import CONFIG_FILE
 
-__all__ = ["CHECKPOINTS", "WEIGHTS_FILE", "check_out"]
+__all__ = ["CHECKPOINTS", "INPUTS_FILE", "WEIGHTS_FILE", "check_out"]
 
-CHECKPOINTS, WEIGHTS_FILE = "checkpoints", "model.safetensors"
+CHECKPOINTS, INPUTS_FILE, WEIGHTS_FILE = "checkpoints", "inputs.json", "model.safetensors"
 
 
 def check_out(folder: Path, *, resume: bool) -> None:

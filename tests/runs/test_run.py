@@ -345,6 +345,18 @@ def test_a_run_of_an_older_plat_is_resumed(tmp_path):
         start(tmp_path / "a", resume=True)
 
 
+def test_a_setting_that_an_older_plat_lacked_counts_as_its_default(tmp_path, capsys):
+    run, *_ = start(tmp_path / "a")
+    run.save()
+    config = read_json(tmp_path / "a" / "config.json")
+    config["recipe"]["settings"] = {}
+    write_json(tmp_path / "a" / "config.json", config)
+    with pytest.raises(CheckpointError, match="speed is 2.0, was 1.0"):
+        start(tmp_path / "a", resume=True, speed=2.0)
+    start(tmp_path / "a", resume=True, lr=0.2)
+    assert "goes on with lr 0.2 in place of 0.1\n" in capsys.readouterr().out
+
+
 def test_a_checkpoint_that_does_not_fit_is_refused_in_one_line_that_names_the_version(tmp_path):
     run, _, _, budget = start(tmp_path / "a")
     budget.add(10)
