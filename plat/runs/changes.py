@@ -72,7 +72,7 @@ def compared(folder: Path, recipe: Any, inputs: Mapping[str, Any]) -> tuple[dict
         inputs: fingerprints, see :func:`plat.runs.run_inputs`.
 
     Returns:
-        Settings that differ and may, by name, as they were and are; and in words what differs and may not.
+        Settings that differ and may, by name, as they were and are; and in words what differs and may not, if anything.
 
     Raises:
         CheckpointError: when the run's settings cannot be read.
@@ -85,7 +85,9 @@ def compared(folder: Path, recipe: Any, inputs: Mapping[str, Any]) -> tuple[dict
     # where the recipe has no name, that of the program says less
     if was != name and hasattr(type(recipe), "name") and was is not None:
         wrong.insert(0, f"the recipe is {name}, was {was}")
-    return found.free, wrong + changed_inputs(_inputs_of(folder / INPUTS_FILE), inputs)
+    wrong += changed_inputs(_inputs_of(folder / INPUTS_FILE), inputs)
+    more = f" and {len(wrong) - 5} more" if len(wrong) > 5 else ""
+    return found.free, "; ".join(wrong[:5]) + more
 
 
 def _inputs_of(path: Path) -> dict[str, Any]:

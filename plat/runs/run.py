@@ -235,9 +235,8 @@ class Run:
         """Return the settings that differ and may; raise CheckpointError naming those that may not."""
         free, wrong = compared(self.folder, self._recipe, inputs)
         if wrong:
-            more = f" and {len(wrong) - 5} more" if len(wrong) > 5 else ""
             raise CheckpointError(
-                f"{str(self.folder)!r} cannot be resumed: {'; '.join(wrong[:5])}{more}. Budget and learning rates may "
+                f"{str(self.folder)!r} cannot be resumed: {wrong}. Budget and learning rates may "
                 "change; resume with the other settings as they were, or choose another --out"
             )
         path = self.folder / CONFIG_FILE
