@@ -14,7 +14,7 @@ from plat.runs.json_object import plain, read_json
 from plat.runs.locate import CONFIG_FILE
 from plat.runs.outputs import INPUTS_FILE
 
-__all__ = ["Changes", "changes", "compared", "name_of", "settings_of", "with_defaults"]
+__all__ = ["Changes", "changes", "compared", "differing", "name_of", "settings_of", "with_defaults"]
 
 # Where a run is, how long it goes on, and what is watched of it. Learning rates are free too, see _is_free.
 _FREE = {
@@ -52,18 +52,18 @@ def changes(before: Mapping[str, Any], now: Mapping[str, Any], content: Mapping[
     >>> found.free, found.refused
     ({'steps': (10, 20)}, {'num_envs': (8, 4)})
     """
-    differing = dict(_differing(before, now))
-    differing.pop("resume", None)  # says how the run is started, and nothing of it
+    found = dict(differing(before, now))
+    found.pop("resume", None)  # says how the run is started, and nothing of it
     # there or not there is a difference that no fingerprint shows
     free = {
         name: pair
-        for name, pair in differing.items()
+        for name, pair in found.items()
         if _is_free(name) or (name in _BY_CONTENT and name in content and None not in pair)
     }
-    return Changes(free, {name: pair for name, pair in differing.items() if name not in free})
+    return Changes(free, {name: pair for name, pair in found.items() if name not in free})
 
 
-def compared(folder: Path, recipe: Any, inputs: Mapping[str, Any]) -> tuple[dict[str, tuple[Any, Any]], list[str]]:
+def compared(folder: Path, recipe: Any, inputs: Mapping[str, Any]) -> tuple[dict[str, tuple[Any, Any]], str]:
     """Compare a run with the recipe and the inputs that it is to go on with.
 
     Args:
@@ -143,11 +143,11 @@ def _is_free(name: str) -> bool:
     return name in _FREE or last == "lr" or last.endswith("_lr")
 
 
-def _differing(before: Mapping[str, Any], now: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+def differing(before: Mapping[str, Any], now: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Yield the dotted names of settings that differ, with both values."""
     for name in (name for name in before if name in now):
         old, new = before[name], now[name]
         if isinstance(old, Mapping) and isinstance(new, Mapping):
-            yield from _differing(old, new, f"{prefix}{name}.")
+            yield from differing(old, new, f"{prefix}{name}.")
         elif old != new:
             yield f"{prefix}{name}", (old, new)

@@ -84,6 +84,25 @@ class SavedRun:
         return settings if isinstance(settings, dict) else {}
 
     @property
+    def motions(self) -> list[str]:
+        """Return the motions that the run was trained on; of a mean of runs, those of all of them that are known.
+
+        Raises:
+            CheckpointError: naming file and field, for motions that are no list of names.
+        """
+        average = self.config.get("average")
+        parts = [part for part in average if isinstance(part, dict)] if isinstance(average, list) else []
+        found: dict[str, None] = {}
+        for name, one in [("recipe.settings", self.settings), *(("average", part) for part in parts)]:
+            motions = one.get("motions")
+            if not isinstance(motions, list | None) or not all(isinstance(motion, str) for motion in motions or ()):
+                raise CheckpointError(
+                    f"{str(self.folder / CONFIG_FILE)!r}: {name}.motions is {short(motions)}, expected a list of names"
+                )
+            found |= dict.fromkeys(motions or ())
+        return list(found)
+
+    @property
     def made_with(self) -> dict[str, Any]:
         """Return the versions of plat and torch, and the commit of plat's sources."""
         return self._object("made_with")

@@ -179,7 +179,7 @@ def test_going_on_from_a_student_takes_its_shape(tmp_path):
     main(["imagine", *map(str, arguments), "--steps", "64"])
     assert load_policy(out).config == load_policy(start).config
     main(["imagine", *map(str, arguments), "--steps", "128", "--resume"])
-    with pytest.raises(SystemExit, match="the trained student has"):
+    with pytest.raises(SystemExit, match="the trained policy has"):
         main(["imagine", *map(str, arguments), "--policy.backbone", "8", "--steps", "64", "--out", str(tmp_path / "x")])
 
 
