@@ -253,6 +253,32 @@ def test_a_damaged_checkpoint_falls_back_to_the_one_before(tmp_path, capsys):
     assert names == ["checkpoint-000000000015", "checkpoint-000000000020", "damaged-checkpoint-000000000020"]
 
 
+@pytest.mark.parametrize("what", ["a name in the manifest", "a file without a hash, of an older plat"])
+def test_damage_that_no_hash_tells_falls_back_as_well(tmp_path, capsys, what):
+    run, _, _, budget = start(tmp_path / "a")
+    for _ in range(2):
+        budget.add(10)
+        run.save()
+    newest = tmp_path / "a" / "checkpoints" / "checkpoint-000000000020"
+    manifest = newest / "manifest.json"
+    if "manifest" in what:
+        manifest.write_text(manifest.read_text().replace('"optimizer": {', '"optimizes": {'))
+    else:
+        content = read_json(manifest)
+        for record in content["components"].values():
+            record["files"].remove("state.pt.blake2b")
+        write_json(manifest, content)
+        for mark in newest.glob("components/*/state.pt.blake2b"):
+            mark.unlink()
+        (payload,) = newest.glob("components/*optimizer*/state.pt")
+        payload.write_bytes(payload.read_bytes()[: payload.stat().st_size // 2])
+    assert start(tmp_path / "a", resume=True)[3].steps == 10
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if "is damaged" in line]
+    assert "checkpoint-000000000020' is damaged (" in line
+    assert "optimizer" in line
+    assert (newest.parent / f"damaged-{newest.name}").is_dir()
+
+
 def test_checkpoints_that_are_all_damaged_are_named(tmp_path):
     run, _, _, budget = start(tmp_path / "a")
     for _ in range(2):
