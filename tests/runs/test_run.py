@@ -187,6 +187,19 @@ def test_a_start_that_fails_blocks_no_other(tmp_path, monkeypatch):
     assert (folder / "metrics.csv").read_text().count("\n") == 2
 
 
+@pytest.mark.parametrize("left", ["checkpoints", "model.safetensors"])
+@pytest.mark.parametrize("resume", [False, True])
+def test_a_run_whose_settings_are_lost_is_mixed_with_no_other(tmp_path, left, resume):
+    start(tmp_path / "a")[0].save()
+    (tmp_path / "b").mkdir()
+    (tmp_path / "a" / left).rename(tmp_path / "b" / left)
+    with pytest.raises(
+        CheckpointError, match="b' holds weights or checkpoints of a run whose config.json is lost: put"
+    ):
+        start(tmp_path / "b", resume=resume)
+    assert [path.name for path in (tmp_path / "b").iterdir()] == [left]
+
+
 def test_a_foreign_config_is_not_overwritten(tmp_path):
     (tmp_path / "config.json").write_text('{"name": "another program"}')
     with pytest.raises(CheckpointError, match="already holds a run"):
