@@ -10,7 +10,7 @@ from pydantic import TypeAdapter
 
 from plat.errors import CheckpointError
 from plat.runs.inputs import changed_inputs
-from plat.runs.json_object import plain, read_json
+from plat.runs.json_object import entry, plain, read_json
 from plat.runs.locate import CONFIG_FILE
 from plat.runs.outputs import INPUTS_FILE
 
@@ -31,6 +31,14 @@ _FREE = {
 }
 # Compared by what the paths hold, see plat.runs.inputs.
 _BY_CONTENT = {"expert", "init", "init_model", "motions", "robot", "student"}
+
+
+@dataclasses.dataclass
+class _Recipe:
+    """Entry ``recipe`` of a ``config.json``."""
+
+    name: str | None = None
+    settings: dict[str, Any] | None = None
 
 
 class Changes(NamedTuple):
@@ -77,11 +85,12 @@ def compared(folder: Path, recipe: Any, inputs: Mapping[str, Any]) -> tuple[dict
     Raises:
         CheckpointError: when the run's settings cannot be read.
     """
-    before = read_json(folder / CONFIG_FILE).get("recipe", {})
-    saved = with_defaults(before["settings"], recipe) if "settings" in before else {}
+    path = folder / CONFIG_FILE
+    before = entry(read_json(path), "recipe", _Recipe, path) or _Recipe()
+    saved = {} if before.settings is None else with_defaults(before.settings, recipe)
     found = changes(saved, settings_of(recipe), inputs)
     wrong = [f"{name} is {new}, was {old}" for name, (old, new) in found.refused.items()]
-    name, was = name_of(recipe), before.get("name")
+    name, was = name_of(recipe), before.name
     # where the recipe has no name, that of the program says less
     if was != name and hasattr(type(recipe), "name") and was is not None:
         wrong.insert(0, f"the recipe is {name}, was {was}")
@@ -94,7 +103,9 @@ def _inputs_of(path: Path) -> dict[str, Any]:
     if not path.exists():  # a run of an older plat
         return {}
     try:
-        return read_json(path)
+        inputs = read_json(path)
+        entry(inputs, "motions", list[tuple[str, int, float, float]], path)
+        return inputs
     except CheckpointError as error:
         print(f"{error}; going on without a comparison of the inputs", flush=True)
         return {}

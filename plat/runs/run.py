@@ -16,11 +16,13 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import torch
+from pydantic import Field, FiniteFloat, NonNegativeInt
 from torch import nn
 from torchrl.checkpoint import GlobalRNGState
 
@@ -31,7 +33,7 @@ from plat.runs.budget import Budget
 from plat.runs.changes import compared, name_of, settings_of
 from plat.runs.checkpoints import Checkpoints, UnfitCheckpointError
 from plat.runs.interrupts import StopSignal
-from plat.runs.json_object import plain, read_json, write_json
+from plat.runs.json_object import entry, plain, read_json, write_json
 from plat.runs.lock import LOCK_FILE, RunLock
 from plat.runs.loggers import LoggerName, check_logger, log_video, start_logging
 from plat.runs.metrics import MetricsFile
@@ -44,6 +46,14 @@ from plat.version import __version__
 __all__ = ["Run"]
 
 _METRICS_FILE = "metrics.csv"
+
+
+@dataclass
+class _Finished:
+    """Entry ``finished`` of a ``config.json``."""
+
+    steps: NonNegativeInt
+    seconds: Annotated[FiniteFloat, Field(ge=0)]
 
 
 class Run:
@@ -190,9 +200,10 @@ class Run:
             self._begin(config, inputs)
             return
         changed = self._check_changes(before, config, inputs)
-        ended = before.get("finished")
-        if isinstance(ended, dict):
-            self.budget.load_state_dict(ended)
+        earlier = entry(before, "earlier", list[dict[str, Any]], path) or []
+        ended = entry(before, "finished", _Finished, path)
+        if ended is not None:
+            self.budget.load_state_dict(asdict(ended))
             self.finished = self.budget.done
         if self.finished:
             print(
@@ -222,7 +233,7 @@ class Run:
         for name, (old, new) in changed.items():
             print(f"goes on with {name} {new} in place of {old}", flush=True)
         part = {key: before[key] for key in ("recipe", "made_with") if key in before}
-        earlier = [*before.get("earlier", []), {"until_step": self.budget.steps, "changed": changed, **part}]
+        earlier = [*earlier, {"until_step": self.budget.steps, "changed": changed, **part}]
         self._config = {**config, "earlier": earlier}
         try:
             write_json(path, self._config)

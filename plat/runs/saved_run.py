@@ -75,7 +75,8 @@ class SavedRun:
     @property
     def recipe(self) -> str | None:
         """Return the name of the recipe that made the run."""
-        return self._object("recipe").get("name")
+        name = self._object("recipe").get("name")
+        return name if isinstance(name, str) else None
 
     @property
     def settings(self) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 import errno
 import hashlib
 import os
+import re
 import shutil
 import signal
 import sys
@@ -467,6 +468,40 @@ def test_a_finished_run_goes_on_with_more_steps(tmp_path):
     run, *_ = start(tmp_path / "a", resume=True, steps=100)
     assert not run.finished
     assert "finished" not in read_json(tmp_path / "a" / "config.json")  # one that goes on is not
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("finished", [1], "finished is [1], expected an object"),
+        ("finished", {"seconds": 1}, "finished.steps is missing"),
+        ("finished", {"steps": "x", "seconds": 1}, "finished.steps is 'x', expected a valid integer"),
+        ("finished", {"steps": -1, "seconds": 1}, "finished.steps is -1, expected greater than or equal to 0"),
+        ("recipe", "refine", "recipe is 'refine', expected an object"),
+        ("recipe", {"name": 5}, "recipe.name is 5, expected a valid string"),
+        ("recipe", {"settings": [1]}, "recipe.settings is [1], expected an object"),
+        ("earlier", 5, "earlier is 5, expected a valid list"),
+        ("earlier", [5], "earlier.0 is 5, expected an object"),
+    ],
+)
+def test_odd_types_in_a_config_are_named(tmp_path, name, value, message):
+    start(tmp_path / "a")[0].save()
+    path = tmp_path / "a" / "config.json"
+    write_json(path, {**read_json(path), name: value})
+    with pytest.raises(CheckpointError, match=re.escape(f"{str(path)!r}: {message}")):
+        start(tmp_path / "a", resume=True)
+
+
+@pytest.mark.parametrize("motions", [5, None, [1], [["walk", 9]], [["walk", "x", 0.5, 0.1]], [["walk", 9, "x", 0.2]]])
+def test_odd_types_in_inputs_are_said_and_not_compared(tmp_path, capsys, motions):
+    inputs = {"motions": [["walk", 9, 0.5, 0.1]]}
+    run, _, _, budget = start(tmp_path / "a", inputs=inputs)
+    budget.add(10)
+    run.save()
+    write_json(tmp_path / "a" / "inputs.json", {"motions": motions})
+    assert start(tmp_path / "a", resume=True, inputs=inputs)[3].steps == 10
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if "without a comparison" in line]
+    assert "inputs.json': motions" in line
 
 
 def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path, capsys):
