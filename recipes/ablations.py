@@ -16,11 +16,12 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Literal
 
 import torch
+from torch import nn
 
 from plat.baselines import CATALOG, ReleasedTrackers
 from plat.cli import evaluate
@@ -41,8 +42,11 @@ from plat.motions import MotionLibrary
 from plat.recipes import distill, expert, refine
 from plat.recipes.options import AblationsRecipe
 from plat.robots import get_robot
-from plat.runs import SavedRun, is_run, log_table, on_device, report_errors, start_logging
+from plat.runs import RecipeConfig, SavedRun, is_run, log_table, on_device, report_errors, run_inputs, start_logging
+from plat.runs.changes import compared
+from plat.runs.inputs import weights_print
 from plat.runs.ray_tasks import RayTask, run_tasks
+from plat.spec.timing import Timing
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,7 @@ class Row:
         name: in tables and figures.
         folder: of its run.
         steps: the setting that says how long it is trained.
-        train: trains it into a folder.
+        recipe: returns how it is trained, from the folder of all runs and settings.
         seeds: whether it is trained with every seed.
         needs: folder of the row that it is trained from.
     """
@@ -61,40 +65,43 @@ class Row:
     name: str
     folder: str
     steps: Literal["expert_steps", "student_steps", "refine_steps"]
-    train: Callable[[Path, dict[str, Any]], None]
+    recipe: Callable[[Path, dict[str, Any]], RecipeConfig]
     seeds: bool = False
     needs: str | None = None
 
 
-def train_expert(runs: Path, settings: dict[str, Any], ahead: tuple[int, ...] | None = None) -> None:
+def expert_recipe(runs: Path, settings: dict[str, Any], ahead: tuple[int, ...] | None = None) -> RecipeConfig:
     """Stage 1; ``ahead`` for other reference frames than the recipe's."""
     recipe = expert.ExpertRecipe(**settings)
     if ahead:
         recipe.policy = replace(recipe.policy, ahead=ahead)
-    expert.main(recipe)
+    return recipe
 
 
-def train_student(runs: Path, settings: dict[str, Any], student: Literal["latent", "plain"]) -> None:
+def student_recipe(runs: Path, settings: dict[str, Any], student: Literal["latent", "plain"]) -> RecipeConfig:
     """Stage 2."""
-    distill.main(distill.DistillRecipe(expert=runs / "expert", student=student, **settings))
+    return distill.DistillRecipe(expert=runs / "expert", student=student, **settings)
 
 
-def train_refined(runs: Path, settings: dict[str, Any], variant: Literal["latent", "action", "finetune"]) -> None:
+def refined_recipe(
+    runs: Path, settings: dict[str, Any], variant: Literal["latent", "action", "finetune"]
+) -> RecipeConfig:
     """Stage 3."""
-    refine.main(refine.RefineRecipe(student=runs / "dagger", variant=variant, **settings))
+    return refine.RefineRecipe(student=runs / "dagger", variant=variant, **settings)
 
 
 # in the order of the paper's table; a row is trained after those above it, which it may need
 ROWS = (
-    Row("SONIC-style", "sonic-style", "expert_steps", partial(train_expert, ahead=(1, 2, *range(6, 42, 5)))),
-    Row("Scratch RL", "expert", "expert_steps", train_expert),
-    Row("w/o privileged latent", "plain", "student_steps", partial(train_student, student="plain"), needs="expert"),
-    Row("DAgger", "dagger", "student_steps", partial(train_student, student="latent"), needs="expert"),
-    Row("Direct RL fine-tune", "finetune", "refine_steps", partial(train_refined, variant="finetune"), True, "dagger"),
-    Row("Residual action", "action", "refine_steps", partial(train_refined, variant="action"), True, "dagger"),
-    Row("PLAT", "plat", "refine_steps", partial(train_refined, variant="latent"), True, "dagger"),
+    Row("SONIC-style", "sonic-style", "expert_steps", partial(expert_recipe, ahead=(1, 2, *range(6, 42, 5)))),
+    Row("Scratch RL", "expert", "expert_steps", expert_recipe),
+    Row("w/o privileged latent", "plain", "student_steps", partial(student_recipe, student="plain"), needs="expert"),
+    Row("DAgger", "dagger", "student_steps", partial(student_recipe, student="latent"), needs="expert"),
+    Row("Direct RL fine-tune", "finetune", "refine_steps", partial(refined_recipe, variant="finetune"), True, "dagger"),
+    Row("Residual action", "action", "refine_steps", partial(refined_recipe, variant="action"), True, "dagger"),
+    Row("PLAT", "plat", "refine_steps", partial(refined_recipe, variant="latent"), True, "dagger"),
 )
 ORDER = ("SONIC", "SONIC 1.1", "SONIC-style", "ProtoMotions", "TWIST2", "wbc", "YAHMP", *(row.name for row in ROWS[1:]))
+STAGES: dict[str, Any] = {"expert": expert, "distill": distill, "refine": refine}
 TRACKERS = (*CATALOG, "SONIC-style", "Scratch RL")
 HARD = ("brisk", "hard")
 """Bins of difficulty whose commands get tables and figures of their own."""
@@ -168,36 +175,36 @@ class Planned:
 
     Attributes:
         row: what is trained.
-        runs: folder of all runs.
-        settings: of the recipe.
+        recipe: how.
     """
 
     row: Row
-    runs: Path
-    settings: dict[str, Any] = field(hash=False)
+    recipe: RecipeConfig = field(hash=False)
 
     @property
     def out(self) -> Path:
         """Folder of the run."""
-        return self.settings["out"]
+        return self.recipe.out
 
     def train(self) -> None:
         """Train, from the last checkpoint if there is one."""
-        self.row.train(self.runs, {**self.settings, "resume": is_run(self.out)})
+        STAGES[self.recipe.name].main(replace(self.recipe, resume=is_run(self.out)))
 
 
 def planned(recipe: AblationsRecipe) -> list[Planned]:
-    """Every training whose run is not there or not finished."""
+    """Every training whose run is not there or not finished.
+
+    Raises:
+        PlatError: naming the first row whose run was trained otherwise.
+    """
     if not recipe.training.motions:
         raise PlatError("--train needs motions to train on: --training.motions")
+    motions = cache(partial(motions_to_train_on, recipe))
     left = []
     for row in ROWS:
         steps = getattr(recipe.training, row.steps)
         for seed in recipe.training.seeds if row.seeds else recipe.training.seeds[:1]:
             out = recipe.runs / (f"{row.folder}-seed{seed}" if row.seeds else row.folder)
-            if steps_of(out) >= steps:
-                print(f"{row.name}: {out} is done")
-                continue
             settings = {
                 "motions": recipe.training.motions,
                 "mirror": recipe.training.mirror,
@@ -211,8 +218,42 @@ def planned(recipe: AblationsRecipe) -> list[Planned]:
                 "device": recipe.device,
                 "robot": recipe.robot,
             }
-            left.append(Planned(row, recipe.runs, settings))
+            training = Planned(row, row.recipe(recipe.runs, settings))
+            if has_weights(out) and SavedRun(out).recipe is not None:
+                check_made_so(training, motions())
+            if steps_of(out) >= steps:
+                print(f"{row.name}: {out} is done")
+            else:
+                left.append(training)
     return left
+
+
+def motions_to_train_on(recipe: AblationsRecipe) -> dict[str, Any]:
+    """Fingerprints of motions and robot."""
+    how, robot, dt = recipe.training, get_robot(recipe.robot), Timing().control_dt
+    return run_inputs(MotionLibrary.load(how.motions, robot, dt=dt, mirror=how.mirror, drop_bad=how.drop_bad))
+
+
+def check_made_so(training: Planned, inputs: dict[str, Any]) -> None:
+    """Raise an error when the run that is there was trained otherwise than it would be now.
+
+    Args:
+        training: how it would be.
+        inputs: fingerprints of motions and robot; that of the row that it needs is added, where that is there.
+
+    Raises:
+        PlatError: naming the row and what differs.
+    """
+    needs = training.row.needs
+    if needs and has_weights(before := training.out.parent / needs):
+        what = "expert" if isinstance(training.recipe, distill.DistillRecipe) else "student"
+        inputs = {**inputs, what: weights_print(SavedRun(before).policy_as(nn.Module, "weights"))}
+    _, differing = compared(training.out, training.recipe, inputs)
+    if differing:
+        raise PlatError(
+            f"{training.row.name}: {str(training.out)!r} was trained otherwise: {differing}; train with what it had, "
+            "choose another --runs, or leave out --train to score it as it is"
+        )
 
 
 def train(recipe: AblationsRecipe) -> None:
@@ -355,7 +396,12 @@ def trained_rows(recipe: AblationsRecipe) -> dict[str, list[Candidate]]:
 def runs_of(folder: Path, row: Row) -> list[Path]:
     """Folders of a row's runs that are there."""
     places = (folder / row.folder, *sorted(folder.glob(f"{row.folder}-seed*")))
-    return [run for run in places if (run / "model.safetensors").exists()]
+    return [run for run in places if has_weights(run)]
+
+
+def has_weights(run: Path) -> bool:
+    """Whether a folder holds a run that got to its first checkpoint."""
+    return is_run(run) and (run / "model.safetensors").exists()
 
 
 def run_candidate(run: Path, device: str) -> Candidate:

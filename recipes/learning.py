@@ -140,6 +140,7 @@ def learn(
                     "model": f"{losses['model/loss']:.2f}" if "model/loss" in losses else "-",
                 },
             )
+        budget.end()
         run.save()  # what follows may fail, or be killed
         if unseen is not None:
             report_model_error(recipe.out, model, SimulatedTask(make_task(unseen), 64, device=device), actor)

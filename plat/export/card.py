@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping
 from typing import Any
 
 from plat.deploy.bundle import Bundle, BundleScore
-from plat.export.data_sets import license_table
+from plat.export.data_sets import license_table, strictest_license
 
 __all__ = ["model_card", "run_card"]
 
@@ -43,7 +43,8 @@ def model_card(bundle: Bundle, settings: Mapping[str, Any], max_difference: floa
         + "plat's `docs/deploy.md` explains every field.",
         "## Use\n\nNeeds numpy and onnxruntime.\n\n" + _USE.format(dt=robot.control_dt),
         f"## Training\n\nA `{bundle.policy.kind}` policy, made by {made_by} in the run `{training.run}` (plat "
-        f"{training.plat}, torch {training.torch}, commit {training.commit}). Motions of that run:\n\n"
+        f"{training.plat}, torch {training.torch}, commit {training.commit}). Motions of that run, "
+        "or of those that it is the mean of:\n\n"
         + _motions(settings)
         + "\n\nTheir licenses bind what the policy may be used for. Runs that it began with may have seen others.",
         "## Scores\n\n" + _score_table(bundle.scores),
@@ -65,7 +66,7 @@ def run_card(bundle: Bundle, settings: Mapping[str, Any], name: str) -> str:
         f"# {name.partition('/')[2]}: timed keyframes on the {bundle.robot.name}",
         f"A `{bundle.policy.kind}` policy of plat for the {bundle.robot.name}.",
         f'```python\nimport plat  # pip install "plat-rl[hub]"\n\npolicy = plat.load("{name}").deployed()\n```',
-        "## Training\n\nMotions of its last run:\n\n" + _motions(settings),
+        "## Training\n\nMotions of its last run, or of those that it is the mean of:\n\n" + _motions(settings),
         "## Scores\n\n" + _score_table(bundle.scores),
         f"## Limits\n\n{_limits(settings)}",
     ]
@@ -74,7 +75,9 @@ def run_card(bundle: Bundle, settings: Mapping[str, Any], name: str) -> str:
 
 def _motions(settings: Mapping[str, Any]) -> str:
     motions = [str(name) for name in settings.get("motions", ())]
-    return license_table(motions) if motions else "unknown"
+    if not motions:
+        return "unknown"
+    return f"{license_table(motions)}\n\nThe strictest of these licenses: {strictest_license(motions)}."
 
 
 def _score_table(scores: tuple[BundleScore, ...] | None) -> str:

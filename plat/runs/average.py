@@ -12,14 +12,31 @@ from torch import Tensor, nn
 from plat.errors import CheckpointError, ConfigError
 from plat.files import check_folder
 from plat.modules import LatentPolicy, PlainPolicy, take_over
+from plat.runs.changes import differing
 from plat.runs.dynamics import DYNAMICS_FILE
 from plat.runs.json_object import write_json
 from plat.runs.locate import CONFIG_FILE
 from plat.runs.lock import RunLock
 from plat.runs.outputs import WEIGHTS_FILE, check_out
+from plat.runs.policies import policy_spec
 from plat.runs.saved_run import SavedRun, save_weights
 
 __all__ = ["average_runs", "average_weights"]
+
+# Exploration, and the spread of a latent: nothing of them is left in what acts.
+_HARMLESS = {"init_std", "min_std"}
+# Of students: see plat.modules.take_over.
+_TAKEN_OVER = {
+    "also",
+    "backbone",
+    "decoder",
+    "encoder_size",
+    "hidden_size",
+    "latent_size",
+    "max_steps",
+    "posterior",
+    "prior",
+}
 
 
 def average_weights(policies: Sequence[nn.Module], shares: Sequence[float]) -> dict[str, Tensor]:
@@ -62,13 +79,36 @@ def _like(last: nn.Module, policy: nn.Module) -> nn.Module:
     return wider
 
 
+def _check_meaning(run: SavedRun, policy: nn.Module, last: SavedRun, policy_of_last: nn.Module) -> None:
+    """Raise an error when weights of two policies of a kind mean different things.
+
+    Raises:
+        CheckpointError: naming the field in which they differ.
+    """
+    if run.kind != last.kind:
+        raise CheckpointError(
+            f"{str(run.folder)!r} holds a {run.kind!r} policy, and {str(last.folder)!r} a {last.kind!r}"
+        )
+    student = isinstance(policy, (LatentPolicy, PlainPolicy))
+    for name, (own, of_last) in differing(policy_spec(policy), policy_spec(policy_of_last)):
+        field = name.rpartition(".")[2]
+        # one that got a reach on the way sees what is within it as before
+        gained = field == "reach" and own is None
+        if not (gained or field in _HARMLESS or (student and field in _TAKEN_OVER)):
+            raise CheckpointError(
+                f"{str(run.folder)!r}: policy.{name} is {own!r}, expected {of_last!r} as in {str(last.folder)!r}: "
+                "weights of the two mean different things"
+            )
+
+
 def average_runs(runs: Sequence[str | Path], out: Path, shares: Sequence[float] = ()) -> SavedRun:
     """Write a run whose weights are the mean of those of others, and return it.
 
     Policies that were trained on from one another, or from a common one, often gain by it, at no cost when they act.
     Its settings, and its model of the robot where there is one, are those of the last. ``average`` in its
-    ``config.json`` says of what it is the mean. A student that is narrower than the last run's, which went on from it,
-    counts as the student of that width that acts like it (:func:`plat.modules.take_over`).
+    ``config.json`` says of what it is the mean, and what each was trained on. A student that is narrower than the last
+    run's, which went on from it, counts as the student of that width that acts like it
+    (:func:`plat.modules.take_over`).
 
     Args:
         runs: two or more run directories, or names of shipped weights.
@@ -77,7 +117,8 @@ def average_runs(runs: Sequence[str | Path], out: Path, shares: Sequence[float] 
 
     Raises:
         ConfigError: for less than two runs, or another number of shares.
-        CheckpointError: when a run cannot be read, or its policy is of another kind or size.
+        CheckpointError: when a run cannot be read, or its policy is of another kind or size, or differs in what its
+            weights mean, such as the base of the action.
     """
     if len(runs) < 2:
         raise ConfigError(f"runs: {len(runs)}, expected two or more to average")
@@ -88,19 +129,17 @@ def average_runs(runs: Sequence[str | Path], out: Path, shares: Sequence[float] 
     check_out(out, resume=False)
     saved = [SavedRun(run) for run in runs]
     last = saved[-1]
-    for run in saved:
-        if run.kind != last.kind:
-            raise CheckpointError(
-                f"{str(run.folder)!r} holds a {run.kind!r} policy, and {str(last.folder)!r} a {last.kind!r}"
-            )
     policies = [run.policy_as(nn.Module, "weights") for run in saved]
     policy = policies[-1]
+    for run, one in zip(saved, policies, strict=True):
+        _check_meaning(run, one, last, policy)
     try:
         policy.load_state_dict(average_weights([_like(policy, one) for one in policies], parts))
     except ConfigError as error:
         raise CheckpointError(f"{', '.join(str(run.folder) for run in saved)}: {error}") from None
     of = [
-        {"run": run.name, "share": share} | {key: run.config.get(key) for key in ("finished", "made_with")}
+        {"run": run.name, "share": share, "motions": run.motions}
+        | {key: run.config.get(key) for key in ("finished", "made_with")}
         for run, share in zip(saved, parts, strict=True)
     ]
     lock = RunLock(out)  # a training that has no checkpoint yet may have it

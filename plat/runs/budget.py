@@ -33,12 +33,14 @@ class Budget:
         """Environment steps so far."""
         self._seconds_before = 0.0
         self._started = time.monotonic()
+        self._ended: float | None = None
         self._steps_before = 0
 
     @property
     def seconds(self) -> float:
         """Return the seconds of training so far."""
-        return self._seconds_before + time.monotonic() - self._started
+        now = time.monotonic() if self._ended is None else self._ended
+        return self._seconds_before + now - self._started
 
     @property
     def rate(self) -> float:
@@ -57,8 +59,8 @@ class Budget:
 
     @property
     def done(self) -> bool:
-        """Return whether the budget is spent."""
-        return self.fraction >= 1
+        """Return whether the budget is spent, on one iteration at least."""
+        return self.steps > 0 and self.fraction >= 1
 
     @property
     def seconds_left(self) -> float:
@@ -73,7 +75,11 @@ class Budget:
 
     def begin(self) -> None:
         """Count seconds from now on: starting workers is no training."""
-        self._started = time.monotonic()
+        self._started, self._ended = time.monotonic(), None
+
+    def end(self) -> None:
+        """Count no seconds from now on: a report on what was trained is no training."""
+        self._ended = time.monotonic()
 
     def add(self, steps: int) -> None:
         """Count environment steps."""
@@ -87,4 +93,4 @@ class Budget:
         """Restore a state of :meth:`state_dict`."""
         self.steps = self._steps_before = int(state["steps"])
         self._seconds_before = float(state["seconds"])
-        self._started = time.monotonic()
+        self.begin()

@@ -22,6 +22,10 @@ _LONGEST = 400
 class UnfitCheckpointError(CheckpointError):
     """Checkpoint that is whole, and that what is to be restored does not fit."""
 
+    def __init__(self, path: Path, reason: str):
+        super().__init__(f"{str(path)!r}: this checkpoint cannot be resumed from ({reason})")
+        self.reason = reason
+
 
 class Checkpoints:
     """Checkpoints in a folder, on TorchRL's ``CheckpointRotation``. Each file has a hash beside it.
@@ -66,27 +70,34 @@ class Checkpoints:
             ) from error
 
     def load(self) -> Path | None:
-        """Restore the components from the newest checkpoint that is whole; None where there is no checkpoint.
+        """Restore the components from the newest checkpoint that is whole and fits; None where there is no checkpoint.
 
-        A damaged one is said, and renamed when an older one is taken.
+        Another one is said, and renamed when an older one is taken.
 
         Raises:
             CheckpointError: when none is whole.
-            UnfitCheckpointError: when one does not fit.
+            UnfitCheckpointError: when none that is whole fits.
         """
         damaged: dict[Path, str] = {}
+        unfit: UnfitCheckpointError | None = None
         for path in self.all():
             problem = next(_problems(path), None)
+            if problem is None:
+                try:
+                    self._load(path)
+                except UnfitCheckpointError as error:  # its manifest may be what is damaged
+                    unfit, problem = unfit or error, error.reason
             if problem is not None:
                 damaged[path] = problem
                 continue
-            self._load(path)
             for other, what in damaged.items():
                 print(f"{str(other)!r} is damaged ({what}): going on from the checkpoint before it", flush=True)
                 aside = other.with_name(f"damaged-{other.name}")
                 shutil.rmtree(aside, ignore_errors=True)
                 other.rename(aside)
             return path
+        if unfit is not None:
+            raise unfit
         if damaged:
             reasons = "; ".join(f"{path.name}: {what}" for path, what in damaged.items())
             raise CheckpointError(f"{str(self._folder)!r}: no checkpoint can be resumed from ({reasons})")
@@ -96,9 +107,7 @@ class Checkpoints:
         try:
             self._checkpoint.load(path, map_location="cpu")
         except (TorchRLCheckpointError, OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
-            raise UnfitCheckpointError(
-                f"{str(path)!r}: this checkpoint cannot be resumed from ({_reason(error)})"
-            ) from error
+            raise UnfitCheckpointError(path, _reason(error)) from error
 
     def clear_leftovers(self) -> None:
         """Remove what a killed process did not finish writing, and put back what it was about to replace."""

@@ -10,7 +10,7 @@ from plat import json_file
 from plat.errors import CheckpointError
 from plat.files import replace_file
 
-__all__ = ["plain", "read_json", "write_json"]
+__all__ = ["entry", "plain", "read_json", "write_json"]
 
 _HALVES = re.compile("[\ud800-\udfff]")
 
@@ -27,6 +27,39 @@ def read_json(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise CheckpointError(f"{str(path)!r}: holds a {type(content).__name__}, expected an object")
     return content
+
+
+def entry(content: Mapping[str, Any], name: str, kind: Any, path: Path) -> Any:
+    """Return an entry of a JSON object; None where there is none.
+
+    Args:
+        content: of the file.
+        name: of the entry.
+        kind: type that it has to have.
+        path: the file, for messages.
+
+    Raises:
+        CheckpointError: naming file and field, when it has another type.
+
+    >>> entry({"steps": 3}, "steps", int, Path("config.json"))
+    3
+    """
+    from pydantic import TypeAdapter, ValidationError  # not at the top: help texts do without it
+
+    if name not in content:
+        return None
+    try:
+        return TypeAdapter(kind).validate_python(content[name])
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join(map(str, (name, *first["loc"])))
+        if first["type"] == "missing":
+            raise CheckpointError(f"{str(path)!r}: {field} is missing") from None
+        told = first["msg"].removeprefix("Input should be ")
+        expected = "an object" if first["type"] in ("dataclass_type", "dict_type") else told
+        raise CheckpointError(
+            f"{str(path)!r}: {field} is {json_file.short(first['input'])}, expected {expected}"
+        ) from None
 
 
 def plain(content: Mapping[str, Any]) -> dict[str, Any]:

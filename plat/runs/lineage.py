@@ -58,7 +58,7 @@ def trained_on(run: SavedRun) -> list[str]:
     waiting, known = [run], {run.folder.resolve()}
     while waiting:
         each = waiting.pop(0)
-        seen |= dict.fromkeys(map(_short, each.settings.get("motions") or ()))
+        seen |= dict.fromkeys(map(_short, each.motions))
         task = each.settings.get("task")
         if isinstance(task, dict) and task.get("authored"):
             seen["authored keyframes"] = None

@@ -8,9 +8,9 @@ from plat.files import readable
 from plat.runs.json_object import read_json
 from plat.runs.locate import CONFIG_FILE
 
-__all__ = ["CHECKPOINTS", "WEIGHTS_FILE", "check_out"]
+__all__ = ["CHECKPOINTS", "INPUTS_FILE", "WEIGHTS_FILE", "check_out"]
 
-CHECKPOINTS, WEIGHTS_FILE = "checkpoints", "model.safetensors"
+CHECKPOINTS, INPUTS_FILE, WEIGHTS_FILE = "checkpoints", "inputs.json", "model.safetensors"
 
 
 def check_out(folder: Path, *, resume: bool) -> None:
@@ -31,6 +31,11 @@ def check_out(folder: Path, *, resume: bool) -> None:
         raise CheckpointError(
             f"{str(folder)!r}: its name is no UTF-8, weights cannot be read from there; choose another"
         )
+    if not os.path.exists(config) and _is_kept(folder):
+        raise CheckpointError(
+            f"{str(folder)!r} holds weights or checkpoints of a run whose {CONFIG_FILE} is lost: put it back, or "
+            "choose another --out"
+        )
     if resume:
         if not os.path.exists(config):
             raise CheckpointError(f"{str(folder)!r} holds no run to go on with: leave out --resume to start one")
@@ -46,5 +51,9 @@ def _is_abandoned(folder: Path) -> bool:
         config = read_json(folder / CONFIG_FILE)
     except CheckpointError:
         return False
-    kept = (folder / WEIGHTS_FILE).exists() or any((folder / CHECKPOINTS).glob("*checkpoint-*"))
-    return config.get("format") == "plat-run" and "finished" not in config and not kept
+    return config.get("format") == "plat-run" and "finished" not in config and not _is_kept(folder)
+
+
+def _is_kept(folder: Path) -> bool:
+    """Return whether a directory holds weights or checkpoints, which are worth keeping."""
+    return (folder / WEIGHTS_FILE).exists() or any((folder / CHECKPOINTS).glob("*checkpoint-*"))

@@ -16,12 +16,13 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import torch
-from pydantic import TypeAdapter
+from pydantic import Field, FiniteFloat, NonNegativeInt
 from torch import nn
 from torchrl.checkpoint import GlobalRNGState
 
@@ -29,15 +30,14 @@ from plat.errors import CheckpointError
 from plat.files import clear_parts
 from plat.progress import percent
 from plat.runs.budget import Budget
-from plat.runs.changes import changes
+from plat.runs.changes import compared, name_of, settings_of
 from plat.runs.checkpoints import Checkpoints, UnfitCheckpointError
-from plat.runs.inputs import changed_inputs
 from plat.runs.interrupts import StopSignal
-from plat.runs.json_object import plain, read_json, write_json
+from plat.runs.json_object import entry, plain, read_json, write_json
 from plat.runs.lock import LOCK_FILE, RunLock
 from plat.runs.loggers import LoggerName, check_logger, log_video, start_logging
 from plat.runs.metrics import MetricsFile
-from plat.runs.outputs import CHECKPOINTS, check_out
+from plat.runs.outputs import CHECKPOINTS, INPUTS_FILE, check_out
 from plat.runs.policies import complete_spec, policy_spec
 from plat.runs.recipe import RecipeConfig
 from plat.runs.saved_run import CONFIG_FILE, WEIGHTS_FILE, SavedRun, save_weights
@@ -45,7 +45,15 @@ from plat.version import __version__
 
 __all__ = ["Run"]
 
-_INPUTS_FILE, _METRICS_FILE = "inputs.json", "metrics.csv"
+_METRICS_FILE = "metrics.csv"
+
+
+@dataclass
+class _Finished:
+    """Entry ``finished`` of a ``config.json``."""
+
+    steps: NonNegativeInt
+    seconds: Annotated[FiniteFloat, Field(ge=0)]
 
 
 class Run:
@@ -115,7 +123,7 @@ class Run:
         self.policy = policy
         self.budget = budget
         self.finished = False
-        self._named = hasattr(type(recipe), "name")  # else called by the program, which says less
+        self._recipe = recipe
         self._save_every = save_every
         self._film = film
         self._modules = {WEIGHTS_FILE: policy, **(modules or {})}
@@ -127,11 +135,7 @@ class Run:
                 "format": "plat-run",
                 "version": 1,
                 "policy": policy_spec(policy),
-                "recipe": {
-                    "name": getattr(type(recipe), "name", Path(sys.argv[0]).stem),
-                    # as any: a task or config of the user's own class is written with the fields that it adds
-                    "settings": TypeAdapter(type(recipe)).dump_python(recipe, mode="json", serialize_as_any=True),
-                },
+                "recipe": {"name": name_of(recipe), "settings": settings_of(recipe)},
                 "made_with": {"plat": __version__, "torch": torch.__version__, "commit": _commit()},
             }
         )
@@ -177,13 +181,13 @@ class Run:
 
     def _begin(self, config: Mapping[str, Any], inputs: Mapping[str, Any]) -> None:
         (self.folder / _METRICS_FILE).unlink(missing_ok=True)  # of a start that did not get to a checkpoint
-        write_json(self.folder / _INPUTS_FILE, inputs)
+        write_json(self.folder / INPUTS_FILE, inputs)
         write_json(self.folder / CONFIG_FILE, config)
         self._config = config
 
     def _clear(self, made: bool) -> None:
         """Remove what a start that failed has written, and the folder if it was made for it and holds no more."""
-        for name in (CONFIG_FILE, _INPUTS_FILE, _METRICS_FILE, LOCK_FILE):
+        for name in (CONFIG_FILE, INPUTS_FILE, _METRICS_FILE, LOCK_FILE):
             (self.folder / name).unlink(missing_ok=True)
         if made and not any(self.folder.iterdir()):
             self.folder.rmdir()
@@ -196,9 +200,10 @@ class Run:
             self._begin(config, inputs)
             return
         changed = self._check_changes(before, config, inputs)
-        ended = before.get("finished")
-        if isinstance(ended, dict):
-            self.budget.load_state_dict(ended)
+        earlier = entry(before, "earlier", list[dict[str, Any]], path) or []
+        ended = entry(before, "finished", _Finished, path)
+        if ended is not None:
+            self.budget.load_state_dict(asdict(ended))
             self.finished = self.budget.done
         if self.finished:
             print(
@@ -228,7 +233,7 @@ class Run:
         for name, (old, new) in changed.items():
             print(f"goes on with {name} {new} in place of {old}", flush=True)
         part = {key: before[key] for key in ("recipe", "made_with") if key in before}
-        earlier = [*before.get("earlier", []), {"until_step": self.budget.steps, "changed": changed, **part}]
+        earlier = [*earlier, {"until_step": self.budget.steps, "changed": changed, **part}]
         self._config = {**config, "earlier": earlier}
         try:
             write_json(path, self._config)
@@ -239,17 +244,10 @@ class Run:
         self, before: Mapping[str, Any], config: Mapping[str, Any], inputs: Mapping[str, Any]
     ) -> dict[str, tuple[Any, Any]]:
         """Return the settings that differ and may; raise CheckpointError naming those that may not."""
-        recipe = before.get("recipe", {})
-        found = changes(recipe.get("settings", {}), config["recipe"]["settings"], inputs)
-        wrong = [f"{name} is {new}, was {old}" for name, (old, new) in found.refused.items()]
-        name, was = config["recipe"]["name"], recipe.get("name")
-        if was != name and self._named and was is not None:
-            wrong.insert(0, f"the recipe is {name}, was {was}")
-        wrong += changed_inputs(self._inputs_before(), inputs)
+        free, wrong = compared(self.folder, self._recipe, inputs)
         if wrong:
-            more = f" and {len(wrong) - 5} more" if len(wrong) > 5 else ""
             raise CheckpointError(
-                f"{str(self.folder)!r} cannot be resumed: {'; '.join(wrong[:5])}{more}. Budget and learning rates may "
+                f"{str(self.folder)!r} cannot be resumed: {wrong}. Budget and learning rates may "
                 "change; resume with the other settings as they were, or choose another --out"
             )
         path = self.folder / CONFIG_FILE
@@ -258,17 +256,7 @@ class Run:
                 f"{str(path)!r}: the run was of another policy ({before.get('policy')}), "
                 f"which does not fit {config['policy']}; resume with the settings it was started with"
             )
-        return found.free
-
-    def _inputs_before(self) -> dict[str, Any]:
-        path = self.folder / _INPUTS_FILE
-        if not path.exists():  # a run of an older plat
-            return {}
-        try:
-            return read_json(path)
-        except CheckpointError as error:
-            print(f"{error}; going on without a comparison of the inputs", flush=True)
-            return {}
+        return free
 
     def log(self, metrics: Mapping[str, float], headline: Mapping[str, str] | None = None) -> None:
         """Write a row of metrics; from time to time also a line on screen and a checkpoint.
@@ -311,7 +299,7 @@ class Run:
         self._lock.release()
         self._lock = RunLock(self.folder)
         print(f"{str(self.folder)!r} was moved or removed: the run goes on in a new folder of that name", flush=True)
-        write_json(self.folder / _INPUTS_FILE, self._inputs)
+        write_json(self.folder / INPUTS_FILE, self._inputs)
         write_json(self.folder / CONFIG_FILE, self._config)
         self._metrics.rewrite()
         self._last_save = float("-inf")  # nothing else could be resumed there

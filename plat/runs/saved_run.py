@@ -75,13 +75,33 @@ class SavedRun:
     @property
     def recipe(self) -> str | None:
         """Return the name of the recipe that made the run."""
-        return self._object("recipe").get("name")
+        name = self._object("recipe").get("name")
+        return name if isinstance(name, str) else None
 
     @property
     def settings(self) -> dict[str, Any]:
         """Return the settings of the recipe."""
         settings = self._object("recipe").get("settings")
         return settings if isinstance(settings, dict) else {}
+
+    @property
+    def motions(self) -> list[str]:
+        """Return the motions that the run was trained on; of a mean of runs, those of all of them that are known.
+
+        Raises:
+            CheckpointError: naming file and field, for motions that are no list of names.
+        """
+        average = self.config.get("average")
+        parts = [part for part in average if isinstance(part, dict)] if isinstance(average, list) else []
+        found: dict[str, None] = {}
+        for name, one in [("recipe.settings", self.settings), *(("average", part) for part in parts)]:
+            motions = one.get("motions")
+            if not isinstance(motions, list | None) or not all(isinstance(motion, str) for motion in motions or ()):
+                raise CheckpointError(
+                    f"{str(self.folder / CONFIG_FILE)!r}: {name}.motions is {short(motions)}, expected a list of names"
+                )
+            found |= dict.fromkeys(motions or ())
+        return list(found)
 
     @property
     def made_with(self) -> dict[str, Any]:

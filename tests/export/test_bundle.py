@@ -10,7 +10,7 @@ from plat.errors import BundleError
 from plat.export import JointTargetNetwork, export_bundle
 from plat.modules import PlainPolicy, PlainPolicyConfig
 from plat.robots import G1
-from plat.runs import register_policy
+from plat.runs import average_runs, register_policy
 from plat.runs.policies import _KINDS
 from tests.export.runs import KINDS, small_policy, write_run
 
@@ -47,6 +47,16 @@ def test_the_same_run_gives_the_same_files(tmp_path):
         export_bundle(run, tmp_path / name)
     for path in (tmp_path / "a").iterdir():
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
+
+
+def test_the_card_of_an_average_has_the_motions_of_all_parts(tmp_path):
+    policy = small_policy("plain")
+    write_run(tmp_path / "a", policy, motions=["bandai.npz"]), write_run(tmp_path / "b", policy, motions=["asap.npz"])
+    export_bundle(average_runs([tmp_path / "a", tmp_path / "b"], tmp_path / "mean").folder, tmp_path / "bundle")
+    card = (tmp_path / "bundle" / "README.md").read_text()
+    assert "| `bandai.npz` |" in card
+    assert "| `asap.npz` |" in card
+    assert "strictest of these licenses: CC BY-NC 4.0." in card
 
 
 def test_a_renamed_run_keeps_its_scores(tmp_path):

@@ -75,6 +75,9 @@ def test_data_sets_have_their_licenses_by_name(bundle):
     assert "| `generated:train@60` | motions that plat generates | Apache-2.0 |" in text
     assert "| `mine.npz` | not known to plat | ask who made them |" in text
     assert "/home/me" not in text
+    assert "strictest of these licenses: ask who made them." in text
+    text = model_card(bundle, {"motions": ["asap.npz", "bandai.npz", "hard_sa.npz"]}, 0.0)
+    assert "strictest of these licenses: CC BY-NC 4.0." in text
 
 
 def test_a_picture_and_a_scene_are_named_where_they_are(bundle):

@@ -13,6 +13,8 @@ from plat.modules import Expert, ExpertConfig, LatentNoisePolicy, LatentPolicy, 
 from plat.recipes import ablations
 from plat.recipes.options import Training
 from plat.robots import G1
+from plat.runs import SavedRun, read_json, run_inputs, training_motions, write_json
+from plat.runs.changes import settings_of
 from tests.figures.scores import made_up
 from tests.modules.policies.test_student import SMALL
 from tests.recipes.runs import save_run, write_motions
@@ -206,6 +208,41 @@ def test_rows_that_are_done_are_not_trained_again(recipe, trained, tmp_path, cap
     further = dataclasses.replace(recipe, training=dataclasses.replace(training, student_steps=7))
     ablations.train(further)
     assert [made.out.name for made in trained] == ["plain", "dagger", "plat-seed0"]
+
+
+def finish(training: ablations.Planned, policy) -> None:
+    """A finished run of a training, as the recipe leaves it."""
+    save_run(training.out, policy, steps=training.recipe.steps)
+    config = read_json(training.out / "config.json")
+    made = {"name": training.recipe.name, "settings": settings_of(training.recipe)}
+    write_json(training.out / "config.json", {**config, "recipe": made})
+    teacher = getattr(training.recipe, "expert", None)
+    loaded = {"expert": SavedRun(teacher).policy()} if teacher else {}
+    write_json(training.out / "inputs.json", run_inputs(training_motions(training.recipe, 0.02), **loaded))
+
+
+def test_rows_that_were_trained_otherwise_are_no_done_rows(recipe, tmp_path, capsys):
+    motions = (write_motions(tmp_path, frames=21),)
+    training = Training(motions=motions, num_envs=2, expert_steps=9, student_steps=6, refine_steps=3, seeds=(0,))
+    recipe = dataclasses.replace(recipe, runs=tmp_path / "new", training=training)
+    rows = {planned.out.name: planned for planned in ablations.planned(recipe)}
+    finish(rows["expert"], Expert(G1, ExpertConfig(hidden=(8,))))
+    finish(rows["dagger"], LatentPolicy(G1, SMALL))
+    capsys.readouterr()
+    assert {planned.out.name for planned in ablations.planned(recipe)} == set(rows) - {"expert", "dagger"}
+    assert "DAgger: " in capsys.readouterr().out
+    more = dataclasses.replace(training, num_envs=4, mirror=True)
+    with pytest.raises(
+        PlatError, match=r"^Scratch RL: '.*expert' was trained otherwise: mirror is True, was False; num"
+    ):
+        ablations.planned(dataclasses.replace(recipe, training=more))
+    write_motions(tmp_path, frames=31)
+    with pytest.raises(PlatError, match="^Scratch RL: .*: motions: clip 0 'run_a' has .* frames, had"):
+        ablations.planned(recipe)
+    write_motions(tmp_path, frames=21)
+    finish(rows["expert"], Expert(G1, ExpertConfig(hidden=(8,))))  # another one
+    with pytest.raises(PlatError, match="^DAgger: .* was trained otherwise: expert: other content; "):
+        ablations.planned(recipe)
 
 
 def test_training_needs_motions(recipe):

@@ -28,7 +28,7 @@ from plat.modules import (
     ResidualActionPolicy,
     ResidualLatentPolicy,
 )
-from plat.recipes import expert_model, imagine
+from plat.recipes import expert_model, imagine, learning
 from plat.robots import G1
 from plat.runs import SavedRun, load_dynamics, load_policy, save_dynamics, write_json
 from tests.export.runs import small_policy, write_run
@@ -238,6 +238,17 @@ QUICK: list[object] = [
     *("--imagination.model-batch", 8, "--imagination.policy-batch", 8, "--imagination.recent", 16),
     *("--policy.backbone", 16, "--policy.decoder", 16, "--task.chains", 3, "--task.families", "arms", "--steps", 64),
 ]
+
+
+def test_minutes_hold_an_iteration_at_least_and_no_report(tmp_path, monkeypatch):
+    monkeypatch.setattr(learning, "report_model_error", lambda *_: time.sleep(0.5))
+    out = tmp_path / "run"
+    briefly = ["--minutes", 1e-9, "--unseen", "generated:val@8", "--model.hidden", 16, "--out", out]
+    main(["imagine", *map(str, [*QUICK[:-2], *briefly])])
+    (row,) = rows_of(out / "metrics.csv")
+    finished = SavedRun(out).config["finished"]
+    assert finished["steps"] == int(row["step"]) == 64
+    assert finished["seconds"] < float(row["seconds"]) + 0.5
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 import torch
@@ -8,10 +9,22 @@ from torch import nn
 
 from plat.cli import main
 from plat.errors import CheckpointError, ConfigError
-from plat.modules import PlainPolicy, PlainPolicyConfig
+from plat.modules import (
+    Expert,
+    ExpertConfig,
+    LatentPolicy,
+    PlainPolicy,
+    PlainPolicyConfig,
+    RefinementConfig,
+    ResidualLatentPolicy,
+)
+from plat.modules.settings import NormalizerConfig, WalkingReach
 from plat.robots import G1
 from plat.runs import SavedRun, average_runs, average_weights, policy_spec, save_weights, write_json
+from plat.runs.lineage import trained_on
+from plat.spec.timing import Timing
 from plat.tasks import TimedKeyframes, TimedKeyframesConfig
+from tests.modules.policies.test_student import SMALL
 
 
 def saved(folder, hidden=16):
@@ -61,6 +74,89 @@ def test_what_cannot_be_averaged(tmp_path):
     assert not out.exists()
     with pytest.raises(CheckpointError, match="already holds a run"):
         average_runs([tmp_path / "one", tmp_path / "one"], tmp_path / "narrower")
+
+
+def save(folder, policy) -> None:
+    write_json(folder / "config.json", {"policy": policy_spec(policy)})
+    save_weights(folder / "model.safetensors", policy)
+
+
+EXPERT = ExpertConfig(hidden=(8,), ahead=(1, 2))
+
+
+def plain(**fields) -> PlainPolicy:
+    return PlainPolicy(G1, PlainPolicyConfig(backbone=(8,), hidden_size=8, decoder=(8,), **fields))
+
+
+def residual(alpha: float, **fields) -> ResidualLatentPolicy:
+    return ResidualLatentPolicy(LatentPolicy(G1, replace(SMALL, **fields)), RefinementConfig(hidden=(8,), alpha=alpha))
+
+
+@pytest.mark.parametrize(
+    ("one", "last", "field"),
+    [
+        (lambda: Expert(G1, replace(EXPERT, action="default_offset")), lambda: Expert(G1, EXPERT), "config.action"),
+        (lambda: Expert(G1, replace(EXPERT, ahead=(1, 5))), lambda: Expert(G1, EXPERT), "config.ahead"),
+        (lambda: Expert(G1, replace(EXPERT, lead=0.1)), lambda: Expert(G1, EXPERT), "config.lead"),
+        (lambda: residual(0.3), lambda: residual(0.5), "config.alpha"),
+        (lambda: residual(0.5, reach=WalkingReach()), lambda: residual(0.5), "student.config.reach"),
+        (lambda: residual(0.5, timing=Timing(max_steps=99)), lambda: residual(0.5), "student.config.timing.max_steps"),
+        (lambda: plain(timing=Timing(control_dt=0.01)), plain, "config.timing.control_dt"),
+        (lambda: plain(reach=WalkingReach()), plain, "config.reach"),
+        (lambda: plain(normalizer=NormalizerConfig(clip=5.0)), plain, "config.normalizer.clip"),
+    ],
+)
+def test_weights_that_mean_different_things_are_refused(tmp_path, one, last, field):
+    save(tmp_path / "one", one()), save(tmp_path / "last", last())
+    with pytest.raises(CheckpointError, match=rf"^'.*one': policy.{field} is .*, expected .* as in '.*last': weights"):
+        average_runs([tmp_path / "one", tmp_path / "last", tmp_path / "last"], tmp_path / "mean")
+    assert not (tmp_path / "mean").exists()
+
+
+@pytest.mark.parametrize(
+    ("one", "last"),
+    [
+        (lambda: Expert(G1, replace(EXPERT, init_std=0.1, min_std=0.01)), lambda: Expert(G1, EXPERT)),
+        (plain, lambda: plain(also=("clock",), timing=Timing(max_steps=150))),
+        (plain, lambda: plain(reach=WalkingReach())),  # it was trained on from the other one
+    ],
+)
+def test_differences_without_harm(tmp_path, one, last):
+    save(tmp_path / "one", one()), save(tmp_path / "last", last())
+    average_runs([tmp_path / "one", tmp_path / "last"], tmp_path / "mean")
+
+
+def test_an_average_knows_what_all_of_it_was_trained_on(tmp_path):
+    for name, motions in (("a", ["bandai_train.npz"]), ("b", ["hard_free.npz"]), ("c", ["asap.npz", "hard_free.npz"])):
+        saved(tmp_path / name)
+        config = json.loads((tmp_path / name / "config.json").read_text())
+        write_json(tmp_path / name / "config.json", {**config, "recipe": {"settings": {"motions": motions}}})
+    average_runs([tmp_path / "a", tmp_path / "b"], tmp_path / "ab")
+    run = average_runs([tmp_path / "ab", tmp_path / "c"], tmp_path / "abc")
+    assert set(run.motions) == {"bandai_train.npz", "hard_free.npz", "asap.npz"}
+    assert [set(part["motions"]) for part in run.config["average"]] == [
+        {"bandai_train.npz", "hard_free.npz"},
+        {"asap.npz", "hard_free.npz"},
+    ]
+    assert set(trained_on(run)) == {"bandai", "hard_free", "asap"}
+
+
+def test_an_average_of_an_older_plat_knows_its_last_run(tmp_path):
+    config = {"recipe": {"settings": {"motions": ["a.npz"]}}, "average": [{"run": "x", "share": 0.5}, {"run": "y"}]}
+    write_json(tmp_path / "config.json", config)
+    assert SavedRun(tmp_path).motions == ["a.npz"]
+    assert SavedRun("imagined-g1").motions
+
+
+@pytest.mark.parametrize("motions", [5, "a.npz", [5], {"a": 1}])
+def test_motions_of_an_odd_type_are_named(tmp_path, motions):
+    for config, name in (
+        ({"recipe": {"settings": {"motions": motions}}}, "recipe.settings"),
+        ({"average": [{"motions": motions}]}, "average"),
+    ):
+        write_json(tmp_path / "config.json", config)
+        with pytest.raises(CheckpointError, match=rf"config.json': {name}.motions is .*, expected a list of names"):
+            _ = SavedRun(tmp_path).motions
 
 
 def test_a_narrower_run_counts_as_the_wider_one_that_acts_like_it(tmp_path, library):

@@ -21,8 +21,31 @@ def test_minutes(monkeypatch):
     now[0] += 90
     assert budget.fraction == pytest.approx(0.75)
     assert budget.seconds_left == pytest.approx(30)
+    budget.add(1)
     now[0] += 30
     assert budget.done
+
+
+def test_a_budget_shorter_than_an_iteration_is_one_iteration(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr("plat.runs.budget.time.monotonic", lambda: now[0])
+    budget = Budget(minutes=0.01)
+    now[0] = 5.0
+    assert not budget.done
+    budget.add(8)
+    assert budget.done
+
+
+def test_what_comes_after_training_does_not_count(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr("plat.runs.budget.time.monotonic", lambda: now[0])
+    budget = Budget(minutes=2)
+    now[0] = 30.0
+    budget.end()
+    now[0] = 500.0
+    assert budget.seconds == budget.state_dict()["seconds"] == 30.0
+    budget.begin()
+    assert budget.seconds == 0.0
 
 
 def test_what_comes_before_training_does_not_count(monkeypatch):

@@ -1,6 +1,9 @@
+from pathlib import Path
+
 import pytest
 
-from plat.runs.changes import changes
+from plat.recipes.options import ExpertRecipe, ImagineRecipe
+from plat.runs.changes import changes, settings_of, with_defaults
 
 
 @pytest.mark.parametrize(
@@ -30,3 +33,17 @@ def test_paths_may_change_where_their_content_is_compared():
 def test_fields_of_another_version_do_not_count():
     assert changes({"old": 1, "same": {"x": 1}}, {"new": 1, "same": {"x": 1}}, {}) == ({}, {})
     assert changes({"noise": None}, {"noise": {"x": 1}}, {}).refused == {"noise": (None, {"x": 1})}
+
+
+def test_settings_that_a_run_lacks_are_the_defaults():
+    recipe = ImagineRecipe(motions=("a.npz",), out=Path("a"), seed=3)
+    before = with_defaults({"old": 1, "task": {"authored": 0.25}, "policy": None}, recipe)
+    assert (before["old"], before["seed"], before["init"], before["policy"]) == (1, 0, None, None)
+    assert before["task"] == {**settings_of(recipe)["task"], "authored": 0.25}
+    assert before["imagination"] == settings_of(recipe)["imagination"]
+    assert "out" not in before, "it has no default"
+
+
+def test_defaults_are_written_as_settings_are():
+    recipe = ExpertRecipe(motions=("a.npz",), out=Path("a"))
+    assert changes(with_defaults({}, recipe), settings_of(recipe), {}) == ({}, {})

@@ -1,6 +1,7 @@
 import errno
 import hashlib
 import os
+import re
 import shutil
 import signal
 import sys
@@ -187,6 +188,19 @@ def test_a_start_that_fails_blocks_no_other(tmp_path, monkeypatch):
     assert (folder / "metrics.csv").read_text().count("\n") == 2
 
 
+@pytest.mark.parametrize("left", ["checkpoints", "model.safetensors"])
+@pytest.mark.parametrize("resume", [False, True])
+def test_a_run_whose_settings_are_lost_is_mixed_with_no_other(tmp_path, left, resume):
+    start(tmp_path / "a")[0].save()
+    (tmp_path / "b").mkdir()
+    (tmp_path / "a" / left).rename(tmp_path / "b" / left)
+    with pytest.raises(
+        CheckpointError, match="b' holds weights or checkpoints of a run whose config.json is lost: put"
+    ):
+        start(tmp_path / "b", resume=resume)
+    assert [path.name for path in (tmp_path / "b").iterdir()] == [left]
+
+
 def test_a_foreign_config_is_not_overwritten(tmp_path):
     (tmp_path / "config.json").write_text('{"name": "another program"}')
     with pytest.raises(CheckpointError, match="already holds a run"):
@@ -251,6 +265,32 @@ def test_a_damaged_checkpoint_falls_back_to_the_one_before(tmp_path, capsys):
         run.save()
     names = sorted(path.name for path in (tmp_path / "a" / "checkpoints").iterdir())
     assert names == ["checkpoint-000000000015", "checkpoint-000000000020", "damaged-checkpoint-000000000020"]
+
+
+@pytest.mark.parametrize("what", ["a name in the manifest", "a file without a hash, of an older plat"])
+def test_damage_that_no_hash_tells_falls_back_as_well(tmp_path, capsys, what):
+    run, _, _, budget = start(tmp_path / "a")
+    for _ in range(2):
+        budget.add(10)
+        run.save()
+    newest = tmp_path / "a" / "checkpoints" / "checkpoint-000000000020"
+    manifest = newest / "manifest.json"
+    if "manifest" in what:
+        manifest.write_text(manifest.read_text().replace('"optimizer": {', '"optimizes": {'))
+    else:
+        content = read_json(manifest)
+        for record in content["components"].values():
+            record["files"].remove("state.pt.blake2b")
+        write_json(manifest, content)
+        for mark in newest.glob("components/*/state.pt.blake2b"):
+            mark.unlink()
+        (payload,) = newest.glob("components/*optimizer*/state.pt")
+        payload.write_bytes(payload.read_bytes()[: payload.stat().st_size // 2])
+    assert start(tmp_path / "a", resume=True)[3].steps == 10
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if "is damaged" in line]
+    assert "checkpoint-000000000020' is damaged (" in line
+    assert "optimizer" in line
+    assert (newest.parent / f"damaged-{newest.name}").is_dir()
 
 
 def test_checkpoints_that_are_all_damaged_are_named(tmp_path):
@@ -345,6 +385,18 @@ def test_a_run_of_an_older_plat_is_resumed(tmp_path):
         start(tmp_path / "a", resume=True)
 
 
+def test_a_setting_that_an_older_plat_lacked_counts_as_its_default(tmp_path, capsys):
+    run, *_ = start(tmp_path / "a")
+    run.save()
+    config = read_json(tmp_path / "a" / "config.json")
+    config["recipe"]["settings"] = {}
+    write_json(tmp_path / "a" / "config.json", config)
+    with pytest.raises(CheckpointError, match="speed is 2.0, was 1.0"):
+        start(tmp_path / "a", resume=True, speed=2.0)
+    start(tmp_path / "a", resume=True, lr=0.2)
+    assert "goes on with lr 0.2 in place of 0.1\n" in capsys.readouterr().out
+
+
 def test_a_checkpoint_that_does_not_fit_is_refused_in_one_line_that_names_the_version(tmp_path):
     run, _, _, budget = start(tmp_path / "a")
     budget.add(10)
@@ -416,6 +468,40 @@ def test_a_finished_run_goes_on_with_more_steps(tmp_path):
     run, *_ = start(tmp_path / "a", resume=True, steps=100)
     assert not run.finished
     assert "finished" not in read_json(tmp_path / "a" / "config.json")  # one that goes on is not
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("finished", [1], "finished is [1], expected an object"),
+        ("finished", {"seconds": 1}, "finished.steps is missing"),
+        ("finished", {"steps": "x", "seconds": 1}, "finished.steps is 'x', expected a valid integer"),
+        ("finished", {"steps": -1, "seconds": 1}, "finished.steps is -1, expected greater than or equal to 0"),
+        ("recipe", "refine", "recipe is 'refine', expected an object"),
+        ("recipe", {"name": 5}, "recipe.name is 5, expected a valid string"),
+        ("recipe", {"settings": [1]}, "recipe.settings is [1], expected an object"),
+        ("earlier", 5, "earlier is 5, expected a valid list"),
+        ("earlier", [5], "earlier.0 is 5, expected an object"),
+    ],
+)
+def test_odd_types_in_a_config_are_named(tmp_path, name, value, message):
+    start(tmp_path / "a")[0].save()
+    path = tmp_path / "a" / "config.json"
+    write_json(path, {**read_json(path), name: value})
+    with pytest.raises(CheckpointError, match=re.escape(f"{str(path)!r}: {message}")):
+        start(tmp_path / "a", resume=True)
+
+
+@pytest.mark.parametrize("motions", [5, None, [1], [["walk", 9]], [["walk", "x", 0.5, 0.1]], [["walk", 9, "x", 0.2]]])
+def test_odd_types_in_inputs_are_said_and_not_compared(tmp_path, capsys, motions):
+    inputs = {"motions": [["walk", 9, 0.5, 0.1]]}
+    run, _, _, budget = start(tmp_path / "a", inputs=inputs)
+    budget.add(10)
+    run.save()
+    write_json(tmp_path / "a" / "inputs.json", {"motions": motions})
+    assert start(tmp_path / "a", resume=True, inputs=inputs)[3].steps == 10
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if "without a comparison" in line]
+    assert "inputs.json': motions" in line
 
 
 def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path, capsys):
