@@ -50,10 +50,17 @@ class Stage:
         distance: of the camera (m); 2.6 shows raised hands and jumps whole.
 
     Raises:
+        StateError: for a size or a distance that is not above 0.
         RenderingError: where no OpenGL is available, with what to install.
     """
 
     def __init__(self, robot: Robot, width: int = 640, height: int = 480, distance: float = 2.1):
+        for name, number, bound in (
+            ("width", width, Count),
+            ("height", height, Count),
+            ("distance", distance, Positive),
+        ):
+            check_value(f"stage: {name}", number, bound)
         _check_display()
         self._model = stage_model(robot, width, height)
         self._data, self._ghost = mujoco.MjData(self._model), mujoco.MjData(self._model)
@@ -272,7 +279,7 @@ def _steps(playback: Playback, fps: float) -> Iterator[int]:
 
 
 def _count(playback: Playback, fps: float) -> int:
-    return int(len(playback.qpos) * playback.dt * fps)
+    return max(1, int(len(playback.qpos) * playback.dt * fps))  # a step alone has a picture too
 
 
 def _bar(picture: np.ndarray, fraction: float, failed: bool) -> None:
