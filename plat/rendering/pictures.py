@@ -220,7 +220,7 @@ def write_video(path: str | Path, pictures: Iterator[np.ndarray], fps: float = 2
 
     path = Path(path)
 
-    def write(part: Path) -> None:
+    def encode(part: Path) -> None:
         # the encoder's own words would come between plat's
         options = {"codec": "libx264", "quality": 7, "macro_block_size": 8, "ffmpeg_log_level": "quiet"}
         writer = imageio.get_writer(part, fps=fps, **options)
@@ -236,12 +236,18 @@ def write_video(path: str | Path, pictures: Iterator[np.ndarray], fps: float = 2
         if not is_whole(part):  # the encoder's exit status is not told
             raise OSError("the encoder stopped early")
 
+    def write(part: Path) -> None:
+        try:
+            encode(part)
+        except OSError as error:
+            if is_full(part.parent):  # asked while the half is there: without it there is room again
+                raise OSError("no space left on device") from error
+            raise
+
     try:
         replace_file(path, write)
     except OSError as error:
         reason = error.strerror or str(error).splitlines()[0]  # the encoder's whole command line follows
-        if is_full(path.parent):
-            reason = "no space left on device"
         raise RenderingError(f"video {str(path)!r} could not be written ({reason})") from error
 
 
