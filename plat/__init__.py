@@ -37,6 +37,7 @@ def load(name: str, device: str = "cpu") -> "Policy":
 
     Raises:
         CheckpointError: for another name, with the list of names, and for a run that cannot be downloaded.
+        ConfigError: for a device that this machine does not have.
 
     >>> load("plat-g1").deployed().out_keys
     ['action']

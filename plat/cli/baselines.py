@@ -13,7 +13,8 @@ def main(recipe: BaselinesRecipe) -> None:
     """Print the list, or what files are."""
     for path in recipe.files:
         if not path.is_file():
-            raise PlatError(f"{str(path)!r}: no such file")
+            why = "is a folder, expected a file" if path.is_dir() else "no such file"
+            raise PlatError(f"{str(path)!r}: {why}")
         known = identify(path)
         what = f"{known.name}, {known.version}" if known else f"not known (SHA-256 {sha256(path)})"
         print(f"{path}: {what}")

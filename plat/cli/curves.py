@@ -84,14 +84,17 @@ def main(recipe: CurvesRecipe) -> None:
         raise PlatError("no runs: give run directories, as in plat curves runs/expert")
     check_file(recipe.out, suffixes=(".png", ".pdf", ".svg"))
     shown = dict.fromkeys(recipe.metrics, recipe.runs) or shown_by_default(recipe.runs)
+    names = [run.name for run in recipe.runs]
     figure, panels = pyplot().subplots(1, len(shown), figsize=(4.5 * len(shown), 3.2), squeeze=False)
     for panel, (metric, runs) in zip(panels[0], shown.items(), strict=True):
         for run in runs:
             minutes, values = read(run, metric)
             width = recipe.smooth
             smooth = [sum(values[max(0, i - width + 1) : i + 1]) / min(i + 1, width) for i in range(len(values))]
-            panel.plot(minutes, smooth, label=run.name)
-        panel.set(xlabel="minutes", title=metric.replace("_", " "), ylim=(0, None))
+            panel.plot(minutes, smooth, label=run.name if names.count(run.name) == 1 else str(run))
+        panel.set(xlabel="minutes", title=metric.replace("_", " "))
+        if min(min(line.get_ydata()) for line in panel.lines) >= 0:
+            panel.set_ylim(0, None)
         panel.grid(alpha=0.3)
         panel.legend(frameon=False)
     figure.tight_layout()

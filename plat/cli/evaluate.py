@@ -47,9 +47,10 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
     recipe = on_device(recipe)
     if recipe.csv is not None:
         check_file(recipe.csv, "--csv")
-    if recipe.figures is not None:
-        check_folder(recipe.figures, "--figures")
-        pyplot()  # what is missing had better be said before the evaluation
+    for folder, flag in ((recipe.figures, "--figures"), (recipe.strips, "--strips")):
+        if folder is not None:
+            check_folder(folder, flag)
+            pyplot()  # what is missing had better be said before the evaluation
     for logger in recipe.loggers:
         check_logger(logger)
     import_modules(recipe.imports)
@@ -104,13 +105,13 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
     if recipe.out is not None:
         text = "\n".join(filter(None, (markdown(scores), tables)))
         replace_file(recipe.out / "scores.md", lambda part: part.write_text(text, encoding="utf-8"))
+    pictures: list[Path] = []
     if recipe.authored:
         score_authored(recipe, found, library, plan.setting)
         if recipe.strips is not None:
-            draw_authored_strips(recipe, recipe.strips, entrants, library)
-    pictures: list[Path] = []
+            pictures += draw_authored_strips(recipe, recipe.strips, entrants, library)
     if recipe.figures is not None:
-        pictures = draw_scores(recipe.figures, scores)
+        pictures += draw_scores(recipe.figures, scores)
         pictures += draw_strips(recipe.figures, entrants, shown, recipe.seed, recipe.device)
     if written := written_by(recipe, pictures):
         print(f"\nwrote {', '.join(map(str, written))}")

@@ -529,8 +529,8 @@ def plot(path: Path, clip: MotionClip, report: MotionReport, limits: ValidationL
             panel.axvline(moment, color="C3", linewidth=0.8, linestyle=":")
     panels[2].set(ylabel="fastest joint (rad/s)", xlabel="s; dotted red: the root jumps")
     root = panels[2].twinx()
-    root.plot(time[1:], np.linalg.norm(steps[:, :3], axis=1), color="C3", linewidth=1)
-    root.set_ylabel("root (m/s)", color="C3")
+    root.plot(time[1:], np.linalg.norm(steps[:, :3], axis=1), color="C4", linewidth=1)  # limits are C3
+    root.set_ylabel("root (m/s)", color="C4")
     write_figure(figure, path, dpi=100)
     pyplot().close(figure)
 

@@ -33,7 +33,7 @@ from plat.control import (
 )
 from plat.control.shoves import Shoves
 from plat.errors import KeyframeError
-from plat.files import replace_table
+from plat.files import check_file, replace_table
 from plat.keyframes import KeyframeSequence, long_intervals_of_file
 from plat.rendering import Stage, check_video, film_with_progress, stage_model, write_video
 from plat.robots import get_robot
@@ -46,6 +46,8 @@ def main(recipe: PlayRecipe) -> list[KeyframeScore]:
     """Run the recipe: print a table, return its rows."""
     # networks for one robot are so small that more threads only get in each other's way
     torch.set_num_threads(1)
+    if recipe.csv is not None:  # what cannot be written shows before the robot runs
+        check_file(recipe.csv, "--csv")
     import_modules(recipe.imports)
     get_robot(recipe.robot)  # a description file makes the policy's robot known
     policy = load_policy(recipe.policy)
@@ -56,7 +58,7 @@ def main(recipe: PlayRecipe) -> list[KeyframeScore]:
     if not recipe.viewer and not np.isfinite(recipe.hold):
         raise KeyframeError(f"hold is {recipe.hold} s, expected a finite number without --viewer")
     stage = None
-    if recipe.video is not None:  # what is missing for it shows before the robot runs
+    if recipe.video is not None:
         check_video(recipe.video)
         stage = Stage(robot)
     simulator = Simulator(stage_model(robot) if recipe.viewer else robot.model(), timing.control_dt)

@@ -41,9 +41,8 @@ def ablation_bars(scores: Sequence[Score], horizon: str, metrics: Sequence[str] 
             colors = [drawn[row.policy].color for row in rows]
             # a mean of ratios may lie outside its percentile interval by a hair
             panel.barh(places, values, 0.72, color=colors, alpha=0.85, xerr=spread.clip(0), **_ERROR_BARS)
-            top = np.nanmax(
-                [100.0 if metric.unit == "%" else 0.0, *(metric.factor * figure.high for figure in figures)]
-            )
+            highs = [100.0 if metric.unit == "%" else 0.0, *(metric.factor * figure.high for figure in figures)]
+            top = np.nanmax(highs) or 1.0  # where every command failed there are no errors
             for place, figure_ in zip(places, figures, strict=True):
                 panel.text(1.04 * top, place, metric.text(figure_.value), va="center", fontsize=7)
             panel.set_xlim(0, 1.02 * top)

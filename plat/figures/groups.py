@@ -12,6 +12,8 @@ from plat.figures.style import PAGE, looks, paper_style
 
 __all__ = ["group_plot"]
 
+_LETTERS = 110  # of names that stand side by side under a page's width
+
 
 def group_plot(scores: Sequence[GroupScore], metric: str = "tks") -> Any:
     """Return a figure with a column per group: a point per policy, with its 95 % interval.
@@ -52,8 +54,10 @@ def group_plot(scores: Sequence[GroupScore], metric: str = "tks") -> Any:
                 capsize=1.5,
                 label=name,
             )
-        ticks = [f"{group.replace('_', ' ')}\n({count})" for group, count in groups.items()]
-        panel.set_xticks(range(len(groups)), ticks)
+        turned = len(groups) * max(map(len, groups)) > _LETTERS
+        between = " " if turned else "\n"
+        ticks = [f"{group.replace('_', ' ')}{between}({count})" for group, count in groups.items()]
+        panel.set_xticks(range(len(groups)), ticks, **({"rotation": 40, "ha": "right"} if turned else {}))
         panel.set_xlim(-0.5, len(groups) - 0.5)
         panel.set_ylabel(shown.heading)
         panel.grid(axis="y")

@@ -24,7 +24,7 @@ def radar_plot(scores: Sequence[Score], metrics: Sequence[str] = HEADLINE) -> An
         metrics: names in :data:`plat.evaluation.METRICS`.
 
     Raises:
-        RecordsError: for fewer than three horizons.
+        RecordsError: for fewer than three horizons, or when every policy lacks one.
         RenderingError: when the extra ``plat-rl[figures]`` is not installed.
     """
     horizons = list(dict.fromkeys(score.horizon for score in scores))
@@ -32,6 +32,8 @@ def radar_plot(scores: Sequence[Score], metrics: Sequence[str] = HEADLINE) -> An
         raise RecordsError(f"radar plot: horizons {horizons}, expected three or more")
     cells = {(score.policy, score.horizon): score for score in scores}
     names = [name for name in policies(scores) if all((name, horizon) in cells for horizon in horizons)]
+    if not names:
+        raise RecordsError(f"radar plot: no policy was scored at all of {horizons}, expected at least one")
     drawn = looks(policies(scores))
     angles = np.linspace(0, 2 * np.pi, len(horizons), endpoint=False)
     with paper_style() as plt:
@@ -144,5 +146,5 @@ def _range(values: Sequence[float], metric: str) -> tuple[float, float, list[flo
     rings = [ring * step for ring in range(first, last + 1)]
     # a ring's width beyond the worst value, so that no outline shrinks to a point
     if METRICS[metric].higher_is_better:
-        return max(rings[0] - step, 0.0), rings[-1], [ring for ring in rings if ring > 0]
+        return max(rings[0] - step, 0.0), max(rings[-1], step), [ring for ring in rings if ring > 0]
     return rings[-1] + step, rings[0], rings

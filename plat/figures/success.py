@@ -3,11 +3,14 @@
 from collections.abc import Sequence
 from typing import Any
 
+from plat.errors import RecordsError
 from plat.evaluation.report import success_curve
 from plat.evaluation.score_table import Score
 from plat.figures.style import COLUMN, PAGE, looks, paper_style, policies
 
 __all__ = ["success_plot"]
+
+_SHORT = 20  # letters of a policy's name
 
 
 def success_plot(scores: Sequence[Score], horizons: Sequence[str]) -> Any:
@@ -22,13 +25,19 @@ def success_plot(scores: Sequence[Score], horizons: Sequence[str]) -> Any:
         horizons: which of their horizons.
 
     Raises:
+        RecordsError: without horizons, or when no policy was scored at one of them.
         RenderingError: when the extra ``plat-rl[figures]`` is not installed.
     """
+    there = sorted({score.horizon for score in scores})
+    if not horizons or not set(horizons) <= set(there):
+        raise RecordsError(f"success plot: horizons {list(horizons)}, expected one or more of {there}")
     drawn = looks(policies(scores))
+    # two columns of longer names are wider than a panel, which would shrink for them
+    columns = 2 if max(map(len, drawn)) <= _SHORT else 1
     with paper_style() as plt:
         width = COLUMN if len(horizons) == 1 else PAGE / 2 * len(horizons)
         figure, panels = plt.subplots(
-            1, len(horizons), figsize=(width, 2.4 + 0.075 * len(drawn)), sharey=True, squeeze=False
+            1, len(horizons), figsize=(width, 2.4 + 0.15 * len(drawn) / columns), sharey=True, squeeze=False
         )
         for panel, horizon in zip(panels[0], horizons, strict=True):
             for score in (score for score in scores if score.horizon == horizon):
@@ -40,7 +49,12 @@ def success_plot(scores: Sequence[Score], horizons: Sequence[str]) -> Any:
             panel.set_title(horizon.capitalize(), pad=3)
             panel.grid()
             panel.legend(
-                loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2, handlelength=2.0, columnspacing=0.8, fontsize=6
+                loc="upper center",
+                bbox_to_anchor=(0.5, -0.2),
+                ncols=columns,
+                handlelength=2.0,
+                columnspacing=0.8,
+                fontsize=6,
             )
         panels[0][0].set_ylabel("commands (%)")
     return figure

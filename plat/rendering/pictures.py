@@ -50,10 +50,17 @@ class Stage:
         distance: of the camera (m); 2.6 shows raised hands and jumps whole.
 
     Raises:
+        StateError: for a size or a distance that is not above 0.
         RenderingError: where no OpenGL is available, with what to install.
     """
 
     def __init__(self, robot: Robot, width: int = 640, height: int = 480, distance: float = 2.1):
+        for name, number, bound in (
+            ("width", width, Count),
+            ("height", height, Count),
+            ("distance", distance, Positive),
+        ):
+            check_value(f"stage: {name}", number, bound)
         _check_display()
         self._model = stage_model(robot, width, height)
         self._data, self._ghost = mujoco.MjData(self._model), mujoco.MjData(self._model)
@@ -213,7 +220,7 @@ def write_video(path: str | Path, pictures: Iterator[np.ndarray], fps: float = 2
 
     path = Path(path)
 
-    def write(part: Path) -> None:
+    def encode(part: Path) -> None:
         # the encoder's own words would come between plat's
         options = {"codec": "libx264", "quality": 7, "macro_block_size": 8, "ffmpeg_log_level": "quiet"}
         writer = imageio.get_writer(part, fps=fps, **options)
@@ -229,12 +236,18 @@ def write_video(path: str | Path, pictures: Iterator[np.ndarray], fps: float = 2
         if not is_whole(part):  # the encoder's exit status is not told
             raise OSError("the encoder stopped early")
 
+    def write(part: Path) -> None:
+        try:
+            encode(part)
+        except OSError as error:
+            if is_full(part.parent):  # asked while the half is there: without it there is room again
+                raise OSError("no space left on device") from error
+            raise
+
     try:
         replace_file(path, write)
     except OSError as error:
         reason = error.strerror or str(error).splitlines()[0]  # the encoder's whole command line follows
-        if is_full(path.parent):
-            reason = "no space left on device"
         raise RenderingError(f"video {str(path)!r} could not be written ({reason})") from error
 
 
@@ -272,7 +285,7 @@ def _steps(playback: Playback, fps: float) -> Iterator[int]:
 
 
 def _count(playback: Playback, fps: float) -> int:
-    return int(len(playback.qpos) * playback.dt * fps)
+    return max(1, int(len(playback.qpos) * playback.dt * fps))  # a step alone has a picture too
 
 
 def _bar(picture: np.ndarray, fraction: float, failed: bool) -> None:

@@ -31,6 +31,8 @@ def test_a_file_is_identified_by_its_content(tmp_path, capsys, monkeypatch):
     assert second == f"{unknown}: not known (SHA-256 {hashlib.sha256(b'something else').hexdigest()})"
 
 
-def test_a_file_that_is_not_there_is_named():
+def test_a_file_that_is_not_there_is_named(tmp_path):
     with pytest.raises(PlatError, match=r"'nothing\.onnx': no such file"):
         baselines.main(BaselinesRecipe(files=(Path("nothing.onnx"),)))
+    with pytest.raises(PlatError, match=r": is a folder, expected a file"):
+        baselines.main(BaselinesRecipe(files=(tmp_path,)))

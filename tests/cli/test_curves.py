@@ -25,6 +25,22 @@ def test_a_picture_is_written(tmp_path):
     assert (tmp_path / "new" / "curves.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_values_below_zero_are_seen_and_runs_of_one_name_told_apart(tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib")
+    drawn = []
+    monkeypatch.setattr(curves, "write_figure", lambda figure, *_, **__: drawn.append(figure))
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        run = write_metrics(tmp_path / folder / "run")
+        (run / "metrics.csv").write_text("step,seconds,gain,loss\n10,30,-2.0,2.0\n20,60,-1.0,1.0\n")
+    runs = tuple(tmp_path / folder / "run" for folder in ("a", "b"))
+    curves.main(curves.CurvesRecipe(runs=runs, metrics=("gain", "loss"), out=tmp_path / "curves.png"))
+    gain, loss = drawn[0].axes
+    assert gain.get_ylim()[0] < -2
+    assert loss.get_ylim()[0] == 0
+    assert [text.get_text() for text in gain.get_legend().get_texts()] == [str(run) for run in runs]
+
+
 def test_a_folder_without_metrics_and_an_unknown_column_are_named(tmp_path):
     with pytest.raises(PlatError, match="nowhere/metrics.csv"):
         curves.read(tmp_path / "nowhere", "loss")

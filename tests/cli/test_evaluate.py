@@ -108,11 +108,24 @@ def test_a_motion_too_short_for_a_strip_is_named(runs, capsys):
     assert "no film strip: motion 'run_a' is shorter than a long command" in capsys.readouterr().out
 
 
-def test_a_missing_extra_is_said_before_the_evaluation(runs, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "matplotlib", None)
+@pytest.mark.parametrize("drawn", [{"figures": "figures"}, {"strips": "strips", "authored": 1}])
+def test_a_missing_extra_is_said_before_the_evaluation(runs, monkeypatch, drawn):
+    settings = {name: runs / value if isinstance(value, str) else value for name, value in drawn.items()}
     monkeypatch.setattr(entrant, "evaluate", lambda *_, **__: pytest.fail("evaluated first"))
+    monkeypatch.setitem(__import__("sys").modules, "matplotlib", None)
     with pytest.raises(PlatError, match=r"pip install 'plat-rl\[figures\]'"):
-        evaluate.main(recipe(runs, "plain", figures=runs / "figures"))
+        evaluate.main(recipe(runs, "plain", **settings))
+    (runs / next(iter(drawn))).write_text("in the way")
+    with pytest.raises(PlatError, match=f"--{next(iter(drawn))} .*: is a file, expected a folder"):
+        evaluate.main(recipe(runs, "plain", **settings))
+
+
+def test_strips_of_authored_keyframes_are_named(runs, capsys, monkeypatch):
+    pytest.importorskip("matplotlib")
+    monkeypatch.setattr(evaluate, "draw_authored_strips", lambda recipe, folder, *_: [folder / "authored_hold.png"])
+    monkeypatch.setattr(evaluate, "score_authored", lambda *_: None)
+    evaluate.main(recipe(runs, "plain", authored=1, strips=runs / "strips"))
+    assert capsys.readouterr().out.splitlines()[-1] == f"wrote {runs / 'strips' / 'authored_hold.png'}"
 
 
 def test_a_clip_that_is_not_there_is_named_before_the_evaluation(runs, monkeypatch):

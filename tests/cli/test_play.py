@@ -12,7 +12,7 @@ import pytest
 
 from plat.cli import play
 from plat.control import ReachLimits
-from plat.errors import CheckpointError, KeyframeError
+from plat.errors import CheckpointError, KeyframeError, OutputError
 from plat.keyframes import KeyframeSequence, only, standing
 from plat.rendering import RenderingError, Stage
 from plat.robots import G1
@@ -65,6 +65,12 @@ def test_a_keyframe_that_is_out_of_reach_is_said_to_be_missed(tmp_path, capsys):
     row, total = capsys.readouterr().out.splitlines()[-2:]
     assert re.search(r"  no .* late or off: 0\.\d\d m off", row)
     assert total == "0 of 1 reached, 1 late or off; TKS@3 0 of 1"
+
+
+def test_a_file_that_cannot_be_written_is_named_before_the_robot_runs(tmp_path, monkeypatch):
+    monkeypatch.setattr(play, "Chase", lambda *_, **__: pytest.fail("ran first"))
+    with pytest.raises(OutputError, match=r"--csv .*: is a folder, expected a file"):
+        play.main(play.PlayRecipe(policy=PLAT, keyframes=EXAMPLE, csv=tmp_path))
 
 
 def test_outcomes_go_to_a_file(tmp_path):

@@ -1,7 +1,9 @@
 import inspect
 import os
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -197,3 +199,10 @@ def test_an_unknown_argument_of_make_vec_is_named():
 def test_the_arguments_that_make_vec_names_are_those_it_takes():
     taken = list(inspect.signature(plat.envs.gym.G1TimedKeyframeVectorEnv.__init__).parameters)
     assert taken[1:-1] == list(plat.envs.gym._VECTOR_ARGUMENTS)
+
+
+def test_the_page_names_every_argument():
+    page = (Path(__file__).parents[2] / "docs" / "gymnasium.md").read_text()
+    table = page.partition("## Arguments")[2].partition("\n## ")[0]
+    arguments = list(inspect.signature(plat.envs.gym.G1TimedKeyframeEnv.__init__).parameters)[1:]
+    assert sorted(re.findall(r"(?m)^\| `(\w+)` \|", table)) == sorted(arguments)

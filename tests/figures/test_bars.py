@@ -1,8 +1,8 @@
 import pytest
 
-from plat.evaluation import METRICS
+from plat.evaluation import METRICS, Score
 from plat.figures import ablation_bars
-from tests.figures.scores import made_up
+from tests.figures.scores import made_up, records
 
 pytest.importorskip("matplotlib")
 
@@ -33,3 +33,12 @@ def test_the_best_is_told_from_the_worst():
 def test_a_horizon_that_was_not_scored_is_named():
     with pytest.raises(ValueError, match=r"'single', expected one of \['long', 'mixed', 'short'\]"):
         ablation_bars(made_up("PLAT"), "single")
+
+
+def test_where_all_failed_there_are_no_errors_to_draw():
+    score = Score.of("bad", "long", [records(1.0, 0.1, 0.2)])
+    panels = ablation_bars([score], "long").axes
+    assert [[text.get_text() for text in panel.texts] for panel in panels] == [["0.0"], ["-"], ["-"]]
+    for panel in panels:
+        low, high = panel.get_xlim()
+        assert low == 0 < high

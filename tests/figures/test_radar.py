@@ -1,5 +1,6 @@
 import pytest
 
+from plat.errors import RecordsError
 from plat.evaluation import METRICS, Score
 from plat.figures import radar_plot
 from tests.figures.scores import made_up, records
@@ -63,3 +64,15 @@ def test_a_policy_that_lacks_a_horizon_is_left_out():
 def test_two_horizons_are_no_radar():
     with pytest.raises(ValueError, match="expected three or more"):
         radar_plot(made_up("PLAT", horizons=("long", "mixed")))
+
+
+def test_policies_that_lack_a_horizon_each_are_no_radar():
+    scores = made_up("DAgger", horizons=("short", "long")) + made_up("PLAT", horizons=("mixed",))
+    with pytest.raises(RecordsError, match=r"no policy was scored at all of \['short', 'long', 'mixed'\]"):
+        radar_plot(scores)
+
+
+def test_where_all_failed_the_scale_begins_at_zero():
+    scores = [Score.of("bad", horizon, [records(1.0, 0.1, 0.2)]) for horizon in ("short", "long", "mixed")]
+    center, rim = radar_plot(scores).axes[0].get_ylim()
+    assert center == 0 < rim

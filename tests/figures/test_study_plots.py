@@ -1,4 +1,5 @@
 import math
+from itertools import pairwise
 
 import pytest
 
@@ -51,6 +52,18 @@ def test_a_point_a_group_and_policy():
     assert [text.get_text() for text in panel.get_xticklabels()] == ["a\n(10)", "b\n(30)"]
     values = [list(container.lines[0].get_ydata()) for container in panel.containers]
     assert values == [pytest.approx([0.0, 100.0])] * 2
+
+
+@pytest.mark.parametrize(("count", "turned"), [(3, False), (16, True)])
+def test_names_of_many_groups_do_not_run_into_each_other(count, turned):
+    names = [f"family of motions {number}" for number in range(count)]
+    scores = score_groups("PLAT", "mixed", [records(0.0, 0.1, 0.2, commands=count)], names, resamples=10)
+    figure = group_plot(scores)
+    figure.canvas.draw()
+    labels = figure.axes[0].get_xticklabels()
+    assert all((label.get_rotation() > 0) == turned for label in labels)
+    ends = [(label.get_window_extent().x0, label.get_window_extent().x1) for label in labels]
+    assert turned or all(before[1] < after[0] for before, after in pairwise(ends))
 
 
 def test_curves_grow_harder_to_the_right():

@@ -1,5 +1,6 @@
 import pytest
 
+from plat.errors import RecordsError
 from plat.figures import success_plot
 from tests.figures.scores import made_up
 
@@ -25,3 +26,20 @@ def test_curves_and_their_areas():
 
 def test_one_horizon_fits_a_column():
     assert success_plot(made_up("PLAT"), ["mixed"]).get_figwidth() < 4
+
+
+def test_long_names_leave_the_curves_their_room():
+    figure = success_plot(
+        made_up("PLAT", "run-of-the-evening-with-everything", "another-run-with-half-of-everything"), ["long"]
+    )
+    figure.canvas.draw()
+    panel = figure.axes[0]
+    whole = figure.bbox.width
+    assert panel.get_window_extent().width > 0.6 * whole
+    assert panel.get_legend().get_window_extent().width < whole
+
+
+@pytest.mark.parametrize("horizons", [[], ["long", "single"]])
+def test_horizons_that_were_not_scored_are_named(horizons):
+    with pytest.raises(RecordsError, match=r"expected one or more of \['long', 'mixed', 'short'\]"):
+        success_plot(made_up("PLAT"), horizons)

@@ -50,3 +50,11 @@ def test_a_video_that_the_encoder_did_not_finish_is_an_error(tmp_path, monkeypat
         write_video(path, iter(PICTURES))
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_full_disk_is_named_though_the_half_is_removed(tmp_path, monkeypatch):
+    monkeypatch.setattr("plat.rendering.pictures.is_whole", lambda _: False)
+    monkeypatch.setattr("plat.rendering.pictures.is_full", lambda folder: any(folder.iterdir()))
+    with pytest.raises(RenderingError, match=r"film.mp4' could not be written \(no space left on device\)"):
+        write_video(tmp_path / "film.mp4", iter(PICTURES))
+    assert not list(tmp_path.iterdir())

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from plat.envs.transforms import HORIZONS
-from plat.errors import OutputError
+from plat.errors import ConfigError, OutputError
 from plat.evaluation import play
 from plat.modules import Expert
 from plat.motions import MotionLibrary
@@ -184,3 +184,16 @@ def test_a_video_that_is_stopped_leaves_no_encoder_and_no_file(tmp_path):
         error = caught
     assert error is not None
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_playback_of_one_step_has_a_picture(stage, playback, tmp_path):
+    fields = ("qpos", "target_qpos", "steps_left", "command_length", "failed", "reached_qpos")
+    step = replace(playback, **{name: getattr(playback, name)[:1] for name in fields})
+    assert len(list(film(stage, step))) == 1
+
+
+@pytest.mark.parametrize("setting", [{"width": 0}, {"height": 1.5}, {"distance": -1.0}])
+def test_a_stage_of_no_size_is_refused(setting):
+    (name,) = setting
+    with pytest.raises(ConfigError, match=f"stage: {name}"):
+        Stage(G1, **setting)

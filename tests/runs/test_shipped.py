@@ -3,7 +3,7 @@ import shutil
 import pytest
 
 import plat
-from plat.errors import CheckpointError
+from plat.errors import CheckpointError, ConfigError
 from plat.modules import Expert, ExpertConfig
 from plat.robots import G1
 from plat.runs import SavedRun, locate, policy_spec, save_weights, write_json
@@ -41,6 +41,16 @@ def test_an_installed_package_has_its_own(installed):
 def test_another_name_is_answered_with_those_that_exist(installed):
     with pytest.raises(CheckpointError, match="no weights called 'plat' come with plat, only 'small-g1'"):
         plat.load("plat")
+
+
+def test_a_path_is_answered_with_what_loads_it(installed, tmp_path):
+    with pytest.raises(CheckpointError, match=r"plat\.runs\.load_policy loads a run by its path"):
+        plat.load(tmp_path)
+
+
+def test_a_device_that_is_not_there_is_named():
+    with pytest.raises(ConfigError, match="'nowhere': not on this machine"):
+        plat.load("plat-g1", device="nowhere")
 
 
 def test_an_installation_without_weights_says_so(installed):
