@@ -50,7 +50,7 @@ class Stage:
         distance: of the camera (m); 2.6 shows raised hands and jumps whole.
 
     Raises:
-        StateError: for a size or a distance that is not above 0.
+        ConfigError: for a size or a distance that is not above 0.
         RenderingError: where no OpenGL is available, with what to install.
     """
 
