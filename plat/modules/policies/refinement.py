@@ -87,7 +87,8 @@ class Refinement(nn.Module):
         if not self.config.lead:
             return before, keys
         group = "near_goal" if before else "goal"
-        lead = KeyframeLead(self.config.lead, self.timing.longest, self.config.shortest_lead, group)
+        parts = "parts" in self.student.config.also
+        lead = KeyframeLead(self.config.lead, self.timing.longest, self.config.shortest_lead, group, parts)
         return [*before, lead], led(keys, lead)
 
     def frozen(self) -> TensorDictModuleBase:
