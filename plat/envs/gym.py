@@ -9,6 +9,7 @@
 (177,)
 """
 
+import secrets
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -64,6 +65,15 @@ class _Nearness(Transform):
         return observation_spec
 
 
+def _generators(device: torch.device) -> list[torch.Generator]:
+    """Return torch's global generators that an environment on a device draws from."""
+    if device.type != "cuda":
+        return [torch.default_generator]
+    torch.cuda.init()  # they are not there before
+    index = torch.cuda.current_device() if device.index is None else device.index
+    return [torch.default_generator, torch.cuda.default_generators[index]]
+
+
 class _Task:
     """TorchRL environment behind both gymnasium ones, with random numbers of its own."""
 
@@ -79,7 +89,11 @@ class _Task:
     ):
         lengths = horizon_named(horizon, timing)
         library = MotionLibrary.load(motions, dt=timing.control_dt)
-        self.env = make_keyframe_env(library, num_envs, task, horizon=lengths, timing=timing, device=device)
+        self._generators = _generators(torch.device(device))
+        self._random_states = [generator.get_state() for generator in self._generators]
+        # processes that were forked to run in parallel have the same state of torch's generators
+        with self._own_randomness(secrets.randbits(63)):
+            self.env = make_keyframe_env(library, num_envs, task, horizon=lengths, timing=timing, device=device)
         # after the reference and the clock, which they read
         self.env.insert_transform(2, KeyframeMetrics(library))
         self.env.insert_transform(3, _Nearness())
@@ -90,23 +104,25 @@ class _Task:
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float32)
         bound = np.full(self.robot.num_joints, _ACTION_BOUND, np.float32)
         self.action_space = gymnasium.spaces.Box(-bound, bound)
-        self._random_state = torch.random.get_rng_state()
-        self.current: TensorDictBase = self.env.reset()
+        with self._own_randomness():
+            self.current: TensorDictBase = self.env.reset()
         """Entries that the next step begins from."""
 
     @contextmanager
     def _own_randomness(self, seed: int | None = None) -> Iterator[None]:
-        # transforms draw from torch's global generator: its state is swapped, so that seeding this environment
+        # transforms draw from torch's global generators: their states are swapped, so that seeding this environment
         # neither disturbs nor depends on what its user draws
-        outside = torch.random.get_rng_state()
-        torch.random.set_rng_state(self._random_state)
-        if seed is not None:
-            torch.manual_seed(seed)
+        outside = [generator.get_state() for generator in self._generators]
+        for generator, state in zip(self._generators, self._random_states, strict=True):
+            generator.set_state(state)
+            if seed is not None:
+                generator.manual_seed(seed)
         try:
             yield
         finally:
-            self._random_state = torch.random.get_rng_state()
-            torch.random.set_rng_state(outside)
+            self._random_states = [generator.get_state() for generator in self._generators]
+            for generator, state in zip(self._generators, outside, strict=True):
+                generator.set_state(state)
 
     def reset(self, seed: int | None) -> np.ndarray:
         if seed is not None:  # the same seed gives the same episode, whatever happened before

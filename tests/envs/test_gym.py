@@ -13,6 +13,7 @@ from tensordict import TensorDict
 
 import plat.envs.gym
 from plat.envs import KeyframeTaskConfig
+from plat.envs.transforms import RandomizationRanges
 from plat.errors import RenderingError, TaskError
 
 
@@ -126,6 +127,30 @@ def test_users_random_numbers_are_left_alone(env):
     env.reset(seed=1)
     env.step(np.zeros(29, np.float32))
     assert torch.equal(torch.rand(3), expected)
+
+
+def test_environments_without_a_seed_are_not_alike():
+    observations = []
+    for _ in range(2):
+        torch.manual_seed(5)  # as in processes that were forked to run in parallel
+        expected = torch.random.get_rng_state()
+        task = KeyframeTaskConfig(randomization=RandomizationRanges())
+        env = gymnasium.make("plat/G1TimedKeyframe-v0", motions="generated:train@8", task=task)
+        observations.append(env.reset()[0])
+        assert torch.equal(torch.random.get_rng_state(), expected)
+    assert not np.array_equal(*observations)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+@pytest.mark.parametrize("device", ["cpu", "cuda"])
+def test_users_random_numbers_on_a_gpu_are_left_alone(device):
+    env = gymnasium.make("plat/G1TimedKeyframe-v0", motions="generated:train@8", device=device)
+    torch.manual_seed(5)
+    expected = torch.rand(3, device="cuda")
+    torch.manual_seed(5)
+    first, _ = env.reset(seed=1)
+    assert torch.equal(torch.rand(3, device="cuda"), expected)
+    np.testing.assert_array_equal(env.reset(seed=1)[0], first)
 
 
 def test_vector_form():
