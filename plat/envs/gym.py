@@ -87,6 +87,12 @@ class _Task:
         timing: Timing,
         also: Sequence[str],
     ):
+        if not isinstance(timing, Timing):
+            raise TaskError(f"timing is a {type(timing).__name__}, expected a plat.spec.timing.Timing")
+        if getattr(task, "partial", 0) and "parts" not in also:
+            raise TaskError(
+                "task.partial: the observation does not say which parts are commanded, expected also=('parts',)"
+            )
         lengths = horizon_named(horizon, timing)
         library = MotionLibrary.load(motions, dt=timing.control_dt)
         self._generators = _generators(torch.device(device))
@@ -179,7 +185,7 @@ class G1TimedKeyframeEnv(gymnasium.Env):
         also: groups that the observation has as well: ``"parts"``, which ``task.partial`` asks for, and ``"clock"``.
 
     Raises:
-        TaskError: for an unknown horizon.
+        TaskError: for an unknown horizon, and for partial keyframes without ``"parts"`` in ``also``.
         PlatError: for a horizon with commands longer than the timing allows.
         MotionError: for motions that cannot be read.
     """
@@ -202,18 +208,27 @@ class G1TimedKeyframeEnv(gymnasium.Env):
         self.action_space = self._task.action_space
         self.render_mode = render_mode
         self._stage: Any = None
+        self._over = False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start at a random frame of a random motion."""
         super().reset(seed=seed)
+        self._over = False
         return self._task.reset(seed)[0], {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Hold the joint targets for one control step (20 ms)."""
+        """Hold the joint targets for one control step (20 ms).
+
+        Raises:
+            ActionError: for an action that is none, or after the episode's end: the motion is over.
+        """
+        if self._over:
+            raise ActionError("step: the episode is over, expected reset() before the next step")
         after, following = self._task.step(np.asarray(action)[None], auto_reset=False)
-        flags = (bool(after[key]) for key in ("terminated", "truncated"))
+        flags = [bool(after[key]) for key in ("terminated", "truncated")]
+        self._over = any(flags)
         info = {key: values[0].item() for key, values in _info(after, following).items()}
         return self._task.flat(after)[0], float(after["reward"]), *flags, info
 
