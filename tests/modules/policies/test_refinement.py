@@ -7,12 +7,14 @@ from tensordict.nn import TensorDictModule, TensorDictSequential
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from plat.envs import DistillationTaskConfig, make_keyframe_env
+from plat.errors import ConfigError
 from plat.modules import (
     STUDENT_KEYS,
     FinetunedPolicy,
     KeyframeLead,
     LatentNoisePolicy,
     LatentPolicy,
+    PlainPolicy,
     RefinementConfig,
     ResidualActionPolicy,
     ResidualLatentPolicy,
@@ -64,6 +66,12 @@ def test_what_is_not_commanded_stays_0_with_a_lead(library, reach):
     moved, bodies = state["led_goal", "keypoint_pos_b"].unflatten(-1, (-1, 3)), state["parts", "bodies"]
     assert (bodies == 0).any()
     assert (moved[bodies == 0] == 0).all()
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_a_student_without_a_latent_is_refused(variant):
+    with pytest.raises(ConfigError, match="student is a PlainPolicy, expected a LatentPolicy"):
+        variant(PlainPolicy(G1))
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
