@@ -1,5 +1,6 @@
 """Rollout collection: TorchRL's collector, set up for robots that are simulated in this process."""
 
+import copy
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from types import TracebackType
@@ -99,13 +100,14 @@ def gathered(env: EnvBase) -> dict[str, float]:
 
 
 def state_of(collector: Collector) -> dict[str, Any]:
-    """Return the state of a collector's robots, transforms and last observation."""
+    """Return a copy of the state of a collector's robots, transforms and last observation."""
     env, base = collector.env, getattr(collector.env, "base_env", collector.env)
-    return {
+    state = {
         "observation": collector._carrier.to_dict(),
         "transforms": env.state_dict() if base is not env else {},
         "robots": base.state_dict(),
     }
+    return copy.deepcopy(state)  # transforms go on writing into their tensors
 
 
 def restore(collector: Collector, state: Mapping[str, Any]) -> None:

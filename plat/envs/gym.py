@@ -9,6 +9,7 @@
 (177,)
 """
 
+import secrets
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -64,6 +65,15 @@ class _Nearness(Transform):
         return observation_spec
 
 
+def _generators(device: torch.device) -> list[torch.Generator]:
+    """Return torch's global generators that an environment on a device draws from."""
+    if device.type != "cuda":
+        return [torch.default_generator]
+    torch.cuda.init()  # they are not there before
+    index = torch.cuda.current_device() if device.index is None else device.index
+    return [torch.default_generator, torch.cuda.default_generators[index]]
+
+
 class _Task:
     """TorchRL environment behind both gymnasium ones, with random numbers of its own."""
 
@@ -77,9 +87,19 @@ class _Task:
         timing: Timing,
         also: Sequence[str],
     ):
+        if not isinstance(timing, Timing):
+            raise TaskError(f"timing is a {type(timing).__name__}, expected a plat.spec.timing.Timing")
+        if getattr(task, "partial", 0) and "parts" not in also:
+            raise TaskError(
+                "task.partial: the observation does not say which parts are commanded, expected also=('parts',)"
+            )
         lengths = horizon_named(horizon, timing)
         library = MotionLibrary.load(motions, dt=timing.control_dt)
-        self.env = make_keyframe_env(library, num_envs, task, horizon=lengths, timing=timing, device=device)
+        self._generators = _generators(torch.device(device))
+        self._random_states = [generator.get_state() for generator in self._generators]
+        # processes that were forked to run in parallel have the same state of torch's generators
+        with self._own_randomness(secrets.randbits(63)):
+            self.env = make_keyframe_env(library, num_envs, task, horizon=lengths, timing=timing, device=device)
         # after the reference and the clock, which they read
         self.env.insert_transform(2, KeyframeMetrics(library))
         self.env.insert_transform(3, _Nearness())
@@ -90,23 +110,25 @@ class _Task:
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float32)
         bound = np.full(self.robot.num_joints, _ACTION_BOUND, np.float32)
         self.action_space = gymnasium.spaces.Box(-bound, bound)
-        self._random_state = torch.random.get_rng_state()
-        self.current: TensorDictBase = self.env.reset()
+        with self._own_randomness():
+            self.current: TensorDictBase = self.env.reset()
         """Entries that the next step begins from."""
 
     @contextmanager
     def _own_randomness(self, seed: int | None = None) -> Iterator[None]:
-        # transforms draw from torch's global generator: its state is swapped, so that seeding this environment
+        # transforms draw from torch's global generators: their states are swapped, so that seeding this environment
         # neither disturbs nor depends on what its user draws
-        outside = torch.random.get_rng_state()
-        torch.random.set_rng_state(self._random_state)
-        if seed is not None:
-            torch.manual_seed(seed)
+        outside = [generator.get_state() for generator in self._generators]
+        for generator, state in zip(self._generators, self._random_states, strict=True):
+            generator.set_state(state)
+            if seed is not None:
+                generator.manual_seed(seed)
         try:
             yield
         finally:
-            self._random_state = torch.random.get_rng_state()
-            torch.random.set_rng_state(outside)
+            self._random_states = [generator.get_state() for generator in self._generators]
+            for generator, state in zip(self._generators, outside, strict=True):
+                generator.set_state(state)
 
     def reset(self, seed: int | None) -> np.ndarray:
         if seed is not None:  # the same seed gives the same episode, whatever happened before
@@ -163,7 +185,7 @@ class G1TimedKeyframeEnv(gymnasium.Env):
         also: groups that the observation has as well: ``"parts"``, which ``task.partial`` asks for, and ``"clock"``.
 
     Raises:
-        TaskError: for an unknown horizon.
+        TaskError: for an unknown horizon, and for partial keyframes without ``"parts"`` in ``also``.
         PlatError: for a horizon with commands longer than the timing allows.
         MotionError: for motions that cannot be read.
     """
@@ -186,18 +208,27 @@ class G1TimedKeyframeEnv(gymnasium.Env):
         self.action_space = self._task.action_space
         self.render_mode = render_mode
         self._stage: Any = None
+        self._over = False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start at a random frame of a random motion."""
         super().reset(seed=seed)
+        self._over = False
         return self._task.reset(seed)[0], {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Hold the joint targets for one control step (20 ms)."""
+        """Hold the joint targets for one control step (20 ms).
+
+        Raises:
+            ActionError: for an action that is none, or after the episode's end: the motion is over.
+        """
+        if self._over:
+            raise ActionError("step: the episode is over, expected reset() before the next step")
         after, following = self._task.step(np.asarray(action)[None], auto_reset=False)
-        flags = (bool(after[key]) for key in ("terminated", "truncated"))
+        flags = [bool(after[key]) for key in ("terminated", "truncated")]
+        self._over = any(flags)
         info = {key: values[0].item() for key, values in _info(after, following).items()}
         return self._task.flat(after)[0], float(after["reward"]), *flags, info
 

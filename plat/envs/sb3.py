@@ -70,8 +70,8 @@ class BatchVecEnv(VecEnv):
         self._env.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Return the batch's attribute, once per robot."""
-        return [getattr(self._env, attr_name)] * self.num_envs
+        """Return the batch's attribute, once per robot that is asked for."""
+        return [getattr(self._env, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Raise an error: the robots share one environment."""
@@ -82,5 +82,5 @@ class BatchVecEnv(VecEnv):
         raise NotImplementedError
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
-        """Return False for each robot: none has wrappers of its own."""
-        return [False] * self.num_envs
+        """Return False for each robot that is asked for: none has wrappers of its own."""
+        return [False for _ in self._get_indices(indices)]

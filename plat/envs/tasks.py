@@ -1,6 +1,7 @@
 """Task environments: dense tracking (stage 1) and sparse timed keyframes (stages 2 and 3)."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any, get_args
 
 import torch
 from torchrl.envs import Compose, ExcludeTransform, RemoveEmptySpecs, Transform, TransformedEnv
@@ -34,6 +35,7 @@ from plat.envs.transforms import (
     TrackingTermination,
 )
 from plat.envs.transforms.command import check_timing
+from plat.errors import TaskError
 from plat.motions.library import MotionLibrary
 from plat.spec.timing import Timing
 
@@ -73,7 +75,8 @@ def make_tracking_env(
         physics: makes the physics.
 
     Raises:
-        TaskError: when a reward or transform reads what no transform before it writes.
+        TaskError: when a reward or transform reads what no transform before it writes, and for an argument of
+            another type.
 
     >>> from plat.motions import generate_motions
     >>> env = make_tracking_env(MotionLibrary.from_clips(generate_motions("train", seconds=8)), num_envs=2)
@@ -81,6 +84,7 @@ def make_tracking_env(
     torch.Size([2, 2, 1])
     """
     config = config or TrackingTaskConfig()
+    _check_types(library=(library, MotionLibrary), config=(config, TrackingTaskConfig), goals=(goals, Mapping))
     env = _simulation(library, num_envs, config, 1, num_threads, device, physics)
     rewards = config.rewards(env.robot) if rewards is None else rewards
     termination = TrackingTermination(env.robot, config.limits, max_displacement=config.max_displacement)
@@ -120,7 +124,8 @@ def make_keyframe_env(
         rewards, transforms, num_threads, device, physics: as for :func:`make_tracking_env`.
 
     Raises:
-        TaskError: when a reward or transform reads what no transform before it writes.
+        TaskError: when a reward or transform reads what no transform before it writes, and for an argument of
+            another type.
         MotionError: when a clip is too short for a command.
         PlatError: when motions or horizon do not fit the timing.
 
@@ -129,7 +134,14 @@ def make_keyframe_env(
     >>> env.rollout(2)["command", "horizon"].shape
     torch.Size([2, 2, 1])
     """
-    config, timing = config or KeyframeTaskConfig(), timing or Timing(control_dt=library.dt)
+    config = config or KeyframeTaskConfig()
+    _check_types(
+        library=(library, MotionLibrary),
+        config=(config, DistillationTaskConfig),
+        timing=(timing, Timing | None),
+        dense_goals=(dense_goals, Mapping),
+    )
+    timing = timing or Timing(control_dt=library.dt)
     horizon = horizon or Horizon(1, timing.max_steps)
     check_timing(library, horizon, timing)
     env = _simulation(library, num_envs, config, horizon.shortest, num_threads, device, physics)
@@ -145,6 +157,14 @@ def make_keyframe_env(
         PrivilegedState(env.library),
     ]
     return _assemble(env, config, judges, observations, transforms)
+
+
+def _check_types(**arguments: tuple[object, Any]) -> None:
+    """Raise an error for the first argument whose type is another than it is given with."""
+    for name, (value, kind) in arguments.items():
+        if not isinstance(value, kind):
+            expected = " or ".join(each.__name__ for each in get_args(kind) or (kind,)).replace("NoneType", "None")
+            raise TaskError(f"{name} is a {type(value).__name__}, expected a {expected}")
 
 
 def _simulation(

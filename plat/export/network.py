@@ -62,7 +62,11 @@ class JointTargetNetwork(nn.Module):
         steps = list(_steps(policy.deployed()))
         self._check(steps)
         self._keys = [(step.in_keys, step.out_keys) for step in steps]
-        self._in_place = [isinstance(step.module, KeyframeShift) and step.in_keys[0][0] == "goal" for step in steps]
+        # one that sees parts moves only what is commanded
+        self._in_place = [
+            isinstance(step.module, KeyframeShift) and step.in_keys[0][0] == "goal" and len(step.in_keys) == 3
+            for step in steps
+        ]
         written = {key for step, moved in zip(steps, self._in_place, strict=True) if not moved for key in step.out_keys}
         self._joined = [
             isinstance(step.module, ObservationNormalizer)

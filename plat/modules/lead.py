@@ -68,25 +68,30 @@ class KeyframeLead(TensorDictModule):
 
     A policy that lags arrives late. Its keyframe is shifted by ``lead * d / max(t, shortest)``, with ``d`` the
     horizontal way from the robot's root to the keyframe's, and ``t`` the time left. :class:`GoalLead` does the same
-    with the velocity of a reference.
+    with the velocity of a reference. What a partial keyframe does not command stays 0.
 
     Args:
         lead: time (s).
         horizon: longest time to a keyframe (s), in units of which ``("command", "horizon")`` is.
         shortest: lower bound on the time left (s); without it the keyframe would swing in the last steps.
         group: that the keyframe is read from.
+        parts: whether the policy sees which parts are commanded (group ``"parts"``).
 
     >>> lead = KeyframeLead(0.05, horizon=1.0)
     >>> lead.out_keys
     [('led_goal', 'root_pos_b'), ('led_goal', 'keypoint_pos_b')]
     """
 
-    def __init__(self, lead: float, horizon: float, shortest: float = 0.1, group: str = "goal"):
-        in_keys: list[NestedKey] = [*((group, key) for key in LEAD_KEYS), ("command", "horizon")]
+    def __init__(self, lead: float, horizon: float, shortest: float = 0.1, group: str = "goal", parts: bool = False):
+        in_keys: list[NestedKey] = [
+            *((group, key) for key in LEAD_KEYS),
+            ("command", "horizon"),
+            *([("parts", "bodies")] if parts else []),
+        ]
         out_keys: list[NestedKey] = [("led_goal", key) for key in LEAD_KEYS]
         super().__init__(KeyframeShift(lead / horizon, shortest / horizon), in_keys=in_keys, out_keys=out_keys)
-        shapes: tuple[Shape, ...] = ((3,), ("3 K",), (1,))
-        expects(self, dict(zip(in_keys, shapes, strict=True)), "lead")
+        shapes: tuple[Shape, ...] = ((3,), ("3 K",), (1,), ("K",))
+        expects(self, dict(zip(in_keys, shapes, strict=False)), "lead")
 
 
 class KeyframeShift(nn.Module):
@@ -101,10 +106,15 @@ class KeyframeShift(nn.Module):
         """Return the fraction of the way to it by which a keyframe is moved ``[*B, 1]``."""
         return self.lead / time_left.clamp_min(self.shortest)
 
-    def forward(self, root: Tensor, keypoints: Tensor, time_left: Tensor) -> tuple[Tensor, Tensor]:
+    def forward(
+        self, root: Tensor, keypoints: Tensor, time_left: Tensor, bodies: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
         """Return the moved positions of root ``[*B, 3]`` and keypoints ``[*B, 3 K]``."""
         shift = root * self.share(time_left) * constant(HORIZONTAL, root)
-        return root + shift, (keypoints.unflatten(-1, (-1, 3)) + shift.unsqueeze(-2)).flatten(-2)
+        moved = shift.unsqueeze(-2)
+        if bodies is not None:
+            moved = moved * bodies.unsqueeze(-1)
+        return root + shift, (keypoints.unflatten(-1, (-1, 3)) + moved).flatten(-2)
 
 
 class _Shift(nn.Module):

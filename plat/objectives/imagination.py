@@ -27,8 +27,8 @@ class ImaginationLoss(LossModule):
     r"""Discounted cost of a task along imagined rollouts, by backpropagation through the learned dynamics model.
 
     .. math::
-        L = \frac{1}{\sum_k \gamma^k} \sum_{k=0}^{H-1} \gamma^k \left( m_k \, c(s_{k+1})
-            + \lambda_a \|a_k\|^2 + \lambda_r [k > 0] \|a_k - a_{k-1}\|^2 \right) + \gamma^H m_H V(s_H)
+        L = \frac{1}{\sum_k \gamma^k} \left[ \sum_{k=0}^{H-1} \gamma^k \left( m_k \, c(s_{k+1})
+            + \lambda_a \|a_k\|^2 + \lambda_r [k > 0] \|a_k - a_{k-1}\|^2 \right) + \gamma^H m_H V(s_H) \right]
 
     The gradient flows through observation, policy, joint targets, model and cost, and reaches the policy alone. The
     mask :math:`m_k` leaves out lost robots and steps after an episode's end. Norms are means over joints. The first

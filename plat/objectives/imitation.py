@@ -13,6 +13,7 @@ from torchrl.objectives.common import LossModule
 
 from plat.bounds import NonNegative, check_value
 from plat.entries import check_entries
+from plat.errors import ObservationError
 from plat.objectives.divergence import gaussian_kl
 from plat.objectives.finite import check_loss
 
@@ -35,7 +36,7 @@ class LatentImitationLoss(LossModule):
 
     Keyword Args:
         prior_weight: :math:`\lambda_p`.
-        beta: :math:`\beta`, a buffer: set ``loss.beta`` to anneal it.
+        beta: :math:`\beta`, a buffer: anneal it by ``loss.beta.fill_(value)``.
         free_bits: divergence of each latent dimension that is not penalized (nats; Kingma et al., arXiv 1606.04934).
         divergence: from the posterior's ``parameters`` ``[B, n]``, then the prior's, to ``[B, m]``; summed over ``m``.
         parameters: names of a distribution's parameters in its group: ``("loc", "scale")`` of a Gaussian,
@@ -115,9 +116,14 @@ class LatentImitationLoss(LossModule):
 
         Raises:
             ActionError: when one of them is not finite.
+            ObservationError: for an entry that is missing or of another shape, of the batch or of the policy.
         """
         keys = self.tensor_keys
         out = self.policy(tensordict.select(*self.policy.in_keys, strict=False))
+        if absent := [key for key in (keys.posterior_action, keys.prior_action) if out.get(key, None) is None]:
+            raise ObservationError(
+                f"imitation loss: the policy writes no {absent[0]!r}, expected what LatentPolicy.training_graph() does"
+            )
         expert_action = expert_actions(tensordict, keys.expert_action, out.get(keys.posterior_action))
         posterior_error = (out.get(keys.posterior_action) - expert_action).square()
         prior_error = (out.get(keys.prior_action) - expert_action).square()

@@ -42,6 +42,22 @@ def simulated(num_envs: int = 4):
     return SimulatedTask(task, num_envs, randomization=ranges)
 
 
+@pytest.mark.parametrize("make", [small_env, randomized_env, simulated])
+def test_a_state_stays_what_it_was_while_robots_go_on(make):
+    source = Rollouts(make(), flailing(), steps=40)
+    next(source)
+    state, generator = source.state_dict(), torch.get_rng_state()
+    wanted = next(source).clone()
+    for _ in range(2):
+        next(source)
+        source.load_state_dict(state)
+        torch.set_rng_state(generator)
+        found = next(source)
+        assert found["next", "done"].any()
+        for key, value in wanted.items(True, True):
+            assert torch.equal(found[key], value), key
+
+
 @pytest.mark.parametrize("make", [randomized_env, simulated])
 def test_what_is_restored_goes_on_with_the_very_next_step(make, tmp_path):
     policy = flailing()

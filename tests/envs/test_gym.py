@@ -15,7 +15,8 @@ from tensordict import TensorDict
 
 import plat.envs.gym
 from plat.envs import KeyframeTaskConfig
-from plat.errors import RenderingError, TaskError
+from plat.envs.transforms import RandomizationRanges
+from plat.errors import ActionError, RenderingError, TaskError
 
 
 @pytest.fixture(scope="module")
@@ -108,9 +109,10 @@ def test_pictures_show_robot_and_ghost():
 
 def test_seeds_fix_the_episode(env):
     runs = []
+    env.reset()
     for _ in range(2):
         for _ in range(60):  # failures, which starts are drawn by later
-            if env.step(np.full(29, 3.0, np.float32))[2]:
+            if any(env.step(np.full(29, 3.0, np.float32))[2:4]):
                 env.reset()
         observation, _ = env.reset(seed=7)
         steps = [observation]
@@ -128,6 +130,30 @@ def test_users_random_numbers_are_left_alone(env):
     env.reset(seed=1)
     env.step(np.zeros(29, np.float32))
     assert torch.equal(torch.rand(3), expected)
+
+
+def test_environments_without_a_seed_are_not_alike():
+    observations = []
+    for _ in range(2):
+        torch.manual_seed(5)  # as in processes that were forked to run in parallel
+        expected = torch.random.get_rng_state()
+        task = KeyframeTaskConfig(randomization=RandomizationRanges())
+        env = gymnasium.make("plat/G1TimedKeyframe-v0", motions="generated:train@8", task=task)
+        observations.append(env.reset()[0])
+        assert torch.equal(torch.random.get_rng_state(), expected)
+    assert not np.array_equal(*observations)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+@pytest.mark.parametrize("device", ["cpu", "cuda"])
+def test_users_random_numbers_on_a_gpu_are_left_alone(device):
+    env = gymnasium.make("plat/G1TimedKeyframe-v0", motions="generated:train@8", device=device)
+    torch.manual_seed(5)
+    expected = torch.rand(3, device="cuda")
+    torch.manual_seed(5)
+    first, _ = env.reset(seed=1)
+    assert torch.equal(torch.rand(3, device="cuda"), expected)
+    np.testing.assert_array_equal(env.reset(seed=1)[0], first)
 
 
 def test_vector_form():
@@ -150,6 +176,31 @@ def test_vector_form():
             break
     assert ended
     env.close()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"task": KeyframeTaskConfig(partial=0.5)}, "task.partial: .* expected also="),
+        ({"task": 0.5}, "config is a float, expected a DistillationTaskConfig"),
+        ({"timing": 0.02}, "timing is a float, expected a plat.spec.timing.Timing"),
+    ],
+)
+def test_an_argument_that_does_not_fit_is_named(arguments, message):
+    with pytest.raises(TaskError, match=message):
+        gymnasium.make("plat/G1TimedKeyframe-v0", motions="generated:val@8", **arguments)
+
+
+def test_an_episode_that_is_over_does_not_go_on():
+    env = gymnasium.make("plat/G1TimedKeyframe-v0", motions="generated:val@8")
+    for _ in range(2):
+        env.reset(seed=0)
+        while True:
+            _, _, terminated, truncated, _ = env.step(np.full(29, 5.0, np.float32))
+            if terminated or truncated:
+                break
+        with pytest.raises(ActionError, match=r"the episode is over, expected reset\(\)"):
+            env.step(np.zeros(29, np.float32))
 
 
 def test_partial_keyframes_are_seen():

@@ -41,3 +41,11 @@ def test_a_seed_fixes_the_first_observations():
 def test_it_must_reset_within_the_step():
     with pytest.raises(PlatError, match=r"autoreset_mode is AutoresetMode\.NEXT_STEP, expected AutoresetMode\.SAME"):
         BatchVecEnv(gymnasium.make_vec("CartPole-v1", num_envs=2, vectorization_mode="sync"))
+
+
+def test_attributes_are_those_of_the_robots_that_are_asked_for():
+    env = BatchVecEnv(gymnasium.make_vec("plat/G1TimedKeyframe-v0", num_envs=3, motions="generated:val@8"))
+    assert env.get_attr("num_envs") == [3, 3, 3]
+    assert env.get_attr("num_envs", indices=1) == [3]
+    assert env.env_is_wrapped(gymnasium.Wrapper, indices=[0, 2]) == [False, False]
+    env.close()

@@ -20,8 +20,10 @@ from plat.envs.transforms import (
     NoiseLevels,
     ObservationTransform,
     RandomizationRanges,
+    Reward,
     pop_statistics,
 )
+from plat.errors import PlatError
 
 EVERYTHING = {"noise": NoiseLevels(), "randomization": RandomizationRanges()}
 
@@ -91,6 +93,32 @@ def test_a_tracker_may_be_shown_several_frames(library):
         wanted = library.poses((frame + ahead).minimum(library.last_frame[frame]))
         assert torch.equal(state[group, "joint_pos"], wanted["joint_pos"])
         assert state[group, "keypoint_pos_b"].shape == (3, 42)
+
+
+ALIVE = Reward("alive", 1.0, lambda before, after: torch.ones(after.batch_size))
+
+
+@pytest.mark.parametrize(
+    ("make", "arguments", "message"),
+    [
+        (make_keyframe_env, {"config": TrackingTaskConfig()}, "config is a TrackingTaskConfig, expected a Distill"),
+        (make_tracking_env, {"config": KeyframeTaskConfig()}, "config is a KeyframeTaskConfig, expected a Tracking"),
+        (make_keyframe_env, {"timing": 0.02}, "timing is a float, expected a Timing or None"),
+        (make_tracking_env, {"goals": "goal"}, "goals is a str, expected a Mapping"),
+        (make_keyframe_env, {"dense_goals": {"past": -1}}, "goal 'past': frames ahead is -1, expected a whole number"),
+        (make_tracking_env, {"goals": {"goal": 1.5}}, "goal 'goal': frames ahead is 1.5, expected a whole number"),
+        (make_tracking_env, {"rewards": [len]}, "rewards hold <built-in function len>, expected each to be a Reward"),
+        (make_tracking_env, {"rewards": ALIVE}, "rewards is a single Reward, expected several in a tuple"),
+    ],
+)
+def test_an_argument_of_another_kind_is_named(library, make, arguments, message):
+    with pytest.raises(PlatError, match=f"^{message}"):
+        make(library, 2, **arguments)
+
+
+def test_motions_have_to_be_loaded():
+    with pytest.raises(PlatError, match="library is a str, expected a MotionLibrary"):
+        make_keyframe_env("clips.npz", 2)
 
 
 class RootSpeed(ObservationTransform):

@@ -5,7 +5,13 @@ from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequ
 
 from plat.errors import BundleError
 from plat.export import JointTargetNetwork
-from plat.modules import STUDENT_KEYS
+from plat.modules import (
+    STUDENT_KEYS,
+    LatentPolicy,
+    LatentPolicyConfig,
+    RefinementConfig,
+    ResidualLatentPolicy,
+)
 from plat.robots import G1
 from plat.spec.observation import entry_shapes
 from tests.export.runs import KINDS, small_policy
@@ -24,6 +30,17 @@ def test_agrees_with_the_policy_on_tensordicts(kind):
     assert network.num_features == 177
     torch.testing.assert_close(network(observation), expected)
     torch.testing.assert_close(network(observation[0]), expected[0], rtol=1e-5, atol=1e-5)
+
+
+def test_a_lead_of_a_policy_that_sees_parts_agrees():
+    student = LatentPolicy(G1, LatentPolicyConfig(backbone=(32,), hidden_size=16, also=("parts",)))
+    policy = ResidualLatentPolicy(student, RefinementConfig(lead=0.5))
+    network = JointTargetNetwork(policy)
+    entries = TensorDict({key: torch.randn(5, *entry_shapes(key[0], G1)[key[1]]) for key in network.keys}, [5])
+    entries["parts", "bodies"] = (torch.arange(70).view(5, 14) % 3 == 0).float()
+    observation = torch.cat([entries[key] for key in network.keys], -1)
+    expected = G1.default_joint_pos + G1.action_scale * policy.deployed()(entries)["action"]
+    torch.testing.assert_close(network(observation), expected)
 
 
 def test_shares_the_policys_weights():

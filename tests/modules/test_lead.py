@@ -60,6 +60,14 @@ def test_a_keyframe_is_shown_ahead_along_the_velocity_that_it_takes(time_left, a
     assert shown["keypoint_pos_b"][0].tolist() == pytest.approx([*root, *root[:2], 1.3])
 
 
+def test_a_lead_moves_only_bodies_that_are_commanded():
+    keyframe = goals([0.6, -0.8, 0.3]).rename_key_("g1", "goal")
+    keyframe["goal", "keypoint_pos_b"][:, :3] = 0.0  # not commanded
+    keyframe.update({"command": {"horizon": torch.ones(1, 1)}, "parts": {"bodies": torch.tensor([[0.0, 1.0]])}})
+    shown = KeyframeLead(0.05, horizon=1.0, parts=True)(keyframe)["led_goal"]
+    assert shown["keypoint_pos_b"][0].tolist() == pytest.approx([0.0, 0.0, 0.0, 0.63, -0.84, 1.3])
+
+
 def test_a_robot_that_is_there_sees_its_keyframe_where_it_is():
     keyframe = goals([0.0, 0.0, 0.1]).rename_key_("g1", "goal")
     keyframe["command", "horizon"] = torch.zeros(1, 1)

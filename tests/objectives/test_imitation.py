@@ -5,7 +5,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from plat.collectors import ExpertLabels, PrivilegedGoals
 from plat.envs import make_keyframe_env
-from plat.errors import ActionError
+from plat.errors import ActionError, ObservationError
 from plat.modules import STUDENT_KEYS, Expert, LatentPolicy, PlainPolicy
 from plat.objectives import ImitationLoss, LatentImitationLoss, gaussian_kl
 from plat.robots import G1
@@ -183,3 +183,9 @@ def test_a_batch_that_is_not_finite_is_refused(batch, kind, entry):
     with pytest.raises(ActionError, match="imitation loss: nan, expected a finite number; nothing was learned"):
         loss(spoilt)
     loss(batch)
+
+
+def test_a_policy_without_a_posterior_is_named(batch):
+    loss = LatentImitationLoss(PlainPolicy(G1).training_graph())
+    with pytest.raises(ObservationError, match=r"the policy writes no \('posterior', 'action'\)"):
+        loss(batch)

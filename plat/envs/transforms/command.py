@@ -11,7 +11,7 @@ from torch import Tensor
 from torchrl.data import Composite, Unbounded
 from torchrl.envs import Transform
 
-from plat.bounds import Seed, check_value
+from plat.bounds import Count, Fraction, Seed, check_value
 from plat.envs.goals import clock_entries, parts_entries, robot_centric_goal
 from plat.envs.parts import NUM_MASKS, draw_parts
 from plat.envs.transforms.base import ObservationTransform
@@ -202,6 +202,7 @@ class KeyframeClock(Transform):
 
     def __init__(self, window: int = Timing.window, num_parts: int = 0):
         super().__init__()
+        check_value("commands: window", window, Count)
         self._window = window
         self._num_parts = num_parts
 
@@ -275,6 +276,7 @@ class KeyframeCommand(ObservationTransform):
         timing: Timing | None = None,
         partial: float = 0.0,
     ):
+        check_value("commands: partial", partial, Fraction)
         timing = timing or Timing(control_dt=library.dt)
         check_timing(library, horizon, timing)
         check_clip_lengths(library, horizon)

@@ -7,6 +7,7 @@ from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.envs import Transform
 
+from plat.bounds import Natural, check_value
 from plat.envs.goals import robot_centric_goal
 from plat.envs.transforms.base import ObservationTransform
 from plat.motions.library import MotionLibrary
@@ -31,10 +32,11 @@ class DenseGoal(ObservationTransform):
     Args:
         library: motions.
         group: name of the group that is written.
-        ahead: number of frames k.
+        ahead: number of frames k, at least 0.
     """
 
     def __init__(self, library: MotionLibrary, group: str = "goal", ahead: int = 1):
+        check_value(f"goal {group!r}: frames ahead", ahead, Natural)
         super().__init__(
             in_keys=[("motion", "frame"), ("estimate", "root_pos_w"), ("estimate", "root_quat_w")],
             out_shapes={(group, key): shape for key, shape in entry_shapes("goal", library.robot).items()},

@@ -10,7 +10,7 @@ from torch import Tensor
 from torchrl.data import Composite
 from torchrl.envs import Transform
 
-from plat.bounds import NotEmpty, check_value
+from plat.bounds import NotEmpty, Range, check_value
 from plat.envs.transforms.base import Statistics, check_step_entries
 from plat.errors import TaskError
 
@@ -69,7 +69,7 @@ class RewardGroup:
 
     def __post_init__(self) -> None:
         check_value("reward group: weight", self.weight, float)
-        check_value("reward group: floor", self.floor, float | None)
+        check_value("reward group: floor", self.floor, Annotated[float, Range(high=0)] | None)
 
     def terms(self, before: TensorDictBase, after: TensorDictBase) -> dict[str, Tensor]:
         """Compute the weighted terms ``[N]`` of a step, without the factor of the group."""
@@ -77,7 +77,7 @@ class RewardGroup:
         if not terms or self.floor is None:
             return terms
         total = torch.stack(list(terms.values())).sum(0)
-        kept = self.floor / total.clamp_max(self.floor)
+        kept = torch.where(total < self.floor, self.floor / total, 1.0)
         return {name: value * kept for name, value in terms.items()}
 
 
@@ -91,12 +91,16 @@ class Rewards(Transform):
         dt: control step (s).
 
     Raises:
-        TaskError: when two terms have the same name.
+        TaskError: when two terms have the same name, or one is no reward.
     """
 
     def __init__(self, rewards: Sequence[Reward | RewardGroup], dt: float):
         super().__init__()
         self.statistics = Statistics()
+        if isinstance(rewards, Reward | RewardGroup):
+            raise TaskError(f"rewards is a single {type(rewards).__name__}, expected several in a tuple")
+        if strange := [reward for reward in rewards if not isinstance(reward, Reward | RewardGroup)]:
+            raise TaskError(f"rewards hold {strange[0]!r}, expected each to be a Reward or a RewardGroup")
         groups = [reward if isinstance(reward, RewardGroup) else RewardGroup(1.0, (reward,)) for reward in rewards]
         self.groups = [group for group in groups if group.weight]
         """Groups of terms in the order in which they are added up."""

@@ -1,12 +1,13 @@
 """Start sampling: failure-weighted starts, and fixed ones."""
 
-from typing import Any
+from typing import Annotated, Any
 
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 from torchrl.envs import Transform
 
+from plat.bounds import Count, Fraction, Positive, Range, check_value
 from plat.envs.transforms.base import Statistics
 from plat.motions.bins import ClipBins
 from plat.motions.library import MotionLibrary
@@ -46,7 +47,7 @@ class FailureWeightedStarts(Transform):
         bin_seconds: length of a bin (s).
         lead: number of bins, counted back from the one of the failure, that share its weight.
         decay: weight of each bin relative to the one after it.
-        memory: the moving average forgets by ``1 / e`` in this many steps.
+        memory: the moving average forgets by ``1 / e`` in this many steps, at least 2.
         min_frames_left: as in :class:`plat.envs.MotionTrackingEnv`.
 
     Source: adaptive sampling of BeyondMimic, arXiv 2508.08241.
@@ -65,6 +66,14 @@ class FailureWeightedStarts(Transform):
         min_frames_left: int = 1,
     ):
         super().__init__()
+        for name, value, hint in (
+            ("uniform", uniform, Fraction),
+            ("bin_seconds", bin_seconds, Positive),
+            ("lead", lead, Count),
+            ("decay", decay, Positive),
+            ("memory", memory, Annotated[int, Range(2)]),
+        ):
+            check_value(f"starts: {name}", value, hint)
         self.statistics = Statistics()
         self._num_envs = num_envs
         self._uniform = uniform

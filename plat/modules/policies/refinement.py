@@ -16,6 +16,7 @@ from tensordict.nn import (
 )
 from torch import nn
 
+from plat.errors import ConfigError
 from plat.modules.deployed import DeployedPolicy
 from plat.modules.heads import GaussianNoise, gaussian_action
 from plat.modules.lead import KeyframeLead, led
@@ -44,6 +45,9 @@ class Refinement(nn.Module):
         config: sizes and exploration.
         noise: exploration noise, from ``loc`` to ``loc`` and ``scale``; None for one with a learned scale.
         freeze: the student's weights do not learn.
+
+    Raises:
+        ConfigError: for a student without a latent.
     """
 
     sample_key: str = "action"
@@ -58,6 +62,8 @@ class Refinement(nn.Module):
         freeze: bool = True,
     ):
         super().__init__()
+        if not hasattr(student, "prior"):
+            raise ConfigError(f"refinement: student is a {type(student).__name__}, expected a LatentPolicy")
         self.config = config = config or RefinementConfig()
         self.robot = student.robot
         self.student = copy.deepcopy(student, {id(student.robot): student.robot})
@@ -87,7 +93,8 @@ class Refinement(nn.Module):
         if not self.config.lead:
             return before, keys
         group = "near_goal" if before else "goal"
-        lead = KeyframeLead(self.config.lead, self.timing.longest, self.config.shortest_lead, group)
+        parts = "parts" in self.student.config.also
+        lead = KeyframeLead(self.config.lead, self.timing.longest, self.config.shortest_lead, group, parts)
         return [*before, lead], led(keys, lead)
 
     def frozen(self) -> TensorDictModuleBase:

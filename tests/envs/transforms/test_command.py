@@ -170,3 +170,10 @@ def test_a_schedule_of_given_arrivals(library: MotionLibrary) -> None:
     assert torch.equal(given.command_of_frame, drawn.command_of_frame)
     assert torch.equal(given.first_frame, drawn.first_frame)
     assert 11 <= given.horizon.shortest <= given.horizon.longest <= 25
+
+
+def test_settings_out_of_bounds_are_named(library):
+    with pytest.raises(PlatError, match="commands: window is 0, expected a whole number of at least 1"):
+        KeyframeClock(0)
+    with pytest.raises(PlatError, match="commands: partial is 2.0, expected a number from 0 to 1"):
+        KeyframeCommand(library, HORIZONS["mixed"], partial=2.0)

@@ -4,7 +4,7 @@ from tensordict import TensorDict
 
 from plat.envs import KeyframeTaskConfig, make_keyframe_env
 from plat.envs.transforms import KeyframeTermination, Reward, RewardGroup, Rewards, pop_statistics
-from plat.errors import TaskError
+from plat.errors import PlatError, TaskError
 from plat.robots import G1
 
 
@@ -32,6 +32,14 @@ def test_a_group_has_a_factor_and_a_floor():
     assert paid(group) == pytest.approx([0.5 - 0.15, 0.5 - 0.2])
     second = {name: float(value[1]) for name, value in group.terms(*step()).items()}
     assert second == pytest.approx({"a": -4 / 3, "b": -8 / 3})
+
+
+def test_a_floor_is_that_of_penalties():
+    idle = Reward("idle", -1.0, lambda before, after: torch.zeros(after.batch_size))
+    assert paid(RewardGroup(1.0, (idle,), floor=0.0)) == [0.5, 0.5]
+    assert paid(RewardGroup(1.0, (Reward("a", -1.0, action),), floor=0.0)) == [0.5, 0.5]
+    with pytest.raises(PlatError, match="reward group: floor is 1.0, expected a number of at most 0"):
+        RewardGroup(1.0, (idle,), floor=1.0)
 
 
 def test_what_has_no_weight_is_not_computed():

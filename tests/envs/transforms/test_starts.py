@@ -1,7 +1,9 @@
+import pytest
 import torch
 
 from plat.envs import MotionTrackingEnv, make_tracking_env
 from plat.envs.transforms import FailureWeightedStarts
+from plat.errors import ConfigError
 from plat.motions import MotionLibrary
 from tests.conftest import standing_clip
 
@@ -16,6 +18,20 @@ def test_uniform_over_frames_before_any_failure():
     share = (library.clip_of_frame[frames] == 0).float().mean()
     assert abs(share - 100 / 600) < 0.02
     assert (library.last_frame[frames] > frames).all()
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"uniform": 3.0}, "starts: uniform is 3.0, expected a number from 0 to 1"),
+        ({"bin_seconds": -1.0}, "starts: bin_seconds is -1.0, expected a number above 0"),
+        ({"lead": 0}, "starts: lead is 0, expected a whole number of at least 1"),
+        ({"memory": 1}, "starts: memory is 1, expected a whole number of at least 2"),
+    ],
+)
+def test_settings_out_of_bounds_are_named(settings, message):
+    with pytest.raises(ConfigError, match=message):
+        FailureWeightedStarts(two_clips(), 1, **settings)
 
 
 def test_every_frame_can_be_drawn():

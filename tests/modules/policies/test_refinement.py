@@ -3,20 +3,23 @@ from dataclasses import replace
 import pytest
 import torch
 from tensordict import TensorDict
-from tensordict.nn import TensorDictModule
+from tensordict.nn import TensorDictModule, TensorDictSequential
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
-from plat.envs import make_keyframe_env
+from plat.envs import DistillationTaskConfig, make_keyframe_env
+from plat.errors import ConfigError
 from plat.modules import (
     STUDENT_KEYS,
     FinetunedPolicy,
     KeyframeLead,
     LatentNoisePolicy,
     LatentPolicy,
+    PlainPolicy,
     RefinementConfig,
     ResidualActionPolicy,
     ResidualLatentPolicy,
 )
+from plat.modules.settings import WalkingReach
 from plat.robots import G1
 from plat.spec.timing import Timing
 from tests.modules.policies.test_student import SMALL
@@ -53,6 +56,22 @@ def test_a_lead_moves_the_keyframe_and_nothing_else(state, variant):
     assert torch.equal(policy.deployed()(original.clone())["action"], expected)
     with set_exploration_type(ExplorationType.DETERMINISTIC):
         assert torch.equal(policy.actor()(original)["action"], expected)
+
+
+@pytest.mark.parametrize("reach", [None, WalkingReach()])
+def test_what_is_not_commanded_stays_0_with_a_lead(library, reach):
+    student = LatentPolicy(G1, replace(SMALL, also=("parts",), reach=reach))
+    before, _ = ResidualLatentPolicy(student, RefinementConfig(lead=0.05)).shown()
+    state = TensorDictSequential(*before)(make_keyframe_env(library, 32, DistillationTaskConfig(partial=1.0)).reset())
+    moved, bodies = state["led_goal", "keypoint_pos_b"].unflatten(-1, (-1, 3)), state["parts", "bodies"]
+    assert (bodies == 0).any()
+    assert (moved[bodies == 0] == 0).all()
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_a_student_without_a_latent_is_refused(variant):
+    with pytest.raises(ConfigError, match="student is a PlainPolicy, expected a LatentPolicy"):
+        variant(PlainPolicy(G1))
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
