@@ -56,4 +56,8 @@ def _is_abandoned(folder: Path) -> bool:
 
 def _is_kept(folder: Path) -> bool:
     """Return whether a directory holds weights or checkpoints, which are worth keeping."""
-    return (folder / WEIGHTS_FILE).exists() or any((folder / CHECKPOINTS).glob("*checkpoint-*"))
+    checkpoints = folder / CHECKPOINTS
+    # not Path's own: those raise for a name that is too long
+    return os.path.exists(folder / WEIGHTS_FILE) or (
+        os.path.isdir(checkpoints) and any(checkpoints.glob("*checkpoint-*"))
+    )
