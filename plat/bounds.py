@@ -32,6 +32,7 @@ __all__ = [
     "check_fields",
     "check_value",
     "is_finite",
+    "shown",
 ]
 
 
@@ -149,7 +150,7 @@ def check_fields(settings: Any) -> None:
     for name, (holds, expected) in _checks(settings.__class__).items():
         value = getattr(settings, name)
         if not holds(value):
-            raise ConfigError(f"{type(settings).__name__}: {name} is {_shown(value)}, expected {expected}".rstrip())
+            raise ConfigError(f"{type(settings).__name__}: {name} is {shown(value)}, expected {expected}".rstrip())
 
 
 def check_value(what: str, value: Any, hint: Any) -> None:
@@ -170,28 +171,36 @@ def check_value(what: str, value: Any, hint: Any) -> None:
     """
     holds, expected = _check(hint)
     if not holds(value):
-        raise ConfigError(f"{what} is {_shown(value)}, expected {expected}")
+        raise ConfigError(f"{what} is {shown(value)}, expected {expected}")
 
 
 def is_finite(value: Any, *, or_infinite: bool = False) -> bool:
-    """Return whether a value is a finite number that a float can hold.
+    """Return whether a value is a finite number that a float can hold; truth values and arrays are none.
 
     Args:
         value: anything.
         or_infinite: take infinity as well.
 
-    >>> is_finite(1), is_finite(float("inf")), is_finite(10**400), is_finite("1")
-    (True, False, False, False)
+    >>> is_finite(1), is_finite(float("inf")), is_finite(10**400), is_finite("1"), is_finite(True)
+    (True, False, False, False, False)
     """
+    # a single number of NumPy or torch has a type as well
+    if isinstance(value, bool) or getattr(value, "ndim", 0) != 0 or str(getattr(value, "dtype", "")).endswith("bool"):
+        return False
     try:
         return math.isfinite(value) or (or_infinite and math.isinf(value))
     except (OverflowError, TypeError, ValueError):  # a whole number of hundreds of digits; no number
         return False
 
 
-def _shown(value: Any) -> str:
+def shown(value: Any, brief: Callable[[Any], str] = reprlib.repr) -> str:
+    """Return a value as ``brief`` shows it, for messages.
+
+    >>> shown([1, 2])
+    '[1, 2]'
+    """
     try:
-        return reprlib.repr(value)
+        return brief(value)
     except ValueError:  # Python shows no whole number of thousands of digits
         return "a number of thousands of digits"
 

@@ -6,6 +6,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+from plat.bounds import shown
 from plat.errors import PlatError
 
 __all__ = ["parse_json", "read_json", "short"]
@@ -106,10 +107,6 @@ def short(value: object) -> str:
     >>> short([1, 2]), len(short("x" * 1000)) < 80
     ('[1, 2]', True)
     """
-    try:
-        shown = _SHORT.repr(value)
-    except ValueError:  # Python shows no whole number of thousands of digits
-        return "a number of thousands of digits"
     # arrays are written over several lines
-    text = " ".join(shown.encode("utf-8", "backslashreplace").decode().split())
+    text = " ".join(shown(value, _SHORT.repr).encode("utf-8", "backslashreplace").decode().split())
     return text if len(text) <= _MOST_LETTERS else f"{text[:_MOST_LETTERS]} ..."

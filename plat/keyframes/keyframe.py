@@ -121,7 +121,7 @@ class Keyframe:
             KeyframeError: naming the field, for a wrong shape, a value that is not finite, a quaternion that is not of
                 unit length, a joint angle outside the joint's range, or commands of another robot.
         """
-        if np.ndim(self.time) or np.asarray(self.time).dtype.kind == "b" or not is_finite(self.time):
+        if not is_finite(self.time):
             raise KeyframeError(f"time is {short(self.time)}, expected a finite number of seconds")
         if abs(self.time) > _LONGEST:
             raise KeyframeError(f"time is {self.time:g} s, expected at most a day ({_LONGEST:g} s)")

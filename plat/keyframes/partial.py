@@ -192,15 +192,13 @@ def _reaching(
         return np.linalg.norm(points(angles).reshape(-1, 3) - targets, axis=-1)
 
     best = qpos[[7 + column for column in columns]]
-    best = settled(best) if columns else best
-    random = np.random.default_rng(0)
-    for other in range(
-        _OTHERS if columns else 0
-    ):  # joints at their limits can be in the way from one pose, and not from another
-        if distances(best).max() <= _NEAR:
-            break
-        share = random.uniform(size=len(columns)) if other else 0.5
-        best = min(best, settled(low + share * (high - low)), key=lambda angles: distances(angles).max())
+    if columns:
+        best, random = settled(best), np.random.default_rng(0)
+        for other in range(_OTHERS):  # joints at their limits can be in the way from one pose, and not from another
+            if distances(best).max() <= _NEAR:
+                break
+            share = random.uniform(size=len(columns)) if other else 0.5
+            best = min(best, settled(low + share * (high - low)), key=lambda angles: distances(angles).max())
     missed = distances(best)
     worst = int(missed.argmax())
     if missed[worst] > _OFF:

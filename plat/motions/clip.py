@@ -83,7 +83,7 @@ class MotionClip:
             )
         if len(qpos) < least:
             raise MotionError(f"motion {self.name!r}: {len(qpos)} frames, expected at least {least}")
-        if np.ndim(self.fps) or np.asarray(self.fps).dtype.kind == "b" or not (is_finite(self.fps) and self.fps > 0):
+        if not (is_finite(self.fps) and self.fps > 0):
             raise MotionError(f"motion {self.name!r}: fps is {short(self.fps)}, expected a positive number")
         finite = np.isfinite(qpos)
         if not finite.all():

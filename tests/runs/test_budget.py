@@ -4,6 +4,14 @@ from plat.errors import PlatError
 from plat.runs import Budget
 
 
+@pytest.fixture
+def now(monkeypatch):
+    """Time of the budget's clock (s), in a list."""
+    time = [0.0]
+    monkeypatch.setattr("plat.runs.budget.time.monotonic", lambda: time[0])
+    return time
+
+
 def test_steps():
     budget = Budget(steps=100)
     assert not budget.done
@@ -14,9 +22,8 @@ def test_steps():
     assert budget.seconds_left == 0
 
 
-def test_minutes(monkeypatch):
-    now = [100.0]
-    monkeypatch.setattr("plat.runs.budget.time.monotonic", lambda: now[0])
+def test_minutes(now):
+    now[0] = 100.0
     budget = Budget(minutes=2)
     now[0] += 90
     assert budget.fraction == pytest.approx(0.75)
@@ -26,9 +33,7 @@ def test_minutes(monkeypatch):
     assert budget.done
 
 
-def test_a_budget_shorter_than_an_iteration_is_one_iteration(monkeypatch):
-    now = [0.0]
-    monkeypatch.setattr("plat.runs.budget.time.monotonic", lambda: now[0])
+def test_a_budget_shorter_than_an_iteration_is_one_iteration(now):
     budget = Budget(minutes=0.01)
     now[0] = 5.0
     assert not budget.done
@@ -36,9 +41,7 @@ def test_a_budget_shorter_than_an_iteration_is_one_iteration(monkeypatch):
     assert budget.done
 
 
-def test_what_comes_after_training_does_not_count(monkeypatch):
-    now = [0.0]
-    monkeypatch.setattr("plat.runs.budget.time.monotonic", lambda: now[0])
+def test_what_comes_after_training_does_not_count(now):
     budget = Budget(minutes=2)
     now[0] = 30.0
     budget.end()
@@ -48,9 +51,7 @@ def test_what_comes_after_training_does_not_count(monkeypatch):
     assert budget.seconds == 0.0
 
 
-def test_what_comes_before_training_does_not_count(monkeypatch):
-    now = [0.0]
-    monkeypatch.setattr("plat.runs.budget.time.monotonic", lambda: now[0])
+def test_what_comes_before_training_does_not_count(now):
     budget = Budget(minutes=2)
     now[0] = 500.0
     budget.begin()
@@ -64,9 +65,7 @@ def test_the_first_limit_counts():
     assert budget.done
 
 
-def test_time_to_go_follows_the_rate(monkeypatch):
-    now = [0.0]
-    monkeypatch.setattr("plat.runs.budget.time.monotonic", lambda: now[0])
+def test_time_to_go_follows_the_rate(now):
     budget = Budget(steps=1000)
     assert budget.seconds_left == float("inf")
     now[0] = 10.0
@@ -75,9 +74,7 @@ def test_time_to_go_follows_the_rate(monkeypatch):
     assert budget.seconds_left == pytest.approx(40)
 
 
-def test_resumed_runs_go_on_counting(monkeypatch):
-    now = [0.0]
-    monkeypatch.setattr("plat.runs.budget.time.monotonic", lambda: now[0])
+def test_resumed_runs_go_on_counting(now):
     first = Budget(minutes=1)
     first.add(500)
     now[0] = 30.0

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -20,11 +20,23 @@ from plat.motions.formats.units import Angles, Units, angles_in_radians, place_i
 from plat.motions.formats.unnamed_joints import unnamed_joints
 from plat.robots.robot import Robot
 
-__all__ = ["MotionFile", "QuatOrder", "ReadOptions", "arrange_joints", "check_rate", "make_clip", "number", "strings"]
+__all__ = [
+    "FrameRate",
+    "MotionFile",
+    "QuatOrder",
+    "ReadOptions",
+    "arrange_joints",
+    "check_rate",
+    "make_clip",
+    "number",
+    "strings",
+]
 
 QuatOrder = Literal["wxyz", "xyzw"]
 
-_FPS = (1.0, 1000.0)
+_FPS = (1, 1000)
+FrameRate: TypeAlias = Annotated[float, Range(*_FPS)]
+"""Frames a second that a motion may have."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +57,7 @@ class ReadOptions(Bounded):
 
     robot: Robot
     quat_order: QuatOrder | None = None
-    fps: Annotated[float, Range(1, 1000)] | None = None
+    fps: FrameRate | None = None
     up: Up | None = None
     units: Units | None = None
     angles: Angles | None = None

@@ -7,16 +7,17 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import torch
 
-from plat.bounds import Range, check_value
+from plat.bounds import check_value
 from plat.errors import ConfigError, MotionError
 from plat.motions.checks.underside import Underside
 from plat.motions.clip import MotionClip
 from plat.motions.formats.axes import Up
+from plat.motions.formats.common import FrameRate
 from plat.motions.formats.units import Angles
 from plat.motions.paths import find_files, listed_paths
 from plat.motions.retargeting.asf import read_amc
@@ -138,7 +139,7 @@ def retarget(
     except ImportError as error:
         raise MotionError("retargeting needs: pip install 'plat-rl[retarget]'") from error
     try:
-        check_value("fps", fps, Annotated[float, Range(1, 1000)] | None)
+        check_value("fps", fps, FrameRate | None)
         check_value("up", up, Up | None)
         check_value("units", units, Literal[tuple(UNITS)] | None)
         check_value("angles", angles, Angles | None)
