@@ -38,6 +38,7 @@ if TYPE_CHECKING:
         RefinementConfig,
         WalkingReach,
     )
+    from plat.modules.symmetry import BothSides, MeanOfSides
     from plat.modules.widening import take_over
     from plat.spec.observation import STUDENT_KEYS
 else:
@@ -47,6 +48,7 @@ __all__ = [
     "STUDENT_KEYS",
     "ActionDecoder",
     "Backbone",
+    "BothSides",
     "Critic",
     "DeployedPolicy",
     "DynamicsConfig",
@@ -65,6 +67,7 @@ __all__ = [
     "LatentPolicyConfig",
     "LatentPosterior",
     "LatentPrior",
+    "MeanOfSides",
     "NormalizerConfig",
     "ObservationNormalizer",
     "PlainPolicy",

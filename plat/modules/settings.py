@@ -97,6 +97,8 @@ class PlainPolicyConfig(Bounded):
     """observed beside robot, goal and command: parts (partial keyframes), clock (the last 0.2 s)"""
     reach: WalkingReach | None = None
     """shows keyframes beyond it nearer; none shows them where they are"""
+    symmetric: bool = False
+    """acts by the mean of its action and that in the mirror (student plain)"""
 
 
 @dataclass(frozen=True)

@@ -1,15 +1,11 @@
 """Mirror images of motions: left and right exchanged."""
 
-import numpy as np
-
-from plat.errors import RobotError
 from plat.motions.clip import MotionClip
 from plat.robots import G1, Robot
+from plat.robots.symmetry import MIRRORED_AXIS, joint_symmetry
 
-__all__ = ["joint_symmetry", "mirror_motion"]
+__all__ = ["mirror_motion"]
 
-# The mirror is the plane y = 0. It turns a rotation about (x, y, z) into the same angle about (-x, y, -z).
-_MIRRORED_AXIS = np.array([-1.0, 1.0, -1.0])
 _SUFFIX = "_mirrored"
 
 
@@ -33,33 +29,7 @@ def mirror_motion(clip: MotionClip, robot: Robot = G1) -> MotionClip:
     partner, sign = joint_symmetry(robot)
     qpos = clip.qpos.copy()
     qpos[:, 1] *= -1
-    qpos[:, 4:7] *= _MIRRORED_AXIS.astype(qpos.dtype)
+    qpos[:, 4:7] *= MIRRORED_AXIS.astype(qpos.dtype)
     qpos[:, 7:] = clip.qpos[:, 7:][:, partner] * sign.astype(qpos.dtype)
     name = clip.name.removesuffix(_SUFFIX) if clip.name.endswith(_SUFFIX) else clip.name + _SUFFIX
     return MotionClip(name, qpos, clip.fps)
-
-
-def joint_symmetry(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """Return, for each joint ``[J]``, the joint whose angle it takes in the mirror, and the sign.
-
-    Raises:
-        RobotError: when the robot has no such symmetry.
-    """
-    swapped = {"left": "right", "right": "left"}
-    names = ["_".join(swapped.get(word, word) for word in name.split("_")) for name in robot.joint_names]
-    if names == list(robot.joint_names):
-        raise RobotError(f"robot {robot.name!r}: no joint is called left_... or right_..., so none can change sides")
-    if set(names) != set(robot.joint_names):
-        raise RobotError(
-            f"robot {robot.name!r}: joints without a partner {sorted(set(names) - set(robot.joint_names))}"
-        )
-    partner = np.array([robot.joint_names.index(name) for name in names])
-    model = robot.shared_model
-    axis = model.jnt_axis[1:]
-    body = model.jnt_bodyid[1:]
-    if not np.allclose(model.body_pos[body][partner] * [1, -1, 1], model.body_pos[body], atol=1e-3):
-        raise RobotError(f"robot {robot.name!r}: its links are not symmetric about the plane y = 0")
-    sign = (axis[partner] * _MIRRORED_AXIS * axis).sum(-1).round()
-    if not np.allclose(axis[partner] * _MIRRORED_AXIS, sign[:, None] * axis, atol=1e-6):
-        raise RobotError(f"robot {robot.name!r}: its joint axes are not symmetric about the plane y = 0")
-    return partner, sign

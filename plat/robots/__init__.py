@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from plat.robots.mjcf import Capsule
     from plat.robots.registry import get_robot, register_robot
     from plat.robots.robot import Robot, without_side
+    from plat.robots.symmetry import joint_symmetry, keypoint_symmetry
 else:
     lazy(__name__)
 
@@ -23,6 +24,8 @@ __all__ = [
     "Robot",
     "describe_robot",
     "get_robot",
+    "joint_symmetry",
+    "keypoint_symmetry",
     "register_robot",
     "without_side",
 ]

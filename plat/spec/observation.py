@@ -76,6 +76,10 @@ class Entry:
         per_body: width for each keypoint body.
         scale: factor from the quantity in its unit to the value that policies observe.
         commanded_by: part of a keyframe that a goal's entry belongs to; None for every other entry.
+        mirrored: what becomes of it where left and right change places: ``"same"``; ``"joints"`` of the other side,
+            with the sign of their axes; ``"sides"``, values of the other side; ``"vector"``, also one for each body,
+            with y reversed; ``"axis"`` of a rotation, with x and z reversed; ``"rotation"``, two columns of a matrix.
+            None where nobody has said.
     """
 
     name: str
@@ -86,6 +90,7 @@ class Entry:
     per_body: int = 0
     scale: float = 1.0
     commanded_by: Literal["joints", "root", "bodies"] | None = None
+    mirrored: Literal["same", "joints", "sides", "vector", "axis", "rotation"] | None = None
 
     def width(self, num_joints: int, num_keypoints: int) -> int:
         """Return the number of values for a robot.
@@ -157,22 +162,38 @@ _TARGET = "from the robot's root to the target's, in the robot's root frame"
 OBSERVATION = ObservationTable(
     {
         "robot": (
-            Entry("joint_pos", "rad", "relative to the default pose", per_joint=1),
-            Entry("joint_vel", "rad/s", "joint", per_joint=1),
-            Entry("root_ang_vel_b", "rad/s", "root frame", size=3),
-            Entry("root_lin_vel_b", "m/s", "root frame", size=3),
-            Entry("gravity_b", "1", "direction of gravity, a unit vector, in the root frame", size=3),
-            Entry("last_action", "action", "(joint position target - default pose) / action scale", per_joint=1),
+            Entry("joint_pos", "rad", "relative to the default pose", per_joint=1, mirrored="joints"),
+            Entry("joint_vel", "rad/s", "joint", per_joint=1, mirrored="joints"),
+            Entry("root_ang_vel_b", "rad/s", "root frame", size=3, mirrored="axis"),
+            Entry("root_lin_vel_b", "m/s", "root frame", size=3, mirrored="vector"),
+            Entry(
+                "gravity_b", "1", "direction of gravity, a unit vector, in the root frame", size=3, mirrored="vector"
+            ),
+            Entry(
+                "last_action",
+                "action",
+                "(joint position target - default pose) / action scale",
+                per_joint=1,
+                mirrored="joints",
+            ),
         ),
         "goal": (
-            Entry("joint_pos", "rad", "absolute joint angles of the target", per_joint=1, commanded_by="joints"),
-            Entry("root_pos_b", "m", _TARGET, size=3, commanded_by="root"),
+            Entry(
+                "joint_pos",
+                "rad",
+                "absolute joint angles of the target",
+                per_joint=1,
+                commanded_by="joints",
+                mirrored="joints",
+            ),
+            Entry("root_pos_b", "m", _TARGET, size=3, commanded_by="root", mirrored="vector"),
             Entry(
                 "root_rot6d_b",
                 "1",
                 "first two columns of the matrix that turns target root into robot root frame",
                 size=6,
                 commanded_by="root",
+                mirrored="rotation",
             ),
             Entry(
                 "keypoint_pos_b",
@@ -180,17 +201,24 @@ OBSERVATION = ObservationTable(
                 "from the robot's root to the target's keypoints, root frame",
                 per_body=3,
                 commanded_by="bodies",
+                mirrored="vector",
             ),
         ),
-        "command": (Entry("horizon", "1", "tau", size=1),),
+        "command": (Entry("horizon", "1", "tau", size=1, mirrored="same"),),
         "parts": (
-            Entry("joints", "1", "1 for every commanded joint angle", per_joint=1),
-            Entry("bodies", "1", "1 for every commanded body position", per_body=1),
-            Entry("root", "1", "1 for a commanded horizontal position, height, orientation of the root", size=3),
+            Entry("joints", "1", "1 for every commanded joint angle", per_joint=1, mirrored="sides"),
+            Entry("bodies", "1", "1 for every commanded body position", per_body=1, mirrored="sides"),
+            Entry(
+                "root",
+                "1",
+                "1 for a commanded horizontal position, height, orientation of the root",
+                size=3,
+                mirrored="same",
+            ),
         ),
         "clock": (
-            Entry("soon", "1", "time to the keyframe, in 0.2 s, at most 1", size=1),
-            Entry("in_window", "1", "1 where the step ends in the arrival window", size=1),
+            Entry("soon", "1", "time to the keyframe, in 0.2 s, at most 1", size=1, mirrored="same"),
+            Entry("in_window", "1", "1 where the step ends in the arrival window", size=1, mirrored="same"),
         ),
         "privileged": (
             Entry("keypoint_pos_b", "m", "from the robot's root to its keypoints, root frame", per_body=3),

@@ -43,7 +43,8 @@ says which names are goals.
 
 To add an entry to the goal, add it to the table, and add the function that computes it to
 `GOAL_ENTRIES` in `plat/envs/goals.py` (torch) and in `plat/deploy/goals.py` (numpy). Environment,
-networks, gymnasium and exports follow. Weights that were trained before do not fit the new size.
+networks, gymnasium and exports follow. Weights that were trained before do not fit the new size. A policy
+that is `symmetric` asks what becomes of it in the mirror (`Entry.mirrored`).
 """
 
 

@@ -16,9 +16,9 @@ from plat.errors import StudioError
 from plat.export import export_bundle
 from plat.files import check_folder
 from plat.keyframes.files import write_keyframes
-from plat.motions.mirror import joint_symmetry
 from plat.motions.retargeting.geometry import RobotGeometry
 from plat.robots.robot import Robot
+from plat.robots.symmetry import joint_symmetry
 from plat.spec.timing import Timing
 from plat.studio.pins import PRESETS, pin_bodies
 from plat.studio.poser import BALLS, HANDLES, WHOLE, Poser

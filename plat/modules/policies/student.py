@@ -7,6 +7,7 @@ from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequential
 from torch import Tensor, nn
 
+from plat.errors import ConfigError
 from plat.modules.backbone import Backbone
 from plat.modules.decoder import ActionDecoder
 from plat.modules.deployed import DeployedPolicy
@@ -16,6 +17,7 @@ from plat.modules.lead import led
 from plat.modules.normalizer import ObservationNormalizer
 from plat.modules.reach import KeyframeReach
 from plat.modules.settings import LatentPolicyConfig, PlainPolicyConfig
+from plat.modules.symmetry import BothSides, MeanOfSides
 from plat.robots.robot import Robot
 from plat.spec.observation import STUDENT_KEYS, goal_keys, observation_size, observation_widths, student_keys
 from plat.spec.timing import Timing
@@ -72,6 +74,8 @@ class LatentPolicy(nn.Module):
         super().__init__()
         self.robot = robot
         self.config = config = config or LatentPolicyConfig()
+        if config.symmetric:
+            raise ConfigError("LatentPolicy: symmetric is for a student without a latent (PlainPolicy), expected False")
         self.mode = mode
         self._sample = sample
         hidden, code, latent = config.hidden_size, config.encoder_size, config.latent_size
@@ -215,7 +219,13 @@ class PlainPolicy(nn.Module):
     def training_graph(self) -> TensorDictSequential:
         """Return everything that the imitation loss asks for: writes ``action``."""
         before, keys = _shown(self.config)
-        return TensorDictSequential(*before, self.normalizer.using(keys), self.backbone, self.decoder.using("hidden"))
+        if not self.config.symmetric:
+            action = [self.decoder.using("hidden")]
+        else:
+            both, mean = BothSides(self.robot, student_keys(self.config.also), keys), MeanOfSides(self.robot)
+            before, keys = [*before, both], list(both.out_keys)
+            action = [self.decoder.using("hidden", out_key=mean.in_keys[0]), mean]
+        return TensorDictSequential(*before, self.normalizer.using(keys), self.backbone, *action)
 
     def sampled(self) -> TensorDictSequential:
         """Return the policy that collects: there is nothing to sample."""

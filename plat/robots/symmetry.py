@@ -1,0 +1,66 @@
+"""Left-right symmetry of a robot: which joints and keypoints change places in the mirror, and which turn the other way.
+
+The mirror is the plane y = 0. It turns a rotation about (x, y, z) into the same angle about (-x, y, -z).
+"""
+
+import numpy as np
+
+from plat.errors import RobotError
+from plat.robots.robot import Robot
+
+__all__ = ["MIRRORED_AXIS", "joint_symmetry", "keypoint_symmetry"]
+
+MIRRORED_AXIS = np.array([-1.0, 1.0, -1.0])
+"""Signs of an axis of rotation in the mirror."""
+
+
+def joint_symmetry(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """Return, for each joint ``[J]``, the joint whose angle it takes in the mirror, and the sign.
+
+    Raises:
+        RobotError: when the robot has no such symmetry.
+
+    >>> from plat.robots import G1
+    >>> partner, sign = joint_symmetry(G1)
+    >>> left = G1.joint_names.index("left_hip_roll")
+    >>> G1.joint_names[partner[left]], sign[left]
+    ('right_hip_roll', np.float64(-1.0))
+    """
+    names = [_other_side(name) for name in robot.joint_names]
+    if names == list(robot.joint_names):
+        raise RobotError(f"robot {robot.name!r}: no joint is called left_... or right_..., so none can change sides")
+    if set(names) != set(robot.joint_names):
+        raise RobotError(
+            f"robot {robot.name!r}: joints without a partner {sorted(set(names) - set(robot.joint_names))}"
+        )
+    partner = np.array([robot.joint_names.index(name) for name in names])
+    model = robot.shared_model
+    axis = model.jnt_axis[1:]
+    body = model.jnt_bodyid[1:]
+    if not np.allclose(model.body_pos[body][partner] * [1, -1, 1], model.body_pos[body], atol=1e-3):
+        raise RobotError(f"robot {robot.name!r}: its links are not symmetric about the plane y = 0")
+    sign = (axis[partner] * MIRRORED_AXIS * axis).sum(-1).round()
+    if not np.allclose(axis[partner] * MIRRORED_AXIS, sign[:, None] * axis, atol=1e-6):
+        raise RobotError(f"robot {robot.name!r}: its joint axes are not symmetric about the plane y = 0")
+    return partner, sign
+
+
+def keypoint_symmetry(robot: Robot) -> np.ndarray:
+    """Return, for each keypoint ``[K]``, the keypoint whose place it takes in the mirror.
+
+    Raises:
+        RobotError: for a keypoint without a partner.
+
+    >>> from plat.robots import G1
+    >>> len(keypoint_symmetry(G1))
+    14
+    """
+    names = [_other_side(name) for name in robot.keypoints]
+    if alone := sorted(set(names) - set(robot.keypoints)):
+        raise RobotError(f"robot {robot.name!r}: keypoints without a partner {alone}")
+    return np.array([robot.keypoints.index(name) for name in names])
+
+
+def _other_side(name: str) -> str:
+    swapped = {"left": "right", "right": "left"}
+    return "_".join(swapped.get(word, word) for word in name.split("_"))
