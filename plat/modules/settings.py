@@ -48,6 +48,8 @@ class ExpertConfig(Bounded):
     """proportional gain on the position error: the reference is shown displaced by gain * error"""
     catch_up_limit: NonNegative = 0.3
     """longest position error that the gain is applied to (m)"""
+    symmetric: bool = False
+    """acts by the mean of its action and that in the mirror"""
     init_std: Positive = 0.6
     """exploration noise at the start, in units of action"""
     min_std: Positive = 0.02

@@ -10,6 +10,8 @@ from plat.errors import ConfigError, ObservationError, RobotError
 from plat.export import JointTargetNetwork
 from plat.modules import (
     BothSides,
+    Expert,
+    ExpertConfig,
     LatentPolicy,
     LatentPolicyConfig,
     MeanOfSides,
@@ -67,15 +69,19 @@ def test_the_mirror_image_of_the_mirror_image_is_the_observation():
     torch.testing.assert_close(sign * sign[column], torch.ones(len(column)))
 
 
-def test_a_symmetric_policy_answers_the_mirror_image_with_the_mirrored_action():
+EXPERT = ExpertConfig(hidden=(16,), ahead=(1, 2), action="reference_velocity", lead=0.1, catch_up=2.0, symmetric=True)
+
+
+@pytest.mark.parametrize(("kind", "config"), [(PlainPolicy, SMALL), (Expert, EXPERT)])
+def test_a_symmetric_policy_answers_the_mirror_image_with_the_mirrored_action(kind, config):
     # through what is exported, which takes the observation as one vector
-    policy = PlainPolicy(G1, SMALL)
+    policy = kind(G1, config)
     network = JointTargetNetwork(policy)
     column, sign = mirrored_columns(network.keys, G1)
     observation = torch.randn(5, network.num_features)
     target, image = network(observation), network(observation[:, column] * sign)
     torch.testing.assert_close(image, target[:, PARTNER] * SIGN.float(), atol=1e-5, rtol=1e-5)
-    plain = PlainPolicy(G1, replace(SMALL, symmetric=False))
+    plain = kind(G1, replace(config, symmetric=False))
     plain.load_state_dict(policy.state_dict())
     alone = JointTargetNetwork(plain)
     expected = 0.5 * (alone(observation) + alone(observation[:, column] * sign)[:, PARTNER] * SIGN.float())

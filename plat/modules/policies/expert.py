@@ -22,6 +22,7 @@ from plat.modules.lead import GoalLead, led
 from plat.modules.networks import mlp
 from plat.modules.normalizer import ObservationNormalizer
 from plat.modules.settings import ExpertConfig
+from plat.modules.symmetry import BothSides, MeanOfSides
 from plat.modules.widening import widened
 from plat.motions.library import MotionLibrary
 from plat.robots.robot import Robot
@@ -97,22 +98,33 @@ class Expert(nn.Module):
 
     def _observe(self, goals: Sequence[str]) -> list[TensorDictModule]:
         """Return what leads to the normalized observation. Its statistics are those of the goals as they are."""
-        keys = self._keys(goals)
-        if not (self.config.lead or self.config.catch_up):
-            return [self.normalizer.using(keys)]
-        config = self.config
-        lead = GoalLead(goals, config.lead, config.catch_up, self._interval, config.catch_up_limit)
-        return [lead, self.normalizer.using(led(keys, lead))]
+        config, keys = self.config, self._keys(goals)
+        before: list[TensorDictModule] = []
+        shown: list[NestedKey] = list(keys)
+        if config.lead or config.catch_up:
+            before = [GoalLead(goals, config.lead, config.catch_up, self._interval, config.catch_up_limit)]
+            shown = led(keys, before[0])
+        if config.symmetric:
+            before.append(BothSides(self.robot, keys, shown))
+            shown = before[-1].out_keys
+        return [*before, self.normalizer.using(shown)]
 
     def _mean(self, goals: Sequence[str], out_key: str) -> list[TensorDictModule]:
         """Return what leads from the normalized observation to the mean action."""
         if self.config.action == "default_offset":
-            return [TensorDictModule(self.network, in_keys=["observation"], out_keys=[out_key])]
-        network = TensorDictModule(self.network, in_keys=["observation"], out_keys=["residual"])
+            return self._output(out_key)
         in_keys: list[NestedKey] = ["residual", (goals[0], "joint_pos")]
         if self.config.action == "reference_velocity":
             in_keys.append((goals[1], "joint_pos"))
-        return [network, ReferenceOffset(self.robot, in_keys, out_key, self._interval, self.config.residual_limit)]
+        offset = ReferenceOffset(self.robot, in_keys, out_key, self._interval, self.config.residual_limit)
+        return [*self._output("residual"), offset]
+
+    def _output(self, out_key: str) -> list[TensorDictModule]:
+        """Return what leads from the normalized observation to what the network adds."""
+        if not self.config.symmetric:
+            return [TensorDictModule(self.network, in_keys=["observation"], out_keys=[out_key])]
+        mean = MeanOfSides(self.robot, out_key=out_key)
+        return [TensorDictModule(self.network, in_keys=["observation"], out_keys=mean.in_keys), mean]
 
     @torch.no_grad()
     def start_from(self, trained: "Expert") -> None:

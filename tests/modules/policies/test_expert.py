@@ -7,9 +7,12 @@ from plat.errors import ConfigError
 from plat.modules import Expert, ExpertConfig
 from plat.robots import G1
 
+SYMMETRY = pytest.mark.parametrize("symmetric", [False, True])
 
-def test_deployed_is_the_actors_mean(library):
-    expert = Expert(G1)
+
+@SYMMETRY
+def test_deployed_is_the_actors_mean(library, symmetric):
+    expert = Expert(G1, ExpertConfig(symmetric=symmetric))
     state = make_tracking_env(library, 4).reset()
     with set_exploration_type(ExplorationType.DETERMINISTIC):
         acted = expert.actor()(state.clone())
@@ -17,8 +20,9 @@ def test_deployed_is_the_actors_mean(library):
     torch.testing.assert_close(acted["action"], acted["loc"])
 
 
-def test_head_reads_what_the_actor_wrote(library):
-    expert = Expert(G1)
+@SYMMETRY
+def test_head_reads_what_the_actor_wrote(library, symmetric):
+    expert = Expert(G1, ExpertConfig(symmetric=symmetric))
     rollout = expert.actor()(make_tracking_env(library, 4).reset())
     dist = expert.head().get_dist(rollout.select(*expert.head().in_keys))
     torch.testing.assert_close(dist.log_prob(rollout["action"]), rollout["action_log_prob"])
