@@ -244,7 +244,7 @@ class Run:
         self, before: Mapping[str, Any], config: Mapping[str, Any], inputs: Mapping[str, Any]
     ) -> dict[str, tuple[Any, Any]]:
         """Return the settings that differ and may; raise CheckpointError naming those that may not."""
-        free, wrong = compared(self.folder, self._recipe, inputs)
+        free, wrong = compared(self.folder, before, self._recipe, inputs)
         if wrong:
             raise CheckpointError(
                 f"{str(self.folder)!r} cannot be resumed: {wrong}. Budget and learning rates may "

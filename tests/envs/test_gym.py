@@ -182,7 +182,7 @@ def test_vector_form():
     ("arguments", "message"),
     [
         ({"task": KeyframeTaskConfig(partial=0.5)}, "task.partial: .* expected also="),
-        ({"task": 0.5}, "config is a float, expected a DistillationTaskConfig"),
+        ({"task": 0.5}, "config is 0.5, expected a DistillationTaskConfig"),
         ({"timing": 0.02}, "timing is a float, expected a plat.spec.timing.Timing"),
     ],
 )
