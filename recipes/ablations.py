@@ -248,7 +248,7 @@ def check_made_so(training: Planned, inputs: dict[str, Any]) -> None:
     if needs and has_weights(before := training.out.parent / needs):
         what = "expert" if isinstance(training.recipe, distill.DistillRecipe) else "student"
         inputs = {**inputs, what: weights_print(SavedRun(before).policy_as(nn.Module, "weights"))}
-    _, differing = compared(training.out, training.recipe, inputs)
+    _, differing = compared(training.out, SavedRun(training.out).config, training.recipe, inputs)
     if differing:
         raise PlatError(
             f"{training.row.name}: {str(training.out)!r} was trained otherwise: {differing}; train with what it had, "

@@ -6,7 +6,7 @@ It writes ``docs/results.md``, and copies tables and pictures to ``docs/benchmar
 import shlex
 import shutil
 import sys
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
@@ -62,11 +62,12 @@ def page(folder: Path, pictures: str = "", sets: Collection[str] | None = None) 
         RecordsError: when the folder holds no benchmark.
     """
     about, head, names = _read_about(folder)
-    sections = [head]
-    for name in names:
-        if sets is None or name in sets:
-            sections.append(_section(name, read_study(folder / name), folder / name, pictures + name, about))
-    return "\n".join(sections)
+    return _page(folder, about, head, [name for name in names if sets is None or name in sets], pictures)
+
+
+def _page(folder: Path, about: dict[str, Any], head: str, names: Sequence[str], pictures: str) -> str:
+    sections = [_section(name, read_study(folder / name), folder / name, pictures + name, about) for name in names]
+    return "\n".join([head, *sections])
 
 
 def group_figure(kind: str) -> str:
@@ -85,8 +86,9 @@ def publish(folder: Path, docs: Path) -> None:
         RecordsError: when ``folder`` holds no benchmark.
     """
     kept = docs / "benchmark"
-    text = page(folder, "benchmark/")
-    shown = [folder / name for name in _read_about(folder)[2]]  # other sets are of an earlier start
+    about, head, names = _read_about(folder)
+    text = _page(folder, about, head, names, "benchmark/")
+    shown = [folder / name for name in names]  # other sets are of an earlier start
     shutil.rmtree(kept, ignore_errors=True)
     for path in [folder / ABOUT, *(path for one in shown for kind in ("csv", "png") for path in one.glob(f"*.{kind}"))]:
         place = kept / path.relative_to(folder)

@@ -7,12 +7,21 @@ from torch import Tensor
 
 from plat.errors import ActionError
 
-__all__ = ["ABSURD_ACTION", "BrokenRobots"]
+__all__ = ["ABSURD_ACTION", "BrokenRobots", "absurd"]
 
 ABSURD_ACTION = 1e4
 """Actions beyond this, or not finite, terminate their robot: motors saturate at a few units."""
 # This many consecutive control steps with broken robots mean that the policy is broken.
 _BROKEN_STEPS = 50
+
+
+def absurd(action: Tensor) -> Tensor:
+    """Return the mask ``[N]`` of robots whose action ``[N, J]`` is beyond :data:`ABSURD_ACTION`, or not finite.
+
+    >>> absurd(torch.tensor([[0.5], [1e30], [torch.nan]])).tolist()
+    [False, True, True]
+    """
+    return ~(action.abs() <= ABSURD_ACTION).all(-1)  # true for NaN as well
 
 
 class BrokenRobots:
@@ -44,7 +53,7 @@ class BrokenRobots:
 
     def sound(self, action: Tensor) -> Tensor:
         """Return actions ``[N, J]`` with 0 for robots whose action is absurd, which :meth:`found` then names."""
-        self._absurd = ~(action.abs() <= ABSURD_ACTION).all(-1)  # true for NaN as well
+        self._absurd = absurd(action)
         return torch.where(self._absurd[:, None], 0.0, action)
 
     def found(self, diverged: Tensor) -> Tensor:

@@ -26,6 +26,7 @@ from tensordict import TensorDictBase
 from torchrl.data import Binary, Composite
 from torchrl.envs import Transform
 
+from plat.bounds import check_value
 from plat.envs.configs import KeyframeTaskConfig
 from plat.envs.reach import distances
 from plat.envs.settings import ReachLimits
@@ -87,8 +88,7 @@ class _Task:
         timing: Timing,
         also: Sequence[str],
     ):
-        if not isinstance(timing, Timing):
-            raise TaskError(f"timing is a {type(timing).__name__}, expected a plat.spec.timing.Timing")
+        check_value("timing", timing, Timing)
         if getattr(task, "partial", 0) and "parts" not in also:
             raise TaskError(
                 "task.partial: the observation does not say which parts are commanded, expected also=('parts',)"

@@ -1,11 +1,11 @@
 """Task environments: dense tracking (stage 1) and sparse timed keyframes (stages 2 and 3)."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, get_args
 
 import torch
 from torchrl.envs import Compose, ExcludeTransform, RemoveEmptySpecs, Transform, TransformedEnv
 
+from plat.bounds import check_value
 from plat.envs.configs import (
     DistillationTaskConfig,
     KeyframeTaskConfig,
@@ -35,7 +35,6 @@ from plat.envs.transforms import (
     TrackingTermination,
 )
 from plat.envs.transforms.command import check_timing
-from plat.errors import TaskError
 from plat.motions.library import MotionLibrary
 from plat.spec.timing import Timing
 
@@ -75,8 +74,8 @@ def make_tracking_env(
         physics: makes the physics.
 
     Raises:
-        TaskError: when a reward or transform reads what no transform before it writes, and for an argument of
-            another type.
+        TaskError: when a reward or transform reads what no transform before it writes.
+        ConfigError: for an argument of another type.
 
     >>> from plat.motions import generate_motions
     >>> env = make_tracking_env(MotionLibrary.from_clips(generate_motions("train", seconds=8)), num_envs=2)
@@ -84,7 +83,9 @@ def make_tracking_env(
     torch.Size([2, 2, 1])
     """
     config = config or TrackingTaskConfig()
-    _check_types(library=(library, MotionLibrary), config=(config, TrackingTaskConfig), goals=(goals, Mapping))
+    check_value("library", library, MotionLibrary)
+    check_value("config", config, TrackingTaskConfig)
+    check_value("goals", goals, Mapping)
     env = _simulation(library, num_envs, config, 1, num_threads, device, physics)
     rewards = config.rewards(env.robot) if rewards is None else rewards
     termination = TrackingTermination(env.robot, config.limits, max_displacement=config.max_displacement)
@@ -124,8 +125,8 @@ def make_keyframe_env(
         rewards, transforms, num_threads, device, physics: as for :func:`make_tracking_env`.
 
     Raises:
-        TaskError: when a reward or transform reads what no transform before it writes, and for an argument of
-            another type.
+        TaskError: when a reward or transform reads what no transform before it writes.
+        ConfigError: for an argument of another type.
         MotionError: when a clip is too short for a command.
         PlatError: when motions or horizon do not fit the timing.
 
@@ -135,12 +136,10 @@ def make_keyframe_env(
     torch.Size([2, 2, 1])
     """
     config = config or KeyframeTaskConfig()
-    _check_types(
-        library=(library, MotionLibrary),
-        config=(config, DistillationTaskConfig),
-        timing=(timing, Timing | None),
-        dense_goals=(dense_goals, Mapping),
-    )
+    check_value("library", library, MotionLibrary)
+    check_value("config", config, DistillationTaskConfig)
+    check_value("timing", timing, Timing | None)
+    check_value("dense_goals", dense_goals, Mapping)
     timing = timing or Timing(control_dt=library.dt)
     horizon = horizon or Horizon(1, timing.max_steps)
     check_timing(library, horizon, timing)
@@ -157,14 +156,6 @@ def make_keyframe_env(
         PrivilegedState(env.library),
     ]
     return _assemble(env, config, judges, observations, transforms)
-
-
-def _check_types(**arguments: tuple[object, Any]) -> None:
-    """Raise an error for the first argument whose type is another than it is given with."""
-    for name, (value, kind) in arguments.items():
-        if not isinstance(value, kind):
-            expected = " or ".join(each.__name__ for each in get_args(kind) or (kind,)).replace("NoneType", "None")
-            raise TaskError(f"{name} is a {type(value).__name__}, expected a {expected}")
 
 
 def _simulation(

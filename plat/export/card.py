@@ -1,10 +1,11 @@
 """Model card of a bundle."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from plat.deploy.bundle import Bundle, BundleScore
 from plat.export.data_sets import license_table, strictest_license
+from plat.runs.saved_run import SavedRun
 
 __all__ = ["model_card", "run_card"]
 
@@ -20,12 +21,12 @@ send(command.position, command.stiffness, command.damping)
 ```"""
 
 
-def model_card(bundle: Bundle, settings: Mapping[str, Any], max_difference: float, files: Collection[str] = ()) -> str:
+def model_card(bundle: Bundle, run: SavedRun, max_difference: float, files: Collection[str] = ()) -> str:
     """Return Markdown that describes the policy: architecture, training, scores and limits.
 
     Args:
         bundle: what the bundle says about itself.
-        settings: of the recipe that made the run.
+        run: whose policy it is.
         max_difference: of a joint target between exported and torch policy (rad).
         files: names of optional files of the bundle: ``scene.xml``, ``picture.png``.
     """
@@ -45,20 +46,20 @@ def model_card(bundle: Bundle, settings: Mapping[str, Any], max_difference: floa
         f"## Training\n\nA `{bundle.policy.kind}` policy, made by {made_by} in the run `{training.run}` (plat "
         f"{training.plat}, torch {training.torch}, commit {training.commit}). Motions of that run, "
         "or of those that it is the mean of:\n\n"
-        + _motions(settings)
+        + _motions(run.motions)
         + "\n\nTheir licenses bind what the policy may be used for. Runs that it began with may have seen others.",
         "## Scores\n\n" + _score_table(bundle.scores),
-        f"## Limits\n\n{_limits(settings)} Exported and torch policy differ by at most {max_difference:.2g} rad.",
+        f"## Limits\n\n{_limits(run.settings)} Exported and torch policy differ by at most {max_difference:.2g} rad.",
     ]
     return "\n\n".join(parts) + "\n"
 
 
-def run_card(bundle: Bundle, settings: Mapping[str, Any], name: str) -> str:
+def run_card(bundle: Bundle, run: SavedRun, name: str) -> str:
     """Return the card of a run on the Hugging Face Hub: front matter, use, training, scores and limits.
 
     Args:
         bundle: what a bundle of it would say.
-        settings: of the recipe that made the run.
+        run: whose policy it is.
         name: ``"hf:owner/name"``.
     """
     parts = [
@@ -66,15 +67,14 @@ def run_card(bundle: Bundle, settings: Mapping[str, Any], name: str) -> str:
         f"# {name.partition('/')[2]}: timed keyframes on the {bundle.robot.name}",
         f"A `{bundle.policy.kind}` policy of plat for the {bundle.robot.name}.",
         f'```python\nimport plat  # pip install "plat-rl[hub]"\n\npolicy = plat.load("{name}").deployed()\n```',
-        "## Training\n\nMotions of its last run, or of those that it is the mean of:\n\n" + _motions(settings),
+        "## Training\n\nMotions of its last run, or of those that it is the mean of:\n\n" + _motions(run.motions),
         "## Scores\n\n" + _score_table(bundle.scores),
-        f"## Limits\n\n{_limits(settings)}",
+        f"## Limits\n\n{_limits(run.settings)}",
     ]
     return "\n\n".join(parts) + "\n"
 
 
-def _motions(settings: Mapping[str, Any]) -> str:
-    motions = [str(name) for name in settings.get("motions", ())]
+def _motions(motions: Sequence[str]) -> str:
     if not motions:
         return "unknown"
     return f"{license_table(motions)}\n\nThe strictest of these licenses: {strictest_license(motions)}."

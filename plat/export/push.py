@@ -27,5 +27,5 @@ def push_run(run: str | Path, name: str, *, private: bool = True) -> None:
     policy = saved.policy()
     if isinstance(policy, Expert):
         raise CheckpointError(f"{str(run)!r} holds an expert, expected a policy that chases keyframes")
-    card = run_card(describe_policy(policy, saved), {**saved.settings, "motions": saved.motions}, name)
+    card = run_card(describe_policy(policy, saved), saved, name)
     upload_run(folder, name, card, private=private)

@@ -138,9 +138,9 @@ def average_runs(runs: Sequence[str | Path], out: Path, shares: Sequence[float] 
     except ConfigError as error:
         raise CheckpointError(f"{', '.join(str(run.folder) for run in saved)}: {error}") from None
     of = [
-        {"run": run.name, "share": share, "motions": run.motions}
+        {"run": str(name), "share": share, "motions": run.motions}
         | {key: run.config.get(key) for key in ("finished", "made_with")}
-        for run, share in zip(saved, parts, strict=True)
+        for name, run, share in zip(runs, saved, parts, strict=True)
     ]
     lock = RunLock(out)  # a training that has no checkpoint yet may have it
     try:

@@ -1,6 +1,8 @@
 """Training budget in minutes or environment steps, with an estimate of the time left."""
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from plat.errors import PlatError
 
@@ -11,7 +13,7 @@ class Budget:
     """Training budget: counts steps and seconds against a limit.
 
     Args:
-        minutes: wall-clock minutes of training, counted over all resumed parts.
+        minutes: wall-clock minutes of training, counted over all resumed parts, without pauses.
         steps: environment steps, counted over all robots and resumed parts. The first limit that is reached counts.
 
     Raises:
@@ -80,6 +82,18 @@ class Budget:
     def end(self) -> None:
         """Count no seconds from now on: a report on what was trained is no training."""
         self._ended = time.monotonic()
+
+    @contextmanager
+    def paused(self) -> Iterator[None]:
+        """Count no seconds, as a context: a video or a checkpoint is no training."""
+        running, began = self._ended is None, time.monotonic()
+        if running:
+            self._ended = began
+        try:
+            yield
+        finally:
+            if running:
+                self._started, self._ended = self._started + time.monotonic() - began, None
 
     def add(self, steps: int) -> None:
         """Count environment steps."""

@@ -71,11 +71,14 @@ def changes(before: Mapping[str, Any], now: Mapping[str, Any], content: Mapping[
     return Changes(free, {name: pair for name, pair in found.items() if name not in free})
 
 
-def compared(folder: Path, recipe: Any, inputs: Mapping[str, Any]) -> tuple[dict[str, tuple[Any, Any]], str]:
+def compared(
+    folder: Path, config: Mapping[str, Any], recipe: Any, inputs: Mapping[str, Any]
+) -> tuple[dict[str, tuple[Any, Any]], str]:
     """Compare a run with the recipe and the inputs that it is to go on with.
 
     Args:
         folder: of the run.
+        config: its ``config.json``.
         recipe: a dataclass with the settings.
         inputs: fingerprints, see :func:`plat.runs.run_inputs`.
 
@@ -83,10 +86,9 @@ def compared(folder: Path, recipe: Any, inputs: Mapping[str, Any]) -> tuple[dict
         Settings that differ and may, by name, as they were and are; and in words what differs and may not, if anything.
 
     Raises:
-        CheckpointError: when the run's settings cannot be read.
+        CheckpointError: when the run's settings are of odd types.
     """
-    path = folder / CONFIG_FILE
-    before = entry(read_json(path), "recipe", _Recipe, path) or _Recipe()
+    before = entry(config, "recipe", _Recipe, folder / CONFIG_FILE) or _Recipe()
     saved = {} if before.settings is None else with_defaults(before.settings, recipe)
     found = changes(saved, settings_of(recipe), inputs)
     wrong = [f"{name} is {new}, was {old}" for name, (old, new) in found.refused.items()]

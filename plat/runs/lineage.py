@@ -13,11 +13,12 @@ _KINDS = ("latent", "plain")
 
 
 def parents(run: SavedRun) -> list[SavedRun]:
-    """Return the runs that a run began from or learned from, as far as they are here.
+    """Return the runs that a run began from, learned from or is the mean of, as far as they are here.
 
     They are looked for beside it, by an absolute path, and among the weights that come with plat.
     """
     given = [run.settings.get(name) for name in ("init", "init_model", "expert", "student")]
+    given += [part.get("run") for part in run.averaged]
     found: dict[Path, SavedRun] = {}
     shipped = shipped_runs()
     for name in (str(each) for each in given if each and each not in _KINDS):
@@ -40,8 +41,7 @@ def made_by(run: SavedRun) -> str:
     settings = run.settings
     variant = settings.get("variant") or (settings.get("student") if settings.get("student") in _KINDS else None)
     before = [names.get(parent.folder.resolve(), parent.name) for parent in parents(run)]
-    average = run.config.get("average")
-    mean = [f"mean of {len(average)} runs"] if isinstance(average, list) else []
+    mean = [f"mean of {len(run.averaged)} runs"] if run.averaged else []
     words = [f"plat {run.recipe}" if run.recipe else "plat", *([str(variant)] if variant else []), *mean]
     return ", ".join([*words, *([f"from {' and '.join(before)}"] if before else [])])
 

@@ -244,7 +244,7 @@ class Run:
         self, before: Mapping[str, Any], config: Mapping[str, Any], inputs: Mapping[str, Any]
     ) -> dict[str, tuple[Any, Any]]:
         """Return the settings that differ and may; raise CheckpointError naming those that may not."""
-        free, wrong = compared(self.folder, self._recipe, inputs)
+        free, wrong = compared(self.folder, before, self._recipe, inputs)
         if wrong:
             raise CheckpointError(
                 f"{str(self.folder)!r} cannot be resumed: {wrong}. Budget and learning rates may "
@@ -305,11 +305,12 @@ class Run:
         self._last_save = float("-inf")  # nothing else could be resumed there
 
     def _take_film(self, film: Callable[[int], Path | None]) -> None:
-        with _same_randomness():  # whether a video is due depends on the clock
-            video = film(self.budget.steps)
-        if video is not None:
-            for run in self._tracked:
-                log_video(run, video, self.budget.steps)
+        with self.budget.paused():
+            with _same_randomness():  # whether a video is due depends on the clock
+                video = film(self.budget.steps)
+            if video is not None:
+                for run in self._tracked:
+                    log_video(run, video, self.budget.steps)
 
     def _stop_here(self) -> NoReturn:
         """Save and end the program."""
@@ -330,13 +331,16 @@ class Run:
             CheckpointError: when the disk does not take them; the checkpoint before is intact.
         """
         self._stay()
-        try:
-            self._checkpoints.save(self.budget.steps)
-        except CheckpointError:
-            with suppress(CheckpointError):  # a disk that is full for a checkpoint may take weights, which are small
-                self._save_weights()
-            raise
-        self._save_weights()
+        with self.budget.paused():
+            try:
+                self._checkpoints.save(self.budget.steps)
+            except CheckpointError:
+                with suppress(
+                    CheckpointError
+                ):  # a disk that is full for a checkpoint may take weights, which are small
+                    self._save_weights()
+                raise
+            self._save_weights()
         self._last_save = time.monotonic()
 
     def _save_weights(self) -> None:

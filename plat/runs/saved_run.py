@@ -85,16 +85,20 @@ class SavedRun:
         return settings if isinstance(settings, dict) else {}
 
     @property
+    def averaged(self) -> list[dict[str, Any]]:
+        """Return what is known of each run that this one is the mean of; none where it is no mean."""
+        average = self.config.get("average")
+        return [part for part in average if isinstance(part, dict)] if isinstance(average, list) else []
+
+    @property
     def motions(self) -> list[str]:
         """Return the motions that the run was trained on; of a mean of runs, those of all of them that are known.
 
         Raises:
             CheckpointError: naming file and field, for motions that are no list of names.
         """
-        average = self.config.get("average")
-        parts = [part for part in average if isinstance(part, dict)] if isinstance(average, list) else []
         found: dict[str, None] = {}
-        for name, one in [("recipe.settings", self.settings), *(("average", part) for part in parts)]:
+        for name, one in [("recipe.settings", self.settings), *(("average", part) for part in self.averaged)]:
             motions = one.get("motions")
             if not isinstance(motions, list | None) or not all(isinstance(motion, str) for motion in motions or ()):
                 raise CheckpointError(

@@ -4,7 +4,7 @@ import pytest
 import torch
 from tensordict.nn import TensorDictModule
 
-from plat.envs import MotionTrackingEnv, make_keyframe_env
+from plat.envs import MotionTrackingEnv, make_keyframe_env, make_tracking_env
 from plat.envs.broken import ABSURD_ACTION
 from plat.envs.transforms import pop_statistics
 from plat.errors import ActionError
@@ -61,6 +61,19 @@ def test_tasks_keep_the_termination(library: MotionLibrary) -> None:
     assert bool(env.step(tensordict)["next", "terminated"][1])
     assert pop_statistics(env)["broken"] == 1.0
     assert "broken" not in pop_statistics(env)
+
+
+@pytest.mark.parametrize("make", [make_tracking_env, make_keyframe_env])
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e30, 2 * ABSURD_ACTION])
+def test_a_step_with_an_absurd_action_is_paid_nothing(library: MotionLibrary, make, value: float) -> None:
+    env = make(library, 2)
+    actions = torch.zeros(2, 29)
+    actions[1, 7] = value
+    after = step(env, actions)
+    assert after["terminated"][1, 0]
+    assert after["reward"][1, 0] == 0.0
+    assert after["reward"][0, 0] != 0.0
+    assert all(math.isfinite(mean) for mean in pop_statistics(env).values())
 
 
 def test_a_policy_that_goes_on_like_that_is_stopped_by_one_line(library: MotionLibrary) -> None:

@@ -16,7 +16,7 @@ from tensordict import TensorDict
 import plat.envs.gym
 from plat.envs import KeyframeTaskConfig
 from plat.envs.transforms import RandomizationRanges
-from plat.errors import ActionError, RenderingError, TaskError
+from plat.errors import ActionError, PlatError, RenderingError, TaskError
 
 
 @pytest.fixture(scope="module")
@@ -182,12 +182,12 @@ def test_vector_form():
     ("arguments", "message"),
     [
         ({"task": KeyframeTaskConfig(partial=0.5)}, "task.partial: .* expected also="),
-        ({"task": 0.5}, "config is a float, expected a DistillationTaskConfig"),
-        ({"timing": 0.02}, "timing is a float, expected a plat.spec.timing.Timing"),
+        ({"task": 0.5}, "config is 0.5, expected a DistillationTaskConfig"),
+        ({"timing": 0.02}, "timing is 0.02, expected a Timing"),
     ],
 )
 def test_an_argument_that_does_not_fit_is_named(arguments, message):
-    with pytest.raises(TaskError, match=message):
+    with pytest.raises(PlatError, match=message):
         gymnasium.make("plat/G1TimedKeyframe-v0", motions="generated:val@8", **arguments)
 
 

@@ -101,10 +101,10 @@ ALIVE = Reward("alive", 1.0, lambda before, after: torch.ones(after.batch_size))
 @pytest.mark.parametrize(
     ("make", "arguments", "message"),
     [
-        (make_keyframe_env, {"config": TrackingTaskConfig()}, "config is a TrackingTaskConfig, expected a Distill"),
-        (make_tracking_env, {"config": KeyframeTaskConfig()}, "config is a KeyframeTaskConfig, expected a Tracking"),
-        (make_keyframe_env, {"timing": 0.02}, "timing is a float, expected a Timing or None"),
-        (make_tracking_env, {"goals": "goal"}, "goals is a str, expected a Mapping"),
+        (make_keyframe_env, {"config": TrackingTaskConfig()}, "config is TrackingTask.*, expected a Distill"),
+        (make_tracking_env, {"config": KeyframeTaskConfig()}, "config is KeyframeTask.*, expected a Tracking"),
+        (make_keyframe_env, {"timing": 0.02}, "timing is 0.02, expected a Timing or None"),
+        (make_tracking_env, {"goals": "goal"}, "goals is 'goal', expected a Mapping"),
         (make_keyframe_env, {"dense_goals": {"past": -1}}, "goal 'past': frames ahead is -1, expected a whole number"),
         (make_tracking_env, {"goals": {"goal": 1.5}}, "goal 'goal': frames ahead is 1.5, expected a whole number"),
         (make_tracking_env, {"rewards": [len]}, "rewards hold <built-in function len>, expected each to be a Reward"),
@@ -117,7 +117,7 @@ def test_an_argument_of_another_kind_is_named(library, make, arguments, message)
 
 
 def test_motions_have_to_be_loaded():
-    with pytest.raises(PlatError, match="library is a str, expected a MotionLibrary"):
+    with pytest.raises(PlatError, match="library is 'clips.npz', expected a MotionLibrary"):
         make_keyframe_env("clips.npz", 2)
 
 

@@ -10,17 +10,28 @@ from tests.export.runs import small_policy, write_run
 
 
 @pytest.fixture
-def bundle(tmp_path) -> Bundle:
-    policy = small_policy("residual_latent")
-    return describe_policy(policy, SavedRun(write_run(tmp_path / "chaser", policy)))
+def run(tmp_path) -> SavedRun:
+    return SavedRun(write_run(tmp_path / "chaser", small_policy("residual_latent")))
 
 
-def card(bundle: Bundle, **task: object) -> str:
-    return model_card(bundle, {"motions": ["clips.npz"], "task": task}, 3e-7)
+@pytest.fixture
+def bundle(run) -> Bundle:
+    return describe_policy(run.policy(), run)
 
 
-def test_says_what_it_is_and_where_it_comes_from(bundle):
-    text = card(bundle)
+@pytest.fixture
+def card(run, bundle):
+    """The card of a run with some settings, whose bundle may have further fields and files."""
+
+    def made(files=(), scores=None, **settings: object) -> str:
+        run.config["recipe"]["settings"] = {"motions": ["clips.npz"], **settings}
+        return model_card(dataclasses.replace(bundle, scores=scores), run, 3e-7, files)
+
+    return made
+
+
+def test_says_what_it_is_and_where_it_comes_from(card):
+    text = card()
     for part in (
         "# chaser",
         "g1 (29 joints)",
@@ -33,17 +44,17 @@ def test_says_what_it_is_and_where_it_comes_from(bundle):
         assert part in text
 
 
-def test_a_table_of_scores(bundle):
+def test_a_table_of_scores(card):
     scores = (
         BundleScore("long", "tks", 99.5, 99.25, 99.75),
         BundleScore("long", "mpjpe", 0.1, 0.09, 0.11),
         BundleScore("mixed", "mpkpe", 0.048, 0.0441, 0.0512),
     )
-    text = card(dataclasses.replace(bundle, scores=scores))
+    text = card(scores=scores)
     assert "| commands | TKS@3 (%) | MPJPE@3 (rad) | MPKPE@3 (mm) |" in text
     assert "| long | 99.5 (99.2-99.8) | 0.100 (0.090-0.110) | - |" in text
     assert "| mixed | - | - | 48 (44-51) |" in text
-    assert "no `evaluation.csv` in the run directory" in card(bundle)
+    assert "no `evaluation.csv` in the run directory" in card()
 
 
 @pytest.mark.parametrize(
@@ -58,31 +69,30 @@ def test_a_table_of_scores(bundle):
         ({"observation_noise": True, "domain_randomization": True}, "Scored in simulation only."),
     ],
 )
-def test_limits_follow_from_the_training(bundle, task, sentence):
-    assert sentence in card(bundle, **task)
+def test_limits_follow_from_the_training(card, task, sentence):
+    assert sentence in card(task=task)
 
 
 @pytest.mark.parametrize(("strength", "sentence"), [(0.0, "without observation noise and domain"), (0.5, "Scored in")])
-def test_limits_of_what_learned_by_imagination(bundle, strength, sentence):
-    settings = {"motions": ["clips.npz"], "disturbed": strength, "task": {"authored": 0.5}}
-    assert sentence in model_card(bundle, settings, 0.0)
+def test_limits_of_what_learned_by_imagination(card, strength, sentence):
+    assert sentence in card(disturbed=strength, task={"authored": 0.5})
 
 
-def test_data_sets_have_their_licenses_by_name(bundle):
-    text = model_card(bundle, {"motions": ["/home/me/bandai_train.npz", "generated:train@60", "mine.npz"]}, 0.0)
+def test_data_sets_have_their_licenses_by_name(card):
+    text = card(motions=["/home/me/bandai_train.npz", "generated:train@60", "mine.npz"])
     assert "| `bandai_train.npz` | Bandai-Namco Research Motion Dataset 1 and 2" in text
     assert "| CC BY-NC 4.0 |" in text
     assert "| `generated:train@60` | motions that plat generates | Apache-2.0 |" in text
     assert "| `mine.npz` | not known to plat | ask who made them |" in text
     assert "/home/me" not in text
     assert "strictest of these licenses: ask who made them." in text
-    text = model_card(bundle, {"motions": ["asap.npz", "bandai.npz", "hard_sa.npz"]}, 0.0)
+    text = card(motions=["asap.npz", "bandai.npz", "hard_sa.npz"])
     assert "strictest of these licenses: CC BY-NC 4.0." in text
 
 
-def test_a_picture_and_a_scene_are_named_where_they_are(bundle):
-    assert "picture.png" not in card(bundle)
-    assert "scene.xml" not in card(bundle)
-    text = model_card(bundle, {}, 0.0, ["scene.xml", "picture.png"])
+def test_a_picture_and_a_scene_are_named_where_they_are(card):
+    assert "picture.png" not in card()
+    assert "scene.xml" not in card()
+    text = card(["scene.xml", "picture.png"])
     assert "](picture.png)" in text
     assert "`scene.xml`" in text

@@ -21,14 +21,14 @@ from plat.modules import (
 from plat.modules.settings import NormalizerConfig, WalkingReach
 from plat.robots import G1
 from plat.runs import SavedRun, average_runs, average_weights, policy_spec, save_weights, write_json
-from plat.runs.lineage import trained_on
+from plat.runs.lineage import made_by, parents, trained_on
 from plat.spec.timing import Timing
 from plat.tasks import TimedKeyframes, TimedKeyframesConfig
 from tests.modules.policies.test_student import SMALL
 
 
 def saved(folder, hidden=16):
-    folder.mkdir()
+    folder.mkdir(parents=True)
     policy = PlainPolicy(G1, PlainPolicyConfig(backbone=(hidden,), hidden_size=8, decoder=(8,)))
     nn.init.normal_(policy.state_dict()["normalizer.mean"])
     write_json(folder / "config.json", {"policy": policy_spec(policy), "finished": {"steps": hidden}})
@@ -43,7 +43,10 @@ def test_the_mean_of_two_runs(tmp_path):
     for name, tensor in run.policy().state_dict().items():
         expected = 0.25 * one[name] + 0.75 * other[name] if tensor.is_floating_point() else other[name]
         torch.testing.assert_close(tensor, expected)
-    assert [(part["run"], part["share"]) for part in run.config["average"]] == [("one", 0.25), ("other", 0.75)]
+    assert [(part["run"], part["share"]) for part in run.config["average"]] == [
+        (str(tmp_path / "one"), 0.25),
+        (str(tmp_path / "other"), 0.75),
+    ]
     assert (tmp_path / "mean" / "dynamics.safetensors").read_bytes() == b"a model"
 
 
@@ -139,6 +142,23 @@ def test_an_average_knows_what_all_of_it_was_trained_on(tmp_path):
         {"asap.npz", "hard_free.npz"},
     ]
     assert set(trained_on(run)) == {"bandai", "hard_free", "asap"}
+
+
+def test_an_average_comes_from_all_runs_that_it_is_the_mean_of(tmp_path):
+    for name, settings in (
+        ("a", {"expert": "teacher"}),
+        ("b", {"init": "start", "task": {"authored": 0.5}}),
+        ("c", {}),
+    ):
+        saved(tmp_path / "runs" / name)
+        config = json.loads((tmp_path / "runs" / name / "config.json").read_text())
+        write_json(tmp_path / "runs" / name / "config.json", {**config, "recipe": {"settings": settings}})
+    for name in ("teacher", "start"):
+        write_json(tmp_path / "runs" / name / "config.json", {"recipe": {"settings": {"motions": [f"{name}.npz"]}}})
+    run = average_runs([tmp_path / "runs" / name for name in "abc"], tmp_path / "mean")
+    assert [parent.name for parent in parents(run)] == ["a", "b", "c"]
+    assert made_by(run) == "plat, mean of 3 runs, from a and b and c"
+    assert set(trained_on(run)) == {"teacher", "start", "authored keyframes"}
 
 
 def test_an_average_of_an_older_plat_knows_its_last_run(tmp_path):

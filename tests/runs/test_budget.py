@@ -59,6 +59,21 @@ def test_what_comes_before_training_does_not_count(now):
     assert budget.seconds == 30.0
 
 
+def test_pauses_do_not_count(now):
+    budget = Budget(minutes=2)
+    now[0] = 30.0
+    with budget.paused():
+        now[0] = 500.0
+        assert budget.state_dict()["seconds"] == 30.0
+    now[0] = 510.0
+    budget.add(80)
+    assert (budget.seconds, budget.rate) == (40.0, 2.0)
+    budget.end()
+    with budget.paused():
+        now[0] = 900.0
+    assert budget.seconds == 40.0
+
+
 def test_the_first_limit_counts():
     budget = Budget(minutes=1000, steps=10)
     budget.add(10)

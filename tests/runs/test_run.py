@@ -641,13 +641,41 @@ def test_a_run_is_resumed_where_the_disk_is_full(tmp_path, monkeypatch):
     assert any(line.startswith("not written down: ") for line in said)
 
 
-def test_videos_take_no_random_numbers(tmp_path, monkeypatch):
+@pytest.fixture
+def logger(monkeypatch):
+    """A logger that is there and logs nothing."""
+
     class Logger:
         def log(self, *_, **__):
             pass
 
     monkeypatch.setattr("plat.runs.run.start_logging", lambda *_: Logger())
     monkeypatch.setattr("plat.runs.run.check_logger", lambda _: None)
+
+
+@pytest.mark.usefixtures("logger")
+def test_videos_and_checkpoints_are_no_training(tmp_path, monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+
+    def takes(seconds):
+        now[0] += seconds
+
+    run, *_, budget = start(tmp_path / "a", save_every=1, loggers=("wandb",), film=lambda _: takes(100))
+    write = run._checkpoints._rotation.save
+    monkeypatch.setattr(run._checkpoints._rotation, "save", lambda *args, **kw: (takes(1000), write(*args, **kw)))
+    with run:
+        for _ in range(2):
+            takes(10)
+            budget.add(10)
+            run.log({})
+    assert now[0] == 2220
+    assert budget.seconds == 20
+    assert start(tmp_path / "a", resume=True)[3].seconds == 20
+
+
+@pytest.mark.usefixtures("logger")
+def test_videos_take_no_random_numbers(tmp_path):
     run, *_ = start(tmp_path / "a", loggers=("wandb",), film=lambda step: (torch.rand(3), None)[1])
     torch.manual_seed(0)
     wanted = torch.rand(1)

@@ -11,6 +11,7 @@ from torchrl.data import Composite
 from torchrl.envs import Transform
 
 from plat.bounds import NotEmpty, Range, check_value
+from plat.envs.broken import absurd
 from plat.envs.transforms.base import Statistics, check_step_entries
 from plat.errors import TaskError
 
@@ -84,7 +85,8 @@ class RewardGroup:
 class Rewards(Transform):
     """Transform that adds the reward of a step, times the control step, and logs the mean of each term.
 
-    Put it after the transforms that write what the terms read, and before the next command is issued.
+    Put it after the transforms that write what the terms read, and before the next command is issued. A step with an
+    absurd action, which terminates its robot (:mod:`plat.envs.broken`), is paid 0: terms of the action are not finite.
 
     Args:
         rewards: terms and groups of terms; one whose weight is 0 is left out.
@@ -112,8 +114,10 @@ class Rewards(Transform):
         self._needs = tuple(dict.fromkeys(key for reward in terms if reward.weight for key in reward.needs))
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        unpaid = absurd(tensordict["action"])
         for group in self.groups:
             terms = group.terms(tensordict, next_tensordict)
+            terms = {name: value.masked_fill(unpaid, 0.0) for name, value in terms.items()}
             for name, value in terms.items():
                 self.statistics.add(f"reward/{name}", value)
             if terms:
