@@ -1,5 +1,6 @@
 """Files that are written whole or not at all, and places that are checked before the work."""
 
+import codecs
 import csv
 import os
 import re
@@ -17,6 +18,7 @@ __all__ = [
     "check_file",
     "check_folder",
     "clear_parts",
+    "decoded",
     "expand_home",
     "is_full",
     "lock_file",
@@ -156,6 +158,20 @@ def readable(name: str) -> str:
     ('K\\udcf6ln', 'Köln')
     """
     return name.encode(errors="backslashreplace").decode()
+
+
+def decoded(data: bytes) -> str:
+    r"""Return the text of a file: UTF-16 where its mark is there, as Windows writes it, else UTF-8, else Latin-1.
+
+    >>> decoded("Köln".encode("utf-16")), decoded(b"K\xf6ln"), decoded(b"\xef\xbb\xbfKoeln")
+    ('Köln', 'Köln', 'Koeln')
+    """
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return data.decode("utf-16", "replace")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
 
 
 def expand_home(path: Path) -> Path:

@@ -1,6 +1,5 @@
 """Tables of numbers in whatever dialect they were written."""
 
-import codecs
 import math
 import re
 from dataclasses import dataclass
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from plat.errors import MotionError
+from plat.files import decoded
 
 __all__ = ["Table", "read_table"]
 
@@ -54,7 +54,7 @@ def read_table(path: Path) -> Table:
         MotionError: naming row and column, when there are no numbers or a cell is none.
     """
     lines, comments = [], []
-    for number, line in enumerate(_text(path.read_bytes()).splitlines(), start=1):
+    for number, line in enumerate(decoded(path.read_bytes()).splitlines(), start=1):
         mark = next((mark for mark in _COMMENTS if line.lstrip().startswith(mark)), None)
         if mark is not None:
             comments.append(line.lstrip().removeprefix(mark).strip(" \t#"))
@@ -93,16 +93,6 @@ def read_table(path: Path) -> Table:
             raise MotionError(f"row {number} has {len(row)} columns, row {rows[0][0]} has {width}")
     header, rows = _without_texts(header, rows)
     return Table(header, _numbers(rows), comments)
-
-
-def _text(data: bytes) -> str:
-    for mark, encoding in ((codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16")):
-        if data.startswith(mark):
-            return data.decode(encoding)
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return data.decode("latin-1")
 
 
 def _separator(lines: list[str]) -> str | None:

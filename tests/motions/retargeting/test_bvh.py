@@ -72,6 +72,11 @@ def test_ways_of_writing(tmp_path, change):
     np.testing.assert_array_equal(read(tmp_path, change(TEXT)).positions, read(tmp_path, TEXT).positions)
 
 
+def test_text_as_windows_writes_it(tmp_path):
+    (tmp_path / "windows.bvh").write_text(TEXT, encoding="utf-16")
+    np.testing.assert_array_equal(read_bvh(tmp_path / "windows.bvh").positions, read(tmp_path, TEXT).positions)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
