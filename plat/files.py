@@ -25,6 +25,7 @@ __all__ = [
     "readable",
     "replace_file",
     "replace_table",
+    "write_file",
 ]
 
 # where Windows locks a byte: beyond what is written, which others could not read otherwise
@@ -67,6 +68,23 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
     finally:
         if part is not None:
             part.unlink(missing_ok=True)
+
+
+def write_file(path: Path, write: Callable[[Path], object], what: str) -> None:
+    """Write a file as :func:`replace_file` does, for callers who are told in one line what went wrong.
+
+    Args:
+        path: the file.
+        write: is given the file beside it.
+        what: begins the message.
+
+    Raises:
+        OutputError: when the disk does not take it, or its name.
+    """
+    try:
+        replace_file(path, write)
+    except OSError as error:
+        raise OutputError(f"{what} {str(path)!r}: cannot be written: {error.strerror or error}") from error
 
 
 def clear_parts(folder: Path) -> None:
