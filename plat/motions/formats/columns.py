@@ -124,8 +124,11 @@ def _by_name(
             f"joint angles in radians, though the header says degrees: none is above {np.abs(angles).max():.2g}"
         )
     elif in_degrees or (seed and np.abs(angles).max() > np.pi):
-        angles = np.deg2rad(angles)
-        notes.append("joint angles in degrees")
+        stated = [bool(_RADIANS & set(tokens(table.header[n]))) for n in joints]
+        angles = np.where(in_degrees and np.array(stated), angles, np.deg2rad(angles))
+        notes.append(
+            "joint angles in degrees" if not any(stated) else "some joint angles in degrees, as the header says"
+        )
     units = stated_length([table.header[n] for n in place])
     return Parts(values[:, place], quat, angles, names, order, times, seed, tuple(notes), turns, units)  # type: ignore[arg-type]
 

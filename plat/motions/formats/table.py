@@ -13,7 +13,7 @@ from plat.files import decoded
 
 __all__ = ["Table", "read_table"]
 
-_SEPARATORS = (",", ";", "\t", None)  # None: any white space
+_SEPARATORS = (",", ";", "\t", "|", None)  # None: any white space
 _COMMENTS = ("#", "//", "%")
 _MISSING = ("", "-")
 # Rows of names before the numbers, at most: a title, names in two rows, units.
@@ -44,11 +44,11 @@ class Table:
 
 
 def read_table(path: Path) -> Table:
-    """Read a table of numbers separated by commas, semicolons, tabs or spaces.
+    """Read a table of numbers separated by commas, semicolons, tabs, bars or spaces.
 
     A header, comments, lines before the table, an empty last column and decimal commas are understood. A row of
-    numbers that count the columns, as pandas writes them, is a header. Dates with times become seconds, and a named
-    column in which all rows have the same text is left out.
+    numbers that count the columns, as pandas writes them, is a header. Dates with times, and times of a day, become
+    seconds, and a named column in which all rows have the same text is left out.
 
     Raises:
         MotionError: naming row and column, when there are no numbers or a cell is none.
@@ -207,12 +207,14 @@ def _without_texts(
 
 
 def _seconds(cells: list[str]) -> list[float] | None:
-    """Return the seconds of dates with times since the first, or None for what is none."""
-    try:
-        times = [datetime.fromisoformat(cell) for cell in cells]
-        return [(time - times[0]).total_seconds() for time in times]
-    except (TypeError, ValueError):
-        return None
+    """Return the seconds of dates with times, or times of a day, since the first, or None for what is none."""
+    for day in ("", "2000-01-01 "):
+        try:
+            times = [datetime.fromisoformat(f"{day}{cell}") for cell in cells]
+            return [(time - times[0]).total_seconds() for time in times]
+        except (TypeError, ValueError):
+            continue
+    return None
 
 
 def _numbers(rows: list[tuple[int, list[str]]]) -> np.ndarray:

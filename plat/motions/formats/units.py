@@ -91,6 +91,8 @@ def angles_in_radians(joint_pos: np.ndarray, robot: Robot) -> Converted:
         MotionError: for angles that are neither.
     """
     largest = np.abs(joint_pos).max(initial=0.0)
+    if not np.isfinite(largest):
+        return Converted(joint_pos)  # the clip's check tells where
     low, high = robot.joint_range.double().numpy().T
     beyond = np.maximum(low - joint_pos, joint_pos - high).max(0, initial=0.0)
     if largest <= _WIDEST and (beyond > _FAR_BEYOND).sum() < _MANY:

@@ -120,9 +120,17 @@ class _Lines:
             values = [float(word) for word in words]
         except ValueError:
             values = []
-        if len(values) != count or not all(map(math.isfinite, values)):
-            raise self.wrong(expected)
-        return values
+        if len(values) == count and all(map(math.isfinite, values)):
+            return values
+        odd = next((repr(word)[:40] for word in words if not _is_finite(word)), str(len(words)))
+        raise self.wrong(f"{expected}, found {odd}" if words else expected)
+
+
+def _is_finite(word: str) -> bool:
+    try:
+        return math.isfinite(float(word))
+    except ValueError:
+        return False
 
 
 def _split_braces(words: list[str]) -> list[list[str]]:

@@ -351,6 +351,26 @@ def test_the_unit_of_joints_in_a_header_is_checked(tmp_path, stated, actual):
     assert ("though the header says degrees" in file.facts) == ((stated, actual) == ("deg", "rad"))
 
 
+def test_joints_in_two_units(tmp_path):
+    clip = bowing_clip()
+    header = [name.replace("[rad]", "[deg]") if "hip" in name or "knee" in name else name for name in with_units()]
+    values = [
+        np.rad2deg(column) if "[deg]" in name else column for name, column in zip(header, clip.qpos.T, strict=True)
+    ]
+    write_table(tmp_path / "a_50fps.csv", np.column_stack(values), header)
+    file, found = read_back(tmp_path / "a_50fps.csv")
+    np.testing.assert_allclose(found.qpos, clip.qpos, atol=1e-5)
+    assert "some joint angles in degrees, as the header says" in file.facts
+
+
+def test_an_infinite_angle_is_named(tmp_path):
+    qpos = bowing_clip().qpos.copy()
+    qpos[5, 10] = np.inf
+    write_table(tmp_path / "a_50fps.csv", qpos)
+    with pytest.raises(MotionError, match=r"qpos\[5, 10\] is inf, expected a finite number"):
+        load_motions(tmp_path / "a_50fps.csv")
+
+
 def test_small_angles_in_degrees_stay_degrees(tmp_path):
     clip = bowing_clip()
     qpos = clip.qpos.copy()

@@ -91,9 +91,9 @@ def test_text_as_windows_writes_it(tmp_path):
         ("Frames: 2", "Frames: -2", "line 17: .*a positive number"),
         ("Frame Time: 0.01", "Frame Time: x", "line 18: .*positive seconds"),
         ("Frame Time: 0.01", "Frame Time: 0", "line 18: .*positive seconds"),
-        ("40 50 60", "40 50", "line 20: .*9 finite numbers, one a channel"),
-        ("40 50 60", "40 50 nan", "line 20: .*9 finite numbers"),
-        ("40 50 60", "40 50 x", "line 20: .*9 finite numbers"),
+        ("40 50 60", "40 50", "line 20: .*9 finite numbers, one a channel, found 8"),
+        ("40 50 60", "40 50 nan", "line 20: .*9 finite numbers, one a channel, found 'nan'"),
+        ("40 50 60", "40 50 6,0", "line 20: .*9 finite numbers, one a channel, found '6,0'"),
     ],
 )
 def test_errors_name_file_and_line(tmp_path, old, new, message):
