@@ -1,5 +1,6 @@
 """Files that are written whole or not at all, and places that are checked before the work."""
 
+import codecs
 import csv
 import os
 import re
@@ -17,12 +18,14 @@ __all__ = [
     "check_file",
     "check_folder",
     "clear_parts",
+    "decoded",
     "expand_home",
     "is_full",
     "lock_file",
     "readable",
     "replace_file",
     "replace_table",
+    "write_file",
 ]
 
 # where Windows locks a byte: beyond what is written, which others could not read otherwise
@@ -65,6 +68,23 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
     finally:
         if part is not None:
             part.unlink(missing_ok=True)
+
+
+def write_file(path: Path, write: Callable[[Path], object], what: str) -> None:
+    """Write a file as :func:`replace_file` does, for callers who are told in one line what went wrong.
+
+    Args:
+        path: the file.
+        write: is given the file beside it.
+        what: begins the message.
+
+    Raises:
+        OutputError: when the disk does not take it, or its name.
+    """
+    try:
+        replace_file(path, write)
+    except OSError as error:
+        raise OutputError(f"{what} {str(path)!r}: cannot be written: {error.strerror or error}") from error
 
 
 def clear_parts(folder: Path) -> None:
@@ -156,6 +176,20 @@ def readable(name: str) -> str:
     ('K\\udcf6ln', 'Köln')
     """
     return name.encode(errors="backslashreplace").decode()
+
+
+def decoded(data: bytes) -> str:
+    r"""Return the text of a file: UTF-16 where its mark is there, as Windows writes it, else UTF-8, else Latin-1.
+
+    >>> decoded("Köln".encode("utf-16")), decoded(b"K\xf6ln"), decoded(b"\xef\xbb\xbfKoeln")
+    ('Köln', 'Köln', 'Koeln')
+    """
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return data.decode("utf-16", "replace")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
 
 
 def expand_home(path: Path) -> Path:

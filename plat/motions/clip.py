@@ -1,5 +1,6 @@
 """Motion clip: one recorded or generated motion, with its checks."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +24,7 @@ class MotionClip:
     Args:
         name: what error messages and tables call it.
         qpos: ``[T, 7 + J]``: root position (m, world), root quaternion (``wxyz``, root to world), joint angles
-            (rad, the robot's joint order).
+            (rad, the robot's joint order). What is no array becomes one.
         fps: frames a second.
         notes: what was assumed, detected or filled in when it was read, a phrase each.
     """
@@ -32,6 +33,15 @@ class MotionClip:
     qpos: np.ndarray
     fps: float
     notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Make arrays of lists and tensors, and numbers of a single one; :meth:`check` tells what is wrong."""
+        with suppress(TypeError, ValueError, RuntimeError):
+            object.__setattr__(self, "qpos", np.asanyarray(self.qpos))
+        if not isinstance(self.fps, (int, float)) and is_finite(self.fps):
+            object.__setattr__(self, "fps", float(self.fps))
+        if isinstance(self.notes, list):
+            object.__setattr__(self, "notes", tuple(self.notes))
 
     @property
     def duration(self) -> float:
@@ -63,13 +73,19 @@ class MotionClip:
         plat.errors.MotionError: motion 'short': qpos has 35 columns, expected 36 (root xyz, quaternion wxyz, 29 joints)
         """
         norm = self._checked_norm(robot)
-        qpos = np.asarray(self.qpos).astype(np.float64)
+        qpos = self.qpos.astype(np.float64)
         qpos[:, 3:7] /= norm[:, None]
         return MotionClip(self.name, qpos.astype(np.float32), float(self.fps), self.notes)
 
     def _checked_norm(self, robot: Robot, least: int = 2) -> np.ndarray:
         """Return the lengths of the root's quaternions ``[T]`` of a clip that is whole."""
-        qpos = np.asarray(self.qpos)
+        if not isinstance(self.name, str):
+            raise MotionError(f"motion {short(self.name)}: its name is no text")
+        if not isinstance(self.notes, tuple):
+            raise MotionError(f"motion {self.name!r}: notes is {short(self.notes)}, expected a tuple of texts")
+        if not isinstance(self.qpos, np.ndarray):
+            raise MotionError(f"motion {self.name!r}: qpos is {short(self.qpos)}, expected an array of numbers")
+        qpos = self.qpos
         joints = robot.num_joints
         layout = f"root xyz, quaternion wxyz, {joints} joints"
         if qpos.ndim != 2 or qpos.dtype.kind not in "fiu":

@@ -13,8 +13,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from plat.errors import MotionError
-from plat.files import readable, replace_file
+from plat.errors import MotionError, OutputError
+from plat.files import readable, write_file
 from plat.motions.clip import ASSUMED_RATE, MotionClip
 from plat.motions.formats import MotionFile, QuatOrder, ReadOptions, check_clip_names, csv_text, write_archive
 from plat.motions.formats.axes import Up
@@ -216,7 +216,7 @@ def save_motions(path: str | Path, clips: Sequence[MotionClip], robot: Robot = G
     Raises:
         MotionError: for several frame rates, names that cannot stand in the file, or a clip that is none of the
             robot's.
-        OSError: when the disk does not take it; the file that was there is intact.
+        OutputError: when the disk does not take it; the file that was there is intact.
     """
     for clip in clips:
         clip.check(robot)
@@ -235,8 +235,10 @@ def save_motions(path: str | Path, clips: Sequence[MotionClip], robot: Robot = G
         raise MotionError(f"motion file {str(path)!r}: {error}") from None
     arrays, (fps,) = {clip.name: clip.qpos for clip in clips}, rates
     path = Path(path)
+    if not path.name:
+        raise OutputError(f"motion file {str(path)!r}: is a folder, expected a file")
     path = path if path.suffix == ".npz" else path.with_name(f"{path.name}.npz")  # as numpy does
-    replace_file(path, lambda part: write_archive(part, arrays, fps, robot.joint_names))
+    write_file(path, lambda part: write_archive(part, arrays, fps, robot.joint_names), "motion file")
 
 
 def save_csv(folder: str | Path, clip: MotionClip, robot: Robot = G1) -> Path:
@@ -246,11 +248,14 @@ def save_csv(folder: str | Path, clip: MotionClip, robot: Robot = G1) -> Path:
 
     Raises:
         MotionError: for a clip that is none of the robot's.
+        OutputError: when the disk does not take it, or its name.
     """
     clip.check(robot)
+    if Path(folder).is_file():
+        raise OutputError(f"folder {str(folder)!r}: is a file, expected a folder")
     stem = csv_stem(clip)
     path = Path(folder) / f"{stem}_{clip.fps:.10g}fps.csv"
-    replace_file(path, lambda part: part.write_text(csv_text(clip, robot.joint_names)))
+    write_file(path, lambda part: part.write_text(csv_text(clip, robot.joint_names)), "motion file")
     return path
 
 

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
+import torch
 
 from plat.errors import MotionError
-from plat.motions import MotionClip
+from plat.motions import MotionClip, load_motions, mirror_motion, save_csv, save_motions
 from plat.robots import G1
 
 
@@ -25,6 +26,8 @@ def broken(**changes) -> MotionClip:
         (broken(qpos=good().astype(str)), "expected numbers"),
         (broken(qpos=good(0)), "0 frames, expected at least 2"),
         (broken(qpos=good(1)), "1 frames, expected at least 2"),
+        (broken(qpos=[[1, 2], [3]]), "qpos is .*, expected an array of numbers"),
+        (MotionClip("clip", good(), 30.0, "stated"), "notes is 'stated', expected a tuple"),
         (broken(fps=0.0), "fps is 0.0"),
         (broken(fps="30"), "fps is '30', expected a positive number"),
         (broken(fps=True), "fps is True"),
@@ -38,6 +41,21 @@ def broken(**changes) -> MotionClip:
 def test_errors_name_clip_and_field(clip, message):
     with pytest.raises(MotionError, match=f"motion 'clip': .*{message}"):
         clip.checked(G1)
+
+
+def test_a_name_is_a_text():
+    with pytest.raises(MotionError, match="motion 3: its name is no text"):
+        MotionClip(3, good(), 30.0).check(G1)
+
+
+@pytest.mark.parametrize("make", [np.ndarray.tolist, torch.from_numpy, lambda qpos: tuple(map(tuple, qpos.tolist()))])
+def test_what_is_no_array_becomes_one(make, tmp_path):
+    clip = MotionClip("clip", make(good()), np.array(30.0), ["stated"])
+    np.testing.assert_array_equal(clip.qpos, good())
+    assert (clip.fps, clip.notes, clip.duration) == (30.0, ("stated",), 4 / 30)
+    np.testing.assert_allclose(mirror_motion(mirror_motion(clip)).qpos, good())
+    save_motions(tmp_path / "a.npz", [clip])
+    np.testing.assert_allclose(load_motions(save_csv(tmp_path, clip))[0].qpos, good(), atol=1e-6)
 
 
 def test_small_quaternion_errors_are_mended():

@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plat.errors import MotionError
+from plat.errors import MotionError, OutputError
 from plat.motions import (
     MotionClip,
     load_motions,
@@ -192,6 +192,19 @@ def test_other_files_are_refused(tmp_path):
             load_motions(tmp_path / name)
     with pytest.raises(MotionError, match="no such file, folder with motion files"):
         load_motions(tmp_path / "nothing*")
+
+
+def test_files_that_cannot_be_written_are_named(tmp_path, clip):
+    long = replace(clip, name="x" * 300)
+    save_motions(tmp_path / "a.npz", [long])
+    for write, reason in (
+        (lambda: save_csv(tmp_path, long), "x.*_30fps.csv': cannot be written: File name too long"),
+        (lambda: save_motions(tmp_path / ("x" * 300), [clip]), "x.npz': cannot be written: File name too long"),
+        (lambda: save_csv(tmp_path / "a.npz", clip), "a.npz': is a file, expected a folder"),
+        (lambda: save_motions("", [clip]), "is a folder, expected a file"),
+    ):
+        with pytest.raises(OutputError, match=reason):
+            write()
 
 
 def test_csv_round_trip(tmp_path, clip):

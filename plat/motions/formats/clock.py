@@ -58,11 +58,14 @@ def rate_of_times(times: np.ndarray, unit: str = "") -> float:
         unit: ``s``, ``ms``, ``us`` or ``ns`` where its name states it; else the one that makes the rate a likely one.
 
     Raises:
-        MotionError: when time does not go on evenly, or no unit gives a likely rate.
+        MotionError: when a time is not finite, time does not go on evenly, or no unit gives a likely rate.
 
     >>> rate_of_times(np.arange(5) * 20), rate_of_times(np.arange(5) * 0.02)
     (50.0, 50.0)
     """
+    if not np.isfinite(times).all():
+        frame = int(np.isfinite(times).argmin())
+        raise MotionError(f"the time of frame {frame} is {times[frame]}, expected a finite number (or state --fps)")
     steps = np.diff(times)
     usual = float(np.median(steps)) if len(steps) else 0.0
     if not usual > 0 or (steps <= 0).any() or steps.max() > _GAP * usual:
@@ -85,6 +88,8 @@ def counts_frames(times: np.ndarray, unit: str = "") -> bool:
     >>> counts_frames(np.arange(5.0)), counts_frames(np.arange(5) * 20), counts_frames(np.arange(5.0), "ms")
     (True, False, False)
     """
+    if not np.isfinite(times).all():
+        return False
     steps = np.diff(times)
     whole = unit not in _UNITS and len(steps) > 0 and bool((times % 1 == 0).all())
     return whole and bool(1 <= steps[0] <= _LARGEST_COUNT and (steps == steps[0]).all())

@@ -8,10 +8,11 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.motions.formats.clock import counts_frames
-from plat.motions.formats.names import Column, classify_columns, is_generic, tokens
+from plat.motions.formats.names import Column, classify_columns, is_generic, stated_length, tokens
 from plat.motions.formats.quaternion_order import QuatOrder
 from plat.motions.formats.table import Table
 from plat.motions.formats.turns import EULER, euler_to_quat, turns_of_three
+from plat.motions.formats.units import Units, must_be_radians
 from plat.motions.formats.unnamed_joints import OPTIONAL
 from plat.robots.robot import Robot
 
@@ -26,6 +27,7 @@ _FRAME = {"frame", "frames", "step"}
 _SEVERAL = {"episode", "clip", "motion", "sequence", "take", "trial", "traj", "trajectory"}
 # words that only Euler angles have in their names
 _NAMED_ANGLES = {"roll", "pitch", "yaw", "euler"}
+_DEGREES, _RADIANS = {"deg", "degree", "degrees"}, {"rad", "radian", "radians"}
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,7 @@ class Parts:
         notes: what was left out or assumed.
         turns: quaternions ``[T, 4]`` (``wxyz``) of three columns by what they may be, the usual one first; none where
             the file has quaternions, or names its angles.
+        units: of ``place``, where the header states them.
     """
 
     place: np.ndarray
@@ -54,6 +57,7 @@ class Parts:
     seed: bool = False
     notes: tuple[str, ...] = ()
     turns: Mapping[str, np.ndarray] = field(default_factory=dict)
+    units: Units | None = None
 
 
 def split_columns(table: Table, robot: Robot) -> Parts:
@@ -113,12 +117,20 @@ def _by_name(
         order = "wxyz"
         notes.append(f"root rotation from {told}")
         turns = {} if len(turns) == 1 else turns
-    in_degrees = any("deg" in tokens(table.header[n]) for n in joints)
-    if in_degrees or (seed and np.abs(angles).max() > np.pi):
-        angles = np.deg2rad(angles)
-        notes.append("joint angles in degrees")
     names = [kinds[n].part for n in joints]
-    return Parts(values[:, place], quat, angles, names, order, times, seed, tuple(notes), turns)  # type: ignore[arg-type]
+    in_degrees = any(_DEGREES & set(tokens(table.header[n])) for n in joints)
+    if in_degrees and must_be_radians(angles, names, robot):
+        notes.append(
+            f"joint angles in radians, though the header says degrees: none is above {np.abs(angles).max():.2g}"
+        )
+    elif in_degrees or (seed and np.abs(angles).max() > np.pi):
+        stated = [bool(_RADIANS & set(tokens(table.header[n]))) for n in joints]
+        angles = np.where(in_degrees and np.array(stated), angles, np.deg2rad(angles))
+        notes.append(
+            "joint angles in degrees" if not any(stated) else "some joint angles in degrees, as the header says"
+        )
+    units = stated_length([table.header[n] for n in place])
+    return Parts(values[:, place], quat, angles, names, order, times, seed, tuple(notes), turns, units)  # type: ignore[arg-type]
 
 
 def _turns(values: np.ndarray, header: Sequence[str], seed: bool, named: bool) -> dict[str, np.ndarray]:
@@ -131,9 +143,12 @@ def _turns(values: np.ndarray, header: Sequence[str], seed: bool, named: bool) -
         named: whether they are called angles.
     """
     units: tuple[str, ...] = ("radians", "degrees")
-    if seed or np.abs(values).max() > 2 * np.pi or any("deg" in name.lower() for name in header) or _whirls(values):
+    words = {word for name in header for word in tokens(name)}  # what they state comes first
+    if seed or np.abs(values).max() > 2 * np.pi or _whirls(values):
         units = ("degrees",)
-    elif any("rad" in tokens(name) for name in header):
+    elif words & _DEGREES:
+        units = ("degrees", "radians")
+    elif words & _RADIANS:
         units = ("radians",)
     turns: dict[str, np.ndarray] = {}
     for unit in units:
@@ -182,7 +197,8 @@ def _by_place(
             odd = sorted({name for name in listed if not is_generic(name)})
             raise MotionError(f"the header has the unknown {odd[:8]}, expected names of the robot's joints, or none")
     order = _order(table.header, columns[3:7])
-    return Parts(values[:, :3], values[:, 3:7], values[:, 7:], names, order, times, notes=tuple(notes))
+    units = stated_length([table.header[n] for n in columns[:3]]) if table.header else None
+    return Parts(values[:, :3], values[:, 3:7], values[:, 7:], names, order, times, notes=tuple(notes), units=units)
 
 
 def _are_numbered(names: Sequence[str]) -> bool:

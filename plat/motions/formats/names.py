@@ -4,9 +4,10 @@ import re
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
+from plat.motions.formats.units import Units
 from plat.robots.robot import Robot
 
-__all__ = ["Column", "array_meaning", "classify_columns", "is_generic", "match_joint", "tokens"]
+__all__ = ["Column", "array_meaning", "classify_columns", "is_generic", "match_joint", "stated_length", "tokens"]
 
 _SIDES = {"l": "left", "r": "right", "lt": "left", "rt": "right", "lft": "left", "rgt": "right"}
 
@@ -31,6 +32,14 @@ _ANGLES = _words("pos position positions angle angles q")
 _EULER = {"roll": "x", "pitch": "y", "yaw": "z"}
 _FUSED = re.compile(r"(q|quat|rot|r|p|pos|t|trans)([wxyz])")
 _COUNTS = _words("frame frames index idx step id number no unnamed i n row")
+_LENGTHS: dict[str, Units] = {
+    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), "m"),
+    **dict.fromkeys(("cm", "centimeter", "centimeters", "centimetre", "centimetres"), "cm"),
+    **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), "mm"),
+    **dict.fromkeys(("in", "inch", "inches"), "in"),
+    **dict.fromkeys(("ft", "foot", "feet"), "ft"),
+}
+_UNITS = _words("rad radian radians deg degree degrees") | set(_LENGTHS)
 _TIMES = _words("time t timestamp stamp sec secs seconds s ms us ns millis")
 
 
@@ -86,6 +95,16 @@ def is_generic(name: str) -> bool:
     return re.fullmatch(r"[a-z]*[\s_/.:\[(#-]*([a-z]|\d*(\.\d+)?)[\])]*", name.strip("\"' \t").lower()) is not None
 
 
+def stated_length(names: Sequence[str]) -> Units | None:
+    """Return the unit of lengths that all names of some columns state, or None.
+
+    >>> stated_length(["root_x [cm]", "root_y [cm]"]), stated_length(["x in m"]), stated_length(["x [m]", "y"])
+    ('cm', 'm', None)
+    """
+    found = {next((_LENGTHS[word] for word in reversed(tokens(name)) if word in _LENGTHS), None) for name in names}
+    return found.pop() if len(found) == 1 else None
+
+
 def array_meaning(name: str) -> str:
     """Return what an array is by its name: ``root_pos``, ``root_quat`` or ``joint_pos``; or nothing.
 
@@ -128,7 +147,7 @@ def classify_columns(header: Sequence[str], robot: Robot) -> list[Column]:
 
 def _root_part(words: tuple[str, ...]) -> tuple[str, str]:
     """Return ``place`` or ``turn`` and the axis, for the name of a column of the root; else two empty texts."""
-    rest = [word for word in words if word not in _ROOT]
+    rest = [word for word in words if word not in _ROOT | _UNITS]
     if rest and (fused := _FUSED.fullmatch(rest[-1])):
         rest[-1:] = fused.groups()
     if not rest:

@@ -1,6 +1,5 @@
 """Tables of numbers in whatever dialect they were written."""
 
-import codecs
 import math
 import re
 from dataclasses import dataclass
@@ -10,10 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from plat.errors import MotionError
+from plat.files import decoded
 
 __all__ = ["Table", "read_table"]
 
-_SEPARATORS = (",", ";", "\t", None)  # None: any white space
+_SEPARATORS = (",", ";", "\t", "|", None)  # None: any white space
 _COMMENTS = ("#", "//", "%")
 _MISSING = ("", "-")
 # Rows of names before the numbers, at most: a title, names in two rows, units.
@@ -44,17 +44,17 @@ class Table:
 
 
 def read_table(path: Path) -> Table:
-    """Read a table of numbers separated by commas, semicolons, tabs or spaces.
+    """Read a table of numbers separated by commas, semicolons, tabs, bars or spaces.
 
     A header, comments, lines before the table, an empty last column and decimal commas are understood. A row of
-    numbers that count the columns, as pandas writes them, is a header. Dates with times become seconds, and a named
-    column in which all rows have the same text is left out.
+    numbers that count the columns, as pandas writes them, is a header. Dates with times, and times of a day, become
+    seconds, and a named column in which all rows have the same text is left out.
 
     Raises:
         MotionError: naming row and column, when there are no numbers or a cell is none.
     """
     lines, comments = [], []
-    for number, line in enumerate(_text(path.read_bytes()).splitlines(), start=1):
+    for number, line in enumerate(decoded(path.read_bytes()).splitlines(), start=1):
         mark = next((mark for mark in _COMMENTS if line.lstrip().startswith(mark)), None)
         if mark is not None:
             comments.append(line.lstrip().removeprefix(mark).strip(" \t#"))
@@ -93,16 +93,6 @@ def read_table(path: Path) -> Table:
             raise MotionError(f"row {number} has {len(row)} columns, row {rows[0][0]} has {width}")
     header, rows = _without_texts(header, rows)
     return Table(header, _numbers(rows), comments)
-
-
-def _text(data: bytes) -> str:
-    for mark, encoding in ((codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16")):
-        if data.startswith(mark):
-            return data.decode(encoding)
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return data.decode("latin-1")
 
 
 def _separator(lines: list[str]) -> str | None:
@@ -217,12 +207,14 @@ def _without_texts(
 
 
 def _seconds(cells: list[str]) -> list[float] | None:
-    """Return the seconds of dates with times since the first, or None for what is none."""
-    try:
-        times = [datetime.fromisoformat(cell) for cell in cells]
-        return [(time - times[0]).total_seconds() for time in times]
-    except (TypeError, ValueError):
-        return None
+    """Return the seconds of dates with times, or times of a day, since the first, or None for what is none."""
+    for day in ("", "2000-01-01 "):
+        try:
+            times = [datetime.fromisoformat(f"{day}{cell}") for cell in cells]
+            return [(time - times[0]).total_seconds() for time in times]
+        except (TypeError, ValueError):
+            continue
+    return None
 
 
 def _numbers(rows: list[tuple[int, list[str]]]) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Units of a motion, from what the robot would do in them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -17,6 +18,7 @@ __all__ = [
     "Units",
     "angles_in_radians",
     "leg_height",
+    "must_be_radians",
     "place_in_meters",
     "unit_quaternions",
 ]
@@ -34,6 +36,8 @@ _WIDEST = 4 * np.pi
 _LIMIT_SLACK = 0.35
 # So many joints that are this far beyond their limits (rad) are in degrees; one or two have turned once around.
 _MANY, _FAR_BEYOND = 4, 0.5
+# Some joint of a motion in radians goes beyond this (rad), and no motion in degrees that keeps the limits of radians.
+_STILL = 0.5
 # Root height over what the legs need, in a motion in these units. In meters it is about 1.
 _UNITS = {
     "feet": (2.4, 4.3, 0.3048),
@@ -41,7 +45,9 @@ _UNITS = {
     "centimeters": (60.0, 250.0, 0.01),
     "millimeters": (400.0, 2500.0, 0.001),
 }
-METERS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+# Share by which a standing root is higher or lower than its legs reach, and the height of one that lies (m).
+_STANDING, _LYING = 0.3, 0.05
+METERS: dict[Units, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 """Meters a unit."""
 
 _HIGHEST = 5.0
@@ -85,6 +91,8 @@ def angles_in_radians(joint_pos: np.ndarray, robot: Robot) -> Converted:
         MotionError: for angles that are neither.
     """
     largest = np.abs(joint_pos).max(initial=0.0)
+    if not np.isfinite(largest):
+        return Converted(joint_pos)  # the clip's check tells where
     low, high = robot.joint_range.double().numpy().T
     beyond = np.maximum(low - joint_pos, joint_pos - high).max(0, initial=0.0)
     if largest <= _WIDEST and (beyond > _FAR_BEYOND).sum() < _MANY:
@@ -97,10 +105,28 @@ def angles_in_radians(joint_pos: np.ndarray, robot: Robot) -> Converted:
     return Converted(radians, ("joint angles in degrees",))
 
 
+def must_be_radians(angles: np.ndarray, names: Sequence[str], robot: Robot) -> bool:
+    """Return whether angles of named joints ``[T, n]``, stated to be degrees, move a robot in radians alone.
+
+    In radians they then keep the joints' limits, and in degrees hardly anything moves.
+    """
+    low, high = robot.joint_range.double().numpy()[[robot.joint_names.index(name) for name in names]].T
+    kept = np.maximum(low - angles, angles - high).max() <= _LIMIT_SLACK
+    return bool(kept and np.abs(angles).max() > _STILL)
+
+
 def place_in_meters(
-    root_pos: np.ndarray, quat: np.ndarray, joint_pos: np.ndarray, soles: Soles, field: str, stated: Units | None = None
+    root_pos: np.ndarray,
+    quat: np.ndarray,
+    joint_pos: np.ndarray,
+    soles: Soles,
+    field: str,
+    stated: Units | None = None,
+    header: Units | None = None,
 ) -> Converted:
     """Return root positions ``[T, 3]`` in meters; the unit is known by the height that the legs need.
+
+    That of the file's header counts where the robot stands in it, or lies in it and stands in none.
 
     Args:
         root_pos: in a world whose z axis is up.
@@ -109,12 +135,29 @@ def place_in_meters(
         soles: of the robot.
         field: what the file calls the position.
         stated: the unit, where the user states it.
+        header: the unit, where the file's header states it.
 
     Raises:
         MotionError: for a height that is a standing robot's in no unit.
     """
     if stated is not None:
         return Converted(root_pos * METERS[stated])
+    if header is None:
+        return _in_shown_unit(root_pos, quat, joint_pos, soles, field)
+    heights = {unit: float(np.median(root_pos[:, 2])) * meters for unit, meters in METERS.items()}
+    need = leg_height(joint_pos, soles)
+    standing = {unit for unit, height in heights.items() if abs(height / need - 1) < _STANDING}
+    if header in standing or (not standing and _LYING < heights[header] < need):
+        told = () if header == "m" else (f"root position in {header}, as the header says",)
+        return Converted(root_pos * METERS[header], told)
+    found = _in_shown_unit(root_pos, quat, joint_pos, soles, field)
+    return Converted(found.values, found.notes or (f"root position in meters, though the header says {header}",))
+
+
+def _in_shown_unit(
+    root_pos: np.ndarray, quat: np.ndarray, joint_pos: np.ndarray, soles: Soles, field: str
+) -> Converted:
+    """Return root positions in meters, from the unit that the motion shows; see :func:`place_in_meters`."""
     largest = np.abs(root_pos).max(initial=0.0)
     median = float(np.median(root_pos[:, 2]))
     if abs(median) < _HIGH and largest <= _FARTHEST:

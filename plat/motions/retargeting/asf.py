@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from plat.errors import MotionError
+from plat.files import decoded
 from plat.motions.formats.rate import rates_in_name
 from plat.motions.formats.units import Angles
 from plat.motions.retargeting.mocap import LARGEST_RADIANS, Mocap, check_extent, may_be_radians, reads_better
@@ -109,10 +110,10 @@ def read_amc(path: str | Path, fps: float | None = None, angles: Angles | None =
 
 def _lines(path: Path, kind: str) -> Iterator[tuple[int, list[str]]]:
     try:
-        text = path.read_text(encoding="utf-8-sig", errors="replace")
+        data = path.read_bytes()
     except OSError as error:
         raise MotionError(f"{kind} file {str(path)!r}: cannot be read ({error})") from error
-    for number, line in enumerate(text.splitlines(), 1):
+    for number, line in enumerate(decoded(data).splitlines(), 1):
         words = line.split("#", 1)[0].replace("(", " ").replace(")", " ").split()
         if words:
             yield number, words

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from plat.errors import MotionError
+from plat.files import decoded
 from plat.motions.formats.units import Angles
 from plat.motions.retargeting.mocap import Mocap, check_extent, checked_rate, may_be_radians, reads_better
 from plat.rotations_np import axis_rotation
@@ -66,9 +67,10 @@ def read_bvh(path: str | Path, fps: float | None = None, angles: Angles | None =
     (('hips', 'hips_end'), 50.0, [0.0, 91.0, 0.0])
     """
     try:
-        text = Path(path).read_text(encoding="utf-8-sig", errors="replace")
+        data = Path(path).read_bytes()
     except OSError as error:
         raise MotionError(f"BVH file {str(path)!r}: cannot be read ({error})") from error
+    text = decoded(data)
     lines = _Lines(path, text)
     joints = _hierarchy(lines)
     values, seconds, notes = _motion(lines, sum(len(joint.channels) for joint in joints))
@@ -118,9 +120,17 @@ class _Lines:
             values = [float(word) for word in words]
         except ValueError:
             values = []
-        if len(values) != count or not all(map(math.isfinite, values)):
-            raise self.wrong(expected)
-        return values
+        if len(values) == count and all(map(math.isfinite, values)):
+            return values
+        odd = next((repr(word)[:40] for word in words if not _is_finite(word)), str(len(words)))
+        raise self.wrong(f"{expected}, found {odd}" if words else expected)
+
+
+def _is_finite(word: str) -> bool:
+    try:
+        return math.isfinite(float(word))
+    except ValueError:
+        return False
 
 
 def _split_braces(words: list[str]) -> list[list[str]]:

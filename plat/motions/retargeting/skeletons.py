@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from plat.errors import MotionError
-from plat.files import replace_file
+from plat.files import write_file
 from plat.json_file import short
 from plat.motions.retargeting.yaml_file import read_yaml
 
@@ -99,11 +99,16 @@ def _number_of(value: Any) -> Any:
 
 
 def save_map(path: str | Path, skeleton: SkeletonMap, comment: str) -> None:
-    """Write a skeleton map as YAML that :func:`load_map` reads, under a comment of one line."""
+    """Write a skeleton map as YAML that :func:`load_map` reads, under a comment of one line.
+
+    Raises:
+        OutputError: when the disk does not take it, or its name.
+    """
     lines = [f"# {comment}", "joints:", *(f"  {role}: {_quoted(name)}" for role, name in skeleton.joints.items())]
     fields_after = ("units", "up", "pelvis_pitch", "torso_pitch")
     lines += [f"{field}: {getattr(skeleton, field)}" for field in fields_after]
-    replace_file(Path(path), lambda part: part.write_text("\n".join((*lines, "")), encoding="utf-8"))
+    text = "\n".join((*lines, ""))
+    write_file(Path(path), lambda part: part.write_text(text, encoding="utf-8"), "skeleton map")
 
 
 def _quoted(name: str) -> str:

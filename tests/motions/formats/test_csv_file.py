@@ -331,6 +331,90 @@ def test_degrees(tmp_path):
     np.testing.assert_allclose(read_back(tmp_path / "a_50fps.csv")[1].qpos, clip.qpos, atol=1e-5)
 
 
+def with_units(place: str = "m", joints: str = "rad") -> list[str]:
+    """The header of a table that states its units."""
+    return [
+        *(f"{name} [{place}]" for name in NAMES[:3]),
+        *NAMES[3:7],
+        *(f"{name} [{joints}]" for name in G1.joint_names),
+    ]
+
+
+@pytest.mark.parametrize("actual", ["rad", "deg"])
+@pytest.mark.parametrize("stated", ["rad", "deg"])
+def test_the_unit_of_joints_in_a_header_is_checked(tmp_path, stated, actual):
+    clip = bowing_clip()
+    joints = np.rad2deg(clip.qpos[:, 7:]) if actual == "deg" else clip.qpos[:, 7:]
+    write_table(tmp_path / "a_50fps.csv", np.hstack((clip.qpos[:, :7], joints)), with_units(joints=stated))
+    file, found = read_back(tmp_path / "a_50fps.csv")
+    np.testing.assert_allclose(found.qpos, clip.qpos, atol=1e-5)
+    assert ("though the header says degrees" in file.facts) == ((stated, actual) == ("deg", "rad"))
+
+
+def test_joints_in_two_units(tmp_path):
+    clip = bowing_clip()
+    header = [name.replace("[rad]", "[deg]") if "hip" in name or "knee" in name else name for name in with_units()]
+    values = [
+        np.rad2deg(column) if "[deg]" in name else column for name, column in zip(header, clip.qpos.T, strict=True)
+    ]
+    write_table(tmp_path / "a_50fps.csv", np.column_stack(values), header)
+    file, found = read_back(tmp_path / "a_50fps.csv")
+    np.testing.assert_allclose(found.qpos, clip.qpos, atol=1e-5)
+    assert "some joint angles in degrees, as the header says" in file.facts
+
+
+def test_an_infinite_angle_is_named(tmp_path):
+    qpos = bowing_clip().qpos.copy()
+    qpos[5, 10] = np.inf
+    write_table(tmp_path / "a_50fps.csv", qpos)
+    with pytest.raises(MotionError, match=r"qpos\[5, 10\] is inf, expected a finite number"):
+        load_motions(tmp_path / "a_50fps.csv")
+
+
+def test_small_angles_in_degrees_stay_degrees(tmp_path):
+    clip = bowing_clip()
+    qpos = clip.qpos.copy()
+    qpos[:, 7:] = np.deg2rad(0.6 * np.sin(np.linspace(0, 6, len(qpos))))[:, None]
+    values = np.hstack((qpos[:, :7], np.rad2deg(qpos[:, 7:])))
+    write_table(tmp_path / "a_50fps.csv", values, with_units(joints="deg"))
+    np.testing.assert_allclose(read_back(tmp_path / "a_50fps.csv")[1].qpos, qpos, atol=1e-5)
+
+
+@pytest.mark.parametrize(("actual", "factor"), [("m", 1), ("cm", 100), ("mm", 1000)])
+@pytest.mark.parametrize("stated", ["m", "cm", "mm"])
+def test_the_unit_of_places_in_a_header_is_checked(tmp_path, stated, actual, factor):
+    clip = bowing_clip()
+    values = np.hstack((factor * clip.qpos[:, :3], clip.qpos[:, 3:]))
+    write_table(tmp_path / "a_50fps.csv", values, with_units(stated))
+    file, found = read_back(tmp_path / "a_50fps.csv")
+    np.testing.assert_allclose(found.qpos, clip.qpos, atol=1e-5)
+    told = {"m": "meters", "cm": "centimeters", "mm": "millimeters"}[actual]
+    assert stated == actual or f"root position in {told}" in file.facts
+    assert ("though the header says" in file.facts) == (stated != actual == "m")
+
+
+def test_the_unit_in_a_header_counts_where_the_robot_does_not_stand(tmp_path):
+    clip = bowing_clip()
+    qpos = clip.qpos.copy()
+    qpos[:, 2] = 0.15  # lies: in no unit does it stand
+    write_table(tmp_path / "a_50fps.csv", np.hstack((100 * qpos[:, :3], qpos[:, 3:])), with_units("cm"))
+    _, found = read_back(tmp_path / "a_50fps.csv")
+    np.testing.assert_allclose(found.qpos, qpos, atol=1e-5)
+    assert "root position in cm, as the header says" in found.notes
+
+
+@pytest.mark.parametrize("actual", ["rad", "deg"])
+@pytest.mark.parametrize("stated", ["rad", "deg"])
+def test_the_unit_of_root_angles_in_a_header_is_checked(tmp_path, stated, actual):
+    clip = turned(bowing_clip(), 0.5)
+    turns = Rotation.from_quat(clip.qpos[:, [4, 5, 6, 3]]).as_euler("xyz", degrees=actual == "deg")
+    header = [*NAMES[:3], *(f"{name} [{stated}]" for name in ("roll", "pitch", "yaw")), *G1.joint_names]
+    write_table(tmp_path / "a_50fps.csv", np.hstack((clip.qpos[:, :3], turns, clip.qpos[:, 7:])), header)
+    file, found = read_back(tmp_path / "a_50fps.csv")
+    assert np.abs((found.qpos[:, 3:7] * clip.qpos[:, 3:7]).sum(1)).min() > 1 - 1e-6
+    assert f"root rotation from Euler angles in {'radians' if actual == 'rad' else 'degrees'}" in file.facts
+
+
 def right_first(clip: MotionClip) -> MotionClip:
     """The clip with its columns as a program lists them that begins with the right side."""
     other = {"left": "right", "right": "left"}

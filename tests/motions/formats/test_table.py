@@ -21,6 +21,8 @@ def lines(separator: str = ",", end: str = "") -> str:
         (lines(" "), ""),
         (lines("   "), ""),
         (lines(", "), ""),
+        (lines(" | "), ""),
+        (lines("|").replace(".", ","), ""),
         (lines(",", ","), ""),
         (lines(";").replace(".", ","), ""),
         (lines().replace("\n", "\r\n\r\n"), ""),
@@ -40,6 +42,13 @@ def test_dialects(tmp_path, text, header):
     table = read_table(tmp_path / "a.csv")
     np.testing.assert_array_equal(table.values, VALUES)
     assert table.header == (header.split(",") if header else [])
+
+
+@pytest.mark.parametrize("day", ["", "2026-03-01 ", "2026-03-01T"])
+def test_times_of_a_day_become_seconds(tmp_path, day):
+    rows = "\n".join(f"{day}23:59:{58 + frame / 50:09.6f},{frame}" for frame in range(3))
+    (tmp_path / "a.csv").write_text(f"time,b\n{rows}")
+    np.testing.assert_allclose(read_table(tmp_path / "a.csv").values[:, 0], [0, 0.02, 0.04])
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "latin-1"])

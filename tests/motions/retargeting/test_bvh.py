@@ -72,6 +72,11 @@ def test_ways_of_writing(tmp_path, change):
     np.testing.assert_array_equal(read(tmp_path, change(TEXT)).positions, read(tmp_path, TEXT).positions)
 
 
+def test_text_as_windows_writes_it(tmp_path):
+    (tmp_path / "windows.bvh").write_text(TEXT, encoding="utf-16")
+    np.testing.assert_array_equal(read_bvh(tmp_path / "windows.bvh").positions, read(tmp_path, TEXT).positions)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -86,9 +91,9 @@ def test_ways_of_writing(tmp_path, change):
         ("Frames: 2", "Frames: -2", "line 17: .*a positive number"),
         ("Frame Time: 0.01", "Frame Time: x", "line 18: .*positive seconds"),
         ("Frame Time: 0.01", "Frame Time: 0", "line 18: .*positive seconds"),
-        ("40 50 60", "40 50", "line 20: .*9 finite numbers, one a channel"),
-        ("40 50 60", "40 50 nan", "line 20: .*9 finite numbers"),
-        ("40 50 60", "40 50 x", "line 20: .*9 finite numbers"),
+        ("40 50 60", "40 50", "line 20: .*9 finite numbers, one a channel, found 8"),
+        ("40 50 60", "40 50 nan", "line 20: .*9 finite numbers, one a channel, found 'nan'"),
+        ("40 50 60", "40 50 6,0", "line 20: .*9 finite numbers, one a channel, found '6,0'"),
     ],
 )
 def test_errors_name_file_and_line(tmp_path, old, new, message):

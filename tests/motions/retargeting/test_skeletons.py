@@ -1,6 +1,6 @@
 import pytest
 
-from plat.errors import MotionError
+from plat.errors import MotionError, OutputError
 from plat.motions.retargeting import builtin_maps, load_map, read_bvh, save_map
 from plat.motions.retargeting.human import read_human
 
@@ -56,3 +56,8 @@ def test_a_map_is_written_as_it_is_read(tmp_path):
     save_map(tmp_path / "lafan1.yaml", LAFAN1, "by hand")
     assert (tmp_path / "lafan1.yaml").read_text().startswith("# by hand\njoints:\n  hips: 'Hips'\n")
     assert load_map(tmp_path / "lafan1.yaml") == LAFAN1
+
+
+def test_a_map_that_cannot_be_written_is_named(tmp_path):
+    with pytest.raises(OutputError, match="x.yaml': cannot be written: File name too long"):
+        save_map(tmp_path / f"{'x' * 300}.yaml", LAFAN1, "by hand")
