@@ -468,6 +468,8 @@ class AverageRecipe(Bounded):
     """folder to write the average to"""
     shares: tuple[Positive, ...] = ()
     """weight of each run in the average; equal if there are none"""
+    symmetric: bool = False
+    """let it act by the mean of its action and that in the mirror; one run will do"""
 
 
 @dataclass(kw_only=True)

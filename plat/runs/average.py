@@ -4,6 +4,7 @@ import copy
 import math
 import shutil
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import torch
@@ -11,7 +12,7 @@ from torch import Tensor, nn
 
 from plat.errors import CheckpointError, ConfigError
 from plat.files import check_folder
-from plat.modules import LatentPolicy, PlainPolicy, take_over
+from plat.modules import Expert, LatentPolicy, PlainPolicy, take_over
 from plat.runs.changes import differing
 from plat.runs.dynamics import DYNAMICS_FILE
 from plat.runs.json_object import write_json
@@ -92,8 +93,8 @@ def _check_meaning(run: SavedRun, policy: nn.Module, last: SavedRun, policy_of_l
     student = isinstance(policy, (LatentPolicy, PlainPolicy))
     for name, (own, of_last) in differing(policy_spec(policy), policy_spec(policy_of_last)):
         field = name.rpartition(".")[2]
-        # one that got a reach on the way sees what is within it as before
-        gained = field == "reach" and own is None
+        # one that got a reach on the way sees what is within it as before, a symmetric one means the same on each side
+        gained = field in ("reach", "symmetric") and not own
         if not (gained or field in _HARMLESS or (student and field in _TAKEN_OVER)):
             raise CheckpointError(
                 f"{str(run.folder)!r}: policy.{name} is {own!r}, expected {of_last!r} as in {str(last.folder)!r}: "
@@ -101,7 +102,24 @@ def _check_meaning(run: SavedRun, policy: nn.Module, last: SavedRun, policy_of_l
             )
 
 
-def average_runs(runs: Sequence[str | Path], out: Path, shares: Sequence[float] = ()) -> SavedRun:
+def _made_symmetric(run: SavedRun, policy: nn.Module) -> None:
+    """Let a policy act by the mean of its action and that in the mirror.
+
+    Raises:
+        CheckpointError: for one that cannot.
+    """
+    if not isinstance(policy, (Expert, PlainPolicy)):
+        raise CheckpointError(
+            f"--symmetric: {str(run.folder)!r} holds a {run.kind!r} policy, expected an expert or a student without "
+            "a latent"
+        )
+    policy.config = replace(policy.config, symmetric=True)
+    policy.deployed()  # asks whether the robot is symmetric
+
+
+def average_runs(
+    runs: Sequence[str | Path], out: Path, shares: Sequence[float] = (), symmetric: bool = False
+) -> SavedRun:
     """Write a run whose weights are the mean of those of others, and return it.
 
     Policies that were trained on from one another, or from a common one, often gain by it, at no cost when they act.
@@ -111,16 +129,17 @@ def average_runs(runs: Sequence[str | Path], out: Path, shares: Sequence[float] 
     (:func:`plat.modules.take_over`).
 
     Args:
-        runs: two or more run directories, or names of shipped weights.
+        runs: two or more run directories, or names of shipped weights; with ``symmetric`` one will do.
         out: directory to write to.
         shares: weight of each; none for equal ones. They are scaled to a sum of 1.
+        symmetric: let it act by the mean of its action and that in the mirror (:class:`plat.modules.BothSides`).
 
     Raises:
         ConfigError: for less than two runs, or another number of shares.
         CheckpointError: when a run cannot be read, or its policy is of another kind or size, or differs in what its
-            weights mean, such as the base of the action.
+            weights mean, such as the base of the action; for one that cannot be ``symmetric``.
     """
-    if len(runs) < 2:
+    if len(runs) < (1 if symmetric else 2):
         raise ConfigError(f"runs: {len(runs)}, expected two or more to average")
     if shares and len(shares) != len(runs):
         raise ConfigError(f"--shares: {len(shares)} numbers, expected {len(runs)}, one for each run")
@@ -137,6 +156,10 @@ def average_runs(runs: Sequence[str | Path], out: Path, shares: Sequence[float] 
         policy.load_state_dict(average_weights([_like(policy, one) for one in policies], parts))
     except ConfigError as error:
         raise CheckpointError(f"{', '.join(str(run.folder) for run in saved)}: {error}") from None
+    config = dict(last.config)
+    if symmetric:
+        _made_symmetric(last, policy)
+        config["policy"] = policy_spec(policy)
     of = [
         {"run": str(name), "share": share, "motions": run.motions}
         | {key: run.config.get(key) for key in ("finished", "made_with")}
@@ -147,7 +170,7 @@ def average_runs(runs: Sequence[str | Path], out: Path, shares: Sequence[float] 
         if (last.folder / DYNAMICS_FILE).exists():
             shutil.copy(last.folder / DYNAMICS_FILE, out / DYNAMICS_FILE)
         save_weights(out / WEIGHTS_FILE, policy)
-        write_json(out / CONFIG_FILE, {**last.config, "average": of})
+        write_json(out / CONFIG_FILE, config if len(runs) == 1 else {**config, "average": of})
     finally:
         lock.release()
     return SavedRun(out)

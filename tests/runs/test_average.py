@@ -122,11 +122,37 @@ def test_weights_that_mean_different_things_are_refused(tmp_path, one, last, fie
         (lambda: Expert(G1, replace(EXPERT, init_std=0.1, min_std=0.01)), lambda: Expert(G1, EXPERT)),
         (plain, lambda: plain(also=("clock",), timing=Timing(max_steps=150))),
         (plain, lambda: plain(reach=WalkingReach())),  # it was trained on from the other one
+        (plain, lambda: plain(symmetric=True)),
     ],
 )
 def test_differences_without_harm(tmp_path, one, last):
     save(tmp_path / "one", one()), save(tmp_path / "last", last())
     average_runs([tmp_path / "one", tmp_path / "last"], tmp_path / "mean")
+
+
+def test_a_run_is_made_symmetric(tmp_path):
+    weights = saved(tmp_path / "one")
+    config = json.loads((tmp_path / "one" / "config.json").read_text())
+    main(["average", str(tmp_path / "one"), "--symmetric", "--out", str(tmp_path / "out")])
+    run = SavedRun(tmp_path / "out")
+    assert run.policy().config.symmetric
+    assert all(tensor.equal(weights[name]) for name, tensor in run.policy().state_dict().items())
+    run.config["policy"]["config"]["symmetric"] = False
+    assert run.config == config
+
+
+def test_a_mean_is_made_symmetric(tmp_path):
+    save(tmp_path / "one", Expert(G1, EXPERT)), save(tmp_path / "last", Expert(G1, EXPERT))
+    run = average_runs([tmp_path / "one", tmp_path / "last"], tmp_path / "mean", symmetric=True)
+    assert run.policy().config == replace(EXPERT, symmetric=True)
+    assert len(run.config["average"]) == 2
+
+
+def test_a_policy_with_a_latent_is_not_made_symmetric(tmp_path):
+    save(tmp_path / "one", LatentPolicy(G1, SMALL))
+    with pytest.raises(CheckpointError, match="--symmetric: .*one' holds a 'latent' policy, expected an expert or"):
+        average_runs([tmp_path / "one"], tmp_path / "out", symmetric=True)
+    assert not (tmp_path / "out").exists()
 
 
 def test_an_average_knows_what_all_of_it_was_trained_on(tmp_path):
