@@ -5,6 +5,7 @@ Both are extras, imported only when asked for: ``pip install 'plat-rl[wandb]'`` 
 
 import importlib
 import os
+import secrets
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
@@ -12,10 +13,22 @@ from typing import Any, Literal
 
 from plat.errors import PlatError
 
-__all__ = ["LoggerName", "check_logger", "chosen_loggers", "log_table", "log_video", "start_logging"]
+__all__ = [
+    "ID_FILE",
+    "LoggerName",
+    "check_logger",
+    "chosen_loggers",
+    "log_table",
+    "log_video",
+    "logging_id",
+    "start_logging",
+]
 
 LoggerName = Literal["wandb", "trackio"]
 """An experiment logger."""
+
+ID_FILE = "logging_id"
+"""Name of the file that tells a training from others of its name."""
 
 
 def check_logger(logger: LoggerName) -> ModuleType:
@@ -38,8 +51,23 @@ def chosen_loggers(wandb: bool, trackio: bool) -> tuple[LoggerName, ...]:
     return tuple(name for name, wanted in asked.items() if wanted)
 
 
-def start_logging(logger: LoggerName, name: str, folder: Path, config: Mapping[str, Any]) -> Any:
-    """Start a run of an experiment logger.
+def logging_id(folder: Path, resume: bool) -> str:
+    """Return what tells a training from all others of its name, kept in its folder: a new one, unless it is resumed.
+
+    Args:
+        folder: of the training.
+        resume: return the one that the folder has, if it has one.
+    """
+    path = folder / ID_FILE
+    if not (resume and path.exists()):
+        path.write_text(secrets.token_hex(4), encoding="utf-8")
+    return path.read_text(encoding="utf-8").strip()
+
+
+def start_logging(
+    logger: LoggerName, name: str, folder: Path, config: Mapping[str, Any], run_id: str | None = None
+) -> Any:
+    """Start a run of an experiment logger, or go on with one.
 
     A run of wandb is online for a user who is logged in, and offline otherwise. ``WANDB_MODE`` overrides this.
 
@@ -48,6 +76,8 @@ def start_logging(logger: LoggerName, name: str, folder: Path, config: Mapping[s
         name: of the run; the project is ``"plat"``.
         folder: wandb keeps its files here.
         config: settings that are shown with the run.
+        run_id: a run that has it already is gone on with; None for a new one. trackio, which finds runs by name,
+            shows it behind the name.
 
     Returns:
         An object with ``log(entries, step=)`` and ``finish()``. A run of wandb is a context manager as well.
@@ -57,17 +87,26 @@ def start_logging(logger: LoggerName, name: str, folder: Path, config: Mapping[s
     """
     module = check_logger(logger)
     if logger == "trackio":
-        return module.init(project="plat", name=name, config=dict(config), resume="allow")
-    settings: dict[str, Any] = {"project": "plat", "name": name, "dir": str(folder), "config": dict(config)}
+        if run_id is None:
+            return module.init(project="plat", name=name, config=dict(config), resume="never")
+        return module.init(project="plat", name=f"{name}-{run_id}", config=dict(config), resume="allow")
+    settings: dict[str, Any] = {
+        "project": "plat",
+        "name": name,
+        "id": run_id,
+        "dir": str(folder),
+        "config": dict(config),
+        "resume": "allow",
+    }
     # given to init: wandb reads WANDB_MODE once, when it is imported
     mode = os.environ.get("WANDB_MODE") or _credentials(module)
     try:
-        return module.init(**settings, resume="allow", mode=mode)
+        return module.init(**settings, mode=mode)
     except module.errors.Error as error:
         if mode == "offline":
             raise PlatError(f"--wandb: {error}") from error
         print(f"wandb: {error}; logging offline", flush=True)
-        return module.init(**settings, resume="allow", mode="offline")
+        return module.init(**settings, mode="offline")
 
 
 def _credentials(wandb: ModuleType) -> str:

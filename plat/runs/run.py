@@ -35,7 +35,7 @@ from plat.runs.checkpoints import Checkpoints, UnfitCheckpointError
 from plat.runs.interrupts import StopSignal
 from plat.runs.json_object import entry, plain, read_json, write_json
 from plat.runs.lock import LOCK_FILE, RunLock
-from plat.runs.loggers import LoggerName, check_logger, log_video, start_logging
+from plat.runs.loggers import ID_FILE, LoggerName, check_logger, log_video, logging_id, start_logging
 from plat.runs.metrics import MetricsFile
 from plat.runs.outputs import CHECKPOINTS, INPUTS_FILE, check_out
 from plat.runs.policies import complete_spec, policy_spec
@@ -157,7 +157,9 @@ class Run:
             else:
                 self._begin(config, self._inputs)
             self._metrics = MetricsFile(folder / _METRICS_FILE, keep_until=budget.steps)
-            self._tracked = [start_logging(logger, folder.name, folder, config) for logger in loggers]
+            self._tracked = [
+                start_logging(logger, folder.name, folder, config, logging_id(folder, resume)) for logger in loggers
+            ]
         except BaseException:
             self._lock.release()
             if not resume:
@@ -187,7 +189,7 @@ class Run:
 
     def _clear(self, made: bool) -> None:
         """Remove what a start that failed has written, and the folder if it was made for it and holds no more."""
-        for name in (CONFIG_FILE, INPUTS_FILE, _METRICS_FILE, LOCK_FILE):
+        for name in (CONFIG_FILE, INPUTS_FILE, _METRICS_FILE, ID_FILE, LOCK_FILE):
             (self.folder / name).unlink(missing_ok=True)
         if made and not any(self.folder.iterdir()):
             self.folder.rmdir()

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from plat.errors import PlatError
-from plat.runs import check_logger, log_table, log_video
-from plat.runs.loggers import chosen_loggers
+from plat.runs import check_logger, log_table, log_video, start_logging
+from plat.runs.loggers import chosen_loggers, logging_id
 
 
 class Log:
@@ -58,6 +58,37 @@ def test_a_video_is_logged_at_its_step(tmp_path, monkeypatch):
     ((entry, step),) = log.entries
     assert step == 7
     assert (entry["video"].path, entry["video"].format) == (str(tmp_path / "7.mp4"), "mp4")
+
+
+def started(monkeypatch, logger, folder, run_id):
+    """What a logger's init is given."""
+    given = {}
+    monkeypatch.setitem(sys.modules, logger, SimpleNamespace(init=lambda **settings: given.update(settings)))
+    monkeypatch.setenv("WANDB_MODE", "offline")
+    start_logging(logger, "expert", folder, {"seed": 0}, run_id)
+    return given
+
+
+def test_a_resumed_training_goes_on_with_its_run_and_a_new_one_of_the_name_does_not(tmp_path, monkeypatch):
+    for folder in ("one", "other"):
+        (tmp_path / folder).mkdir()
+    first, again, new, other = (
+        logging_id(tmp_path / folder, resume)
+        for folder, resume in (("one", False), ("one", True), ("one", False), ("other", True))
+    )
+    assert first == again
+    assert len({first, new, other}) == 3
+    given = started(monkeypatch, "wandb", tmp_path, first)
+    assert (given["name"], given["id"], given["resume"]) == ("expert", first, "allow")
+    # trackio finds runs by name: two trainings called "expert" are two runs
+    given = started(monkeypatch, "trackio", tmp_path, first)
+    assert (given["name"], given["resume"]) == (f"expert-{first}", "allow")
+
+
+def test_an_evaluation_is_a_run_of_its_own(tmp_path, monkeypatch):
+    assert started(monkeypatch, "wandb", tmp_path, None)["id"] is None
+    assert started(monkeypatch, "trackio", tmp_path, None)["resume"] == "never"
+    assert not list(tmp_path.iterdir())
 
 
 PROGRAM = """
