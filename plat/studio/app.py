@@ -149,6 +149,7 @@ class Studio:
     def stop(self) -> None:
         """End :meth:`run` and close the page."""
         self._desk.stop()
+        self._autosave.tick(at_once=True)
         self.server.stop()
 
     def _tick(self, seconds: float) -> None:

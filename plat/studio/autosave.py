@@ -39,12 +39,12 @@ class Autosave:
         except OSError:
             return None
 
-    def tick(self) -> bool:
-        """Write the copy when it is due; return whether something was written."""
+    def tick(self, at_once: bool = False) -> bool:
+        """Write the copy when it is due, or at once; return whether something was written."""
         now = self._session.timeline
         if (now.start, now.keyframes, now.holds) != (self._last.start, self._last.keyframes, self._last.holds):
             self._last, self._edited_at = now, time.monotonic()
-        if self._edited_at is None or time.monotonic() - self._edited_at < _AFTER:
+        if self._edited_at is None or (time.monotonic() - self._edited_at < _AFTER and not at_once):
             return False
         self._edited_at = None
         if not self._session.unsaved:

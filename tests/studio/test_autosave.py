@@ -37,6 +37,13 @@ def test_not_while_something_is_dragged(session, tmp_path):
     assert not keeper.path.exists()
 
 
+def test_at_the_end_it_waits_for_no_rest(session, tmp_path):
+    keeper = Autosave(session, tmp_path)
+    session.add()
+    assert keeper.tick(at_once=True)
+    assert keeper.path.exists()
+
+
 def test_a_folder_that_cannot_be_written_to_is_named(session, tmp_path, monkeypatch):
     monkeypatch.setattr(autosave, "_AFTER", 0.0)
     (tmp_path / "file").write_text("")

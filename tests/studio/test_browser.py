@@ -241,10 +241,11 @@ def test_keys_add_mirror_copy_paste_and_delete(user):
     user.until(lambda: session.timeline.labels[1] == "1 am")
     assert len(session.timeline.keyframes) == 3, "keys that are typed into a box do nothing else"
     takes = user.page.get_by_label("Takes (s)", exact=True)
-    for text in ("soon", ""):
+    for text in ("soon", "1e9", ""):
         takes.fill(text)
         user.key("Enter")
-    user.sees('Takes (s) is "soon", expected a number')
+    for text in ("soon", "1e9"):
+        user.sees(f'Takes (s) is "{text}", expected a number')
     user.sees("Takes (s) is empty")
     user.until(lambda: takes.input_value() == "0.8")
     takes.fill("0,5")
@@ -424,6 +425,21 @@ def test_the_impossible_is_explained(user):
     assert user.page.locator('#dock [data-key="1"]', has_text="▲!").count() == 1
 
 
+def test_tables_and_buttons_are_within_the_page(user):
+    session = user.session
+    user.begin("bow")
+    user.studio._desk.ask(lambda: session.set_root(session.timeline.pose.qpos[:7] + 3 * np.eye(7)[0], "far"))
+    user.tab("Play")
+    user.press("Compare all policies")
+    user.until(lambda: set(session.playback.scores) == {"plat", "expert"})
+    user.settle()
+    right = "Math.max(...[...document.querySelectorAll('#root td')].map((cell) => cell.getBoundingClientRect().right))"
+    user.until(lambda: user.page.evaluate(f"{right} <= innerWidth"))
+    bar = user.page.locator("#dock .bar")
+    assert bar.evaluate("(bar) => bar.scrollWidth <= bar.clientWidth || getComputedStyle(bar).overflowX === 'auto'")
+    user.tab("Pose")
+
+
 def test_poses_and_clips_are_found_and_taken(user):
     session = user.session
     user.begin("bow")
@@ -481,6 +497,19 @@ def test_files_are_saved_asked_about_and_kept(user, folder):
         user.press("Upload")
     chooser.value.set_files(folder / "other.json")
     user.until(lambda: len(session.timeline.keyframes) == 2)
+    for name in ("Load", "New", "Upload"):
+        if name == "Upload":
+            with user.page.expect_file_chooser() as chooser:
+                user.press(name)
+            chooser.value.set_files(folder / "keyframes.json")
+        else:
+            user.press(name)
+        user.until(lambda name=name: len(session.timeline.keyframes) == (0 if name == "New" else 2))
+        if name != "Load":
+            user.key("Control+s")  # these keyframes are not the ones of the file in the box
+            user.page.get_by_role("dialog").get_by_text("other.json is there already").wait_for()
+            user.press("Cancel")
+            user.until(lambda: not user.studio._page.dock.state["question"])
     user.tab("Pose")
 
 
@@ -492,6 +521,39 @@ def test_the_page_is_dark_where_the_system_is(user):
     user.until(lambda: max(floor.plane_color) < 100)
     paper = "getComputedStyle(document.querySelector('#dock')).backgroundColor"
     user.until(lambda: user.page.evaluate(paper) == "rgb(29, 35, 41)")
+
+
+def test_a_page_whose_studio_is_started_again_comes_back(policies, browser, tmp_path):
+    port = free_port()
+
+    def started() -> tuple[Studio, threading.Thread]:
+        studio = Studio(
+            Session(G1, policies), host="127.0.0.1", port=port, motions="", path="keyframes.json", folder=tmp_path
+        )
+        thread = threading.Thread(target=studio.run)
+        thread.start()
+        return studio, thread
+
+    studio, thread = started()
+    try:
+        user = User(studio, browser)
+        user.key("Delete", "Delete")
+        user.page.wait_for_function("document.querySelectorAll('#dock-notes .error').length === 2")
+        studio._desk.ask(studio.session.add)
+        user.until(lambda: studio.session.timeline.keyframes)
+        studio.stop()
+        thread.join(10)
+        assert (tmp_path / AUTOSAVE).exists(), "the last edit is kept, however fresh"
+        user.sees("The studio has stopped.")
+        studio, thread = started()
+        user.sees("Restore autosave.")
+        user.page.locator("#dock-notes .error").last.wait_for(state="detached")
+        user.key("Delete")
+        user.page.locator("#dock-notes .error").wait_for()
+        user.page.close()
+    finally:
+        studio.stop()
+        thread.join(10)
 
 
 def test_a_browser_that_cannot_draw_is_told(studio, browser):

@@ -28,7 +28,7 @@ class FilePanel:
         self._autosave = autosave
         self._own: Path | None = None
         self._path = gui.add_text("File", path, hint=f"In {folder.root}, on the machine that the studio runs on.")
-        page.buttons("", {"Save": self.save, "Load": self._load, "New": session.new})
+        page.buttons("", {"Save": self.save, "Load": self._load, "New": self._new})
         gui.add_markdown(f"Folder: `{folder.root}`")
         self._restore_button = page.button(
             "Restore autosave", self._restore, icon=viser.Icon.HISTORY, visible=autosave.former is not None
@@ -50,7 +50,7 @@ class FilePanel:
 
         async def uploaded(event: viser.GuiEvent[viser.GuiUploadButtonHandle]) -> None:
             file = event.target.value
-            page.desk.ask(lambda: self._loaded(file.name, lambda: session.from_json(file.name, file.content)))
+            page.desk.ask(lambda: self._foreign(file.name, file.content))
 
         async def record_clicked(_: object) -> None:
             page.desk.ask(self._ask_to_record)
@@ -80,11 +80,20 @@ class FilePanel:
         self._loaded(self._path.value, lambda: self._page.session.load(path))
         self._own = path
 
+    def _new(self) -> None:
+        self._page.session.new()
+        self._own = None  # what comes is not the file in the box: that is only replaced when the user agrees
+
+    def _foreign(self, name: str, content: bytes) -> None:
+        """Load keyframes that are not those of the file in the box."""
+        self._loaded(name, lambda: self._page.session.from_json(name, content))
+        self._own = None
+
     def _restore(self) -> None:
         content = self._autosave.former
         if content is None:
             return
-        self._loaded(AUTOSAVE, lambda: self._page.session.from_json(AUTOSAVE, content))
+        self._foreign(AUTOSAVE, content)
         self._page.session.saved = Timeline.empty(self._page.session.robot)  # it is in no file of the user's
         self._restore_button.visible = False
 

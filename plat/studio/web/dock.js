@@ -45,6 +45,7 @@
     socket.onopen = () => send("browser", { software: window.platSoftware === true, dark: matchMedia("(prefers-color-scheme: dark)").matches });
     socket.onmessage = (event) => told(JSON.parse(event.data));
     socket.onclose = () => {
+      state.file = null; // the page waits for the next studio's: it may know of unsaved work
       if (opened) cover("The studio has stopped.", "Start it again in the terminal: plat studio. This page comes back by itself; what you made is in its autosave.");
       setTimeout(connect, 1000);
     };
@@ -90,7 +91,7 @@
     at[name] = make("input", { class: kind, "aria-label": label, title: label });
     const commit = () => {
       const text = at[name].value, value = kind === "number" ? Number(text.replace(",", ".")) : text;
-      const refused = kind === "number" && !(text.trim() && Number.isFinite(value));
+      const refused = kind === "number" && !(text.trim() && Math.abs(value) < 1e6);
       if (!refused) send(what, { value });
       else showNote({ kind: "error", title: "That did not work", text: `${label} is ${text.trim() ? `"${text}"` : "empty"}, expected a number such as 0.6.` });
       setTimeout(show, refused ? 0 : 800); // what is refused, or out of bounds, is not left standing
@@ -352,6 +353,7 @@
   // what is shown
 
   function showNotes() {
+    if (Math.max(0, ...state.notes.map((note) => note.id)) < lastNote) lastNote = 0; // a studio that was started again counts anew
     if (lastNote === null) lastNote = Math.max(0, ...state.notes.map((note) => note.id)) - (opened ? 1 : 0);
     for (const note of state.notes) {
       if (note.id <= lastNote) continue;
@@ -370,7 +372,7 @@
 
   function show() {
     const { timeline, time } = state;
-    if (!timeline || !time || !at.dock) return;
+    if (!timeline || !time || !state.file || !at.dock) return;
     window.platMoving = time.mode === "playing";
     count();
     if (window.platBlind) {
@@ -405,7 +407,7 @@
     if (!document.querySelector("#root canvas")) { setTimeout(show, 100); return; }
     at.cover.style.display = "none";
     if (!opened && window.platSoftware) softly();
-    if (!opened && state.file && state.file.restorable)
+    if (state.file.restorable) // when the page opens, and when it comes back
       showNote({ kind: "info", title: "Unsaved work", text: "Keyframes of an earlier session were not saved: Files, Restore autosave." });
     opened = true;
   }
@@ -460,7 +462,7 @@
     for (const mark of timeline.marks) parts.push(draw("circle", { cx: toX(mark), cy: middle, r: 3, fill: "var(--paper)", stroke: "var(--idle)" }));
     if (timeline.poses.length === 1) {
       const hint = draw("text", { x: toX(0) + 30, y: middle + 5, class: "hint" });
-      hint.textContent = "No keyframes yet: press A, or double click here. Or choose a template under Pose.";
+      hint.textContent = "No keyframes yet: press A, or double click here. Or choose a template beside Begin with.";
       parts.push(hint);
     }
     const now = toX(time.cursor), taken = [-Infinity, -Infinity]; // where the labels of the two rows end
