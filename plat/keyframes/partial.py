@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from plat.bounds import is_finite
 from plat.deploy.description import RobotDescription
 from plat.deploy.kinematics import KeypointKinematics
 from plat.errors import KeyframeError
@@ -118,13 +119,11 @@ def hands_of(robot: Robot | RobotDescription) -> tuple[str, str]:
 
 
 def _number(field: str, value: float, most: float = np.inf, unit: str = "") -> float:
-    try:
-        number = float(value)
-    except (OverflowError, TypeError, ValueError):
-        raise KeyframeError(f"{field} is {short(value)}, expected a number") from None
-    if abs(number) > most:
-        raise KeyframeError(f"{field} is {number:g} {unit}, expected at most {most:.3g}; is it in another unit?")
-    return number
+    if not is_finite(value):
+        raise KeyframeError(f"{field} is {short(value)}, expected a finite number")
+    if abs(value) > most:
+        raise KeyframeError(f"{field} is {value:g} {unit}, expected at most {most:.3g}; is it in another unit?")
+    return float(value)
 
 
 def _numbers(field: str, values: Sequence[float], count: int) -> NDArray[np.float64]:

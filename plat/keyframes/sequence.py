@@ -10,9 +10,11 @@ from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from plat.bounds import is_finite
 from plat.errors import KeyframeError
+from plat.json_file import short
 from plat.keyframes.files import read_keyframes, write_keyframes
-from plat.keyframes.keyframe import Keyframe, RobotJoints, interpolate, standing
+from plat.keyframes.keyframe import Keyframe, RobotJoints, check_time, interpolate, standing
 from plat.keyframes.roots import as_arrived, with_commanded_root
 from plat.spec.timing import Timing
 
@@ -216,6 +218,8 @@ class KeyframeSequence:
         """
         poses = [Keyframe.from_motion(motion, time, robot) for time in times]
         labels = [None] * len(times) if names is None else names
+        if len(labels) != len(times):
+            raise KeyframeError(f"names: {len(labels)} for {len(times)} keyframes, expected one for each or none")
         keyframes = (
             replace(pose, time=round(pose.time - begin, 9), name=name) for pose, name in zip(poses, labels, strict=True)
         )
@@ -232,7 +236,7 @@ def split_long_intervals(
     The way begins where the robot probably is, see :func:`plat.keyframes.roots.as_arrived`.
 
     Raises:
-        KeyframeError: for times that do not increase.
+        KeyframeError: for times that do not increase, or are none.
 
     >>> from plat.robots import G1
     >>> pose = standing(G1)
@@ -240,9 +244,12 @@ def split_long_intervals(
     [1.0, 1.82, 2.66, 3.5]
     """
     result: list[Keyframe] = []
+    check_time(start.time, "start: time")
     before = start
     for index, keyframe in enumerate(keyframes):
-        _check_order(before, keyframe, _label(index, keyframe), timing)
+        label = _label(index, keyframe)
+        check_time(keyframe.time, f"{label}: time")
+        _check_order(before, keyframe, label, timing)
         first = timing.steps(before.time)
         steps = timing.steps(keyframe.time) - first
         parts = -(-steps // timing.max_steps)
@@ -257,6 +264,8 @@ def split_long_intervals(
 
 def _between(poses: Sequence[Keyframe], time: float) -> Keyframe:
     """Return the pose at a time (s) between poses, or the one at the end that is nearest."""
+    if not is_finite(time):
+        raise KeyframeError(f"time is {short(time)}, expected a finite number of seconds")
     after = bisect_right([pose.time for pose in poses], time)
     if after in (0, len(poses)):
         return poses[min(after, len(poses) - 1)].at(time)
