@@ -156,7 +156,7 @@ class Feasibility:
         return concerns
 
     def _bodies(self, before: Keyframe, after: Keyframe) -> list[Concern]:
-        """Concerns about the bodies and the height that a partial keyframe commands; the rest of it is the policy's to choose."""
+        """Concerns about bodies and height that a partial keyframe commands; the rest is the policy's to choose."""
         assert after.commands is not None
         places = [self._places(pose) for pose in (before, after)]
         speeds = 2 * np.linalg.norm(places[1] - places[0], axis=-1) / (after.time - before.time)

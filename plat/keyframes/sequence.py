@@ -10,7 +10,7 @@ from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from plat.bounds import is_finite
+from plat.bounds import as_names, is_finite
 from plat.errors import KeyframeError
 from plat.json_file import short
 from plat.keyframes.files import read_keyframes, write_keyframes
@@ -217,7 +217,7 @@ class KeyframeSequence:
         3
         """
         poses = [Keyframe.from_motion(motion, time, robot) for time in times]
-        labels = [None] * len(times) if names is None else names
+        labels = [None] * len(times) if names is None else as_names(names)
         if len(labels) != len(times):
             raise KeyframeError(f"names: {len(labels)} for {len(times)} keyframes, expected one for each or none")
         keyframes = (

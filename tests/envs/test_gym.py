@@ -16,7 +16,9 @@ from tensordict import TensorDict
 import plat.envs.gym
 from plat.envs import KeyframeTaskConfig
 from plat.envs.transforms import RandomizationRanges
-from plat.errors import ActionError, RenderingError, TaskError
+from plat.errors import ActionError, PlatError, RenderingError, TaskError
+from plat.robots import G1
+from plat.spec.observation import observation_size, student_keys
 
 
 @pytest.fixture(scope="module")
@@ -181,14 +183,20 @@ def test_vector_form():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        ({"device": "nope"}, "device 'nope': not on this machine"),
         ({"task": KeyframeTaskConfig(partial=0.5)}, "task.partial: .* expected also="),
         ({"task": 0.5}, "config is a float, expected a DistillationTaskConfig"),
         ({"timing": 0.02}, "timing is a float, expected a plat.spec.timing.Timing"),
     ],
 )
 def test_an_argument_that_does_not_fit_is_named(arguments, message):
-    with pytest.raises(TaskError, match=message):
+    with pytest.raises(PlatError, match=message):
         gymnasium.make("plat/G1TimedKeyframe-v0", motions="generated:val@8", **arguments)
+
+
+def test_one_group_is_named_without_a_tuple():
+    env = gymnasium.make("plat/G1TimedKeyframe-v0", motions="generated:val@8", also="clock")
+    assert env.observation_space.shape == (observation_size(student_keys(("clock",)), G1),)
 
 
 def test_an_episode_that_is_over_does_not_go_on():
