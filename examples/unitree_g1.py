@@ -130,6 +130,6 @@ if __name__ == "__main__":
     if len(sys.argv) not in (3, 4):
         sys.exit("usage: python examples/unitree_g1.py BUNDLE KEYFRAMES [INTERFACE]")
     try:
-        print(main(Path(sys.argv[1]), Path(sys.argv[2]), *sys.argv[3:]))
+        print(main(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3] if len(sys.argv) > 3 else None))
     except PlatError as error:
         sys.exit(f"error: {error}")

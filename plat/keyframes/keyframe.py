@@ -9,6 +9,7 @@ import numpy as np
 
 from plat.bounds import is_finite
 from plat.errors import KeyframeError
+from plat.files import readable
 from plat.json_file import short
 from plat.rotations_np import UNIT_TOLERANCE, quat_slerp
 from plat.spec.parts import Parts
@@ -131,8 +132,8 @@ class Keyframe:
 
         Raises:
             KeyframeError: naming the field, for a wrong shape, a value that is not finite, a root where none can be, a
-                quaternion that is not of unit length, a joint angle outside the joint's range, or commands of another
-                robot.
+                quaternion that is not of unit length, a joint angle outside the joint's range, commands of another
+                robot, or a name that is no text.
         """
         check_time(self.time)
         root_pos = _vector("root_pos", self.root_pos, 3, "x, y, z")
@@ -151,8 +152,12 @@ class Keyframe:
                 f"joint_pos: {robot.joint_names[worst]!r} is {joint_pos[worst]:.4g} rad, "
                 f"expected {low:.4g} to {high:.4g} (its range)"
             )
+        if not isinstance(self.commands, Parts | None):
+            raise KeyframeError(f"commands is {short(self.commands)}, expected plat.keyframes.Parts")
         if self.commands is not None:
             self.commands.check(robot)
+        if not isinstance(self.name, str | None) or readable(self.name or "") != (self.name or ""):
+            raise KeyframeError(f"name is {short(self.name)}, expected a text")
         return Keyframe(float(self.time), root_pos, root_quat / length, joint_pos, self.name, self.commands)
 
 

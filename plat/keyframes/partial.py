@@ -72,6 +72,9 @@ def only(
     >>> keyframe.commands.names(G1)["bodies"]
     ['left_wrist_yaw_link', 'right_wrist_yaw_link']
     """
+    for field, given in (("bodies", bodies), ("joints", joints)):
+        if not isinstance(given, Mapping | None):
+            raise KeyframeError(f"{field} is {short(given)}, expected values by name")
     wanted = dict(bodies or {})
     if left_hand is not None or right_hand is not None:
         for place, body in zip((left_hand, right_hand), hands_of(robot), strict=True):
@@ -84,7 +87,7 @@ def only(
         if value is not None
     ]
     commands = Parts.only(robot, angles, wanted, root_parts)
-    pose = base or standing(robot)
+    pose = (base or standing(robot)).checked(robot)
     qpos = pose.qpos
     if root is not None:
         qpos[:2] = _numbers("root", root, 2)

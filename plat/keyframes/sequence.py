@@ -73,12 +73,17 @@ class KeyframeSequence:
     timing: Timing = Timing()
 
     def __post_init__(self) -> None:
-        if not self.keyframes:
+        if isinstance(self.keyframes, Keyframe):
+            raise KeyframeError("keyframes is a single one, expected a tuple of them")
+        keyframes = tuple(self.keyframes or ())
+        if wrong := [each for each in (self.start, *keyframes) if not isinstance(each, Keyframe)]:
+            raise KeyframeError(f"start and keyframes hold {short(wrong[0])}, expected each to be a Keyframe")
+        if not keyframes:
             raise KeyframeError("keyframes: none, expected at least one")
         checked = [_checked(self.start, "start", self.robot)]
         if checked[0].time != 0:
             raise KeyframeError(f"start: time is {checked[0].time:g} s, expected 0")
-        for index, keyframe in enumerate(self.keyframes):
+        for index, keyframe in enumerate(keyframes):
             label = _label(index, keyframe)
             checked.append(_checked(keyframe, label, self.robot))
             _check_order(checked[-2], checked[-1], label, self.timing)
@@ -295,7 +300,7 @@ def _check_length(before: Keyframe, keyframe: Keyframe, label: str, timing: Timi
     if steps > timing.max_steps:
         raise KeyframeError(
             f"{label}: time is {keyframe.time:g} s, {steps} control steps after {before.time:g} s, expected at most "
-            f"{timing.max_steps} ({timing.longest:g} s): add a keyframe in between, have the interval split (--split of "
-            "plat play and plat keyframes show), or use longer commands (--timing.max-steps of plat keyframes, or another "
-            "policy)"
+            f"{timing.max_steps} ({timing.longest:g} s): add a keyframe in between, have the interval split (--split "
+            "of plat play and plat keyframes show), or use longer commands (--timing.max-steps of plat keyframes, or "
+            "another policy)"
         )

@@ -78,6 +78,8 @@ def test_a_waypoint_commands_place_and_heading():
         ({"heading": "north"}, "heading is 'north', expected a finite number"),
         ({"height": "0.7"}, "height is '0.7', expected a finite number"),
         ({"joints": {"left_elbow": True}}, "joints: 'left_elbow' is True, expected a finite number"),
+        ({"joints": ["left_elbow"]}, r"joints is \['left_elbow'\], expected values by name"),
+        ({"height": 0.7, "base": replace(standing(G1), joint_pos=np.zeros(3))}, r"joint_pos has shape \(3,\)"),
         ({"root": (1e9, 0)}, r"puts the root 1e\+09 m away"),
         ({"heading": 90}, "heading is 90 rad, expected at most 6.28"),
         ({"height": 76}, "height is 76 m, expected at most 5"),

@@ -111,6 +111,12 @@ def test_a_split_into_millions_is_refused():
         split_long_intervals(POSE, [POSE.at(1e300)])
 
 
+@pytest.mark.parametrize("keyframes", [POSE.at(1.0), (POSE.at(1.0), 2.0), ("pose",)])
+def test_what_is_no_tuple_of_keyframes_is_named(keyframes):
+    with pytest.raises(KeyframeError, match="keyframes .*, expected (a tuple of them|each to be a Keyframe)"):
+        KeyframeSequence(G1, POSE, keyframes)
+
+
 def test_names_are_one_for_each_keyframe(clip):
     with pytest.raises(KeyframeError, match="names: 1 for 2 keyframes, expected one for each or none"):
         KeyframeSequence.from_motion(clip, [0.5, 1.0], G1, names=["up"])
