@@ -17,12 +17,13 @@ UP = torch.tensor([0.0, 0.0, 1.0])
 _COPIES = WeakTensorKeyDictionary()
 
 
-def check_device(device: torch.device | str, what: str = "device") -> torch.device:
+def check_device(device: torch.device | str, what: str = "device", *, meta: bool = False) -> torch.device:
     """Return a device that this machine has.
 
     Args:
         device: it, or its name.
         what: begins the message.
+        meta: let torch's device through that holds no numbers.
 
     Raises:
         ConfigError: naming it, and the one that there is.
@@ -31,7 +32,7 @@ def check_device(device: torch.device | str, what: str = "device") -> torch.devi
     device(type='cpu')
     """
     try:
-        if (found := torch.device(device)).type == "meta":
+        if (found := torch.device(device)).type == "meta" and not meta:
             raise RuntimeError("it holds no numbers")
         torch.zeros(1, device=found)
         return found

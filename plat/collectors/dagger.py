@@ -118,7 +118,7 @@ def dagger_buffer(
     check_value("buffer: capacity", capacity, Count)
     check_value("buffer: batch_size", batch_size, Count)
     return TensorDictReplayBuffer(
-        storage=DeviceStorage(capacity, device=check_device(device)),
+        storage=DeviceStorage(capacity, device=check_device(device, meta=True)),
         sampler=RandomSampler(),
         transform=PrivilegedGoals(library, stride),
         batch_size=batch_size,

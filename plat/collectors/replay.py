@@ -43,7 +43,7 @@ class RolloutReplay:
     def __init__(self, num_envs: int, capacity: int, keys: Sequence[NestedKey], device: torch.device | str = "cpu"):
         check_value("replay: num_envs", num_envs, Robots)
         check_value("replay: capacity", capacity, Count)
-        device = check_device(device)
+        device = check_device(device, meta=True)
         self.num_envs = num_envs
         self.capacity = capacity
         self._keys = list(keys)

@@ -72,10 +72,10 @@ class PolicyRunner:
         """The robot that it drives."""
         if joint_names is not None:
             check_joints(f"bundle {str(path)!r}", robot.joint_names, joint_names)
-        if control_dt is not None:
-            if not (is_finite(control_dt) and abs(control_dt - robot.control_dt) <= _DT_TOLERANCE):
-                ours, given = f"{robot.control_dt:g}", shown(control_dt)
-                raise BundleError(f"bundle {str(path)!r}: control step of {ours} s, not the {given} s of this robot")
+        given = robot.control_dt if control_dt is None else control_dt
+        if not (is_finite(given) and abs(given - robot.control_dt) <= _DT_TOLERANCE):
+            told = f"control step of {robot.control_dt:g} s, not the {shown(given)} s of this robot"
+            raise BundleError(f"bundle {str(path)!r}: {told}")
         self._observe = self.bundle.observation_builder()
         self._where = f"ONNX policy {str(network)!r}"
         _check_widths(self._where, self._session, self._observe.size, len(robot.joint_names))
