@@ -173,6 +173,7 @@ def planner_side(bundle: Path, lines: Lines, seconds: float) -> None:
 
 def main(bundle: Path, seconds: float = 5.0, lockstep: bool = False) -> dict[str, Any]:
     """Start the planner in a process of its own and run the robot; return what happened."""
+    PolicyRunner(bundle)  # what is no bundle shows before there are two processes
     with socket.create_server(("127.0.0.1", 0)) as server:
         program = [sys.executable, __file__, str(bundle), "--planner", str(server.getsockname()[1]), str(seconds)]
         with subprocess.Popen(program) as planner:
@@ -185,8 +186,13 @@ def main(bundle: Path, seconds: float = 5.0, lockstep: bool = False) -> dict[str
 
 
 if __name__ == "__main__":
+    if len(sys.argv) == 1:
+        sys.exit("usage: python examples/planner_in_the_loop.py BUNDLE")
     if sys.argv[2:3] == ["--planner"]:
         with socket.create_connection(("127.0.0.1", int(sys.argv[3]))) as connection:
             planner_side(Path(sys.argv[1]), Lines(connection), float(sys.argv[4]))
     else:
-        print(json.dumps(main(Path(sys.argv[1])), indent=1))
+        try:
+            print(json.dumps(main(Path(sys.argv[1])), indent=1))
+        except PlatError as error:
+            sys.exit(f"error: {error}")

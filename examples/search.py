@@ -4,6 +4,8 @@ pip install 'ray[tune]'
 python examples/search.py
 """
 
+import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -26,4 +28,6 @@ def search(recipe: ExpertRecipe = RECIPE, samples: int = 16, cpus: int = 2) -> d
 
 
 if __name__ == "__main__":
+    if find_spec("ray") is None:
+        sys.exit("error: needs pip install 'ray[tune]'")
     print(search())

@@ -1,6 +1,8 @@
 """Run a bundle in MuJoCo without torch: numpy, onnxruntime, mujoco, and of plat only plat.deploy and plat.keyframes.
 
 python examples/sim_to_sim.py bundle            # a step to the side and back; or a file of keyframes: bundle wave.json
+
+It ends where plat play does: imagined-g1 about 0.01 m from the last keyframe, finetuned-g1 0.03, plat-g1 0.31.
 """
 
 import sys
@@ -11,6 +13,7 @@ import mujoco
 import numpy as np
 
 from plat.deploy import PolicyRunner, RobotState
+from plat.errors import PlatError
 from plat.keyframes import KeyframeSequence, standing
 
 
@@ -37,4 +40,9 @@ def main(bundle: Path, keyframes: Path | None = None) -> float:
 
 
 if __name__ == "__main__":
-    print(f"{main(*map(Path, sys.argv[1:])):.3f} m from the last keyframe")
+    if len(sys.argv) not in (2, 3):
+        sys.exit("usage: python examples/sim_to_sim.py BUNDLE [KEYFRAMES]")
+    try:
+        print(f"{main(*map(Path, sys.argv[1:])):.3f} m from the last keyframe")
+    except PlatError as error:
+        sys.exit(f"error: {error}")

@@ -23,6 +23,7 @@ from unitree_sdk2py.utils.crc import CRC
 
 from plat.deploy import JointCommand, PolicyRunner, StateEstimator
 from plat.deploy.safety import OnboardController, OnboardReading, SafetySettings
+from plat.errors import PlatError
 from plat.keyframes import KeyframeSequence
 
 JOINTS = 29
@@ -126,4 +127,9 @@ def main(bundle: Path, keyframes: Path, interface: str | None = None, settings: 
 
 
 if __name__ == "__main__":
-    print(main(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3] if len(sys.argv) > 3 else None))
+    if len(sys.argv) not in (3, 4):
+        sys.exit("usage: python examples/unitree_g1.py BUNDLE KEYFRAMES [INTERFACE]")
+    try:
+        print(main(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3] if len(sys.argv) > 3 else None))
+    except PlatError as error:
+        sys.exit(f"error: {error}")

@@ -9,9 +9,9 @@ import os
 import reprlib
 import types
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cache
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
 from plat.errors import ConfigError
 
@@ -29,6 +29,7 @@ __all__ = [
     "Robots",
     "Seed",
     "Within",
+    "as_names",
     "check_fields",
     "check_value",
     "is_finite",
@@ -115,6 +116,7 @@ Layers: TypeAlias = tuple[Annotated[int, Range(1, 65_536)], ...]
 Within: TypeAlias = Annotated[tuple[Annotated[float, Range(0)], Annotated[float, Range(0)]], Ascending()]
 """Lower and upper end of a range of numbers that are not negative."""
 
+Name = TypeVar("Name")
 _Check: TypeAlias = Callable[[Any], bool]
 
 
@@ -172,6 +174,15 @@ def check_value(what: str, value: Any, hint: Any) -> None:
     holds, expected = _check(hint)
     if not holds(value):
         raise ConfigError(f"{what} is {shown(value)}, expected {expected}")
+
+
+def as_names(names: Iterable[Name]) -> tuple[Name, ...]:
+    """Return names as a tuple; a single text is one name, and not one for each letter.
+
+    >>> as_names("parts"), as_names(["parts", "clock"])
+    (('parts',), ('parts', 'clock'))
+    """
+    return (names,) if isinstance(names, str) else tuple(names)  # type: ignore[return-value]
 
 
 def is_finite(value: Any, *, or_infinite: bool = False) -> bool:

@@ -4,7 +4,10 @@ import torch
 from torch import Tensor
 from torch.utils.weak import WeakTensorKeyDictionary
 
-__all__ = ["HORIZONTAL", "UP", "constant", "on_gpu"]
+from plat.errors import ConfigError
+from plat.json_file import short
+
+__all__ = ["HORIZONTAL", "UP", "check_device", "constant", "on_gpu"]
 
 HORIZONTAL = torch.tensor([1.0, 1.0, 0.0])
 """Factors that leave a vector's horizontal part."""
@@ -12,6 +15,31 @@ UP = torch.tensor([0.0, 0.0, 1.0])
 """Factors that leave its vertical part."""
 
 _COPIES = WeakTensorKeyDictionary()
+
+
+def check_device(device: torch.device | str, what: str = "device", *, meta: bool = False) -> torch.device:
+    """Return a device that this machine has.
+
+    Args:
+        device: it, or its name.
+        what: begins the message.
+        meta: let torch's device through that holds no numbers.
+
+    Raises:
+        ConfigError: naming it, and the one that there is.
+
+    >>> check_device("cpu")
+    device(type='cpu')
+    """
+    try:
+        if (found := torch.device(device)).type == "meta" and not meta:
+            raise RuntimeError("it holds no numbers")
+        torch.zeros(1, device=found)
+        return found
+    except (AssertionError, NotImplementedError, RuntimeError, TypeError) as error:
+        reason = str(error).partition("\n")[0][:120]
+        there = "cuda" if torch.cuda.is_available() else "cpu"
+        raise ConfigError(f"{what} {short(device)}: not on this machine ({reason}); expected {there}") from None
 
 
 def on_gpu(tensor: Tensor) -> bool:

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from plat.bounds import Ascending, Bounded, Count, Fraction, Layers, NotEmpty, Positive, Range, Seed, Within
+from plat.envs.parts import draw_parts
 from plat.errors import ConfigError
+from plat.evaluation.study import StudyPlan
+from plat.motions import generate_motions
+from plat.robots import G1
+from plat.runs.user_modules import import_modules
+from plat.spec.observation import student_keys
+from plat.spec.parts import Parts
 
 
 @dataclass(frozen=True)
@@ -89,3 +96,15 @@ def test_bounds_hold_for_classes_that_inherit():
         More(share=-1)
     with pytest.raises(ConfigError, match="More: extra"):
         More(extra=(2.0, 1.0))
+
+
+def test_a_single_name_stands_for_a_tuple_of_one():
+    for one, several in (
+        (student_keys("clock"), student_keys(("clock",))),
+        (Parts.only(G1, root="height"), Parts.only(G1, root=("height",))),
+        (draw_parts(G1, 3, kinds="hands").tolist(), draw_parts(G1, 3, kinds=("hands",)).tolist()),
+        (StudyPlan(horizons="long", longer="3s"), StudyPlan(horizons=("long",), longer=("3s",))),
+    ):
+        assert one == several
+    assert [clip.name for clip in generate_motions("val", seconds=4, families="walk")] == ["walk_val_000"]
+    import_modules("json")

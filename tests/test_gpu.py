@@ -1,9 +1,18 @@
 import gc
 
+import pytest
 import torch
 
+from plat.collectors import RolloutReplay, dagger_buffer
+from plat.envs import make_keyframe_env, make_tracking_env
+from plat.errors import ConfigError
 from plat.gpu import _COPIES as COPIES
-from plat.gpu import HORIZONTAL, UP, constant
+from plat.gpu import HORIZONTAL, UP, check_device, constant
+from plat.motions import MotionLibrary
+from plat.robots import G1
+from plat.runs import load_policy
+from plat.runs.dynamics import load_dynamics
+from tests.conftest import standing_clip
 
 
 def test_a_constant_that_fits_is_itself():
@@ -36,3 +45,24 @@ def test_copies_go_with_their_constant():
     del values
     gc.collect()
     assert len(COPIES) < before
+
+
+@pytest.mark.parametrize("device", ["nope", "meta", 3.5, None])
+def test_what_is_no_device_of_this_machine_is_one_line(device):
+    with pytest.raises(ConfigError, match="^device .*: not on this machine .*expected"):
+        check_device(device)
+
+
+def test_whatever_takes_a_device_names_one_that_is_not_there():
+    library = MotionLibrary.from_clips([standing_clip("still", frames=60)])
+    for take in (
+        library.to,
+        lambda device: make_tracking_env(library, 1, device=device),
+        lambda device: make_keyframe_env(library, 1, device=device),
+        lambda device: dagger_buffer(library, 4, 2, device=device),
+        lambda device: RolloutReplay(1, 4, ["x"], device=device),
+        lambda device: load_policy("plat-g1", device),
+        lambda device: load_dynamics("imagined-g1", G1, device),
+    ):
+        with pytest.raises(ConfigError, match="device 'nope': not on this machine"):
+            take("nope")

@@ -102,12 +102,10 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
     scores = study.scores
     if tables := study.markdown():
         print(f"\n{tables}", end="")
-    if recipe.out is not None:
-        text = "\n".join(filter(None, (markdown(scores), tables)))
-        replace_file(recipe.out / "scores.md", lambda part: part.write_text(text, encoding="utf-8"))
+    write_tables(recipe, markdown(scores), tables)
     pictures: list[Path] = []
     if recipe.authored:
-        score_authored(recipe, found, library, plan.setting)
+        write_tables(recipe, markdown(scores), tables, *score_authored(recipe, found, library, plan.setting))
         if recipe.strips is not None:
             pictures += draw_authored_strips(recipe, recipe.strips, entrants, library)
     if recipe.figures is not None:
@@ -160,6 +158,13 @@ def check_together(recipe: EvaluateRecipe) -> None:
     ):
         if changed and not there:
             raise PlatError(f"{flag}: without effect but with {needed}, expected that beside it")
+
+
+def write_tables(recipe: EvaluateRecipe, *tables: str) -> None:
+    """Write the page of tables into the folder for them."""
+    if recipe.out is not None:
+        text = "\n".join(filter(None, tables))
+        replace_file(recipe.out / "scores.md", lambda part: part.write_text(text, encoding="utf-8"))
 
 
 def written_by(recipe: EvaluateRecipe, pictures: Sequence[Path]) -> list[Path]:
@@ -238,18 +243,24 @@ def score_authored(
     entrants: Mapping[Candidate, Entrant],
     library: MotionLibrary,
     setting: EvaluationSetting,
-) -> None:
-    """Print a table of authored keyframes for every entrant, and write what there is so far."""
+) -> list[str]:
+    """Print a table of authored keyframes for every entrant, write what there is so far, and return the tables."""
     scored: dict[str, AuthoredRecords] = {}
+    tables = []
+    beside = [recipe.csv] if recipe.csv is not None else []
+    beside += [recipe.out / "scores.csv"] if recipe.out is not None else []
     folder, pushed = recipe.out and recipe.out / "records", ""
     if recipe.pushes:
         pushed = f", pushes of {recipe.pushes:g} m/s every 1.5 s"
     pushes = pushes_of(recipe)
     for candidate, records in records_of_all(entrants, library, recipe.authored, setting, folder, pushes):
         scored[candidate.name] = records
-        print(f"\n{candidate.name}, authored keyframes{pushed}\n{authored_table(records)}", end="", flush=True)
-        if recipe.csv is not None:
-            write_authored_csv(authored_csv(recipe.csv), scored)
+        head, table = f"{candidate.name}, authored keyframes{pushed}", authored_table(records)
+        print(f"\n{head}\n{table}", end="", flush=True)
+        tables.append(f"{head}\n\n{table}")
+        for path in beside:
+            write_authored_csv(authored_csv(path), scored)
+    return tables
 
 
 def authored_csv(scores: Path) -> Path:

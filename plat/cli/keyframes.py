@@ -30,8 +30,6 @@ def from_motion(command: FromMotion) -> KeyframeSequence:
     if bool(command.times) == (command.every is not None):
         raise KeyframeError("keyframes of a motion: expected either --times or --every")
     times = command.times if command.every is None else _spread(command, command.every, clip.duration)
-    if command.names and len(command.names) != len(times):
-        raise KeyframeError(f"names: {len(command.names)} for {len(times)} keyframes, expected one for each or none")
     names, timing = command.names or None, command.timing
     sequence = KeyframeSequence.from_motion(
         clip, times, get_robot(command.robot), begin=command.begin, names=names, timing=timing

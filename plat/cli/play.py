@@ -7,7 +7,6 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 import torch
 
 import plat.headless  # noqa: F401
@@ -41,6 +40,9 @@ from plat.runs import load_policy
 from plat.runs.user_modules import import_modules
 from plat.spec.timing import Timing, timing_of
 
+LONGEST_HOLD = 3600.0
+"""Most seconds of a hold without a viewer: each step of it is kept."""
+
 
 def main(recipe: PlayRecipe) -> list[KeyframeScore]:
     """Run the recipe: print a table, return its rows."""
@@ -55,8 +57,8 @@ def main(recipe: PlayRecipe) -> list[KeyframeScore]:
     sequence = KeyframeSequence.load(recipe.keyframes, robot, split=recipe.split, timing=timing)
     for interval in long_intervals_of_file(recipe.keyframes, robot, timing):
         print(interval.words)
-    if not recipe.viewer and not np.isfinite(recipe.hold):
-        raise KeyframeError(f"hold is {recipe.hold} s, expected a finite number without --viewer")
+    if not recipe.viewer and recipe.hold > LONGEST_HOLD:
+        raise KeyframeError(f"hold is {recipe.hold:g} s, expected at most {LONGEST_HOLD:g} without --viewer")
     stage = None
     if recipe.video is not None:
         check_video(recipe.video)

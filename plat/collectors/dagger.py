@@ -12,6 +12,7 @@ from plat.bounds import Count, Fraction, check_value
 from plat.collectors.goals import PrivilegedGoals
 from plat.collectors.storage import DeviceStorage
 from plat.errors import ActionError
+from plat.gpu import check_device
 from plat.motions.library import MotionLibrary
 from plat.precision import Precision, autocast
 
@@ -117,7 +118,7 @@ def dagger_buffer(
     check_value("buffer: capacity", capacity, Count)
     check_value("buffer: batch_size", batch_size, Count)
     return TensorDictReplayBuffer(
-        storage=DeviceStorage(capacity, device=device),
+        storage=DeviceStorage(capacity, device=check_device(device, meta=True)),
         sampler=RandomSampler(),
         transform=PrivilegedGoals(library, stride),
         batch_size=batch_size,

@@ -13,6 +13,7 @@ from plat.bounds import Count, Robots, check_value
 from plat.collectors.storage import DeviceStorage
 from plat.entries import check_rollout
 from plat.errors import ConfigError, ObservationError
+from plat.gpu import check_device
 
 __all__ = ["RolloutReplay", "WindowSampler"]
 
@@ -42,6 +43,7 @@ class RolloutReplay:
     def __init__(self, num_envs: int, capacity: int, keys: Sequence[NestedKey], device: torch.device | str = "cpu"):
         check_value("replay: num_envs", num_envs, Robots)
         check_value("replay: capacity", capacity, Count)
+        device = check_device(device, meta=True)
         self.num_envs = num_envs
         self.capacity = capacity
         self._keys = list(keys)

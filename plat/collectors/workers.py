@@ -17,6 +17,7 @@ from plat.collectors.rollouts import Rollouts
 from plat.collectors.worker import Job, Order, Report, packed, seed_of
 from plat.envs.physics.transfer import to_device
 from plat.errors import ConfigError, StateError, WorkerError
+from plat.gpu import check_device
 from plat.motions.library import MotionLibrary
 from plat.precision import Precision
 
@@ -116,7 +117,7 @@ class WorkerRollouts(Iterator[TensorDictBase]):
         if workers > num_envs:
             raise ConfigError(f"rollouts: {workers} workers for {num_envs} robots, expected at most one for each")
         self._policy = policy
-        self._device = torch.device(device)
+        self._device = check_device(device)
         self._ahead = ahead and workers > 1
         self._statistics: list[tuple[int, dict[str, float]]] = []
         self._host = host or (RayActors() if ray else Processes())

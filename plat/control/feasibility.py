@@ -156,7 +156,7 @@ class Feasibility:
         return concerns
 
     def _bodies(self, before: Keyframe, after: Keyframe) -> list[Concern]:
-        """Concerns about the bodies that a partial keyframe commands; the rest of it is the policy's to choose."""
+        """Concerns about bodies and height that a partial keyframe commands; the rest is the policy's to choose."""
         assert after.commands is not None
         places = [self._places(pose) for pose in (before, after)]
         speeds = 2 * np.linalg.norm(places[1] - places[0], axis=-1) / (after.time - before.time)
@@ -168,9 +168,15 @@ class Feasibility:
                 words = f"{name} would need {speed:.0f} m/s, expected at most {limits.body_speed:.0f}"
                 concerns.append(Concern("body_speed", name, float(speed), limits.body_speed, words))
             if commanded and -height > limits.floor_penetration:
-                words = f"{name} is {-100 * height:.0f} cm inside the floor"
-                concerns.append(Concern("floor_penetration", name, -float(height), limits.floor_penetration, words))
+                concerns.append(self._sunk(name, -float(height)))
+        sunk = -float(after.root_pos[2]) * after.commands.root[1]
+        if sunk > limits.floor_penetration:
+            concerns.append(self._sunk("root", sunk))
         return concerns
+
+    def _sunk(self, name: str, depth: float) -> Concern:
+        words = f"{name} is {100 * depth:.0f} cm inside the floor"
+        return Concern("floor_penetration", name, depth, self.limits.floor_penetration, words)
 
     def _places(self, pose: Keyframe) -> NDArray[np.floating]:
         """Positions of the keypoints ``[K, 3]`` (m, world)."""

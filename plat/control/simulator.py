@@ -13,6 +13,9 @@ from plat.spec.timing import Timing
 
 __all__ = ["Simulator"]
 
+# So deep in the floor (m) a robot is thrown up by meters. Poses of motions are some centimeters in it.
+_SUNK = 0.3
+
 
 class Simulator:
     """Simulator of one robot in plain MuJoCo, advanced by one control step at a time.
@@ -56,7 +59,7 @@ class Simulator:
         """Reset the robot to a pose, at rest.
 
         Raises:
-            StateError: for a pose of another number of joints.
+            StateError: for a pose of another number of joints, or under the floor.
         """
         joints = self.model.nq - 7
         if np.shape(pose.joint_pos) != (joints,):
@@ -64,6 +67,10 @@ class Simulator:
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:] = np.concatenate((pose.root_pos, pose.root_quat, pose.joint_pos))
         mujoco.mj_forward(self.model, self.data)
+        contact = self.data.contact
+        of_world = (self.model.geom_bodyid[contact.geom] == 0).any(-1)
+        if (depth := -contact.dist[of_world].min(initial=0.0)) > _SUNK:
+            raise StateError(f"pose: the robot is {100 * depth:.0f} cm inside the floor, expected a start on it")
 
     def state(self) -> RobotState:
         """Return the measured state, without noise."""

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from plat.bounds import is_finite, shown
 from plat.deploy.bundle import HASH_FIELD, INPUT, METADATA_KEY, OUTPUT, Bundle
 from plat.deploy.joint_names import check_joints
 from plat.deploy.onnx_session import open_session
@@ -71,10 +72,10 @@ class PolicyRunner:
         """The robot that it drives."""
         if joint_names is not None:
             check_joints(f"bundle {str(path)!r}", robot.joint_names, joint_names)
-        if control_dt is not None and abs(control_dt - robot.control_dt) > _DT_TOLERANCE:
-            raise BundleError(
-                f"bundle {str(path)!r}: control step of {robot.control_dt:g} s, not the {control_dt:g} s of this robot"
-            )
+        given = robot.control_dt if control_dt is None else control_dt
+        if not (is_finite(given) and abs(given - robot.control_dt) <= _DT_TOLERANCE):
+            told = f"control step of {robot.control_dt:g} s, not the {shown(given)} s of this robot"
+            raise BundleError(f"bundle {str(path)!r}: {told}")
         self._observe = self.bundle.observation_builder()
         self._where = f"ONNX policy {str(network)!r}"
         _check_widths(self._where, self._session, self._observe.size, len(robot.joint_names))
@@ -101,7 +102,10 @@ class PolicyRunner:
             StateError: for a target of another size, or that is not finite.
         """
         robot = self.robot
-        target = robot.default_joint_pos if joint_target is None else np.asarray(joint_target)
+        try:
+            target = robot.default_joint_pos if joint_target is None else np.asarray(joint_target, dtype=np.float64)
+        except (OverflowError, TypeError, ValueError):
+            target = np.empty(())
         if target.shape != robot.default_joint_pos.shape or not np.isfinite(target).all():
             raise StateError(
                 f"joint_target: shape {target.shape}, expected {robot.default_joint_pos.shape} finite numbers"
@@ -123,11 +127,12 @@ class PolicyRunner:
         After either error the motors should hold their last target. The runner remembers that one too: the next call
         goes on as if the refused step had not been.
         """
-        if not 0 < steps_left <= self.bundle.max_steps + _TIME_TOLERANCE:
+        known = is_finite(steps_left)
+        if not (known and 0 < steps_left <= self.bundle.max_steps + _TIME_TOLERANCE):
             longest, dt = self.bundle.max_steps, self.robot.control_dt
+            left = f"{steps_left:g} control steps ({steps_left * dt:g} s)" if known else shown(steps_left)
             raise StateError(
-                f"time to the keyframe is {steps_left:g} control steps ({steps_left * dt:g} s), "
-                f"expected more than 0 and at most {longest} ({longest * dt:g} s)"
+                f"time to the keyframe is {left}, expected more than 0 and at most {longest} ({longest * dt:g} s)"
             )
         observation = self._observe(state, keyframe, steps_left, self._last_action)
         target = self._run(observation)
@@ -142,7 +147,8 @@ class PolicyRunner:
 
     def step(self, state: RobotState, keyframe: Pose, time_left: float) -> JointCommand:
         """Compute the motor command for a time in seconds: joint targets with the gains that they were trained with."""
-        target = self(state, keyframe, time_left / self.robot.control_dt)
+        steps_left = time_left / self.robot.control_dt if is_finite(time_left) else time_left
+        target = self(state, keyframe, steps_left)
         return JointCommand(target, self.robot.stiffness, self.robot.damping)
 
     def _run(self, observation: NDArray[np.float32]) -> NDArray[np.float64]:

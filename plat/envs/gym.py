@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import plat.headless  # noqa: F401 - before MuJoCo, for render()
+from plat.gpu import check_device
 
 # isort: split
 import gymnasium
@@ -95,7 +96,7 @@ class _Task:
             )
         lengths = horizon_named(horizon, timing)
         library = MotionLibrary.load(motions, dt=timing.control_dt)
-        self._generators = _generators(torch.device(device))
+        self._generators = _generators(check_device(device))
         self._random_states = [generator.get_state() for generator in self._generators]
         # processes that were forked to run in parallel have the same state of torch's generators
         with self._own_randomness(secrets.randbits(63)):

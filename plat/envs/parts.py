@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
+from plat.bounds import as_names
 from plat.errors import TaskError
 from plat.robots.robot import Robot
 
@@ -46,6 +47,7 @@ def draw_parts(
     masks = torch.zeros(count, joints + bodies + 3, dtype=torch.bool)
     masks[0] = True
     known = _kinds(robot)
+    kinds = as_names(kinds)
     unknown = [kind for kind in kinds if kind not in PART_KINDS]
     if unknown:
         raise TaskError(f"partial keyframes: kind {unknown[0]!r}, expected some of {', '.join(PART_KINDS)}")

@@ -16,6 +16,7 @@ from plat.envs.physics import BatchedPhysics, PhysicsFactory
 from plat.envs.randomized_physics import arriving
 from plat.envs.settings import ResetNoise
 from plat.errors import MotionError, RobotError, StateError
+from plat.gpu import check_device
 from plat.motions.bins import ClipBins
 from plat.motions.library import MotionLibrary
 from plat.robots.robot import FootContacts
@@ -115,7 +116,7 @@ class MotionTrackingEnv(EnvBase):
         check_value("environment: decimation", decimation, Count)
         check_value("environment: min_frames_left", min_frames_left, Natural)
         check_value("environment: num_threads", num_threads, Count | None)
-        super().__init__(device=torch.device(device), batch_size=torch.Size([num_envs]))
+        super().__init__(device=check_device(device), batch_size=torch.Size([num_envs]))
         self.library = library.to(device)
         self.robot = robot = library.robot
         model = robot.model(feet, timestep=library.dt / decimation)

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 import torch
 
+from plat.bounds import as_names
 from plat.envs.transforms import HORIZONS
 from plat.errors import ConfigError
 from plat.evaluation.authored_cells import AUTHORED, authored_groups, records_of_all
@@ -85,6 +86,9 @@ class StudyPlan:
     ours: str | None = None
 
     def __post_init__(self) -> None:
+        for names in ("horizons", "rules", "families", "robustness", "longer"):
+            if (given := getattr(self, names)) is not None:
+                object.__setattr__(self, names, as_names(given))
         if self.robustness and (self.setting.disturbance is not None or self.setting.randomization is not None):
             raise ConfigError("robustness: curves are of one disturbance at a time, expected an undisturbed setting")
         for test, asked in (("rules", self.rules), ("authored", self.authored)):

@@ -2,8 +2,6 @@
 
 import hashlib
 import os
-import shutil
-import tempfile
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -26,6 +24,7 @@ from plat.keyframes import Keyframe
 from plat.modules import Expert, ObservationNormalizer
 from plat.robots import Robot
 from plat.runs import SavedRun
+from plat.scratch import Scratch
 
 __all__ = ["EXAMPLE_FILE", "TOLERANCE", "ExportCheck", "export_bundle"]
 
@@ -48,7 +47,8 @@ class ExportCheck:
 def export_bundle(run: str | Path, out: str | Path, *, picture: bool = False) -> ExportCheck:
     """Write the deployed policy of a run as a bundle that :class:`plat.deploy.PolicyRunner` runs.
 
-    The files are checked after they are written. The folder appears when all of them are right, or not at all.
+    The files are checked after they are written. The folder appears when all of them are right, or not at all; what a
+    killed export left beside it is removed by the next one.
 
     Args:
         run: run directory of ``plat distill`` or ``plat refine``.
@@ -75,27 +75,25 @@ def export_bundle(run: str | Path, out: str | Path, *, picture: bool = False) ->
     network = JointTargetNetwork(policy).eval()
     bundle = describe_policy(policy, saved)
     model = onnx_model(network, network.num_features, {METADATA_KEY: bundle.to_json()})
-    part: Path | None = None
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        part = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}-"))
-        network_file = model.SerializeToString()
-        (part / NETWORK_FILE).write_bytes(network_file)
-        hashed = replace(bundle, network_sha256=hashlib.sha256(network_file).hexdigest())
-        (part / BUNDLE_FILE).write_text(hashed.to_json(), encoding="utf-8")
-        check = _check(part / NETWORK_FILE, network)
-        files = _optional_files(part, policy.robot, picture)
-        card = model_card(bundle, saved, check.max_difference, files)
-        (part / CARD_FILE).write_text(card, encoding="utf-8")
-        example = _example(part, network, bundle)
-        (part / EXAMPLE_FILE).write_text(readable_json(example), encoding="utf-8")
-        part.chmod(0o755)
-        os.rename(part, out)
+        with Scratch(f".{out.name}-", out.parent) as scratch:
+            part = scratch / out.name
+            part.mkdir()
+            network_file = model.SerializeToString()
+            (part / NETWORK_FILE).write_bytes(network_file)
+            hashed = replace(bundle, network_sha256=hashlib.sha256(network_file).hexdigest())
+            (part / BUNDLE_FILE).write_text(hashed.to_json(), encoding="utf-8")
+            check = _check(part / NETWORK_FILE, network)
+            files = _optional_files(part, policy.robot, picture)
+            card = model_card(bundle, saved, check.max_difference, files)
+            (part / CARD_FILE).write_text(card, encoding="utf-8")
+            example = _example(part, network, bundle)
+            (part / EXAMPLE_FILE).write_text(readable_json(example), encoding="utf-8")
+            part.chmod(0o755)
+            os.rename(part, out)
     except OSError as error:
         raise BundleError(f"{str(out)!r} could not be written ({error.strerror or error})") from error
-    finally:
-        if part is not None:
-            shutil.rmtree(part, ignore_errors=True)
     return check
 
 

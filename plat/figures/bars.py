@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from plat.bounds import as_names
 from plat.errors import RecordsError
 from plat.evaluation.score_table import HEADLINE, METRICS, Score
 from plat.figures.style import PAGE, looks, paper_style, policies
@@ -31,6 +32,7 @@ def ablation_bars(scores: Sequence[Score], horizon: str, metrics: Sequence[str] 
         )
     drawn = looks(policies(scores))
     places = np.arange(len(rows))
+    metrics = as_names(metrics)
     with paper_style() as plt:
         size = (PAGE, 0.45 + 0.19 * len(rows))
         figure, panels = plt.subplots(1, len(metrics), figsize=size, sharey=True, squeeze=False)

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from plat.bounds import as_names
 from plat.errors import RecordsError
 from plat.evaluation.report import compare
 from plat.evaluation.score_table import HEADLINE, METRICS, Score
@@ -29,6 +30,7 @@ def difference_plot(scores: Sequence[Score], ours: str, horizons: Sequence[str] 
         RenderingError: when the extra ``plat-rl[figures]`` is not installed.
     """
     mine = {score.horizon: score for score in scores if score.policy == ours}
+    horizons = as_names(horizons)
     others = [score for score in scores if score.policy != ours and score.horizon in horizons and score.horizon in mine]
     if not others:
         raise RecordsError(f"plot of differences: no policy beside {ours!r} at the horizons {list(horizons)}")

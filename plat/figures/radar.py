@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from plat.bounds import as_names
 from plat.errors import RecordsError
 from plat.evaluation.score_table import HEADLINE, METRICS, Score
 from plat.figures.style import PAGE, looks, paper_style, policies
@@ -36,6 +37,7 @@ def radar_plot(scores: Sequence[Score], metrics: Sequence[str] = HEADLINE) -> An
         raise RecordsError(f"radar plot: no policy was scored at all of {horizons}, expected at least one")
     drawn = looks(policies(scores))
     angles = np.linspace(0, 2 * np.pi, len(horizons), endpoint=False)
+    metrics = as_names(metrics)
     with paper_style() as plt:
         size = (PAGE / 3 * len(metrics), PAGE / 3 + 0.25)
         figure, panels = plt.subplots(1, len(metrics), figsize=size, subplot_kw={"projection": "polar"}, squeeze=False)

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+from plat.bounds import as_names
 from plat.errors import RecordsError
 from plat.evaluation.report import success_curve
 from plat.evaluation.score_table import Score
@@ -29,6 +30,7 @@ def success_plot(scores: Sequence[Score], horizons: Sequence[str]) -> Any:
         RenderingError: when the extra ``plat-rl[figures]`` is not installed.
     """
     there = sorted({score.horizon for score in scores})
+    horizons = as_names(horizons)
     if not horizons or not set(horizons) <= set(there):
         raise RecordsError(f"success plot: horizons {list(horizons)}, expected one or more of {there}")
     drawn = looks(policies(scores))

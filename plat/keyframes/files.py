@@ -12,7 +12,7 @@ import numpy as np
 from plat.errors import KeyframeError
 from plat.files import replace_file
 from plat.json_file import read_json, short
-from plat.keyframes.keyframe import HIGHEST, Keyframe, RobotJoints
+from plat.keyframes.keyframe import Keyframe, RobotJoints
 from plat.spec.parts import Parts
 
 __all__ = ["is_keyframe_file", "keyframe_from_json", "keyframe_to_json", "read_keyframes", "write_keyframes"]
@@ -119,7 +119,7 @@ def _keyframe(
             raise KeyframeError(f"name is {short(name)}, expected a text")
         return Keyframe(
             _number(entry.get("time", 0.0), "time"),
-            _root_pos(entry["root_pos"]),
+            _numbers(entry["root_pos"], "root_pos", 3, "xyz"),
             _numbers(entry["root_quat"], "root_quat", 4, order)[_QUATERNION_ORDERS[order]],
             _joints(entry["joint_pos"], robot),
             name,
@@ -127,17 +127,6 @@ def _keyframe(
         ).checked(robot)
     except KeyframeError as error:
         raise KeyframeError(f"{label}: {error}") from None
-
-
-def _root_pos(content: Any) -> np.ndarray:
-    """Return a place that is one in meters."""
-    place = _numbers(content, "root_pos", 3, "xyz")
-    if abs(place[2]) > HIGHEST:
-        raise KeyframeError(
-            f"root_pos puts the root at a height of {place[2]:g} m, expected meters, at most {HIGHEST:g}; "
-            "is it in centimeters or millimeters?"
-        )
-    return place
 
 
 def _commands(content: Any, robot: RobotJoints) -> Parts:

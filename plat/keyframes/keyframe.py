@@ -9,6 +9,7 @@ import numpy as np
 
 from plat.bounds import is_finite
 from plat.errors import KeyframeError
+from plat.files import readable
 from plat.json_file import short
 from plat.rotations_np import UNIT_TOLERANCE, quat_slerp
 from plat.spec.parts import Parts
@@ -17,11 +18,13 @@ if TYPE_CHECKING:
     from plat.motions.clip import MotionClip
     from plat.robots.robot import Robot
 
-__all__ = ["HIGHEST", "Keyframe", "RobotJoints", "interpolate", "standing"]
+__all__ = ["HIGHEST", "Keyframe", "RobotJoints", "check_time", "interpolate", "standing"]
 
 HIGHEST = 5.0
 """No robot's root is this far above or below the floor (m)."""
 
+# No root is this far from the origin along x or y (m): it is meant in millimeters, or in coordinates of a map.
+_FARTHEST = 1000.0
 # Latest time of a keyframe (s): later ones would be split into millions of commands.
 _LONGEST = 86_400.0
 # Tolerance for a rounded angle at its limit (rad).
@@ -80,8 +83,17 @@ class Keyframe:
 
     @classmethod
     def from_qpos(cls, time: float, qpos: np.ndarray, name: str | None = None) -> Keyframe:
-        """Return the keyframe of a MuJoCo position vector ``[7 + J]``; its values are copied."""
-        values = np.array(qpos, dtype=np.float64)
+        """Return the keyframe of a MuJoCo position vector ``[7 + J]``; its values are copied.
+
+        Raises:
+            KeyframeError: for what is no vector of numbers.
+        """
+        try:
+            values = np.array(qpos, dtype=np.float64)
+        except (OverflowError, TypeError, ValueError):
+            values = np.empty(())
+        if values.ndim != 1:
+            raise KeyframeError(f"qpos is {short(qpos)}, expected numbers: root position, quaternion, joint angles")
         return cls(time, values[:3], values[3:7], values[7:], name)
 
     @classmethod
@@ -94,6 +106,7 @@ class Keyframe:
         """
         clip = motion.checked(robot)
         # the small margin admits times that equal the clip's end up to rounding
+        check_time(time, f"motion {clip.name!r}: time")
         if not 0 <= time <= clip.duration + 1e-6:
             raise KeyframeError(f"motion {clip.name!r}: no time {time:g} s, expected 0 to {clip.duration:g} s")
         row = min(int(time * clip.fps), len(clip.qpos) - 2)
@@ -118,14 +131,13 @@ class Keyframe:
         """Return this keyframe in float64 with a quaternion of exactly unit length.
 
         Raises:
-            KeyframeError: naming the field, for a wrong shape, a value that is not finite, a quaternion that is not of
-                unit length, a joint angle outside the joint's range, or commands of another robot.
+            KeyframeError: naming the field, for a wrong shape, a value that is not finite, a root where none can be, a
+                quaternion that is not of unit length, a joint angle outside the joint's range, commands of another
+                robot, or a name that is no text.
         """
-        if not is_finite(self.time):
-            raise KeyframeError(f"time is {short(self.time)}, expected a finite number of seconds")
-        if abs(self.time) > _LONGEST:
-            raise KeyframeError(f"time is {self.time:g} s, expected at most a day ({_LONGEST:g} s)")
+        check_time(self.time)
         root_pos = _vector("root_pos", self.root_pos, 3, "x, y, z")
+        _check_place(root_pos)
         root_quat = _vector("root_quat", self.root_quat, 4, "w, x, y, z")
         joint_pos = _vector("joint_pos", self.joint_pos, len(robot.joint_names), "one angle a joint")
         length = float(np.linalg.norm(root_quat))
@@ -140,9 +152,29 @@ class Keyframe:
                 f"joint_pos: {robot.joint_names[worst]!r} is {joint_pos[worst]:.4g} rad, "
                 f"expected {low:.4g} to {high:.4g} (its range)"
             )
+        if not isinstance(self.commands, Parts | None):
+            raise KeyframeError(f"commands is {short(self.commands)}, expected plat.keyframes.Parts")
         if self.commands is not None:
             self.commands.check(robot)
+        if not isinstance(self.name, str | None) or readable(self.name or "") != (self.name or ""):
+            raise KeyframeError(f"name is {short(self.name)}, expected a text")
         return Keyframe(float(self.time), root_pos, root_quat / length, joint_pos, self.name, self.commands)
+
+
+def check_time(time: float, what: str = "time") -> None:
+    """Raise an error for what is no time of a keyframe (s).
+
+    Args:
+        time: to be checked.
+        what: begins the message.
+
+    Raises:
+        KeyframeError: when it is not finite, or later than a day.
+    """
+    if not is_finite(time):
+        raise KeyframeError(f"{what} is {short(time)}, expected a finite number of seconds")
+    if abs(time) > _LONGEST:
+        raise KeyframeError(f"{what} is {time:g} s, expected at most a day ({_LONGEST:g} s)")
 
 
 def standing(robot: RobotJoints) -> Keyframe:
@@ -162,7 +194,7 @@ def interpolate(before: Keyframe, after: Keyframe, time: float) -> Keyframe:
         time: seconds, from ``before.time`` to ``after.time``.
 
     Raises:
-        KeyframeError: for a time that is not finite, and keyframes of one time.
+        KeyframeError: for times that are not finite, and keyframes of one time.
 
     >>> from plat.robots import G1
     >>> low = standing(G1)
@@ -170,10 +202,9 @@ def interpolate(before: Keyframe, after: Keyframe, time: float) -> Keyframe:
     >>> interpolate(low, high, 0.25).root_pos
     array([0.   , 0.   , 0.785])
     """
-    if not is_finite(time) or before.time == after.time:
-        raise KeyframeError(
-            f"time is {short(time)} s between {before.time} and {after.time} s, expected different times"
-        )
+    if not all(map(is_finite, (time, before.time, after.time))) or before.time == after.time:
+        between = f"between {short(before.time)} and {short(after.time)} s"
+        raise KeyframeError(f"time is {short(time)} s {between}, expected different times")
     weight = (time - before.time) / (after.time - before.time)
     return Keyframe(
         time,
@@ -181,6 +212,19 @@ def interpolate(before: Keyframe, after: Keyframe, time: float) -> Keyframe:
         quat_slerp(before.root_quat, after.root_quat, weight),
         before.joint_pos + weight * (after.joint_pos - before.joint_pos),
     )
+
+
+def _check_place(root_pos: np.ndarray) -> None:
+    """Raise an error for a root that is where no robot in meters can be."""
+    if abs(root_pos[2]) > HIGHEST:
+        raise KeyframeError(
+            f"root_pos puts the root at a height of {root_pos[2]:g} m, expected meters, at most {HIGHEST:g}; "
+            "is it in centimeters or millimeters?"
+        )
+    if (farthest := np.abs(root_pos[:2]).max()) > _FARTHEST:
+        raise KeyframeError(
+            f"root_pos puts the root {farthest:g} m away from the origin, expected meters, at most {_FARTHEST:g}"
+        )
 
 
 def _vector(field: str, value: np.ndarray, size: int, content: str) -> np.ndarray:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from plat.bounds import is_finite
 from plat.deploy.description import RobotDescription
 from plat.deploy.kinematics import KeypointKinematics
 from plat.errors import KeyframeError
@@ -71,6 +72,9 @@ def only(
     >>> keyframe.commands.names(G1)["bodies"]
     ['left_wrist_yaw_link', 'right_wrist_yaw_link']
     """
+    for field, given in (("bodies", bodies), ("joints", joints)):
+        if not isinstance(given, Mapping | None):
+            raise KeyframeError(f"{field} is {short(given)}, expected values by name")
     wanted = dict(bodies or {})
     if left_hand is not None or right_hand is not None:
         for place, body in zip((left_hand, right_hand), hands_of(robot), strict=True):
@@ -83,7 +87,7 @@ def only(
         if value is not None
     ]
     commands = Parts.only(robot, angles, wanted, root_parts)
-    pose = base or standing(robot)
+    pose = (base or standing(robot)).checked(robot)
     qpos = pose.qpos
     if root is not None:
         qpos[:2] = _numbers("root", root, 2)
@@ -118,13 +122,11 @@ def hands_of(robot: Robot | RobotDescription) -> tuple[str, str]:
 
 
 def _number(field: str, value: float, most: float = np.inf, unit: str = "") -> float:
-    try:
-        number = float(value)
-    except (OverflowError, TypeError, ValueError):
-        raise KeyframeError(f"{field} is {short(value)}, expected a number") from None
-    if abs(number) > most:
-        raise KeyframeError(f"{field} is {number:g} {unit}, expected at most {most:.3g}; is it in another unit?")
-    return number
+    if not is_finite(value):
+        raise KeyframeError(f"{field} is {short(value)}, expected a finite number")
+    if abs(value) > most:
+        raise KeyframeError(f"{field} is {value:g} {unit}, expected at most {most:.3g}; is it in another unit?")
+    return float(value)
 
 
 def _numbers(field: str, values: Sequence[float], count: int) -> NDArray[np.float64]:

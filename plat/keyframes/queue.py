@@ -1,6 +1,5 @@
 """Queue of keyframes that other programs fill while a robot moves."""
 
-import math
 import threading
 from bisect import bisect_left, insort
 from dataclasses import replace
@@ -8,7 +7,9 @@ from typing import Literal
 
 import numpy as np
 
+from plat.bounds import is_finite
 from plat.errors import KeyframeError
+from plat.json_file import short
 from plat.keyframes.keyframe import Keyframe, RobotJoints
 from plat.keyframes.sequence import Command
 from plat.spec.timing import Timing
@@ -67,8 +68,8 @@ class KeyframeQueue:
         Raises:
             KeyframeError: for a pose that is not the robot's, or a time that is not finite.
         """
-        if not math.isfinite(now):
-            raise KeyframeError(f"now is {now} s, expected the time of the robot's clock")
+        if not is_finite(now):
+            raise KeyframeError(f"now is {short(now)} s, expected the time of the robot's clock")
         checked = keyframe.checked(self.robot)
         steps = self.timing.steps(checked.time) - self.timing.steps(now)
         if steps <= 0:
@@ -99,11 +100,13 @@ class KeyframeQueue:
         The pose may be a measured one: an angle beyond its joint's range is taken to be at the end of it.
 
         Raises:
-            KeyframeError: for a pose that is not the robot's; all keyframes are forgotten nevertheless.
+            KeyframeError: for a pose that is not the robot's, or no time; all keyframes are forgotten nevertheless.
         """
         staying: list[Keyframe] = []
-        time = now + max(seconds, self.timing.control_dt)
         try:
+            if not (is_finite(now) and is_finite(seconds)):
+                raise KeyframeError(f"now is {short(now)} s and seconds {short(seconds)}, expected finite numbers")
+            time = now + max(seconds, self.timing.control_dt)
             staying.append(replace(pose, time=time, joint_pos=self._within(pose.joint_pos)).checked(self.robot))
         finally:
             with self._lock:

@@ -10,9 +10,11 @@ from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from plat.bounds import as_names, is_finite
 from plat.errors import KeyframeError
+from plat.json_file import short
 from plat.keyframes.files import read_keyframes, write_keyframes
-from plat.keyframes.keyframe import Keyframe, RobotJoints, interpolate, standing
+from plat.keyframes.keyframe import Keyframe, RobotJoints, check_time, interpolate, standing
 from plat.keyframes.roots import as_arrived, with_commanded_root
 from plat.spec.timing import Timing
 
@@ -71,12 +73,17 @@ class KeyframeSequence:
     timing: Timing = Timing()
 
     def __post_init__(self) -> None:
-        if not self.keyframes:
+        if isinstance(self.keyframes, Keyframe):
+            raise KeyframeError("keyframes is a single one, expected a tuple of them")
+        keyframes = tuple(self.keyframes or ())
+        if wrong := [each for each in (self.start, *keyframes) if not isinstance(each, Keyframe)]:
+            raise KeyframeError(f"start and keyframes hold {short(wrong[0])}, expected each to be a Keyframe")
+        if not keyframes:
             raise KeyframeError("keyframes: none, expected at least one")
         checked = [_checked(self.start, "start", self.robot)]
         if checked[0].time != 0:
             raise KeyframeError(f"start: time is {checked[0].time:g} s, expected 0")
-        for index, keyframe in enumerate(self.keyframes):
+        for index, keyframe in enumerate(keyframes):
             label = _label(index, keyframe)
             checked.append(_checked(keyframe, label, self.robot))
             _check_order(checked[-2], checked[-1], label, self.timing)
@@ -215,7 +222,9 @@ class KeyframeSequence:
         3
         """
         poses = [Keyframe.from_motion(motion, time, robot) for time in times]
-        labels = [None] * len(times) if names is None else names
+        labels = [None] * len(times) if names is None else as_names(names)
+        if len(labels) != len(times):
+            raise KeyframeError(f"names: {len(labels)} for {len(times)} keyframes, expected one for each or none")
         keyframes = (
             replace(pose, time=round(pose.time - begin, 9), name=name) for pose, name in zip(poses, labels, strict=True)
         )
@@ -232,7 +241,7 @@ def split_long_intervals(
     The way begins where the robot probably is, see :func:`plat.keyframes.roots.as_arrived`.
 
     Raises:
-        KeyframeError: for times that do not increase.
+        KeyframeError: for times that do not increase, or are none.
 
     >>> from plat.robots import G1
     >>> pose = standing(G1)
@@ -240,9 +249,12 @@ def split_long_intervals(
     [1.0, 1.82, 2.66, 3.5]
     """
     result: list[Keyframe] = []
+    check_time(start.time, "start: time")
     before = start
     for index, keyframe in enumerate(keyframes):
-        _check_order(before, keyframe, _label(index, keyframe), timing)
+        label = _label(index, keyframe)
+        check_time(keyframe.time, f"{label}: time")
+        _check_order(before, keyframe, label, timing)
         first = timing.steps(before.time)
         steps = timing.steps(keyframe.time) - first
         parts = -(-steps // timing.max_steps)
@@ -257,6 +269,8 @@ def split_long_intervals(
 
 def _between(poses: Sequence[Keyframe], time: float) -> Keyframe:
     """Return the pose at a time (s) between poses, or the one at the end that is nearest."""
+    if not is_finite(time):
+        raise KeyframeError(f"time is {short(time)}, expected a finite number of seconds")
     after = bisect_right([pose.time for pose in poses], time)
     if after in (0, len(poses)):
         return poses[min(after, len(poses) - 1)].at(time)
@@ -286,6 +300,7 @@ def _check_length(before: Keyframe, keyframe: Keyframe, label: str, timing: Timi
     if steps > timing.max_steps:
         raise KeyframeError(
             f"{label}: time is {keyframe.time:g} s, {steps} control steps after {before.time:g} s, expected at most "
-            f"{timing.max_steps} ({timing.longest:g} s): add a keyframe in between, have the interval split (--split), "
-            "or use a policy with longer commands (--timing.max-steps)"
+            f"{timing.max_steps} ({timing.longest:g} s): add a keyframe in between, have the interval split (--split "
+            "of plat play and plat keyframes show), or use longer commands (--timing.max-steps of plat keyframes, or "
+            "another policy)"
         )

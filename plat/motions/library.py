@@ -23,6 +23,7 @@ from torch import Tensor
 from plat.bounds import Range, check_value
 from plat.errors import MotionError
 from plat.files import readable
+from plat.gpu import check_device
 from plat.motions.cache import CachedTable, cache_dir, file_digests, read_table, write_table
 from plat.motions.checks.repair import clip_to_limits
 from plat.motions.checks.validation import MotionValidator, Verdict
@@ -133,8 +134,12 @@ class MotionLibrary:
         return self._table.device
 
     def to(self, device: torch.device | str) -> "MotionLibrary":
-        """Return the library on another device."""
-        if torch.device(device) == self.device:
+        """Return the library on another device.
+
+        Raises:
+            ConfigError: for one that this machine does not have.
+        """
+        if check_device(device) == self.device:
             return self
         table, start, length = (t.to(device) for t in (self._table, self.clip_start, self.clip_length))
         return MotionLibrary(table, start, length, self.clip_names, self.dt, self.robot)

@@ -11,7 +11,7 @@ from torch import Tensor
 from torchrl.envs.utils import ExplorationType
 from torchrl.objectives.common import LossModule
 
-from plat.bounds import NonNegative, check_value
+from plat.bounds import NonNegative, as_names, check_value
 from plat.entries import check_entries
 from plat.errors import ObservationError
 from plat.objectives.divergence import gaussian_kl
@@ -97,7 +97,7 @@ class LatentImitationLoss(LossModule):
             check_value(f"imitation loss: {name}", value, NonNegative)
         self.policy = policy
         self.divergence = divergence
-        self.parameter_names = tuple(parameters)
+        self.parameter_names = as_names(parameters)
         self.prior_weight = prior_weight
         self.free_bits = free_bits
         self.register_buffer("beta", torch.tensor(float(beta)))

@@ -9,6 +9,7 @@ from safetensors.torch import load_file
 from torch import Tensor
 
 from plat.errors import CheckpointError, ConfigError
+from plat.gpu import check_device
 from plat.modules.dynamics import DynamicsConfig, DynamicsModel
 from plat.robots.robot import Robot
 from plat.runs.allocations import LimitedAllocations
@@ -41,6 +42,7 @@ def load_dynamics(
     Raises:
         CheckpointError: naming file and field, when the run has no model, or one of another robot.
     """
+    device = check_device(device)
     folder = run_folder(folder)
     path, dt = folder / DYNAMICS_FILE, _control_dt(folder / CONFIG_FILE)
     if not path.exists():

@@ -19,7 +19,7 @@ from plat.runs.budget import Budget
 from plat.runs.loggers import LoggerName, chosen_loggers
 from plat.runs.outputs import check_out
 
-__all__ = ["RecipeConfig", "begin", "check_device", "default_device", "on_device", "report_errors"]
+__all__ = ["RecipeConfig", "begin", "default_device", "on_device", "report_errors"]
 
 
 class _HasDevice(Protocol):
@@ -45,27 +45,10 @@ def on_device(settings: R) -> R:
     """
     if settings.device == "auto":
         return replace(settings, device=default_device())  # type: ignore[type-var]
-    check_device(settings.device)
+    from plat.gpu import check_device  # torch, as above
+
+    check_device(settings.device, "--device")
     return settings
-
-
-def check_device(device: str) -> None:
-    """Raise an error for a device that this machine does not have.
-
-    Raises:
-        ConfigError: naming it, and the one that there is.
-
-    >>> check_device("cpu")
-    """
-    import torch
-
-    try:
-        if torch.device(device).type == "meta":
-            raise RuntimeError("it holds no numbers")
-        torch.zeros(1, device=device)
-    except (RuntimeError, AssertionError, NotImplementedError) as error:
-        reason = str(error).partition("\n")[0][:120]
-        raise ConfigError(f"--device {device!r}: not on this machine ({reason}); expected {default_device()}") from None
 
 
 def begin(recipe: T) -> T:

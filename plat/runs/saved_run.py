@@ -13,6 +13,7 @@ from torch.nn.parameter import is_lazy
 
 from plat.errors import CheckpointError
 from plat.files import readable, replace_file
+from plat.gpu import check_device
 from plat.json_file import short
 from plat.runs.json_object import read_json
 from plat.runs.locate import CONFIG_FILE, run_folder
@@ -128,7 +129,13 @@ class SavedRun:
         return value if isinstance(value, dict) else {}
 
     def policy(self, device: torch.device | str = "cpu") -> Policy:
-        """Return the policy with its weights, in evaluation mode."""
+        """Return the policy with its weights, in evaluation mode.
+
+        Raises:
+            CheckpointError: when it cannot be read.
+            ConfigError: for a device that this machine does not have.
+        """
+        device = check_device(device)
         config_path, path = self.folder / CONFIG_FILE, self.folder / WEIGHTS_FILE
         policy = build_policy(self.config.get("policy", {}), config_path)
         assert isinstance(policy, nn.Module)

@@ -5,6 +5,7 @@ import os
 import sys
 from collections.abc import Sequence
 
+from plat.bounds import as_names
 from plat.errors import ConfigError
 
 __all__ = ["import_modules"]
@@ -23,7 +24,7 @@ def import_modules(names: Sequence[str]) -> None:
     """
     if names and not {"", os.getcwd()} & set(sys.path):
         sys.path.append(os.getcwd())
-    for name in names:
+    for name in as_names(names):
         try:
             importlib.import_module(name)
         except Exception as error:  # the module is a user's: it may raise anything

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Literal, Protocol, TypeVar
 
+from plat.bounds import as_names
 from plat.errors import ObservationError
 
 __all__ = [
@@ -313,11 +314,12 @@ def student_keys(also: Sequence[str] = ()) -> tuple[Key, ...]:
     """Return the keys of all that a deployed policy observes.
 
     Args:
-        also: those of :data:`OPTIONAL_GROUPS` that it observes as well, in the order of that tuple.
+        also: those of :data:`OPTIONAL_GROUPS` that it observes as well, in the order of that tuple; or one of them.
 
     Raises:
         ObservationError: for a group that is not optional.
     """
+    also = as_names(also)
     unknown = [group for group in also if group not in OPTIONAL_GROUPS]
     if unknown:
         raise ObservationError(f"observation group {unknown[0]!r}: expected some of {OPTIONAL_GROUPS}")

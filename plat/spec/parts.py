@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from plat.bounds import as_names
 from plat.errors import KeyframeError
 
 if TYPE_CHECKING:
@@ -147,7 +148,7 @@ class Parts:
 
 
 def _flags(chosen: Iterable[str], names: Collection[str], field: str) -> tuple[bool, ...]:
-    wanted = (chosen,) if isinstance(chosen, str) else tuple(chosen)
+    wanted = as_names(chosen)
     unknown = [name for name in wanted if name not in names]
     if unknown:
         raise KeyframeError(f"parts: {field} has {unknown[0]!r}, expected some of {', '.join(names)}")

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from plat.bounds import Bounded, Range
+from plat.bounds import Bounded, Range, is_finite, shown
 from plat.errors import PlatError
 
 __all__ = ["SOON", "Timing", "timing_of"]
@@ -43,7 +43,13 @@ class Timing(Bounded):
         return self.max_steps * self.control_dt
 
     def steps(self, time: float) -> int:
-        """Return the control step nearest to a time (s)."""
+        """Return the control step nearest to a time (s).
+
+        Raises:
+            PlatError: for a time that is not finite.
+        """
+        if not (is_finite(time) and is_finite(time / self.control_dt)):
+            raise PlatError(f"time is {shown(time)} s, expected a finite number")
         return round(time / self.control_dt)
 
     def check_control_dt(self, control_dt: float, what: str) -> None:

@@ -19,6 +19,7 @@ from plat.keyframes.files import write_keyframes
 from plat.motions.retargeting.geometry import RobotGeometry
 from plat.robots.robot import Robot
 from plat.robots.symmetry import joint_symmetry
+from plat.scratch import Scratch
 from plat.spec.timing import Timing
 from plat.studio.pins import PRESETS, pin_bodies
 from plat.studio.poser import BALLS, HANDLES, WHOLE, Poser
@@ -75,15 +76,14 @@ def write_static(
     facts = site_facts(robot, tuple(runs), timing)
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        part = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}-"))
-        try:
+        with Scratch(f".{folder.name}-", folder.parent) as scratch:
+            part = scratch / folder.name
+            part.mkdir()
             _write_files(part, facts, libraries)
             for name, run in runs.items():
                 export_bundle(run, part / "policies" / name)
             part.chmod(0o755)
             part.rename(folder)
-        finally:
-            shutil.rmtree(part, ignore_errors=True)
     except OSError as error:
         raise StudioError(f"{str(folder)!r} could not be written ({error})") from error
 

@@ -15,6 +15,7 @@ from plat.envs.physics import BatchedPhysics, PhysicsFactory
 from plat.envs.randomized_physics import RandomizedPhysics
 from plat.envs.state import GeneralizedState
 from plat.envs.transforms.settings import RandomizationRanges
+from plat.gpu import check_device
 from plat.robots.robot import FootContacts
 from plat.tasks.disturbed import advanced, estimated, motor_target, shown
 from plat.tasks.task import Task
@@ -64,7 +65,7 @@ class SimulatedTask(EnvBase):
     ):
         check_value("environment: num_envs", num_envs, Robots)
         check_value("environment: decimation", decimation, Count)
-        super().__init__(device=torch.device(device), batch_size=torch.Size([num_envs]))
+        super().__init__(device=check_device(device), batch_size=torch.Size([num_envs]))
         self.task = task.to(device)
         model = task.robot.model(feet)
         model.opt.timestep = task.dt / decimation

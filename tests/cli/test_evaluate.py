@@ -123,7 +123,7 @@ def test_a_missing_extra_is_said_before_the_evaluation(runs, monkeypatch, drawn)
 def test_strips_of_authored_keyframes_are_named(runs, capsys, monkeypatch):
     pytest.importorskip("matplotlib")
     monkeypatch.setattr(evaluate, "draw_authored_strips", lambda recipe, folder, *_: [folder / "authored_hold.png"])
-    monkeypatch.setattr(evaluate, "score_authored", lambda *_: None)
+    monkeypatch.setattr(evaluate, "score_authored", lambda *_: [])
     evaluate.main(recipe(runs, "plain", authored=1, strips=runs / "strips"))
     assert capsys.readouterr().out.splitlines()[-1] == f"wrote {runs / 'strips' / 'authored_hold.png'}"
 
@@ -166,6 +166,13 @@ def test_authored_keyframes_have_a_table_of_their_own(runs, capsys, tmp_path):
     families = [line.split("|")[1].strip() for line in table.splitlines()[2:] if line.startswith("|")]
     # nobody rests in a run, and a policy of 1 s has no 3 s
     assert families == ["arms", "steps", "crouch", "reach", "three_point", "waypoint", "far"]
+
+
+def test_authored_keyframes_are_among_the_tables_of_a_folder(runs, tmp_path):
+    evaluate.main(recipe(runs, "plain", authored=1, only="run", out=tmp_path / "all"))
+    assert "plain,far,1,reached," in (tmp_path / "all" / "scores_authored.csv").read_text()
+    page = (tmp_path / "all" / "scores.md").read_text()
+    assert page.index("TKS@3") < page.index("plain, authored keyframes\n\n| family")
 
 
 def test_authored_keyframes_of_an_earlier_start_are_kept(runs, capsys, tmp_path, monkeypatch):

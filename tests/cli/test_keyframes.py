@@ -99,7 +99,10 @@ def test_show_names_what_partial_keyframes_command(tmp_path, capsys):
 def test_an_interval_that_is_too_long_comes_with_the_ways_out(tmp_path):
     stand = standing(G1)
     write_keyframes(tmp_path / "slow.json", G1, stand, [stand.at(2.5)])
-    with pytest.raises(KeyframeError, match=r"expected at most 50 \(1 s\): .*--split.*--timing.max-steps"):
+    with pytest.raises(
+        KeyframeError,
+        match=r"expected at most 50 \(1 s\): .*--split of plat play and .*--timing.max-steps of plat key",
+    ):
         keyframes.main(keyframes.Show(file=tmp_path / "slow.json"))
     with pytest.raises(KeyframeError, match=r"every is 2 s, expected 0.02 to 1 \(--timing.max-steps\)"):
         keyframes.main(keyframes.FromMotion(motion="generated:val/bow@1", every=2.0, out=tmp_path / "a.json"))

@@ -146,7 +146,7 @@ def test_long_intervals_are_split_where_that_is_asked_for_and_the_rule_is_told(t
     [
         ({"policy": Path("nowhere")}, CheckpointError, "'nowhere': no such run directory"),
         ({"keyframes": Path("nowhere.json")}, KeyframeError, "nowhere.json': no such file"),
-        ({"hold": math.inf}, KeyframeError, "hold is inf s, expected a finite number"),
+        ({"hold": math.inf}, KeyframeError, "hold is inf s, expected at most 3600 without --viewer"),
         ({"video": Path("film.avi")}, RenderingError, "film.avi': expected a file name that ends in .mp4"),
     ],
 )

@@ -120,6 +120,13 @@ def test_bodies_that_are_too_far_or_below_the_floor(feasibility: Feasibility) ->
     assert re.match(r"left_wrist_yaw_link is \d+ cm inside the floor$", concern.words)
 
 
+def test_a_commanded_height_under_the_floor(feasibility: Feasibility) -> None:
+    low = only(G1, 2.0, height=-0.5)
+    assert list(map(str, feasibility(STAND, low))) == ["root is 50 cm inside the floor"]
+    elsewhere = replace(low, commands=Parts.only(G1, root=["horizontal"]))
+    assert feasibility(STAND, elsewhere) == ()
+
+
 def test_limits_are_the_callers() -> None:
     strict = Feasibility(G1, FeasibilityLimits(joint_speed=0.1))
     assert measures(strict(STAND, posed(left_elbow=0.8))) == ["joint_speed"]

@@ -5,7 +5,7 @@ import torch
 
 from plat.control import Simulator
 from plat.envs import BatchedPhysics
-from plat.errors import ActionError, RobotError
+from plat.errors import ActionError, RobotError, StateError
 from plat.keyframes import Keyframe, standing
 from plat.robots import G1
 
@@ -68,6 +68,17 @@ def test_reset_forgets_everything(simulator):
             simulator.step(np.full(29, 0.1))
         first.append(simulator.data.qpos.copy())
     np.testing.assert_array_equal(*first)
+
+
+def test_a_start_under_the_floor_is_refused(simulator):
+    for depth, said in ((0.2, None), (2.0, r"pose: the robot is 2\d\d cm inside the floor")):
+        pose = standing(G1)
+        pose.root_pos[2] -= depth
+        if said is None:
+            simulator.reset(pose)
+        else:
+            with pytest.raises(StateError, match=said):
+                simulator.reset(pose)
 
 
 def test_finer_physics_take_more_steps_and_time_steps_that_do_not_fit_are_refused():

@@ -52,11 +52,17 @@ def test_a_time_in_seconds_and_the_gains(bundle):
     np.testing.assert_allclose(command.damping, G1.damping)
 
 
-@pytest.mark.parametrize("time_left", [0.0, -0.02, 1.02, float("nan")])
+@pytest.mark.parametrize("time_left", [0.0, -0.02, 1.02, float("nan"), 10**400, "soon", None])
 def test_a_time_that_the_policy_was_not_made_for(bundle, time_left):
     runner, (now, goal) = PolicyRunner(bundle), random_qpos(2)
     with pytest.raises(StateError, match=r"time to the keyframe is .*, expected more than 0 and at most 50 \(1 s\)"):
         runner.step(state_at(now), SomePose(goal), time_left)
+
+
+@pytest.mark.parametrize("control_dt", [0.01, float("nan"), 10**400, "0.02"])
+def test_a_control_step_that_is_another(bundle, control_dt):
+    with pytest.raises(BundleError, match="control step of 0.02 s, not the .* s of this robot"):
+        PolicyRunner(bundle, control_dt=control_dt)
 
 
 def test_a_state_that_is_not_finite(bundle):
@@ -75,7 +81,7 @@ def test_a_state_that_no_robot_has(bundle, field):
         runner(state, SomePose(goal), 10)
 
 
-@pytest.mark.parametrize("target", [np.full(29, np.nan), np.zeros(3), np.zeros((29, 1))])
+@pytest.mark.parametrize("target", [np.full(29, np.nan), np.zeros(3), np.zeros((29, 1)), [10**400] * 29])
 def test_a_last_target_that_no_motor_had(bundle, target):
     with pytest.raises(StateError, match=r"joint_target: shape \(.*\), expected \(29,\) finite numbers"):
         PolicyRunner(bundle).reset(target)

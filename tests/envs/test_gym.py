@@ -17,6 +17,8 @@ import plat.envs.gym
 from plat.envs import KeyframeTaskConfig
 from plat.envs.transforms import RandomizationRanges
 from plat.errors import ActionError, PlatError, RenderingError, TaskError
+from plat.robots import G1
+from plat.spec.observation import observation_size, student_keys
 
 
 @pytest.fixture(scope="module")
@@ -181,6 +183,7 @@ def test_vector_form():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        ({"device": "nope"}, "device 'nope': not on this machine"),
         ({"task": KeyframeTaskConfig(partial=0.5)}, "task.partial: .* expected also="),
         ({"task": 0.5}, "config is 0.5, expected a DistillationTaskConfig"),
         ({"timing": 0.02}, "timing is 0.02, expected a Timing"),
@@ -189,6 +192,11 @@ def test_vector_form():
 def test_an_argument_that_does_not_fit_is_named(arguments, message):
     with pytest.raises(PlatError, match=message):
         gymnasium.make("plat/G1TimedKeyframe-v0", motions="generated:val@8", **arguments)
+
+
+def test_one_group_is_named_without_a_tuple():
+    env = gymnasium.make("plat/G1TimedKeyframe-v0", motions="generated:val@8", also="clock")
+    assert env.observation_space.shape == (observation_size(student_keys(("clock",)), G1),)
 
 
 def test_an_episode_that_is_over_does_not_go_on():

@@ -1,6 +1,7 @@
 """The examples that docs/components.md names run as they stand."""
 
 import runpy
+import sys
 import tempfile
 from pathlib import Path
 
@@ -31,3 +32,23 @@ def test_it_runs(
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))  # nothing is left where temporary files belong
     runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
     assert PRINTED[name] in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "said"),
+    [
+        ("sim_to_sim", (), "usage: .*sim_to_sim.py BUNDLE"),
+        ("sim_to_sim", ("nowhere",), "error: ONNX policy .*no such file"),
+        ("planner_in_the_loop", (), "usage: .*planner_in_the_loop.py BUNDLE"),
+        ("planner_in_the_loop", ("nowhere",), "error: ONNX policy .*no such file"),
+        ("unitree_g1", ("bundle",), "usage: .*unitree_g1.py BUNDLE KEYFRAMES"),
+        ("unitree_g1", ("nowhere", "wave.json"), "error: ONNX policy .*no such file"),
+    ],
+)
+def test_one_that_is_started_wrongly_ends_in_one_line(
+    name: str, given: tuple[str, ...], said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parent / "stand_in"))
+    monkeypatch.setattr(sys, "argv", [name, *given])
+    with pytest.raises(SystemExit, match=f"^{said}"):
+        runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")

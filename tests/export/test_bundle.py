@@ -1,4 +1,5 @@
 import json
+import os
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from plat.modules import PlainPolicy, PlainPolicyConfig
 from plat.robots import G1
 from plat.runs import average_runs, register_policy
 from plat.runs.policies import _KINDS
+from plat.scratch import Scratch
 from tests.export.runs import KINDS, small_policy, write_run
 
 pytest.importorskip("onnx")
@@ -126,3 +128,14 @@ def test_nothing_is_left_behind_when_the_disk_is_full(tmp_path, monkeypatch):
     with pytest.raises(BundleError, match=r"bundle' could not be written \(.*No space left"):
         export_bundle(run, tmp_path / "bundle")
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def test_what_a_killed_export_left_goes_with_the_next(tmp_path):
+    run = write_run(tmp_path / "run", small_policy("plain"))
+    killed = Scratch(".bundle-", tmp_path)
+    (killed.path / "bundle").mkdir()
+    killed._file.close()  # as the end of its process does
+    os.utime(killed.path / ".lock", (0, 0))
+    export_bundle(run, tmp_path / "bundle")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bundle", "run"]
+    assert not (tmp_path / "bundle" / ".lock").exists()

@@ -116,6 +116,8 @@ def change(*path, to):
         (change("keyframes", 0, "root_pos", to=[0, 0]), r"root_pos is \[0, 0\], expected a list of 3 numbers"),
         (change("keyframes", 0, "root_pos", 2, to=float("nan")), r"root_pos\[2\] is nan, expected a finite number"),
         (change("keyframes", 0, "root_pos", 2, to=76.0), "root_pos puts the root at a height of 76 m, expected meters"),
+        (change("start", "root_pos", 2, to=-76.0), "start: root_pos puts the root at a height of -76 m"),
+        (change("keyframes", 1, "root_pos", 0, to=1e9), r"keyframe 1: root_pos puts the root 1e\+09 m away"),
         (change("keyframes", 0, "joint_pos", "left_knee_joint", to=1.0), "'left_knee' are one joint"),
         (change("keyframes", 0, "root_quat", 0, to="1"), r"root_quat\[0\] is '1'"),
         (change("keyframes", 0, "root_quat", to=[1, 1, 0, 0]), "root_quat has length 1.414, expected 1"),

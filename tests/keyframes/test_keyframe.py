@@ -53,11 +53,16 @@ def test_checked_makes_the_quaternion_exactly_unit():
     [
         ({"root_pos": np.zeros(2)}, r"root_pos has shape \(2,\), expected \(3,\)"),
         ({"root_pos": np.array([0, np.nan, 0])}, r"root_pos\[1\] is nan"),
+        ({"root_pos": np.array([0, 1e9, 0.7])}, r"puts the root 1e\+09 m away from the origin, expected meters"),
+        ({"root_pos": np.array([0, 0, 76.0])}, "puts the root at a height of 76 m, expected meters, at most 5"),
         ({"root_pos": "abc"}, "root_pos is 'abc', expected 3 numbers"),
         ({"root_quat": np.array([2.0, 0, 0, 0])}, "root_quat has length 2, expected 1"),
         ({"joint_pos": np.zeros(12)}, r"joint_pos has shape \(12,\), expected \(29,\)"),
         ({"joint_pos": np.full(29, 3.0)}, "joint_pos: 'left_ankle_roll' is 3 rad, expected -0.2618 to 0.2618"),
         ({"time": np.inf}, "time is inf"),
+        ({"commands": ["height"]}, r"commands is \['height'\], expected plat.keyframes.Parts"),
+        ({"name": 5}, "name is 5, expected a text"),
+        ({"name": "\ud800"}, "name is .*, expected a text"),
         ({"time": 10**400}, "time is 1000.*000, expected a finite number"),
         ({"root_pos": [10**400, 0, 0]}, r"root_pos is \[1000.*000, 0, 0\], expected 3 numbers"),
     ],
@@ -65,6 +70,23 @@ def test_checked_makes_the_quaternion_exactly_unit():
 def test_what_is_wrong_is_named(changes, message):
     with pytest.raises(KeyframeError, match=message):
         replace(standing(G1), **changes).checked(G1)
+
+
+def test_a_root_that_is_merely_out_of_reach_is_a_keyframe():
+    far = replace(standing(G1), root_pos=[900.0, -900.0, -1.0])
+    assert far.checked(G1).root_pos.tolist() == [900, -900, -1]
+
+
+@pytest.mark.parametrize("qpos", [[10**400] * 36, "pose", 1.0, [[1.0]]])
+def test_what_is_no_pose_is_named(qpos):
+    with pytest.raises(KeyframeError, match="qpos is .*, expected numbers: root position"):
+        Keyframe.from_qpos(0.0, qpos)
+
+
+@pytest.mark.parametrize("time", [10**400, np.nan, "soon", None])
+def test_poses_are_between_times_only(time):
+    with pytest.raises(KeyframeError, match="expected different times"):
+        interpolate(standing(G1), standing(G1).at(time), 0.5)
 
 
 def test_a_time_beyond_a_day_is_refused() -> None:

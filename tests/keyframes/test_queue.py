@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plat.errors import KeyframeError
+from plat.errors import KeyframeError, PlatError
 from plat.keyframes import KeyframeQueue, keyframe_from_json, keyframe_to_json, only, standing
 from plat.robots import G1, describe_robot
 from plat.spec.timing import Timing
@@ -93,6 +93,14 @@ def test_a_cancellation_holds_even_if_its_pose_is_refused(change):
         queue.stay(replace(standing(G1), **change), now=0.2)
     assert len(queue) == 0
     assert queue.command(0.2) is None
+
+
+@pytest.mark.parametrize("now", [10**400, np.nan, "now", None])
+def test_a_clock_without_a_time(now):
+    queue = KeyframeQueue(G1)
+    for asked in (lambda: queue.put(at(0.5), now), lambda: queue.stay(at(0.5), now), lambda: queue.command(now)):
+        with pytest.raises(PlatError, match="(now|time) is"):
+            asked()
 
 
 def test_poses_of_another_robot_are_refused():

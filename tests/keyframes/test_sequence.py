@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from plat.errors import KeyframeError
-from plat.keyframes import KeyframeSequence, split_long_intervals, standing
+from plat.errors import KeyframeError, PlatError
+from plat.keyframes import Keyframe, KeyframeSequence, split_long_intervals, standing
 from plat.motions import MotionLibrary, generate_motions
 from plat.robots import G1
 
@@ -93,6 +93,33 @@ def test_a_motion_may_begin_later_and_ends_where_it_ends(clip):
 def test_times_that_do_not_fit_are_named(times, message):
     with pytest.raises(KeyframeError, match=message):
         sequence(*times)
+
+
+@pytest.mark.parametrize("time", [10**400, np.nan, np.inf, "soon", None])
+def test_times_that_are_none_are_one_line(clip, time):
+    asked = sequence(0.5, 1.0)
+    for question in (asked.command, asked.sample, asked.commanded, lambda time: Keyframe.from_motion(clip, time, G1)):
+        with pytest.raises(PlatError, match="time"):
+            question(time)
+    for start, keyframe in ((POSE, POSE.at(time)), (POSE.at(time), POSE.at(1.0))):
+        with pytest.raises(KeyframeError, match="time is .*, expected a finite number"):
+            split_long_intervals(start, [keyframe])
+
+
+def test_a_split_into_millions_is_refused():
+    with pytest.raises(KeyframeError, match="keyframe 0: time is .*, expected at most a day"):
+        split_long_intervals(POSE, [POSE.at(1e300)])
+
+
+@pytest.mark.parametrize("keyframes", [POSE.at(1.0), (POSE.at(1.0), 2.0), ("pose",)])
+def test_what_is_no_tuple_of_keyframes_is_named(keyframes):
+    with pytest.raises(KeyframeError, match="keyframes .*, expected (a tuple of them|each to be a Keyframe)"):
+        KeyframeSequence(G1, POSE, keyframes)
+
+
+def test_names_are_one_for_each_keyframe(clip):
+    with pytest.raises(KeyframeError, match="names: 1 for 2 keyframes, expected one for each or none"):
+        KeyframeSequence.from_motion(clip, [0.5, 1.0], G1, names=["up"])
 
 
 def test_a_bad_pose_is_named_with_its_keyframe():

@@ -275,6 +275,7 @@ _FAULTS: dict[str, list[Callable[[dict], object]]] = {
     "root_pos": [
         lambda content: content["keyframes"][0].update(root_pos=[0.0, 0.0]),
         lambda content: content["keyframes"][0].update(root_pos=[0.0, 0.0, 76.0]),
+        lambda content: content["keyframes"][0].update(root_pos=[0.0, -1e9, 0.76]),
         lambda content: _drop(content["start"], "root_pos"),
     ],
     "root_quat": [

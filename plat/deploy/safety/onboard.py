@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from plat.bounds import is_finite
 from plat.deploy.estimator import StateEstimator
 from plat.deploy.runner import JointCommand
 from plat.deploy.safety.ending import CommandSource
@@ -141,6 +142,7 @@ class OnboardController:
             self._anew = False
             self._forget()
             self._safe.reset(keep_stop=True)
+        now = now if is_finite(now) else np.nan
         try:
             self._take(now, reading)
         except _FAULTS as error:

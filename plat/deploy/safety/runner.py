@@ -6,6 +6,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from plat.bounds import is_finite, shown
 from plat.deploy.description import RobotDescription
 from plat.deploy.runner import JointCommand
 from plat.deploy.safety.ending import CommandSource, EndOfSequence
@@ -149,10 +150,10 @@ class SafeRunner:
         return self._damped() if self._stopped or self._anew else command
 
     def _step(self, now: float, state: RobotState | None, stamp: float | None) -> JointCommand:
-        dt = self._robot.control_dt if self._now is None else min(max(now - self._now, 0.0), self._robot.control_dt)
-        if not np.isfinite(now):
-            self.journal.note(0.0 if self._now is None else self._now, "clock", f"time is {now}")
+        if not is_finite(now):
+            self.journal.note(0.0 if self._now is None else self._now, "clock", f"time is {shown(now)}")
             return self._held()
+        dt = self._robot.control_dt if self._now is None else min(max(now - self._now, 0.0), self._robot.control_dt)
         self._now = now
         fault = self._watch.check(now, state, stamp)
         if fault is not None:

@@ -4,6 +4,7 @@ from collections import deque
 
 import numpy as np
 
+from plat.bounds import is_finite
 from plat.deploy.description import RobotDescription
 from plat.deploy.safety.settings import SafetySettings
 from plat.deploy.state import RobotState, state_widths
@@ -70,7 +71,7 @@ class StateWatch:
     def _fault(self, now: float, state: RobotState | None, stamp: float) -> str | None:
         if state is None:
             return "no state"
-        if not np.isfinite(stamp) or stamp > now + self._settings.late:
+        if not is_finite(stamp) or stamp > now + self._settings.late:
             return f"the state's time is {stamp:.6g} s, the control step's {now:.6g} s"
         if stamp <= self._newest:
             return f"the state of {stamp:.6g} s came after that of {self._newest:.6g} s"

@@ -12,6 +12,7 @@ from torch import Tensor
 from plat.envs.physics.protocol import Kinematics
 from plat.envs.physics.transfer import to_device
 from plat.errors import StateError
+from plat.gpu import check_device
 
 __all__ = ["BatchedPhysics", "available_cpus"]
 
@@ -56,7 +57,7 @@ class BatchedPhysics:
         device: torch.device | str = "cpu",
     ):
         self.model = model
-        self.device = torch.device(device)
+        self.device = check_device(device)
         threads = num_threads or available_cpus()
         self.batch = self.make_batch(model, num_sims, min(threads, num_sims))
         self._qpos = self.batch.bind("qpos")

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from plat.envs.physics.protocol import Kinematics
 from plat.errors import ConfigError, StateError
+from plat.gpu import check_device
 
 __all__ = ["WarpPhysics"]
 
@@ -59,7 +60,7 @@ class WarpPhysics:
             raise ConfigError("physics 'warp' needs: pip install 'plat-rl[warp]'") from error
         self._warp, self._mujoco_warp = warp, mujoco_warp
         self.model = model
-        self.device = torch.device(device)
+        self.device = check_device(device)
         with self._scope():
             try:
                 self._model = mujoco_warp.put_model(model, batch_sizes=dict.fromkeys(_FIELDS, num_sims))

@@ -6,6 +6,7 @@ from itertools import count
 
 import numpy as np
 
+from plat.bounds import as_names
 from plat.errors import MotionError, RobotError
 from plat.json_file import short
 from plat.motions.checks.validation import validate_motion
@@ -74,7 +75,7 @@ def generate_motions(
     if not 0 < seconds <= LONGEST:
         raise MotionError(f"generated motions: {short(seconds)} s, expected above 0 and at most {LONGEST:,g} s")
     known = {**FAMILIES, **WIDE_FAMILIES}
-    families = tuple(member for name in families for member in GROUPS.get(name, (name,)))
+    families = tuple(member for name in as_names(families) for member in GROUPS.get(name, (name,)))
     unknown = sorted(set(families) - set(known))
     if unknown:
         raise MotionError(f"generated motions: no family {unknown}, expected some of {sorted({*known, *GROUPS})}")
