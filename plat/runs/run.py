@@ -161,9 +161,12 @@ class Run:
                 start_logging(logger, folder.name, folder, config, logging_id(folder, resume)) for logger in loggers
             ]
         except BaseException:
-            self._lock.release()
             if not resume:
-                self._clear(made)
+                self._clear()
+            self._lock.release()  # after that another process may begin here
+            if made and not resume and [path.name for path in folder.iterdir()] == [LOCK_FILE]:
+                (folder / LOCK_FILE).unlink()
+                folder.rmdir()
             raise
         self._last_save = time.monotonic()
         self._last_line = 0.0
@@ -187,12 +190,10 @@ class Run:
         write_json(self.folder / CONFIG_FILE, config)
         self._config = config
 
-    def _clear(self, made: bool) -> None:
-        """Remove what a start that failed has written, and the folder if it was made for it and holds no more."""
-        for name in (CONFIG_FILE, INPUTS_FILE, _METRICS_FILE, ID_FILE, LOCK_FILE):
+    def _clear(self) -> None:
+        """Remove what a start that failed has written."""
+        for name in (CONFIG_FILE, INPUTS_FILE, _METRICS_FILE, ID_FILE):
             (self.folder / name).unlink(missing_ok=True)
-        if made and not any(self.folder.iterdir()):
-            self.folder.rmdir()
 
     def _restore(self, config: dict[str, Any], inputs: Mapping[str, Any]) -> None:
         path = self.folder / CONFIG_FILE
