@@ -2,7 +2,7 @@
 
 python examples/sim_to_sim.py bundle            # a step to the side and back; or a file of keyframes: bundle wave.json
 
-It ends where plat play does: imagined-g1 about 0.01 m from the last keyframe, finetuned-g1 0.03, plat-g1 0.31.
+It ends where plat play does: imagined-g1 about 0.01 m from the last keyframe, plat-g1 0.02.
 """
 
 import sys

@@ -19,7 +19,7 @@ RUNS = {
     "plat": "plat",
     "finetuned": "finetuned",
     "expert-model": "expert-model",
-    "later": "imagined",
+    "sides": "imagined",
     "imagined-robot": "imagined-robot",
     "free-22": "imagined-free",
     "plat-generated": "plat-generated",
