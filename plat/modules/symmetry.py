@@ -143,29 +143,29 @@ def _mirrored(entry: Entry, width: int, robot: Robot) -> tuple[np.ndarray, np.nd
     return column, sign
 
 
-class _Beside(nn.Module):
+class _Mirror(nn.Module):
+    """Columns that change places, and signs; they follow from the robot and are not saved."""
+
     column: Tensor
     sign: Tensor
 
     def __init__(self, column: Tensor, sign: Tensor):
         super().__init__()
         self.register_buffer("column", column, persistent=False)
-        self.register_buffer("sign", sign, persistent=False)
-
-    def forward(self, *entries: Tensor) -> Tensor:
-        observation = torch.cat(entries, -1)
-        return torch.stack((observation, observation[..., self.column] * self.sign), _SIDES)
-
-
-class _Mean(nn.Module):
-    partner: Tensor
-    sign: Tensor
-
-    def __init__(self, partner: Tensor, sign: Tensor):
-        super().__init__()
-        self.register_buffer("partner", partner, persistent=False)
         self.register_buffer("sign", sign.float(), persistent=False)
 
+    def image(self, values: Tensor) -> Tensor:
+        """Return the mirror image of values ``[*B, n]``."""
+        return values[..., self.column] * self.sign
+
+
+class _Beside(_Mirror):
+    def forward(self, *entries: Tensor) -> Tensor:
+        observation = torch.cat(entries, -1)
+        return torch.stack((observation, self.image(observation)), _SIDES)
+
+
+class _Mean(_Mirror):
     def forward(self, actions: Tensor) -> Tensor:
         own, mirrored = actions.unbind(_SIDES)
-        return 0.5 * (own + mirrored[..., self.partner] * self.sign)
+        return 0.5 * (own + self.image(mirrored))
