@@ -12,6 +12,7 @@ from types import ModuleType
 from typing import Any, Literal
 
 from plat.errors import PlatError
+from plat.files import replace_file
 
 __all__ = [
     "ID_FILE",
@@ -60,7 +61,7 @@ def logging_id(folder: Path, resume: bool) -> str:
     """
     path = folder / ID_FILE
     if not (resume and path.exists()):
-        path.write_text(secrets.token_hex(4), encoding="utf-8")
+        replace_file(path, lambda part: part.write_text(secrets.token_hex(4), encoding="utf-8"))
     return path.read_text(encoding="utf-8").strip()
 
 

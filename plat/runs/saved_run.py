@@ -51,7 +51,7 @@ class SavedRun:
 
     >>> run = SavedRun("plat-g1")
     >>> run.name, run.kind, run.steps
-    ('plat', 'residual_latent', 1458176)
+    ('plat', 'residual_latent', 1138688)
     """
 
     def __init__(self, folder: str | Path):

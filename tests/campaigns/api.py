@@ -323,7 +323,6 @@ def calls(folder: Path) -> Iterator[Misuse]:
         motions_for_minus_a_second=lambda: generate_motions("val", -1),
         motions_of_no_split=lambda: generate_motions("vall"),
         motions_of_no_family=lambda: generate_motions("val", 8, ("juggle",)),
-        motions_of_a_word_for_families=lambda: generate_motions("val", 8, "walk"),
         saved_no_clips=lambda: save_motions(folder / "none.npz", []),
         loaded_nowhere=lambda: MotionLibrary.load(str(folder / "nowhere.npz")),
         loaded_nothing=lambda: MotionLibrary.load(()),
