@@ -26,7 +26,7 @@ class BothSides(TensorDictModule):
 
     A robot that is symmetric moves in the mirror as it moves before it. A policy that is shown both, and acts by the
     mean of its answer and of the other one mirrored back, is exactly as symmetric, and its errors of one side are
-    halved by those of the other.
+    averaged with those of the other.
 
     Args:
         robot: the robot.

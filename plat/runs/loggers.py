@@ -88,9 +88,8 @@ def start_logging(
     """
     module = check_logger(logger)
     if logger == "trackio":
-        if run_id is None:
-            return module.init(project="plat", name=name, config=dict(config), resume="never")
-        return module.init(project="plat", name=f"{name}-{run_id}", config=dict(config), resume="allow")
+        full_name, resume = (name, "never") if run_id is None else (f"{name}-{run_id}", "allow")
+        return module.init(project="plat", name=full_name, config=dict(config), resume=resume)
     settings: dict[str, Any] = {
         "project": "plat",
         "name": name,

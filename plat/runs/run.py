@@ -338,9 +338,8 @@ class Run:
             try:
                 self._checkpoints.save(self.budget.steps)
             except CheckpointError:
-                with suppress(
-                    CheckpointError
-                ):  # a disk that is full for a checkpoint may take weights, which are small
+                # a disk that is full for a checkpoint may take weights, which are small
+                with suppress(CheckpointError):
                     self._save_weights()
                 raise
             self._save_weights()
