@@ -98,6 +98,7 @@ class User:
 
     def press(self, *buttons: str) -> None:
         for button in buttons:
+            self.sent()
             # forced: not after the button has stood still for two frames, which can take seconds to draw
             self.page.get_by_role("button", name=button, exact=True).first.click(force=True)
 
@@ -113,8 +114,13 @@ class User:
         after_label = f'//label[normalize-space()="{label}"]/following::input'
         return self.page.locator(f'xpath=({after_label}[@type="text" or not(@type)])[1]')
 
+    def sent(self) -> None:
+        """Wait until the page has sent what was done: of 50 ms it sends the latest message only, of all its inputs."""
+        self.page.evaluate("() => new Promise(done => setTimeout(done, 60))")
+
     def enter(self, label: str, text: str) -> None:
         box = self.box(label)
+        self.sent()
         box.fill(text)
         box.press("Enter")
 
@@ -510,6 +516,30 @@ def test_files_are_saved_asked_about_and_kept(user, folder):
             user.page.get_by_role("dialog").get_by_text("other.json is there already").wait_for()
             user.press("Cancel")
             user.until(lambda: not user.studio._page.dock.state["question"])
+    user.tab("Pose")
+
+
+def test_a_click_at_once_after_typing_is_for_what_was_typed(user, folder):
+    user.begin("bow")
+    user.tab("Files")
+    user.enter("File", "before.json")
+    user.sent()
+    box, load, save = (
+        element.element_handle()
+        for element in (
+            user.box("File"),
+            *(user.page.get_by_role("button", name=n, exact=True).first for n in ("Load", "Save")),
+        )
+    )
+    # as by a user whose page was busy for a while: all in one go, while the answer to the first is not yet sent
+    user.page.evaluate(
+        "([box, load, save]) => { load.click();"
+        "Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, 'value').set.call(box, 'after.json');"
+        "box.dispatchEvent(new Event('input', { bubbles: true })); save.click(); }",
+        [box, load, save],
+    )
+    user.until(lambda: (folder / "after.json").exists())
+    assert not (folder / "before.json").exists()
     user.tab("Pose")
 
 

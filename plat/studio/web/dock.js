@@ -9,7 +9,8 @@
     play: "M5 3v10l8-5z", pause: "M5 3.5v9M11 3.5v9", stop: "M4 4h8v8H4z", back: "M11 3.5v9L5.5 8zM4 3.5v9", ahead: "M5 3.5v9L10.5 8zM12 3.5v9",
     loop: "M3 7a5 5 0 0 1 9-2.2L13 6M13 2.8V6H9.8M13 9a5 5 0 0 1-9 2.2L3 10M3 13.2V10h3.2", undo: "M6 3 3 6l3 3M3 6h6.5a3.5 3.5 0 0 1 0 7H6", redo: "M10 3l3 3-3 3M13 6H6.5a3.5 3.5 0 0 0 0 7H10",
   };
-  let socket = null, lastNote = null, asked = null, tabbed = false, drag = null, zoom = null, framed = null, soon = null, opened = false, counting = false;
+  const SENT = 60; // ms; the panel sends of every 50 ms the latest message only, whatever it is of: a click at once after typing would replace the text
+  let socket = null, lastNote = null, asked = null, typed = -Infinity, tabbed = false, drag = null, zoom = null, framed = null, soon = null, opened = false, counting = false;
 
   // what is sent
 
@@ -151,6 +152,15 @@
     new ResizeObserver(show).observe(at.track);
     window.addEventListener("keydown", key, true);
     window.addEventListener("pointerdown", () => { tabbed = false; }, true);
+    window.addEventListener("input", () => { typed = performance.now(); }, true);
+    window.addEventListener("click", (event) => { // what was typed is sent first
+      const button = event.target.closest?.("button");
+      if (!button || at.dock.contains(button) || !unsent()) return;
+      event.preventDefault();
+      event.stopImmediatePropagation();
+      if (event.detail) button.blur();
+      setTimeout(() => button.click(), SENT);
+    }, true);
     window.addEventListener("click", ({ detail, target }) => { // the keys are the studio's again; who came by Tab stays
       if (!detail || !target.closest) return;
       target.closest("button")?.blur();
@@ -263,6 +273,8 @@
   };
   const CONTROL = { c: ["copy"], x: ["cut"], v: ["paste"], s: ["save"], z: ["undo"], y: ["redo"], Z: ["redo"] };
 
+  const unsent = () => performance.now() - typed < SENT;
+
   function typing(element) {
     return element && (element.isContentEditable || ["TEXTAREA", "SELECT"].includes(element.tagName)
       || (element.tagName === "INPUT" && !["checkbox", "radio", "button", "range"].includes(element.type)));
@@ -288,6 +300,7 @@
     else if (!control && (event.key === "+" || event.key === "=")) zoomBy(1.5);
     else if (!control && event.key === "-") zoomBy(1 / 1.5);
     else if (!control && event.key === "0") { zoom = null; show(); }
+    else if (what && what[0] === "save" && unsent()) setTimeout(() => send(...what), SENT);
     else if (what) send(...what);
     else done = false;
     if (done) {
