@@ -10,5 +10,5 @@ from plat.runs.average import average_runs
 
 def main(recipe: AverageRecipe) -> None:
     """Run the recipe."""
-    average_runs(recipe.runs, recipe.out, recipe.shares, recipe.symmetric)
+    average_runs(recipe.runs, recipe.out, recipe.shares, recipe.symmetric, recipe.reach)
     print(next_command(recipe.out, "plat evaluate", *recipe.runs, recipe.out, "--motions", ("test.npz",)))

@@ -12,6 +12,7 @@ from plat.bounds import Bounded, Count, Fraction, Natural, NonNegative, NotEmpty
 from plat.envs.settings import ReachLimits
 from plat.envs.transforms.settings import RandomizationRanges
 from plat.evaluation.names import DisturbanceName, Interface, RuleName
+from plat.modules.settings import WalkingReach
 from plat.motions.checks.settings import ValidationLimits
 from plat.motions.retargeting.options import SolverOptions
 from plat.runs.loggers import LoggerName, chosen_loggers
@@ -470,6 +471,8 @@ class AverageRecipe(Bounded):
     """weight of each run in the average; equal if there are none"""
     symmetric: bool = False
     """let it act by the mean of its action and that in the mirror; one run will do"""
+    reach: WalkingReach | None = None
+    """show a student keyframes beyond it nearer; one run will do"""
 
 
 @dataclass(kw_only=True)

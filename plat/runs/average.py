@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from plat.errors import CheckpointError, ConfigError
 from plat.files import check_folder
-from plat.modules import Expert, LatentPolicy, PlainPolicy, take_over
+from plat.modules import Expert, LatentPolicy, PlainPolicy, WalkingReach, take_over
 from plat.runs.changes import differing
 from plat.runs.dynamics import DYNAMICS_FILE
 from plat.runs.json_object import write_json
@@ -102,11 +102,24 @@ def _check_meaning(run: SavedRun, policy: nn.Module, last: SavedRun, policy_of_l
             )
 
 
+def _given_reach(run: SavedRun, policy: nn.Module, reach: WalkingReach) -> None:
+    """Show a student, or the one within a policy, keyframes beyond a reach nearer.
+
+    Raises:
+        CheckpointError: for a policy without a student.
+    """
+    student = getattr(policy, "student", policy)
+    if not isinstance(student, (LatentPolicy, PlainPolicy)):
+        raise CheckpointError(f"--reach: {str(run.folder)!r} holds a {run.kind!r} policy, expected one with a student")
+    student.config = replace(student.config, reach=reach)
+
+
 def _made_symmetric(run: SavedRun, policy: nn.Module) -> None:
     """Let a policy act by the mean of its action and that in the mirror.
 
     Raises:
         CheckpointError: for one that cannot.
+        RobotError: for a robot that is not symmetric.
     """
     if not isinstance(policy, (Expert, PlainPolicy)):
         raise CheckpointError(
@@ -118,7 +131,11 @@ def _made_symmetric(run: SavedRun, policy: nn.Module) -> None:
 
 
 def average_runs(
-    runs: Sequence[str | Path], out: Path, shares: Sequence[float] = (), symmetric: bool = False
+    runs: Sequence[str | Path],
+    out: Path,
+    shares: Sequence[float] = (),
+    symmetric: bool = False,
+    reach: WalkingReach | None = None,
 ) -> SavedRun:
     """Write a run whose weights are the mean of those of others, and return it.
 
@@ -129,17 +146,20 @@ def average_runs(
     (:func:`plat.modules.take_over`).
 
     Args:
-        runs: two or more run directories, or names of shipped weights; with ``symmetric`` one will do.
+        runs: two or more run directories, or names of shipped weights; with ``symmetric`` or a ``reach`` one will do.
         out: directory to write to.
         shares: weight of each; none for equal ones. They are scaled to a sum of 1.
         symmetric: let it act by the mean of its action and that in the mirror (:class:`plat.modules.BothSides`).
+        reach: show it keyframes beyond this nearer (:class:`plat.modules.KeyframeReach`); of a student, or a policy
+            that has one.
 
     Raises:
         ConfigError: for less than two runs, or another number of shares.
         CheckpointError: when a run cannot be read, or its policy is of another kind or size, or differs in what its
-            weights mean, such as the base of the action; for one that cannot be ``symmetric``.
+            weights mean, such as the base of the action; for one that cannot be ``symmetric`` or be given a ``reach``.
+        RobotError: when the robot of a ``symmetric`` one is not.
     """
-    if len(runs) < (1 if symmetric else 2):
+    if len(runs) < (1 if symmetric or reach else 2):
         raise ConfigError(f"runs: {len(runs)}, expected two or more to average")
     if shares and len(shares) != len(runs):
         raise ConfigError(f"--shares: {len(shares)} numbers, expected {len(runs)}, one for each run")
@@ -159,6 +179,9 @@ def average_runs(
     config = dict(last.config)
     if symmetric:
         _made_symmetric(last, policy)
+    if reach is not None:
+        _given_reach(last, policy, reach)
+    if symmetric or reach:
         config["policy"] = policy_spec(policy)
     of = [
         {"run": str(name), "share": share, "motions": run.motions}

@@ -155,6 +155,38 @@ def test_a_policy_with_a_latent_is_not_made_symmetric(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+def test_a_student_is_given_a_reach_alone_and_within_a_policy(tmp_path):
+    reach = WalkingReach(acceleration=1.0, speed=1.2, margin=0.1)
+    save(tmp_path / "student", LatentPolicy(G1, SMALL))
+    save(tmp_path / "whole", ResidualLatentPolicy(LatentPolicy(G1, SMALL)))
+    given = average_runs([tmp_path / "student"], tmp_path / "given", reach=reach).policy()
+    assert given.config == replace(SMALL, reach=reach)
+    main(
+        [
+            "average",
+            str(tmp_path / "whole"),
+            "--reach",
+            "speed=1.2,acceleration=1,margin=0.1",
+            "--out",
+            str(tmp_path / "out"),
+        ]
+    )
+    out, whole = SavedRun(tmp_path / "out"), SavedRun(tmp_path / "whole")
+    assert out.policy().student.config == given.config
+    weights = whole.policy().state_dict()
+    assert all(tensor.equal(weights[name]) for name, tensor in out.policy().state_dict().items())
+    assert ("goal", "root_pos_b") in given.deployed().in_keys
+    out.config["policy"]["student"]["config"]["reach"] = None
+    assert out.config == whole.config
+
+
+def test_an_expert_is_given_no_reach(tmp_path):
+    save(tmp_path / "one", Expert(G1, EXPERT))
+    with pytest.raises(CheckpointError, match="--reach: .*one' holds a 'expert' policy, expected one with a student"):
+        average_runs([tmp_path / "one"], tmp_path / "out", reach=WalkingReach())
+    assert not (tmp_path / "out").exists()
+
+
 def test_an_average_knows_what_all_of_it_was_trained_on(tmp_path):
     for name, motions in (("a", ["bandai_train.npz"]), ("b", ["hard_free.npz"]), ("c", ["asap.npz", "hard_free.npz"])):
         saved(tmp_path / name)
