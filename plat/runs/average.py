@@ -6,13 +6,14 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 
 from plat.errors import CheckpointError, ConfigError
 from plat.files import check_folder
-from plat.modules import Expert, LatentPolicy, PlainPolicy, WalkingReach, take_over
+from plat.modules import LatentPolicy, PlainPolicy, WalkingReach, take_over
 from plat.runs.changes import differing
 from plat.runs.dynamics import DYNAMICS_FILE
 from plat.runs.json_object import write_json
@@ -102,32 +103,22 @@ def _check_meaning(run: SavedRun, policy: nn.Module, last: SavedRun, policy_of_l
             )
 
 
-def _given_reach(run: SavedRun, policy: nn.Module, reach: WalkingReach) -> None:
-    """Show a student, or the one within a policy, keyframes beyond a reach nearer.
+def _give(run: SavedRun, policy: Any, **fields: Any) -> None:
+    """Give a policy, or the student that it refines, other settings that its weights serve as well.
 
     Raises:
-        CheckpointError: for a policy without a student.
+        CheckpointError: for a policy that has no such setting.
+        RobotError: when it is to be symmetric, and its robot is not.
     """
-    student = getattr(policy, "student", policy)
-    if not isinstance(student, (LatentPolicy, PlainPolicy)):
-        raise CheckpointError(f"--reach: {str(run.folder)!r} holds a {run.kind!r} policy, expected one with a student")
-    student.config = replace(student.config, reach=reach)
-
-
-def _made_symmetric(run: SavedRun, policy: nn.Module) -> None:
-    """Let a policy act by the mean of its action and that in the mirror.
-
-    Raises:
-        CheckpointError: for one that cannot.
-        RobotError: for a robot that is not symmetric.
-    """
-    if not isinstance(policy, (Expert, PlainPolicy)):
-        raise CheckpointError(
-            f"--symmetric: {str(run.folder)!r} holds a {run.kind!r} policy, expected an expert or a student without "
-            "a latent"
-        )
-    policy.config = replace(policy.config, symmetric=True)
-    policy.deployed()  # asks whether the robot is symmetric
+    acts = getattr(policy, "student", policy)
+    for name in fields:
+        if not hasattr(acts.config, name):
+            raise CheckpointError(
+                f"--{name}: {str(run.folder)!r} holds a {run.kind!r} policy, which has no such setting; expected "
+                "a student, alone or refined, or an expert that is to be symmetric"
+            )
+    acts.config = replace(acts.config, **fields)
+    policy.deployed()  # is put together with them
 
 
 def average_runs(
@@ -150,8 +141,8 @@ def average_runs(
         out: directory to write to.
         shares: weight of each; none for equal ones. They are scaled to a sum of 1.
         symmetric: let it act by the mean of its action and that in the mirror (:class:`plat.modules.BothSides`).
-        reach: show it keyframes beyond this nearer (:class:`plat.modules.KeyframeReach`); of a student, or a policy
-            that has one.
+        reach: show it keyframes beyond this nearer (:class:`plat.modules.KeyframeReach`); of a student, alone or
+            refined.
 
     Raises:
         ConfigError: for less than two runs, or another number of shares.
@@ -177,11 +168,9 @@ def average_runs(
     except ConfigError as error:
         raise CheckpointError(f"{', '.join(str(run.folder) for run in saved)}: {error}") from None
     config = dict(last.config)
-    if symmetric:
-        _made_symmetric(last, policy)
-    if reach is not None:
-        _given_reach(last, policy, reach)
-    if symmetric or reach:
+    given: dict[str, Any] = ({"symmetric": True} if symmetric else {}) | ({"reach": reach} if reach else {})
+    if given:
+        _give(last, policy, **given)
         config["policy"] = policy_spec(policy)
     of = [
         {"run": str(name), "share": share, "motions": run.motions}

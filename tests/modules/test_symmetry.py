@@ -12,11 +12,16 @@ from plat.modules import (
     BothSides,
     Expert,
     ExpertConfig,
+    FinetunedPolicy,
+    LatentNoisePolicy,
     LatentPolicy,
     LatentPolicyConfig,
     MeanOfSides,
     PlainPolicy,
     PlainPolicyConfig,
+    RefinementConfig,
+    ResidualActionPolicy,
+    ResidualLatentPolicy,
     WalkingReach,
     take_over,
 )
@@ -72,16 +77,44 @@ def test_the_mirror_image_of_the_mirror_image_is_the_observation():
 EXPERT = ExpertConfig(hidden=(16,), ahead=(1, 2), action="reference_velocity", lead=0.1, catch_up=2.0, symmetric=True)
 
 
-@pytest.mark.parametrize(("kind", "config"), [(PlainPolicy, SMALL), (Expert, EXPERT)])
-def test_a_symmetric_policy_answers_the_mirror_image_with_the_mirrored_action(kind, config):
+LATENT = LatentPolicyConfig(
+    backbone=(16,), hidden_size=16, decoder=(16,), latent_size=4, reach=WalkingReach(), symmetric=True
+)
+
+
+def refined(kind):
+    """Constructor of a refinement, with a residual that does something, from its student's config."""
+
+    def build(robot, config):
+        policy = kind(LatentPolicy(robot, config), RefinementConfig(hidden=(16,), lead=0.1))
+        for weight in policy.parameters():
+            torch.nn.init.normal_(weight, std=0.3)
+        return policy
+
+    return build
+
+
+@pytest.mark.parametrize(
+    ("build", "config"),
+    [
+        (PlainPolicy, SMALL),
+        (Expert, EXPERT),
+        (LatentPolicy, LATENT),
+        *(
+            (refined(kind), LATENT)
+            for kind in (ResidualLatentPolicy, LatentNoisePolicy, ResidualActionPolicy, FinetunedPolicy)
+        ),
+    ],
+)
+def test_a_symmetric_policy_answers_the_mirror_image_with_the_mirrored_action(build, config):
     # through what is exported, which takes the observation as one vector
-    policy = kind(G1, config)
+    policy = build(G1, config)
     network = JointTargetNetwork(policy)
     column, sign = mirrored_columns(network.keys, G1)
     observation = torch.randn(5, network.num_features)
     target, image = network(observation), network(observation[:, column] * sign)
     torch.testing.assert_close(image, target[:, PARTNER] * SIGN.float(), atol=1e-5, rtol=1e-5)
-    plain = kind(G1, replace(config, symmetric=False))
+    plain = build(G1, replace(config, symmetric=False))
     plain.load_state_dict(policy.state_dict())
     alone = JointTargetNetwork(plain)
     expected = 0.5 * (alone(observation) + alone(observation[:, column] * sign)[:, PARTNER] * SIGN.float())
@@ -96,9 +129,11 @@ def test_a_symmetric_student_takes_over_the_weights_of_one_that_is_not():
         torch.testing.assert_close(student.state_dict()[name], value)
 
 
-def test_a_student_with_a_latent_is_not_symmetric():
-    with pytest.raises(ConfigError, match="LatentPolicy: symmetric is for a student without a latent"):
-        LatentPolicy(G1, LatentPolicyConfig(symmetric=True))
+def test_a_symmetric_student_with_a_latent_learns_as_one_that_is_not():
+    policy = LatentPolicy(G1, LATENT)
+    plain = LatentPolicy(G1, replace(LATENT, symmetric=False))
+    assert policy.training_graph().in_keys == plain.training_graph().in_keys
+    assert [str(module) for module in policy.sampled()] == [str(module) for module in plain.sampled()]
 
 
 def test_an_entry_that_does_not_say_how_it_is_mirrored_is_refused():

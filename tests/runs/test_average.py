@@ -148,11 +148,10 @@ def test_a_mean_is_made_symmetric(tmp_path):
     assert len(run.config["average"]) == 2
 
 
-def test_a_policy_with_a_latent_is_not_made_symmetric(tmp_path):
-    save(tmp_path / "one", LatentPolicy(G1, SMALL))
-    with pytest.raises(CheckpointError, match="--symmetric: .*one' holds a 'latent' policy, expected an expert or"):
-        average_runs([tmp_path / "one"], tmp_path / "out", symmetric=True)
-    assert not (tmp_path / "out").exists()
+def test_a_policy_with_a_latent_is_made_symmetric_through_its_student(tmp_path):
+    save(tmp_path / "one", ResidualLatentPolicy(LatentPolicy(G1, SMALL)))
+    policy = average_runs([tmp_path / "one"], tmp_path / "out", symmetric=True).policy()
+    assert policy.student.config == replace(SMALL, symmetric=True)
 
 
 def test_a_student_is_given_a_reach_alone_and_within_a_policy(tmp_path):
@@ -182,7 +181,7 @@ def test_a_student_is_given_a_reach_alone_and_within_a_policy(tmp_path):
 
 def test_an_expert_is_given_no_reach(tmp_path):
     save(tmp_path / "one", Expert(G1, EXPERT))
-    with pytest.raises(CheckpointError, match="--reach: .*one' holds a 'expert' policy, expected one with a student"):
+    with pytest.raises(CheckpointError, match="--reach: .*one' holds a 'expert' policy, which has no such setting"):
         average_runs([tmp_path / "one"], tmp_path / "out", reach=WalkingReach())
     assert not (tmp_path / "out").exists()
 

@@ -20,7 +20,7 @@ from plat.errors import ConfigError
 from plat.modules.deployed import DeployedPolicy
 from plat.modules.heads import GaussianNoise, gaussian_action
 from plat.modules.lead import KeyframeLead, led
-from plat.modules.policies.student import LatentPolicy
+from plat.modules.policies.student import LatentPolicy, Shown, on_both_sides
 from plat.modules.residual import Residual
 from plat.modules.settings import RefinementConfig
 from plat.spec.timing import Timing
@@ -87,7 +87,7 @@ class Refinement(nn.Module):
         """Time constants of the student."""
         return self.student.timing
 
-    def shown(self) -> tuple[list[TensorDictModuleBase], list[NestedKey]]:
+    def shown(self) -> Shown:
         """Return what comes before the student, and where the student then finds its observation."""
         before, keys = self.student.shown()
         if not self.config.lead:
@@ -97,9 +97,13 @@ class Refinement(nn.Module):
         lead = KeyframeLead(self.config.lead, self.timing.longest, self.config.shortest_lead, group, parts)
         return [*before, lead], led(keys, lead)
 
-    def frozen(self) -> TensorDictModuleBase:
-        """Return the part that never changes: writes what the head reads."""
-        before, keys = self.shown()
+    def frozen(self, shown: Shown | None = None) -> TensorDictModuleBase:
+        """Return the part that never changes: writes what the head reads.
+
+        Args:
+            shown: what comes before the student, and where its observation then is; None for :meth:`shown`.
+        """
+        before, keys = shown or self.shown()
         return TensorDictSequential(*before, self.student.features(keys))
 
     def mean(self) -> list[TensorDictModuleBase]:
@@ -123,12 +127,14 @@ class Refinement(nn.Module):
         )
 
     def deployed(self) -> DeployedPolicy:
-        """Return the deterministic policy: writes ``action``."""
+        """Return the deterministic policy, of both sides if its student is symmetric: writes ``action``."""
+        before, keys, after = on_both_sides(self.robot, self.student.config, self.shown())
         if self.sample_key == "action":
             rename = [TensorDictModule(nn.Identity(), in_keys=["loc"], out_keys=["action"])]
         else:
             rename = self.after_sample("loc")
-        return DeployedPolicy(self.frozen(), *self.mean(), *rename, timing=self.timing)
+        features = self.frozen((before, keys)) if after else self.frozen()
+        return DeployedPolicy(features, *self.mean(), *rename, *after, timing=self.timing)
 
 
 class ResidualLatentPolicy(Refinement):
@@ -209,10 +215,10 @@ class ResidualActionPolicy(Refinement):
         super().__init__(student, config, noise=noise)
         self.residual = residual or _residual(student, self.config, self.robot.num_joints, "base_action", "loc")
 
-    def frozen(self) -> TensorDictModuleBase:
+    def frozen(self, shown: Shown | None = None) -> TensorDictModuleBase:
         """Return the features and the student's action."""
         decode = self.student.decoder.using("hidden", self.student.mode, out_key="base_action")
-        return TensorDictSequential(super().frozen(), decode)
+        return TensorDictSequential(super().frozen(shown), decode)
 
     def mean(self) -> list[TensorDictModuleBase]:
         """Return the corrected action."""
@@ -237,9 +243,9 @@ class FinetunedPolicy(Refinement):
     ):
         super().__init__(student, config, noise=noise, freeze=False)
 
-    def frozen(self) -> TensorDictModuleBase:
+    def frozen(self, shown: Shown | None = None) -> TensorDictModuleBase:
         """Return the normalized observation: its statistics stay as they are."""
-        before, keys = self.shown()
+        before, keys = shown or self.shown()
         return TensorDictSequential(*before, self.student.normalizer.using(keys))
 
     def mean(self) -> list[TensorDictModuleBase]:

@@ -7,7 +7,6 @@ from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequential
 from torch import Tensor, nn
 
-from plat.errors import ConfigError
 from plat.modules.backbone import Backbone
 from plat.modules.decoder import ActionDecoder
 from plat.modules.deployed import DeployedPolicy
@@ -23,6 +22,9 @@ from plat.spec.observation import STUDENT_KEYS, goal_keys, observation_size, obs
 from plat.spec.timing import Timing
 
 __all__ = ["STUDENT_KEYS", "LatentPolicy", "LatentPolicyConfig", "PlainPolicy", "PlainPolicyConfig"]
+
+Shown = tuple[list[TensorDictModuleBase], list[NestedKey]]
+"""What comes before a student, and where its observation then is."""
 
 
 class LatentPolicy(nn.Module):
@@ -74,8 +76,6 @@ class LatentPolicy(nn.Module):
         super().__init__()
         self.robot = robot
         self.config = config = config or LatentPolicyConfig()
-        if config.symmetric:
-            raise ConfigError("LatentPolicy: symmetric is for a student without a latent (PlainPolicy), expected False")
         self.mode = mode
         self._sample = sample
         hidden, code, latent = config.hidden_size, config.encoder_size, config.latent_size
@@ -151,7 +151,7 @@ class LatentPolicy(nn.Module):
         before, own = self.shown() if keys is None else ([], keys)
         return TensorDictSequential(*before, self.normalizer.using(own), self.backbone, self.prior)
 
-    def shown(self) -> tuple[list[TensorDictModuleBase], list[NestedKey]]:
+    def shown(self) -> Shown:
         """Return what moves the keyframe before the student sees it, and where its observation then is."""
         return _shown(self.config)
 
@@ -161,9 +161,13 @@ class LatentPolicy(nn.Module):
         return TensorDictSequential(self.features(), self._sample("prior"), decode, selected_out_keys=["action"])
 
     def deployed(self) -> DeployedPolicy:
-        """Return the deterministic policy ``a = pi(h, mu_p)``. It holds no privileged part."""
+        """Return the deterministic policy ``a = pi(h, mu_p)``, of both sides if it is symmetric.
+
+        It holds no privileged part.
+        """
+        before, keys, after = on_both_sides(self.robot, self.config, self.shown())
         decode = self.decoder.using("hidden", self.mode)
-        return DeployedPolicy(self.features(), decode, timing=self.timing)
+        return DeployedPolicy(*before, self.features(keys), decode, *after, timing=self.timing)
 
     def update_normalizers(self, tensordict: TensorDictBase) -> None:
         """Take a batch of visited states into the statistics."""
@@ -218,14 +222,9 @@ class PlainPolicy(nn.Module):
 
     def training_graph(self) -> TensorDictSequential:
         """Return everything that the imitation loss asks for: writes ``action``."""
-        before, keys = _shown(self.config)
-        if not self.config.symmetric:
-            action = [self.decoder.using("hidden")]
-        else:
-            both, mean = BothSides(self.robot, student_keys(self.config.also), keys), MeanOfSides(self.robot)
-            before, keys = [*before, both], list(both.out_keys)
-            action = [self.decoder.using("hidden", out_key=mean.in_keys[0]), mean]
-        return TensorDictSequential(*before, self.normalizer.using(keys), self.backbone, *action)
+        before, keys, after = on_both_sides(self.robot, self.config, _shown(self.config))
+        decode = self.decoder.using("hidden")
+        return TensorDictSequential(*before, self.normalizer.using(keys), self.backbone, decode, *after)
 
     def sampled(self) -> TensorDictSequential:
         """Return the policy that collects: there is nothing to sample."""
@@ -234,6 +233,23 @@ class PlainPolicy(nn.Module):
     def update_normalizers(self, tensordict: TensorDictBase) -> None:
         """Take a batch of visited states into the statistics."""
         self.normalizer.update(tensordict)
+
+
+def on_both_sides(
+    robot: Robot, config: PlainPolicyConfig, shown: Shown
+) -> tuple[list[TensorDictModuleBase], list[NestedKey], list[TensorDictModuleBase]]:
+    """Return what comes before a student, where its observation then is, and what follows its action.
+
+    Args:
+        robot: the robot.
+        config: of the student; nothing is added to one that is not symmetric.
+        shown: the first two for a student that answers one side.
+    """
+    before, keys = shown
+    if not config.symmetric:
+        return before, keys, []
+    both = BothSides(robot, student_keys(config.also), keys)
+    return [*before, both], list(both.out_keys), [MeanOfSides(robot, in_key="action")]
 
 
 class _Mixed(nn.Module):
@@ -248,7 +264,7 @@ class _Mixed(nn.Module):
         return torch.cat((first[:count], second[count:]))
 
 
-def _shown(config: PlainPolicyConfig) -> tuple[list[TensorDictModuleBase], list[NestedKey]]:
+def _shown(config: PlainPolicyConfig) -> Shown:
     """What moves the keyframe before a student sees it, and where the student then finds its observation."""
     keys = list(student_keys(config.also))
     if config.reach is None:
