@@ -19,7 +19,7 @@ COMMON = ["--motions", "generated:val", "--num-envs", "4", "--rollout", "8"]
 SMALL = {
     "expert": [*COMMON, "--policy.hidden", "16", "--critic", "16", "--ppo.epochs", "1", "--steps", "90"],
     "expert-model": [
-        *(*COMMON, "--policy.hidden", "16", "--unseen", "generated:val@8", "--replay", "64", "--steps", "100"),
+        *(*COMMON, "--policy.hidden", "16", "--unseen", "--replay", "64", "--steps", "100"),
         *("--model.hidden", "16", "16", "--imagination.warmup", "1", "--imagination.steps", "3"),
         *("--imagination.window", "4", "--imagination.model-batch", "16", "--imagination.policy-batch", "16"),
         *("--imagination.recent", "16"),
