@@ -7,7 +7,17 @@ from typing import Literal, NamedTuple
 from plat.motions.formats.units import Units
 from plat.robots.robot import Robot
 
-__all__ = ["Column", "array_meaning", "classify_columns", "is_generic", "match_joint", "stated_length", "tokens"]
+__all__ = [
+    "Column",
+    "array_meaning",
+    "classify_columns",
+    "is_generic",
+    "match_joint",
+    "stated_length",
+    "stating",
+    "tokens",
+    "units_in_comments",
+]
 
 _SIDES = {"l": "left", "r": "right", "lt": "left", "rt": "right", "lft": "left", "rgt": "right"}
 
@@ -39,7 +49,16 @@ _LENGTHS: dict[str, Units] = {
     **dict.fromkeys(("in", "inch", "inches"), "in"),
     **dict.fromkeys(("ft", "foot", "feet"), "ft"),
 }
-_UNITS = _words("rad radian radians deg degree degrees") | set(_LENGTHS)
+_ANGLE_UNITS = {
+    **dict.fromkeys(("deg", "degree", "degrees"), "deg"),
+    **dict.fromkeys(("rad", "radian", "radians"), "rad"),
+}
+_UNITS = {*_ANGLE_UNITS, *_LENGTHS}
+# a unit in a sentence: behind "in", a bracket or a sign; and no speed
+_SAID = re.compile(rf"(?:\bin\s+|[\[(:=,]\s*)({'|'.join(sorted(_UNITS, key=len, reverse=True))})\b(?!\s*/)")
+_UNIT_BEHIND = re.compile(rf"\s+\[({'|'.join(_UNITS)})\]$")
+# words that mean other things than units, where the line does not speak of units
+_OTHERWISE = _words("in foot feet")
 _TIMES = _words("time t timestamp stamp sec secs seconds s ms us ns millis")
 
 
@@ -87,11 +106,12 @@ def match_joint(name: str, robot: Robot) -> str | None:
 
 
 def is_generic(name: str) -> bool:
-    """Return whether a name only numbers a column: ``col7``, ``joint_0``, ``dof[3]``, ``12``, ``column A``.
+    """Return whether a name only numbers a column: ``col7``, ``joint_0``, ``dof[3]``, ``12``, ``q1 [rad]``.
 
-    >>> [is_generic(name) for name in ("col7", "joint_0", "dof[3]", "", "left_tail")]
-    [True, True, True, True, False]
+    >>> [is_generic(name) for name in ("col7", "joint_0", "dof[3]", "", "q1 [rad]", "left_tail")]
+    [True, True, True, True, True, False]
     """
+    name = _UNIT_BEHIND.sub("", name)
     return re.fullmatch(r"[a-z]*[\s_/.:\[(#-]*([a-z]|\d*(\.\d+)?)[\])]*", name.strip("\"' \t").lower()) is not None
 
 
@@ -103,6 +123,38 @@ def stated_length(names: Sequence[str]) -> Units | None:
     """
     found = {next((_LENGTHS[word] for word in reversed(tokens(name)) if word in _LENGTHS), None) for name in names}
     return found.pop() if len(found) == 1 else None
+
+
+def units_in_comments(comments: Sequence[str]) -> tuple[str | None, str | None]:
+    """Return the unit of lengths and that of angles that comments state; None where they state none or several.
+
+    >>> units_in_comments(["root position in cm, angles in deg"]), units_in_comments(["units: m rad", "60 deg turn"])
+    (('cm', 'deg'), ('m', 'rad'))
+    """
+    found = [word for line in comments for word in _units_said(line.lower())]
+    lengths = {_LENGTHS[word] for word in found if word in _LENGTHS}
+    angles = {_ANGLE_UNITS[word] for word in found if word in _ANGLE_UNITS}
+    return (
+        lengths.pop() if len(lengths) == 1 else None,
+        angles.pop() if len(angles) == 1 else None,
+    )
+
+
+def _units_said(line: str) -> list[str]:
+    words = tokens(line)
+    said = [word for word in _SAID.findall(line) if word not in _OTHERWISE or f"in {word}" in line]
+    if {"unit", "units"} & set(words):
+        said += [word for n, word in enumerate(words) if word in _UNITS and (word != "in" or n == len(words) - 1)]
+    return said
+
+
+def stating(names: Sequence[str], unit: str | None) -> list[str]:
+    """Return the names of columns with a unit behind those that state none.
+
+    >>> stating(["root_x", "root_y [m]"], "cm")
+    ['root_x [cm]', 'root_y [m]']
+    """
+    return [name if unit is None or set(tokens(name)) & _UNITS else f"{name} [{unit}]" for name in names]
 
 
 def array_meaning(name: str) -> str:
