@@ -2,6 +2,7 @@
 
 import codecs
 import csv
+import errno
 import os
 import re
 import shutil
@@ -23,6 +24,7 @@ __all__ = [
     "is_full",
     "lock_file",
     "readable",
+    "refuse_null",
     "replace_file",
     "replace_table",
     "write_file",
@@ -52,6 +54,7 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
         raise OutputError(f"{str(path)!r}: is a {'folder' if path.is_dir() else 'device'}, expected a file")
     part: Path | None = None
     try:
+        refuse_null(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         prefix = f".{path.name}-{os.getpid()}-"
         descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=prefix, suffix=f".part{path.suffix}")
@@ -68,6 +71,16 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
     finally:
         if part is not None:
             part.unlink(missing_ok=True)
+
+
+def refuse_null(path: Path) -> None:
+    """Raise what a disk says of names that it does not take; Python raises a bare ValueError for this one.
+
+    Raises:
+        OSError: for a path with a null byte.
+    """
+    if "\0" in str(path):
+        raise OSError(errno.EINVAL, "its name holds a null byte", str(path))
 
 
 def write_file(path: Path, write: Callable[[Path], object], what: str) -> None:
@@ -218,6 +231,7 @@ def check_file(path: Path, what: str = "--out", suffixes: Sequence[str] = ()) ->
     if suffixes and path.suffix.lower() not in suffixes:
         raise OutputError(f"{what} {str(path)!r}: expected a file that ends in {' or '.join(suffixes)}")
     try:
+        refuse_null(path)
         if path.is_dir():
             raise OutputError(f"{what} {str(path)!r}: is a folder, expected a file")
         if path.exists() and not path.is_file():
@@ -238,6 +252,7 @@ def check_folder(path: Path, what: str = "--out") -> None:
         OutputError: when it is a file, or cannot be written to.
     """
     try:
+        refuse_null(path)
         if path.exists() and not path.is_dir():
             raise OutputError(f"{what} {str(path)!r}: is a file, expected a folder")
         missing = [folder for folder in (path, *path.parents) if not folder.exists()]

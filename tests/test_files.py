@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from plat.errors import OutputError
-from plat.files import check_file, check_folder, clear_parts, expand_home, is_full, replace_file
+from plat.files import check_file, check_folder, clear_parts, expand_home, is_full, refuse_null, replace_file
 
 
 def test_a_failed_write_leaves_the_file_before_it_and_nothing_else(tmp_path):
@@ -97,6 +97,8 @@ def test_places_that_cannot_be_written_to(tmp_path):
         (check_file, tmp_path, "is a folder, expected a file"),
         (check_file, tmp_path / "fifo", "is a device, expected a file"),
         (check_file, tmp_path / "file" / "below" / "deep", "below': cannot be written to"),
+        (check_file, tmp_path / "a\0b", "its name holds a null byte"),
+        (check_folder, tmp_path / "a\0b", "its name holds a null byte"),
     ):
         with pytest.raises(OutputError, match=message):
             check(path)
@@ -111,6 +113,13 @@ def test_devices_and_folders_are_not_replaced(tmp_path):
             replace_file(path, lambda part: part.write_text("new"))
     assert (tmp_path / "fifo").is_fifo()
     assert [path.name for path in tmp_path.iterdir()] == ["fifo"]
+
+
+def test_a_null_byte_in_a_name_is_told_as_a_disk_would(tmp_path):
+    for write in (replace_file, lambda path, write: refuse_null(path)):
+        with pytest.raises(OSError, match="its name holds a null byte"):
+            write(tmp_path / "a\0b", lambda part: part.write_text("new"))
+    assert list(tmp_path.iterdir()) == []
 
 
 def writes(source: str) -> list[str]:
