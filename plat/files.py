@@ -13,9 +13,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
-from plat.errors import OutputError
+from plat.errors import OutputError, PlatError
 
 __all__ = [
+    "as_path",
     "check_file",
     "check_folder",
     "clear_parts",
@@ -203,6 +204,26 @@ def decoded(data: bytes) -> str:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
         return data.decode("latin-1")
+
+
+def as_path(path: object, what: str, error: type[PlatError]) -> Path:
+    """Return a path that a user gives.
+
+    Args:
+        path: whatever was given.
+        what: begins the message.
+        error: class of what is raised.
+
+    Raises:
+        PlatError: of the class ``error``, for what is no path.
+
+    >>> as_path(5, "motion file", OutputError)
+    Traceback (most recent call last):
+    plat.errors.OutputError: motion file 5: expected a path
+    """
+    if not isinstance(path, (str, Path)):
+        raise error(f"{what} {path!r:.60}: expected a path")
+    return Path(path)
 
 
 def expand_home(path: Path) -> Path:

@@ -4,10 +4,17 @@ import os
 from argparse import Namespace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from plat.errors import OutputError
+from plat.deploy import PolicyRunner
+from plat.errors import OutputError, PlatError
+from plat.export import export_bundle
 from plat.files import check_file, check_folder, clear_parts, expand_home, is_full, refuse_null, replace_file
+from plat.keyframes import KeyframeSequence, standing
+from plat.motions import MotionClip, MotionLibrary, load_motions, save_csv, save_motions
+from plat.robots import G1
+from plat.runs import SavedRun
 
 
 def test_a_failed_write_leaves_the_file_before_it_and_nothing_else(tmp_path):
@@ -120,6 +127,25 @@ def test_a_null_byte_in_a_name_is_told_as_a_disk_would(tmp_path):
         with pytest.raises(OSError, match="its name holds a null byte"):
             write(tmp_path / "a\0b", lambda part: part.write_text("new"))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_no_path_is_told():
+    pose = standing(G1)
+    sequence = KeyframeSequence(G1, pose, (pose.at(0.5),))
+    clip = MotionClip("still", np.tile(G1.default_qpos, (5, 1)), 30.0)
+    for door, what in (
+        (lambda path: KeyframeSequence.load(path, G1), "keyframe file"),
+        (sequence.save, "keyframe file"),
+        (load_motions, "motion file"),
+        (MotionLibrary.load, "motion file"),
+        (lambda path: save_motions(path, [clip]), "motion file"),
+        (lambda path: save_csv(path, clip), "folder"),
+        (SavedRun, "run"),
+        (PolicyRunner, "bundle"),
+        (lambda path: export_bundle("plat-g1", path), "bundle"),
+    ):
+        with pytest.raises(PlatError, match=f"{what} 5: expected a path"):
+            door(5)
 
 
 def writes(source: str) -> list[str]:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from plat.bounds import as_names, is_finite
 from plat.errors import KeyframeError
+from plat.files import as_path
 from plat.json_file import short
 from plat.keyframes.files import read_keyframes, write_keyframes
 from plat.keyframes.keyframe import Keyframe, RobotJoints, check_time, interpolate, standing
@@ -166,7 +167,7 @@ class KeyframeSequence:
         Raises:
             KeyframeError: when the disk does not take it.
         """
-        write_keyframes(Path(path), self.robot, self.start, self.keyframes)
+        write_keyframes(as_path(path, "keyframe file", KeyframeError), self.robot, self.start, self.keyframes)
 
     @classmethod
     def load(
@@ -183,7 +184,7 @@ class KeyframeSequence:
         Raises:
             KeyframeError: naming file, keyframe and field.
         """
-        start, keyframes = read_keyframes(Path(path), robot)
+        start, keyframes = read_keyframes(as_path(path, "keyframe file", KeyframeError), robot)
         try:
             start = start or standing(robot)
             return cls(robot, start, split_long_intervals(start, keyframes, timing) if split else keyframes, timing)
