@@ -31,6 +31,8 @@ __all__ = [
     "write_file",
 ]
 
+# of a text, from which its encoding is known
+_BYTES_SEEN = 1000
 # where Windows locks a byte: beyond what is written, which others could not read otherwise
 _LOCKED_BYTE = 4096
 
@@ -195,11 +197,19 @@ def readable(name: str) -> str:
 def decoded(data: bytes) -> str:
     r"""Return the text of a file: UTF-16 where its mark is there, as Windows writes it, else UTF-8, else Latin-1.
 
+    Without its mark UTF-16 is known by its letters: one byte of nearly each is null, and no other text has any.
+
     >>> decoded("Köln".encode("utf-16")), decoded(b"K\xf6ln"), decoded(b"\xef\xbb\xbfKoeln")
     ('Köln', 'Köln', 'Koeln')
+    >>> decoded("Köln".encode("utf-16-le")), decoded("Köln".encode("utf-16-be"))
+    ('Köln', 'Köln')
     """
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return data.decode("utf-16", "replace")
+    start = data[:_BYTES_SEEN]
+    first, second = start[::2].count(0), start[1::2].count(0)
+    if first + second > len(start) / 3 and 0 in (first, second):
+        return data.decode("utf-16-be" if first else "utf-16-le", "replace")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
