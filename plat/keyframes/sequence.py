@@ -302,6 +302,6 @@ def _check_length(before: Keyframe, keyframe: Keyframe, label: str, timing: Timi
         raise KeyframeError(
             f"{label}: time is {keyframe.time:g} s, {steps} control steps after {before.time:g} s, expected at most "
             f"{timing.max_steps} ({timing.longest:g} s): add a keyframe in between, have the interval split (--split "
-            "of plat play and plat keyframes show), or use longer commands (--timing.max-steps of plat keyframes, or "
-            "another policy)"
+            "of plat play, plat sim-to-sim and plat keyframes show), or use longer commands (--timing.max-steps of "
+            "plat keyframes, or another policy)"
         )
