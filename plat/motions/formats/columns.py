@@ -102,7 +102,7 @@ def _by_name(
     robot: Robot,
 ) -> Parts:
     values = table.values
-    length, angle = units_in_comments(table.comments)
+    said = units_in_comments(table.comments)
     unknown = [table.header[n] for n in rest if kinds[n].kind == "unknown"]
     lacking = [name for name in robot.joint_names if name not in {kinds[n].part for n in joints}]
     lacking = [name for name in lacking if "wrist" not in name and name not in OPTIONAL]
@@ -121,16 +121,16 @@ def _by_name(
         quat, order = values[:, turn], "wxyz"
     else:
         named = seed or any(set(tokens(table.header[n])) & _NAMED_ANGLES for n in turn)
-        turns = _turns(values[:, turn], stating([table.header[n] for n in turn], angle), seed, named)
+        turns = _turns(values[:, turn], stating([table.header[n] for n in turn], said.root), seed, named)
         told, quat = next(iter(turns.items()))
         order = "wxyz"
         notes.append(f"root rotation from {told}")
         turns = {} if len(turns) == 1 else turns
     names = [kinds[n].part for n in joints]
-    stated = stating([table.header[n] for n in joints], angle)
+    stated = stating([table.header[n] for n in joints], said.joints)
     angles, more = _in_radians(values[:, joints], stated, [names], robot, seed)
     notes += more
-    units = stated_length(stating([table.header[n] for n in place], length))
+    units = stated_length(stating([table.header[n] for n in place], said.length))
     return Parts(values[:, place], quat, angles, names, order, times, seed, tuple(notes), turns, units)  # type: ignore[arg-type]
 
 
@@ -223,13 +223,13 @@ def _by_place(
             raise MotionError(f"the header has the unknown {odd[:8]}, expected names of the robot's joints, or none")
     order = _order(table.header, columns[3:7])
     header = [table.header[n] if table.header else "" for n in columns]
-    length, angle = units_in_comments(table.comments)
-    units = stated_length(stating(header[:3], length))
+    said = units_in_comments(table.comments)
+    units = stated_length(stating(header[:3], said.length))
     orders = [
         [name for name in listed if joints == robot.num_joints or "wrist" not in name]
         for listed in (robot.joint_names, *usual_orders(robot).values())
     ]
-    angles, told = _in_radians(values[:, 7:], stating(header[7:], angle), orders, robot)
+    angles, told = _in_radians(values[:, 7:], stating(header[7:], said.joints), orders, robot)
     notes += told
     return Parts(values[:, :3], values[:, 3:7], angles, names, order, times, notes=tuple(notes), units=units)
 

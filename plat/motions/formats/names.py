@@ -1,7 +1,7 @@
 """Names of columns and joints as files spell them, and what they mean."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Literal, NamedTuple
 
 from plat.motions.formats.units import Units
@@ -9,6 +9,7 @@ from plat.robots.robot import Robot
 
 __all__ = [
     "Column",
+    "SaidUnits",
     "array_meaning",
     "classify_columns",
     "is_generic",
@@ -54,11 +55,13 @@ _ANGLE_UNITS = {
     **dict.fromkeys(("rad", "radian", "radians"), "rad"),
 }
 _UNITS = {*_ANGLE_UNITS, *_LENGTHS}
-# a unit in a sentence: behind "in", a bracket or a sign; and no speed
-_SAID = re.compile(rf"(?:\bin\s+|[\[(:=,]\s*)({'|'.join(sorted(_UNITS, key=len, reverse=True))})\b(?!\s*/)")
+_ANY_UNIT = re.compile(rf"(?<![a-z])({'|'.join(sorted(_UNITS, key=len, reverse=True))})(?![a-z]|\s*/)")
+# in a sentence: behind "in", a bracket or a sign
+_SAID = re.compile(rf"(?:\bin\s+|[\[(:=,]\s*){_ANY_UNIT.pattern}")
 _UNIT_BEHIND = re.compile(rf"\s+\[({'|'.join(_UNITS)})\]$")
 # words that mean other things than units, where the line does not speak of units
 _OTHERWISE = _words("in foot feet")
+_OF_ROOT = _ROOT_ALONE | _words("orientation rotation euler roll pitch yaw rpy")
 _TIMES = _words("time t timestamp stamp sec secs seconds s ms us ns millis")
 
 
@@ -73,6 +76,20 @@ class Column(NamedTuple):
 
     kind: Literal["joint", "place", "quat", "euler", "count", "time", "derived", "unknown"]
     part: str = ""
+
+
+class SaidUnits(NamedTuple):
+    """Units that a file's comments state; None where they state none or several.
+
+    Attributes:
+        length: of lengths.
+        root: of angles of the root, ``deg`` or ``rad``.
+        joints: of joint angles.
+    """
+
+    length: str | None
+    root: str | None
+    joints: str | None
 
 
 def tokens(name: str) -> tuple[str, ...]:
@@ -125,27 +142,31 @@ def stated_length(names: Sequence[str]) -> Units | None:
     return found.pop() if len(found) == 1 else None
 
 
-def units_in_comments(comments: Sequence[str]) -> tuple[str | None, str | None]:
-    """Return the unit of lengths and that of angles that comments state; None where they state none or several.
+def units_in_comments(comments: Sequence[str]) -> SaidUnits:
+    """Return the units that comments state.
 
-    >>> units_in_comments(["root position in cm, angles in deg"]), units_in_comments(["units: m rad", "60 deg turn"])
-    (('cm', 'deg'), ('m', 'rad'))
+    >>> tuple(units_in_comments(["root position in cm, angles in deg"])), tuple(units_in_comments(["units: m rad"]))
+    (('cm', 'deg', 'deg'), ('m', 'rad', 'rad'))
+    >>> tuple(units_in_comments(["root rotation in degrees; joints in radians", "turns by 60 deg"]))
+    (None, 'deg', 'rad')
     """
-    found = [word for line in comments for word in _units_said(line.lower())]
-    lengths = {_LENGTHS[word] for word in found if word in _LENGTHS}
-    angles = {_ANGLE_UNITS[word] for word in found if word in _ANGLE_UNITS}
-    return (
-        lengths.pop() if len(lengths) == 1 else None,
-        angles.pop() if len(angles) == 1 else None,
+    said = [each for line in comments for each in _units_said(line.lower())]
+    lengths = {_LENGTHS[word] for word, _ in said if word in _LENGTHS}
+    root, joints = (
+        {_ANGLE_UNITS[word] for word, about in said if word in _ANGLE_UNITS and (about & own or not about & others)}
+        for own, others in ((_OF_ROOT, _JOINTS), (_JOINTS, _OF_ROOT))
     )
+    return SaidUnits(*(found.pop() if len(found) == 1 else None for found in (lengths, root, joints)))
 
 
-def _units_said(line: str) -> list[str]:
-    words = tokens(line)
-    said = [word for word in _SAID.findall(line) if word not in _OTHERWISE or f"in {word}" in line]
-    if {"unit", "units"} & set(words):
-        said += [word for n, word in enumerate(words) if word in _UNITS and (word != "in" or n == len(words) - 1)]
-    return said
+def _units_said(line: str) -> Iterator[tuple[str, set[str]]]:
+    """Yield the units that a line states, each with the words before it."""
+    of_units = bool({"unit", "units"} & set(tokens(line)))
+    for match in (_ANY_UNIT if of_units else _SAID).finditer(line):
+        before, behind = line[: match.start(1)], line[match.end() :]
+        named = of_units and (match[1] != "in" or not behind.strip())
+        if match[1] not in _OTHERWISE or named or re.search(r"\bin\s+$", before):
+            yield match[1], set(tokens(re.split("[,;]", before)[-1]))
 
 
 def stating(names: Sequence[str], unit: str | None) -> list[str]:

@@ -469,7 +469,9 @@ def test_root_angles_in_degrees_by_a_comment(tmp_path):
     header = [*NAMES[:3], "roll", "pitch", "yaw", *G1.joint_names]
     values = np.hstack((clip.qpos[:, :3], turns / 20, clip.qpos[:, 7:]))  # in radians as plausible as in degrees
     write_commented(tmp_path / "a_50fps.csv", values, "angles of the root in degrees", header=header)
-    assert "root rotation from Euler angles in degrees" in read_back(tmp_path / "a_50fps.csv")[0].facts
+    file, _ = read_back(tmp_path / "a_50fps.csv")
+    assert "root rotation from Euler angles in degrees" in file.facts
+    assert "joint angles" not in file.facts, "the comment is of the root alone"
 
 
 @pytest.mark.parametrize("empty", ["", "-"])
