@@ -169,10 +169,11 @@ def _header_in_comments(comments: list[str], separator: str | None, width: int) 
     for comment in reversed(comments):
         for split in (separator, ","):
             cells = _cells(comment, split)
-            if len(cells) == width > 3 and _are_units(cells):
-                units = cells
-            elif len(cells) == width > 3 and not any(map(_is_number, cells)):
+            if len(cells) != width or width <= 3 or any(map(_is_number, cells)):
+                continue
+            if not _are_units(cells):
                 return _joined(cells, units)
+            units = cells
     return []
 
 
