@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from functools import cache
 from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
-from plat.errors import ConfigError
+from plat.errors import ConfigError, RobotError
 
 __all__ = [
     "Ascending",
@@ -31,6 +31,7 @@ __all__ = [
     "Within",
     "as_names",
     "check_fields",
+    "check_robot",
     "check_value",
     "is_finite",
     "shown",
@@ -174,6 +175,21 @@ def check_value(what: str, value: Any, hint: Any) -> None:
     holds, expected = _check(hint)
     if not holds(value):
         raise ConfigError(f"{what} is {shown(value)}, expected {expected}")
+
+
+def check_robot(robot: object) -> None:
+    """Raise where something else stands in a robot's place, such as its name.
+
+    Raises:
+        RobotError: naming what it is.
+
+    >>> check_robot("g1")
+    Traceback (most recent call last):
+    plat.errors.RobotError: robot is 'g1', expected a Robot, as plat.robots.get_robot('g1') returns it
+    """
+    if not hasattr(robot, "joint_names"):
+        made = f", as plat.robots.get_robot({shown(robot)}) returns it" if isinstance(robot, str) else ""
+        raise RobotError(f"robot is {shown(robot)}, expected a Robot{made}")
 
 
 def as_names(names: Iterable[Name]) -> tuple[Name, ...]:

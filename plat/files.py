@@ -2,6 +2,7 @@
 
 import codecs
 import csv
+import errno
 import os
 import re
 import shutil
@@ -12,9 +13,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
-from plat.errors import OutputError
+from plat.errors import OutputError, PlatError
 
 __all__ = [
+    "as_path",
     "check_file",
     "check_folder",
     "clear_parts",
@@ -23,11 +25,14 @@ __all__ = [
     "is_full",
     "lock_file",
     "readable",
+    "refuse_null",
     "replace_file",
     "replace_table",
     "write_file",
 ]
 
+# of a text, from which its encoding is known
+_BYTES_SEEN = 1000
 # where Windows locks a byte: beyond what is written, which others could not read otherwise
 _LOCKED_BYTE = 4096
 
@@ -52,6 +57,7 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
         raise OutputError(f"{str(path)!r}: is a {'folder' if path.is_dir() else 'device'}, expected a file")
     part: Path | None = None
     try:
+        refuse_null(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         prefix = f".{path.name}-{os.getpid()}-"
         descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=prefix, suffix=f".part{path.suffix}")
@@ -68,6 +74,16 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
     finally:
         if part is not None:
             part.unlink(missing_ok=True)
+
+
+def refuse_null(path: Path) -> None:
+    """Raise what a disk says of names that it does not take; Python raises a bare ValueError for this one.
+
+    Raises:
+        OSError: for a path with a null byte.
+    """
+    if "\0" in str(path):
+        raise OSError(errno.EINVAL, "its name holds a null byte", str(path))
 
 
 def write_file(path: Path, write: Callable[[Path], object], what: str) -> None:
@@ -181,15 +197,43 @@ def readable(name: str) -> str:
 def decoded(data: bytes) -> str:
     r"""Return the text of a file: UTF-16 where its mark is there, as Windows writes it, else UTF-8, else Latin-1.
 
+    Without its mark UTF-16 is known by its letters: one byte of nearly each is null, and no other text has any.
+
     >>> decoded("Köln".encode("utf-16")), decoded(b"K\xf6ln"), decoded(b"\xef\xbb\xbfKoeln")
     ('Köln', 'Köln', 'Koeln')
+    >>> decoded("Köln".encode("utf-16-le")), decoded("Köln".encode("utf-16-be"))
+    ('Köln', 'Köln')
     """
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return data.decode("utf-16", "replace")
+    start = data[:_BYTES_SEEN]
+    first, second = start[::2].count(0), start[1::2].count(0)
+    if first + second > len(start) / 3 and 0 in (first, second):
+        return data.decode("utf-16-be" if first else "utf-16-le", "replace")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
         return data.decode("latin-1")
+
+
+def as_path(path: object, what: str, error: type[PlatError]) -> Path:
+    """Return a path that a user gives.
+
+    Args:
+        path: whatever was given.
+        what: begins the message.
+        error: class of what is raised.
+
+    Raises:
+        PlatError: of the class ``error``, for what is no path.
+
+    >>> as_path(5, "motion file", OutputError)
+    Traceback (most recent call last):
+    plat.errors.OutputError: motion file 5: expected a path
+    """
+    if not isinstance(path, (str, Path)):
+        raise error(f"{what} {path!r:.60}: expected a path")
+    return Path(path)
 
 
 def expand_home(path: Path) -> Path:
@@ -218,6 +262,7 @@ def check_file(path: Path, what: str = "--out", suffixes: Sequence[str] = ()) ->
     if suffixes and path.suffix.lower() not in suffixes:
         raise OutputError(f"{what} {str(path)!r}: expected a file that ends in {' or '.join(suffixes)}")
     try:
+        refuse_null(path)
         if path.is_dir():
             raise OutputError(f"{what} {str(path)!r}: is a folder, expected a file")
         if path.exists() and not path.is_file():
@@ -238,6 +283,7 @@ def check_folder(path: Path, what: str = "--out") -> None:
         OutputError: when it is a file, or cannot be written to.
     """
     try:
+        refuse_null(path)
         if path.exists() and not path.is_dir():
             raise OutputError(f"{what} {str(path)!r}: is a file, expected a folder")
         missing = [folder for folder in (path, *path.parents) if not folder.exists()]

@@ -7,13 +7,15 @@ import pytest
 
 from plat.bounds import Ascending, Bounded, Count, Fraction, Layers, NotEmpty, Positive, Range, Seed, Within
 from plat.envs.parts import draw_parts
-from plat.errors import ConfigError
+from plat.errors import ConfigError, RobotError
 from plat.evaluation.study import StudyPlan
-from plat.motions import generate_motions
-from plat.robots import G1
+from plat.keyframes import KeyframeSequence, standing
+from plat.motions import MotionLibrary, generate_motions, save_motions
+from plat.robots import G1, ForwardKinematics, describe_robot, register_robot
 from plat.runs.user_modules import import_modules
-from plat.spec.observation import student_keys
+from plat.spec.observation import observation_size, student_keys
 from plat.spec.parts import Parts
+from plat.tasks import draw_chains
 
 
 @dataclass(frozen=True)
@@ -108,3 +110,29 @@ def test_a_single_name_stands_for_a_tuple_of_one():
         assert one == several
     assert [clip.name for clip in generate_motions("val", seconds=4, families="walk")] == ["walk_val_000"]
     import_modules("json")
+
+
+def test_the_name_of_a_robot_in_its_place_is_told():
+    pose, clip = standing(G1), generate_motions("val", seconds=4)[0]
+    for door in (
+        standing,
+        pose.checked,
+        clip.check,
+        ForwardKinematics,
+        register_robot,
+        lambda robot: Parts.only(robot, joints=["left_knee"]),
+        lambda robot: KeyframeSequence(robot, pose, (pose.at(0.5),)),
+        lambda robot: KeyframeSequence.load("wave.json", robot),
+        lambda robot: save_motions("a.npz", [clip], robot),
+        lambda robot: MotionLibrary.from_clips([clip], robot),
+        lambda robot: generate_motions("val", seconds=4, robot=robot),
+        lambda robot: observation_size(student_keys(), robot),
+        lambda robot: describe_robot(robot, 0.02),
+    ):
+        with pytest.raises(RobotError, match=r"robot is 'g1', expected a Robot, as plat.robots.get_robot\('g1'\)"):
+            door("g1")
+
+
+def test_motions_in_the_place_of_a_library_are_told():
+    with pytest.raises(ConfigError, match="library is 'walk.npz', expected a MotionLibrary"):
+        draw_chains("walk.npz", 3)

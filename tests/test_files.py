@@ -4,10 +4,17 @@ import os
 from argparse import Namespace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from plat.errors import OutputError
-from plat.files import check_file, check_folder, clear_parts, expand_home, is_full, replace_file
+from plat.deploy import PolicyRunner
+from plat.errors import OutputError, PlatError
+from plat.export import export_bundle
+from plat.files import check_file, check_folder, clear_parts, expand_home, is_full, refuse_null, replace_file
+from plat.keyframes import KeyframeSequence, standing
+from plat.motions import MotionClip, MotionLibrary, load_motions, save_csv, save_motions
+from plat.robots import G1
+from plat.runs import SavedRun
 
 
 def test_a_failed_write_leaves_the_file_before_it_and_nothing_else(tmp_path):
@@ -97,6 +104,8 @@ def test_places_that_cannot_be_written_to(tmp_path):
         (check_file, tmp_path, "is a folder, expected a file"),
         (check_file, tmp_path / "fifo", "is a device, expected a file"),
         (check_file, tmp_path / "file" / "below" / "deep", "below': cannot be written to"),
+        (check_file, tmp_path / "a\0b", "its name holds a null byte"),
+        (check_folder, tmp_path / "a\0b", "its name holds a null byte"),
     ):
         with pytest.raises(OutputError, match=message):
             check(path)
@@ -111,6 +120,32 @@ def test_devices_and_folders_are_not_replaced(tmp_path):
             replace_file(path, lambda part: part.write_text("new"))
     assert (tmp_path / "fifo").is_fifo()
     assert [path.name for path in tmp_path.iterdir()] == ["fifo"]
+
+
+def test_a_null_byte_in_a_name_is_told_as_a_disk_would(tmp_path):
+    for write in (replace_file, lambda path, write: refuse_null(path)):
+        with pytest.raises(OSError, match="its name holds a null byte"):
+            write(tmp_path / "a\0b", lambda part: part.write_text("new"))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_no_path_is_told():
+    pose = standing(G1)
+    sequence = KeyframeSequence(G1, pose, (pose.at(0.5),))
+    clip = MotionClip("still", np.tile(G1.default_qpos, (5, 1)), 30.0)
+    for door, what in (
+        (lambda path: KeyframeSequence.load(path, G1), "keyframe file"),
+        (sequence.save, "keyframe file"),
+        (load_motions, "motion file"),
+        (MotionLibrary.load, "motion file"),
+        (lambda path: save_motions(path, [clip]), "motion file"),
+        (lambda path: save_csv(path, clip), "folder"),
+        (SavedRun, "run"),
+        (PolicyRunner, "bundle"),
+        (lambda path: export_bundle("plat-g1", path), "bundle"),
+    ):
+        with pytest.raises(PlatError, match=f"{what} 5: expected a path"):
+            door(5)
 
 
 def writes(source: str) -> list[str]:

@@ -1,6 +1,7 @@
 import pytest
 import torch
 
+from plat.errors import ConfigError
 from plat.modules import GoalSequenceEncoder, mlp
 from plat.objectives import autocast, has_fast_bfloat16
 
@@ -37,6 +38,19 @@ def test_cpus_that_multiply_in_half_precision_are_used_so(monkeypatch, feature):
     assert has_fast_bfloat16("cpu")
     monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"avx2": True})
     assert not has_fast_bfloat16("cpu")
+
+
+def test_a_device_or_a_precision_that_there_is_not():
+    for ask in (lambda: autocast("nope", "bfloat16"), lambda: has_fast_bfloat16("nope")):
+        with pytest.raises(ConfigError, match="device 'nope': unknown to torch, expected cpu or cuda"):
+            ask()
+    with pytest.raises(ConfigError, match="precision is 'half', expected 'auto', 'float32' or 'bfloat16'"):
+        autocast("cpu", "half")
+
+
+def test_a_gpu_that_is_not_there_is_not_fast(monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    assert not has_fast_bfloat16("cuda")
 
 
 def test_no_device_is_the_cpu():

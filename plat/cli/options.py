@@ -453,6 +453,8 @@ class SimToSimRecipe(Bounded):
     """motion files, folders or globs to take keyframes from; may be empty"""
     keyframes: tuple[Path, ...] = ()
     """keyframe files to run as well"""
+    split: bool = False
+    """split intervals longer than the longest command into equal parts; else they are refused"""
     robot: str = "g1"
     """name of the robot, or path of its JSON description"""
     seed: Seed = 0

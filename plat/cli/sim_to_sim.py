@@ -25,7 +25,7 @@ from plat.control.changed_physics import SETTINGS, Delayed, PhysicsSetting, make
 from plat.deploy import PolicyRunner
 from plat.envs.transforms import CommandSchedule, Horizon
 from plat.errors import KeyframeError
-from plat.keyframes import Keyframe, KeyframeSequence
+from plat.keyframes import Keyframe, KeyframeSequence, long_intervals_of_file
 from plat.motions import MotionLibrary
 from plat.robots import G1, Robot, get_robot
 from plat.spec.timing import Timing
@@ -37,7 +37,10 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
     robot = get_robot(recipe.robot)
     runner = PolicyRunner(recipe.bundle, robot.joint_names)
     timing = runner.timing
-    sequences = [KeyframeSequence.load(path, robot, timing=timing) for path in recipe.keyframes]
+    sequences = [KeyframeSequence.load(path, robot, split=recipe.split, timing=timing) for path in recipe.keyframes]
+    for path in recipe.keyframes:
+        for interval in long_intervals_of_file(path, robot, timing):
+            print(f"{path}: {interval.words}")
     if recipe.motions:
         library = MotionLibrary.load(recipe.motions, robot, dt=timing.control_dt)
         sequences += motion_keyframes(library, recipe.seed, timing)

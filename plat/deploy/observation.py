@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from plat.bounds import shown
 from plat.deploy.description import RobotDescription
 from plat.deploy.goals import GOAL_ENTRIES, GoalView
 from plat.deploy.kinematics import KeypointKinematics
@@ -199,9 +200,14 @@ class ObservationBuilder:
 
 def _check_shapes(what: str, source: RobotState | Pose, widths: dict[str, int]) -> None:
     for name, width in widths.items():
-        shape = np.shape(getattr(source, name))
-        if shape != (width,):
-            raise StateError(f"{what}: {name} has shape {shape}, expected ({width},)")
+        try:
+            values = np.asarray(getattr(source, name, None))
+        except (RuntimeError, TypeError, ValueError):  # rows of several lengths, a tensor elsewhere
+            values = np.asarray(None)
+        if values.shape != (width,):
+            raise StateError(f"{what}: {name} has shape {values.shape}, expected ({width},)")
+        if values.dtype.kind not in "fiu":
+            raise StateError(f"{what}: {name} holds {shown(values[0].item())}, expected numbers")
 
 
 def _check_finite(what: str, source: RobotState | Pose, widths: dict[str, int]) -> None:

@@ -15,6 +15,7 @@ from plat.deploy.joint_names import check_joints
 from plat.deploy.onnx_session import open_session
 from plat.deploy.state import Array, Pose, RobotState
 from plat.errors import ActionError, BundleError, StateError
+from plat.files import as_path
 from plat.json_file import parse_json, read_json
 from plat.spec.timing import Timing
 
@@ -63,7 +64,7 @@ class PolicyRunner:
         joint_names: Sequence[str] | Mapping[str, int] | None = None,
         control_dt: float | None = None,
     ):
-        path = Path(bundle)
+        path = as_path(bundle, "bundle", BundleError)
         network = path if path.suffix == ".onnx" else path / NETWORK_FILE
         self._session = open_session(network)
         self.bundle = _metadata(self._session, network)

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from plat.errors import RecordsError
+from plat.files import refuse_null
 from plat.json_file import short
 
 __all__ = ["OTHER", "families_of", "read_manifest"]
@@ -28,6 +29,7 @@ def read_manifest(paths: Iterable[Path], column: str = "family") -> dict[str, st
     families: dict[str, str] = {}
     for path in paths:
         try:
+            refuse_null(Path(path))
             with Path(path).open(newline="", encoding="utf-8") as file:
                 rows = csv.DictReader(file)
                 head = list(rows.fieldnames or ())

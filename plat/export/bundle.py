@@ -19,7 +19,7 @@ from plat.export.facts import describe_policy
 from plat.export.network import JointTargetNetwork
 from plat.export.onnx_file import onnx_model
 from plat.export.scene import scene_xml
-from plat.files import check_folder
+from plat.files import as_path, check_folder
 from plat.keyframes import Keyframe
 from plat.modules import Expert, ObservationNormalizer
 from plat.robots import Robot
@@ -61,7 +61,7 @@ def export_bundle(run: str | Path, out: str | Path, *, picture: bool = False) ->
             observes, the disk does not take the files, a package is missing, or the exported network and torch differ
             by more than :data:`TOLERANCE`.
     """
-    run, out = Path(run), Path(out)
+    run, out = as_path(run, "run", BundleError), as_path(out, "bundle", BundleError)
     if out.exists():
         raise BundleError(f"{str(out)!r} is there already: choose another --out or remove it")
     check_folder(out)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from plat.bounds import check_robot
 from plat.errors import KeyframeError
 from plat.files import replace_file
 from plat.json_file import read_json, short
@@ -32,6 +33,7 @@ def read_keyframes(path: Path, robot: RobotJoints) -> tuple[Keyframe | None, tup
         KeyframeError: naming file, keyframe and field, for content outside the format, a pose beyond the limits,
             or another robot. Inconsistent times are found by :class:`plat.keyframes.KeyframeSequence`.
     """
+    check_robot(robot)
     content = read_json(path, KeyframeError, f"keyframe file {str(path)!r}", constants=True)
     try:
         return _parse(content, robot)

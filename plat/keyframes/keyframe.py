@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from plat.bounds import is_finite
+from plat.bounds import check_robot, is_finite
 from plat.errors import KeyframeError
 from plat.files import readable
 from plat.json_file import short
@@ -135,6 +135,7 @@ class Keyframe:
                 quaternion that is not of unit length, a joint angle outside the joint's range, commands of another
                 robot, or a name that is no text.
         """
+        check_robot(robot)
         check_time(self.time)
         root_pos = _vector("root_pos", self.root_pos, 3, "x, y, z")
         _check_place(root_pos)
@@ -179,6 +180,7 @@ def check_time(time: float, what: str = "time") -> None:
 
 def standing(robot: RobotJoints) -> Keyframe:
     """Return the robot's default pose at the origin, facing along x, at time 0."""
+    check_robot(robot)
     return Keyframe.from_qpos(0.0, robot.default_qpos)
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from plat.bounds import as_names, is_finite
 from plat.errors import KeyframeError
+from plat.files import as_path
 from plat.json_file import short
 from plat.keyframes.files import read_keyframes, write_keyframes
 from plat.keyframes.keyframe import Keyframe, RobotJoints, check_time, interpolate, standing
@@ -166,7 +167,7 @@ class KeyframeSequence:
         Raises:
             KeyframeError: when the disk does not take it.
         """
-        write_keyframes(Path(path), self.robot, self.start, self.keyframes)
+        write_keyframes(as_path(path, "keyframe file", KeyframeError), self.robot, self.start, self.keyframes)
 
     @classmethod
     def load(
@@ -183,7 +184,7 @@ class KeyframeSequence:
         Raises:
             KeyframeError: naming file, keyframe and field.
         """
-        start, keyframes = read_keyframes(Path(path), robot)
+        start, keyframes = read_keyframes(as_path(path, "keyframe file", KeyframeError), robot)
         try:
             start = start or standing(robot)
             return cls(robot, start, split_long_intervals(start, keyframes, timing) if split else keyframes, timing)
@@ -301,6 +302,6 @@ def _check_length(before: Keyframe, keyframe: Keyframe, label: str, timing: Timi
         raise KeyframeError(
             f"{label}: time is {keyframe.time:g} s, {steps} control steps after {before.time:g} s, expected at most "
             f"{timing.max_steps} ({timing.longest:g} s): add a keyframe in between, have the interval split (--split "
-            "of plat play and plat keyframes show), or use longer commands (--timing.max-steps of plat keyframes, or "
-            "another policy)"
+            "of plat play, plat sim-to-sim and plat keyframes show), or use longer commands (--timing.max-steps of "
+            "plat keyframes, or another policy)"
         )

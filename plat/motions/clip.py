@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plat.bounds import is_finite
+from plat.bounds import check_robot, is_finite
 from plat.errors import MotionError
 from plat.json_file import short
 from plat.robots.robot import Robot
@@ -79,6 +79,7 @@ class MotionClip:
 
     def _checked_norm(self, robot: Robot, least: int = 2) -> np.ndarray:
         """Return the lengths of the root's quaternions ``[T]`` of a clip that is whole."""
+        check_robot(robot)
         if not isinstance(self.name, str):
             raise MotionError(f"motion {short(self.name)}: its name is no text")
         if not isinstance(self.notes, tuple):

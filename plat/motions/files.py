@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from plat.errors import MotionError, OutputError
-from plat.files import readable, write_file
+from plat.files import as_path, readable, write_file
 from plat.motions.clip import ASSUMED_RATE, MotionClip
 from plat.motions.formats import MotionFile, QuatOrder, ReadOptions, check_clip_names, csv_text, write_archive
 from plat.motions.formats.axes import Up
@@ -234,7 +234,7 @@ def save_motions(path: str | Path, clips: Sequence[MotionClip], robot: Robot = G
     except MotionError as error:
         raise MotionError(f"motion file {str(path)!r}: {error}") from None
     arrays, (fps,) = {clip.name: clip.qpos for clip in clips}, rates
-    path = Path(path)
+    path = as_path(path, "motion file", OutputError)
     if not path.name:
         raise OutputError(f"motion file {str(path)!r}: is a folder, expected a file")
     path = path if path.suffix == ".npz" else path.with_name(f"{path.name}.npz")  # as numpy does
@@ -251,10 +251,11 @@ def save_csv(folder: str | Path, clip: MotionClip, robot: Robot = G1) -> Path:
         OutputError: when the disk does not take it, or its name.
     """
     clip.check(robot)
-    if Path(folder).is_file():
+    folder = as_path(folder, "folder", OutputError)
+    if folder.is_file():
         raise OutputError(f"folder {str(folder)!r}: is a file, expected a folder")
     stem = csv_stem(clip)
-    path = Path(folder) / f"{stem}_{clip.fps:.10g}fps.csv"
+    path = folder / f"{stem}_{clip.fps:.10g}fps.csv"
     write_file(path, lambda part: part.write_text(csv_text(clip, robot.joint_names)), "motion file")
     return path
 

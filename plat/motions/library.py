@@ -20,7 +20,7 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
-from plat.bounds import Range, check_value
+from plat.bounds import Range, check_robot, check_value
 from plat.errors import MotionError
 from plat.files import readable
 from plat.gpu import check_device
@@ -32,7 +32,7 @@ from plat.motions.files import load_motions, log, motion_paths, read_along
 from plat.motions.formats.sonic import holds_sonic
 from plat.motions.generation import PREFIX, generate_named
 from plat.motions.mirror import mirror_motion
-from plat.motions.paths import listed_paths
+from plat.motions.paths import listed_paths, patterns_in
 from plat.motions.resample import resampled_length
 from plat.motions.store import ClipStore
 from plat.motions.table import FIELDS, POSE_FIELDS, TableBuilder, table_width, unpacked
@@ -256,6 +256,7 @@ class MotionLibrary:
         Raises:
             MotionError: when there is no clip, or a clip is broken or lasts less than one control step.
         """
+        check_robot(robot)
         check_value("motion library: dt", dt, Annotated[float, Range(0.001, 1)])
         if not clips:
             raise MotionError("motion library: no clips, expected at least one")
@@ -310,8 +311,9 @@ class MotionLibrary:
         Raises:
             MotionError: when a file is missing or broken, or no clip is left.
         """
+        check_robot(robot)
         check_value("motion library: dt", dt, Annotated[float, Range(0.001, 1)])
-        names = [str(name) for name in ([motions] if isinstance(motions, (str, Path)) else motions)]
+        names = [str(name) for name in patterns_in(motions)]
         generated = [name for name in names if name.startswith(PREFIX)]
         files = [name for name in names if not name.startswith(PREFIX)]
         paths = motion_paths(files) if files else []

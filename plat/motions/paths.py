@@ -5,13 +5,13 @@ import hashlib
 import os
 import re
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 
 from plat.errors import MotionError
-from plat.files import expand_home
+from plat.files import as_path, expand_home
 
-__all__ = ["find_files", "listed_paths", "names_apart"]
+__all__ = ["find_files", "listed_paths", "names_apart", "patterns_in"]
 
 # what to do with files of other kinds, by their endings
 _INSTEAD = {
@@ -56,8 +56,8 @@ def find_files(
     paths: dict[Path, None] = {}  # in order; shells turn a glob into thousands of patterns
     sought = [ending for ending in endings if ending not in named]
     expected = ", ".join(sought)
-    for pattern in [patterns] if isinstance(patterns, (str, Path)) else patterns:
-        path = expand_home(Path(pattern))
+    for pattern in patterns_in(patterns):
+        path = expand_home(as_path(pattern, "motion file", MotionError))
         if os.path.isdir(path):  # false for a name that is too long, too
             found = sorted(file for file in path.rglob("*") if file.suffix.lower() in sought)
             found = [file for file in found if not any(part.startswith(".") for part in file.relative_to(path).parts)]
@@ -80,7 +80,17 @@ def find_files(
 
 def listed_paths(patterns: str | Path | Sequence[str | Path]) -> set[Path]:
     """Return the paths that patterns are themselves: files among them are named, and not found in a folder or glob."""
-    return {expand_home(Path(pattern)) for pattern in ([patterns] if isinstance(patterns, (str, Path)) else patterns)}
+    return {expand_home(Path(pattern)) for pattern in patterns_in(patterns)}
+
+
+def patterns_in(patterns: str | Path | Iterable[str | Path]) -> list[str | Path]:
+    """Return a path, or several, as a list.
+
+    Raises:
+        MotionError: for what is neither.
+    """
+    several = isinstance(patterns, Iterable) and not isinstance(patterns, str)
+    return list(patterns) if several else [as_path(patterns, "motion file", MotionError)]  # type: ignore[arg-type]
 
 
 def names_apart(paths: Sequence[Path]) -> list[str]:

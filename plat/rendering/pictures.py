@@ -11,9 +11,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from plat.bounds import Count, Positive, check_value
+from plat.bounds import Count, Positive, check_robot, check_value
 from plat.errors import RenderingError, StateError
-from plat.files import check_file, is_full, replace_file
+from plat.files import as_path, check_file, is_full, replace_file
 from plat.headless import unusable
 from plat.progress import tracked
 from plat.rendering.mp4 import is_whole
@@ -61,6 +61,7 @@ class Stage:
             ("distance", distance, Positive),
         ):
             check_value(f"stage: {name}", number, bound)
+        check_robot(robot)
         _check_display()
         self._model = stage_model(robot, width, height)
         self._data, self._ghost = mujoco.MjData(self._model), mujoco.MjData(self._model)
@@ -203,7 +204,7 @@ def check_video(path: str | Path) -> None:
         OutputError: when its folder cannot be written to.
     """
     _imageio()
-    if Path(path).suffix != ".mp4":
+    if as_path(path, "video", RenderingError).suffix != ".mp4":
         raise RenderingError(f"video {str(path)!r}: expected a file name that ends in .mp4")
     check_file(Path(path), "video")
 
@@ -259,7 +260,7 @@ def write_picture(path: str | Path, picture: np.ndarray) -> None:
             not take it.
     """
     imageio = _imageio()
-    if Path(path).suffix.lower() != ".png":
+    if as_path(path, "picture", RenderingError).suffix.lower() != ".png":
         raise RenderingError(f"picture {str(path)!r}: expected a file name that ends in .png")
     try:
         replace_file(Path(path), lambda part: imageio.imwrite(part, picture))

@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from plat.bounds import Positive, check_value
+from plat.bounds import Positive, check_robot, check_value
 from plat.deploy import Body, Foot, RobotDescription
 from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
@@ -23,6 +23,7 @@ def describe_robot(robot: Robot, control_dt: float) -> RobotDescription:
     >>> description.joint_names[:2], description.bodies[0].name, len(description.bodies)
     (('left_hip_pitch', 'left_hip_roll'), 'pelvis', 30)
     """
+    check_robot(robot)
     check_value("robot: control_dt", control_dt, Positive)
     model = robot.model()
     root = 1  # indices of MuJoCo's bodies

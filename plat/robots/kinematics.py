@@ -4,6 +4,7 @@ import mujoco
 import torch
 from torch import Tensor
 
+from plat.bounds import check_robot
 from plat.errors import RobotError, StateError
 from plat.gpu import constant, on_gpu
 from plat.robots.robot import Robot
@@ -31,6 +32,7 @@ class ForwardKinematics:
     """
 
     def __init__(self, robot: Robot, bodies: tuple[str, ...] | None = None):
+        check_robot(robot)
         model = robot.shared_model
         names = robot.keypoints if bodies is None else bodies
         if unknown := [name for name in names if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name) < 1]:

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from plat.bounds import check_robot
 from plat.errors import RobotError
 from plat.json_file import read_json, short
 from plat.robots.g1 import G1
@@ -27,6 +28,7 @@ def register_robot(robot: Robot) -> Robot:
     >>> register_robot(G1) is get_robot("g1")
     True
     """
+    check_robot(robot)
     if _ROBOTS.setdefault(robot.name, robot) != robot:
         raise RobotError(f"robot {robot.name!r} is registered already with other settings; choose another name")
     return _ROBOTS[robot.name]

@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 from plat.errors import CheckpointError
+from plat.files import as_path
 from plat.runs.hub import HUB_PREFIX, download_run
 from plat.runs.json_object import read_json
 
@@ -43,7 +44,7 @@ def run_folder(run: str | Path) -> Path:
     >>> run_folder("plat-g1").name
     'plat'
     """
-    path = Path(run)
+    path = as_path(run, "run", CheckpointError)
     if os.path.exists(path):  # false for a name that is too long, too
         return path
     if str(run).startswith(HUB_PREFIX):

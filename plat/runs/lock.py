@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from plat.errors import CheckpointError
-from plat.files import lock_file
+from plat.files import lock_file, refuse_null
 
 __all__ = ["LOCK_FILE", "RunLock"]
 
@@ -37,6 +37,7 @@ class RunLock:
         self._key: Path | None = None
         self._path = folder / LOCK_FILE
         try:
+            refuse_null(folder)
             folder.mkdir(parents=True, exist_ok=True)
             key = folder.resolve()
             if key not in self._held:

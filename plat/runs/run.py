@@ -170,6 +170,8 @@ class Run:
             raise
         self._last_save = time.monotonic()
         self._last_line = 0.0
+        self._unwritten = False
+        """Whether the directory is to be begun anew, and the disk did not take it so far."""
 
     def __enter__(self) -> "Run":
         self._stop.__enter__()
@@ -296,14 +298,31 @@ class Run:
                 print(f"training goes on without a checkpoint: {error}", flush=True)
 
     def _stay(self) -> None:
-        """Begin the directory anew where it was moved or removed: half a run would be written otherwise."""
-        if self._lock.is_there():
+        """Begin the directory anew where it was moved or removed: half a run would be written otherwise.
+
+        A disk that does not take it is asked again the next time.
+
+        Raises:
+            CheckpointError: when another process has begun a run there.
+        """
+        if self._lock.is_there() and not self._unwritten:
             return
-        self._lock.release()
-        self._lock = RunLock(self.folder)
-        print(f"{str(self.folder)!r} was moved or removed: the run goes on in a new folder of that name", flush=True)
-        write_json(self.folder / INPUTS_FILE, self._inputs)
-        write_json(self.folder / CONFIG_FILE, self._config)
+        try:
+            if not self._lock.is_there():
+                self._lock.release()
+                self._lock = RunLock(self.folder)
+                told = f"{str(self.folder)!r} was moved or removed: the run goes on in a new folder of that name"
+                print(told, flush=True)
+            write_json(self.folder / INPUTS_FILE, self._inputs)
+            write_json(self.folder / CONFIG_FILE, self._config)
+        except CheckpointError as error:
+            if not isinstance(error.__cause__, OSError):
+                raise
+            if not self._unwritten:
+                print(f"training goes on without its folder: {error}", flush=True)
+            self._unwritten = True
+            return
+        self._unwritten = False
         self._metrics.rewrite()
         self._last_save = float("-inf")  # nothing else could be resumed there
 

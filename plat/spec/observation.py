@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Literal, Protocol, TypeVar
 
-from plat.bounds import as_names
+from plat.bounds import as_names, check_robot
 from plat.errors import ObservationError
 
 __all__ = [
@@ -370,6 +370,7 @@ def observation_widths(keys: Iterable[Any], robot: RobotSizes) -> list[int]:
     >>> observation_widths([("robot", "joint_pos"), ("command", "horizon")], G1)
     [29, 1]
     """
+    check_robot(robot)
     joints, bodies = robot.num_joints, len(robot.keypoints)
     return [table().entry(group, name).width(joints, bodies) for group, name in keys]
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from plat.bounds import as_names
+from plat.bounds import as_names, check_robot
 from plat.errors import KeyframeError
 
 if TYPE_CHECKING:
@@ -96,6 +96,7 @@ class Parts:
         Raises:
             KeyframeError: naming what does not exist, or when nothing is commanded.
         """
+        check_robot(robot)
         return cls(
             _flags(joints, robot.joint_names, "joints"),
             _flags(bodies, robot.keypoints, "bodies"),

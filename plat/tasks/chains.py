@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from plat.bounds import as_names
+from plat.bounds import as_names, check_value
 from plat.errors import TaskError
 from plat.keyframes.chain_families import AHEAD, FAMILY_TABLE, MIDDLE, TRIES, ChainFamily
 from plat.keyframes.partial import hands_of
@@ -100,6 +100,7 @@ def draw_chains(
     >>> chains.family, chains.qpos.shape
     (('arms', 'arms', 'steps', 'steps'), torch.Size([24, 36]))
     """
+    check_value("draw_chains: library", library, MotionLibrary)
     families = as_names(families)
     unknown = [family for family in families if family not in CHAIN_FAMILIES]
     if unknown:

@@ -101,7 +101,7 @@ def test_an_interval_that_is_too_long_comes_with_the_ways_out(tmp_path):
     write_keyframes(tmp_path / "slow.json", G1, stand, [stand.at(2.5)])
     with pytest.raises(
         KeyframeError,
-        match=r"expected at most 50 \(1 s\): .*--split of plat play and .*--timing.max-steps of plat key",
+        match=r"expected at most 50 \(1 s\): .*--split of plat play, plat sim-to-sim and .*--timing.max-steps of plat",
     ):
         keyframes.main(keyframes.Show(file=tmp_path / "slow.json"))
     with pytest.raises(KeyframeError, match=r"every is 2 s, expected 0.02 to 1 \(--timing.max-steps\)"):

@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -65,6 +66,20 @@ def test_the_table(tmp_path, capsys):
         share = 100 * np.mean([score.success for score in results[physics.name]])
         assert line.startswith(physics.name)
         assert f"{share:.1f}" in line
+
+
+def test_long_intervals_are_split_where_that_is_asked_for(tmp_path, monkeypatch, capsys):
+    runner = SimpleNamespace(timing=Timing(), robot=describe_robot(G1, 0.02), reset=lambda *_: None)
+    monkeypatch.setattr(sim_to_sim, "PolicyRunner", lambda *_: runner)
+    monkeypatch.setattr(sim_to_sim, "run", lambda _, sequence, *__: [score(n, None, 0.1) for n in range(len(sequence))])
+    pose, file = standing(G1), tmp_path / "slow.json"
+    KeyframeSequence(G1, pose, (pose.at(2.0),), Timing(max_steps=100)).save(file)
+    recipe = sim_to_sim.SimToSimRecipe(bundle=tmp_path, motions=(), keyframes=(file,))
+    with pytest.raises(KeyframeError, match="slow.json': keyframe 0: time is 2 s, .*--split of plat play, plat sim-to"):
+        sim_to_sim.main(recipe)
+    results = sim_to_sim.main(replace(recipe, split=True))
+    assert {len(scores) for scores in results.values()} == {2}
+    assert "slow.json: keyframe 0 comes 2 s after the one before" in capsys.readouterr().out
 
 
 def test_nothing_to_run(tmp_path, monkeypatch):

@@ -100,6 +100,9 @@ def test_a_pose_that_is_changed_in_place_is_seen(build):
     ("field", "value", "message"),
     [
         ("joint_pos", np.zeros(28), r"robot state: joint_pos has shape \(28,\), expected \(29,\)"),
+        ("joint_pos", "rest", r"robot state: joint_pos has shape \(\), expected \(29,\)"),
+        ("joint_vel", [[0.0], [0.0, 1.0]], r"robot state: joint_vel has shape \(\), expected \(29,\)"),
+        ("root_pos_w", ["0", "0", "0.76"], "robot state: root_pos_w holds '0', expected numbers"),
         ("root_pos_w", np.array([0, np.nan, 0]), r"robot state: root_pos_w\[1\] is nan, expected a finite number"),
         ("root_quat_w", np.full(4, np.nan), r"robot state: root_quat_w\[0\] is nan"),
         ("root_quat_w", np.zeros(4), r"robot state: root_quat_w has length 0, expected a unit quaternion wxyz"),

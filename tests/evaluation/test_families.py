@@ -18,6 +18,8 @@ def test_a_clip_named_apart_by_its_file_is_found():
 def test_what_is_missing_is_named(tmp_path):
     with pytest.raises(RecordsError, match="nothing.csv.*not a readable CSV"):
         read_manifest([tmp_path / "nothing.csv"])
+    with pytest.raises(RecordsError, match="its name holds a null byte"):
+        read_manifest([tmp_path / "a\0b.csv"])
     (tmp_path / "bad.csv").write_text("clip,kind\na,walk\n")
     with pytest.raises(RecordsError, match=r"bad.csv.*no column \['family'\]"):
         read_manifest([tmp_path / "bad.csv"])

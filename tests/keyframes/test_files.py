@@ -74,6 +74,8 @@ def test_a_file_that_cannot_be_written_is_named(wave, tmp_path):
     (tmp_path / "folder").write_text("")
     with pytest.raises(KeyframeError, match="folder/wave.json' could not be written"):
         wave.save(tmp_path / "folder" / "wave.json")
+    with pytest.raises(KeyframeError, match="could not be written .its name holds a null byte"):
+        wave.save(tmp_path / "a\0b.json")
 
 
 def change(*path, to):

@@ -49,6 +49,8 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(CheckpointError, match=r"file/run' cannot be written \(.*\); choose another --out"):
         RunLock(tmp_path / "file" / "run")
+    with pytest.raises(CheckpointError, match=r"b' cannot be written \(.*its name holds a null byte"):
+        RunLock(tmp_path / "a\0b")
 
 
 def test_a_full_disk_does_not_hinder_it(tmp_path, monkeypatch):

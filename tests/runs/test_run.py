@@ -631,6 +631,43 @@ def test_training_goes_on_where_the_disk_is_full(tmp_path, monkeypatch):
     assert start(tmp_path / "a", resume=True)[3].steps == 50
 
 
+def test_training_goes_on_where_the_folder_is_moved_and_the_disk_is_full(tmp_path, capsys):
+    folder = tmp_path / "a"
+    run, policy, optimizer, budget = start(folder)
+    with run:
+        for number in range(4):
+            train(policy, optimizer)
+            budget.add(10)
+            if number == 1:
+                run.save()
+                folder.rename(tmp_path / "b")
+                with full_disk():
+                    run.log({"loss": 0.0})
+                    run.log({"loss": 0.5})
+            else:
+                run.log({"loss": float(number)})
+    assert capsys.readouterr().out.count("training goes on without its folder") == 1
+    assert (folder / "metrics.csv").read_text().count("\n") == 6
+    assert start(folder, resume=True)[3].steps == 30
+
+
+def test_a_folder_that_cannot_be_made_for_a_while(tmp_path, capsys):
+    """As where the folder was moved and its place is a link to a disk that is not there at the moment."""
+    folder = tmp_path / "mount" / "a"
+    run, policy, optimizer, budget = start(folder)
+    with run:
+        folder.parent.rename(tmp_path / "away")
+        folder.parent.symlink_to(tmp_path / "nowhere")
+        for number in range(3):
+            train(policy, optimizer)
+            budget.add(10)
+            run.log({"loss": float(number)})
+            if number == 1:
+                folder.parent.unlink()
+    assert capsys.readouterr().out.count("training goes on without its folder") == 1
+    assert start(folder, resume=True)[3].steps == 30
+
+
 def test_a_run_is_resumed_where_the_disk_is_full(tmp_path, monkeypatch):
     said = []
     monkeypatch.setattr("builtins.print", lambda *words, **_: said.append(" ".join(words)))

@@ -503,6 +503,8 @@ def test_files_are_saved_asked_about_and_kept(user, folder):
         user.press("Upload")
     chooser.value.set_files(folder / "other.json")
     user.until(lambda: len(session.timeline.keyframes) == 2)
+    user.press("Download")
+    user.page.locator('a[download="other.json"]').wait_for()
     for name in ("Load", "New", "Upload"):
         if name == "Upload":
             with user.page.expect_file_chooser() as chooser:

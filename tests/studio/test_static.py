@@ -237,6 +237,7 @@ def test_keyframes_are_timed_played_scored_saved_and_loaded(visitor, tmp_path):
     page.locator('#dock [data-key="1"][data-status="reached"]').wait_for()
     with page.expect_download() as saved:
         page.keyboard.press("Control+s")
+    assert saved.value.suggested_filename == "keyframes.json"
     saved.value.save_as(tmp_path / "saved.json")
     _, frames = read_keyframes(tmp_path / "saved.json", G1)
     assert [frame.time for frame in frames] == [0.8, 1.4, 2.2, 2.4]
@@ -245,6 +246,9 @@ def test_keyframes_are_timed_played_scored_saved_and_loaded(visitor, tmp_path):
         page.get_by_role("button", name="Load").click()
     chooser.value.set_files(tmp_path / "saved.json")
     visitor.until("studio.timeline.keyframes.length === 2 && studio.timeline.holds[1] === 0.2")
+    with page.expect_download() as again:
+        page.keyboard.press("Control+s")
+    assert again.value.suggested_filename == "saved.json"
     assert page.evaluate("window.platStudio.scene.scene.background.getHex()") < 0x404040, "it is dark, as the system is"
 
 

@@ -101,7 +101,11 @@ class WarpPhysics:
         self._run(nstep, lambda: self._advance(nstep))
         qpos, qvel = self._state["qpos"], self._state["qvel"]
         # a comparison with what is not a number is false
-        self._diverged = ~((qpos.abs() < _BOUND).all(-1) & (qvel.abs() < _BOUND).all(-1))
+        diverged = ~((qpos.abs() < _BOUND).all(-1) & (qvel.abs() < _BOUND).all(-1))
+        if diverged.any():  # back to its start, as MuJoCo puts it: NaN would go on to observations and returns
+            start = torch.from_numpy(self.model.qpos0).expand(int(diverged.sum()), -1)
+            self.set_state(diverged.nonzero()[:, 0], start, torch.zeros(len(start), self.model.nv))
+        self._diverged = diverged
 
     def diverged(self) -> Tensor:
         """Return the mask ``[N]`` of simulations that left all bounds in the last :meth:`step`."""

@@ -47,7 +47,7 @@ class Physics(Protocol):
     def diverged(self) -> Tensor:
         """Return the mask ``[N]`` of simulations that left all bounds in the last :meth:`step`.
 
-        Their state after it is meaningless; :meth:`set_state` restores them.
+        Their state after it is meaningless, but finite; :meth:`set_state` restores them.
         """
 
     def set_state(self, ids: Tensor, qpos: Tensor, qvel: Tensor) -> None:

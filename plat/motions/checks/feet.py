@@ -4,6 +4,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from plat.bounds import check_robot
 from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
 from plat.rotations import quat_rotate
@@ -45,6 +46,7 @@ class Soles:
     """
 
     def __init__(self, robot: Robot):
+        check_robot(robot)
         self.robot = robot
         model = robot.shared_model
         soles = robot.sole_geoms(model)

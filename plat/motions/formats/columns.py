@@ -8,7 +8,16 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.motions.formats.clock import counts_frames
-from plat.motions.formats.names import Column, classify_columns, is_generic, stated_length, tokens
+from plat.motions.formats.joint_orders import usual_orders
+from plat.motions.formats.names import (
+    Column,
+    classify_columns,
+    is_generic,
+    stated_length,
+    stating,
+    tokens,
+    units_in_comments,
+)
 from plat.motions.formats.quaternion_order import QuatOrder
 from plat.motions.formats.table import Table
 from plat.motions.formats.turns import EULER, euler_to_quat, turns_of_three
@@ -45,7 +54,7 @@ class Parts:
         notes: what was left out or assumed.
         turns: quaternions ``[T, 4]`` (``wxyz``) of three columns by what they may be, the usual one first; none where
             the file has quaternions, or names its angles.
-        units: of ``place``, where the header states them.
+        units: of ``place``, where the header or comments state them.
     """
 
     place: np.ndarray
@@ -93,6 +102,7 @@ def _by_name(
     robot: Robot,
 ) -> Parts:
     values = table.values
+    said = units_in_comments(table.comments)
     unknown = [table.header[n] for n in rest if kinds[n].kind == "unknown"]
     lacking = [name for name in robot.joint_names if name not in {kinds[n].part for n in joints}]
     lacking = [name for name in lacking if "wrist" not in name and name not in OPTIONAL]
@@ -104,7 +114,6 @@ def _by_name(
         shown = ", ".join(repr(table.header[n]) for n in rest[:3])
         notes.append(f"{len(rest)} columns left out ({shown}{', ...' if len(rest) > 3 else ''})")
     seed = {word for n in (*place, *turn) for word in tokens(table.header[n])} >= _SEED
-    angles = values[:, joints]
     listed = "".join(kinds[n].part for n in sorted(turn))
     if listed in ("wxyz", "xyzw"):
         quat, order = values[:, sorted(turn)], listed
@@ -112,25 +121,41 @@ def _by_name(
         quat, order = values[:, turn], "wxyz"
     else:
         named = seed or any(set(tokens(table.header[n])) & _NAMED_ANGLES for n in turn)
-        turns = _turns(values[:, turn], [table.header[n] for n in turn], seed, named)
+        turns = _turns(values[:, turn], stating([table.header[n] for n in turn], said.root), seed, named)
         told, quat = next(iter(turns.items()))
         order = "wxyz"
         notes.append(f"root rotation from {told}")
         turns = {} if len(turns) == 1 else turns
     names = [kinds[n].part for n in joints]
-    in_degrees = any(_DEGREES & set(tokens(table.header[n])) for n in joints)
-    if in_degrees and must_be_radians(angles, names, robot):
-        notes.append(
-            f"joint angles in radians, though the header says degrees: none is above {np.abs(angles).max():.2g}"
-        )
-    elif in_degrees or (seed and np.abs(angles).max() > np.pi):
-        stated = [bool(_RADIANS & set(tokens(table.header[n]))) for n in joints]
-        angles = np.where(in_degrees and np.array(stated), angles, np.deg2rad(angles))
-        notes.append(
-            "joint angles in degrees" if not any(stated) else "some joint angles in degrees, as the header says"
-        )
-    units = stated_length([table.header[n] for n in place])
+    stated = stating([table.header[n] for n in joints], said.joints)
+    angles, more = _in_radians(values[:, joints], stated, [names], robot, seed)
+    notes += more
+    units = stated_length(stating([table.header[n] for n in place], said.length))
     return Parts(values[:, place], quat, angles, names, order, times, seed, tuple(notes), turns, units)  # type: ignore[arg-type]
+
+
+def _in_radians(
+    angles: np.ndarray, stated: Sequence[str], orders: Sequence[Sequence[str]], robot: Robot, seed: bool = False
+) -> tuple[np.ndarray, list[str]]:
+    """Return joint angles ``[T, n]`` in radians where their columns state degrees, and notes; else as they are.
+
+    Args:
+        angles: of the joints.
+        stated: names of the columns, with their units.
+        orders: names of the joints; several where the table names none.
+        robot: whose joints they are.
+        seed: whether the table is one of BONES-SEED.
+    """
+    in_degrees = any(_DEGREES & set(tokens(name)) for name in stated)
+    if in_degrees and any(must_be_radians(angles, names, robot) for names in orders):
+        return angles, [
+            f"joint angles in radians, though the file says degrees: none is above {np.abs(angles).max():.2g}"
+        ]
+    if not in_degrees and not (seed and np.abs(angles).max() > np.pi):
+        return angles, []
+    kept = np.array([bool(_RADIANS & set(tokens(name))) for name in stated])
+    angles = np.where(in_degrees and kept, angles, np.deg2rad(angles))
+    return angles, ["some joint angles in degrees, as the header says" if kept.any() else "joint angles in degrees"]
 
 
 def _turns(values: np.ndarray, header: Sequence[str], seed: bool, named: bool) -> dict[str, np.ndarray]:
@@ -197,8 +222,16 @@ def _by_place(
             odd = sorted({name for name in listed if not is_generic(name)})
             raise MotionError(f"the header has the unknown {odd[:8]}, expected names of the robot's joints, or none")
     order = _order(table.header, columns[3:7])
-    units = stated_length([table.header[n] for n in columns[:3]]) if table.header else None
-    return Parts(values[:, :3], values[:, 3:7], values[:, 7:], names, order, times, notes=tuple(notes), units=units)
+    header = [table.header[n] if table.header else "" for n in columns]
+    said = units_in_comments(table.comments)
+    units = stated_length(stating(header[:3], said.length))
+    orders = [
+        [name for name in listed if joints == robot.num_joints or "wrist" not in name]
+        for listed in (robot.joint_names, *usual_orders(robot).values())
+    ]
+    angles, told = _in_radians(values[:, 7:], stating(header[7:], said.joints), orders, robot)
+    notes += told
+    return Parts(values[:, :3], values[:, 3:7], angles, names, order, times, notes=tuple(notes), units=units)
 
 
 def _are_numbered(names: Sequence[str]) -> bool:

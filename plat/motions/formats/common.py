@@ -140,7 +140,7 @@ def make_clip(
     quat_order: QuatOrder,
     fields: tuple[str, str],
     notes: Sequence[str] = (),
-    header: Units | None = None,
+    written: Units | None = None,
 ) -> MotionClip:
     """Return a checked clip from the parts of a file, in meters and radians, z up.
 
@@ -154,7 +154,7 @@ def make_clip(
         quat_order: of ``root_quat``.
         fields: what the file calls root position and quaternion.
         notes: on this clip.
-        header: unit of ``root_pos``, where the file's header states it.
+        written: unit of ``root_pos``, where the file's header or a comment states it.
 
     Raises:
         MotionError: for parts that do not fit together, units that no motion has, or an impossible frame rate.
@@ -174,7 +174,7 @@ def make_clip(
     angles = angles_in_radians(parts[2], robot)
     upright, turned = z_up(parts[0], quat.values, angles.values, options.soles, options.up)
     place = place_in_meters(
-        upright.values, turned.values, angles.values, options.soles, fields[0], options.units, header
+        upright.values, turned.values, angles.values, options.soles, fields[0], options.units, written
     )
     found = (*quat.notes, *angles.notes, *upright.notes, *place.notes)
     qpos = np.concatenate((place.values, turned.values, angles.values), 1)

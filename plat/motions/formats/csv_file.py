@@ -65,7 +65,7 @@ def csv_text(clip: MotionClip, joint_names: tuple[str, ...]) -> str:
 
 def _clip(name: str, parts: Parts, joint_pos: np.ndarray, order: QuatOrder, options: ReadOptions) -> MotionClip:
     fps = _USUAL_FPS if options.fps is None else options.fps
-    return make_clip(name, parts.place, parts.quat, joint_pos, fps, options, order, _FIELDS, header=parts.units)
+    return make_clip(name, parts.place, parts.quat, joint_pos, fps, options, order, _FIELDS, written=parts.units)
 
 
 def _in_joint_order(

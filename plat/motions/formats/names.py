@@ -1,13 +1,24 @@
 """Names of columns and joints as files spell them, and what they mean."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Literal, NamedTuple
 
 from plat.motions.formats.units import Units
 from plat.robots.robot import Robot
 
-__all__ = ["Column", "array_meaning", "classify_columns", "is_generic", "match_joint", "stated_length", "tokens"]
+__all__ = [
+    "Column",
+    "SaidUnits",
+    "array_meaning",
+    "classify_columns",
+    "is_generic",
+    "match_joint",
+    "stated_length",
+    "stating",
+    "tokens",
+    "units_in_comments",
+]
 
 _SIDES = {"l": "left", "r": "right", "lt": "left", "rt": "right", "lft": "left", "rgt": "right"}
 
@@ -39,7 +50,18 @@ _LENGTHS: dict[str, Units] = {
     **dict.fromkeys(("in", "inch", "inches"), "in"),
     **dict.fromkeys(("ft", "foot", "feet"), "ft"),
 }
-_UNITS = _words("rad radian radians deg degree degrees") | set(_LENGTHS)
+_ANGLE_UNITS = {
+    **dict.fromkeys(("deg", "degree", "degrees"), "deg"),
+    **dict.fromkeys(("rad", "radian", "radians"), "rad"),
+}
+_UNITS = {*_ANGLE_UNITS, *_LENGTHS}
+_ANY_UNIT = re.compile(rf"(?<![a-z])({'|'.join(sorted(_UNITS, key=len, reverse=True))})(?![a-z]|\s*/)")
+# in a sentence: behind "in", a bracket or a sign
+_SAID = re.compile(rf"(?:\bin\s+|[\[(:=,]\s*){_ANY_UNIT.pattern}")
+_UNIT_BEHIND = re.compile(rf"\s+\[({'|'.join(_UNITS)})\]$")
+# words that mean other things than units, where the line does not speak of units
+_OTHERWISE = _words("in foot feet")
+_OF_ROOT = _ROOT_ALONE | _words("orientation rotation euler roll pitch yaw rpy")
 _TIMES = _words("time t timestamp stamp sec secs seconds s ms us ns millis")
 
 
@@ -54,6 +76,20 @@ class Column(NamedTuple):
 
     kind: Literal["joint", "place", "quat", "euler", "count", "time", "derived", "unknown"]
     part: str = ""
+
+
+class SaidUnits(NamedTuple):
+    """Units that a file's comments state; None where they state none or several.
+
+    Attributes:
+        length: of lengths.
+        root: of angles of the root, ``deg`` or ``rad``.
+        joints: of joint angles.
+    """
+
+    length: str | None
+    root: str | None
+    joints: str | None
 
 
 def tokens(name: str) -> tuple[str, ...]:
@@ -87,11 +123,12 @@ def match_joint(name: str, robot: Robot) -> str | None:
 
 
 def is_generic(name: str) -> bool:
-    """Return whether a name only numbers a column: ``col7``, ``joint_0``, ``dof[3]``, ``12``, ``column A``.
+    """Return whether a name only numbers a column: ``col7``, ``joint_0``, ``dof[3]``, ``12``, ``q1 [rad]``.
 
-    >>> [is_generic(name) for name in ("col7", "joint_0", "dof[3]", "", "left_tail")]
-    [True, True, True, True, False]
+    >>> [is_generic(name) for name in ("col7", "joint_0", "dof[3]", "", "q1 [rad]", "left_tail")]
+    [True, True, True, True, True, False]
     """
+    name = _UNIT_BEHIND.sub("", name)
     return re.fullmatch(r"[a-z]*[\s_/.:\[(#-]*([a-z]|\d*(\.\d+)?)[\])]*", name.strip("\"' \t").lower()) is not None
 
 
@@ -103,6 +140,42 @@ def stated_length(names: Sequence[str]) -> Units | None:
     """
     found = {next((_LENGTHS[word] for word in reversed(tokens(name)) if word in _LENGTHS), None) for name in names}
     return found.pop() if len(found) == 1 else None
+
+
+def units_in_comments(comments: Sequence[str]) -> SaidUnits:
+    """Return the units that comments state.
+
+    >>> tuple(units_in_comments(["root position in cm, angles in deg"])), tuple(units_in_comments(["units: m rad"]))
+    (('cm', 'deg', 'deg'), ('m', 'rad', 'rad'))
+    >>> tuple(units_in_comments(["root rotation in degrees; joints in radians", "turns by 60 deg"]))
+    (None, 'deg', 'rad')
+    """
+    said = [each for line in comments for each in _units_said(line.lower())]
+    lengths = {_LENGTHS[word] for word, _ in said if word in _LENGTHS}
+    root, joints = (
+        {_ANGLE_UNITS[word] for word, about in said if word in _ANGLE_UNITS and (about & own or not about & others)}
+        for own, others in ((_OF_ROOT, _JOINTS), (_JOINTS, _OF_ROOT))
+    )
+    return SaidUnits(*(found.pop() if len(found) == 1 else None for found in (lengths, root, joints)))
+
+
+def _units_said(line: str) -> Iterator[tuple[str, set[str]]]:
+    """Yield the units that a line states, each with the words before it."""
+    of_units = bool({"unit", "units"} & set(tokens(line)))
+    for match in (_ANY_UNIT if of_units else _SAID).finditer(line):
+        before, behind = line[: match.start(1)], line[match.end() :]
+        named = of_units and (match[1] != "in" or not behind.strip())
+        if match[1] not in _OTHERWISE or named or re.search(r"\bin\s+$", before):
+            yield match[1], set(tokens(re.split("[,;]", before)[-1]))
+
+
+def stating(names: Sequence[str], unit: str | None) -> list[str]:
+    """Return the names of columns with a unit behind those that state none.
+
+    >>> stating(["root_x", "root_y [m]"], "cm")
+    ['root_x [cm]', 'root_y [m]']
+    """
+    return [name if unit is None or set(tokens(name)) & _UNITS else f"{name} [{unit}]" for name in names]
 
 
 def array_meaning(name: str) -> str:

@@ -146,21 +146,34 @@ def _take_header(rows: list[tuple[int, list[str]]]) -> list[str]:
     for row in taken[1:]:
         if len(row) != len(header):
             raise MotionError(f"the header has rows of {len(header)} and {len(row)} columns")
-        units = all(cell.strip("()[]").lower() in _UNITS for cell in row)
-        header = [
-            f"{name} [{cell}]" if units and cell else f"{name} {cell}".strip()
-            for name, cell in zip(header, row, strict=True)
-        ]
+        header = _joined(header, row)
     return header
 
 
+def _joined(header: list[str], row: list[str]) -> list[str]:
+    """Return names with those of the next row behind them, in brackets where these are units."""
+    units = _are_units(row)
+    return [
+        f"{name} [{cell.strip('()[]')}]" if units and cell else f"{name} {cell}".strip()
+        for name, cell in zip(header, row, strict=True)
+    ]
+
+
+def _are_units(row: list[str]) -> bool:
+    return all(cell.strip("()[]").lower() in _UNITS for cell in row)
+
+
 def _header_in_comments(comments: list[str], separator: str | None, width: int) -> list[str]:
-    """Return the header that ``np.savetxt`` writes as a comment, or none."""
+    """Return the header that ``np.savetxt`` writes as a comment, with the units of a row behind it, or none."""
+    units = [""] * width
     for comment in reversed(comments):
         for split in (separator, ","):
             cells = _cells(comment, split)
-            if len(cells) == width > 3 and not any(map(_is_number, cells)):
-                return cells
+            if len(cells) != width or width <= 3 or any(map(_is_number, cells)):
+                continue
+            if not _are_units(cells):
+                return _joined(cells, units)
+            units = cells
     return []
 
 

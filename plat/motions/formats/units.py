@@ -122,11 +122,11 @@ def place_in_meters(
     soles: Soles,
     field: str,
     stated: Units | None = None,
-    header: Units | None = None,
+    written: Units | None = None,
 ) -> Converted:
     """Return root positions ``[T, 3]`` in meters; the unit is known by the height that the legs need.
 
-    That of the file's header counts where the robot stands in it, or lies in it and stands in none.
+    That of the file's header or comments counts where the robot stands in it, or lies in it and stands in none.
 
     Args:
         root_pos: in a world whose z axis is up.
@@ -135,23 +135,23 @@ def place_in_meters(
         soles: of the robot.
         field: what the file calls the position.
         stated: the unit, where the user states it.
-        header: the unit, where the file's header states it.
+        written: the unit, where the file's header or a comment states it.
 
     Raises:
         MotionError: for a height that is a standing robot's in no unit.
     """
     if stated is not None:
         return Converted(root_pos * METERS[stated])
-    if header is None:
+    if written is None:
         return _in_shown_unit(root_pos, quat, joint_pos, soles, field)
     heights = {unit: float(np.median(root_pos[:, 2])) * meters for unit, meters in METERS.items()}
     need = leg_height(joint_pos, soles)
     standing = {unit for unit, height in heights.items() if abs(height / need - 1) < _STANDING}
-    if header in standing or (not standing and _LYING < heights[header] < need):
-        told = () if header == "m" else (f"root position in {header}, as the header says",)
-        return Converted(root_pos * METERS[header], told)
+    if written in standing or (not standing and _LYING < heights[written] < need):
+        told = () if written == "m" else (f"root position in {written}, as the file says",)
+        return Converted(root_pos * METERS[written], told)
     found = _in_shown_unit(root_pos, quat, joint_pos, soles, field)
-    return Converted(found.values, found.notes or (f"root position in meters, though the header says {header}",))
+    return Converted(found.values, found.notes or (f"root position in meters, though the file says {written}",))
 
 
 def _in_shown_unit(

@@ -6,7 +6,7 @@ from itertools import count
 
 import numpy as np
 
-from plat.bounds import as_names
+from plat.bounds import as_names, check_robot
 from plat.errors import MotionError, RobotError
 from plat.json_file import short
 from plat.motions.checks.validation import validate_motion
@@ -79,6 +79,7 @@ def generate_motions(
     unknown = sorted(set(families) - set(known))
     if unknown:
         raise MotionError(f"generated motions: no family {unknown}, expected some of {sorted({*known, *GROUPS})}")
+    check_robot(robot)
     if robot.joint_names != G1.joint_names:
         raise RobotError(f"robot {robot.name!r}: motions are generated for the joints of the G1 only")
     solver = Solver(WholeBody(robot))

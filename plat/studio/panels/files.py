@@ -46,7 +46,7 @@ class FilePanel:
         async def download_clicked(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
             client = event.client
             if client is not None:
-                page.desk.ask(lambda: client.send_file_download("keyframes.json", session.to_json()))
+                page.desk.ask(lambda: client.send_file_download(self._download_name, session.to_json()))
 
         async def uploaded(event: viser.GuiEvent[viser.GuiUploadButtonHandle]) -> None:
             file = event.target.value
@@ -58,6 +58,11 @@ class FilePanel:
         self._record_button.on_click(record_clicked)
         download.on_click(download_clicked)
         upload.on_upload(uploaded)
+
+    @property
+    def _download_name(self) -> str:
+        """Return the name of the file in the box, which need not be in the folder."""
+        return (Path(self._path.value).name.removesuffix(".json") or "keyframes") + ".json"
 
     def save(self) -> None:
         """Save to the file in the box; a file that is not of this session is only replaced when the user agrees."""

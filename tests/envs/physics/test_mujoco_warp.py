@@ -131,6 +131,9 @@ def test_a_robot_that_diverges_is_told_of_and_comes_back():
     physics.set_state(torch.tensor([1]), STANDING[None], velocity)
     physics.step(G1.default_joint_pos.expand(2, -1), nstep=1)
     assert physics.diverged().tolist() == [False, True]
+    assert all(
+        values.isfinite().all() for values in (*physics.state(), *vars(physics.kinematics(G1.keypoints)).values())
+    )
     physics.set_state(torch.tensor([1]), STANDING[None], torch.zeros(1, 35))
     physics.step(G1.default_joint_pos.expand(2, -1), nstep=1)
     assert physics.diverged().tolist() == [False, False]
@@ -143,6 +146,34 @@ def test_an_environment_runs_on_it(library):
     rollout = env.rollout(2)
     assert torch.isfinite(rollout["next", "robot", "joint_pos"]).all()
     assert rollout["next", "state", "foot_force"].shape == (2, 2, 2)
+
+
+class FewFields(WarpPhysics):
+    """Physics of two robots without a simulator, the second of which diverges."""
+
+    def __init__(self):
+        self.model, self.device, self._stale = G1.shared_model, torch.device("cpu"), False
+        shapes = {"qpos": 36, "qvel": 35, "ctrl": 29, "qacc_warmstart": 35, "actuator_force": 29}
+        self._state = {name: torch.zeros(2, size) for name, size in shapes.items()}
+        self._felt = torch.zeros(2, 3)
+        self._diverged = torch.zeros(2, dtype=torch.bool)
+
+    def _run(self, key, queue):
+        if key:
+            self._state["qpos"][0] = 0.5
+            for values in (*self._state.values(), self._felt):
+                values[1] = torch.nan
+
+
+def test_a_robot_that_diverged_is_put_back_to_its_start():
+    physics = FewFields()
+    physics.step(torch.zeros(2, 29), nstep=1)
+    assert physics.diverged().tolist() == [False, True]
+    qpos, qvel = physics.state()
+    torch.testing.assert_close(qpos[1], torch.from_numpy(G1.shared_model.qpos0).float())
+    assert (qpos[0] == 0.5).all()
+    assert (qvel == 0).all()
+    assert all(values.isfinite().all() for values in (*physics._state.values(), physics._felt))
 
 
 def test_without_the_extra_one_line_says_what_it_needs(monkeypatch):

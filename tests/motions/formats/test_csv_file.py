@@ -348,7 +348,7 @@ def test_the_unit_of_joints_in_a_header_is_checked(tmp_path, stated, actual):
     write_table(tmp_path / "a_50fps.csv", np.hstack((clip.qpos[:, :7], joints)), with_units(joints=stated))
     file, found = read_back(tmp_path / "a_50fps.csv")
     np.testing.assert_allclose(found.qpos, clip.qpos, atol=1e-5)
-    assert ("though the header says degrees" in file.facts) == ((stated, actual) == ("deg", "rad"))
+    assert ("though the file says degrees" in file.facts) == ((stated, actual) == ("deg", "rad"))
 
 
 def test_joints_in_two_units(tmp_path):
@@ -390,7 +390,7 @@ def test_the_unit_of_places_in_a_header_is_checked(tmp_path, stated, actual, fac
     np.testing.assert_allclose(found.qpos, clip.qpos, atol=1e-5)
     told = {"m": "meters", "cm": "centimeters", "mm": "millimeters"}[actual]
     assert stated == actual or f"root position in {told}" in file.facts
-    assert ("though the header says" in file.facts) == (stated != actual == "m")
+    assert ("though the file says" in file.facts) == (stated != actual == "m")
 
 
 def test_the_unit_in_a_header_counts_where_the_robot_does_not_stand(tmp_path):
@@ -400,7 +400,7 @@ def test_the_unit_in_a_header_counts_where_the_robot_does_not_stand(tmp_path):
     write_table(tmp_path / "a_50fps.csv", np.hstack((100 * qpos[:, :3], qpos[:, 3:])), with_units("cm"))
     _, found = read_back(tmp_path / "a_50fps.csv")
     np.testing.assert_allclose(found.qpos, qpos, atol=1e-5)
-    assert "root position in cm, as the header says" in found.notes
+    assert "root position in cm, as the file says" in found.notes
 
 
 @pytest.mark.parametrize("actual", ["rad", "deg"])
@@ -413,6 +413,77 @@ def test_the_unit_of_root_angles_in_a_header_is_checked(tmp_path, stated, actual
     file, found = read_back(tmp_path / "a_50fps.csv")
     assert np.abs((found.qpos[:, 3:7] * clip.qpos[:, 3:7]).sum(1)).min() > 1 - 1e-6
     assert f"root rotation from Euler angles in {'radians' if actual == 'rad' else 'degrees'}" in file.facts
+
+
+def write_commented(path, values, *comments, header=None):
+    """Write a table with comments before it."""
+    write_table(path, values, header)
+    path.write_text("".join(f"# {line}\n" for line in comments) + path.read_text())
+
+
+@pytest.mark.parametrize("header", [None, NAMES])
+@pytest.mark.parametrize(
+    "comments", [("root position in cm, angles in rad",), ("Units: cm, rad",), ("positions [cm]", "feet: flat")]
+)
+def test_the_unit_in_a_comment_counts_where_the_robot_does_not_stand(tmp_path, comments, header):
+    qpos = bowing_clip().qpos.copy()
+    qpos[:, 2] = 0.15
+    write_commented(tmp_path / "a_50fps.csv", np.hstack((100 * qpos[:, :3], qpos[:, 3:])), *comments, header=header)
+    _, found = read_back(tmp_path / "a_50fps.csv")
+    np.testing.assert_allclose(found.qpos, qpos, atol=1e-5)
+    assert "root position in cm, as the file says" in found.notes
+
+
+@pytest.mark.parametrize("header", [None, NAMES])
+def test_small_angles_in_degrees_by_a_comment(tmp_path, header):
+    qpos = bowing_clip().qpos.copy()
+    qpos[:, 7:] = np.deg2rad(0.6 * np.sin(np.linspace(0, 6, len(qpos))))[:, None]
+    values = np.hstack((qpos[:, :7], np.rad2deg(qpos[:, 7:])))
+    write_commented(tmp_path / "a_50fps.csv", values, "units: m, deg", header=header)
+    file, found = read_back(tmp_path / "a_50fps.csv")
+    np.testing.assert_allclose(found.qpos, qpos, atol=1e-5)
+    assert "joint angles in degrees" in file.facts
+
+
+@pytest.mark.parametrize("header", [None, NAMES])
+def test_what_the_motion_shows_beats_the_units_in_a_comment(tmp_path, header):
+    clip = bowing_clip()
+    write_commented(tmp_path / "a_50fps.csv", clip.qpos, "root position in cm, angles in degrees", header=header)
+    file, found = read_back(tmp_path / "a_50fps.csv")
+    np.testing.assert_allclose(found.qpos, clip.qpos, atol=1e-5)
+    assert "root position in meters, though the file says cm" in file.facts
+    assert "joint angles in radians, though the file says degrees" in file.facts
+
+
+def test_a_header_beats_a_comment(tmp_path):
+    qpos = bowing_clip().qpos.copy()
+    qpos[:, 2] = 0.15
+    values = np.hstack((1000 * qpos[:, :3], qpos[:, 3:]))
+    write_commented(tmp_path / "a_50fps.csv", values, "units: cm", header=with_units("mm"))
+    np.testing.assert_allclose(read_back(tmp_path / "a_50fps.csv")[1].qpos, qpos, atol=1e-5)
+
+
+def test_root_angles_in_degrees_by_a_comment(tmp_path):
+    clip = turned(bowing_clip(), 0.01)
+    turns = Rotation.from_quat(clip.qpos[:, [4, 5, 6, 3]]).as_euler("xyz", degrees=True)
+    header = [*NAMES[:3], "roll", "pitch", "yaw", *G1.joint_names]
+    values = np.hstack((clip.qpos[:, :3], turns / 20, clip.qpos[:, 7:]))  # in radians as plausible as in degrees
+    write_commented(tmp_path / "a_50fps.csv", values, "angles of the root in degrees", header=header)
+    file, _ = read_back(tmp_path / "a_50fps.csv")
+    assert "root rotation from Euler angles in degrees" in file.facts
+    assert "joint angles" not in file.facts, "the comment is of the root alone"
+
+
+@pytest.mark.parametrize("empty", ["", "-"])
+def test_a_row_of_units_in_a_comment_hides_no_names(tmp_path, empty):
+    clip = bowing_clip()
+    names = ",".join([*NAMES[:7], *reversed(G1.joint_names)])
+    units = ",".join([*["m"] * 3, *[empty] * 4, *["rad"] * 29])
+    values = np.hstack((clip.qpos[:, :7], clip.qpos[:, :6:-1]))
+    write_commented(tmp_path / "a_50fps.csv", values, names, units)
+    file, found = read_back(tmp_path / "a_50fps.csv")
+    np.testing.assert_allclose(found.qpos, clip.qpos, atol=1e-5)
+    assert "joints reordered by name" in file.facts
 
 
 def right_first(clip: MotionClip) -> MotionClip:

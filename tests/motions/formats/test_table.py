@@ -51,7 +51,7 @@ def test_times_of_a_day_become_seconds(tmp_path, day):
     np.testing.assert_allclose(read_table(tmp_path / "a.csv").values[:, 0], [0, 0.02, 0.04])
 
 
-@pytest.mark.parametrize("encoding", ["utf-16", "latin-1"])
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be", "latin-1"])
 def test_encodings(tmp_path, encoding):
     (tmp_path / "a.csv").write_bytes(f"# f\u00fcr\n{HEADER}\n{lines()}".encode(encoding))
     np.testing.assert_array_equal(read_table(tmp_path / "a.csv").values, VALUES)

@@ -124,12 +124,13 @@ def test_joints_are_where_the_angles_put_them(tmp_path):
     np.testing.assert_allclose(mocap.positions[:, knee], mocap.positions[:, mocap.names.index("lfemur_end")])
 
 
-def test_text_as_windows_writes_it(tmp_path):
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le"])
+def test_text_as_windows_writes_it(tmp_path, encoding):
     write_asf(tmp_path / "a.asf")
     write_amc(tmp_path / "a.amc", frames=3)
     expected = read_amc(tmp_path / "a.amc")
     for path in tmp_path.iterdir():
-        path.write_text(path.read_text(), encoding="utf-16")
+        path.write_text(path.read_text(), encoding=encoding)
     np.testing.assert_array_equal(read_amc(tmp_path / "a.amc").positions, expected.positions)
 
 

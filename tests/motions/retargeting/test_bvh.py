@@ -72,8 +72,9 @@ def test_ways_of_writing(tmp_path, change):
     np.testing.assert_array_equal(read(tmp_path, change(TEXT)).positions, read(tmp_path, TEXT).positions)
 
 
-def test_text_as_windows_writes_it(tmp_path):
-    (tmp_path / "windows.bvh").write_text(TEXT, encoding="utf-16")
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le"])
+def test_text_as_windows_writes_it(tmp_path, encoding):
+    (tmp_path / "windows.bvh").write_text(TEXT, encoding=encoding)
     np.testing.assert_array_equal(read_bvh(tmp_path / "windows.bvh").positions, read(tmp_path, TEXT).positions)
 
 

@@ -60,6 +60,7 @@ class Studio {
     this.hidden = false;
     this.onion = true;
     this.notes = [];
+    this.name = "keyframes.json";
     this.saved = this.timeline;
     this.scores = {};
     this.refusals = {}; // why a policy did not play when all were compared
@@ -170,6 +171,7 @@ class Studio {
     try { timeline = Timeline.of(this.site, read(text, this.site)); } catch (error) { throw new Error(`${name}: ${error.message}`); }
     this.edit(timeline);
     this.saved = timeline;
+    this.name = name;
     this.note("Loaded", `${name}: ${timeline.keyframes.length} keyframes`, "good");
     this.show();
   }
@@ -178,11 +180,11 @@ class Studio {
     if (!this.timeline.keyframes.length) throw new Error("there are no keyframes yet: press A, or add a template");
     const link = document.createElement("a");
     link.href = URL.createObjectURL(new Blob([write(this.timeline)], { type: "application/json" }));
-    link.download = "keyframes.json";
+    link.download = this.name;
     link.click();
     URL.revokeObjectURL(link.href);
     this.saved = this.timeline;
-    this.note("Saved", "keyframes.json, among your downloads", "good");
+    this.note("Saved", `${this.name}, among your downloads`, "good");
   }
 
   template(name) {
@@ -462,7 +464,7 @@ class Studio {
     const marks = timeline.keyframes.length ? timeline.sequence(this.policies[this.policy].maxSteps).filter((frame) => !arrivals.has(frame.time)).map((frame) => frame.time) : [];
     this.channel.show({
       timeline: { poses, selected: timeline.selected, interval: timeline.interval, duration: timeline.duration, marks, undo: this.past.length > 0, redo: this.future.length > 0, paste: this.clipboard !== null },
-      file: { name: "keyframes.json", unsaved: timeline.keyframes !== this.saved.keyframes && timeline.keyframes.length > 0, autosave: "" }, busy: this.busy,
+      file: { name: this.name, unsaved: timeline.keyframes !== this.saved.keyframes && timeline.keyframes.length > 0, autosave: "" }, busy: this.busy,
     });
     const pins = this.pins, whole = !mask(timeline.pose, site);
     this.scene.showHandles(this.robot.frames(qpos), this.handle, pins, this.posing, this.robot.jointFrame(this.jointNumber, qpos));
