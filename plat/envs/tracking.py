@@ -26,7 +26,14 @@ from plat.spec.observation import as_observed, entry_shapes
 __all__ = ["MotionTrackingEnv", "ResetNoise"]
 
 # Sensors of a robot, and how many numbers each reads: contacts found, and for a foot the force on it (N).
-_SENSORS = {"left_foot_contact": 4, "right_foot_contact": 4, "ground_contact": 1, "self_contact": 1}
+_SENSORS = {
+    "left_foot_contact": 4,
+    "right_foot_contact": 4,
+    "ground_contact": 1,
+    "self_contact": 1,
+    "left_foot_count": 1,
+    "right_foot_count": 1,
+}
 _DONE_KEYS = ("done", "terminated", "truncated")
 # What the next steps depend on beside the physics.
 _KEPT = (
@@ -63,12 +70,12 @@ class MotionTrackingEnv(EnvBase):
     ``("state", "root_quat_w")``          ``[4]``     ``wxyz``
     ``("state", "joint_pos")``            ``[J]``     true angles (rad)
     ``("state", "joint_vel")``            ``[J]``     rad/s
-    ``("state", "joint_torque")``         ``[J]``     N m
+    ``("state", "joint_torque")``         ``[J]``     N m (0 after a reset)
     ``("state", "keypoint_pos_w")``       ``[K, 3]``  m
     ``("state", "keypoint_quat_w")``      ``[K, 4]``  ``wxyz``
     ``("state", "keypoint_lin_vel_w")``   ``[K, 3]``  m/s
     ``("state", "keypoint_ang_vel_w")``   ``[K, 3]``  rad/s
-    ``("state", "foot_force")``           ``[2]``     ground reaction on the left and right foot (N)
+    ``("state", "foot_force")``           ``[2]``     ground reaction on the left and right foot (N; 0 after a reset)
     ``("state", "stray_contacts")``       ``[1]``     contacts of the floor with other than feet, and self-contacts
     ``("estimate", "root_pos_w")``        ``[3]``     where the robot takes itself to be (m)
     ``("estimate", "root_quat_w")``       ``[4]``     ``wxyz``
@@ -119,7 +126,7 @@ class MotionTrackingEnv(EnvBase):
         super().__init__(device=check_device(device), batch_size=torch.Size([num_envs]))
         self.library = library.to(device)
         self.robot = robot = library.robot
-        model = robot.model(feet, timestep=library.dt / decimation)
+        model = robot.model(feet, timestep=library.dt / decimation, foot_counts=True)
         self.physics = physics(model, num_envs, num_threads, device)
         self.decimation = decimation
         self.reset_noise = reset_noise
@@ -296,7 +303,8 @@ class MotionTrackingEnv(EnvBase):
         left, right = contacts["left_foot_contact"], contacts["right_foot_contact"]
         foot_force = torch.linalg.vector_norm(torch.stack((left, right), 1)[..., 1:], dim=-1)
         # contacts of the feet with the ground are wanted
-        stray = contacts["ground_contact"] - (left[:, :1] + right[:, :1]) + contacts["self_contact"]
+        wanted = contacts["left_foot_count"] + contacts["right_foot_count"]
+        stray = contacts["ground_contact"] - wanted + contacts["self_contact"]
         count = (len(qpos),)
         robot = {
             "joint_pos": joint_pos - self._default_joint_pos + encoder_bias,

@@ -1,6 +1,7 @@
 from copy import copy
 from dataclasses import replace
 
+import mujoco
 import pytest
 import torch
 from tensordict import TensorDict
@@ -176,6 +177,33 @@ def test_sensors_are_found_by_their_names(library, tmp_path, old, new, message):
     library.robot = robot
     with pytest.raises(RobotError, match=message):
         MotionTrackingEnv(library, 1)
+
+
+def stray_contacts(qpos: torch.Tensor) -> float:
+    """Count contacts of a pose with the floor that are not of feet, and those of the robot with itself."""
+    model = G1.shared_model
+    data = mujoco.MjData(model)
+    data.qpos[:] = qpos.numpy()
+    mujoco.mj_fwdPosition(model, data)
+    feet = [model.body(name).id for name in G1.feet]
+    pairs = [model.geom_bodyid[contact.geom].tolist() for contact in data.contact]
+    return float(sum(not (0 in pair and (pair[0] in feet or pair[1] in feet)) for pair in pairs))
+
+
+def test_stray_contacts_are_those_of_the_same_moment(library):
+    env = MotionTrackingEnv(library, 4)
+    state = env.reset()
+    moments = [state]
+    for _ in range(25):  # feet land and leave the floor
+        after = env.step(state.set("action", torch.randn(4, 29)))["next"].clone()
+        assert after["state", "stray_contacts"][:, 0].tolist() == [stray_contacts(qpos) for qpos in env.qpos]
+        moments.append(after)
+        state = after.exclude("reward")
+    assert torch.stack([moment["state", "foot_force"] for moment in moments[1:]]).any()
+    again = env.reset()
+    assert again["state", "stray_contacts"][:, 0].tolist() == [stray_contacts(qpos) for qpos in env.qpos]
+    for key in ("foot_force", "joint_torque"):
+        assert not again["state", key].any(), key
 
 
 def test_the_order_of_the_sensors_does_not_matter(library, tmp_path):
