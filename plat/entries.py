@@ -84,7 +84,7 @@ def check_rollout(rollout: TensorDictBase, what: str, keys: Iterable[NestedKey])
             raise ObservationError(f"{what}: no entry {key!r} in the rollout")
 
 
-def expects(module: M, shapes: Mapping[NestedKey, Shape], what: str) -> M:
+def expects(module: M, shapes: Mapping[NestedKey, Shape], what: str, *, double: bool = False) -> M:
     """Let a TensorDict module check its entries when it is called, see :func:`check_entries`; return it.
 
     Calls with tensors in the place of a TensorDict are not checked.
@@ -93,6 +93,7 @@ def expects(module: M, shapes: Mapping[NestedKey, Shape], what: str) -> M:
         module: the module.
         shapes: trailing dimensions of the entries that it reads.
         what: name of the module in messages.
+        double: take float64 whatever the module's precision, as one without weights does.
 
     >>> from tensordict import TensorDict
     >>> from tensordict.nn import TensorDictModule
@@ -102,7 +103,7 @@ def expects(module: M, shapes: Mapping[NestedKey, Shape], what: str) -> M:
     ...
     plat.errors.ObservationError: layer: no entry 'x', expected one of shape [*B, 3]
     """
-    module.register_forward_pre_hook(_Expected(dict(shapes), what))
+    module.register_forward_pre_hook(_Expected(dict(shapes), what, double))
     return module
 
 
@@ -112,10 +113,11 @@ class _Expected:
 
     shapes: dict[NestedKey, Shape]
     what: str
+    double: bool
 
     def __call__(self, module: nn.Module, args: tuple[Any, ...]) -> None:
         if args and isinstance(args[0], TensorDictBase):
-            check_entries(args[0], self.shapes, self.what, double=_is_double(module))
+            check_entries(args[0], self.shapes, self.what, double=self.double or _is_double(module))
 
 
 def _is_double(module: nn.Module) -> bool:
