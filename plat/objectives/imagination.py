@@ -11,7 +11,7 @@ from torchrl.envs.utils import ExplorationType
 from torchrl.objectives.common import LossModule
 from torchrl.objectives.utils import hold_out_net
 
-from plat.bounds import Count, NonNegative, check_value
+from plat.bounds import Count, Fraction, NonNegative, check_value
 from plat.envs.state import GeneralizedState
 from plat.errors import ConfigError
 from plat.modules.dynamics import DynamicsModel
@@ -99,6 +99,10 @@ class ImaginationLoss(LossModule):
     ):
         super().__init__()
         check_value("imagination loss: steps", steps, Count)
+        check_value("imagination loss: discount", discount, Fraction)
+        weights = {"effort_weight": effort_weight, "rate_weight": rate_weight, "lost_cost": lost_cost}
+        for name, value in weights.items():
+            check_value(f"imagination loss: {name}", value, NonNegative)
         if critic is not None and not discount < 1:
             raise ConfigError(f"imagination loss: discount is {discount:g}, expected less than 1 with a critic")
         self.lost_cost = lost_cost

@@ -1,7 +1,7 @@
 """Randomized robots in learning by imagination: what the model is told of them, and what the policy is not."""
 
 import torch
-from tensordict import TensorDict, TensorDictBase
+from tensordict import NestedKey, TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequential
 from torch import Tensor, nn
 
@@ -67,18 +67,21 @@ def estimated(state: GeneralizedState, memory: TensorDictBase) -> GeneralizedSta
     return state._replace(root_pos_w=pos, root_quat_w=quat, root_lin_vel_w=lin_vel)
 
 
-def told_to_model(robot: Robot, steps: TensorDictBase, action: Tensor) -> tuple[Tensor, Tensor | None]:
+def told_to_model(
+    robot: Robot, steps: TensorDictBase, action: Tensor, key: NestedKey = "memory"
+) -> tuple[Tensor, Tensor | None]:
     """Return what a dynamics model is told of simulated steps: joint targets that reached the motors, and physics.
 
     Args:
         robot: the robot.
-        steps: with the task's ``memory`` where robots are randomized ``[*B]``.
+        steps: with the task's memory where robots are randomized ``[*B]``.
         action: of the policy ``[*B, J]``.
+        key: of the memory.
 
     Returns:
         Targets ``[*B, J]`` (rad), and parameters ``[*B, P]``; None for nominal robots.
     """
-    memory = steps.get("memory", None)
+    memory = steps.get(key, None)
     if memory is None:
         return joint_target(robot, action), None
     return motor_target(robot, memory, action), memory.get("physics", None)
