@@ -53,8 +53,8 @@ class MotionTrackingEnv(EnvBase):
     """Base environment of N robots, each at a frame of a motion library, driven by joint position targets.
 
     A step holds the targets ``q_default + action_scale * action`` for one control step and moves every robot one
-    frame on. Episodes start on the reference (reference state initialization) and are truncated at the end of
-    the clip. Reward is 0: transforms (:mod:`plat.envs.transforms`) make a task of it. A robot whose action is absurd
+    frame on, to the clip's last at most. Episodes start on the reference (reference state initialization) and are
+    truncated there. Reward is 0: transforms (:mod:`plat.envs.transforms`) make a task of it. A robot whose action is absurd
     or not finite, or whose simulation diverges, is terminated.
 
     Entries of the output, batch size ``[N]``, ``w`` for the world frame and ``b`` for the root frame:
@@ -229,8 +229,9 @@ class MotionTrackingEnv(EnvBase):
             qpos, qvel = self.physics.state()
             self.drift = drifted(self.drift, self.drift_rate, qpos[:, 3:7], qvel[:, :3], self.library.dt)
         self._earlier_action, self._last_action = self._last_action, action
-        self._frame = self._frame + 1
-        truncated = (self._frame >= self.library.last_of(self._frame))[:, None]
+        last = self.library.last_of(self._frame)  # who goes on after that stays there: what follows is another clip
+        self._frame = (self._frame + 1).minimum(last)
+        truncated = (self._frame >= last)[:, None]
         out = self._observe()
         out["reward"] = torch.zeros(self.num_envs, 1, device=self.device)
         out["terminated"] = self.broken.found(self.physics.diverged())[:, None]
@@ -248,7 +249,13 @@ class MotionTrackingEnv(EnvBase):
         if start is None:
             self._frame = self._frame.index_copy(0, ids, self._starts.draw_frames(len(ids)))
         else:
-            self._frame = self._frame.index_copy(0, ids, start[ids])
+            start = start[ids]
+            if ((start < 0) | (start >= len(self.library))).any():
+                raise MotionError(
+                    f"environment reset: motion.start is {int(start.min())} to {int(start.max())}, expected frames of "
+                    f"the motions, 0 to {len(self.library) - 1}"
+                )
+            self._frame = self._frame.index_copy(0, ids, start)
         self._last_action = self._last_action.index_fill(0, ids, 0.0)
         self._earlier_action = self._earlier_action.index_fill(0, ids, 0.0)
         qpos, qvel = self._start_state(self._frame[ids])

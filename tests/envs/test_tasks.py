@@ -116,6 +116,13 @@ def test_an_argument_of_another_kind_is_named(library, make, arguments, message)
         make(library, 2, **arguments)
 
 
+def test_transforms_are_several_transforms(library):
+    with pytest.raises(PlatError, match="transforms is a single FailureWeightedStarts, expected several in a tuple"):
+        make_tracking_env(library, 2, transforms=FailureWeightedStarts(library, 2))
+    with pytest.raises(PlatError, match="transforms hold 1, expected each to be a Transform of TorchRL"):
+        make_keyframe_env(library, 2, transforms=(1,))
+
+
 def test_motions_have_to_be_loaded():
     with pytest.raises(PlatError, match="library is 'clips.npz', expected a MotionLibrary"):
         make_keyframe_env("clips.npz", 2)

@@ -92,6 +92,25 @@ def test_frames_advance_and_clips_end(library):
         assert not state["next", "terminated"].any()
         state = state["next"].exclude("reward")
     assert torch.equal(state["motion", "frame"], ends)
+    # what follows in the table is another clip
+    after = env.step(state.set("action", torch.zeros(3, 29)))["next"]
+    assert after["truncated"].all()
+    assert torch.equal(after["motion", "frame"], ends)
+
+
+def test_an_episode_at_the_last_frame_is_over_after_a_step(library):
+    env = MotionTrackingEnv(library, 2, min_frames_left=0)
+    last = library.last_frame[library.clip_start[[0, -1]]]
+    state = env.reset(TensorDict({"motion": {"start": last}}, [2]))
+    after = env.step(state.set("action", torch.zeros(2, 29)))["next"]
+    assert after["truncated"].all()
+    assert torch.equal(after["motion", "frame"], last)
+
+
+@pytest.mark.parametrize("start", [-1, 10**6])
+def test_starts_that_are_no_frames(library, start):
+    with pytest.raises(MotionError, match=rf"motion.start is {start} to {start}, expected frames of the motions, 0 to"):
+        MotionTrackingEnv(library, 1).reset(TensorDict({"motion": {"start": torch.tensor([start])}}, [1]))
 
 
 def test_a_mask_resets_only_its_robots(library):
