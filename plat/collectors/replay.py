@@ -147,8 +147,8 @@ class WindowSampler(Sampler):
             whole = episode[rows[:, 0]] == episode[rows[:, -1]]
             if not whole.any():
                 raise ConfigError(
-                    f"replay: no {self.length} successive steps of an episode were found, expected episodes longer than "
-                    "that, or a shorter window"
+                    f"replay: no {self.length} successive steps of an episode were found, expected episodes longer "
+                    "than that, or a shorter window"
                 )
             rows = rows[whole][:wanted]
         return rows.flatten(), {}

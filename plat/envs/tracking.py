@@ -54,8 +54,8 @@ class MotionTrackingEnv(EnvBase):
 
     A step holds the targets ``q_default + action_scale * action`` for one control step and moves every robot one
     frame on, to the clip's last at most. Episodes start on the reference (reference state initialization) and are
-    truncated there. Reward is 0: transforms (:mod:`plat.envs.transforms`) make a task of it. A robot whose action is absurd
-    or not finite, or whose simulation diverges, is terminated.
+    truncated there. Reward is 0: transforms (:mod:`plat.envs.transforms`) make a task of it. A robot whose action is
+    absurd or not finite, or whose simulation diverges, is terminated.
 
     Entries of the output, batch size ``[N]``, ``w`` for the world frame and ``b`` for the root frame:
 

@@ -125,7 +125,7 @@ class DynamicsModel(nn.Module):
         if len(features) < 2:
             return
         mean, spread = features.mean(0), self.spread
-        if (first := int(self.batches) < 3):
+        if first := int(self.batches) < 3:
             spread = self._change(state, next_state).flatten(0, -2).std(0).clamp_min_(1e-6)
         if not (mean.isfinite().all() and spread.isfinite().all()):
             raise ActionError(

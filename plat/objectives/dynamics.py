@@ -35,8 +35,8 @@ class DynamicsLoss(LossModule):
     Keyword Args:
         position_weight: weight of root position, root orientation and joint angles; velocities have 1.
 
-    The keys ``state`` and ``action`` say where a window's steps are. ``memory`` is that of the task: of randomized robots
-    it says by how much their targets were late and off, and what the model is told of their physics.
+    The keys ``state`` and ``action`` say where a window's steps are. ``memory`` is that of the task: of randomized
+    robots it says by how much their targets were late and off, and what the model is told of their physics.
 
     Returns ``loss_dynamics``, and for the log the errors at the window's end: ``root_pos_error`` (m),
     ``root_rot_error`` (rad) and ``joint_pos_error`` (rad).

@@ -18,7 +18,7 @@ from plat.modules.dynamics import DynamicsModel
 from plat.objectives.divergence import gaussian_kl
 from plat.precision import autocast
 from plat.tasks.disturbed import advanced, estimated, motor_target, shown
-from plat.tasks.task import Task
+from plat.tasks.task import Task, of_each
 
 __all__ = ["ImaginationLoss", "LatentImaginationLoss"]
 
@@ -127,7 +127,11 @@ class ImaginationLoss(LossModule):
 
     @dispatch
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Compute the losses of rollouts from the states ``[B]``."""
+        """Compute the losses of rollouts from the states ``[B]``.
+
+        Raises:
+            TaskError: when a method of the task returns what it should not.
+        """
         keys, task = self.tensor_keys, self.task
         state, memory = GeneralizedState.unpack(tensordict.get(keys.state)), tensordict.get(keys.memory)
         to_go = penalty = torch.zeros(tensordict.shape, device=state.root_pos_w.device)
@@ -144,9 +148,9 @@ class ImaginationLoss(LossModule):
                 state = self.model(state, target, memory.get("physics", None))
             memory = advanced(task, memory, action, state)
             here = estimated(state, memory)
-            cost = task.cost(here, memory)
+            cost = of_each(task, "cost", task.cost(here, memory), memory)
             with torch.no_grad():
-                lost = lost | (~ended & task.lost(here, memory))
+                lost = lost | (~ended & of_each(task, "lost", task.lost(here, memory), memory))
                 alive = (~(lost | ended)).to(cost)
                 penalty = penalty + weight * self.lost_cost * lost
                 cost_sum, alive_sum = cost_sum + (alive * cost).sum(), alive_sum + alive.sum()
@@ -157,7 +161,7 @@ class ImaginationLoss(LossModule):
             weight *= self.discount
             effort_before = effort
             with torch.no_grad():
-                ended = ended | (~lost & task.finished(memory))
+                ended = ended | (~lost & of_each(task, "finished", task.finished(memory), memory))
             memory = task.renew(memory, here)
             observed = self._observe(state, memory)
         out = {}

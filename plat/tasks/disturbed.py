@@ -9,6 +9,7 @@ from plat.envs.drift import drifted, estimated_root
 from plat.envs.randomized_physics import arriving
 from plat.envs.state import GeneralizedState, joint_target
 from plat.envs.transforms.settings import NoiseLevels
+from plat.errors import TaskError
 from plat.robots.robot import Robot
 from plat.rotations import quat_rotate, quat_rotate_inverse
 from plat.tasks.task import Task
@@ -91,8 +92,16 @@ _BIASED = {"encoder_bias": "joint_pos", "gyro_bias": "root_ang_vel_b", "velocity
 
 
 def shown(task: Task, state: GeneralizedState, memory: TensorDictBase) -> TensorDict:
-    """Return what a task shows a policy of a true state, as the robot's biased sensors and its estimator have it."""
+    """Return what a task shows a policy of a true state, as the robot's biased sensors and its estimator have it.
+
+    Raises:
+        TaskError: when that is no TensorDict of these robots.
+    """
     observed = task.observe(estimated(state, memory), memory)
+    if not isinstance(observed, TensorDictBase) or observed.batch_size != memory.batch_size:
+        expected = f"a TensorDict {list(memory.batch_size)}"
+        found = list(observed.batch_size) if isinstance(observed, TensorDictBase) else type(observed).__name__
+        raise TaskError(f"{type(task).__name__}.observe() returns {found}, expected {expected}")
     for bias, entry in _BIASED.items():
         error = memory.get(bias, None)
         if error is not None and ("robot", entry) in observed.keys(True):
