@@ -10,11 +10,12 @@ from typing import Any, TypeVar
 
 import torch
 from tensordict import NestedKey, TensorDictBase
+from tensordict.nn import TensorDictModuleBase
 from torch import Tensor, nn
 
-from plat.errors import ObservationError
+from plat.errors import ConfigError, ObservationError
 
-__all__ = ["Shape", "check_entries", "check_rollout", "expects"]
+__all__ = ["Shape", "check_entries", "check_policy", "check_rollout", "expects"]
 
 M = TypeVar("M", bound=nn.Module)
 Shape = Sequence[int | str]
@@ -82,6 +83,31 @@ def check_rollout(rollout: TensorDictBase, what: str, keys: Iterable[NestedKey])
     for key in keys:
         if rollout.get(key, None) is None:
             raise ObservationError(f"{what}: no entry {key!r} in the rollout")
+
+
+def check_policy(policy: object, what: str) -> None:
+    """Raise an error for a policy that cannot act: no module of a TensorDict, or one that writes no ``action``.
+
+    Args:
+        policy: a TensorDict module, or a function from a TensorDict to one.
+        what: is given it; begins the message.
+
+    Raises:
+        ConfigError: saying what would be right.
+
+    >>> check_policy(nn.Linear(3, 2), "rollouts")
+    Traceback (most recent call last):
+    ...
+    plat.errors.ConfigError: rollouts: policy is a Linear, expected a module of a TensorDict that writes 'action'
+    """
+    expected = "expected a module of a TensorDict that writes 'action'"
+    if isinstance(policy, TensorDictModuleBase):
+        if "action" not in policy.out_keys:
+            raise ConfigError(f"{what}: policy writes {', '.join(map(repr, policy.out_keys))}, {expected}")
+    elif isinstance(policy, nn.Module) or not callable(policy):
+        views = [name for name in ("deployed", "actor", "sampled") if hasattr(policy, name)]
+        hint = f", as its {' and '.join(f'{name}()' for name in views)} do" if views else ""
+        raise ConfigError(f"{what}: policy is a {type(policy).__name__}, {expected}{hint}")
 
 
 def expects(module: M, shapes: Mapping[NestedKey, Shape], what: str, *, double: bool = False) -> M:

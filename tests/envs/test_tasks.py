@@ -24,6 +24,7 @@ from plat.envs.transforms import (
     pop_statistics,
 )
 from plat.errors import PlatError
+from plat.tasks import DenseTracking, SimulatedTask
 
 EVERYTHING = {"noise": NoiseLevels(), "randomization": RandomizationRanges()}
 
@@ -75,6 +76,24 @@ def test_rewards_without_weight_are_left_out(library, config):
     rollout = env.rollout(3)
     assert (rollout["next", "reward"] == 0).all()
     assert not any(name.startswith("reward/") for name in pop_statistics(env))
+
+
+@pytest.mark.parametrize(
+    "make", [make_tracking_env, make_keyframe_env, lambda *args: SimulatedTask(DenseTracking(args[0]), 2)]
+)
+def test_entries_are_float32_and_carry_no_gradient(library, make):
+    env = make(library, 2)
+    weight = torch.ones(29, dtype=torch.float64, requires_grad=True)
+    rollout = env.rollout(4, lambda td: td.set("action", weight * td["robot", "last_action"].double() + 0.1 * weight))
+    for entries in (rollout["robot"], rollout["next", "robot"], rollout["next"].select("reward")):
+        for key, value in entries.items():
+            assert value.dtype == torch.float32, key
+            assert not value.requires_grad, key
+
+
+def test_a_reward_in_float64_is_added_in_float32(library):
+    reward = Reward("double", 1.0, lambda before, after: torch.ones(2, dtype=torch.float64))
+    assert make_tracking_env(library, 2, rewards=(reward,)).rollout(2)["next", "reward"].dtype == torch.float32
 
 
 def test_statistics_are_collected_and_cleared(library):

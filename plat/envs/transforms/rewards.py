@@ -124,8 +124,9 @@ class Rewards(Transform):
             for name, value in terms.items():
                 self.statistics.add(f"reward/{name}", value)
             if terms:
-                total = torch.stack(list(terms.values())).sum(0)
-                next_tensordict["reward"] = next_tensordict["reward"] + (group.weight * self._dt) * total[:, None]
+                total = torch.stack(list(terms.values())).sum(0).detach()
+                reward = next_tensordict["reward"]
+                next_tensordict["reward"] = reward + ((group.weight * self._dt) * total[:, None]).to(reward)
         return next_tensordict
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
