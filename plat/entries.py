@@ -86,7 +86,7 @@ def check_rollout(rollout: TensorDictBase, what: str, keys: Iterable[NestedKey])
 
 
 def check_policy(policy: object, what: str) -> None:
-    """Raise an error for a policy that cannot act: no module of a TensorDict, or one that writes no ``action``.
+    """Raise an error for a policy that cannot act: it cannot be called, or writes no ``action``.
 
     Args:
         policy: a TensorDict module, or a function from a TensorDict to one.
@@ -95,16 +95,16 @@ def check_policy(policy: object, what: str) -> None:
     Raises:
         ConfigError: saying what would be right.
 
-    >>> check_policy(nn.Linear(3, 2), "rollouts")
+    >>> check_policy(nn.ParameterList(), "rollouts")
     Traceback (most recent call last):
     ...
-    plat.errors.ConfigError: rollouts: policy is a Linear, expected a module of a TensorDict that writes 'action'
+    plat.errors.ConfigError: rollouts: policy is a ParameterList, expected a module of a TensorDict that writes 'action'
     """
     expected = "expected a module of a TensorDict that writes 'action'"
     if isinstance(policy, TensorDictModuleBase):
         if "action" not in policy.out_keys:
             raise ConfigError(f"{what}: policy writes {', '.join(map(repr, policy.out_keys))}, {expected}")
-    elif isinstance(policy, nn.Module) or not callable(policy):
+    elif not callable(policy) or (isinstance(policy, nn.Module) and type(policy).forward is nn.Module.forward):
         views = [name for name in ("deployed", "actor", "sampled") if hasattr(policy, name)]
         hint = f", as its {' and '.join(f'{name}()' for name in views)} do" if views else ""
         raise ConfigError(f"{what}: policy is a {type(policy).__name__}, {expected}{hint}")

@@ -62,8 +62,7 @@ def test_missing_entries_are_named():
 @pytest.mark.parametrize(
     ("policy", "message"),
     [
-        (nn.Linear(3, 2), "policy is a Linear, expected a module of a TensorDict that writes 'action'$"),
-        (None, "policy is a NoneType"),
+        (None, "policy is a NoneType, expected a module of a TensorDict that writes 'action'$"),
         (
             LatentPolicy(G1, SMALL),
             r"policy is a LatentPolicy, .* that writes 'action', as its deployed\(\) and sampled",
