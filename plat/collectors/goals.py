@@ -57,4 +57,4 @@ class PrivilegedGoals(Transform):
         Raises:
             TaskError: always.
         """
-        raise TaskError("PrivilegedGoals is a transform of an environment, expected one of a replay buffer or a call")
+        raise TaskError("PrivilegedGoals is a transform of an environment, expected one of a replay buffer")
