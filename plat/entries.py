@@ -10,11 +10,12 @@ from typing import Any, TypeVar
 
 import torch
 from tensordict import NestedKey, TensorDictBase
+from tensordict.nn import TensorDictModuleBase
 from torch import Tensor, nn
 
-from plat.errors import ObservationError
+from plat.errors import ConfigError, ObservationError
 
-__all__ = ["Shape", "check_entries", "check_rollout", "expects"]
+__all__ = ["Shape", "check_entries", "check_policy", "check_rollout", "expects"]
 
 M = TypeVar("M", bound=nn.Module)
 Shape = Sequence[int | str]
@@ -84,7 +85,32 @@ def check_rollout(rollout: TensorDictBase, what: str, keys: Iterable[NestedKey])
             raise ObservationError(f"{what}: no entry {key!r} in the rollout")
 
 
-def expects(module: M, shapes: Mapping[NestedKey, Shape], what: str) -> M:
+def check_policy(policy: object, what: str) -> None:
+    """Raise an error for a policy that cannot act: it cannot be called, or writes no ``action``.
+
+    Args:
+        policy: a TensorDict module, or a function from a TensorDict to one.
+        what: is given it; begins the message.
+
+    Raises:
+        ConfigError: saying what would be right.
+
+    >>> check_policy(nn.ParameterList(), "rollouts")
+    Traceback (most recent call last):
+    ...
+    plat.errors.ConfigError: rollouts: policy is a ParameterList, expected a module of a TensorDict that writes 'action'
+    """
+    expected = "expected a module of a TensorDict that writes 'action'"
+    if isinstance(policy, TensorDictModuleBase):
+        if "action" not in policy.out_keys:
+            raise ConfigError(f"{what}: policy writes {', '.join(map(repr, policy.out_keys))}, {expected}")
+    elif not callable(policy) or (isinstance(policy, nn.Module) and type(policy).forward is nn.Module.forward):
+        views = [name for name in ("deployed", "actor", "sampled") if hasattr(policy, name)]
+        hint = f", as its {' and '.join(f'{name}()' for name in views)} do" if views else ""
+        raise ConfigError(f"{what}: policy is a {type(policy).__name__}, {expected}{hint}")
+
+
+def expects(module: M, shapes: Mapping[NestedKey, Shape], what: str, *, double: bool = False) -> M:
     """Let a TensorDict module check its entries when it is called, see :func:`check_entries`; return it.
 
     Calls with tensors in the place of a TensorDict are not checked.
@@ -93,6 +119,7 @@ def expects(module: M, shapes: Mapping[NestedKey, Shape], what: str) -> M:
         module: the module.
         shapes: trailing dimensions of the entries that it reads.
         what: name of the module in messages.
+        double: take float64 whatever the module's precision, as one without weights does.
 
     >>> from tensordict import TensorDict
     >>> from tensordict.nn import TensorDictModule
@@ -102,7 +129,7 @@ def expects(module: M, shapes: Mapping[NestedKey, Shape], what: str) -> M:
     ...
     plat.errors.ObservationError: layer: no entry 'x', expected one of shape [*B, 3]
     """
-    module.register_forward_pre_hook(_Expected(dict(shapes), what))
+    module.register_forward_pre_hook(_Expected(dict(shapes), what, double))
     return module
 
 
@@ -112,10 +139,11 @@ class _Expected:
 
     shapes: dict[NestedKey, Shape]
     what: str
+    double: bool
 
     def __call__(self, module: nn.Module, args: tuple[Any, ...]) -> None:
         if args and isinstance(args[0], TensorDictBase):
-            check_entries(args[0], self.shapes, self.what, double=_is_double(module))
+            check_entries(args[0], self.shapes, self.what, double=self.double or _is_double(module))
 
 
 def _is_double(module: nn.Module) -> bool:

@@ -6,8 +6,13 @@ from tensordict import TensorDict
 from tensordict.nn import TensorDictModule
 from torch import nn
 
+from plat.collectors import collect
+from plat.control import PolicyController
 from plat.entries import check_entries, expects
-from plat.errors import ObservationError
+from plat.envs import make_keyframe_env
+from plat.envs.transforms import HORIZONS
+from plat.errors import ConfigError, ObservationError
+from plat.evaluation import evaluate, evaluate_clips
 from plat.modules import Critic, Expert, ExpertConfig, LatentPolicy, PlainPolicy
 from plat.robots import G1
 from plat.spec.observation import observation_widths, student_keys
@@ -52,6 +57,29 @@ def test_missing_entries_are_named():
         check_entries(entries().exclude("points"), SHAPES, "step")
     with pytest.raises(ObservationError, match="step: got a dict, expected a TensorDict"):
         check_entries({}, SHAPES, "step")
+
+
+@pytest.mark.parametrize(
+    ("policy", "message"),
+    [
+        (None, "policy is a NoneType, expected a module of a TensorDict that writes 'action'$"),
+        (
+            LatentPolicy(G1, SMALL),
+            r"policy is a LatentPolicy, .* that writes 'action', as its deployed\(\) and sampled",
+        ),
+        (TensorDictModule(nn.Linear(3, 2), in_keys=["x"], out_keys=["y"]), "policy writes 'y', expected a module"),
+    ],
+)
+def test_what_cannot_act_is_named(library, policy, message):
+    with pytest.raises(ConfigError, match=f"^evaluate: {message}"):
+        evaluate(policy, library, HORIZONS["long"])
+    with pytest.raises(ConfigError, match=f"^evaluate_clips: {message}"):
+        evaluate_clips(policy, library, "humantracker")
+    with pytest.raises(ConfigError, match=f"^controller: {message}"):
+        PolicyController(policy, G1)
+    for workers in (0, 1):
+        with pytest.raises(ConfigError, match=f"^rollouts: {message}"):
+            collect(make_keyframe_env, library, 2, policy, steps=2, workers=workers)
 
 
 def test_a_module_checks_what_it_is_called_with():

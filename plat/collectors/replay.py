@@ -102,6 +102,9 @@ class RolloutReplay:
             batch: number of windows.
             length: control steps of each.
             recent: they are from this many last control steps; None for all that are kept.
+
+        Raises:
+            ConfigError: when there are fewer steps than that, or all episodes are shorter.
         """
         self._sampler.length, self._sampler.recent = length, recent
         return self.buffer.sample(batch * length).view(-1, length)
@@ -142,6 +145,11 @@ class WindowSampler(Sampler):
         if self.length > 1:
             episode = storage._storage["episode"]
             whole = episode[rows[:, 0]] == episode[rows[:, -1]]
+            if not whole.any():
+                raise ConfigError(
+                    f"replay: no {self.length} successive steps of an episode were found, expected episodes longer "
+                    "than that, or a shorter window"
+                )
             rows = rows[whole][:wanted]
         return rows.flatten(), {}
 

@@ -13,6 +13,7 @@ from torchrl.collectors import Collector
 from torchrl.envs import EnvBase, TransformedEnv
 
 from plat.bounds import Count, check_value
+from plat.entries import check_policy
 from plat.envs.transforms import pop_statistics
 from plat.errors import StateError
 from plat.precision import Precision, autocast
@@ -37,6 +38,9 @@ class Rollouts(Iterator[TensorDictBase]):
         precision: of the networks' hidden layers, see :func:`plat.objectives.autocast`. With the precision of the
             updates, the loss computes the same probability of an action as the acting policy.
 
+    Raises:
+        ConfigError: for a policy that writes no ``action``.
+
     >>> from plat.envs import make_tracking_env
     >>> from plat.modules import Expert
     >>> from plat.motions import MotionLibrary, generate_motions
@@ -48,6 +52,7 @@ class Rollouts(Iterator[TensorDictBase]):
 
     def __init__(self, env: EnvBase, policy: TensorDictModuleBase, steps: int, precision: Precision = "auto"):
         check_value("rollouts: steps", steps, Count)
+        check_policy(policy, "rollouts")
         self.env = env
         self._collector = Collector(
             env,

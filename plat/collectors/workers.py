@@ -15,6 +15,7 @@ from plat.collectors.hosts import EnvFactory, Host, Processes, RemoteCollector
 from plat.collectors.ray_actors import RayActors
 from plat.collectors.rollouts import Rollouts
 from plat.collectors.worker import Job, Order, Report, packed, seed_of
+from plat.entries import check_policy
 from plat.envs.physics.transfer import to_device
 from plat.errors import ConfigError, StateError, WorkerError
 from plat.gpu import check_device
@@ -113,6 +114,7 @@ class WorkerRollouts(Iterator[TensorDictBase]):
         host: Host | None = None,
     ):
         check_value("rollouts: steps", steps, Count)
+        check_policy(policy, "rollouts")
         check_value("rollouts: workers", workers, Count)
         if workers > num_envs:
             raise ConfigError(f"rollouts: {workers} workers for {num_envs} robots, expected at most one for each")

@@ -8,6 +8,7 @@ from tensordict.nn import TensorDictModuleBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from plat.deploy import ObservationBuilder, Pose, RobotState
+from plat.entries import check_policy
 from plat.errors import ActionError, StateError
 from plat.robots.describe import describe_robot
 from plat.robots.robot import Robot
@@ -41,6 +42,7 @@ class PolicyController:
     """
 
     def __init__(self, policy: TensorDictModuleBase, robot: Robot, timing: Timing | None = None):
+        check_policy(policy, "controller")
         self._policy = policy
         self.timing = timing or timing_of(policy) or Timing()
         description = describe_robot(robot, self.timing.control_dt)

@@ -52,7 +52,12 @@ class BrokenRobots:
         self.count, self._told, self._steps = (int(state[name]) for name in ("count", "told", "steps"))
 
     def sound(self, action: Tensor) -> Tensor:
-        """Return actions ``[N, J]`` with 0 for robots whose action is absurd, which :meth:`found` then names."""
+        """Return actions ``[N, J]`` with 0 for robots whose action is absurd, which :meth:`found` then names.
+
+        They are float32, as an environment's entries are, and without a gradient: none leads through a simulation, and
+        that of the last action would lead to all before it.
+        """
+        action = action.detach().float()
         self._absurd = absurd(action)
         return torch.where(self._absurd[:, None], 0.0, action)
 

@@ -35,6 +35,7 @@ from plat.envs.transforms import (
     TrackingTermination,
 )
 from plat.envs.transforms.command import check_timing
+from plat.errors import TaskError
 from plat.motions.library import MotionLibrary
 from plat.spec.timing import Timing
 
@@ -74,7 +75,7 @@ def make_tracking_env(
         physics: makes the physics.
 
     Raises:
-        TaskError: when a reward or transform reads what no transform before it writes.
+        TaskError: when a reward or transform is none, or reads what no transform before it writes.
         ConfigError: for an argument of another type.
 
     >>> from plat.motions import generate_motions
@@ -125,7 +126,7 @@ def make_keyframe_env(
         rewards, transforms, num_threads, device, physics: as for :func:`make_tracking_env`.
 
     Raises:
-        TaskError: when a reward or transform reads what no transform before it writes.
+        TaskError: when a reward or transform is none, or reads what no transform before it writes.
         ConfigError: for an argument of another type.
         MotionError: when a clip is too short for a command.
         PlatError: when motions or horizon do not fit the timing.
@@ -192,6 +193,10 @@ def _assemble(
     own: Sequence[Transform],
 ) -> TransformedEnv:
     """Order the transforms: those that judge a step, then starts of the next episodes, then observations."""
+    if isinstance(own, Transform) and not isinstance(own, Compose):
+        raise TaskError(f"transforms is a single {type(own).__name__}, expected several in a tuple")
+    if strange := [transform for transform in own if not isinstance(transform, Transform)]:
+        raise TaskError(f"transforms hold {strange[0]!r}, expected each to be a Transform of TorchRL")
     starts = FailureWeightedStarts(
         env.library, env.num_envs, uniform=config.uniform_starts, min_frames_left=env.min_frames_left
     )

@@ -26,7 +26,14 @@ from plat.spec.observation import as_observed, entry_shapes
 __all__ = ["MotionTrackingEnv", "ResetNoise"]
 
 # Sensors of a robot, and how many numbers each reads: contacts found, and for a foot the force on it (N).
-_SENSORS = {"left_foot_contact": 4, "right_foot_contact": 4, "ground_contact": 1, "self_contact": 1}
+_SENSORS = {
+    "left_foot_contact": 4,
+    "right_foot_contact": 4,
+    "ground_contact": 1,
+    "self_contact": 1,
+    "left_foot_count": 1,
+    "right_foot_count": 1,
+}
 _DONE_KEYS = ("done", "terminated", "truncated")
 # What the next steps depend on beside the physics.
 _KEPT = (
@@ -46,9 +53,9 @@ class MotionTrackingEnv(EnvBase):
     """Base environment of N robots, each at a frame of a motion library, driven by joint position targets.
 
     A step holds the targets ``q_default + action_scale * action`` for one control step and moves every robot one
-    frame on. Episodes start on the reference (reference state initialization) and are truncated at the end of
-    the clip. Reward is 0: transforms (:mod:`plat.envs.transforms`) make a task of it. A robot whose action is absurd
-    or not finite, or whose simulation diverges, is terminated.
+    frame on, to the clip's last at most. Episodes start on the reference (reference state initialization) and are
+    truncated there. Reward is 0: transforms (:mod:`plat.envs.transforms`) make a task of it. A robot whose action is
+    absurd or not finite, or whose simulation diverges, is terminated.
 
     Entries of the output, batch size ``[N]``, ``w`` for the world frame and ``b`` for the root frame:
 
@@ -63,12 +70,12 @@ class MotionTrackingEnv(EnvBase):
     ``("state", "root_quat_w")``          ``[4]``     ``wxyz``
     ``("state", "joint_pos")``            ``[J]``     true angles (rad)
     ``("state", "joint_vel")``            ``[J]``     rad/s
-    ``("state", "joint_torque")``         ``[J]``     N m
+    ``("state", "joint_torque")``         ``[J]``     N m (0 after a reset)
     ``("state", "keypoint_pos_w")``       ``[K, 3]``  m
     ``("state", "keypoint_quat_w")``      ``[K, 4]``  ``wxyz``
     ``("state", "keypoint_lin_vel_w")``   ``[K, 3]``  m/s
     ``("state", "keypoint_ang_vel_w")``   ``[K, 3]``  rad/s
-    ``("state", "foot_force")``           ``[2]``     ground reaction on the left and right foot (N)
+    ``("state", "foot_force")``           ``[2]``     ground reaction on the left and right foot (N; 0 after a reset)
     ``("state", "stray_contacts")``       ``[1]``     contacts of the floor with other than feet, and self-contacts
     ``("estimate", "root_pos_w")``        ``[3]``     where the robot takes itself to be (m)
     ``("estimate", "root_quat_w")``       ``[4]``     ``wxyz``
@@ -119,7 +126,7 @@ class MotionTrackingEnv(EnvBase):
         super().__init__(device=check_device(device), batch_size=torch.Size([num_envs]))
         self.library = library.to(device)
         self.robot = robot = library.robot
-        model = robot.model(feet, timestep=library.dt / decimation)
+        model = robot.model(feet, timestep=library.dt / decimation, foot_counts=True)
         self.physics = physics(model, num_envs, num_threads, device)
         self.decimation = decimation
         self.reset_noise = reset_noise
@@ -222,8 +229,9 @@ class MotionTrackingEnv(EnvBase):
             qpos, qvel = self.physics.state()
             self.drift = drifted(self.drift, self.drift_rate, qpos[:, 3:7], qvel[:, :3], self.library.dt)
         self._earlier_action, self._last_action = self._last_action, action
-        self._frame = self._frame + 1
-        truncated = (self._frame >= self.library.last_of(self._frame))[:, None]
+        last = self.library.last_of(self._frame)  # who goes on after that stays there: what follows is another clip
+        self._frame = (self._frame + 1).minimum(last)
+        truncated = (self._frame >= last)[:, None]
         out = self._observe()
         out["reward"] = torch.zeros(self.num_envs, 1, device=self.device)
         out["terminated"] = self.broken.found(self.physics.diverged())[:, None]
@@ -241,7 +249,13 @@ class MotionTrackingEnv(EnvBase):
         if start is None:
             self._frame = self._frame.index_copy(0, ids, self._starts.draw_frames(len(ids)))
         else:
-            self._frame = self._frame.index_copy(0, ids, start[ids])
+            start = start[ids]
+            if ((start < 0) | (start >= len(self.library))).any():
+                raise MotionError(
+                    f"environment reset: motion.start is {int(start.min())} to {int(start.max())}, expected frames of "
+                    f"the motions, 0 to {len(self.library) - 1}"
+                )
+            self._frame = self._frame.index_copy(0, ids, start)
         self._last_action = self._last_action.index_fill(0, ids, 0.0)
         self._earlier_action = self._earlier_action.index_fill(0, ids, 0.0)
         qpos, qvel = self._start_state(self._frame[ids])
@@ -296,7 +310,8 @@ class MotionTrackingEnv(EnvBase):
         left, right = contacts["left_foot_contact"], contacts["right_foot_contact"]
         foot_force = torch.linalg.vector_norm(torch.stack((left, right), 1)[..., 1:], dim=-1)
         # contacts of the feet with the ground are wanted
-        stray = contacts["ground_contact"] - (left[:, :1] + right[:, :1]) + contacts["self_contact"]
+        wanted = contacts["left_foot_count"] + contacts["right_foot_count"]
+        stray = contacts["ground_contact"] - wanted + contacts["self_contact"]
         count = (len(qpos),)
         robot = {
             "joint_pos": joint_pos - self._default_joint_pos + encoder_bias,

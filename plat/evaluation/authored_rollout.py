@@ -12,6 +12,7 @@ from torchrl.envs import Compose, Transform, TransformedEnv, step_mdp
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from plat.control.authored import Authored
+from plat.entries import check_policy
 from plat.envs.tracking import MotionTrackingEnv
 from plat.envs.transforms import FirstFrames, KeyframeClock, KeyframeCommand, ReferenceMotion
 from plat.envs.transforms.command import CommandSchedule
@@ -90,6 +91,7 @@ class AuthoredRollout:
         num_threads: int | None = None,
         device: torch.device | str = "cpu",
     ):
+        check_policy(policy, "authored keyframes")
         self.timing = timing_of(policy) or Timing()
         self._policy = policy
         dt = chains[0].sequence.timing.control_dt

@@ -9,6 +9,7 @@ from typing import Any
 import torch
 from tensordict.nn import TensorDictModuleBase
 
+from plat.entries import check_policy
 from plat.envs.parts import draw_parts
 from plat.envs.transforms import NEXT_FRAME, CommandSchedule, Horizon
 from plat.envs.transforms.command import check_timing
@@ -59,6 +60,7 @@ def evaluate(
         conditions: fields of :class:`plat.evaluation.EvaluationSetting` that replace those of ``setting``.
 
     Raises:
+        ConfigError: for a policy that writes no ``action``.
         MotionError: when a motion is shorter than the horizon's shortest command.
         ActionError: when the policy gives an action that is not finite.
         PlatError: when motions or horizon do not fit the policy's timing.
@@ -73,6 +75,7 @@ def evaluate(
     >>> len(records.failed) == CommandSchedule(library, HORIZONS["long"], seed=3).num_commands
     True
     """
+    check_policy(policy, "evaluate")
     setting = replace(setting or EvaluationSetting(), **conditions)
     timing = setting.timing or timing_of(policy) or Timing(control_dt=library.dt)
     setting = replace(setting, timing=timing)

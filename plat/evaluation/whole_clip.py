@@ -10,6 +10,7 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 from torchrl.envs import Compose, TransformedEnv
 
+from plat.entries import check_policy
 from plat.envs.transforms import (
     NEXT_FRAME,
     CommandSchedule,
@@ -68,7 +69,7 @@ def evaluate_clips(
         conditions: fields of :class:`plat.evaluation.EvaluationSetting` that replace those of ``setting``.
 
     Raises:
-        ConfigError: for partial keyframes, which no rule judges.
+        ConfigError: for partial keyframes, which no rule judges, and a policy that writes no ``action``.
         RecordsError: for an unknown rule.
         ActionError: when the policy gives an action that is not finite.
         PlatError: when motions or horizon do not fit the policy's timing.
@@ -85,6 +86,7 @@ def evaluate_clips(
     setting = replace(setting or EvaluationSetting(), **conditions)
     if setting.partial is not None:
         raise ConfigError(f"partial is {setting.partial!r}: a whole clip is judged by whole poses, expected None")
+    check_policy(policy, "evaluate_clips")
     timing = setting.timing or timing_of(policy) or Timing(control_dt=library.dt)
     setting = replace(setting, timing=timing)
     horizon = horizon or Horizon(1, min(50, timing.max_steps))

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import torch
 from tensordict import NestedKey
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
@@ -41,7 +42,7 @@ class Backbone(TensorDictModule):
 
 
 class _Float32ELU(nn.ELU):
-    """ELU that returns float32, whatever the precision of the layers before it."""
+    """ELU that returns float32 after layers in half precision."""
 
     def forward(self, inputs: Tensor) -> Tensor:
-        return super().forward(inputs.float())
+        return super().forward(inputs.to(torch.promote_types(inputs.dtype, torch.float32)))

@@ -1,5 +1,8 @@
 """Deployed policy: deterministic, with its timing."""
 
+from collections.abc import Iterable
+
+from tensordict import NestedKey
 from tensordict.nn import TensorDictModuleBase, TensorDictSequential
 
 from plat.spec.timing import Timing
@@ -26,3 +29,14 @@ class DeployedPolicy(TensorDictSequential):
     def __init__(self, *modules: TensorDictModuleBase, timing: Timing, out_key: str = "action"):
         super().__init__(*modules, selected_out_keys=[out_key])
         self.timing = timing
+
+    def __getitem__(self, index: int | slice | str) -> TensorDictModuleBase:
+        """Return one of the modules, or some of them as a sequence: a part of a policy is none."""
+        return TensorDictSequential(*self.module)[index]
+
+    def select_subsequence(
+        self, in_keys: Iterable[NestedKey] | None = None, out_keys: Iterable[NestedKey] | None = None
+    ) -> TensorDictSequential:
+        """Return the modules that lead from some entries to others as a sequence."""
+        out_keys = self.out_keys if out_keys is None else out_keys
+        return TensorDictSequential(*self.module).select_subsequence(in_keys, out_keys)

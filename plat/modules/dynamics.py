@@ -5,7 +5,7 @@ from torch import Tensor, nn
 
 from plat.bounds import Natural, Positive, check_value
 from plat.envs.state import GeneralizedState
-from plat.errors import ConfigError
+from plat.errors import ActionError, ConfigError
 from plat.modules.networks import mlp
 from plat.modules.settings import DynamicsConfig
 from plat.robots.robot import Robot
@@ -116,15 +116,26 @@ class DynamicsModel(nn.Module):
         """Take steps ``[*B]`` into the statistics of the inputs, which forget by ``1 / e`` in 50 batches.
 
         The spread of the output is that of the first three batches: later it would change what the network says.
+        Batches of less than two steps have none, and change nothing.
+
+        Raises:
+            ActionError: for states or targets that are not finite; the statistics stay what they were.
         """
         features = self._features(state, target, parameters)[0].flatten(0, -2)
+        if len(features) < 2:
+            return
+        mean, spread = features.mean(0), self.spread
+        if first := int(self.batches) < 3:
+            spread = self._change(state, next_state).flatten(0, -2).std(0).clamp_min_(1e-6)
+        if not (mean.isfinite().all() and spread.isfinite().all()):
+            raise ActionError(
+                "dynamics model: states or joint targets hold NaN or infinity; nothing was learned from this batch"
+            )
         rate = max(1.0 / (int(self.batches) + 1), 0.02)
-        mean = features.mean(0)
         self.mean.lerp_(mean, rate)
         self.std.lerp_((features - mean).square_().mean(0).sqrt_().clamp_min_(1e-3), rate)
-        if int(self.batches) < 3:
-            change = self._change(state, next_state).flatten(0, -2)
-            self.spread.lerp_(change.std(0).clamp_min_(1e-6), rate)
+        if first:
+            self.spread.lerp_(spread, rate)
         self.batches += 1
 
     @torch.no_grad()

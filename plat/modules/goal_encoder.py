@@ -51,12 +51,12 @@ class _LastState(nn.Module):
         self.gru = nn.GRU(hidden_size, hidden_size)
 
     def forward(self, frames: Tensor, length: Tensor) -> Tensor:
-        *batch, num_frames, _ = frames.shape
-        frames, length = frames.flatten(0, -3), length.flatten()
+        *batch, num_frames, size = frames.shape
+        frames, length = frames.reshape(length.numel(), num_frames, size), length.flatten()
         # Longest first: a sequence that is over leaves the batch, so that little work is done for the padding. They
         # leave by sixteenths, for matrix products whose size is never the same cost more than they do to set up.
         order = length.argsort(descending=True)
-        part = -(-len(length) // 16)
+        part = max(1, -(-len(length) // 16))
         going = (length[:, None] > torch.arange(num_frames, device=length.device)).sum(0)
         counts = (part * ((going + part - 1) // part)).clamp(max=len(length)).tolist()
         weight_ih, weight_hh, bias_ih, bias_hh = self.gru.all_weights[0]
@@ -64,7 +64,7 @@ class _LastState(nn.Module):
         embedded = self.embed(frames.flatten(0, 1).index_select(0, index))
         from_frames = nn.functional.linear(embedded, weight_ih, bias_ih)
         last = _Recurrence.apply(from_frames, weight_hh, bias_hh, counts, going.tolist())
-        return last[order.argsort()].unflatten(0, batch)
+        return last[order.argsort()].view(*batch, last.shape[-1])
 
 
 class _Recurrence(torch.autograd.Function):

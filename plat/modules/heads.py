@@ -59,7 +59,7 @@ class ReferenceOffset(TensorDictModule):
         limit: float = 5.0,
     ):
         super().__init__(_Offset(robot, interval, limit), in_keys=list(in_keys), out_keys=[out_key])
-        expects(self, dict.fromkeys(in_keys, (robot.num_joints,)), "action on the reference")
+        expects(self, dict.fromkeys(in_keys, (robot.num_joints,)), "action on the reference", double=True)
 
 
 class _Offset(nn.Module):

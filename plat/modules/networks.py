@@ -39,8 +39,8 @@ def mlp(
 
 
 class _Float32Linear(nn.Linear):
-    """A linear layer that leaves half precision: what follows it is in float32."""
+    """A linear layer that leaves half precision: what follows it has the precision of its weights, float32."""
 
     def forward(self, inputs: Tensor) -> Tensor:
         with autocast(inputs.device, "float32"):
-            return super().forward(inputs.float())
+            return super().forward(inputs.to(self.weight.dtype))

@@ -80,19 +80,25 @@ class ObservationNormalizer(nn.Module):
 
     @torch.no_grad()
     def update(self, tensordict: TensorDictBase) -> None:
-        """Take a batch ``[*B]`` into the statistics (Chan et al. 1979, parallel variance).
+        """Take a batch ``[*B]`` into the statistics (Chan et al. 1979, parallel variance); none if it is empty.
 
         Raises:
             ActionError: naming the entry, for a batch that is not finite; the statistics stay what they were.
             ObservationError: for an entry that is missing or of another width.
         """
         check_entries(tensordict, self._shapes(self.in_keys), "observation")
-        values = torch.cat([tensordict.get(key) for key in self.in_keys], -1).flatten(0, -2)
+        values = torch.cat([tensordict.get(key) for key in self.in_keys], -1)
+        values = values.view(-1, values.shape[-1])
+        if len(values) == 0:
+            return
         batch_mean = values.mean(0)
         batch_var = (values - batch_mean).square_().mean(0)  # torch.var_mean takes six times as long over rows
         if not torch.isfinite(batch_var).all():
-            entry = next(key for key in self.in_keys if not torch.isfinite(tensordict.get(key)).all())
-            raise ActionError(f"observation {entry}: holds NaN or infinity; nothing was learned from this batch")
+            entry = max(self.in_keys, key=lambda key: float(tensordict.get(key).abs().nan_to_num(torch.inf).max()))
+            raise ActionError(
+                f"observation {entry}: holds NaN or infinity, or numbers too large to square; nothing was learned from "
+                "this batch"
+            )
         batch_var, batch_mean, batch_count = batch_var.double(), batch_mean.double(), len(values)
         count = self.count + batch_count
         delta = batch_mean - self.mean

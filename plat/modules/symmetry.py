@@ -57,7 +57,7 @@ class BothSides(TensorDictModule):
         in_keys = list(keys if shown is None else shown)
         super().__init__(_Beside(*mirrored_columns(keys, robot)), in_keys=in_keys, out_keys=[out_key])
         shapes: list[Shape] = [(width,) for width in observation_widths(keys, robot)]
-        expects(self, dict(zip(in_keys, shapes, strict=True)), "symmetry")
+        expects(self, dict(zip(in_keys, shapes, strict=True)), "symmetry", double=True)
 
 
 class MeanOfSides(TensorDictModule):
@@ -89,7 +89,7 @@ class MeanOfSides(TensorDictModule):
             if not np.allclose(values.numpy()[partner] * signs, values.numpy(), atol=1e-4):
                 raise RobotError(f"robot {robot.name!r}: its {what} is not symmetric about the plane y = 0")
         super().__init__(_Mean(torch.from_numpy(partner), torch.from_numpy(sign)), in_keys=[in_key], out_keys=[out_key])
-        expects(self, {in_key: (2, robot.num_joints)}, "symmetry")
+        expects(self, {in_key: (2, robot.num_joints)}, "symmetry", double=True)
 
 
 def mirrored_columns(keys: Sequence[NestedKey], robot: Robot) -> tuple[Tensor, Tensor]:

@@ -35,6 +35,9 @@ class DynamicsLoss(LossModule):
     Keyword Args:
         position_weight: weight of root position, root orientation and joint angles; velocities have 1.
 
+    The keys ``state`` and ``action`` say where a window's steps are. ``memory`` is that of the task: of randomized
+    robots it says by how much their targets were late and off, and what the model is told of their physics.
+
     Returns ``loss_dynamics``, and for the log the errors at the window's end: ``root_pos_error`` (m),
     ``root_rot_error`` (rad) and ``joint_pos_error`` (rad).
 
@@ -51,6 +54,7 @@ class DynamicsLoss(LossModule):
     class _AcceptedKeys:
         state: NestedKey = "robot_state"
         action: NestedKey = "action"
+        memory: NestedKey = "memory"
 
     tensor_keys: _AcceptedKeys
     default_keys = _AcceptedKeys
@@ -64,8 +68,8 @@ class DynamicsLoss(LossModule):
 
     @property
     def in_keys(self) -> list[NestedKey]:
-        """Return the keys of packed states and actions."""
-        return [self.tensor_keys.state, self.tensor_keys.action]
+        """Return the keys of packed states and actions, and of the memory that windows of randomized robots have."""
+        return [self.tensor_keys.state, self.tensor_keys.action, self.tensor_keys.memory]
 
     def _forward_value_estimator_keys(self, **_: object) -> None:
         pass
@@ -75,7 +79,8 @@ class DynamicsLoss(LossModule):
         """Compute the loss of windows ``[B, K + 1]``; the action of a window's last state is not used."""
         # time first: the states of a step are then contiguous
         states = tensordict.get(self.tensor_keys.state).transpose(0, 1).contiguous()
-        targets, physics = told_to_model(self.model.robot, tensordict, tensordict.get(self.tensor_keys.action))
+        keys = self.tensor_keys
+        targets, physics = told_to_model(self.model.robot, tensordict, tensordict.get(keys.action), keys.memory)
         targets = targets.transpose(0, 1).contiguous()
         parameters = None if physics is None else physics[:, 0]
         joints = self.model.robot.num_joints

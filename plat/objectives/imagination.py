@@ -11,14 +11,14 @@ from torchrl.envs.utils import ExplorationType
 from torchrl.objectives.common import LossModule
 from torchrl.objectives.utils import hold_out_net
 
-from plat.bounds import Count, NonNegative, check_value
+from plat.bounds import Count, Fraction, NonNegative, check_value
 from plat.envs.state import GeneralizedState
 from plat.errors import ConfigError
 from plat.modules.dynamics import DynamicsModel
 from plat.objectives.divergence import gaussian_kl
 from plat.precision import autocast
 from plat.tasks.disturbed import advanced, estimated, motor_target, shown
-from plat.tasks.task import Task
+from plat.tasks.task import Task, of_each
 
 __all__ = ["ImaginationLoss", "LatentImaginationLoss"]
 
@@ -99,6 +99,10 @@ class ImaginationLoss(LossModule):
     ):
         super().__init__()
         check_value("imagination loss: steps", steps, Count)
+        check_value("imagination loss: discount", discount, Fraction)
+        weights = {"effort_weight": effort_weight, "rate_weight": rate_weight, "lost_cost": lost_cost}
+        for name, value in weights.items():
+            check_value(f"imagination loss: {name}", value, NonNegative)
         if critic is not None and not discount < 1:
             raise ConfigError(f"imagination loss: discount is {discount:g}, expected less than 1 with a critic")
         self.lost_cost = lost_cost
@@ -123,7 +127,11 @@ class ImaginationLoss(LossModule):
 
     @dispatch
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Compute the losses of rollouts from the states ``[B]``."""
+        """Compute the losses of rollouts from the states ``[B]``.
+
+        Raises:
+            TaskError: when a method of the task returns what it should not.
+        """
         keys, task = self.tensor_keys, self.task
         state, memory = GeneralizedState.unpack(tensordict.get(keys.state)), tensordict.get(keys.memory)
         to_go = penalty = torch.zeros(tensordict.shape, device=state.root_pos_w.device)
@@ -140,9 +148,9 @@ class ImaginationLoss(LossModule):
                 state = self.model(state, target, memory.get("physics", None))
             memory = advanced(task, memory, action, state)
             here = estimated(state, memory)
-            cost = task.cost(here, memory)
+            cost = of_each(task, "cost", task.cost(here, memory), memory)
             with torch.no_grad():
-                lost = lost | (~ended & task.lost(here, memory))
+                lost = lost | (~ended & of_each(task, "lost", task.lost(here, memory), memory))
                 alive = (~(lost | ended)).to(cost)
                 penalty = penalty + weight * self.lost_cost * lost
                 cost_sum, alive_sum = cost_sum + (alive * cost).sum(), alive_sum + alive.sum()
@@ -153,7 +161,7 @@ class ImaginationLoss(LossModule):
             weight *= self.discount
             effort_before = effort
             with torch.no_grad():
-                ended = ended | (~lost & task.finished(memory))
+                ended = ended | (~lost & of_each(task, "finished", task.finished(memory), memory))
             memory = task.renew(memory, here)
             observed = self._observe(state, memory)
         out = {}

@@ -12,7 +12,19 @@ from plat.errors import RobotError
 from plat.json_file import short
 from plat.robots.mujoco_log import leave_no_log_file
 
-__all__ = ["Capsule", "asset_path", "check_model", "compile_spec", "read_spec", "replace_soles"]
+__all__ = [
+    "FOOT_COUNTS",
+    "Capsule",
+    "add_foot_counts",
+    "asset_path",
+    "check_model",
+    "compile_spec",
+    "read_spec",
+    "replace_soles",
+]
+
+FOOT_COUNTS = {"left_foot_contact": "left_foot_count", "right_foot_contact": "right_foot_count"}
+"""Contact sensors of the feet, and those of :func:`add_foot_counts` beside them."""
 
 _LONGEST_NAME = 255
 _ROOT = 1  # MuJoCo's index of the first body; 0 is the world
@@ -152,6 +164,30 @@ def replace_soles(spec: mujoco.MjSpec, feet: Sequence[str], capsules: Sequence[C
                 size=[capsule.radius, 0, 0],
                 fromto=[*capsule.start, *capsule.end],
             )
+
+
+def add_foot_counts(spec: mujoco.MjSpec) -> None:
+    """Add a sensor of the number of its contacts to each contact sensor of a foot.
+
+    MuJoCo reads a sensor with a force a physics step earlier than one that only counts. Counts of a foot and of all
+    bodies are of the same moment so, and can be subtracted.
+
+    Args:
+        spec: description that is changed; a foot without a contact sensor is left as it is.
+    """
+    for name, count in FOOT_COUNTS.items():
+        sensor = spec.sensor(name)
+        if sensor is None or sensor.type != mujoco.mjtSensor.mjSENS_CONTACT:
+            continue
+        spec.add_sensor(
+            name=count,
+            type=sensor.type,
+            objtype=sensor.objtype,
+            objname=sensor.objname,
+            reftype=sensor.reftype,
+            refname=sensor.refname,
+            intprm=[1 << int(mujoco.mjtConDataField.mjCONDATA_FOUND), 0, 1],
+        )
 
 
 def _one_line(error: Exception) -> str:

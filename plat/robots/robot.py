@@ -11,7 +11,15 @@ from torch import Tensor
 
 from plat.errors import RobotError
 from plat.robots.contacts import FootContacts
-from plat.robots.mjcf import Capsule, asset_path, check_model, compile_spec, read_spec, replace_soles
+from plat.robots.mjcf import (
+    Capsule,
+    add_foot_counts,
+    asset_path,
+    check_model,
+    compile_spec,
+    read_spec,
+    replace_soles,
+)
 
 __all__ = ["FootContacts", "Robot", "without_side"]
 
@@ -73,17 +81,23 @@ class Robot:
             replace_soles(spec, self.feet, self.sole_capsules)
         return spec
 
-    def model(self, feet: FootContacts = "spheres", timestep: float | None = None) -> mujoco.MjModel:
+    def model(
+        self, feet: FootContacts = "spheres", timestep: float | None = None, *, foot_counts: bool = False
+    ) -> mujoco.MjModel:
         """Return a compiled model of the caller's own.
 
         Args:
             feet: as for :meth:`spec`.
             timestep: physics step (s); None for the asset's.
+            foot_counts: add the sensors ``left_foot_count`` and ``right_foot_count``, which environments read.
 
         Raises:
             RobotError: when the asset cannot be used, a name is not in it, or a body that has to be a keypoint is none.
         """
-        model = compile_spec(self.spec(feet), self.asset, self.name)
+        spec = self.spec(feet)
+        if foot_counts:
+            add_foot_counts(spec)
+        model = compile_spec(spec, self.asset, self.name)
         check_model(model, self.name, (*self.keypoints, *self.feet), self.asset)
         named = {"anchor": (self.anchor,), "end_effectors": self.end_effectors, "feet": self.feet}
         for field, bodies in named.items():

@@ -1,7 +1,7 @@
 """Randomized robots in learning by imagination: what the model is told of them, and what the policy is not."""
 
 import torch
-from tensordict import TensorDict, TensorDictBase
+from tensordict import NestedKey, TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequential
 from torch import Tensor, nn
 
@@ -9,6 +9,7 @@ from plat.envs.drift import drifted, estimated_root
 from plat.envs.randomized_physics import arriving
 from plat.envs.state import GeneralizedState, joint_target
 from plat.envs.transforms.settings import NoiseLevels
+from plat.errors import TaskError
 from plat.robots.robot import Robot
 from plat.rotations import quat_rotate, quat_rotate_inverse
 from plat.tasks.task import Task
@@ -67,18 +68,21 @@ def estimated(state: GeneralizedState, memory: TensorDictBase) -> GeneralizedSta
     return state._replace(root_pos_w=pos, root_quat_w=quat, root_lin_vel_w=lin_vel)
 
 
-def told_to_model(robot: Robot, steps: TensorDictBase, action: Tensor) -> tuple[Tensor, Tensor | None]:
+def told_to_model(
+    robot: Robot, steps: TensorDictBase, action: Tensor, key: NestedKey = "memory"
+) -> tuple[Tensor, Tensor | None]:
     """Return what a dynamics model is told of simulated steps: joint targets that reached the motors, and physics.
 
     Args:
         robot: the robot.
-        steps: with the task's ``memory`` where robots are randomized ``[*B]``.
+        steps: with the task's memory where robots are randomized ``[*B]``.
         action: of the policy ``[*B, J]``.
+        key: of the memory.
 
     Returns:
         Targets ``[*B, J]`` (rad), and parameters ``[*B, P]``; None for nominal robots.
     """
-    memory = steps.get("memory", None)
+    memory = steps.get(key, None)
     if memory is None:
         return joint_target(robot, action), None
     return motor_target(robot, memory, action), memory.get("physics", None)
@@ -88,8 +92,16 @@ _BIASED = {"encoder_bias": "joint_pos", "gyro_bias": "root_ang_vel_b", "velocity
 
 
 def shown(task: Task, state: GeneralizedState, memory: TensorDictBase) -> TensorDict:
-    """Return what a task shows a policy of a true state, as the robot's biased sensors and its estimator have it."""
+    """Return what a task shows a policy of a true state, as the robot's biased sensors and its estimator have it.
+
+    Raises:
+        TaskError: when that is no TensorDict of these robots.
+    """
     observed = task.observe(estimated(state, memory), memory)
+    if not isinstance(observed, TensorDictBase) or observed.batch_size != memory.batch_size:
+        expected = f"a TensorDict {list(memory.batch_size)}"
+        found = list(observed.batch_size) if isinstance(observed, TensorDictBase) else type(observed).__name__
+        raise TaskError(f"{type(task).__name__}.observe() returns {found}, expected {expected}")
     for bias, entry in _BIASED.items():
         error = memory.get(bias, None)
         if error is not None and ("robot", entry) in observed.keys(True):

@@ -18,7 +18,7 @@ from plat.envs.transforms.settings import RandomizationRanges
 from plat.gpu import check_device
 from plat.robots.robot import FootContacts
 from plat.tasks.disturbed import advanced, estimated, motor_target, shown
-from plat.tasks.task import Task
+from plat.tasks.task import Task, of_each, started
 
 __all__ = ["SimulatedTask"]
 
@@ -43,6 +43,9 @@ class SimulatedTask(EnvBase):
             ``("next", "pushed")`` then says which steps no model can foresee.
         physics: factory of the physics, which becomes the attribute of that name.
 
+    Raises:
+        TaskError: by what it does, when a method of the task returns what it should not.
+
     >>> from plat.motions import MotionLibrary, generate_motions
     >>> from plat.tasks import DenseTracking
     >>> library = MotionLibrary.from_clips(generate_motions("train", seconds=8))
@@ -63,6 +66,7 @@ class SimulatedTask(EnvBase):
         randomization: RandomizationRanges | None = None,
         physics: PhysicsFactory = BatchedPhysics,
     ):
+        check_value("environment: task", task, Task)
         check_value("environment: num_envs", num_envs, Robots)
         check_value("environment: decimation", decimation, Count)
         super().__init__(device=check_device(device), batch_size=torch.Size([num_envs]))
@@ -95,7 +99,7 @@ class SimulatedTask(EnvBase):
 
     def _start(self, ids: Tensor) -> tuple[GeneralizedState, TensorDict]:
         """States and memories of robots ``[n]`` that begin an episode."""
-        state, memory = self.task.start(len(ids))
+        state, memory = started(self.task, len(ids))
         if self.draws is not None:
             memory.update({key: value.to(self.device) for key, value in self.draws.draw(ids.cpu())._asdict().items()})
             memory["earlier_action"] = memory["last_action"]
@@ -112,9 +116,11 @@ class SimulatedTask(EnvBase):
         memory = advanced(task, tensordict["memory"], action, state)
         broken = self.broken.found(self.physics.diverged() | ~_finite(state))
         here = estimated(state, memory)
-        cost, failed = task.cost(here, memory), task.failed(here, memory) | broken
-        truncated = task.finished(memory) & ~failed
-        task.record_failures(memory[failed | (task.missed(here, memory) & ~broken)])
+        cost = of_each(task, "cost", task.cost(here, memory), memory)
+        failed = of_each(task, "failed", task.failed(here, memory), memory) | broken
+        truncated = of_each(task, "finished", task.finished(memory), memory) & ~failed
+        missed = of_each(task, "missed", task.missed(here, memory), memory)
+        task.record_failures(memory[failed | (missed & ~broken)])
         due = None if self.draws is None else self.draws.push().to(self.device)
         if due is not None and len(due):
             state = self._state()

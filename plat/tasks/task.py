@@ -12,7 +12,7 @@ from plat.errors import TaskError
 from plat.gpu import constant
 from plat.robots.robot import Robot
 
-__all__ = ["Task", "robot_entries"]
+__all__ = ["Task", "of_each", "robot_entries", "started"]
 
 
 class Task(nn.Module):
@@ -86,6 +86,47 @@ class Task(nn.Module):
 
     def record_failures(self, memory: TensorDictBase) -> None:
         """Learn where robots ``[n]`` failed or missed something, to start more episodes there."""
+
+
+def started(task: Task, count: int) -> tuple[GeneralizedState, TensorDict]:
+    """Return the states and memories ``[count]`` that a task starts episodes from.
+
+    Raises:
+        TaskError: when they are none, or of another number of robots.
+    """
+    start: object = task.start(count)
+    state, memory = start if isinstance(start, tuple) and len(start) == 2 else (None, None)
+    if (
+        isinstance(state, GeneralizedState)
+        and isinstance(memory, TensorDict)
+        and "last_action" in memory
+        and memory.batch_size == state.root_pos_w.shape[:1] == (count,)
+    ):
+        return state, memory
+    raise TaskError(
+        f"{type(task).__name__}.start({count}): expected a GeneralizedState of {count} robots and a TensorDict "
+        f"[{count}] with their 'last_action'"
+    )
+
+
+def of_each(task: Task, method: str, value: Tensor, memory: TensorDictBase) -> Tensor:
+    """Return what a method of a task returned for each robot.
+
+    Args:
+        task: the task.
+        method: ``cost``, or the name of one that returns a mask.
+        value: that it returned.
+        memory: of the robots ``[N]``.
+
+    Raises:
+        TaskError: when it is no cost, or mask, of shape ``[N]``. Another shape would be broadcast without a word.
+    """
+    mask, shape = method != "cost", memory.batch_size
+    if isinstance(value, Tensor) and value.shape == shape and (value.dtype == torch.bool) == mask:
+        return value
+    found = f"{tuple(value.shape)}, {value.dtype}" if isinstance(value, Tensor) else type(value).__name__
+    expected = "a mask, torch.bool," if mask else "costs"
+    raise TaskError(f"{type(task).__name__}.{method}() returns {found}; expected {expected} of shape {tuple(shape)}")
 
 
 def robot_entries(state: GeneralizedState, last_action: Tensor, robot: Robot) -> TensorDict:

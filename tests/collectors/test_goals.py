@@ -1,9 +1,12 @@
+import math
+
 import pytest
 import torch
 from tensordict import TensorDict
 
 from plat.collectors import PrivilegedGoals, strided_offsets
 from plat.envs import make_keyframe_env, robot_centric_goal
+from plat.errors import TaskError
 from plat.motions import MotionLibrary
 
 
@@ -54,6 +57,23 @@ def test_lookup_needs_only_where_to_look(library: MotionLibrary):
     out = PrivilegedGoals(library, stride=3)(lookup)
     assert out["privileged_goal", "length"].tolist() == [3, 4]
     assert out["privileged_goal", "frames"].shape == (2, 4, 80)
+
+
+@pytest.mark.parametrize("shape", [(3, 4), (12, 1), (1, 12), (2, 3, 2), (1, 1), ()])
+def test_batches_of_any_depth(library: MotionLibrary, shape: tuple[int, ...]):
+    states = make_keyframe_env(library, 12).reset()
+    count = math.prod(shape)
+    goals = PrivilegedGoals(library, 3)
+    flat = goals(states[:count].clone())["privileged_goal"]
+    deep = goals(states[:count].reshape(shape))["privileged_goal"]
+    assert deep["length"].shape == shape
+    assert torch.equal(deep["length"].flatten(), flat["length"])
+    assert torch.equal(deep["frames"], flat["frames"].view(*shape, *flat["frames"].shape[1:]))
+
+
+def test_environments_are_refused(library: MotionLibrary):
+    with pytest.raises(TaskError, match="PrivilegedGoals is a transform of an environment, expected one of a replay"):
+        make_keyframe_env(library, 1, transforms=[PrivilegedGoals(library)]).reset()
 
 
 def test_stride_must_be_positive(library):

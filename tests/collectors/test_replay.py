@@ -5,6 +5,7 @@ import torch
 from tensordict import TensorDict
 
 from plat.collectors import RolloutReplay
+from plat.errors import ConfigError
 
 
 def rollout(start, robots=4, steps=5, done_at=()):
@@ -57,6 +58,15 @@ def test_too_few_steps_and_a_capacity_that_does_not_fit():
         replay.windows(3, 6)
     with pytest.raises(ValueError, match="capacity is 21, expected a multiple of the rollouts' 5"):
         RolloutReplay(4, 21, ["robot"]).extend(rollout(0))
+
+
+def test_episodes_that_are_all_shorter_than_a_window():
+    replay = RolloutReplay(2, 20, ["x"])
+    done = torch.arange(10).remainder(2).bool().expand(2, 10)[..., None]
+    replay.extend(TensorDict({"x": torch.zeros(2, 10), "next": {"done": done}}, [2, 10]))
+    assert replay.windows(4, 2).shape == (4, 2)
+    with pytest.raises(ConfigError, match="replay: no 3 successive steps of an episode were found, expected episodes"):
+        replay.windows(4, 3)
 
 
 def test_what_a_sample_costs_does_not_grow_with_the_storage():

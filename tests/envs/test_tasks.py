@@ -24,6 +24,7 @@ from plat.envs.transforms import (
     pop_statistics,
 )
 from plat.errors import PlatError
+from plat.tasks import DenseTracking, SimulatedTask
 
 EVERYTHING = {"noise": NoiseLevels(), "randomization": RandomizationRanges()}
 
@@ -77,6 +78,24 @@ def test_rewards_without_weight_are_left_out(library, config):
     assert not any(name.startswith("reward/") for name in pop_statistics(env))
 
 
+@pytest.mark.parametrize(
+    "make", [make_tracking_env, make_keyframe_env, lambda *args: SimulatedTask(DenseTracking(args[0]), 2)]
+)
+def test_entries_are_float32_and_carry_no_gradient(library, make):
+    env = make(library, 2)
+    weight = torch.ones(29, dtype=torch.float64, requires_grad=True)
+    rollout = env.rollout(4, lambda td: td.set("action", weight * td["robot", "last_action"].double() + 0.1 * weight))
+    for entries in (rollout["robot"], rollout["next", "robot"], rollout["next"].select("reward")):
+        for key, value in entries.items():
+            assert value.dtype == torch.float32, key
+            assert not value.requires_grad, key
+
+
+def test_a_reward_in_float64_is_added_in_float32(library):
+    reward = Reward("double", 1.0, lambda before, after: torch.ones(2, dtype=torch.float64))
+    assert make_tracking_env(library, 2, rewards=(reward,)).rollout(2)["next", "reward"].dtype == torch.float32
+
+
 def test_statistics_are_collected_and_cleared(library):
     env = make_tracking_env(library, 4)
     env.rollout(3, break_when_any_done=False)
@@ -114,6 +133,13 @@ ALIVE = Reward("alive", 1.0, lambda before, after: torch.ones(after.batch_size))
 def test_an_argument_of_another_kind_is_named(library, make, arguments, message):
     with pytest.raises(PlatError, match=f"^{message}"):
         make(library, 2, **arguments)
+
+
+def test_transforms_are_several_transforms(library):
+    with pytest.raises(PlatError, match="transforms is a single FailureWeightedStarts, expected several in a tuple"):
+        make_tracking_env(library, 2, transforms=FailureWeightedStarts(library, 2))
+    with pytest.raises(PlatError, match="transforms hold 1, expected each to be a Transform of TorchRL"):
+        make_keyframe_env(library, 2, transforms=(1,))
 
 
 def test_motions_have_to_be_loaded():

@@ -1,6 +1,7 @@
 from copy import copy
 from dataclasses import replace
 
+import mujoco
 import pytest
 import torch
 from tensordict import TensorDict
@@ -91,6 +92,25 @@ def test_frames_advance_and_clips_end(library):
         assert not state["next", "terminated"].any()
         state = state["next"].exclude("reward")
     assert torch.equal(state["motion", "frame"], ends)
+    # what follows in the table is another clip
+    after = env.step(state.set("action", torch.zeros(3, 29)))["next"]
+    assert after["truncated"].all()
+    assert torch.equal(after["motion", "frame"], ends)
+
+
+def test_an_episode_at_the_last_frame_is_over_after_a_step(library):
+    env = MotionTrackingEnv(library, 2, min_frames_left=0)
+    last = library.last_frame[library.clip_start[[0, -1]]]
+    state = env.reset(TensorDict({"motion": {"start": last}}, [2]))
+    after = env.step(state.set("action", torch.zeros(2, 29)))["next"]
+    assert after["truncated"].all()
+    assert torch.equal(after["motion", "frame"], last)
+
+
+@pytest.mark.parametrize("start", [-1, 10**6])
+def test_starts_that_are_no_frames(library, start):
+    with pytest.raises(MotionError, match=rf"motion.start is {start} to {start}, expected frames of the motions, 0 to"):
+        MotionTrackingEnv(library, 1).reset(TensorDict({"motion": {"start": torch.tensor([start])}}, [1]))
 
 
 def test_a_mask_resets_only_its_robots(library):
@@ -176,6 +196,33 @@ def test_sensors_are_found_by_their_names(library, tmp_path, old, new, message):
     library.robot = robot
     with pytest.raises(RobotError, match=message):
         MotionTrackingEnv(library, 1)
+
+
+def stray_contacts(qpos: torch.Tensor) -> float:
+    """Count contacts of a pose with the floor that are not of feet, and those of the robot with itself."""
+    model = G1.shared_model
+    data = mujoco.MjData(model)
+    data.qpos[:] = qpos.numpy()
+    mujoco.mj_fwdPosition(model, data)
+    feet = [model.body(name).id for name in G1.feet]
+    pairs = [model.geom_bodyid[contact.geom].tolist() for contact in data.contact]
+    return float(sum(not (0 in pair and (pair[0] in feet or pair[1] in feet)) for pair in pairs))
+
+
+def test_stray_contacts_are_those_of_the_same_moment(library):
+    env = MotionTrackingEnv(library, 4)
+    state = env.reset()
+    moments = [state]
+    for _ in range(25):  # feet land and leave the floor
+        after = env.step(state.set("action", torch.randn(4, 29)))["next"].clone()
+        assert after["state", "stray_contacts"][:, 0].tolist() == [stray_contacts(qpos) for qpos in env.qpos]
+        moments.append(after)
+        state = after.exclude("reward")
+    assert torch.stack([moment["state", "foot_force"] for moment in moments[1:]]).any()
+    again = env.reset()
+    assert again["state", "stray_contacts"][:, 0].tolist() == [stray_contacts(qpos) for qpos in env.qpos]
+    for key in ("foot_force", "joint_torque"):
+        assert not again["state", key].any(), key
 
 
 def test_the_order_of_the_sensors_does_not_matter(library, tmp_path):

@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from plat.envs import GeneralizedState, MotionTrackingEnv, ResetNoise, joint_target
-from plat.errors import ConfigError
+from plat.errors import ActionError, ConfigError
 from plat.modules import DynamicsConfig, DynamicsModel
 from plat.robots import G1
 from plat.rotations import quat_from_rotvec, quat_multiply, quat_rotate, quat_yaw
@@ -74,6 +74,23 @@ def told_of_physics(library, num_parameters):
     parameters = 0.3 + torch.rand(len(target), num_parameters)
     model.update_statistics(state, target, after, parameters)
     return model, state, target, parameters
+
+
+@pytest.mark.parametrize("batches", [0, 3])
+def test_statistics_of_steps_that_are_not_finite_are_refused(library, batches):
+    state, target, after = steps(library)
+    model = DynamicsModel(G1)
+    for _ in range(batches):
+        model.update_statistics(state, target, after)
+    before = {name: value.clone() for name, value in model.state_dict().items()}
+    broken = state._replace(joint_vel=state.joint_vel.clone())
+    broken.joint_vel[3, 4] = torch.nan
+    with pytest.raises(ActionError, match="dynamics model: states or joint targets hold NaN or infinity; nothing was"):
+        model.update_statistics(broken, target, after)
+    for count in (0, 1):  # one step has no spread
+        model.update_statistics(state.at(slice(count)), target[:count], after.at(slice(count)))
+    for name, value in model.state_dict().items():
+        assert torch.equal(value, before[name]), name
 
 
 def test_a_model_that_is_told_less_is_that_of_the_nominal_robot(library):

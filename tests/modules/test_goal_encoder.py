@@ -30,6 +30,15 @@ def test_batches_of_any_depth(encoder):
     torch.testing.assert_close(code.flatten(0, 1), encoder(goals.flatten(0, 1), length.flatten()))
 
 
+def test_a_single_sequence_and_none(encoder):
+    goals, length = torch.randn(2, 4, 6), torch.tensor([4, 2])
+    torch.testing.assert_close(encoder(goals[1], length[1]), encoder(goals, length)[1])
+    none = encoder(goals[:0], length[:0])
+    assert none.shape == (0, 5)
+    none.sum().backward()
+    assert encoder.module.gru.weight_hh_l0.grad.abs().sum() == 0
+
+
 def test_gradients_reach_all_frames_of_the_sequence_and_no_padding(encoder):
     goals = torch.randn(1, 5, 6, requires_grad=True)
     encoder(goals, torch.tensor([3])).sum().backward()

@@ -29,6 +29,17 @@ def test_batch_shape_does_not_matter():
     torch.testing.assert_close(flat.var, deep.var)
 
 
+def test_a_single_state_and_none():
+    values = torch.randn(2, 3)
+    single, together = ObservationNormalizer(["a"], 3), ObservationNormalizer(["a"], 3)
+    for value in values:
+        single.update(TensorDict({"a": value}))
+    single.update(TensorDict({"a": values[:0]}, [0]))
+    together.update(TensorDict({"a": values}, [2]))
+    for name, buffer in single.named_buffers():
+        torch.testing.assert_close(buffer, together.get_buffer(name))
+
+
 def test_output_is_standard_and_clipped():
     normalizer = ObservationNormalizer(["a"], 2, NormalizerConfig(clip=3.0))
     data = TensorDict({"a": torch.tensor([10.0, -2.0]) + torch.tensor([4.0, 0.5]) * torch.randn(5000, 2)}, [5000])
@@ -55,7 +66,7 @@ def test_acting_does_not_move_the_statistics():
     assert not list(normalizer.parameters())
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf])
+@pytest.mark.parametrize("value", [math.nan, math.inf, 1e30])
 def test_a_batch_that_is_not_finite_changes_nothing(value: float) -> None:
     normalizer = ObservationNormalizer(["a", "b"], 5)
     data = TensorDict({"a": torch.randn(30, 4), "b": torch.rand(30, 1)}, [30])

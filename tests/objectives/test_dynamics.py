@@ -65,6 +65,21 @@ def test_keys_can_be_named(library):
     assert loss(renamed)["loss_dynamics"].equal(wanted)
 
 
+def test_randomized_robots_are_told_of_by_an_entry_that_is_read(library):
+    data, model = windows(library, robots=8), DynamicsModel(G1, DynamicsConfig(hidden=(8,)))
+    nominal = DynamicsLoss(model)(data)["loss_dynamics"]
+    data["memory"] = TensorDict({"encoder_bias": torch.full((8, 5, 29), 0.5)}, [8, 5])
+    loss = DynamicsLoss(model)
+    told = loss(data)["loss_dynamics"]
+    assert told != nominal
+    assert loss(data.select(*loss.in_keys))["loss_dynamics"] == told
+    assert loss(robot_state=data["robot_state"], action=data["action"], memory=data["memory"])[0] == told
+    assert loss(robot_state=data["robot_state"], action=data["action"])[0] == nominal
+    loss.set_keys(memory=("told", "memory"))
+    data["told"] = TensorDict({"memory": data.pop("memory")}, [8])
+    assert loss(data)["loss_dynamics"] == told
+
+
 def test_the_last_layer_is_adams():
     network = DynamicsModel(G1, DynamicsConfig(hidden=(8, 8))).network
     muon, adam = muon_and_adam(network, 1e-3, 1e-3)

@@ -177,6 +177,22 @@ def test_a_critic_needs_a_discount(tracking):
         ImaginationLoss(expert.deployed(), DynamicsModel(G1, SMALL), tracking, discount=1.0, critic=expert.deployed())
 
 
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ({"discount": 2.0}, "imagination loss: discount is 2.0, expected a number from 0 to 1"),
+        ({"discount": float("nan")}, "imagination loss: discount is nan"),
+        ({"effort_weight": -1.0}, "imagination loss: effort_weight is -1.0, expected a number of at least 0"),
+        ({"rate_weight": -1.0}, "imagination loss: rate_weight is -1.0"),
+        ({"lost_cost": float("inf")}, "imagination loss: lost_cost is inf"),
+    ],
+)
+def test_settings_out_of_range_are_refused(tracking, setting, message):
+    expert = Expert(G1, ExpertConfig(hidden=(16,)))
+    with pytest.raises(ConfigError, match=message):
+        ImaginationLoss(expert.deployed(), DynamicsModel(G1, SMALL), tracking, **setting)
+
+
 def test_half_precision_is_for_networks(tracking):
     seen, action = [], nn.Parameter(torch.zeros(29))
 

@@ -3,10 +3,13 @@ import math
 import pytest
 import torch
 from tensordict import TensorDict
+from tensordict.nn import TensorDictModule
 from torchrl.envs.utils import check_env_specs
 
 from plat.envs import GeneralizedState
-from plat.errors import ConfigError
+from plat.errors import ConfigError, TaskError
+from plat.modules import DynamicsModel
+from plat.objectives import ImaginationLoss
 from plat.robots import G1
 from plat.tasks import DenseTracking, SimulatedTask, Task, TrackingCosts, robot_entries
 
@@ -37,6 +40,42 @@ def test_a_task_of_ones_own_runs_and_ends_by_falling():
     assert rollout["next", "terminated"].any()
     first = rollout["next", "robot_state"][:, 0, 2]
     torch.testing.assert_close(rollout["next", "reward"][:, 0, 0], -(first - 0.6).abs())
+
+
+WRONG = {
+    "cost": (
+        lambda self, state, memory: state.root_pos_w[:, 2:],
+        r"cost\(\) returns \(2, 1\), torch.float32; expected costs",
+    ),
+    "failed": (lambda self, state, memory: state.root_pos_w[:, 2:] < 0.4, r"\(2, 1\), torch.bool; expected a mask"),
+    "finished": (lambda self, memory: torch.zeros(2), r"finished\(\) returns \(2,\), torch.float32; expected a mask"),
+}
+
+
+@pytest.mark.parametrize("method", WRONG)
+def test_what_would_be_broadcast_is_refused(method):
+    wrong, message = WRONG[method]
+    task = type("Mine", (Stand,), {method: wrong})(G1)
+    with pytest.raises(TaskError, match=rf"^Mine\..*{message}"):
+        SimulatedTask(task, 2).rollout(2)
+    state, memory = task.start(2)
+    actor = TensorDictModule(torch.nn.Linear(29, 29), in_keys=[("robot", "joint_pos")], out_keys=["action"])
+    loss = ImaginationLoss(actor, DynamicsModel(G1), task, steps=2)
+    with pytest.raises(TaskError, match=message):
+        loss(TensorDict({"robot_state": state.pack(), "memory": memory}, [2]))
+
+
+@pytest.mark.parametrize(
+    ("method", "wrong", "message"),
+    [
+        ("start", lambda self, count: Stand.start(self, count + 1), r"Mine.start\(2\): expected .* of 2 robots"),
+        ("start", lambda self, count: None, r"Mine.start\(2\): expected a GeneralizedState"),
+        ("observe", lambda self, state, memory: {}, r"Mine.observe\(\) returns dict, expected a TensorDict \[2\]"),
+    ],
+)
+def test_a_start_and_an_observation_are_of_these_robots(method, wrong, message):
+    with pytest.raises(TaskError, match=message):
+        SimulatedTask(type("Mine", (Stand,), {method: wrong})(G1), 2)
 
 
 def test_only_failed_robots_start_again(library):

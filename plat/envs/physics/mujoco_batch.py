@@ -74,6 +74,10 @@ class BatchedPhysics:
         self._body_ids: dict[tuple[str, ...], list[int]] = {}
         adr, dim = model.sensor_adr, model.sensor_dim
         self._sensors = {model.sensor(i).name: slice(adr[i], adr[i] + dim[i]) for i in range(model.nsensor)}
+        late = np.repeat(model.sensor_needstage == mujoco.mjtStage.mjSTAGE_ACC, dim)
+        self._late = torch.from_numpy(late).to(self.device)
+        self._stepped = torch.zeros(num_sims, dtype=torch.bool, device=self.device)
+        """Simulations with forces of their own: what MuJoCo holds of others is left from a step before."""
 
     def make_batch(self, model: mujoco.MjModel, num_sims: int, num_threads: int) -> Any:
         """Return the pool: ``mujoco.batch.Batch``. A subclass may return another one with the same methods."""
@@ -113,6 +117,7 @@ class BatchedPhysics:
         self.batch.step(nstep=nstep, stage=_STAGE)
         # MuJoCo silently resets a simulation with a bad state or a bad control to its start, upright, at time 0
         self._diverged = torch.from_numpy((self._time < _BEGINNING).reshape(-1)).to(self.device)
+        self._stepped = torch.ones_like(self._stepped)
 
     def diverged(self) -> Tensor:
         """Return the mask ``[N]`` of simulations that MuJoCo gave up on in the last :meth:`step`."""
@@ -121,7 +126,7 @@ class BatchedPhysics:
     def set_state(self, ids: Tensor, qpos: Tensor, qvel: Tensor) -> None:
         """Put simulations ``ids`` ``[n]`` into a state: ``qpos`` ``[n, nq]``, ``qvel`` ``[n, nv]``.
 
-        Warm starts and controls go back to 0, and body poses become current.
+        Warm starts, controls, torques and contact forces go back to 0, and body poses become current.
         """
         rows = ids.cpu().numpy()
         if rows.size == 0:
@@ -133,6 +138,7 @@ class BatchedPhysics:
         self._qpos[rows] = qpos.cpu().numpy()
         self._qvel[rows] = qvel.cpu().numpy()
         self.batch.forward(ids=rows, stage=_STAGE)
+        self._stepped = self._stepped.index_fill(0, ids.to(self.device), False)
 
     def state(self, ids: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """Return ``qpos`` ``[n, nq]`` and ``qvel`` ``[n, nv]``."""
@@ -148,11 +154,13 @@ class BatchedPhysics:
         ang_vel_w = spatial_vel[..., :3]
         lin_vel_w = spatial_vel[..., 3:] + torch.linalg.cross(ang_vel_w, lever)
         quat_w, torque = self.read("xquat", rows, ids), self.read("actuator_force", ids=ids)
+        torque = torch.where(self._has_forces(ids), torque, 0.0)
         return Kinematics(pos_w, quat_w, lin_vel_w, ang_vel_w, torque)
 
     def sensors(self, ids: Tensor | None = None) -> dict[str, Tensor]:
-        """Return the readings ``[n, D]`` of every sensor by its name."""
+        """Return the readings ``[n, D]`` of every sensor by its name; forces are those of the last physics step."""
         readings = self.read("sensordata", ids=ids)
+        readings = torch.where(self._has_forces(ids) | ~self._late, readings, 0.0)
         return {name: readings[:, columns] for name, columns in self._sensors.items()}
 
     def set_friction(self, ids: Tensor, bodies: Sequence[str], friction: Tensor) -> None:
@@ -189,6 +197,11 @@ class BatchedPhysics:
     def push(self, ids: Tensor, velocity: Tensor) -> None:
         """Add to the velocity of the root ``[n, 6]``: linear (m/s, world), then angular (rad/s, root frame)."""
         self._qvel[ids.cpu().numpy(), :6] += velocity.cpu().numpy()
+
+    def _has_forces(self, ids: Tensor | None) -> Tensor:
+        """Return the mask ``[n, 1]`` of simulations that made a step in the state that they have."""
+        stepped = self._stepped if ids is None else self._stepped[ids.to(self.device)]
+        return stepped[:, None]
 
     def _ids_of(self, bodies: Sequence[str]) -> list[int]:
         names = tuple(bodies)
@@ -227,6 +240,7 @@ class BatchedPhysics:
             self.model_field(name).copy_(values)
         self.batch.state[:] = rows
         self.batch.forward(stage=_STAGE)
+        self._stepped = torch.zeros_like(self._stepped)
 
     def update_constants(self) -> None:
         """Recompute the constants that MuJoCo derives from the model (``mj_setConst``) in every simulation."""

@@ -11,7 +11,7 @@ from torch import Tensor
 from torchrl.data import Composite, Unbounded
 from torchrl.envs import Transform
 
-from plat.bounds import Count, Fraction, Seed, check_value
+from plat.bounds import Count, Fraction, Seed, check_value, shown
 from plat.envs.goals import clock_entries, parts_entries, robot_centric_goal
 from plat.envs.parts import NUM_MASKS, draw_parts
 from plat.envs.transforms.base import ObservationTransform
@@ -90,6 +90,7 @@ class CommandSchedule:
 
     Raises:
         MotionError: when a clip is too short for a single command.
+        TaskError: for what is no horizon.
 
     >>> from plat.motions import MotionLibrary, generate_motions
     >>> library = MotionLibrary.from_clips(generate_motions("train", seconds=8))
@@ -101,6 +102,7 @@ class CommandSchedule:
 
     def __init__(self, library: MotionLibrary, horizon: Horizon, seed: int):
         check_value("commands: seed", seed, Seed)
+        _check_horizon(horizon)
         check_clip_lengths(library, horizon)
         arrivals = []
         for clip, length in enumerate(library.clip_length.tolist()):
@@ -120,7 +122,21 @@ class CommandSchedule:
         Args:
             library: motions.
             arrivals: for each clip, the frames at which its commands end, counted from its first one and increasing.
+
+        Raises:
+            TaskError: for arrivals of another number of clips, none, and those that are not in order within their clip.
         """
+        if len(arrivals) != library.num_clips or not any(map(len, arrivals)):
+            raise TaskError(
+                f"commands: arrivals in {len(arrivals)} clips, {sum(map(len, arrivals))} in all, expected some in "
+                f"{library.num_clips} clips"
+            )
+        for name, length, ends in zip(library.clip_names, library.clip_length.tolist(), arrivals, strict=True):
+            if any(begin >= end for begin, end in pairwise((0, *ends, length))):
+                raise TaskError(
+                    f"commands: motion {name!r} has arrivals at {shown(list(ends))}, expected frames in ascending "
+                    f"order, from 1 to {length - 1}"
+                )
         lengths = [end - begin for ends in arrivals for begin, end in pairwise((0, *ends))]
         schedule = cls.__new__(cls)
         schedule._set(library, Horizon(min(lengths), max(lengths)), arrivals)
@@ -128,6 +144,7 @@ class CommandSchedule:
 
     def _set(self, library: MotionLibrary, horizon: Horizon, arrivals: Sequence[Sequence[int]]) -> None:
         self.horizon = horizon
+        self._num_parts = KeyframeCommand.num_parts(library.robot)
         target = torch.full((len(library),), -1, dtype=torch.int64)
         command = torch.full((len(library),), -1, dtype=torch.int64)
         first_frames: list[int] = []
@@ -150,7 +167,13 @@ class CommandSchedule:
 
         Args:
             parts: masks ``[M, J + K + 3]``, or one for all commands ``[J + K + 3]``.
+
+        Raises:
+            TaskError: for masks of another shape.
         """
+        if parts.shape not in ((self._num_parts,), (self.num_commands, self._num_parts)):
+            expected = f"({self.num_commands}, {self._num_parts}) or ({self._num_parts},)"
+            raise TaskError(f"commands: parts have shape {tuple(parts.shape)}, expected {expected}")
         schedule = copy.copy(self)
         schedule.parts = parts.float().to(self.target_frame.device).expand(self.num_commands, -1)
         return schedule
@@ -159,6 +182,12 @@ class CommandSchedule:
     def num_commands(self) -> int:
         """Return the number of commands over all clips."""
         return len(self.first_frame)
+
+
+def _check_horizon(horizon: Horizon) -> None:
+    """Raise :class:`TaskError` for what is no horizon."""
+    if not isinstance(horizon, Horizon):
+        raise TaskError(f"horizon is {horizon!r}, expected a Horizon, as in HORIZONS['mixed'] or horizon_named")
 
 
 def check_clip_lengths(library: MotionLibrary, horizon: Horizon) -> None:
@@ -181,8 +210,7 @@ def check_timing(library: MotionLibrary, horizon: Horizon, timing: Timing) -> No
         PlatError: when the motions have another control step, the horizon's longest command is too long, or it is
             no :class:`Horizon`.
     """
-    if not isinstance(horizon, Horizon):
-        raise TaskError(f"horizon is {horizon!r}, expected a Horizon, as in HORIZONS['mixed'] or horizon_named")
+    _check_horizon(horizon)
     timing.check_control_dt(library.dt, f"motion library of {library.num_clips} clips")
     timing.check_steps(horizon.longest, f"horizon of {horizon.shortest} to {horizon.longest} steps")
 

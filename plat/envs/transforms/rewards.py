@@ -46,12 +46,15 @@ class Reward:
         """Compute the weighted term ``[N]``.
 
         Raises:
-            TaskError: when it reads an entry that is not there, or is of another shape.
+            TaskError: when it reads an entry that is not there, is no tensor, or is of another shape.
         """
         try:
             value = self.function(before, after)
         except KeyError as error:
             raise TaskError(f"reward {self.name!r} reads an entry that is not there: {error.args[0]}") from error
+        if not isinstance(value, Tensor):
+            expected = f"a tensor of shape {tuple(after.batch_size)}"
+            raise TaskError(f"reward {self.name!r} is a {type(value).__name__}, expected {expected}")
         if value.shape != after.batch_size:
             raise TaskError(f"reward {self.name!r} has shape {tuple(value.shape)}, expected {tuple(after.batch_size)}")
         return self.weight * value
@@ -121,8 +124,9 @@ class Rewards(Transform):
             for name, value in terms.items():
                 self.statistics.add(f"reward/{name}", value)
             if terms:
-                total = torch.stack(list(terms.values())).sum(0)
-                next_tensordict["reward"] = next_tensordict["reward"] + (group.weight * self._dt) * total[:, None]
+                total = torch.stack(list(terms.values())).sum(0).detach()
+                reward = next_tensordict["reward"]
+                next_tensordict["reward"] = reward + ((group.weight * self._dt) * total[:, None]).to(reward)
         return next_tensordict
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:

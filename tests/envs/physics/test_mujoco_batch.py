@@ -108,6 +108,30 @@ def test_a_state_that_is_set_remembers_nothing():
         assert torch.equal(used.read(field), fresh.read(field)), field
 
 
+def test_forces_are_not_those_of_the_state_before():
+    physics = started(3)
+    for _ in range(20):
+        physics.step(G1.default_joint_pos.expand(3, -1), nstep=4)
+    feet = ("left_foot_contact", "right_foot_contact")
+    standing = {name: value.clone() for name, value in physics.sensors().items()}
+    torque = physics.kinematics(("pelvis",)).joint_torque
+    state = physics.state_dict()
+    physics.set_state(torch.tensor([1]), torch.as_tensor(G1.default_qpos)[None], torch.zeros(1, 35))
+    readings = physics.sensors()
+    for name in feet:
+        assert standing[name][:, 1:].any(-1).all()
+        assert not readings[name][1].any()
+        assert torch.equal(readings[name][[0, 2]], standing[name][[0, 2]])
+    after = physics.kinematics(("pelvis",)).joint_torque
+    assert not after[1].any()
+    assert torch.equal(after[[0, 2]], torque[[0, 2]])
+    assert not physics.kinematics(("pelvis",), torch.tensor([1])).joint_torque.any()
+    physics.load_state_dict(state)
+    assert not physics.sensors()["left_foot_contact"].any()
+    physics.step(G1.default_joint_pos.expand(3, -1), nstep=4)
+    assert physics.sensors()["left_foot_contact"][:, 1:].any(-1).all()
+
+
 def test_parameters_are_those_of_the_model_in_mujoco():
     physics = started(3)
     ids = torch.tensor([0, 2])

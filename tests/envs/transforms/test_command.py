@@ -172,6 +172,33 @@ def test_a_schedule_of_given_arrivals(library: MotionLibrary) -> None:
     assert 11 <= given.horizon.shortest <= given.horizon.longest <= 25
 
 
+@pytest.mark.parametrize(
+    ("ends", "message"),
+    [
+        ([[10]], r"arrivals in 1 clips, 1 in all, expected some in \d+ clips"),
+        ([[], []], "arrivals in 2 clips, 0 in all, expected some in 2 clips"),
+        ([[10], [60]], r"motion 'b' has arrivals at \[60\], expected frames in ascending order, from 1 to 50"),
+        ([[10, 10], [50]], "motion 'standing' has arrivals at"),
+        ([[0, 10], [50]], "motion 'standing' has arrivals at"),
+    ],
+)
+def test_arrivals_that_are_not_in_their_clip(ends, message):
+    library = MotionLibrary.from_clips([standing_clip(frames=31), standing_clip("b", frames=31)])
+    assert library.clip_length.tolist() == [51, 51]
+    with pytest.raises(TaskError, match=message):
+        CommandSchedule.of_arrivals(library, ends)
+
+
+def test_schedules_of_other_things(library):
+    with pytest.raises(TaskError, match="horizon is 'mixed', expected a Horizon"):
+        CommandSchedule(library, "mixed", seed=0)
+    schedule = CommandSchedule(library, HORIZONS["long"], seed=0)
+    for shape in ((3,), (2, 46)):
+        with pytest.raises(TaskError, match=r"parts have shape .*, expected \(\d+, 46\) or \(46,\)"):
+            schedule.with_parts(torch.ones(shape))
+    assert schedule.with_parts(torch.ones(46)).parts.shape == (schedule.num_commands, 46)
+
+
 def test_settings_out_of_bounds_are_named(library):
     with pytest.raises(PlatError, match="commands: window is 0, expected a whole number of at least 1"):
         KeyframeClock(0)

@@ -61,6 +61,12 @@ def test_a_term_that_cannot_be_computed_is_named():
         paid(Reward("a", 1.0, lambda before, after: before["action"]))
 
 
+def test_a_term_that_is_no_tensor_is_named():
+    for value, kind in ((1.0, "float"), (None, "NoneType")):
+        with pytest.raises(TaskError, match=rf"reward 'a' is a {kind}, expected a tensor of shape \(2,\)"):
+            paid(Reward("a", 1.0, lambda before, after, value=value: value))
+
+
 def test_a_reward_of_ones_own(library):
     own = Reward("alive", 3.0, lambda before, after: torch.ones(after.batch_size))
     env = make_keyframe_env(library, 2, rewards=(own,))

@@ -156,3 +156,14 @@ def test_constants_of_parts_are_settings(states):
     features = policy.features()(states.select(*STUDENT_KEYS))
     assert features["observation"].abs().max() <= 0.1
     assert features["prior", "scale"].min() >= 0.7
+
+
+def test_a_part_of_a_deployed_policy_is_a_sequence():
+    policy = LatentPolicy(G1, SMALL)
+    deployed = policy.deployed()
+    assert deployed[:1].out_keys == policy.features().out_keys
+    assert deployed[1].out_keys == ["action"]
+    hidden = deployed.select_subsequence(out_keys=["hidden"])
+    assert "hidden" in hidden.out_keys
+    assert "action" not in hidden.out_keys
+    assert deployed.select_subsequence().out_keys[-1] == "action"
