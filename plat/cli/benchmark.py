@@ -83,7 +83,7 @@ def main(recipe: BenchmarkRecipe) -> dict[str, Study]:
     control_dt = common_control_dt(entrants, (*recipe.horizons, *recipe.further_horizons))
     sets = motion_sets(recipe, get_robot(recipe.robot), control_dt)
     studies: dict[str, Study] = {}
-    replace_file(recipe.out / ABOUT, partial(_write, text=json.dumps(about(recipe, candidates, sets), indent=1)))
+    write_about(recipe.out, about(recipe, candidates, sets))
     for number, motions in enumerate(sets):
         told = f"{motions.library.num_clips} clips of {len(set(motions.source_motions))} motions"
         print(f"\n{motions.name}: {told}, {motions.library.duration:.0f} s", flush=True)
@@ -193,6 +193,19 @@ def about(recipe: BenchmarkRecipe, candidates: Mapping[Candidate, Entrant], sets
         ],
         "rows": [[name, one.weights[:12], one.made_by, one.trained_on] for name, one in rows.items()],
     }
+
+
+def write_about(folder: Path, told: dict[str, Any]) -> None:
+    """Write what a benchmark says of itself; tables and figures of one that said something else are removed."""
+    text = json.dumps(told, indent=1)
+    path = folder / ABOUT
+    if path.exists() and path.read_bytes() != text.encode():
+        (folder / "benchmark.md").unlink(missing_ok=True)
+        for name, *_ in told["sets"]:
+            for kind in ("csv", "png", "pdf"):
+                for stale in (folder / name).glob(f"*.{kind}"):
+                    stale.unlink()
+    replace_file(path, partial(_write, text=text))
 
 
 def command_of(recipe: BenchmarkRecipe) -> list[str]:
