@@ -199,9 +199,14 @@ class ObservationBuilder:
 
 def _check_shapes(what: str, source: RobotState | Pose, widths: dict[str, int]) -> None:
     for name, width in widths.items():
-        shape = np.shape(getattr(source, name))
-        if shape != (width,):
-            raise StateError(f"{what}: {name} has shape {shape}, expected ({width},)")
+        try:
+            values = np.asarray(getattr(source, name, None))
+        except ValueError:  # rows of different lengths
+            values = np.empty(())
+        if values.shape != (width,):
+            raise StateError(f"{what}: {name} has shape {values.shape}, expected ({width},)")
+        if values.dtype.kind not in "fiub":
+            raise StateError(f"{what}: {name} holds {values.dtype} values, expected {width} numbers")
 
 
 def _check_finite(what: str, source: RobotState | Pose, widths: dict[str, int]) -> None:
