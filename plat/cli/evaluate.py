@@ -41,6 +41,9 @@ from plat.robots import get_robot
 from plat.runs import check_logger, log_table, on_device, start_logging
 from plat.runs.user_modules import import_modules
 
+SCORES_PAGE, SCORES_TABLE = "scores.md", "scores.csv"
+"""Files of ``--out``: all tables as a page, and the scores of commands."""
+
 
 def main(recipe: EvaluateRecipe) -> list[Score]:
     """Run the recipe: print a table, return its rows."""
@@ -164,7 +167,7 @@ def write_tables(recipe: EvaluateRecipe, *tables: str) -> None:
     """Write the page of tables into the folder for them."""
     if recipe.out is not None:
         text = "\n".join(filter(None, tables))
-        replace_file(recipe.out / "scores.md", lambda part: part.write_text(text, encoding="utf-8"))
+        replace_file(recipe.out / SCORES_PAGE, lambda part: part.write_text(text, encoding="utf-8"))
 
 
 def written_by(recipe: EvaluateRecipe, pictures: Sequence[Path]) -> list[Path]:
@@ -182,6 +185,7 @@ class Teller:
     def __init__(self, recipe: EvaluateRecipe):
         self._recipe = recipe
         self._told = 0
+        self._begun = False
         self._since = time.monotonic()
 
     def __call__(self, study: Study) -> None:
@@ -192,6 +196,10 @@ class Teller:
             write_csv(self._recipe.csv, study.scores)
         self._told, self._since = len(study.scores), time.monotonic()
         if self._recipe.out is not None:
+            if not self._begun:  # what write_study does not replace is of an earlier start
+                for stale in (SCORES_PAGE, authored_csv(Path(SCORES_TABLE)).name):
+                    (self._recipe.out / stale).unlink(missing_ok=True)
+            self._begun = True
             write_study(study, self._recipe.out)
 
 
@@ -248,7 +256,7 @@ def score_authored(
     scored: dict[str, AuthoredRecords] = {}
     tables = []
     beside = [recipe.csv] if recipe.csv is not None else []
-    beside += [recipe.out / "scores.csv"] if recipe.out is not None else []
+    beside += [recipe.out / SCORES_TABLE] if recipe.out is not None else []
     folder, pushed = recipe.out and recipe.out / "records", ""
     if recipe.pushes:
         pushed = f", pushes of {recipe.pushes:g} m/s every 1.5 s"

@@ -185,6 +185,22 @@ def test_authored_keyframes_of_an_earlier_start_are_kept(runs, capsys, tmp_path,
     assert before[table:] in capsys.readouterr().out
 
 
+def test_tables_of_an_earlier_start_do_not_stay(runs, tmp_path, monkeypatch):
+    out = tmp_path / "all"
+    evaluate.main(recipe(runs, "plain", authored=1, only="run", out=out))
+    assert {path.name for path in out.iterdir()} == {"records", "scores.csv", "scores.md", "scores_authored.csv"}
+    evaluate.main(recipe(runs, "plain", only="run", seed=3, out=out))
+    assert {path.name for path in out.iterdir()} == {"records", "scores.csv", "scores.md"}
+
+    def stopped(*_) -> str:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(evaluate, "markdown", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        evaluate.main(recipe(runs, "plain", only="run", seed=4, out=out))
+    assert {path.name for path in out.iterdir()} == {"records", "scores.csv"}
+
+
 def test_a_policy_of_other_timing_is_scored_by_its_own(runs, capsys):
     save_run(runs / "slow", PlainPolicy(G1, replace(SMALL, timing=Timing(control_dt=0.04, max_steps=150))))
     (score,) = evaluate.main(recipe(runs, "slow", horizon=("all",), num_envs=2))
