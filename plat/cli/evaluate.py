@@ -288,7 +288,8 @@ def draw_authored_strips(
     playbacks: dict[str, dict[str, Playback]] = {}
     for name, entrant in entrants.items():
         motions = library.for_robot(entrant.robot)
-        chains = author_families(entrant.robot, motions, 1, recipe.seed, entrant.timing)
+        if not (chains := author_families(entrant.robot, motions, 1, recipe.seed, entrant.timing)):
+            continue
         observe = entrant.view.keyframes().transforms
         played = play_authored(
             entrant.policy, entrant.robot, chains, observe=observe, pushes=pushes_of(recipe), device=recipe.device
