@@ -74,7 +74,10 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
     if recipe.only is not None:
         library = library.only(*library.named(recipe.only))
     shown = first_named(library, recipe.clip)
-    print(f"{library.num_clips} motions, {library.duration:.0f} s; 95 % intervals over motions in parentheses")
+    intervals = "95 % intervals over motions in parentheses"
+    if library.num_clips == 1:
+        intervals = "intervals over one motion say nothing of others"
+    print(f"{library.num_clips} motions, {library.duration:.0f} s; {intervals}")
     families = families_of(library.clip_names, read_manifest(recipe.manifest)) if recipe.manifest else None
     plan = StudyPlan(
         horizons=recipe.horizon,

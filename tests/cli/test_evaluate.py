@@ -46,7 +46,7 @@ def test_every_policy_at_every_horizon(runs, capsys):
 def test_only_some_motions(runs, capsys):
     (score,) = evaluate.main(recipe(runs, "plain", only="run"))
     assert score.records[0].clip.unique().tolist() == [0]
-    assert capsys.readouterr().out.startswith("1 motions, 2 s")
+    assert capsys.readouterr().out.startswith("1 motions, 2 s; intervals over one motion say nothing of others")
 
 
 def test_what_a_robot_meets(runs):
