@@ -86,9 +86,12 @@ class StudyPlan:
     ours: str | None = None
 
     def __post_init__(self) -> None:
-        for names in ("horizons", "rules", "families", "robustness", "longer"):
-            if (given := getattr(self, names)) is not None:
-                object.__setattr__(self, names, as_names(given))
+        if self.families is not None:
+            object.__setattr__(self, "families", as_names(self.families))
+        for names in ("horizons", "rules", "robustness", "longer"):
+            once = dict.fromkeys(as_names(getattr(self, names)))  # a test that is named twice is one
+            object.__setattr__(self, names, tuple(once))
+        object.__setattr__(self, "longer", tuple(name for name in self.longer if name not in self.horizons))
         if self.robustness and (self.setting.disturbance is not None or self.setting.randomization is not None):
             raise ConfigError("robustness: curves are of one disturbance at a time, expected an undisturbed setting")
         for test, asked in (("rules", self.rules), ("authored", self.authored)):

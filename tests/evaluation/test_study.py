@@ -121,6 +121,19 @@ def test_the_best_interface_of_each_tracker():
     assert best == {"PLAT": "PLAT", "wbc, line": "wbc (line)"}
 
 
+def test_a_test_that_is_named_twice_is_run_once():
+    plan = StudyPlan(
+        horizons=("mixed", "distant", "mixed"),
+        rules=("supermimic", "supermimic"),
+        robustness=("push", "push"),
+        longer=("distant",),
+        families=("walk", "walk"),
+    )
+    assert (plan.horizons, plan.rules, plan.robustness) == (("mixed", "distant"), ("supermimic",), ("push",))
+    assert plan.longer == ()
+    assert plan.families == ("walk", "walk")
+
+
 @pytest.mark.parametrize(("horizons", "expected"), [(("long", "mixed"), "mixed"), (("long", "short"), "long")])
 def test_the_main_horizon(horizons, expected):
     assert StudyPlan(horizons=horizons).main_horizon == expected
