@@ -37,6 +37,8 @@ class BundlePolicy(TensorDictModuleBase):
         for name in ("stiffness", "damping", "effort_limit", "default_joint_pos", "action_scale"):
             if not np.allclose(getattr(about, name), getattr(robot, name).numpy(), rtol=1e-3):
                 raise BundleError(f"bundle {str(path)!r}: its {name} is not that of robot {robot.name!r}")
+        if about.keypoints != robot.keypoints:
+            raise BundleError(f"bundle {str(path)!r}: its keypoints are not those of robot {robot.name!r}")
         self.timing = runner.timing
         self.in_keys = [tuple(term.name.split(".")) for term in runner.bundle.terms]
         self.out_keys = ["action"]

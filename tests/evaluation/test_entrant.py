@@ -92,3 +92,6 @@ def test_a_bundle_of_a_robot_with_other_motors_is_refused(tmp_path) -> None:
             Entrant.of_bundle(bundle, tuned)
     with pytest.raises(BundleError, match="its default_joint_pos is not that of robot"):
         Entrant.of_bundle(bundle, replace(G1, name="upright", default_pose={}))
+    # of as many keypoints, in another order
+    with pytest.raises(BundleError, match="its keypoints are not those of robot"):
+        Entrant.of_bundle(bundle, replace(G1, name="other", keypoints=(G1.keypoints[0], *G1.keypoints[:0:-1])))
