@@ -8,7 +8,13 @@ from typing import Any
 from plat.control.authored import Authored
 from plat.errors import RecordsError
 from plat.evaluation.authored_rollout import Pushes
-from plat.evaluation.authored_scores import AuthoredRecords, AuthoredScore, author_families, evaluate_authored, no_chains
+from plat.evaluation.authored_scores import (
+    AuthoredRecords,
+    AuthoredScore,
+    author_families,
+    evaluate_authored,
+    no_chains,
+)
 from plat.evaluation.cells import Candidate, Cell, fingerprint, robot_fingerprint
 from plat.evaluation.entrant import Entrant
 from plat.evaluation.groups import GroupScore
