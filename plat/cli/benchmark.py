@@ -25,7 +25,7 @@ from plat.errors import PlatError
 from plat.evaluation import RULES, Entrant, EvaluationSetting
 from plat.evaluation.cells import Candidate, motions_fingerprint
 from plat.evaluation.families import families_of, read_manifest
-from plat.evaluation.study import Study, StudyPlan, evenly, group_metrics, run_study
+from plat.evaluation.study import Study, StudyPlan, evenly, group_metrics, run_study, tracker_and_interface
 from plat.evaluation.study_files import write_study
 from plat.figures import (
     difference_plot,
@@ -75,7 +75,7 @@ def main(recipe: BenchmarkRecipe) -> dict[str, Study]:
     candidates = candidates_of(
         recipe.runs, recipe.trackers, device=recipe.device, interfaces=recipe.interface, robot=recipe.robot
     )
-    names = list(dict.fromkeys(candidate.name.partition(", ")[0] for candidate in candidates))
+    names = list(dict.fromkeys(tracker_and_interface(candidate.name)[0] for candidate in candidates))
     if recipe.ours is not None and recipe.ours not in names:
         raise PlatError(f"--ours {recipe.ours!r}: no such row, expected one of {', '.join(names)}")
     trackers = trackers_of(recipe.runs, recipe.trackers, device=recipe.device, robot=recipe.robot)
@@ -173,7 +173,7 @@ def about(recipe: BenchmarkRecipe, candidates: Mapping[Candidate, Entrant], sets
             packages.append(f"{package} {version(package)}")
         except PackageNotFoundError:
             continue
-    rows = {candidate.name.partition(", ")[0]: candidate for candidate in candidates}
+    rows = {tracker_and_interface(candidate.name)[0]: candidate for candidate in candidates}
     return {
         "command": command_of(recipe),
         "versions": [f"plat {__version__}", *packages, platform.machine()],
