@@ -25,7 +25,7 @@ from plat.errors import PlatError
 from plat.evaluation import RULES, Entrant, EvaluationSetting
 from plat.evaluation.cells import Candidate, motions_fingerprint
 from plat.evaluation.families import families_of, read_manifest
-from plat.evaluation.study import Study, StudyPlan, evenly, group_metrics, run_study
+from plat.evaluation.study import Study, StudyPlan, evenly, group_metrics, run_study, tracker_and_interface
 from plat.evaluation.study_files import write_study
 from plat.figures import (
     difference_plot,
@@ -75,7 +75,7 @@ def main(recipe: BenchmarkRecipe) -> dict[str, Study]:
     candidates = candidates_of(
         recipe.runs, recipe.trackers, device=recipe.device, interfaces=recipe.interface, robot=recipe.robot
     )
-    names = list(dict.fromkeys(candidate.name.partition(", ")[0] for candidate in candidates))
+    names = list(dict.fromkeys(tracker_and_interface(candidate.name)[0] for candidate in candidates))
     if recipe.ours is not None and recipe.ours not in names:
         raise PlatError(f"--ours {recipe.ours!r}: no such row, expected one of {', '.join(names)}")
     trackers = trackers_of(recipe.runs, recipe.trackers, device=recipe.device, robot=recipe.robot)
@@ -83,7 +83,7 @@ def main(recipe: BenchmarkRecipe) -> dict[str, Study]:
     control_dt = common_control_dt(entrants, (*recipe.horizons, *recipe.further_horizons))
     sets = motion_sets(recipe, get_robot(recipe.robot), control_dt)
     studies: dict[str, Study] = {}
-    replace_file(recipe.out / ABOUT, partial(_write, text=json.dumps(about(recipe, candidates, sets), indent=1)))
+    write_about(recipe.out, about(recipe, candidates, sets))
     for number, motions in enumerate(sets):
         told = f"{motions.library.num_clips} clips of {len(set(motions.source_motions))} motions"
         print(f"\n{motions.name}: {told}, {motions.library.duration:.0f} s", flush=True)
@@ -173,7 +173,7 @@ def about(recipe: BenchmarkRecipe, candidates: Mapping[Candidate, Entrant], sets
             packages.append(f"{package} {version(package)}")
         except PackageNotFoundError:
             continue
-    rows = {candidate.name.partition(", ")[0]: candidate for candidate in candidates}
+    rows = {tracker_and_interface(candidate.name)[0]: candidate for candidate in candidates}
     return {
         "command": command_of(recipe),
         "versions": [f"plat {__version__}", *packages, platform.machine()],
@@ -193,6 +193,19 @@ def about(recipe: BenchmarkRecipe, candidates: Mapping[Candidate, Entrant], sets
         ],
         "rows": [[name, one.weights[:12], one.made_by, one.trained_on] for name, one in rows.items()],
     }
+
+
+def write_about(folder: Path, told: dict[str, Any]) -> None:
+    """Write what a benchmark says of itself; tables and figures of one that said something else are removed."""
+    text = json.dumps(told, indent=1)
+    path = folder / ABOUT
+    if path.exists() and path.read_bytes() != text.encode():
+        (folder / "benchmark.md").unlink(missing_ok=True)
+        for name, *_ in told["sets"]:
+            for kind in ("csv", "png", "pdf"):
+                for stale in (folder / name).glob(f"*.{kind}"):
+                    stale.unlink()
+    replace_file(path, partial(_write, text=text))
 
 
 def command_of(recipe: BenchmarkRecipe) -> list[str]:

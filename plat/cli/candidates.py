@@ -55,7 +55,8 @@ def candidates_of(
             continue
         name = readable(path.name if names.count(readable(path.name)) == 1 else str(path))
         if path.suffix == ".onnx" or (path / BUNDLE_FILE).exists():
-            found |= _once(name, partial(_bundle, path, robot), _files(path), "bundle", "plat, a bundle")
+            shown = "bundle dense" if dense else "bundle"
+            found |= _once(name, partial(_bundle, path, robot, dense), _files(path), shown, "plat, a bundle")
         else:
             found |= _of_run(name, path, device, dense, interfaces)
     for name, path in released.items():
@@ -139,8 +140,8 @@ def _once(
     return {Candidate(name, load, mark, sha256(weights), made_by, trained_on): entrant}
 
 
-def _bundle(path: Path, robot: str) -> Entrant:
-    return Entrant.of_bundle(path, get_robot(robot))
+def _bundle(path: Path, robot: str, dense: bool) -> Entrant:
+    return Entrant.of_bundle(path, get_robot(robot), dense)
 
 
 def _tracker(name: str, path: Path, dense: bool, interface: Interface) -> Entrant:

@@ -41,6 +41,9 @@ from plat.robots import get_robot
 from plat.runs import check_logger, log_table, on_device, start_logging
 from plat.runs.user_modules import import_modules
 
+SCORES_PAGE, SCORES_TABLE = "scores.md", "scores.csv"
+"""Files of ``--out``: all tables as a page, and the scores of commands."""
+
 
 def main(recipe: EvaluateRecipe) -> list[Score]:
     """Run the recipe: print a table, return its rows."""
@@ -71,7 +74,10 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
     if recipe.only is not None:
         library = library.only(*library.named(recipe.only))
     shown = first_named(library, recipe.clip)
-    print(f"{library.num_clips} motions, {library.duration:.0f} s; 95 % intervals over motions in parentheses")
+    intervals = "95 % intervals over motions in parentheses"
+    if library.num_clips == 1:
+        intervals = "intervals over one motion say nothing of others"
+    print(f"{library.num_clips} motions, {library.duration:.0f} s; {intervals}")
     families = families_of(library.clip_names, read_manifest(recipe.manifest)) if recipe.manifest else None
     plan = StudyPlan(
         horizons=recipe.horizon,
@@ -164,7 +170,7 @@ def write_tables(recipe: EvaluateRecipe, *tables: str) -> None:
     """Write the page of tables into the folder for them."""
     if recipe.out is not None:
         text = "\n".join(filter(None, tables))
-        replace_file(recipe.out / "scores.md", lambda part: part.write_text(text, encoding="utf-8"))
+        replace_file(recipe.out / SCORES_PAGE, lambda part: part.write_text(text, encoding="utf-8"))
 
 
 def written_by(recipe: EvaluateRecipe, pictures: Sequence[Path]) -> list[Path]:
@@ -182,6 +188,7 @@ class Teller:
     def __init__(self, recipe: EvaluateRecipe):
         self._recipe = recipe
         self._told = 0
+        self._begun = False
         self._since = time.monotonic()
 
     def __call__(self, study: Study) -> None:
@@ -192,6 +199,10 @@ class Teller:
             write_csv(self._recipe.csv, study.scores)
         self._told, self._since = len(study.scores), time.monotonic()
         if self._recipe.out is not None:
+            if not self._begun:  # what write_study does not replace is of an earlier start
+                for stale in (SCORES_PAGE, authored_csv(Path(SCORES_TABLE)).name):
+                    (self._recipe.out / stale).unlink(missing_ok=True)
+            self._begun = True
             write_study(study, self._recipe.out)
 
 
@@ -248,7 +259,7 @@ def score_authored(
     scored: dict[str, AuthoredRecords] = {}
     tables = []
     beside = [recipe.csv] if recipe.csv is not None else []
-    beside += [recipe.out / "scores.csv"] if recipe.out is not None else []
+    beside += [recipe.out / SCORES_TABLE] if recipe.out is not None else []
     folder, pushed = recipe.out and recipe.out / "records", ""
     if recipe.pushes:
         pushed = f", pushes of {recipe.pushes:g} m/s every 1.5 s"
@@ -280,7 +291,8 @@ def draw_authored_strips(
     playbacks: dict[str, dict[str, Playback]] = {}
     for name, entrant in entrants.items():
         motions = library.for_robot(entrant.robot)
-        chains = author_families(entrant.robot, motions, 1, recipe.seed, entrant.timing)
+        if not (chains := author_families(entrant.robot, motions, 1, recipe.seed, entrant.timing)):
+            continue
         observe = entrant.view.keyframes().transforms
         played = play_authored(
             entrant.policy, entrant.robot, chains, observe=observe, pushes=pushes_of(recipe), device=recipe.device

@@ -206,8 +206,8 @@ def _check_shapes(what: str, source: RobotState | Pose, widths: dict[str, int]) 
             values = np.asarray(None)
         if values.shape != (width,):
             raise StateError(f"{what}: {name} has shape {values.shape}, expected ({width},)")
-        if values.dtype.kind not in "fiu":
-            raise StateError(f"{what}: {name} holds {shown(values[0].item())}, expected numbers")
+        if values.dtype.kind not in "fiub":
+            raise StateError(f"{what}: {name} holds {shown(values.tolist()[0])}, expected numbers")
 
 
 def _check_finite(what: str, source: RobotState | Pose, widths: dict[str, int]) -> None:

@@ -8,7 +8,13 @@ from typing import Any
 from plat.control.authored import Authored
 from plat.errors import RecordsError
 from plat.evaluation.authored_rollout import Pushes
-from plat.evaluation.authored_scores import AuthoredRecords, AuthoredScore, author_families, evaluate_authored
+from plat.evaluation.authored_scores import (
+    AuthoredRecords,
+    AuthoredScore,
+    author_families,
+    evaluate_authored,
+    no_chains,
+)
 from plat.evaluation.cells import Candidate, Cell, fingerprint, robot_fingerprint
 from plat.evaluation.entrant import Entrant
 from plat.evaluation.groups import GroupScore
@@ -50,6 +56,8 @@ def authored_records(
     """
     if chains is None:
         chains = author_families(motions.robot, motions, count, setting.seed, entrant.timing)
+    if not chains:
+        raise RecordsError(f"{candidate.name}: {no_chains(entrant.timing)}")
     about = _about(candidate, motions.robot, chains, pushes)
     path = None if folder is None else folder / f"{Cell(candidate, AUTHORED).stem}.safetensors"
     if path is not None and path.exists():
@@ -81,13 +89,19 @@ def records_of_all(
     folder: Path | None = None,
     pushes: Pushes | None = None,
 ) -> Iterator[tuple[Candidate, AuthoredRecords]]:
-    """Yield each candidate and its records, as of :func:`authored_records`; chains are drawn once for all alike."""
+    """Yield each candidate and its records, as of :func:`authored_records`; chains are drawn once for all alike.
+
+    A candidate whose commands are too short for every family is left out, and told of.
+    """
     chains: dict[tuple[int, Timing], list[Authored]] = {}
     for candidate, entrant in entrants.items():
         key = (id(entrant.robot), entrant.timing)
         if key not in chains:
             own = motions.for_robot(entrant.robot)
             chains[key] = author_families(entrant.robot, own, count, setting.seed, entrant.timing)
+        if not chains[key]:
+            print(f"{candidate.name}: {no_chains(entrant.timing)}")
+            continue
         yield candidate, authored_records(candidate, entrant, motions, count, setting, folder, chains[key], pushes)
 
 

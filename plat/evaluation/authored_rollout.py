@@ -127,12 +127,16 @@ class AuthoredRollout:
         with set_exploration_type(ExplorationType.DETERMINISTIC):
             current = self._task.reset()
             pushes = None if self._pushes is None else self._draw_pushes(self._pushes)
+            broken = torch.zeros_like(self.ends, dtype=torch.bool)
             for number in range(1, int(self.ends.max()) + 1):
                 if pushes is not None and number in pushes:
                     self._env.physics.push(torch.arange(len(self.ends)), pushes[number])
                 current = self._policy(current)
-                check_actions(current["action"])
+                check_actions(current["action"], ~broken)
+                # it has fallen for good: what it is told next must not end the rollout of the others
+                current["action"] = torch.where(broken[:, None], 0.0, current["action"])
                 after = self._task.step(current)["next"]
+                broken |= after["terminated"][:, 0]
                 yield AuthoredStep(number, current, after)
                 current = step_mdp(TensorDict({"next": after}, after.batch_size), exclude_done=True)
 

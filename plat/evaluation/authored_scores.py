@@ -31,6 +31,7 @@ __all__ = [
     "author_families",
     "authored_table",
     "evaluate_authored",
+    "no_chains",
     "write_authored_csv",
 ]
 
@@ -247,6 +248,11 @@ def author_families(
         if family.interval[1] <= timing.longest and not lacking(family, robot, resting)
         for chain in author(family.name, robot, count, seed, resting, timing)
     ]
+
+
+def no_chains(timing: Timing) -> str:
+    """Return why there are no chains for a policy of a timing, in words."""
+    return f"no authored keyframes, which are up to 1 s apart: its longest command is {timing.longest:g} s"
 
 
 _COLUMNS = {

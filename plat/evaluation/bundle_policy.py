@@ -33,9 +33,12 @@ class BundlePolicy(TensorDictModuleBase):
         path = Path(bundle)
         runner = PolicyRunner(path, robot.joint_names)
         about = runner.robot
-        for name, ours in (("stiffness", robot.stiffness), ("damping", robot.damping)):
-            if not np.allclose(getattr(about, name), ours.numpy(), rtol=1e-3):
+        # the environment makes targets of actions by the robot's own pose and scale
+        for name in ("stiffness", "damping", "effort_limit", "default_joint_pos", "action_scale"):
+            if not np.allclose(getattr(about, name), getattr(robot, name).numpy(), rtol=1e-3):
                 raise BundleError(f"bundle {str(path)!r}: its {name} is not that of robot {robot.name!r}")
+        if about.keypoints != robot.keypoints:
+            raise BundleError(f"bundle {str(path)!r}: its keypoints are not those of robot {robot.name!r}")
         self.timing = runner.timing
         self.in_keys = [tuple(term.name.split(".")) for term in runner.bundle.terms]
         self.out_keys = ["action"]

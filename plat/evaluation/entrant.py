@@ -88,14 +88,15 @@ class Entrant:
         return cls.of_policy(load_policy(run, device), dense, interface)
 
     @classmethod
-    def of_bundle(cls, bundle: Path, robot: Robot = G1) -> "Entrant":
+    def of_bundle(cls, bundle: Path, robot: Robot = G1, dense: bool = False) -> "Entrant":
         """Return the policy of an exported bundle as an entrant.
 
         Args:
             bundle: its folder, or the ``.onnx`` file alone.
             robot: that it drives.
+            dense: show the reference motion in place of the keyframe.
         """
-        return cls(BundlePolicy(bundle, robot), robot)
+        return cls(BundlePolicy(bundle, robot), robot, ReferenceView(dense))
 
     @classmethod
     def of_tracker(

@@ -87,7 +87,8 @@ class CommandRecords:
         length: its control steps ``[M]``.
         steps: control steps that were taken for it ``[M]``.
         failed: terminated before it was fulfilled ``[M]``.
-        fell: terminated with the root at the wrong height or tilt ``[M]``.
+        fell: terminated with the root at the wrong height or tilt, or before its window by an absurd action or a
+            simulation that diverged ``[M]``.
         window_steps: steps taken in its arrival window ``[M]``.
         window: for each of :data:`WINDOW_METRICS`, the mean over those steps ``[M]``; NaN where there were none.
         arrival_error: world keypoint error at the arrival step ``[M]`` (m); infinite for a command that failed.
@@ -204,7 +205,9 @@ class CommandRecorder:
         metrics = after["metrics"]
         self._steps.index_add_(0, rows, torch.ones_like(rows, dtype=torch.float64))
         self._failed[rows[terminated]] = True
-        self._fell[rows[terminated & (metrics["fallen"][:, 0] > 0)]] = True
+        # before the window, only what is worse than a fall ends a command beside one: an absurd action, a simulation
+        # that diverged. MuJoCo has put that robot up again
+        self._fell[rows[terminated & ((metrics["fallen"][:, 0] > 0) | ~in_window)]] = True
         self._window_steps.index_add_(0, rows, in_window.double())
         for name, total in self._window.items():
             total.index_add_(0, rows, (metrics[name][:, 0] * in_window).double())

@@ -104,7 +104,8 @@ def compare(
         penalties, resamples, seed: as in :func:`report`.
 
     Returns:
-        For each metric of :func:`report` or :func:`report_clips`, ours minus theirs.
+        For each metric of :func:`report` or :func:`report_clips`, ours minus theirs. Of one motion the ends of the
+        interval are nan.
 
     Raises:
         RecordsError: when the records are of different commands.
@@ -115,7 +116,8 @@ def compare(
     if not torch.equal(tables[0].commands, tables[1].commands):
         raise RecordsError("records of different commands, expected the same commands for both policies")
     generator = torch.Generator().manual_seed(seed)
-    clip_weights = _draws(tables[0].num_motions, resamples, generator)
+    # samples of one motion are all alike: of other motions they say nothing
+    clip_weights = _draws(tables[0].num_motions, resamples if tables[0].num_motions > 1 else 0, generator)
     values = [table.figures() for table in tables]
     resampled = [table.resampled(clip_weights, generator) for table in tables]
     return {
@@ -243,6 +245,6 @@ def estimate(value: float, resampled: Tensor) -> Estimate:
     """
     resampled = resampled[resampled.isfinite()]
     if len(resampled) == 0:
-        return Estimate(float("nan"), float("nan"), float("nan"))
+        return Estimate(value, float("nan"), float("nan"))
     low, high = torch.quantile(resampled, torch.tensor([0.025, 0.975], dtype=torch.float64)).tolist()
     return Estimate(value, low, high)

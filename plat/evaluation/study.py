@@ -19,6 +19,7 @@ from plat.evaluation.difficulty import BINS, command_bins
 from plat.evaluation.disturbance import STRENGTHS
 from plat.evaluation.entrant import Entrant
 from plat.evaluation.groups import GroupScore, group_table, score_groups
+from plat.evaluation.in_between import INTERFACES
 from plat.evaluation.names import DisturbanceName, RuleName
 from plat.evaluation.records import CommandRecords
 from plat.evaluation.report import Estimate, report, report_clips
@@ -37,6 +38,7 @@ __all__ = [
     "evenly",
     "group_metrics",
     "run_study",
+    "tracker_and_interface",
 ]
 
 _Item = TypeVar("_Item")
@@ -86,9 +88,12 @@ class StudyPlan:
     ours: str | None = None
 
     def __post_init__(self) -> None:
-        for names in ("horizons", "rules", "families", "robustness", "longer"):
-            if (given := getattr(self, names)) is not None:
-                object.__setattr__(self, names, as_names(given))
+        if self.families is not None:
+            object.__setattr__(self, "families", as_names(self.families))
+        for names in ("horizons", "rules", "robustness", "longer"):
+            once = dict.fromkeys(as_names(getattr(self, names)))  # a test that is named twice is one
+            object.__setattr__(self, names, tuple(once))
+        object.__setattr__(self, "longer", tuple(name for name in self.longer if name not in self.horizons))
         if self.robustness and (self.setting.disturbance is not None or self.setting.randomization is not None):
             raise ConfigError("robustness: curves are of one disturbance at a time, expected an undisturbed setting")
         for test, asked in (("rules", self.rules), ("authored", self.authored)):
@@ -309,7 +314,7 @@ def run_study(
         done = [Cell(one, plan.main_horizon, plan.setting) for one in candidates]
         run(done)
         shown = best_interfaces(study.scores, plan.main_horizon)
-        study.interfaces = [score for score in study.scores if ", " in score.policy]
+        study.interfaces = [score for score in study.scores if tracker_and_interface(score.policy)[1]]
         study.scores = _renamed(study.scores, shown)
         study.groups = {kind: _renamed(scores, shown) for kind, scores in study.groups.items()}
         study.curves = _renamed(study.curves, shown)
@@ -324,7 +329,7 @@ def run_study(
         told(study)
     if plan.ours is not None:
         compared = [score for score in study.scores if score.horizon in ("long", "mixed")]
-        ours = [name for name in shown.values() if name.partition(" (")[0] == plan.ours]
+        ours = [name for row, name in shown.items() if tracker_and_interface(row)[0] == plan.ours]
         study.differences = [found for name in ours for found in paired(compared, name)]
         told(study)
     return study
@@ -432,16 +437,26 @@ def best_interfaces(scores: Sequence[Score], horizon: str) -> dict[str, str]:
     for score in scores:
         if score.horizon != horizon:
             continue
-        tracker = score.policy.partition(", ")[0]
+        tracker, _ = tracker_and_interface(score.policy)
         if tracker not in best or _rank(score) > _rank(best[tracker]):
             best[tracker] = score
     shown = {}
     for tracker, score in best.items():
-        interface = score.policy.partition(", ")[2]
+        _, interface = tracker_and_interface(score.policy)
         # "SONIC (unverified)" has its parentheses already
         named = f"{tracker[:-1]}, {interface})" if tracker.endswith(")") else f"{tracker} ({interface})"
         shown[score.policy] = named if interface else tracker
     return shown
+
+
+def tracker_and_interface(row: str) -> tuple[str, str]:
+    """Return the tracker and the interface of a row; the row itself and nothing where it has none.
+
+    >>> tracker_and_interface("wbc, line"), tracker_and_interface("plat, seed 1")
+    (('wbc', 'line'), ('plat, seed 1', ''))
+    """
+    tracker, _, interface = row.rpartition(", ")
+    return (tracker, interface) if interface in INTERFACES else (row, "")
 
 
 def _rank(score: Score) -> tuple[float, float]:

@@ -1,5 +1,6 @@
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -191,6 +192,27 @@ def test_sets_of_one_name_are_refused(tmp_path):
         recipe = BenchmarkRecipe(out=tmp_path, hard=(tmp_path / "a" / "hard.npz", tmp_path / "b" / f"{stem}.npz"))
         with pytest.raises(PlatError, match=f"--hard '.*b/{stem}.npz': there is a set '{stem}' already"):
             benchmark.motion_sets(recipe, G1, 0.02)
+
+
+def test_tables_of_an_earlier_start_are_not_under_the_head_of_another(recipe, monkeypatch):
+    benchmark.main(recipe)
+    text = (recipe.out / "benchmark.md").read_text()
+    assert "## motions" in text
+    assert "## generated" in text
+
+    def stopped(*_, **__) -> Study:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(benchmark, "run_study", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        benchmark.main(recipe)
+    assert page(recipe.out) == text  # what the same command has found stays
+    with pytest.raises(KeyboardInterrupt):
+        benchmark.main(replace(recipe, seed=5))
+    assert "- seed of the commands: 5" in page(recipe.out)
+    assert "## " not in page(recipe.out)
+    assert not (recipe.out / "benchmark.md").exists()
+    assert list((recipe.out / "motions" / "records").iterdir())
 
 
 def test_pictures_of_an_earlier_start_do_not_stay(tmp_path, monkeypatch):

@@ -8,6 +8,7 @@ from plat.baselines.catalog import sha256
 from plat.cli.candidates import candidates_of
 from plat.errors import PlatError
 from plat.evaluation.cells import Cell
+from plat.export import export_bundle
 from plat.modules import Expert, ExpertConfig, PlainPolicy
 from plat.robots import G1
 from tests.modules.policies.test_student import SMALL
@@ -37,6 +38,17 @@ def test_dense_trackers_are_there_once_for_each_interface(runs):
     assert [entrant.view.interface for entrant in found.values()] == ["next-frame", *INTERFACES]
     # the dense reference leaves nothing to choose
     assert names(paths, ReleasedTrackers(), interfaces=INTERFACES, dense=True) == ["plain", "expert"]
+
+
+def test_a_bundle_is_shown_the_reference_as_its_run_is(runs):
+    pytest.importorskip("onnxscript")
+    pytest.importorskip("onnxruntime")
+    export_bundle(runs / "plain", runs / "bundle")
+    paths = (runs / "plain", runs / "bundle", runs / "bundle" / "policy.onnx")
+    of_dense = [candidates_of(paths, ReleasedTrackers(), dense=dense) for dense in (False, True)]
+    assert [[entrant.view.dense for entrant in found.values()] for found in of_dense] == [[False] * 3, [True] * 3]
+    # records of one are none of the other
+    assert not {one.fingerprint for one in of_dense[0]} & {one.fingerprint for one in of_dense[1]}
 
 
 def test_runs_of_one_name_are_told_apart(runs):

@@ -46,7 +46,7 @@ def test_every_policy_at_every_horizon(runs, capsys):
 def test_only_some_motions(runs, capsys):
     (score,) = evaluate.main(recipe(runs, "plain", only="run"))
     assert score.records[0].clip.unique().tolist() == [0]
-    assert capsys.readouterr().out.startswith("1 motions, 2 s")
+    assert capsys.readouterr().out.startswith("1 motions, 2 s; intervals over one motion say nothing of others")
 
 
 def test_what_a_robot_meets(runs):
@@ -183,6 +183,22 @@ def test_authored_keyframes_of_an_earlier_start_are_kept(runs, capsys, tmp_path,
     evaluate.main(authored)
     table = before.index("plain, authored keyframes")
     assert before[table:] in capsys.readouterr().out
+
+
+def test_tables_of_an_earlier_start_do_not_stay(runs, tmp_path, monkeypatch):
+    out = tmp_path / "all"
+    evaluate.main(recipe(runs, "plain", authored=1, only="run", out=out))
+    assert {path.name for path in out.iterdir()} == {"records", "scores.csv", "scores.md", "scores_authored.csv"}
+    evaluate.main(recipe(runs, "plain", only="run", seed=3, out=out))
+    assert {path.name for path in out.iterdir()} == {"records", "scores.csv", "scores.md"}
+
+    def stopped(*_) -> str:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(evaluate, "markdown", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        evaluate.main(recipe(runs, "plain", only="run", seed=4, out=out))
+    assert {path.name for path in out.iterdir()} == {"records", "scores.csv"}
 
 
 def test_a_policy_of_other_timing_is_scored_by_its_own(runs, capsys):

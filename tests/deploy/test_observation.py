@@ -107,6 +107,10 @@ def test_a_pose_that_is_changed_in_place_is_seen(build):
         ("root_quat_w", np.full(4, np.nan), r"robot state: root_quat_w\[0\] is nan"),
         ("root_quat_w", np.zeros(4), r"robot state: root_quat_w has length 0, expected a unit quaternion wxyz"),
         ("joint_vel", np.full(29, np.inf), r"robot state: joint_vel\[0\] is inf"),
+        # what a driver gives when a motor does not answer
+        ("joint_vel", [None] * 29, "robot state: joint_vel holds None, expected numbers"),
+        ("joint_vel", ["0.1"] * 29, "robot state: joint_vel holds '0.1', expected numbers"),
+        ("joint_pos", None, r"robot state: joint_pos has shape \(\), expected \(29,\)"),
     ],
 )
 def test_a_broken_state(build, field, value, message):
@@ -115,6 +119,14 @@ def test_a_broken_state(build, field, value, message):
     setattr(state, field, value)
     with pytest.raises(StateError, match=message):
         build(state, SomePose(target), 10, np.zeros(29))
+
+
+def test_no_state_and_no_keyframe(build):
+    now, target = random_qpos(2)
+    with pytest.raises(StateError, match="robot state: joint_pos has shape"):
+        build(None, SomePose(target), 10, np.zeros(29))
+    with pytest.raises(StateError, match="keyframe: root_pos has shape"):
+        build(state_at(now), None, 10, np.zeros(29))
 
 
 @pytest.mark.parametrize(

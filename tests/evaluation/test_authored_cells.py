@@ -16,6 +16,7 @@ from plat.evaluation.records import write_columns
 from plat.modules import Expert, ExpertConfig
 from plat.motions import MotionLibrary
 from plat.robots import G1
+from plat.spec.timing import Timing
 from tests.conftest import standing_clip
 from tests.evaluation.authored import authored_records as made_up
 
@@ -77,6 +78,16 @@ def test_chains_are_drawn_once_for_all_that_are_alike(tracker, motions, monkeypa
     found = dict(records_of_all({candidate: entrant, other: entrant}, motions, 2, SETTING))
     assert list(found) == [candidate, other]
     assert drawn == [2]
+
+
+def test_a_policy_of_short_commands_is_left_out(motions, capsys):
+    short = Entrant.of_policy(Expert(G1, ExpertConfig(hidden=(8,), timing=Timing(max_steps=25))))
+    candidate = Candidate("short", partial(dict), "weights")
+    assert list(records_of_all({candidate: short}, motions, 1, SETTING)) == []
+    told = "short: no authored keyframes, which are up to 1 s apart: its longest command is 0.5 s"
+    assert capsys.readouterr().out.strip() == told
+    with pytest.raises(RecordsError, match=told):
+        authored_records(candidate, short, motions, 1, SETTING)
 
 
 def test_a_file_of_other_records_is_refused(tmp_path):

@@ -1,3 +1,4 @@
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
@@ -176,13 +177,18 @@ def test_what_there_is_nothing_of_in_a_resample_is_not_zero() -> None:
     assert AuthoredScore.of(replace(records(), feasible=feasible), "a").reached_feasible == (100, 100, 100)
 
 
-def wild() -> TensorDictModule:
-    """A policy that stands, but for an absurd action in the twentieth step, which the simulation is not given."""
+def wild(absurd: Callable[[int], bool] = lambda step: step == 20) -> TensorDictModule:
+    """A policy that stands, but for the first robot's absurd actions, as in the twentieth step.
+
+    The simulation is not given them.
+    """
     policy, steps = plat.load("plat-g1").deployed(), count(1)
 
     def act(*values: torch.Tensor) -> torch.Tensor:
         action = policy(TensorDict(dict(zip(policy.in_keys, values, strict=True)), values[0].shape[:1]))["action"]
-        return torch.full_like(action, 2e4) if next(steps) == 20 else action
+        if absurd(next(steps)):
+            action[0] = 2e4
+        return action
 
     return TensorDictModule(act, policy.in_keys, ["action"])
 
@@ -192,3 +198,9 @@ def test_a_robot_whose_action_is_absurd_has_fallen() -> None:
     assert records.fell.tolist() == [True]
     assert records.fell_before.tolist() == [[False, True, True, True, True]]
     assert records.reached.tolist() == [[True, False, False, False, False]]
+
+
+def test_a_robot_that_is_broken_for_good_does_not_end_the_scores_of_others() -> None:
+    records = evaluate_authored(wild(lambda step: step >= 30), G1, [still(2.0), still(2.0)])
+    assert records.fell.tolist() == [True, False]
+    assert records.reached.tolist() == [[True, False, False, False, False], [True] * 5]

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -73,6 +75,7 @@ def test_a_bundle_scores_what_its_policy_scores(clips: MotionLibrary, tmp_path) 
         assert torch.equal(found.length, of_run.length)
         torch.testing.assert_close(found.steps, of_run.steps)
         torch.testing.assert_close(found.step["action_change"], of_run.step["action_change"], rtol=0.02, atol=1e-3)
+        assert Entrant.of_bundle(path, dense=True).view == Entrant.of_run(run, dense=True).view
 
 
 def test_a_bundle_of_a_robot_with_other_motors_is_refused(tmp_path) -> None:
@@ -82,5 +85,13 @@ def test_a_bundle_of_a_robot_with_other_motors_is_refused(tmp_path) -> None:
 
     bundle = tmp_path / "bundle"
     export_bundle(write_run(tmp_path / "plat", small_policy("residual_latent")), bundle)
-    with pytest.raises(BundleError, match="its stiffness is not that of robot"):
-        Entrant.of_bundle(bundle, tuned_robot(G1, "stiff", 2 * G1.stiffness, G1.damping, G1.effort_limit))
+    for what, factors in {"stiffness": (2, 1, 1), "damping": (1, 2, 1), "effort_limit": (1, 1, 2)}.items():
+        motors = (G1.stiffness, G1.damping, G1.effort_limit)
+        tuned = tuned_robot(G1, "other", *(factor * values for factor, values in zip(factors, motors, strict=True)))
+        with pytest.raises(BundleError, match=f"its {what} is not that of robot"):
+            Entrant.of_bundle(bundle, tuned)
+    with pytest.raises(BundleError, match="its default_joint_pos is not that of robot"):
+        Entrant.of_bundle(bundle, replace(G1, name="upright", default_pose={}))
+    # of as many keypoints, in another order
+    with pytest.raises(BundleError, match="its keypoints are not those of robot"):
+        Entrant.of_bundle(bundle, replace(G1, name="other", keypoints=(G1.keypoints[0], *G1.keypoints[:0:-1])))

@@ -34,3 +34,10 @@ def test_a_policy_of_nans_has_no_score(library: MotionLibrary, broken: TensorDic
         evaluate(broken, library, HORIZONS["single"])
     with pytest.raises(ActionError, match="mean nothing"):
         evaluate_authored(broken, G1, author("steps", G1, 1, seed=0))
+
+
+def test_an_absurd_action_is_a_fall(library: MotionLibrary) -> None:
+    wild = TensorDictModule(lambda pos: torch.full_like(pos, 2e4), [("robot", "joint_pos")], ["action"])
+    records = evaluate(wild, library, HORIZONS["long"], clips=[0])
+    assert bool(records.failed.all())
+    assert bool(records.fell.all())

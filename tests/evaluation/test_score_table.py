@@ -1,6 +1,7 @@
 import csv
 
 import pytest
+import torch
 
 from plat.evaluation import METRICS, Estimate, Score, differences, markdown, report, write_csv
 from tests.evaluation.test_report import records, spread
@@ -54,6 +55,14 @@ def test_differences_say_who_is_ahead():
     assert lines[0] == "| PLAT minus | horizon | TKS@3 (%) | MPJPE@3 (rad) | MPKPE@3 (mm) |"
     assert lines[2].startswith("| worse | long | +0.0 (+0.0 to +0.0) | **-0.020 (-0.020 to -0.020)** |")
     assert lines[3].startswith("| better | long | +0.0 (+0.0 to +0.0) | *+0.020 (+0.020 to +0.020)* |")
+
+
+def test_on_one_motion_nobody_is_ahead_beyond_chance():
+    """Every sample of one motion is that motion: its interval has no width, and leaves out 0."""
+    ours, theirs = spread(0.0), spread(0.02)
+    ours.source = theirs.source = torch.zeros(40, dtype=torch.int64)
+    lines = differences([Score.of("PLAT", "long", [ours]), Score.of("other", "long", [theirs])], "PLAT").splitlines()
+    assert lines[2].startswith("| other | long | +0.0 (- to -) | -0.020 (- to -) |")
 
 
 def test_no_differences_without_the_policy(scores):

@@ -121,6 +121,37 @@ def test_the_best_interface_of_each_tracker():
     assert best == {"PLAT": "PLAT", "wbc, line": "wbc (line)"}
 
 
+def test_runs_with_a_comma_in_their_names_are_rows_of_their_own():
+    names = ("PLAT, seed 1", "PLAT, seed 2", "wbc (unverified), line")
+    scores = [Score.of(name, "mixed", [records(0.1, 0.1, 0.1)]) for name in names]
+    shown = {name: name for name in names[:2]} | {names[2]: "wbc (unverified, line)"}
+    assert best_interfaces(scores, "mixed") == shown
+
+
+@pytest.mark.parametrize("name", ["plain, new", "plain (new)"])
+def test_differences_to_a_row_whatever_its_name(tmp_path, name):
+    runs = [save_run(tmp_path / one, PlainPolicy(G1, SMALL)) for one in (name, "other")]
+    candidates = [Candidate(run.name, partial(Entrant.of_run, run), fingerprint([run.name.encode()])) for run in runs]
+    library = MotionLibrary.from_clips([standing_clip(one, frames=20) for one in "ab"])
+    plan = StudyPlan(horizons=("mixed",), setting=EvaluationSetting(num_threads=1), choose=True, ours=name)
+    study = run_study({one: one.load() for one in candidates}, library, plan, workers=1)
+    assert [(found.ours, found.policy) for found in study.differences] == [(name, "other")]
+    assert not study.interfaces
+
+
+def test_a_test_that_is_named_twice_is_run_once():
+    plan = StudyPlan(
+        horizons=("mixed", "distant", "mixed"),
+        rules=("supermimic", "supermimic"),
+        robustness=("push", "push"),
+        longer=("distant",),
+        families=("walk", "walk"),
+    )
+    assert (plan.horizons, plan.rules, plan.robustness) == (("mixed", "distant"), ("supermimic",), ("push",))
+    assert plan.longer == ()
+    assert plan.families == ("walk", "walk")
+
+
 @pytest.mark.parametrize(("horizons", "expected"), [(("long", "mixed"), "mixed"), (("long", "short"), "long")])
 def test_the_main_horizon(horizons, expected):
     assert StudyPlan(horizons=horizons).main_horizon == expected

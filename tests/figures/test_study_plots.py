@@ -2,6 +2,7 @@ import math
 from itertools import pairwise
 
 import pytest
+import torch
 
 from plat.errors import RecordsError
 from plat.evaluation import CommandRecords, Estimate, Score
@@ -88,6 +89,12 @@ def test_differences_in_favor_are_to_the_right():
     assert mpjpe.get_xlim()[0] > mpjpe.get_xlim()[1]
     with pytest.raises(RecordsError, match="no policy beside 'nobody'"):
         difference_plot(scores, "nobody")
+    markers = [line.get_markerfacecolor() for line in mpjpe.lines if line.get_marker() == "o"]
+    assert "white" not in markers
+    for score in scores:  # of one motion nothing is known of others
+        score.records[0].source = torch.zeros_like(score.records[0].clip)
+    for panel in difference_plot(scores, "PLAT").axes:
+        assert {line.get_markerfacecolor() for line in panel.lines if line.get_marker() == "o"} == {"white"}
 
 
 def test_the_radar_keeps_good_rows_apart_beside_a_bad_one():
