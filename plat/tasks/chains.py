@@ -61,7 +61,6 @@ def draw_chains(
     *,
     seed: int = 0,
     timing: Timing | None = None,
-    hurried: float = 0.0,
 ) -> KeyframeChains:
     """Draw ``count`` chains, as many of each family as of the others to within one.
 
@@ -89,7 +88,6 @@ def draw_chains(
         families: some of :data:`CHAIN_FAMILIES`.
         seed: draws them, apart from the global generator.
         timing: of the policy; None for the default at the control step of the motions.
-        hurried: share of the keyframes within reach that come in the first quarter of the usual times.
 
     Raises:
         TaskError: for an unknown family, or where none of the families can be drawn.
@@ -133,9 +131,6 @@ def draw_chains(
             elif longest > second and not family.out_of_reach:
                 slow = torch.rand(poses.shape[:2]) < 0.3
                 steps = torch.where(slow, torch.randint(second, longest + 1, poses.shape[:2]), steps)
-            if hurried and not (_distant(family) or family.out_of_reach):
-                soon = torch.randint(usual[0], usual[0] + 1 + (usual[1] - usual[0]) // 4, poses.shape[:2])
-                steps = torch.where(torch.rand(poses.shape[:2]) < hurried, soon, steps)
             hold = torch.full((share,), _HOLD_OF_MOTIONS if family.same else _HOLD)
             if family.way is None:
                 hold[torch.rand(share) < _LONG] = _LONG_HOLD

@@ -85,8 +85,6 @@ class TimedKeyframesConfig(Bounded):
     """families of authored keyframes"""
     chains: Count = 1200
     """number of authored chains that are drawn"""
-    hurried: Fraction = 0.0
-    """share of their keyframes within reach that come in the first quarter of the usual times"""
     from_standing: Fraction = 0.6
     """fraction of the authored episodes that start standing; the others start within a motion"""
     shortest: Count = 1

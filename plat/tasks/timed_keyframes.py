@@ -105,9 +105,7 @@ class TimedKeyframes(Task):
         self.timing.check_control_dt(library.dt, f"motion library of {library.num_clips} clips")
         self.timing.check_steps(config.shortest, "shortest command along a motion (task.shortest)")
         self.reset_noise = reset_noise
-        self.chains = chains = draw_chains(
-            library, config.chains, config.families, seed=seed, timing=self.timing, hurried=config.hurried
-        )
+        self.chains = chains = draw_chains(library, config.chains, config.families, seed=seed, timing=self.timing)
         self._frames = frames = len(library)
         self.table = PoseTable.of_library(library).then(PoseTable.of_poses(chains.qpos.cpu(), library.robot))
         self.starts = ClipStarts(library, uniform=config.uniform_starts)

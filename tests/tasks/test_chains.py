@@ -148,23 +148,3 @@ def test_without_a_timing_chains_have_the_control_step_of_the_motions():
 def test_a_seed_draws_the_times_that_trained_weights_know(library, longest, wanted):
     steps = draw_chains(library, 4, ["steps", "far", "distant"], seed=7, timing=Timing(max_steps=longest)).steps
     assert steps[steps > 0].tolist() == wanted
-
-
-def test_hurried_keyframes_come_in_the_first_quarter_of_the_usual_times(library):
-    families = ["arms", "steps", "far", "distant"]
-    for timing in (Timing(), Timing(max_steps=150)):
-        usual, hurried = (draw_chains(library, 400, families, timing=timing, hurried=share) for share in (0.0, 0.5))
-        assert hurried.chain.equal(usual.chain)
-        quick = {}
-        for chains in (usual, hurried):
-            for family in set(chains.family):
-                steps = torch.tensor(
-                    [s for s, c in zip(chains.steps, chains.chain, strict=True) if s and chains.family[c] == family]
-                )
-                quick.setdefault(family, []).append(float((steps <= 25 + 26 // 4).float().mean()))
-                assert int(steps.min()) >= 25
-        for family in ("arms", "steps"):
-            before, after = quick[family]
-            assert after == pytest.approx(0.5 + 0.5 * before, abs=0.06)
-        assert quick["far"][1] < 0.35, "they are out of reach as it is"
-        assert quick.get("distant", [0, 0])[1] == 0
