@@ -231,7 +231,7 @@ def as_path(path: object, what: str, error: type[PlatError]) -> Path:
     Traceback (most recent call last):
     plat.errors.OutputError: motion file 5: expected a path
     """
-    if not isinstance(path, (str, Path)):
+    if not isinstance(path, (str, os.PathLike)):
         raise error(f"{what} {path!r:.60}: expected a path")
     return Path(path)
 

@@ -4,7 +4,7 @@ from collections import deque
 
 import numpy as np
 
-from plat.bounds import is_finite
+from plat.bounds import is_finite, shown
 from plat.deploy.description import RobotDescription
 from plat.deploy.safety.settings import SafetySettings
 from plat.deploy.state import RobotState, state_widths
@@ -72,7 +72,8 @@ class StateWatch:
         if state is None:
             return "no state"
         if not is_finite(stamp) or stamp > now + self._settings.late:
-            return f"the state's time is {stamp:.6g} s, the control step's {now:.6g} s"
+            time = f"{stamp:.6g}" if is_finite(stamp) else shown(stamp)
+            return f"the state's time is {time} s, the control step's {now:.6g} s"
         if stamp <= self._newest:
             return f"the state of {stamp:.6g} s came after that of {self._newest:.6g} s"
         if now - stamp > self._settings.late:
@@ -94,7 +95,7 @@ class StateWatch:
         """Return what no robot measures, in words."""
         limits = self._settings
         for name, size in self._sizes.items():
-            values = getattr(state, name)
+            values = getattr(state, name, None)  # whatever came in a state's place
             if not isinstance(values, np.ndarray) or values.shape != (size,) or values.dtype.kind != "f":
                 return f"{name} is no array of {size} floats"
             if not np.isfinite(values).all():

@@ -71,6 +71,24 @@ def test_a_missing_state_is_bridged_and_many_end_it():
     assert robot.run(1) == "ramp"
 
 
+@pytest.mark.parametrize("state", [object(), "state", 5])
+def test_what_is_no_state_is_bridged(state):
+    robot = Robot(SafeRunner(StandIn(), Commands(), QUICK))
+    robot.run(20)
+    assert robot.run(1, lambda _: state) == "run"
+    assert list(robot.runner.journal)[-1].reason == "root_pos_w is no array of 3 floats"
+
+
+def test_a_stamp_that_is_no_number_is_bridged():
+    robot = Robot(SafeRunner(StandIn(), Commands(), QUICK))
+    robot.run(20)
+    robot.runner.step(robot.now, robot.state, "noon")
+    assert robot.runner.mode == "run"
+    assert (
+        list(robot.runner.journal)[-1].reason == f"the state's time is 'noon' s, the control step's {robot.now:.6g} s"
+    )
+
+
 def test_every_second_state_is_bad():
     robot = Robot(SafeRunner(StandIn(), Commands(), replace(QUICK, doubt=0.3)))
     robot.run(20)
