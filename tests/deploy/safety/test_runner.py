@@ -76,7 +76,7 @@ def test_what_is_no_state_is_bridged(state):
     robot = Robot(SafeRunner(StandIn(), Commands(), QUICK))
     robot.run(20)
     assert robot.run(1, lambda _: state) == "run"
-    assert list(robot.runner.journal)[-1].reason == "root_pos_w is no array of 3 floats"
+    assert list(robot.runner.journal)[-1].reason == "joint_pos is no array of 29 floats"
 
 
 def test_a_stamp_that_is_no_number_is_bridged():
