@@ -166,10 +166,23 @@ def check_together(recipe: EvaluateRecipe) -> None:
             raise PlatError(f"{flag}: without effect but with {needed}, expected that beside it")
 
 
+def conditions_of(recipe: EvaluateRecipe) -> str:
+    """Return what a test has of its own, in words: scores of it are not those of the usual one."""
+    told = {
+        f"partial keyframes ({recipe.partial})": recipe.partial,
+        "dense reference": recipe.dense,
+        "domain randomization": recipe.domain_randomization,
+        f"disturbed {recipe.disturbed:g}": recipe.disturbed,
+        f"only {recipe.only}": recipe.only,
+    }
+    return ", ".join(words for words, given in told.items() if given)
+
+
 def write_tables(recipe: EvaluateRecipe, *tables: str) -> None:
     """Write the page of tables into the folder for them."""
     if recipe.out is not None:
-        text = "\n".join(filter(None, tables))
+        conditions = conditions_of(recipe)
+        text = "\n".join(filter(None, (conditions and f"Conditions: {conditions}.\n", *tables)))
         replace_file(recipe.out / SCORES_PAGE, lambda part: part.write_text(text, encoding="utf-8"))
 
 
@@ -196,7 +209,7 @@ class Teller:
         for score in study.scores[self._told :]:
             print_score(score, time.monotonic() - self._since)
         if len(study.scores) > self._told and self._recipe.csv is not None:
-            write_csv(self._recipe.csv, study.scores)
+            write_csv(self._recipe.csv, study.scores, conditions_of(self._recipe))
         self._told, self._since = len(study.scores), time.monotonic()
         if self._recipe.out is not None:
             if not self._begun:  # what write_study does not replace is of an earlier start

@@ -141,9 +141,16 @@ def rows(scores: Iterable[Score]) -> list[tuple[str, str, int, str, float, float
     ]
 
 
-def write_csv(path: Path, scores: Iterable[Score]) -> None:
-    """Write :func:`rows` with six digits."""
-    replace_table(path, COLUMNS, rows(scores))
+def write_csv(path: Path, scores: Iterable[Score], conditions: str = "") -> None:
+    """Write :func:`rows` with six digits.
+
+    Args:
+        path: the file; it is replaced atomically or not at all.
+        scores: the scores.
+        conditions: what the test had of its own, in words: a last column. Without any there is no such column.
+    """
+    told = (conditions,) if conditions else ()
+    replace_table(path, COLUMNS + ("conditions",) * len(told), [row + told for row in rows(scores)])
 
 
 def overview(scores: Sequence[Score]) -> str:

@@ -82,7 +82,7 @@ def _motions(motions: Sequence[str]) -> str:
 
 def _score_table(scores: tuple[BundleScore, ...] | None) -> str:
     if scores is None:
-        return "None: no `evaluation.csv` in the run directory, or beside it, holds rows of this run."
+        return "None: no `evaluation.csv` in the run directory, or beside it, holds rows of it in usual conditions."
     figures = {(score.horizon, score.metric): score for score in scores}
     lines = ["| commands | " + " | ".join(title for _, title, *_ in _COLUMNS) + " |", "|---|" + "---|" * len(_COLUMNS)]
     for horizon in dict.fromkeys(score.horizon for score in scores):

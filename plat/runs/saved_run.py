@@ -190,7 +190,8 @@ class SavedRun:
         """Return the policy's scores from ``evaluation.csv`` in the directory or beside it; None where there are none.
 
         In a table with several policies, rows are matched by the directory's name, or by the run's original name. A
-        table in the directory that holds a single policy belongs to this run, whatever its name.
+        table in the directory that holds a single policy belongs to this run, whatever its name. Rows of other than the
+        usual conditions, such as partial keyframes, are left out.
         """
         own = _read_scores(self.folder / SCORES_FILE)
         shared = _read_scores(self.folder.resolve().parent / SCORES_FILE)
@@ -213,6 +214,8 @@ def _read_scores(path: Path) -> dict[str, tuple[RunScore, ...]]:
     try:
         with path.open(newline="", encoding="utf-8") as file:
             for row in csv.DictReader(file):
+                if row.get("conditions"):
+                    continue
                 score = RunScore(row["horizon"], row["metric"], *(float(row[figure]) for figure in _FIGURES))
                 scores.setdefault(row["policy"], []).append(score)
     except (OSError, ValueError, KeyError, TypeError, csv.Error) as error:

@@ -57,6 +57,28 @@ def test_what_a_robot_meets(runs):
         evaluate.main(recipe(runs, "plain", disturbed=1.0, domain_randomization=True))
 
 
+@pytest.mark.parametrize(
+    ("own", "told"),
+    [
+        ({}, ""),
+        ({"dense": True}, "dense reference"),
+        ({"disturbed": 0.5, "only": "run"}, "disturbed 0.5, only run"),
+        ({"domain_randomization": True}, "domain randomization"),
+    ],
+)
+def test_tables_say_what_conditions_they_are_of(runs, tmp_path, own, told):
+    evaluate.main(recipe(runs, "plain", csv=tmp_path / "scores.csv", out=tmp_path / "all", **own))
+    header, first, *_ = (tmp_path / "scores.csv").read_text().splitlines()
+    page = (tmp_path / "all" / "scores.md").read_text()
+    if not told:
+        assert header.endswith(",high")
+        assert "Conditions" not in page
+        return
+    assert header.endswith(",high,conditions")
+    assert first.endswith((f',"{told}"', f",{told}"))
+    assert page.startswith(f"Conditions: {told}.\n")
+
+
 def test_dense_goals_of_an_expert_that_sees_several_frames(runs, monkeypatch):
     seen = {}
 

@@ -307,6 +307,15 @@ def test_a_table_of_its_own_needs_no_name_and_one_beside_it_does(chaser):
     assert [score.metric for score in SavedRun(chaser.parent / "renamed").scores] == ["tks", "mpjpe"]
 
 
+def test_scores_of_other_than_the_usual_conditions_are_left_out(chaser):
+    lines = TABLE.splitlines()
+    table = [lines[0] + ",conditions", lines[1] + ",partial keyframes (hands)", lines[2] + ","]
+    (chaser / "evaluation.csv").write_text("\n".join(table))
+    assert [score.metric for score in SavedRun(chaser).scores] == ["mpjpe"]
+    (chaser / "evaluation.csv").write_text("\n".join(table[:2]))
+    assert SavedRun(chaser).scores is None
+
+
 def test_no_scores(chaser):
     assert SavedRun(chaser).scores is None
     (chaser / "evaluation.csv").write_text("")
