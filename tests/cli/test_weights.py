@@ -18,7 +18,7 @@ RUNS = {
     "dagger": "dagger",
     "plat": "plat",
     "finetuned": "finetuned",
-    "expert-model": "expert-model",
+    "expert-last": "expert-model",
     "sides": "imagined",
     "imagined-robot": "imagined-robot",
     "free-22": "imagined-free",
