@@ -11,6 +11,7 @@ from plat.control.authored import Authored
 from plat.envs.reach import distances, down
 from plat.envs.settings import ReachLimits
 from plat.envs.state import GeneralizedState
+from plat.envs.transforms.terminations import off_pose
 from plat.evaluation.authored_rollout import AuthoredRollout, Pushes
 from plat.motions import MotionLibrary
 from plat.rendering.playback import Playback
@@ -32,8 +33,9 @@ def play_authored(
 ) -> list[Playback]:
     """Return a playback of a policy for each chain; the hold is one more command, which arrives at its end.
 
-    A command has failed where the robot is not near enough at its arrival, or lies; so have all after an action that
-    is absurd or a simulation that diverged.
+    A command has failed as in the scores: where the robot is off in its window or not near enough at its arrival, or
+    has fallen by then, was given an absurd action, or its simulation diverged. The hold fails by its end, and has no
+    window.
 
     Args:
         policy, robot, chains, observe, pushes, device: see :class:`plat.evaluation.authored_rollout.AuthoredRollout`.
@@ -43,17 +45,22 @@ def play_authored(
     rollout = AuthoredRollout(policy, robot, chains, observe=observe, pushes=pushes, num_threads=1, device=device)
     bodies = torch.tensor([limits.bodies if chain.bodies is None else chain.bodies for chain in chains], device=device)
     before, after, failed = [], [], []
-    broken = torch.zeros(len(chains), dtype=torch.bool, device=device)
+    arrivals, window = rollout.arrivals, rollout.timing.window
+    missed = torch.zeros_like(arrivals, dtype=torch.bool)
+    fell = torch.zeros(len(chains), dtype=torch.bool, device=device)
     for step in rollout:
         state, reference = step.after["state"], step.after["reference"]
         before.append(_qpos(GeneralizedState.from_entries(step.before)))
         after.append(_qpos(GeneralizedState.from_entries(step.after)))
         parts = rollout.commanded(step.number)
         near = distances(state, reference, parts).near(limits, bodies)
-        broken |= step.after["terminated"][:, 0]
-        failed.append((down(state, reference, limits, parts) | ~near | broken).cpu().numpy())
+        fell |= down(state, reference, limits, parts) | step.after["terminated"][:, 0]
+        in_window = (arrivals >= step.number) & (arrivals - step.number < window)
+        missed |= in_window & off_pose(state, reference, robot, limits.window, parts)[:, None]
+        late = (missed & (arrivals == step.number)).any(1)
+        failed.append((fell | ~near | late).cpu().numpy())
     qpos, reached, misses = (np.stack(values, 1) for values in (before, after, failed))
-    ends = torch.cat((rollout.arrivals, rollout.ends[:, None]), 1).tolist()
+    ends = torch.cat((arrivals, rollout.ends[:, None]), 1).tolist()
     return [
         _playback(chain, ends[row], qpos[row], reached[row], misses[row], rollout.timing.control_dt)
         for row, chain in enumerate(chains)
