@@ -41,7 +41,7 @@ class SingleG1(gymnasium.Env):
         self._motion = {name: np.ascontiguousarray(value) for name, value in library.frames.cpu().numpy().items()}
         self._last_frame = library.last_frame.numpy()
         self._starts = np.flatnonzero(self._last_frame - np.arange(len(library)) >= horizon.shortest)
-        self._model = robot.model(config.feet)
+        self._model = robot.model(config.feet, foot_counts=True)
         self._model.opt.timestep = library.dt / config.decimation
         self._data = mujoco.MjData(self._model)
         self._bodies = [self._model.body(name).id for name in robot.keypoints]
@@ -184,7 +184,7 @@ class SingleG1(gymnasium.Env):
         penalty = (
             weights.action_rate * np.square(action - self._last_action).sum()
             + weights.joint_limit * excess.sum()
-            + weights.stray_contact * (found[8] - found[0] - found[4] + found[9])
+            + weights.stray_contact * (found[8] - found[10] - found[11] + found[9])
         )
         reward += config.regularization_weight * (penalty if weights.floor is None else max(penalty, weights.floor))
 

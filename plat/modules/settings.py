@@ -100,7 +100,7 @@ class PlainPolicyConfig(Bounded):
     reach: WalkingReach | None = None
     """shows keyframes beyond it nearer; none shows them where they are"""
     symmetric: bool = False
-    """acts by the mean of its action and that in the mirror; one with a latent when deployed alone"""
+    """acts by the mean of its action and that in the mirror; with a latent: when deployed"""
 
 
 @dataclass(frozen=True)
