@@ -11,7 +11,6 @@ from plat.control.authored import Authored
 from plat.envs.reach import distances, down
 from plat.envs.settings import ReachLimits
 from plat.envs.state import GeneralizedState
-from plat.envs.transforms.terminations import off_pose
 from plat.evaluation.authored_rollout import AuthoredRollout, Pushes
 from plat.motions import MotionLibrary
 from plat.rendering.playback import Playback
@@ -45,8 +44,7 @@ def play_authored(
     rollout = AuthoredRollout(policy, robot, chains, observe=observe, pushes=pushes, num_threads=1, device=device)
     bodies = torch.tensor([limits.bodies if chain.bodies is None else chain.bodies for chain in chains], device=device)
     before, after, failed = [], [], []
-    arrivals, window = rollout.arrivals, rollout.timing.window
-    missed = torch.zeros_like(arrivals, dtype=torch.bool)
+    missed = torch.zeros_like(rollout.arrivals, dtype=torch.bool)
     fell = torch.zeros(len(chains), dtype=torch.bool, device=device)
     for step in rollout:
         state, reference = step.after["state"], step.after["reference"]
@@ -55,12 +53,11 @@ def play_authored(
         parts = rollout.commanded(step.number)
         near = distances(state, reference, parts).near(limits, bodies)
         fell |= down(state, reference, limits, parts) | step.after["terminated"][:, 0]
-        in_window = (arrivals >= step.number) & (arrivals - step.number < window)
-        missed |= in_window & off_pose(state, reference, robot, limits.window, parts)[:, None]
-        late = (missed & (arrivals == step.number)).any(1)
+        missed |= rollout.off_in_window(step, parts, limits.window)
+        late = (missed & (rollout.arrivals == step.number)).any(1)
         failed.append((fell | ~near | late).cpu().numpy())
     qpos, reached, misses = (np.stack(values, 1) for values in (before, after, failed))
-    ends = torch.cat((arrivals, rollout.ends[:, None]), 1).tolist()
+    ends = torch.cat((rollout.arrivals, rollout.ends[:, None]), 1).tolist()
     return [
         _playback(chain, ends[row], qpos[row], reached[row], misses[row], rollout.timing.control_dt)
         for row, chain in enumerate(chains)

@@ -16,6 +16,8 @@ from plat.entries import check_policy
 from plat.envs.tracking import MotionTrackingEnv
 from plat.envs.transforms import FirstFrames, KeyframeClock, KeyframeCommand, ReferenceMotion
 from plat.envs.transforms.command import CommandSchedule
+from plat.envs.transforms.settings import TerminationLimits
+from plat.envs.transforms.terminations import off_pose
 from plat.evaluation.finite import check_actions
 from plat.motions import MotionClip, MotionLibrary
 from plat.robots import Robot
@@ -120,6 +122,19 @@ class AuthoredRollout:
         """Return the masks ``[C, J + bodies + 3]`` of the commands that a step belongs to; held ones go on."""
         command = (self.arrivals < number).sum(-1).clamp_max(self.arrivals.shape[1] - 1)
         return self.parts[torch.arange(len(command), device=command.device), command]
+
+    def off_in_window(self, step: AuthoredStep, parts: Tensor, limits: TerminationLimits) -> Tensor:
+        """Return in which arrival windows a robot is off in a step ``[C, K]``.
+
+        Args:
+            step: the step.
+            parts: what is commanded in it, of :meth:`commanded`.
+            limits: thresholds in a window.
+        """
+        # a window is the last steps of a command, the arrival among them
+        in_window = (self.arrivals >= step.number) & (self.arrivals - step.number < self.timing.window)
+        off = off_pose(step.after["state"], step.after["reference"], self.library.robot, limits, parts)
+        return in_window & off[:, None]
 
     @torch.no_grad()
     def __iter__(self) -> Iterator[AuthoredStep]:

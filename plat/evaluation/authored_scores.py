@@ -15,7 +15,6 @@ from plat.control.authored import FAMILIES, Authored, author, lacking, resting_p
 from plat.control.feasibility import Feasibility
 from plat.envs.reach import distances, down
 from plat.envs.settings import ReachLimits
-from plat.envs.transforms.terminations import off_pose
 from plat.errors import RecordsError
 from plat.evaluation.authored_rollout import AuthoredRollout, Pushes
 from plat.evaluation.records import read_columns, write_columns
@@ -193,9 +192,7 @@ def evaluate_authored(
         broken = step.after["terminated"][:, 0]
         fallen = (down(state, reference, limits, parts) | broken) & (number <= ends)
         fell_at = torch.where(fallen, fell_at.clamp_max(number), fell_at)
-        # a window is the last steps of a command, the arrival among them
-        in_window = (arrivals >= number) & (arrivals - number < timing.window)
-        missed |= in_window & off_pose(state, reference, robot, limits.window, parts)[:, None]
+        missed |= rollout.off_in_window(step, parts, limits.window)
         now = arrivals == number
         if bool(now.any()):
             away = distances(state, reference, parts)

@@ -34,6 +34,11 @@ class Estimate:
     low: float
     high: float
 
+    @property
+    def beyond_chance(self) -> bool:
+        """Return whether a difference's interval leaves 0 out; one that is not known does not."""
+        return self.low > 0 or self.high < 0
+
     def __format__(self, spec: str) -> str:
         return f"{self.value:{spec}} ({self.low:{spec}}-{self.high:{spec}})"
 

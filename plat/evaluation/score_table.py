@@ -221,7 +221,7 @@ def differences(scores: Sequence[Score], ours: str) -> str:
 def _difference(figure: Estimate, metric: Metric) -> str:
     value, low, high = (metric.text(part, "+") for part in (figure.value, figure.low, figure.high))
     text = f"{value} ({low} to {high})"
-    if not (figure.low > 0 or figure.high < 0):  # also where the interval is not known
+    if not figure.beyond_chance:
         return text
     return f"**{text}**" if (figure.value > 0) == metric.higher_is_better else f"*{text}*"
 

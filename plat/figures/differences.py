@@ -44,9 +44,9 @@ def difference_plot(scores: Sequence[Score], ours: str, horizons: Sequence[str] 
             metric = METRICS[name]
             for place, (score, found) in enumerate(zip(others, figures, strict=True)):
                 value, low, high = metric.factor * np.array([found[name].value, found[name].low, found[name].high])
-                look, chance = drawn[score.policy], not (low > 0 or high < 0)
+                look = drawn[score.policy]
                 panel.plot([low, high], [place, place], color=look.color, linewidth=1.0)
-                face = "white" if chance else look.color
+                face = look.color if found[name].beyond_chance else "white"
                 panel.plot(value, place, "o", color=look.color, markerfacecolor=face, markersize=3.5)
             panel.axvline(0, color="0.4", linewidth=0.6)
             panel.set_title(metric.heading, pad=3)

@@ -133,6 +133,7 @@ class Refinement(nn.Module):
             rename = [TensorDictModule(nn.Identity(), in_keys=["loc"], out_keys=["action"])]
         else:
             rename = self.after_sample("loc")
+        # a subclass of one's own may have a frozen() without arguments, which serves one side
         features = self.frozen((before, keys)) if after else self.frozen()
         return DeployedPolicy(features, *self.mean(), *rename, *after, timing=self.timing)
 
