@@ -141,7 +141,7 @@ class RefineRecipe(RecipeConfig):
     presets = {name: preset["refine"] for name, preset in PRESETS.items()}
 
     student: Path
-    """run of stage 2"""
+    """run of stage 2, or one of its student fine-tuned, to go on from"""
     variant: Literal["latent", "latent-noise", "action", "finetune"] = "latent"
     """latent: PLAT; latent-noise: exploration in the latent; action, finetune: ablations"""
     policy: RefinementConfig = BEST["refine"]["policy"]
@@ -237,7 +237,7 @@ class RefineModelRecipe(ImaginationRecipe):
     name = "refine-model"
 
     student: Path
-    """run of stage 2"""
+    """run of stage 2, or one of its student fine-tuned, to go on from"""
     variant: Literal["latent", "action", "finetune"] = "latent"
     """latent: residual in the latent; action: residual on the action; finetune: all weights"""
     policy: RefinementConfig = field(default_factory=RefinementConfig)

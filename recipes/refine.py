@@ -12,6 +12,7 @@ from plat.collectors import collect
 from plat.envs import make_keyframe_env
 from plat.envs.physics import get_physics
 from plat.envs.transforms import horizon_named
+from plat.errors import ConfigError
 from plat.evaluation import play
 from plat.modules import (
     Critic,
@@ -106,9 +107,23 @@ def main(recipe: RefineRecipe) -> None:
 
 
 def load_student(recipe: RefineRecipe | RefineModelRecipe, made_by: str) -> tuple[LatentPolicy, Timing]:
-    """The student of stage 2 and its timing; ``made_by`` names the commands that make such a one."""
-    expected = f"a student with a latent, of {made_by} (--student)"
-    student = SavedRun(recipe.student).policy_as(LatentPolicy, expected)
+    """The student of stage 2 and its timing; ``made_by`` names the commands that make such a one.
+
+    One that was fine-tuned is a student with other weights.
+
+    Raises:
+        CheckpointError: for another policy.
+        ConfigError: for a fine-tuned one whose lead is not that of the recipe.
+    """
+    saved, expected = SavedRun(recipe.student), f"a student with a latent, of {made_by} (--student)"
+    if saved.kind == "finetuned":
+        tuned = saved.policy_as(FinetunedPolicy, expected)
+        if tuned.config.lead != recipe.policy.lead:
+            told = f"--policy.lead is {recipe.policy.lead:g} s, expected {tuned.config.lead:g} s"
+            raise ConfigError(f"{told}, with which {str(recipe.student)!r} was fine-tuned")
+        student = tuned.student
+    else:
+        student = saved.policy_as(LatentPolicy, expected)
     check_partial(recipe.task.partial, student.config.also)
     return student, timing_of(student) or Timing()
 

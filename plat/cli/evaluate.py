@@ -40,6 +40,7 @@ from plat.rendering import Playback, RenderingError, Stage
 from plat.robots import get_robot
 from plat.runs import check_logger, log_table, on_device, start_logging
 from plat.runs.user_modules import import_modules
+from plat.spec.timing import Timing
 
 SCORES_PAGE, SCORES_TABLE = "scores.md", "scores.csv"
 """Files of ``--out``: all tables as a page, and the scores of commands."""
@@ -94,6 +95,9 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
         difficulty=recipe.difficulty,
         robustness=recipe.robustness,
     )
+    conditions = conditions_of(recipe, next(iter(entrants.values())).timing)
+    if conditions:
+        print(f"conditions: {conditions}")
     print_head()
     study = run_study(
         found,
@@ -102,16 +106,17 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
         folder=recipe.out and recipe.out / "records",
         workers=recipe.workers or None,
         modules=recipe.imports,
-        told=Teller(recipe),
+        told=Teller(recipe, conditions),
         clips=partial(long_enough, library),
     )
     scores = study.scores
     if tables := study.markdown():
         print(f"\n{tables}", end="")
-    write_tables(recipe, markdown(scores), tables)
+    write_tables(recipe, conditions, markdown(scores), tables)
     pictures: list[Path] = []
     if recipe.authored:
-        write_tables(recipe, markdown(scores), tables, *score_authored(recipe, found, library, plan.setting))
+        authored = score_authored(recipe, found, library, plan.setting)
+        write_tables(recipe, conditions, markdown(scores), tables, *authored)
         if recipe.strips is not None:
             pictures += draw_authored_strips(recipe, recipe.strips, entrants, library)
     if recipe.figures is not None:
@@ -166,9 +171,13 @@ def check_together(recipe: EvaluateRecipe) -> None:
             raise PlatError(f"{flag}: without effect but with {needed}, expected that beside it")
 
 
-def conditions_of(recipe: EvaluateRecipe) -> str:
-    """Return what a test has of its own, in words: scores of it are not those of the usual one."""
+def conditions_of(recipe: EvaluateRecipe, timing: Timing) -> str:
+    """Return what a test has of its own, in words: scores of it are not those of the usual one.
+
+    Headings of tables say TKS@3. The conditions say so where the policies' arrival window is another.
+    """
     told = {
+        f"arrival window of {timing.window} control steps, not 3": timing.window != Timing().window,
         f"partial keyframes ({recipe.partial})": recipe.partial,
         "dense reference": recipe.dense,
         "domain randomization": recipe.domain_randomization,
@@ -178,10 +187,9 @@ def conditions_of(recipe: EvaluateRecipe) -> str:
     return ", ".join(words for words, given in told.items() if given)
 
 
-def write_tables(recipe: EvaluateRecipe, *tables: str) -> None:
+def write_tables(recipe: EvaluateRecipe, conditions: str, *tables: str) -> None:
     """Write the page of tables into the folder for them."""
     if recipe.out is not None:
-        conditions = conditions_of(recipe)
         text = "\n".join(filter(None, (conditions and f"Conditions: {conditions}.\n", *tables)))
         replace_file(recipe.out / SCORES_PAGE, lambda part: part.write_text(text, encoding="utf-8"))
 
@@ -198,8 +206,9 @@ def written_by(recipe: EvaluateRecipe, pictures: Sequence[Path]) -> list[Path]:
 class Teller:
     """Line of the table for each score as it comes, and files that hold what there is so far."""
 
-    def __init__(self, recipe: EvaluateRecipe):
+    def __init__(self, recipe: EvaluateRecipe, conditions: str):
         self._recipe = recipe
+        self._conditions = conditions
         self._told = 0
         self._begun = False
         self._since = time.monotonic()
@@ -209,7 +218,7 @@ class Teller:
         for score in study.scores[self._told :]:
             print_score(score, time.monotonic() - self._since)
         if len(study.scores) > self._told and self._recipe.csv is not None:
-            write_csv(self._recipe.csv, study.scores, conditions_of(self._recipe))
+            write_csv(self._recipe.csv, study.scores, self._conditions)
         self._told, self._since = len(study.scores), time.monotonic()
         if self._recipe.out is not None:
             if not self._begun:  # what write_study does not replace is of an earlier start

@@ -6,6 +6,7 @@ from types import MappingProxyType
 from typing import Any
 
 import mujoco
+import numpy as np
 import torch
 from tensordict import TensorDictBase
 from torchrl.envs import Transform
@@ -26,6 +27,7 @@ __all__ = [
     "Disturbed",
     "Strength",
     "disturbing",
+    "is_undisturbed",
     "loaded_physics",
     "observing_noise",
 ]
@@ -69,7 +71,7 @@ class Strength:
 
     Attributes:
         unit: with which a strength is labeled.
-        values: what the unit counts; the first is the undisturbed robot.
+        values: what the unit counts. At 0 the robot is undisturbed, and friction of 0.8 is that of the G1's soles.
         to_field: factor from a value to the field of :class:`Disturbance`.
     """
 
@@ -78,8 +80,8 @@ class Strength:
     to_field: float = 1.0
 
     def disturbance(self, name: DisturbanceName, value: float) -> Disturbance | None:
-        """Return the disturbance of a strength; None for the undisturbed robot."""
-        if value == self.values[0]:
+        """Return the disturbance of a strength; None for 0."""
+        if value == 0:
             return None
         field = value * self.to_field
         fields: dict[str, Any] = {name: round(field) if name == "latency" else field}
@@ -96,7 +98,21 @@ STRENGTHS: Mapping[DisturbanceName, Strength] = MappingProxyType(
         "noise": Strength("x training noise", (0.0, 1.0, 2.0, 3.0, 4.0)),
     }
 )
-"""Strengths of the robustness curves. Sole friction is 0.8 in the G1's description."""
+"""Strengths of the robustness curves."""
+
+
+def is_undisturbed(name: DisturbanceName, value: float, robot: Robot) -> bool:
+    """Return whether a robot at some strength of a disturbance is as its description has it.
+
+    >>> from plat.robots import G1
+    >>> is_undisturbed("push", 0.0, G1), is_undisturbed("friction", 0.8, G1), is_undisturbed("friction", 0.6, G1)
+    (True, True, False)
+    """
+    if name != "friction":
+        return value == 0
+    model = robot.shared_model
+    return bool(np.allclose(model.geom_friction[robot.sole_geoms(model), 0], value))
+
 
 _PUSH_INTERVAL = (1.0, 3.0)  # seconds
 

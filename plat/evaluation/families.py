@@ -24,7 +24,7 @@ def read_manifest(paths: Iterable[Path], column: str = "family") -> dict[str, st
         column: with the families.
 
     Raises:
-        RecordsError: naming the file that cannot be read, or lacks a column.
+        RecordsError: naming the file that cannot be read, or lacks a column, and the clip that is of two families.
     """
     families: dict[str, str] = {}
     for path in paths:
@@ -41,7 +41,10 @@ def read_manifest(paths: Iterable[Path], column: str = "family") -> dict[str, st
                         raise RecordsError(
                             f"manifest {str(path)!r}, line {rows.line_num}: fewer cells than the head has"
                         )
-                    families[row["clip"]] = row[column]
+                    clip, family = row["clip"], row[column]
+                    if (before := families.setdefault(clip, family)) != family:
+                        told = f"{column} of {short(clip)} is {short(family)}, and {short(before)} before"
+                        raise RecordsError(f"manifest {str(path)!r}, line {rows.line_num}: {told}; expected one")
         except (OSError, UnicodeDecodeError, csv.Error) as error:
             raise RecordsError(f"manifest {str(path)!r}: not a readable CSV file ({error})") from error
     return families

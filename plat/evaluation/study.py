@@ -16,7 +16,7 @@ from plat.evaluation.authored_cells import AUTHORED, authored_groups, records_of
 from plat.evaluation.cells import Candidate, Cell, Records, evaluate_cells
 from plat.evaluation.clip_records import ClipRecords
 from plat.evaluation.difficulty import BINS, command_bins
-from plat.evaluation.disturbance import STRENGTHS
+from plat.evaluation.disturbance import STRENGTHS, is_undisturbed
 from plat.evaluation.entrant import Entrant
 from plat.evaluation.groups import GroupScore, group_table, score_groups
 from plat.evaluation.in_between import INTERFACES
@@ -26,6 +26,7 @@ from plat.evaluation.report import Estimate, report, report_clips
 from plat.evaluation.score_table import CLIP_METRICS, METRICS, Difference, Score, paired, table
 from plat.evaluation.setting import EvaluationSetting
 from plat.motions.library import MotionLibrary
+from plat.robots.robot import Robot
 from plat.spec.timing import Timing
 
 __all__ = [
@@ -116,7 +117,7 @@ class StudyPlan:
         cells += [Cell(one, self.main_horizon, self.setting, rule) for rule in self.rules for one in candidates]
         clips = self.clips_of_curves(library)
         for name in self.robustness:
-            for value in self.strengths_of(name):
+            for value in self.strengths_of(name, library.robot):
                 setting = replace(self.setting, disturbance=STRENGTHS[name].disturbance(name, value))
                 label = f"{name}={value:g}"
                 cells += [Cell(one, self.main_horizon, setting, label=label, clips=clips) for one in candidates]
@@ -127,10 +128,15 @@ class StudyPlan:
         tests = (None, *self.rules)
         return [Cell(one, self.main_horizon, self.setting, rule, _DENSE) for rule in tests for one in trackers]
 
-    def strengths_of(self, name: DisturbanceName) -> tuple[float, ...]:
-        """Return the strengths at which a disturbance is measured: spread evenly, the strongest among them."""
-        values = STRENGTHS[name].values[1:]
-        return values if self.strengths is None else evenly(values, self.strengths, last=True)
+    def strengths_of(self, name: DisturbanceName, robot: Robot) -> tuple[float, ...]:
+        """Return the strengths at which a disturbance is measured: spread evenly, the strongest among them.
+
+        The first one of the curve is among them only where it is not the undisturbed robot, whose scores are there
+        anyway.
+        """
+        first, *values = STRENGTHS[name].values
+        measured = () if is_undisturbed(name, first, robot) else (first,)
+        return (*measured, *(values if self.strengths is None else evenly(values, self.strengths, last=True)))
 
     def clips_of_curves(self, library: MotionLibrary) -> tuple[int, ...] | None:
         """Return the numbers of the clips of the curves; None for all."""
@@ -359,6 +365,8 @@ class _Labels:
     def __init__(self, plan: StudyPlan, motions: MotionLibrary, clips: Sequence[int], timing: Timing):
         self.families = [plan.families[clip] for clip in clips] if plan.families else None
         self.curve_clips = plan.clips_of_curves(motions)
+        firsts = {name: STRENGTHS[name].values[0] for name in plan.robustness}
+        self.undisturbed = {name: at for name, at in firsts.items() if is_undisturbed(name, at, motions.robot)}
         self.difficulty: list[str] = []
         if plan.difficulty:
             self.difficulty = command_bins(motions, plan.main_horizon, timing, plan.setting.seed)
@@ -387,8 +395,8 @@ def _add(
         # on the clips of the curves
         clips = labels.curve_clips
         figure = score.figures["tks"] if clips is None else report(records.of_clips(clips))["tks"]
-        for disturbance in plan.robustness:
-            study.curves.append(CurvePoint(name, disturbance, STRENGTHS[disturbance].values[0], figure))
+        for undisturbed, first in labels.undisturbed.items():
+            study.curves.append(CurvePoint(name, undisturbed, first, figure))
     if labels.families is not None:
         of_rows = [labels.families[clip] for clip in records.clip.tolist()]
         scores = score_groups(name, cell.horizon, [records], of_rows, resamples=200)

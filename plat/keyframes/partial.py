@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from plat.bounds import is_finite
+from plat.bounds import check_robot, is_finite
 from plat.deploy.description import RobotDescription
 from plat.deploy.kinematics import KeypointKinematics
 from plat.errors import KeyframeError
@@ -114,6 +114,7 @@ def hands_of(robot: Robot | RobotDescription) -> tuple[str, str]:
     """
     if isinstance(robot, RobotDescription):
         return ("", "")
+    check_robot(robot)
     hands = [body for body in robot.end_effectors if body not in robot.feet]
     if len(hands) != 2:
         return ("", "")

@@ -1,5 +1,6 @@
 """Motion clip: one recorded or generated motion, with its checks."""
 
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -11,7 +12,7 @@ from plat.json_file import short
 from plat.robots.robot import Robot
 from plat.rotations_np import UNIT_TOLERANCE
 
-__all__ = ["ASSUMED_RATE", "MotionClip"]
+__all__ = ["ASSUMED_RATE", "MotionClip", "as_clips"]
 
 ASSUMED_RATE = "fps assumed (another can stand in the file name: x_60fps.csv)"
 """Note of a clip whose frame rate nothing states and nothing in its motion confirms."""
@@ -116,3 +117,29 @@ class MotionClip:
                 f"{norm[frame]:.4g}, expected 1"
             )
         return norm
+
+
+def as_clips(clips: MotionClip | Iterable[MotionClip], told: str) -> list[MotionClip]:
+    """Return clips as a list; one alone is a list of one.
+
+    Args:
+        clips: of any number.
+        told: what takes them, for messages.
+
+    Raises:
+        MotionError: when there is none, or something else among them.
+
+    >>> as_clips(MotionClip("stand", np.zeros((2, 36)), 50.0), "motion library")[0].name
+    'stand'
+    """
+    if isinstance(clips, MotionClip):
+        return [clips]
+    if not isinstance(clips, Iterable):
+        raise MotionError(f"{told}: {short(clips)} in the place of clips, expected MotionClips")
+    found = list(clips)
+    for clip in found:
+        if not isinstance(clip, MotionClip):
+            raise MotionError(f"{told}: {short(clip)} among the clips, expected a MotionClip")
+    if not found:
+        raise MotionError(f"{told}: no clips, expected at least one")
+    return found

@@ -9,13 +9,13 @@ then have the names that other formats give to other things. The other formats a
 import logging
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from plat.errors import MotionError, OutputError
 from plat.files import as_path, readable, write_file
-from plat.motions.clip import ASSUMED_RATE, MotionClip
+from plat.motions.clip import ASSUMED_RATE, MotionClip, as_clips
 from plat.motions.formats import MotionFile, QuatOrder, ReadOptions, check_clip_names, csv_text, write_archive
 from plat.motions.formats.axes import Up
 from plat.motions.formats.clock import without_steps
@@ -210,18 +210,17 @@ def load_motions(
     return [clip for file in files for clip in file.clips]
 
 
-def save_motions(path: str | Path, clips: Sequence[MotionClip], robot: Robot = G1) -> None:
-    """Write clips of one frame rate to a plat motion file.
+def save_motions(path: str | Path, clips: MotionClip | Iterable[MotionClip], robot: Robot = G1) -> None:
+    """Write clips of one frame rate to a plat motion file; a clip alone is a list of one.
 
     Raises:
         MotionError: for several frame rates, names that cannot stand in the file, or a clip that is none of the
             robot's.
         OutputError: when the disk does not take it; the file that was there is intact.
     """
+    clips = as_clips(clips, f"motion file {str(path)!r}")
     for clip in clips:
         clip.check(robot)
-    if not clips:
-        raise MotionError(f"motion file {str(path)!r}: no clips, expected at least one")
     rates = {clip.fps for clip in clips}
     if len(rates) != 1:
         found = ", ".join(f"{rate:.5g}" for rate in sorted(rates))

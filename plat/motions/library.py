@@ -27,7 +27,7 @@ from plat.gpu import check_device
 from plat.motions.cache import CachedTable, cache_dir, file_digests, read_table, write_table
 from plat.motions.checks.repair import clip_to_limits
 from plat.motions.checks.validation import MotionValidator, Verdict
-from plat.motions.clip import MotionClip
+from plat.motions.clip import MotionClip, as_clips
 from plat.motions.files import load_motions, log, motion_paths, read_along
 from plat.motions.formats.sonic import holds_sonic
 from plat.motions.generation import PREFIX, generate_named
@@ -250,16 +250,17 @@ class MotionLibrary:
         return MotionClip(self.clip_names[number], self.qpos(frames).cpu().numpy(), 1 / self.dt)
 
     @classmethod
-    def from_clips(cls, clips: Sequence[MotionClip], robot: Robot = G1, dt: float = 0.02) -> "MotionLibrary":
-        """Resample clips to the control rate and compute their kinematics.
+    def from_clips(
+        cls, clips: MotionClip | Iterable[MotionClip], robot: Robot = G1, dt: float = 0.02
+    ) -> "MotionLibrary":
+        """Resample clips to the control rate and compute their kinematics; a clip alone is a list of one.
 
         Raises:
             MotionError: when there is no clip, or a clip is broken or lasts less than one control step.
         """
         check_robot(robot)
         check_value("motion library: dt", dt, Annotated[float, Range(0.001, 1)])
-        if not clips:
-            raise MotionError("motion library: no clips, expected at least one")
+        clips = as_clips(clips, "motion library")
         return cls._built(clips, _frames(clips, dt), robot, dt)
 
     @classmethod

@@ -76,7 +76,8 @@ class Robot:
         if feet == "capsules" and not self.sole_capsules:
             raise RobotError(f"robot {self.name!r} has no sole_capsules, expected feet 'spheres'")
         spec = read_spec(self.asset, self.name)
-        spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.1])
+        floor = spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.1])
+        floor.friction[0] = 0.0  # a contact has the larger one of both geoms: so it is the robot's, whatever that is
         if feet == "capsules":
             replace_soles(spec, self.feet, self.sole_capsules)
         return spec

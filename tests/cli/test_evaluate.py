@@ -79,6 +79,14 @@ def test_tables_say_what_conditions_they_are_of(runs, tmp_path, own, told):
     assert page.startswith(f"Conditions: {told}.\n")
 
 
+def test_another_arrival_window_is_a_condition(runs, tmp_path, capsys):
+    save_run(runs / "patient", PlainPolicy(G1, replace(SMALL, timing=Timing(window=5))))
+    evaluate.main(recipe(runs, "patient", csv=tmp_path / "scores.csv"))
+    told = "arrival window of 5 control steps, not 3"
+    assert f"conditions: {told}\n" in capsys.readouterr().out
+    assert (tmp_path / "scores.csv").read_text().splitlines()[1].endswith(f'"{told}"')
+
+
 def test_dense_goals_of_an_expert_that_sees_several_frames(runs, monkeypatch):
     seen = {}
 

@@ -5,7 +5,14 @@ from torchrl.envs import Compose, TransformedEnv
 from plat.envs import MotionTrackingEnv
 from plat.envs.transforms import FirstFrames, Horizon
 from plat.evaluation import Disturbance, evaluate
-from plat.evaluation.disturbance import STRENGTHS, Disturbed, disturbing, loaded_physics, observing_noise
+from plat.evaluation.disturbance import (
+    STRENGTHS,
+    Disturbed,
+    disturbing,
+    is_undisturbed,
+    loaded_physics,
+    observing_noise,
+)
 from plat.motions import MotionLibrary
 from plat.robots import G1
 from tests.conftest import standing_clip
@@ -111,7 +118,8 @@ def test_evaluation_takes_a_disturbance(clips):
 def test_curves_begin_with_the_undisturbed_robot(name):
     strength = STRENGTHS[name]
     first, *others = (strength.disturbance(name, value) for value in strength.values)
-    assert first is None
+    assert first == (Disturbance(friction=0.8) if name == "friction" else None)
+    assert [is_undisturbed(name, value, G1) for value in strength.values] == [True] + [False] * len(others)
     fields = {getattr(one, name) for one in others}
     assert len(fields) == len(others)
     assert not {getattr(Disturbance(), name)} & fields

@@ -36,3 +36,12 @@ def test_manifests_that_are_cut_off_or_no_tables_take_one_short_line(tmp_path):
     with pytest.raises(RecordsError, match="no column") as refused:
         read_manifest([path])
     assert len(str(refused.value)) < 500
+
+
+def test_a_clip_of_two_families_is_named_with_both(tmp_path):
+    one, two = tmp_path / "one.csv", tmp_path / "two.csv"
+    one.write_text("clip,family\na,walk\nb,jump\na,walk\n")
+    two.write_text("clip,family\nc,run\nb,dance\n")
+    assert read_manifest([one, one]) == {"a": "walk", "b": "jump"}
+    with pytest.raises(RecordsError, match=r"two.csv', line 3: family of 'b' is 'dance', and 'jump' before"):
+        read_manifest([one, two])

@@ -3,7 +3,15 @@ import pytest
 import torch
 
 from plat.errors import MotionError
-from plat.motions import MotionClip, load_motions, mirror_motion, save_csv, save_motions
+from plat.motions import (
+    MotionClip,
+    MotionLibrary,
+    load_motions,
+    mirror_motion,
+    save_csv,
+    save_motions,
+    validate_motions,
+)
 from plat.robots import G1
 
 
@@ -68,3 +76,21 @@ def test_small_quaternion_errors_are_mended():
 
 def test_duration_is_between_first_and_last_frame():
     assert MotionClip("clip", good(31), 30.0).duration == pytest.approx(1.0)
+
+
+def test_a_clip_alone_is_a_list_of_one(tmp_path):
+    clip = MotionClip("alone", good(31), 30.0)
+    save_motions(tmp_path / "one.npz", clip)
+    assert [found.name for found in load_motions(tmp_path / "one.npz")] == ["alone"]
+    assert MotionLibrary.from_clips(clip).clip_names == ["alone"]
+    assert [report.name for report in validate_motions(clip)] == ["alone"]
+    assert MotionLibrary.from_clips(found for found in [clip, clip]).num_clips == 2
+
+
+@pytest.mark.parametrize(
+    ("clips", "told"), [([], "no clips"), (["walk"], "'walk' among the clips"), (5, "5 in the place of clips")]
+)
+def test_what_are_no_clips_is_named(clips, told, tmp_path):
+    for take in (MotionLibrary.from_clips, validate_motions, lambda clips: save_motions(tmp_path / "a.npz", clips)):
+        with pytest.raises(MotionError, match=told):
+            take(clips)

@@ -25,6 +25,7 @@ from plat.modules import (
     FinetunedPolicy,
     LatentPolicy,
     PlainPolicy,
+    RefinementConfig,
     ResidualActionPolicy,
     ResidualLatentPolicy,
 )
@@ -165,6 +166,19 @@ def test_a_student_is_refined(tmp_path, variant, kind, learns):
     assert not any(name.startswith(("normalizer", "posterior", "encoder")) for name in moved)
     if learns == "residual":
         assert any((value != 0).any() for value in policy.residual.state_dict().values())
+
+
+def test_fine_tuning_goes_on(tmp_path):
+    write_run(tmp_path / "tuned", FinetunedPolicy(small_policy("latent"), RefinementConfig(lead=0.05)))
+    again = [*REFINE, "--student", tmp_path / "tuned", "--variant", "finetune", "--device", "cpu", "--steps", 8]
+    with pytest.raises(SystemExit, match=r"--policy.lead is 0 s, expected 0.05 s, with which .*tuned' was fine-tuned"):
+        main(["refine-model", *map(str, again), "--out", str(tmp_path / "a")])
+    main(["refine-model", *map(str, again), "--policy.lead", "0.05", "--out", str(tmp_path / "b")])
+    before, after = (load_policy(tmp_path / name) for name in ("tuned", "b"))
+    assert after.config.lead == 0.05
+    for name, weight in before.student.state_dict().items():
+        # 8 steps are before the first update
+        assert after.student.state_dict()[name].equal(weight), name
 
 
 def test_only_a_student_with_a_latent_is_refined(tmp_path):

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 import torch
@@ -17,12 +18,15 @@ from plat.envs.transforms import HORIZONS, NoiseLevels, RandomizationRanges
 from plat.errors import CheckpointError, KeyframeError, RobotError, TaskError
 from plat.evaluation import evaluate, report
 from plat.evaluation.authored_scores import author_families
+from plat.evaluation.cells import Candidate
+from plat.evaluation.entrant import Entrant
+from plat.evaluation.study import StudyPlan, run_study
 from plat.keyframes import KeyframeSequence, standing
 from plat.modules import Critic, Expert, ExpertConfig, LatentPolicy, LatentPolicyConfig
 from plat.motions import MotionClip, MotionLibrary, load_motions, mirror_motion, save_csv, save_motions
 from plat.motions.retargeting.geometry import RobotGeometry
 from plat.objectives import PPO, PPOConfig, motor_gradient
-from plat.robots import ForwardKinematics, Robot, get_robot, registry
+from plat.robots import G1, ForwardKinematics, Robot, get_robot, registry
 from plat.runs import Budget, Run, load_policy
 from plat.tasks import draw_chains
 from tests.export.runs import write_run
@@ -222,3 +226,29 @@ def test_feet_that_differ_are_refused_by_name(tmp_path):
     robot = get_robot(tmp_path / "toy.json")
     with pytest.raises(RobotError, match="contact geoms: 2 on 'paw_l' and 1 on 'paw_r'; expected as many"):
         robot.sole_geoms(robot.shared_model)
+
+
+def test_soles_slide_by_their_own_friction_not_by_the_floors(toy):
+    model = toy.model()
+    data = mujoco.MjData(model)
+    data.qpos[:] = toy.default_qpos
+    data.qpos[2] -= 0.05
+    mujoco.mj_forward(model, data)
+    assert {contact.friction[0] for contact in data.contact} == {0.9}
+    model.geom_friction[toy.sole_geoms(model), 0] = 0.1
+    mujoco.mj_forward(model, data)
+    assert {contact.friction[0] for contact in data.contact} == {0.1}
+
+
+def test_its_curve_of_friction_begins_with_a_test_of_its_own(toy):
+    plan = StudyPlan(horizons=["short"], robustness=["friction", "push"], strengths=1)
+    assert plan.strengths_of("friction", toy) == (0.8, 0.1)
+    assert plan.strengths_of("friction", G1) == (0.1,)
+    assert plan.strengths_of("push", toy) == (1.5,)
+    library = MotionLibrary.from_clips(squats(toy), toy)
+    entrant = Entrant.of_policy(LatentPolicy(toy))
+    candidate = Candidate("toy", lambda: entrant, "as it is")
+    study = run_study({candidate: entrant}, library, plan, workers=1)
+    friction = {point.strength for point in study.curves if point.disturbance == "friction"}
+    assert friction == {0.8, 0.1}
+    assert {point.strength for point in study.curves if point.disturbance == "push"} == {0.0, 1.5}

@@ -1,6 +1,6 @@
 """Whether a motion is fit to train on."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -18,7 +18,7 @@ from plat.motions.checks.sides import EXCHANGED, apart
 from plat.motions.checks.steps import JointStep, joint_steps
 from plat.motions.checks.tempo import Gait
 from plat.motions.checks.underside import Underside
-from plat.motions.clip import ASSUMED_RATE, MotionClip
+from plat.motions.clip import ASSUMED_RATE, MotionClip, as_clips
 from plat.progress import tracked
 from plat.robots import G1, Robot
 
@@ -116,15 +116,15 @@ def validate_motion(clip: MotionClip, robot: Robot = G1, limits: ValidationLimit
 
 
 def validate_motions(
-    clips: Sequence[MotionClip], robot: Robot = G1, limits: ValidationLimits | None = None
+    clips: MotionClip | Iterable[MotionClip], robot: Robot = G1, limits: ValidationLimits | None = None
 ) -> list[MotionReport]:
     """Measure clips and judge them by the limits.
 
     Raises:
-        MotionError: when a clip is broken; see :meth:`MotionClip.checked`.
+        MotionError: when there is no clip, or one is broken; see :meth:`MotionClip.checked`.
     """
     validator = MotionValidator(robot, limits)
-    return [validator(clip) for clip in tracked(clips, "checking motions", unit="clips")]
+    return [validator(clip) for clip in tracked(as_clips(clips, "validation"), "checking motions", unit="clips")]
 
 
 class MotionValidator:
