@@ -18,7 +18,7 @@ from plat.envs.settings import ReachLimits
 from plat.errors import RecordsError
 from plat.evaluation.authored_rollout import AuthoredRollout, Pushes
 from plat.evaluation.records import read_columns, write_columns
-from plat.evaluation.report import estimate
+from plat.evaluation.report import estimate, share
 from plat.files import replace_table
 from plat.motions import MotionLibrary
 from plat.robots import Robot
@@ -95,7 +95,7 @@ class AuthoredRecords:
 
 @dataclass(frozen=True)
 class AuthoredScore:
-    """Percentages of a family, each with its 95 % bootstrap interval over chains.
+    """Percentages of a family, each with its 95 % bootstrap interval over chains; at 0 and 100 % that of :func:`share`.
 
     Args:
         family: its name.
@@ -304,6 +304,7 @@ def _feasibility(robot: Robot, chains: Sequence[Authored]) -> tuple[Tensor, Tens
 def _interval(top: Tensor, bottom: Tensor, draws: Tensor) -> Interval:
     value = 100 * float(top.sum() / bottom.sum())
     found = estimate(value, 100 * top[draws].sum(1) / bottom[draws].sum(1))
+    found = share(found, int((bottom > 0).sum()))
     return found.value, found.low, found.high
 
 

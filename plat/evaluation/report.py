@@ -1,7 +1,7 @@
 """Metrics of command records, with bootstrap confidence intervals."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -11,7 +11,10 @@ from plat.errors import RecordsError
 from plat.evaluation.clip_records import CLIP_ERRORS, ClipRecords
 from plat.evaluation.records import STEP_METRICS, CommandRecords
 
-__all__ = ["Estimate", "Penalties", "compare", "estimate", "report", "report_clips", "success_curve"]
+__all__ = ["Estimate", "Penalties", "compare", "estimate", "report", "report_clips", "share", "success_curve"]
+
+_SHARES = ("tks", "fall_rate", "clip_success")
+"""Metrics that are a share of what was tried, of commands or clips."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,8 @@ def report(
         over all commands, each capped, and a failed one at its cap; ``fall_rate`` (%); ``success_area`` (%): area
         under :func:`success_curve`; ``action_change``, ``joint_jerk`` (rad/s^3), ``foot_slip`` (m/s): means over
         steps. Of partial keyframes, errors are over the commands that command a joint, or a body; nan without any. The
-        bootstrap resamples motions and training seeds; pieces of a motion stay together.
+        bootstrap resamples motions and training seeds; pieces of a motion stay together. Where all commands succeed,
+        or none falls, samples are all alike, and the interval is that of :func:`share`.
 
     Raises:
         RecordsError: when the tables are of different commands.
@@ -173,6 +177,10 @@ class _Table:
         """Return each metric."""
         return {name: float(top.sum() / bottom.sum()) for name, (top, bottom) in self._sums.items()}
 
+    def trials(self, name: str) -> int:
+        """Return what a metric is a share of: how many commands or clips of each run."""
+        return int(self._sums[name][1][0].sum())
+
     def resampled(self, clip_weights: Tensor, generator: torch.Generator) -> dict[str, Tensor]:
         """Return each metric ``[resamples]`` with motions resampled as given and training seeds resampled here."""
         run_weights = _draws(self._num_runs, len(clip_weights), generator)
@@ -231,7 +239,11 @@ def _estimates(table: _Table, resamples: int, seed: int) -> dict[str, Estimate]:
     generator = torch.Generator().manual_seed(seed)
     clip_weights = _draws(table.num_motions, resamples, generator)
     resampled = table.resampled(clip_weights, generator)
-    return {name: estimate(value, resampled[name]) for name, value in table.figures().items()}
+    figures = {name: estimate(value, resampled[name]) for name, value in table.figures().items()}
+    if table.num_motions > 1:
+        shares = {name: share(figures[name], table.trials(name)) for name in _SHARES if name in figures}
+        figures.update(shares)
+    return figures
 
 
 def _draws(count: int, resamples: int, generator: torch.Generator) -> Tensor:
@@ -253,3 +265,27 @@ def estimate(value: float, resampled: Tensor) -> Estimate:
         return Estimate(value, float("nan"), float("nan"))
     low, high = torch.quantile(resampled, torch.tensor([0.025, 0.975], dtype=torch.float64)).tolist()
     return Estimate(value, low, high)
+
+
+def share(found: Estimate, trials: int) -> Estimate:
+    """Return the estimate of a share (%) with an interval that has a width also at 0 and 100 %.
+
+    Where every trial had the same outcome, so have all samples of them: their bootstrap is sure of what it cannot know.
+    The other end is then the share with which that outcome has a chance of 2.5 %, trials being independent. Those of
+    one motion are not: the interval is this wide at least.
+
+    Args:
+        found: estimate by the bootstrap.
+        trials: how many there were.
+
+    Source: Clopper and Pearson 1934, "The use of confidence or fiducial limits", of which this is the case at the ends.
+
+    >>> print(f"{share(Estimate(0.0, 0.0, 0.0), 100):.1f}")
+    0.0 (0.0-3.6)
+    """
+    unseen = 100 * (1 - 0.025 ** (1 / trials)) if trials else 0.0
+    if found.value == 0:
+        return replace(found, high=max(found.high, unseen))
+    if found.value == 100:
+        return replace(found, low=min(found.low, 100 - unseen))
+    return found

@@ -3,8 +3,9 @@ import math
 import pytest
 import torch
 
-from plat.evaluation import CommandRecords, Penalties, compare, report, report_clips, success_curve
+from plat.evaluation import CommandRecords, Estimate, Penalties, compare, report, report_clips, success_curve
 from plat.evaluation.clip_records import CLIP_ERRORS, ClipRecords
+from plat.evaluation.report import share
 
 
 def records(**changes) -> CommandRecords:
@@ -242,3 +243,25 @@ def test_only_commands_of_joints_have_errors_of_joints_and_so_for_bodies():
     assert figures["mpkpe_root_all"].value == pytest.approx((0.2 + 0.5) / 2)
     assert figures["success_area"].value == pytest.approx(100 * (0.6 + 0) / 2)
     assert success_curve(partial, points=6)[1].tolist() == [0, 0, 0.5, 0.5, 0.5, 0.5]
+
+
+def test_what_never_failed_may_still_fail():
+    """All of four commands were met: of others up to 1 - 0.025 ** (1 / 4) = 60.2 % may be missed for all one knows."""
+    never = torch.zeros(4, dtype=torch.bool)
+    figures = report(records(failed=never, fell=never))
+    assert figures["tks"] == Estimate(100.0, pytest.approx(39.76, abs=0.01), 100.0)
+    assert figures["fall_rate"] == Estimate(0.0, 0.0, pytest.approx(60.24, abs=0.01))
+    assert report(records(failed=~never, fell=~never))["tks"] == figures["fall_rate"]
+    assert report(records())["tks"].low == 50  # of two motions, by the bootstrap
+    one = report(records(failed=never, clip=torch.zeros(4, dtype=torch.long)))
+    assert one["tks"] == Estimate(100.0, 100.0, 100.0)  # of other motions, one says nothing
+
+
+def test_the_end_of_a_share_is_where_its_outcome_is_improbable():
+    for trials in (1, 7, 500):
+        high = share(Estimate(0.0, 0.0, 0.0), trials).high / 100
+        assert (1 - high) ** trials == pytest.approx(0.025)
+        assert share(Estimate(100.0, 100.0, 100.0), trials).low == pytest.approx(100 * (1 - high))
+    assert share(Estimate(50.0, 40.0, 60.0), 10) == Estimate(50.0, 40.0, 60.0)
+    nothing = share(Estimate(float("nan"), float("nan"), float("nan")), 0)
+    assert math.isnan(nothing.value)
