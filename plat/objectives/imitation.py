@@ -37,7 +37,8 @@ class LatentImitationLoss(LossModule):
     Keyword Args:
         prior_weight: :math:`\lambda_p`.
         beta: :math:`\beta`, a buffer: anneal it by ``loss.beta.fill_(value)``.
-        free_bits: divergence of each latent dimension that is not penalized (nats; Kingma et al., arXiv 1606.04934).
+        free_bits: divergence of each latent dimension, averaged over the batch, that is not penalized (nats; Kingma et
+            al., arXiv 1606.04934).
         divergence: from the posterior's ``parameters`` ``[B, n]``, then the prior's, to ``[B, m]``; summed over ``m``.
         parameters: names of a distribution's parameters in its group: ``("loc", "scale")`` of a Gaussian,
             ``("logits",)`` of a categorical, ``("loc",)`` of a quantized latent.
@@ -129,11 +130,13 @@ class LatentImitationLoss(LossModule):
         prior_error = (out.get(keys.prior_action) - expert_action).square()
         posterior, prior = out.get(keys.posterior), out.get(keys.prior)
         kl = self.divergence(*(group.get(name) for group in (posterior, prior) for name in self.parameter_names))
-        penalized = kl.clamp_min(self.free_bits) if self.free_bits else kl
+        penalized = kl.flatten(0, -2).mean(0)
+        if self.free_bits:
+            penalized = penalized.clamp_min(self.free_bits)
         losses = {
             "loss_posterior": posterior_error.sum(-1).mean(),
             "loss_prior": self.prior_weight * prior_error.sum(-1).mean(),
-            "loss_kl": self.beta * penalized.sum(-1).mean(),
+            "loss_kl": self.beta * penalized.sum(),
         }
         check_loss(torch.stack([*losses.values()]).sum(), "imitation loss")
         return TensorDict(

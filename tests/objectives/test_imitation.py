@@ -88,6 +88,16 @@ def test_free_bits_leave_small_divergences_alone(batch, policy):
     assert parts_with_gradient(policy, plenty["loss_kl"]) == set()
 
 
+def test_free_bits_are_those_of_a_batch(batch, policy):
+    """One sample may be far from the prior where others are near: what is free is the mean of a dimension."""
+    kl = torch.arange(len(batch), dtype=torch.float32)[:, None].expand(-1, 2) * torch.tensor([1.0, 10.0])
+    mean = (len(batch) - 1) / 2
+    loss = LatentImitationLoss(
+        policy.training_graph(), beta=1.0, free_bits=2 * mean, divergence=lambda *_: kl, parameters=("loc",)
+    )
+    assert loss(batch)["loss_kl"].item() == pytest.approx(2 * mean + 10 * mean)
+
+
 def test_beta_can_be_annealed(batch, policy):
     loss = LatentImitationLoss(policy.training_graph(), beta=0.5)
     full = loss(batch)["loss_kl"]
