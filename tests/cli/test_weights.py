@@ -17,7 +17,7 @@ RUNS = {
     "expert": "expert",
     "dagger": "dagger",
     "plat": "plat",
-    "finetuned": "finetuned",
+    "finetuned-hard": "finetuned",
     "expert-last": "expert-model",
     "sides": "imagined",
     "imagined-robot": "imagined-robot",
