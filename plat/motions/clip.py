@@ -127,7 +127,7 @@ def as_clips(clips: MotionClip | Iterable[MotionClip], told: str) -> list[Motion
         told: what takes them, for messages.
 
     Raises:
-        MotionError: when there is none, or something else among them.
+        MotionError: when there is something else among them.
 
     >>> as_clips(MotionClip("stand", np.zeros((2, 36)), 50.0), "motion library")[0].name
     'stand'
@@ -140,6 +140,4 @@ def as_clips(clips: MotionClip | Iterable[MotionClip], told: str) -> list[Motion
     for clip in found:
         if not isinstance(clip, MotionClip):
             raise MotionError(f"{told}: {short(clip)} among the clips, expected a MotionClip")
-    if not found:
-        raise MotionError(f"{told}: no clips, expected at least one")
     return found

@@ -221,6 +221,8 @@ def save_motions(path: str | Path, clips: MotionClip | Iterable[MotionClip], rob
     clips = as_clips(clips, f"motion file {str(path)!r}")
     for clip in clips:
         clip.check(robot)
+    if not clips:
+        raise MotionError(f"motion file {str(path)!r}: no clips, expected at least one")
     rates = {clip.fps for clip in clips}
     if len(rates) != 1:
         found = ", ".join(f"{rate:.5g}" for rate in sorted(rates))

@@ -261,6 +261,8 @@ class MotionLibrary:
         check_robot(robot)
         check_value("motion library: dt", dt, Annotated[float, Range(0.001, 1)])
         clips = as_clips(clips, "motion library")
+        if not clips:
+            raise MotionError("motion library: no clips, expected at least one")
         return cls._built(clips, _frames(clips, dt), robot, dt)
 
     @classmethod

@@ -50,7 +50,7 @@ LIBRARIES = {
 _NETWORK = "https://cdn.jsdelivr.net/npm"
 _WEB = resources.files("plat.studio") / "web"
 _SHARED = ("dock.js", "dock.css", "early.js", "icon.svg")
-_FLOOR = '<geom name="floor" type="plane" size="0 0 .1"/>'
+_FLOOR = '<geom name="floor" type="plane" size="0 0 .1" friction="0"/>'
 
 
 def write_static(

@@ -87,10 +87,15 @@ def test_a_clip_alone_is_a_list_of_one(tmp_path):
     assert MotionLibrary.from_clips(found for found in [clip, clip]).num_clips == 2
 
 
-@pytest.mark.parametrize(
-    ("clips", "told"), [([], "no clips"), (["walk"], "'walk' among the clips"), (5, "5 in the place of clips")]
-)
+@pytest.mark.parametrize(("clips", "told"), [(["walk"], "'walk' among the clips"), (5, "5 in the place of clips")])
 def test_what_are_no_clips_is_named(clips, told, tmp_path):
     for take in (MotionLibrary.from_clips, validate_motions, lambda clips: save_motions(tmp_path / "a.npz", clips)):
         with pytest.raises(MotionError, match=told):
             take(clips)
+
+
+def test_no_clips_are_no_file_and_no_library(tmp_path):
+    assert validate_motions([]) == []
+    for take in (MotionLibrary.from_clips, lambda clips: save_motions(tmp_path / "a.npz", clips)):
+        with pytest.raises(MotionError, match="no clips, expected at least one"):
+            take([])

@@ -121,7 +121,7 @@ def validate_motions(
     """Measure clips and judge them by the limits.
 
     Raises:
-        MotionError: when there is no clip, or one is broken; see :meth:`MotionClip.checked`.
+        MotionError: when a clip is broken; see :meth:`MotionClip.checked`.
     """
     validator = MotionValidator(robot, limits)
     return [validator(clip) for clip in tracked(as_clips(clips, "validation"), "checking motions", unit="clips")]
