@@ -366,7 +366,8 @@ class _Labels:
         self.families = [plan.families[clip] for clip in clips] if plan.families else None
         self.curve_clips = plan.clips_of_curves(motions)
         firsts = {name: STRENGTHS[name].values[0] for name in plan.robustness}
-        self.undisturbed = {name: at for name, at in firsts.items() if is_undisturbed(name, at, motions.robot)}
+        # what no cell measures is the undisturbed robot
+        self.undisturbed = {name: at for name, at in firsts.items() if at not in plan.strengths_of(name, motions.robot)}
         self.difficulty: list[str] = []
         if plan.difficulty:
             self.difficulty = command_bins(motions, plan.main_horizon, timing, plan.setting.seed)
