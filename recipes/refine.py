@@ -12,7 +12,6 @@ from plat.collectors import collect
 from plat.envs import make_keyframe_env
 from plat.envs.physics import get_physics
 from plat.envs.transforms import horizon_named
-from plat.errors import ConfigError
 from plat.evaluation import play
 from plat.modules import (
     Critic,
@@ -25,8 +24,9 @@ from plat.modules import (
 )
 from plat.objectives import PPO, motor_gradient
 from plat.recipes.options import RefineModelRecipe, RefineRecipe, check_partial
+from plat.recipes.students import saved_student
 from plat.rendering import Films
-from plat.runs import Budget, Run, SavedRun, begin, report_errors, run_inputs, training_motions
+from plat.runs import Budget, Run, begin, report_errors, run_inputs, training_motions
 from plat.runs.announce import begins, next_command
 from plat.runs.user_modules import import_modules
 from plat.spec.observation import student_keys
@@ -115,15 +115,8 @@ def load_student(recipe: RefineRecipe | RefineModelRecipe, made_by: str) -> tupl
         CheckpointError: for another policy.
         ConfigError: for a fine-tuned one whose lead is not that of the recipe.
     """
-    saved, expected = SavedRun(recipe.student), f"a student with a latent, of {made_by} (--student)"
-    if saved.kind == "finetuned":
-        tuned = saved.policy_as(FinetunedPolicy, expected)
-        if tuned.config.lead != recipe.policy.lead:
-            told = f"--policy.lead is {recipe.policy.lead:g} s, expected {tuned.config.lead:g} s"
-            raise ConfigError(f"{told}, with which {str(recipe.student)!r} was fine-tuned")
-        student = tuned.student
-    else:
-        student = saved.policy_as(LatentPolicy, expected)
+    expected = f"a student with a latent, of {made_by} (--student)"
+    student = saved_student(recipe.student, LatentPolicy, expected, lead=recipe.policy.lead)
     check_partial(recipe.task.partial, student.config.also)
     return student, timing_of(student) or Timing()
 

@@ -1,10 +1,13 @@
 """The student that a recipe trains: a new one, or one that goes on from another run."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, TypeVar
 
+import torch
+
 from plat.errors import CheckpointError, ConfigError
-from plat.modules import LatentPolicy, PlainPolicy, take_over
+from plat.modules import FinetunedPolicy, LatentPolicy, PlainPolicy, take_over
 from plat.recipes.options import DistillRecipe, ImagineRecipe, check_partial
 from plat.robots import Robot
 from plat.runs import SavedRun
@@ -23,7 +26,7 @@ def trained_student(recipe: R) -> tuple[R, Any]:
     trained = None
     if recipe.init:
         expected = f"a {recipe.student} student (--init, --student)"
-        trained = SavedRun(recipe.init).policy_as(KINDS[recipe.student], expected, recipe.device)
+        trained = saved_student(recipe.init, KINDS[recipe.student], expected, recipe.device)
         if recipe.policy == type(recipe.policy)():
             recipe = replace(recipe, policy=replace(recipe.policy, **vars(trained.config)))
     check_partial(recipe.task.partial, recipe.policy.also)
@@ -43,3 +46,29 @@ def make_student(recipe: R, robot: Robot, trained: Any) -> Any:
         except ConfigError as error:
             raise CheckpointError(f"--init {str(recipe.init)!r}: {error}") from None
     return student
+
+
+def saved_student(
+    folder: Path, kind: type[Any], expected: str, device: torch.device | str = "cpu", lead: float = 0.0
+) -> Any:
+    """Return the student that a run holds. One that was fine-tuned is a student with other weights.
+
+    Args:
+        folder: the run, or the name of shipped weights.
+        kind: class of the student.
+        expected: description for the message, such as ``"a latent student (--init)"``.
+        device: device of the weights.
+        lead: feed-forward (s) that whoever goes on from it acts with.
+
+    Raises:
+        CheckpointError: for another policy.
+        ConfigError: for a fine-tuned one with another lead, without which it acts otherwise.
+    """
+    saved = SavedRun(folder)
+    if saved.kind != "finetuned" or kind is not LatentPolicy:
+        return saved.policy_as(kind, expected, device)
+    tuned = saved.policy_as(FinetunedPolicy, expected, device)
+    if tuned.config.lead != lead:
+        told = f"lead is {lead:g} s, expected {tuned.config.lead:g} s"
+        raise ConfigError(f"{told}, with which {str(folder)!r} was fine-tuned (--policy.lead of stage 3)")
+    return tuned.student

@@ -78,9 +78,9 @@ def main(recipe: PlayRecipe) -> list[KeyframeScore]:
             viewer.show(step)
     if viewer is not None:
         viewer.close()
-    print_table(scorer.scores(), scorer.hold())
+    print_table(scorer.scores(), scorer.hold(), timing.window)
     if recipe.csv is not None:
-        write_scores(recipe.csv, scorer.scores())
+        write_scores(recipe.csv, scorer.scores(), timing.window)
         print(f"wrote {recipe.csv}")
     if stage is not None and recipe.video is not None:
         write_video(recipe.video, film_with_progress(stage, [record(steps, scorer)]))
@@ -89,16 +89,17 @@ def main(recipe: PlayRecipe) -> list[KeyframeScore]:
     return scorer.scores()
 
 
-def print_table(scores: Sequence[KeyframeScore], hold: HoldScore | None = None) -> None:
-    """A row a keyframe, what they come to, and what became of the hold."""
-    print(f"{'':>3}  {'keyframe':<20}  {'time s':>6}  {'TKS@3':<5}  {'MPJPE@3 rad':>11}  {'MPKPE@3 mm':>10}  outcome")
+def print_table(scores: Sequence[KeyframeScore], hold: HoldScore | None, window: int) -> None:
+    """A row a keyframe, what they come to over an arrival window of some control steps, and what became of the hold."""
+    tks, joint, keypoint = f"TKS@{window}", f"MPJPE@{window} rad", f"MPKPE@{window} mm"
+    print(f"{'':>3}  {'keyframe':<20}  {'time s':>6}  {tks:<5}  {joint:>11}  {keypoint:>10}  outcome")
     for score in scores:
         success = "yes" if score.success else "no"
         print(
             f"{score.index:>3}  {score.name or '':<20.20}  {score.time:>6.2f}  {success:<5}  "
             f"{error_text(score.joint_error):>11}  {distance_text(score.keypoint_error):>10}  {score.words}"
         )
-    print(summary(scores))
+    print(summary(scores, window))
     if hold is not None:
         print(hold.words)
 
@@ -107,11 +108,14 @@ COLUMNS = (
     *("keyframe", "name", "time_s", "outcome", "late_s"),
     *("root_m", "joints_rad", "bodies_m", "turn_rad", "fell_afterwards"),
 )
-"""Of the file of scores, before the figures of TKS@3."""
+"""Of the file of scores, before the figures of TKS."""
 
 
-def write_scores(path: Path, scores: Sequence[KeyframeScore]) -> None:
-    """Write a CSV with a row a keyframe; cells of what a keyframe does not command are empty."""
+def write_scores(path: Path, scores: Sequence[KeyframeScore], window: int) -> None:
+    """Write a CSV with a row a keyframe; cells of what a keyframe does not command are empty.
+
+    The last columns name the arrival window (control steps) that they are over.
+    """
     rows: list[tuple[object, ...]] = []
     for score in scores:
         late = "" if score.late is None else f"{score.late:.3f}"
@@ -119,18 +123,19 @@ def write_scores(path: Path, scores: Sequence[KeyframeScore]) -> None:
         away = (*map(_cell, (at.root, at.joint, at.bodies, at.turn)), int(score.fell_afterwards))
         figures = (int(score.success), _cell(score.joint_error), _cell(score.keypoint_error))
         rows.append((score.index, score.name or "", str(score.time), score.outcome, late, *away, *figures))
-    replace_table(path, (*COLUMNS, "tks3", "mpjpe3_rad", "mpkpe3_m"), rows)
+    replace_table(path, (*COLUMNS, f"tks{window}", f"mpjpe{window}_rad", f"mpkpe{window}_m"), rows)
 
 
 def _cell(value: float) -> str:
     return "" if math.isnan(value) else f"{value:.4f}"
 
 
-def summary(scores: Sequence[KeyframeScore]) -> str:
-    """Return how many keyframes had each outcome, and the errors of those that TKS@3 counts."""
+def summary(scores: Sequence[KeyframeScore], window: int) -> str:
+    """Return how many keyframes had each outcome, and the errors of those that TKS counts."""
     succeeded = [score for score in scores if score.success]
-    errors = f"TKS@3 {len(succeeded)} of {len(scores)}"
+    errors = f"TKS@{window} {len(succeeded)} of {len(scores)}"
     if succeeded:
         joint, keypoint = mean_errors(succeeded)
-        errors += f", these with MPJPE@3 {error_text(joint, ' rad')}, MPKPE@3 {distance_text(keypoint, ' mm')}"
+        joints, places = error_text(joint, " rad"), distance_text(keypoint, " mm")
+        errors += f", these with MPJPE@{window} {joints}, MPKPE@{window} {places}"
     return f"{tally(scores)}; {errors}"

@@ -50,7 +50,8 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
         print(f"left out: settings with capsule feet, robot {robot.name!r} has no sole_capsules")
     seconds = sum(sequence.duration for sequence in sequences)
     print(f"{len(sequences)} sequences, {sum(map(len, sequences))} keyframes, {seconds:.0f} s")
-    print(f"{'':<40}{'TKS@3 %':>10}{'falls %':>9}{'MPJPE@3 rad':>13}{'MPKPE@3 mm':>12}")
+    success, joint_mean, place_mean = (f"{name}@{timing.window}" for name in ("TKS", "MPJPE", "MPKPE"))
+    print(f"{'':<40}{f'{success} %':>10}{'falls %':>9}{f'{joint_mean} rad':>13}{f'{place_mean} mm':>12}")
     results = {}
     for physics in possible_settings(robot):
         simulator = Simulator(make_model(robot, runner.robot, physics), timing.control_dt)
@@ -62,7 +63,7 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
         share, falls = len(succeeded) / len(scores), fmean(score.root_off for score in scores)
         errors = f"{error_text(joint):>13}{distance_text(keypoint):>12}"
         print(f"{physics.name:<40}{100 * share:>10.1f}{100 * falls:>9.1f}{errors}", flush=True)
-    print("errors are means over the keyframes that TKS@3 counts, of what they command")
+    print(f"errors are means over the keyframes that {success} counts, of what they command")
     return results
 
 

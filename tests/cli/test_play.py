@@ -14,8 +14,11 @@ from plat.cli import play
 from plat.control import ReachLimits
 from plat.errors import CheckpointError, KeyframeError, OutputError
 from plat.keyframes import KeyframeSequence, only, standing
+from plat.modules import PlainPolicy, PlainPolicyConfig
 from plat.rendering import RenderingError, Stage
 from plat.robots import G1
+from plat.spec.timing import Timing
+from tests.export.runs import write_run
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "recipes" / "examples" / "bow.json"
@@ -81,6 +84,16 @@ def test_outcomes_go_to_a_file(tmp_path):
         (score.name, "reached", "") for score in scores
     ]
     assert [float(row["root_m"]) for row in rows] == pytest.approx([score.arrival.root for score in scores], abs=1e-4)
+
+
+def test_figures_are_named_by_the_arrival_window_of_the_policy(tmp_path, capsys):
+    run = write_run(tmp_path / "run", PlainPolicy(G1, PlainPolicyConfig(timing=Timing(window=5))))
+    play.main(play.PlayRecipe(policy=run, keyframes=EXAMPLE, hold=0.0, csv=tmp_path / "scores.csv"))
+    out = capsys.readouterr().out
+    assert "TKS@5  MPJPE@5 rad  MPKPE@5 mm" in out
+    assert re.search(r"; TKS@5 \d of 5", out)
+    assert "@3" not in out
+    assert (tmp_path / "scores.csv").read_text().splitlines()[0].endswith(",tks5,mpjpe5_rad,mpkpe5_m")
 
 
 def test_what_a_partial_keyframe_does_not_command_is_empty_in_the_file(tmp_path):

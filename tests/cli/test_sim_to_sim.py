@@ -61,6 +61,7 @@ def test_the_table(tmp_path, capsys):
     results = sim_to_sim.main(recipe)
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "1 sequences, 2 keyframes, 0 s"
+    assert lines[1].split() == ["TKS@3", "%", "falls", "%", "MPJPE@3", "rad", "MPKPE@3", "mm"]
     assert [len(scores) for scores in results.values()] == [2] * len(sim_to_sim.SETTINGS)
     for physics, line in zip(sim_to_sim.SETTINGS, lines[2:], strict=False):
         share = 100 * np.mean([score.success for score in results[physics.name]])

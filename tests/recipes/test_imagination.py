@@ -171,7 +171,7 @@ def test_a_student_is_refined(tmp_path, variant, kind, learns):
 def test_fine_tuning_goes_on(tmp_path):
     write_run(tmp_path / "tuned", FinetunedPolicy(small_policy("latent"), RefinementConfig(lead=0.05)))
     again = [*REFINE, "--student", tmp_path / "tuned", "--variant", "finetune", "--device", "cpu", "--steps", 8]
-    with pytest.raises(SystemExit, match=r"--policy.lead is 0 s, expected 0.05 s, with which .*tuned' was fine-tuned"):
+    with pytest.raises(SystemExit, match=r"lead is 0 s, expected 0.05 s, with which .*tuned' was fine-tuned"):
         main(["refine-model", *map(str, again), "--out", str(tmp_path / "a")])
     main(["refine-model", *map(str, again), "--policy.lead", "0.05", "--out", str(tmp_path / "b")])
     before, after = (load_policy(tmp_path / name) for name in ("tuned", "b"))
@@ -197,6 +197,21 @@ def test_going_on_from_a_student_takes_its_shape(tmp_path):
     main(["imagine", *map(str, arguments), "--steps", "128", "--resume"])
     with pytest.raises(SystemExit, match="the trained policy has"):
         main(["imagine", *map(str, arguments), "--policy.backbone", "8", "--steps", "64", "--out", str(tmp_path / "x")])
+
+
+def test_a_student_that_was_fine_tuned_can_be_gone_on_from(tmp_path):
+    tuned, out = tmp_path / "tuned", tmp_path / "run"
+    write_run(tuned, small_policy("finetuned"))
+    arguments = ["imagine", *SMALL, "--task.chains", 12, "--student", "latent", "--init", tuned, "--out", out]
+    main([*map(str, arguments), "--steps", "8"])  # before the first update
+    student = load_policy(tuned).student
+    assert load_policy(out).config == student.config
+    for before, after in zip(student.parameters(), load_policy(out).parameters(), strict=True):
+        torch.testing.assert_close(after, before)
+    led = FinetunedPolicy(student, RefinementConfig(lead=0.1))
+    arguments = [*arguments[:-4], "--init", write_run(tmp_path / "led", led), "--out", tmp_path / "other"]
+    with pytest.raises(SystemExit, match=r"lead is 0 s, expected 0.1 s, with which .*led' was fine-tuned"):
+        main([*map(str, arguments), "--steps", "64"])
 
 
 def test_going_on_from_an_expert_takes_its_shape(tmp_path, capsys):
