@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from plat.bounds import Bounded, Positive
+from plat.bounds import Bounded, Positive, is_finite
 from plat.deploy.contacts import ContactDetector, ContactSettings
 from plat.deploy.description import RobotDescription
 from plat.deploy.invariant_filter import FilterNoise, InvariantFilter
@@ -215,17 +215,21 @@ class StateEstimator:
             heading_spread: of the heading (rad).
 
         Raises:
-            StateError: for a position that has not three finite numbers, or a heading that is not finite.
+            StateError: for a position that has not three finite numbers, a heading that is not finite, and standard
+                deviations that are not above 0. Nothing has changed then.
         """
+        for name, value in (("spread", spread), ("heading_spread", heading_spread)):
+            if not is_finite(value) or value <= 0:
+                raise StateError(f"state estimator: {name} is {value}, expected a standard deviation above 0")
+        if heading is not None and not np.isfinite(heading):
+            raise StateError(f"state estimator: heading is {heading}, expected a finite angle")
         if root_pos_w is not None:
             place = self._numbers("root_pos_w", root_pos_w, 3)
             root_in_imu = -self._imu_to_root.T @ self._imu_pos
             self._filter.place(root_in_imu, place, spread**2 * np.eye(3))
         if heading is not None:
-            if not np.isfinite(heading):
-                raise StateError(f"state estimator: heading is {heading}, expected a finite angle")
-            imu_x = self._imu_to_root[:, 0]
-            self._filter.turn_heading(heading + float(np.arctan2(imu_x[1], imu_x[0])), heading_spread)
+            root_x = self._imu_to_root[0]  # as the IMU sees it
+            self._filter.turn_heading(heading, heading_spread, root_x)
 
     def anchor(self, pose: Pose) -> RobotState:
         """Move the world so that the robot stands, by position and heading, where a pose has its root.

@@ -205,14 +205,15 @@ class InvariantFilter:
         row[:, _ROT] = np.eye(3)
         self.correct(row, _log(rotation @ self.rotation.T), spread**2 * np.eye(3))
 
-    def turn_heading(self, heading: float, spread: float) -> None:
-        """Correct by a measured heading: the angle of the IMU's x axis about the vertical.
+    def turn_heading(self, heading: float, spread: float, axis: _Floats | None = None) -> None:
+        """Correct by a measured heading: the angle of an axis of the body about the vertical.
 
         Args:
             heading: (rad).
             spread: standard deviation (rad).
+            axis: unit vector ``[3]`` (IMU); None for the IMU's x axis.
         """
-        x, y, z = self.rotation[:, 0]
+        x, y, z = self.rotation[:, 0] if axis is None else self.rotation @ axis
         level = max(x * x + y * y, 1e-6)
         row = np.zeros((1, self._size))
         row[0, _ROT] = (-z * x / level, -z * y / level, 1.0)

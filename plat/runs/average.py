@@ -182,7 +182,8 @@ def average_runs(
         if (last.folder / DYNAMICS_FILE).exists():
             shutil.copy(last.folder / DYNAMICS_FILE, out / DYNAMICS_FILE)
         save_weights(out / WEIGHTS_FILE, policy)
-        write_json(out / CONFIG_FILE, config if len(runs) == 1 else {**config, "average": of})
+        # of one run too: the scores of a run are not those of what was made of it
+        write_json(out / CONFIG_FILE, {"average": of, **config} if len(runs) == 1 else {**config, "average": of})
     finally:
         lock.release()
     return SavedRun(out)

@@ -22,6 +22,7 @@ _FREE = {
     "imports",
     "minutes",
     "out",
+    "ray",
     "save_every",
     "steps",
     "trackio",

@@ -41,7 +41,7 @@ def made_by(run: SavedRun) -> str:
     settings = run.settings
     variant = settings.get("variant") or (settings.get("student") if settings.get("student") in _KINDS else None)
     before = [names.get(parent.folder.resolve(), parent.name) for parent in parents(run)]
-    mean = [f"mean of {len(run.averaged)} runs"] if run.averaged else []
+    mean = [f"mean of {len(run.averaged)} runs"] if len(run.averaged) > 1 else []
     words = [f"plat {run.recipe}" if run.recipe else "plat", *([str(variant)] if variant else []), *mean]
     return ", ".join([*words, *([f"from {' and '.join(before)}"] if before else [])])
 

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from plat.errors import OutputError
 from plat.files import replace_file
 
 __all__ = ["MetricsFile"]
@@ -87,7 +88,7 @@ class MetricsFile:
         """Write all rows."""
         try:
             replace_file(self.path, self._write_all)
-        except OSError as error:
+        except (OSError, OutputError) as error:
             self._fall_behind(error)
         else:
             self._behind = False
@@ -99,10 +100,11 @@ class MetricsFile:
         if self._behind:
             print(f"{str(self.path)!r} lacks rows of this run: it could not be written to the end", flush=True)
 
-    def _fall_behind(self, error: OSError) -> None:
+    def _fall_behind(self, error: OSError | OutputError) -> None:
         if not self._behind:
+            told = getattr(error, "strerror", None) or error
             print(
-                f"{str(self.path)!r} cannot be written ({error.strerror or error}): rows are kept, training goes on",
+                f"{str(self.path)!r} cannot be written ({told}): rows are kept, training goes on",
                 flush=True,
             )
         self._behind = True

@@ -87,7 +87,7 @@ class SavedRun:
 
     @property
     def averaged(self) -> list[dict[str, Any]]:
-        """Return what is known of each run that this one is the mean of; none where it is no mean."""
+        """Return what is known of each run that this one is the mean of or was made of; none for a trained one."""
         average = self.config.get("average")
         return [part for part in average if isinstance(part, dict)] if isinstance(average, list) else []
 
@@ -195,7 +195,7 @@ class SavedRun:
         """
         own = _read_scores(self.folder / SCORES_FILE)
         shared = _read_scores(self.folder.resolve().parent / SCORES_FILE)
-        # an average has the settings of its last run, and other weights
+        # an average has the settings of its last run, and acts otherwise
         made_as = "" if "average" in self.config else Path(str(self.settings.get("out", ""))).name
         for table in (own, shared):
             for name in (self.name, made_as):

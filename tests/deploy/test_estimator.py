@@ -136,6 +136,34 @@ def test_a_measurement_from_outside_takes_the_drift_away():
     assert (estimator.position_spread < spread).all()
 
 
+@pytest.mark.parametrize("turned", [(0.0, 0.0, 1.57), (0.0, 0.52, 0.0), (0.0, 1.05, 0.0), (0.3, 1.57, -0.2)])
+def test_a_heading_from_outside_is_that_of_the_root_wherever_the_imu_is(turned):
+    found = []
+    for quat in (quat_from_rotvec(np.zeros(3)), quat_from_rotvec(np.array(turned))):
+        still = {"gyro": np.zeros(3), "acceleration": quat_to_matrix(quat).T @ STILL["acceleration"]}
+        estimator = StateEstimator(ROBOT, imu_quat=quat)
+        estimator.reset(ROBOT.default_joint_pos, **still, heading=0.3)
+        for _ in range(100):
+            state = estimator.update(ROBOT.default_joint_pos, np.zeros(29), **still, dt=0.02)
+            estimator.measure(heading=0.5, heading_spread=0.01)
+        found.append(heading_pitch_roll(state.root_quat_w))
+    np.testing.assert_allclose(found[0], (0.5, 0.0, 0.0), atol=0.06)
+    np.testing.assert_allclose(found[1], found[0], atol=1e-6)
+
+
+@pytest.mark.parametrize("spread", [0.0, -0.02, np.nan, np.inf])
+def test_a_measurement_without_a_spread_is_refused_and_changes_nothing(spread):
+    estimator, untouched = StateEstimator(ROBOT), StateEstimator(ROBOT)
+    for each in (estimator, untouched):
+        each.reset(ROBOT.default_joint_pos, **STILL)
+    with pytest.raises(StateError, match="state estimator: spread is .*, expected a standard deviation above 0"):
+        estimator.measure(np.ones(3), heading=1.0, spread=spread)
+    with pytest.raises(StateError, match="heading_spread is .*, expected a standard deviation above 0"):
+        estimator.measure(np.ones(3), heading=1.0, heading_spread=spread)
+    good = {"joint_pos": ROBOT.default_joint_pos, "joint_vel": np.zeros(29), **STILL, "dt": 0.02}
+    np.testing.assert_array_equal(estimator.update(**good).root_pos_w, untouched.update(**good).root_pos_w)
+
+
 def test_feet_on_the_floor_are_told():
     estimator = StateEstimator(ROBOT)
     estimator.reset(ROBOT.default_joint_pos, **STILL)

@@ -138,7 +138,21 @@ def test_a_run_is_made_symmetric(tmp_path):
     assert run.policy().config.symmetric
     assert all(tensor.equal(weights[name]) for name, tensor in run.policy().state_dict().items())
     run.config["policy"]["config"]["symmetric"] = False
+    (of,) = run.config.pop("average")
     assert run.config == config
+    assert of["run"] == str(tmp_path / "one")
+
+
+def test_scores_of_a_run_are_not_those_of_what_was_made_of_it(tmp_path):
+    saved(tmp_path / "one")
+    config = json.loads((tmp_path / "one" / "config.json").read_text())
+    write_json(tmp_path / "one" / "config.json", {**config, "recipe": {"settings": {"out": str(tmp_path / "one")}}})
+    (tmp_path / "evaluation.csv").write_text("policy,horizon,metric,value,low,high\none,mixed,tks,12.3,11,13\n")
+    run = average_runs([tmp_path / "one"], tmp_path / "both", symmetric=True)
+    assert SavedRun(tmp_path / "one").scores[0].value == 12.3
+    assert run.scores is None
+    assert made_by(run).endswith(", from one")
+    assert "mean" not in made_by(run)
 
 
 def test_a_mean_is_made_symmetric(tmp_path):
@@ -176,6 +190,7 @@ def test_a_student_is_given_a_reach_alone_and_within_a_policy(tmp_path):
     assert all(tensor.equal(weights[name]) for name, tensor in out.policy().state_dict().items())
     assert ("goal", "root_pos_b") in given.deployed().in_keys
     out.config["policy"]["student"]["config"]["reach"] = None
+    del out.config["average"]
     assert out.config == whole.config
 
 

@@ -7,7 +7,8 @@ from plat.runs.changes import changes, settings_of, with_defaults
 
 
 @pytest.mark.parametrize(
-    "name", ["steps", "minutes", "out", "device", "lr", "init_lr", "ppo.min_lr", "imagination.model_lr", "unseen"]
+    "name",
+    ["steps", "minutes", "out", "device", "lr", "init_lr", "ppo.min_lr", "imagination.model_lr", "unseen", "ray"],
 )
 def test_what_may_change(name):
     assert changes(nested(name, 1), nested(name, 2), {}) == ({name: (1, 2)}, {})

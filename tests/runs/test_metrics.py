@@ -82,6 +82,19 @@ def test_a_folder_in_the_place_of_the_file_stops_nothing(tmp_path):
     assert (tmp_path / "metrics.csv").read_text() == "step,loss\n1,0.5\n"
 
 
+def test_a_folder_that_comes_in_its_place_later_stops_nothing(tmp_path, capsys):
+    metrics = MetricsFile(tmp_path / "metrics.csv")
+    metrics.write(1, {"loss": 0.5})
+    metrics.path.unlink()
+    metrics.path.mkdir()
+    for step in (2, 3):
+        metrics.write(step, {"loss": 0.5, "kl": 0.1})
+    assert "cannot be written" in capsys.readouterr().out
+    metrics.path.rmdir()
+    metrics.close()
+    assert [row["step"] for row in rows(metrics.path)] == ["1", "2", "3"]
+
+
 def test_rows_that_are_missing_at_the_end_are_told_of(tmp_path, capsys, monkeypatch):
     metrics = MetricsFile(tmp_path / "metrics.csv")
     metrics.write(1, {"loss": 0.5})

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from plat.bounds import shown
 from plat.deploy.description import RobotDescription
 from plat.deploy.safety.settings import SafetySettings
 from plat.deploy.state import Array, RobotState
@@ -66,9 +67,12 @@ class TargetLimiter:
             dt: seconds since the last target.
         """
         reasons: dict[str, str] = {}
-        asked = np.asarray(target, dtype=np.float64)
+        try:
+            asked, what = np.asarray(target, dtype=np.float64), ""
+        except (TypeError, ValueError):
+            asked, what = np.empty(0), f"{shown(target)}, which are no numbers"
         if asked.shape != self.last.shape:
-            reasons["finite"] = f"targets of shape {asked.shape}, expected {self.last.shape}"
+            reasons["finite"] = f"targets {what or f'of shape {asked.shape}'}, expected {self.last.shape}"
             asked = self.last
         finite = np.isfinite(asked)
         if not finite.all():

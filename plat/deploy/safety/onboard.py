@@ -120,7 +120,7 @@ class OnboardController:
         self._state: RobotState | None = None
         self._still: list[tuple[NDArray[np.float64], ...]] = []
         self._settling = np.nan
-        self._time = self._sent = -np.inf
+        self._time = self._sent = self._heard = self._due = -np.inf
         self._fresh = False
         self._hot = np.empty(0)
         self._numbers, self._changed = b"", -np.inf
@@ -148,8 +148,13 @@ class OnboardController:
         except _FAULTS as error:
             self.journal.note(now if np.isfinite(now) else 0.0, "sensors", str(error))
         settling = self._state is None and self._safe.mode != "damping"
-        if settling or 0 <= now - self._sent < self._robot.control_dt - 1e-6:
+        period, heard, self._heard = self._robot.control_dt, self._heard, now
+        # a step is due at the reading that is nearest to its time: none comes when it should
+        early = 0.5 * min(now - heard, period)
+        if settling or self._sent <= now < self._due - early:
             return None
+        # times do not count from the step before, or its delay would add to all that follow
+        self._due = (self._due if abs(now - self._due) <= 0.5 * period else now) + period
         self._sent = now
         state, self._fresh = (self._state if self._fresh else None), False
         command = self._safe.step(now, state, self._time)

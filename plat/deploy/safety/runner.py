@@ -61,8 +61,8 @@ class SafeRunner:
         settings: of all pieces.
         start: joint angles that the ramp ends in ``[J]`` (rad); None for the default pose.
         temperatures: returns the temperatures of the motors ``[J]`` (°C).
-        on_start: called with the first state of ``"run"``, for example to anchor an estimator; the state that it
-            returns takes that one's place.
+        on_start: called with a state before ``"run"`` begins, for example to anchor an estimator; the state that it
+            returns takes that one's place. Until it succeeds the end of the ramp is held.
 
     Attributes:
         journal: why and when it stepped in.
@@ -192,12 +192,13 @@ class SafeRunner:
             elapsed = now - self._began
             if elapsed < self._ramp.seconds:
                 return self._ramp(elapsed)
-            self._mode, self._began = "run", now
-            self._policy.reset(self._limiter.last)
-            if self._on_start is not None:
-                # the keyframes' world may have moved under the robot
-                state = self._on_start(state) or state
         try:
+            if self._mode == "ramp":
+                self._policy.reset(self._limiter.last)
+                if self._on_start is not None:
+                    # the keyframes' world may have moved under the robot
+                    state = self._on_start(state) or state
+                self._mode, self._began = "run", now  # last: what fails is tried again in the next step
             command = self._commands.command(now - self._began, state)
             if self._commands.ended and self._mode == "run":
                 self._mode = "end"
@@ -205,8 +206,9 @@ class SafeRunner:
             elif not self._commands.ended:
                 self._mode = "run"
             return self._policy(state, command.keyframe, command.steps_left)
-        except PlatError as error:
-            self.journal.note(now, "policy", str(error))
+        except Exception as error:  # policy, source and hook may be programs of the user's own
+            told = str(error) if isinstance(error, PlatError) else f"{type(error).__name__}: {error}"
+            self.journal.note(now, "policy", told)
             return self._limiter.last
 
     def _read_temperatures(self, now: float) -> Array | None:

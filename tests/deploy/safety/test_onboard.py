@@ -63,6 +63,26 @@ def test_modes_and_rate():
     assert abs(bench.controller.state.root_pos_w[2] - ROBOT.root_height) < 0.03
 
 
+@pytest.mark.parametrize(("rate", "jitter"), [(50, 0.0005), (60, 0.0), (200, 0.0003), (200, 0.002), (500, 0.0003)])
+def test_the_policy_keeps_its_rate_when_readings_do_not_come_on_time(rate, jitter):
+    bench, random = Bench(), np.random.default_rng(0)
+    for tick in range(4 * rate):
+        bench.now = tick / rate + random.uniform(-jitter, jitter)
+        bench.step(bench.reading())
+    times = np.array([time for time, _ in bench.commands])
+    assert np.diff(times).mean() == pytest.approx(DT, rel=0.01)
+    assert np.abs(np.diff(times) - DT).max() < 1 / rate + 2 * jitter
+
+
+def test_after_a_gap_steps_do_not_come_in_a_row():
+    bench = Bench().run(1.0)
+    bench.now += 0.1
+    first = len(bench.commands)
+    bench.run(0.2)
+    times = np.array([time for time, _ in bench.commands[first:]])
+    np.testing.assert_allclose(np.diff(times), DT)
+
+
 def test_a_reset_within_a_step_begins_with_settling():
     bench, times = Bench(), []
 

@@ -77,6 +77,12 @@ class TestLimiter:
         np.testing.assert_array_equal(limited, ROBOT.default_joint_pos)
         assert reasons["finite"] == "targets of shape (3,), expected (29,)"
 
+    @pytest.mark.parametrize("targets", ["abc", [[1.0], [1.0, 2.0]], {}])
+    def test_what_is_no_numbers(self, targets):
+        limited, reasons = TargetLimiter(ROBOT)(targets, None, DT)
+        np.testing.assert_array_equal(limited, ROBOT.default_joint_pos)
+        assert reasons["finite"] == f"targets {targets!r}, which are no numbers, expected (29,)"
+
     def test_a_motor_without_stiffness(self):
         limiter = TargetLimiter(replace(ROBOT, stiffness=np.zeros(29)))
         assert np.isfinite(limiter(ROBOT.default_joint_pos + 0.1, good_state(), DT)[0]).all()

@@ -136,6 +136,43 @@ def test_a_policy_that_fails_keeps_the_last_target():
     assert [(entry.piece, entry.reason) for entry in robot.runner.journal] == [("policy", "no")]
 
 
+@pytest.mark.parametrize("error", [RuntimeError("device lost"), KeyError("k"), ZeroDivisionError()])
+def test_a_program_of_the_users_own_that_fails_keeps_the_last_target(error):
+    def fail(*_):
+        raise error
+
+    policy, source = StandIn(), Commands()
+    robot = Robot(SafeRunner(policy, source, QUICK))
+    robot.run(20)
+    before, policy.answer = robot.commands[-1].position, fail
+    assert robot.run(1) == "run"
+    policy.answer, source.command = lambda *_: before, fail
+    assert robot.run(1) == "run"
+    np.testing.assert_array_equal([command.position for command in robot.commands[-2:]], [before, before])
+    assert all(entry.reason.startswith(f"{type(error).__name__}: ") for entry in robot.runner.journal)
+
+
+def test_the_run_begins_once_the_hook_of_its_start_succeeds():
+    tries = []
+
+    def start(state):
+        tries.append(state)
+        if len(tries) < 4:
+            raise ValueError("no markers yet")
+
+    policy = StandIn()
+    robot = Robot(SafeRunner(policy, Commands(), QUICK, on_start=start))
+    while len(tries) < 3:
+        robot.run(1)
+    assert robot.runner.mode == "ramp"
+    assert not policy.asked
+    np.testing.assert_allclose(robot.commands[-1].position, ROBOT.default_joint_pos, atol=1e-3)
+    assert robot.run(3) == "run"
+    assert len(tries) == 4
+    assert robot.runner.elapsed(robot.now) == pytest.approx(3 * DT)
+    assert [entry.reason for entry in robot.runner.journal] == ["ValueError: no markers yet"]
+
+
 def test_an_emergency_stop_and_a_broken_clock():
     robot = Robot(SafeRunner(StandIn(), Commands(), QUICK))
     robot.run(20)
