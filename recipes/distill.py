@@ -17,7 +17,7 @@ from plat.envs.physics import get_physics
 from plat.envs.transforms import horizon_named
 from plat.errors import ConfigError
 from plat.evaluation import play
-from plat.modules import Teacher
+from plat.modules import Expert, Teacher
 from plat.motions import MotionLibrary
 from plat.objectives import ImitationLoss, LatentImitationLoss, autocast
 from plat.recipes.options import DistillRecipe
@@ -29,6 +29,7 @@ from plat.runs import (
     Run,
     SavedRun,
     begin,
+    check_drives,
     report_errors,
     run_folder,
     run_inputs,
@@ -47,7 +48,10 @@ def main(recipe: DistillRecipe) -> None:
     expected = "a teacher, such as the expert of stage 1 (--expert)"
     teacher: Teacher = SavedRun(recipe.expert).policy_as(Teacher, expected, device)  # type: ignore[type-abstract]
     library = training_motions(recipe, timing.control_dt)
-    (timing_of(teacher) or timing).check_control_dt(timing.control_dt, f"--expert {str(recipe.expert)!r}")
+    flag = f"--expert {str(recipe.expert)!r}"
+    (timing_of(teacher) or timing).check_control_dt(timing.control_dt, flag)
+    if isinstance(teacher, Expert):  # released trackers have motors of their own, and say what they want as plat does
+        check_drives(teacher.robot, library.robot, flag)
     horizon = horizon_named(recipe.horizon, timing)
     if teacher.stateful and recipe.workers:
         raise ConfigError("--workers: what this teacher remembers of a robot (--expert) is in one process, use 0")
@@ -139,11 +143,11 @@ def robots(teacher: Teacher, library: MotionLibrary, num_envs: int, **options: A
 def after(recipe: DistillRecipe) -> str:
     """Return the lines that say where the run is and what comes next."""
     if recipe.student == "plain":
-        return next_command(recipe.out, "plat evaluate", recipe.out, "--motions", recipe.motions)
+        return next_command(recipe.out, "plat evaluate", recipe.out, "--motions", recipe.motions, robot=recipe.robot)
     rest = ("--student", recipe.out, "--motions", recipe.motions, "--minutes", "10", "--out", "runs/plat")
     if (run_folder(recipe.expert) / DYNAMICS_FILE).exists():  # the robot is learned already: imagine with it
-        return next_command(recipe.out, "plat refine-model", "--init-model", recipe.expert, *rest)
-    return next_command(recipe.out, "plat refine", *rest)
+        return next_command(recipe.out, "plat refine-model", "--init-model", recipe.expert, *rest, robot=recipe.robot)
+    return next_command(recipe.out, "plat refine", *rest, robot=recipe.robot)
 
 
 def cosine(start: float, end: float, fraction: float) -> float:

@@ -89,7 +89,7 @@ def main(recipe: ExpertRecipe) -> None:
 
 def after(recipe: ExpertRecipe) -> str:
     """Return the lines that say where the run is and what comes next."""
-    return next_command(recipe.out, *DISTILL, recipe.out, "--motions", recipe.motions, *STUDENT)
+    return next_command(recipe.out, *DISTILL, recipe.out, "--motions", recipe.motions, *STUDENT, robot=recipe.robot)
 
 
 def ppo_config(recipe: ExpertRecipe) -> PPOConfig:

@@ -1,11 +1,12 @@
 """The expert that a recipe trains: a new one, or one that goes on from another run."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import TypeVar
 
 from plat.errors import CheckpointError, ConfigError
 from plat.modules import Expert
 from plat.recipes.options import ExpertModelRecipe, ExpertRecipe
+from plat.recipes.shapes import in_shape_of, tell_robot
 from plat.robots import Robot
 from plat.runs import SavedRun
 
@@ -23,17 +24,8 @@ def trained_expert(recipe: R) -> tuple[R, Expert | None]:
     if not recipe.init:
         return recipe, None
     trained = SavedRun(recipe.init).policy_as(Expert, "an expert (--init)", recipe.device)
-    ours, theirs = asdict(recipe.policy), asdict(trained.config)
-    changed = [name for name in ours if ours[name] != theirs[name]]
-    if recipe.policy == type(recipe).policy:
-        recipe = replace(recipe, policy=trained.config)
-        words = [f"{name} {theirs[name]}" for name in changed]
-        told = f"goes on in its shape: {', '.join(words)}"
-    else:
-        told = f"goes on with {', '.join(f'{name} {ours[name]} in place of {theirs[name]}' for name in changed)}"
-    if changed:
-        print(f"--init {str(recipe.init)!r} {told}")
-    return recipe, trained
+    policy = in_shape_of(recipe.init, recipe.policy, type(recipe).policy, trained.config)
+    return replace(recipe, policy=policy), trained
 
 
 def make_expert(recipe: R, robot: Robot, trained: Expert | None) -> Expert:
@@ -44,6 +36,7 @@ def make_expert(recipe: R, robot: Robot, trained: Expert | None) -> Expert:
     """
     expert = Expert(robot, recipe.policy).to(recipe.device)
     if trained is not None:
+        tell_robot(recipe.init, trained.robot, robot)
         try:
             expert.start_from(trained)
         except ConfigError as error:

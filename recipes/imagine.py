@@ -40,7 +40,7 @@ def main(recipe: ImagineRecipe) -> None:
 
 def after(recipe: ImagineRecipe) -> str:
     """Return the lines that say where the run is and what comes next."""
-    return next_command(recipe.out, "plat evaluate", recipe.out, "--motions", recipe.motions)
+    return next_command(recipe.out, "plat evaluate", recipe.out, "--motions", recipe.motions, robot=recipe.robot)
 
 
 if __name__ == "__main__":

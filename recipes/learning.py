@@ -24,6 +24,7 @@ from plat.modules import DynamicsConfig, DynamicsModel
 from plat.motions import MotionLibrary
 from plat.objectives import ExploitationWatch, ImaginationLearner, ImaginationLoss, exploring
 from plat.recipes.options import ImaginationRecipe
+from plat.robots import G1
 from plat.runs import DYNAMICS_FILE, Budget, Run, load_dynamics, run_inputs
 from plat.runs.announce import begins
 from plat.spec.timing import Timing
@@ -62,10 +63,10 @@ def learn(
         loss: the policy's loss.
     """
     device, settings = recipe.device, recipe.imagination
-    if settings.window > (kept := _multiple(recipe.replay, recipe.rollout)):
-        raise ConfigError(f"--imagination.window {settings.window}: expected at most the {kept} steps of --replay")
+    if settings.window >= (kept := _multiple(recipe.replay, recipe.rollout)):  # a window begins with a state more
+        raise ConfigError(f"--imagination.window {settings.window}: expected less than the {kept} steps of --replay")
     # read before the work: what is wrong with them had better be said now
-    unseen = MotionLibrary.load(recipe.unseen, library.robot, dt=library.dt).to(device) if recipe.unseen else None
+    unseen = unseen_motions(recipe, library)
     num_parameters = num_physics(library.robot) if recipe.disturbed else 0
     imagined = imagined or actor
     if recipe.disturbed:
@@ -147,6 +148,20 @@ def learn(
         run.finish()
 
 
+def unseen_motions(recipe: ImaginationRecipe, library: MotionLibrary) -> MotionLibrary | None:
+    """Return the motions on which the model's error is reported; None for none.
+
+    The default ones are made for the joints of the G1: other robots go without, and a line says so.
+    """
+    default = type(recipe).unseen
+    if recipe.unseen == default and library.robot.joint_names != G1.joint_names:
+        print(f"model error: not reported, {default[0]} is for the G1 (--unseen names other motions)", flush=True)
+        return None
+    if not recipe.unseen:
+        return None
+    return MotionLibrary.load(recipe.unseen, library.robot, dt=library.dt).to(recipe.device)
+
+
 def _shaped_like(start: DynamicsModel, recipe: ImaginationRecipe, dt: float) -> ImaginationRecipe:
     """Return the recipe with the shape of the model that it goes on from, which has to have its control step (s).
 
@@ -187,9 +202,10 @@ def report_model_error(folder: Path, model: DynamicsModel, env: EnvBase, actor: 
         replay.extend(rollout.cpu())
         if len(replay) == replay.capacity:
             break
-    windows = replay.windows(512, MODEL_STEPS + 1)
-    if len(windows) == 0:
-        print(f"model error: no robot stayed up for {MODEL_STEPS} steps, nothing to report")
+    try:
+        windows = replay.windows(512, MODEL_STEPS + 1)
+    except ConfigError:
+        print(f"model error: no episode of the unseen motions lasted {MODEL_STEPS} steps, nothing to report")
         return
     errors = model_errors(model, windows.to(model.mean.device))
     errors.write(folder / "model_error.csv")

@@ -36,6 +36,15 @@ Share: TypeAlias = Annotated[float, Range(0, 1, above=True)]
 """Share of the budget."""
 
 
+def check_motor(recipe: "ExpertRecipe | RefineRecipe", motor: MotorGradientConfig) -> None:
+    """Raise an error for a motor gradient over more steps than a rollout has: it would be 0."""
+    if motor.weight and motor.steps >= recipe.rollout:
+        raise ConfigError(
+            f"{type(recipe).__name__}: motor.steps is {motor.steps}, expected less than {recipe.rollout}, the rollout; "
+            "a weight of 0 switches it off"
+        )
+
+
 def check_minibatches(recipe: "ExpertRecipe | RefineRecipe", ppo: PPOConfig) -> None:
     """Raise an error for more minibatches than a rollout has states."""
     states = recipe.num_envs * recipe.rollout
@@ -71,11 +80,12 @@ class ExpertRecipe(RecipeConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_minibatches(self, self.ppo)
-        if self.motor.weight and not self.policy.ahead[0] <= self.motor.steps < self.rollout:
+        if self.motor.weight and self.motor.steps < self.policy.ahead[0]:
             raise ConfigError(
                 f"ExpertRecipe: motor.steps is {self.motor.steps}, expected from {self.policy.ahead[0]}, the "
                 f"first of policy.ahead, to less than {self.rollout}, the rollout; a weight of 0 switches it off"
             )
+        check_motor(self, self.motor)
 
 
 @dataclass(kw_only=True)
@@ -162,6 +172,7 @@ class RefineRecipe(RecipeConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_minibatches(self, self.ppo)
+        check_motor(self, self.motor)
 
 
 @dataclass(kw_only=True)

@@ -26,7 +26,7 @@ from plat.objectives import PPO, motor_gradient
 from plat.recipes.options import RefineModelRecipe, RefineRecipe, check_partial
 from plat.recipes.students import saved_student
 from plat.rendering import Films
-from plat.runs import Budget, Run, begin, report_errors, run_inputs, training_motions
+from plat.runs import Budget, Run, begin, check_drives, report_errors, run_inputs, training_motions
 from plat.runs.announce import begins, next_command
 from plat.runs.user_modules import import_modules
 from plat.spec.observation import student_keys
@@ -49,6 +49,7 @@ def main(recipe: RefineRecipe) -> None:
     student, timing = load_student(recipe, "plat distill")
     horizon = horizon_named(recipe.horizon, timing)
     library = training_motions(recipe, timing.control_dt)
+    check_drives(student.robot, library.robot, f"--student {str(recipe.student)!r}")
     policy = VARIANTS[recipe.variant](student, recipe.policy).to(device)
     critic = Critic(library.robot, student_keys(student.config.also), recipe.critic).to(device)
     ppo = PPO(policy.head(), critic.head(), critic.observe(), recipe.ppo, action_key=policy.sample_key)
@@ -123,7 +124,8 @@ def load_student(recipe: RefineRecipe | RefineModelRecipe, made_by: str) -> tupl
 
 def after(recipe: RefineRecipe) -> str:
     """Return the lines that say where the run is and what comes next."""
-    return next_command(recipe.out, "plat evaluate", recipe.student, recipe.out, "--motions", recipe.motions)
+    words = ("plat evaluate", recipe.student, recipe.out, "--motions", recipe.motions)
+    return next_command(recipe.out, *words, robot=recipe.robot)
 
 
 if __name__ == "__main__":

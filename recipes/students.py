@@ -9,15 +9,19 @@ import torch
 from plat.errors import CheckpointError, ConfigError
 from plat.modules import FinetunedPolicy, LatentPolicy, PlainPolicy, take_over
 from plat.recipes.options import DistillRecipe, ImagineRecipe, check_partial
+from plat.recipes.shapes import in_shape_of, tell_robot
 from plat.robots import Robot
 from plat.runs import SavedRun
 
 R = TypeVar("R", DistillRecipe, ImagineRecipe)
 KINDS: dict[str, type[Any]] = {"latent": LatentPolicy, "plain": PlainPolicy}
+_KEPT = ("normalizer", "reach", "symmetric")
 
 
 def trained_student(recipe: R) -> tuple[R, Any]:
     """Return the student that ``--init`` names, or None, and the recipe in its shape unless ``--policy`` has another.
+
+    A line says in what the shape differs. Reach and symmetry stay unless ``--policy`` sets them.
 
     Raises:
         CheckpointError: for a run that holds no such student.
@@ -27,8 +31,8 @@ def trained_student(recipe: R) -> tuple[R, Any]:
     if recipe.init:
         expected = f"a {recipe.student} student (--init, --student)"
         trained = saved_student(recipe.init, KINDS[recipe.student], expected, recipe.device)
-        if recipe.policy == type(recipe.policy)():
-            recipe = replace(recipe, policy=replace(recipe.policy, **vars(trained.config)))
+        policy = in_shape_of(recipe.init, recipe.policy, type(recipe.policy)(), trained.config, _KEPT)
+        recipe = replace(recipe, policy=policy)
     check_partial(recipe.task.partial, recipe.policy.also)
     return recipe, trained
 
@@ -41,6 +45,7 @@ def make_student(recipe: R, robot: Robot, trained: Any) -> Any:
     """
     student = KINDS[recipe.student](robot, recipe.policy).to(recipe.device)
     if trained is not None:
+        tell_robot(recipe.init, trained.robot, robot)
         try:
             take_over(student, trained)
         except ConfigError as error:

@@ -141,5 +141,5 @@ class RefinementConfig(Bounded):
 class DynamicsConfig(Bounded):
     """Shape of the model of the robot."""
 
-    hidden: Layers = (512, 512, 512)
+    hidden: Annotated[Layers, NotEmpty()] = (512, 512, 512)
     """hidden layers"""

@@ -1,5 +1,6 @@
 """Going on from a smaller student: one that observes less, knows shorter times, or has narrower layers."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import torch
@@ -13,6 +14,7 @@ from plat.spec.observation import observation_widths, student_keys
 __all__ = ["take_over", "widened"]
 
 _FIRST_LAYER = "backbone.module.0.0.weight"
+_GAUSSIANS = ("prior.module", "posterior.module")
 
 
 @torch.no_grad()
@@ -53,7 +55,7 @@ def take_over(student: Any, trained: Any) -> None:
     for name, ours_value in state.items():
         if name not in weights:
             raise ConfigError(f"the trained student has no {name}: both need as many layers")
-        weights[name] = widened(name, weights[name], ours_value)
+        weights[name] = widened(name, weights[name], ours_value, _stacked(name, state))
     if len(weights) > len(state):
         raise ConfigError(
             f"the trained student has more than this one: {next(name for name in weights if name not in state)}"
@@ -80,7 +82,16 @@ def _observe_more(weights: dict[str, Tensor], ours: PlainPolicyConfig, theirs: P
     weights.update({"normalizer.mean": mean, "normalizer.var": var, _FIRST_LAYER: first})
 
 
-def widened(name: str, trained: Tensor, drawn: Tensor) -> Tensor:
+def _stacked(name: str, state: Mapping[str, Tensor]) -> int:
+    """Return how many outputs are stacked in a tensor: gates of the encoder's GRU, mean and spread of a Gaussian."""
+    if ".gru." in name:
+        return 3
+    part = name.partition(".network.")[0]
+    layers = [int(other.split(".")[-2]) for other in state if other.startswith(f"{part}.network.")]
+    return 2 if part in _GAUSSIANS and int(name.split(".")[-2]) == max(layers) else 1
+
+
+def widened(name: str, trained: Tensor, drawn: Tensor, stacked: int = 1) -> Tensor:
     """Return a trained tensor of a network, or one as large as ``drawn`` with it in its corner.
 
     The units that it has keep their inputs, and take nothing from new ones. These see what ``drawn`` says.
@@ -89,6 +100,7 @@ def widened(name: str, trained: Tensor, drawn: Tensor) -> Tensor:
         name: of the tensor, for the message.
         trained: a weight ``[out, in]`` or a bias ``[out]``.
         drawn: the same of the wider network, newly drawn.
+        stacked: outputs of one size that are stacked along the first dimension; each is widened by itself.
 
     Raises:
         ConfigError: when ``drawn`` is narrower.
@@ -101,6 +113,7 @@ def widened(name: str, trained: Tensor, drawn: Tensor) -> Tensor:
     if trained.ndim != drawn.ndim or any(a > b for a, b in zip(trained.shape, drawn.shape, strict=True)):
         raise ConfigError(f"the trained policy has {tuple(trained.shape)} for {name}, this one {tuple(drawn.shape)}")
     out = drawn.clone()
-    out[: len(trained)] = 0.0
-    out[tuple(slice(size) for size in trained.shape)] = trained
+    for ours, theirs in zip(out.chunk(stacked), trained.chunk(stacked), strict=True):
+        ours[: len(theirs)] = 0.0
+        ours[tuple(slice(size) for size in theirs.shape)] = theirs
     return out

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from plat.runs.budget import Budget
     from plat.runs.dynamics import DYNAMICS_FILE, load_dynamics, save_dynamics
     from plat.runs.hub import download_run, upload_run
-    from plat.runs.inputs import run_inputs, training_motions
+    from plat.runs.inputs import check_drives, run_inputs, same_robot, training_motions
     from plat.runs.json_object import read_json, write_json
     from plat.runs.locate import is_run, run_folder, shipped_runs
     from plat.runs.loggers import check_logger, log_table, log_video, start_logging
@@ -34,6 +34,7 @@ __all__ = [
     "average_runs",
     "average_weights",
     "begin",
+    "check_drives",
     "check_logger",
     "check_out",
     "default_device",
@@ -50,6 +51,7 @@ __all__ = [
     "report_errors",
     "run_folder",
     "run_inputs",
+    "same_robot",
     "save_dynamics",
     "save_weights",
     "shipped_runs",

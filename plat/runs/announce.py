@@ -48,15 +48,20 @@ def begins(recipe: "RecipeConfig", library: "MotionLibrary", precision: Precisio
     )
 
 
-def next_command(out: Path, *words: str | Path | Sequence[str]) -> str:
+def next_command(out: Path, *words: str | Path | Sequence[str], robot: str = "g1") -> str:
     """Return the lines that say where a run is, with those of its files that are there, and which command comes next.
+
+    Args:
+        out: the run.
+        words: of the command.
+        robot: that the command is for, as its flag names it.
 
     >>> print(next_command(Path("runs/a b"), "plat evaluate", Path("runs/a b"), "--motions", ("x.npz", "*.csv")))
     the run is in runs/a b
     next: plat evaluate 'runs/a b' --motions x.npz '*.csv'
     """
     flat = [part for word in words for part in ([word] if isinstance(word, str | Path) else word)]
-    first, *rest = flat
+    first, *rest = [*flat, *(["--robot", robot] if robot != "g1" else [])]
     command = " ".join([str(first), *(shlex.quote(str(word)) for word in rest)])
     files = ", ".join(name for name in _FILES if (out / name).exists())
     return f"the run is in {out}{': ' if files else ''}{files}\nnext: {command}"

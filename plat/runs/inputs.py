@@ -10,12 +10,22 @@ from typing import Any
 import torch
 from torch import nn
 
+from plat.errors import ConfigError
 from plat.motions.library import MotionLibrary
 from plat.robots.registry import get_robot
 from plat.robots.robot import Robot
 from plat.runs.recipe import RecipeConfig
 
-__all__ = ["changed_inputs", "motions_print", "robot_print", "run_inputs", "training_motions", "weights_print"]
+__all__ = [
+    "changed_inputs",
+    "check_drives",
+    "motions_print",
+    "robot_print",
+    "run_inputs",
+    "same_robot",
+    "training_motions",
+    "weights_print",
+]
 
 # Rounding differs by less from one processor to another, and a change of a motion is more.
 _TOLERANCE = 5e-6
@@ -78,6 +88,21 @@ def robot_print(robot: Robot) -> str:
     fields = {name: value for name, value in dataclasses.asdict(robot).items() if name != "asset"}
     text = json.dumps(fields, sort_keys=True, default=str).encode()
     return hashlib.blake2b(text + robot.asset_path.read_bytes(), digest_size=16).hexdigest()
+
+
+def same_robot(one: Robot, other: Robot) -> bool:
+    """Return whether two robots differ in nothing but their names."""
+    return one == other or robot_print(dataclasses.replace(one, name=other.name)) == robot_print(other)
+
+
+def check_drives(policy: Robot, robot: Robot, flag: str) -> None:
+    """Check that a policy's robot is the one that is simulated: for another one its actions mean other targets.
+
+    Raises:
+        ConfigError: naming both.
+    """
+    if not same_robot(policy, robot):
+        raise ConfigError(f"{flag} drives robot {policy.name!r}, expected {robot.name!r}, that of --robot")
 
 
 def weights_print(module: nn.Module) -> str:

@@ -11,6 +11,7 @@ from plat.bounds import as_names, check_value
 from plat.errors import TaskError
 from plat.keyframes.chain_families import AHEAD, FAMILY_TABLE, MIDDLE, TRIES, ChainFamily
 from plat.keyframes.partial import hands_of
+from plat.motions.generation.whole_body import has_six_joint_legs
 from plat.motions.library import MotionLibrary
 from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
@@ -82,8 +83,8 @@ def draw_chains(
     more than a second, three of ten keyframes take up to its longest command. Where it allows less, none takes longer.
 
     Args:
-        library: motions with the resting poses; families that need some are left out where there are none, and those
-            that reach where the robot has no hands.
+        library: motions with the resting poses; families that need some are left out where there are none, those
+            that reach where the robot has no hands, and those that go lower where its legs are not of six joints.
         count: number of chains.
         families: some of :data:`CHAIN_FAMILIES`.
         seed: draws them, apart from the global generator.
@@ -115,11 +116,12 @@ def draw_chains(
             if (len(resting) or not family.resting)
             and (longest >= 2 * second or not _distant(family))
             and (all(hands_of(library.robot)) or not family.needs_hands)
+            and (has_six_joint_legs(library.robot) or family.lowered is None)
         ]
         if not drawn:
             raise TaskError(
                 f"families: {', '.join(families)} start from poses at rest, which the motions have none of, need a "
-                f"longest command of {2 * second} steps, or hands"
+                f"longest command of {2 * second} steps, hands, or legs of six joints"
             )
         parts: list[tuple[ChainFamily, Tensor, Tensor, Tensor]] = []
         for number, family in enumerate(drawn[:count]):

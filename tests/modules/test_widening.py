@@ -45,6 +45,25 @@ def test_wider_layers_change_nothing_at_first():
     assert (student.decoder.network[-1].weight.grad[:, 128:] != 0).any()
 
 
+@pytest.mark.parametrize("wider", [{"latent_size": 48}, {"encoder_size": 192}, {"latent_size": 40, "prior": (300,)}])
+def test_a_wider_latent_teaches_and_explores_as_the_narrower_one(wider):
+    torch.manual_seed(1)
+    trained = LatentPolicy(G1)
+    student = LatentPolicy(G1, LatentPolicyConfig(**wider))
+    take_over(student, trained)
+    shown = observation()
+    goals = {"frames": torch.randn(16, 7, 80), "length": torch.randint(1, 8, (16,))}
+    shown["privileged_goal"] = TensorDict(goals, [16])
+    ours, theirs = (policy.training_graph()(shown.clone()) for policy in (student, trained))
+    for group in ("prior", "posterior"):
+        for name in ("loc", "scale"):
+            torch.testing.assert_close(ours[group, name][:, :32], theirs[group, name])
+    # what only the wider one has moves nothing yet
+    ours = student.decoder.using("hidden", "z")(ours.set("z", ours["posterior", "loc"]))
+    theirs = trained.decoder.using("hidden", "z")(theirs.set("z", theirs["posterior", "loc"]))
+    torch.testing.assert_close(ours["action"], theirs["action"])
+
+
 @pytest.mark.parametrize("layers", [{"backbone": (256,)}, {"backbone": (512, 512)}, {"backbone": ()}])
 def test_other_layers_are_refused(layers):
     student = PlainPolicy(G1, PlainPolicyConfig(**layers))

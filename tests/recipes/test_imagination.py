@@ -16,6 +16,7 @@ from safetensors.torch import load_file
 from plat.cli import main
 from plat.envs.randomized_physics import num_physics
 from plat.envs.transforms import HORIZONS
+from plat.errors import ConfigError
 from plat.evaluation import evaluate
 from plat.modules import (
     DynamicsConfig,
@@ -29,9 +30,11 @@ from plat.modules import (
     ResidualActionPolicy,
     ResidualLatentPolicy,
 )
+from plat.motions import save_motions
 from plat.recipes import expert_model, imagine, learning
 from plat.robots import G1
 from plat.runs import SavedRun, load_dynamics, load_policy, save_dynamics, write_json
+from tests.conftest import standing_clip
 from tests.export.runs import small_policy, write_run
 
 ROOT = Path(__file__).parents[2]
@@ -279,6 +282,25 @@ def test_minutes_hold_an_iteration_at_least_and_no_report(tmp_path, monkeypatch)
     finished = SavedRun(out).config["finished"]
     assert finished["steps"] == int(row["step"]) == 64
     assert finished["seconds"] < float(row["seconds"]) + 0.5
+
+
+def test_motions_too_short_for_the_report_leave_it_out(tmp_path, capsys):
+    save_motions(tmp_path / "short.npz", [standing_clip("short", 30)])
+    briefly = ["--unseen", tmp_path / "short.npz", "--model.hidden", 16, "--out", tmp_path / "run"]
+    main(["imagine", *map(str, [*QUICK, *briefly])])
+    assert "model error: no episode of the unseen motions lasted 48 steps" in capsys.readouterr().out
+    assert SavedRun(tmp_path / "run").config["finished"]
+
+
+def test_a_window_as_long_as_what_is_kept_is_refused(tmp_path):
+    arguments = [*QUICK, "--replay", 8, "--imagination.window", 8, "--out", tmp_path / "run"]
+    with pytest.raises(SystemExit, match=r"--imagination.window 8: expected less than the 8 steps of --replay"):
+        main(["imagine", *map(str, arguments)])
+
+
+def test_a_model_has_a_hidden_layer():
+    with pytest.raises(ConfigError, match="hidden"):
+        DynamicsConfig(hidden=())
 
 
 @pytest.fixture

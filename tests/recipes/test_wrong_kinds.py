@@ -1,14 +1,18 @@
 """Runs of the wrong kind, and settings that make no sense, end in one line."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from plat.errors import ConfigError
-from plat.modules import Expert, ExpertConfig, LatentPolicy, PlainPolicy, ResidualLatentPolicy
-from plat.recipes import distill, expert, refine
-from plat.robots import G1
+from plat.modules import Expert, ExpertConfig, LatentPolicy, PlainPolicy, ResidualLatentPolicy, WalkingReach
+from plat.objectives import MotorGradientConfig
+from plat.recipes import distill, expert, refine, refine_model
+from plat.recipes.students import make_student, trained_student
+from plat.robots import G1, Robot, register_robot
 from plat.runs import report_errors
+from plat.spec.timing import Timing
 from tests.modules.policies.test_student import SMALL
 from tests.recipes.runs import save_run, write_motions
 
@@ -39,6 +43,47 @@ def test_refining_what_is_no_student_with_a_latent(tmp_path, kind):
     run = save_run(tmp_path / kind, POLICIES[kind]())
     message = last_line(refine.main, refine.RefineRecipe(student=run, **settings(tmp_path)))
     assert f"{kind}' holds a policy of kind '{kind}', expected a student with a latent" in message
+
+
+@pytest.fixture
+def crouched() -> Robot:
+    """A robot with the G1's joints and another default pose, from which its actions count."""
+    pose = {**G1.default_pose, "left_knee": 0.9, "right_knee": 0.9}
+    return register_robot(replace(G1, name="g1-crouched", root_height=0.7, default_pose=pose))
+
+
+def test_a_policy_of_another_robot_is_refused(tmp_path, crouched):
+    student = save_run(tmp_path / "student", LatentPolicy(crouched, SMALL))
+    message = last_line(refine.main, refine.RefineRecipe(student=student, **settings(tmp_path)))
+    assert "student' drives robot 'g1-crouched', expected 'g1', that of --robot" in message
+    recipe = refine_model.RefineModelRecipe(student=student, unseen=(), **settings(tmp_path))
+    assert "drives robot 'g1-crouched', expected 'g1'" in last_line(refine_model.main, recipe)
+    teacher = save_run(tmp_path / "teacher", Expert(crouched, ExpertConfig(hidden=(8,))))
+    message = last_line(distill.main, distill.DistillRecipe(expert=teacher, **settings(tmp_path)))
+    assert "teacher' drives robot 'g1-crouched', expected 'g1', that of --robot" in message
+
+
+def test_going_on_with_another_robot_is_told(tmp_path, crouched, capsys):
+    start = save_run(tmp_path / "start", PlainPolicy(crouched, SMALL))
+    recipe = distill.DistillRecipe(expert=start, init=start, student="plain", **settings(tmp_path))
+    recipe, trained = trained_student(recipe)
+    make_student(recipe, G1, trained)
+    assert "start' drove robot 'g1-crouched', and goes on with 'g1'\n" in capsys.readouterr().out
+
+
+def test_a_student_goes_on_with_its_reach_on_both_sides_in_another_shape(tmp_path, capsys):
+    config = replace(SMALL, reach=WalkingReach(), symmetric=True)
+    start = save_run(tmp_path / "start", LatentPolicy(G1, config))
+    wider = replace(SMALL, timing=Timing(max_steps=150))
+    recipe, _ = trained_student(distill.DistillRecipe(expert=start, init=start, policy=wider, **settings(tmp_path)))
+    assert (recipe.policy.reach, recipe.policy.symmetric) == (WalkingReach(), True)
+    assert recipe.policy.timing.max_steps == 150
+    assert "start' goes on with timing " in capsys.readouterr().out
+
+
+def test_a_motor_gradient_over_more_steps_than_a_rollout(tmp_path):
+    with pytest.raises(ConfigError, match=r"RefineRecipe: motor.steps is 24, expected less than 24, the rollout"):
+        refine.RefineRecipe(student=tmp_path, motor=MotorGradientConfig(steps=24), **settings(tmp_path))
 
 
 @pytest.mark.parametrize("kind", ["latent", "plain"])

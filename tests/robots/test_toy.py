@@ -26,6 +26,7 @@ from plat.modules import Critic, Expert, ExpertConfig, LatentPolicy, LatentPolic
 from plat.motions import MotionClip, MotionLibrary, load_motions, mirror_motion, save_csv, save_motions
 from plat.motions.retargeting.geometry import RobotGeometry
 from plat.objectives import PPO, PPOConfig, motor_gradient
+from plat.recipes import expert_model, learning
 from plat.robots import G1, ForwardKinematics, Robot, get_robot, registry
 from plat.runs import Budget, Run, load_policy
 from plat.tasks import draw_chains
@@ -65,7 +66,7 @@ def test_its_names_are_its_own(toy):
 
 def test_nothing_is_asked_of_hands_that_it_lacks(motions):
     assert set(draw_chains(motions, 4, ["steps", "reach"]).family) == {"steps"}
-    with pytest.raises(TaskError, match="or hands"):
+    with pytest.raises(TaskError, match="hands, or legs"):
         draw_chains(motions, 4, ["reach", "three_point"])
     families = {chain.family for chain in author_families(motions.robot, motions, 1)}
     assert families == {"hold", "arms", "poses", "steps", "waypoint", "far"}
@@ -73,6 +74,21 @@ def test_nothing_is_asked_of_hands_that_it_lacks(motions):
         author("reach", motions.robot, 1, seed=0)
     with pytest.raises(KeyframeError, match="'crouch' needs legs of six joints"):
         author("crouch", motions.robot, 1, seed=0)
+
+
+def test_it_learns_without_the_report_on_motions_of_the_g1(motions, tmp_path, capsys):
+    recipe = expert_model.ExpertModelRecipe(motions=("x.npz",), robot=str(DESCRIPTION), out=tmp_path, steps=1)
+    assert learning.unseen_motions(recipe, motions) is None
+    assert "not reported, generated:val@120 is for the G1 (--unseen names other motions)" in capsys.readouterr().out
+    assert expert_model.after(recipe).endswith(f"--robot {DESCRIPTION}")
+
+
+def test_chains_that_go_lower_are_left_out(motions):
+    families = set(draw_chains(motions, 20).family)
+    assert "arms" in families
+    assert not families & {"crouch", "three_point"}
+    with pytest.raises(TaskError, match="legs of six joints"):
+        draw_chains(motions, 4, ["crouch"])
 
 
 @pytest.mark.parametrize("suffix", ["npz", "csv"])

@@ -11,5 +11,9 @@ def test_files_that_are_not_there_are_not_named(tmp_path):
     assert second == f"next: plat evaluate {tmp_path}"
 
 
+def test_the_next_command_is_for_the_same_robot(tmp_path):
+    assert next_command(tmp_path, "plat evaluate", "x", robot="toy.json").endswith("plat evaluate x --robot toy.json")
+
+
 def test_words_are_quoted():
     assert next_command(Path("nowhere"), "plat evaluate", "a b").endswith("next: plat evaluate 'a b'")
