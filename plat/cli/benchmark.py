@@ -100,7 +100,7 @@ def main(recipe: BenchmarkRecipe) -> dict[str, Study]:
             trackers=trackers if number == 0 else {},
         )
         studies[motions.name] = study
-        draw(folder, study)
+        draw(folder, study, control_dt)
         # after each set: what is done can be read while the next one runs; files of an earlier start are not
         replace_file(recipe.out / "benchmark.md", partial(_write, text=page(recipe.out, sets=studies)))
     print(f"\n{recipe.out / 'benchmark.md'}")
@@ -233,7 +233,7 @@ def _write(part: Path, text: str) -> None:
     part.write_text(text, encoding="utf-8")
 
 
-def draw(folder: Path, study: Study) -> list[Path]:
+def draw(folder: Path, study: Study, control_dt: float) -> list[Path]:
     """Draw the figures of a set, in the place of those that were there."""
     for path in (*folder.glob("*.png"), *folder.glob("*.pdf")):
         path.unlink()
@@ -247,7 +247,7 @@ def draw(folder: Path, study: Study) -> list[Path]:
         success_plot(scores, [name for name in ("long", "mixed") if name in horizons] or sorted(horizons)),
         folder / "success",
     )
-    written += save_figure(horizon_plot(scores), folder / "horizon")
+    written += save_figure(horizon_plot(scores, control_dt), folder / "horizon")
     for kind, groups in study.groups.items():
         written += save_figure(group_plot(groups, group_metrics(groups)[0]), folder / group_figure(kind))
     if study.curves:

@@ -115,13 +115,16 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
     write_tables(recipe, conditions, markdown(scores), tables)
     pictures: list[Path] = []
     if recipe.authored:
-        authored = score_authored(recipe, found, library, plan.setting)
+        authored = score_authored(recipe, found, library, plan.setting, conditions)
         write_tables(recipe, conditions, markdown(scores), tables, *authored)
         if recipe.strips is not None:
             pictures += draw_authored_strips(recipe, recipe.strips, entrants, library)
     if recipe.figures is not None:
         pictures += draw_scores(recipe.figures, scores)
-        pictures += draw_strips(recipe.figures, entrants, shown, recipe.seed, recipe.device)
+        if recipe.partial or recipe.disturbed or recipe.domain_randomization:
+            print("no film strip: it shows whole keyframes and an undisturbed robot, which these scores are not of")
+        else:
+            pictures += draw_strips(recipe.figures, entrants, shown, recipe.seed, recipe.device)
     if written := written_by(recipe, pictures):
         print(f"\nwrote {', '.join(map(str, written))}")
     if recipe.loggers:
@@ -180,6 +183,7 @@ def conditions_of(recipe: EvaluateRecipe, timing: Timing) -> str:
         f"arrival window of {timing.window} control steps, not 3": timing.window != Timing().window,
         f"partial keyframes ({recipe.partial})": recipe.partial,
         "dense reference": recipe.dense,
+        f"interface {recipe.interface[0]}": len(recipe.interface) == 1 and recipe.interface != type(recipe).interface,
         "domain randomization": recipe.domain_randomization,
         f"disturbed {recipe.disturbed:g}": recipe.disturbed,
         f"only {recipe.only}": recipe.only,
@@ -225,7 +229,7 @@ class Teller:
                 for stale in (SCORES_PAGE, authored_csv(Path(SCORES_TABLE)).name):
                     (self._recipe.out / stale).unlink(missing_ok=True)
             self._begun = True
-            write_study(study, self._recipe.out)
+            write_study(study, self._recipe.out, self._conditions)
 
 
 def long_enough(library: MotionLibrary, horizon: str) -> list[int]:
@@ -276,23 +280,24 @@ def score_authored(
     entrants: Mapping[Candidate, Entrant],
     library: MotionLibrary,
     setting: EvaluationSetting,
+    conditions: str,
 ) -> list[str]:
     """Print a table of authored keyframes for every entrant, write what there is so far, and return the tables."""
     scored: dict[str, AuthoredRecords] = {}
     tables = []
     beside = [recipe.csv] if recipe.csv is not None else []
     beside += [recipe.out / SCORES_TABLE] if recipe.out is not None else []
-    folder, pushed = recipe.out and recipe.out / "records", ""
-    if recipe.pushes:
-        pushed = f", pushes of {recipe.pushes:g} m/s every 1.5 s"
-    pushes = pushes_of(recipe)
+    folder, pushes = recipe.out and recipe.out / "records", pushes_of(recipe)
+    pushed = f"pushes of {recipe.pushes:g} m/s every 1.5 s" if pushes else ""
+    told = ", ".join(filter(None, (conditions, pushed)))
     for candidate, records in records_of_all(entrants, library, recipe.authored, setting, folder, pushes):
         scored[candidate.name] = records
-        head, table = f"{candidate.name}, authored keyframes{pushed}", authored_table(records)
+        head = ", ".join(filter(None, (candidate.name, "authored keyframes", pushed)))
+        table = authored_table(records)
         print(f"\n{head}\n{table}", end="", flush=True)
         tables.append(f"{head}\n\n{table}")
         for path in beside:
-            write_authored_csv(authored_csv(path), scored)
+            write_authored_csv(authored_csv(path), scored, told)
     return tables
 
 
@@ -372,6 +377,10 @@ def draw_strips(
 ) -> list[Path]:
     """Draw a film strip of each policy on a library's only motion; where this machine cannot, say what to install."""
     horizon = HORIZONS["long"]
+    if any(entrant.timing.max_steps < horizon.longest for entrant in entrants.values()):
+        told = f"commands of up to {horizon.longest} control steps, longer than a policy's longest"
+        print(f"no film strip: it shows {told}")
+        return []
     if int(library.clip_length[0]) <= horizon.shortest:
         print(f"no film strip: motion {library.clip_names[0]!r} is shorter than a long command; choose another --clip")
         return []

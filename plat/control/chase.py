@@ -1,7 +1,7 @@
 """Control loop: a keyframe sequence, a controller and a simulator, step by step."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Protocol
 
 import numpy as np
@@ -127,7 +127,7 @@ class Chase(Iterator[ChaseStep]):
         controller.timing.check_control_dt(self.simulator.control_dt, "simulator")
         sequence = _for_controller(sequence, controller)
         controller.reset(self._joint_target)
-        self._controller, self._sequence = controller, sequence
+        self._controller, self._sequence, self._began = controller, sequence, None
 
     @property
     def sequence(self) -> KeyframeSequence:
@@ -136,7 +136,7 @@ class Chase(Iterator[ChaseStep]):
 
     @sequence.setter
     def sequence(self, sequence: KeyframeSequence) -> None:
-        self._sequence = _for_controller(sequence, self._controller)
+        self._sequence, self._began = _for_controller(sequence, self._controller), None
 
     @property
     def time(self) -> float:
@@ -147,6 +147,7 @@ class Chase(Iterator[ChaseStep]):
         """Reset the robot to the start, at time 0."""
         self._steps = 0
         self._joint_target: NDArray[np.floating] | None = None
+        self._began: tuple[int, Keyframe] | None = None
         self._controller.reset()
         self.simulator.reset(self.sequence.start)
 
@@ -159,11 +160,14 @@ class Chase(Iterator[ChaseStep]):
                 raise StopIteration
             command = Command(len(self.sequence) - 1, self.sequence.keyframes[-1], steps_left=1, length=1)
         before = self.simulator.state()
+        if self._began is None or self._began[0] != command.index:
+            measured = replace(self.sequence.start, root_pos=before.root_pos_w, root_quat=before.root_quat_w)
+            self._began = command.index, self.sequence.began(command.index, measured)
         self._joint_target = self._controller(before, command.keyframe, command.steps_left)
         self.simulator.step(self._joint_target)
         self._steps += 1
         after, reference = self.simulator.state(), self.sequence.sample(self.time)
-        timing, root = self._controller.timing, self.sequence.commanded(self.time)
+        timing, root = self._controller.timing, self.sequence.commanded(self.time, self._began[1])
         return ChaseStep(self.time, command, holding, before, self._joint_target, after, reference, timing, root)
 
 

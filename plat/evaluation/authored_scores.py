@@ -271,21 +271,24 @@ def authored_table(records: AuthoredRecords) -> str:
     return "\n".join(lines) + "\n"
 
 
-def write_authored_csv(path: Path, records: Mapping[str, AuthoredRecords]) -> None:
+def write_authored_csv(path: Path, records: Mapping[str, AuthoredRecords], conditions: str = "") -> None:
     """Write the scores of every policy and family: a line per figure, with its interval.
 
     Args:
         path: the file; it is replaced atomically or not at all.
         records: by the names of the policies.
+        conditions: what the test had of its own, in words: a last column. Without any there is no such column.
     """
+    told = (conditions,) if conditions else ()
     rows: list[tuple[object, ...]] = []
     for policy, of_policy in records.items():
         for family in dict.fromkeys(of_policy.family):
             score = AuthoredScore.of(of_policy, family)
             for name in ("fell", "reached", "late_or_off", "reached_feasible", "fell_in_hold", "stepped"):
                 figures = ("" if math.isnan(value) else f"{value:.3f}" for value in getattr(score, name))
-                rows.append((policy, family, score.chains, name, *figures))
-    replace_table(path, ("policy", "family", "chains", "metric", "value", "low", "high"), rows)
+                rows.append((policy, family, score.chains, name, *figures, *told))
+    columns = ("policy", "family", "chains", "metric", "value", "low", "high")
+    replace_table(path, columns + ("conditions",) * len(told), rows)
 
 
 def _feasibility(robot: Robot, chains: Sequence[Authored]) -> tuple[Tensor, Tensor]:

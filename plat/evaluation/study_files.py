@@ -22,30 +22,41 @@ _CLIP_KEYS = ("policy", "rule", "clips")
 _CLIPS, _DENSE_CLIPS = "whole_clips.csv", "dense_whole_clips.csv"
 
 
-def write_study(study: Study, folder: Path) -> None:
-    """Write a CSV file for each kind of result; values are in SI units, with six digits."""
+def write_study(study: Study, folder: Path, conditions: str = "") -> None:
+    """Write a CSV file for each kind of result; values are in SI units, with six digits.
+
+    Args:
+        study: results.
+        folder: of the files.
+        conditions: what the tests had of their own, in words: a last column. Without any there is no such column.
+    """
+
+    def write(path: Path, columns: tuple[str, ...], found: list[tuple[Any, ...]]) -> None:
+        told = (conditions,) if conditions else ()
+        _write(path, columns + ("conditions",) * len(told), [row + told for row in found])
+
     for name, table in (("scores.csv", study.scores), ("interfaces.csv", study.interfaces), ("dense.csv", study.dense)):
-        _write(folder / name, COLUMNS, rows(table))
+        write(folder / name, COLUMNS, rows(table))
     for name, scores in ((_CLIPS, study.clips), (_DENSE_CLIPS, study.dense_clips)):
         clips = [(score.policy, score.rule, score.count, *row) for score in scores for row in _rows(score.figures)]
-        _write(folder / name, (*_CLIP_KEYS, *_FIGURES), clips)
+        write(folder / name, (*_CLIP_KEYS, *_FIGURES), clips)
     groups = [
         (kind, score.group, score.count, score.policy, score.test, *row)
         for kind, scores in study.groups.items()
         for score in scores
         for row in _rows(score.figures)
     ]
-    _write(folder / "groups.csv", ("grouping", "group", "count", "policy", "test", *_FIGURES), groups)
+    write(folder / "groups.csv", ("grouping", "group", "count", "policy", "test", *_FIGURES), groups)
     curves = [
         (point.disturbance, point.strength, STRENGTHS[point.disturbance].unit, point.policy, *row)
         for point in study.curves
         for row in _rows({"tks": point.tks})
     ]
-    _write(folder / "robustness.csv", ("disturbance", "strength", "unit", "policy", *_FIGURES), curves)
+    write(folder / "robustness.csv", ("disturbance", "strength", "unit", "policy", *_FIGURES), curves)
     differences = [
         (found.ours, found.policy, found.horizon, *row) for found in study.differences for row in _rows(found.figures)
     ]
-    _write(folder / "differences.csv", ("ours", "policy", "horizon", *_FIGURES), differences)
+    write(folder / "differences.csv", ("ours", "policy", "horizon", *_FIGURES), differences)
 
 
 def read_study(folder: Path) -> Study:

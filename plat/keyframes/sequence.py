@@ -127,9 +127,31 @@ class KeyframeSequence:
         """
         return _between(self.arrived, time)
 
-    def commanded(self, time: float) -> Keyframe:
-        """Return the pose at a time (s) with the root as it is commanded: what no keyframe says is as it was."""
-        return _between(self._commanded, time)
+    def commanded(self, time: float, began: Keyframe | None = None) -> Keyframe:
+        """Return the pose at a time (s) with the root as it is commanded: what no keyframe says is as it was.
+
+        Args:
+            time: seconds.
+            began: what the way to the present keyframe begins with, :meth:`began`; None for what was commanded last.
+        """
+        if began is None:
+            return _between(self._commanded, time)
+        after = next((pose for pose in self._commanded[1:] if pose.time > time - 1e-9), self._commanded[-1])
+        return _between((began, after), time)
+
+    def began(self, index: int, measured: Keyframe) -> Keyframe:
+        """Return what the way to keyframe ``index`` begins with: what the one before left open of the root is measured.
+
+        A robot that squatted because only its hands were commanded low is on its way up, and no one that has fallen.
+
+        Args:
+            index: of the keyframe.
+            measured: a pose with the robot's root when the keyframe before was over.
+        """
+        before = self._commanded[index]
+        if index == 0:
+            return before
+        return with_commanded_root(measured, replace(before, commands=self.keyframes[index - 1].commands))
 
     @cached_property
     def arrived(self) -> tuple[Keyframe, ...]:

@@ -64,12 +64,14 @@ def test_what_a_robot_meets(runs):
         ({"dense": True}, "dense reference"),
         ({"disturbed": 0.5, "only": "run"}, "disturbed 0.5, only run"),
         ({"domain_randomization": True}, "domain randomization"),
+        ({"interface": ("cascade",)}, "interface cascade"),
     ],
 )
 def test_tables_say_what_conditions_they_are_of(runs, tmp_path, own, told):
     evaluate.main(recipe(runs, "plain", csv=tmp_path / "scores.csv", out=tmp_path / "all", **own))
     header, first, *_ = (tmp_path / "scores.csv").read_text().splitlines()
     page = (tmp_path / "all" / "scores.md").read_text()
+    assert (tmp_path / "all" / "scores.csv").read_text() == (tmp_path / "scores.csv").read_text()
     if not told:
         assert header.endswith(",high")
         assert "Conditions" not in page
@@ -128,6 +130,16 @@ def test_two_horizons_make_no_radar_plot(runs):
     pytest.importorskip("matplotlib")
     scores = evaluate.main(recipe(runs, "plain", horizon=("single",)))
     assert {path.stem for path in evaluate.draw_scores(runs / "figures", scores)} == {"bars_single", "success"}
+
+
+def test_a_strip_of_another_test_is_left_out(runs, capsys):
+    pytest.importorskip("matplotlib")
+    save_run(runs / "quick", PlainPolicy(G1, replace(SMALL, timing=Timing(max_steps=25))))
+    evaluate.main(recipe(runs, "quick", horizon=("short",), figures=runs / "figures"))
+    told = "no film strip: it shows commands of up to 50 control steps, longer than a policy's longest"
+    assert told in capsys.readouterr().out
+    evaluate.main(recipe(runs, "plain", horizon=("single",), figures=runs / "disturbed", disturbed=0.5))
+    assert "no film strip: it shows whole keyframes and an undisturbed robot" in capsys.readouterr().out
 
 
 def test_a_motion_too_short_for_a_strip_is_named(runs, capsys):
@@ -189,7 +201,10 @@ def test_the_table_goes_to_wandb(runs, monkeypatch):
 def test_authored_keyframes_have_a_table_of_their_own(runs, capsys, tmp_path):
     evaluate.main(recipe(runs, "plain", authored=1, only="run", csv=tmp_path / "scores.csv", pushes=0.2))
     assert (tmp_path / "scores.csv").exists()
-    assert "plain,far,1,reached," in (tmp_path / "scores_authored.csv").read_text()
+    header, *rows = (tmp_path / "scores_authored.csv").read_text().splitlines()
+    assert header.endswith(",high,conditions")
+    assert all(row.endswith(',"only run, pushes of 0.2 m/s every 1.5 s"') for row in rows)
+    assert any(row.startswith("plain,far,1,reached,") for row in rows)
     printed = capsys.readouterr().out
     assert "plain, authored keyframes, pushes of 0.2 m/s every 1.5 s" in printed
     table = printed[printed.index("| family") :]

@@ -1,3 +1,4 @@
+import re
 from pathlib import Path
 
 import numpy as np
@@ -137,6 +138,21 @@ def test_keyframes_to_mjcf_and_constraints_and_back(tmp_path, capsys):
     found = convert(tmp_path / "untimed.xml", "plat.json", every=0.5)
     assert [keyframe.time for keyframe in found.keyframes] == [0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
     assert "its keys have no times of their own: 0.5 s apart" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("times", [("2", "1", "3"), ("0.4", "0.9", "0.9")])
+def test_keys_with_times_out_of_order_are_refused(tmp_path, times):
+    stand = standing(G1)
+    write_keyframes(tmp_path / "three.json", G1, stand.at(0.25), [stand.at(0.5), stand.at(0.75)])
+    keyframes.main(keyframes.ConvertKeyframes(file=tmp_path / "three.json", out=tmp_path / "keys.xml"))
+    text = (tmp_path / "keys.xml").read_text()
+    written = re.findall(r' time="[^"]*"', text)
+    for old, new in zip(written, times[-len(written) :], strict=True):
+        text = text.replace(old, f' time="{new}"', 1)
+    (tmp_path / "keys.xml").write_text(text)
+    with pytest.raises(KeyframeError, match=r"keys.xml': pose \d is at .* s, expected later than the one before it"):
+        keyframes.main(keyframes.ConvertKeyframes(file=tmp_path / "keys.xml", out=tmp_path / "out.json"))
+    assert not (tmp_path / "out.json").exists()
 
 
 @pytest.mark.parametrize("out", ["out.json", "out.xml"])

@@ -12,11 +12,13 @@ import pytest
 
 from plat.cli import play
 from plat.control import ReachLimits
+from plat.control.authored import author
 from plat.errors import CheckpointError, KeyframeError, OutputError
 from plat.keyframes import KeyframeSequence, only, standing
 from plat.modules import PlainPolicy, PlainPolicyConfig
 from plat.rendering import RenderingError, Stage
 from plat.robots import G1
+from plat.spec.parts import Parts
 from plat.spec.timing import Timing
 from tests.export.runs import write_run
 
@@ -44,6 +46,16 @@ def test_hands_alone_are_led_along_a_circle(capsys):
     assert all(score.keypoint_error < 0.12 for score in scores)
     with pytest.raises(KeyframeError, match="commands a part of its pose"):
         play.main(dataclasses.replace(recipe, policy=PLAT))
+
+
+def test_standing_up_from_where_the_hands_led_is_no_fall(tmp_path):
+    chains = [chain.sequence.keyframes for chain in author("crouch", G1, 20, seed=0)]
+    low = min((keyframe for keyframes in chains for keyframe in keyframes), key=lambda keyframe: keyframe.root_pos[2])
+    hands = Parts.only(G1, bodies=("left_wrist_yaw_link", "right_wrist_yaw_link"))
+    pose, low = standing(G1), dataclasses.replace(low.at(1.5), commands=hands)
+    KeyframeSequence(G1, pose, (low, pose.at(2.5)), Timing(max_steps=150)).save(tmp_path / "low.json")
+    recipe = play.PlayRecipe(policy=ROOT / "plat" / "weights" / "imagined", keyframes=tmp_path / "low.json")
+    assert [(score.words, score.success) for score in play.main(recipe)] == [("reached", True)] * 2
 
 
 def test_shoves_are_felt_and_a_seed_repeats_them(capsys):

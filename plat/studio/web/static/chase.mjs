@@ -45,6 +45,11 @@ export class Chase {
       return;
     }
     const { robot, policy } = this, keyframe = this.frames[command.index];
+    if (this.began?.index !== command.index) {
+      // what the keyframe before left open of the root is as the robot has it
+      const line = this.commanded[command.index], commands = command.index ? this.frames[command.index - 1].commands : null;
+      this.began = { index: command.index, pose: withCommandedRoot({ qpos: [...this.data.qpos] }, { ...line, commands }, robot.site) };
+    }
     const observed = policy.observation(robot.state(this.data), keyframe, command.left, this.lastAction);
     const targets = await policy.targets(observed);
     if (this.data === null) return; // it was ended meanwhile
@@ -54,7 +59,8 @@ export class Chase {
     this.taken += 1;
     const qpos = [...this.data.qpos];
     this.poses.push(qpos);
-    this.scorer.add(command, qpos, this.time, between(this.arrived, this.time), between(this.commanded, this.time), policy.window);
+    const after = this.commanded.slice(1).find((pose) => pose.time > this.time - 1e-9) ?? this.commanded[this.commanded.length - 1];
+    this.scorer.add(command, qpos, this.time, between(this.arrived, this.time), between([this.began.pose, after], this.time), policy.window);
     this.errors.push(compare(robot, qpos, keyframe, mask(keyframe, robot.site))); // how far it still is
   }
 
