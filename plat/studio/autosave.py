@@ -78,9 +78,13 @@ class Autosave:
             return False
         if not (at_once or moment - self._edited_at >= _AFTER or moment - self._unwritten_since >= _AT_LATEST):
             return False
-        self._edited_at = self._unwritten_since = None
-        if not self._session.unsaved:
-            return False
+        unsaved = self._session.unsaved
+        if unsaved:
+            self._write()
+        self._edited_at = self._unwritten_since = None  # not before, for Ctrl-C may come between
+        return unsaved
+
+    def _write(self) -> None:
         try:
             path = self._free_path()
             self._session.write(path)
@@ -88,7 +92,6 @@ class Autosave:
             self.words = f"autosaved {time.strftime('%H:%M:%S')}"
         except (PlatError, OSError) as error:
             self.words = f"not autosaved: {error}"
-        return True
 
     def _free_path(self) -> Path:
         """Return the file to write: this studio's own, or one that is not there yet."""
