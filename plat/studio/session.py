@@ -17,7 +17,7 @@ from plat.motions import MotionClip
 from plat.rendering import Stage, check_video, film, write_video
 from plat.robots.robot import Robot
 from plat.studio.history import History
-from plat.studio.pins import toggled
+from plat.studio.pins import mirrored_parts, toggled
 from plat.studio.playback import Playback
 from plat.studio.player import HOLD, simulator
 from plat.studio.poser import Frame, Poser
@@ -213,8 +213,12 @@ class Session:
         self.pose(change(self.timeline.pose.qpos))
 
     def mirror(self) -> None:
-        """Exchange left and right of the selected pose, in place."""
-        self.change_pose(lambda qpos: mirrored(qpos, self.robot))
+        """Exchange left and right of the selected pose, in place, and of what it commands."""
+        pose = self.timeline.pose
+        timeline = self.timeline.posed(mirrored(pose.qpos, self.robot))
+        if pose.commands is not None:
+            timeline = timeline.commanding(mirrored_parts(pose.commands, self.robot))
+        self.edit(timeline)
 
     def drop(self) -> None:
         """Put the lowest point of the selected pose on the floor."""

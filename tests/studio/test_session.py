@@ -7,6 +7,7 @@ from plat.errors import KeyframeError, MotionError, StudioError
 from plat.motions import MotionClip, generate_motions
 from plat.rendering import RenderingError
 from plat.robots import G1
+from plat.spec.parts import Parts
 from plat.studio.timeline import NEW_INTERVAL
 from tests.studio.conftest import squat
 
@@ -138,6 +139,19 @@ def test_poses_are_mirrored_dropped_and_flattened(session):
     session.stand()
     np.testing.assert_allclose(session.timeline.pose.qpos[7:], G1.default_qpos[7:])
     np.testing.assert_allclose(session.timeline.pose.qpos[:2], [0.3, 0.1], atol=0.02)
+
+
+def test_what_a_mirrored_keyframe_commands_changes_sides(session):
+    session.add()
+    session.edit(session.timeline.commanding(Parts.only(G1, joints=["left_elbow"], bodies=["left_knee_link"])))
+    session.set_joint(LEFT_ELBOW, 0.9)
+    session.mirror()
+    pose = session.timeline.pose
+    assert pose.commands.names(G1) == {"joints": ["right_elbow"], "bodies": ["right_knee_link"], "root": []}
+    assert pose.joint_pos[G1.joint_names.index("right_elbow")] == pytest.approx(0.9)
+    session.undo()
+    assert session.timeline.pose.commands.names(G1)["joints"] == ["left_elbow"]
+    assert session.timeline.pose.joint_pos[LEFT_ELBOW] == 0.9
 
 
 def test_playing_ends_with_scores(session):

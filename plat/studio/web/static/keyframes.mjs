@@ -3,7 +3,8 @@
 import { slerp } from "./rotations.mjs";
 
 export const LONGEST_INTERVAL = 30, NEW_INTERVAL = 0.6;
-const HOLD = "(hold)", ROOT = ["horizontal", "height", "orientation"];
+export const ROOT = ["horizontal", "height", "orientation"];
+const HOLD = "(hold)";
 const round = (value) => Math.round(value * 1e6) / 1e6;
 
 /* A keyframe is { time, name, qpos: [7 + J], commands: null or { joints, bodies, root } of names }. */

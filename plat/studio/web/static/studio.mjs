@@ -3,14 +3,13 @@ import loadMujoco from "mujoco";
 import * as ort from "onnxruntime-web";
 import { Chase } from "./chase.mjs";
 import { verdict } from "./feasibility.mjs";
-import { Timeline, asArrived, mask, read, write } from "./keyframes.mjs";
+import { ROOT, Timeline, asArrived, mask, read, standing, write } from "./keyframes.mjs";
 import { Policy } from "./policy.mjs";
 import { Robot } from "./robot.mjs";
 import { conjugate, fromHeadingPitchRoll, headingPitchRoll, multiply } from "./rotations.mjs";
 import { Scene } from "./scene.mjs";
 
 const AUTOSAVE = "plat-keyframes", SPEEDS = { "1x": 1, "1/2": 0.5, "1/4": 0.25, "1/10": 0.1 }, CATCH_UP = 5, NOBODY = "nobody";
-const KNOWN = { "whole pose": null };
 const together = (bodies, robot) => (bodies.size ? `, inside each other: ${[...bodies].map((body) => robot.bodyNames[body]).sort().join(", ")}` : "");
 const degrees = (radians) => (radians * 180) / Math.PI;
 const plain = (value, digits) => (Number(value.toFixed(digits)) + 0).toFixed(digits); // no -0.0
@@ -42,7 +41,7 @@ export async function play({ robot, policies, site }, name, text) {
 class Studio {
   constructor(channel, { site, robot, policies }) {
     Object.assign(this, { channel, site, robot, policies });
-    this.timeline = new Timeline(site, { time: 0, name: null, qpos: [...site.default_qpos], commands: null });
+    this.timeline = new Timeline(site, standing(site));
     this.past = [];
     this.future = [];
     this.gesture = null;
@@ -112,7 +111,8 @@ class Studio {
       end: () => { this.gesture = null; }, add: ({ time }) => { if (time !== undefined) this.seek(time); this.add(); },
       copy: () => { this.clipboard = now().pose; }, cut: () => { const left = now().removed(); this.clipboard = now().pose; edit(left); },
       paste: () => { if (!this.clipboard) throw new Error("nothing to paste: copy a keyframe first"); edit(now().inserted(this.clipboard)); },
-      mirror: () => edit(now().posed(this.robot.mirrored(now().pose.qpos))), stand: () => edit(now().posed([...now().pose.qpos.slice(0, 2), ...this.site.default_qpos.slice(2)])),
+      mirror: () => { const { pose } = now(); edit(now().withPose({ ...pose, qpos: this.robot.mirrored(pose.qpos), commands: this.robot.mirroredCommands(pose.commands) })); },
+      stand: () => edit(now().posed(this.robot.standing(now().pose.qpos))),
       floor: () => edit(now().posed(this.robot.dropped(now().pose.qpos))), flat: () => edit(now().posed(this.robot.flat(now().pose.qpos))), remove: () => edit(now().removed()),
       undo: () => this.swap(this.past, this.future), redo: () => this.swap(this.future, this.past), save: () => this.save(),
       look: () => this.scene.look(this.players[0] && !this.posing ? this.players[0].poseAt(this.cursor) : now().pose.qpos), hide: () => { this.hidden = !this.hidden; },
@@ -187,15 +187,13 @@ class Studio {
     this.note("Saved", `${this.name}, among your downloads`, "good");
   }
 
-  template(name) {
-    const made = Timeline.of(this.site, read(JSON.stringify(this.site.templates[name]), this.site));
-    const [x, y] = this.timeline.pose.qpos, first = this.timeline.selected + 1;
-    let { timeline } = this;
-    made.keyframes.forEach((frame, index) => {
-      const gap = made.gaps()[index] * this.site.control_dt;
-      timeline = timeline.inserted({ ...frame, qpos: [frame.qpos[0] + x, frame.qpos[1] + y, ...frame.qpos.slice(2)] }, gap, made.holds[index]);
-    });
-    this.edit(timeline.select(first));
+  template(name) { this.edit(this.continued(name, this.timeline)); }
+
+  /* A timeline with a template's keyframes after the selected pose, the first of them selected. */
+  continued(name, timeline) {
+    const first = timeline.selected + 1, { qpos } = timeline.pose;
+    for (const step of this.site.templates[name]) timeline = timeline.inserted({ time: 0, name: step.name, qpos: this.robot.changed(qpos, step), commands: null }, step.interval, step.hold);
+    return timeline.select(first);
   }
 
   // posing
@@ -253,16 +251,13 @@ class Studio {
     return new Set([...pinned, ...((pose.commands.root || []).length ? ["pelvis"] : [])]);
   }
 
+  /* Command a handle or take its pin out; what else the keyframe commands stays. Without any the whole pose is commanded. */
   pin(name) {
-    const handle = { head: "chest", "whole robot": "pelvis" }[name] ?? name, pins = mask(this.timeline.pose, this.site) ? this.pins : new Set();
-    if (pins.has(handle)) pins.delete(handle); else pins.add(handle);
-    this.command([...pins]);
-  }
-
-  command(pins) {
-    const bodies = pins.filter((name) => name in this.site.pins).map((name) => this.site.pins[name]);
-    const root = pins.includes("pelvis") ? ["horizontal", "height", "orientation"] : [];
-    this.edit(this.timeline.commanding(bodies.length || root.length ? { ...(bodies.length ? { bodies } : {}), ...(root.length ? { root } : {}) } : null));
+    const { pose } = this.timeline, body = this.site.pins[{ head: "chest" }[name] ?? name];
+    const { joints = [], bodies = [], root = [] } = mask(pose, this.site) ? pose.commands : {};
+    const parts = { joints, bodies: !body ? bodies : bodies.includes(body) ? bodies.filter((one) => one !== body) : [...bodies, body], root: body ? root : root.length ? [] : ROOT };
+    const named = Object.entries(parts).filter(([, names]) => names.length);
+    this.edit(this.timeline.commanding(named.length ? Object.fromEntries(named) : null));
   }
 
   faint() {
@@ -410,11 +405,11 @@ class Studio {
       make("h1", { textContent: "plat keyframe studio" }),
       row("Policy", select("policy", site.policies, (value) => { this.policy = value; this.end(); })),
       row("Beside it", select("second", [NOBODY, ...site.policies], (value) => { this.second = value; this.end(); })),
-      row("Begin with", select("template", Object.keys(site.templates), () => {}), button("Add", () => this.template(at.template.value)), button("New", () => { this.edit(new Timeline(site, { time: 0, name: null, qpos: [...site.default_qpos], commands: null })); })),
+      row("Begin with", select("template", Object.keys(site.templates), () => {}), button("Add", () => this.template(at.template.value)), button("New", () => { this.edit(new Timeline(site, standing(site))); })),
       row("File", button("Load", () => at.file.click()), button("Save", () => this.save()), at.file),
       make("hr"),
       row("Drag by", select("handle", Object.keys(site.handles), (value) => { this.handle = value; Object.assign(this.scene, { arrows: true, ringed: false }); })),
-      row("Commands", select("commands", [...Object.keys(site.presets), "what is pinned"], (value) => { if (value in site.presets) this.command(site.presets[value]); })),
+      row("Commands", select("commands", [...Object.keys(site.presets), "what is pinned"], (value) => { if (value in site.presets) this.edit(this.timeline.commanding(site.presets[value])); })),
       row("Joint", select("joint", site.joints, (value) => { this.jointNumber = site.joints.indexOf(value); Object.assign(this.scene, { arrows: false, ringed: true }); })),
       row("", at.slider, at.angle),
       row("One limb only", check("limb")), row("Symmetric", check("symmetric")),
@@ -466,11 +461,10 @@ class Studio {
       timeline: { poses, selected: timeline.selected, interval: timeline.interval, duration: timeline.duration, marks, undo: this.past.length > 0, redo: this.future.length > 0, paste: this.clipboard !== null },
       file: { name: this.name, unsaved: timeline.keyframes !== this.saved.keyframes && timeline.keyframes.length > 0, autosave: "" }, busy: this.busy,
     });
-    const pins = this.pins, whole = !mask(timeline.pose, site);
-    this.scene.showHandles(this.robot.frames(qpos), this.handle, pins, this.posing, this.robot.jointFrame(this.jointNumber, qpos));
+    this.scene.showHandles(this.robot.frames(qpos), this.handle, this.pins, this.posing, this.robot.jointFrame(this.jointNumber, qpos));
     at.handle.value = this.handle;
-    const same = (names) => names.length === pins.size && names.every((name) => pins.has(name));
-    at.commands.value = whole ? Object.keys(KNOWN)[0] : Object.keys(site.presets).find((name) => site.presets[name].length && same(site.presets[name])) ?? "what is pinned";
+    const parts = (commands) => String(mask({ commands }, site)), now = parts(timeline.pose.commands);
+    at.commands.value = Object.keys(site.presets).find((name) => parts(site.presets[name]) === now) ?? "what is pinned";
     at.commands.disabled = timeline.selected === 0;
     at.joint.value = site.joints[this.jointNumber];
     [at.slider.min, at.slider.max] = site.joint_range[this.jointNumber];
@@ -510,7 +504,7 @@ export async function begin(channel) {
     let kept = null;
     try { kept = localStorage.getItem(AUTOSAVE); } catch { /* a private window */ }
     if (kept) try { studio.timeline = Timeline.of(studio.site, read(kept, studio.site)); } catch { kept = null; }
-    if (!kept) studio.timeline = Timeline.of(studio.site, read(JSON.stringify(Object.values(studio.site.templates)[0]), studio.site));
+    if (!kept) studio.timeline = studio.continued(Object.keys(studio.site.templates)[0], studio.timeline);
     studio.saved = studio.timeline;
     studio.cursor = studio.timeline.pose.time;
     studio.show();
