@@ -273,6 +273,53 @@ def test_a_keyframe_is_added_at_the_cursor(session):
     assert session.timeline.duration == pytest.approx(1.8)
 
 
+def test_a_keyframe_is_added_at_a_time_and_where_one_is_it_is_selected(session):
+    with_squat(session)
+    session.select(1)
+    session.edit(session.timeline.held(0.5))
+    session.edit(session.timeline.renamed("down"))
+    before, arrivals = session.timeline.keyframes, [0.6, 1.7]
+    for time in (0.6, 0.9, 1.1):
+        session.select(0)
+        session.add_at(time)
+        assert session.timeline.selected == 1
+    assert session.timeline.keyframes is before
+    session.add_at(0.9)
+    assert [frame.time for frame in session.timeline.keyframes] == arrivals
+    session.add_at(2.5)
+    assert [frame.time for frame in session.timeline.keyframes] == [*arrivals, 2.5]
+    session.add_at(0.3)
+    assert [frame.time for frame in session.timeline.keyframes] == [0.3, *arrivals, 2.5]
+    assert session.timeline.selected == 1
+    session.undo()
+    session.undo()
+    assert session.timeline.keyframes is before, "two steps in all: a selection is none"
+    session.new()
+    session.add_at(1.2)
+    assert session.timeline.duration == pytest.approx(1.2)
+
+
+def test_a_keyframe_after_the_end_of_what_was_played_has_no_name(session):
+    session.add()
+    session.edit(session.timeline.renamed("rise"))
+    play(session)
+    assert session.playback.cursor > session.timeline.duration
+    session.add()
+    assert session.timeline.labels == ("start", "1 rise", "2")
+    assert session.timeline.duration == pytest.approx(2 * NEW_INTERVAL)
+
+
+@pytest.mark.parametrize(("axis", "value"), [(2, 7.6), (2, -6.0), (0, 2000.0)])
+def test_a_pose_that_no_file_may_hold_is_refused(session, axis, value):
+    session.add()
+    before, root = session.timeline, session.timeline.pose.qpos[:7]
+    root[axis] = value
+    with pytest.raises(KeyframeError, match="root_pos puts the root"):
+        session.set_root(root, "position")
+    assert session.timeline is before
+    session.playback.sequence("plat")
+
+
 def test_cut_keyframes_can_be_pasted(session):
     with_squat(session)
     session.select(1)

@@ -27,6 +27,7 @@ pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
 
 from plat.control import Feasibility, PolicyController
 from plat.runs import load_policy
+from plat.studio.checker import Checker
 from plat.studio.pins import chosen, mirrored_parts, preset, toggled
 from plat.studio.player import Player
 from plat.studio.poser import HANDLES, Poser
@@ -407,6 +408,34 @@ def test_a_leaning_pose_stands_and_is_mirrored_as_in_python(visitor):
 
 
 @pytest.mark.slow
+def test_a_root_that_no_file_may_hold_is_refused_in_the_box(visitor):
+    page = visitor.page
+    visitor.begin("bow")
+    height = visitor.get("timeline.pose.qpos[2]")
+    page.get_by_label("z", exact=True).fill("76")
+    page.keyboard.press("Enter")
+    page.get_by_text("puts the root at a height of 76").wait_for()
+    assert visitor.get("timeline.pose.qpos[2]") == height
+    assert visitor.get("past.length") == 0
+    assert page.get_by_label("z", exact=True).input_value() == f"{height:.3f}"
+
+
+@pytest.mark.slow
+def test_keyframes_are_added_where_the_timeline_is_clicked_twice(visitor):
+    visitor.begin("bow")  # at 0.8 s, held until 1.4 s, and at 2.2 s
+    for time, times, selected in (
+        (3.0, [0.8, 2.2, 3.0], 3),
+        (1.0, [0.8, 2.2, 3.0], 1),
+        (0.4, [0.4, 0.8, 2.2, 3.0], 1),
+    ):
+        visitor.page.evaluate("time => window.platStudio.receive({ do: 'add', time })", time)
+        found = visitor.get("timeline.keyframes.map((frame) => frame.time)")
+        assert (found, visitor.get("timeline.selected")) == (pytest.approx(times), selected)
+    assert visitor.get("past.length") == 2
+    assert visitor.get("timeline.labels") == ["start", "1", "2 bow", "3 rise", "4"]
+
+
+@pytest.mark.slow
 def test_pins_change_nothing_else_and_choices_are_exact(visitor):
     visitor.begin("bow")
     hands = ["left_wrist_yaw_link", "right_wrist_yaw_link"]
@@ -444,7 +473,7 @@ def test_doubts_are_pythons(visitor):
     poses["tipping"][7 + joints.index("waist_pitch")] = 0.5
     poses["tipping"][[7 + joints.index(f"{side}_hip_pitch") for side in ("left", "right")]] = -1.5
     poses["turned"][3:7] = [0.0, 0.0, 0.0, 1.0]
-    said = []
+    checker, said = Checker(G1), []
     for name, qpos in poses.items():
         for hands in (False, True):
             frame = replace(Keyframe.from_qpos(0.5, qpos), commands=preset("hands", G1) if hands else None)
@@ -452,10 +481,14 @@ def test_doubts_are_pythons(visitor):
             commands = {"bodies": [G1.end_effectors[number] for number in (1, 3)]} if hands else None
             found = visitor.page.evaluate(
                 "async ([before, qpos, commands]) => (await import('./feasibility.mjs'))"
-                ".verdict(window.platStudio.robot, { qpos: before }, { qpos, commands }, 0.5, true).words",
+                ".verdict(window.platStudio.robot, { qpos: before }, { qpos, commands }, 0.5, true)",
                 [stand.qpos.tolist(), qpos.tolist(), commands],
             )
-            assert found == words, (name, hands)
+            assert found["words"] == words, (name, hands)
+            own = checker.timeline(Timeline(G1, stand, (frame,)))[0]
+            assert found["joint"] == own.joint
+            assert found["share"] == pytest.approx(own.share)
+            assert not (hands and own.share), "no joint is commanded"
             said += words
     assert len(said) >= 8
 

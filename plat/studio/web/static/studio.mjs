@@ -3,7 +3,7 @@ import loadMujoco from "mujoco";
 import * as ort from "onnxruntime-web";
 import { Chase } from "./chase.mjs";
 import { verdict } from "./feasibility.mjs";
-import { ROOT, Timeline, asArrived, mask, read, standing, write } from "./keyframes.mjs";
+import { NEW_INTERVAL, ROOT, Timeline, asArrived, checkPlace, mask, read, standing, write } from "./keyframes.mjs";
 import { Policy } from "./policy.mjs";
 import { Robot } from "./robot.mjs";
 import { conjugate, fromHeadingPitchRoll, headingPitchRoll, multiply } from "./rotations.mjs";
@@ -108,7 +108,7 @@ class Studio {
       retime: ({ number, time }) => edit(now().select(number).retimed(number, time), `time ${number}`),
       nudge: ({ value }) => { const { selected, pose } = now(); if (selected) edit(now().retimed(selected, pose.time + value * this.site.control_dt), "nudge"); },
       hold: ({ value }) => edit(now().held(value), "hold"), interval: ({ value }) => edit(now().stretched(value)), rename: ({ value }) => edit(now().renamed(String(value).slice(0, 60))),
-      end: () => { this.gesture = null; }, add: ({ time }) => { if (time !== undefined) this.seek(time); this.add(); },
+      end: () => { this.gesture = null; }, add: ({ time }) => (time === undefined ? this.add() : this.addAt(time)),
       copy: () => { this.clipboard = now().pose; }, cut: () => { const left = now().removed(); this.clipboard = now().pose; edit(left); },
       paste: () => { if (!this.clipboard) throw new Error("nothing to paste: copy a keyframe first"); edit(now().inserted(this.clipboard)); },
       mirror: () => { const { pose } = now(); edit(now().withPose({ ...pose, qpos: this.robot.mirrored(pose.qpos), commands: this.robot.mirroredCommands(pose.commands) })); },
@@ -123,6 +123,7 @@ class Studio {
   // keyframes
 
   edit(timeline, gesture = null) {
+    timeline.poses.forEach(({ qpos }) => checkPlace(qpos));
     if (gesture === null || gesture !== this.gesture) this.past = [...this.past, this.timeline].slice(-500);
     this.gesture = gesture;
     this.future = [];
@@ -162,8 +163,15 @@ class Studio {
   add() {
     const { timeline } = this;
     if (timeline.shows(this.cursor)) this.edit(timeline.inserted({ ...timeline.pose, name: null }));
-    else if (this.cursor < timeline.duration) this.edit(timeline.insertedAt(this.cursor));
-    else this.edit(timeline.select(timeline.keyframes.length).inserted({ ...timeline.poses[timeline.keyframes.length], name: null }));
+    else this.addAt(this.cursor < timeline.duration ? this.cursor : timeline.duration + NEW_INTERVAL);
+  }
+
+  /* Add a keyframe at a time (s): interpolated, or after the end in the last pose. Where one is already, or is held, it is selected. */
+  addAt(time) {
+    const { timeline } = this, last = timeline.select(timeline.keyframes.length);
+    if (time > timeline.duration + 1e-6) { this.edit(last.inserted({ ...last.pose, name: null }, time - timeline.duration)); return; }
+    const added = timeline.insertedAt(time);
+    if (added.keyframes === timeline.keyframes) this.select(added.selected); else this.edit(added);
   }
 
   load(text, name) {
@@ -397,7 +405,7 @@ class Studio {
     at.angle = make("output");
     at.file = make("input", { type: "file", accept: ".json,application/json", hidden: true, onchange: () => this.guarded(async () => { const file = at.file.files[0]; at.file.value = ""; if (file) this.load(await file.text(), file.name); }) });
     at.scores = make("div", { className: "scores" });
-    const number = (name, step, done) => (at[name] = make("input", { type: "number", step, ariaLabel: name, onkeydown: (event) => { if (event.key === "Enter") event.target.blur(); }, onchange: () => this.guarded(() => { if (at[name].value !== "") done(); this.show(); }) }));
+    const number = (name, step, done) => (at[name] = make("input", { type: "number", step, ariaLabel: name, onkeydown: (event) => { if (event.key === "Enter") event.target.blur(); }, onchange: () => this.guarded(() => { try { if (at[name].value !== "") done(); } finally { this.show(); } }) }));
     const place = [..."xyz"].map((axis) => number(axis, 0.01, () => this.setRoot())), turn = ["heading", "pitch", "roll"].map((name) => number(name, 1, () => this.setRoot()));
     // a box that shows a choice for which there is a key
     const shows = (name, key, done) => make("label", { className: "tick", title: `Key: ${key}` }, Object.assign(check(name), { onchange: () => this.guarded(() => { done(at[name].checked); at[name].blur(); this.show(); }) }), name);
