@@ -13,6 +13,7 @@ pytest.importorskip("mjviser", reason="the extra plat-rl[studio] is not installe
 pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
 
 from plat.keyframes.files import read_keyframes
+from plat.motions import generate_motions
 from plat.studio.app import Studio
 from plat.studio.autosave import AUTOSAVE
 from plat.studio.session import Session
@@ -66,7 +67,7 @@ def test_undo_across_a_load_is_asked_about(studio, tmp_path):
     assert names(tmp_path / "a.json") == ["edited"]
 
 
-@pytest.mark.parametrize("begin", ["new", "upload", "restore"])
+@pytest.mark.parametrize("begin", ["new", "upload", "restore", "clip"])
 def test_other_keyframes_are_asked_about_until_they_are_undone(studio, tmp_path, begin):
     named(studio, "mine")
     assert not asked(studio), "there is no file yet"
@@ -75,6 +76,8 @@ def test_other_keyframes_are_asked_about_until_they_are_undone(studio, tmp_path,
         named(studio, "other")
     elif begin == "upload":
         studio._files._upload("b.json", content)
+    elif begin == "clip":
+        studio.session.take_stretch(generate_motions("val", seconds=4)[0], 0.0, 2.0, 0.5)
     else:
         studio._autosave.former = content
         studio._files._restore()

@@ -433,6 +433,25 @@ def test_keyframes_are_added_where_the_timeline_is_clicked_twice(visitor):
         assert (found, visitor.get("timeline.selected")) == (pytest.approx(times), selected)
     assert visitor.get("past.length") == 2
     assert visitor.get("timeline.labels") == ["start", "1", "2 bow", "3 rise", "4"]
+    for name, kept in (("up (hold)", "up"), ("(hold)", None), (" on ", "on")):
+        assert visitor.get(f"timeline.renamed({name!r}).pose.name") == kept, (
+            "as in Python: only ends of holds are so named"
+        )
+
+
+@pytest.mark.slow
+def test_keyframes_are_kept_while_they_are_edited_and_when_the_page_is_left(page, address):
+    visitor = Visitor(page, address)
+    kept = page.evaluate(
+        "async () => { const it = window.platStudio; for (let count = 0; count < 20; count++) {"
+        "  it.setJoint(0.01 * count); await new Promise((done) => setTimeout(done, 100)); }"
+        "return localStorage.getItem('plat-keyframes'); }"
+    )
+    assert kept, "after a second, although the edits went on"
+    visitor.begin("squat")
+    page.reload()
+    page.wait_for_function("window.platStudio !== undefined")
+    assert visitor.get("timeline.labels") == ["start", "1 down", "2 up"]
 
 
 @pytest.mark.slow

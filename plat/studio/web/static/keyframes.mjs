@@ -258,7 +258,7 @@ export class Timeline {
     return new Timeline(this.site, poses[0], poses.slice(1), this.holds, this.selected);
   }
   posed(qpos) { return this.withPose({ ...this.pose, qpos: [...qpos] }); }
-  renamed(name) { this.must("renamed"); return this.withPose({ ...this.pose, name: name.trim() || null }); }
+  renamed(name) { this.must("renamed"); return this.withPose({ ...this.pose, name: (name.trim().endsWith(HOLD) ? name.trim().slice(0, -HOLD.length).trim() : name.trim()) || null }); }
   commanding(commands) { this.must("commanded in part"); return this.withPose({ ...this.pose, commands }); }
 
   inserted(pose, interval = NEW_INTERVAL, hold = 0) {

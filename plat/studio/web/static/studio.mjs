@@ -64,6 +64,8 @@ class Studio {
     this.scores = {};
     this.refusals = {}; // why a policy did not play when all were compared
     this.busy = []; // what the page waits for
+    this.autosave = null; // the timer of a copy that is due
+    window.addEventListener("pagehide", () => this.keep());
     this.scene = new Scene(document.querySelector("#root .view"), robot, {
       grab: () => this.grab(), drag: (target) => this.drag(target), release: () => { this.grip = null; this.gesture = null; this.show(); },
       grabJoint: () => { this.gesture = null; this.turned = { quat: this.robot.jointFrame(this.jointNumber, this.timeline.pose.qpos).quat, angle: this.timeline.pose.qpos[7 + this.jointNumber] }; },
@@ -136,8 +138,15 @@ class Studio {
     this.scores = {};
     this.refusals = {};
     this.cursor = timeline.pose.time;
+    this.autosave ??= setTimeout(() => this.keep(), 1000);
+  }
+
+  /* Keep the keyframes for the next visit, where they were edited since. */
+  keep() {
+    if (this.autosave === null) return;
     clearTimeout(this.autosave);
-    this.autosave = setTimeout(() => { try { localStorage.setItem(AUTOSAVE, timeline.keyframes.length ? write(timeline) : ""); } catch { /* a private window */ } }, 1000);
+    this.autosave = null;
+    try { localStorage.setItem(AUTOSAVE, this.timeline.keyframes.length ? write(this.timeline) : ""); } catch { /* a private window */ }
   }
 
   swap(source, target) {
