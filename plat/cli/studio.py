@@ -5,9 +5,12 @@ plat studio plat-g1 dagger-g1 expert-g1 --motions generated:val
 
 import os
 import shlex
+import signal
 import sys
 import threading
 import webbrowser
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import torch
@@ -18,6 +21,7 @@ import plat.headless  # noqa: F401
 
 from plat.cli.options import StudioRecipe
 from plat.errors import StudioError
+from plat.files import expand_home
 from plat.motions.files import motion_paths
 from plat.motions.generation import PREFIX
 from plat.robots import Robot, get_robot
@@ -50,7 +54,7 @@ def main(recipe: StudioRecipe) -> None:
         session.begin_with("wave")
     else:
         session.load(recipe.keyframes)
-    path = "keyframes.json" if recipe.keyframes is None else recipe.keyframes.name
+    path = "keyframes.json" if recipe.keyframes is None else _in_folder(recipe.keyframes, recipe.folder)
     studio = Studio(
         session, host=recipe.host, port=recipe.port, motions=recipe.motions, path=path, folder=recipe.folder
     )
@@ -58,12 +62,13 @@ def main(recipe: StudioRecipe) -> None:
     if recipe.browser and _has_screen():
         # some browsers return only when they are closed
         threading.Thread(target=webbrowser.open, args=(studio.access.url,), daemon=True).start()
-    try:
-        studio.run()
-    except KeyboardInterrupt:
-        pass
-    finally:
-        studio.stop()
+    with _ended_by_signals(studio.end):
+        try:
+            studio.run()
+        except KeyboardInterrupt:
+            pass
+        finally:
+            studio.stop()
 
 
 def check_together(recipe: StudioRecipe) -> None:
@@ -99,6 +104,32 @@ def _write_static(recipe: StudioRecipe, runs: dict[str, Path], policies: dict[st
     left = f" (without {', '.join(experts)}: experts follow dense motion)" if experts else ""
     print(f"wrote {recipe.static} with {', '.join(kept)}{left}; any web server of files shows it:")
     print(f"  python -m http.server --directory {shlex.quote(str(recipe.static))}")
+
+
+def _in_folder(file: Path, folder: Path) -> str:
+    """Return what to call a file in the studio's folder, and say so where it will be a copy."""
+    path, root = expand_home(file).resolve(), expand_home(folder).resolve()
+    if path.is_relative_to(root):
+        return str(path.relative_to(root))
+    print(f"{file} is outside the folder {root}: the page saves a copy there, {path.name}", flush=True)
+    return path.name
+
+
+@contextmanager
+def _ended_by_signals(end: Callable[[], None]) -> Iterator[None]:
+    """Call a function at the signals TERM and HUP, which would end the process with unsaved keyframes.
+
+    HUP comes when a terminal is closed, often twice, and is left to ``nohup`` where that ignores it.
+    """
+    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    ours = threading.current_thread() is threading.main_thread()
+    caught = [number for number in numbers if ours and signal.getsignal(number) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, lambda *_: end()) for number in caught}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _has_screen() -> bool:

@@ -146,9 +146,13 @@ class Studio:
         """Serve until :meth:`stop`."""
         self._desk.run()
 
-    def stop(self) -> None:
-        """End :meth:`run` and close the page."""
+    def end(self) -> None:
+        """End :meth:`run` after what it does just now, also from a signal handler."""
         self._desk.stop()
+
+    def stop(self) -> None:
+        """End :meth:`run`, keep unsaved keyframes, and close the page."""
+        self.end()
         self._autosave.tick(at_once=True)
         self.server.stop()
 

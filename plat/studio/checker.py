@@ -26,7 +26,7 @@ class Verdict:
 
     Args:
         words: reasons to doubt it, the gravest first; empty where there are none.
-        joint: the joint that has to be fastest on the way.
+        joint: the joint, of those that are commanded, that has to be fastest on the way; empty where none moves.
         speed: its least peak speed (rad/s).
         share: that speed as a share of what a joint can do.
     """
@@ -121,10 +121,12 @@ class Checker:
     def _verdict(self, before: Keyframe, after: Keyframe, held: bool) -> Verdict:
         concerns = self._feasibility(before, after, held=held)
         speeds = 2 * np.abs(after.joint_pos - before.joint_pos) / (after.time - before.time)
+        if after.commands is not None:
+            speeds *= after.commands.joints
         worst = int(speeds.argmax())
         speed = float(speeds[worst])
         share = speed / self._feasibility.limits.joint_speed
-        return Verdict(tuple(map(str, concerns)), self._robot.joint_names[worst], speed, share)
+        return Verdict(tuple(map(str, concerns)), self._robot.joint_names[worst] if speed else "", speed, share)
 
 
 def convex_hull(points: np.ndarray) -> np.ndarray:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from plat.keyframes import Keyframe, Parts
 from plat.motions.retargeting.geometry import TRACKED
 from plat.robots.robot import Robot
-from plat.studio.poser import WHOLE
+from plat.robots.symmetry import joint_symmetry, keypoint_symmetry
 
-__all__ = ["PRESETS", "faint_bodies", "pin_bodies", "pinned", "preset", "toggled"]
+__all__ = ["PRESETS", "chosen", "faint_bodies", "mirrored_parts", "pin_bodies", "pinned", "preset", "toggled"]
 
 _ROOT = ("horizontal", "height", "orientation")
 _BODIES = {
@@ -36,7 +36,23 @@ def preset(name: str, robot: Robot) -> Parts | None:
     >>> preset("hands", G1).names(G1)["bodies"]
     ['left_wrist_yaw_link', 'right_wrist_yaw_link']
     """
-    return _parts(frozenset(PRESETS[name]), robot)
+    handles = PRESETS[name]
+    if not handles:
+        return None
+    bodies = [_BODIES[handle] for handle in handles if handle in _BODIES]
+    return Parts.only(robot, bodies=bodies, root=_ROOT if "pelvis" in handles else ())
+
+
+def chosen(keyframe: Keyframe, robot: Robot) -> str | None:
+    """Return the choice of :data:`PRESETS` that commands just what a keyframe does; None where none does.
+
+    >>> from plat.robots import G1
+    >>> from plat.keyframes import only
+    >>> chosen(only(G1, 1.0, joints={"left_elbow": 1.0}), G1) is None
+    True
+    """
+    commands = None if keyframe.whole else keyframe.commands
+    return next((name for name in PRESETS if preset(name, robot) == commands), None)
 
 
 def pin_bodies() -> dict[str, str]:
@@ -58,9 +74,9 @@ def pinned(keyframe: Keyframe, robot: Robot) -> frozenset[str]:
 
 
 def toggled(keyframe: Keyframe, handle: str, robot: Robot) -> Parts | None:
-    """Return what is commanded after a handle was pinned, or its pin taken out.
+    """Return what is commanded after a handle was pinned, or its pin taken out; all else stays.
 
-    Of a whole pose the pinned handle is all that remains. Without any pin the whole pose is commanded.
+    Of a whole pose the pinned handle is all that remains. Where nothing is left the whole pose is commanded.
 
     Args:
         keyframe: of which the handle is.
@@ -68,9 +84,28 @@ def toggled(keyframe: Keyframe, handle: str, robot: Robot) -> Parts | None:
             that of the whole robot as the pelvis's.
         robot: the robot.
     """
-    handle = {"head": "chest", WHOLE: "pelvis"}.get(handle, handle)
-    before = frozenset() if keyframe.whole else pinned(keyframe, robot)
-    return _parts(before ^ {handle}, robot)
+    body = _BODIES.get({"head": "chest"}.get(handle, handle))
+    parts = {} if keyframe.whole or keyframe.commands is None else keyframe.commands.names(robot)
+    if body is None:
+        parts["root"] = [] if parts.get("root") else [*_ROOT]
+    else:
+        parts["bodies"] = sorted({*parts.get("bodies", ())} ^ {body})
+    return Parts.only(robot, **parts) if any(parts.values()) else None
+
+
+def mirrored_parts(commands: Parts, robot: Robot) -> Parts:
+    """Return what a mirrored keyframe commands: joints and bodies of the other side.
+
+    Raises:
+        RobotError: for a robot without such symmetry.
+
+    >>> from plat.robots import G1
+    >>> mirrored_parts(Parts.only(G1, joints=["left_elbow"]), G1).names(G1)["joints"]
+    ['right_elbow']
+    """
+    partner, _ = joint_symmetry(robot)
+    joints = tuple(commands.joints[joint] for joint in partner)
+    return Parts(joints, tuple(commands.bodies[body] for body in keypoint_symmetry(robot)), commands.root)
 
 
 def faint_bodies(keyframe: Keyframe, robot: Robot) -> frozenset[str]:
@@ -83,10 +118,3 @@ def faint_bodies(keyframe: Keyframe, robot: Robot) -> frozenset[str]:
         if joint in names["joints"]:
             commanded.add(model.body(int(model.jnt_bodyid[number])).name)
     return frozenset(model.body(number).name for number in range(1, model.nbody)) - commanded
-
-
-def _parts(handles: frozenset[str], robot: Robot) -> Parts | None:
-    if not handles:
-        return None
-    bodies = [_BODIES[handle] for handle in handles if handle in _BODIES]
-    return Parts.only(robot, bodies=bodies, root=_ROOT if "pelvis" in handles else ())

@@ -17,13 +17,13 @@ from plat.motions import MotionClip
 from plat.rendering import Stage, check_video, film, write_video
 from plat.robots.robot import Robot
 from plat.studio.history import History
-from plat.studio.pins import toggled
+from plat.studio.pins import mirrored_parts, toggled
 from plat.studio.playback import Playback
 from plat.studio.player import HOLD, simulator
 from plat.studio.poser import Frame, Poser
 from plat.studio.poses import Floor, mirrored, placed, symmetric
 from plat.studio.templates import template
-from plat.studio.timeline import Timeline
+from plat.studio.timeline import NEW_INTERVAL, Timeline
 
 __all__ = ["Session"]
 
@@ -75,7 +75,13 @@ class Session:
         return self.history.state
 
     def edit(self, timeline: Timeline, gesture: Hashable = None) -> None:
-        """Replace the keyframes by edited ones; see :meth:`plat.studio.history.History.do`."""
+        """Replace the keyframes by edited ones; see :meth:`plat.studio.history.History.do`.
+
+        Raises:
+            KeyframeError: for a pose that no file may hold, such as a root 6 m above the floor.
+        """
+        for pose in {*timeline.poses} - {*self.timeline.poses}:
+            pose.checked(self.robot)
         self.history.do(timeline, gesture)
         self._keyframes_changed()
 
@@ -123,9 +129,25 @@ class Session:
         if self.shows_selected:
             self.edit(self.timeline.inserted(replace(self.timeline.pose, name=None)))
         elif self.playback.cursor < self.timeline.duration:
-            self.edit(self.timeline.inserted_at(self.playback.cursor))
+            self.add_at(self.playback.cursor)
         else:
-            self.edit(self.timeline.select(len(self.timeline.keyframes)).inserted(self.timeline.poses[-1]))
+            self.add_at(self.timeline.duration + NEW_INTERVAL)
+
+    def add_at(self, time: float) -> None:
+        """Add a keyframe at a time (s): interpolated, or after the end in the last pose.
+
+        Where a keyframe is already, or is held, it is selected.
+        """
+        timeline = self.timeline
+        if time > timeline.duration + 1e-6:
+            last = timeline.select(len(timeline.keyframes))
+            self.edit(last.inserted(replace(last.pose, name=None), time - timeline.duration))
+            return
+        added = timeline.inserted_at(time)
+        if added.keyframes is timeline.keyframes:
+            self.select(added.selected)
+        else:
+            self.edit(added)
 
     def cut(self) -> None:
         """Remove the selected keyframe, to be pasted."""
@@ -213,8 +235,12 @@ class Session:
         self.pose(change(self.timeline.pose.qpos))
 
     def mirror(self) -> None:
-        """Exchange left and right of the selected pose, in place."""
-        self.change_pose(lambda qpos: mirrored(qpos, self.robot))
+        """Exchange left and right of the selected pose, in place, and of what it commands."""
+        pose = self.timeline.pose
+        timeline = self.timeline.posed(mirrored(pose.qpos, self.robot))
+        if pose.commands is not None:
+            timeline = timeline.commanding(mirrored_parts(pose.commands, self.robot))
+        self.edit(timeline)
 
     def drop(self) -> None:
         """Put the lowest point of the selected pose on the floor."""

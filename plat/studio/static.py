@@ -2,8 +2,8 @@
 
 import json
 import shutil
-import tempfile
 from collections.abc import Mapping
+from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -15,16 +15,15 @@ from plat.envs.settings import ReachLimits
 from plat.errors import StudioError
 from plat.export import export_bundle
 from plat.files import check_folder
-from plat.keyframes.files import write_keyframes
 from plat.motions.retargeting.geometry import RobotGeometry
 from plat.robots.robot import Robot
-from plat.robots.symmetry import joint_symmetry
+from plat.robots.symmetry import joint_symmetry, keypoint_symmetry
 from plat.scratch import Scratch
+from plat.spec.parts import Parts
 from plat.spec.timing import Timing
-from plat.studio.pins import PRESETS, pin_bodies
+from plat.studio.pins import PRESETS, pin_bodies, preset
 from plat.studio.poser import BALLS, HANDLES, WHOLE, Poser
-from plat.studio.templates import TEMPLATES, template
-from plat.studio.timeline import Timeline
+from plat.studio.templates import TEMPLATES
 
 __all__ = ["LIBRARIES", "site_facts", "write_static"]
 
@@ -122,7 +121,11 @@ def site_facts(robot: Robot, policies: tuple[str, ...], timing: Timing) -> dict[
             [{"pos": model.geom_pos[geom].tolist(), "radius": float(model.geom_size[geom, 0])} for geom in foot]
             for foot in soles
         ],
-        "mirror": {"partner": partner.tolist(), "sign": sign.tolist()},
+        "mirror": {
+            "partner": partner.tolist(),
+            "sign": sign.tolist(),
+            "keypoints": keypoint_symmetry(robot).tolist(),
+        },
         "ankle_height": RobotGeometry.of(robot).ankle_height,
         "handles": {
             **{handle: _handle(robot, handle, *frame) for handle, frame in HANDLES.items()},
@@ -130,14 +133,14 @@ def site_facts(robot: Robot, policies: tuple[str, ...], timing: Timing) -> dict[
         },
         "limbs": {handle: poser.limb(handle) for handle in HANDLES},
         "pins": pin_bodies(),
-        "presets": {name: list(handles) for name, handles in PRESETS.items()},
+        "presets": {name: _names(preset(name, robot), robot) for name in PRESETS},
         "limits": {
             **{name: getattr(reach, name) for name in ("root", "joints", "bodies", "turn")},
             **{name: getattr(reach, name) for name in ("fallen_height", "fallen_tilt")},
             **vars(reach.window),
             **vars(doubts),
         },
-        "templates": {name: _template(name, robot, timing, poser) for name in TEMPLATES},
+        "templates": {name: [asdict(step) for step in steps] for name, steps in TEMPLATES.items()},
         "policies": list(policies),
     }
 
@@ -148,6 +151,11 @@ def _with_floor(xml: str) -> str:
     return f"{before}{_FLOOR}{end}{after}"
 
 
+def _names(commands: Parts | None, robot: Robot) -> dict[str, list[str]] | None:
+    """Return what a choice commands, as in a keyframe file; None for the whole pose."""
+    return None if commands is None else {field: names for field, names in commands.names(robot).items() if names}
+
+
 def _handle(robot: Robot, handle: str, kind: str, name: str) -> dict[str, Any]:
     """Return the body of a handle, where on it the handle is, and where the ball to click on is (m, body frame)."""
     model, ball = robot.shared_model, list(BALLS[handle.split()[-1]])
@@ -155,16 +163,6 @@ def _handle(robot: Robot, handle: str, kind: str, name: str) -> dict[str, Any]:
         return {"body": name, "pos": [0.0, 0.0, 0.0], "ball": ball}
     geom = model.geom(name).id
     return {"body": model.body(int(model.geom_bodyid[geom])).name, "pos": model.geom_pos[geom].tolist(), "ball": ball}
-
-
-def _template(name: str, robot: Robot, timing: Timing, poser: Poser) -> dict[str, Any]:
-    """Return the content of a keyframe file with a template."""
-    timeline = template(name, Timeline.empty(robot, timing), poser)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "template.json"
-        write_keyframes(path, robot, timeline.start, timeline.to_keyframes())
-        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    return content
 
 
 def _write_files(folder: Path, facts: dict[str, Any], libraries: Path | None) -> None:

@@ -2,28 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
+import mujoco
 import numpy as np
 
 from plat.errors import StudioError
-from plat.keyframes import Keyframe
-from plat.studio.poser import Frame, Poser
+from plat.studio.poser import WHOLE, Frame, Poser
 from plat.studio.timeline import Timeline
 
-__all__ = ["TEMPLATES", "template"]
+__all__ = ["TEMPLATES", "Step", "template"]
 
-Pose = np.ndarray
-_FEET = ("left foot", "right foot")
+_HELD = ("left foot", "right foot", "pelvis")
 
 
 @dataclass(frozen=True)
-class _Step:
+class Step:
+    """Keyframe of a template: the pose that is selected, changed.
+
+    Args:
+        name: of the keyframe.
+        interval: seconds from the pose before.
+        hold: seconds that it is held.
+        moved: handles that are moved one after the other, and how far forward, left and up in the robot's heading (m).
+            Feet and pelvis are held meanwhile.
+        bent: joints that then are at other angles (rad).
+    """
+
     name: str
-    pose: Pose
     interval: float
     hold: float = 0.0
+    moved: tuple[tuple[str, tuple[float, float, float]], ...] = ()
+    bent: Mapping[str, float] = field(default_factory=dict)
 
 
 def template(name: str, timeline: Timeline, poser: Poser) -> Timeline:
@@ -43,93 +54,55 @@ def template(name: str, timeline: Timeline, poser: Poser) -> Timeline:
     """
     if name not in TEMPLATES:
         raise StudioError(f"template {name!r}, expected one of {', '.join(TEMPLATES)}")
-    first = timeline.selected + 1
-    joints = {joint: number for number, joint in enumerate(timeline.robot.joint_names)}
-    maker = _Maker(timeline.pose, poser, joints)
-    for step in TEMPLATES[name](maker):
-        timeline = timeline.inserted(step.pose, step.interval, step.name, step.hold)
+    first, base = timeline.selected + 1, timeline.pose.qpos
+    for step in TEMPLATES[name]:
+        timeline = timeline.inserted(_changed(base, step, timeline, poser), step.interval, step.name, step.hold)
     return timeline.select(first)
 
 
-class _Maker:
-    """Maker of poses near a pose."""
-
-    def __init__(self, pose: Keyframe, poser: Poser, joints: Mapping[str, int]):
-        self.base = pose.qpos
-        self._poser, self._joints = poser, joints
-        self._frames = poser.frames(self.base)
-
-    def bent(self, angles: Mapping[str, float], base: Pose | None = None) -> Pose:
-        """Return the pose with some joints at other angles (rad)."""
-        qpos = (self.base if base is None else base).copy()
-        for joint, angle in angles.items():
-            qpos[7 + self._joints[joint]] = angle
-        return qpos
-
-    def moved(
-        self, handle: str, forward: float = 0.0, left: float = 0.0, up: float = 0.0, base: Pose | None = None
-    ) -> Pose:
-        """Return the pose with a handle moved in the robot's heading (m), the other feet and the rest held."""
-        qpos = self.base if base is None else base
-        frames = self._poser.frames(qpos)
-        w, _, _, z = qpos[3:7] / np.linalg.norm(qpos[[3, 6]])
-        ahead = np.array([w * w - z * z, 2 * w * z, 0.0])
-        shift = forward * ahead + left * np.array([-ahead[1], ahead[0], 0.0]) + up * np.array([0.0, 0.0, 1.0])
-        held = {name: frames[name] for name in (*_FEET, "pelvis") if name != handle}
-        target = Frame(frames[handle].pos + shift, frames[handle].quat)
-        return self._poser.dragged(qpos, handle, target, held, qpos)
+def _changed(qpos: np.ndarray, step: Step, timeline: Timeline, poser: Poser) -> np.ndarray:
+    for handle, by in step.moved:
+        frames, shift = poser.frames(qpos), np.empty(3)
+        mujoco.mju_rotVecQuat(shift, np.array(by), frames[WHOLE].quat)
+        pos, quat = frames[handle]
+        qpos = poser.dragged(qpos, handle, Frame(pos + shift, quat), {name: frames[name] for name in _HELD}, qpos)
+    qpos = qpos.copy()
+    for joint, angle in step.bent.items():
+        qpos[7 + timeline.robot.joint_names.index(joint)] = angle
+    return qpos
 
 
-def _wave(maker: _Maker) -> list[_Step]:
-    raised = {"right_shoulder_pitch": -0.9, "right_shoulder_roll": -0.9, "right_elbow": -0.2}
-    left = maker.bent({**raised, "right_shoulder_yaw": -0.35})
-    right = maker.bent({**raised, "right_shoulder_yaw": 0.35})
-    steps = [_Step("arm up", left, 0.7)]
-    for number in range(2):
-        steps += [_Step(f"out {number + 1}", right, 0.4), _Step(f"in {number + 1}", left, 0.4)]
-    return [*steps, _Step("arm down", maker.base, 0.7)]
+_RAISED = {"right_shoulder_pitch": -0.9, "right_shoulder_roll": -0.9, "right_elbow": -0.2}
+_IN, _OUT = ({**_RAISED, "right_shoulder_yaw": yaw} for yaw in (-0.35, 0.35))
+_ARMS = {f"{side}_shoulder_pitch": -0.9 for side in ("left", "right")}
 
-
-def _bow(maker: _Maker) -> list[_Step]:
+TEMPLATES: dict[str, tuple[Step, ...]] = {
+    "wave": (
+        Step("arm up", 0.7, bent=_IN),
+        Step("out 1", 0.4, bent=_OUT),
+        Step("in 1", 0.4, bent=_IN),
+        Step("out 2", 0.4, bent=_OUT),
+        Step("in 2", 0.4, bent=_IN),
+        Step("arm down", 0.7),
+    ),
     # the pelvis goes back so that the weight stays over the feet
-    bent = maker.bent({"waist_pitch": 0.45}, maker.moved("pelvis", forward=-0.06, up=-0.02))
-    return [_Step("bow", bent, 0.8, hold=0.6), _Step("rise", maker.base, 0.8)]
-
-
-def _squat(maker: _Maker) -> list[_Step]:
-    low = maker.bent({"waist_pitch": 0.35}, maker.moved("pelvis", forward=-0.05, up=-0.18))
-    arms = {f"{side}_shoulder_pitch": -0.9 for side in ("left", "right")}
-    return [_Step("down", maker.bent(arms, low), 0.8, hold=0.4), _Step("up", maker.base, 0.8)]
-
-
-def _side_step(maker: _Maker) -> list[_Step]:
-    def shifted(pose: Pose, left: float) -> Pose:
-        w, _, _, z = pose[3:7] / np.linalg.norm(pose[[3, 6]])
-        return pose + np.concatenate((left * np.array([-2 * w * z, w * w - z * z]), np.zeros(len(pose) - 2)))
-
-    weight = maker.moved("pelvis", left=-0.07)
-    lifted = maker.moved("left foot", left=0.1, up=0.06, base=weight)
-    spread = maker.moved("left foot", left=0.2, base=maker.moved("pelvis", left=0.1))
-    return [
-        _Step("weight", weight, 0.4),
-        _Step("lift", lifted, 0.3),
-        _Step("apart", spread, 0.4),
-        _Step("together", shifted(maker.base, 0.2), 0.6),
-    ]
-
-
-def _reach(maker: _Maker) -> list[_Step]:
-    return [
-        _Step("reach", maker.moved("right hand", forward=0.25, left=0.05, up=0.35), 0.8, hold=0.5),
-        _Step("back", maker.base, 0.8),
-    ]
-
-
-TEMPLATES: dict[str, Callable[[_Maker], list[_Step]]] = {
-    "wave": _wave,
-    "bow": _bow,
-    "squat": _squat,
-    "side step": _side_step,
-    "reach": _reach,
+    "bow": (
+        Step("bow", 0.8, hold=0.6, moved=(("pelvis", (-0.06, 0.0, -0.02)),), bent={"waist_pitch": 0.45}),
+        Step("rise", 0.8),
+    ),
+    "squat": (
+        Step("down", 0.8, hold=0.4, moved=(("pelvis", (-0.05, 0.0, -0.18)),), bent={"waist_pitch": 0.35, **_ARMS}),
+        Step("up", 0.8),
+    ),
+    "side step": (
+        Step("weight", 0.4, moved=(("pelvis", (0.0, -0.07, 0.0)),)),
+        Step("lift", 0.3, moved=(("pelvis", (0.0, -0.07, 0.0)), ("left foot", (0.0, 0.1, 0.06)))),
+        Step("apart", 0.4, moved=(("pelvis", (0.0, 0.1, 0.0)), ("left foot", (0.0, 0.2, 0.0)))),
+        Step("together", 0.6, moved=((WHOLE, (0.0, 0.2, 0.0)),)),
+    ),
+    "reach": (
+        Step("reach", 0.8, hold=0.5, moved=(("right hand", (0.25, 0.05, 0.35)),)),
+        Step("back", 0.8),
+    ),
 }
-"""Templates by name."""
+"""Steps of each template."""

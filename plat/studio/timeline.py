@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -39,6 +39,7 @@ class Timeline:
         selected: 0 for the start, else the number of a keyframe, counted from 1.
         timing: of the policies that are to chase them.
         holds: seconds that each keyframe is held; by default none is.
+        origin: the same for all edits of each other; another one for keyframes that are read or begun anew.
 
     >>> from plat.robots import G1
     >>> timeline = Timeline.empty(G1)
@@ -54,6 +55,7 @@ class Timeline:
     selected: int = 0
     timing: Timing = Timing()
     holds: tuple[float, ...] = ()
+    origin: object = field(default_factory=object)
 
     def __post_init__(self) -> None:
         if len(self.holds) != len(self.keyframes):

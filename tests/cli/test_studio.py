@@ -1,3 +1,4 @@
+import signal
 import socket
 import sys
 import threading
@@ -74,6 +75,44 @@ def test_the_browser_is_opened_where_there_is_a_screen(monkeypatch, tmp_path):
     assert opened == [f"http://localhost:{port}/"]
     monkeypatch.delenv("DISPLAY")
     assert not studio._has_screen(), "a browser in the terminal would take it"
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+@pytest.mark.usefixtures("_extra")
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+def test_a_signal_ends_it_with_an_autosave(monkeypatch, tmp_path, name):
+    from plat.studio.app import Studio
+    from plat.studio.autosave import AUTOSAVE
+
+    if not hasattr(signal, name):
+        pytest.skip(f"this system has no {name}")
+    number = getattr(signal, name)
+    run, before = Studio.run, signal.getsignal(number)
+
+    def edited_and_ended(self: Studio) -> None:
+        self.session.add()
+        for _ in range(2):
+            signal.raise_signal(number)
+        run(self)
+
+    monkeypatch.setattr(Studio, "run", edited_and_ended)
+    studio.main(studio.StudioRecipe(runs=(PLAT,), port=free_port(), folder=tmp_path, browser=False))
+    assert (tmp_path / AUTOSAVE).exists()
+    assert signal.getsignal(number) == before
+
+
+def test_a_file_is_proposed_under_its_own_place_in_the_folder(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert studio._in_folder(Path("sub/wave.json"), Path()) == str(Path("sub/wave.json"))
+    assert studio._in_folder(tmp_path / "sub" / "wave.json", Path("sub")) == "wave.json"
+    assert capsys.readouterr().out == ""
+    assert studio._in_folder(Path("wave.json"), Path("sub")) == "wave.json"
+    assert "the page saves a copy there, wave.json" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -55,6 +55,16 @@ def test_the_fastest_joint_and_impossible_distances_are_told():
     assert "3.0 m in 1.00 s takes 6.0 m/s" in second.words
 
 
+def test_joints_that_are_not_commanded_do_not_count():
+    bent = squat()
+    bent[7 + G1.joint_names.index("left_elbow")] += 0.2
+    timeline = Timeline.empty(G1).inserted(bent, 0.1)
+    elbow = CHECKER.timeline(timeline.commanding(Parts.only(G1, joints=["left_elbow"])))[0]
+    assert (elbow.joint, elbow.share) == ("left_elbow", pytest.approx(2 * 0.2 / 0.1 / 20))
+    place = CHECKER.timeline(timeline.commanding(Parts.only(G1, root=["height"])))[0]
+    assert (place.joint, place.speed, place.share) == ("", 0.0, 0.0)
+
+
 def test_verdicts_follow_edits():
     timeline = Timeline.empty(G1).inserted(squat(), 0.5)
     assert not CHECKER.timeline(timeline)[0].words

@@ -7,6 +7,7 @@ from plat.errors import KeyframeError, MotionError, StudioError
 from plat.motions import MotionClip, generate_motions
 from plat.rendering import RenderingError
 from plat.robots import G1
+from plat.spec.parts import Parts
 from plat.studio.timeline import NEW_INTERVAL
 from tests.studio.conftest import squat
 
@@ -140,6 +141,19 @@ def test_poses_are_mirrored_dropped_and_flattened(session):
     np.testing.assert_allclose(session.timeline.pose.qpos[:2], [0.3, 0.1], atol=0.02)
 
 
+def test_what_a_mirrored_keyframe_commands_changes_sides(session):
+    session.add()
+    session.edit(session.timeline.commanding(Parts.only(G1, joints=["left_elbow"], bodies=["left_knee_link"])))
+    session.set_joint(LEFT_ELBOW, 0.9)
+    session.mirror()
+    pose = session.timeline.pose
+    assert pose.commands.names(G1) == {"joints": ["right_elbow"], "bodies": ["right_knee_link"], "root": []}
+    assert pose.joint_pos[G1.joint_names.index("right_elbow")] == pytest.approx(0.9)
+    session.undo()
+    assert session.timeline.pose.commands.names(G1)["joints"] == ["left_elbow"]
+    assert session.timeline.pose.joint_pos[LEFT_ELBOW] == 0.9
+
+
 def test_playing_ends_with_scores(session):
     with_squat(session)
     play(session)
@@ -257,6 +271,53 @@ def test_a_keyframe_is_added_at_the_cursor(session):
     assert session.timeline.selected == 3
     session.add()
     assert session.timeline.duration == pytest.approx(1.8)
+
+
+def test_a_keyframe_is_added_at_a_time_and_where_one_is_it_is_selected(session):
+    with_squat(session)
+    session.select(1)
+    session.edit(session.timeline.held(0.5))
+    session.edit(session.timeline.renamed("down"))
+    before, arrivals = session.timeline.keyframes, [0.6, 1.7]
+    for time in (0.6, 0.9, 1.1):
+        session.select(0)
+        session.add_at(time)
+        assert session.timeline.selected == 1
+    assert session.timeline.keyframes is before
+    session.add_at(0.9)
+    assert [frame.time for frame in session.timeline.keyframes] == arrivals
+    session.add_at(2.5)
+    assert [frame.time for frame in session.timeline.keyframes] == [*arrivals, 2.5]
+    session.add_at(0.3)
+    assert [frame.time for frame in session.timeline.keyframes] == [0.3, *arrivals, 2.5]
+    assert session.timeline.selected == 1
+    session.undo()
+    session.undo()
+    assert session.timeline.keyframes is before, "two steps in all: a selection is none"
+    session.new()
+    session.add_at(1.2)
+    assert session.timeline.duration == pytest.approx(1.2)
+
+
+def test_a_keyframe_after_the_end_of_what_was_played_has_no_name(session):
+    session.add()
+    session.edit(session.timeline.renamed("rise"))
+    play(session)
+    assert session.playback.cursor > session.timeline.duration
+    session.add()
+    assert session.timeline.labels == ("start", "1 rise", "2")
+    assert session.timeline.duration == pytest.approx(2 * NEW_INTERVAL)
+
+
+@pytest.mark.parametrize(("axis", "value"), [(2, 7.6), (2, -6.0), (0, 2000.0)])
+def test_a_pose_that_no_file_may_hold_is_refused(session, axis, value):
+    session.add()
+    before, root = session.timeline, session.timeline.pose.qpos[:7]
+    root[axis] = value
+    with pytest.raises(KeyframeError, match="root_pos puts the root"):
+        session.set_root(root, "position")
+    assert session.timeline is before
+    session.playback.sequence("plat")
 
 
 def test_cut_keyframes_can_be_pasted(session):

@@ -19,7 +19,7 @@ from plat.errors import KeyframeError, StudioError
 from plat.keyframes import Keyframe, standing
 from plat.keyframes.files import read_keyframes, write_keyframes
 from plat.robots import G1
-from plat.rotations_np import heading_pitch_roll
+from plat.rotations_np import heading_pitch_roll, quat_from_heading_pitch_roll
 from plat.spec.parts import Parts
 from plat.spec.timing import Timing
 
@@ -27,11 +27,13 @@ pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
 
 from plat.control import Feasibility, PolicyController
 from plat.runs import load_policy
-from plat.studio.pins import preset
+from plat.studio.checker import Checker
+from plat.studio.pins import chosen, mirrored_parts, preset, toggled
 from plat.studio.player import Player
 from plat.studio.poser import HANDLES, Poser
+from plat.studio.poses import mirrored, placed
 from plat.studio.static import LIBRARIES, site_facts, write_static
-from plat.studio.templates import template
+from plat.studio.templates import TEMPLATES, template
 from plat.studio.timeline import Timeline
 from tests.studio.conftest import node_modules
 
@@ -65,13 +67,6 @@ def test_handles_and_soles_are_where_they_are_in_python(facts):
         place = body.xpos + body.xmat.reshape(3, 3) @ np.array(handle["pos"])
         np.testing.assert_allclose(place, frame.pos, atol=1e-6, err_msg=name)
     assert [len(foot) for foot in facts["soles"]] == [4, 4]
-
-
-def test_templates_are_keyframe_files(facts, tmp_path):
-    for name, content in facts["templates"].items():
-        path = tmp_path / "template.json"
-        path.write_text(json.dumps(content), encoding="utf-8")
-        assert len(read_keyframes(path, G1)[1]) >= 2, name
 
 
 def test_a_folder_that_is_there_and_missing_libraries(tmp_path):
@@ -112,8 +107,9 @@ class Visitor:
     def begin(self, name: str) -> None:
         """Begin with the keyframes of a template, the first of them selected."""
         self.page.evaluate(
-            "name => { const it = window.platStudio; it.stop(); it.load(JSON.stringify(it.site.templates[name]), name);"
-            "it.past = []; }",
+            "async (name) => { const { Timeline, standing } = await import('./keyframes.mjs'), it = window.platStudio;"
+            "it.stop(); it.edit(it.continued(name, new Timeline(it.site, standing(it.site))));"
+            "Object.assign(it, { saved: it.timeline, name: `${name}.json`, past: [] }); it.show(); }",
             name,
         )
         self.page.evaluate("document.activeElement.blur()")
@@ -311,11 +307,14 @@ _FAULTS: dict[str, list[Callable[[dict], object]]] = {
 
 
 @pytest.mark.slow
-def test_files_that_python_refuses_are_refused(visitor, facts, tmp_path):
+def test_files_that_python_refuses_are_refused(visitor, tmp_path):
+    timeline = template("bow", Timeline.empty(G1), Poser(G1))
+    write_keyframes(tmp_path / "bow.json", G1, timeline.start, timeline.to_keyframes())
+    bow = json.loads((tmp_path / "bow.json").read_text(encoding="utf-8"))
     texts, words = [], []
     for word, changes in _FAULTS.items():
         for change in changes:
-            content = copy.deepcopy({**facts["templates"]["bow"], "version": 2})
+            content = copy.deepcopy({**bow, "version": 2})
             changed = change(content)
             texts.append(changed if isinstance(changed, str) else json.dumps(content))
             words.append(word)
@@ -356,6 +355,132 @@ def test_the_pelvis_is_put_by_numbers_and_policies_compared(visitor):
     assert page.locator("aside table").count() == 2
 
 
+def _leaning() -> np.ndarray:
+    """The default pose somewhere else, turned, leaning both ways, with the left elbow bent."""
+    qpos = G1.default_qpos.copy()
+    qpos[:3] = 1.0, 2.0, 0.7
+    qpos[3:7] = quat_from_heading_pitch_roll(np.array([1.2, 0.3, 0.2]))
+    qpos[7 + G1.joint_names.index("left_elbow")] = 0.9
+    return qpos
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", TEMPLATES)
+def test_templates_continue_the_selected_pose_as_in_python(visitor, name):
+    base = _leaning()
+    base[3:7] = quat_from_heading_pitch_roll(np.array([1.2, 0.0, 0.0]))
+    base[2] = 0.76
+    expected = template(name, Timeline.empty(G1).inserted(base, 1.0), Poser(G1))
+    found = visitor.page.evaluate(
+        "async ([name, qpos]) => { const { Timeline, standing } = await import('./keyframes.mjs');"
+        "const it = window.platStudio, begin = new Timeline(it.site, standing(it.site));"
+        "const made = it.continued(name, begin.inserted({ ...standing(it.site), qpos }, 1.0));"
+        "return { keyframes: made.keyframes, holds: made.holds, selected: made.selected }; }",
+        [name, base.tolist()],
+    )
+    assert found["selected"] == expected.selected == 2
+    assert found["holds"] == list(expected.holds)
+    for frame, own in zip(found["keyframes"], expected.keyframes, strict=True):
+        assert (frame["name"], frame["time"]) == (own.name, own.time)
+        np.testing.assert_allclose(frame["qpos"][:7], own.qpos[:7], atol=2e-3, err_msg=own.name or "")
+        np.testing.assert_allclose(frame["qpos"][7:], own.qpos[7:], atol=2e-2, err_msg=own.name or "")
+
+
+@pytest.mark.slow
+def test_a_leaning_pose_stands_and_is_mirrored_as_in_python(visitor):
+    commands = {"joints": ["left_elbow", "waist_pitch"], "bodies": ["left_wrist_yaw_link"], "root": ["height"]}
+    found = visitor.page.evaluate(
+        "([qpos, commands]) => { const it = window.platStudio, result = {};"
+        "const own = it.timeline.select(1), past = it.past.length;"
+        "for (const name of ['stand', 'mirror']) {"
+        "  it.timeline = own.withPose({ ...own.pose, qpos, commands }); it.actions[name]();"
+        "  result[name] = it.timeline.pose; }"
+        "return { ...result, steps: it.past.length - past }; }",
+        [_leaning().tolist(), commands],
+    )
+    assert found["steps"] == 2, "each is one step to undo"
+    standing_there = placed(G1.default_qpos, G1.default_qpos, _leaning())
+    np.testing.assert_allclose(found["stand"]["qpos"], standing_there, atol=1e-6)
+    np.testing.assert_allclose(found["mirror"]["qpos"], mirrored(_leaning(), G1), atol=1e-6)
+    expected = mirrored_parts(Parts.only(G1, **commands), G1)
+    assert Parts.only(G1, **found["mirror"]["commands"]) == expected
+    assert found["stand"]["commands"] == commands
+
+
+@pytest.mark.slow
+def test_a_root_that_no_file_may_hold_is_refused_in_the_box(visitor):
+    page = visitor.page
+    visitor.begin("bow")
+    height = visitor.get("timeline.pose.qpos[2]")
+    page.get_by_label("z", exact=True).fill("76")
+    page.keyboard.press("Enter")
+    page.get_by_text("puts the root at a height of 76").wait_for()
+    assert visitor.get("timeline.pose.qpos[2]") == height
+    assert visitor.get("past.length") == 0
+    assert page.get_by_label("z", exact=True).input_value() == f"{height:.3f}"
+
+
+@pytest.mark.slow
+def test_keyframes_are_added_where_the_timeline_is_clicked_twice(visitor):
+    visitor.begin("bow")  # at 0.8 s, held until 1.4 s, and at 2.2 s
+    for time, times, selected in (
+        (3.0, [0.8, 2.2, 3.0], 3),
+        (1.0, [0.8, 2.2, 3.0], 1),
+        (0.4, [0.4, 0.8, 2.2, 3.0], 1),
+    ):
+        visitor.page.evaluate("time => window.platStudio.receive({ do: 'add', time })", time)
+        found = visitor.get("timeline.keyframes.map((frame) => frame.time)")
+        assert (found, visitor.get("timeline.selected")) == (pytest.approx(times), selected)
+    assert visitor.get("past.length") == 2
+    assert visitor.get("timeline.labels") == ["start", "1", "2 bow", "3 rise", "4"]
+    for name, kept in (("up (hold)", "up"), ("(hold)", None), (" on ", "on")):
+        assert visitor.get(f"timeline.renamed({name!r}).pose.name") == kept, (
+            "as in Python: only ends of holds are so named"
+        )
+
+
+@pytest.mark.slow
+def test_keyframes_are_kept_while_they_are_edited_and_when_the_page_is_left(page, address):
+    visitor = Visitor(page, address)
+    kept = page.evaluate(
+        "async () => { const it = window.platStudio; for (let count = 0; count < 20; count++) {"
+        "  it.setJoint(0.01 * count); await new Promise((done) => setTimeout(done, 100)); }"
+        "return localStorage.getItem('plat-keyframes'); }"
+    )
+    assert kept, "after a second, although the edits went on"
+    visitor.begin("squat")
+    page.reload()
+    page.wait_for_function("window.platStudio !== undefined")
+    assert visitor.get("timeline.labels") == ["start", "1 down", "2 up"]
+
+
+@pytest.mark.slow
+def test_pins_change_nothing_else_and_choices_are_exact(visitor):
+    visitor.begin("bow")
+    hands = ["left_wrist_yaw_link", "right_wrist_yaw_link"]
+    for commands, handle, shown in (
+        ({"joints": ["left_elbow"]}, "left hand", "what is pinned"),
+        ({"bodies": hands, "joints": ["waist_pitch"]}, "chest", "what is pinned"),
+        ({"bodies": hands, "root": ["height"]}, "head", "what is pinned"),
+        ({"root": ["height"]}, "pelvis", "what is pinned"),
+        ({"root": ["height"]}, "left hand", "what is pinned"),
+        ({"bodies": hands}, "whole robot", "hands"),
+        ({"bodies": hands}, "left hand", "hands"),
+        ({"root": ["horizontal", "height", "orientation"]}, "pelvis", "place"),
+        (None, "right foot", "whole pose"),
+    ):
+        found = visitor.page.evaluate(
+            "([commands, handle]) => { const it = window.platStudio;"
+            "it.edit(it.timeline.commanding(commands)); it.show();"
+            "const shown = it.at.commands.value; it.pin(handle); return [shown, it.timeline.pose.commands]; }",
+            [commands, handle],
+        )
+        frame = replace(standing(G1).at(1.0), commands=commands and Parts.only(G1, **commands))
+        expected = toggled(frame, handle, G1)
+        assert found[0] == shown == (chosen(frame, G1) or "what is pinned"), commands
+        assert (found[1] and Parts.only(G1, **found[1])) == expected, (commands, handle)
+
+
 @pytest.mark.slow
 def test_doubts_are_pythons(visitor):
     feasibility, stand, joints = Feasibility(G1), standing(G1), G1.joint_names
@@ -367,7 +492,7 @@ def test_doubts_are_pythons(visitor):
     poses["tipping"][7 + joints.index("waist_pitch")] = 0.5
     poses["tipping"][[7 + joints.index(f"{side}_hip_pitch") for side in ("left", "right")]] = -1.5
     poses["turned"][3:7] = [0.0, 0.0, 0.0, 1.0]
-    said = []
+    checker, said = Checker(G1), []
     for name, qpos in poses.items():
         for hands in (False, True):
             frame = replace(Keyframe.from_qpos(0.5, qpos), commands=preset("hands", G1) if hands else None)
@@ -375,10 +500,14 @@ def test_doubts_are_pythons(visitor):
             commands = {"bodies": [G1.end_effectors[number] for number in (1, 3)]} if hands else None
             found = visitor.page.evaluate(
                 "async ([before, qpos, commands]) => (await import('./feasibility.mjs'))"
-                ".verdict(window.platStudio.robot, { qpos: before }, { qpos, commands }, 0.5, true).words",
+                ".verdict(window.platStudio.robot, { qpos: before }, { qpos, commands }, 0.5, true)",
                 [stand.qpos.tolist(), qpos.tolist(), commands],
             )
-            assert found == words, (name, hands)
+            assert found["words"] == words, (name, hands)
+            own = checker.timeline(Timeline(G1, stand, (frame,)))[0]
+            assert found["joint"] == own.joint
+            assert found["share"] == pytest.approx(own.share)
+            assert not (hands and own.share), "no joint is commanded"
             said += words
     assert len(said) >= 8
 

@@ -1,3 +1,4 @@
+import numpy as np
 import pytest
 
 from plat.robots import G1
@@ -32,3 +33,14 @@ def test_a_template_continues_where_the_selected_pose_is():
     there[:2] = 1.0, 2.0
     timeline = template("side step", EMPTY.inserted(there, 1.0), POSER)
     assert timeline.keyframes[-1].root_pos[:2].tolist() == pytest.approx([1.0, 2.2], abs=1e-6)
+
+
+def test_a_template_is_made_of_the_selected_pose():
+    there = G1.default_qpos.copy()
+    there[3:7] = np.cos(0.5), 0.0, 0.0, np.sin(0.5)
+    elbow = 7 + G1.joint_names.index("left_elbow")
+    there[elbow] = 1.1
+    bow = template("bow", EMPTY.inserted(there, 1.0), POSER)
+    assert [frame.qpos[elbow] for frame in bow.keyframes] == pytest.approx([1.1] * 3, abs=0.05)
+    back = bow.pose.root_pos[:2] - there[:2]
+    np.testing.assert_allclose(back / np.linalg.norm(back), [-np.cos(1.0), -np.sin(1.0)], atol=0.1)

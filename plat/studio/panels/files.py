@@ -26,9 +26,9 @@ class FilePanel:
     def __init__(self, page: Page, path: str, folder: Folder, autosave: Autosave):
         self._page, self._folder, session, gui = page, folder, page.session, page.gui
         self._autosave = autosave
-        self._own: Path | None = None
+        self._own: tuple[Path, object] | None = None  # the file that was written or read last, and of which keyframes
         self._path = gui.add_text("File", path, hint=f"In {folder.root}, on the machine that the studio runs on.")
-        page.buttons("", {"Save": self.save, "Load": self._load, "New": self._new})
+        page.buttons("", {"Save": self.save, "Load": self._load, "New": session.new})
         gui.add_markdown(f"Folder: `{folder.root}`")
         self._restore_button = page.button(
             "Restore autosave", self._restore, icon=viser.Icon.HISTORY, visible=autosave.former is not None
@@ -50,7 +50,7 @@ class FilePanel:
 
         async def uploaded(event: viser.GuiEvent[viser.GuiUploadButtonHandle]) -> None:
             file = event.target.value
-            page.desk.ask(lambda: self._foreign(file.name, file.content))
+            page.desk.ask(lambda: self._upload(file.name, file.content))
 
         async def record_clicked(_: object) -> None:
             page.desk.ask(self._ask_to_record)
@@ -65,17 +65,16 @@ class FilePanel:
         return (Path(self._path.value).name.removesuffix(".json") or "keyframes") + ".json"
 
     def save(self) -> None:
-        """Save to the file in the box; a file that is not of this session is only replaced when the user agrees."""
+        """Save to the file in the box; a file of other keyframes is only replaced when the user agrees."""
         path = self._folder.file(self._path.value, ".json")
 
         def save() -> None:
             self._page.session.save(path)
-            self._own = path
-            self._autosave.path.unlink(missing_ok=True)
-            self._autosave.words = ""
+            self._own = path, self._page.session.timeline.origin
+            self._autosave.discard()
             self._page.notify("Saved", str(path), "good")
 
-        if path == self._own:
+        if self._own == (path, self._page.session.timeline.origin):
             save()
         else:
             self._once_agreed(path, save)
@@ -83,23 +82,18 @@ class FilePanel:
     def _load(self) -> None:
         path = self._folder.file(self._path.value, ".json")
         self._loaded(self._path.value, lambda: self._page.session.load(path))
-        self._own = path
+        self._own = path, self._page.session.timeline.origin
 
-    def _new(self) -> None:
-        self._page.session.new()
-        self._own = None  # what comes is not the file in the box: that is only replaced when the user agrees
-
-    def _foreign(self, name: str, content: bytes) -> None:
-        """Load keyframes that are not those of the file in the box."""
+    def _upload(self, name: str, content: bytes) -> None:
         self._loaded(name, lambda: self._page.session.from_json(name, content))
-        self._own = None
 
     def _restore(self) -> None:
         content = self._autosave.former
         if content is None:
             return
-        self._foreign(AUTOSAVE, content)
+        self._upload(AUTOSAVE, content)
         self._page.session.saved = Timeline.empty(self._page.session.robot)  # it is in no file of the user's
+        self._autosave.take_over()
         self._restore_button.visible = False
 
     def show(self) -> None:

@@ -10,7 +10,7 @@ import viser
 from plat.robots.robot import without_side
 from plat.rotations_np import heading_pitch_roll, quat_from_heading_pitch_roll
 from plat.studio.page import Page
-from plat.studio.pins import PRESETS, pinned, preset
+from plat.studio.pins import PRESETS, chosen, pinned, preset
 from plat.studio.poser import BALLS, HANDLES, WHOLE, Frame
 from plat.studio.templates import TEMPLATES
 
@@ -120,11 +120,8 @@ class PosePanel:
     def _show_commands(self) -> frozenset[str]:
         """Show what is commanded; return the pinned handles."""
         session = self._page.session
-        pins = pinned(session.timeline.pose, session.robot)
-        whole = session.timeline.pose.whole
-        known = (name for name, handles in PRESETS.items() if not whole and pins == frozenset(handles))
-        _set(self._commands, "value", "whole pose" if whole else next(known, _CUSTOM))
-        return pins
+        _set(self._commands, "value", chosen(session.timeline.pose, session.robot) or _CUSTOM)
+        return pinned(session.timeline.pose, session.robot)
 
     def toggle_axes(self) -> None:
         """Exchange the world's axes and the limb's."""

@@ -81,8 +81,9 @@ class TimelinePanel:
 
     def _add(self, message: Message) -> None:
         if "time" in message:
-            self._page.session.seek(_number(message, "time"))
-        self._page.session.add()
+            self._page.session.add_at(_number(message, "time"))
+        else:
+            self._page.session.add()
 
     def _retime(self, message: Message) -> None:
         session, number = self._page.session, int(_number(message, "number"))

@@ -467,7 +467,7 @@
     timeline.poses.forEach((pose, number) => { // intervals, in the color of their fastest joint
       if (number > 0) {
         const line = draw("line", { x1: toX(end), x2: toX(pose.time), y1: middle, y2: middle, stroke: mixed(pose.words.length ? 2 : pose.share), "stroke-width": 5, "data-share": pose.share });
-        line.append(tip(`${spoken(pose.joint)} at up to ${pose.speed.toFixed(1)} rad/s`));
+        if (pose.joint) line.append(tip(`${spoken(pose.joint)} at up to ${pose.speed.toFixed(1)} rad/s`));
         parts.push(line);
       }
       end = pose.time + pose.hold;

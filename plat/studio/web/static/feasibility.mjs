@@ -6,17 +6,17 @@ import { angle } from "./rotations.mjs";
 const cm = (meters) => (100 * meters).toFixed(0);
 const apart = (a, b) => Math.hypot(...a.map((value, axis) => value - b[axis]));
 
-/* What is doubtful about a keyframe that is `seconds` after another one, and its fastest joint. */
+/* What is doubtful about a keyframe that is `seconds` after another one, and the fastest of the joints that it commands. */
 export function verdict(robot, before, after, seconds, held) {
   const { limits, joints, keypoints } = robot.site, parts = mask(after, robot.site);
   const flags = parts ?? Array(joints.length + keypoints.length + 3).fill(1);
-  const speeds = joints.map((_, joint) => (2 * Math.abs(after.qpos[7 + joint] - before.qpos[7 + joint])) / seconds);
-  const order = joints.map((_, joint) => joint).sort((a, b) => flags[b] * speeds[b] - flags[a] * speeds[a]);
+  const speeds = joints.map((_, joint) => (2 * flags[joint] * Math.abs(after.qpos[7 + joint] - before.qpos[7 + joint])) / seconds);
+  const order = joints.map((_, joint) => joint).sort((a, b) => speeds[b] - speeds[a]);
   const worst = speeds.indexOf(Math.max(...speeds)), words = [];
-  for (const joint of order) if (flags[joint] && speeds[joint] > limits.joint_speed) words.push(`${joints[joint]} would need ${speeds[joint].toFixed(0)} rad/s, expected at most ${limits.joint_speed.toFixed(0)}`);
+  for (const joint of order) if (speeds[joint] > limits.joint_speed) words.push(`${joints[joint]} would need ${speeds[joint].toFixed(0)} rad/s, expected at most ${limits.joint_speed.toFixed(0)}`);
   words.push(...way(before.qpos, after.qpos, seconds, flags.slice(-3), limits));
   words.push(...(parts ? bodies(robot, before, after, seconds, flags) : pose(robot, after.qpos, held)));
-  return { words, joint: joints[worst], speed: speeds[worst], share: speeds[worst] / limits.joint_speed };
+  return { words, joint: speeds[worst] ? joints[worst] : "", speed: speeds[worst], share: speeds[worst] / limits.joint_speed };
 }
 
 function way(before, after, seconds, [horizontal, , orientation], limits) {

@@ -3,7 +3,8 @@
 import { slerp } from "./rotations.mjs";
 
 export const LONGEST_INTERVAL = 30, NEW_INTERVAL = 0.6;
-const HOLD = "(hold)", ROOT = ["horizontal", "height", "orientation"];
+export const ROOT = ["horizontal", "height", "orientation"];
+const HOLD = "(hold)";
 const round = (value) => Math.round(value * 1e6) / 1e6;
 
 /* A keyframe is { time, name, qpos: [7 + J], commands: null or { joints, bodies, root } of names }. */
@@ -49,6 +50,14 @@ export const following = (change, start, frames, site) => frames.reduce((poses, 
 
 // no robot's root is this far above or below the floor (m); how far a quaternion may be from unit length; a day (s)
 const HIGHEST = 5, FARTHEST = 1000, UNIT = 1e-2, LONGEST = 86400;
+
+/* Refuse a root where no robot in meters can be. */
+export function checkPlace(place, label = "") {
+  if (Math.abs(place[2]) > HIGHEST) throw new Error(`${label}root_pos puts the root at a height of ${Number(place[2].toPrecision(6))} m, expected meters, at most ${HIGHEST}; is it in centimeters or millimeters?`);
+  const farthest = Math.max(Math.abs(place[0]), Math.abs(place[1]));
+  if (farthest > FARTHEST) throw new Error(`${label}root_pos puts the root ${Number(farthest.toPrecision(6))} m away from the origin, expected meters, at most ${FARTHEST}`);
+}
+
 const POSE = ["root_pos", "root_quat", "joint_pos"];
 
 function shown(value) {
@@ -114,9 +123,7 @@ export function read(text, site) {
     fields(entry, required, optional, `${label}: `);
     if (entry.name !== undefined && entry.name !== null && typeof entry.name !== "string") throw new Error(`${label}: name is ${shown(entry.name)}, expected a text`);
     const place = numbers(entry.root_pos, 3, `${label}: root_pos`), given = numbers(entry.root_quat, 4, `${label}: root_quat`);
-    if (Math.abs(place[2]) > HIGHEST) throw new Error(`${label}: root_pos puts the root at a height of ${place[2]} m, expected meters, at most ${HIGHEST}; is it in centimeters or millimeters?`);
-    const farthest = Math.max(Math.abs(place[0]), Math.abs(place[1]));
-    if (farthest > FARTHEST) throw new Error(`${label}: root_pos puts the root ${farthest} m away from the origin, expected meters, at most ${FARTHEST}`);
+    checkPlace(place, `${label}: `);
     const quat = order === "xyzw" ? [given[3], ...given.slice(0, 3)] : given, length = Math.hypot(...quat);
     if (Math.abs(length - 1) > UNIT) throw new Error(`${label}: root_quat has length ${length.toPrecision(4)}, expected 1`);
     const [time] = "time" in entry ? numbers([entry.time], 1, `${label}: time`) : [0];
@@ -251,7 +258,7 @@ export class Timeline {
     return new Timeline(this.site, poses[0], poses.slice(1), this.holds, this.selected);
   }
   posed(qpos) { return this.withPose({ ...this.pose, qpos: [...qpos] }); }
-  renamed(name) { this.must("renamed"); return this.withPose({ ...this.pose, name: name.trim() || null }); }
+  renamed(name) { this.must("renamed"); return this.withPose({ ...this.pose, name: (name.trim().endsWith(HOLD) ? name.trim().slice(0, -HOLD.length).trim() : name.trim()) || null }); }
   commanding(commands) { this.must("commanded in part"); return this.withPose({ ...this.pose, commands }); }
 
   inserted(pose, interval = NEW_INTERVAL, hold = 0) {

@@ -115,6 +115,22 @@ export class Robot {
     return this.solved(qpos, tasks, qpos, null);
   }
 
+  /* The default pose at the place and heading of a pose. */
+  standing(qpos) { return carried(this.site.default_qpos, spot(qpos)); }
+
+  /* The pose with a template's step made, see plat.studio.templates. */
+  changed(qpos, { moved, bent }) {
+    let pose = qpos;
+    for (const [handle, by] of moved) {
+      const frames = this.frames(pose), shift = rotated(spot(pose).quat, by), { pos, quat } = frames[handle];
+      const held = Object.fromEntries(["left foot", "right foot", "pelvis"].map((name) => [name, frames[name]]));
+      pose = this.dragged(pose, handle, { pos: pos.map((value, axis) => value + shift[axis]), quat }, held, pose, false);
+    }
+    pose = [...pose];
+    for (const [joint, angle] of Object.entries(bent)) pose[7 + this.site.joints.indexOf(joint)] = angle;
+    return pose;
+  }
+
   solved(qpos, tasks, rest, free) {
     const pose = [...qpos];
     this.limit(pose);
@@ -178,6 +194,16 @@ export class Robot {
     const { partner, sign } = this.site.mirror, head = heading(qpos.slice(3, 7));
     const lean = multiply(conjugate(head), qpos.slice(3, 7)), image = [lean[0], -lean[1], lean[2], -lean[3]];
     return [...qpos.slice(0, 3), ...multiply(head, image), ...partner.map((other, joint) => sign[joint] * qpos[7 + other])];
+  }
+
+  /* What a mirrored keyframe commands: joints and bodies of the other side. */
+  mirroredCommands(commands) {
+    const { joints, keypoints, mirror } = this.site, across = (names, all, partner) => names.map((name) => all[partner[all.indexOf(name)]]);
+    return commands && {
+      ...commands,
+      ...(commands.joints ? { joints: across(commands.joints, joints, mirror.partner) } : {}),
+      ...(commands.bodies ? { bodies: across(commands.bodies, keypoints, mirror.keypoints) } : {}),
+    };
   }
 
   symmetric(qpos, side) {

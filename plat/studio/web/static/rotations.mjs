@@ -48,11 +48,11 @@ export function slerp(a, b, weight) {
   return normalized(multiply(a, exponential(turn.map((value) => weight * value))));
 }
 
-/* The part about the vertical. */
-export const heading = (q) => normalized([q[0], 0, 0, q[3]]);
-
 /* Angles (rad) with q = Rz(heading) Ry(pitch) Rx(roll), and back. */
 export const headingPitchRoll = ([w, x, y, z]) => [
   Math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)), Math.asin(Math.min(Math.max(2 * (w * y - x * z), -1), 1)), Math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
 ];
 export const fromHeadingPitchRoll = ([heading, pitch, roll]) => multiply(exponential([0, 0, heading]), multiply(exponential([0, pitch, 0]), exponential([roll, 0, 0])));
+
+/* The rotation about the vertical alone. */
+export const heading = (q) => exponential([0, 0, headingPitchRoll(q)[0]]);

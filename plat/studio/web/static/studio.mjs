@@ -3,14 +3,13 @@ import loadMujoco from "mujoco";
 import * as ort from "onnxruntime-web";
 import { Chase } from "./chase.mjs";
 import { verdict } from "./feasibility.mjs";
-import { Timeline, asArrived, mask, read, write } from "./keyframes.mjs";
+import { NEW_INTERVAL, ROOT, Timeline, asArrived, checkPlace, mask, read, standing, write } from "./keyframes.mjs";
 import { Policy } from "./policy.mjs";
 import { Robot } from "./robot.mjs";
 import { conjugate, fromHeadingPitchRoll, headingPitchRoll, multiply } from "./rotations.mjs";
 import { Scene } from "./scene.mjs";
 
 const AUTOSAVE = "plat-keyframes", SPEEDS = { "1x": 1, "1/2": 0.5, "1/4": 0.25, "1/10": 0.1 }, CATCH_UP = 5, NOBODY = "nobody";
-const KNOWN = { "whole pose": null };
 const together = (bodies, robot) => (bodies.size ? `, inside each other: ${[...bodies].map((body) => robot.bodyNames[body]).sort().join(", ")}` : "");
 const degrees = (radians) => (radians * 180) / Math.PI;
 const plain = (value, digits) => (Number(value.toFixed(digits)) + 0).toFixed(digits); // no -0.0
@@ -42,7 +41,7 @@ export async function play({ robot, policies, site }, name, text) {
 class Studio {
   constructor(channel, { site, robot, policies }) {
     Object.assign(this, { channel, site, robot, policies });
-    this.timeline = new Timeline(site, { time: 0, name: null, qpos: [...site.default_qpos], commands: null });
+    this.timeline = new Timeline(site, standing(site));
     this.past = [];
     this.future = [];
     this.gesture = null;
@@ -65,6 +64,8 @@ class Studio {
     this.scores = {};
     this.refusals = {}; // why a policy did not play when all were compared
     this.busy = []; // what the page waits for
+    this.autosave = null; // the timer of a copy that is due
+    window.addEventListener("pagehide", () => this.keep());
     this.scene = new Scene(document.querySelector("#root .view"), robot, {
       grab: () => this.grab(), drag: (target) => this.drag(target), release: () => { this.grip = null; this.gesture = null; this.show(); },
       grabJoint: () => { this.gesture = null; this.turned = { quat: this.robot.jointFrame(this.jointNumber, this.timeline.pose.qpos).quat, angle: this.timeline.pose.qpos[7 + this.jointNumber] }; },
@@ -109,10 +110,11 @@ class Studio {
       retime: ({ number, time }) => edit(now().select(number).retimed(number, time), `time ${number}`),
       nudge: ({ value }) => { const { selected, pose } = now(); if (selected) edit(now().retimed(selected, pose.time + value * this.site.control_dt), "nudge"); },
       hold: ({ value }) => edit(now().held(value), "hold"), interval: ({ value }) => edit(now().stretched(value)), rename: ({ value }) => edit(now().renamed(String(value).slice(0, 60))),
-      end: () => { this.gesture = null; }, add: ({ time }) => { if (time !== undefined) this.seek(time); this.add(); },
+      end: () => { this.gesture = null; }, add: ({ time }) => (time === undefined ? this.add() : this.addAt(time)),
       copy: () => { this.clipboard = now().pose; }, cut: () => { const left = now().removed(); this.clipboard = now().pose; edit(left); },
       paste: () => { if (!this.clipboard) throw new Error("nothing to paste: copy a keyframe first"); edit(now().inserted(this.clipboard)); },
-      mirror: () => edit(now().posed(this.robot.mirrored(now().pose.qpos))), stand: () => edit(now().posed([...now().pose.qpos.slice(0, 2), ...this.site.default_qpos.slice(2)])),
+      mirror: () => { const { pose } = now(); edit(now().withPose({ ...pose, qpos: this.robot.mirrored(pose.qpos), commands: this.robot.mirroredCommands(pose.commands) })); },
+      stand: () => edit(now().posed(this.robot.standing(now().pose.qpos))),
       floor: () => edit(now().posed(this.robot.dropped(now().pose.qpos))), flat: () => edit(now().posed(this.robot.flat(now().pose.qpos))), remove: () => edit(now().removed()),
       undo: () => this.swap(this.past, this.future), redo: () => this.swap(this.future, this.past), save: () => this.save(),
       look: () => this.scene.look(this.players[0] && !this.posing ? this.players[0].poseAt(this.cursor) : now().pose.qpos), hide: () => { this.hidden = !this.hidden; },
@@ -123,6 +125,7 @@ class Studio {
   // keyframes
 
   edit(timeline, gesture = null) {
+    timeline.poses.forEach(({ qpos }) => checkPlace(qpos));
     if (gesture === null || gesture !== this.gesture) this.past = [...this.past, this.timeline].slice(-500);
     this.gesture = gesture;
     this.future = [];
@@ -135,8 +138,15 @@ class Studio {
     this.scores = {};
     this.refusals = {};
     this.cursor = timeline.pose.time;
+    this.autosave ??= setTimeout(() => this.keep(), 1000);
+  }
+
+  /* Keep the keyframes for the next visit, where they were edited since. */
+  keep() {
+    if (this.autosave === null) return;
     clearTimeout(this.autosave);
-    this.autosave = setTimeout(() => { try { localStorage.setItem(AUTOSAVE, timeline.keyframes.length ? write(timeline) : ""); } catch { /* a private window */ } }, 1000);
+    this.autosave = null;
+    try { localStorage.setItem(AUTOSAVE, this.timeline.keyframes.length ? write(this.timeline) : ""); } catch { /* a private window */ }
   }
 
   swap(source, target) {
@@ -162,8 +172,15 @@ class Studio {
   add() {
     const { timeline } = this;
     if (timeline.shows(this.cursor)) this.edit(timeline.inserted({ ...timeline.pose, name: null }));
-    else if (this.cursor < timeline.duration) this.edit(timeline.insertedAt(this.cursor));
-    else this.edit(timeline.select(timeline.keyframes.length).inserted({ ...timeline.poses[timeline.keyframes.length], name: null }));
+    else this.addAt(this.cursor < timeline.duration ? this.cursor : timeline.duration + NEW_INTERVAL);
+  }
+
+  /* Add a keyframe at a time (s): interpolated, or after the end in the last pose. Where one is already, or is held, it is selected. */
+  addAt(time) {
+    const { timeline } = this, last = timeline.select(timeline.keyframes.length);
+    if (time > timeline.duration + 1e-6) { this.edit(last.inserted({ ...last.pose, name: null }, time - timeline.duration)); return; }
+    const added = timeline.insertedAt(time);
+    if (added.keyframes === timeline.keyframes) this.select(added.selected); else this.edit(added);
   }
 
   load(text, name) {
@@ -187,15 +204,13 @@ class Studio {
     this.note("Saved", `${this.name}, among your downloads`, "good");
   }
 
-  template(name) {
-    const made = Timeline.of(this.site, read(JSON.stringify(this.site.templates[name]), this.site));
-    const [x, y] = this.timeline.pose.qpos, first = this.timeline.selected + 1;
-    let { timeline } = this;
-    made.keyframes.forEach((frame, index) => {
-      const gap = made.gaps()[index] * this.site.control_dt;
-      timeline = timeline.inserted({ ...frame, qpos: [frame.qpos[0] + x, frame.qpos[1] + y, ...frame.qpos.slice(2)] }, gap, made.holds[index]);
-    });
-    this.edit(timeline.select(first));
+  template(name) { this.edit(this.continued(name, this.timeline)); }
+
+  /* A timeline with a template's keyframes after the selected pose, the first of them selected. */
+  continued(name, timeline) {
+    const first = timeline.selected + 1, { qpos } = timeline.pose;
+    for (const step of this.site.templates[name]) timeline = timeline.inserted({ time: 0, name: step.name, qpos: this.robot.changed(qpos, step), commands: null }, step.interval, step.hold);
+    return timeline.select(first);
   }
 
   // posing
@@ -253,16 +268,13 @@ class Studio {
     return new Set([...pinned, ...((pose.commands.root || []).length ? ["pelvis"] : [])]);
   }
 
+  /* Command a handle or take its pin out; what else the keyframe commands stays. Without any the whole pose is commanded. */
   pin(name) {
-    const handle = { head: "chest", "whole robot": "pelvis" }[name] ?? name, pins = mask(this.timeline.pose, this.site) ? this.pins : new Set();
-    if (pins.has(handle)) pins.delete(handle); else pins.add(handle);
-    this.command([...pins]);
-  }
-
-  command(pins) {
-    const bodies = pins.filter((name) => name in this.site.pins).map((name) => this.site.pins[name]);
-    const root = pins.includes("pelvis") ? ["horizontal", "height", "orientation"] : [];
-    this.edit(this.timeline.commanding(bodies.length || root.length ? { ...(bodies.length ? { bodies } : {}), ...(root.length ? { root } : {}) } : null));
+    const { pose } = this.timeline, body = this.site.pins[{ head: "chest" }[name] ?? name];
+    const { joints = [], bodies = [], root = [] } = mask(pose, this.site) ? pose.commands : {};
+    const parts = { joints, bodies: !body ? bodies : bodies.includes(body) ? bodies.filter((one) => one !== body) : [...bodies, body], root: body ? root : root.length ? [] : ROOT };
+    const named = Object.entries(parts).filter(([, names]) => names.length);
+    this.edit(this.timeline.commanding(named.length ? Object.fromEntries(named) : null));
   }
 
   faint() {
@@ -402,7 +414,7 @@ class Studio {
     at.angle = make("output");
     at.file = make("input", { type: "file", accept: ".json,application/json", hidden: true, onchange: () => this.guarded(async () => { const file = at.file.files[0]; at.file.value = ""; if (file) this.load(await file.text(), file.name); }) });
     at.scores = make("div", { className: "scores" });
-    const number = (name, step, done) => (at[name] = make("input", { type: "number", step, ariaLabel: name, onkeydown: (event) => { if (event.key === "Enter") event.target.blur(); }, onchange: () => this.guarded(() => { if (at[name].value !== "") done(); this.show(); }) }));
+    const number = (name, step, done) => (at[name] = make("input", { type: "number", step, ariaLabel: name, onkeydown: (event) => { if (event.key === "Enter") event.target.blur(); }, onchange: () => this.guarded(() => { try { if (at[name].value !== "") done(); } finally { this.show(); } }) }));
     const place = [..."xyz"].map((axis) => number(axis, 0.01, () => this.setRoot())), turn = ["heading", "pitch", "roll"].map((name) => number(name, 1, () => this.setRoot()));
     // a box that shows a choice for which there is a key
     const shows = (name, key, done) => make("label", { className: "tick", title: `Key: ${key}` }, Object.assign(check(name), { onchange: () => this.guarded(() => { done(at[name].checked); at[name].blur(); this.show(); }) }), name);
@@ -410,11 +422,11 @@ class Studio {
       make("h1", { textContent: "plat keyframe studio" }),
       row("Policy", select("policy", site.policies, (value) => { this.policy = value; this.end(); })),
       row("Beside it", select("second", [NOBODY, ...site.policies], (value) => { this.second = value; this.end(); })),
-      row("Begin with", select("template", Object.keys(site.templates), () => {}), button("Add", () => this.template(at.template.value)), button("New", () => { this.edit(new Timeline(site, { time: 0, name: null, qpos: [...site.default_qpos], commands: null })); })),
+      row("Begin with", select("template", Object.keys(site.templates), () => {}), button("Add", () => this.template(at.template.value)), button("New", () => { this.edit(new Timeline(site, standing(site))); })),
       row("File", button("Load", () => at.file.click()), button("Save", () => this.save()), at.file),
       make("hr"),
       row("Drag by", select("handle", Object.keys(site.handles), (value) => { this.handle = value; Object.assign(this.scene, { arrows: true, ringed: false }); })),
-      row("Commands", select("commands", [...Object.keys(site.presets), "what is pinned"], (value) => { if (value in site.presets) this.command(site.presets[value]); })),
+      row("Commands", select("commands", [...Object.keys(site.presets), "what is pinned"], (value) => { if (value in site.presets) this.edit(this.timeline.commanding(site.presets[value])); })),
       row("Joint", select("joint", site.joints, (value) => { this.jointNumber = site.joints.indexOf(value); Object.assign(this.scene, { arrows: false, ringed: true }); })),
       row("", at.slider, at.angle),
       row("One limb only", check("limb")), row("Symmetric", check("symmetric")),
@@ -466,11 +478,10 @@ class Studio {
       timeline: { poses, selected: timeline.selected, interval: timeline.interval, duration: timeline.duration, marks, undo: this.past.length > 0, redo: this.future.length > 0, paste: this.clipboard !== null },
       file: { name: this.name, unsaved: timeline.keyframes !== this.saved.keyframes && timeline.keyframes.length > 0, autosave: "" }, busy: this.busy,
     });
-    const pins = this.pins, whole = !mask(timeline.pose, site);
-    this.scene.showHandles(this.robot.frames(qpos), this.handle, pins, this.posing, this.robot.jointFrame(this.jointNumber, qpos));
+    this.scene.showHandles(this.robot.frames(qpos), this.handle, this.pins, this.posing, this.robot.jointFrame(this.jointNumber, qpos));
     at.handle.value = this.handle;
-    const same = (names) => names.length === pins.size && names.every((name) => pins.has(name));
-    at.commands.value = whole ? Object.keys(KNOWN)[0] : Object.keys(site.presets).find((name) => site.presets[name].length && same(site.presets[name])) ?? "what is pinned";
+    const parts = (commands) => String(mask({ commands }, site)), now = parts(timeline.pose.commands);
+    at.commands.value = Object.keys(site.presets).find((name) => parts(site.presets[name]) === now) ?? "what is pinned";
     at.commands.disabled = timeline.selected === 0;
     at.joint.value = site.joints[this.jointNumber];
     [at.slider.min, at.slider.max] = site.joint_range[this.jointNumber];
@@ -510,7 +521,7 @@ export async function begin(channel) {
     let kept = null;
     try { kept = localStorage.getItem(AUTOSAVE); } catch { /* a private window */ }
     if (kept) try { studio.timeline = Timeline.of(studio.site, read(kept, studio.site)); } catch { kept = null; }
-    if (!kept) studio.timeline = Timeline.of(studio.site, read(JSON.stringify(Object.values(studio.site.templates)[0]), studio.site));
+    if (!kept) studio.timeline = studio.continued(Object.keys(studio.site.templates)[0], studio.timeline);
     studio.saved = studio.timeline;
     studio.cursor = studio.timeline.pose.time;
     studio.show();
