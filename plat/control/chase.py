@@ -107,6 +107,7 @@ class Chase(Iterator[ChaseStep]):
         self._controller = controller
         self._sequence = _for_controller(sequence, controller)
         self._hold = hold
+        self._began: tuple[int, Keyframe] | None = None
         self.restart()
 
     @property
@@ -127,7 +128,8 @@ class Chase(Iterator[ChaseStep]):
         controller.timing.check_control_dt(self.simulator.control_dt, "simulator")
         sequence = _for_controller(sequence, controller)
         controller.reset(self._joint_target)
-        self._controller, self._sequence, self._began = controller, sequence, None
+        self._controller, self._sequence = controller, sequence
+        self._began = None
 
     @property
     def sequence(self) -> KeyframeSequence:
@@ -136,7 +138,8 @@ class Chase(Iterator[ChaseStep]):
 
     @sequence.setter
     def sequence(self, sequence: KeyframeSequence) -> None:
-        self._sequence, self._began = _for_controller(sequence, self._controller), None
+        self._sequence = _for_controller(sequence, self._controller)
+        self._began = None
 
     @property
     def time(self) -> float:
@@ -147,7 +150,7 @@ class Chase(Iterator[ChaseStep]):
         """Reset the robot to the start, at time 0."""
         self._steps = 0
         self._joint_target: NDArray[np.floating] | None = None
-        self._began: tuple[int, Keyframe] | None = None
+        self._began = None
         self._controller.reset()
         self.simulator.reset(self.sequence.start)
 

@@ -61,7 +61,9 @@ def next_command(out: Path, *words: str | Path | Sequence[str], robot: str = "g1
     next: plat evaluate 'runs/a b' --motions x.npz '*.csv'
     """
     flat = [part for word in words for part in ([word] if isinstance(word, str | Path) else word)]
-    first, *rest = [*flat, *(["--robot", robot] if robot != "g1" else [])]
+    if robot != "g1":
+        flat += ["--robot", robot]
+    first, *rest = flat
     command = " ".join([str(first), *(shlex.quote(str(word)) for word in rest)])
     files = ", ".join(name for name in _FILES if (out / name).exists())
     return f"the run is in {out}{': ' if files else ''}{files}\nnext: {command}"
