@@ -30,9 +30,10 @@ def load(name: str, device: str = "cpu") -> "Policy":
 
     Args:
         name: ``"plat-g1"``, ``"finetuned-g1"``, ``"dagger-g1"``, ``"expert-g1"``, ``"expert-model-g1"``,
-            ``"imagined-g1"``, ``"imagined-robot-g1"``, which is for robots, or ``"imagined-free-g1"`` and
-            ``"plat-generated-g1"``, which are under plat's license; or ``"hf:owner/name"``, a run on the Hugging Face
-            Hub (extra ``plat-rl[hub]``). Data, license and scores are in ``plat/weights/README.md``.
+            ``"imagined-g1"``, ``"imagined-latent-g1"``, ``"imagined-robot-g1"``, which is for robots, or
+            ``"imagined-free-g1"`` and ``"plat-generated-g1"``, which are under plat's license; or ``"hf:owner/name"``,
+            a run on the Hugging Face Hub (extra ``plat-rl[hub]``). Data, license and scores are in
+            ``plat/weights/README.md``.
         device: of the weights.
 
     Raises:
