@@ -30,7 +30,7 @@ def read_manifest(paths: Iterable[Path], column: str = "family") -> dict[str, st
     for path in paths:
         try:
             refuse_null(Path(path))
-            with Path(path).open(newline="", encoding="utf-8") as file:
+            with Path(path).open(newline="", encoding="utf-8-sig") as file:  # as spreadsheets write it
                 rows = csv.DictReader(file)
                 head = list(rows.fieldnames or ())
                 missing = {"clip", column} - set(head)

@@ -11,6 +11,11 @@ def test_families_are_a_column(tmp_path):
     assert families_of(["b", "c", "a", "unknown"], families) == ["jump", "run", "walk", "other"]
 
 
+def test_the_mark_that_spreadsheets_begin_a_file_with_is_no_part_of_a_name(tmp_path):
+    (tmp_path / "clips.csv").write_text("clip,family\na,run\n", encoding="utf-8-sig")
+    assert read_manifest([tmp_path / "clips.csv"]) == {"a": "run"}
+
+
 def test_a_clip_named_apart_by_its_file_is_found():
     assert families_of(["hard_free_run_c0"], {"run_c0": "run"}) == ["run"]
 
