@@ -236,10 +236,15 @@ def repair(command: Convert, clip: MotionClip, verdicts: list[tuple[str, str]] |
             left = f" ({', '.join(mended.after.reasons)})" if mended.after.reasons else ""
             told = f"{mended.before.verdict} ({', '.join(mended.before.reasons)}) -> {mended.after.verdict}{left}"
             print(f"{clip.name}: {told}: {done}")
-    if command.resample is not None and command.resample != clip.fps:
-        qpos = resample_qpos(torch.from_numpy(clip.qpos), clip.fps, 1 / command.resample).numpy()
-        clip = replace(clip, qpos=qpos, fps=command.resample)
-    return clip
+    return clip if command.resample is None else at_rate(clip, command.resample)
+
+
+def at_rate(clip: MotionClip, rate: float) -> MotionClip:
+    """Return a clip at so many frames a second."""
+    if rate == clip.fps:
+        return clip
+    qpos = resample_qpos(torch.from_numpy(clip.qpos), clip.fps, 1 / rate).numpy()
+    return replace(clip, qpos=qpos, fps=rate)
 
 
 def mirror(command: Mirror) -> list[Path]:
@@ -304,6 +309,8 @@ def retarget(command: Retarget) -> list[Retargeted]:
         for split in ("train", "val", "test"):
             clips = [result.clip for result in made if split_of(result.clip.name) == split]
             if clips:
+                if (rate := common_rate(clips)) is not None:  # a file has one
+                    clips = [at_rate(clip, rate) for clip in clips]
                 command.out.mkdir(parents=True, exist_ok=True)
                 save_motions(command.out / f"{split}.npz", clips)
             print(f"{split}: {len(clips)} clips, {sum(clip.duration for clip in clips):.0f} s")

@@ -275,7 +275,7 @@ def _named_apart(files: list[MotionFile]) -> list[MotionFile]:
         if count[clip.name] < 2:
             return clip
         stem = readable(path.stem)
-        name = f"{readable(path.parent.name) if clip.name == stem else stem}_{clip.name}"
+        name = f"{readable(path.absolute().parent.name) if clip.name == stem else stem}_{clip.name}"
         taken[name] += 1
         return replace(clip, name=name if taken[name] == 1 else f"{name}_{taken[name]}")
 

@@ -59,13 +59,15 @@ def find_files(
     for pattern in patterns_in(patterns):
         path = expand_home(as_path(pattern, "motion file", MotionError))
         if os.path.isdir(path):  # false for a name that is too long, too
-            found = sorted(file for file in path.rglob("*") if file.suffix.lower() in sought)
+            # folders may be called like files, and links of a store lead nowhere until what they stand for is there
+            found = sorted(file for file in path.rglob("*") if file.suffix.lower() in sought and file.is_file())
             found = [file for file in found if not any(part.startswith(".") for part in file.relative_to(path).parts)]
             found = found if copies else _without_copies(found, told)
         elif os.path.exists(path):
             found = [path]
         else:
             found = sorted(Path(name) for name in glob.glob(str(path), recursive=True))
+            found = [file for file in found if file.is_file()] or found
         if not found:
             raise MotionError(
                 f"motion file {str(pattern)!r}: no such file, folder with motion files ({expected}) or glob"

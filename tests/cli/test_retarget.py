@@ -1,3 +1,4 @@
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -27,6 +28,18 @@ def test_good_files_are_written_and_a_broken_one_is_named(tmp_path):
     assert "1 of 3 files could not be used" in result.stderr
     assert [path.name for path in sorted(out.iterdir())] == ["train.npz", "val.npz"]
     assert [clip.name for clip in load_motions(out)] == ["clip_0", "clip_1"]
+
+
+def test_a_split_of_captures_of_several_rates_has_the_commonest(tmp_path):
+    folder, out = tmp_path / "bvh", tmp_path / "motions"
+    folder.mkdir()
+    for name, step in (("clip_0", "0.0333333"), ("clip_2", "0.0333333"), ("clip_3", "0.0083333")):
+        path = folder / f"{name}.bvh"
+        write_human(path, frames=9)
+        path.write_text(re.sub(r"Frame Time: .*", f"Frame Time: {step}", path.read_text()))
+    result = run(folder, "--out", out, "--split")
+    assert result.returncode == 0, result.stderr
+    assert {clip.name for path in out.glob("*.npz") for clip in load_motions(path)} == {"clip_0", "clip_2", "clip_3"}
 
 
 def test_where_no_map_fits_one_is_proposed(tmp_path):

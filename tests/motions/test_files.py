@@ -84,6 +84,14 @@ def test_folders_and_globs(tmp_path, clip):
     assert len(load_motions([tmp_path / "x.npz", tmp_path / "x.npz"])) == 1
 
 
+def test_broken_links_and_folders_called_like_files_are_left_out(tmp_path, clip):
+    save_motions(tmp_path / "good.npz", [clip])
+    (tmp_path / "broken.npz").symlink_to(tmp_path / "nowhere.npz")
+    (tmp_path / "sub.csv").mkdir()
+    for pattern in (tmp_path, tmp_path / "*"):
+        assert [found.name for found in load_motions(pattern)] == [clip.name]
+
+
 def test_hidden_files_of_a_folder_are_left_out(tmp_path, clip):
     for name in ("x.npz", "._x.npz", ".cache/y.npz"):
         (tmp_path / name).parent.mkdir(exist_ok=True)

@@ -43,8 +43,12 @@ _LIKELY = (5.0, 1000.0)
 # A step this much longer than the usual one leaves frames out.
 _GAP = 1.8
 _IN_COMMENT = re.compile(
-    r"(?:fps|frame[ _-]?rate|rate|hz|frequency)\s*[:=]?\s*(\d+(?:\.\d+)?)|(\d+(?:\.\d+)?)\s*(?:fps|hz)", re.IGNORECASE
+    r"(?:fps|(?:frame|sample|sampling)[ _-]?rate|(?<![a-z])rate|hz|frequency)\s*[:=]?\s*(\d+(?:\.\d+)?)"
+    r"|(\d+(?:\.\d+)?)\s*(?:fps|hz)",
+    re.IGNORECASE,
 )
+# what such a number belongs to that is no rate of frames
+_OF_A_FILTER = re.compile(r"filter|pass(?![a-z])|cut[ _-]?off|butterworth|smooth|band", re.IGNORECASE)
 _STEP_IN_TEXT = re.compile(
     r"(?<![a-z])(?:dt|time[ _-]?step|frame[ _-]?time)[ _]*[:=]?[ _]*(\d*\.\d+)(?:[ _]*s)?(?![\da-z])", re.IGNORECASE
 )
@@ -147,13 +151,15 @@ def contradiction(rates: Sequence[StatedRate]) -> MotionError:
 
 def stated_rates(path: Path, comments: Sequence[str]) -> list[StatedRate]:
     """Return the frame rates that comments and the name, else the name of the folder state, each with its source."""
-    found = [float(next(filter(None, match.groups()))) for line in comments for match in _IN_COMMENT.finditer(line)]
+    parts = [part for line in comments for part in re.split("[,;]", line) if not _OF_A_FILTER.search(part)]
+    found = [float(next(filter(None, match.groups()))) for part in parts for match in _IN_COMMENT.finditer(part)]
     found += [rate for line in comments for rate in _of_steps(line)]
     told = [
         *((rate, "a comment") for rate in found),
         *((rate, "the file name") for rate in (*rates_in_name(path.stem), *_of_steps(path.stem))),
     ]
-    return list(dict.fromkeys(told or ((rate, "the folder's name") for rate in rates_in_name(path.parent.name))))
+    folder = path.absolute().parent.name
+    return list(dict.fromkeys(told or ((rate, "the folder's name") for rate in rates_in_name(folder))))
 
 
 def without_steps(name: str) -> str:

@@ -96,14 +96,17 @@ def read_table(path: Path) -> Table:
 
 
 def _separator(lines: list[str]) -> str | None:
-    """Return what splits the last line into the most cells, numbers all of them."""
+    """Return what splits one of the last two lines into the most cells, numbers all; the very last may be cut off."""
 
-    def score(separator: str | None) -> tuple[int, int]:
-        cells = _cells(lines[-1], separator)
+    def count(line: str, separator: str | None) -> int:
+        cells = _cells(line, separator)
         while cells and cells[-1] in _MISSING:
             cells.pop()
         good = sum(map(_is_number, cells))
-        return (good if good > len(cells) / 2 else 0, -_SEPARATORS.index(separator))
+        return good if good > len(cells) / 2 else 0
+
+    def score(separator: str | None) -> tuple[int, int]:
+        return (max(count(line, separator) for line in lines[-2:]), -_SEPARATORS.index(separator))
 
     return max(_SEPARATORS, key=score)
 

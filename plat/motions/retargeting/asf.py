@@ -22,6 +22,8 @@ __all__ = ["find_asf", "read_amc", "skeletons_beside"]
 _USUAL_FPS = 120.0
 # HDM05 ends its names in the rate
 _RATE_LAST = re.compile(r"_(30|60|120|240)$")
+# CMU's names are subject and trial: 16_30 is no rate
+_OF_CMU = re.compile(r"\d+_\d+")
 # what a value of a frame may move: along or about an axis, or a bone's length, which is left as it is
 _FREEDOM = frozenset(("tx", "ty", "tz", "rx", "ry", "rz", "l"))
 
@@ -96,6 +98,8 @@ def read_amc(path: str | Path, fps: float | None = None, angles: Angles | None =
         told = not told
     if fps is None:
         stated = rates_in_name(path.stem) or [float(rate) for rate in _RATE_LAST.findall(path.stem)]
+        if _OF_CMU.fullmatch(path.stem):
+            stated = []
         fps = stated[-1] if stated else _USUAL_FPS
         notes.append(
             "fps from the file name" if stated else f"{_USUAL_FPS:g} fps assumed, as CMU and HDM05 have (else: --fps)"

@@ -48,7 +48,7 @@ def test_poses_that_tell_nothing_are_refused():
 def test_real_motions_of_both_robots(shared_data):
     from plat.motions import load_motions
 
-    clips = load_motions(shared_data / "motions" / "bandai_val.npz")[::4]
+    clips = load_motions(shared_data / "motions" / "bandai_val.npz")
     wrong = refused = 0
     for clip in clips:
         for names in (CUT, SMALL):
@@ -57,4 +57,4 @@ def test_real_motions_of_both_robots(shared_data):
             except MotionError:
                 refused += 1
     assert wrong == 0
-    assert refused < 0.1 * 2 * len(clips)
+    assert refused < 0.12 * 2 * len(clips)

@@ -170,7 +170,8 @@ def test_bones_may_be_missing(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "rate"), [("a.amc", 120), ("a_60fps.amc", 60), ("HDM_bd_walk_001_30.amc", 30), ("a_14.amc", 120)]
+    ("name", "rate"),
+    [("a.amc", 120), ("a_60fps.amc", 60), ("HDM_bd_walk_001_30.amc", 30), ("a_14.amc", 120), ("16_30.amc", 120)],
 )
 def test_the_rate_is_in_the_name_or_the_usual_one(tmp_path, name, rate):
     write_asf(tmp_path / "a.asf")
