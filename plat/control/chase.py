@@ -170,7 +170,7 @@ class Chase(Iterator[ChaseStep]):
         self.simulator.step(self._joint_target)
         self._steps += 1
         after, reference = self.simulator.state(), self.sequence.sample(self.time)
-        timing, root = self._controller.timing, self.sequence.commanded(self.time, self._began[1])
+        timing, root = self._controller.timing, self.sequence.on_the_way(*self._began, self.time)
         return ChaseStep(self.time, command, holding, before, self._joint_target, after, reference, timing, root)
 
 

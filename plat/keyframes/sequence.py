@@ -127,17 +127,13 @@ class KeyframeSequence:
         """
         return _between(self.arrived, time)
 
-    def commanded(self, time: float, began: Keyframe | None = None) -> Keyframe:
-        """Return the pose at a time (s) with the root as it is commanded: what no keyframe says is as it was.
+    def commanded(self, time: float) -> Keyframe:
+        """Return the pose at a time (s) with the root as it is commanded: what no keyframe says is as it was."""
+        return _between(self._commanded, time)
 
-        Args:
-            time: seconds.
-            began: what the way to the present keyframe begins with, :meth:`began`; None for what was commanded last.
-        """
-        if began is None:
-            return _between(self._commanded, time)
-        after = next((pose for pose in self._commanded[1:] if pose.time > time - 1e-9), self._commanded[-1])
-        return _between((began, after), time)
+    def on_the_way(self, index: int, began: Keyframe, time: float) -> Keyframe:
+        """Return the same on the way to keyframe ``index`` from what it begins with, :meth:`began`."""
+        return _between((began, self._commanded[index + 1]), time)
 
     def began(self, index: int, measured: Keyframe) -> Keyframe:
         """Return what the way to keyframe ``index`` begins with: what the one before left open of the root is measured.

@@ -220,5 +220,5 @@ def test_pictures_of_an_earlier_start_do_not_stay(tmp_path, monkeypatch):
     monkeypatch.setattr(benchmark, "save_figure", touch)
     for name in ("radar.png", "radar.pdf"):
         (tmp_path / name).touch()
-    benchmark.draw(tmp_path, Study(scores=made_up("PLAT", "wbc", horizons=("long", "mixed"))))
+    benchmark.draw(tmp_path, Study(scores=made_up("PLAT", "wbc", horizons=("long", "mixed"))), 0.02)
     assert {path.name for path in tmp_path.iterdir()} == {"success.png", "horizon.png"}

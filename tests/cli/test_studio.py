@@ -92,6 +92,7 @@ def test_a_signal_ends_it_with_an_autosave(monkeypatch, tmp_path, name):
     if not hasattr(signal, name):
         pytest.skip(f"this system has no {name}")
     number = getattr(signal, name)
+    kept = signal.signal(number, signal.SIG_DFL)  # under nohup HUP is ignored, and is to be
     run, before = Studio.run, signal.getsignal(number)
 
     def edited_and_ended(self: Studio) -> None:
@@ -101,9 +102,12 @@ def test_a_signal_ends_it_with_an_autosave(monkeypatch, tmp_path, name):
         run(self)
 
     monkeypatch.setattr(Studio, "run", edited_and_ended)
-    studio.main(studio.StudioRecipe(runs=(PLAT,), port=free_port(), folder=tmp_path, browser=False))
-    assert (tmp_path / AUTOSAVE).exists()
-    assert signal.getsignal(number) == before
+    try:
+        studio.main(studio.StudioRecipe(runs=(PLAT,), port=free_port(), folder=tmp_path, browser=False))
+        assert (tmp_path / AUTOSAVE).exists()
+        assert signal.getsignal(number) == before
+    finally:
+        signal.signal(number, kept)
 
 
 def test_a_file_is_proposed_under_its_own_place_in_the_folder(tmp_path, monkeypatch, capsys):

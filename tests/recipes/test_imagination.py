@@ -285,9 +285,10 @@ def test_minutes_hold_an_iteration_at_least_and_no_report(tmp_path, monkeypatch)
 
 
 def test_motions_too_short_for_the_report_leave_it_out(tmp_path, capsys):
-    save_motions(tmp_path / "short.npz", [standing_clip("short", 30)])
-    briefly = ["--unseen", tmp_path / "short.npz", "--model.hidden", 16, "--out", tmp_path / "run"]
-    main(["imagine", *map(str, [*QUICK, *briefly])])
+    save_motions(tmp_path / "short.npz", [standing_clip("short", 20)])
+    arguments = list(RECIPES["expert-model"])
+    arguments.insert(arguments.index("--unseen") + 1, tmp_path / "short.npz")
+    main(["expert-model", *map(str, [*arguments, "--steps", 64, "--out", tmp_path / "run"])])
     assert "model error: no episode of the unseen motions lasted 48 steps" in capsys.readouterr().out
     assert SavedRun(tmp_path / "run").config["finished"]
 

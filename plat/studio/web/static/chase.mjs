@@ -59,8 +59,8 @@ export class Chase {
     this.taken += 1;
     const qpos = [...this.data.qpos];
     this.poses.push(qpos);
-    const after = this.commanded.slice(1).find((pose) => pose.time > this.time - 1e-9) ?? this.commanded[this.commanded.length - 1];
-    this.scorer.add(command, qpos, this.time, between(this.arrived, this.time), between([this.began.pose, after], this.time), policy.window);
+    const way = between([this.began.pose, this.commanded[command.index + 1]], this.time);
+    this.scorer.add(command, qpos, this.time, between(this.arrived, this.time), way, policy.window);
     this.errors.push(compare(robot, qpos, keyframe, mask(keyframe, robot.site))); // how far it still is
   }
 
