@@ -26,6 +26,7 @@ from plat.objectives import PPO, motor_gradient
 from plat.recipes.options import RefineModelRecipe, RefineRecipe, check_partial
 from plat.recipes.students import saved_student
 from plat.rendering import Films
+from plat.robots import get_robot
 from plat.runs import Budget, Run, begin, check_drives, report_errors, run_inputs, training_motions
 from plat.runs.announce import begins, next_command
 from plat.runs.user_modules import import_modules
@@ -49,7 +50,6 @@ def main(recipe: RefineRecipe) -> None:
     student, timing = load_student(recipe, "plat distill")
     horizon = horizon_named(recipe.horizon, timing)
     library = training_motions(recipe, timing.control_dt)
-    check_drives(student.robot, library.robot, f"--student {str(recipe.student)!r}")
     policy = VARIANTS[recipe.variant](student, recipe.policy).to(device)
     critic = Critic(library.robot, student_keys(student.config.also), recipe.critic).to(device)
     ppo = PPO(policy.head(), critic.head(), critic.observe(), recipe.ppo, action_key=policy.sample_key)
@@ -114,11 +114,12 @@ def load_student(recipe: RefineRecipe | RefineModelRecipe, made_by: str) -> tupl
 
     Raises:
         CheckpointError: for another policy.
-        ConfigError: for a fine-tuned one whose lead is not that of the recipe.
+        ConfigError: for one of another robot, and a fine-tuned one whose lead is not that of the recipe.
     """
     expected = f"a student with a latent, of {made_by} (--student)"
     student = saved_student(recipe.student, LatentPolicy, expected, lead=recipe.policy.lead)
     check_partial(recipe.task.partial, student.config.also)
+    check_drives(student.robot, get_robot(recipe.robot), f"--student {str(recipe.student)!r}")
     return student, timing_of(student) or Timing()
 
 

@@ -10,7 +10,7 @@ from plat.motions import MotionLibrary
 from plat.recipes.learning import learn
 from plat.recipes.options import RefineModelRecipe
 from plat.recipes.refine import VARIANTS, load_student
-from plat.runs import begin, check_drives, report_errors, training_motions
+from plat.runs import begin, report_errors, training_motions
 from plat.runs.announce import next_command
 from plat.tasks import TimedKeyframes
 
@@ -22,7 +22,6 @@ def main(recipe: RefineModelRecipe) -> None:
     device = recipe.device
     student, timing = load_student(recipe, "plat distill or plat imagine --student latent")
     library = training_motions(recipe, timing.control_dt)
-    check_drives(student.robot, library.robot, f"--student {str(recipe.student)!r}")
     policy = VARIANTS[recipe.variant](student, recipe.policy).to(device)
 
     def task(motions: MotionLibrary) -> TimedKeyframes:

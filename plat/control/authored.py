@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from plat.errors import KeyframeError
 from plat.keyframes import Keyframe, KeyframeSequence, split_long_intervals, standing
 from plat.keyframes.chain_families import AHEAD, FAMILY_TABLE, MIDDLE, TRIES, ChainFamily
+from plat.keyframes.chain_needs import lacking
 from plat.keyframes.partial import hands_of
 from plat.motions import MotionLibrary
 from plat.motions.checks.collision import self_penetration
@@ -24,7 +25,7 @@ from plat.rotations import quat_from_rotvec, quat_multiply
 from plat.spec.parts import Parts
 from plat.spec.timing import Timing
 
-__all__ = ["FAMILIES", "Authored", "author", "lacking", "resting_poses"]
+__all__ = ["FAMILIES", "Authored", "author", "resting_poses"]
 
 Pose = NDArray[np.float64]
 """Root position (m, world), root quaternion ``wxyz`` and joint angles (rad): ``[7 + J]``."""
@@ -74,7 +75,8 @@ def author(
         timing: of the policy that is to chase them; an interval beyond its longest command is split.
 
     Raises:
-        KeyframeError: for another family, or one that needs what is not there, see :func:`lacking`.
+        KeyframeError: for another family, or one that needs what is not there, see
+            :func:`plat.keyframes.chain_needs.lacking`.
 
     >>> from plat.robots import G1
     >>> chain = author("arms", G1, count=1, seed=0)[0]
@@ -118,22 +120,6 @@ def _on_steps(drawn: NDArray[np.float64], family: ChainFamily, timing: Timing) -
         times.append(rounded)
         before = timing.steps(rounded)
     return times
-
-
-def lacking(family: ChainFamily, robot: Robot, resting: Pose | None) -> str:
-    """Return what a family needs and neither the robot nor the resting poses have; empty when it can be drawn.
-
-    >>> from plat.robots import G1
-    >>> lacking(FAMILIES["hold"], G1, None)
-    'resting poses: give motions that have some'
-    """
-    if family.resting and (resting is None or len(resting) == 0):
-        return "resting poses: give motions that have some"
-    if family.needs_hands and not all(hands_of(robot)):
-        return f"hands, of which robot {robot.name!r} has not two"
-    if family.lowered is not None and not has_six_joint_legs(robot):
-        return f"legs of six joints named as those of the G1, which robot {robot.name!r} has not"
-    return ""
 
 
 def resting_poses(library: MotionLibrary) -> Pose:

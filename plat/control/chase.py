@@ -59,7 +59,7 @@ class ChaseStep:
     timing: Timing
     """of the policy"""
     root: Keyframe | None = None
-    """where the root is to be at the end of the step, see :meth:`plat.keyframes.KeyframeSequence.commanded`"""
+    """where the root is to be at the end of the step, see :meth:`plat.keyframes.KeyframeSequence.on_the_way`"""
 
     @property
     def in_window(self) -> bool:

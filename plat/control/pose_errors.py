@@ -84,7 +84,7 @@ class PoseComparison:
             state: of the robot.
             pose: that it should have.
             commands: parts of it that are commanded; None for all.
-            root: where its root should be, :meth:`plat.keyframes.KeyframeSequence.commanded`. None for where the pose
+            root: where its root should be, :meth:`plat.keyframes.KeyframeSequence.on_the_way`. None for where the pose
                 has it, and upright where that is not commanded.
         """
         actual = self._keypoints_of(state.qpos)

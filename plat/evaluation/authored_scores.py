@@ -11,7 +11,7 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 from torchrl.envs import Transform
 
-from plat.control.authored import FAMILIES, Authored, author, lacking, resting_poses
+from plat.control.authored import FAMILIES, Authored, author, resting_poses
 from plat.control.feasibility import Feasibility
 from plat.envs.reach import distances, down
 from plat.envs.settings import ReachLimits
@@ -19,7 +19,9 @@ from plat.errors import RecordsError
 from plat.evaluation.authored_rollout import AuthoredRollout, Pushes
 from plat.evaluation.records import read_columns, write_columns
 from plat.evaluation.report import estimate, share
+from plat.evaluation.score_table import with_conditions
 from plat.files import replace_table
+from plat.keyframes.chain_needs import lacking
 from plat.motions import MotionLibrary
 from plat.robots import Robot
 from plat.spec.timing import Timing
@@ -227,8 +229,8 @@ def author_families(
 ) -> list[Authored]:
     """Return ``count`` chains of every authored family that a policy of a timing can be given.
 
-    Left out are families that the motions or the robot lack something for (:func:`plat.control.authored.lacking`), and
-    ``far3s`` when the longest command is shorter than its 3 s.
+    Left out are families that the motions or the robot lack something for
+    (:func:`plat.keyframes.chain_needs.lacking`), and ``far3s`` when the longest command is shorter than its 3 s.
 
     Args:
         robot: whose keyframes they are.
@@ -279,16 +281,15 @@ def write_authored_csv(path: Path, records: Mapping[str, AuthoredRecords], condi
         records: by the names of the policies.
         conditions: what the test had of its own, in words: a last column. Without any there is no such column.
     """
-    told = (conditions,) if conditions else ()
     rows: list[tuple[object, ...]] = []
     for policy, of_policy in records.items():
         for family in dict.fromkeys(of_policy.family):
             score = AuthoredScore.of(of_policy, family)
             for name in ("fell", "reached", "late_or_off", "reached_feasible", "fell_in_hold", "stepped"):
                 figures = ("" if math.isnan(value) else f"{value:.3f}" for value in getattr(score, name))
-                rows.append((policy, family, score.chains, name, *figures, *told))
+                rows.append((policy, family, score.chains, name, *figures))
     columns = ("policy", "family", "chains", "metric", "value", "low", "high")
-    replace_table(path, columns + ("conditions",) * len(told), rows)
+    replace_table(path, *with_conditions(columns, rows, conditions))
 
 
 def _feasibility(robot: Robot, chains: Sequence[Authored]) -> tuple[Tensor, Tensor]:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from plat.evaluation.records import CommandRecords
 from plat.evaluation.report import Estimate, compare, report
@@ -27,6 +28,7 @@ __all__ = [
     "paired",
     "rows",
     "table",
+    "with_conditions",
     "write_csv",
 ]
 
@@ -149,8 +151,19 @@ def write_csv(path: Path, scores: Iterable[Score], conditions: str = "") -> None
         scores: the scores.
         conditions: what the test had of its own, in words: a last column. Without any there is no such column.
     """
+    replace_table(path, *with_conditions(COLUMNS, rows(scores), conditions))
+
+
+def with_conditions(
+    columns: Sequence[str], found: Iterable[tuple[Any, ...]], conditions: str
+) -> tuple[tuple[str, ...], list[tuple[Any, ...]]]:
+    """Return the columns and the rows of a table, with what its test had of its own in a last column, if anything.
+
+    >>> with_conditions(("policy", "tks"), [("plat", 99.0)], "dense reference")
+    (('policy', 'tks', 'conditions'), [('plat', 99.0, 'dense reference')])
+    """
     told = (conditions,) if conditions else ()
-    replace_table(path, COLUMNS + ("conditions",) * len(told), [row + told for row in rows(scores)])
+    return (*columns, *("conditions" for _ in told)), [row + told for row in found]
 
 
 def overview(scores: Sequence[Score]) -> str:

@@ -10,7 +10,7 @@ from plat.errors import PlatError, RecordsError
 from plat.evaluation.disturbance import STRENGTHS
 from plat.evaluation.groups import GroupScore
 from plat.evaluation.report import Estimate
-from plat.evaluation.score_table import COLUMNS, Difference, Score, rows
+from plat.evaluation.score_table import COLUMNS, Difference, Score, rows, with_conditions
 from plat.evaluation.study import ClipScore, CurvePoint, Study
 from plat.files import replace_table
 from plat.json_file import short
@@ -32,8 +32,7 @@ def write_study(study: Study, folder: Path, conditions: str = "") -> None:
     """
 
     def write(path: Path, columns: tuple[str, ...], found: list[tuple[Any, ...]]) -> None:
-        told = (conditions,) if conditions else ()
-        _write(path, columns + ("conditions",) * len(told), [row + told for row in found])
+        _write(path, *with_conditions(columns, found, conditions))
 
     for name, table in (("scores.csv", study.scores), ("interfaces.csv", study.interfaces), ("dense.csv", study.dense)):
         write(folder / name, COLUMNS, rows(table))

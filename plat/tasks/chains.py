@@ -10,8 +10,8 @@ from torch import Tensor
 from plat.bounds import as_names, check_value
 from plat.errors import TaskError
 from plat.keyframes.chain_families import AHEAD, FAMILY_TABLE, MIDDLE, TRIES, ChainFamily
+from plat.keyframes.chain_needs import lacking
 from plat.keyframes.partial import hands_of
-from plat.motions.generation.whole_body import has_six_joint_legs
 from plat.motions.library import MotionLibrary
 from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
@@ -113,10 +113,7 @@ def draw_chains(
         drawn = [
             family
             for family in (FAMILY_TABLE[name] for name in families)
-            if (len(resting) or not family.resting)
-            and (longest >= 2 * second or not _distant(family))
-            and (all(hands_of(library.robot)) or not family.needs_hands)
-            and (has_six_joint_legs(library.robot) or family.lowered is None)
+            if (longest >= 2 * second or not _distant(family)) and not lacking(family, library.robot, resting)
         ]
         if not drawn:
             raise TaskError(

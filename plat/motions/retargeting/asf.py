@@ -97,9 +97,8 @@ def read_amc(path: str | Path, fps: float | None = None, angles: Angles | None =
         notes.append(f"angles in {'radians' if told else 'degrees'} and not as stated, as the motion shows")
         told = not told
     if fps is None:
-        stated = rates_in_name(path.stem) or [float(rate) for rate in _RATE_LAST.findall(path.stem)]
-        if _OF_CMU.fullmatch(path.stem):
-            stated = []
+        last = [] if _OF_CMU.fullmatch(path.stem) else _RATE_LAST.findall(path.stem)
+        stated = rates_in_name(path.stem) or list(map(float, last))
         fps = stated[-1] if stated else _USUAL_FPS
         notes.append(
             "fps from the file name" if stated else f"{_USUAL_FPS:g} fps assumed, as CMU and HDM05 have (else: --fps)"
