@@ -11,6 +11,7 @@ from plat.motions.formats.beside import rates_beside
 from plat.motions.formats.clock import distinct_rates, rate_of_times, stated_rates
 from plat.motions.formats.columns import Parts, split_columns
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, check_rate, make_clip
+from plat.motions.formats.joint_orders import in_robot_order
 from plat.motions.formats.pace import Pace, UnfitRateError, settled_rate
 from plat.motions.formats.quaternion_order import choose_quat_order, settle_joint_order, settle_quat_order
 from plat.motions.formats.rate import without_rates
@@ -79,7 +80,8 @@ def _in_joint_order(
     def read(joints: np.ndarray) -> np.ndarray:
         return _clip(name, parts, joints, order or "wxyz", options).qpos
 
-    return settle_joint_order(joint_pos, read, options, order)
+    listed, notes = settle_joint_order(joint_pos, read, options, order)
+    return in_robot_order(joint_pos, listed, options.robot), notes
 
 
 def _with_turn(name: str, parts: Parts, joint_pos: np.ndarray, options: ReadOptions) -> Parts:

@@ -1,13 +1,13 @@
 """Orders in which programs list joints, and which of them makes poses that people take."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from plat.errors import MotionError
 from plat.robots.robot import Robot, without_side
 
-__all__ = ["breadth_first", "likely_order", "usual_orders"]
+__all__ = ["JointOrderError", "breadth_first", "in_robot_order", "likely_order", "usual_orders"]
 
 # Median and mean absolute deviation (rad) of joints in retargeted motions of people, left side. Measured on 270 clips
 # (Bandai-Namco, CMU, HDM05, SIE, ASE, g1-moves); wrists, which they leave at rest, are given more.
@@ -38,6 +38,15 @@ _BEYOND = 20.0
 _SURE, _CHANCE = 3.0, 0.1
 _FRAMES = 2_000
 _LEGS, _WAIST = ("hip", "knee", "ankle"), "waist"
+
+
+class JointOrderError(MotionError):
+    """Columns without names whose order its poses leave open."""
+
+
+def in_robot_order(joints: np.ndarray, listed: Sequence[str], robot: Robot) -> np.ndarray:
+    """Return columns ``[T, J]`` that are the listed joints, all of a robot's, in the robot's order."""
+    return joints[:, [listed.index(joint) for joint in robot.joint_names]]
 
 
 def breadth_first(robot: Robot) -> list[str]:
@@ -88,7 +97,7 @@ def likely_order(angles: np.ndarray, robot: Robot) -> tuple[list[str], list[str]
     Left and right are not told apart. None for a robot whose usual poses are not known.
 
     Raises:
-        MotionError: where another order than the robot's makes the likelier poses, and not by far.
+        JointOrderError: where another order than the robot's makes the likelier poses, and not by far.
     """
     own = list(robot.joint_names)
     if not all(without_side(name) in _USUAL for name in own) or not np.isfinite(angles).all():
@@ -101,7 +110,7 @@ def likely_order(angles: np.ndarray, robot: Robot) -> tuple[list[str], list[str]
     if gain <= _CHANCE:
         return own, []
     if gain <= _SURE:
-        raise MotionError(
+        raise JointOrderError(
             f"nothing states the order of its joints, and its poses are as likely with those of robot {robot.name!r} "
             f"as with them {best}; name them, in a header or 'joint_names'"
         )

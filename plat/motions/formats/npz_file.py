@@ -17,6 +17,7 @@ from plat.motions.formats.archive import read_archive, states_rate, take_rate, t
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, number, strings
 from plat.motions.formats.foreign import refuse_human_body, refuse_old_arrays
 from plat.motions.formats.joint_columns import is_root
+from plat.motions.formats.joint_orders import in_robot_order
 from plat.motions.formats.kimodo import KIMODO_FPS, has_links, read_kimodo
 from plat.motions.formats.names import array_meaning
 from plat.motions.formats.pace import settled_rate
@@ -291,8 +292,8 @@ def _clip(
     if not doubtful:
         return read(joint_pos, stated)
     if names is None and joint_pos.shape[1] == qpos.shape[1] - 7:
-        joint_pos, found = settle_joint_order(joint_pos, lambda joints: read(joints, stated).qpos, options, stated)
-        more += found
+        listed, found = settle_joint_order(joint_pos, lambda joints: read(joints, stated).qpos, options, stated)
+        joint_pos, more = in_robot_order(joint_pos, listed, robot), [*more, *found]
     clip = read(joint_pos, stated)
     order, doubts = settle_quat_order(clip.qpos, fps, options.soles, "wxyz")
     return read(joint_pos, order, doubts) if doubts and options.quat_order is None else clip

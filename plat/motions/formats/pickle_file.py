@@ -1,7 +1,8 @@
 """Pickles of GMR and TWIST2, joblib's of ASAP and PBHC, which hold ``xyzw`` quaternions, and MimicKit's."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,13 @@ from plat.motions.formats.clock import StatedRate, rates_of_fields
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, strings
 from plat.motions.formats.decompress import check_numbers, decompress
 from plat.motions.formats.foreign import refuse_human_body
+from plat.motions.formats.joint_orders import JointOrderError, in_robot_order
 from plat.motions.formats.names import array_meaning
 from plat.motions.formats.pace import settled_rate
 from plat.motions.formats.quaternion_order import settle_joint_order, settle_quat_order
 from plat.motions.formats.unnamed_joints import unnamed_joints
 from plat.motions.formats.unpickle import PickledArray, unpickle
+from plat.robots.robot import Robot
 from plat.rotations_np import quat_from_rotvec
 
 __all__ = ["read_fields", "read_pickle"]
@@ -26,6 +29,7 @@ __all__ = ["read_fields", "read_pickle"]
 _ROOT_POS = ("root_pos", "root_trans_offset", "root_trans", "base_pos")
 _ROOT_QUAT = ("root_rot", "root_quat", "base_quat")
 _JOINT_POS = ("dof_pos", "dof", "joint_pos")
+_FIELD = "/".join(_JOINT_POS)
 _NAMES = ("joint_names", "dof_names", "joint_order", "motor_names")
 # what MimicKit calls its rows of root position, rotation vector and joints
 _FRAMES = "frames"
@@ -69,7 +73,15 @@ def read_fields(path: Path, content: Any, options: ReadOptions, packed: int, siz
     motions = {path.stem: content} if single else content
     if len(motions) > _FEW + packed // _LEAST_BYTES:
         raise MotionError(f"it names {len(motions)} motions, expected at least {_LEAST_BYTES} bytes for each")
-    clips, orders = [], set[str]()
+    read: dict[Any, _Motion] = {}
+
+    @contextmanager
+    def naming(name: Any) -> Iterator[None]:
+        try:
+            yield
+        except MotionError as error:
+            raise error if single else MotionError(f"motion {name!r}: {error}") from None
+
     # a file may name one array a thousand times: what is read must not be larger than what is there
     spare = size
     numbers = 0
@@ -78,10 +90,13 @@ def read_fields(path: Path, content: Any, options: ReadOptions, packed: int, siz
             raise MotionError(f"entry {name!r:.60} is a {type(fields).__name__}, expected a dictionary of a motion")
         numbers += sum(map(_count, fields.values()))
         check_numbers(numbers, packed)
-        try:
-            clip, order = _read_motion(str(name), fields, options)
-        except MotionError as error:
-            raise error if single else MotionError(f"motion {name!r}: {error}") from None
+        with naming(name):
+            read[name] = _Motion.of(str(name), fields, options)
+    layouts = _layouts(read, naming)
+    clips, orders = [], set[str]()
+    for name, motion in read.items():
+        with naming(name):
+            clip, order = motion.clip(layouts[name])
         spare -= clip.qpos.nbytes // 4
         if spare < 0:
             raise MotionError("its motions are larger than the file")
@@ -91,41 +106,128 @@ def read_fields(path: Path, content: Any, options: ReadOptions, packed: int, siz
     return MotionFile(path, kind, clips, (f"quaternion {'/'.join(sorted(orders))}",))
 
 
-def _read_motion(name: str, fields: dict[str, Any], options: ReadOptions) -> tuple[MotionClip, QuatOrder]:
-    robot = options.robot
-    fields, usual = _with_parts(_renamed(fields))
-    root_pos, root_quat, joint_pos = (_array(fields, names) for names in (_ROOT_POS, _ROOT_QUAT, _JOINT_POS))
-    listed = next((_unwrap(fields[key]) for key in _NAMES if key in fields), None)
-    names = None if listed is None else strings(listed, "joint_names")
-    without_wrists = [joint for joint in robot.joint_names if "wrist" not in joint]
-    if names is None and joint_pos.ndim == 2 and joint_pos.shape[1] == len(without_wrists):
-        try:
-            names = unnamed_joints(joint_pos.astype(np.float64), robot, "/".join(_JOINT_POS))
-        except MotionError:
-            names = without_wrists  # the format of ASAP and PBHC
-    arranged, notes = arrange_joints(joint_pos, names, robot, "/".join(_JOINT_POS))
-    rates = _rates(fields) if options.fps is None else [(options.fps, "--fps")]
-    fps = rates[0][0]
-    called = ("/".join(_ROOT_POS), "/".join(_ROOT_QUAT))
+@dataclass(frozen=True)
+class _Layout:
+    """Which joints the columns of a motion are, and what is to be said of it."""
 
-    def read(joints: np.ndarray, order: QuatOrder, doubts: Sequence[str] = ()) -> MotionClip:
-        return make_clip(name, root_pos, root_quat, joints, fps, options, order, called, (*doubts, *notes))
+    joints: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
-    stated = options.quat_order or usual
-    if names is None and joint_pos.shape[1] == robot.num_joints:
-        arranged, found = settle_joint_order(arranged, lambda joints: read(joints, stated).qpos, options, stated)
-        notes += found
-    clip, order = read(arranged, stated), stated
-    if options.quat_order is None:
-        in_file = clip.qpos.copy()
-        if stated == "xyzw":
-            in_file[:, 3:7] = clip.qpos[:, [4, 5, 6, 3]]
-        order, doubts = settle_quat_order(in_file, fps, options.soles, stated)
-        clip = read(arranged, order, doubts) if doubts else clip
-    if len(rates) > 1:
-        fps, told = settled_rate(rates, [clip], robot)
-        clip = replace(clip, fps=fps, notes=(*clip.notes, told))
-    return clip, order
+
+@dataclass(frozen=True)
+class _Motion:
+    """One motion of a file, as it is written there.
+
+    Attributes:
+        name: of the clip.
+        root_pos: ``[T, 3]``.
+        root_quat: ``[T, 4]``, in the order ``stated``.
+        joint_pos: ``[T, n]``.
+        names: of its columns, where the file has them.
+        rates: that its fields state, the first one first.
+        stated: order of the quaternion by the options or the format.
+        options: what the user says.
+    """
+
+    name: str
+    root_pos: np.ndarray
+    root_quat: np.ndarray
+    joint_pos: np.ndarray
+    names: list[str] | None
+    rates: list[StatedRate]
+    stated: QuatOrder
+    options: ReadOptions
+
+    @classmethod
+    def of(cls, name: str, fields: dict[str, Any], options: ReadOptions) -> "_Motion":
+        fields, usual = _with_parts(_renamed(fields))
+        root_pos, root_quat, joint_pos = (_array(fields, names) for names in (_ROOT_POS, _ROOT_QUAT, _JOINT_POS))
+        listed = next((_unwrap(fields[key]) for key in _NAMES if key in fields), None)
+        names = None if listed is None else strings(listed, "joint_names")
+        rates = _rates(fields) if options.fps is None else [(options.fps, "--fps")]
+        return cls(name, root_pos, root_quat, joint_pos, names, rates, options.quat_order or usual, options)
+
+    def layout(self) -> _Layout | None:
+        """Return what the joints without names are by the poses they make; None where names or their number say it.
+
+        Raises:
+            JointOrderError: where the poses leave it open.
+        """
+        robot, joint_pos = self.options.robot, self.joint_pos
+        if self.names is not None or joint_pos.ndim != 2 or joint_pos.dtype.kind not in "fiu":
+            return None
+        if joint_pos.shape[1] == len(_without_wrists(robot)):
+            return _Layout(tuple(unnamed_joints(joint_pos.astype(np.float64), robot, _FIELD)))
+        if joint_pos.shape[1] != robot.num_joints:
+            return None
+        joints, notes = settle_joint_order(
+            joint_pos.astype(np.float64), lambda joints: self._read(joints, self.stated).qpos, self.options, self.stated
+        )
+        return _Layout(tuple(joints), tuple(notes))
+
+    def clip(self, layout: _Layout | None) -> tuple[MotionClip, QuatOrder]:
+        """Return the clip, and the order that its quaternions turned out to have."""
+        robot, order = self.options.robot, self.stated
+        joint_pos, names = self.joint_pos, self.names
+        notes: tuple[str, ...] = ()
+        if layout is not None and len(layout.joints) == robot.num_joints:
+            joint_pos, notes = in_robot_order(joint_pos, layout.joints, robot), layout.notes
+        elif layout is not None:
+            names, notes = list(layout.joints), layout.notes
+        joint_pos, more = arrange_joints(joint_pos, names, robot, _FIELD)
+        notes = (*more, *notes)
+        clip = self._read(joint_pos, order, notes)
+        if self.options.quat_order is None:
+            in_file = clip.qpos.copy()
+            if order == "xyzw":
+                in_file[:, 3:7] = clip.qpos[:, [4, 5, 6, 3]]
+            order, doubts = settle_quat_order(in_file, clip.fps, self.options.soles, order)
+            clip = self._read(joint_pos, order, (*doubts, *notes)) if doubts else clip
+        if len(self.rates) > 1:
+            fps, told = settled_rate(self.rates, [clip], robot)
+            clip = replace(clip, fps=fps, notes=(*clip.notes, told))
+        return clip, order
+
+    def _read(self, joint_pos: np.ndarray, order: QuatOrder, notes: tuple[str, ...] = ()) -> MotionClip:
+        fps, called = self.rates[0][0], ("/".join(_ROOT_POS), "/".join(_ROOT_QUAT))
+        return make_clip(self.name, self.root_pos, self.root_quat, joint_pos, fps, self.options, order, called, notes)
+
+
+def _layouts(
+    motions: Mapping[Any, _Motion], naming: Callable[[Any], AbstractContextManager[None]]
+) -> dict[Any, _Layout | None]:
+    """Return the layout of every motion of a file; one that leaves it open has that of the others, if these agree.
+
+    Raises:
+        MotionError: for the first motion that leaves its layout open, where the others do not tell either.
+    """
+    layouts: dict[Any, _Layout | None] = {}
+    doubts: dict[Any, JointOrderError] = {}
+    for key, motion in motions.items():
+        with naming(key):
+            try:
+                layouts[key] = motion.layout()
+            except JointOrderError as error:
+                doubts[key] = error
+    for key, doubt in doubts.items():
+        count, robot = motions[key].joint_pos.shape[1], motions[key].options.robot
+        others = {
+            layout.joints
+            for other, layout in layouts.items()
+            if layout is not None and motions[other].joint_pos.shape[1] == count
+        }
+        if len(others) == 1:
+            layouts[key] = _Layout(others.pop(), ("joints as in the file's other motions",))
+        elif count != robot.num_joints:
+            layouts[key] = _Layout(tuple(_without_wrists(robot)))  # the format of ASAP and PBHC
+        else:
+            with naming(key):
+                raise doubt
+    return layouts
+
+
+def _without_wrists(robot: Robot) -> list[str]:
+    return [joint for joint in robot.joint_names if "wrist" not in joint]
 
 
 def _renamed(fields: dict[str, Any]) -> dict[str, Any]:

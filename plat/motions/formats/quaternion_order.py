@@ -10,7 +10,7 @@ from plat.errors import MotionError
 from plat.motions.checks.feet import Soles, lowest_step
 from plat.motions.checks.sides import EXCHANGED, apart
 from plat.motions.formats.common import QuatOrder, ReadOptions
-from plat.motions.formats.joint_orders import breadth_first, likely_order
+from plat.motions.formats.joint_orders import JointOrderError, breadth_first, in_robot_order, likely_order
 from plat.motions.formats.units import angles_in_radians
 from plat.robots.robot import Robot
 from plat.rotations import quat_rotate
@@ -115,8 +115,8 @@ def settle_joint_order(
     read: Callable[[np.ndarray], np.ndarray],
     options: ReadOptions,
     quat_order: QuatOrder | None,
-) -> tuple[np.ndarray, list[str]]:
-    """Return joints that stand in an order which nothing states, in the robot's; and notes.
+) -> tuple[list[str], list[str]]:
+    """Return the joints that columns are whose order nothing states, and notes.
 
     Orders that are tried are the robot's, breadth first, alphabetical and some more, each also with the right side
     before the left. Poses tell them apart, and for a robot whose usual poses are not known limits and soles.
@@ -128,40 +128,38 @@ def settle_joint_order(
         quat_order: of the motion; None where it is not known.
 
     Raises:
-        MotionError: where the order is not to be told, or left and right are exchanged for some of the joints.
+        JointOrderError: where the order is not to be told, or left and right are exchanged for some of the joints.
     """
-    found = likely_order(angles_in_radians(joints, options.robot).values, options.robot)
-    if found is None:
-        arranged, notes = _settle_depth(joints, read, options, quat_order)
-    else:
-        listed, notes = found
-        arranged = joints[:, [listed.index(joint) for joint in options.robot.joint_names]]
-    exchanged, more = _settle_sides(arranged, options.robot)
-    return exchanged, [*notes, *more]
+    robot = options.robot
+    found = likely_order(angles_in_radians(joints, robot).values, robot)
+    listed, notes = found or _settle_depth(joints, read, options, quat_order)
+    if not _exchanged(in_robot_order(joints, listed, robot), robot):
+        return listed, notes
+    other = {"left": "right", "right": "left"}
+    parts = [name.split("_", 1) for name in listed]
+    return ["_".join((other.get(side, side), *rest)) for side, *rest in parts], [
+        *notes,
+        "joints numbered with the right side first: only so do arms and legs stand apart",
+    ]
 
 
-def _settle_sides(joints: np.ndarray, robot: Robot) -> tuple[np.ndarray, list[str]]:
-    """Return joints with left and right exchanged where the arms show that they are, and notes."""
+def _exchanged(joints: np.ndarray, robot: Robot) -> bool:
+    """Return whether arms and legs show that left and right are exchanged."""
     radians = angles_in_radians(joints, robot).values
     arms, legs = (apart(radians, robot, part) for part in ("shoulder_roll", "hip_roll"))
     if arms is None or legs is None:
-        return joints, []
+        return False
     if arms > EXCHANGED and legs > _LEGS_EXCHANGED:
-        return joints, []
+        return False
     if arms > EXCHANGED or legs > _LEGS_UNDECIDED:
         if len(joints) < _FEW_FRAMES:
-            return joints, []
+            return False
         some, others = ("legs", "arms") if arms > EXCHANGED else ("arms", "legs")
-        raise MotionError(
+        raise JointOrderError(
             f"its {some} have left and right exchanged and its {others} do not, if its joints stand in the robot's "
             "order; name them in a header"
         )
-    other = {"left": "right", "right": "left"}
-    listed = [name.split("_", 1) for name in robot.joint_names]
-    source = ["_".join((other.get(side, side), *rest)) for side, *rest in listed]
-    return joints[:, [robot.joint_names.index(name) for name in source]], [
-        "joints numbered with the right side first: only so do arms and legs stand apart"
-    ]
+    return True
 
 
 def _settle_depth(
@@ -169,14 +167,13 @@ def _settle_depth(
     read: Callable[[np.ndarray], np.ndarray],
     options: ReadOptions,
     quat_order: QuatOrder | None,
-) -> tuple[np.ndarray, list[str]]:
-    """Return joints that are numbered depth or breadth first in the robot's order, and notes."""
-    listed = breadth_first(options.robot)
-    other = joints[:, [listed.index(joint) for joint in options.robot.joint_names]]
+) -> tuple[list[str], list[str]]:
+    """Return the joints that columns are which are numbered depth or breadth first, and notes."""
+    own, listed = list(options.robot.joint_names), breadth_first(options.robot)
     try:
-        alternative = read(other)
+        alternative = read(in_robot_order(joints, listed, options.robot))
     except MotionError:
-        return joints, []
+        return own, []
     try:
         plain = read(joints)
     except MotionError:
@@ -184,8 +181,8 @@ def _settle_depth(
     else:
         found = detect_joint_order(plain, alternative, options, quat_order)
     if found != "other":
-        return joints, []
-    return other, ["joints numbered breadth first: only so do they keep to their limits and the feet stand"]
+        return own, []
+    return listed, ["joints numbered breadth first: only so do they keep to their limits and the feet stand"]
 
 
 def choose_quat_order(as_wxyz: np.ndarray, as_xyzw: np.ndarray, fps: float, soles: Soles) -> QuatOrder | None:

@@ -10,7 +10,7 @@ import torch
 from plat.errors import MotionError
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, strings
 from plat.motions.formats.joint_columns import robot_columns
-from plat.motions.formats.joint_orders import usual_orders
+from plat.motions.formats.joint_orders import in_robot_order, usual_orders
 from plat.motions.formats.names import match_joint
 from plat.motions.formats.quaternion_order import settle_joint_order, settle_quat_order
 from plat.motions.formats.units import angles_in_radians
@@ -128,8 +128,8 @@ def read_tracker(
         def read(joints: np.ndarray) -> np.ndarray:
             return make_clip(path.stem, root_pos, root_quat, joints, fps, options, order, fields).qpos
 
-        joint_pos, notes = settle_joint_order(joint_pos.astype(np.float64), read, options, None)
-        names = list(robot.joint_names)
+        listed, notes = settle_joint_order(joint_pos.astype(np.float64), read, options, None)
+        joint_pos, names = in_robot_order(joint_pos, listed, robot), list(robot.joint_names)
     elif names is None:
         raise MotionError(
             f"no array 'joint_names' and no usable 'body_pos_w' to find the order of its {joint_pos.shape[1]} joints "

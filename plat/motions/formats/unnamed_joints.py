@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from plat.errors import MotionError
+from plat.motions.formats.joint_orders import JointOrderError
 from plat.robots.robot import Robot, without_side
 
 __all__ = ["OPTIONAL", "unnamed_joints"]
@@ -37,7 +38,8 @@ def unnamed_joints(angles: np.ndarray, robot: Robot, field: str) -> list[str]:
     those of the smaller one, which has of the waist the yaw alone and of the wrists the rolls; the poses tell.
 
     Raises:
-        MotionError: for another number of joints, or where the poses do not tell.
+        MotionError: for another number of joints.
+        JointOrderError: where the poses do not tell.
     """
     whole = list(robot.joint_names)
     cut = [name for name in whole if "wrist" not in name]
@@ -53,7 +55,7 @@ def unnamed_joints(angles: np.ndarray, robot: Robot, field: str) -> list[str]:
         return cut
     evidence = _unlikeliness(angles, cut, robot) - _unlikeliness(angles, small, robot)
     if _DOUBTFUL < evidence < _UNLIKELY:
-        raise MotionError(
+        raise JointOrderError(
             f"{field!r} has {len(cut)} joints without names: the {len(whole)} without wrists, or those of the G1 of "
             f"{len(small)}, with wrist rolls and of the waist the yaw alone? Both are plausible; name them in a header"
         )

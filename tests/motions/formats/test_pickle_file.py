@@ -10,8 +10,11 @@ import torch
 
 from plat.errors import MotionError
 from plat.motions import load_motions, read_motion_files
+from plat.motions.formats.joint_orders import usual_orders
+from plat.motions.formats.unnamed_joints import OPTIONAL, unnamed_joints
 from plat.robots import G1
 from plat.rotations import quat_to_rotvec
+from tests.motions.formats.test_layouts import clip_with_arms
 from tests.motions.formats.writers import asap_motions, bowing_clip, gmr_fields, write_asap, write_gmr
 
 
@@ -80,6 +83,68 @@ def test_joints_are_matched_by_name(tmp_path):
 LAUGHS: list[object] = []
 for _ in range(20):  # 10^20 entries for whoever walks through them
     LAUGHS = [LAUGHS] * 10
+
+
+def in_doubt(clip, order):
+    """Return fields whose joints are as likely in the robot's order as in another one."""
+    fields = gmr_fields(clip)
+    angles = fields["dof_pos"]
+    fields["dof_pos"] = 0.2 * angles + 0.8 * angles[:, [G1.joint_names.index(name) for name in order]]
+    return fields
+
+
+def test_a_motion_in_doubt_has_the_joints_of_the_others(tmp_path):
+    """Two of 556 hard clips were suspected of another order, and with them a file of all was refused."""
+    path, clip = tmp_path / "many.pkl", clip_with_arms(0.7)
+    orders = usual_orders(G1)
+    doubtful = in_doubt(clip, orders["with the waist last"])
+    path.write_bytes(pickle.dumps({"sure": gmr_fields(clip), "doubtful": doubtful, "too": gmr_fields(clip)}))
+    clips = load_motions(path)
+    assert [found.name for found in clips] == ["sure", "doubtful", "too"]
+    np.testing.assert_allclose(clips[1].qpos[:, 7:], doubtful["dof_pos"], atol=1e-6)
+    assert [found.notes for found in clips] == [(), ("joints as in the file's other motions",), ()]
+
+    breadth = gmr_fields(clip)
+    breadth["dof_pos"] = breadth["dof_pos"][:, [G1.joint_names.index(name) for name in orders["breadth first"]]]
+    path.write_bytes(pickle.dumps({"sure": breadth, "doubtful": doubtful}))
+    first, second = load_motions(path)
+    np.testing.assert_allclose(first.qpos, clip.qpos, atol=1e-6)
+    listed = [orders["breadth first"].index(name) for name in G1.joint_names]
+    np.testing.assert_allclose(second.qpos[:, 7:], doubtful["dof_pos"][:, listed], atol=1e-6)
+
+    for others in ({}, {"sure": breadth, "other": gmr_fields(clip)}):
+        path.write_bytes(pickle.dumps({"doubtful": doubtful, **others}))
+        with pytest.raises(MotionError, match=r"many.pkl': motion 'doubtful': nothing states the order of its joints"):
+            load_motions(path)
+
+
+def test_23_joints_in_doubt_are_those_of_the_others(tmp_path):
+    small = [name for name in G1.joint_names if "wrist" not in name or name.endswith("wrist_roll")]
+    small = [name for name in small if name not in OPTIONAL]
+    cut = [name for name in G1.joint_names if "wrist" not in name]
+    clip = clip_with_arms(0.7)
+
+    def motion(shares):
+        fields = gmr_fields(clip)
+        columns = [fields["dof_pos"][:, [G1.joint_names.index(name) for name in names]] for names in (cut, small)]
+        return {**fields, "dof_pos": shares * columns[0] + (1 - shares) * columns[1]}
+
+    doubtful = next(motion(share) for share in np.linspace(0, 1, 40) if undecided(motion(share)["dof_pos"]))
+    (tmp_path / "many.pkl").write_bytes(pickle.dumps({"doubtful": doubtful, "sure": motion(0)}))
+    first, _ = load_motions(tmp_path / "many.pkl")
+    index = [G1.joint_names.index(name) for name in small]
+    np.testing.assert_allclose(first.qpos[:, 7:][:, index], doubtful["dof_pos"], atol=1e-6)
+    (tmp_path / "one.pkl").write_bytes(pickle.dumps(doubtful))
+    (alone,) = load_motions(tmp_path / "one.pkl")
+    assert "no wrists in the file: default pose" in alone.notes
+
+
+def undecided(angles):
+    try:
+        unnamed_joints(angles, G1, "dof")
+    except MotionError:
+        return True
+    return False
 
 
 def without(name: str) -> dict[str, object]:
