@@ -73,8 +73,8 @@ def read_bvh(path: str | Path, fps: float | None = None, angles: Angles | None =
     text = decoded(data)
     lines = _Lines(path, text)
     joints = _hierarchy(lines)
-    values, seconds, notes = _motion(lines, sum(len(joint.channels) for joint in joints))
-    rate = checked_rate(path, seconds) if fps is None else fps
+    values, seconds, notes = _motion(lines, sum(len(joint.channels) for joint in joints), timed=fps is None)
+    rate = fps or checked_rate(path, seconds)
     check_extent(f"BVH file {str(path)!r}", len(joints), len(values), len(text))
     positions, rotations, told = _settled(joints, values, angles)
     notes = (*notes, *told)
@@ -183,15 +183,17 @@ def _channels(lines: _Lines, row: list[str]) -> list[int]:
     return [_CHANNELS.index(name) for name in names]
 
 
-def _motion(lines: _Lines, width: int) -> tuple[np.ndarray, float, tuple[str, ...]]:
-    """Return channel values ``[T, width]``, the frame time (s), and notes."""
+def _motion(lines: _Lines, width: int, timed: bool) -> tuple[np.ndarray, float, tuple[str, ...]]:
+    """Return channel values ``[T, width]``, the frame time (s; 0 where none is asked for), and notes."""
     told = re.fullmatch(r"frames\s*:\s*(\d+)", " ".join(lines.take("'Frames:'")), re.IGNORECASE)
     if not told or int(told[1]) < 1:
         raise lines.wrong("'Frames:' and a positive number")
     row = re.fullmatch(r"frame\s*time\s*:\s*(\S+)", " ".join(lines.take("'Frame Time:'")), re.IGNORECASE)
-    seconds = lines.numbers([row[1]] if row else [], 1, "'Frame Time:' and positive seconds")[0]
-    if seconds <= 0:
-        raise lines.wrong("'Frame Time:' and positive seconds")
+    seconds, expected = 0.0, "'Frame Time:' and positive seconds (or state the rate: --fps)"
+    if timed or not row:
+        seconds = lines.numbers([row[1]] if row else [], 1, expected)[0]
+        if seconds <= 0:
+            raise lines.wrong(expected)
     values = array("d", lines.numbers(lines.take("frame 1"), width, f"{width} finite numbers, one a channel"))
     frames = 1
     while lines:

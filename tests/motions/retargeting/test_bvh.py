@@ -123,6 +123,9 @@ def test_the_frames_that_are_there_count(tmp_path, told):
         ("1.0", "1 s is 1 frames a second"),
         ("8333.3", "120 if it is in microseconds"),
         ("1e-6", "1e[+]06 frames a second"),
+        ("0", "positive seconds .or state the rate: --fps."),
+        ("-0.01", "positive seconds"),
+        ("nan", "positive seconds"),
     ],
 )
 def test_a_frame_time_that_no_capture_has_is_refused(tmp_path, told, message):
