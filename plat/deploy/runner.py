@@ -135,6 +135,8 @@ class PolicyRunner:
             raise StateError(
                 f"time to the keyframe is {left}, expected more than 0 and at most {longest} ({longest * dt:g} s)"
             )
+        whole = round(steps_left)  # 0.06 s that a clock counted down to are 3.00000000003 steps, and not in a window of 3
+        steps_left = whole if whole and abs(steps_left - whole) < _TIME_TOLERANCE else steps_left
         observation = self._observe(state, keyframe, steps_left, self._last_action)
         target = self._run(observation)
         if not np.isfinite(target).all():

@@ -52,6 +52,18 @@ def test_a_time_in_seconds_and_the_gains(bundle):
     np.testing.assert_allclose(command.damping, G1.damping)
 
 
+def test_a_clock_that_counts_down_meets_whole_steps(bundle, monkeypatch):
+    """(5.98 - 5.92) / 0.02 is 3.000000000000025, which is in no arrival window of 3 steps."""
+    runner, (now, goal) = PolicyRunner(bundle), random_qpos(2)
+    observe, seen = runner._observe, []
+    monkeypatch.setattr(runner, "_observe", lambda *given: seen.append(given[2]) or observe(*given))
+    for step in range(100, 300):
+        runner.step(state_at(now), SomePose(goal), (step + 3) * 0.02 - step * 0.02)
+    assert set(seen) == {3}
+    runner.step(state_at(now), SomePose(goal), 0.05)
+    assert seen[-1] == pytest.approx(2.5)
+
+
 @pytest.mark.parametrize("time_left", [0.0, -0.02, 1.02, float("nan"), 10**400, "soon", None])
 def test_a_time_that_the_policy_was_not_made_for(bundle, time_left):
     runner, (now, goal) = PolicyRunner(bundle), random_qpos(2)
