@@ -46,6 +46,7 @@ def candidates_of(
             name.
     """
     released = {name: path for name, path in trackers.files().items() if path is not None}
+    paths = [path if path.name.strip(".") else path.resolve() for path in paths]  # "." has no name
     names = [readable(path.name) for path in paths]
     found: dict[Candidate, Entrant] = {}
     for path in paths:

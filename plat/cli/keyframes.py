@@ -106,6 +106,8 @@ def _words(parts: Parts, robot: Robot) -> str:
 
 def convert(command: ConvertKeyframes) -> list[Keyframe]:
     """Write the file; return the poses that are in it, the start first."""
+    if command.kimodo and command.out.suffix.lower() == ".xml":
+        raise KeyframeError(f"--kimodo --out {command.out}: constraints are JSON, expected a name that ends in .json")
     robot = get_robot(command.robot)
     poses, told = _poses(command, robot)
     for line in told:
@@ -129,6 +131,10 @@ def convert(command: ConvertKeyframes) -> list[Keyframe]:
 
 
 def _check_order(command: ConvertKeyframes, poses: list[Keyframe]) -> None:
+    if poses[0].time < 0:
+        raise KeyframeError(
+            f"{str(command.file)!r}: pose 0 is at {poses[0].time:g} s, expected times from 0 on: shift all of them"
+        )
     for number, (before, after) in enumerate(pairwise(poses), 1):
         if after.time <= before.time:
             raise KeyframeError(

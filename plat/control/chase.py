@@ -159,7 +159,8 @@ class Chase(Iterator[ChaseStep]):
         holding = command is None
         if command is None:
             # a small margin, for times are multiples of the control step up to rounding
-            if self.time + 1e-9 >= self.sequence.duration + self._hold:
+            arrival = self.sequence.arrival_steps[-1] * self.sequence.timing.control_dt
+            if self.time + 1e-9 >= arrival + self._hold:
                 raise StopIteration
             command = Command(len(self.sequence) - 1, self.sequence.keyframes[-1], steps_left=1, length=1)
         before = self.simulator.state()

@@ -135,7 +135,7 @@ class PolicyRunner:
             raise StateError(
                 f"time to the keyframe is {left}, expected more than 0 and at most {longest} ({longest * dt:g} s)"
             )
-        whole = round(steps_left)  # 0.06 s that a clock counted down to are 3.00000000003 steps, and not in a window of 3
+        whole = round(steps_left)  # a clock that counted down to 0.06 s has 3.00000000003 steps left
         steps_left = whole if whole and abs(steps_left - whole) < _TIME_TOLERANCE else steps_left
         observation = self._observe(state, keyframe, steps_left, self._last_action)
         target = self._run(observation)

@@ -123,9 +123,10 @@ class KeyframeSequence:
     def sample(self, time: float) -> Keyframe:
         """Return the pose at a time (s), see :func:`interpolate`; first and last pose extend beyond the ends.
 
+        Keyframes are where their arrivals are, on control steps, however their times are written.
         The root of a partial keyframe is where the robot probably is, see :func:`plat.keyframes.roots.as_arrived`.
         """
-        return _between(self.arrived, time)
+        return _between(self._sampled, time)
 
     def commanded(self, time: float) -> Keyframe:
         """Return the pose at a time (s) with the root as it is commanded: what no keyframe says is as it was."""
@@ -155,8 +156,16 @@ class KeyframeSequence:
         return tuple(accumulate((self.start, *self.keyframes), as_arrived))
 
     @cached_property
+    def _sampled(self) -> tuple[Keyframe, ...]:
+        return self._on_steps(self.arrived)
+
+    @cached_property
     def _commanded(self) -> tuple[Keyframe, ...]:
-        return tuple(accumulate((self.start, *self.keyframes), with_commanded_root))
+        return self._on_steps(tuple(accumulate((self.start, *self.keyframes), with_commanded_root)))
+
+    def _on_steps(self, poses: Sequence[Keyframe]) -> tuple[Keyframe, ...]:
+        steps = (0, *self.arrival_steps)
+        return tuple(pose.at(step * self.timing.control_dt) for pose, step in zip(poses, steps, strict=True))
 
     def with_timing(self, timing: Timing, *, split: bool = False) -> KeyframeSequence:
         """Return the same keyframes for a policy of another timing.

@@ -57,6 +57,14 @@ def test_runs_of_one_name_are_told_apart(runs):
     assert names(paths, ReleasedTrackers()) == [str(path) for path in paths]
 
 
+def test_a_folder_that_one_is_in_has_its_name(runs, monkeypatch):
+    monkeypatch.chdir(runs / "plain")
+    assert names((Path("."),), ReleasedTrackers()) == ["plain"]
+    monkeypatch.chdir(runs)
+    (runs / "plain" / "within").mkdir()
+    assert names((Path("plain/within/.."), Path("expert")), ReleasedTrackers()) == ["plain", "expert"]
+
+
 def test_other_weights_have_another_fingerprint(runs):
     (first,) = candidates_of((runs / "plain",), ReleasedTrackers())
     save_run(runs / "plain", PlainPolicy(G1, SMALL))

@@ -8,6 +8,7 @@ from plat.cli import keyframes
 from plat.errors import KeyframeError, MotionError
 from plat.keyframes import Keyframe, KeyframeSequence, only, standing
 from plat.keyframes.files import write_keyframes
+from plat.keyframes.mjcf import write_mjcf_keys
 from plat.motions import generate_motions, save_motions
 from plat.robots import G1
 
@@ -153,6 +154,20 @@ def test_keys_with_times_out_of_order_are_refused(tmp_path, times):
     with pytest.raises(KeyframeError, match=r"keys.xml': pose \d is at .* s, expected later than the one before it"):
         keyframes.main(keyframes.ConvertKeyframes(file=tmp_path / "keys.xml", out=tmp_path / "out.json"))
     assert not (tmp_path / "out.json").exists()
+
+
+@pytest.mark.parametrize("more", [{}, {"kimodo": True}])
+def test_keys_before_the_start_are_refused(tmp_path, more):
+    stand = standing(G1)
+    write_mjcf_keys(tmp_path / "early.xml", G1, [stand.at(-1.0), stand.at(0.5), stand.at(1.0)])
+    with pytest.raises(KeyframeError, match=r"early.xml': pose 0 is at -1 s, expected times from 0 on: shift all"):
+        keyframes.main(keyframes.ConvertKeyframes(file=tmp_path / "early.xml", out=tmp_path / "out.json", **more))
+    assert not (tmp_path / "out.json").exists()
+
+
+def test_constraints_are_no_xml(tmp_path):
+    with pytest.raises(KeyframeError, match=r"--kimodo --out .*k.xml: constraints are JSON, expected .* in .json"):
+        keyframes.main(keyframes.ConvertKeyframes(file=EXAMPLE, out=tmp_path / "k.xml", kimodo=True))
 
 
 @pytest.mark.parametrize("out", ["out.json", "out.xml"])

@@ -44,6 +44,11 @@ def test_the_last_keyframe_is_held_for_as_long_as_is_asked(simulator, hold, held
     assert all((step.command.index, step.command.steps_left) == (0, 1) for step in steps[3:])
 
 
+@pytest.mark.parametrize("time", [0.051, 0.069])
+def test_no_hold_is_none_for_a_time_between_control_steps(simulator, time):
+    assert [step.holding for step in Chase(Puppet(), sequence(time), simulator)] == [False] * 3
+
+
 def test_holding_goes_on_for_ever(simulator):
     assert sum(1 for _ in islice(Chase(Puppet(), sequence(0.06), simulator, hold=math.inf), 200)) == 200
 

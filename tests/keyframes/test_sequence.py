@@ -55,6 +55,18 @@ def test_sample_passes_through_every_keyframe_and_stays_at_both_ends(clip):
     np.testing.assert_allclose(between.joint_pos, (walk.keyframes[0].joint_pos + walk.keyframes[1].joint_pos) / 2)
 
 
+def test_a_keyframe_between_control_steps_is_where_its_arrival_is(clip):
+    """At 0.51 s it arrives with step 26; what is sampled there was already on the way to the next one."""
+    away = replace(POSE, root_pos=POSE.root_pos + np.array([1.0, 0.0, 0.0]))
+    frames = (away.at(0.51), POSE.at(1.01), away.at(1.49))
+    steps = KeyframeSequence(G1, POSE, frames)
+    for keyframe, step in zip(frames, steps.arrival_steps, strict=True):
+        for pose in (steps.sample(step * 0.02), steps.commanded(step * 0.02)):
+            np.testing.assert_allclose(pose.qpos, keyframe.qpos, atol=1e-12)
+    np.testing.assert_allclose(steps.on_the_way(1, steps.began(1, POSE), 0.52).root_pos, away.root_pos)
+    assert steps.sample(0.5).root_pos[0] == pytest.approx(25 / 26)
+
+
 def test_poses_of_a_motion_are_those_of_the_library(clip):
     library = MotionLibrary.from_clips([clip])
     frames = [0, 25, 41, 88]
