@@ -17,6 +17,9 @@ from plat.rotations_np import axis_rotation, quat_from_matrix, quat_to_matrix
 __all__ = ["EstimatorSettings", "StateEstimator"]
 
 _Floats = NDArray[np.float64]
+# rad/s: what may be the bias of a gyroscope and the noise of a single reading; a turn that is taken for it is one that
+# the estimate makes afterwards
+_MOST_BIAS = 0.2
 _LEAST_GRAVITY, _MOST_GRAVITY = 7.0, 13.0  # m/s²: what an accelerometer at rest reads
 
 
@@ -124,7 +127,7 @@ class StateEstimator:
         """
         joint_pos, gyro, acceleration = self._checked(joint_pos, gyro, acceleration)
         size, rate = float(np.linalg.norm(acceleration)), float(np.linalg.norm(gyro))
-        if not _LEAST_GRAVITY <= size <= _MOST_GRAVITY or rate > 0.5:
+        if not _LEAST_GRAVITY <= size <= _MOST_GRAVITY or rate > _MOST_BIAS:
             raise StateError(
                 f"state estimator: {size:.3g} m/s² and {rate:.3g} rad/s at the IMU, expected a robot that stands still "
                 "(9.81 and 0)"

@@ -195,6 +195,13 @@ def test_readings_that_no_robot_gives_are_refused_and_change_nothing(change, mes
     np.testing.assert_array_equal(estimator.update(**good).root_pos_w, untouched.update(**good).root_pos_w)
 
 
+def test_a_slow_turn_is_no_bias_of_a_gyroscope():
+    """0.4 rad/s of a robot that turned on its gantry ran away with the heading afterwards."""
+    with pytest.raises(StateError, match=r"0.4 rad/s at the IMU, expected a robot that stands still"):
+        StateEstimator(ROBOT).reset(ROBOT.default_joint_pos, np.array([0.0, 0.0, 0.4]), STILL["acceleration"])
+    StateEstimator(ROBOT).reset(ROBOT.default_joint_pos, np.array([0.05, 0.0, 0.05]), STILL["acceleration"])
+
+
 def test_a_start_in_free_fall_is_refused():
     with pytest.raises(StateError, match="expected a robot that stands still"):
         StateEstimator(ROBOT).reset(ROBOT.default_joint_pos, np.zeros(3), np.array([0.0, 0.0, 0.3]))

@@ -17,6 +17,7 @@ from plat.errors import PlatError, StateError
 
 __all__ = ["OnboardController", "OnboardReading"]
 
+_SWAY = 0.1  # rad and rad/s, standard deviation of joint angles and gyroscope: more is no noise
 _LONGEST_GAP = 0.5  # s: what the estimator bridges when readings were lost
 # what numpy says of numbers that are none, of lists of lists, and of equations that wild numbers lead to
 _FAULTS = (PlatError, ValueError, TypeError, AttributeError, np.linalg.LinAlgError)
@@ -213,7 +214,10 @@ class OnboardController:
         if now - self._settling < self._settings.settle:
             return
         joint_pos, gyro, acceleration = (np.mean(values, 0) for values in zip(*self._still, strict=True))
+        sway = max(float(np.std(values, 0).max()) for values in list(zip(*self._still, strict=True))[:2])
         self._still.clear()  # a robot that is found moving has to stand still for as long again
+        if sway > _SWAY:
+            raise StateError(f"it sways by {sway:.2g} rad or rad/s about the mean, expected a robot that stands still")
         self._state = self._estimator.reset(joint_pos, gyro, acceleration)
         self._time, self._fresh = now, True
 

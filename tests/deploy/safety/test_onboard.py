@@ -133,6 +133,19 @@ def test_a_robot_that_moves_has_to_come_to_rest():
     assert bench.controller.mode == "ramp"
 
 
+@pytest.mark.parametrize("field", ["gyro", "joint_pos"])
+def test_swinging_about_a_mean_is_no_rest(field):
+    bench = Bench()
+    for _ in range(100):
+        reading = bench.reading()
+        swing = 0.5 * np.sin(2 * np.pi * 10 * bench.now)
+        bench.step(replace(reading, **{field: getattr(reading, field) + swing}))
+    assert bench.controller.mode == "settle"
+    assert "it sways by 0.35 rad" in next(iter(bench.controller.journal)).reason
+    bench.run(0.25)
+    assert bench.controller.mode != "settle"
+
+
 def test_the_first_step_of_the_policy_is_in_the_world_of_its_keyframes():
     """Not where the estimator began: the keyframe would be far away for one step."""
     quat = quat_from_rotvec(np.array([0.0, 0.0, 2.0]))
