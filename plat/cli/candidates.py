@@ -18,6 +18,7 @@ from plat.robots import get_robot
 from plat.runs.lineage import made_by, trained_on
 from plat.runs.locate import CONFIG_FILE, run_folder
 from plat.runs.saved_run import WEIGHTS_FILE, SavedRun
+from plat.runs.user_modules import imported_code
 
 __all__ = ["candidates_of", "trackers_of"]
 
@@ -136,7 +137,7 @@ def _once(
     name: str, load: "partial[Entrant]", files: Sequence[Path], shown: str, made_by: str = "", trained_on: str = ""
 ) -> dict[Candidate, Entrant]:
     entrant = load()  # first: it says what is wrong with the files
-    mark = fingerprint([*(file.read_bytes() for file in files), shown.encode()])
+    mark = fingerprint([*(file.read_bytes() for file in files), *imported_code(), shown.encode()])
     weights = max(files, key=lambda file: file.stat().st_size)
     return {Candidate(name, load, mark, sha256(weights), made_by, trained_on): entrant}
 

@@ -3,6 +3,8 @@ import sys
 import pytest
 
 from plat.cli import main
+from plat.cli.candidates import candidates_of
+from plat.cli.options import ReleasedTrackers
 from plat.errors import ConfigError
 from plat.modules import LatentPolicy
 from plat.robots import G1
@@ -40,6 +42,32 @@ def test_a_run_of_a_users_class_is_evaluated(tmp_path, monkeypatch, capsys):
     finally:
         sys.modules.pop("my_policies", None)
     assert "long" in capsys.readouterr().out
+
+
+def test_records_of_other_code_are_other_records(tmp_path, monkeypatch):
+    """Scores that were kept in --out were those of the code before it was changed."""
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    monkeypatch.setattr("plat.runs.user_modules._imported", set())
+    run = save_run(tmp_path / "run", LatentPolicy(G1, SMALL))
+
+    def mark() -> str:
+        (candidate,) = candidates_of((run,), ReleasedTrackers())
+        return candidate.fingerprint
+
+    before = mark()
+    package = tmp_path / "my_package"
+    package.mkdir()
+    for file, text in (("__init__.py", "from my_package import inner"), ("inner.py", "GAIN = 1.0")):
+        (package / file).write_text(text)
+    try:
+        import_modules(["my_package"])
+        with_code = mark()
+        assert with_code == mark() != before
+        (package / "inner.py").write_text("GAIN = 0.0")
+        assert mark() != with_code
+    finally:
+        for name in ("my_package", "my_package.inner"):
+            sys.modules.pop(name, None)
 
 
 @pytest.mark.parametrize(
