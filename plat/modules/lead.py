@@ -68,7 +68,8 @@ class KeyframeLead(TensorDictModule):
 
     A policy that lags arrives late. Its keyframe is shifted by ``lead * d / max(t, shortest)``, with ``d`` the
     horizontal way from the robot's root to the keyframe's, and ``t`` the time left. :class:`GoalLead` does the same
-    with the velocity of a reference. What a partial keyframe does not command stays 0.
+    with the velocity of a reference. What a partial keyframe does not command stays 0, and where it commands no
+    horizontal position nothing is moved.
 
     Args:
         lead: time (s).
@@ -86,11 +87,11 @@ class KeyframeLead(TensorDictModule):
         in_keys: list[NestedKey] = [
             *((group, key) for key in LEAD_KEYS),
             ("command", "horizon"),
-            *([("parts", "bodies")] if parts else []),
+            *([("parts", "bodies"), ("parts", "root")] if parts else []),
         ]
         out_keys: list[NestedKey] = [("led_goal", key) for key in LEAD_KEYS]
         super().__init__(KeyframeShift(lead / horizon, shortest / horizon), in_keys=in_keys, out_keys=out_keys)
-        shapes: tuple[Shape, ...] = ((3,), ("3 K",), (1,), ("K",))
+        shapes: tuple[Shape, ...] = ((3,), ("3 K",), (1,), ("K",), (3,))
         expects(self, dict(zip(in_keys, shapes, strict=False)), "lead")
 
 
@@ -107,10 +108,17 @@ class KeyframeShift(nn.Module):
         return self.lead / time_left.clamp_min(self.shortest)
 
     def forward(
-        self, root: Tensor, keypoints: Tensor, time_left: Tensor, bodies: Tensor | None = None
+        self,
+        root: Tensor,
+        keypoints: Tensor,
+        time_left: Tensor,
+        bodies: Tensor | None = None,
+        commanded: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
         """Return the moved positions of root ``[*B, 3]`` and keypoints ``[*B, 3 K]``."""
         shift = root * self.share(time_left) * constant(HORIZONTAL, root)
+        if commanded is not None:  # the way to a height alone is not level in a root that leans
+            shift = shift * commanded[..., :1]
         moved = shift.unsqueeze(-2)
         if bodies is not None:
             moved = moved * bodies.unsqueeze(-1)

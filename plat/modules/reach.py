@@ -41,11 +41,11 @@ class KeyframeReach(TensorDictModule):
             *(("goal", key) for key in moved),
             ("command", "horizon"),
             ("robot", "root_lin_vel_b"),
-            *([("parts", "bodies")] if parts else []),
+            *([("parts", "bodies"), ("parts", "root")] if parts else []),
         ]
         out_keys: list[NestedKey] = [("near_goal", key) for key in moved]
         super().__init__(_Nearer(reach, horizon), in_keys=in_keys, out_keys=out_keys)
-        shapes: tuple[Shape, ...] = ((3,), ("3 K",), (1,), (3,), ("K",))
+        shapes: tuple[Shape, ...] = ((3,), ("3 K",), (1,), (3,), ("K",), (3,))
         expects(self, dict(zip(in_keys, shapes, strict=False)), "reach")
 
 
@@ -56,7 +56,13 @@ class _Nearer(nn.Module):
         self.horizon = horizon
 
     def forward(
-        self, root: Tensor, keypoints: Tensor, time_left: Tensor, velocity: Tensor, bodies: Tensor | None = None
+        self,
+        root: Tensor,
+        keypoints: Tensor,
+        time_left: Tensor,
+        velocity: Tensor,
+        bodies: Tensor | None = None,
+        commanded: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
         reach, time, way = self.reach, time_left * self.horizon, root[..., :2]
         # the square is bounded before its root: the gradient at a distance of 0 would be infinite
@@ -65,6 +71,8 @@ class _Nearer(nn.Module):
         gained = speed * time + 0.5 * reach.acceleration * time.square()
         farthest = reach.margin + torch.minimum(gained, speed.clamp_min(reach.speed) * time)
         shift = nn.functional.pad(((farthest / distance).clamp_max(1.0) - 1.0) * way, (0, 1))
+        if commanded is not None:  # the way to a height alone is not level in a root that leans
+            shift = shift * commanded[..., :1]
         moved = shift.unsqueeze(-2)
         if bodies is not None:
             moved = moved * bodies.unsqueeze(-1)

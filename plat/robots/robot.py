@@ -120,7 +120,10 @@ class Robot:
         return asset_path(self.asset)
 
     def with_asset_in(self, folder: Path) -> "Robot":
-        """Return the robot with a relative asset resolved in a folder; plat's own and absolute assets are kept."""
+        """Return the robot with a relative asset resolved in a folder, and plat's own where that has none."""
+        beside = folder / self.asset
+        if beside.is_file():
+            return replace(self, asset=str(beside.resolve()))
         path = self.asset_path
         return self if path.is_absolute() else replace(self, asset=str((folder / path).resolve()))
 

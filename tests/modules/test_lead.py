@@ -63,8 +63,13 @@ def test_a_keyframe_is_shown_ahead_along_the_velocity_that_it_takes(time_left, a
 def test_a_lead_moves_only_bodies_that_are_commanded():
     keyframe = goals([0.6, -0.8, 0.3]).rename_key_("g1", "goal")
     keyframe["goal", "keypoint_pos_b"][:, :3] = 0.0  # not commanded
-    keyframe.update({"command": {"horizon": torch.ones(1, 1)}, "parts": {"bodies": torch.tensor([[0.0, 1.0]])}})
-    shown = KeyframeLead(0.05, horizon=1.0, parts=True)(keyframe)["led_goal"]
+    parts = {"bodies": torch.tensor([[0.0, 1.0]]), "root": torch.ones(1, 3)}
+    keyframe.update({"command": {"horizon": torch.ones(1, 1)}, "parts": parts})
+    lead = KeyframeLead(0.05, horizon=1.0, parts=True)
+    keyframe["parts", "root"][:, 0] = 0.0  # a height alone, in a root that leans
+    assert torch.equal(lead(keyframe.clone())["led_goal"]["root_pos_b"], keyframe["goal", "root_pos_b"])
+    keyframe["parts", "root"][:, 0] = 1.0
+    shown = lead(keyframe)["led_goal"]
     assert shown["keypoint_pos_b"][0].tolist() == pytest.approx([0.0, 0.0, 0.0, 0.63, -0.84, 1.3])
 
 

@@ -22,7 +22,7 @@ from plat.spec.timing import Timing
 REACH = WalkingReach(acceleration=2.0, speed=1.5, margin=0.1)
 
 
-def shown(way, seconds, velocity=(0.0, 0.0, 0.0), bodies=None):
+def shown(way, seconds, velocity=(0.0, 0.0, 0.0), bodies=None, commanded=(1.0, 1.0, 1.0)):
     """Where a keyframe is shown whose two keypoints are on its root and a meter above."""
     root, up = torch.tensor([way]), torch.tensor([[0.0, 0.0, 1.0]])
     entries = {
@@ -31,7 +31,7 @@ def shown(way, seconds, velocity=(0.0, 0.0, 0.0), bodies=None):
         "robot": {"root_lin_vel_b": torch.tensor([velocity])},
     }
     if bodies is not None:
-        entries["parts"] = {"bodies": torch.tensor([bodies])}
+        entries["parts"] = {"bodies": torch.tensor([bodies]), "root": torch.tensor([commanded])}
     near = KeyframeReach(REACH, horizon=3.0, parts=bodies is not None)(TensorDict(entries, [1]))["near_goal"]
     return near["root_pos_b"][0].tolist(), near["keypoint_pos_b"][0].tolist()
 
@@ -67,6 +67,14 @@ def test_what_is_not_commanded_is_not_moved():
     assert keypoints == pytest.approx([1.1, 0.0, 0.3, 4.0, 0.0, 1.3], abs=1e-5)
 
 
+def test_a_height_alone_is_where_it_is_however_the_robot_leans():
+    """In the frame of a root that leans by 1.2 rad, 0.46 m down are 0.43 m to the side."""
+    way = [-0.43, 0.0, -0.167]
+    root, keypoints = shown(way, 0.1, bodies=[1.0, 1.0], commanded=(0.0, 1.0, 0.0))
+    assert root == pytest.approx(way)
+    assert keypoints == pytest.approx([*way, *way[:2], way[2] + 1])
+
+
 def test_the_gradient_is_finite_on_the_spot():
     way = torch.zeros(1, 3, requires_grad=True)
     entries = {
@@ -85,7 +93,9 @@ def observation(far, also=()):
     seen = TensorDict({key: torch.zeros(1, n) for key, n in zip(student_keys(also), widths, strict=True)}, [1])
     seen["command", "horizon"] += 0.2
     seen["goal", "root_pos_b"][:, 0] = far
-    if not also:  # partial keyframes: no body is commanded
+    if also:  # no body is commanded
+        seen["parts", "root"] += 1.0
+    else:
         seen["goal", "keypoint_pos_b"][:, ::3] = far
     return seen
 

@@ -41,6 +41,16 @@ def test_a_description_file_is_read_and_registered(tmp_path):
     assert get_robot(tmp_path / "robot.json") is robot
 
 
+def test_an_asset_that_is_called_like_one_of_plat_is_the_one_beside(tmp_path):
+    """Who copies the G1's file and makes it heavier would train on the G1 as it was."""
+    text = G1.asset_path.read_text()
+    (tmp_path / "g1.xml").write_text(text.replace('name="pelvis"', 'name="pelvis" gravcomp="1"', 1))
+    describe(tmp_path / "robot.json", name="edited", asset="g1.xml")
+    robot = get_robot(tmp_path / "robot.json")
+    assert robot.asset_path == tmp_path / "g1.xml"
+    assert robot.model().body_gravcomp[1] == 1
+
+
 def test_an_asset_is_relative_to_its_description(tmp_path):
     (tmp_path / "mine.xml").write_bytes(G1.asset_path.read_bytes())
     describe(tmp_path / "robot.json", name="beside", asset="mine.xml")

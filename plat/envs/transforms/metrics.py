@@ -107,7 +107,9 @@ class KeyframeMetrics(Transform):
 
     def _reset(self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
         mask = tensordict.get("_reset", None)
-        if mask is not None:
+        if mask is None:
+            self._past_joint_vel = []
+        else:
             self._past_joint_vel = [vel.masked_fill(mask.view(-1, 1), torch.nan) for vel in self._past_joint_vel]
         frame = tensordict_reset["motion", "frame"]
         for key in self.out_keys:
