@@ -113,7 +113,7 @@ def robot_centric_goal(
     # as one row for all keypoints: PyTorch is slow where the last dimension is a 3
     points = target["keypoint_pos"].flatten(-2)
     root_pos = root_pos_w.repeat(*[1] * batch, points.shape[-1] // 3)
-    root_pos = root_pos.view(*root_pos.shape[:-1], *[1] * (target.ndim - batch), -1)
+    root_pos = root_pos.view(*root_pos.shape[:-1], *[1] * (target.ndim - batch), points.shape[-1])
     keypoint_pos_b = turned((points - root_pos).unflatten(-1, (-1, 3)))
     return observed("goal", GOAL_ENTRIES, GoalView(target, root_pos_w, keypoint_pos_b, turned, parts))
 

@@ -172,7 +172,7 @@ class G1TimedKeyframeEnv(gymnasium.Env):
     - ``arrived``: a command ended with this step;
     - ``met``: it arrived, within the thresholds of TKS@3 at every step of its window;
     - ``reached``: it was met, and at the arrival what is commanded was near enough (:class:`plat.control.ReachLimits`);
-    - ``steps_left``: control steps until the active command's arrival;
+    - ``steps_left``: control steps until the arrival of the command that is active next;
     - ``joint_error`` (rad), ``keypoint_error`` (m, world): mean errors against the motion at this moment, which at
       arrival is the keyframe.
 

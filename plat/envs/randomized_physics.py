@@ -106,6 +106,7 @@ class RandomizedPhysics:
         self._robot = robot
         self._physics = physics
         self._ranges = ranges
+        self._load = min(ranges.torso_mass, 0.5 * float(robot.shared_model.body(robot.anchor).mass[0]))
         self.clock = PushClock(ranges.push_interval, dt, count)
 
     def draw(self, ids: Tensor) -> PhysicsDraw:
@@ -130,7 +131,7 @@ class RandomizedPhysics:
         mass = torch.zeros(count, 1, dtype=torch.float64)
         if ranges.torso_mass:
             mass = _uniform(count, 1)
-            self._physics.set_mass(ids, robot.anchor, ranges.torso_mass * mass[:, 0])
+            self._physics.set_mass(ids, robot.anchor, self._load * mass[:, 0])
         gyro_bias, velocity_bias = (
             (width * _uniform(count, 3)).float() if width else torch.zeros(count, 3)
             for width in (ranges.gyro_bias, ranges.velocity_bias)

@@ -23,7 +23,7 @@ def take_over(student: Any, trained: Any) -> None:
 
     At first the student acts like the trained one: what only it observes counts for nothing, units that only it has
     lead nowhere yet, and the time to the keyframe, ``tau = steps_left / max_steps``, counts for the same number of
-    steps.
+    steps. What normalizes, what is symmetric and what is within reach are the student's own settings.
 
     Args:
         student: a :class:`plat.modules.PlainPolicy` or :class:`plat.modules.LatentPolicy`.

@@ -17,6 +17,7 @@ from plat.errors import ConfigError
 from plat.modules.dynamics import DynamicsModel
 from plat.objectives.divergence import gaussian_kl
 from plat.precision import autocast
+from plat.spec.timing import timing_of
 from plat.tasks.disturbed import advanced, estimated, motor_target, shown
 from plat.tasks.task import Task, of_each
 
@@ -103,6 +104,16 @@ class ImaginationLoss(LossModule):
         weights = {"effort_weight": effort_weight, "rate_weight": rate_weight, "lost_cost": lost_cost}
         for name, value in weights.items():
             check_value(f"imagination loss: {name}", value, NonNegative)
+        timing = timing_of(policy)
+        known = {"model": model.dt, **({} if timing is None else {"policy": timing.control_dt})}
+        for name, dt in known.items():
+            if abs(dt - task.dt) > 1e-9:
+                raise ConfigError(
+                    f"imagination loss: {name} at {dt:g} s a control step, expected the task's {task.dt:g} s"
+                )
+        wanted = timing_of(task)
+        if timing is not None and wanted is not None and timing != wanted:
+            raise ConfigError(f"imagination loss: {timing} of the policy, expected the task's {wanted}")
         if critic is not None and not discount < 1:
             raise ConfigError(f"imagination loss: discount is {discount:g}, expected less than 1 with a critic")
         self.lost_cost = lost_cost

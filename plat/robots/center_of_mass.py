@@ -1,14 +1,35 @@
 """Center of mass of a robot in torch: batched and differentiable."""
 
+import mujoco
 import torch
 from torch import Tensor
 
+from plat.errors import RobotError
 from plat.gpu import constant
 from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
 from plat.rotations import quat_rotate
 
-__all__ = ["CenterOfMass"]
+__all__ = ["CenterOfMass", "link_names"]
+
+
+def link_names(model: mujoco.MjModel, robot: Robot) -> tuple[str, ...]:
+    """Return the names of all links of a robot, the root first.
+
+    Raises:
+        RobotError: for a link without a name, or a body that is no part of the robot.
+
+    >>> from plat.robots import G1
+    >>> link_names(G1.shared_model, G1)[:2]
+    ('pelvis', 'left_hip_pitch_link')
+    """
+    names = tuple(model.body(number).name for number in range(1, model.nbody))
+    for number, name in enumerate(names, 1):
+        if not name:
+            raise RobotError(f"robot {robot.name!r}: body {number} of {robot.asset} has no name, expected one")
+        if model.body_rootid[number] != 1:
+            raise RobotError(f"robot {robot.name!r}: {robot.asset} holds {name!r} too, expected the robot alone")
+    return names
 
 
 class CenterOfMass:
@@ -26,7 +47,7 @@ class CenterOfMass:
 
     def __init__(self, robot: Robot):
         model = robot.model()
-        self.bodies = tuple(model.body(number).name for number in range(1, model.nbody))
+        self.bodies = link_names(model, robot)
         """Names of all links, the root first."""
         self._kinematics = ForwardKinematics(robot, self.bodies)
         self._mass = torch.from_numpy(model.body_mass[1:])

@@ -6,6 +6,7 @@ from torch import Tensor, nn
 
 from plat.envs.state import GeneralizedState
 from plat.gpu import constant
+from plat.robots.center_of_mass import link_names
 from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
 from plat.rotations import quat_rotate
@@ -42,7 +43,7 @@ class Balance(nn.Module):
     def __init__(self, robot: Robot):
         super().__init__()
         model = robot.model()
-        links = tuple(model.body(number).name for number in range(1, model.nbody))
+        links = link_names(model, robot)
         soles = model.geom_pos[robot.sole_geoms(model)].mean(1)
         self._kinematics = ForwardKinematics(robot, (*links, *robot.feet))
         # centers of mass of all links, and of the soles

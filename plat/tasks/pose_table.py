@@ -73,11 +73,12 @@ class PoseTable(nn.Module):
     def state(self, row: Tensor) -> GeneralizedState:
         """States of rows ``[*B]``."""
         rows = self._rows(self.states, row.flatten(), _packed)
-        return GeneralizedState.unpack(rows.view(*row.shape, -1))
+        return GeneralizedState.unpack(rows.view(*row.shape, rows.shape[-1]))
 
     def points(self, row: Tensor) -> Tensor:
         """Positions of the keypoints ``[*B, K, 3]`` (m, world) of rows ``[*B]``."""
-        return self._rows(self.keypoint_pos, row.flatten(), _keypoints).view(*row.shape, -1, 3)
+        points = self._rows(self.keypoint_pos, row.flatten(), _keypoints)
+        return points.view(*row.shape, points.shape[1:].numel() // 3, 3)
 
     def pose(self, row: Tensor) -> TensorDict:
         """What :func:`plat.envs.robot_centric_goal` takes, of rows ``[*B]``; of orientations only the root's."""

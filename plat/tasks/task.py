@@ -11,6 +11,7 @@ from plat.envs.state import GeneralizedState
 from plat.errors import TaskError
 from plat.gpu import constant
 from plat.robots.robot import Robot
+from plat.spec.observation import as_observed
 
 __all__ = ["Task", "of_each", "robot_entries", "started"]
 
@@ -138,15 +139,12 @@ def robot_entries(state: GeneralizedState, last_action: Tensor, robot: Robot) ->
     [0.0, 0.0, -1.0]
     """
     gravity_b, root_lin_vel_b = state.in_root_frame()
-    return TensorDict(
-        {
-            "joint_pos": state.joint_pos - constant(robot.default_joint_pos, state.joint_pos),
-            "joint_vel": state.joint_vel,
-            "root_ang_vel_b": state.root_ang_vel_b,
-            "root_lin_vel_b": root_lin_vel_b,
-            "gravity_b": gravity_b,
-            "last_action": last_action,
-        },
-        state.root_pos_w.shape[:-1],
-        device=last_action.device,
-    )
+    quantities = {
+        "joint_pos": state.joint_pos - constant(robot.default_joint_pos, state.joint_pos),
+        "joint_vel": state.joint_vel,
+        "root_ang_vel_b": state.root_ang_vel_b,
+        "root_lin_vel_b": root_lin_vel_b,
+        "gravity_b": gravity_b,
+        "last_action": last_action,
+    }
+    return TensorDict(as_observed("robot", quantities), state.root_pos_w.shape[:-1], device=last_action.device)

@@ -15,6 +15,7 @@ from plat.keyframes.chain_families import FAMILY_TABLE
 from plat.motions.library import MotionLibrary
 from plat.robots.kinematics import ForwardKinematics
 from plat.rotations import quat_angle, quat_conjugate, quat_multiply, quat_rotate, quat_rotate_inverse, quat_yaw
+from plat.spec.observation import as_observed
 from plat.spec.timing import Timing
 from plat.tasks.balance import Balance
 from plat.tasks.chains import draw_chains
@@ -196,7 +197,7 @@ class TimedKeyframes(Task):
         groups = {
             "robot": robot_entries(state, memory["last_action"], self.robot),
             "goal": goal,
-            "command": {"horizon": steps_left / self.timing.max_steps},
+            "command": as_observed("command", {"horizon": steps_left / self.timing.max_steps}),
             "parts": parts_entries(shown, self.robot),
             "clock": clock_entries(steps_left, self.timing),
         }

@@ -14,9 +14,11 @@ from plat.modules import (
     LatentPolicy,
     ObservationNormalizer,
     PlainPolicy,
+    PlainPolicyConfig,
 )
 from plat.objectives import ImaginationLoss, LatentImaginationLoss
 from plat.robots import G1
+from plat.spec.timing import Timing
 from plat.tasks import DenseTracking, TimedKeyframes, TimedKeyframesConfig
 
 SMALL = DynamicsConfig(hidden=(16,))
@@ -44,6 +46,22 @@ def test_the_gradient_reaches_exactly_the_policy(tracking):
     assert learners(expert) == {f"network.{layer}.{kind}" for layer in (0, 2) for kind in ("weight", "bias")}
     assert not learners(model)
     assert all(parameter.requires_grad for parameter in model.parameters())
+
+
+def test_policy_model_and_task_are_of_one_timing(library):
+    task = TimedKeyframes(library, TimedKeyframesConfig(chains=6))
+    faster, farther = Timing(control_dt=0.01), Timing(max_steps=150)
+    for policy, dt, message in (
+        (PlainPolicy(G1), 0.01, "model at 0.01 s a control step, expected the task's 0.02 s"),
+        (PlainPolicy(G1, PlainPolicyConfig(timing=faster)), 0.02, "policy at 0.01 s a control step, expected"),
+        (
+            PlainPolicy(G1, PlainPolicyConfig(timing=farther)),
+            0.02,
+            "max_steps=150.* of the policy, expected",
+        ),
+    ):
+        with pytest.raises(ConfigError, match=f"imagination loss: .*{message}"):
+            ImaginationLoss(policy.deployed(), DynamicsModel(G1, SMALL, dt=dt), task)
 
 
 def test_students_learn_through_it(library):

@@ -13,8 +13,10 @@ from plat.collectors import rollouts
 from plat.control import Chase, PolicyController, Simulator
 from plat.control.authored import author
 from plat.deploy import PolicyRunner
-from plat.envs import KeyframeTaskConfig, TrackingTaskConfig, make_keyframe_env, make_tracking_env
+from plat.envs import BatchedPhysics, KeyframeTaskConfig, TrackingTaskConfig, make_keyframe_env, make_tracking_env
+from plat.envs.randomized_physics import RandomizedPhysics
 from plat.envs.transforms import HORIZONS, NoiseLevels, RandomizationRanges
+from plat.envs.transforms.settings import ROBOT_RANGES
 from plat.errors import CheckpointError, KeyframeError, RobotError, TaskError
 from plat.evaluation import evaluate, report
 from plat.evaluation.authored_scores import author_families
@@ -28,6 +30,7 @@ from plat.motions.retargeting.geometry import RobotGeometry
 from plat.objectives import PPO, PPOConfig, motor_gradient
 from plat.recipes import expert_model, learning
 from plat.robots import G1, ForwardKinematics, Robot, get_robot, registry
+from plat.robots.center_of_mass import link_names
 from plat.runs import Budget, Run, load_policy
 from plat.tasks import draw_chains
 from tests.export.runs import write_run
@@ -268,3 +271,30 @@ def test_its_curve_of_friction_begins_with_a_test_of_its_own(toy):
     friction = {point.strength for point in study.curves if point.disturbance == "friction"}
     assert friction == {0.8, 0.1}
     assert {point.strength for point in study.curves if point.disturbance == "push"} == {0.0, 1.5}
+
+
+def test_no_part_of_a_light_robot_weighs_less_than_nothing(toy):
+    """Of the 0.75 kg of its chest 2 were taken off."""
+    physics = BatchedPhysics(toy.model(), 64, 4)
+    draws = RandomizedPhysics(toy, physics, 64, ROBOT_RANGES, 0.02)
+    seen = []
+    physics.set_mass = lambda ids, body, change: seen.append((body, change))
+    draws.draw(torch.arange(64))
+    ((body, change),) = seen
+    mass = float(toy.model().body(body).mass[0])
+    assert 0.4 * mass < float(change.abs().max()) <= 0.5 * mass
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('<body name="chest"', "<body", "body 2 of .* has no name, expected one"),
+        ("</worldbody>", '<body name="table"/></worldbody>', "holds 'table' too, expected the robot alone"),
+    ],
+)
+def test_links_that_nothing_can_be_computed_of_are_named(toy, old, new, message):
+    text = toy.asset_path.read_text()
+    assert old in text
+    model = mujoco.MjModel.from_xml_string(text.replace(old, new, 1))
+    with pytest.raises(RobotError, match=f"robot '{toy.name}': .*{message}"):
+        link_names(model, toy)

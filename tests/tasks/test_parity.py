@@ -1,5 +1,7 @@
 """One task, simulated and imagined: the environments' own numbers out of nothing but states and actions."""
 
+from dataclasses import replace
+
 import torch
 from torchrl.envs import TransformedEnv
 
@@ -8,6 +10,7 @@ from plat.envs.transforms import ReferenceMotion
 from plat.modules import PlainPolicy, PlainPolicyConfig
 from plat.robots import G1
 from plat.rotations import quat_angle, quat_rotate
+from plat.spec.observation import OBSERVATION, ObservationTable, observing
 from plat.tasks import DenseTracking, SimulatedTask, TimedKeyframes, TimedKeyframesConfig
 
 EXACT = {"atol": 1e-5, "rtol": 1e-5}
@@ -122,6 +125,34 @@ def test_timed_keyframes_are_the_keyframe_environment(library):
         assert task.finished(memory).equal(after["truncated"][:, 0])
         renewed += int((going_on & after["command", "arrived"][:, 0]).sum())
     assert renewed > 5
+
+
+def test_both_show_quantities_as_the_table_scales_them(library):
+    """By the table of a user who wants joint velocities at a twentieth and four times the time left."""
+    scales = {"robot": ("joint_vel", 0.05), "command": ("horizon", 4.0)}
+    groups = {
+        group: tuple(
+            replace(entry, scale=scales[group][1]) if group in scales and entry.name == scales[group][0] else entry
+            for entry in entries
+        )
+        for group, entries in OBSERVATION.groups.items()
+    }
+    task = TimedKeyframes(library, TimedKeyframesConfig(chains=6, families=("arms",)))
+    state, memory = task.along(torch.arange(5))
+    plain = task.observe(state, memory)
+    with observing(ObservationTable(groups)):
+        scaled = task.observe(state, memory)
+    torch.testing.assert_close(scaled["robot", "joint_vel"], 0.05 * plain["robot", "joint_vel"])
+    torch.testing.assert_close(scaled["command", "horizon"], 4 * plain["command", "horizon"])
+    assert plain["robot", "joint_vel"].any()
+
+
+def test_no_robot_to_reset_is_none(library):
+    for env in (make_keyframe_env(library, 3, KEYFRAMES), SimulatedTask(DenseTracking(library), 3)):
+        before = env.reset()
+        after = env.reset(before.clone().set("_reset", torch.zeros(3, 1, dtype=torch.bool)))
+        for key in ("robot", "goal"):
+            assert_same(after.select(key), before)
 
 
 def test_the_simulated_task_costs_what_an_imagined_one_would(library):

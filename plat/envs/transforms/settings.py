@@ -58,7 +58,7 @@ class RandomizationRanges(Bounded):
     longer_delay: Fraction = 0.0
     """fraction of these whose targets arrive two control steps late, not one"""
     torso_mass: NonNegative = 0.0
-    """half width of the change of the anchor body's mass (kg)"""
+    """half width of the change of the anchor body's mass (kg); of a lighter robot half of that mass at most"""
     gyro_bias: NonNegative = 0.0
     """half width of the constant error of the measured angular velocity (rad/s), each axis"""
     velocity_bias: NonNegative = 0.0

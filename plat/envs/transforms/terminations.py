@@ -51,7 +51,10 @@ class _Termination(Transform):
             root, wanted = (next_tensordict[group, "keypoint_pos_w"][:, 0, :2] for group in ("state", "reference"))
             displaced = (root - wanted).square().sum(-1, keepdim=True) > self.max_displacement**2
             parts = commanded_parts(next_tensordict)
-            failed = failed | (displaced if parts is None else displaced & (parts[:, -3:-2] > 0))
+            if parts is not None:
+                # until it arrives a robot may be where a command before left it, which left the place open
+                displaced = displaced & (parts[:, -3:-2] > 0) & next_tensordict["command", "in_window"]
+            failed = failed | displaced
         self.statistics.add("terminated", failed.float())
         next_tensordict["terminated"] = next_tensordict["terminated"] | failed
         next_tensordict["done"] = next_tensordict["terminated"] | next_tensordict["truncated"]
@@ -86,7 +89,7 @@ class KeyframeTermination(_Termination):
     Args:
         robot: names the bodies.
         limits: when a command has failed.
-        max_displacement: as for :class:`TrackingTermination`.
+        max_displacement: as for :class:`TrackingTermination`; of partial keyframes in the arrival window alone.
     """
 
     needs = (_REFERENCE, ("command", "in_window"))

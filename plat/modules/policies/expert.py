@@ -131,7 +131,8 @@ class Expert(nn.Module):
         """Take over the weights of an expert with as many hidden layers, as wide or narrower, that sees these frames.
 
         It may see the first of these frames alone. The further ones count for nothing at first, and their statistics
-        are those of the last frame that both see. At first this expert acts like the trained one.
+        are those of the last frame that both see. At first this expert acts like the trained one, where the meaning of
+        its actions and the settings beside layers and frames are the same.
 
         Raises:
             ConfigError: saying what differs.

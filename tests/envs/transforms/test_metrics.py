@@ -100,6 +100,20 @@ def test_jerk_is_the_second_difference_of_velocity(metrics_library):
     assert jerk[1].item() == pytest.approx(2.0, rel=1e-3)
 
 
+def test_who_begins_anew_has_no_jerk_of_the_episode_before(metrics_library):
+    metrics = KeyframeMetrics(metrics_library)
+    for _ in range(2):
+        jerks = []
+        for speed in (0.0, 3.0, 0.0, 3.0):
+            before, after = step(metrics_library)
+            after["state", "joint_vel"] += speed
+            jerks.append(metrics._step(before, after)["metrics", "joint_jerk"][0].item())
+        assert jerks[:2] == [0, 0]
+        assert min(jerks[2:]) > 1000
+        frame = TensorDict({"motion": {"frame": torch.zeros(2, dtype=torch.int64)}}, [2])
+        metrics._reset(TensorDict({}, [2]), frame)
+
+
 def test_fallen(metrics_library):
     before, after = step(metrics_library)
     after["state", "keypoint_pos_w"][0, 0, 2] -= 0.3

@@ -102,3 +102,12 @@ def test_displacement_ends_an_episode_where_training_asks_for_it(kind):
     assert terminated(kind(G1, max_displacement=0.5), moved(0.51))
     assert not terminated(kind(G1, max_displacement=0.5), moved(0.49))
     assert not terminated(kind(G1), moved(5.0))
+
+
+@pytest.mark.parametrize(("place", "in_window", "ends"), [(1, True, True), (1, False, False), (0, True, False)])
+def test_a_command_that_begins_where_the_place_was_open_is_measured_at_its_arrival(place, in_window, ends):
+    after = step(in_window=in_window)
+    after["state", "keypoint_pos_w"][:, :, 0] += 1.0
+    after["command", "parts"] = torch.ones(1, 29 + 14 + 3)
+    after["command", "parts"][:, -3] = place
+    assert terminated(KeyframeTermination(G1, max_displacement=0.5), after) == ends
