@@ -119,6 +119,7 @@ class Candidate:
 def main(recipe: AblationsRecipe) -> dict[str, list[Score]]:
     """Run the recipe: the scores of each split."""
     recipe = on_device(recipe)
+    robot = get_robot(recipe.robot)  # first: a description file makes the policies' robot known
     check_folder(recipe.out)
     pyplot()  # what is missing had better be said before hours of work
     released = released_rows(recipe.trackers)
@@ -131,7 +132,6 @@ def main(recipe: AblationsRecipe) -> dict[str, list[Score]]:
     rows = {name: rows[name] for name in ORDER if name in rows}
     if not rows:
         raise PlatError(f"--runs {str(recipe.runs)!r}: holds none of the runs {[row.folder for row in ROWS]}")
-    robot = get_robot(recipe.robot)
     entrants = {candidate.slug: candidate.load(False) for candidates in rows.values() for candidate in candidates}
     control_dt = evaluate.common_control_dt(entrants, recipe.horizon)
     library = MotionLibrary.load(recipe.motions, robot, dt=control_dt)
@@ -330,6 +330,7 @@ def task_of(recipe: AblationsRecipe, name: str, work: Callable[[], None]) -> Non
     log = recipe.out / "logs" / f"{name}.txt"
     log.parent.mkdir(parents=True, exist_ok=True)
     with log.open("a", encoding="utf-8") as file, redirect_stdout(file), redirect_stderr(file):
+        get_robot(recipe.robot)  # this process does not know that of a description file
         work()
 
 

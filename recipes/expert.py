@@ -50,7 +50,8 @@ def main(recipe: ExpertRecipe) -> None:
     films = Films(
         recipe.out / "videos", library.robot, partial(watch, dense=True, goals=expert.goals), recipe.video_every
     )
-    warmup_steps = recipe.critic_warmup * recipe.num_envs * recipe.rollout if recipe.init else 0
+    # and one more: the first rollout fills the normalizers
+    warmup_steps = (recipe.critic_warmup + 1) * recipe.num_envs * recipe.rollout if recipe.init else 0
     with (
         source,
         Run.of(

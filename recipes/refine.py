@@ -69,7 +69,8 @@ def main(recipe: RefineRecipe) -> None:
     )
     watch = partial(play, policy.deployed(), library, 0, horizon, device=device)
     films = Films(recipe.out / "videos", library.robot, watch, recipe.video_every)
-    warmup_steps = recipe.critic_warmup * recipe.num_envs * recipe.rollout
+    # and one more: the first rollout fills the normalizers
+    warmup_steps = (recipe.critic_warmup + 1) * recipe.num_envs * recipe.rollout
     with (
         source,
         Run.of(

@@ -4,11 +4,14 @@ plat average runs/before runs/after --out runs/average
 """
 
 from plat.cli.options import AverageRecipe
+from plat.robots import get_robot
 from plat.runs.announce import next_command
 from plat.runs.average import average_runs
 
 
 def main(recipe: AverageRecipe) -> None:
     """Run the recipe."""
+    get_robot(recipe.robot)  # a description file makes the policies' robot known
     average_runs(recipe.runs, recipe.out, recipe.shares, recipe.symmetric, recipe.reach)
-    print(next_command(recipe.out, "plat evaluate", *recipe.runs, recipe.out, "--motions", ("test.npz",)))
+    runs = (*recipe.runs, recipe.out)
+    print(next_command(recipe.out, "plat evaluate", *runs, "--motions", ("test.npz",), robot=recipe.robot))

@@ -72,6 +72,7 @@ def main(recipe: BenchmarkRecipe) -> dict[str, Study]:
     check_folder(recipe.out, "--out")
     pyplot()  # what is missing had better be said before the evaluation
     import_modules(recipe.imports)
+    robot = get_robot(recipe.robot)  # before the policies: a description file makes theirs known
     candidates = candidates_of(
         recipe.runs, recipe.trackers, device=recipe.device, interfaces=recipe.interface, robot=recipe.robot
     )
@@ -81,7 +82,7 @@ def main(recipe: BenchmarkRecipe) -> dict[str, Study]:
     trackers = trackers_of(recipe.runs, recipe.trackers, device=recipe.device, robot=recipe.robot)
     entrants = {candidate.name: entrant for candidate, entrant in candidates.items()}
     control_dt = common_control_dt(entrants, (*recipe.horizons, *recipe.further_horizons))
-    sets = motion_sets(recipe, get_robot(recipe.robot), control_dt)
+    sets = motion_sets(recipe, robot, control_dt)
     studies: dict[str, Study] = {}
     write_about(recipe.out, about(recipe, candidates, sets))
     for number, motions in enumerate(sets):

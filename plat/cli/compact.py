@@ -59,6 +59,8 @@ def group_from_text(kind: type, text: str) -> Any:
         name = name.replace("-", "_")
         if not equals or name not in hints:
             raise ValueError(f"{pair!r}: expected 'default', or NAME=NUMBER with a name of: {', '.join(hints)}")
+        if name in values:
+            raise ValueError(f"{pair.strip()!r}: expected {name} once")
         values[name] = _value(name, hints[name], value)
     return kind(**values)
 

@@ -475,6 +475,8 @@ class AverageRecipe(Bounded):
     """let it act by the mean of its action and that in the mirror; one run will do"""
     reach: WalkingReach | None = None
     """show a student keyframes beyond it nearer; one run will do"""
+    robot: str = "g1"
+    """robot of the policies: its name, or path of its JSON description"""
 
 
 @dataclass(kw_only=True)

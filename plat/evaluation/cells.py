@@ -25,7 +25,8 @@ from plat.evaluation.records import CommandRecords
 from plat.evaluation.setting import EvaluationSetting
 from plat.motions.library import MotionLibrary
 from plat.progress import Progress
-from plat.robots import G1
+from plat.robots import G1, register_robot
+from plat.robots.registry import registered_robots
 from plat.robots.robot import Robot
 from plat.runs.user_modules import import_modules
 from plat.scratch import Scratch
@@ -266,7 +267,10 @@ def _on_processes(
     torch.save(desk.library.to("cpu"), motions)
     # spawned, for a child that runs torch after a fork may hang
     pool = ProcessPoolExecutor(
-        count, multiprocessing.get_context("spawn"), initializer=_begin, initargs=(motions, tuple(modules))
+        count,
+        multiprocessing.get_context("spawn"),
+        initializer=_begin,
+        initargs=(motions, tuple(modules), registered_robots()),
     )
     try:
         futures: dict[str, list[Future[None]]] = {}
@@ -297,11 +301,13 @@ _process: dict[str, Any] = {}
 """Motions and policies of a worker process."""
 
 
-def _begin(motions: Path, modules: Sequence[str]) -> None:
+def _begin(motions: Path, modules: Sequence[str], robots: Sequence[Robot]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process tells
     threading.Thread(target=_end_with_parent, daemon=True).start()
     torch.set_num_threads(1)
     import_modules(modules)
+    for robot in robots:  # of description files, which policies name
+        register_robot(robot)
     _process["motions"] = torch.load(motions, weights_only=False, mmap=True)
 
 

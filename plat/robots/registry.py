@@ -8,7 +8,7 @@ from plat.json_file import read_json, short
 from plat.robots.g1 import G1
 from plat.robots.robot import Robot
 
-__all__ = ["get_robot", "register_robot"]
+__all__ = ["get_robot", "register_robot", "registered_robots"]
 
 _ROBOTS: dict[str, Robot] = {G1.name: G1}
 
@@ -32,6 +32,15 @@ def register_robot(robot: Robot) -> Robot:
     if _ROBOTS.setdefault(robot.name, robot) != robot:
         raise RobotError(f"robot {robot.name!r} is registered already with other settings; choose another name")
     return _ROBOTS[robot.name]
+
+
+def registered_robots() -> tuple[Robot, ...]:
+    """Return all robots that are registered: a process of its own knows the G1 alone, and is given them.
+
+    >>> G1 in registered_robots()
+    True
+    """
+    return tuple(_ROBOTS.values())
 
 
 def get_robot(name_or_path: str | Path) -> Robot:

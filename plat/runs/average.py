@@ -11,6 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from plat.bounds import Positive, check_value
 from plat.errors import CheckpointError, ConfigError
 from plat.files import check_folder
 from plat.modules import LatentPolicy, PlainPolicy, WalkingReach, take_over
@@ -145,7 +146,7 @@ def average_runs(
             refined.
 
     Raises:
-        ConfigError: for less than two runs, or another number of shares.
+        ConfigError: for less than two runs, another number of shares, or a share that is no number above 0.
         CheckpointError: when a run cannot be read, or its policy is of another kind or size, or differs in what its
             weights mean, such as the base of the action; for one that cannot be ``symmetric`` or be given a ``reach``.
         RobotError: when the robot of a ``symmetric`` one is not.
@@ -154,7 +155,11 @@ def average_runs(
         raise ConfigError(f"runs: {len(runs)}, expected two or more to average")
     if shares and len(shares) != len(runs):
         raise ConfigError(f"--shares: {len(shares)} numbers, expected {len(runs)}, one for each run")
-    parts = [share / math.fsum(shares) for share in shares] or [1 / len(runs)] * len(runs)
+    for share in shares:
+        check_value("--shares", share, Positive)
+    largest = max(shares, default=1.0)  # divided by first: the sum may be too large for a number
+    scaled = [float(share / largest) for share in shares] or [1.0] * len(runs)
+    parts = [share / math.fsum(scaled) for share in scaled]
     check_folder(out)
     check_out(out, resume=False)
     saved = [SavedRun(run) for run in runs]

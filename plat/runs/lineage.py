@@ -1,12 +1,25 @@
 """Lineage of a run: which recipe made it, from which other runs, and what all of them were trained on."""
 
+from contextlib import suppress
 from pathlib import Path, PurePath
+from typing import Any
+
+from torch import nn
 
 from plat.errors import PlatError
+from plat.runs.inputs import weights_print
+from plat.runs.json_object import read_json
 from plat.runs.locate import is_run, shipped_runs
+from plat.runs.outputs import INPUTS_FILE
 from plat.runs.saved_run import SavedRun
 
 __all__ = ["made_by", "parents", "trained_on"]
+
+_POLICIES = ("init", "expert", "student")
+"""Settings that name the run of a policy."""
+
+_FACTS = ("finished", "made_with")
+"""What an average knows of each run."""
 
 _KINDS = ("latent", "plain")
 """Values of the setting ``student`` of stage 2, where it is no run."""
@@ -15,20 +28,42 @@ _KINDS = ("latent", "plain")
 def parents(run: SavedRun) -> list[SavedRun]:
     """Return the runs that a run began from, learned from or is the mean of, as far as they are here.
 
-    They are looked for beside it, by an absolute path, and among the weights that come with plat.
+    They are looked for by their path, beside the run, and among the weights that come with plat. One whose weights are
+    others than ``inputs.json`` knows, or that was trained on since it was averaged, is another run.
     """
-    given = [run.settings.get(name) for name in ("init", "init_model", "expert", "student")]
-    given += [part.get("run") for part in run.averaged]
+    inputs: dict[str, Any] = {}
+    with suppress(PlatError):  # an average has none, nor has a run of an older plat; a damaged one says nothing
+        inputs = read_json(run.folder / INPUTS_FILE)
+    given = [(run.settings.get(name), {"weights": inputs.get(name)}) for name in _POLICIES]
+    given += [(run.settings.get("init_model"), {})]
+    given += [(part.get("run"), {name: part[name] for name in _FACTS if name in part}) for part in run.averaged]
     found: dict[Path, SavedRun] = {}
     shipped = shipped_runs()
-    for name in (str(each) for each in given if each and each not in _KINDS):
+    for name, known in ((str(each), known) for each, known in given if each and each not in _KINDS):
         beside = run.folder.resolve().parent / PurePath(name).name
-        places = [Path(name)] if PurePath(name).is_absolute() else []
-        places += [beside, *([shipped[name]] if name in shipped else [])]
-        folder = next((place for place in places if is_run(place) and place.resolve() != run.folder.resolve()), None)
-        if folder is not None:
-            found.setdefault(folder.resolve(), SavedRun(folder))
+        # a bare name is of a run beside it, unless weights tell
+        places = [Path(name), beside] if PurePath(name).name != name or known.get("weights") else [beside]
+        places += [shipped[name]] if name in shipped else []
+        for folder in places:
+            if is_run(folder) and folder.resolve() != run.folder.resolve() and _is_known(SavedRun(folder), **known):
+                found.setdefault(folder.resolve(), SavedRun(folder))
+                break
     return list(found.values())
+
+
+def _is_known(run: SavedRun, weights: str | None = None, **facts: Any) -> bool:
+    """Return whether a run has the weights of a fingerprint and the facts in its settings, as far as they are known."""
+    if any(run.config.get(name) != fact for name, fact in facts.items()):
+        return False
+    if weights is None:
+        return True
+    try:
+        policy = run.policy_as(nn.Module, "weights")
+    except PlatError:
+        return False
+    # of one that was fine-tuned, its student is gone on from
+    student = getattr(policy, "student", None)
+    return weights in (weights_print(one) for one in (policy, student) if isinstance(one, nn.Module))
 
 
 def made_by(run: SavedRun) -> str:

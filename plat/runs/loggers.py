@@ -11,7 +11,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal
 
-from plat.errors import PlatError
+from plat.errors import CheckpointError, PlatError
 from plat.files import replace_file
 
 __all__ = [
@@ -19,6 +19,7 @@ __all__ = [
     "LoggerName",
     "check_logger",
     "chosen_loggers",
+    "keep_id",
     "log_table",
     "log_video",
     "logging_id",
@@ -61,8 +62,20 @@ def logging_id(folder: Path, resume: bool) -> str:
     """
     path = folder / ID_FILE
     if not (resume and path.exists()):
-        replace_file(path, lambda part: part.write_text(secrets.token_hex(4), encoding="utf-8"))
+        keep_id(folder, secrets.token_hex(4))
     return path.read_text(encoding="utf-8").strip()
+
+
+def keep_id(folder: Path, run_id: str) -> None:
+    """Write what tells a training from all others of its name into its folder.
+
+    Raises:
+        CheckpointError: when the disk does not take it.
+    """
+    try:
+        replace_file(folder / ID_FILE, lambda part: part.write_text(run_id, encoding="utf-8"))
+    except OSError as error:
+        raise CheckpointError(f"{str(folder / ID_FILE)!r} could not be written ({error.strerror})") from error
 
 
 def start_logging(

@@ -1,7 +1,8 @@
 """Metrics of a run as a CSV file."""
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,9 @@ class MetricsFile:
         path: the file.
         keep_until: rows of later steps are dropped, which a killed run wrote after its last checkpoint.
 
+    Attributes:
+        dropped: whether there were such rows.
+
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     metrics = MetricsFile(Path(folder) / "metrics.csv")
@@ -34,6 +38,7 @@ class MetricsFile:
 
     def __init__(self, path: Path, keep_until: int = 0):
         self.path = path
+        self.dropped = False
         self._columns = ["step"]
         self._rows: list[dict[str, Any]] = []
         self._behind = False
@@ -57,6 +62,15 @@ class MetricsFile:
         except OSError as error:
             self._fall_behind(error)
 
+    def rows(self) -> Iterator[tuple[int, dict[str, float]]]:
+        """Yield step and metrics of each row; cells that are empty or no numbers are left out."""
+        for row in self._rows:
+            metrics = {}
+            for name in row.keys() - {"step", "seconds"}:
+                with suppress(ValueError):
+                    metrics[name] = float(row[name])
+            yield int(row["step"]), metrics
+
     def _read(self, keep_until: int) -> None:
         damage = None
         try:
@@ -66,11 +80,11 @@ class MetricsFile:
                 raise ValueError(f"its first line is {','.join(columns)[:40]!r}, expected 'step,...'")
             self._columns = columns
             good = [len(row) == len(columns) and row[0].isdecimal() and len(row[0]) < 19 for row in rows]
-            self._rows = [
-                dict(zip(columns, row, strict=True))
-                for row, is_good in zip(rows, good, strict=True)
-                if is_good and int(row[0]) <= keep_until
+            readable = [
+                dict(zip(columns, row, strict=True)) for row, is_good in zip(rows, good, strict=True) if is_good
             ]
+            self._rows = [row for row in readable if int(row["step"]) <= keep_until]
+            self.dropped = len(self._rows) < len(readable)
             # a kill cuts the last line at most
             if not all(good[:-1]):
                 damage = "lines that are no rows are left out"

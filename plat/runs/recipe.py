@@ -55,10 +55,13 @@ def begin(recipe: T) -> T:
     """Return the settings of a recipe on its device, after a check of all that does not need its motions.
 
     Raises:
-        PlatError: for a device, physics or Ray that is not there, no budget, a folder that cannot be written to, one
-            that holds a run already, or one that holds none to resume.
+        PlatError: for a device, robot, physics or Ray that is not there, no budget, a folder that cannot be written to,
+            one that holds a run already, or one that holds none to resume.
     """
+    from plat.robots import get_robot  # torch, as above
+
     recipe = on_device(recipe)
+    get_robot(recipe.robot)  # a description file makes the robot of the runs that it goes on from known
     Budget(recipe.minutes, recipe.steps)
     check_physics(recipe.physics)
     if recipe.ray:

@@ -35,7 +35,7 @@ from plat.runs.checkpoints import Checkpoints, UnfitCheckpointError
 from plat.runs.interrupts import StopSignal
 from plat.runs.json_object import entry, plain, read_json, write_json
 from plat.runs.lock import LOCK_FILE, RunLock
-from plat.runs.loggers import ID_FILE, LoggerName, check_logger, log_video, logging_id, start_logging
+from plat.runs.loggers import ID_FILE, LoggerName, check_logger, keep_id, log_video, logging_id, start_logging
 from plat.runs.metrics import MetricsFile
 from plat.runs.outputs import CHECKPOINTS, INPUTS_FILE, check_out
 from plat.runs.policies import complete_spec, policy_spec
@@ -157,9 +157,13 @@ class Run:
             else:
                 self._begin(config, self._inputs)
             self._metrics = MetricsFile(folder / _METRICS_FILE, keep_until=budget.steps)
-            self._tracked = [
-                start_logging(logger, folder.name, folder, config, logging_id(folder, resume)) for logger in loggers
-            ]
+            # loggers take no row back: what follows on rows that were dropped is a run of its own there
+            if self._metrics.dropped:
+                (folder / ID_FILE).unlink(missing_ok=True)
+            self._logging_id = logging_id(folder, resume) if loggers else None
+            self._tracked = [start_logging(logger, folder.name, folder, config, self._logging_id) for logger in loggers]
+            for step, metrics in self._metrics.rows() if self._metrics.dropped else ():
+                self._track(step, metrics)
         except BaseException:
             if not resume:
                 self._clear()
@@ -187,7 +191,8 @@ class Run:
             sys.exit(self._stop.status)
 
     def _begin(self, config: Mapping[str, Any], inputs: Mapping[str, Any]) -> None:
-        (self.folder / _METRICS_FILE).unlink(missing_ok=True)  # of a start that did not get to a checkpoint
+        for name in (_METRICS_FILE, ID_FILE):  # of a start that did not get to a checkpoint
+            (self.folder / name).unlink(missing_ok=True)
         write_json(self.folder / INPUTS_FILE, inputs)
         write_json(self.folder / CONFIG_FILE, config)
         self._config = config
@@ -275,8 +280,7 @@ class Run:
         """
         self._stay()
         self._metrics.write(self.budget.steps, {"seconds": self.budget.seconds, **metrics})
-        for run in self._tracked:
-            run.log(dict(metrics), step=self.budget.steps)
+        self._track(self.budget.steps, metrics)
         if self._tracked and self._film is not None:
             self._take_film(self._film)
         now = time.monotonic()
@@ -297,13 +301,18 @@ class Run:
                 self._last_save = time.monotonic()
                 print(f"training goes on without a checkpoint: {error}", flush=True)
 
+    def _track(self, step: int, metrics: Mapping[str, float]) -> None:
+        for run in self._tracked:
+            run.log(dict(metrics), step=step)
+
     def _stay(self) -> None:
         """Begin the directory anew where it was moved or removed: half a run would be written otherwise.
 
         A disk that does not take it is asked again the next time.
 
         Raises:
-            CheckpointError: when another process has begun a run there.
+            CheckpointError: when another process has begun a run there, or a folder that holds another run took its
+                place.
         """
         if self._lock.is_there() and not self._unwritten:
             return
@@ -311,10 +320,13 @@ class Run:
             if not self._lock.is_there():
                 self._lock.release()
                 self._lock = RunLock(self.folder)
+                self._check_replaced()
                 told = f"{str(self.folder)!r} was moved or removed: the run goes on in a new folder of that name"
                 print(told, flush=True)
             write_json(self.folder / INPUTS_FILE, self._inputs)
             write_json(self.folder / CONFIG_FILE, self._config)
+            if self._logging_id is not None:
+                keep_id(self.folder, self._logging_id)
         except CheckpointError as error:
             if not isinstance(error.__cause__, OSError):
                 raise
@@ -325,6 +337,23 @@ class Run:
         self._unwritten = False
         self._metrics.rewrite()
         self._last_save = float("-inf")  # nothing else could be resumed there
+
+    def _check_replaced(self) -> None:
+        """Check that no other run with a checkpoint took the directory's place; a copy of this one may.
+
+        Raises:
+            CheckpointError: when one did; nothing of it is touched.
+        """
+        try:
+            check_out(self.folder, resume=False)
+        except CheckpointError as error:
+            with suppress(CheckpointError):
+                if read_json(self.folder / CONFIG_FILE) == plain(self._config):
+                    return
+            raise CheckpointError(
+                f"the folder was replaced while it was trained into: {error}; this run ends, and goes on with --resume "
+                "from where its own folder is now"
+            ) from None
 
     def _take_film(self, film: Callable[[int], Path | None]) -> None:
         with self.budget.paused():

@@ -16,7 +16,7 @@ from plat.files import readable, replace_file
 from plat.gpu import check_device
 from plat.json_file import short
 from plat.runs.json_object import read_json
-from plat.runs.locate import CONFIG_FILE, run_folder
+from plat.runs.locate import CONFIG_FILE, is_run, run_folder
 from plat.runs.outputs import WEIGHTS_FILE
 from plat.runs.policies import Policy, build_policy
 
@@ -189,16 +189,19 @@ class SavedRun:
     def scores(self) -> tuple[RunScore, ...] | None:
         """Return the policy's scores from ``evaluation.csv`` in the directory or beside it; None where there are none.
 
-        In a table with several policies, rows are matched by the directory's name, or by the run's original name. A
-        table in the directory that holds a single policy belongs to this run, whatever its name. Rows of other than the
-        usual conditions, such as partial keyframes, are left out.
+        In a table with several policies, rows are matched by the directory's name, or by the run's original name; in
+        one beside it only where no other run has that name now. A table in the directory that holds a single policy
+        belongs to this run, whatever its name. Rows of other than the usual conditions, such as partial keyframes, are
+        left out.
         """
         own = _read_scores(self.folder / SCORES_FILE)
         shared = _read_scores(self.folder.resolve().parent / SCORES_FILE)
         # an average has the settings of its last run, and acts otherwise
         made_as = "" if "average" in self.config else Path(str(self.settings.get("out", ""))).name
-        for table in (own, shared):
-            for name in (self.name, made_as):
+        # where another run has the original name now, rows beside it are that one's
+        taken = is_run(self.folder.resolve().parent / made_as)
+        for table, names in ((own, (self.name, made_as)), (shared, (self.name,) if taken else (self.name, made_as))):
+            for name in names:
                 if name in table:
                     return table[name]
         return next(iter(own.values())) if len(own) == 1 else None

@@ -43,13 +43,20 @@ def with_settings(settings: T, values: Mapping[str, Any]) -> T:
         if first not in (names := [field.name for field in dataclasses.fields(settings) if field.init]):  # type: ignore
             raise ConfigError(f"{type(settings).__name__}: no setting {first!r}, expected one of {', '.join(names)}")
         if not rest:
-            own[first] = value
+            own[first] = _of_python(value)
         elif dataclasses.is_dataclass(getattr(settings, first)):
             inner.setdefault(first, {})[rest] = value
         else:
             raise ConfigError(f"{type(settings).__name__}: {first} has no settings of its own, {name!r} names one")
     own |= {name: with_settings(getattr(settings, name), of_it) for name, of_it in inner.items()}
     return dataclasses.replace(settings, **own)  # type: ignore[type-var]
+
+
+def _of_python(value: Any) -> Any:
+    """Return a value with the numbers of Python in place of NumPy's and torch's, which searches draw."""
+    if type(value) in (tuple, list):
+        return type(value)(map(_of_python, value))
+    return value.tolist() if hasattr(value, "tolist") else value
 
 
 def trainable(
@@ -77,7 +84,7 @@ def trainable(
             os.environ["PLAT_CPUS"] = str(cpus)
         with contextlib.chdir(home):
             changed = with_settings(recipe, dict(sample))
-            out = recipe.out / _name(sample)
+            out = recipe.out / _name({name: _of_python(value) for name, value in sample.items()})
             train(dataclasses.replace(changed, out=out, resume=is_run(out)))
             return _last_means(out / "metrics.csv", share)
 

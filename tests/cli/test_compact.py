@@ -40,6 +40,8 @@ def test_numbers_ranges_and_none():
     [
         (ResetNoise, "yw=1", "'yw=1': expected 'default', or NAME=NUMBER with a name of: root_pos_xy, .*yaw"),
         (ResetNoise, "yaw", "'yaw': expected 'default'"),
+        (ResetNoise, "yaw=0.1,yaw=0.2", "'yaw=0.2': expected yaw once"),
+        (RandomizationRanges, "push-interval=2:6,motor_gain=0.2,push_interval=2:6", "expected push_interval once"),
         (ResetNoise, "yaw=fast", "yaw=fast: expected a number"),
         (ResetNoise, "yaw=1:2", "yaw=1:2: expected a number"),
         (ResetNoise, "yaw=-1", "ResetNoise: yaw is -1.0, expected a number of at least 0"),

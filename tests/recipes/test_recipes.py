@@ -17,6 +17,7 @@ import torch
 from safetensors.torch import load_file
 
 from plat.cli import main
+from plat.objectives import PPO
 from plat.recipes import distill
 from plat.runs import load_policy
 from tests.export.runs import small_policy, write_run
@@ -158,6 +159,22 @@ def test_one_seed_one_result(tmp_path, stages, recipe):
 def test_variants_of_stage_three(tmp_path, stages, variant):
     run("refine", *stages["refine"], "--variant", variant, "--steps", 200, "--out", tmp_path / variant)
     assert len(steps_in(tmp_path / variant)) >= 3
+
+
+@pytest.mark.parametrize("stage", ["expert", "refine"])
+def test_the_critic_learns_alone_for_as_many_rollouts_as_are_set(tmp_path, stages, monkeypatch, stage):
+    learned = []
+    step = PPO.step
+
+    def watched(self, rollout, learn_policy=True, gradient=None):
+        learned.append(learn_policy)
+        return step(self, rollout, learn_policy, gradient)
+
+    monkeypatch.setattr(PPO, "step", watched)
+    start = ["--init", stages["distill"][-1]] if stage == "expert" else []
+    flags = [*stages[stage], *start, "--critic-warmup", 2, "--steps", 5 * 8 * 8, "--out", tmp_path / "run"]
+    run(stage, *flags)
+    assert learned == [False, False, True, True]  # of five rollouts, the first fills the normalizers
 
 
 def test_an_expert_goes_on_with_other_settings(tmp_path, stages):

@@ -153,6 +153,48 @@ def test_a_run_of_a_robot_that_nobody_registered_says_so(toy, tmp_path, monkeypa
     assert load_policy(tmp_path / "run").robot.name == "toy"
 
 
+@pytest.fixture
+def forgotten(toy, motions, tmp_path, monkeypatch) -> list[str]:
+    """Flags that name the robot, which is not registered; runs of it are ``expert``, ``one`` and ``other``."""
+    save_motions(tmp_path / "squats.npz", [squats(toy)], toy)
+    write_run(tmp_path / "expert", Expert(toy, ExpertConfig(hidden=(8,))))
+    for name in ("one", "other"):
+        write_run(tmp_path / name, LatentPolicy(toy, LatentPolicyConfig(latent_size=4)))
+    monkeypatch.delitem(registry._ROBOTS, "toy")
+    return ["--robot", str(DESCRIPTION)]
+
+
+@pytest.mark.parametrize(
+    ("stage", "flags"),
+    [
+        ("expert", ["--init", "expert"]),
+        ("expert-model", ["--init", "expert"]),
+        ("distill", ["--expert", "expert"]),
+        ("refine", ["--student", "one"]),
+        ("refine-model", ["--student", "one"]),
+        ("imagine", ["--student", "latent", "--init", "one"]),
+    ],
+)
+def test_every_stage_goes_on_from_a_run_of_a_robot_of_a_file(tmp_path, monkeypatch, forgotten, stage, flags):
+    monkeypatch.chdir(tmp_path)
+    names = ["--motions", "nowhere.npz", "--out", "out", "--steps", "1"]
+    with pytest.raises(SystemExit, match="nowhere.npz"):  # the policy was read before
+        main([stage, *flags, *names, *forgotten])
+
+
+def test_runs_of_a_robot_of_a_file_are_averaged(tmp_path, forgotten, capsys):
+    main(["average", str(tmp_path / "one"), str(tmp_path / "other"), "--out", str(tmp_path / "mean"), *forgotten])
+    assert capsys.readouterr().out.endswith(f"--motions test.npz --robot {DESCRIPTION}\n")
+    assert load_policy(tmp_path / "mean").robot.name == "toy"
+
+
+@pytest.mark.slow
+def test_processes_know_a_robot_of_a_file(tmp_path, forgotten):
+    flags = ["--motions", str(tmp_path / "squats.npz"), "--horizon", "short", "mixed", "--workers", "2"]
+    main(["evaluate", str(tmp_path / "one"), *flags, "--csv", str(tmp_path / "scores.csv"), *forgotten])
+    assert "one,mixed," in (tmp_path / "scores.csv").read_text()
+
+
 def test_keyframes_are_chased_and_scored(toy, motions):
     student = LatentPolicy(toy, LatentPolicyConfig(latent_size=4)).eval()
     env = make_keyframe_env(motions, 4, KeyframeTaskConfig(**SIMULATION))

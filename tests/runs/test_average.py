@@ -1,4 +1,5 @@
 import json
+import math
 import subprocess
 import sys
 from dataclasses import replace
@@ -63,6 +64,13 @@ def test_the_mean_of_a_run_with_itself_is_the_run(tmp_path):
     assert all(tensor.equal(weights[name]) for name, tensor in run.policy().state_dict().items())
 
 
+@pytest.mark.parametrize("scale", [1e308, 5e-324, 1e-3])
+def test_shares_count_by_their_ratio(tmp_path, scale):
+    saved(tmp_path / "one")
+    run = average_runs([tmp_path / "one"] * 2, tmp_path / "mean", (scale, scale))
+    assert [part["share"] for part in run.config["average"]] == [0.5, 0.5]
+
+
 def test_what_cannot_be_averaged(tmp_path):
     saved(tmp_path / "one"), saved(tmp_path / "narrower", hidden=8)
     out = tmp_path / "mean"
@@ -70,6 +78,9 @@ def test_what_cannot_be_averaged(tmp_path):
         average_runs([tmp_path / "one"], out)
     with pytest.raises(ConfigError, match="--shares: 3 numbers, expected 2"):
         average_runs([tmp_path / "one", tmp_path / "one"], out, (1, 1, 1))
+    for shares in ((1, 0), (1, -1), (-1, 2), (0.5, math.nan), (1, math.inf), (1, "1"), (1, True)):
+        with pytest.raises(ConfigError, match=r"--shares is ('1'|[\w.-]+), expected a number above 0$"):
+            average_runs([tmp_path / "one", tmp_path / "one"], out, shares)
     with pytest.raises(CheckpointError, match=r"the trained policy has \(16, \d+\) for backbone"):
         average_runs([tmp_path / "one", tmp_path / "narrower"], out)
     with pytest.raises(CheckpointError, match="holds a 'residual_latent' policy"):

@@ -2,8 +2,13 @@ from pathlib import Path
 
 import pytest
 
+from plat.modules import FinetunedPolicy, LatentPolicy, PlainPolicy
+from plat.robots import G1
 from plat.runs import SavedRun, write_json
+from plat.runs.inputs import weights_print
 from plat.runs.lineage import made_by, parents, trained_on
+from tests.modules.policies.test_student import SMALL
+from tests.recipes.runs import save_run
 
 
 def run(folder: Path, recipe: str, **settings) -> SavedRun:
@@ -25,6 +30,55 @@ def test_runs_beside_it_are_followed(refined):
     assert made_by(refined) == "plat refine, action, from dagger"
     assert made_by(parents(refined)[0]) == "plat distill, latent, from expert"
     assert trained_on(refined) == ["fights", "authored keyframes", "walks", "generated"]
+
+
+def test_runs_of_a_name_are_told_apart_by_their_path(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for group in ("small", "large"):
+        run(tmp_path / group / "expert", "expert", motions=[f"{group}.npz"])
+    student = run(tmp_path / "small" / "dagger", "distill", expert="large/expert", motions=["own.npz"])
+    assert trained_on(student) == ["own", "large"]
+    bare = run(tmp_path / "small" / "other", "distill", expert="expert", motions=["own.npz"])
+    assert trained_on(bare) == ["own", "small"]
+
+
+@pytest.fixture
+def policies(tmp_path, monkeypatch) -> dict[str, PlainPolicy]:
+    """Policies of the runs ``old/start`` and ``start``, in the working directory."""
+    monkeypatch.chdir(tmp_path)
+    made = {name: PlainPolicy(G1, SMALL) for name in ("old/start", "start")}
+    for name, policy in made.items():
+        save_run(tmp_path / name, policy)
+    return made
+
+
+@pytest.mark.parametrize("name", ["old/start", "start", "elsewhere/start"])
+def test_a_run_is_known_by_its_weights(tmp_path, policies, name):
+    for folder, policy in policies.items():
+        child = run(tmp_path / "old" / "child", "imagine", init=name)
+        write_json(child.folder / "inputs.json", {"init": weights_print(policy)})
+        wanted = tmp_path / folder
+        # under another name than its own, the one beside is found
+        found = [parent.folder.resolve() for parent in parents(child)]
+        assert found == ([wanted] if folder in (name, "old/start") else [])
+    write_json(child.folder / "inputs.json", {"init": "of weights that are gone"})
+    assert parents(child) == []
+
+
+def test_a_student_is_known_within_the_policy_that_was_fine_tuned(tmp_path):
+    tuned = FinetunedPolicy(LatentPolicy(G1, SMALL))
+    save_run(tmp_path / "tuned", tuned)
+    child = run(tmp_path / "child", "refine", student="tuned")
+    write_json(child.folder / "inputs.json", {"student": weights_print(tuned.student)})
+    assert [parent.name for parent in parents(child)] == ["tuned"]
+
+
+def test_a_run_that_was_trained_on_since_is_not_that_of_the_average(tmp_path):
+    part = {"run": "a", "finished": {"steps": 5}, "made_with": None}
+    write_json(tmp_path / "mean" / "config.json", {"average": [part]})
+    for steps, found in ((5, ["a"]), (6, [])):
+        write_json(tmp_path / "a" / "config.json", {"finished": {"steps": steps}})
+        assert [parent.name for parent in parents(SavedRun(tmp_path / "mean"))] == found
 
 
 def test_what_is_not_here_is_not_made_up(tmp_path):

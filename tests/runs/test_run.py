@@ -596,6 +596,55 @@ def test_a_folder_that_is_moved_or_removed_is_begun_anew(tmp_path, capsys, moved
         assert start(other, resume=True)[3].steps == 20
 
 
+def hashes(folder: Path) -> dict[str, str]:
+    files = [path for path in folder.rglob("*") if path.is_file() and path.name != ".lock"]
+    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+@pytest.mark.parametrize("finished", [True, False])
+def test_another_run_that_takes_the_folders_place_is_left_as_it_is(tmp_path, finished):
+    folder, other = tmp_path / "a", tmp_path / "b"
+    run, _, _, budget = start(other, speed=2.0)
+    with run:
+        for _ in range(3):
+            budget.add(10)
+            run.log({"loss": 0.5})
+            run.save()
+        if finished:
+            run.finish()
+    before = hashes(other)
+    run, _, _, budget = start(folder)
+    with run:
+        budget.add(10)
+        run.log({"loss": 1.0})
+        run.save()
+        folder.rename(tmp_path / "old")
+        other.rename(folder)
+        budget.add(10)
+        with pytest.raises(CheckpointError, match="replaced while it was trained into: '.*a' already holds a run"):
+            run.log({"loss": 2.0})
+    assert hashes(folder) == before
+    assert start(folder, speed=2.0, resume=True)[3].steps == 30
+    assert start(tmp_path / "old", resume=True)[3].steps == 10
+
+
+def test_a_copy_of_the_folder_in_its_place_is_gone_on_with(tmp_path):
+    """As where it was moved to another disk, and linked."""
+    folder, other = tmp_path / "a", tmp_path / "b"
+    start(folder)[0].save()
+    run, _, _, budget = start(folder, resume=True, lr=0.2)
+    with run:
+        for number in range(3):
+            budget.add(10)
+            run.log({"loss": float(number)})
+            if number == 1:
+                run.save()
+                folder.rename(tmp_path / "old")
+                shutil.copytree(tmp_path / "old", other)
+                folder.symlink_to(other)
+    assert start(other, resume=True, lr=0.2)[3].steps == 30
+
+
 @contextmanager
 def full_disk():
     """Files that grow beyond a few bytes fail, as a context."""
@@ -719,3 +768,64 @@ def test_videos_take_no_random_numbers(tmp_path):
     torch.manual_seed(0)
     run.log({})
     assert torch.equal(torch.rand(1), wanted)
+
+
+@pytest.fixture
+def tracked(monkeypatch) -> dict[str, dict[int, float]]:
+    """The loss by step that loggers were given, by the id of the training."""
+    runs: dict[str, dict[int, float]] = {}
+
+    class Logger:
+        def __init__(self, run_id):
+            self.rows = runs.setdefault(run_id, {})
+
+        def log(self, entries, step):
+            assert step not in self.rows, "loggers take no row back"
+            self.rows[step] = entries["loss"]
+
+    monkeypatch.setattr("plat.runs.run.start_logging", lambda logger, name, folder, config, run_id: Logger(run_id))
+    monkeypatch.setattr("plat.runs.run.check_logger", lambda _: None)
+    return runs
+
+
+def tracked_steps(folder: Path, count: int, factor: float, save_at: int = 0, **settings) -> None:
+    """Some iterations of a run that is killed after them."""
+    run, _, _, budget = start(folder, loggers=("trackio",), **settings)
+    for _ in range(count):
+        budget.add(10)
+        run.log({"loss": factor * budget.steps})
+        if budget.steps == save_at:
+            run.save()
+    run._lock.release()
+
+
+def test_curves_of_a_resumed_run_hold_no_rows_that_were_undone(tmp_path, tracked):
+    tracked_steps(tmp_path / "a", 4, 1.0, save_at=20)
+    tracked_steps(tmp_path / "a", 2, 2.0, save_at=40, resume=True)
+    assert list(tracked.values()) == [{10: 10, 20: 20, 30: 30, 40: 40}, {10: 10, 20: 20, 30: 60, 40: 80}]
+    # nothing is undone: the same curve goes on
+    tracked_steps(tmp_path / "a", 1, 1.0, resume=True)
+    assert list(tracked.values())[1:] == [{10: 10, 20: 20, 30: 60, 40: 80, 50: 50}]
+
+
+def test_a_run_that_starts_over_has_curves_of_its_own(tmp_path, tracked):
+    tracked_steps(tmp_path / "a", 2, 1.0)
+    tracked_steps(tmp_path / "a", 1, 5.0, resume=True)
+    assert list(tracked.values()) == [{10: 10, 20: 20}, {10: 50}]
+
+
+def test_loggers_go_on_with_a_run_whose_folder_was_moved(tmp_path, tracked):
+    folder = tmp_path / "a"
+    run, _, _, budget = start(folder, loggers=("trackio",))
+    budget.add(10)
+    folder.rename(tmp_path / "b")
+    run.log({"loss": 1.0})
+    run.save()
+    run._lock.release()
+    tracked_steps(folder, 1, 1.0, resume=True)
+    assert list(tracked.values()) == [{10: 1.0, 20: 20.0}]
+
+
+def test_all_loggers_of_a_run_have_its_id(tmp_path, tracked):
+    start(tmp_path / "a", loggers=("trackio", "wandb"))
+    assert list(tracked) == [(tmp_path / "a" / "logging_id").read_text()]

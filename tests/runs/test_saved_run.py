@@ -307,6 +307,14 @@ def test_a_table_of_its_own_needs_no_name_and_one_beside_it_does(chaser):
     assert [score.metric for score in SavedRun(chaser.parent / "renamed").scores] == ["tks", "mpjpe"]
 
 
+def test_scores_of_the_run_that_has_the_original_name_now_are_not_those_of_the_renamed_one(chaser):
+    renamed = named(chaser, "renamed", out="runs/chaser")
+    save(chaser, Expert(G1, ExpertConfig(hidden=(8,))))
+    (chaser.parent / "evaluation.csv").write_text(OTHERS)
+    assert renamed.scores is None
+    assert [score.value for score in SavedRun(chaser).scores] == [99.5, 0.1]
+
+
 def test_scores_of_other_than_the_usual_conditions_are_left_out(chaser):
     lines = TABLE.splitlines()
     table = [lines[0] + ",conditions", lines[1] + ",partial keyframes (hands)", lines[2] + ","]

@@ -2,13 +2,16 @@ import dataclasses
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
+import torch
 
 from plat.envs.physics import available_cpus
 from plat.errors import ConfigError
 from plat.objectives import PPOConfig
 from plat.recipes.options import ExpertRecipe
 from plat.runs import MetricsFile, write_json
+from plat.runs.changes import settings_of
 from plat.runs.search import trainable, with_settings
 
 
@@ -35,6 +38,37 @@ def test_settings_are_named_as_on_the_command_line(tmp_path):
 def test_settings_that_make_no_sense_are_named(tmp_path, name, value, message):
     with pytest.raises(ConfigError, match=message):
         with_settings(recipe(tmp_path), {name: value})
+
+
+def test_numbers_of_numpy_and_torch_are_those_of_python(tmp_path):
+    values = {
+        "ppo.epochs": np.int64(3),
+        "ppo.lr": np.float32(0.5),
+        "num_envs": torch.tensor(4),
+        "mirror": np.bool_(True),
+        "policy.hidden": (np.int64(8), 16),
+        "critic": np.array([32, 32]),
+    }
+    of_python = {
+        "ppo.epochs": 3,
+        "ppo.lr": 0.5,
+        "num_envs": 4,
+        "mirror": True,
+        "policy.hidden": (8, 16),
+        "critic": [32, 32],
+    }
+    found = settings_of(with_settings(recipe(tmp_path), values))
+    assert found == settings_of(with_settings(recipe(tmp_path), of_python))
+    assert (found["ppo"]["epochs"], found["ppo"]["lr"], found["num_envs"]) == (3, 0.5, 4)
+    made = []
+
+    def train(settings: ExpertRecipe) -> None:
+        made.append(settings.out)
+        MetricsFile(settings.out / "metrics.csv").write(1, {"cost": 1.0})
+
+    for sample in (values, of_python):
+        trainable(train, recipe(tmp_path))(sample)
+    assert made[0] == made[1]
 
 
 def test_each_sample_has_a_run_that_is_kept(tmp_path, monkeypatch):
