@@ -16,6 +16,7 @@ from typing import IO, Any
 from plat.errors import OutputError, PlatError
 
 __all__ = [
+    "TABLES",
     "as_path",
     "check_file",
     "check_folder",
@@ -248,6 +249,10 @@ def expand_home(path: Path) -> Path:
         return path
 
 
+TABLES = (".csv", ".tsv", ".txt")
+"""Endings of tables that commands write: no motion and no keyframe file, which a slip would replace."""
+
+
 def check_file(path: Path, what: str = "--out", suffixes: Sequence[str] = ()) -> None:
     """Raise an error for a file that could not be written; folders that are missing would be made.
 
@@ -259,8 +264,6 @@ def check_file(path: Path, what: str = "--out", suffixes: Sequence[str] = ()) ->
     Raises:
         OutputError: when it is a folder or a device, ends otherwise, or its folder takes no files.
     """
-    if suffixes and path.suffix.lower() not in suffixes:
-        raise OutputError(f"{what} {str(path)!r}: expected a file that ends in {' or '.join(suffixes)}")
     try:
         refuse_null(path)
         if path.is_dir():
@@ -269,6 +272,8 @@ def check_file(path: Path, what: str = "--out", suffixes: Sequence[str] = ()) ->
             raise OutputError(f"{what} {str(path)!r}: is a device, expected a file")
     except OSError as error:
         raise OutputError(f"{what} {str(path)!r}: {error.strerror}") from None
+    if suffixes and path.suffix.lower() not in suffixes:
+        raise OutputError(f"{what} {str(path)!r}: expected a file that ends in {' or '.join(suffixes)}")
     check_folder(path.parent, what)
 
 

@@ -34,7 +34,7 @@ from plat.evaluation.score_table import COLUMNS, rows
 from plat.evaluation.study import Study, StudyPlan, run_study
 from plat.evaluation.study_files import write_study
 from plat.figures import ablation_bars, film_strip, group_plot, pyplot, radar_plot, save_figure, success_plot
-from plat.files import check_file, check_folder, replace_file
+from plat.files import TABLES, check_file, check_folder, replace_file
 from plat.motions import MotionLibrary
 from plat.rendering import Playback, RenderingError, Stage
 from plat.robots import get_robot
@@ -50,7 +50,7 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
     """Run the recipe: print a table, return its rows."""
     recipe = on_device(recipe)
     if recipe.csv is not None:
-        check_file(recipe.csv, "--csv")
+        check_file(recipe.csv, "--csv", TABLES)
     for folder, flag in ((recipe.figures, "--figures"), (recipe.strips, "--strips")):
         if folder is not None:
             check_folder(folder, flag)

@@ -25,7 +25,7 @@ from plat.spec.parts import Parts
 
 def from_motion(command: FromMotion) -> KeyframeSequence:
     """Write the file; return what is in it."""
-    check_file(command.out)
+    check_file(command.out, suffixes=(".json",))
     clip = _clip(command)
     if bool(command.times) == (command.every is not None):
         raise KeyframeError("keyframes of a motion: expected either --times or --every")
@@ -108,6 +108,7 @@ def convert(command: ConvertKeyframes) -> list[Keyframe]:
     """Write the file; return the poses that are in it, the start first."""
     if command.kimodo and command.out.suffix.lower() == ".xml":
         raise KeyframeError(f"--kimodo --out {command.out}: constraints are JSON, expected a name that ends in .json")
+    check_file(command.out, suffixes=(".json", ".xml"))
     robot = get_robot(command.robot)
     poses, told = _poses(command, robot)
     for line in told:
@@ -115,6 +116,7 @@ def convert(command: ConvertKeyframes) -> list[Keyframe]:
     if poses[0].time > 0:
         poses.insert(0, standing(robot))
     _check_order(command, poses)
+    poses = [_checked(command, number, pose, robot) for number, pose in enumerate(poses)]
     form = "MJCF keys" if command.out.suffix.lower() == ".xml" else "keyframes"
     if command.out.suffix.lower() == ".xml":
         write_mjcf_keys(command.out, robot, poses)
@@ -122,12 +124,20 @@ def convert(command: ConvertKeyframes) -> list[Keyframe]:
         form = "constraints"
         write_constraints(command.out, robot, poses, command.fps)
     else:
-        start, *others = (pose.checked(robot) for pose in poses)
+        start, *others = poses
         if not others:
             others = [start.at(command.every)]
         write_keyframes(command.out, robot, start, others)
     print(f"wrote {command.out}: {len(poses)} poses as {form}, the first at {poses[0].time:g} s")
     return poses
+
+
+def _checked(command: ConvertKeyframes, number: int, pose: Keyframe, robot: Robot) -> Keyframe:
+    try:
+        return pose.checked(robot)
+    except KeyframeError as error:
+        called = f" ({pose.name!r})" if pose.name else ""
+        raise KeyframeError(f"{str(command.file)!r}: pose {number}{called}: {error}") from None
 
 
 def _check_order(command: ConvertKeyframes, poses: list[Keyframe]) -> None:

@@ -45,7 +45,7 @@ from plat.motions import (
     validate_motions,
 )
 from plat.motions.checks.feet import Soles
-from plat.motions.files import csv_stem
+from plat.motions.files import csv_name, csv_stem
 from plat.motions.generation import PREFIX, generate_named
 from plat.motions.paths import names_apart
 from plat.motions.resample import resample_qpos
@@ -274,6 +274,7 @@ def retarget(command: Retarget) -> list[Retargeted]:
     columns = f"{'error cm':>10}{'depth mm':>10}{'float mm':>10}{'slip cm/s':>11}{'f/s':>6}  read as"
     for line in told:
         print(line)
+    _keep_sources(paths, [command.out / f"{name}.npz" for name in (*names_apart(paths), "train", "val", "test")])
     print(f"{'clip':<44}{'frames':>7}{'s':>7}{columns}")
     unknown: tuple[Path, SkeletonMap] | None = None
     results = retarget_all(
@@ -372,22 +373,38 @@ def write(out: Path, files: Sequence[MotionFile], form: str, robot: Robot = G1) 
     clips = distinct(clips)
     if not clips:
         raise PlatError("no clips are left to write")
+    sources = [file.path for file in files]
     if out.suffix.lower() == ".npz" and form == "npz":
+        _keep_sources(sources, [out])
         out.parent.mkdir(parents=True, exist_ok=True)
         save_motions(out, clips, robot)
         written = [out]
-    else:
+    elif form == "csv":
+        _keep_sources(sources, [out / csv_name(clip) for clip in clips])
         out.mkdir(parents=True, exist_ok=True)
-        if form == "csv":
-            written = [save_csv(out, clip, robot) for clip in clips]
-        else:
-            stems = distinct([MotionClip(file.path.stem, np.empty(0), 0.0) for file in files])
-            written = [out / f"{stem.name}.npz" for stem in stems]
-            for path, file in zip(written, files, strict=True):
-                save_motions(path, distinct(file.clips), robot)
+        written = [save_csv(out, clip, robot) for clip in clips]
+    else:
+        stems = distinct([MotionClip(file.path.stem, np.empty(0), 0.0) for file in files])
+        written = [out / f"{stem.name}.npz" for stem in stems]
+        _keep_sources(sources, written)
+        out.mkdir(parents=True, exist_ok=True)
+        for path, file in zip(written, files, strict=True):
+            save_motions(path, distinct(file.clips), robot)
     seconds = sum(clip.duration for clip in clips)
     print(f"wrote {counted(clips)}, {seconds:.0f} s, to {out}")
     return written
+
+
+def _keep_sources(sources: Sequence[Path], written: Sequence[Path]) -> None:
+    """Raise an error where a file that was read would be replaced.
+
+    Raises:
+        OutputError: naming it.
+    """
+    kept = {source.resolve() for source in sources}
+    for path in written:
+        if path.resolve() in kept:
+            raise OutputError(f"--out: would replace {str(path)!r}, which is read: give another folder or name")
 
 
 def check_out(out: Path, form: str) -> None:

@@ -32,7 +32,7 @@ from plat.control import (
 )
 from plat.control.shoves import Shoves
 from plat.errors import KeyframeError
-from plat.files import check_file, replace_table
+from plat.files import TABLES, check_file, replace_table
 from plat.keyframes import KeyframeSequence, long_intervals_of_file
 from plat.rendering import Stage, check_video, film_with_progress, stage_model, write_video
 from plat.robots import get_robot
@@ -49,7 +49,7 @@ def main(recipe: PlayRecipe) -> list[KeyframeScore]:
     # networks for one robot are so small that more threads only get in each other's way
     torch.set_num_threads(1)
     if recipe.csv is not None:  # what cannot be written shows before the robot runs
-        check_file(recipe.csv, "--csv")
+        check_file(recipe.csv, "--csv", TABLES)
     import_modules(recipe.imports)
     get_robot(recipe.robot)  # a description file makes the policy's robot known
     policy = load_policy(recipe.policy)

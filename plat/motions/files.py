@@ -30,7 +30,16 @@ from plat.motions.retargeting.asf import skeletons_beside
 from plat.progress import tracked
 from plat.robots import G1, Robot
 
-__all__ = ["csv_stem", "load_motions", "motion_paths", "read_along", "read_motion_files", "save_csv", "save_motions"]
+__all__ = [
+    "csv_name",
+    "csv_stem",
+    "load_motions",
+    "motion_paths",
+    "read_along",
+    "read_motion_files",
+    "save_csv",
+    "save_motions",
+]
 
 # endings of what is read as a table
 _TABLES = (".csv", ".tsv", ".txt", ".npy")
@@ -238,7 +247,7 @@ def save_motions(path: str | Path, clips: MotionClip | Iterable[MotionClip], rob
     path = as_path(path, "motion file", OutputError)
     if not path.name:
         raise OutputError(f"motion file {str(path)!r}: is a folder, expected a file")
-    path = path if path.suffix == ".npz" else path.with_name(f"{path.name}.npz")  # as numpy does
+    path = path if path.suffix.lower() == ".npz" else path.with_name(f"{path.name}.npz")  # as numpy does
     write_file(path, lambda part: write_archive(part, arrays, fps, robot.joint_names), "motion file")
 
 
@@ -255,10 +264,14 @@ def save_csv(folder: str | Path, clip: MotionClip, robot: Robot = G1) -> Path:
     folder = as_path(folder, "folder", OutputError)
     if folder.is_file():
         raise OutputError(f"folder {str(folder)!r}: is a file, expected a folder")
-    stem = csv_stem(clip)
-    path = folder / f"{stem}_{clip.fps:.10g}fps.csv"
+    path = folder / csv_name(clip)
     write_file(path, lambda part: part.write_text(csv_text(clip, robot.joint_names)), "motion file")
     return path
+
+
+def csv_name(clip: MotionClip) -> str:
+    """Return the name of a clip's table: ``NAME_30fps.csv``."""
+    return f"{csv_stem(clip)}_{clip.fps:.10g}fps.csv"
 
 
 def csv_stem(clip: MotionClip) -> str:

@@ -476,6 +476,6 @@ def _content_hash(
         # Names of files and folders name clips and may say the frame rate. Files of one folder vouch for each other's
         # rate. A bad one is refused if it was named, and skipped if it was found.
         called = path.resolve().parent.name if holds_sonic(path) else ""
-        places = [path.name, path.parent.name, called, folders[f"{path.parent}{os.sep}"], named]
+        places = [path.name, path.absolute().parent.name, called, folders[f"{path.parent}{os.sep}"], named]
         digest.update(json.dumps([*places, content]).encode())
     return digest.hexdigest()

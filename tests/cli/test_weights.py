@@ -20,7 +20,7 @@ RUNS = {
     "finetuned-hard": "finetuned",
     "expert-last": "expert-model",
     "sides": "imagined",
-    "imagined-latent": "imagined-latent",
+    "latent-second": "imagined-latent",
     "imagined-robot": "imagined-robot",
     "free-22": "imagined-free",
     "plat-generated": "plat-generated",

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from plat.envs.physics.protocol import Kinematics
 from plat.envs.physics.transfer import to_device
-from plat.errors import StateError
+from plat.errors import ConfigError, StateError
 from plat.gpu import check_device
 
 __all__ = ["BatchedPhysics", "available_cpus"]
@@ -248,8 +248,14 @@ class BatchedPhysics:
 
 
 def available_cpus() -> int:
-    """Return the number of CPUs that this process may use: at most ``PLAT_CPUS``, where that is set."""
+    """Return the number of CPUs that this process may use: at most ``PLAT_CPUS``, where that is set.
+
+    Raises:
+        ConfigError: when that is no number.
+    """
     # macOS and Windows have no affinity masks
     there = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     share = os.environ.get("PLAT_CPUS", "")
-    return min(there, int(share)) if share.isdecimal() and int(share) else there
+    if share and not (share.isdecimal() and int(share)):
+        raise ConfigError(f"PLAT_CPUS is {share!r}, expected a whole number from 1")
+    return min(there, int(share)) if share else there

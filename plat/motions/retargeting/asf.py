@@ -51,7 +51,10 @@ def find_asf(path: Path) -> Path:
         MotionError: where there is none, or several and none is called so.
     """
     beside = skeletons_beside(path)
-    called = [file for file in beside if path.stem.lower().startswith(file.stem.lower())]
+    # 144_37.amc is of 144.asf, and not of 14.asf
+    called = [
+        file for file in beside if re.match(re.escape(file.stem.lower()) + r"(?![^\W_])", path.stem.lower()) is not None
+    ]
     if called:
         return max(called, key=lambda file: len(file.stem))
     if len(beside) == 1:
