@@ -1,11 +1,12 @@
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from plat.cli import keyframes
-from plat.errors import KeyframeError, MotionError
+from plat.errors import KeyframeError, MotionError, OutputError
 from plat.keyframes import Keyframe, KeyframeSequence, only, standing
 from plat.keyframes.files import write_keyframes
 from plat.keyframes.mjcf import write_mjcf_keys
@@ -163,6 +164,22 @@ def test_keys_before_the_start_are_refused(tmp_path, more):
     with pytest.raises(KeyframeError, match=r"early.xml': pose 0 is at -1 s, expected times from 0 on: shift all"):
         keyframes.main(keyframes.ConvertKeyframes(file=tmp_path / "early.xml", out=tmp_path / "out.json", **more))
     assert not (tmp_path / "out.json").exists()
+
+
+@pytest.mark.parametrize("out", ["out.json", "out.xml"])
+def test_a_pose_that_cannot_be_is_named_with_its_file(tmp_path, out):
+    bent = standing(G1).joint_pos.copy()
+    bent[list(G1.joint_names).index("left_knee")] = 3.1
+    stand = standing(G1)
+    write_mjcf_keys(tmp_path / "k.xml", G1, [stand.at(0.5), replace(stand.at(1.0), joint_pos=bent, name="squat")])
+    with pytest.raises(KeyframeError, match=r"k.xml': pose 2 .'squat'.: joint_pos: 'left_knee' is 3.1 rad"):
+        keyframes.main(keyframes.ConvertKeyframes(file=tmp_path / "k.xml", out=tmp_path / out))
+    assert not (tmp_path / out).exists()
+
+
+def test_a_motion_is_not_replaced_by_keyframes(tmp_path):
+    with pytest.raises(OutputError, match=r"own.npz': expected a file that ends in .json"):
+        keyframes.main(keyframes.FromMotion(motion="generated:val/bow@1", every=0.5, out=tmp_path / "own.npz"))
 
 
 def test_constraints_are_no_xml(tmp_path):

@@ -19,9 +19,11 @@ from plat.motions import (
     save_motions,
     validate_motion,
 )
+from plat.motions.retargeting.bvh import read_bvh
 from plat.rendering import RenderingError
 from plat.robots import G1
 from tests.motions.formats.writers import bowing_clip, write_asap, write_csv, write_gmr
+from tests.motions.retargeting.human import write_human
 
 
 @pytest.fixture
@@ -197,6 +199,26 @@ def test_what_cannot_be_written_is_said(folder, tmp_path):
         main(["motions", "convert", str(folder), "--out", str(tmp_path / "x.npz"), "--resample", "0"])
     with pytest.raises(PlatError, match="no clips are left"):
         run("convert", folder / "two.npz", "--trim", 1, 0, "--out", tmp_path / "x.npz", "--drop-bad")
+
+
+def test_what_is_read_is_not_replaced(tmp_path):
+    """A capture beside its retargeted motion was gone, and the motion of walk.npz was that of walk.csv."""
+    write_csv(tmp_path / "walk.csv", bowing_clip(40))
+    save_motions(tmp_path / "walk.npz", bowing_clip(60))
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    for arguments in (
+        ("convert", tmp_path, "--fps", 50, "--out", tmp_path),
+        ("convert", tmp_path / "walk.npz", "--repair", "--out", tmp_path / "walk.npz"),
+        ("convert", f"{tmp_path}/*", "--fps", 50, "--out", tmp_path / "walk.npz"),
+        ("mirror", tmp_path / "walk.npz", "--out", tmp_path),
+    ):
+        with pytest.raises(PlatError, match=r"--out: would replace '.*walk.npz', which is read"):
+            run(*arguments)
+    mocap = read_bvh(write_human(tmp_path / "run.bvh"))
+    np.savez(tmp_path / "run.npz", joints=0.01 * mocap.positions, joint_names=mocap.names, fps=30)
+    with pytest.raises(PlatError, match=r"--out: would replace '.*run.npz', which is read"):
+        run("retarget", tmp_path / "run.npz", "--out", tmp_path)
+    assert {name: (tmp_path / name).read_bytes() for name in before} == before
 
 
 def test_errors_are_one_line():

@@ -162,6 +162,17 @@ def test_another_folder_is_another_cache_entry(tmp_path, monkeypatch):
     assert fast.duration == pytest.approx(slow.duration / 2, abs=0.04)
 
 
+def test_the_folder_that_one_is_in_counts_as_well(tmp_path, monkeypatch):
+    monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
+    seconds = []
+    for folder in ("walks_30fps", "walks_60fps"):
+        (tmp_path / folder).mkdir()
+        write_csv(tmp_path / folder / "a.csv", bowing_clip())
+        monkeypatch.chdir(tmp_path / folder)
+        seconds.append(MotionLibrary.load("a.csv").duration)
+    assert seconds[0] == pytest.approx(2 * seconds[1], rel=0.05)
+
+
 def test_a_folder_of_sonic_names_its_clip_wherever_it_is_read_from(tmp_path, monkeypatch):
     monkeypatch.setenv("PLAT_CACHE_DIR", str(tmp_path / "cache"))
     for folder in ("a", "b"):

@@ -185,6 +185,9 @@ def test_the_skeleton_lies_beside_it(tmp_path):
     for name in ("cmu_14.asf", "cmu_1.ASF", "other.asf"):
         write_asf(tmp_path / name)
     assert find_asf(tmp_path / "cmu_14_37.amc").name == "cmu_14.asf"
+    assert find_asf(tmp_path / "cmu_1-2.amc").name == "cmu_1.ASF"
+    with pytest.raises(MotionError, match="found 3 of them"):
+        find_asf(tmp_path / "cmu_144_37.amc")  # of another subject than 14 and 1
     with pytest.raises(MotionError, match=r"found 3 of them .cmu_1.ASF, cmu_14.asf, other.asf"):
         find_asf(tmp_path / "15_01.amc")
 
