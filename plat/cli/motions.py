@@ -192,14 +192,15 @@ def repaired(
         clips: to be repaired.
         verdicts: is given the verdict before and after ``--repair`` for each.
     """
-    kept = []
+    kept: list[MotionClip] = []
     pieces = [piece for clip in clips for piece in cut(command, clip)] if command.cut else clips
     for clip in pieces:
         left = clip.duration - sum(command.trim)
         if command.drop_bad and left < command.limits.min_seconds:
             print(f"dropped {clip.name}: {max(left, 0):.2f} s left")
         else:
-            kept.append(repair(command, clip, verdicts))
+            clip = repair(command, clip, verdicts)
+            kept += [clip] if command.resample is None else at_rate([clip], command.resample)
     if not command.drop_bad:
         return kept
     reports = validate_motions(kept, get_robot(command.robot), command.limits)
@@ -236,15 +237,21 @@ def repair(command: Convert, clip: MotionClip, verdicts: list[tuple[str, str]] |
             left = f" ({', '.join(mended.after.reasons)})" if mended.after.reasons else ""
             told = f"{mended.before.verdict} ({', '.join(mended.before.reasons)}) -> {mended.after.verdict}{left}"
             print(f"{clip.name}: {told}: {done}")
-    return clip if command.resample is None else at_rate(clip, command.resample)
+    return clip
 
 
-def at_rate(clip: MotionClip, rate: float) -> MotionClip:
-    """Return a clip at so many frames a second."""
-    if rate == clip.fps:
-        return clip
-    qpos = resample_qpos(torch.from_numpy(clip.qpos), clip.fps, 1 / rate).numpy()
-    return replace(clip, qpos=qpos, fps=rate)
+def at_rate(clips: Sequence[MotionClip], rate: float) -> list[MotionClip]:
+    """Return clips at so many frames a second, without those that are shorter than a frame there; prints these."""
+    resampled = []
+    for clip in clips:
+        qpos = clip.qpos
+        if rate != clip.fps:
+            qpos = resample_qpos(torch.from_numpy(qpos), clip.fps, 1 / rate).numpy()
+        if len(qpos) < 2:
+            print(f"left out {clip.name}: its {clip.duration:.3f} s are less than a frame at {rate:g} fps")
+        else:
+            resampled.append(replace(clip, qpos=qpos, fps=rate))
+    return resampled
 
 
 def mirror(command: Mirror) -> list[Path]:
@@ -311,7 +318,7 @@ def retarget(command: Retarget) -> list[Retargeted]:
             clips = [result.clip for result in made if split_of(result.clip.name) == split]
             if clips:
                 if (rate := common_rate(clips)) is not None:  # a file has one
-                    clips = [at_rate(clip, rate) for clip in clips]
+                    clips = at_rate(clips, rate)
                 command.out.mkdir(parents=True, exist_ok=True)
                 save_motions(command.out / f"{split}.npz", clips)
             print(f"{split}: {len(clips)} clips, {sum(clip.duration for clip in clips):.0f} s")

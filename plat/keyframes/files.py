@@ -26,6 +26,13 @@ _POSE_FIELDS = ("root_pos", "root_quat", "joint_pos")
 _QUATERNION_ORDERS = {"wxyz": [0, 1, 2, 3], "xyzw": [3, 0, 1, 2]}
 
 
+# what becomes keyframes, by the ending of its file
+_INSTEAD = {
+    (".npz", ".npy", ".csv", ".pkl", ".bvh", ".amc"): "plat keyframes from-motion makes keyframes of a motion",
+    (".xml", ".mjcf"): "plat keyframes convert makes keyframes of a model's keys",
+}
+
+
 def read_keyframes(path: Path, robot: RobotJoints) -> tuple[Keyframe | None, tuple[Keyframe, ...]]:
     """Read the start (None where there is none) and the keyframes of a file, joints in the robot's order.
 
@@ -34,6 +41,9 @@ def read_keyframes(path: Path, robot: RobotJoints) -> tuple[Keyframe | None, tup
             or another robot. Inconsistent times are found by :class:`plat.keyframes.KeyframeSequence`.
     """
     check_robot(robot)
+    made_by = next((f"; {how}" for endings, how in _INSTEAD.items() if path.suffix.lower() in endings), "")
+    if made_by and path.is_file():
+        raise KeyframeError(f"keyframe file {str(path)!r}: not one, expected JSON{made_by}")
     content = read_json(path, KeyframeError, f"keyframe file {str(path)!r}", constants=True)
     try:
         return _parse(content, robot)

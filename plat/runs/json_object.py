@@ -21,8 +21,12 @@ def read_json(path: Path) -> dict[str, Any]:
     Raises:
         CheckpointError: when the file is missing, broken, or holds something else.
     """
+    if path.parent.is_file():
+        raise CheckpointError(f"{str(path.parent)!r}: is a file, expected a run directory with config.json")
     if not path.exists():
-        raise CheckpointError(f"{str(path)!r}: no such file, expected a run directory with config.json")
+        bundle = (path.parent / "bundle.json").is_file()
+        told = "; this is a bundle: give the run that it was exported from" if bundle else ""
+        raise CheckpointError(f"{str(path)!r}: no such file, expected a run directory with config.json{told}")
     content = json_file.read_json(path, CheckpointError, repr(str(path)))
     if not isinstance(content, dict):
         raise CheckpointError(f"{str(path)!r}: holds a {type(content).__name__}, expected an object")

@@ -194,3 +194,13 @@ def test_poses_out_of_order_are_refused_before_they_are_written(tmp_path, out):
     with pytest.raises(KeyframeError, match=r"two.json': pose 2 is at 0.5 s, expected later than .* at 0.5 s"):
         keyframes.main(keyframes.ConvertKeyframes(file=tmp_path / "two.json", out=tmp_path / out))
     assert not (tmp_path / out).exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [("walk.npz", "plat keyframes from-motion"), ("keys.xml", "plat keyframes convert")],
+)
+def test_what_becomes_keyframes_is_said_to(tmp_path, name, message):
+    (tmp_path / name).write_bytes(b"PK")
+    with pytest.raises(KeyframeError, match=rf"{name}': not one, expected JSON; {message}"):
+        KeyframeSequence.load(tmp_path / name, G1)

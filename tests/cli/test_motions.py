@@ -221,6 +221,14 @@ def test_what_is_read_is_not_replaced(tmp_path):
     assert {name: (tmp_path / name).read_bytes() for name in before} == before
 
 
+def test_a_clip_that_is_shorter_than_a_frame_does_not_lose_the_others(tmp_path, capsys):
+    save_motions(tmp_path / "good.npz", MotionClip("good", bowing_clip(60).qpos, 30.0))
+    save_motions(tmp_path / "short.npz", MotionClip("short", bowing_clip(2).qpos, 120.0))
+    (path,) = run("convert", tmp_path, "--resample", 50, "--out", tmp_path / "all" / "all.npz")
+    assert [clip.name for clip in load_motions(path)] == ["good"]
+    assert "left out short: its 0.008 s are less than a frame at 50 fps" in capsys.readouterr().out
+
+
 def test_errors_are_one_line():
     out = subprocess.run(
         [sys.executable, "-m", "plat", "motions", "inspect", "nowhere.csv"], capture_output=True, text=True, check=False

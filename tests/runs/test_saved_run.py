@@ -374,3 +374,13 @@ def test_classes_with_a_constructor_of_their_own(tmp_path, monkeypatch):
     policy = OnStudent(OwnParts(G1, torch.nn.Linear(2, 2)))
     save(tmp_path, policy)
     assert torch.equal(load_policy(tmp_path).student.linear.weight, policy.student.linear.weight)
+
+
+def test_what_is_no_run_is_called_what_it_is(tmp_path):
+    (tmp_path / "bundle").mkdir()
+    (tmp_path / "bundle" / "bundle.json").write_text("{}")
+    with pytest.raises(CheckpointError, match="this is a bundle: give the run that it was exported from"):
+        SavedRun(tmp_path / "bundle").policy  # noqa: B018
+    (tmp_path / "model.safetensors").write_bytes(b"")
+    with pytest.raises(CheckpointError, match=r"model.safetensors': is a file, expected a run directory"):
+        SavedRun(tmp_path / "model.safetensors").policy  # noqa: B018

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import torch
 
-from plat.motions.checks.feet import Soles, stance
+from plat.motions.checks.feet import Soles, ground_level, stance
 from plat.motions.checks.repair import clip_to_limits, ground_feet, trim_motion
 from plat.motions.checks.settings import ValidationLimits
 from plat.motions.checks.steps import smooth_steps
@@ -40,8 +40,9 @@ def mend_motion(clip: MotionClip, robot: Robot = G1, limits: ValidationLimits | 
     """Return a clip with what :func:`validate_motion` asks for repaired, and everything else as it was.
 
     Ends with a jump are trimmed, single-frame steps smoothed, angles clipped to limits, and feet put on the floor: all
-    frames alike if that is enough, else after a floor that drifts. A repair that leaves as much to repair as before,
-    makes the verdict worse, or lifts standing feet off the floor for the sake of a hand under it, is not kept.
+    frames alike if that is enough, else after a floor that drifts. A repair that leaves as much to repair as before, by
+    what is wrong and by how much, makes the verdict worse, or lifts standing feet off the floor for the sake of a hand
+    under it, is not kept.
 
     Args:
         clip: a motion.
@@ -63,10 +64,16 @@ def mend_motion(clip: MotionClip, robot: Robot = G1, limits: ValidationLimits | 
         repaired = repair(clip, after)
         report = validate_motion(repaired, robot, limits)
         worse = _URGENCY.index(report.verdict) > _URGENCY.index(after.verdict)
-        if len(report.reasons) < len(after.reasons) and not worse and not _lifts_feet(clip, repaired, robot, limits):
+        if _left(report) < _left(after) and not worse and not _lifts_feet(clip, repaired, robot, limits):
             clip, after = repaired, report
             done.append(what)
     return Mended(clip, before, after, tuple(done))
+
+
+def _left(report: MotionReport) -> tuple[int, float, int]:
+    """Return how much is left to repair: reasons, centimeters off the floor, steps; where feet rest counts double."""
+    centimeters = 100 * (2 * abs(report.floating) + max(report.penetration, 0.0))
+    return len(report.reasons), round(centimeters), len(report.steps)
 
 
 def _lifts_feet(before: MotionClip, after: MotionClip, robot: Robot, limits: ValidationLimits) -> bool:
@@ -75,7 +82,7 @@ def _lifts_feet(before: MotionClip, after: MotionClip, robot: Robot, limits: Val
         return False
     soles = Soles(robot)
     points, repaired = (soles.points(torch.from_numpy(clip.qpos)) for clip in (before, after))
-    low = points[..., 2].amin((1, 2))
+    low = points[..., 2].amin((1, 2)) - ground_level(points, before.fps)  # the floor of a clip that floats or sinks
     standing = stance(points, before.fps) & (low.abs() < limits.floating)
     lifted = repaired[..., 2].amin((1, 2)) > limits.penetration
     return bool((standing & lifted).sum() > _FEW * standing.sum())

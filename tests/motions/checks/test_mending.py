@@ -1,6 +1,6 @@
 import numpy as np
 
-from plat.motions import MotionClip, mend_motion
+from plat.motions import MotionClip, load_motions, mend_motion
 from plat.motions.checks.mending import _lifts_feet
 from plat.motions.checks.settings import ValidationLimits
 from plat.motions.clip import ASSUMED_RATE
@@ -75,3 +75,18 @@ def test_standing_feet_are_not_lifted():
     assert not _lifts_feet(bow, raised(bow, 0.015), G1, limits)
     assert not _lifts_feet(raised(bow, 0.1), bow, G1, limits)
     assert not _lifts_feet(raised(bow, -0.1), bow, G1, limits)
+    for off in (-0.15, -0.04, 0.04, 0.15):  # of a clip that sinks or floats as well
+        assert _lifts_feet(raised(bow, off), raised(bow, 0.15, 30), G1, limits)
+
+
+def test_a_hand_under_the_floor_does_not_lift_a_clip_that_sinks_or_floats(shared_data):
+    """49 % of the frames in which it stands were in the air afterwards, 20 cm at most, and the verdict was use."""
+    motions = load_motions(shared_data / "motions" / "hard_sa_val.npz")
+    (clip,) = (clip for clip in motions if clip.name == "hdm05_bk_depositFloorR_008_low")
+    for off in (0.0, -0.05, -0.15, 0.15):
+        mended = mend_motion(raised(clip, off))
+        assert "feet put on a floor that drifts" not in mended.done
+        assert mended.after.verdict == "repair"
+        # less is left, though not nothing
+        assert mended.done == (("feet put on the floor",) if off else ())
+        assert abs(mended.after.floating) < 0.01
