@@ -281,7 +281,8 @@ def retarget(command: Retarget) -> list[Retargeted]:
     columns = f"{'error cm':>10}{'depth mm':>10}{'float mm':>10}{'slip cm/s':>11}{'f/s':>6}  read as"
     for line in told:
         print(line)
-    _keep_sources(paths, [command.out / f"{name}.npz" for name in (*names_apart(paths), "train", "val", "test")])
+    written = ("train", "val", "test") if command.split else names_apart(paths)
+    _keep_sources(paths, [command.out / f"{name}.npz" for name in written])
     print(f"{'clip':<44}{'frames':>7}{'s':>7}{columns}")
     unknown: tuple[Path, SkeletonMap] | None = None
     results = retarget_all(
