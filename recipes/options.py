@@ -1,7 +1,7 @@
 """Settings of the recipes, apart from what runs so that help texts need no torch."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
@@ -9,7 +9,7 @@ from plat.bounds import Bounded, Count, Fraction, Layers, Natural, NonNegative, 
 from plat.cli.options import Imports, ScoringConfig
 from plat.envs import DistillationTaskConfig, KeyframeTaskConfig, TrackingTaskConfig
 from plat.errors import ConfigError
-from plat.modules import DynamicsConfig, ExpertConfig, LatentPolicyConfig, RefinementConfig
+from plat.modules import DynamicsConfig, ExpertConfig, LatentPolicyConfig, PlainPolicyConfig, RefinementConfig
 from plat.objectives import ImaginationConfig, MotorGradientConfig, PPOConfig
 from plat.precision import Precision
 from plat.recipes.presets import BEST, PRESETS
@@ -239,6 +239,15 @@ class ImagineRecipe(ImaginationRecipe):
             raise ConfigError(
                 f"ImagineRecipe: posterior is {self.posterior:g}, and a plain student has none: set --student latent"
             )
+        if not self.posterior and self.beta != type(self).beta:
+            raise ConfigError(f"ImagineRecipe: beta is {self.beta:g}, without --posterior there is no divergence")
+        known, usual = {each.name for each in fields(PlainPolicyConfig)}, LatentPolicyConfig()
+        for each in fields(LatentPolicyConfig) if self.student == "plain" else ():
+            value = getattr(self.policy, each.name)
+            if each.name not in known and value != getattr(usual, each.name):
+                raise ConfigError(
+                    f"ImagineRecipe: policy.{each.name} is {value}, and a plain student has none: set --student latent"
+                )
 
 
 @dataclass(kw_only=True)

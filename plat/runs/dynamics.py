@@ -46,7 +46,7 @@ def load_dynamics(
     folder = run_folder(folder)
     path, dt = folder / DYNAMICS_FILE, _control_dt(folder / CONFIG_FILE)
     if not path.exists():
-        raise CheckpointError(f"{str(path)!r}: no such file; expected the run of `plat expert-model` or `plat imagine`")
+        raise CheckpointError(f"{str(path)!r}: no such file; expected a run of imagination (`plat imagine`)")
     try:
         weights = load_file(path)
         if broken := [name for name, tensor in weights.items() if not torch.isfinite(tensor).all()]:

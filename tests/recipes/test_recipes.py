@@ -17,8 +17,11 @@ import torch
 from safetensors.torch import load_file
 
 from plat.cli import main
+from plat.errors import ConfigError
+from plat.modules import LatentPolicyConfig
 from plat.objectives import PPO
 from plat.recipes import distill
+from plat.recipes.options import ImagineRecipe
 from plat.runs import load_policy
 from tests.export.runs import small_policy, write_run
 
@@ -275,3 +278,18 @@ def test_distillation_prints_no_warning_of_torch(tmp_path, stages):
     finally:
         torch.set_warn_always(False)
     assert not [str(warning.message) for warning in caught if "requires_grad" in str(warning.message)]
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"policy": LatentPolicyConfig(latent_size=8)}, "policy.latent_size is 8, and a plain student has none"),
+        ({"beta": 3.0}, "beta is 3, without --posterior there is no divergence"),
+        ({"beta": 3.0, "student": "latent"}, "beta is 3, without --posterior there is no divergence"),
+        ({"posterior": 0.5}, "posterior is 0.5, and a plain student has none"),
+    ],
+)
+def test_what_only_a_latent_has_is_refused_without(tmp_path, settings, message):
+    with pytest.raises(ConfigError, match=f"ImagineRecipe: {message}"):
+        ImagineRecipe(motions=("a.npz",), out=tmp_path, minutes=1.0, **settings)
+    ImagineRecipe(motions=("a.npz",), out=tmp_path, minutes=1.0, student="latent", posterior=0.5, beta=3.0)
