@@ -11,6 +11,7 @@ import itertools
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -123,8 +124,10 @@ def inspect(command: Inspect) -> list[MotionReport]:
         order = sorted(range(len(clips)), key=lambda index: urgency.index(reports[index].verdict))
         chosen = order[: command.pictures]
         draw_sheet(command.out / "contact_sheet.png", [clips[index] for index in chosen], robot)
+        sheet = MotionClip("contact_sheet", np.empty(0), 0.0)  # no clip's picture may be called so
+        named = distinct([sheet, *(replace(clip, name=file_name(clip.name)) for clip in clips)])[1:]
         for index in chosen:
-            picture = command.out / f"{file_name(clips[index].name)}.png"
+            picture = command.out / f"{named[index].name}.png"
             plot(picture, clips[index], reports[index], command.limits, robot)
         print(f"wrote {command.out}")
     if skipped:
@@ -324,12 +327,24 @@ def retarget(command: Retarget) -> list[Retargeted]:
                 save_motions(command.out / f"{split}.npz", clips)
             print(f"{split}: {len(clips)} clips, {sum(clip.duration for clip in clips):.0f} s")
     if unknown is not None:
-        proposed = command.out / "proposed_map.yaml"
-        save_map(proposed, unknown[1], _PROPOSED)
+        proposed = _propose(command.out / "proposed_map.yaml", unknown[1])
         print(f"wrote {proposed}: a map to check and to pass with --map (plat motions map draws it)")
     if failed:
         raise MotionError(f"{failed} of {len(paths)} files could not be used; see above")
     return made
+
+
+def _propose(path: Path, skeleton: SkeletonMap) -> Path:
+    """Write a proposed map, and return where to: a number is added to the name of one that somebody has corrected."""
+    for number in itertools.count(1):
+        free = path if number == 1 else path.with_stem(f"{path.stem}_{number}")
+        with suppress(MotionError):
+            if free.exists() and replace(load_map(free), name=skeleton.name) == skeleton:
+                return free
+        if not free.exists():
+            save_map(free, skeleton, _PROPOSED)
+            return free
+    raise AssertionError  # numbers do not end
 
 
 def draw_maps(command: Map) -> list[Path]:
@@ -362,8 +377,7 @@ def draw_maps(command: Map) -> list[Path]:
             wrong += 1
             continue
         if kind == "proposed":
-            written.append(command.out / f"{name}_map.yaml")
-            save_map(written[-1], skeleton, _PROPOSED)
+            written.append(_propose(command.out / f"{name}_map.yaml", skeleton))
         written.append(command.out / f"{name}_map.png")
         told = draw_skeleton(written[-1], mocap, skeleton)
         wrong += bool(told)

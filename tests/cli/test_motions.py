@@ -1,5 +1,6 @@
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -84,6 +85,17 @@ def test_inspect_draws(folder, tmp_path, capsys, monkeypatch):
     # the clips to drop and to repair come first
     assert {"short.png", "floating.png"} <= written <= {"short.png", "floating.png", "contact_sheet.png"}
     assert ("contact_sheet.png" in written) != ("no contact sheet" in capsys.readouterr().out)
+
+
+def test_each_clip_has_a_picture_of_its_own(tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib")
+    monkeypatch.setattr(motions, "draw_sheet", lambda path, *_: path.write_bytes(b"sheet"))
+    clips = [replace(bowing_clip(), name=name) for name in ("a b", "a/b", "a_b", "contact_sheet")]
+    save_motions(tmp_path / "four.npz", clips)
+    run("inspect", tmp_path / "four.npz", "--out", tmp_path / "out")
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert written == {"contact_sheet.png", "a b.png", "a_b.png", "a_b_2.png", "contact_sheet_2.png"}
+    assert (tmp_path / "out" / "contact_sheet.png").read_bytes() == b"sheet"
 
 
 def test_no_opengl_costs_only_the_sheet(folder, tmp_path, capsys, monkeypatch):

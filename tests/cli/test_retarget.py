@@ -45,11 +45,19 @@ def test_a_split_of_captures_of_several_rates_has_the_commonest(tmp_path):
 def test_where_no_map_fits_one_is_proposed(tmp_path):
     odd = {"Hips": "Bassin", "LeftUpLeg": "CuisseLeft", "RightUpLeg": "CuisseRight"}
     write_human(tmp_path / "odd.bvh", frames=3, names=odd)
-    result = run(tmp_path / "odd.bvh", "--out", tmp_path / "out")
+    arguments = (tmp_path / "odd.bvh", "--out", tmp_path / "out")
+    result = run(*arguments)
     assert result.returncode != 0
     assert "write a map for them" in result.stdout
     assert "proposed_map.yaml: a map to check and to pass with --map" in result.stdout
-    result = run(tmp_path / "odd.bvh", "--map", tmp_path / "out" / "proposed_map.yaml", "--out", tmp_path / "out")
+    proposed = tmp_path / "out" / "proposed_map.yaml"
+    corrected = proposed.read_text().replace("pelvis_pitch: 0.0", "pelvis_pitch: 3.0")
+    proposed.write_text(corrected)
+    for _ in range(2):  # what was corrected stays, and what is the same is not written again
+        assert "wrote " + str(proposed.with_name("proposed_map_2.yaml")) in run(*arguments).stdout
+    assert proposed.read_text() == corrected
+    assert len(list((tmp_path / "out").iterdir())) == 2
+    result = run(tmp_path / "odd.bvh", "--map", proposed, "--out", tmp_path / "out")
     assert result.returncode == 0
     assert (tmp_path / "out" / "odd.npz").exists()
 
