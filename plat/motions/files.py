@@ -301,21 +301,27 @@ def _with_sure_rates(
     """Return the files without those whose rate was assumed, where more files contradict the assumption than fit it.
 
     Tables that do not state their rate come in sets of one rate, and of most motions the rate is not to be told. Where
-    more files fit the assumption, those of their folders are taken to fit as well.
+    more files of a folder fit the assumption, the others are taken to fit as well. A folder in which none tells is
+    judged by all.
     """
-    against = sum(isinstance(error, UnfitRateError) for error in errors)
+    against = Counter(error.folder for error in errors if isinstance(error, UnfitRateError))
     fitting = Counter(
         file.path.parent for file in files if any(note.startswith("fps assumed, and") for note in file.notes)
     )
-    if against <= fitting.total():
-        return [_as_beside(file, fitting[file.path.parent]) for file in files], []
-    sure = [file for file in files if not _is_unsure(file)]
-    unsure = [file for file in files if _is_unsure(file)]
-    told = (
-        f"nothing states its frames a second, and {against} such files beside it do not fit the usual ones: state --fps"
-    )
-    found = [MotionError(f"motion file {str(file.path)!r}: {told}") for file in unsure]
-    return sure, found
+    kept, unsure = [], []
+    for file in files:
+        folder = file.path.parent
+        alone = bool(against[folder] or fitting[folder])
+        contradicting, confirming = (each[folder] if alone else each.total() for each in (against, fitting))
+        if contradicting <= confirming:
+            kept.append(_as_beside(file, fitting[folder]))
+        elif not _is_unsure(file):
+            kept.append(file)
+        else:
+            told = f"and {contradicting} such files {'beside it' if alone else 'among these'} do not fit the usual ones"
+            what = f"nothing states its frames a second, {told}: state --fps"
+            unsure.append(MotionError(f"motion file {str(file.path)!r}: {what}"))
+    return kept, unsure
 
 
 def _is_unsure(file: MotionFile) -> bool:
@@ -343,8 +349,8 @@ def _read(path: Path, options: ReadOptions) -> MotionFile:
         # a name that is no text could be written nowhere
         return replace(read, clips=[replace(clip, name=readable(clip.name)) for clip in read.clips])
     except MotionError as error:
-        kind = UnfitRateError if isinstance(error, UnfitRateError) else MotionError
-        raise kind(f"motion file {str(path)!r}: {_cut(error)}") from None
+        told = f"motion file {str(path)!r}: {_cut(error)}"
+        raise (UnfitRateError(told, path.parent) if isinstance(error, UnfitRateError) else MotionError(told)) from None
     except Exception as error:  # whatever a parser stumbles over: the file is broken
         raise MotionError(f"motion file {str(path)!r}: not a readable {ending} file ({_cut(error)})") from error
 

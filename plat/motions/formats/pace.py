@@ -1,6 +1,7 @@
 """What a motion itself says about its frame rate."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from plat.errors import MotionError
 from plat.motions.checks.flight import Flight
@@ -13,7 +14,16 @@ __all__ = ["Pace", "UnfitRateError", "settled_rate"]
 
 
 class UnfitRateError(MotionError):
-    """A file that states no frame rate, and whose motion does not fit the usual one."""
+    """A file that states no frame rate, and whose motion does not fit the usual one.
+
+    Args:
+        message: what is wrong.
+        folder: of the file.
+    """
+
+    def __init__(self, message: str, folder: Path | None = None):
+        super().__init__(message)
+        self.folder = folder
 
 
 class Pace:

@@ -65,3 +65,26 @@ def test_a_set_whose_motions_fall_too_slowly_is_refused(tmp_path):
     assert "fps assumed, and its flight fit" in found[1].facts
     assert len(skipped) == 1
     assert all(np.isclose(file.clips[0].fps, 30) for file in found)
+
+
+def test_each_folder_vouches_for_its_own_rate(tmp_path):
+    """A folder at 60 a second was read at 30 beside one that is at 30."""
+    for folder in ("sixty", "thirty", "silent"):
+        (tmp_path / folder).mkdir()
+        unstated(bowing_clip(), tmp_path / folder / "bow.csv")
+    unstated(jump(60), tmp_path / "sixty" / "jump.csv")
+    for name in ("jump", "hop"):
+        unstated(jump(30), tmp_path / "thirty" / f"{name}.csv")
+    skipped: list[MotionError] = []
+    found = read_motion_files([tmp_path / folder for folder in ("sixty", "thirty", "silent")], skipped=skipped)
+    assert {str(file.path.relative_to(tmp_path)) for file in found} == {
+        "thirty/bow.csv",
+        "thirty/hop.csv",
+        "thirty/jump.csv",
+        "silent/bow.csv",
+    }
+    assert any("sixty/bow.csv': nothing states its frames a second, and 1 such files beside" in str(e) for e in skipped)
+    skipped = []
+    assert not read_motion_files([tmp_path / "sixty", tmp_path / "silent"], skipped=skipped)
+    told = next(str(error) for error in skipped if "silent" in str(error))
+    assert "silent/bow.csv': nothing states its frames a second, and 1 such files among these do not fit" in told
