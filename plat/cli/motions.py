@@ -46,6 +46,7 @@ from plat.motions import (
     validate_motions,
 )
 from plat.motions.checks.feet import Soles
+from plat.motions.clip import ASSUMED_RATE
 from plat.motions.files import csv_name, csv_stem
 from plat.motions.generation import PREFIX, generate_named
 from plat.motions.paths import names_apart
@@ -414,6 +415,8 @@ def write(out: Path, files: Sequence[MotionFile], form: str, robot: Robot = G1) 
             save_motions(path, distinct(file.clips), robot)
     seconds = sum(clip.duration for clip in clips)
     print(f"wrote {counted(clips)}, {seconds:.0f} s, to {out}")
+    if unsure := [clip for clip in clips if ASSUMED_RATE in clip.notes]:
+        print(f"of {counted(unsure)} nothing stated the frames a second, and now the file does: if wrong, state --fps")
     return written
 
 

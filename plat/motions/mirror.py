@@ -1,5 +1,7 @@
 """Mirror images of motions: left and right exchanged."""
 
+from dataclasses import replace
+
 from plat.motions.clip import MotionClip
 from plat.robots import G1, Robot
 from plat.robots.symmetry import MIRRORED_AXIS, joint_symmetry
@@ -32,4 +34,4 @@ def mirror_motion(clip: MotionClip, robot: Robot = G1) -> MotionClip:
     qpos[:, 4:7] *= MIRRORED_AXIS.astype(qpos.dtype)
     qpos[:, 7:] = clip.qpos[:, 7:][:, partner] * sign.astype(qpos.dtype)
     name = clip.name.removesuffix(_SUFFIX) if clip.name.endswith(_SUFFIX) else clip.name + _SUFFIX
-    return MotionClip(name, qpos, clip.fps)
+    return replace(clip, name=name, qpos=qpos)

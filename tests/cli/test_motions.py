@@ -341,6 +341,15 @@ def test_a_rate_that_nothing_states_is_no_verdict_use(tmp_path, capsys):
     assert "-> repair (nothing states or shows its frame rate" in capsys.readouterr().out
 
 
+def test_a_rate_that_nothing_states_is_told_where_it_is_written(tmp_path, capsys):
+    write_csv(tmp_path / "bow.csv", bowing_clip(60))
+    run("mirror", tmp_path / "bow.csv", "--out", tmp_path / "mirrored.npz")
+    told = "of 1 clip nothing stated the frames a second, and now the file does: if wrong, state --fps"
+    assert told in capsys.readouterr().out
+    run("mirror", tmp_path / "bow.csv", "--fps", 50, "--out", tmp_path / "mirrored.npz")
+    assert "nothing stated" not in capsys.readouterr().out
+
+
 def test_the_rate_of_generated_motions_is_not_doubted():
     clip = bowing_clip(60)
     told = [
