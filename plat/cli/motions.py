@@ -79,7 +79,10 @@ def read(command: MotionFiles, skipped: list[MotionError] | None = None) -> list
     robot = get_robot(command.robot)
     generated = [name for name in command.files if name.startswith(PREFIX)]
     files = [MotionFile(Path(re.sub(r"\W", "_", name)), GENERATED, generate_named(name, robot)) for name in generated]
-    if paths := [name for name in command.files if name not in generated]:
+    paths = [name for name in command.files if name not in generated]
+    if generated and not paths:
+        _refuse_stated(command, generated[0])
+    if paths:
         files += read_motion_files(
             paths,
             robot,
@@ -99,6 +102,18 @@ def read(command: MotionFiles, skipped: list[MotionError] | None = None) -> list
     for error in skipped:
         print(f"skipped: {error}")
     return files
+
+
+def _refuse_stated(command: MotionFiles, name: str) -> None:
+    """Raise an error where something is stated of files and there are none.
+
+    Raises:
+        MotionError: naming it.
+    """
+    for field in ("quat_order", "fps", "up", "units", "angles"):
+        if getattr(command, field) is not None:
+            option = f"--{field.replace('_', '-')}"
+            raise MotionError(f"{option} is stated of files, and {name!r} is none: plat makes it itself")
 
 
 def inspect(command: Inspect) -> list[MotionReport]:

@@ -204,6 +204,15 @@ def test_names_are_made_distinct():
     assert [clip.name for clip in clips] == ["a", "a_2", "a_2_2", "b", "a_3"]
 
 
+def test_what_is_stated_of_files_is_refused_where_there_are_none(tmp_path):
+    for option, value in (("fps", 60), ("up", "y"), ("units", "cm"), ("quat-order", "xyzw"), ("angles", "degrees")):
+        with pytest.raises(MotionError, match=f"--{option} is stated of files, and 'generated:val/bow@2' is none"):
+            run("inspect", "generated:val/bow@2", f"--{option}", value)
+    write_csv(tmp_path / "bow.csv", bowing_clip(60))
+    _, other = run("inspect", "generated:val/bow@2", tmp_path / "bow.csv", "--fps", 50)
+    assert other.seconds == pytest.approx(59 / 50)
+
+
 def test_what_cannot_be_written_is_said(folder, tmp_path):
     with pytest.raises(PlatError, match="expected a file .npz, or a folder"):
         run("convert", folder, "--out", tmp_path / "x.csv")

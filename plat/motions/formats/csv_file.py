@@ -1,5 +1,6 @@
 """Tables with a row a frame: root position, root quaternion or Euler angles, joints."""
 
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
@@ -115,9 +116,10 @@ def _quat_order(
     found = choose_quat_order(plain.qpos, turned.qpos, plain.fps, options.soles)
     if found is not None:
         return found, "detected", []
+    out = f"{without_rates(path.stem)}.npz"
     raise MotionError(
         "the root quaternion (columns 4 to 7) makes a plausible motion as wxyz and as xyzw; state which it is: "
-        f"plat motions convert {path} --quat-order wxyz --out {without_rates(path.stem)}.npz (or xyzw), or "
+        f"plat motions convert {shlex.quote(str(path))} --quat-order wxyz --out {shlex.quote(out)} (or xyzw), or "
         "load_motions(..., quat_order=...)"
     )
 

@@ -51,10 +51,7 @@ def find_asf(path: Path) -> Path:
         MotionError: where there is none, or several and none is called so.
     """
     beside = skeletons_beside(path)
-    # 144_37.amc is of 144.asf, and not of 14.asf
-    called = [
-        file for file in beside if re.match(re.escape(file.stem.lower()) + r"(?![^\W_])", path.stem.lower()) is not None
-    ]
+    called = [file for file in beside if _begins(path, file)]
     if called:
         return max(called, key=lambda file: len(file.stem))
     if len(beside) == 1:
@@ -64,6 +61,11 @@ def find_asf(path: Path) -> Path:
         f"AMC file {str(path)!r}: expected its skeleton (.asf) beside it, called as it or as its name begins, "
         f"found {found}"
     )
+
+
+def _begins(path: Path, skeleton: Path) -> bool:
+    """Return whether a file's name begins as its skeleton's: 144_37.amc is of 144.asf, and not of 14.asf."""
+    return re.match(re.escape(skeleton.stem.lower()) + r"(?![^\W_])", path.stem.lower()) is not None
 
 
 def skeletons_beside(path: Path) -> list[Path]:
@@ -89,10 +91,11 @@ def read_amc(path: str | Path, fps: float | None = None, angles: Angles | None =
         MotionError: naming file and line, when one of the two is missing or broken.
     """
     path = Path(path)
-    skeleton = _read_asf(find_asf(path))
+    beside = find_asf(path)
+    skeleton = _read_asf(beside)
     frames, degrees = _read_frames(path, skeleton)
     check_extent(f"AMC file {str(path)!r}", 2 * len(skeleton.bones), len(frames), path.stat().st_size)
-    notes = []
+    notes = [] if _begins(path, beside) else [f"skeleton {beside.name}, the only one beside it"]
     told = skeleton.degrees if degrees is None else degrees
     if angles is not None:
         told = angles == "degrees"

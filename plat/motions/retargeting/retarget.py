@@ -94,11 +94,13 @@ def bvh_paths(patterns: Sequence[str | Path], told: list[str] | None = None) -> 
         MotionError: when there are none, or one of them names no file.
     """
     listed = listed_paths(patterns)
-    paths = [
-        path
-        for path in find_files(patterns, MOCAP_READERS, told=told)
-        if path in listed or _HUMAN.get(path.suffix.lower(), Path.is_file)(path)
-    ]
+    found = find_files(patterns, MOCAP_READERS, told=told)
+    paths = [path for path in found if path in listed or _HUMAN.get(path.suffix.lower(), Path.is_file)(path)]
+    if found and not paths:
+        raise MotionError(
+            f"motion capture files: none of {len(found)} found, such as {str(found[0])!r}, holds a human's motion; "
+            "those of a robot need no retargeting (plat motions convert)"
+        )
     if not paths:
         raise MotionError("motion capture files: none given, expected files, folders or globs")
     return paths

@@ -34,6 +34,9 @@ def test_an_order_that_the_motion_does_not_show_is_asked_for(tmp_path):
         load_motions(tmp_path / "standing.csv")
     (clip,) = load_motions(tmp_path / "standing.csv", quat_order="xyzw")
     np.testing.assert_allclose(clip.qpos, standing.qpos, atol=1e-5)
+    write_csv(tmp_path / "still life.csv", standing, "xyzw")
+    with pytest.raises(MotionError, match=r" convert '[^']*/still life.csv' --quat-order wxyz --out 'still life.npz' "):
+        load_motions(tmp_path / "still life.csv")
 
 
 @pytest.mark.parametrize(

@@ -192,6 +192,15 @@ def test_the_skeleton_lies_beside_it(tmp_path):
         find_asf(tmp_path / "15_01.amc")
 
 
+def test_a_skeleton_that_is_called_otherwise_is_told(tmp_path):
+    write_asf(tmp_path / "14.asf")
+    for name in ("14_37", "144_37"):
+        write_amc(tmp_path / f"{name}.amc", frames=3)
+    told = "skeleton 14.asf, the only one beside it"
+    assert told in read_amc(tmp_path / "144_37.amc").notes
+    assert told not in read_amc(tmp_path / "14_37.amc").notes
+
+
 def test_it_becomes_a_motion_of_the_robot(tmp_path):
     pytest.importorskip("mink")
     write_asf(tmp_path / "a.asf")

@@ -83,6 +83,8 @@ def test_folders_globs_and_names(tmp_path):
         bvh_paths([])
     # of archives in folders, those of robots are left out
     np.savez(tmp_path / "robot.npz", qpos=np.zeros((3, 36)), fps=30)
+    with pytest.raises(MotionError, match=r"none of 1 found, such as '.*robot.npz', holds a human's motion"):
+        bvh_paths([tmp_path / "*.npz"])
     np.savez(tmp_path / "people.npz", posed_joints=np.zeros((3, 30, 3)))
     assert [path.name for path in bvh_paths([tmp_path])] == ["b.bvh", "c.bvh", "people.npz"]
 
