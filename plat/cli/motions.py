@@ -431,7 +431,7 @@ def write(out: Path, files: Sequence[MotionFile], form: str, robot: Robot = G1) 
     seconds = sum(clip.duration for clip in clips)
     print(f"wrote {counted(clips)}, {seconds:.0f} s, to {out}")
     if unsure := [clip for clip in clips if ASSUMED_RATE in clip.notes]:
-        print(f"of {counted(unsure)} nothing stated the frames a second, and now the file does: if wrong, state --fps")
+        print(f"of {counted(unsure)} nothing states the frames a second, as the file says: state --fps")
     return written
 
 

@@ -211,7 +211,7 @@ def load_motions(
     )
     alike: dict[str, list[MotionFile]] = {}
     for file in files:
-        if file.notes:
+        if file.notes or any(clip.notes for clip in file.clips):
             alike.setdefault(file.facts, []).append(file)
     for facts, group in alike.items():
         more = f" and {len(group) - 1} more" if len(group) > 1 else ""
@@ -248,7 +248,8 @@ def save_motions(path: str | Path, clips: MotionClip | Iterable[MotionClip], rob
     if not path.name:
         raise OutputError(f"motion file {str(path)!r}: is a folder, expected a file")
     path = path if path.suffix.lower() == ".npz" else path.with_name(f"{path.name}.npz")  # as numpy does
-    write_file(path, lambda part: write_archive(part, arrays, fps, robot.joint_names), "motion file")
+    assumed = [clip.name for clip in clips if ASSUMED_RATE in clip.notes]
+    write_file(path, lambda part: write_archive(part, arrays, fps, robot.joint_names, assumed), "motion file")
 
 
 def save_csv(folder: str | Path, clip: MotionClip, robot: Robot = G1) -> Path:

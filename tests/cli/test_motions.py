@@ -348,15 +348,22 @@ def test_a_rate_that_nothing_states_is_no_verdict_use(tmp_path, capsys):
     # neither does converting it make it known
     run("convert", tmp_path / "bow.csv", "--repair", "--out", tmp_path / "b.npz")
     assert "-> repair (nothing states or shows its frame rate" in capsys.readouterr().out
+    run("mirror", tmp_path / "b.npz", "--out", tmp_path / "m.npz")
+    run("convert", tmp_path / "m.npz", "--resample", 60, "--out", tmp_path / "tables", "--format", "csv")
+    capsys.readouterr()
+    run("inspect", tmp_path / "b.npz", tmp_path / "m.npz", tmp_path / "tables")
+    text = capsys.readouterr().out
+    assert text.count("repair: nothing states or shows its frame rate: state it (--fps)  [") == 3
+    assert "60 fps" in text
 
 
 def test_a_rate_that_nothing_states_is_told_where_it_is_written(tmp_path, capsys):
     write_csv(tmp_path / "bow.csv", bowing_clip(60))
     run("mirror", tmp_path / "bow.csv", "--out", tmp_path / "mirrored.npz")
-    told = "of 1 clip nothing stated the frames a second, and now the file does: if wrong, state --fps"
+    told = "of 1 clip nothing states the frames a second, as the file says: state --fps"
     assert told in capsys.readouterr().out
     run("mirror", tmp_path / "bow.csv", "--fps", 50, "--out", tmp_path / "mirrored.npz")
-    assert "nothing stated" not in capsys.readouterr().out
+    assert "nothing states" not in capsys.readouterr().out
 
 
 def test_the_rate_of_generated_motions_is_not_doubted():

@@ -8,12 +8,14 @@ from plat.errors import MotionError, OutputError
 from plat.motions import (
     MotionClip,
     load_motions,
+    mirror_motion,
     motion_paths,
     read_motion_files,
     save_csv,
     save_motions,
     validate_motions,
 )
+from plat.motions.clip import ASSUMED_RATE
 from plat.motions.files import read_along
 from plat.robots import G1
 from tests.motions.formats.writers import WRITERS, bowing_clip, write_csv
@@ -324,6 +326,27 @@ def test_a_table_is_read_back_whatever_its_clip_is_called(tmp_path, clip, name):
     np.testing.assert_allclose(found.qpos, clip.qpos, atol=1e-6)
 
 
+@pytest.mark.parametrize("save", ["npz", "csv"])
+def test_a_rate_that_was_assumed_stays_so_in_what_plat_writes(tmp_path, save):
+    clip = bowing_clip(60)
+    unsure = replace(clip, notes=(ASSUMED_RATE, "another note"), fps=60.0)
+    if save == "npz":
+        path = tmp_path / "x.npz"
+        save_motions(path, [unsure, replace(clip, name="sure", fps=60.0)])
+    else:
+        path = save_csv(tmp_path, mirror_motion(mirror_motion(unsure)))
+        save_csv(tmp_path, replace(clip, name="sure", fps=60.0))
+    loaded = {clip.name: clip for clip in load_motions(tmp_path)}
+    assert {name: (clip.fps, ASSUMED_RATE in clip.notes) for name, clip in loaded.items()} == {
+        unsure.name: (60, True),
+        "sure": (60, False),
+    }
+    (report,) = validate_motions([loaded[unsure.name]])
+    assert (report.rate_assumed, report.verdict) == (True, "repair")
+    stated = load_motions(path, fps=50)  # by who knows it
+    assert {(clip.fps, ASSUMED_RATE in clip.notes) for clip in stated} == {(50, False)}
+
+
 def test_what_is_read_along_with_a_table(tmp_path, clip):
     for ending in (".csv", ".tsv", ".txt", ".npy"):
         assert read_along(tmp_path / f"a{ending}") == []
@@ -335,7 +358,7 @@ def test_what_is_read_along_with_a_table(tmp_path, clip):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("fps", "a clip is called 'fps', expected a name other than 'fps', 'joint_names', 'plat_motions'"),
+        ("fps", "'fps', expected a name other than 'fps', 'joint_names', 'fps_assumed', 'plat_motions'"),
         ("joint_names", "a clip is called 'joint_names', expected"),
         ("plat_motions", "a clip is called 'plat_motions', expected"),
         ("a\0b", "expected text without null characters of at most 65000 bytes"),

@@ -9,6 +9,7 @@ from plat.errors import MotionError
 from plat.motions.formats.archive import read_archive, take_rates
 from plat.motions.formats.clock import StatedRate, rates_of_fields
 from plat.motions.formats.decompress import decompress
+from plat.motions.formats.plat_file import ASSUMED
 from plat.motions.formats.unpickle import PickledArray, unpickle
 
 __all__ = ["rates_beside"]
@@ -38,6 +39,8 @@ def rates_beside(path: Path, frames: int) -> list[StatedRate]:
 
 def _archive(path: Path) -> tuple[list[StatedRate], int]:
     arrays = read_archive(path)
+    if ASSUMED in arrays:
+        raise MotionError("its own rate was assumed")  # for this very table, where it was made of it
     return take_rates(arrays, None), next(len(array) for array in arrays.values() if array.ndim > 1)
 
 

@@ -25,6 +25,8 @@ __all__ = ["csv_text", "read_csv", "read_values"]
 # of the LAFAN1 retargeting data set, whose files do not say it, and of BONES-SEED, whose header is known
 _USUAL_FPS = 30.0
 _SEED_FPS = 120.0
+# the comment with which plat writes a rate that was assumed
+_ASSUMED = "fps assumed"
 _FIELDS = ("root position", "root rotation")
 
 
@@ -62,7 +64,8 @@ def csv_text(clip: MotionClip, joint_names: tuple[str, ...]) -> str:
     """Return a clip as a table with a header that :func:`read_csv` understands, quaternion ``wxyz``."""
     header = [*(f"root_{axis}" for axis in "xyz"), *(f"quat_{axis}" for axis in "wxyz"), *joint_names]
     rows = (",".join(f"{value:.7g}" for value in row) for row in clip.qpos.tolist())
-    return "\n".join((",".join(header), *rows, ""))
+    doubt = (f"# {_ASSUMED}",) if ASSUMED_RATE in clip.notes else ()
+    return "\n".join((*doubt, ",".join(header), *rows, ""))
 
 
 def _clip(name: str, parts: Parts, joint_pos: np.ndarray, order: QuatOrder, options: ReadOptions) -> MotionClip:
@@ -141,6 +144,8 @@ def _rate(
         stated = [(_SEED_FPS, "the format")]
     distinct = distinct_rates(stated)
     if len(distinct) == 1:
+        if _ASSUMED in table.comments:
+            return distinct[0][0], (ASSUMED_RATE,)
         return distinct[0][0], (f"fps from {distinct[0][1]}",)
     if distinct:
         rate, told = settled_rate(distinct, [clip], options.robot)

@@ -12,7 +12,7 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.json_file import parse_json, read_json, short
-from plat.motions.clip import MotionClip
+from plat.motions.clip import ASSUMED_RATE, MotionClip
 from plat.motions.formats.archive import read_archive, states_rate, take_rate, take_rates
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, number, strings
 from plat.motions.formats.foreign import refuse_human_body, refuse_old_arrays
@@ -21,7 +21,7 @@ from plat.motions.formats.joint_orders import in_robot_order
 from plat.motions.formats.kimodo import KIMODO_FPS, has_links, read_kimodo
 from plat.motions.formats.names import array_meaning
 from plat.motions.formats.pace import settled_rate
-from plat.motions.formats.plat_file import RESERVED, is_marked
+from plat.motions.formats.plat_file import ASSUMED, RESERVED, is_marked
 from plat.motions.formats.quaternion_order import settle_joint_order, settle_quat_order
 from plat.motions.formats.tracker_file import read_tracker
 
@@ -123,10 +123,13 @@ def _own(path: Path, arrays: dict[str, np.ndarray], options: ReadOptions) -> Mot
     """Read an archive that is marked as plat's own: its clips have any names, and these are the clips' names."""
     fps = take_rate(arrays, options.fps)
     names = strings(arrays["joint_names"], "joint_names") if "joint_names" in arrays else None
+    assumed = set(strings(arrays.get(ASSUMED, []), ASSUMED)) if options.fps is None else set()
     arrays = {name: array for name, array in arrays.items() if name not in RESERVED}
     widths = _widths(names, options)
     fitting = {name: array for name, array in arrays.items() if _is_motion(array, widths)}
-    return _read(path, arrays, fitting, {name: name for name in fitting}, fps, names, options)
+    file = _read(path, arrays, fitting, {name: name for name in fitting}, fps, names, options)
+    clips = [replace(clip, notes=(ASSUMED_RATE, *clip.notes)) if clip.name in assumed else clip for clip in file.clips]
+    return replace(file, clips=clips)
 
 
 def _rename(arrays: dict[str, np.ndarray]) -> None:

@@ -4,19 +4,20 @@ import zipfile
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from plat.errors import MotionError
 from plat.json_file import short
 
-__all__ = ["RATE", "RESERVED", "check_clip_names", "is_marked", "write_archive"]
+__all__ = ["ASSUMED", "RATE", "RESERVED", "check_clip_names", "is_marked", "write_archive"]
 
 # An archive with this array, a version, is plat's own: whatever its arrays are called, they are clips.
 _MARK = "plat_motions"
 _VERSION = 1
-RATE, _JOINTS = "fps", "joint_names"
-RESERVED = (RATE, _JOINTS, _MARK)
+RATE, _JOINTS, ASSUMED = "fps", "joint_names", "fps_assumed"
+RESERVED = (RATE, _JOINTS, ASSUMED, _MARK)
 """Names of arrays that are no clips."""
 
 _LONGEST = 65_000  # bytes of a name: an archive counts them in 16 bits
@@ -37,9 +38,9 @@ def check_clip_names(names: Sequence[str]) -> None:
     Raises:
         MotionError: naming the first, and what would be right.
 
-    >>> check_clip_names(["walk", "fps"])
+    >>> check_clip_names(["walk", "walk"])
     Traceback (most recent call last):
-    plat.errors.MotionError: a clip is called 'fps', expected a name other than 'fps', 'joint_names', 'plat_motions'
+    plat.errors.MotionError: 2 clips are called 'walk', expected names that differ from each other
     """
     for name, count in Counter(names).items():
         if count > 1:
@@ -61,12 +62,20 @@ def _is_text(name: str) -> bool:
     return True
 
 
-def write_archive(path: Path, clips: Mapping[str, np.ndarray], fps: float, joint_names: Sequence[str]) -> None:
-    """Write clips ``[T, 7 + J]`` of one frame rate with the mark of plat.
+def write_archive(
+    path: Path,
+    clips: Mapping[str, np.ndarray],
+    fps: float,
+    joint_names: Sequence[str],
+    assumed: Sequence[str] = (),
+) -> None:
+    """Write clips ``[T, 7 + J]`` of one frame rate with the mark of plat, and the names of those it was assumed of.
 
     ``numpy.savez_compressed`` writes the same, but takes no array by the name of one of its arguments.
     """
-    about = {_MARK: np.int64(_VERSION), RATE: np.float64(fps), _JOINTS: np.array(joint_names)}
+    about: dict[str, Any] = {_MARK: np.int64(_VERSION), RATE: np.float64(fps), _JOINTS: np.array(joint_names)}
+    if assumed:
+        about[ASSUMED] = np.array(assumed)
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, array in (*about.items(), *clips.items()):
             with archive.open(f"{name}.npy", "w", force_zip64=True) as member:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from plat.errors import MotionError
-from plat.motions import MotionClip, read_motion_files
+from plat.motions import MotionClip, load_motions, read_motion_files, save_motions
+from plat.motions.clip import ASSUMED_RATE
 from plat.motions.formats.beside import rates_beside
 from tests.motions.checks.test_flight import jump
 
@@ -46,6 +47,16 @@ def write_asap_of_one(path, clip):
     from .writers import asap_motions, joblib_bytes
 
     path.write_bytes(joblib_bytes(asap_motions(clip, ("bow",))))
+
+
+def test_what_was_made_of_a_table_of_no_rate_states_none(tmp_path):
+    """``convert bow.csv --out bow.npz`` had bow.csv confirmed by it."""
+    write_csv(tmp_path / "bow.csv", bowing_clip())
+    save_motions(tmp_path / "bow.npz", load_motions(tmp_path / "bow.csv"))
+    assert rates_beside(tmp_path / "bow.csv", 40) == []
+    assert all(ASSUMED_RATE in clip.notes for clip in load_motions(tmp_path))
+    save_motions(tmp_path / "bow.npz", load_motions(tmp_path / "bow.csv", fps=60))
+    assert rates_beside(tmp_path / "bow.csv", 40) == [(60, "bow.npz beside it")]
 
 
 def unstated(clip: MotionClip, path) -> None:
