@@ -12,7 +12,7 @@ import numpy as np
 from plat.cli.options import ConvertKeyframes, FromMotion, KeyframesCommand, Show
 from plat.control import Feasibility
 from plat.errors import KeyframeError
-from plat.files import check_file
+from plat.files import check_file, keep_sources
 from plat.keyframes import Keyframe, KeyframeSequence, standing
 from plat.keyframes.files import is_keyframe_file, read_keyframes, write_keyframes
 from plat.keyframes.kimodo import read_constraints, write_constraints
@@ -109,6 +109,7 @@ def convert(command: ConvertKeyframes) -> list[Keyframe]:
     if command.kimodo and command.out.suffix.lower() == ".xml":
         raise KeyframeError(f"--kimodo --out {command.out}: constraints are JSON, expected a name that ends in .json")
     check_file(command.out, suffixes=(".json", ".xml"))
+    keep_sources([command.file], [command.out])
     robot = get_robot(command.robot)
     poses, told = _poses(command, robot)
     for line in told:

@@ -182,6 +182,14 @@ def test_a_motion_is_not_replaced_by_keyframes(tmp_path):
         keyframes.main(keyframes.FromMotion(motion="generated:val/bow@1", every=0.5, out=tmp_path / "own.npz"))
 
 
+def test_the_file_that_is_read_is_not_replaced(tmp_path):
+    file = tmp_path / "drawn.json"
+    file.write_bytes(EXAMPLE.read_bytes())
+    with pytest.raises(OutputError, match=r"--out: would replace .*drawn.json', which is read"):
+        keyframes.main(keyframes.ConvertKeyframes(file=file, out=tmp_path / "." / "drawn.json", kimodo=True))
+    assert file.read_bytes() == EXAMPLE.read_bytes()
+
+
 def test_constraints_are_no_xml(tmp_path):
     with pytest.raises(KeyframeError, match=r"--kimodo --out .*k.xml: constraints are JSON, expected .* in .json"):
         keyframes.main(keyframes.ConvertKeyframes(file=EXAMPLE, out=tmp_path / "k.xml", kimodo=True))
