@@ -24,6 +24,7 @@ __all__ = [
     "decoded",
     "expand_home",
     "is_full",
+    "keep_sources",
     "lock_file",
     "readable",
     "refuse_null",
@@ -275,6 +276,23 @@ def check_file(path: Path, what: str = "--out", suffixes: Sequence[str] = ()) ->
     if suffixes and path.suffix.lower() not in suffixes:
         raise OutputError(f"{what} {str(path)!r}: expected a file that ends in {' or '.join(suffixes)}")
     check_folder(path.parent, what)
+
+
+def keep_sources(sources: Iterable[Path], written: Iterable[Path], what: str = "--out") -> None:
+    """Raise an error where a file that is read would be replaced.
+
+    Args:
+        sources: files that are read.
+        written: files to write.
+        what: begins the message.
+
+    Raises:
+        OutputError: naming it.
+    """
+    kept = {source.resolve() for source in sources}
+    for path in written:
+        if path.resolve() in kept:
+            raise OutputError(f"{what}: would replace {str(path)!r}, which is read: give another folder or name")
 
 
 def check_folder(path: Path, what: str = "--out") -> None:

@@ -55,6 +55,26 @@ def check_minibatches(recipe: "ExpertRecipe | RefineRecipe", ppo: PPOConfig) -> 
         )
 
 
+_OF_LATENT = [each.name for each in fields(LatentPolicyConfig)][len(fields(PlainPolicyConfig)) :]
+_NO_LATENT = "and a plain student has no latent: set --student latent"
+
+
+def check_idle(recipe: RecipeConfig, group: str, names: Sequence[str], told: str) -> None:
+    """Raise an error for settings that were given and have no effect. Runs that were begun with them can be resumed.
+
+    Args:
+        recipe: of the run.
+        group: of the settings, such as ``"policy"``; ``""`` for those of the recipe.
+        names: of the settings.
+        told: ends the message.
+    """
+    settings = getattr(recipe, group) if group else recipe
+    for name in () if recipe.resume else names:
+        value = getattr(settings, name)
+        if value != getattr(type(settings), name):
+            raise ConfigError(f"{type(recipe).__name__}: {f'{group}.' * bool(group)}{name} is {value}, {told}")
+
+
 @dataclass(kw_only=True)
 class ExpertRecipe(RecipeConfig):
     """Train a dense motion-tracking expert."""
@@ -141,6 +161,9 @@ class DistillRecipe(RecipeConfig):
             raise ConfigError(
                 f"DistillRecipe: buffer_size is {self.buffer_size}, expected at least batch_size, {self.batch_size}"
             )
+        if self.student == "plain":
+            check_idle(self, "", ("stride", "prior_weight", "beta", "beta_warmup", "free_bits"), _NO_LATENT)
+            check_idle(self, "policy", _OF_LATENT, _NO_LATENT)
 
 
 @dataclass(kw_only=True)
@@ -239,15 +262,11 @@ class ImagineRecipe(ImaginationRecipe):
             raise ConfigError(
                 f"ImagineRecipe: posterior is {self.posterior:g}, and a plain student has none: set --student latent"
             )
-        if not self.posterior and self.beta != type(self).beta:
-            raise ConfigError(f"ImagineRecipe: beta is {self.beta:g}, without --posterior there is no divergence")
-        known, usual = {each.name for each in fields(PlainPolicyConfig)}, LatentPolicyConfig()
-        for each in fields(LatentPolicyConfig) if self.student == "plain" else ():
-            value = getattr(self.policy, each.name)
-            if each.name not in known and value != getattr(usual, each.name):
-                raise ConfigError(
-                    f"ImagineRecipe: policy.{each.name} is {value}, and a plain student has none: set --student latent"
-                )
+        if not self.posterior:
+            check_idle(self, "", ("beta",), "without --posterior there is no divergence")
+            check_idle(self, "task", ("stride",), "without --posterior nothing sees these frames")
+        if self.student == "plain":
+            check_idle(self, "policy", _OF_LATENT, _NO_LATENT)
 
 
 @dataclass(kw_only=True)

@@ -34,8 +34,9 @@ from plat.evaluation.score_table import COLUMNS, rows
 from plat.evaluation.study import Study, StudyPlan, run_study
 from plat.evaluation.study_files import write_study
 from plat.figures import ablation_bars, film_strip, group_plot, pyplot, radar_plot, save_figure, success_plot
-from plat.files import TABLES, check_file, check_folder, replace_file
-from plat.motions import MotionLibrary
+from plat.files import TABLES, check_file, check_folder, keep_sources, replace_file
+from plat.motions import MotionLibrary, motion_paths
+from plat.motions.generation import PREFIX
 from plat.rendering import Playback, RenderingError, Stage
 from plat.robots import get_robot
 from plat.runs import check_logger, log_table, on_device, start_logging
@@ -51,6 +52,9 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
     recipe = on_device(recipe)
     if recipe.csv is not None:
         check_file(recipe.csv, "--csv", TABLES)
+        files = [name for name in recipe.motions if not name.startswith(PREFIX)]
+        read = [*recipe.manifest, *(motion_paths(files) if files else [])]
+        keep_sources(read, [recipe.csv, authored_csv(recipe.csv)], "--csv")
     for folder, flag in ((recipe.figures, "--figures"), (recipe.strips, "--strips")):
         if folder is not None:
             check_folder(folder, flag)

@@ -12,9 +12,9 @@ import numpy as np
 from plat.cli.options import ConvertKeyframes, FromMotion, KeyframesCommand, Show
 from plat.control import Feasibility
 from plat.errors import KeyframeError
-from plat.files import check_file
+from plat.files import check_file, keep_sources
 from plat.keyframes import Keyframe, KeyframeSequence, standing
-from plat.keyframes.files import is_keyframe_file, read_keyframes, write_keyframes
+from plat.keyframes.files import is_keyframe_file, read_keyframes, refuse_other_kinds, write_keyframes
 from plat.keyframes.kimodo import read_constraints, write_constraints
 from plat.keyframes.mjcf import read_mjcf_keys, write_mjcf_keys
 from plat.motions import MotionClip, load_motions
@@ -109,6 +109,7 @@ def convert(command: ConvertKeyframes) -> list[Keyframe]:
     if command.kimodo and command.out.suffix.lower() == ".xml":
         raise KeyframeError(f"--kimodo --out {command.out}: constraints are JSON, expected a name that ends in .json")
     check_file(command.out, suffixes=(".json", ".xml"))
+    keep_sources([command.file], [command.out])
     robot = get_robot(command.robot)
     poses, told = _poses(command, robot)
     for line in told:
@@ -155,7 +156,7 @@ def _check_order(command: ConvertKeyframes, poses: list[Keyframe]) -> None:
 
 def _poses(command: ConvertKeyframes, robot: Robot) -> tuple[list[Keyframe], list[str]]:
     """Return the poses of a file in any of the forms, in the order of their times, and lines for the user."""
-    if command.file.suffix.lower() == ".xml":
+    if command.file.suffix.lower() in (".xml", ".mjcf"):
         keys = read_mjcf_keys(command.file, robot)
         times = [key.time for key in keys]
         if len(set(times)) > 1 or len(times) == 1:
@@ -165,6 +166,7 @@ def _poses(command: ConvertKeyframes, robot: Robot) -> tuple[list[Keyframe], lis
     if is_keyframe_file(command.file):
         start, others = read_keyframes(command.file, robot)
         return [*([] if start is None else [start]), *others], []
+    refuse_other_kinds(command.file, f"keyframe file {str(command.file)!r}")
     poses, left_out = read_constraints(command.file, robot, command.fps)
     return poses, [f"left out: {', '.join(left_out)}"] if left_out else []
 

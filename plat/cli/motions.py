@@ -26,7 +26,7 @@ import plat.headless  # noqa: F401
 from plat.cli.options import Convert, Inspect, Map, Mirror, MotionFiles, MotionsCommand, Retarget
 from plat.errors import MotionError, OutputError, PlatError
 from plat.figures import draw_skeleton, pyplot, write_figure
-from plat.files import check_file, check_folder, expand_home
+from plat.files import check_file, check_folder, expand_home, keep_sources
 from plat.motions import (
     MotionClip,
     MotionFile,
@@ -301,7 +301,7 @@ def retarget(command: Retarget) -> list[Retargeted]:
     for line in told:
         print(line)
     written = ("train", "val", "test") if command.split else names_apart(paths)
-    _keep_sources(paths, [command.out / f"{name}.npz" for name in written])
+    keep_sources(paths, [command.out / f"{name}.npz" for name in written])
     print(f"{'clip':<44}{'frames':>7}{'s':>7}{columns}")
     unknown: tuple[Path, SkeletonMap] | None = None
     results = retarget_all(
@@ -413,18 +413,18 @@ def write(out: Path, files: Sequence[MotionFile], form: str, robot: Robot = G1) 
         raise PlatError("no clips are left to write")
     sources = [file.path for file in files]
     if out.suffix.lower() == ".npz" and form == "npz":
-        _keep_sources(sources, [out])
+        keep_sources(sources, [out])
         out.parent.mkdir(parents=True, exist_ok=True)
         save_motions(out, clips, robot)
         written = [out]
     elif form == "csv":
-        _keep_sources(sources, [out / csv_name(clip) for clip in clips])
+        keep_sources(sources, [out / csv_name(clip) for clip in clips])
         out.mkdir(parents=True, exist_ok=True)
         written = [save_csv(out, clip, robot) for clip in clips]
     else:
         stems = distinct([MotionClip(file.path.stem, np.empty(0), 0.0) for file in files])
         written = [out / f"{stem.name}.npz" for stem in stems]
-        _keep_sources(sources, written)
+        keep_sources(sources, written)
         out.mkdir(parents=True, exist_ok=True)
         for path, file in zip(written, files, strict=True):
             save_motions(path, distinct(file.clips), robot)
@@ -433,18 +433,6 @@ def write(out: Path, files: Sequence[MotionFile], form: str, robot: Robot = G1) 
     if unsure := [clip for clip in clips if ASSUMED_RATE in clip.notes]:
         print(f"of {counted(unsure)} nothing states the frames a second, as the file says: state --fps")
     return written
-
-
-def _keep_sources(sources: Sequence[Path], written: Sequence[Path]) -> None:
-    """Raise an error where a file that was read would be replaced.
-
-    Raises:
-        OutputError: naming it.
-    """
-    kept = {source.resolve() for source in sources}
-    for path in written:
-        if path.resolve() in kept:
-            raise OutputError(f"--out: would replace {str(path)!r}, which is read: give another folder or name")
 
 
 def check_out(out: Path, form: str) -> None:

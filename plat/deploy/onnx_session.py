@@ -27,7 +27,7 @@ def open_session(path: Path) -> Any:
         raise BundleError("ONNX policies need: pip install onnxruntime") from error
     if not os.path.isfile(path):  # false for a name that is too long, too
         what = "not a regular file" if os.path.exists(path) else "no such file"
-        raise BundleError(f"ONNX policy {str(path)!r}: {what}, expected the bundle that plat export wrote")
+        raise BundleError(f"ONNX policy {str(path)!r}: {what}")
     if path.stat().st_size > MAX_BYTES:
         raise BundleError(
             f"ONNX policy {str(path)!r}: {path.stat().st_size / 1e6:.0f} MB, expected at most {MAX_BYTES / 1e6:.0f} MB"

@@ -1,6 +1,7 @@
 """Policy runner: the control step of an exported policy."""
 
 import hashlib
+import os
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -65,7 +66,7 @@ class PolicyRunner:
         control_dt: float | None = None,
     ):
         path = as_path(bundle, "bundle", BundleError)
-        network = path if path.suffix == ".onnx" else path / NETWORK_FILE
+        network = _network(path)
         self._session = open_session(network)
         self.bundle = _metadata(self._session, network)
         """What the policy says about itself."""
@@ -165,6 +166,16 @@ class PolicyRunner:
         if output.shape != expected:
             raise BundleError(f"{self._where}: the network's output has shape {output.shape}, expected {expected}")
         return output[0].astype(np.float64)
+
+
+def _network(path: Path) -> Path:
+    """Return the network of a bundle, which may be given alone."""
+    network = path / NETWORK_FILE
+    if path.suffix == ".onnx" or os.path.isfile(network):  # false for a name that is too long, too
+        return path if path.suffix == ".onnx" else network
+    there = f"holds no {NETWORK_FILE}" if os.path.isdir(path) else "no such folder"
+    told = "is a file" if os.path.isfile(path) else there
+    raise BundleError(f"bundle {str(path)!r}: {told}, expected a folder; plat export RUN --out FOLDER writes one")
 
 
 def _metadata(session: Any, network: Path) -> Bundle:

@@ -16,7 +16,14 @@ from plat.json_file import read_json, short
 from plat.keyframes.keyframe import Keyframe, RobotJoints
 from plat.spec.parts import Parts
 
-__all__ = ["is_keyframe_file", "keyframe_from_json", "keyframe_to_json", "read_keyframes", "write_keyframes"]
+__all__ = [
+    "is_keyframe_file",
+    "keyframe_from_json",
+    "keyframe_to_json",
+    "read_keyframes",
+    "refuse_other_kinds",
+    "write_keyframes",
+]
 
 _FORMAT = "plat-keyframes"
 # version 2 adds the field "commands" of partial keyframes; files without one are written as version 1
@@ -28,8 +35,8 @@ _QUATERNION_ORDERS = {"wxyz": [0, 1, 2, 3], "xyzw": [3, 0, 1, 2]}
 
 # what becomes keyframes, by the ending of its file
 _INSTEAD = {
-    (".npz", ".npy", ".csv", ".pkl", ".bvh", ".amc"): "plat keyframes from-motion makes keyframes of a motion",
-    (".xml", ".mjcf"): "plat keyframes convert makes keyframes of a model's keys",
+    ".npz .npy .csv .tsv .pkl .pickle .joblib .bvh .amc": "plat keyframes from-motion makes keyframes of a motion",
+    ".xml .mjcf": "plat keyframes convert makes keyframes of a model's keys",
 }
 
 
@@ -41,14 +48,23 @@ def read_keyframes(path: Path, robot: RobotJoints) -> tuple[Keyframe | None, tup
             or another robot. Inconsistent times are found by :class:`plat.keyframes.KeyframeSequence`.
     """
     check_robot(robot)
-    made_by = next((f"; {how}" for endings, how in _INSTEAD.items() if path.suffix.lower() in endings), "")
-    if made_by and path.is_file():
-        raise KeyframeError(f"keyframe file {str(path)!r}: not one, expected JSON{made_by}")
+    refuse_other_kinds(path, f"keyframe file {str(path)!r}")
     content = read_json(path, KeyframeError, f"keyframe file {str(path)!r}", constants=True)
     try:
         return _parse(content, robot)
     except KeyframeError as error:
         raise KeyframeError(f"keyframe file {str(path)!r}: {error}") from None
+
+
+def refuse_other_kinds(path: Path, label: str) -> None:
+    """Raise an error for a file whose ending says that keyframes are yet to be made of it.
+
+    Raises:
+        KeyframeError: saying what makes them.
+    """
+    made_by = next((how for endings, how in _INSTEAD.items() if path.suffix.lower() in endings.split()), "")
+    if made_by and path.is_file():
+        raise KeyframeError(f"{label}: not one, expected JSON; {made_by}")
 
 
 def is_keyframe_file(path: Path) -> bool:
@@ -96,7 +112,11 @@ def keyframe_from_json(entry: Any, robot: RobotJoints) -> Keyframe:
 
 def _parse(content: Any, robot: RobotJoints) -> tuple[Keyframe | None, tuple[Keyframe, ...]]:
     if not isinstance(content, dict) or content.get("format") != _FORMAT:
-        raise KeyframeError(f"not a keyframe file, expected an object with 'format': {_FORMAT!r}")
+        constraints = isinstance(content, list) and any(
+            isinstance(entry, dict) and "type" in entry for entry in content
+        )
+        instead = "; plat keyframes convert makes keyframes of constraints" if constraints else ""
+        raise KeyframeError(f"not a keyframe file, expected an object with 'format': {_FORMAT!r}{instead}")
     version = content.get("version")
     if isinstance(version, bool) or version not in _VERSIONS:
         raise KeyframeError(f"version is {short(version)}, expected 1 or 2")

@@ -105,7 +105,7 @@ class PlainPolicyConfig(Bounded):
 
 @dataclass(frozen=True)
 class LatentPolicyConfig(PlainPolicyConfig):
-    """Shape of the student with a privileged latent."""
+    """Shape of the student. A plain one has neither latent, prior nor posterior."""
 
     latent_size: Width = 32
     """size of z"""

@@ -78,6 +78,8 @@ def _read(path: Path) -> Robot:
     values = read_json(path, RobotError, repr(str(path)))
     if not isinstance(values, dict):
         raise RobotError(f"{str(path)!r}: holds {short(values)}, expected an object with the fields of a robot")
+    if "format" in values:  # keyframe files have one
+        raise RobotError(f"{str(path)!r}: is of format {short(values['format'])}, expected a robot's description")
     try:
         robot = TypeAdapter(Robot).validate_python(values)
     except ValidationError as error:

@@ -7,12 +7,13 @@ import pytest
 from plat.baselines import ReleasedTrackers
 from plat.cli import evaluate
 from plat.envs.transforms import HORIZONS, RandomizationRanges
-from plat.errors import MotionError, PlatError
+from plat.errors import MotionError, OutputError, PlatError
 from plat.evaluation import authored_cells, entrant
 from plat.modules import Expert, ExpertConfig, PlainPolicy
 from plat.robots import G1
 from plat.spec.timing import Timing
 from tests.modules.policies.test_student import SMALL
+from tests.motions.formats.writers import bowing_clip, write_csv
 from tests.recipes.runs import save_run, write_motions
 
 
@@ -41,6 +42,18 @@ def test_every_policy_at_every_horizon(runs, capsys):
     assert printed[-1] == f"wrote {runs / 'scores.csv'}"
     with (runs / "scores.csv").open(newline="") as file:
         assert {(row["policy"], row["horizon"]) for row in csv.DictReader(file)} == set(cells)
+
+
+@pytest.mark.parametrize("read", ["families.csv", "families_authored.csv"])
+def test_scores_do_not_replace_a_table_that_is_read(runs, read):
+    (runs / read).write_text("clip,family\nrun,fast\n")
+    settings = recipe(runs, "plain", manifest=(runs / read,), csv=runs / "families.csv")
+    with pytest.raises(OutputError, match=f"--csv: would replace .*{read}', which is read"):
+        evaluate.main(settings)
+    write_csv(runs / "walk.csv", bowing_clip())
+    with pytest.raises(OutputError, match=r"--csv: would replace .*walk.csv', which is read"):
+        evaluate.main(replace(settings, csv=runs / "walk.csv", motions=(str(runs),)))
+    assert (runs / read).read_text() == "clip,family\nrun,fast\n"
 
 
 def test_only_some_motions(runs, capsys):

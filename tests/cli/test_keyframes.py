@@ -182,6 +182,14 @@ def test_a_motion_is_not_replaced_by_keyframes(tmp_path):
         keyframes.main(keyframes.FromMotion(motion="generated:val/bow@1", every=0.5, out=tmp_path / "own.npz"))
 
 
+def test_the_file_that_is_read_is_not_replaced(tmp_path):
+    file = tmp_path / "drawn.json"
+    file.write_bytes(EXAMPLE.read_bytes())
+    with pytest.raises(OutputError, match=r"--out: would replace .*drawn.json', which is read"):
+        keyframes.main(keyframes.ConvertKeyframes(file=file, out=tmp_path / "." / "drawn.json", kimodo=True))
+    assert file.read_bytes() == EXAMPLE.read_bytes()
+
+
 def test_constraints_are_no_xml(tmp_path):
     with pytest.raises(KeyframeError, match=r"--kimodo --out .*k.xml: constraints are JSON, expected .* in .json"):
         keyframes.main(keyframes.ConvertKeyframes(file=EXAMPLE, out=tmp_path / "k.xml", kimodo=True))
@@ -204,3 +212,26 @@ def test_what_becomes_keyframes_is_said_to(tmp_path, name, message):
     (tmp_path / name).write_bytes(b"PK")
     with pytest.raises(KeyframeError, match=rf"{name}': not one, expected JSON; {message}"):
         KeyframeSequence.load(tmp_path / name, G1)
+
+
+def test_keys_in_a_file_that_is_called_mjcf(tmp_path):
+    write_mjcf_keys(tmp_path / "k.mjcf", G1, [standing(G1).at(0.0), standing(G1).at(0.5)])
+    poses = keyframes.main(keyframes.ConvertKeyframes(file=tmp_path / "k.mjcf", out=tmp_path / "out.json"))
+    assert [pose.time for pose in poses] == [0.0, 0.5]
+
+
+def test_what_cannot_be_converted_is_not_called_constraints(tmp_path):
+    (tmp_path / "walk.npz").write_bytes(b"PK")
+    with pytest.raises(KeyframeError, match=r"walk.npz': not one, expected JSON; plat keyframes from-motion"):
+        keyframes.main(keyframes.ConvertKeyframes(file=tmp_path / "walk.npz", out=tmp_path / "out.json"))
+
+
+def test_constraints_in_place_of_keyframes_are_said_to_be_converted(tmp_path):
+    keyframes.main(keyframes.ConvertKeyframes(file=EXAMPLE, out=tmp_path / "constraints.json", kimodo=True))
+    with pytest.raises(
+        KeyframeError, match="not a keyframe file, .*; plat keyframes convert makes keyframes of constr"
+    ):
+        KeyframeSequence.load(tmp_path / "constraints.json", G1)
+    (tmp_path / "list.json").write_text("[]")
+    with pytest.raises(KeyframeError, match="'format': 'plat-keyframes'$"):
+        KeyframeSequence.load(tmp_path / "list.json", G1)

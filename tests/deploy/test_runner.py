@@ -247,9 +247,20 @@ def test_another_robot(bundle, names, message):
         PolicyRunner(bundle, names)
 
 
-@pytest.mark.parametrize("name", ["nowhere", "nowhere.onnx"])
-def test_a_bundle_that_is_not_there(tmp_path, name):
-    with pytest.raises(BundleError, match="onnx': no such file"):
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("nowhere", "bundle .*nowhere': no such folder, expected a folder; plat export RUN --out FOLDER writes one"),
+        ("nowhere.onnx", "ONNX policy .*nowhere.onnx': no such file$"),
+        ("n" * 300, "no such folder"),
+        ("run", "bundle .*run': holds no policy.onnx, expected a folder; plat export RUN --out FOLDER writes one"),
+        ("run/config.json", "bundle .*config.json': is a file, expected a folder"),
+    ],
+)
+def test_a_bundle_that_is_not_there(tmp_path, name, message):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "config.json").write_text("{}")
+    with pytest.raises(BundleError, match=message):
         PolicyRunner(tmp_path / name)
 
 

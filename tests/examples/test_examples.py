@@ -38,11 +38,11 @@ def test_it_runs(
     ("name", "given", "said"),
     [
         ("sim_to_sim", (), "usage: .*sim_to_sim.py BUNDLE"),
-        ("sim_to_sim", ("nowhere",), "error: ONNX policy .*no such file"),
+        ("sim_to_sim", ("nowhere",), "error: bundle 'nowhere': no such folder"),
         ("planner_in_the_loop", (), "usage: .*planner_in_the_loop.py BUNDLE"),
-        ("planner_in_the_loop", ("nowhere",), "error: ONNX policy .*no such file"),
+        ("planner_in_the_loop", ("nowhere",), "error: bundle 'nowhere': no such folder"),
         ("unitree_g1", ("bundle",), "usage: .*unitree_g1.py BUNDLE KEYFRAMES"),
-        ("unitree_g1", ("nowhere", "wave.json"), "error: ONNX policy .*no such file"),
+        ("unitree_g1", ("nowhere", "wave.json"), "error: bundle 'nowhere': no such folder"),
     ],
 )
 def test_one_that_is_started_wrongly_ends_in_one_line(

@@ -21,8 +21,9 @@ from plat.errors import ConfigError
 from plat.modules import LatentPolicyConfig
 from plat.objectives import PPO
 from plat.recipes import distill
-from plat.recipes.options import ImagineRecipe
+from plat.recipes.options import DistillRecipe, ImagineRecipe
 from plat.runs import load_policy
+from plat.tasks import TimedKeyframesConfig
 from tests.export.runs import small_policy, write_run
 
 ROOT = Path(__file__).parents[2]
@@ -280,16 +281,44 @@ def test_distillation_prints_no_warning_of_torch(tmp_path, stages):
     assert not [str(warning.message) for warning in caught if "requires_grad" in str(warning.message)]
 
 
+NO_LATENT = "and a plain student has no latent: set --student latent"
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"policy": LatentPolicyConfig(latent_size=8)}, "policy.latent_size is 8, and a plain student has none"),
-        ({"beta": 3.0}, "beta is 3, without --posterior there is no divergence"),
-        ({"beta": 3.0, "student": "latent"}, "beta is 3, without --posterior there is no divergence"),
+        ({"policy": LatentPolicyConfig(latent_size=8)}, f"policy.latent_size is 8, {NO_LATENT}"),
+        ({"policy": LatentPolicyConfig(min_std=0.5)}, f"policy.min_std is 0.5, {NO_LATENT}"),
+        ({"beta": 3.0}, "beta is 3.0, without --posterior there is no divergence"),
+        ({"beta": 3.0, "student": "latent"}, "beta is 3.0, without --posterior there is no divergence"),
+        ({"task": TimedKeyframesConfig(stride=4)}, "task.stride is 4, without --posterior nothing sees these frames"),
         ({"posterior": 0.5}, "posterior is 0.5, and a plain student has none"),
     ],
 )
 def test_what_only_a_latent_has_is_refused_without(tmp_path, settings, message):
+    usual = {"motions": ("a.npz",), "out": tmp_path, "minutes": 1.0}
     with pytest.raises(ConfigError, match=f"ImagineRecipe: {message}"):
-        ImagineRecipe(motions=("a.npz",), out=tmp_path, minutes=1.0, **settings)
-    ImagineRecipe(motions=("a.npz",), out=tmp_path, minutes=1.0, student="latent", posterior=0.5, beta=3.0)
+        ImagineRecipe(**usual, **settings)
+    ImagineRecipe(**usual, **{**settings, "student": "latent", "posterior": 0.5})
+    ImagineRecipe(**usual, policy=LatentPolicyConfig(backbone=(8,), symmetric=True))
+    if "posterior" not in settings:
+        ImagineRecipe(**usual, **settings, resume=True)  # begun when they were ignored
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("stride", 1), ("prior_weight", 0.5), ("beta", 0.5), ("beta_warmup", 0.5), ("free_bits", 0.5)],
+)
+def test_distillation_refuses_what_a_plain_student_ignores(tmp_path, name, value):
+    usual = {"motions": ("a.npz",), "out": tmp_path, "minutes": 1.0, "expert": Path("expert"), name: value}
+    with pytest.raises(ConfigError, match=f"DistillRecipe: {name} is {value}, {NO_LATENT}"):
+        DistillRecipe(**usual, student="plain")
+    DistillRecipe(**usual)
+    DistillRecipe(**usual, student="plain", resume=True)
+
+
+def test_distillation_refuses_the_shape_of_a_latent_for_a_plain_student(tmp_path):
+    usual = {"motions": ("a.npz",), "out": tmp_path, "minutes": 1.0, "expert": Path("expert"), "student": "plain"}
+    with pytest.raises(ConfigError, match=rf"policy.prior is \(8,\), {NO_LATENT}"):
+        DistillRecipe(**usual, policy=LatentPolicyConfig(prior=(8,)))
+    DistillRecipe(**usual, policy=LatentPolicyConfig(decoder=(8,)))

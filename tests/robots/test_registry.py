@@ -41,6 +41,12 @@ def test_a_description_file_is_read_and_registered(tmp_path):
     assert get_robot(tmp_path / "robot.json") is robot
 
 
+def test_a_keyframe_file_is_no_description(tmp_path):
+    (tmp_path / "bow.json").write_text('{"format": "plat-keyframes", "version": 1}')
+    with pytest.raises(RobotError, match="bow.json': is of format 'plat-keyframes', expected a robot's description"):
+        get_robot(tmp_path / "bow.json")
+
+
 def test_an_asset_that_is_called_like_one_of_plat_is_the_one_beside(tmp_path):
     """Who copies the G1's file and makes it heavier would train on the G1 as it was."""
     text = G1.asset_path.read_text()

@@ -7,6 +7,8 @@ import pytest
 import torch
 
 from plat.envs import BatchedPhysics
+from plat.envs.physics import available_cpus
+from plat.errors import ConfigError
 from plat.robots import G1
 
 
@@ -189,3 +191,16 @@ def test_plat_is_imported_without_mujocos_batch():
     code = "import sys; sys.modules['mujoco.batch'] = None; import plat.envs; print('imported')"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "imported\n"
+
+
+def test_a_share_of_the_cpus(monkeypatch):
+    monkeypatch.setenv("PLAT_CPUS", "1")
+    assert available_cpus() == 1
+    monkeypatch.setenv("PLAT_CPUS", "1000000")
+    there = available_cpus()
+    monkeypatch.delenv("PLAT_CPUS")
+    assert available_cpus() == there
+    for wrong in ("abc", "0", "-2", "1.5", "\u00b2"):
+        monkeypatch.setenv("PLAT_CPUS", wrong)
+        with pytest.raises(ConfigError, match=f"PLAT_CPUS is '{wrong}', expected a whole number from 1"):
+            available_cpus()
