@@ -211,15 +211,16 @@ def repaired(
         clips: to be repaired.
         verdicts: is given the verdict before and after ``--repair`` for each.
     """
-    kept: list[MotionClip] = []
+    kept = []
     pieces = [piece for clip in clips for piece in cut(command, clip)] if command.cut else clips
     for clip in pieces:
         left = clip.duration - sum(command.trim)
         if command.drop_bad and left < command.limits.min_seconds:
             print(f"dropped {clip.name}: {max(left, 0):.2f} s left")
         else:
-            clip = repair(command, clip, verdicts)
-            kept += [clip] if command.resample is None else at_rate([clip], command.resample)
+            kept.append(repair(command, clip, verdicts))
+    if command.resample is not None:
+        kept = at_rate(kept, command.resample)
     if not command.drop_bad:
         return kept
     reports = validate_motions(kept, get_robot(command.robot), command.limits)

@@ -170,9 +170,11 @@ class PolicyRunner:
 
 def _network(path: Path) -> Path:
     """Return the network of a bundle, which may be given alone."""
+    if path.suffix == ".onnx":
+        return path
     network = path / NETWORK_FILE
-    if path.suffix == ".onnx" or os.path.isfile(network):  # false for a name that is too long, too
-        return path if path.suffix == ".onnx" else network
+    if os.path.isfile(network):  # false for a name that is too long, too
+        return network
     there = f"holds no {NETWORK_FILE}" if os.path.isdir(path) else "no such folder"
     told = "is a file" if os.path.isfile(path) else there
     raise BundleError(f"bundle {str(path)!r}: {told}, expected a folder; plat export RUN --out FOLDER writes one")

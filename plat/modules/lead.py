@@ -11,7 +11,7 @@ from plat.entries import Shape, expects
 from plat.errors import ConfigError
 from plat.gpu import HORIZONTAL, constant
 
-__all__ = ["LEAD_KEYS", "GoalLead", "KeyframeLead", "KeyframeShift", "led"]
+__all__ = ["LEAD_KEYS", "GoalLead", "KeyframeLead", "KeyframeShift", "led", "moved_keyframe"]
 
 LEAD_KEYS = ("root_pos_b", "keypoint_pos_b")
 """Entries of a goal that :class:`GoalLead` and :class:`KeyframeLead` move."""
@@ -117,12 +117,26 @@ class KeyframeShift(nn.Module):
     ) -> tuple[Tensor, Tensor]:
         """Return the moved positions of root ``[*B, 3]`` and keypoints ``[*B, 3 K]``."""
         shift = root * self.share(time_left) * constant(HORIZONTAL, root)
-        if commanded is not None:  # the way to a height alone is not level in a root that leans
-            shift = shift * commanded[..., :1]
-        moved = shift.unsqueeze(-2)
-        if bodies is not None:
-            moved = moved * bodies.unsqueeze(-1)
-        return root + shift, (keypoints.unflatten(-1, (-1, 3)) + moved).flatten(-2)
+        return moved_keyframe(root, keypoints, shift, bodies, commanded)
+
+
+def moved_keyframe(
+    root: Tensor, keypoints: Tensor, shift: Tensor, bodies: Tensor | None, commanded: Tensor | None
+) -> tuple[Tensor, Tensor]:
+    """Return root ``[*B, 3]`` and keypoints ``[*B, 3 K]`` moved by a horizontal shift, as far as they are commanded.
+
+    Args:
+        root, keypoints: positions in the robot's root frame (m).
+        shift: ``[*B, 3]`` (m).
+        bodies: which keypoints are commanded ``[*B, K]``; None for all.
+        commanded: which parts of the root are ``[*B, 3]``, its horizontal position first; None for all.
+    """
+    if commanded is not None:  # the way to a height alone is not level in a root that leans
+        shift = shift * commanded[..., :1]
+    moved = shift.unsqueeze(-2)
+    if bodies is not None:
+        moved = moved * bodies.unsqueeze(-1)
+    return root + shift, (keypoints.unflatten(-1, (-1, 3)) + moved).flatten(-2)
 
 
 class _Shift(nn.Module):

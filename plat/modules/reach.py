@@ -7,6 +7,7 @@ from torch import Tensor, nn
 
 from plat.bounds import Positive, check_value
 from plat.entries import Shape, expects
+from plat.modules.lead import moved_keyframe
 from plat.modules.settings import WalkingReach
 
 __all__ = ["KeyframeReach", "WalkingReach"]
@@ -71,9 +72,4 @@ class _Nearer(nn.Module):
         gained = speed * time + 0.5 * reach.acceleration * time.square()
         farthest = reach.margin + torch.minimum(gained, speed.clamp_min(reach.speed) * time)
         shift = nn.functional.pad(((farthest / distance).clamp_max(1.0) - 1.0) * way, (0, 1))
-        if commanded is not None:  # the way to a height alone is not level in a root that leans
-            shift = shift * commanded[..., :1]
-        moved = shift.unsqueeze(-2)
-        if bodies is not None:
-            moved = moved * bodies.unsqueeze(-1)
-        return root + shift, (keypoints.unflatten(-1, (-1, 3)) + moved).flatten(-2)
+        return moved_keyframe(root, keypoints, shift, bodies, commanded)

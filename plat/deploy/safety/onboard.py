@@ -213,8 +213,9 @@ class OnboardController:
         self._still.append(tuple(np.asarray(values, dtype=np.float64) for values in sensed))
         if now - self._settling < self._settings.settle:
             return
-        joint_pos, gyro, acceleration = (np.mean(values, 0) for values in zip(*self._still, strict=True))
-        sway = max(float(np.std(values, 0).max()) for values in list(zip(*self._still, strict=True))[:2])
+        gathered = [np.array(values) for values in zip(*self._still, strict=True)]
+        joint_pos, gyro, acceleration = (values.mean(0) for values in gathered)
+        sway = max(float(values.std(0).max()) for values in gathered[:2])
         self._still.clear()  # a robot that is found moving has to stand still for as long again
         if sway > _SWAY:
             raise StateError(f"it sways by {sway:.2g} rad or rad/s about the mean, expected a robot that stands still")

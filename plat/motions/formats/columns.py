@@ -22,7 +22,7 @@ from plat.motions.formats.quaternion_order import QuatOrder
 from plat.motions.formats.table import Table
 from plat.motions.formats.turns import EULER, euler_to_quat, turns_of_three
 from plat.motions.formats.units import Units, must_be_radians
-from plat.motions.formats.unnamed_joints import OPTIONAL
+from plat.motions.formats.unnamed_joints import OPTIONAL, without_wrists
 from plat.robots.robot import Robot
 
 __all__ = ["Parts", "split_columns"]
@@ -188,7 +188,7 @@ def _by_place(
 ) -> Parts:
     values = table.values[:, columns]
     notes: list[str] = []
-    sizes = (robot.num_joints, sum("wrist" not in name for name in robot.joint_names))
+    sizes = (robot.num_joints, len(without_wrists(robot)))
     joints = values.shape[1] - 7
     usual = (*sizes, 2 * sizes[0] + 6)  # with velocities
     for before in (1, 2):

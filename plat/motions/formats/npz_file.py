@@ -24,6 +24,7 @@ from plat.motions.formats.pace import settled_rate
 from plat.motions.formats.plat_file import ASSUMED, RESERVED, is_marked
 from plat.motions.formats.quaternion_order import settle_joint_order, settle_quat_order
 from plat.motions.formats.tracker_file import read_tracker
+from plat.motions.formats.unnamed_joints import without_wrists
 
 __all__ = ["read_npz"]
 
@@ -306,7 +307,7 @@ def _widths(names: list[str] | None, options: ReadOptions) -> tuple[int, ...]:
     robot = options.robot
     joints = (
         robot.num_joints,
-        sum("wrist" not in name for name in robot.joint_names),
+        len(without_wrists(robot)),
         *([len(names)] if names else []),
         *([len(names) - 1] if names and any(map(is_root, names)) else []),  # the root has a name in some, and no angle
     )

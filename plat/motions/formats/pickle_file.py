@@ -18,9 +18,8 @@ from plat.motions.formats.joint_orders import JointOrderError, in_robot_order
 from plat.motions.formats.names import array_meaning
 from plat.motions.formats.pace import settled_rate
 from plat.motions.formats.quaternion_order import settle_joint_order, settle_quat_order
-from plat.motions.formats.unnamed_joints import unnamed_joints
+from plat.motions.formats.unnamed_joints import unnamed_joints, without_wrists
 from plat.motions.formats.unpickle import PickledArray, unpickle
-from plat.robots.robot import Robot
 from plat.rotations_np import quat_from_rotvec
 
 __all__ = ["read_fields", "read_pickle"]
@@ -156,7 +155,7 @@ class _Motion:
         robot, joint_pos = self.options.robot, self.joint_pos
         if self.names is not None or joint_pos.ndim != 2 or joint_pos.dtype.kind not in "fiu":
             return None
-        if joint_pos.shape[1] == len(_without_wrists(robot)):
+        if joint_pos.shape[1] == len(without_wrists(robot)):
             return _Layout(tuple(unnamed_joints(joint_pos.astype(np.float64), robot, _FIELD)))
         if joint_pos.shape[1] != robot.num_joints:
             return None
@@ -211,23 +210,15 @@ def _layouts(
                 doubts[key] = error
     for key, doubt in doubts.items():
         count, robot = motions[key].joint_pos.shape[1], motions[key].options.robot
-        others = {
-            layout.joints
-            for other, layout in layouts.items()
-            if layout is not None and motions[other].joint_pos.shape[1] == count
-        }
+        others = {layout.joints for layout in layouts.values() if layout is not None and len(layout.joints) == count}
         if len(others) == 1:
             layouts[key] = _Layout(others.pop(), ("joints as in the file's other motions",))
         elif count != robot.num_joints:
-            layouts[key] = _Layout(tuple(_without_wrists(robot)))  # the format of ASAP and PBHC
+            layouts[key] = _Layout(tuple(without_wrists(robot)))  # the format of ASAP and PBHC
         else:
             with naming(key):
                 raise doubt
     return layouts
-
-
-def _without_wrists(robot: Robot) -> list[str]:
-    return [joint for joint in robot.joint_names if "wrist" not in joint]
 
 
 def _renamed(fields: dict[str, Any]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from plat.errors import MotionError
 from plat.motions.formats.joint_orders import JointOrderError
 from plat.robots.robot import Robot, without_side
 
-__all__ = ["OPTIONAL", "unnamed_joints"]
+__all__ = ["OPTIONAL", "unnamed_joints", "without_wrists"]
 
 OPTIONAL = ("waist_roll", "waist_pitch")
 """Joints of the waist that the G1 with 23 joints has not."""
@@ -31,6 +31,11 @@ _BEYOND = 20.0
 _UNLIKELY, _DOUBTFUL = 4.5, 0.4
 
 
+def without_wrists(robot: Robot) -> list[str]:
+    """Return the joints that the formats of ASAP and PBHC have, in the robot's order."""
+    return [name for name in robot.joint_names if "wrist" not in name]
+
+
 def unnamed_joints(angles: np.ndarray, robot: Robot, field: str) -> list[str]:
     """Return the joints that columns ``[T, n]`` are, in their order.
 
@@ -42,7 +47,7 @@ def unnamed_joints(angles: np.ndarray, robot: Robot, field: str) -> list[str]:
         JointOrderError: where the poses do not tell.
     """
     whole = list(robot.joint_names)
-    cut = [name for name in whole if "wrist" not in name]
+    cut = without_wrists(robot)
     small = [name for name in whole if ("wrist" not in name or name.endswith("wrist_roll")) and name not in OPTIONAL]
     if angles.shape[1] == len(whole):
         return whole
