@@ -15,7 +15,7 @@ import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, Literal
@@ -27,6 +27,7 @@ from plat.baselines import CATALOG, ReleasedTrackers
 from plat.cli import evaluate
 from plat.cli.options import HorizonName
 from plat.cli.settings import parse
+from plat.cli.together import check_effect
 from plat.collectors.cluster import Cluster
 from plat.envs.transforms import RandomizationRanges
 from plat.errors import PlatError, WorkerError
@@ -40,7 +41,7 @@ from plat.figures import pyplot
 from plat.files import check_folder, replace_file
 from plat.motions import MotionLibrary
 from plat.recipes import distill, expert, refine
-from plat.recipes.options import AblationsRecipe
+from plat.recipes.options import AblationsRecipe, Training
 from plat.robots import get_robot
 from plat.runs import RecipeConfig, SavedRun, is_run, log_table, on_device, report_errors, run_inputs, start_logging
 from plat.runs.changes import compared
@@ -120,6 +121,7 @@ def main(recipe: AblationsRecipe) -> dict[str, list[Score]]:
     """Run the recipe: the scores of each split."""
     recipe = on_device(recipe)
     robot = get_robot(recipe.robot)  # first: a description file makes the policies' robot known
+    check_training(recipe)
     check_folder(recipe.out)
     pyplot()  # what is missing had better be said before hours of work
     released = released_rows(recipe.trackers)
@@ -167,6 +169,14 @@ def main(recipe: AblationsRecipe) -> dict[str, list[Score]]:
         run.finish()
     print(f"\ntables and figures: {recipe.out}/{{{','.join(pictures)}}}")
     return splits
+
+
+def check_training(recipe: AblationsRecipe) -> None:
+    """Raise an error for settings of a training when none is asked for."""
+    for each in fields(Training):
+        needed, there = ("--ray", recipe.ray) if each.name == "cpus" else ("--train", recipe.train)
+        flag = f"--training.{each.name.replace('_', '-')}"
+        check_effect(flag, getattr(recipe.training, each.name) != each.default, needed, there)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 import importlib
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -97,3 +98,13 @@ def test_commands_in_the_docs_exist():
     named = {command for page in PAGES for command in commands_named(page.read_text())}
     assert len(named) > 8
     assert named <= set(COMMANDS)
+
+
+def test_the_table_of_extras_is_complete():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    rows = re.findall(r"^\| (`.*?) \| (.*) \|$", (ROOT / "docs" / "index.md").read_text().split("| extra |")[1], re.M)
+    listed = [name for names, _ in rows for name in re.findall("`(.*?)`", names)]
+    assert sorted(listed) == sorted(extras)
+    (within,) = (re.findall(r"[\w-]+", one)[1:] for one in extras["dev"] if one.startswith("plat-rl["))
+    (told,) = (told for names, told in rows if "`dev`" in names)
+    assert set(re.findall("`(.*?)`", told)) == set(extras) - set(within) - {"dev"}

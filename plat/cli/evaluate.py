@@ -13,6 +13,7 @@ import plat.headless  # noqa: F401
 # isort: split
 from plat.cli.candidates import candidates_of
 from plat.cli.options import EvaluateRecipe
+from plat.cli.together import check_effect
 from plat.envs.transforms import HORIZONS, RandomizationRanges, horizon_named
 from plat.envs.transforms.settings import robot_ranges
 from plat.errors import PlatError
@@ -174,8 +175,7 @@ def check_together(recipe: EvaluateRecipe) -> None:
         ("--strips", recipe.strips is not None, authored),
         ("--randomization", recipe.randomization != RandomizationRanges(), randomized),
     ):
-        if changed and not there:
-            raise PlatError(f"{flag}: without effect but with {needed}, expected that beside it")
+        check_effect(flag, changed, needed, there)
 
 
 def conditions_of(recipe: EvaluateRecipe, timing: Timing) -> str:

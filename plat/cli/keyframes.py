@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from plat.cli.options import ConvertKeyframes, FromMotion, KeyframesCommand, Show
+from plat.cli.together import check_effect
 from plat.control import Feasibility
 from plat.errors import KeyframeError
 from plat.files import check_file, keep_sources
@@ -118,6 +119,7 @@ def convert(command: ConvertKeyframes) -> list[Keyframe]:
         poses.insert(0, standing(robot))
     _check_order(command, poses)
     poses = [_checked(command, number, pose, robot) for number, pose in enumerate(poses)]
+    _check_effect(command, poses)
     form = "MJCF keys" if command.out.suffix.lower() == ".xml" else "keyframes"
     if command.out.suffix.lower() == ".xml":
         write_mjcf_keys(command.out, robot, poses)
@@ -131,6 +133,14 @@ def convert(command: ConvertKeyframes) -> list[Keyframe]:
         write_keyframes(command.out, robot, start, others)
     print(f"wrote {command.out}: {len(poses)} poses as {form}, the first at {poses[0].time:g} s")
     return poses
+
+
+def _check_effect(command: ConvertKeyframes, poses: list[Keyframe]) -> None:
+    of_model = command.file.suffix.lower() in (".xml", ".mjcf")
+    counted = command.kimodo or not (of_model or is_keyframe_file(command.file))
+    check_effect("--fps", command.fps != type(command).fps, "--kimodo or a file of constraints", counted)
+    spread = of_model or len(poses) == 1
+    check_effect("--every", command.every != type(command).every, "keys that have no times", spread)
 
 
 def _checked(command: ConvertKeyframes, number: int, pose: Keyframe, robot: Robot) -> Keyframe:

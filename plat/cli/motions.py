@@ -24,6 +24,7 @@ import plat.headless  # noqa: F401
 # isort: split
 
 from plat.cli.options import Convert, Inspect, Map, Mirror, MotionFiles, MotionsCommand, Retarget
+from plat.cli.together import check_effect
 from plat.errors import MotionError, OutputError, PlatError
 from plat.figures import draw_skeleton, pyplot, write_figure
 from plat.files import check_file, check_folder, expand_home, keep_sources
@@ -122,6 +123,7 @@ def inspect(command: Inspect) -> list[MotionReport]:
     Raises:
         MotionError: at the end, when files of a folder were left out.
     """
+    check_effect("--pictures", command.pictures != type(command).pictures, "--out", command.out)
     if command.out is not None:
         check_folder(command.out)
         pyplot()  # what is missing had better be said before the work
@@ -153,6 +155,9 @@ def inspect(command: Inspect) -> list[MotionReport]:
 
 def convert(command: Convert) -> list[Path]:
     """Write the files; return their paths."""
+    needed = "--repair, --cut, --drop-bad or --smooth-steps"
+    judged = command.repair or command.cut or command.drop_bad or command.smooth_steps
+    check_effect("--limits", command.limits != ValidationLimits(), needed, judged)
     check_out(command.out, command.format)
     skipped: list[MotionError] = []
     files = read(command, skipped)

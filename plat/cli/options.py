@@ -340,7 +340,7 @@ class Retarget(Bounded):
     """Turn human motion capture (BVH, ASF and AMC, joint positions in npz) into motions of the G1."""
 
     files: Annotated[tuple[str, ...], tyro.conf.Positional]
-    """.bvh, .amc and .npz files, folders or globs; an .amc wants its .asf beside it"""
+    """.bvh, .amc, .npz and .npy files, folders or globs; an .amc wants its .asf beside it"""
     out: Path
     """folder to write to"""
     map: Path | None = None
@@ -366,7 +366,7 @@ class Map(Bounded):
     """Draw captures with the skeleton map that fits, or that is proposed and written as YAML."""
 
     files: Annotated[tuple[str, ...], tyro.conf.Positional]
-    """.bvh, .amc and .npz files, folders or globs; one of a kind is enough"""
+    """.bvh, .amc, .npz and .npy files, folders or globs; one of a kind is enough"""
     out: Path
     """folder for <name>_map.png, and <name>_map.yaml of a proposed map"""
     map: Path | None = None

@@ -14,6 +14,7 @@ import plat.headless  # noqa: F401
 # isort: split
 
 from plat.cli.options import PlayRecipe
+from plat.cli.together import check_effect
 from plat.control import (
     Chase,
     ChaseStep,
@@ -48,6 +49,8 @@ def main(recipe: PlayRecipe) -> list[KeyframeScore]:
     """Run the recipe: print a table, return its rows."""
     # networks for one robot are so small that more threads only get in each other's way
     torch.set_num_threads(1)
+    check_effect("--push-every", recipe.push_every != type(recipe).push_every, "--push", recipe.push)
+    check_effect("--seed", recipe.seed != type(recipe).seed, "--push", recipe.push)
     if recipe.csv is not None:  # what cannot be written shows before the robot runs
         check_file(recipe.csv, "--csv", TABLES)
     import_modules(recipe.imports)

@@ -34,7 +34,8 @@ def load_dynamics(
     """Return the dynamics model that a run has learned, in the shape of its weights, at the run's control step.
 
     Args:
-        folder: run directory of ``plat expert-model`` or ``plat imagine``, or the name of weights that come with plat.
+        folder: run directory of ``plat imagine``, ``plat expert-model`` or ``plat refine-model``, or the name of
+            weights that come with plat.
         robot: the modeled robot.
         device: device of the model.
         num_parameters: of the robot's physics that it is to be told, see :meth:`plat.modules.DynamicsModel.take_over`.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from plat.cli import keyframes
-from plat.errors import KeyframeError, MotionError, OutputError
+from plat.errors import KeyframeError, MotionError, OutputError, PlatError
 from plat.keyframes import Keyframe, KeyframeSequence, only, standing
 from plat.keyframes.files import write_keyframes
 from plat.keyframes.mjcf import write_mjcf_keys
@@ -235,3 +235,17 @@ def test_constraints_in_place_of_keyframes_are_said_to_be_converted(tmp_path):
     (tmp_path / "list.json").write_text("[]")
     with pytest.raises(KeyframeError, match="'format': 'plat-keyframes'$"):
         KeyframeSequence.load(tmp_path / "list.json", G1)
+
+
+def test_options_without_effect_are_refused(tmp_path):
+    def convert(file, **options):
+        return keyframes.main(keyframes.ConvertKeyframes(file=file, out=tmp_path / "out.json", **options))
+
+    with pytest.raises(PlatError, match="--fps: without effect but with --kimodo or a file of constraints"):
+        convert(EXAMPLE, fps=10.0)
+    with pytest.raises(PlatError, match="--every: without effect but with keys that have no times"):
+        convert(EXAMPLE, every=5.0)
+    convert(EXAMPLE, fps=10.0, kimodo=True)
+    (tmp_path / "out.json").rename(tmp_path / "constraints.json")
+    half = KeyframeSequence.load(EXAMPLE, G1).duration / 2
+    assert convert(tmp_path / "constraints.json", fps=20.0)[-1].time == pytest.approx(half, abs=0.03)

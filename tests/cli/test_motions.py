@@ -373,3 +373,14 @@ def test_the_rate_of_generated_motions_is_not_doubted():
         for kind in (motions.GENERATED, "csv")
     ]
     assert told == ["50 fps", "50 fps, nothing in the motion confirms this rate"]
+
+
+def test_options_without_effect_are_refused(tmp_path):
+    save_motions(tmp_path / "walk.npz", bowing_clip())
+    with pytest.raises(PlatError, match="--pictures: without effect but with --out, expected that beside it"):
+        run("inspect", tmp_path / "walk.npz", "--pictures", 5)
+    arguments = ("convert", tmp_path / "walk.npz", "--out", tmp_path / "out.npz", "--limits.slip", 0.5)
+    with pytest.raises(PlatError, match="--limits: without effect but with --repair, --cut, --drop-bad or --smooth-st"):
+        run(*arguments)
+    assert not (tmp_path / "out.npz").exists()
+    run(*arguments, "--drop-bad", "--limits.min-seconds", 0.1)

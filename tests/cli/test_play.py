@@ -13,7 +13,7 @@ import pytest
 from plat.cli import play
 from plat.control import ReachLimits
 from plat.control.authored import author
-from plat.errors import CheckpointError, KeyframeError, OutputError
+from plat.errors import CheckpointError, KeyframeError, OutputError, PlatError
 from plat.keyframes import KeyframeSequence, only, standing
 from plat.modules import PlainPolicy, PlainPolicyConfig
 from plat.rendering import RenderingError, Stage
@@ -60,7 +60,7 @@ def test_standing_up_from_where_the_hands_led_is_no_fall(tmp_path):
 
 def test_shoves_are_felt_and_a_seed_repeats_them(capsys):
     recipe = play.PlayRecipe(policy=PLAT, keyframes=EXAMPLE, push=0.4, push_every=1.0, hold=0.0)
-    calm = play.main(dataclasses.replace(recipe, push=0.0))
+    calm = play.main(dataclasses.replace(recipe, push=0.0, push_every=1.5))
     assert "shove" not in capsys.readouterr().out
     first, again, other = (play.main(dataclasses.replace(recipe, seed=seed)) for seed in (1, 1, 2))
     assert first == again
@@ -191,3 +191,9 @@ def test_the_viewer_without_a_display_is_one_line():
     assert out.returncode == 1
     assert out.stderr.strip().splitlines()[-1].startswith("error: no window for the viewer")
     assert "Traceback" not in out.stderr
+
+
+@pytest.mark.parametrize(("flag", "settings"), [("--push-every", {"push_every": 1.0}), ("--seed", {"seed": 3})])
+def test_shoves_of_no_speed_are_refused(flag, settings):
+    with pytest.raises(PlatError, match=f"{flag}: without effect but with --push, expected that beside it"):
+        play.main(play.PlayRecipe(policy=PLAT, keyframes=EXAMPLE, **settings))

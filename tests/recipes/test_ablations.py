@@ -335,3 +335,18 @@ def test_rows_that_fail_leave_the_others_alone(recipe, trained, on_cluster, monk
     assert [made.out.name for made in trained] == ["sonic-style", "expert"]
     assert "train plat-seed0: needs another" in capsys.readouterr().out
     assert "Scratch RL" in (recipe.out / "all" / "scores.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"training": Training(motions=("a.npz",))}, "--training.motions: without effect but with --train"),
+        ({"training": Training(expert_steps=9)}, "--training.expert-steps: without effect but with --train"),
+        ({"training": Training(cpus=1), "train": True}, "--training.cpus: without effect but with --ray"),
+    ],
+)
+def test_settings_of_no_training_are_refused(recipe, settings, message):
+    with pytest.raises(PlatError, match=message):
+        ablations.main(dataclasses.replace(recipe, **settings))
+    assert not recipe.out.exists()
+    ablations.check_training(dataclasses.replace(recipe, **{**settings, "train": True, "ray": True}))
