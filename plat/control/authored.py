@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from plat.errors import KeyframeError
 from plat.keyframes import Keyframe, KeyframeSequence, split_long_intervals, standing
-from plat.keyframes.chain_families import AHEAD, FAMILY_TABLE, MIDDLE, TRIES, ChainFamily
+from plat.keyframes.chain_families import AHEAD, FAMILY_TABLE, INSIDE, MIDDLE, TRIES, ChainFamily
 from plat.keyframes.chain_needs import lacking
 from plat.keyframes.partial import hands_of
 from plat.motions import MotionLibrary
@@ -33,8 +33,6 @@ Pose = NDArray[np.float64]
 # What counts as at rest in a clip.
 _JOINT_SPEED, _ROOT_SPEED, _PELVIS_HEIGHT = 0.6, 0.1, 0.55  # rad/s, m/s, m
 _FOOT_OFF = 5e-3  # m
-# deepest collision of a pose that reaches
-_INSIDE = 0.02  # m
 
 FAMILIES: dict[str, ChainFamily] = {name: family for name, family in FAMILY_TABLE.items() if family.scored}
 """The families that are scored, by name: ``far`` is out of reach within its 0.5 to 1 s, ``far3s`` is the same with 3 s.
@@ -226,7 +224,7 @@ class _Draw:
             ahead = places[..., 0] - root_pos[:, None, 0] > AHEAD
             above = places[..., 2] > root_pos[:, None, 2]
             for row in (ahead & above).all(-1).nonzero()[:, 0].tolist():
-                if self_penetration(self._model, poses[row], self._data) < _INSIDE:
+                if self_penetration(self._model, poses[row], self._data) < INSIDE:
                     return poses[row]
 
     def _crouching(self, lowered: tuple[float, float], lean: float) -> Pose:

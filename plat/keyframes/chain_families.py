@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-__all__ = ["AHEAD", "CHAIN_LENGTH", "FAMILY_TABLE", "MIDDLE", "TRIES", "ChainFamily"]
+__all__ = ["AHEAD", "CHAIN_LENGTH", "FAMILY_TABLE", "INSIDE", "MIDDLE", "TRIES", "ChainFamily"]
 
 CHAIN_LENGTH = 5
 """Keyframes of a chain."""
@@ -14,6 +14,9 @@ MIDDLE = (0.2, 0.8)
 
 AHEAD = 0.1
 """How far before the root :attr:`ChainFamily.hands_ahead` are at least (m)."""
+
+INSIDE = 0.02
+"""How deep links may be in each other in a pose with :attr:`ChainFamily.hands_ahead` (m)."""
 
 TRIES = 64
 """Poses that are drawn at a time for one with the hands ahead."""
@@ -37,7 +40,7 @@ class ChainFamily:
         lowered: least and most that the pelvis is lowered, with the feet in place (m).
         lean: largest lean of the trunk in a lowered pose (rad).
         arms: draw all joints but those of the legs.
-        hands_ahead: draw them until both hands are ahead of the body.
+        hands_ahead: draw them until both hands are ahead of the body and above its root, and no links collide.
         commands: what is commanded of each pose: all of it; positions of the hands; of hands and trunk, which carries
             the head; or the root's horizontal position and orientation.
         length: number of keyframes.

@@ -4,14 +4,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import mujoco
 import torch
 from torch import Tensor
 
 from plat.bounds import as_names, check_value
 from plat.errors import TaskError
-from plat.keyframes.chain_families import AHEAD, FAMILY_TABLE, MIDDLE, TRIES, ChainFamily
+from plat.keyframes.chain_families import AHEAD, FAMILY_TABLE, INSIDE, MIDDLE, TRIES, ChainFamily
 from plat.keyframes.chain_needs import lacking
 from plat.keyframes.partial import hands_of
+from plat.motions.checks.collision import self_penetration
 from plat.motions.library import MotionLibrary
 from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
@@ -253,11 +255,21 @@ def _arms(qpos: Tensor, robot: Robot) -> Tensor:
 
 
 def _reaching(qpos: Tensor, robot: Robot) -> Tensor:
-    """The same poses ``[R, 7 + J]`` with other joints than the legs' drawn until both hands are in front."""
+    """The same poses ``[R, 7 + J]`` with other joints than the legs' drawn until both hands are in front.
+
+    Commands of arms that are in each other teach a robot to press them together: such draws are left out.
+    """
     hands = ForwardKinematics(robot, hands_of(robot))
     tried = _arms(qpos[:, None].expand(-1, TRIES, -1), robot)
-    ahead = hands(*_split(tried))[0][..., 0].amin(-1) - tried[..., 0] > AHEAD
-    return tried[torch.arange(len(qpos)), ahead.int().argmax(1)]
+    places = hands(*_split(tried))[0] - tried[..., None, :3]
+    in_front = ((places[..., 0] > AHEAD) & (places[..., 2] > 0)).all(-1)
+    data = mujoco.MjData(robot.shared_model)
+    chosen = []
+    for poses, fits in zip(tried, in_front, strict=True):
+        candidates = poses[fits] if fits.any() else poses
+        clear = (pose for pose in candidates if self_penetration(robot.shared_model, pose.numpy(), data) < INSIDE)
+        chosen.append(next(clear, candidates[0]))
+    return torch.stack(chosen)
 
 
 def _crouched(count: int, robot: Robot, lowered: tuple[float, float], most_lean: float) -> Tensor:

@@ -1,9 +1,11 @@
+import mujoco
 import pytest
 import torch
 
 from plat.errors import TaskError
 from plat.keyframes.partial import hands_of
 from plat.motions import MotionLibrary, generate_motions
+from plat.motions.checks.collision import self_penetration
 from plat.robots import G1
 from plat.robots.kinematics import ForwardKinematics
 from plat.spec.timing import Timing
@@ -84,12 +86,20 @@ def test_an_unknown_family_is_refused(library):
         draw_chains(library, 3, ["dance"])
 
 
-def test_hands_that_reach_are_in_front(chains):
+def test_hands_that_reach_are_in_front_and_in_nobodys_way(library):
     hands = ForwardKinematics(G1, hands_of(G1))
+    data = mujoco.MjData(G1.shared_model)
+    chains = draw_chains(library, 40, ["reach", "three_point"])
     for family in ("reach", "three_point"):
         qpos = poses(chains, family)
         places, _ = hands(qpos[:, :3], qpos[:, 3:7], qpos[:, 7:])
         assert (places[..., 0] - qpos[:, None, 0] > 0.1).all()
+        assert (places[..., 2] > qpos[:, None, 2]).all()
+        inside = [self_penetration(G1.shared_model, pose.numpy(), data) for pose in qpos]
+        assert sum(depth >= 0.02 for depth in inside) <= 0.02 * len(inside)  # a quarter of all draws
+
+
+def test_partial_chains_say_what_they_command(chains):
     assert dict(zip(chains.family, chains.commands, strict=True)) == {
         **dict.fromkeys(chains.family, ""),
         "reach": "hands",
