@@ -68,7 +68,7 @@ def read_columns(path: Path, make: Callable[[Mapping[str, Tensor]], _Table]) -> 
         return make(columns), about
     except RecordsError:
         raise
-    except (OSError, RuntimeError, SafetensorError, KeyError, TypeError, ValueError) as error:
+    except (OSError, RuntimeError, SafetensorError, LookupError, TypeError, ValueError) as error:
         told = str(error).strip().partition("\n")[0]
         raise RecordsError(f"{str(path)!r}: not a readable file of evaluation records ({told})") from error
 
@@ -96,6 +96,8 @@ class CommandRecords:
         commanded: for each of :data:`COMMANDED`, whether a command commands any ``[M]``. What is not given is read off
             the errors, as if all rows were of one kind.
         source: motion that the clip is a piece of ``[M]``; None where clips are whole motions.
+        jerk_steps: those of ``steps`` at which there is a jerk ``[M]``: it takes three without a reset between them.
+            What is not given is counted: robots are reset before a clip's first command, and after one that failed.
     """
 
     clip: Tensor
@@ -109,8 +111,11 @@ class CommandRecords:
     step: dict[str, Tensor]
     commanded: dict[str, Tensor] = field(default_factory=dict)
     source: Tensor | None = None
+    jerk_steps: Tensor | None = None
 
     def __post_init__(self) -> None:
+        if self.jerk_steps is None:  # not in files of earlier versions
+            self.jerk_steps = _jerk_steps(self.clip, self.failed, self.steps)
         reached = self.window_steps > 0
         for name in [name for name in COMMANDED if name not in self.commanded]:
             measured = reached & ~self.window[COMMANDED[name]].isnan()
@@ -163,6 +168,17 @@ class CommandRecords:
             RecordsError: when the file cannot be read or is another kind of file.
         """
         return read_columns(path, cls.from_columns)
+
+
+def _jerk_steps(clip: Tensor, failed: Tensor, steps: Tensor) -> Tensor:
+    """Return how many steps of commands ``[M]``, in their order, have two before them since the robot was reset."""
+    if not len(clip):
+        return steps
+    begins = torch.ones_like(failed)
+    begins[1:] = failed[:-1] | (clip[1:] != clip[:-1])
+    before = steps.cumsum(0) - steps
+    before = before - before[begins][begins.cumsum(0) - 1]
+    return (before + steps - 2).clamp_min(0) - (before - 2).clamp_min(0)
 
 
 class CommandRecorder:
