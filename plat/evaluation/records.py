@@ -13,7 +13,7 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from plat.envs.transforms.command import CommandSchedule
-from plat.envs.transforms.metrics import commanded_joints_and_bodies
+from plat.envs.transforms.metrics import beside_root, commanded_joints_and_bodies
 from plat.errors import RecordsError
 from plat.files import replace_file
 from plat.json_file import parse_json
@@ -34,8 +34,8 @@ WINDOW_METRICS = ("joint_error", "keypoint_error", "keypoint_error_root")
 """Errors that are averaged over a command's arrival window."""
 STEP_METRICS = ("action_change", "joint_jerk", "foot_slip")
 """Quantities that are averaged over all steps."""
-COMMANDED = {"joints": "joint_error", "bodies": "keypoint_error"}
-"""What a command may command, with an error that it then has."""
+COMMANDED = {"joints": "joint_error", "bodies": "keypoint_error", "beside_root": "keypoint_error_root"}
+"""What a command may command, with an error that it then has; ``beside_root`` are bodies other than the root."""
 
 
 _Table = TypeVar("_Table")
@@ -117,10 +117,11 @@ class CommandRecords:
         if self.jerk_steps is None:  # not in files of earlier versions
             self.jerk_steps = _jerk_steps(self.clip, self.failed, self.steps)
         reached = self.window_steps > 0
-        for name in [name for name in COMMANDED if name not in self.commanded]:
+        for name in {"joints", "bodies"} - self.commanded.keys():
             measured = reached & ~self.window[COMMANDED[name]].isnan()
             all_or_none = bool(measured.any() | ~reached.any())
             self.commanded[name] = torch.full_like(reached, all_or_none)
+        self.commanded.setdefault("beside_root", self.commanded["bodies"].clone())  # files share no memory
 
     def columns(self) -> dict[str, Tensor]:
         """Return every column by its name in files."""
@@ -253,4 +254,8 @@ class CommandRecorder:
             every = torch.ones(self._schedule.num_commands, dtype=torch.bool)
             return {name: every.clone() for name in COMMANDED}
         joints, bodies = commanded_joints_and_bodies(parts, self._library.robot.num_joints)
-        return {"joints": (joints > 0).any(-1).cpu(), "bodies": (bodies > 0).any(-1).cpu()}
+        return {
+            "joints": (joints > 0).any(-1).cpu(),
+            "bodies": (bodies > 0).any(-1).cpu(),
+            "beside_root": beside_root(bodies).cpu(),
+        }

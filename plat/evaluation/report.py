@@ -9,7 +9,7 @@ from torch import Tensor
 
 from plat.errors import RecordsError
 from plat.evaluation.clip_records import CLIP_ERRORS, ClipRecords
-from plat.evaluation.records import STEP_METRICS, CommandRecords
+from plat.evaluation.records import COMMANDED, STEP_METRICS, CommandRecords
 
 __all__ = ["Estimate", "Penalties", "compare", "estimate", "report", "report_clips", "share", "success_curve"]
 
@@ -66,9 +66,9 @@ def report(
         over all commands, each capped, and a failed one at its cap; ``fall_rate`` (%); ``success_area`` (%): area
         under :func:`success_curve`; ``action_change``, ``joint_jerk`` (rad/s^3), ``foot_slip`` (m/s): means over
         steps, of jerk over those with two more before them since the robot was reset. Of partial keyframes, errors are
-        over the commands that command a joint, or a body; nan without any. The bootstrap resamples motions and training
-        seeds; pieces of a motion stay together. Where all commands succeed, or none falls, samples are all alike, and
-        the interval is that of :func:`share`.
+        over the commands that command a joint, or a body, and in the root frame one beside the root; nan without any.
+        The bootstrap resamples motions and training seeds; pieces of a motion stay together. Where all commands
+        succeed, or none falls, samples are all alike, and the interval is that of :func:`share`.
 
     Raises:
         RecordsError: when the tables are of different commands.
@@ -211,7 +211,7 @@ def _ratios(records: CommandRecords, penalties: Penalties) -> dict[str, tuple[Te
     }
     for name, short in (("joint_error", "mpjpe"), ("keypoint_error", "mpkpe"), ("keypoint_error_root", "mpkpe_root")):
         error, cap = records.window[name], getattr(penalties, name)
-        commanded = records.commanded["joints" if name == "joint_error" else "bodies"]
+        commanded = records.commanded[next(part for part, measure in COMMANDED.items() if measure == name)]
         measured = reached & ~error.isnan()
         ratios[short] = (error.nan_to_num(0.0) * measured, measured.double())
         capped = torch.where(records.failed, cap, error.nan_to_num(cap).clamp_max(cap))
