@@ -12,7 +12,7 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -67,10 +67,21 @@ from plat.motions.retargeting import (
 )
 from plat.rendering import RenderingError, Stage, stills
 from plat.robots import G1, Robot, get_robot
+from plat.spec.timing import Timing
 
 SHEET_COLUMNS = 8
+_SHORTEST = Timing().control_dt  # the shortest command, without which no policy has a use for a clip
+_ROUNDING = 1e-7
 GENERATED = "generated"
 _PROPOSED = "proposed from names and tree: check every joint, then pass it with --map"
+
+
+@dataclass
+class Lost:
+    """Numbers of clips that were not written: too short, and dropped as asked."""
+
+    short: int = 0
+    dropped: int = 0
 
 
 def read(command: MotionFiles, skipped: list[MotionError] | None = None) -> list[MotionFile]:
@@ -164,12 +175,13 @@ def convert(command: Convert) -> list[Path]:
     if command.repair and command.resample is None and command.out.suffix.lower() == ".npz":
         command = replace(command, resample=common_rate([clip for file in files for clip in file.clips]))
     verdicts: list[tuple[str, str]] = []
-    files = [replace(file, clips=repaired(command, file.clips, verdicts)) for file in files]
+    lost = Lost()
+    files = [replace(file, clips=repaired(command, file, lost, verdicts)) for file in files]
     if command.repair:
         for when, which in (("before", 0), ("after", 1)):
             print(f"{when}: {counted_verdicts([pair[which] for pair in verdicts])}")
     written = write(command.out, [file for file in files if file.clips], command.format, get_robot(command.robot))
-    raise_for_named(command, skipped, len(files))
+    tell_lost(command, skipped, len(files), lost)
     return written
 
 
@@ -185,14 +197,32 @@ def common_rate(clips: Sequence[MotionClip]) -> float | None:
     return rate
 
 
-def raise_for_named(command: MotionFiles, skipped: Sequence[MotionError], good: int) -> None:
-    """Raise an error for files that were named and could not be used.
+def tell_lost(command: MotionFiles, skipped: Sequence[MotionError], good: int, lost: Lost) -> None:
+    """Say at the end what was not written; what was left out as asked, or found in a folder, is no error.
 
     Raises:
-        MotionError: at the end, when the others are written.
+        MotionError: for files that were named and could not be used, and for clips that were too short.
     """
-    if skipped and any(expand_home(Path(name)).is_file() for name in command.files):
-        raise MotionError(f"{len(skipped)} of {len(skipped) + good} files could not be used; see above")
+    counts = {
+        f"{len(skipped)} of {len(skipped) + good} files could not be used": len(skipped),
+        f"{lost.short} {'clip was' if lost.short == 1 else 'clips were'} too short": lost.short,
+        f"{lost.dropped} {'was' if lost.dropped == 1 else 'were'} dropped, as asked": lost.dropped,
+    }
+    told = f"{', '.join(line for line, count in counts.items() if count)}; see above"
+    if lost.short or (skipped and any(expand_home(Path(name)).is_file() for name in command.files)):
+        raise MotionError(told)
+    if any(counts.values()):
+        print(told)
+
+
+def long_enough(clip: MotionClip, path: Path, least: float, off: float = 0.0) -> bool:
+    """Return whether a clip has so many seconds when some are taken off; print it where it has not."""
+    left = clip.duration - off
+    if left < least * (1 - _ROUNDING):
+        trimmed = " after --trim" if off else ""
+        print(f"left out {clip.name} of {path}: {max(left, 0):.3f} s long{trimmed}, expected at least {least:g} s")
+        return False
+    return True
 
 
 def cut(command: Convert, clip: MotionClip) -> list[MotionClip]:
@@ -200,38 +230,47 @@ def cut(command: Convert, clip: MotionClip) -> list[MotionClip]:
     pieces = cut_motion(clip, get_robot(command.robot), command.limits)
     if len(pieces) != 1 or pieces[0] is not clip:
         seconds = ", ".join(f"{piece.duration:.1f}" for piece in pieces)
+        least = f": none has {command.limits.min_seconds:g} s"
         print(
-            f"cut {clip.name}, {clip.duration:.1f} s, into {counted(pieces)}" + (f" of {seconds} s" if pieces else "")
+            f"cut {clip.name}, {clip.duration:.1f} s, into {counted(pieces)}"
+            + (f" of {seconds} s" if pieces else least)
         )
     return pieces
 
 
 def repaired(
-    command: Convert, clips: Sequence[MotionClip], verdicts: list[tuple[str, str]] | None = None
+    command: Convert, file: MotionFile, lost: Lost, verdicts: list[tuple[str, str]] | None = None
 ) -> list[MotionClip]:
-    """The clips with the repairs that were asked for; prints those that are dropped.
+    """The clips of a file with the repairs that were asked for; prints those that are dropped.
 
     Args:
         command: what was asked for.
-        clips: to be repaired.
+        file: whose clips are to be repaired.
+        lost: counts those that are not among them.
         verdicts: is given the verdict before and after ``--repair`` for each.
     """
-    kept = []
-    pieces = [piece for clip in clips for piece in cut(command, clip)] if command.cut else clips
-    for clip in pieces:
-        left = clip.duration - sum(command.trim)
-        if command.drop_bad and left < command.limits.min_seconds:
-            print(f"dropped {clip.name}: {max(left, 0):.2f} s left")
-        else:
-            kept.append(repair(command, clip, verdicts))
+    pieces = list(file.clips)
+    if command.cut:
+        cuts = [cut(command, clip) for clip in pieces]
+        lost.dropped += sum(not some for some in cuts)
+        pieces = [piece for some in cuts for piece in some]
+    least = command.limits.min_seconds if command.drop_bad else _SHORTEST
+    kept = [clip for clip in pieces if long_enough(clip, file.path, least, sum(command.trim))]
+    if command.drop_bad:
+        lost.dropped += len(pieces) - len(kept)
+    else:
+        lost.short += len(pieces) - len(kept)
+    kept = [repair(command, clip, verdicts) for clip in kept]
     if command.resample is not None:
-        kept = at_rate(kept, command.resample)
+        kept, before = at_rate(kept, command.resample, file.path), len(kept)
+        lost.short += before - len(kept)
     if not command.drop_bad:
         return kept
     reports = validate_motions(kept, get_robot(command.robot), command.limits)
     for report in reports:
         if report.verdict == "drop":
             print(f"dropped {report.name}: {', '.join(report.reasons)}")
+            lost.dropped += 1
     return [clip for clip, report in zip(kept, reports, strict=True) if report.verdict != "drop"]
 
 
@@ -265,16 +304,14 @@ def repair(command: Convert, clip: MotionClip, verdicts: list[tuple[str, str]] |
     return clip
 
 
-def at_rate(clips: Sequence[MotionClip], rate: float) -> list[MotionClip]:
-    """Return clips at so many frames a second, without those that are shorter than a frame there; prints these."""
+def at_rate(clips: Sequence[MotionClip], rate: float, path: Path) -> list[MotionClip]:
+    """Return clips of a file at so many frames a second, without those that are shorter than a frame; prints these."""
     resampled = []
     for clip in clips:
-        qpos = clip.qpos
-        if rate != clip.fps:
-            qpos = resample_qpos(torch.from_numpy(qpos), clip.fps, 1 / rate).numpy()
-        if len(qpos) < 2:
-            print(f"left out {clip.name}: its {clip.duration:.3f} s are less than a frame at {rate:g} fps")
-        else:
+        if long_enough(clip, path, 1 / rate):
+            qpos = clip.qpos
+            if rate != clip.fps:
+                qpos = resample_qpos(torch.from_numpy(qpos), clip.fps, 1 / rate).numpy()
             resampled.append(replace(clip, qpos=qpos, fps=rate))
     return resampled
 
@@ -284,11 +321,14 @@ def mirror(command: Mirror) -> list[Path]:
     check_out(command.out, "npz")
     robot = get_robot(command.robot)
     skipped: list[MotionError] = []
-    files = [
-        replace(file, clips=[mirror_motion(clip, robot) for clip in file.clips]) for file in read(command, skipped)
-    ]
-    written = write(command.out, files, "npz", robot)
-    raise_for_named(command, skipped, len(files))
+    lost = Lost()
+    files = []
+    for file in read(command, skipped):
+        clips = [mirror_motion(clip, robot) for clip in file.clips if long_enough(clip, file.path, _SHORTEST)]
+        lost.short += len(file.clips) - len(clips)
+        files.append(replace(file, clips=clips))
+    written = write(command.out, [file for file in files if file.clips], "npz", robot)
+    tell_lost(command, skipped, len(files), lost)
     return written
 
 
@@ -328,6 +368,9 @@ def retarget(command: Retarget) -> list[Retargeted]:
                 unknown = path, found
             continue
         result = replace(result, clip=replace(result.clip, name=name))
+        if not long_enough(result.clip, path, _SHORTEST):
+            failed += 1
+            continue
         made.append(result)
         clip, frames = result.clip, len(result.clip.qpos)
         print(
@@ -344,7 +387,8 @@ def retarget(command: Retarget) -> list[Retargeted]:
             clips = [result.clip for result in made if split_of(result.clip.name) == split]
             if clips:
                 if (rate := common_rate(clips)) is not None:  # a file has one
-                    clips = at_rate(clips, rate)
+                    clips, before = at_rate(clips, rate, command.out / f"{split}.npz"), len(clips)
+                    failed += before - len(clips)
                 command.out.mkdir(parents=True, exist_ok=True)
                 save_motions(command.out / f"{split}.npz", clips)
             print(f"{split}: {len(clips)} clips, {sum(clip.duration for clip in clips):.0f} s")

@@ -158,6 +158,8 @@ class MotionTrackingEnv(EnvBase):
         self._earlier_action = self._last_action
         self.broken = BrokenRobots()
         """Finds robots to terminate because their action is absurd or their simulation diverged."""
+        self.seedings = 0
+        """How often a seed was set: transforms that learn from episodes begin anew with each."""
         self._make_specs()
         self._check_sensors()
 
@@ -373,3 +375,4 @@ class MotionTrackingEnv(EnvBase):
     def _set_seed(self, seed: int | None) -> None:
         if seed is not None:
             torch.manual_seed(seed)
+            self.seedings += 1

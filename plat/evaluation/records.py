@@ -13,7 +13,7 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from plat.envs.transforms.command import CommandSchedule
-from plat.envs.transforms.metrics import commanded_joints_and_bodies
+from plat.envs.transforms.metrics import beside_root, commanded_joints_and_bodies
 from plat.errors import RecordsError
 from plat.files import replace_file
 from plat.json_file import parse_json
@@ -34,8 +34,8 @@ WINDOW_METRICS = ("joint_error", "keypoint_error", "keypoint_error_root")
 """Errors that are averaged over a command's arrival window."""
 STEP_METRICS = ("action_change", "joint_jerk", "foot_slip")
 """Quantities that are averaged over all steps."""
-COMMANDED = {"joints": "joint_error", "bodies": "keypoint_error"}
-"""What a command may command, with an error that it then has."""
+COMMANDED = {"joints": "joint_error", "bodies": "keypoint_error", "beside_root": "keypoint_error_root"}
+"""What a command may command, with an error that it then has; ``beside_root`` are bodies other than the root."""
 
 
 _Table = TypeVar("_Table")
@@ -68,7 +68,7 @@ def read_columns(path: Path, make: Callable[[Mapping[str, Tensor]], _Table]) -> 
         return make(columns), about
     except RecordsError:
         raise
-    except (OSError, RuntimeError, SafetensorError, KeyError, TypeError, ValueError) as error:
+    except (OSError, RuntimeError, SafetensorError, LookupError, TypeError, ValueError) as error:
         told = str(error).strip().partition("\n")[0]
         raise RecordsError(f"{str(path)!r}: not a readable file of evaluation records ({told})") from error
 
@@ -96,6 +96,8 @@ class CommandRecords:
         commanded: for each of :data:`COMMANDED`, whether a command commands any ``[M]``. What is not given is read off
             the errors, as if all rows were of one kind.
         source: motion that the clip is a piece of ``[M]``; None where clips are whole motions.
+        jerk_steps: those of ``steps`` at which there is a jerk ``[M]``: it takes three without a reset between them.
+            What is not given is counted: robots are reset before a clip's first command, and after one that failed.
     """
 
     clip: Tensor
@@ -109,13 +111,17 @@ class CommandRecords:
     step: dict[str, Tensor]
     commanded: dict[str, Tensor] = field(default_factory=dict)
     source: Tensor | None = None
+    jerk_steps: Tensor | None = None
 
     def __post_init__(self) -> None:
+        if self.jerk_steps is None:  # not in files of earlier versions
+            self.jerk_steps = _jerk_steps(self.clip, self.failed, self.steps)
         reached = self.window_steps > 0
-        for name in [name for name in COMMANDED if name not in self.commanded]:
+        for name in {"joints", "bodies"} - self.commanded.keys():
             measured = reached & ~self.window[COMMANDED[name]].isnan()
             all_or_none = bool(measured.any() | ~reached.any())
             self.commanded[name] = torch.full_like(reached, all_or_none)
+        self.commanded.setdefault("beside_root", self.commanded["bodies"].clone())  # files share no memory
 
     def columns(self) -> dict[str, Tensor]:
         """Return every column by its name in files."""
@@ -163,6 +169,17 @@ class CommandRecords:
             RecordsError: when the file cannot be read or is another kind of file.
         """
         return read_columns(path, cls.from_columns)
+
+
+def _jerk_steps(clip: Tensor, failed: Tensor, steps: Tensor) -> Tensor:
+    """Return how many steps of commands ``[M]``, in their order, have two before them since the robot was reset."""
+    if not len(clip):
+        return steps
+    begins = torch.ones_like(failed)
+    begins[1:] = failed[:-1] | (clip[1:] != clip[:-1])
+    before = steps.cumsum(0) - steps
+    before = before - before[begins][begins.cumsum(0) - 1]
+    return (before + steps - 2).clamp_min(0) - (before - 2).clamp_min(0)
 
 
 class CommandRecorder:
@@ -237,4 +254,8 @@ class CommandRecorder:
             every = torch.ones(self._schedule.num_commands, dtype=torch.bool)
             return {name: every.clone() for name in COMMANDED}
         joints, bodies = commanded_joints_and_bodies(parts, self._library.robot.num_joints)
-        return {"joints": (joints > 0).any(-1).cpu(), "bodies": (bodies > 0).any(-1).cpu()}
+        return {
+            "joints": (joints > 0).any(-1).cpu(),
+            "bodies": (bodies > 0).any(-1).cpu(),
+            "beside_root": beside_root(bodies).cpu(),
+        }

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from plat.errors import RecordsError
 from plat.evaluation.clip_records import CLIP_ERRORS, ClipRecords
-from plat.evaluation.records import STEP_METRICS, CommandRecords
+from plat.evaluation.records import COMMANDED, STEP_METRICS, CommandRecords
 
 __all__ = ["Estimate", "Penalties", "compare", "estimate", "report", "report_clips", "share", "success_curve"]
 
@@ -65,9 +65,10 @@ def report(
         errors over the commands that reached their window; ``mpjpe_all``, ``mpkpe_all``, ``mpkpe_root_all``: the same
         over all commands, each capped, and a failed one at its cap; ``fall_rate`` (%); ``success_area`` (%): area
         under :func:`success_curve`; ``action_change``, ``joint_jerk`` (rad/s^3), ``foot_slip`` (m/s): means over
-        steps. Of partial keyframes, errors are over the commands that command a joint, or a body; nan without any. The
-        bootstrap resamples motions and training seeds; pieces of a motion stay together. Where all commands succeed,
-        or none falls, samples are all alike, and the interval is that of :func:`share`.
+        steps, of jerk over those with two more before them since the robot was reset. Of partial keyframes, errors are
+        over the commands that command a joint, or a body, and in the root frame one beside the root; nan without any.
+        The bootstrap resamples motions and training seeds; pieces of a motion stay together. Where all commands
+        succeed, or none falls, samples are all alike, and the interval is that of :func:`share`.
 
     Raises:
         RecordsError: when the tables are of different commands.
@@ -86,8 +87,8 @@ def report_clips(
 
     Returns:
         ``clip_success`` (%): clips that were followed to the end; ``clip_progress`` (%): their frames before a failure;
-        over these frames, ``clip_mpjpe`` (rad), ``clip_mpkpe`` and ``clip_mpkpe_root`` (m), ``vel_dist`` (m/frame) and
-        ``accel_dist`` (m/frame²).
+        over these frames, ``clip_mpjpe`` (rad), ``clip_mpkpe`` and ``clip_mpkpe_root`` (m), ``vel_dist`` (m/frame) and,
+        over all but a clip's first, ``accel_dist`` (m/frame²).
 
     Raises:
         RecordsError: when the tables are of different clips, or judged by different rules.
@@ -210,13 +211,15 @@ def _ratios(records: CommandRecords, penalties: Penalties) -> dict[str, tuple[Te
     }
     for name, short in (("joint_error", "mpjpe"), ("keypoint_error", "mpkpe"), ("keypoint_error_root", "mpkpe_root")):
         error, cap = records.window[name], getattr(penalties, name)
-        commanded = records.commanded["joints" if name == "joint_error" else "bodies"]
+        commanded = records.commanded[next(part for part, measure in COMMANDED.items() if measure == name)]
         measured = reached & ~error.isnan()
         ratios[short] = (error.nan_to_num(0.0) * measured, measured.double())
         capped = torch.where(records.failed, cap, error.nan_to_num(cap).clamp_max(cap))
         ratios[f"{short}_all"] = (capped * commanded, every * commanded)
     for name in STEP_METRICS:
         ratios[name] = (records.step[name], records.steps)
+    assert records.jerk_steps is not None  # counted where it was not given
+    ratios["joint_jerk"] = (records.step["joint_jerk"], records.jerk_steps)
     return ratios
 
 
@@ -224,10 +227,13 @@ def _clip_ratios(records: ClipRecords) -> dict[str, tuple[Tensor, Tensor]]:
     """Return each metric's numerator and denominator ``[C]``."""
     every = torch.ones_like(records.frames)
     short = ("clip_mpjpe", "clip_mpkpe", "clip_mpkpe_root", "vel_dist", "accel_dist")
+    ratios = {name: (records.errors[error], records.tracked) for name, error in zip(short, CLIP_ERRORS, strict=True)}
     return {
         "clip_success": (100.0 * ~records.failed, every),
         "clip_progress": (100.0 * records.tracked, records.frames),
-        **{name: (records.errors[error], records.tracked) for name, error in zip(short, CLIP_ERRORS, strict=True)},
+        **ratios,
+        # a clip's first displacement has none before it that it could differ from
+        "accel_dist": (records.errors["accel_dist"], (records.tracked - 1).clamp_min(0)),
     }
 
 

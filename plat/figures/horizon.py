@@ -1,5 +1,6 @@
 """Plot of success against the time that a command gives."""
 
+import math
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
@@ -13,16 +14,15 @@ from plat.figures.style import PAGE, looks, paper_style, policies
 
 __all__ = ["horizon_plot"]
 
-_EDGES = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.5, 2.0, 2.5, 3.0)  # seconds
+_EDGES = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0)  # seconds; behind them every half second
 _SPREAD = 5.0  # factor between errors from which the scale is logarithmic
 
 
 def horizon_plot(scores: Sequence[Score], dt: float = 0.02) -> Any:
     """Return a figure of TKS@3 and of the mean position error against the commands' time, one line per policy.
 
-    Commands of all horizons are pooled and binned by their length: to 1 s for the paper's horizons, to 3 s with
-    "distant" or "all". The error counts failed commands at 1 m. Its scale is logarithmic where errors differ by more
-    than a factor of five.
+    Commands of all horizons are pooled and binned by their length, up to the longest of them. The error counts failed
+    commands at 1 m. Its scale is logarithmic where errors differ by more than a factor of five.
 
     Args:
         scores: of any policies.
@@ -76,7 +76,8 @@ def _binned(runs: Sequence[CommandRecords], dt: float) -> tuple[list[float], lis
     error = torch.where(failed, 1.0, error)
     commanded = torch.cat([run.commanded["bodies"] for run in runs])
     times, shares, errors = [], [], []
-    for low, high in pairwise(_EDGES):
+    halves = math.ceil(2 * (float(seconds.max()) - _EDGES[-1] - 1e-6)) if len(seconds) else 0
+    for low, high in pairwise((*_EDGES, *(_EDGES[-1] + 0.5 * (half + 1) for half in range(halves)))):
         rows = (seconds > low + 1e-6) & (seconds <= high + 1e-6)
         if rows.any():
             times.append((low + high) / 2)

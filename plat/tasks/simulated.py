@@ -18,6 +18,7 @@ from plat.envs.transforms.settings import RandomizationRanges
 from plat.gpu import check_device
 from plat.robots.robot import FootContacts
 from plat.tasks.disturbed import advanced, estimated, motor_target, shown
+from plat.tasks.starts import FailureWeights
 from plat.tasks.task import Task, of_each, started
 
 __all__ = ["SimulatedTask"]
@@ -163,6 +164,9 @@ class SimulatedTask(EnvBase):
     def _set_seed(self, seed: int | None) -> None:
         if seed is not None:
             torch.manual_seed(seed)
+            for part in self.task.modules():  # the same episodes follow the same seed, whatever failed before
+                if isinstance(part, FailureWeights):
+                    part.forget_all()
 
 
 def _finite(state: GeneralizedState) -> Tensor:

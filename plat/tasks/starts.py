@@ -15,6 +15,8 @@ __all__ = ["ClipStarts", "FailureWeights", "disturbed"]
 # Places whose failures are added up, and those that are forgotten at in one step.
 _BLOCK = 256
 _AT_ONCE = 1 << 16
+# As if each place had been failed at: nothing is known of it yet.
+_UNKNOWN = 0.5
 
 
 class FailureWeights(nn.Module):
@@ -43,8 +45,7 @@ class FailureWeights(nn.Module):
         self.uniform = uniform
         self._kept = 1.0 - 1.0 / memory
         self._turns = -(-count // _AT_ONCE)
-        # as if each place had been failed at: nothing is known of it yet
-        self.register_buffer("failures", torch.full((count,), 0.5))
+        self.register_buffer("failures", torch.full((count,), _UNKNOWN))
         # whose turn it is to be forgotten; part of the state only where there is more than one
         self.register_buffer("turn", torch.zeros((), dtype=torch.int64), persistent=self._turns > 1)
         self.register_buffer("_sums", torch.zeros(-(-count // _BLOCK)), persistent=False)
@@ -63,6 +64,12 @@ class FailureWeights(nn.Module):
         self.failures[places] = self.failures[places].clamp(0.02, 5.0)
         block = places // _BLOCK
         self._sums[block] = self._of_blocks(block).sum(-1)
+
+    def forget_all(self) -> None:
+        """Begin anew."""
+        self.failures.fill_(_UNKNOWN)
+        self.turn.zero_()
+        self._add_up()
 
     def forget(self) -> None:
         """Let a control step pass."""

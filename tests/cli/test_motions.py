@@ -117,7 +117,8 @@ def test_convert_to_one_file_with_repairs(folder, tmp_path, capsys):
     assert sorted(clips) == ["floating", "good"]
     assert len(clips["good"].qpos) == 60 - 10 - 5
     np.testing.assert_allclose(clips["floating"].qpos, clips["good"].qpos, atol=1e-5)
-    assert "dropped short: 0.00 s left" in capsys.readouterr().out
+    told = f"left out short of {folder / 'two.npz'}: 0.000 s long after --trim, expected at least 0.5 s"
+    assert told in capsys.readouterr().out
 
 
 def test_convert_levels_feet_before_it_grounds_them(tmp_path):
@@ -244,10 +245,43 @@ def test_what_is_read_is_not_replaced(tmp_path):
 
 def test_a_clip_that_is_shorter_than_a_frame_does_not_lose_the_others(tmp_path, capsys):
     save_motions(tmp_path / "good.npz", MotionClip("good", bowing_clip(60).qpos, 30.0))
-    save_motions(tmp_path / "short.npz", MotionClip("short", bowing_clip(2).qpos, 120.0))
-    (path,) = run("convert", tmp_path, "--resample", 50, "--out", tmp_path / "all" / "all.npz")
-    assert [clip.name for clip in load_motions(path)] == ["good"]
-    assert "left out short: its 0.008 s are less than a frame at 50 fps" in capsys.readouterr().out
+    save_motions(tmp_path / "short.npz", MotionClip("little", bowing_clip(6).qpos, 50.0))
+    with pytest.raises(MotionError, match="^1 clip was too short; see above$"):
+        run("convert", tmp_path, "--resample", 5, "--out", tmp_path / "all" / "all.npz")
+    assert [clip.name for clip in load_motions(tmp_path / "all" / "all.npz")] == ["good"]
+    told = f"left out little of {tmp_path / 'short.npz'}: 0.100 s long, expected at least 0.2 s"
+    assert told in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("command", "told"),
+    [
+        (["convert"], "0.008 s long, expected at least 0.02 s"),
+        (["mirror"], "0.008 s long, expected at least 0.02 s"),
+        (["convert", "--trim", "0.3", "0.3"], "0.000 s long after --trim, expected at least 0.02 s"),
+    ],
+)
+def test_a_clip_that_is_shorter_than_any_command_does_not_lose_the_others(command, told, tmp_path, capsys):
+    good, short = tmp_path / "good.npz", tmp_path / "short.npz"
+    save_motions(good, MotionClip("good", bowing_clip(60).qpos, 50.0))
+    save_motions(short, MotionClip("little", bowing_clip(2).qpos, 120.0))
+    with pytest.raises(MotionError, match="^1 clip was too short; see above$"):
+        run(*command, short, good, "--out", tmp_path / "all.npz")
+    assert [clip.name[:4] for clip in load_motions(tmp_path / "all.npz")] == ["good"]
+    assert f"left out little of {short}: {told}" in capsys.readouterr().out
+    with pytest.raises(PlatError, match="no clips are left"):
+        run(*command, short, "--out", tmp_path / "none.npz")
+    assert f"left out little of {short}: {told}" in capsys.readouterr().out
+    assert not (tmp_path / "none.npz").exists()
+
+
+def test_the_last_line_tells_what_was_left_out_as_asked(folder, tmp_path, capsys):
+    (folder / "labels.csv").write_text("file,style\ngood,happy\n")
+    run("convert", folder, "--drop-bad", "--out", tmp_path / "all.npz")
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last == "1 of 3 files could not be used, 1 was dropped, as asked; see above"
+    run("convert", folder / "two.npz", "--out", tmp_path / "two.npz")
+    assert capsys.readouterr().out.splitlines()[-1].startswith("wrote 2 clips")
 
 
 def test_errors_are_one_line():

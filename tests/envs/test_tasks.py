@@ -24,7 +24,7 @@ from plat.envs.transforms import (
     pop_statistics,
 )
 from plat.errors import PlatError
-from plat.tasks import DenseTracking, SimulatedTask
+from plat.tasks import DenseTracking, SimulatedTask, TimedKeyframes, TimedKeyframesConfig
 
 EVERYTHING = {"noise": NoiseLevels(), "randomization": RandomizationRanges()}
 
@@ -35,6 +35,37 @@ EVERYTHING = {"noise": NoiseLevels(), "randomization": RandomizationRanges()}
 @pytest.mark.parametrize("settings", [{}, EVERYTHING], ids=["plain", "everything"])
 def test_specs(library, make, config, settings):
     check_env_specs(make(library, 3, config(**settings)))
+
+
+def _chains(library, count):
+    config = TimedKeyframesConfig(chains=6, partial=0.5)
+    return SimulatedTask(TimedKeyframes(library, config), count, randomization=RandomizationRanges())
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda library, count: make_tracking_env(library, count, TrackingTaskConfig(**EVERYTHING)),
+        lambda library, count: make_keyframe_env(library, count, KeyframeTaskConfig(**EVERYTHING)),
+        lambda library, count: SimulatedTask(DenseTracking(library), count),
+        _chains,
+    ],
+    ids=["tracking", "keyframes", "dense", "chains"],
+)
+def test_the_same_episodes_follow_a_seed_whatever_failed_before(library, make):
+    env = make(library, 8)
+
+    def rollout(seed, steps):
+        env.set_seed(seed)
+        act = lambda td: td.set("action", 5 * torch.randn(8, 29))  # noqa: E731
+        return env.rollout(steps, act, break_when_any_done=False)
+
+    first = rollout(3, 60)
+    assert first["next", "terminated"].any()
+    rollout(4, 120)
+    again = rollout(3, 60)
+    for key, values in first.items(include_nested=True, leaves_only=True):
+        torch.testing.assert_close(again[key], values, rtol=0, atol=0, equal_nan=True, msg=str(key))
 
 
 def test_groups_that_networks_read(library):

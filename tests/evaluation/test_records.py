@@ -72,8 +72,9 @@ def test_columns_of_different_lengths(tmp_path):
 
 
 def of_an_earlier_version(records: CommandRecords, path: Path) -> CommandRecords:
-    """The records as they come back from a file without the columns of what was commanded."""
-    columns = {name: column for name, column in records.columns().items() if not name.startswith("commanded.")}
+    """The records as they come back from a file without the columns of what was commanded, and of steps with a jerk."""
+    later = ("commanded.", "jerk_steps")
+    columns = {name: column for name, column in records.columns().items() if not name.startswith(later)}
     save_file(columns, path, {"about": "{}"})
     return CommandRecords.load(path)[0]
 

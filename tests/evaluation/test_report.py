@@ -39,7 +39,37 @@ def test_figures_of_a_hand_made_table():
     assert figures["mpjpe_all"].value == pytest.approx((0.1 + 0.2 + 0.5 + 0.5) / 4)  # capped, and the failed one full
     assert figures["mpkpe_all"].value == pytest.approx((0.1 + 0.1 + 0.4 + 1.0) / 4)
     assert figures["action_change"].value == pytest.approx(28 / 35)
+    assert figures["joint_jerk"].value == pytest.approx(28 / 31)  # the first two steps of each clip have none
     assert figures["success_area"].value == pytest.approx(100 * (0.8 + 0.8 + 0.2 + 0) / 4)
+
+
+@pytest.mark.parametrize(
+    ("steps", "failed", "clip", "expected"),
+    [
+        ([10, 10, 10], [False, True, False], [0, 0, 0], [8, 10, 8]),
+        ([1, 1, 1, 1], [False] * 4, [0, 0, 0, 1], [0, 0, 1, 0]),
+        ([1, 5, 2], [True, True, False], [0, 0, 0], [0, 3, 0]),
+    ],
+)
+def test_jerk_is_over_steps_with_two_before_them_since_the_reset(steps, failed, clip, expected):
+    """Zeros of the steps after each reset made those smooth who fall often."""
+    count = len(steps)
+    jerk_steps = torch.tensor(expected, dtype=torch.float64)
+    made = CommandRecords(
+        clip=torch.tensor(clip),
+        length=torch.full((count,), 10),
+        steps=torch.tensor(steps, dtype=torch.float64),
+        failed=torch.tensor(failed),
+        fell=torch.tensor(failed),
+        window_steps=torch.zeros(count, dtype=torch.float64),
+        window=dict.fromkeys(("joint_error", "keypoint_error", "keypoint_error_root"), torch.zeros(count).double()),
+        arrival_error=torch.zeros(count).double(),
+        step=dict.fromkeys(("action_change", "joint_jerk", "foot_slip"), 3.0 * jerk_steps),
+    )
+    assert made.jerk_steps.tolist() == expected
+    assert report(made)["joint_jerk"].value == pytest.approx(3.0)
+    rows = torch.arange(count) > 0  # what is known is not counted anew
+    assert made.of_rows(rows).jerk_steps.tolist() == expected[1:]
 
 
 def test_penalties_can_be_set():

@@ -8,6 +8,7 @@ from torchrl.envs.utils import ExplorationType, exploration_type
 from plat.envs import make_keyframe_env
 from plat.envs.transforms import HORIZONS, CommandSchedule
 from plat.evaluation import ReferenceView, make_evaluation_env, policy_steps
+from plat.evaluation.records import CommandRecorder
 from plat.motions import MotionLibrary
 from tests.conftest import standing_clip
 from tests.evaluation.puppet import still
@@ -71,3 +72,23 @@ def test_what_a_policy_is_shown(clips: MotionLibrary, dense: bool) -> None:
     groups = set(next(task.steps(still)).keys())
     assert ("goal_6" in groups) == ("keyframe" in groups) == dense
     assert "goal" in groups
+
+
+def test_jerk_is_counted_where_a_robot_that_falls_often_has_one(clips: MotionLibrary) -> None:
+    schedule = CommandSchedule(clips, HORIZONS["mixed"], seed=1)
+    task, recorder = make_evaluation_env(clips, schedule, 2), CommandRecorder(clips, schedule)
+    generator = torch.Generator().manual_seed(0)
+    found = torch.zeros(schedule.num_commands, dtype=torch.float64)
+
+    def flailing(tensordict):
+        return tensordict.set("action", 20 * torch.randn(2, 29, generator=generator))
+
+    for step in task.steps(flailing):
+        recorder.add(step["motion", "frame"], task.active, step["next"])
+        rows = schedule.command_of_frame[step["motion", "frame"][task.active]]
+        found.index_add_(0, rows, (step["next", "metrics", "joint_jerk"][task.active, 0] > 0).double())
+    task.close()
+    records = recorder.records()
+    assert records.failed.sum() > 3
+    assert records.jerk_steps.tolist() == found.tolist()
+    assert found.sum() < records.steps.sum()

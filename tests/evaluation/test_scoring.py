@@ -4,6 +4,7 @@ import torch
 from plat.envs.transforms import HORIZONS, PAPER_HORIZONS, CommandSchedule, Horizon, RandomizationRanges
 from plat.errors import MotionError, TaskError
 from plat.evaluation import CommandRecords, evaluate, report
+from plat.evaluation.score_table import METRICS
 from plat.evaluation.scoring import robots_for, schedule_of_clips
 from plat.modules import Expert, PlainPolicy, PlainPolicyConfig
 from plat.motions import MotionLibrary
@@ -256,6 +257,24 @@ def test_of_a_partial_keyframe_the_commanded_part_counts(monkeypatch, two_clips)
     assert arms["mpjpe"].value == pytest.approx(0.8 / 17, rel=1e-3)
     hands = report(evaluate_puppet(monkeypatch, two_clips, HORIZONS["long"], raised, partial="hands"))
     assert hands["mpkpe"].value > 0.02
+
+
+def test_a_root_alone_has_no_error_in_its_own_frame(monkeypatch, two_clips):
+    def aside(frame):
+        out = nowhere(frame)
+        out[:, 0] = 0.1
+        out[:, 2] = torch.where(frame == 47, -0.4, 0.0)  # one of eight commands fails
+        return out
+
+    monkeypatch.setattr(still, "in_keys", [("parts", "joints")], raising=False)
+    records = evaluate_puppet(monkeypatch, two_clips, Horizon(20, 20), aside, partial="root")
+    assert records.failed.sum() == 1
+    figures = report(records)
+    assert figures["mpkpe"].value == pytest.approx(0.1, rel=1e-3)
+    for name in ("mpkpe_root", "mpkpe_root_all"):  # was 0, whatever the policy does
+        assert METRICS[name].text(figures[name]) == "-"
+    hands = report(evaluate_puppet(monkeypatch, two_clips, Horizon(20, 20), aside, partial="hands"))
+    assert hands["mpkpe_root"].value == pytest.approx(0, abs=1e-5)
 
 
 def test_a_policy_for_whole_poses_has_no_score_on_parts(two_clips):

@@ -1,3 +1,4 @@
+import pytest
 import torch
 
 from plat.tasks import DenseTracking
@@ -79,3 +80,13 @@ def test_many_places_are_forgotten_in_turns(monkeypatch):
         one.forget()
     assert other.failures.equal(weights.failures)
     torch.testing.assert_close(other._sums, weights._sums)
+
+
+@pytest.mark.parametrize("count", [5, 70_000])
+def test_to_forget_all_is_to_begin_anew(count):
+    weights, new = FailureWeights(count), FailureWeights(count)
+    weights.record(torch.tensor([3, 4]))
+    weights.forget()
+    weights.forget_all()
+    for name, value in new.named_buffers():
+        assert torch.equal(dict(weights.named_buffers())[name], value), name

@@ -52,12 +52,13 @@ class KeyframeMetrics(Transform):
     Writes the group ``"metrics"``, each entry ``[1]``: ``joint_error``: mean absolute error of the joint angles (rad);
     ``keypoint_error``: mean Euclidean error of the keypoints in the world (m); ``keypoint_error_root``: the same with
     both in the frame of their own root (m); ``action_change``: mean absolute change of the action since the previous
-    step; ``joint_jerk``: mean absolute jerk of the joints (rad/s^3, 0 in an episode's first steps); ``foot_slip``:
-    mean horizontal speed of the feet that bear load (m/s); ``fallen``: 1 where the root is at the wrong height or
-    tilt. Needs :class:`ReferenceMotion` before it.
+    step, from 0 in an episode's first; ``joint_jerk``: mean absolute jerk of the joints (rad/s^3, 0 in an episode's
+    first two steps, which do not count in its mean); ``foot_slip``: mean horizontal speed of the feet that bear load
+    (m/s); ``fallen``: 1 where the root is at the wrong height or tilt. Needs :class:`ReferenceMotion` before it.
 
     Of a partial keyframe, means are over the commanded joints and bodies, and NaN where there are none. A root whose
-    horizontal position and height are commanded counts as a body.
+    horizontal position and height are commanded counts as a body, but for ``keypoint_error_root`` only beside others:
+    in its own frame it is never off.
 
     Args:
         library: motions; gives the robot and the control step.
@@ -81,13 +82,14 @@ class KeyframeMetrics(Transform):
         loaded = state["foot_force"] > self._loaded
         speed = torch.linalg.vector_norm(state["keypoint_lin_vel_w"][:, self._feet, :2], dim=-1)
         parts = commanded_parts(next_tensordict)
-        joints = bodies = None
+        joints = bodies = bodies_in_root = None
         if parts is not None:
             joints, bodies = commanded_joints_and_bodies(parts, state["joint_pos"].shape[-1])
+            bodies_in_root = bodies * beside_root(bodies)[:, None]
         values = {
             "joint_error": _mean_of((state["joint_pos"] - reference["joint_pos"]).abs(), joints),
             "keypoint_error": _mean_of(torch.linalg.vector_norm(pos - reference_pos, dim=-1), bodies),
-            "keypoint_error_root": _mean_of(torch.linalg.vector_norm(body - reference_body, dim=-1), bodies),
+            "keypoint_error_root": _mean_of(torch.linalg.vector_norm(body - reference_body, dim=-1), bodies_in_root),
             "action_change": (tensordict["action"] - tensordict["robot", "last_action"]).abs().mean(-1),
             "joint_jerk": self._jerk(state["joint_vel"]),
             "foot_slip": (speed * loaded).sum(-1) / loaded.sum(-1).clamp_min(1),
@@ -133,6 +135,11 @@ def commanded_joints_and_bodies(parts: Tensor, num_joints: int) -> tuple[Tensor,
     bodies = parts[:, num_joints:-3].clone()
     bodies[:, 0] = torch.maximum(bodies[:, 0], parts[:, -3] * parts[:, -2])
     return parts[:, :num_joints], bodies
+
+
+def beside_root(bodies: Tensor) -> Tensor:
+    """Return whether another body than the root is commanded ``[N]``, of masks ``[N, K]``."""
+    return (bodies[:, 1:] > 0).any(-1)
 
 
 def _mean_of(errors: Tensor, commanded: Tensor | None) -> Tensor:

@@ -38,7 +38,7 @@ class FailureWeightedStarts(Transform):
 
     Motions are cut into bins of a second. A moving average of the failures in each bin, spread over the bins just
     before it, weights the draw of the bin; a fraction of the draws stays uniform over all frames. Put it after the
-    termination transform.
+    termination transform. After ``set_seed`` the failures are forgotten: the same episodes follow the same seed.
 
     Args:
         library: motions.
@@ -85,6 +85,7 @@ class FailureWeightedStarts(Transform):
         self._failure_cdf: Tensor | None = None
         self._scale = 1.0
         self._steps_since_cdf = 0
+        self._seedings = 0
 
     def sample(self, count: int) -> Tensor:
         """Sample start frames ``[count]``."""
@@ -123,6 +124,10 @@ class FailureWeightedStarts(Transform):
         cdf = state["failure_cdf"]
         self._failure_cdf = None if cdf is None else cdf.to(self.failures.device)
         self._scale, self._steps_since_cdf = float(state["scale"]), int(state["steps_since_cdf"])
+        self._seedings = self._seedings_of_env()  # what was restored after a seed was set is not forgotten for it
+
+    def _seedings_of_env(self) -> int:
+        return getattr(self.container, "seedings", 0)
 
     def _advance(self) -> None:
         self._scale /= self._forget
@@ -146,6 +151,9 @@ class FailureWeightedStarts(Transform):
         return next_tensordict
 
     def _reset_env_preprocess(self, tensordict: TensorDictBase | None) -> TensorDictBase:
+        if self._seedings != self._seedings_of_env():
+            self.forget()
+            self._seedings = self._seedings_of_env()
         if tensordict is None:
             tensordict = TensorDict({}, [self._num_envs], device=self.failures.device)
         tensordict["motion"] = TensorDict({"start": self.sample(self._num_envs)}, [self._num_envs])

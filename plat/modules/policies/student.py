@@ -18,7 +18,7 @@ from plat.modules.reach import KeyframeReach
 from plat.modules.settings import LatentPolicyConfig, PlainPolicyConfig
 from plat.modules.symmetry import BothSides, MeanOfSides
 from plat.robots.robot import Robot
-from plat.spec.observation import STUDENT_KEYS, goal_keys, observation_size, observation_widths, student_keys
+from plat.spec.observation import STUDENT_KEYS, goal_keys, observation_size, observation_widths, student_keys, table
 from plat.spec.timing import Timing
 
 __all__ = ["STUDENT_KEYS", "LatentPolicy", "LatentPolicyConfig", "PlainPolicy", "PlainPolicyConfig"]
@@ -170,8 +170,16 @@ class LatentPolicy(nn.Module):
         return DeployedPolicy(*before, self.features(keys), decode, *after, timing=self.timing)
 
     def update_normalizers(self, tensordict: TensorDictBase) -> None:
-        """Take a batch of visited states into the statistics."""
+        """Take a batch of visited states into the statistics.
+
+        Those of the goal sequence are of whole keyframes, as its frames are, where the batch has any.
+        """
         self.normalizer.update(tensordict)
+        if "parts" in self.config.also:  # zeros of what a keyframe leaves open are no goals
+            commanded = torch.cat([tensordict.get(key) for key in table().keys("parts")], -1)
+            whole = (commanded > 0).all(-1)
+            tensordict = tensordict.select(*goal_keys())
+            tensordict = tensordict[whole] if whole.any() else tensordict
         self.goal_normalizer.update(tensordict)
 
 

@@ -22,14 +22,14 @@ def apart(joint_pos: np.ndarray, robot: Robot, part: str) -> float | None:
         part: the joint without its side, such as ``shoulder_roll``. Outward is where its range is wider.
 
     Returns:
-        None where the robot has no such joints, or their ranges do not say which way is outward.
+        None where the robot has no such joints, their ranges do not say which way is outward, or there are no frames.
 
     >>> from plat.robots import G1
     >>> round(apart(G1.default_qpos[None, 7:], G1, "shoulder_roll"), 3)
     0.4
     """
     names = [f"{side}_{part}" for side in ("left", "right")]
-    if not set(names) <= set(robot.joint_names):
+    if not set(names) <= set(robot.joint_names) or not len(joint_pos):
         return None
     index = [robot.joint_names.index(name) for name in names]
     left, right = robot.joint_range.double().numpy()[index].mean(1)

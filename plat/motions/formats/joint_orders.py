@@ -94,13 +94,13 @@ def usual_orders(robot: Robot) -> Mapping[str, list[str]]:
 def likely_order(angles: np.ndarray, robot: Robot) -> tuple[list[str], list[str]] | None:
     """Return the joints that columns ``[T, J]`` (rad) are, by the poses that they make, and notes.
 
-    Left and right are not told apart. None for a robot whose usual poses are not known.
+    Left and right are not told apart. None for a robot whose usual poses are not known, and for no poses.
 
     Raises:
         JointOrderError: where another order than the robot's makes the likelier poses, and not by far.
     """
     own = list(robot.joint_names)
-    if not all(without_side(name) in _USUAL for name in own) or not np.isfinite(angles).all():
+    if not all(without_side(name) in _USUAL for name in own) or not len(angles) or not np.isfinite(angles).all():
         return None
     some = angles[:: max(1, len(angles) // _FRAMES)]
     cost = _costs(some, robot)

@@ -89,6 +89,21 @@ def test_weights_survive_a_checkpoint(library):
     assert torch.equal(restored.failures, starts.failures)
 
 
+def test_a_checkpoint_that_is_loaded_after_a_seed_was_set_is_kept(library):
+    env = make_tracking_env(library, 2)
+    (starts,) = (part for part in env.transform if isinstance(part, FailureWeightedStarts))
+    starts.record(torch.tensor([30]))
+    other = make_tracking_env(library, 2)
+    other.set_seed(0)
+    other.load_state_dict(env.state_dict())
+    other.reset()
+    (kept,) = (part for part in other.transform if isinstance(part, FailureWeightedStarts))
+    assert torch.equal(kept.failures, starts.failures)
+    other.set_seed(0)
+    other.reset()
+    assert not kept.failures.any()
+
+
 def test_episodes_start_where_the_transform_says(library):
     env = make_tracking_env(library, 32)
     starts = next(t for t in env.transform if isinstance(t, FailureWeightedStarts))

@@ -6,7 +6,7 @@ from tensordict.nn import TensorDictModule
 from torch import nn
 
 from plat.collectors import PrivilegedGoals
-from plat.envs import make_keyframe_env
+from plat.envs import KeyframeTaskConfig, make_keyframe_env
 from plat.modules import (
     STUDENT_KEYS,
     ActionDecoder,
@@ -90,6 +90,25 @@ def test_privileged_goals_keep_their_meaning(states):
     raw = states["privileged_goal", "frames"]
     assert torch.equal(out["privileged_goal", "frames"], raw)
     torch.testing.assert_close(out["privileged_goal", "normalized"], ((raw - 1) / 1.01).clamp(-10, 10))
+
+
+def test_statistics_of_the_goal_sequence_are_of_whole_keyframes(library):
+    config = KeyframeTaskConfig(partial=0.5)
+    policy = LatentPolicy(G1, replace(SMALL, also=("parts",)))
+    env = make_keyframe_env(library, 32, config)
+    visited = env.rollout(30, break_when_any_done=False)
+    whole = torch.cat(list(visited["parts"].values()), -1).all(-1)
+    assert 0.2 < whole.float().mean() < 0.9
+    policy.update_normalizers(visited)
+    goals = torch.cat([visited[key] for key in goal_keys()], -1)
+    torch.testing.assert_close(policy.goal_normalizer.mean, goals[whole].mean(0), atol=1e-5, rtol=1e-4)
+    torch.testing.assert_close(policy.goal_normalizer.var, goals[whole].var(0, correction=0), atol=1e-5, rtol=1e-3)
+    # the student itself sees the zeros
+    assert policy.normalizer.count == visited.numel()
+    # keyframes of which none is whole have statistics all the same
+    other = LatentPolicy(G1, replace(SMALL, also=("parts",)))
+    other.update_normalizers(visited[~whole])
+    assert other.goal_normalizer.count == (~whole).sum()
 
 
 def test_plain_graph_writes_no_label(states):

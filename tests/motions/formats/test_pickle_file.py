@@ -3,6 +3,7 @@ import gzip
 import lzma
 import pickle
 import zlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,6 +25,13 @@ def test_gmr(tmp_path, protocol):
     (file,) = read_motion_files(tmp_path / "bow.pkl")
     np.testing.assert_allclose(file.clips[0].qpos, bowing_clip().qpos, atol=1e-6)
     assert (file.clips[0].name, file.facts) == ("bow", "GMR pickle, 50 fps, quaternion xyzw")
+
+
+@pytest.mark.filterwarnings("error")
+def test_no_frames_are_one_line(tmp_path):
+    write_gmr(tmp_path / "none.pkl", replace(bowing_clip(), qpos=bowing_clip().qpos[:0]))
+    with pytest.raises(MotionError, match="motion 'none': 0 frames, expected at least 2$"):
+        load_motions(tmp_path / "none.pkl")
 
 
 def keep(data: bytes) -> bytes:
