@@ -209,9 +209,8 @@ def _ratios(records: CommandRecords, penalties: Penalties) -> dict[str, tuple[Te
         "fall_rate": (100.0 * records.fell, every),
         "success_area": (area * at_arrival, every * at_arrival),
     }
-    for name, short in (("joint_error", "mpjpe"), ("keypoint_error", "mpkpe"), ("keypoint_error_root", "mpkpe_root")):
-        error, cap = records.window[name], getattr(penalties, name)
-        commanded = records.commanded[next(part for part, measure in COMMANDED.items() if measure == name)]
+    for (part, name), short in zip(COMMANDED.items(), ("mpjpe", "mpkpe", "mpkpe_root"), strict=True):
+        error, cap, commanded = records.window[name], getattr(penalties, name), records.commanded[part]
         measured = reached & ~error.isnan()
         ratios[short] = (error.nan_to_num(0.0) * measured, measured.double())
         capped = torch.where(records.failed, cap, error.nan_to_num(cap).clamp_max(cap))
