@@ -17,7 +17,7 @@ import plat.headless  # noqa: F401
 
 # isort: split
 from plat.cli.benchmark_page import ABOUT, group_figure, page
-from plat.cli.candidates import candidates_of, trackers_of
+from plat.cli.candidates import Loaded, candidates_of, trackers_of
 from plat.cli.evaluate import common_control_dt, long_enough
 from plat.cli.options import BenchmarkRecipe
 from plat.cli.public_motions import PUBLIC
@@ -73,13 +73,19 @@ def main(recipe: BenchmarkRecipe) -> dict[str, Study]:
     pyplot()  # what is missing had better be said before the evaluation
     import_modules(recipe.imports)
     robot = get_robot(recipe.robot)  # before the policies: a description file makes theirs known
+    loaded: Loaded = {}
     candidates = candidates_of(
-        recipe.runs, recipe.trackers, device=recipe.device, interfaces=recipe.interface, robot=recipe.robot
+        recipe.runs,
+        recipe.trackers,
+        device=recipe.device,
+        interfaces=recipe.interface,
+        robot=recipe.robot,
+        loaded=loaded,
     )
     names = list(dict.fromkeys(tracker_and_interface(candidate.name)[0] for candidate in candidates))
     if recipe.ours is not None and recipe.ours not in names:
         raise PlatError(f"--ours {recipe.ours!r}: no such row, expected one of {', '.join(names)}")
-    trackers = trackers_of(recipe.runs, recipe.trackers, device=recipe.device, robot=recipe.robot)
+    trackers = trackers_of(recipe.runs, recipe.trackers, device=recipe.device, robot=recipe.robot, loaded=loaded)
     entrants = {candidate.name: entrant for candidate, entrant in candidates.items()}
     control_dt = common_control_dt(entrants, (*recipe.horizons, *recipe.further_horizons))
     sets = motion_sets(recipe, robot, control_dt)

@@ -1,10 +1,11 @@
 """Candidates of a comparison, from what a command line names: runs, bundles and released trackers."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any, TypeAlias
 
 from plat.baselines import CATALOG, ReleasedTrackers, identify
 from plat.baselines.catalog import sha256
@@ -12,15 +13,20 @@ from plat.deploy.runner import BUNDLE_FILE
 from plat.errors import PlatError
 from plat.evaluation import Entrant, Interface
 from plat.evaluation.cells import Candidate, Cell, fingerprint
+from plat.evaluation.setting import ReferenceView
 from plat.export.data_sets import data_set_of
 from plat.files import readable
 from plat.robots import get_robot
 from plat.runs.lineage import made_by, trained_on
 from plat.runs.locate import CONFIG_FILE, run_folder
-from plat.runs.saved_run import WEIGHTS_FILE, SavedRun
+from plat.runs.policies import Policy
+from plat.runs.saved_run import WEIGHTS_FILE, SavedRun, load_policy
 from plat.runs.user_modules import imported_code
 
-__all__ = ["candidates_of", "trackers_of"]
+__all__ = ["Loaded", "candidates_of", "trackers_of"]
+
+Loaded: TypeAlias = dict[tuple[str, Path], Any]
+"""Policies by name of a released tracker, or an empty one, and path."""
 
 
 def candidates_of(
@@ -31,6 +37,7 @@ def candidates_of(
     dense: bool = False,
     interfaces: Sequence[Interface] = ("next-frame",),
     robot: str = "g1",
+    loaded: Loaded | None = None,
 ) -> dict[Candidate, Entrant]:
     """Return every candidate with its policy, loaded. Dense trackers are there once for each interface.
 
@@ -41,12 +48,14 @@ def candidates_of(
         dense: show the reference motion in place of keyframes.
         interfaces: how dense trackers are told of a keyframe.
         robot: of bundles.
+        loaded: policies of an earlier call, which are not loaded again; those that are loaded now are added.
 
     Raises:
         PlatError: when something cannot be loaded, an ``.onnx`` file is of no tracker that plat knows, or two have one
             name.
     """
     released = {name: path for name, path in trackers.files().items() if path is not None}
+    loaded = {} if loaded is None else loaded
     paths = [path if path.name.strip(".") else path.resolve() for path in paths]  # "." has no name
     names = [readable(path.name) for path in paths]
     found: dict[Candidate, Entrant] = {}
@@ -58,27 +67,37 @@ def candidates_of(
         name = readable(path.name if names.count(readable(path.name)) == 1 else str(path))
         if path.suffix == ".onnx" or (path / BUNDLE_FILE).exists():
             shown = "bundle dense" if dense else "bundle"
-            found |= _once(name, partial(_bundle, path, robot, dense), _files(path), shown, "plat, a bundle")
+            load = partial(_bundle, path, robot, dense)
+            entrant = replace(_once_loaded(loaded, "", path, load), view=ReferenceView(dense))
+            found[_candidate(name, load, _files(path), shown, "plat, a bundle")] = entrant
         else:
-            found |= _of_run(name, path, device, dense, interfaces)
+            policy = _once_loaded(loaded, "", path, partial(load_policy, path, device))
+            found |= _of_run(name, path, device, dense, interfaces, policy)
     for name, path in released.items():
         files = CATALOG[name].paths(path)
         for interface in interfaces if not dense else interfaces[:1]:
             label = name if CATALOG[name].tested else f"{name} (unverified)"
             label = label if len(interfaces) == 1 or dense else f"{label}, {interface}"
             load = partial(_tracker, name, path, dense, interface)
-            found |= _once(label, load, files, f"{dense} {interface}", _described(name), "its owner's data")
+            tracker = _once_loaded(loaded, name, path, partial(CATALOG[name].load, path))
+            one = _candidate(label, load, files, f"{dense} {interface}", _described(name), "its owner's data")
+            found[one] = Entrant.of_tracker(tracker, dense, interface)
     if not found:
         raise PlatError("nothing to evaluate: give run directories, or files of released trackers (--trackers.twist2)")
     return _told_apart(found)
 
 
 def trackers_of(
-    paths: Sequence[Path], trackers: ReleasedTrackers, *, device: str = "cpu", robot: str = "g1"
+    paths: Sequence[Path],
+    trackers: ReleasedTrackers,
+    *,
+    device: str = "cpu",
+    robot: str = "g1",
+    loaded: Loaded | None = None,
 ) -> dict[Candidate, Entrant]:
     """Return the dense trackers among what :func:`candidates_of` takes, shown the reference motion."""
     with redirect_stdout(None):  # what there is to say of the files was said of their keyframes
-        found = candidates_of(paths, trackers, device=device, dense=True, robot=robot)
+        found = candidates_of(paths, trackers, device=device, dense=True, robot=robot, loaded=loaded)
     return {one: entrant for one, entrant in found.items() if entrant.tracks}
 
 
@@ -101,23 +120,21 @@ def _told_apart(found: dict[Candidate, Entrant]) -> dict[Candidate, Entrant]:
 
 
 def _of_run(
-    name: str, path: Path, device: str, dense: bool, interfaces: Sequence[Interface]
+    name: str, path: Path, device: str, dense: bool, interfaces: Sequence[Interface], policy: Policy
 ) -> dict[Candidate, Entrant]:
     folder = run_folder(path)
     run = SavedRun(folder)
     if run.unfinished:
         print(f"{name}: its training is not finished, the weights are those of its last checkpoint", flush=True)
     files = [folder / CONFIG_FILE, folder / WEIGHTS_FILE]
-    first = partial(Entrant.of_run, path, device, dense, interfaces[0])
-    found = _once(name, first, files, f"{dense} {interfaces[0]}")
     history = made_by(run), _trained_on(run)
-    found = {replace(one, made_by=history[0], trained_on=history[1]): entrant for one, entrant in found.items()}
-    if len(interfaces) == 1 or dense or not next(iter(found.values())).tracks:
-        return found
+    several = len(interfaces) > 1 and not dense and Entrant.of_policy(policy).tracks
     found = {}
-    for interface in interfaces:
+    for interface in interfaces if several else interfaces[:1]:
+        label = f"{name}, {interface}" if several else name
         load = partial(Entrant.of_run, path, device, dense, interface)
-        found |= _once(f"{name}, {interface}", load, files, f"{dense} {interface}", *history)
+        one = _candidate(label, load, files, f"{dense} {interface}", *history)
+        found[one] = Entrant.of_policy(policy, dense, interface)
     return found
 
 
@@ -133,13 +150,19 @@ def _described(tracker: str) -> str:
     return f"{known.owner}, {known.version}{verified}"
 
 
-def _once(
+def _once_loaded(loaded: Loaded, name: str, path: Path, load: Callable[[], Any]) -> Any:
+    """Return what a path holds: it is loaded before it is fingerprinted, for that says what is wrong with it."""
+    if (name, path) not in loaded:
+        loaded[name, path] = load()
+    return loaded[name, path]
+
+
+def _candidate(
     name: str, load: "partial[Entrant]", files: Sequence[Path], shown: str, made_by: str = "", trained_on: str = ""
-) -> dict[Candidate, Entrant]:
-    entrant = load()  # first: it says what is wrong with the files
+) -> Candidate:
     mark = fingerprint([*(file.read_bytes() for file in files), *imported_code(), shown.encode()])
     weights = max(files, key=lambda file: file.stat().st_size)
-    return {Candidate(name, load, mark, sha256(weights), made_by, trained_on): entrant}
+    return Candidate(name, load, mark, sha256(weights), made_by, trained_on)
 
 
 def _bundle(path: Path, robot: str, dense: bool) -> Entrant:

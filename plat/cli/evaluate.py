@@ -36,8 +36,7 @@ from plat.evaluation.study import Study, StudyPlan, run_study
 from plat.evaluation.study_files import write_study
 from plat.figures import ablation_bars, film_strip, group_plot, pyplot, radar_plot, save_figure, success_plot
 from plat.files import TABLES, check_file, check_folder, keep_sources, replace_file
-from plat.motions import MotionLibrary, motion_paths
-from plat.motions.generation import PREFIX
+from plat.motions import MotionLibrary
 from plat.rendering import Playback, RenderingError, Stage
 from plat.robots import get_robot
 from plat.runs import check_logger, log_table, on_device, start_logging
@@ -53,9 +52,7 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
     recipe = on_device(recipe)
     if recipe.csv is not None:
         check_file(recipe.csv, "--csv", TABLES)
-        files = [name for name in recipe.motions if not name.startswith(PREFIX)]
-        read = [*recipe.manifest, *(motion_paths(files) if files else [])]
-        keep_sources(read, [recipe.csv, authored_csv(recipe.csv)], "--csv")
+        keep_sources(recipe.manifest, [recipe.csv, authored_csv(recipe.csv)], "--csv")
     for folder, flag in ((recipe.figures, "--figures"), (recipe.strips, "--strips")):
         if folder is not None:
             check_folder(folder, flag)
@@ -76,7 +73,10 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
         robot=recipe.robot,
     )
     entrants = {candidate.name: entrant for candidate, entrant in found.items()}
-    library = MotionLibrary.load(recipe.motions, robot, dt=common_control_dt(entrants, recipe.horizon))
+    read: list[Path] = []
+    library = MotionLibrary.load(recipe.motions, robot, dt=common_control_dt(entrants, recipe.horizon), found=read)
+    if recipe.csv is not None:
+        keep_sources(read, [recipe.csv, authored_csv(recipe.csv)], "--csv")
     if recipe.only is not None:
         library = library.only(*library.named(recipe.only))
     shown = first_named(library, recipe.clip)

@@ -32,7 +32,7 @@ from plat.control import (
     tally,
 )
 from plat.control.shoves import Shoves
-from plat.errors import KeyframeError
+from plat.errors import ActionError, KeyframeError, PlatError, StateError
 from plat.files import TABLES, check_file, replace_table
 from plat.keyframes import KeyframeSequence, long_intervals_of_file
 from plat.rendering import Stage, check_video, film_with_progress, stage_model, write_video
@@ -46,7 +46,12 @@ LONGEST_HOLD = 3600.0
 
 
 def main(recipe: PlayRecipe) -> list[KeyframeScore]:
-    """Run the recipe: print a table, return its rows."""
+    """Run the recipe: print a table, return its rows.
+
+    Raises:
+        PlatError: for what cannot be run or written.
+        ActionError: when the simulation diverged, or the policy gave no action that is finite, after all is written.
+    """
     # networks for one robot are so small that more threads only get in each other's way
     torch.set_num_threads(1)
     check_effect("--push-every", recipe.push_every != type(recipe).push_every, "--push", recipe.push)
@@ -72,23 +77,31 @@ def main(recipe: PlayRecipe) -> list[KeyframeScore]:
     shoves = Shoves(recipe.push, recipe.push_every, recipe.seed, timing.control_dt)
     viewer = Viewer(simulator) if recipe.viewer else None
     steps: list[tuple[ChaseStep, StepErrors]] = []
-    for step in chase:
-        steps.append((step, scorer.add(step)))
-        shoves.after_step(simulator)
-        if viewer is not None:
-            if not viewer.running:
-                break
-            viewer.show(step)
+    broken: PlatError | None = None
+    try:
+        for step in chase:
+            steps.append((step, scorer.add(step)))
+            shoves.after_step(simulator)
+            if viewer is not None:
+                if not viewer.running:
+                    break
+                viewer.show(step)
+    except (ActionError, StateError) as error:  # what there is until then is told, written and filmed all the same
+        broken = error
+        scorer.lose(sequence, chase.time)
     if viewer is not None:
         viewer.close()
     print_table(scorer.scores(), scorer.hold(), timing.window)
     if recipe.csv is not None:
         write_scores(recipe.csv, scorer.scores(), timing.window)
         print(f"wrote {recipe.csv}")
-    if stage is not None and recipe.video is not None:
+    if stage is not None and recipe.video is not None and steps:
         write_video(recipe.video, film_with_progress(stage, [record(steps, scorer)]))
-        stage.close()
         print(f"wrote {recipe.video}")
+    if stage is not None:
+        stage.close()
+    if broken is not None:
+        raise ActionError(f"{str(recipe.keyframes)!r} at {chase.time:.2f} s: {broken}; it fell from there on")
     return scorer.scores()
 
 
@@ -115,7 +128,7 @@ COLUMNS = (
 
 
 def write_scores(path: Path, scores: Sequence[KeyframeScore], window: int) -> None:
-    """Write a CSV with a row a keyframe; cells of what a keyframe does not command are empty.
+    """Write a CSV with a row a keyframe; cells of what it does not command, or no robot came to, are empty.
 
     The last columns name the arrival window (control steps) that they are over.
     """

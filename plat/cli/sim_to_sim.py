@@ -24,7 +24,7 @@ from plat.control import (
 from plat.control.changed_physics import SETTINGS, Delayed, PhysicsSetting, make_model
 from plat.deploy import PolicyRunner
 from plat.envs.transforms import CommandSchedule, Horizon
-from plat.errors import KeyframeError
+from plat.errors import ActionError, KeyframeError, StateError
 from plat.keyframes import Keyframe, KeyframeSequence, long_intervals_of_file
 from plat.motions import MotionLibrary
 from plat.robots import G1, Robot, get_robot
@@ -32,18 +32,25 @@ from plat.spec.timing import Timing
 
 
 def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
-    """Run the recipe: print a table, return the scores of every keyframe by setting."""
+    """Run the recipe: print a table, return the scores of every keyframe by setting.
+
+    Raises:
+        PlatError: for what cannot be run.
+        ActionError: when a simulation diverged or a target was not finite, after the whole table.
+    """
     torch.set_num_threads(1)  # only the scores are torch's, one robot at a time
     robot = get_robot(recipe.robot)
     runner = PolicyRunner(recipe.bundle, robot.joint_names)
     timing = runner.timing
     sequences = [KeyframeSequence.load(path, robot, split=recipe.split, timing=timing) for path in recipe.keyframes]
+    names = [str(path) for path in recipe.keyframes]
     for path in recipe.keyframes:
         for interval in long_intervals_of_file(path, robot, timing):
             print(f"{path}: {interval.words}")
     if recipe.motions:
         library = MotionLibrary.load(recipe.motions, robot, dt=timing.control_dt)
         sequences += motion_keyframes(library, recipe.seed, timing)
+        names += library.clip_names
     if not sequences:
         raise KeyframeError("nothing to run: give --motions or --keyframes")
     if len(possible_settings(robot)) < len(SETTINGS):
@@ -52,18 +59,31 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
     print(f"{len(sequences)} sequences, {sum(map(len, sequences))} keyframes, {seconds:.0f} s")
     success, joint_mean, place_mean = (f"{name}@{timing.window}" for name in ("TKS", "MPJPE", "MPKPE"))
     print(f"{'':<40}{f'{success} %':>10}{'falls %':>9}{f'{joint_mean} rad':>13}{f'{place_mean} mm':>12}")
-    results = {}
+    results: dict[str, list[KeyframeScore]] = {}
+    broken = 0
     for physics in possible_settings(robot):
         simulator = Simulator(make_model(robot, runner.robot, physics), timing.control_dt)
         controller = Delayed(runner, runner.robot, physics.delay)
-        scores = [score for sequence in sequences for score in run(controller, sequence, simulator, robot)]
+        scores: list[KeyframeScore] = []
+        told = []
+        for name, sequence in zip(names, sequences, strict=True):
+            of_sequence, error = run(controller, sequence, simulator, robot)
+            scores += of_sequence
+            if error:
+                told.append(f"{name!r} at {error}; it fell from there on")
         results[physics.name] = scores
+        broken += len(told)
         succeeded = [score for score in scores if score.success]
         joint, keypoint = mean_errors(succeeded)
         share, falls = len(succeeded) / len(scores), fmean(score.root_off for score in scores)
         errors = f"{error_text(joint):>13}{distance_text(keypoint):>12}"
         print(f"{physics.name:<40}{100 * share:>10.1f}{100 * falls:>9.1f}{errors}", flush=True)
+        for line in told:
+            print(f"  {line}", flush=True)
     print(f"errors are means over the keyframes that {success} counts, of what they command")
+    if broken:
+        of = f"{broken} of {len(sequences) * len(results)} runs"
+        raise ActionError(f"{of} ended early, for the simulation diverged or a target was not finite")
     return results
 
 
@@ -92,9 +112,13 @@ def _keyframe(library: MotionLibrary, frame: int, time: float) -> Keyframe:
 
 def run(
     controller: Controller, sequence: KeyframeSequence, simulator: Simulator, robot: Robot = G1
-) -> list[KeyframeScore]:
-    """Scores of a sequence of keyframes."""
-    scorer = KeyframeScorer(robot)
-    for step in Chase(controller, sequence, simulator):
-        scorer.add(step)
-    return scorer.scores()
+) -> tuple[list[KeyframeScore], str]:
+    """Return the scores of a sequence of keyframes, and when and how it ended early; empty where it did not."""
+    scorer, chase, ended = KeyframeScorer(robot), Chase(controller, sequence, simulator), ""
+    try:
+        for step in chase:
+            scorer.add(step)
+    except (ActionError, StateError) as error:
+        scorer.lose(sequence, chase.time)
+        ended = f"{chase.time:.2f} s: {error}"
+    return scorer.scores(), ended

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from plat.control.chase import ChaseStep
 from plat.control.pose_errors import PoseComparison, PoseErrors
 from plat.envs.settings import ReachLimits
+from plat.keyframes import Keyframe, KeyframeSequence
 from plat.keyframes.roots import with_commanded_root
 from plat.robots.robot import Robot
 
@@ -59,9 +60,9 @@ class KeyframeScore:
         success: TKS@3: in the pose at each step of the arrival window, and its root not off before.
         root_off: whether the root's height or tilt was beyond the limits of TKS@3 at some step of the command.
         joint_error: mean absolute joint error over the arrival window (rad): MPJPE@3. NaN where a partial keyframe
-            commands no joint.
+            commands no joint, and where the simulation diverged before the arrival.
         keypoint_error: mean error of the keypoints in the world over the arrival window (m): MPKPE@3. NaN where it
-            commands no place.
+            commands no place, and likewise.
     """
 
     index: int
@@ -151,6 +152,7 @@ class KeyframeScorer:
         self._near_after: dict[int, float] = {}
         self._hold: list[tuple[float, bool]] = []  # time, down
         self._foot_places: list[NDArray[np.floating]] = []
+        self._lost: Sequence[Keyframe] = ()
 
     def add(self, step: ChaseStep) -> StepErrors:
         """Add a step; return the robot's distance from the sequence at its end."""
@@ -165,9 +167,23 @@ class KeyframeScorer:
             self._steps.setdefault(step.command.index, []).append((step, scored))
         return scored
 
+    def lose(self, sequence: KeyframeSequence, time: float) -> None:
+        """Count the robot as fallen from a time on (s), at which its simulation diverged or no target was left.
+
+        Keyframes of the sequence that have not arrived *fell*, without figures. In the hold it fell afterwards.
+        """
+        self._lost = sequence.keyframes
+        if len(self._arrived()) == len(sequence):
+            self._hold.append((time, True))
+
     def scores(self) -> list[KeyframeScore]:
-        """Return the scores of the keyframes that have arrived."""
-        return [self._score(steps) for _, steps in sorted(self._steps.items()) if steps[-1][0].command.steps_left == 1]
+        """Return the scores of the keyframes that have arrived, and of those that never will (:meth:`lose`)."""
+        arrived = self._arrived()
+        lost = [_lost(index, frame) for index, frame in enumerate(self._lost) if index not in arrived]
+        return [self._score(steps) for _, steps in sorted(arrived.items())] + lost
+
+    def _arrived(self) -> dict[int, list[tuple[ChaseStep, StepErrors]]]:
+        return {index: steps for index, steps in self._steps.items() if steps[-1][0].command.steps_left == 1}
 
     def hold(self) -> HoldScore | None:
         """Return the score of the hold so far; None before it."""
@@ -176,7 +192,8 @@ class KeyframeScorer:
         arrival = self._steps[max(self._steps)][-1]
         times = np.array([time for time, _ in self._hold]) - arrival[0].time
         lay = [] if arrival[1].down else [time for time, (_, down) in zip(times, self._hold, strict=True) if down]
-        settled = [place for time, place in zip(times, self._foot_places, strict=True) if time > self.limits.settling]
+        # a robot that is lost has no place at the end
+        settled = [place for time, place in zip(times, self._foot_places, strict=False) if time > self.limits.settling]
         apart = np.linalg.norm(np.array(settled) - settled[0], axis=-1) if settled else np.zeros(1)
         travel = float(apart.max())
         stepped = travel > self.limits.foot_travel
@@ -237,6 +254,26 @@ class KeyframeScorer:
             (turn**2 > limits.window.anchor_rot_squared or turned, f"turned by {turn:.2f} rad"),
         ]
         return tuple(words for present, words in faults if present)
+
+
+def _lost(index: int, keyframe: Keyframe) -> KeyframeScore:
+    """Return the score of a keyframe that never arrived."""
+    nan = math.nan
+    nowhere = PoseErrors(nan, nan, nan, nan, nan, nan, near=False, off_pose=True, fallen=True, down=True)
+    return KeyframeScore(
+        index,
+        keyframe.name,
+        keyframe.time,
+        outcome=FELL,
+        faults=(),
+        late=None,
+        fell_afterwards=False,
+        arrival=nowhere,
+        success=False,
+        root_off=True,
+        joint_error=nan,
+        keypoint_error=nan,
+    )
 
 
 def _mean(values: Sequence[float]) -> float:

@@ -15,6 +15,8 @@ __all__ = ["Simulator"]
 
 # So deep in the floor (m) a robot is thrown up by meters. Poses of motions are some centimeters in it.
 _SUNK = 0.3
+# MuJoCo's warnings of a state or a control that is not finite, or huge: it resets the robot, or moves no motor.
+_BAD = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{what}")) for what in ("QPOS", "QVEL", "QACC", "CTRL")]
 
 
 class Simulator:
@@ -106,7 +108,8 @@ class Simulator:
         if wrong.size:
             name = self.model.actuator(wrong[0]).name
             raise ActionError(f"the target of joint {name!r} is {joint_target[wrong[0]]}, expected a finite angle")
-        time = self.data.time
+        time, warned = self.data.time, self.data.warning.number
+        warned[_BAD] = 0  # else one of an earlier step could not be told from one of this
         self.data.ctrl[:] = joint_target
         if after_each is None:
             mujoco.mj_step(self.model, self.data, self.substeps)
@@ -114,7 +117,7 @@ class Simulator:
             for _ in range(self.substeps):
                 mujoco.mj_step(self.model, self.data)
                 after_each()
-        if self.data.time < time:  # MuJoCo resets a simulation with a bad state, and its clock
+        if warned[_BAD].any():
             raise ActionError(f"the simulation diverged {time:.2f} s after its start: targets or pushes are too large")
 
     def push(self, velocity_w: NDArray[np.floating]) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from plat.control.authored import Authored
-from plat.errors import RecordsError
+from plat.errors import ActionError, RecordsError
 from plat.evaluation.authored_rollout import Pushes
 from plat.evaluation.authored_scores import (
     AuthoredRecords,
@@ -67,15 +67,18 @@ def authored_records(
                 return records
         except RecordsError as error:
             print(f"evaluated again: {error}")
-    records = evaluate_authored(
-        entrant.policy,
-        entrant.robot,
-        chains,
-        observe=entrant.view.keyframes().transforms,
-        pushes=pushes,
-        num_threads=setting.num_threads,
-        device=setting.device,
-    )
+    try:
+        records = evaluate_authored(
+            entrant.policy,
+            entrant.robot,
+            chains,
+            observe=entrant.view.keyframes().transforms,
+            pushes=pushes,
+            num_threads=setting.num_threads,
+            device=setting.device,
+        )
+    except ActionError as error:
+        raise ActionError(f"{candidate.name}: {error}") from error
     if path is not None:
         records.save(path, about)
     return records

@@ -18,7 +18,7 @@ from typing import Any, TypeAlias
 import torch
 
 from plat.envs.physics import available_cpus
-from plat.errors import RecordsError
+from plat.errors import ActionError, RecordsError
 from plat.evaluation.clip_records import ClipRecords
 from plat.evaluation.entrant import Entrant
 from plat.evaluation.records import CommandRecords
@@ -121,10 +121,17 @@ class Cell:
         return about
 
     def evaluate(self, entrant: Entrant, library: MotionLibrary, **options: Any) -> Records:
-        """Return the records of the candidate, which was loaded before."""
-        if self.rule is None:
-            return entrant.evaluate(library, self.horizon, self.setting, **options)
-        return entrant.evaluate_clips(library, self.rule, self.horizon, self.setting, **options)
+        """Return the records of the candidate, which was loaded before.
+
+        Raises:
+            ActionError: for actions that mean nothing, with the candidate's name.
+        """
+        try:
+            if self.rule is None:
+                return entrant.evaluate(library, self.horizon, self.setting, **options)
+            return entrant.evaluate_clips(library, self.rule, self.horizon, self.setting, **options)
+        except ActionError as error:
+            raise ActionError(f"{self.candidate.name}: {error}") from error
 
     def load(self, path: Path) -> tuple[Records, dict[str, Any]]:
         """Return the records in a file and what they depend on."""

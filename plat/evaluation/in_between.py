@@ -29,6 +29,9 @@ _PLAN: dict[NestedKey, torch.dtype] = {("plan", "start"): torch.float32, ("plan"
 class Plan(Transform):
     """Transform that keeps where a robot was when its command was issued, and for how long the command is.
 
+    In a hold, where the pose that has just arrived is due again in the next step, that pose at rest takes the robot's
+    place: a motion from where the robot is would be there within a step, at many times its speed.
+
     Writes ``("plan", "start")``, the packed :class:`plat.envs.state.GeneralizedState`, and ``("plan", "length")``
     ``[1]``, control steps. Put it after :class:`plat.envs.transforms.KeyframeCommand`.
 
@@ -38,13 +41,24 @@ class Plan(Transform):
 
     def __init__(self, library: MotionLibrary):
         super().__init__(out_keys=list(_PLAN))
+        self._library = library
         self._width = 13 + 2 * library.robot.num_joints
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         issued = next_tensordict["command", "arrived"]
-        for key, value in _begun(next_tensordict).items():
+        begun = _begun(next_tensordict)
+        before, now = (self._at_rest(entries["command", "target_frame"]) for entries in (tensordict, next_tensordict))
+        same = (before - now).abs().amax(-1, keepdim=True) < 1e-5  # resampled, it is not so to the last bit
+        held = same & (next_tensordict["command", "steps_left"] == 1)
+        begun["plan", "start"] = torch.where(held, now, begun["plan", "start"])
+        for key, value in begun.items():
             next_tensordict[key] = torch.where(issued, value, tensordict[key])
         return next_tensordict
+
+    def _at_rest(self, frame: Tensor) -> Tensor:
+        """Return the poses of library rows ``[N]`` as packed states without velocity."""
+        poses = self._library.qpos(frame)
+        return torch.nn.functional.pad(poses, (0, self._width - poses.shape[-1]))
 
     def _reset(self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
         for key, value in _begun(tensordict_reset).items():
@@ -72,7 +86,8 @@ class InBetween:
     """In-between motion from where a robot was to its keyframe.
 
     The line goes there at constant velocity. The cascade starts with the robot's velocity, and turns to that of the
-    line within 0.4 s. Both rest at the keyframe. They are made from what a robot knows: its own state and the command.
+    line within 0.4 s. Both rest at the keyframe, and in a hold they are the keyframe. They are made from what a robot
+    knows: its own state and the command.
 
     Args:
         library: motions that the keyframes are taken from.

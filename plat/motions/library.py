@@ -291,6 +291,7 @@ class MotionLibrary:
         cache: bool = True,
         mirror: bool = False,
         drop_bad: bool = False,
+        found: list[Path] | None = None,
     ) -> "MotionLibrary":
         """Return the library of motion files, kept on disk for the next time.
 
@@ -310,6 +311,7 @@ class MotionLibrary:
                 of their folders, the robot, and the code that reads or makes motions.
             mirror: add every clip's mirror image, left and right exchanged.
             drop_bad: leave out clips of files that would be dropped.
+            found: is given the files that the paths, folders and globs name.
 
         Raises:
             MotionError: when a file is missing or broken, or no clip is left.
@@ -320,6 +322,8 @@ class MotionLibrary:
         generated = [name for name in names if name.startswith(PREFIX)]
         files = [name for name in names if not name.startswith(PREFIX)]
         paths = motion_paths(files) if files else []
+        if found is not None:
+            found += paths
 
         path = None
         if cache:

@@ -152,7 +152,8 @@ def average_runs(
         RobotError: when the robot of a ``symmetric`` one is not.
     """
     if len(runs) < (1 if symmetric or reach else 2):
-        raise ConfigError(f"runs: {len(runs)}, expected two or more to average")
+        alone = "; with one, --symmetric lets it act by both sides, and --reach default shows it far keyframes nearer"
+        raise ConfigError(f"runs: {len(runs)}, expected two or more to average{alone if runs else ''}")
     if shares and len(shares) != len(runs):
         raise ConfigError(f"--shares: {len(shares)} numbers, expected {len(runs)}, one for each run")
     for share in shares:

@@ -43,8 +43,9 @@ def training_motions(recipe: RecipeConfig, dt: float) -> MotionLibrary:
     Raises:
         MotionError: for files that cannot be read.
     """
-    robot, options = get_robot(recipe.robot), {"mirror": recipe.mirror, "drop_bad": recipe.drop_bad}
-    return MotionLibrary.load(recipe.motions, robot, dt=dt, **options).to(recipe.device)
+    robot = get_robot(recipe.robot)
+    library = MotionLibrary.load(recipe.motions, robot, dt=dt, mirror=recipe.mirror, drop_bad=recipe.drop_bad)
+    return library.to(recipe.device)
 
 
 def run_inputs(library: MotionLibrary, **modules: nn.Module | None) -> dict[str, Any]:

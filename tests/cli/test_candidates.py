@@ -5,12 +5,14 @@ import pytest
 
 from plat.baselines import CATALOG, ReleasedTrackers, Tracker
 from plat.baselines.catalog import sha256
-from plat.cli.candidates import candidates_of
+from plat.cli import candidates
+from plat.cli.candidates import Loaded, candidates_of, trackers_of
 from plat.errors import PlatError
 from plat.evaluation.cells import Cell
 from plat.export import export_bundle
 from plat.modules import Expert, ExpertConfig, PlainPolicy
 from plat.robots import G1
+from plat.runs import load_policy
 from tests.modules.policies.test_student import SMALL
 from tests.recipes.runs import save_run
 
@@ -90,6 +92,35 @@ def test_released_files_are_known_by_their_content(shared_data, tmp_path):
     renamed = tmp_path / "policy.onnx"
     renamed.write_bytes((shared_data / "baselines/wbc/policy_066ab15.onnx").read_bytes())
     assert names((renamed,), ReleasedTrackers()) == ["wbc"]
+
+
+def test_a_policy_is_loaded_once_for_all_interfaces_and_the_dense_reference(runs, monkeypatch):
+    read: list[str] = []
+
+    def load_tracker(self, path):
+        read.append(self.version)
+        return Tracker(G1)
+
+    def load_run(path, device):
+        read.append(path.name)
+        return load_policy(path, device)
+
+    for name in ("model_encoder.onnx", "model_decoder.onnx"):
+        (runs / name).write_bytes(name.encode())
+    monkeypatch.setattr(type(CATALOG["SONIC"]), "load", load_tracker)
+    monkeypatch.setattr(candidates, "load_policy", load_run)
+    given = (runs / "plain", runs / "expert"), ReleasedTrackers(sonic=runs, sonic_1_1=runs)
+    loaded: Loaded = {}
+    found = candidates_of(*given, interfaces=INTERFACES, loaded=loaded)
+    dense = trackers_of(*given, loaded=loaded)
+    sonic = [CATALOG[name].version for name in ("SONIC", "SONIC 1.1")]
+    assert read == ["plain", "expert", *sonic]
+    assert len(found) == 1 + 3 * 3
+    assert [one.name for one in dense] == ["expert", "SONIC (unverified)", "SONIC 1.1 (unverified)"]
+    assert all(entrant.view.dense for entrant in dense.values())
+    assert not {one.fingerprint for one in found} & {one.fingerprint for one in dense}
+    again = trackers_of(*given)
+    assert [one.fingerprint for one in again] == [one.fingerprint for one in dense]
 
 
 def test_nothing_to_evaluate():

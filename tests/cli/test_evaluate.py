@@ -9,7 +9,9 @@ from plat.cli import evaluate
 from plat.envs.transforms import HORIZONS, RandomizationRanges
 from plat.errors import MotionError, OutputError, PlatError
 from plat.evaluation import authored_cells, entrant
+from plat.evaluation.study import Study
 from plat.modules import Expert, ExpertConfig, PlainPolicy
+from plat.motions import files
 from plat.robots import G1
 from plat.spec.timing import Timing
 from tests.modules.policies.test_student import SMALL
@@ -54,6 +56,19 @@ def test_scores_do_not_replace_a_table_that_is_read(runs, read):
     with pytest.raises(OutputError, match=r"--csv: would replace .*walk.csv', which is read"):
         evaluate.main(replace(settings, csv=runs / "walk.csv", motions=(str(runs),)))
     assert (runs / read).read_text() == "clip,family\nrun,fast\n"
+
+
+def test_folders_of_motions_are_searched_once(runs, monkeypatch):
+    """Once they are in the cache."""
+    searched: list[object] = []
+    search = files.find_files
+    monkeypatch.setattr(files, "find_files", lambda *names, **how: searched.append(names) or search(*names, **how))
+    monkeypatch.setattr(evaluate, "run_study", lambda *_, **__: Study())
+    settings = recipe(runs, "plain", csv=runs / "new.csv")
+    evaluate.main(settings)
+    searched.clear()
+    evaluate.main(settings)
+    assert len(searched) == 1
 
 
 def test_only_some_motions(runs, capsys):

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ import pytest
 from plat.cli import play
 from plat.control import ReachLimits
 from plat.control.authored import author
-from plat.errors import CheckpointError, KeyframeError, OutputError, PlatError
+from plat.errors import ActionError, CheckpointError, KeyframeError, OutputError, PlatError
 from plat.keyframes import KeyframeSequence, only, standing
 from plat.modules import PlainPolicy, PlainPolicyConfig
 from plat.rendering import RenderingError, Stage
@@ -80,6 +81,38 @@ def test_a_keyframe_that_is_out_of_reach_is_said_to_be_missed(tmp_path, capsys):
     row, total = capsys.readouterr().out.splitlines()[-2:]
     assert re.search(r"  no .* late or off: 0\.\d\d m off", row)
     assert total == "0 of 1 reached, 1 late or off; TKS@3 0 of 1"
+
+
+def test_what_was_done_before_the_simulation_diverges_is_written(tmp_path, capsys, monkeypatch):
+    filmed = []
+    monkeypatch.setattr(play, "Stage", lambda robot: SimpleNamespace(close=lambda: None))
+    monkeypatch.setattr(play, "film_with_progress", lambda stage, playbacks: playbacks)
+    monkeypatch.setattr(play, "write_video", lambda path, playbacks: filmed.extend(playbacks))
+    recipe = play.PlayRecipe(policy=PLAT, keyframes=EXAMPLE, push=1e12, push_every=2.0)
+    with pytest.raises(
+        ActionError, match=r"bow.json' at 2.00 s: the simulation diverged 2.00 s after .*; it fell from"
+    ):
+        play.main(dataclasses.replace(recipe, csv=tmp_path / "scores.csv", video=tmp_path / "film.mp4"))
+    lines = capsys.readouterr().out.splitlines()
+    assert re.match(r"  2  stay +2.12  no +- +-  fell$", lines[-6])
+    assert lines[-3].startswith("2 of 5 reached, 3 fell; TKS@3 2 of 5, these with MPJPE@3 0.0")
+    assert lines[-2:] == [f"wrote {tmp_path / 'scores.csv'}", f"wrote {tmp_path / 'film.mp4'}"]
+    rows = list(csv.DictReader((tmp_path / "scores.csv").read_text().splitlines()))
+    assert [row["outcome"] for row in rows] == ["reached"] * 2 + ["fell"] * 3
+    assert [bool(row["root_m"]) for row in rows] == [True] * 2 + [False] * 3
+    assert [len(playback.qpos) for playback in filmed] == [100]
+
+
+def test_a_policy_without_a_finite_action_at_the_start(tmp_path, capsys, monkeypatch):
+    """There is nothing to film."""
+    broken = PlainPolicy(G1)
+    for weights in broken.parameters():
+        weights.data.fill_(math.nan)
+    monkeypatch.setattr(play, "load_policy", lambda _: broken)
+    monkeypatch.setattr(play, "Stage", lambda robot: SimpleNamespace(close=lambda: None))
+    with pytest.raises(ActionError, match=r"bow.json' at 0.00 s: the policy's action for joint .* is nan, expected"):
+        play.main(play.PlayRecipe(policy=PLAT, keyframes=EXAMPLE, video=tmp_path / "film.mp4"))
+    assert "0 of 5 reached, 5 fell; TKS@3 0 of 5" in capsys.readouterr().out
 
 
 def test_a_file_that_cannot_be_written_is_named_before_the_robot_runs(tmp_path, monkeypatch):

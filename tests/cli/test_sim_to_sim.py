@@ -7,7 +7,7 @@ import pytest
 
 from plat.cli import sim_to_sim
 from plat.control import Simulator
-from plat.errors import KeyframeError
+from plat.errors import ActionError, KeyframeError
 from plat.export import export_bundle
 from plat.keyframes import KeyframeSequence, standing
 from plat.motions import MotionLibrary, generate_motions
@@ -46,7 +46,8 @@ def test_a_controller_that_holds_the_reference_reaches_keyframes(library):
 
     pose = standing(G1)
     sequence = sim_to_sim.KeyframeSequence(G1, pose, (pose.at(0.2), pose.at(0.4)))
-    scores = sim_to_sim.run(Track(), sequence, Simulator(model(timestep=0.001)))
+    scores, ended = sim_to_sim.run(Track(), sequence, Simulator(model(timestep=0.001)))
+    assert not ended
     assert [score.success for score in scores] == [True, True]
 
 
@@ -72,7 +73,9 @@ def test_the_table(tmp_path, capsys):
 def test_long_intervals_are_split_where_that_is_asked_for(tmp_path, monkeypatch, capsys):
     runner = SimpleNamespace(timing=Timing(), robot=describe_robot(G1, 0.02), reset=lambda *_: None)
     monkeypatch.setattr(sim_to_sim, "PolicyRunner", lambda *_: runner)
-    monkeypatch.setattr(sim_to_sim, "run", lambda _, sequence, *__: [score(n, None, 0.1) for n in range(len(sequence))])
+    monkeypatch.setattr(
+        sim_to_sim, "run", lambda _, sequence, *__: ([score(n, None, 0.1) for n in range(len(sequence))], "")
+    )
     pose, file = standing(G1), tmp_path / "slow.json"
     KeyframeSequence(G1, pose, (pose.at(2.0),), Timing(max_steps=100)).save(file)
     recipe = sim_to_sim.SimToSimRecipe(bundle=tmp_path, motions=(), keyframes=(file,))
@@ -81,6 +84,42 @@ def test_long_intervals_are_split_where_that_is_asked_for(tmp_path, monkeypatch,
     results = sim_to_sim.main(replace(recipe, split=True))
     assert {len(scores) for scores in results.values()} == {2}
     assert "slow.json: keyframe 0 comes 2 s after the one before" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("target", "told"),
+    [
+        (1e12, "the simulation diverged 0.10 s after its start: targets or pushes are too large"),
+        (math.nan, "the target of joint 'left_hip_pitch_joint' is nan, expected a finite angle"),
+    ],
+)
+def test_a_sequence_that_ends_early_costs_its_own_keyframes_alone(tmp_path, monkeypatch, capsys, target, told):
+    """The robot of the sequence that leans gets a bad target for its second keyframe."""
+
+    class Runner:
+        timing, robot = Timing(), describe_robot(G1, 0.02)
+
+        def reset(self, joint_target=None):
+            pass
+
+        def __call__(self, state, keyframe, steps_left):
+            return np.full(29, target) if keyframe.name == "bad" else np.asarray(keyframe.joint_pos)
+
+    monkeypatch.setattr(sim_to_sim, "PolicyRunner", lambda *_: Runner())
+    monkeypatch.setattr(sim_to_sim, "SETTINGS", sim_to_sim.SETTINGS[:2])
+    pose = standing(G1)
+    files = tmp_path / "bad.json", tmp_path / "good.json"
+    for file, name in zip(files, ("bad", "good"), strict=True):
+        frames = (pose.at(0.1), replace(pose.at(0.2), name=name), pose.at(0.3))
+        KeyframeSequence(G1, pose, frames).save(file)
+    with pytest.raises(ActionError, match="^2 of 4 runs ended early, for the simulation diverged or a target was not"):
+        sim_to_sim.main(sim_to_sim.SimToSimRecipe(bundle=tmp_path, motions=(), keyframes=files))
+    lines = capsys.readouterr().out.splitlines()
+    for row, line in (lines[2:4], lines[4:6]):
+        assert row.split()[-4:-2] == ["66.7", "33.3"]
+        assert line == f"  {str(files[0])!r} at 0.10 s: {told}; it fell from there on"
+    assert lines[2].startswith("as in training")
+    assert lines[4].startswith("1 ms physics steps")
 
 
 def test_nothing_to_run(tmp_path, monkeypatch):
@@ -94,7 +133,7 @@ def test_errors_are_means_over_what_is_commanded(tmp_path, capsys, monkeypatch):
     rows = [score(0, None, 0.1, joint=0.01, keypoint=0.02), score(1, None, 0.2, joint=math.nan, keypoint=0.04)]
     runner = SimpleNamespace(timing=Timing(), robot=describe_robot(G1, 0.02), reset=lambda *_: None)
     monkeypatch.setattr(sim_to_sim, "PolicyRunner", lambda *_: runner)
-    monkeypatch.setattr(sim_to_sim, "run", lambda *_: rows)
+    monkeypatch.setattr(sim_to_sim, "run", lambda *_: (rows, ""))
     KeyframeSequence(G1, standing(G1), (standing(G1).at(0.1),)).save(tmp_path / "stand.json")
     sim_to_sim.main(sim_to_sim.SimToSimRecipe(bundle=tmp_path, motions=(), keyframes=(tmp_path / "stand.json",)))
     assert capsys.readouterr().out.splitlines()[2].split()[-2:] == ["0.010", "30"]

@@ -1,5 +1,6 @@
 import math
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -7,6 +8,7 @@ import torch
 
 from plat.control import Chase, KeyframeScorer, PolicyController, ReachLimits, Simulator, mean_errors, tally
 from plat.envs.transforms import Horizon
+from plat.errors import ActionError
 from plat.evaluation import evaluate
 from plat.keyframes import KeyframeSequence, only, standing
 from plat.modules import LatentPolicy
@@ -108,6 +110,41 @@ def test_holding_is_no_keyframe_and_one_whose_arrival_has_not_come_has_no_score(
     for _ in range(7):
         scorer.add(next(chase))
     assert [score.index for score in scorer.scores()] == [0]
+
+
+def chased(sequence, after, hold=0.0):
+    """The scorer of a chase that is shoved out of all bounds after some steps."""
+    chase, scorer = Chase(Puppet(), sequence, Simulator(G1.model()), hold=hold), KeyframeScorer(G1)
+    for step in islice(chase, after):
+        scorer.add(step)
+    chase.simulator.push(np.array([1e12, 0.0, 0.0]))
+    with pytest.raises(ActionError, match="the simulation diverged"):
+        next(chase)
+    scorer.lose(sequence, chase.time)
+    return scorer
+
+
+@pytest.mark.parametrize("after", [5, 7])
+def test_a_robot_whose_simulation_diverges_fell_at_all_keyframes_from_there_on(after):
+    sequence = KeyframeSequence(G1, POSE, (POSE.at(0.1), replace(POSE.at(0.2), name="lost"), POSE.at(0.3)))
+    scorer = chased(sequence, after)
+    here, lost, last = scorer.scores()
+    assert (here.words, here.success) == ("reached", True)
+    assert (lost.index, lost.name, lost.time, lost.words, lost.success) == (1, "lost", 0.2, "fell", False)
+    assert math.isnan(lost.joint_error)
+    assert math.isnan(lost.arrival.root)
+    assert (last.index, last.words, last.root_off) == (2, "fell", True)
+    assert scorer.hold() is None
+    assert tally(scorer.scores()) == "1 of 3 reached, 2 fell"
+    assert scorer.scores() == scorer.scores()
+
+
+@pytest.mark.parametrize("held", [0, 3])
+def test_a_robot_whose_simulation_diverges_in_the_hold_fell_afterwards(held):
+    scorer = chased(KeyframeSequence(G1, POSE, (POSE.at(0.1),)), 5 + held, hold=0.4)
+    assert [score.words for score in scorer.scores()] == ["reached; fell afterwards"]
+    assert scorer.hold().words == f"fell afterwards: {0.02 * held:.2f} s after the last arrival"
+    assert scorer.hold().down
 
 
 def test_scores_are_those_of_the_evaluation():

@@ -6,7 +6,7 @@ import torch
 
 from plat.baselines import tuned_robot
 from plat.control.authored import author
-from plat.errors import RecordsError
+from plat.errors import ActionError, RecordsError
 from plat.evaluation import Entrant, EvaluationSetting, authored_cells
 from plat.evaluation.authored_cells import authored_groups, authored_records, records_of_all
 from plat.evaluation.authored_rollout import Pushes
@@ -32,6 +32,14 @@ def tracker() -> tuple[Candidate, Entrant]:
 @pytest.fixture
 def motions() -> MotionLibrary:
     return MotionLibrary.from_clips([standing_clip(frames=30)])
+
+
+def test_actions_that_are_not_finite_are_told_with_the_name_of_the_policy(tracker, motions):
+    candidate, entrant = tracker
+    for weights in entrant.policy.parameters():
+        weights.data.fill_(torch.nan)
+    with pytest.raises(ActionError, match="^expert: the policy gave robot 0 the action nan for joint 0"):
+        authored_records(candidate, entrant, motions, 1, SETTING, chains=author("arms", G1, 1, 0))
 
 
 def test_records_are_kept_and_taken_up_again(tracker, motions, tmp_path, monkeypatch):

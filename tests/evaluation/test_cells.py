@@ -10,7 +10,7 @@ import mujoco
 import pytest
 import torch
 
-from plat.errors import PlatError
+from plat.errors import ActionError, PlatError
 from plat.evaluation import CommandRecords, Entrant, EvaluationSetting, cells
 from plat.evaluation.cells import Candidate, Cell, evaluate_cells, fingerprint, robot_fingerprint
 from plat.evaluation.disturbance import Disturbance
@@ -72,6 +72,18 @@ def test_parts_make_the_whole(candidate, clips, parts_of_two, counted):
     assert torch.equal(records.length, whole.length)
     torch.testing.assert_close(records.window["joint_error"], whole.window["joint_error"], equal_nan=True)
     assert cell.stem == "a_plain-short"
+
+
+@pytest.mark.parametrize("rule", [None, "humantracker"])
+def test_actions_that_are_not_finite_are_told_with_the_name_of_the_policy(candidate, clips, rule):
+    policy = PlainPolicy(G1, SMALL)
+    for weights in policy.parameters():
+        weights.data.fill_(torch.nan)
+    broken = replace(candidate, name="broken", load=lambda: Entrant.of_policy(policy))
+    found = evaluate_cells([Cell(candidate, "short", SETTING), Cell(broken, "short", SETTING, rule)], clips, workers=1)
+    assert next(found)[0].candidate is candidate
+    with pytest.raises(ActionError, match="^broken: the policy gave robot 0 the action nan for joint 0"):
+        next(found)
 
 
 def test_finished_parts_are_not_evaluated_again(candidate, clips, parts_of_two, counted, tmp_path, monkeypatch):

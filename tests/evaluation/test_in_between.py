@@ -1,12 +1,21 @@
+from dataclasses import replace
+from itertools import islice
+
+import numpy as np
 import pytest
 import torch
 from tensordict import TensorDictBase
 
+from plat.baselines import Tracker
+from plat.control.authored import Authored, author
 from plat.envs.state import GeneralizedState
 from plat.envs.transforms import CommandSchedule, Horizon
 from plat.evaluation import EvaluationSetting, ReferenceView, evaluate, make_evaluation_env
+from plat.evaluation.authored_rollout import AuthoredRollout, Pushes
 from plat.evaluation.in_between import InBetween
+from plat.keyframes import KeyframeSequence
 from plat.motions import MotionLibrary
+from plat.robots import G1
 from plat.rotations import quat_angle
 from tests.conftest import standing_clip
 from tests.evaluation.puppet import still
@@ -98,3 +107,62 @@ def test_policies_read_the_in_between_motion_as_their_goal(clips):
     records = evaluate(policy, clips, Horizon(50, 50), interface="line", num_envs=1)
     assert len(records.clip) == 2
     assert seen[0] < 0.02  # a frame ahead; the keyframe is 0.3 m away
+
+
+def held_chains(family: str) -> list[Authored]:
+    """Chains of 0.2 s and 0.3 s to each keyframe, and 0.3 s of hold."""
+    chains = []
+    for chain, times in zip(author(family, G1, 2, seed=0), ((0.2, 0.5), (0.3, 0.5)), strict=True):
+        frames = [frame.at(time) for frame, time in zip(chain.sequence.keyframes, times, strict=False)]
+        chains.append(replace(chain, sequence=KeyframeSequence(G1, chain.sequence.start, tuple(frames)), hold=0.3))
+    return chains
+
+
+@pytest.mark.parametrize("family", ["arms", "steps", "crouch", "reach"])
+@pytest.mark.parametrize("ahead", [0, 1, (0, 1, 5, 45)])
+@pytest.mark.parametrize("interface", ["next-frame", "line", "cascade"])
+def test_what_a_tracker_is_shown_in_a_hold_is_the_keyframe_at_rest(interface, ahead, family):
+    """The robot, which is shoved, is elsewhere. Up to the arrival the reference leads to the keyframe."""
+    shown: list[TensorDictBase] = []
+
+    class Looker(Tracker):
+        def targets(self, tensordict, joint_pos, starting):
+            shown.append(tensordict.select("tracker_reference", "state").clone())
+            return self.robot.default_joint_pos.expand_as(joint_pos)
+
+    tracker = Looker(G1)
+    tracker.ahead = ahead
+    chains = held_chains(family)
+    observe = ReferenceView(observe=tracker.observe, interface=interface).transforms
+    rollout = AuthoredRollout(tracker, G1, chains, observe=observe, pushes=Pushes(1.0, every=0.4), num_threads=1)
+    number = len(list(rollout))
+    assert number == len(shown) == 40
+    held = shown[25:]
+    velocities = ("joint_vel", "root_lin_vel_w", "root_ang_vel_w")
+    for row, chain in enumerate(chains):
+        last = chain.sequence.keyframes[-1]
+        for step in held:
+            reference = step["tracker_reference"][row].view(-1)
+            for name in velocities:
+                assert reference[name].abs().max() < 1e-3, name
+            for name, pose in (("root_pos_w", last.root_pos), ("joint_pos", last.joint_pos)):
+                wanted = torch.from_numpy(np.asarray(pose, dtype=np.float32)).expand_as(reference[name])
+                torch.testing.assert_close(reference[name], wanted, atol=1e-5, rtol=0)
+            assert quat_angle(reference["root_quat_w"], torch.from_numpy(last.root_quat).float()).max() < 2e-3
+        assert (held[-1]["state", "root_pos_w"][row] - torch.from_numpy(last.root_pos).float()).norm() > 0.05
+        # a step before the arrival, the next frame is the keyframe already: it is continuous
+        arriving = shown[24]["tracker_reference"][row].view(-1)
+        if ahead != 0:
+            ends = -1 if ahead == 1 else slice(1, None)
+            torch.testing.assert_close(
+                arriving["root_pos_w"][ends], held[0]["tracker_reference"][row].view(-1)["root_pos_w"][ends]
+            )
+
+
+@pytest.mark.parametrize("interface", ["line", "cascade"])
+def test_a_command_of_one_step_to_another_pose_begins_where_the_robot_is(clips, interface):
+    schedule = CommandSchedule(clips, Horizon(1, 1), seed=0)
+    task = make_evaluation_env(clips, schedule, 1, ReferenceView(interface=interface), EvaluationSetting(num_threads=1))
+    for step in islice(task.steps(still), 10):
+        torch.testing.assert_close(step["plan", "start"], GeneralizedState.from_entries(step).pack())
+    task.close()

@@ -74,8 +74,10 @@ def test_shares_count_by_their_ratio(tmp_path, scale):
 def test_what_cannot_be_averaged(tmp_path):
     saved(tmp_path / "one"), saved(tmp_path / "narrower", hidden=8)
     out = tmp_path / "mean"
-    with pytest.raises(ConfigError, match="runs: 1, expected two or more"):
+    with pytest.raises(ConfigError, match="runs: 1, expected two or more to average; with one, --symmetric .* --reach"):
         average_runs([tmp_path / "one"], out)
+    with pytest.raises(ConfigError, match="runs: 0, expected two or more to average$"):
+        average_runs([], out)
     with pytest.raises(ConfigError, match="--shares: 3 numbers, expected 2"):
         average_runs([tmp_path / "one", tmp_path / "one"], out, (1, 1, 1))
     for shares in ((1, 0), (1, -1), (-1, 2), (0.5, math.nan), (1, math.inf), (1, "1"), (1, True)):
