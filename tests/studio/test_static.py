@@ -25,17 +25,18 @@ from plat.spec.timing import Timing
 
 pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
 
-from plat.control import Feasibility, PolicyController
+from plat.control import Chase, Feasibility, KeyframeScorer, PolicyController, Simulator
 from plat.runs import load_policy
 from plat.studio.checker import Checker
 from plat.studio.pins import chosen, mirrored_parts, preset, toggled
-from plat.studio.player import Player
+from plat.studio.player import HOLD, Player
 from plat.studio.poser import HANDLES, Poser
 from plat.studio.poses import mirrored, placed
 from plat.studio.static import LIBRARIES, site_facts, write_static
 from plat.studio.templates import TEMPLATES, template
 from plat.studio.timeline import Timeline
-from tests.studio.conftest import node_modules
+from tests.control.puppets import Puppet
+from tests.studio.conftest import node_modules, squat
 
 # Largest difference from Python that docs/studio.md promises (m, rad), for a motion of some seconds.
 _NEAR = (1e-4, 5e-3)
@@ -517,8 +518,14 @@ def test_trajectories_and_scores_are_pythons(page, address, tmp_path):
     """The same keyframe file, in a headless Chromium and here."""
     page.goto(address)
     page.wait_for_function("window.platStudio !== undefined")
-    for name, run, motion, pins in (("plat", "plat-g1", "bow", None), ("imagined", "imagined-g1", "wave", "hands")):
+    for name, run, motion, pins, stretch in (
+        ("plat", "plat-g1", "bow", None, 1.0),
+        ("plat", "plat-g1", "bow", None, 1.0375),  # arrivals are between control steps, one in the middle of two
+        ("imagined", "imagined-g1", "wave", "hands", 1.0),
+    ):
         timeline = template(motion, Timeline.empty(G1), Poser(G1))
+        frames = tuple(frame.at(round(stretch * frame.time, 6)) for frame in timeline.keyframes)
+        timeline = replace(timeline, keyframes=frames)
         if pins:
             for number in range(1, len(timeline.poses)):
                 timeline = timeline.select(number).commanding(preset(pins, G1))
@@ -540,6 +547,62 @@ def test_trajectories_and_scores_are_pythons(page, address, tmp_path):
         scores = player.scores
         assert scores is not None
         assert [score["words"] for score in played["scores"]] == [score.words for score in scores]
+
+
+# A page of another control step, and a policy that tells the motors the keyframe's joints.
+_PUPPET = """async ([text, control_dt]) => {
+  const { Chase } = await import("./chase.mjs"), { Timeline, read } = await import("./keyframes.mjs");
+  const { Robot } = await import("./robot.mjs"), it = window.platStudio, site = { ...it.site, control_dt };
+  const robot = new Robot(it.robot.mujoco, site), told = (_, keyframe) => keyframe.qpos.slice(7);
+  const puppet = { observation: told, targets: async (joints) => joints, action: () => [], window: 3, maxSteps: 50 };
+  const timeline = Timeline.of(site, read(text, site)), commands = [], references = [];
+  const chase = new Chase(robot, puppet, timeline.start, timeline.sequence(puppet.maxSteps));
+  const add = chase.scorer.add.bind(chase.scorer);
+  chase.scorer.add = (command, qpos, time, reference, place, window) => {
+    commands.push([command.index, command.left, command.holding]);
+    references.push([...reference.qpos, ...place.qpos.slice(0, 7)]);
+    add(command, qpos, time, reference, place, window);
+  };
+  while (!chase.finished) await chase.step();
+  return { commands, references, poses: chase.poses, scores: chase.scorer.scores() };
+}"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("control_dt", [0.01, 0.02, 0.05, 0.1])
+def test_keyframes_between_control_steps_are_chased_as_in_python(visitor, tmp_path, control_dt):
+    times = np.array([2.5, 6.5, 9.4, 14.6, 20.5, 27.5, 99.3]) * control_dt
+    names = ("a", "b", "c", "d", "d (hold)", "e", "f")
+    poses = {name: squat() if name[0] in "bd" else G1.default_qpos.copy() for name in names}
+    for name in ("e", "f"):
+        poses[name][0] += 0.3  # out of reach: off, or late
+    frames = [Keyframe.from_qpos(time, poses[name], name) for time, name in zip(times.tolist(), names, strict=True)]
+    file = tmp_path / "between.json"
+    write_keyframes(file, G1, standing(G1), frames)
+    timing = Timing(control_dt)
+    sequence = Timeline.of(*_read(file), G1, timing).sequence()
+    assert sequence.arrival_steps[:6] == (2, 6, 9, 15, 20, 28), "in the middle the even one"
+    scorer, simulator = KeyframeScorer(G1), Simulator(G1.shared_model, control_dt)
+    steps = list(Chase(Puppet(timing), sequence, simulator, hold=HOLD))
+    for step in steps:
+        scorer.add(step)
+    found = visitor.page.evaluate(_PUPPET, [file.read_text(encoding="utf-8"), control_dt])
+    assert found["commands"] == [[step.command.index, step.command.steps_left, step.holding] for step in steps]
+    references = [np.concatenate((step.reference.qpos, step.root.qpos[:7])) for step in steps if step.root]
+    np.testing.assert_allclose(found["references"], references, atol=1e-6)
+    np.testing.assert_allclose(found["poses"][:20], [step.before.qpos for step in steps[:20]], atol=5e-3)
+    assert [score["words"] for score in found["scores"]] == [score.words for score in scorer.scores()]
+
+
+@pytest.mark.slow
+def test_a_keyframe_between_control_steps_is_nudged_by_one(visitor):
+    times = visitor.page.evaluate(
+        "async () => { const { Timeline, standing } = await import('./keyframes.mjs'), it = window.platStudio;"
+        "const frame = { ...standing(it.site), time: 0.05 };"
+        "return [1, -1].map((value) => { it.edit(new Timeline(it.site, standing(it.site), [frame], [0], 1));"
+        "it.receive({ do: 'nudge', value }); return it.timeline.keyframes[0].time; }); }"
+    )
+    assert times == [0.06, 0.02], "of 0.04, where it arrives"
 
 
 @pytest.mark.slow

@@ -108,7 +108,7 @@ class Studio {
       loop: () => { this.loop = !this.loop; }, select: ({ number }) => this.select(number), previous: () => this.select(now().selected - 1), next: () => this.select(now().selected + 1),
       first: () => this.select(0), last: () => this.select(now().keyframes.length), seek: ({ time }) => this.seek(time),
       retime: ({ number, time }) => edit(now().select(number).retimed(number, time), `time ${number}`),
-      nudge: ({ value }) => { const { selected, pose } = now(); if (selected) edit(now().retimed(selected, pose.time + value * this.site.control_dt), "nudge"); },
+      nudge: ({ value }) => { const { selected, pose } = now(); if (selected) edit(now().retimed(selected, (now().steps(pose.time) + value) * this.site.control_dt), "nudge"); },
       hold: ({ value }) => edit(now().held(value), "hold"), interval: ({ value }) => edit(now().stretched(value)), rename: ({ value }) => edit(now().renamed(String(value).slice(0, 60))),
       end: () => { this.gesture = null; }, add: ({ time }) => (time === undefined ? this.add() : this.addAt(time)),
       copy: () => { this.clipboard = now().pose; }, cut: () => { const left = now().removed(); this.clipboard = now().pose; edit(left); },
@@ -389,7 +389,7 @@ class Studio {
   async stepBy(count) {
     if (!this.players.length) this.start();
     this.paused = true;
-    const goal = Math.max(Math.round(this.cursor / this.site.control_dt) + count, 0) * this.site.control_dt;
+    const goal = Math.max(this.timeline.steps(this.cursor) + count, 0) * this.site.control_dt;
     while (this.simulated + 1e-9 < goal && !this.finished) await this.forward();
     this.cursor = Math.min(goal, this.simulated);
     this.show();
