@@ -456,6 +456,31 @@ def test_keyframes_are_kept_while_they_are_edited_and_when_the_page_is_left(page
 
 
 @pytest.mark.slow
+def test_two_tabs_each_keep_their_own_keyframes(browser, address):
+    context = browser.new_context(viewport={"width": 1000, "height": 560})
+
+    def labels(page: Any) -> list[str]:
+        page.wait_for_function("window.platStudio !== undefined")
+        return page.evaluate("window.platStudio.timeline.labels")
+
+    drawn = Visitor(context.new_page(), address)
+    drawn.begin("squat")
+    drawn.get("keep()")
+    drawn.page.close()
+    again = context.new_page()  # a later visit, in which nothing is edited
+    again.goto(address)
+    assert labels(again) == ["start", "1 down", "2 up"]
+    edited = {name: Visitor(context.new_page(), address) for name in ("bow", "weight")}
+    for visitor, name in zip(edited.values(), ("bow", "side step"), strict=True):
+        visitor.begin(name)
+    for page, name in ((edited["bow"].page, "bow"), (edited["weight"].page, "weight"), (again, "down")):
+        page.reload()
+        assert labels(page)[1] == f"1 {name}"
+    assert Visitor(context.new_page(), address).get("timeline.labels")[1] == "1 weight", "the last that was edited"
+    context.close()
+
+
+@pytest.mark.slow
 def test_pins_change_nothing_else_and_choices_are_exact(visitor):
     visitor.begin("bow")
     hands = ["left_wrist_yaw_link", "right_wrist_yaw_link"]

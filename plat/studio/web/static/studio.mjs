@@ -38,6 +38,24 @@ export async function play({ robot, policies, site }, name, text) {
   return { poses: chase.poses, distances: chase.errors.map((error) => error.keypoint), scores: chase.scorer.scores() };
 }
 
+/* Copies for the next visit: each tab has its own, and a new one begins with the last of any. */
+const STORES = ["sessionStorage", "localStorage"];
+
+function keepCopy(timeline, stores) {
+  const text = timeline.keyframes.length ? write(timeline) : "";
+  for (const store of stores) try { window[store].setItem(AUTOSAVE, text); } catch { /* a private window */ }
+}
+
+function keptCopy(site) {
+  for (const store of STORES) {
+    try {
+      const text = window[store].getItem(AUTOSAVE);
+      if (text !== null) return text ? Timeline.of(site, read(text, site)) : null;
+    } catch { /* a private window, or another robot's */ }
+  }
+  return null;
+}
+
 class Studio {
   constructor(channel, { site, robot, policies }) {
     Object.assign(this, { channel, site, robot, policies });
@@ -146,7 +164,7 @@ class Studio {
     if (this.autosave === null) return;
     clearTimeout(this.autosave);
     this.autosave = null;
-    try { localStorage.setItem(AUTOSAVE, this.timeline.keyframes.length ? write(this.timeline) : ""); } catch { /* a private window */ }
+    keepCopy(this.timeline, STORES);
   }
 
   swap(source, target) {
@@ -518,10 +536,9 @@ export async function begin(channel) {
     if (window.platBlind) throw new Error(window.platBlind);
     words("plat keyframe studio", "Loading physics and policy, some 30 MB …");
     const studio = new Studio(channel, await open());
-    let kept = null;
-    try { kept = localStorage.getItem(AUTOSAVE); } catch { /* a private window */ }
-    if (kept) try { studio.timeline = Timeline.of(studio.site, read(kept, studio.site)); } catch { kept = null; }
-    if (!kept) studio.timeline = studio.continued(Object.keys(studio.site.templates)[0], studio.timeline);
+    const kept = keptCopy(studio.site);
+    studio.timeline = kept ?? studio.continued(Object.keys(studio.site.templates)[0], studio.timeline);
+    if (kept) keepCopy(kept, [STORES[0]]); // now also this tab's
     studio.saved = studio.timeline;
     studio.cursor = studio.timeline.pose.time;
     studio.show();
