@@ -422,6 +422,20 @@ def test_a_root_that_no_file_may_hold_is_refused_in_the_box(visitor):
 
 
 @pytest.mark.slow
+def test_a_drag_to_where_no_robot_can_be_is_refused_once(visitor):
+    visitor.begin("bow")
+    told = visitor.page.evaluate(
+        "() => { const it = window.platStudio, told = []; it.note = (title, text) => told.push(text);"
+        "it.handle = 'whole robot'; it.grab();"
+        "for (const z of [6, 7, 0, 8]) it.drag({ pos: [0.5, 0, z], quat: [1, 0, 0, 0] });"
+        "it.grip = null; delete it.note; return told; }"
+    )
+    assert len(told) == 1
+    assert "at a height of" in told[0]
+    np.testing.assert_allclose(visitor.get("timeline.pose.qpos")[0], 0.5, atol=0.2)
+
+
+@pytest.mark.slow
 def test_keyframes_are_added_where_the_timeline_is_clicked_twice(visitor):
     visitor.begin("bow")  # at 0.8 s, held until 1.4 s, and at 2.2 s
     for time, times, selected in (

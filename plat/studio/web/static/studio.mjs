@@ -244,14 +244,19 @@ class Studio {
   }
 
   drag(target) {
-    if (!this.grip) return;
+    const { grip } = this;
+    if (!grip) return;
     this.guarded(() => {
       const { qpos } = this.timeline.pose, symmetric = this.at.symmetric.checked;
-      let posed = this.robot.dragged(qpos, this.handle, target, this.grip.held, this.grip.rest, this.at.limb.checked || symmetric);
+      let posed = this.robot.dragged(qpos, this.handle, target, grip.held, grip.rest, this.at.limb.checked || symmetric);
       const side = this.handle.split(" ")[0];
       if (symmetric && ["left", "right"].includes(side)) posed = this.robot.symmetric(posed, side);
-      this.edit(this.timeline.posed(posed), "drag");
-      this.show();
+      try {
+        this.edit(this.timeline.posed(posed), "drag");
+        this.show();
+      } catch (error) {
+        if (!grip.refused) { grip.refused = true; throw error; } // once in a drag
+      }
     });
   }
 
