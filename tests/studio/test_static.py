@@ -495,6 +495,52 @@ def test_two_tabs_each_keep_their_own_keyframes(browser, address):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("width", "height"), [(1280, 800), (1024, 700), (390, 844), (844, 390)])
+def test_the_scene_and_the_help_are_there_in_windows_of_all_sizes(visitor, width, height):
+    page = visitor.page
+    before = page.viewport_size
+    page.set_viewport_size({"width": width, "height": height})
+    try:
+        scene, bar = page.locator("#root .view").bounding_box(), page.locator("#dock .bar")
+        assert scene["width"] >= 300, "the panel does not cover it"
+        assert scene["height"] >= 150
+        assert page.get_by_label("Help: all keys").evaluate(
+            "help => { const box = help.getBoundingClientRect();"
+            "return document.elementFromPoint(box.x + box.width / 2, box.y + box.height / 2) === help; }"
+        )
+        assert width < 1000 or bar.evaluate("bar => bar.scrollWidth <= bar.clientWidth")
+    finally:
+        page.set_viewport_size(before)
+
+
+@pytest.mark.slow
+def test_an_outcome_without_more_to_say_stands_alone(visitor):
+    page = visitor.page
+    visitor.begin("bow")
+    page.evaluate(
+        "async () => { const { Timeline, standing } = await import('./keyframes.mjs'), it = window.platStudio;"
+        "it.edit(new Timeline(it.site, standing(it.site)).inserted(standing(it.site))); it.show(); }"
+    )
+    page.keyboard.press("Space")
+    visitor.until("studio.players.length && studio.finished")
+    page.locator("#dock .status .words .good").wait_for()
+    assert page.locator("#dock .status .words").inner_text().strip() == "reached"
+
+
+@pytest.mark.slow
+def test_a_keyframe_is_copied_after_its_name_was_marked_and_left(visitor):
+    page = visitor.page
+    visitor.begin("bow")
+    page.evaluate("window.platStudio.clipboard = null")
+    name = page.get_by_label("Name", exact=True)
+    name.click()
+    page.keyboard.press("Control+a")
+    page.keyboard.press("Enter")
+    page.keyboard.press("Control+c")
+    visitor.until("studio.clipboard?.name === 'bow'")
+
+
+@pytest.mark.slow
 def test_pins_change_nothing_else_and_choices_are_exact(visitor):
     visitor.begin("bow")
     hands = ["left_wrist_yaw_link", "right_wrist_yaw_link"]
