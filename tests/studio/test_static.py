@@ -514,20 +514,6 @@ def test_the_scene_and_the_help_are_there_in_windows_of_all_sizes(visitor, width
 
 
 @pytest.mark.slow
-def test_an_outcome_without_more_to_say_stands_alone(visitor):
-    page = visitor.page
-    visitor.begin("bow")
-    page.evaluate(
-        "async () => { const { Timeline, standing } = await import('./keyframes.mjs'), it = window.platStudio;"
-        "it.edit(new Timeline(it.site, standing(it.site)).inserted(standing(it.site))); it.show(); }"
-    )
-    page.keyboard.press("Space")
-    visitor.until("studio.players.length && studio.finished")
-    page.locator("#dock .status .words .good").wait_for()
-    assert page.locator("#dock .status .words").inner_text().strip() == "reached"
-
-
-@pytest.mark.slow
 def test_a_keyframe_is_copied_after_its_name_was_marked_and_left(visitor):
     page = visitor.page
     visitor.begin("bow")
