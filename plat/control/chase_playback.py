@@ -56,9 +56,11 @@ def record(steps: Iterable[tuple[ChaseStep, StepErrors]], scorer: KeyframeScorer
 
 def _shown(step: ChaseStep, errors: StepErrors, scores: list[KeyframeScore]) -> str:
     """Words of the last arrival while it is fresh or held; nothing before it is."""
-    begin = step.time - step.timing.control_dt
-    arrived = [score for score in scores if score.time <= begin + 1e-9]
-    if not arrived or (begin - arrived[-1].time > _SHOWN and not step.holding):
+    timing = step.timing
+    begin = timing.steps(step.time) - 1
+    arrived = [score for score in scores if timing.steps(score.time) <= begin]
+    fresh = arrived and (begin - timing.steps(arrived[-1].time)) * timing.control_dt <= _SHOWN + 1e-9
+    if not arrived or not (fresh or step.holding):
         return ""
     score = arrived[-1]
     told = score.outcome + (f": {', '.join(score.faults)}" if score.faults else "")

@@ -50,7 +50,7 @@ class KeyframeScore:
     Args:
         index: its number in the sequence.
         name: its name.
-        time: of its arrival (s).
+        time: of the keyframe (s), as it is written; it arrives on the control step nearest to it.
         outcome: ``"reached"``, ``"late or off"`` or ``"fell"``.
         faults: by how much it is late or off, in words: ``("0.24 s late", "0.35 m off")``.
         late: seconds from the arrival until the robot first came near enough, while the next keyframe was

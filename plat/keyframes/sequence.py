@@ -103,7 +103,10 @@ class KeyframeSequence:
 
     @property
     def duration(self) -> float:
-        """Return the time of the last arrival (s)."""
+        """Return the time of the last keyframe (s), as it is written.
+
+        It arrives on the control step nearest to it, the last of :attr:`arrival_steps`, where a chase ends or holds.
+        """
         return self.keyframes[-1].time
 
     @property

@@ -66,6 +66,7 @@ class Session:
         """The keyframes as they were when they were last saved or loaded."""
         self._clipboard: Keyframe | None = None
         self._grip: tuple[str, np.ndarray, dict[str, Frame]] | None = None
+        self._refused = False
 
     # keyframes
 
@@ -260,15 +261,25 @@ class Session:
         qpos = self.timeline.pose.qpos
         frames = self.poser.frames(qpos)
         self._grip = handle, qpos, {name: frames[name] for name in held}
+        self._refused = False
 
     def drag(self, target: Frame) -> None:
-        """Move the grabbed handle to a target, or as near as it comes."""
+        """Move the grabbed handle to a target, or as near as it comes.
+
+        Raises:
+            KeyframeError: as :meth:`edit`, but once in a drag, which has many targets.
+        """
         if self._grip is not None:
             handle, rest, held = self._grip
             qpos = self.poser.dragged(
                 self.timeline.pose.qpos, handle, target, held, rest, self.limb_only or self.symmetric
             )
-            self.pose(self._both_sides(qpos, handle), gesture=("drag", handle))
+            try:
+                self.pose(self._both_sides(qpos, handle), gesture=("drag", handle))
+            except KeyframeError:
+                if not self._refused:
+                    self._refused = True
+                    raise
 
     def _both_sides(self, qpos: np.ndarray, moved: str) -> np.ndarray:
         side = moved.partition("_")[0].partition(" ")[0]

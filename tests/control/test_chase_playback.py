@@ -10,9 +10,9 @@ from tests.control.puppets import Limp, Puppet
 SEQUENCE = KeyframeSequence(G1, standing(G1), (standing(G1).at(0.3), standing(G1).at(1.3)))
 
 
-def recorded(controller):
+def recorded(controller, sequence=SEQUENCE):
     scorer = KeyframeScorer(G1)
-    chase = Chase(controller, SEQUENCE, Simulator(G1.model()), hold=0.1)
+    chase = Chase(controller, sequence, Simulator(G1.model()), hold=0.1)
     return record(((step, scorer.add(step)) for step in chase), scorer)
 
 
@@ -47,6 +47,12 @@ def test_the_outcome_is_told_for_a_moment_after_each_arrival():
     assert words[65].startswith("2: late or off: 0.")
     assert words[-1].endswith(", fell afterwards")
     assert recorded(Limp()).words[-1] == "2: fell"
+
+
+def test_the_outcome_is_told_from_the_arrival_on_where_that_is_before_the_written_time():
+    early = KeyframeSequence(G1, standing(G1), (standing(G1).at(0.309), standing(G1).at(1.309)))
+    assert early.arrival_steps == (15, 65)
+    assert recorded(Puppet(), early).words == recorded(Puppet()).words
 
 
 def test_a_keyframe_that_was_missed_marks_its_arrival():

@@ -13,7 +13,7 @@ from tests.studio.conftest import squat
 
 pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
 
-from plat.studio.poser import Frame
+from plat.studio.poser import WHOLE, Frame
 from plat.studio.session import Session
 
 LEFT_ELBOW = G1.joint_names.index("left_elbow")
@@ -105,6 +105,20 @@ def test_a_drag_without_a_grip_does_nothing(session):
     session.add()
     session.drag(Frame(np.ones(3), np.array([1.0, 0, 0, 0])))
     np.testing.assert_array_equal(session.timeline.pose.qpos, G1.default_qpos)
+
+
+def test_a_drag_to_where_no_robot_can_be_is_refused_once(session):
+    session.add()
+    level = np.array([1.0, 0.0, 0.0, 0.0])
+    for _ in range(2):
+        session.grab(WHOLE, [])
+        with pytest.raises(KeyframeError, match="at a height of"):
+            session.drag(Frame(np.array([0.0, 0.0, 6.0]), level))
+        session.drag(Frame(np.array([0.0, 0.0, 7.0]), level))
+        session.drag(Frame(np.array([0.5, 0.0, 0.0]), level))
+        session.drag(Frame(np.array([0.0, 0.0, 6.0]), level))
+        session.release()
+        np.testing.assert_allclose(session.timeline.pose.qpos[:2], [0.5, 0.0], atol=1e-9)
 
 
 def test_copies_are_pasted_after_the_selected_pose(session):

@@ -25,17 +25,18 @@ from plat.spec.timing import Timing
 
 pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
 
-from plat.control import Feasibility, PolicyController
+from plat.control import Chase, Feasibility, KeyframeScorer, PolicyController, Simulator
 from plat.runs import load_policy
 from plat.studio.checker import Checker
 from plat.studio.pins import chosen, mirrored_parts, preset, toggled
-from plat.studio.player import Player
+from plat.studio.player import HOLD, Player
 from plat.studio.poser import HANDLES, Poser
 from plat.studio.poses import mirrored, placed
 from plat.studio.static import LIBRARIES, site_facts, write_static
 from plat.studio.templates import TEMPLATES, template
 from plat.studio.timeline import Timeline
-from tests.studio.conftest import node_modules
+from tests.control.puppets import Puppet
+from tests.studio.conftest import node_modules, squat
 
 # Largest difference from Python that docs/studio.md promises (m, rad), for a motion of some seconds.
 _NEAR = (1e-4, 5e-3)
@@ -421,6 +422,20 @@ def test_a_root_that_no_file_may_hold_is_refused_in_the_box(visitor):
 
 
 @pytest.mark.slow
+def test_a_drag_to_where_no_robot_can_be_is_refused_once(visitor):
+    visitor.begin("bow")
+    told = visitor.page.evaluate(
+        "() => { const it = window.platStudio, told = []; it.note = (title, text) => told.push(text);"
+        "it.handle = 'whole robot'; it.grab();"
+        "for (const z of [6, 7, 0, 8]) it.drag({ pos: [0.5, 0, z], quat: [1, 0, 0, 0] });"
+        "it.grip = null; delete it.note; return told; }"
+    )
+    assert len(told) == 1
+    assert "at a height of" in told[0]
+    np.testing.assert_allclose(visitor.get("timeline.pose.qpos")[0], 0.5, atol=0.2)
+
+
+@pytest.mark.slow
 def test_keyframes_are_added_where_the_timeline_is_clicked_twice(visitor):
     visitor.begin("bow")  # at 0.8 s, held until 1.4 s, and at 2.2 s
     for time, times, selected in (
@@ -452,6 +467,63 @@ def test_keyframes_are_kept_while_they_are_edited_and_when_the_page_is_left(page
     page.reload()
     page.wait_for_function("window.platStudio !== undefined")
     assert visitor.get("timeline.labels") == ["start", "1 down", "2 up"]
+
+
+@pytest.mark.slow
+def test_two_tabs_each_keep_their_own_keyframes(browser, address):
+    context = browser.new_context(viewport={"width": 1000, "height": 560})
+
+    def labels(page: Any) -> list[str]:
+        page.wait_for_function("window.platStudio !== undefined")
+        return page.evaluate("window.platStudio.timeline.labels")
+
+    drawn = Visitor(context.new_page(), address)
+    drawn.begin("squat")
+    drawn.get("keep()")
+    drawn.page.close()
+    again = context.new_page()  # a later visit, in which nothing is edited
+    again.goto(address)
+    assert labels(again) == ["start", "1 down", "2 up"]
+    edited = {name: Visitor(context.new_page(), address) for name in ("bow", "weight")}
+    for visitor, name in zip(edited.values(), ("bow", "side step"), strict=True):
+        visitor.begin(name)
+    for page, name in ((edited["bow"].page, "bow"), (edited["weight"].page, "weight"), (again, "down")):
+        page.reload()
+        assert labels(page)[1] == f"1 {name}"
+    assert Visitor(context.new_page(), address).get("timeline.labels")[1] == "1 weight", "the last that was edited"
+    context.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("width", "height"), [(1280, 800), (1024, 700), (390, 844), (844, 390)])
+def test_the_scene_and_the_help_are_there_in_windows_of_all_sizes(visitor, width, height):
+    page = visitor.page
+    before = page.viewport_size
+    page.set_viewport_size({"width": width, "height": height})
+    try:
+        scene, bar = page.locator("#root .view").bounding_box(), page.locator("#dock .bar")
+        assert scene["width"] >= 300, "the panel does not cover it"
+        assert scene["height"] >= 150
+        assert page.get_by_label("Help: all keys").evaluate(
+            "help => { const box = help.getBoundingClientRect();"
+            "return document.elementFromPoint(box.x + box.width / 2, box.y + box.height / 2) === help; }"
+        )
+        assert width < 1000 or bar.evaluate("bar => bar.scrollWidth <= bar.clientWidth")
+    finally:
+        page.set_viewport_size(before)
+
+
+@pytest.mark.slow
+def test_a_keyframe_is_copied_after_its_name_was_marked_and_left(visitor):
+    page = visitor.page
+    visitor.begin("bow")
+    page.evaluate("window.platStudio.clipboard = null")
+    name = page.get_by_label("Name", exact=True)
+    name.click()
+    page.keyboard.press("Control+a")
+    page.keyboard.press("Enter")
+    page.keyboard.press("Control+c")
+    visitor.until("studio.clipboard?.name === 'bow'")
 
 
 @pytest.mark.slow
@@ -517,8 +589,14 @@ def test_trajectories_and_scores_are_pythons(page, address, tmp_path):
     """The same keyframe file, in a headless Chromium and here."""
     page.goto(address)
     page.wait_for_function("window.platStudio !== undefined")
-    for name, run, motion, pins in (("plat", "plat-g1", "bow", None), ("imagined", "imagined-g1", "wave", "hands")):
+    for name, run, motion, pins, stretch in (
+        ("plat", "plat-g1", "bow", None, 1.0),
+        ("plat", "plat-g1", "bow", None, 1.0375),  # arrivals are between control steps, one in the middle of two
+        ("imagined", "imagined-g1", "wave", "hands", 1.0),
+    ):
         timeline = template(motion, Timeline.empty(G1), Poser(G1))
+        frames = tuple(frame.at(round(stretch * frame.time, 6)) for frame in timeline.keyframes)
+        timeline = replace(timeline, keyframes=frames)
         if pins:
             for number in range(1, len(timeline.poses)):
                 timeline = timeline.select(number).commanding(preset(pins, G1))
@@ -540,6 +618,62 @@ def test_trajectories_and_scores_are_pythons(page, address, tmp_path):
         scores = player.scores
         assert scores is not None
         assert [score["words"] for score in played["scores"]] == [score.words for score in scores]
+
+
+# A page of another control step, and a policy that tells the motors the keyframe's joints.
+_PUPPET = """async ([text, control_dt]) => {
+  const { Chase } = await import("./chase.mjs"), { Timeline, read } = await import("./keyframes.mjs");
+  const { Robot } = await import("./robot.mjs"), it = window.platStudio, site = { ...it.site, control_dt };
+  const robot = new Robot(it.robot.mujoco, site), told = (_, keyframe) => keyframe.qpos.slice(7);
+  const puppet = { observation: told, targets: async (joints) => joints, action: () => [], window: 3, maxSteps: 50 };
+  const timeline = Timeline.of(site, read(text, site)), commands = [], references = [];
+  const chase = new Chase(robot, puppet, timeline.start, timeline.sequence(puppet.maxSteps));
+  const add = chase.scorer.add.bind(chase.scorer);
+  chase.scorer.add = (command, qpos, time, reference, place, window) => {
+    commands.push([command.index, command.left, command.holding]);
+    references.push([...reference.qpos, ...place.qpos.slice(0, 7)]);
+    add(command, qpos, time, reference, place, window);
+  };
+  while (!chase.finished) await chase.step();
+  return { commands, references, poses: chase.poses, scores: chase.scorer.scores() };
+}"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("control_dt", [0.01, 0.02, 0.05, 0.1])
+def test_keyframes_between_control_steps_are_chased_as_in_python(visitor, tmp_path, control_dt):
+    times = np.array([2.5, 6.5, 9.4, 14.6, 20.5, 27.5, 99.3]) * control_dt
+    names = ("a", "b", "c", "d", "d (hold)", "e", "f")
+    poses = {name: squat() if name[0] in "bd" else G1.default_qpos.copy() for name in names}
+    for name in ("e", "f"):
+        poses[name][0] += 0.3  # out of reach: off, or late
+    frames = [Keyframe.from_qpos(time, poses[name], name) for time, name in zip(times.tolist(), names, strict=True)]
+    file = tmp_path / "between.json"
+    write_keyframes(file, G1, standing(G1), frames)
+    timing = Timing(control_dt)
+    sequence = Timeline.of(*_read(file), G1, timing).sequence()
+    assert sequence.arrival_steps[:6] == (2, 6, 9, 15, 20, 28), "in the middle the even one"
+    scorer, simulator = KeyframeScorer(G1), Simulator(G1.shared_model, control_dt)
+    steps = list(Chase(Puppet(timing), sequence, simulator, hold=HOLD))
+    for step in steps:
+        scorer.add(step)
+    found = visitor.page.evaluate(_PUPPET, [file.read_text(encoding="utf-8"), control_dt])
+    assert found["commands"] == [[step.command.index, step.command.steps_left, step.holding] for step in steps]
+    references = [np.concatenate((step.reference.qpos, step.root.qpos[:7])) for step in steps if step.root]
+    np.testing.assert_allclose(found["references"], references, atol=1e-6)
+    np.testing.assert_allclose(found["poses"][:20], [step.before.qpos for step in steps[:20]], atol=5e-3)
+    assert [score["words"] for score in found["scores"]] == [score.words for score in scorer.scores()]
+
+
+@pytest.mark.slow
+def test_a_keyframe_between_control_steps_is_nudged_by_one(visitor):
+    times = visitor.page.evaluate(
+        "async () => { const { Timeline, standing } = await import('./keyframes.mjs'), it = window.platStudio;"
+        "const frame = { ...standing(it.site), time: 0.05 };"
+        "return [1, -1].map((value) => { it.edit(new Timeline(it.site, standing(it.site), [frame], [0], 1));"
+        "it.receive({ do: 'nudge', value }); return it.timeline.keyframes[0].time; }); }"
+    )
+    assert times == [0.06, 0.02], "of 0.04, where it arrives"
 
 
 @pytest.mark.slow

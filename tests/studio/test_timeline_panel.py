@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from plat.errors import StudioError
+from plat.keyframes import standing
 from plat.robots import G1
 
 pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
@@ -14,6 +15,7 @@ from plat.studio.app import Studio
 from plat.studio.checker import Checker
 from plat.studio.panels import TimelinePanel
 from plat.studio.session import Session
+from plat.studio.timeline import Timeline
 from tests.control import made_up
 
 
@@ -22,6 +24,15 @@ def panel(policies) -> TimelinePanel:
     """A panel that does at once what it is asked."""
     desk = SimpleNamespace(ask=lambda task, once=False: task())
     return TimelinePanel(SimpleNamespace(session=Session(G1, policies), desk=desk), Checker(G1), {})
+
+
+@pytest.mark.parametrize(("value", "time"), [(1, 0.06), (-1, 0.02)])
+def test_a_keyframe_between_control_steps_is_nudged_by_one(panel, value, time):
+    session = panel._page.session
+    frame = standing(G1).at(0.05)  # arrives at 0.04 s
+    session.edit(Timeline(G1, standing(G1), (frame,), 1))
+    panel.receive({"do": "nudge", "value": value})
+    assert session.timeline.pose.time == time
 
 
 @pytest.mark.parametrize("value", [[1], {"1x": 1}, None, 3, "9x", [[1] * 500]])

@@ -94,8 +94,8 @@ class TimelinePanel:
         session = self._page.session
         number, pose = session.timeline.selected, session.timeline.pose
         if number:
-            time = pose.time + _number(message, "value") * session.timing.control_dt
-            session.edit(session.timeline.retimed(number, time), ("nudge", number))
+            step = session.timing.steps(pose.time) + _number(message, "value")
+            session.edit(session.timeline.retimed(number, step * session.timing.control_dt), ("nudge", number))
 
     def _set_speed(self, message: Message) -> None:
         label = message.get("value")

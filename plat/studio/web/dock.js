@@ -294,7 +294,8 @@
     if (event.altKey || operating(event)) return;
     let what = control ? CONTROL[event.key] || CONTROL[event.key.toLowerCase()] : KEYS[event.key] || KEYS[event.key.toLowerCase()];
     if (control && event.shiftKey && event.key.toLowerCase() === "z") what = ["redo"];
-    if (control && event.key === "c" && String(getSelection())) return; // text that is marked is copied as text
+    const marked = getSelection(); // it is collapsed where it is in a box that was left
+    if (control && event.key === "c" && !marked.isCollapsed && String(marked)) return; // text that is marked is copied as text
     let done = true;
     if (!control && event.key === "?") help();
     else if (!control && (event.key === "+" || event.key === "=")) zoomBy(1.5);
@@ -440,9 +441,10 @@
 
   function showWords(pose) {
     at.words.replaceChildren();
-    if (pose.result) at.words.append(make("span", { class: pose.status === "reached" ? "good" : "bad", text: pose.result }), "  ·  ");
-    if (pose.words.length) at.words.append(make("span", { class: "bad", text: spoken(pose.words.join("; ")) }));
-    else at.words.append(make("span", { text: [spoken(state.check || ""), pose.speed > 0.05 && `fastest joint: ${spoken(pose.joint)}, ${pose.speed.toFixed(1)} rad/s`].filter(Boolean).join("  ·  ") }));
+    const calm = () => [spoken(state.check || ""), pose.speed > 0.05 && `fastest joint: ${spoken(pose.joint)}, ${pose.speed.toFixed(1)} rad/s`].filter(Boolean).join("  ·  ");
+    const rest = pose.words.length ? make("span", { class: "bad", text: spoken(pose.words.join("; ")) }) : make("span", { text: calm() });
+    if (pose.result) at.words.append(make("span", { class: pose.status === "reached" ? "good" : "bad", text: pose.result }), rest.textContent && "  ·  ");
+    at.words.append(rest);
     at.words.title = at.words.textContent;
   }
 

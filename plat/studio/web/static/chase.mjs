@@ -1,6 +1,6 @@
 /* Chase: one robot and one policy that goes after keyframes, and what became of each of them.
    The same rules as plat.control.Chase and plat.control.KeyframeScorer, by which they are tested. */
-import { asArrived, between, following, mask, withCommandedRoot } from "./keyframes.mjs";
+import { asArrived, between, following, mask, nearestStep, withCommandedRoot } from "./keyframes.mjs";
 import { angle } from "./rotations.mjs";
 
 const HOLD = 0.6;
@@ -14,20 +14,22 @@ export class Chase {
       throw new Error(`the keyframe at ${partial.time} s commands a part of its pose, but ${policy.name} was trained on whole poses: command all of it, or choose another policy`);
     Object.assign(this, { robot, policy, frames, start, control_dt: robot.site.control_dt });
     this.data = robot.begin(start.qpos);
-    this.arrivals = [0, ...frames.map((frame) => Math.round(frame.time / this.control_dt))];
+    this.arrivals = [0, ...frames.map((frame) => nearestStep(frame.time, robot.site))];
     this.lastAction = Array(robot.site.joints.length).fill(0);
     this.poses = [[...start.qpos]];
     this.errors = [];
     this.taken = 0;
     this.finished = false;
     this.scorer = new Scorer(robot, frames);
-    this.arrived = following(asArrived, start, frames, robot.site);
-    this.commanded = following(withCommandedRoot, start, frames, robot.site);
+    // keyframes are where their arrivals are, on control steps, however their times are written
+    const onSteps = (poses) => poses.map((pose, index) => ({ ...pose, time: this.arrivals[index] * this.control_dt }));
+    this.arrived = onSteps(following(asArrived, start, frames, robot.site));
+    this.commanded = onSteps(following(withCommandedRoot, start, frames, robot.site));
   }
 
   get time() { return this.taken * this.control_dt; }
-  poseAt(time) { return this.poses[Math.min(Math.max(Math.round(time / this.control_dt), 0), this.poses.length - 1)]; }
-  commandAt(time) { return this.frames[this.command(Math.max(Math.round(time / this.control_dt) - 1, 0)).index]; }
+  poseAt(time) { return this.poses[Math.min(Math.max(nearestStep(time, this.robot.site), 0), this.poses.length - 1)]; }
+  commandAt(time) { return this.frames[this.command(Math.max(nearestStep(time, this.robot.site) - 1, 0)).index]; }
 
   command(step) {
     let index = 0;
@@ -37,8 +39,8 @@ export class Chase {
   }
 
   async step() {
-    const command = this.command(this.taken), last = this.frames[this.frames.length - 1];
-    if (command.holding && this.time + 1e-9 >= last.time + HOLD) {
+    const command = this.command(this.taken), end = this.arrivals[this.frames.length] * this.control_dt + HOLD;
+    if (command.holding && this.time + 1e-9 >= end) {
       this.finished = true;
       this.data.delete();
       this.data = null;
@@ -111,13 +113,13 @@ class Scorer {
 
   add(command, qpos, time, reference, place, window) {
     const { robot } = this, { site } = robot, parts = mask(this.frames[command.index], site);
-    const before = command.holding ? command.index : command.index - 1, steps = this.steps[before];
-    if (before >= 0 && steps.length && !(before in this.late) && !steps[steps.length - 1].near) {
-      const missed = this.frames[before], there = withCommandedRoot(steps[steps.length - 1].place, missed, site);
-      if (compare(robot, qpos, missed, mask(missed, site), there).near) this.late[before] = Math.round(1e6 * (time - missed.time)) / 1e6;
+    const before = command.holding ? command.index : command.index - 1, missed = this.steps[before]?.at(-1);
+    if (missed && !(before in this.late) && !missed.near) {
+      const keyframe = this.frames[before], there = withCommandedRoot(missed.place, keyframe, site);
+      if (compare(robot, qpos, keyframe, mask(keyframe, site), there).near) this.late[before] = Math.round(1e6 * (time - missed.time)) / 1e6;
     }
     const errors = compare(robot, qpos, reference, parts, place);
-    if (!command.holding) this.steps[command.index].push({ ...errors, place, inWindow: command.left <= window, arrival: command.left === 1 });
+    if (!command.holding) this.steps[command.index].push({ ...errors, time, place, inWindow: command.left <= window, arrival: command.left === 1 });
     else if (errors.down && this.fell === null) this.fell = time;
   }
 

@@ -7,6 +7,12 @@ export const ROOT = ["horizontal", "height", "orientation"];
 const HOLD = "(hold)";
 const round = (value) => Math.round(value * 1e6) / 1e6;
 
+/* The control step nearest to a time (s); in the middle the even one, as Python rounds. */
+export function nearestStep(time, site) {
+  const steps = time / site.control_dt, below = Math.floor(steps), rest = steps - below;
+  return rest < 0.5 || (rest === 0.5 && below % 2 === 0) ? below : below + 1;
+}
+
 /* A keyframe is { time, name, qpos: [7 + J], commands: null or { joints, bodies, root } of names }. */
 export const standing = (site) => ({ time: 0, name: null, qpos: [...site.default_qpos], commands: null });
 
@@ -135,7 +141,7 @@ export function read(text, site) {
   };
   const optional = version === 1 ? ["name"] : ["name", "commands"];
   const keyframes = content.keyframes.map((entry, index) => one(entry, `keyframe ${index}${typeof entry?.name === "string" ? ` (${shown(entry.name)})` : ""}`, ["time", ...POSE], optional));
-  const steps = [0, ...keyframes.map((frame) => Math.round(frame.time / site.control_dt))];
+  const steps = [0, ...keyframes.map((frame) => nearestStep(frame.time, site))];
   steps.forEach((step, index) => {
     if (index && step <= steps[index - 1]) throw new Error(`keyframe ${index - 1}: time is ${keyframes[index - 1].time} s, expected later than the one before`);
   });
@@ -189,7 +195,7 @@ export class Timeline {
   get interval() { return this.selected ? round(this.gaps()[this.selected - 1] * this.site.control_dt) : 0; }
   get labels() { return this.poses.map((pose, number) => (number ? `${number} ${pose.name || ""}`.trim() : "start")); }
 
-  steps(time) { return Math.round(time / this.site.control_dt); }
+  steps(time) { return nearestStep(time, this.site); }
   holdSteps() { return this.holds.map((hold) => this.steps(hold)); }
   gaps() {
     const holds = this.holdSteps();

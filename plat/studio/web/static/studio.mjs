@@ -38,6 +38,24 @@ export async function play({ robot, policies, site }, name, text) {
   return { poses: chase.poses, distances: chase.errors.map((error) => error.keypoint), scores: chase.scorer.scores() };
 }
 
+/* Copies for the next visit: each tab has its own, and a new one begins with the last of any. */
+const STORES = ["sessionStorage", "localStorage"];
+
+function keepCopy(timeline, stores) {
+  const text = timeline.keyframes.length ? write(timeline) : "";
+  for (const store of stores) try { window[store].setItem(AUTOSAVE, text); } catch { /* a private window */ }
+}
+
+function keptCopy(site) {
+  for (const store of STORES) {
+    try {
+      const text = window[store].getItem(AUTOSAVE);
+      if (text !== null) return text ? Timeline.of(site, read(text, site)) : null;
+    } catch { /* a private window, or another robot's */ }
+  }
+  return null;
+}
+
 class Studio {
   constructor(channel, { site, robot, policies }) {
     Object.assign(this, { channel, site, robot, policies });
@@ -108,7 +126,7 @@ class Studio {
       loop: () => { this.loop = !this.loop; }, select: ({ number }) => this.select(number), previous: () => this.select(now().selected - 1), next: () => this.select(now().selected + 1),
       first: () => this.select(0), last: () => this.select(now().keyframes.length), seek: ({ time }) => this.seek(time),
       retime: ({ number, time }) => edit(now().select(number).retimed(number, time), `time ${number}`),
-      nudge: ({ value }) => { const { selected, pose } = now(); if (selected) edit(now().retimed(selected, pose.time + value * this.site.control_dt), "nudge"); },
+      nudge: ({ value }) => { const { selected, pose } = now(); if (selected) edit(now().retimed(selected, (now().steps(pose.time) + value) * this.site.control_dt), "nudge"); },
       hold: ({ value }) => edit(now().held(value), "hold"), interval: ({ value }) => edit(now().stretched(value)), rename: ({ value }) => edit(now().renamed(String(value).slice(0, 60))),
       end: () => { this.gesture = null; }, add: ({ time }) => (time === undefined ? this.add() : this.addAt(time)),
       copy: () => { this.clipboard = now().pose; }, cut: () => { const left = now().removed(); this.clipboard = now().pose; edit(left); },
@@ -146,7 +164,7 @@ class Studio {
     if (this.autosave === null) return;
     clearTimeout(this.autosave);
     this.autosave = null;
-    try { localStorage.setItem(AUTOSAVE, this.timeline.keyframes.length ? write(this.timeline) : ""); } catch { /* a private window */ }
+    keepCopy(this.timeline, STORES);
   }
 
   swap(source, target) {
@@ -226,14 +244,19 @@ class Studio {
   }
 
   drag(target) {
-    if (!this.grip) return;
+    const { grip } = this;
+    if (!grip) return;
     this.guarded(() => {
       const { qpos } = this.timeline.pose, symmetric = this.at.symmetric.checked;
-      let posed = this.robot.dragged(qpos, this.handle, target, this.grip.held, this.grip.rest, this.at.limb.checked || symmetric);
+      let posed = this.robot.dragged(qpos, this.handle, target, grip.held, grip.rest, this.at.limb.checked || symmetric);
       const side = this.handle.split(" ")[0];
       if (symmetric && ["left", "right"].includes(side)) posed = this.robot.symmetric(posed, side);
-      this.edit(this.timeline.posed(posed), "drag");
-      this.show();
+      try {
+        this.edit(this.timeline.posed(posed), "drag");
+        this.show();
+      } catch (error) {
+        if (!grip.refused) { grip.refused = true; throw error; } // once in a drag
+      }
     });
   }
 
@@ -389,7 +412,7 @@ class Studio {
   async stepBy(count) {
     if (!this.players.length) this.start();
     this.paused = true;
-    const goal = Math.max(Math.round(this.cursor / this.site.control_dt) + count, 0) * this.site.control_dt;
+    const goal = Math.max(this.timeline.steps(this.cursor) + count, 0) * this.site.control_dt;
     while (this.simulated + 1e-9 < goal && !this.finished) await this.forward();
     this.cursor = Math.min(goal, this.simulated);
     this.show();
@@ -518,10 +541,9 @@ export async function begin(channel) {
     if (window.platBlind) throw new Error(window.platBlind);
     words("plat keyframe studio", "Loading physics and policy, some 30 MB …");
     const studio = new Studio(channel, await open());
-    let kept = null;
-    try { kept = localStorage.getItem(AUTOSAVE); } catch { /* a private window */ }
-    if (kept) try { studio.timeline = Timeline.of(studio.site, read(kept, studio.site)); } catch { kept = null; }
-    if (!kept) studio.timeline = studio.continued(Object.keys(studio.site.templates)[0], studio.timeline);
+    const kept = keptCopy(studio.site);
+    studio.timeline = kept ?? studio.continued(Object.keys(studio.site.templates)[0], studio.timeline);
+    if (kept) keepCopy(kept, [STORES[0]]); // now also this tab's
     studio.saved = studio.timeline;
     studio.cursor = studio.timeline.pose.time;
     studio.show();
