@@ -51,7 +51,7 @@ class LatentPolicy(nn.Module):
     >>> all(key[0] in ("robot", "goal", "command") for key in policy.deployed().in_keys)
     True
 
-    With a wider prior:
+    With a wider prior; to be saved by a run, that is a subclass (``examples/registered_policy.py``):
 
     >>> policy = LatentPolicy(G1, prior=LatentPrior(256, 32, hidden=(512, 512)))
     >>> policy.features().out_keys[-1]
