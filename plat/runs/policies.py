@@ -14,6 +14,7 @@ from torch.nn.modules.lazy import LazyModuleMixin
 
 from plat.errors import CheckpointError, ConfigError, RobotError
 from plat.json_file import short
+from plat.modules.deployed import timed
 from plat.modules.policies import (
     Expert,
     ExpertConfig,
@@ -31,8 +32,17 @@ from plat.modules.policies import (
 from plat.robots import Robot, get_robot
 from plat.runs.allocations import LimitedAllocations
 from plat.runs.inputs import same_robot
+from plat.spec.timing import timing_of
 
-__all__ = ["Policy", "build_policy", "check_rebuilt", "complete_spec", "policy_spec", "register_policy"]
+__all__ = [
+    "Policy",
+    "build_policy",
+    "check_rebuilt",
+    "complete_spec",
+    "deployed",
+    "policy_spec",
+    "register_policy",
+]
 
 
 @runtime_checkable
@@ -45,6 +55,12 @@ class Policy(Protocol):
     def deployed(self) -> TensorDictModuleBase:
         """Return the deterministic policy: writes ``action``."""
         ...
+
+
+def deployed(policy: Policy, *goals: Any) -> TensorDictModuleBase:
+    """Return what a policy's ``deployed(*goals)`` returns, with the policy's timing where that has none."""
+    module, timing = policy.deployed(*goals), timing_of(policy)
+    return module if timing is None or timing_of(module) is not None else timed(module, timing)
 
 
 class _Kind(NamedTuple):
