@@ -1,26 +1,31 @@
 """Policies of different timings live in one process, and each is right; a timing travels from training to the robot."""
 
+import copy
 from dataclasses import replace
 from itertools import islice
 
 import numpy as np
 import pytest
 import torch
+from tensordict.nn import TensorDictModule, TensorDictSequential
 
 from plat.collectors import ExpertLabels, MixedPolicy, dagger_buffer, rollouts
 from plat.control import Chase, PolicyController, Simulator
 from plat.deploy import PolicyRunner
 from plat.envs import make_keyframe_env
 from plat.envs.transforms import Horizon
+from plat.envs.transforms.settings import NoiseLevels
 from plat.errors import BundleError, KeyframeError, PlatError, StateError
 from plat.evaluation import evaluate
+from plat.evaluation.entrant import Entrant
 from plat.keyframes import KeyframeSequence, standing
-from plat.modules import STUDENT_KEYS, Expert, ExpertConfig, LatentPolicy
+from plat.modules import STUDENT_KEYS, Expert, ExpertConfig, LatentPolicy, ResidualLatentPolicy
 from plat.motions import MotionLibrary
-from plat.objectives import LatentImitationLoss
+from plat.objectives import LatentImitationLoss, exploring
 from plat.robots import G1
 from plat.runs import load_policy, policy_spec, save_weights, write_json
-from plat.spec.timing import Timing
+from plat.spec.timing import Timing, timing_of
+from plat.tasks.disturbed import measuring
 from tests.modules.policies.test_student import SMALL
 
 SLOW, QUICK = Timing(max_steps=150), Timing(max_steps=50)
@@ -67,6 +72,47 @@ def test_evaluation_takes_the_timing_of_the_policy(library):
     assert seen == pytest.approx({50: 1.0, 150: 1 / 3})
     with pytest.raises(PlatError, match="horizon of 51 to 150 steps: 150 control steps, expected at most .* 50"):
         evaluate(student(QUICK).deployed(), library, Horizon(51, 150))
+
+
+def test_what_is_put_around_a_policy_keeps_its_timing(library):
+    policy, same = student(SLOW), TensorDictModule(torch.nn.Identity(), ["action"], ["action"])
+    expert = Expert(G1, ExpertConfig(hidden=(8,), timing=SLOW))
+    refined = ResidualLatentPolicy(policy)
+    views = (policy.deployed(), policy.sampled(), policy.imagined(), expert.actor(), refined.actor())
+    for view in views:
+        for around in (view, TensorDictSequential(view, same), exploring(view, 0.0), measuring(view, NoiseLevels())):
+            assert timing_of(around) == SLOW
+            assert timing_of(copy.deepcopy(around)) == SLOW
+    teacher = Expert(G1, ExpertConfig(hidden=(8,))).labels()
+    assert timing_of(MixedPolicy(policy.sampled(), teacher)) == SLOW
+    assert timing_of(TensorDictSequential(same)) is None
+    around = exploring(policy.deployed(), 0.0)
+    assert PolicyController(around, G1).timing == SLOW
+    evaluate(around, library, Horizon(51, 150), num_envs=1)  # the default would refuse so long a horizon
+    with pytest.raises(PlatError, match="TensorDictSequential of parts with .*max_steps=150.* and .*max_steps=50"):
+        evaluate(TensorDictSequential(policy.deployed(), teacher), library, Horizon(1, 5))
+
+
+class Smooth(LatentPolicy):
+    """Of a user, whose deployed() is of parts without a timing."""
+
+    def deployed(self):
+        return TensorDictSequential(self.features(), self.decoder.using("hidden", self.mode))
+
+
+class OwnExpert(Expert):
+    """The same of an expert."""
+
+    def deployed(self, *goals, **options):
+        return TensorDictSequential(*super().deployed(*goals, **options).module)
+
+
+def test_an_entrant_has_the_timing_of_its_policy():
+    smooth = Smooth(G1, replace(SMALL, timing=SLOW))
+    expert = OwnExpert(G1, ExpertConfig(hidden=(8,), timing=SLOW))
+    assert timing_of(smooth.deployed()) is timing_of(expert.deployed()) is None
+    for entrant in (Entrant.of_policy(smooth), Entrant.of_policy(expert), Entrant.of_policy(expert, dense=True)):
+        assert entrant.timing == timing_of(entrant.policy) == SLOW
 
 
 def test_motions_of_another_control_step_are_refused(library):

@@ -72,7 +72,7 @@ def main(recipe: PlayRecipe) -> list[KeyframeScore]:
         check_video(recipe.video)
         stage = Stage(robot)
     simulator = Simulator(stage_model(robot) if recipe.viewer else robot.model(), timing.control_dt)
-    chase = Chase(PolicyController(policy.deployed(), robot), sequence, simulator, hold=recipe.hold)
+    chase = Chase(PolicyController(policy.deployed(), robot, timing), sequence, simulator, hold=recipe.hold)
     scorer = KeyframeScorer(robot, recipe.reach)
     shoves = Shoves(recipe.push, recipe.push_every, recipe.seed, timing.control_dt)
     viewer = Viewer(simulator) if recipe.viewer else None

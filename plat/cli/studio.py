@@ -26,6 +26,7 @@ from plat.motions.files import motion_paths
 from plat.motions.generation import PREFIX
 from plat.robots import Robot, get_robot
 from plat.runs import Policy, load_policy
+from plat.runs.policies import deployed
 from plat.runs.user_modules import import_modules
 
 
@@ -49,7 +50,7 @@ def main(recipe: StudioRecipe) -> None:
     if recipe.static is not None:
         _write_static(recipe, runs, policies, robot)
         return
-    session = Session(robot, {name: policy.deployed() for name, policy in policies.items()})
+    session = Session(robot, {name: deployed(policy) for name, policy in policies.items()})
     if recipe.keyframes is None:
         session.begin_with("wave")
     else:
@@ -99,7 +100,7 @@ def _write_static(recipe: StudioRecipe, runs: dict[str, Path], policies: dict[st
     kept = {name: run for name, run in runs.items() if name not in experts}
     if not kept:
         raise StudioError("--static: none of the runs chases keyframes, expected runs of plat distill or plat refine")
-    timing = common_timing({name: policies[name].deployed() for name in kept})
+    timing = common_timing({name: deployed(policies[name]) for name in kept})
     write_static(recipe.static, robot, kept, timing, recipe.libraries)
     left = f" (without {', '.join(experts)}: experts follow dense motion)" if experts else ""
     print(f"wrote {recipe.static} with {', '.join(kept)}{left}; any web server of files shows it:")

@@ -15,6 +15,7 @@ from plat.errors import ActionError
 from plat.gpu import check_device
 from plat.motions.library import MotionLibrary
 from plat.precision import Precision, autocast
+from plat.spec.timing import timing_of
 
 __all__ = ["LOOKUP_KEYS", "ExpertLabels", "MixedPolicy", "dagger_buffer"]
 
@@ -83,6 +84,7 @@ class MixedPolicy(TensorDictModuleBase):
         super().__init__()
         check_value("mixed policy: expert_share", expert_share, Fraction)
         self.student = student
+        self.timing = timing_of(student)  # the teacher's may be another
         self.expert = expert
         self.keep_labels = keep_labels
         self.in_keys = list(dict.fromkeys([*student.in_keys, *expert.in_keys]))

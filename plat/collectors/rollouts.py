@@ -11,6 +11,7 @@ from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torchrl.collectors import Collector
 from torchrl.envs import EnvBase, TransformedEnv
+from torchrl.envs.batched_envs import BatchedEnvBase
 
 from plat.bounds import Count, check_value
 from plat.entries import check_policy
@@ -27,6 +28,9 @@ _ROBOTS_PER_THREAD = 1024
 
 class Rollouts(Iterator[TensorDictBase]):
     """Iterator over rollouts ``[N, steps]`` of a policy without end, each continuing the last one.
+
+    Those of environments side by side, in TorchRL's ``SerialEnv`` or ``ParallelEnv``, are ``[E, N, steps]``: flatten
+    the first two for what takes ``[N, steps]``.
 
     During simulation PyTorch uses few threads; between rollouts, where the caller learns, as many as before. Its state
     holds the robots: a run that is restored goes on with the very next step.
@@ -57,7 +61,7 @@ class Rollouts(Iterator[TensorDictBase]):
         self._collector = Collector(
             env,
             ActingPolicy(policy, env.device, precision),
-            frames_per_batch=env.batch_size[0] * steps,
+            frames_per_batch=env.numel() * steps,
             track_traj_ids=False,
             trust_policy=True,
             auto_register_policy_transforms=False,
@@ -65,7 +69,7 @@ class Rollouts(Iterator[TensorDictBase]):
         self._batches = iter(self._collector)
 
     def __next__(self) -> TensorDictBase:
-        with simulation_threads(self.env.batch_size[0]):
+        with simulation_threads(self.env.numel()):
             return next(self._batches)
 
     def statistics(self) -> dict[str, float]:
@@ -105,8 +109,12 @@ def gathered(env: EnvBase) -> dict[str, float]:
 
 
 def state_of(collector: Collector) -> dict[str, Any]:
-    """Return a copy of the state of a collector's robots, transforms and last observation."""
-    env, base = collector.env, getattr(collector.env, "base_env", collector.env)
+    """Return a copy of the state of a collector's robots, transforms and last observation.
+
+    Raises:
+        StateError: for environments side by side, whose robots' states are out of reach.
+    """
+    env, base = collector.env, _base_of(collector.env)
     state = {
         "observation": collector._carrier.to_dict(),
         "transforms": env.state_dict() if base is not env else {},
@@ -119,10 +127,10 @@ def restore(collector: Collector, state: Mapping[str, Any]) -> None:
     """Restore a state of :func:`state_of`.
 
     Raises:
-        StateError: when it is of another number of robots, of another model, of worker processes, or of another
-            version of plat, whose observations have other entries.
+        StateError: for environments side by side; when it is of another number of robots, of another model, of worker
+            processes, or of another version of plat, whose observations have other entries.
     """
-    env, base, carrier = collector.env, getattr(collector.env, "base_env", collector.env), collector._carrier
+    env, base, carrier = collector.env, _base_of(collector.env), collector._carrier
     if "robots" not in state:
         raise StateError("rollouts: a state of worker processes; go on with as many workers as before")
     absent = set(env.observation_spec.keys(True, True)) - set(TensorDict(state["observation"]).keys(True, True))
@@ -134,6 +142,16 @@ def restore(collector: Collector, state: Mapping[str, Any]) -> None:
         env.load_state_dict(state["transforms"])
     observation = TensorDict(state["observation"], env.batch_size, device=env.device)
     collector._carrier = observation if carrier.device is not None else observation.clear_device_()
+
+
+def _base_of(env: EnvBase) -> EnvBase:
+    base: EnvBase = env.base_env if isinstance(env, TransformedEnv) else env
+    if isinstance(base, BatchedEnvBase):
+        raise StateError(
+            f"rollouts: a {type(base).__name__} has no state to go on from; simulate all robots in one environment, or "
+            "with workers (plat.collectors.collect)"
+        )
+    return base
 
 
 def rollouts(env: EnvBase, policy: TensorDictModuleBase, steps: int, precision: Precision = "auto") -> Rollouts:

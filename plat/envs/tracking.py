@@ -82,8 +82,10 @@ class MotionTrackingEnv(EnvBase):
     ``("motion", "frame")``               ``[]``      row of the library that the robot is to be at now
     ====================================  ==========  ==========================================================
 
-    A reset reads ``("motion", "start")`` ``[N]``, the frames to start from, where a transform such as
-    :class:`plat.envs.transforms.FailureWeightedStarts` writes it; otherwise it samples them.
+    A reset starts from the frames ``start`` ``[N]`` where it is given them, as in ``env.reset(start=frames)``, and a
+    partial reset from those of the robots that it resets. Otherwise it reads ``("motion", "start")``, where a transform
+    such as :class:`plat.envs.transforms.FailureWeightedStarts` writes it, or samples. Transforms of TorchRL pass no
+    entry of one's own on to a reset, but its arguments.
 
     Args:
         library: motions; its ``dt`` is the control step.
@@ -241,16 +243,23 @@ class MotionTrackingEnv(EnvBase):
         out["done"] = out["terminated"] | truncated
         return out
 
-    def _reset(self, tensordict: TensorDictBase | None = None, **_: object) -> TensorDictBase:
+    def _reset(
+        self, tensordict: TensorDictBase | None = None, *, start: Tensor | None = None, **_: object
+    ) -> TensorDictBase:
         mask = None if tensordict is None else tensordict.get("_reset", None)
         if mask is None:
             ids = torch.arange(self.num_envs, device=self.device)
         else:
             ids = mask.view(self.num_envs).nonzero()[:, 0]
-        start = None if tensordict is None else tensordict.get(("motion", "start"), None)
+        if start is None and tensordict is not None:
+            start = tensordict.get(("motion", "start"), None)
         if start is None:
             self._frame = self._frame.index_copy(0, ids, self._starts.draw_frames(len(ids)))
         else:
+            start = torch.as_tensor(start, device=self.device)
+            if start.shape != self.batch_size or start.is_floating_point():
+                found = f"{str(start.dtype).removeprefix('torch.')} of shape {tuple(start.shape)}"
+                raise MotionError(f"environment reset: start is {found}, expected a whole number for each robot")
             start = start[ids]
             if ((start < 0) | (start >= len(self.library))).any():
                 raise MotionError(
@@ -354,7 +363,7 @@ class MotionTrackingEnv(EnvBase):
         """Return, for :meth:`state_dict`, what the next steps of all robots depend on."""
         return {
             "physics": self.physics.state_dict(),
-            **{name.strip("_"): getattr(self, name) for name in _KEPT},
+            **{name.strip("_"): getattr(self, name).clone() for name in _KEPT},
             "broken": self.broken.state_dict(),
         }
 

@@ -22,7 +22,7 @@ from plat.motions.library import MotionLibrary
 from plat.rendering.playback import Playback
 from plat.robots import G1
 from plat.robots.robot import Robot
-from plat.runs.policies import Policy
+from plat.runs.policies import Policy, deployed
 from plat.runs.saved_run import load_policy
 from plat.spec.timing import Timing, timing_of
 
@@ -74,11 +74,11 @@ class Entrant:
             interface: motion that an expert is shown on its way to a keyframe; of no effect on other policies.
         """
         if not isinstance(policy, Expert):
-            return cls(policy.deployed(), policy.robot, ReferenceView(dense))
+            return cls(deployed(policy), policy.robot, ReferenceView(dense))
         if dense or interface != "next-frame":
             view = ReferenceView(dense, policy.goals, interface=interface)
-            return cls(policy.deployed(tuple(policy.goals)), policy.robot, view, tracks=True)
-        return cls(policy.deployed(), policy.robot, tracks=True)
+            return cls(deployed(policy, tuple(policy.goals)), policy.robot, view, tracks=True)
+        return cls(deployed(policy), policy.robot, tracks=True)
 
     @classmethod
     def of_run(

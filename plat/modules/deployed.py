@@ -1,13 +1,22 @@
 """Deployed policy: deterministic, with its timing."""
 
 from collections.abc import Iterable
+from typing import TypeVar
 
 from tensordict import NestedKey
 from tensordict.nn import TensorDictModuleBase, TensorDictSequential
 
 from plat.spec.timing import Timing
 
-__all__ = ["DeployedPolicy"]
+__all__ = ["DeployedPolicy", "timed"]
+
+M = TypeVar("M", bound=TensorDictModuleBase)
+
+
+def timed(module: M, timing: Timing) -> M:
+    """Let a module carry the timing that it was trained with, see :func:`plat.spec.timing.timing_of`; return it."""
+    module.timing = timing
+    return module
 
 
 class DeployedPolicy(TensorDictSequential):

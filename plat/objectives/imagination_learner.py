@@ -12,6 +12,7 @@ from torchrl.envs.utils import ExplorationType, exploration_type
 
 from plat.bounds import NonNegative, check_value
 from plat.envs.state import GeneralizedState
+from plat.errors import ConfigError
 from plat.modules.dynamics import DynamicsModel
 from plat.modules.networks import mlp
 from plat.modules.normalizer import ObservationNormalizer
@@ -53,6 +54,9 @@ class ImaginationLearner:
 
     Attributes:
         average: copy of ``policy`` with the moving average of its weights.
+
+    Raises:
+        ConfigError: for an actor that has none of the policy's learning weights.
 
     >>> from plat.modules import DynamicsModel, PlainPolicy
     >>> from plat.motions import MotionLibrary, generate_motions
@@ -97,6 +101,11 @@ class ImaginationLearner:
         self.policy_loss.set_keys(effort=effort)
         self.model_optimizers = muon_and_adam(model.network, config.muon_lr, config.model_lr)
         learning = [parameter for parameter in policy.parameters() if parameter.requires_grad]
+        if {*map(id, learning)}.isdisjoint(map(id, actor.parameters())):
+            raise ConfigError(
+                "imagination: the actor has none of the weights of the policy that learn, expected a view of the same "
+                "policy, such as its deployed()"
+            )
         self.policy_optimizer = torch.optim.Adam(learning, lr=config.lr, fused=True)
         critic_weights = [] if self.critic is None else list(self.critic.parameters())
         self.critic_optimizers = [torch.optim.Adam(critic_weights, lr=config.lr, fused=True)] if critic_weights else []

@@ -1,15 +1,20 @@
 """Registry of the policies that runs save: a kind is a class and the class of its config."""
 
 import dataclasses
+from enum import Enum
 from pathlib import Path
+from types import FunctionType, NoneType
 from typing import Any, Literal, NamedTuple, Protocol, runtime_checkable
 
 import torch
 from pydantic import TypeAdapter, ValidationError
 from tensordict.nn import TensorDictModuleBase
+from torch import nn
+from torch.nn.modules.lazy import LazyModuleMixin
 
 from plat.errors import CheckpointError, ConfigError, RobotError
 from plat.json_file import short
+from plat.modules.deployed import timed
 from plat.modules.policies import (
     Expert,
     ExpertConfig,
@@ -26,8 +31,18 @@ from plat.modules.policies import (
 )
 from plat.robots import Robot, get_robot
 from plat.runs.allocations import LimitedAllocations
+from plat.runs.inputs import same_robot
+from plat.spec.timing import timing_of
 
-__all__ = ["Policy", "build_policy", "complete_spec", "policy_spec", "register_policy"]
+__all__ = [
+    "Policy",
+    "build_policy",
+    "check_rebuilt",
+    "complete_spec",
+    "deployed",
+    "policy_spec",
+    "register_policy",
+]
 
 
 @runtime_checkable
@@ -40,6 +55,12 @@ class Policy(Protocol):
     def deployed(self) -> TensorDictModuleBase:
         """Return the deterministic policy: writes ``action``."""
         ...
+
+
+def deployed(policy: Policy, *goals: Any) -> TensorDictModuleBase:
+    """Return what a policy's ``deployed(*goals)`` returns, with the policy's timing where that has none."""
+    module, timing = policy.deployed(*goals), timing_of(policy)
+    return module if timing is None or timing_of(module) is not None else timed(module, timing)
 
 
 class _Kind(NamedTuple):
@@ -69,7 +90,8 @@ def register_policy(
     Args:
         kind: its name in ``config.json``.
         policy_class: a module with the attributes ``robot`` and ``config`` and a ``deployed()``. It is made by its
-            ``build(base, config)`` if it has one, else by ``policy_class(base, config)``. Its attribute ``timing`` is
+            ``build(base, config)`` if it has one, else by ``policy_class(base, config)``; a run begins only where
+            that has the same parts as the policy. Its attribute ``timing`` is
             the timing that it is trained with; without one it is the default :class:`plat.spec.timing.Timing`.
         config_class: a dataclass.
         base: what the policy is built on: the robot, or a student that it keeps as its attribute ``student`` and that
@@ -157,6 +179,84 @@ def build_policy(spec: Any, path: Path) -> Policy:
     except (ArithmeticError, IndexError, MemoryError, RuntimeError, TypeError, ValueError) as error:
         told = str(error).strip().partition("\n")[0]
         raise CheckpointError(f"{where}: no policy can be built of it ({type(error).__name__}: {told})") from error
+
+
+def check_rebuilt(policy: Any, spec: dict[str, Any], path: Path) -> None:
+    """Check that :func:`build_policy` makes a policy of the same parts, so that its weights load as what was trained.
+
+    It draws weights, which are discarded.
+
+    Args:
+        policy: the policy.
+        spec: its description.
+        path: the file that is to hold it, for messages.
+
+    Raises:
+        CheckpointError: naming the first part that differs.
+    """
+    built = build_policy(spec, path)
+    assert isinstance(built, nn.Module)
+    robot = policy.robot
+    if not same_robot(robot, get_robot(robot.name)):
+        raise CheckpointError(f"robot {robot.name!r} of the policy is not the one of that name: give it another name")
+    part = _first_own(policy, built)
+    if part is None:
+        try:
+            built.load_state_dict(policy.state_dict())
+        except RuntimeError as error:
+            part = str(error).strip().rpartition("\n")[2].strip()
+    if part is not None:
+        name = type(policy).__name__
+        raise CheckpointError(
+            f"a {name} with parts of its own ({part}) would load as another policy or not at all: make it a subclass "
+            "whose constructor or build(base, config) makes them, and give that to plat.runs.register_policy"
+        )
+
+
+def _first_own(policy: nn.Module, built: nn.Module) -> str | None:
+    """Return the name of the first part or setting that a policy does not share with the one that was built."""
+    ours, theirs = dict(policy.named_modules()), dict(built.named_modules())
+    for name in ours | theirs:
+        if name not in ours or name not in theirs or _kind_of(ours[name]) != _kind_of(theirs[name]):
+            return name
+        if isinstance(theirs[name], LazyModuleMixin):
+            continue  # it has its sizes from its first input
+        own, made = _settings(ours[name]), _settings(theirs[name])
+        for setting in own | made:
+            if setting not in own or setting not in made or own[setting] != made[setting]:
+                return f"{name}.{setting}".lstrip("._")
+    return None
+
+
+# Attributes of every module, what torch.compile leaves, what the description holds, and what entries are checked by.
+_NO_SETTINGS = {*vars(nn.Module()), "_compiled_call_impl", "config", "widths"}
+
+
+def _settings(module: nn.Module) -> dict[str, Any]:
+    """Return what a module computes by beside weights and parts; nothing of a user's, which may keep more there."""
+    if type(module).__module__.partition(".")[0] not in ("plat", "tensordict", "torch", "torchrl"):
+        return {}
+    return {name: _comparable(value) for name, value in vars(module).items() if name not in _NO_SETTINGS}
+
+
+def _comparable(value: Any) -> Any:
+    if isinstance(value, (list, tuple)):
+        return [_comparable(item) for item in value]
+    if isinstance(value, FunctionType):
+        return value.__code__
+    if isinstance(value, (bool, int, float, str, Enum, NoneType)):
+        return value
+    return _name_of(value if isinstance(value, type) else type(value))
+
+
+def _kind_of(module: nn.Module) -> str:
+    # a lazy layer becomes an ordinary one
+    return _name_of(getattr(module, "cls_to_become", None) or type(module))
+
+
+def _name_of(found: type) -> str:
+    """Return the full name of a class; some are made anew for each object."""
+    return f"{found.__module__}.{found.__qualname__}"
 
 
 def _config(config_class: Any, values: Any, path: Path) -> Any:

@@ -38,7 +38,7 @@ from plat.runs.lock import LOCK_FILE, RunLock
 from plat.runs.loggers import ID_FILE, LoggerName, check_logger, keep_id, log_video, logging_id, start_logging
 from plat.runs.metrics import MetricsFile
 from plat.runs.outputs import CHECKPOINTS, INPUTS_FILE, check_out
-from plat.runs.policies import complete_spec, policy_spec
+from plat.runs.policies import check_rebuilt, complete_spec, policy_spec
 from plat.runs.recipe import RecipeConfig
 from plat.runs.saved_run import CONFIG_FILE, WEIGHTS_FILE, SavedRun, save_weights
 from plat.version import __version__
@@ -65,7 +65,8 @@ class Run:
     Args:
         folder: the directory.
         recipe: a dataclass with the settings of the run.
-        policy: the policy in training; its weights go to ``model.safetensors``.
+        policy: the policy in training; its weights go to ``model.safetensors``. One with parts of its own is a
+            subclass that :func:`plat.runs.register_policy` was given.
         budget: counts steps and time.
         state: by name, everything else that a resumed run needs (critic, optimizer, buffer, rollouts ...): objects
             with ``state_dict`` and ``load_state_dict``. The random number generators are included.
@@ -81,8 +82,9 @@ class Run:
 
     Raises:
         CheckpointError: when the directory already holds a run and ``resume`` is False, or holds none and it is True;
-            when another process trains into it; when settings, inputs or policy are others than the run was started
-            with, except for budget and learning rates; or when no checkpoint can be read.
+            when the policy would be loaded with other parts than it has; when another process trains into it; when
+            settings, inputs or policy are others than the run was started with, except for budget and learning rates;
+            or when no checkpoint can be read.
     """
 
     @classmethod
@@ -191,6 +193,8 @@ class Run:
             sys.exit(self._stop.status)
 
     def _begin(self, config: Mapping[str, Any], inputs: Mapping[str, Any]) -> None:
+        with _same_randomness():
+            check_rebuilt(self.policy, config["policy"], self.folder / CONFIG_FILE)
         for name in (_METRICS_FILE, ID_FILE):  # of a start that did not get to a checkpoint
             (self.folder / name).unlink(missing_ok=True)
         write_json(self.folder / INPUTS_FILE, inputs)

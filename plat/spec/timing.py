@@ -80,9 +80,23 @@ class Timing(Bounded):
 
 
 def timing_of(policy: object) -> Timing | None:
-    """Return the timing that a policy carries in its attribute ``timing``; None when it has none.
+    """Return the timing that a policy carries in its attribute ``timing``, or that of its parts; None when it has none.
 
-    Policies of :mod:`plat.modules`, what their ``deployed()`` returns, and :class:`plat.deploy.PolicyRunner` have one.
+    Policies of :mod:`plat.modules`, what their views such as ``deployed()`` return, and
+    :class:`plat.deploy.PolicyRunner` have one. A module around one of them has the same.
+
+    Raises:
+        PlatError: for a module without the attribute whose parts have different timings.
     """
     timing = getattr(policy, "timing", None)
-    return timing if isinstance(timing, Timing) else None
+    if isinstance(timing, Timing):
+        return timing
+    modules = getattr(policy, "modules", None)
+    parts = dict.fromkeys(getattr(part, "timing", None) for part in modules()) if callable(modules) else {}
+    found = [timing for timing in parts if isinstance(timing, Timing)]
+    if len(found) > 1:
+        raise PlatError(
+            f"policy: a {type(policy).__name__} of parts with {found[0]} and {found[1]}; give it its own as an "
+            "attribute 'timing'"
+        )
+    return found[0] if found else None

@@ -152,7 +152,7 @@ class SimulatedTask(EnvBase):
     def get_extra_state(self) -> dict[str, Any]:
         """Return, for :meth:`state_dict`, the state of the simulations; the task's is beside it."""
         state = {"physics": self.physics.state_dict(), "broken": self.broken.state_dict()}
-        return state if self.draws is None else {**state, "steps_to_push": self.draws.clock.steps}
+        return state if self.draws is None else {**state, "steps_to_push": self.draws.clock.steps.clone()}
 
     def set_extra_state(self, state: dict[str, Any]) -> None:
         """Restore what :meth:`get_extra_state` returned."""

@@ -1,6 +1,10 @@
+from contextlib import nullcontext
+from importlib import import_module
+
 import pytest
 import torch
 from tensordict.nn import TensorDictModule
+from torchrl.envs import SerialEnv
 
 from plat.collectors import Rollouts, rollouts, simulation_threads
 from plat.envs import TrackingTaskConfig, make_tracking_env
@@ -23,6 +27,19 @@ def test_each_rollout_goes_on_where_the_last_ended():
     ended, begun = first["next", "motion", "frame"][:, -1], second["motion", "frame"][:, 0]
     going = ~first["next", "done"][:, -1, 0]
     assert torch.equal(begun[going], ended[going])
+
+
+def test_environments_side_by_side_make_as_many_steps_and_have_no_state(monkeypatch):
+    env = SerialEnv(2, lambda: small_env(3))
+    source, limits = rollouts(env, Expert(G1).actor(), steps=4), []
+    module = import_module("plat.collectors.rollouts")
+    monkeypatch.setattr(module, "simulation_threads", lambda num_envs: limits.append(num_envs) or nullcontext())
+    assert next(source).shape == next(source).shape == (2, 3, 4)
+    assert limits == [6, 6]
+    for going in (lambda: source.state_dict(), lambda: source.load_state_dict({"robots": {}, "observation": {}})):
+        with pytest.raises(StateError, match="a SerialEnv has no state to go on from; simulate all robots in one"):
+            going()
+    env.close()
 
 
 def flailing() -> TensorDictModule:

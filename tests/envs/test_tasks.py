@@ -1,6 +1,9 @@
+import copy
+
 import pytest
 import torch
-from torchrl.envs import SerialEnv, Transform
+from tensordict import TensorDict
+from torchrl.envs import SerialEnv, StepCounter, Transform, TransformedEnv
 from torchrl.envs.utils import check_env_specs
 
 from plat.envs import (
@@ -23,7 +26,7 @@ from plat.envs.transforms import (
     Reward,
     pop_statistics,
 )
-from plat.errors import PlatError
+from plat.errors import MotionError, PlatError
 from plat.tasks import DenseTracking, SimulatedTask, TimedKeyframes, TimedKeyframesConfig
 
 EVERYTHING = {"noise": NoiseLevels(), "randomization": RandomizationRanges()}
@@ -206,6 +209,58 @@ def test_transforms_of_ones_own(library, make):
     assert rollout["next", "terminated"].all()
     starts = next(transform for transform in env.transform if isinstance(transform, FailureWeightedStarts))
     assert starts.failures.sum() > 0  # it hears of failures that end an episode
+
+
+@pytest.mark.parametrize("make", [make_tracking_env, make_keyframe_env])
+@pytest.mark.parametrize("around", [lambda env: env, lambda env: TransformedEnv(env, StepCounter())])
+def test_episodes_start_where_a_reset_says(library, make, around):
+    env, start = around(make(library, 3)), torch.tensor([5, 6, 7])
+    state = env.reset(start=start)
+    assert state["motion", "frame"].tolist() == [5, 6, 7]
+    torch.testing.assert_close(state["estimate", "root_pos_w"], library.qpos(start)[:, :3], atol=0.2, rtol=0)
+    env.rollout(2, auto_reset=False, tensordict=state)
+    mask = torch.tensor([[False], [True], [False]])
+    before = TensorDict({**dict.fromkeys(("done", "terminated", "truncated"), mask), "_reset": mask}, [3])
+    assert env.reset(before, start=start + 20)["motion", "frame"][1] == 26
+    for wrong, found in ((torch.tensor([1, 2]), r"int64 of shape \(2,\)"), (start / 2, r"float32 of shape \(3,\)")):
+        with pytest.raises(MotionError, match=f"environment reset: start is {found}, expected a whole number for"):
+            env.reset(start=wrong)
+    with pytest.raises(MotionError, match="motion.start is -1 to 1, expected frames"):
+        env.reset(start=start.sub(6))
+
+
+@pytest.mark.parametrize("make", [make_tracking_env, make_keyframe_env])
+def test_a_state_of_robots_is_a_snapshot(library, make):
+    ranges = RandomizationRanges(encoder_bias=0.1, gyro_bias=0.1, control_delay=1.0)
+    config = {make_tracking_env: TrackingTaskConfig, make_keyframe_env: KeyframeTaskConfig}[make](randomization=ranges)
+    env = make(library, 4, config)
+    robots = env.base_env
+    reached = env.rollout(3, break_when_any_done=False)[:, -1]["next"].set("action", torch.randn(4, 29))
+    state = {"robots": robots.state_dict(), "transforms": env.state_dict()}
+    kept = copy.deepcopy(state)
+    random = torch.get_rng_state()
+    wanted = env.step(reached.clone())["next"]
+    fallen = torch.full((4, 29), 1e9)  # every robot is reset, and drawn anew
+    for _ in range(3):
+        env.step_and_maybe_reset(reached.clone().set("action", fallen))
+    for of in ("transforms", "robots"):
+        for name, value in flat(state[of]):
+            assert torch.equal(value, dict(flat(kept[of]))[name]), name
+    robots.load_state_dict(state["robots"])
+    env.load_state_dict(state["transforms"])
+    torch.set_rng_state(random)
+    found = env.step(reached.clone())["next"]
+    for key, value in wanted.items(True, True):
+        assert torch.equal(found[key], value), key
+
+
+def flat(state, name=""):
+    """Tensors of nested dictionaries by their names, but failures, whose place in memory a module's state shares."""
+    for key, value in state.items():
+        if isinstance(value, dict):
+            yield from flat(value, f"{name}.{key}")
+        elif isinstance(value, torch.Tensor) and not key.endswith("failures"):
+            yield f"{name}.{key}", value
 
 
 @pytest.mark.parametrize("make", [make_tracking_env, make_keyframe_env])

@@ -6,7 +6,7 @@ import torch
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from plat.collectors import RolloutReplay, rollouts
-from plat.errors import ActionError
+from plat.errors import ActionError, ConfigError
 from plat.modules import DynamicsConfig, DynamicsModel, Expert, ExpertConfig
 from plat.objectives import ImaginationConfig, ImaginationLearner, exploring
 from plat.robots import G1
@@ -157,6 +157,16 @@ def test_a_critic_learns_what_is_to_come(library):
     losses = [learner.step(replay)["loss_critic"] for _ in range(40)]
     assert sum(losses[-10:]) < 0.5 * sum(losses[:5])
     assert set(learner.critic.normalizer.in_keys) == set(expert.deployed().in_keys)
+
+
+def test_an_actor_on_other_weights_is_refused(library):
+    task, model = DenseTracking(library), DynamicsModel(G1, DynamicsConfig(hidden=(16,)))
+    expert, other = (Expert(G1, ExpertConfig(hidden=(16,))) for _ in range(2))
+    frozen = Expert(G1, ExpertConfig(hidden=(16,))).requires_grad_(False)
+    ImaginationLearner(expert, exploring(expert.deployed(), 0.1), model, task, CONFIG)
+    for policy, actor in ((expert, other), (expert, copy.deepcopy(expert)), (frozen, frozen)):
+        with pytest.raises(ConfigError, match=r"actor has none of the weights .* such as its deployed\(\)"):
+            ImaginationLearner(policy, actor.deployed(), model, task, CONFIG)
 
 
 def test_noise_is_for_exploration(library):

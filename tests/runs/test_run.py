@@ -6,16 +6,44 @@ import shutil
 import signal
 import sys
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
 import torch
+from tensordict.nn import TensorDictModule
+from torch import nn
 
+from plat.envs import make_keyframe_env
 from plat.errors import CheckpointError
-from plat.modules import Expert, ExpertConfig
+from plat.modules import (
+    STUDENT_KEYS,
+    Backbone,
+    Expert,
+    ExpertConfig,
+    FinetunedPolicy,
+    GaussianNoise,
+    GoalSequenceEncoder,
+    LatentNoisePolicy,
+    LatentPolicy,
+    LatentPolicyConfig,
+    LatentPrior,
+    NormalizerConfig,
+    ObservationNormalizer,
+    PlainPolicy,
+    PlainPolicyConfig,
+    RefinementConfig,
+    Residual,
+    ResidualActionPolicy,
+    ResidualLatentPolicy,
+    mlp,
+    sample_latent,
+)
 from plat.robots import G1
-from plat.runs import Budget, Run, check_out, load_policy, read_json, write_json
+from plat.runs import Budget, Run, check_out, load_policy, read_json, register_policy, write_json
+from plat.runs.policies import _KINDS
+from plat.spec.observation import observation_size, student_keys
+from tests.modules.policies.test_student import SMALL
 
 
 @dataclass
@@ -104,6 +132,108 @@ def test_config_has_the_settings_that_a_users_subclass_adds(tmp_path):
     assert read_json(tmp_path / "a" / "config.json")["recipe"]["settings"] == {
         "settings": {"speed": 1.0, "lr": 0.1, "boost": 2.0}
     }
+
+
+def with_tanh(module: nn.Module) -> nn.Module:
+    """Replace the activations of a module."""
+    for name, part in module.named_children():
+        module.add_module(name, nn.Tanh() if isinstance(part, nn.ELU) else with_tanh(part))
+    return module
+
+
+class Shift(nn.Module):
+    def forward(self, hidden, latent):
+        return latent + hidden[..., : latent.shape[-1]]
+
+
+def student(**parts) -> LatentPolicy:
+    return LatentPolicy(G1, SMALL, **parts)
+
+
+def of_residual(residual: nn.Module) -> ResidualLatentPolicy:
+    return ResidualLatentPolicy(student(), RefinementConfig(hidden=(8,)), residual=residual)
+
+
+SIZE = observation_size(student_keys(), G1)
+FEATURES = ("hidden", ("prior", "loc"), ("prior", "loc"))
+COMPOSED = {
+    "normalizer.clip": lambda: student(
+        normalizer=ObservationNormalizer(STUDENT_KEYS, SIZE, NormalizerConfig(clip=0.5))
+    ),
+    "backbone.module.0.1": lambda: student(backbone=with_tanh(Backbone(SIZE, (32,), 16))),
+    "mode": lambda: student(mode=("prior", "scale")),
+    "sample": lambda: student(sample=lambda group: sample_latent(group)),
+    "prior.module.network.0.out_features": lambda: student(prior=LatentPrior(16, 4, (8,))),
+    "prior.module.network.2": lambda: student(prior=LatentPrior(16, 4, (16, 16))),
+    "encoder.module.embed.1": lambda: student(encoder=with_tanh(GoalSequenceEncoder(80, 8))),
+    "residual.module.alpha": lambda: of_residual(Residual(16, 4, 4, (8,), 0.7, FEATURES, "refined_latent")),
+    "residual.module.network.1": lambda: of_residual(
+        with_tanh(Residual(16, 4, 4, (8,), 0.5, FEATURES, "refined_latent"))
+    ),
+    "residual": lambda: of_residual(TensorDictModule(Shift(), list(FEATURES[:2]), ["refined_latent"])),
+    "student.mode": lambda: ResidualLatentPolicy(student(mode=("prior", "scale"))),
+    "network.1": lambda: Expert(G1, ExpertConfig(hidden=(8,)), network=with_tanh(mlp(SIZE - 1, (8,), 29))),
+    "noise.module.scale_lb": lambda: Expert(G1, ExpertConfig(hidden=(8,)), noise=GaussianNoise(29, 0.2, 0.1)),
+}
+
+
+@pytest.mark.parametrize("part", COMPOSED)
+def test_a_policy_with_parts_of_its_own_is_refused_before_it_is_trained(tmp_path, part):
+    policy = COMPOSED[part]()
+    with pytest.raises(CheckpointError, match=rf"parts of its own \({part}\) would load as another .*register_policy"):
+        Run(tmp_path / "a", recipe=Settings(), policy=policy, budget=Budget(steps=1), state={})
+    assert not (tmp_path / "a").exists()
+
+
+@pytest.mark.parametrize(
+    "policy",
+    [
+        lambda: student(normalizer=ObservationNormalizer(STUDENT_KEYS, SIZE), prior=LatentPrior(16, 4, (16,))),
+        lambda: PlainPolicy(G1, PlainPolicyConfig(also=("clock",), symmetric=True)),
+        lambda: LatentNoisePolicy(student(), RefinementConfig(alpha=0.3, lead=0.1)),
+        lambda: ResidualActionPolicy(student()),
+        lambda: FinetunedPolicy(student()),
+        lambda: Expert(G1, ExpertConfig(hidden=(8,), ahead=(1, 2), action="reference_velocity", lead=0.1)),
+    ],
+)
+def test_a_policy_that_will_load_as_it_is_begins_and_draws_nothing(tmp_path, policy):
+    policy = policy()
+    before = torch.random.get_rng_state()
+    Run(tmp_path / "a", recipe=Settings(), policy=policy, budget=Budget(steps=1), state={})
+    assert torch.equal(torch.random.get_rng_state(), before)
+
+
+class OwnPrior(LatentPolicy):
+    """Of a user, with a layer that has its size from its first input, and a number that training changes."""
+
+    def __init__(self, robot, config=None, slope=0.1, gains=1):
+        network = nn.Sequential(nn.LazyLinear(SMALL.latent_size), nn.LeakyReLU(slope))
+        prior = TensorDictModule(network, ["hidden"], [("prior", "loc")])
+        super().__init__(robot, config, prior=prior)
+        self.updates = 0
+        self.gain = nn.Parameter(torch.ones(gains))
+
+
+def test_a_registered_policy_begins_where_build_makes_its_parts(tmp_path, monkeypatch, library):
+    monkeypatch.setattr("plat.runs.policies._KINDS", dict(_KINDS))
+    register_policy("own_prior", OwnPrior, LatentPolicyConfig)
+    state = make_keyframe_env(library, 2).reset()
+    lazy, whole, steeper = OwnPrior(G1, SMALL), OwnPrior(G1, SMALL), OwnPrior(G1, SMALL, slope=0.2)
+    for policy in (whole, steeper):
+        policy.deployed()(state.clone())
+        policy.updates = 3
+    for policy in (lazy, whole, FinetunedPolicy(whole)):
+        Run(tmp_path / str(id(policy)), recipe=Settings(), policy=policy, budget=Budget(steps=1), state={})
+    with pytest.raises(CheckpointError, match=r"parts of its own \(prior.module.1.negative_slope\)"):
+        Run(tmp_path / "a", recipe=Settings(), policy=steeper, budget=Budget(steps=1), state={})
+    with pytest.raises(CheckpointError, match=r"parts of its own \(size mismatch for gain: .*\) would load"):
+        Run(tmp_path / "a", recipe=Settings(), policy=OwnPrior(G1, SMALL, gains=2), budget=Budget(steps=1), state={})
+
+
+def test_a_robot_that_has_anothers_name_is_refused(tmp_path):
+    policy = Expert(replace(G1, root_height=0.7), ExpertConfig(hidden=(8,)))
+    with pytest.raises(CheckpointError, match="robot 'g1' of the policy is not the one of that name"):
+        Run(tmp_path / "a", recipe=Settings(), policy=policy, budget=Budget(steps=1), state={})
 
 
 def test_what_may_change_changes_and_is_written_down(tmp_path, capsys):

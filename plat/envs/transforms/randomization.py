@@ -32,7 +32,7 @@ class DomainRandomization(Transform):
 
     def get_extra_state(self) -> Tensor:
         """Return, for :meth:`state_dict`, the steps to each robot's next push; the parameters are the physics'."""
-        return self._steps_to_push
+        return self._steps_to_push.clone()
 
     def set_extra_state(self, state: Tensor) -> None:
         """Restore what :meth:`get_extra_state` returned."""

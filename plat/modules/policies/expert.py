@@ -16,7 +16,7 @@ from torchrl.envs import Transform
 
 from plat.envs.transforms.goals import DenseGoal
 from plat.errors import ConfigError
-from plat.modules.deployed import DeployedPolicy
+from plat.modules.deployed import DeployedPolicy, timed
 from plat.modules.heads import GaussianNoise, ReferenceOffset, gaussian_action
 from plat.modules.lead import GoalLead, led
 from plat.modules.networks import mlp
@@ -172,7 +172,8 @@ class Expert(nn.Module):
     def actor(self) -> TensorDictSequential:
         """Return the stochastic policy that collects; the rollout holds all that :meth:`head` reads."""
         kept = ["observation", "loc", "scale", "action", "action_log_prob"]
-        return TensorDictSequential(*self._observe(tuple(self.goals)), self.head(), selected_out_keys=kept)
+        actor = TensorDictSequential(*self._observe(tuple(self.goals)), self.head(), selected_out_keys=kept)
+        return timed(actor, self.timing)
 
     def deployed(self, goal: str | Sequence[str] = "goal", out_key: str = "action") -> DeployedPolicy:
         """Return the deterministic policy: writes its mean action to ``out_key``.

@@ -17,7 +17,7 @@ from tensordict.nn import (
 from torch import nn
 
 from plat.errors import ConfigError
-from plat.modules.deployed import DeployedPolicy
+from plat.modules.deployed import DeployedPolicy, timed
 from plat.modules.heads import GaussianNoise, gaussian_action
 from plat.modules.lead import KeyframeLead, led
 from plat.modules.policies.student import LatentPolicy, Shown, on_both_sides
@@ -122,9 +122,8 @@ class Refinement(nn.Module):
         """Return the policy that collects; the rollout holds all that :meth:`head` reads."""
         features = self.frozen()
         kept = [*features.out_keys, "loc", "scale", f"{self.sample_key}_log_prob", self.sample_key, "action"]
-        return TensorDictSequential(
-            features, self.head(), *self.after_sample(self.sample_key), selected_out_keys=list(dict.fromkeys(kept))
-        )
+        parts = (features, self.head(), *self.after_sample(self.sample_key))
+        return timed(TensorDictSequential(*parts, selected_out_keys=list(dict.fromkeys(kept))), self.timing)
 
     def deployed(self) -> DeployedPolicy:
         """Return the deterministic policy, of both sides if its student is symmetric: writes ``action``."""

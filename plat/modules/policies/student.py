@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from plat.modules.backbone import Backbone
 from plat.modules.decoder import ActionDecoder
-from plat.modules.deployed import DeployedPolicy
+from plat.modules.deployed import DeployedPolicy, timed
 from plat.modules.goal_encoder import GoalSequenceEncoder
 from plat.modules.latent import LatentPosterior, LatentPrior, sample_latent
 from plat.modules.lead import led
@@ -51,7 +51,7 @@ class LatentPolicy(nn.Module):
     >>> all(key[0] in ("robot", "goal", "command") for key in policy.deployed().in_keys)
     True
 
-    With a wider prior:
+    With a wider prior; to be saved by a run, that is a subclass (``examples/registered_policy.py``):
 
     >>> policy = LatentPolicy(G1, prior=LatentPrior(256, 32, hidden=(512, 512)))
     >>> policy.features().out_keys[-1]
@@ -137,9 +137,9 @@ class LatentPolicy(nn.Module):
             _Mixed(share), in_keys=[("posterior", "latent"), ("prior", "latent")], out_keys=["latent"]
         )
         parameters = [(group, name) for group in ("posterior", "prior") for name in ("loc", "scale")]
-        return TensorDictSequential(
-            *graph[:-2], mixed, self.decoder.using("hidden", "latent"), selected_out_keys=["action", *parameters]
-        )
+        decode = self.decoder.using("hidden", "latent")
+        kept = ["action", *parameters]
+        return timed(TensorDictSequential(*graph[:-2], mixed, decode, selected_out_keys=kept), self.timing)
 
     def features(self, keys: Sequence[NestedKey] | None = None) -> TensorDictSequential:
         """Return the deployed part below the decoder: writes ``hidden`` and the parameters of the prior.
@@ -158,7 +158,8 @@ class LatentPolicy(nn.Module):
     def sampled(self) -> TensorDictSequential:
         """Return the policy that acts through a sample of the prior; its mode under deterministic exploration."""
         decode = self.decoder.using("hidden", ("prior", "latent"))
-        return TensorDictSequential(self.features(), self._sample("prior"), decode, selected_out_keys=["action"])
+        sampled = TensorDictSequential(self.features(), self._sample("prior"), decode, selected_out_keys=["action"])
+        return timed(sampled, self.timing)
 
     def deployed(self) -> DeployedPolicy:
         """Return the deterministic policy ``a = pi(h, mu_p)``, of both sides if it is symmetric.
