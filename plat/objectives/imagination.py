@@ -6,10 +6,10 @@ from typing import Any, ClassVar
 import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase, dispatch
-from torch import Tensor
+from torch import Tensor, nn
+from torch.compiler import is_dynamo_compiling
 from torchrl.envs.utils import ExplorationType
 from torchrl.objectives.common import LossModule
-from torchrl.objectives.utils import hold_out_net
 
 from plat.bounds import Count, Fraction, NonNegative, check_value
 from plat.envs.state import GeneralizedState
@@ -154,7 +154,7 @@ class ImaginationLoss(LossModule):
         for _ in range(self.steps):
             acted = self.policy(observed.copy())
             action, effort = acted.get(keys.action), acted.get(keys.effort)
-            with hold_out_net(self.model):
+            with _HeldOut(self.model):
                 target = motor_target(task.robot, memory, action)
                 state = self.model(state, target, memory.get("physics", None))
             memory = advanced(task, memory, action, state)
@@ -178,7 +178,7 @@ class ImaginationLoss(LossModule):
         out = {}
         if self.critic is not None:
             left = weight / (1 - self.discount)
-            with hold_out_net(self.critic):
+            with _HeldOut(self.critic):
                 to_go = to_go + left * ~(lost | ended) * self._mean_cost(observed)
             known = (to_go + penalty + left * self.lost_cost * lost).detach()
             error = self._mean_cost(first) - (1 - self.discount) * known
@@ -276,3 +276,26 @@ class LatentImaginationLoss(ImaginationLoss):
 
     def _add_divergence(self, out: dict[str, Tensor], divergence: Tensor) -> None:
         out["loss_kl"], out["kl"] = self.beta * divergence, divergence.detach()
+
+
+class _HeldOut:
+    """Context in which no gradient reaches the parameters of a network; those that were frozen remain so after it."""
+
+    def __init__(self, network: nn.Module):
+        self._network = network
+
+    def __enter__(self) -> None:
+        if is_dynamo_compiling():  # which cannot switch parameters off: detached ones take their places
+            self._parameters = TensorDict.from_module(self._network)
+            self._parameters.data.to_module(self._network, preserve_module_state=False)
+            return
+        self._learning = [parameter for parameter in self._network.parameters() if parameter.requires_grad]
+        for parameter in self._learning:
+            parameter.requires_grad_(False)
+
+    def __exit__(self, *_: object) -> None:
+        if is_dynamo_compiling():
+            self._parameters.to_module(self._network, preserve_module_state=False)
+            return
+        for parameter in self._learning:
+            parameter.requires_grad_(True)

@@ -48,6 +48,40 @@ def test_the_gradient_reaches_exactly_the_policy(tracking):
     assert all(parameter.requires_grad for parameter in model.parameters())
 
 
+@pytest.mark.parametrize("layer", [0, 2])
+def test_partly_frozen_networks_are_held_out_and_stay_frozen(tracking, layer):
+    expert, model = Expert(G1, ExpertConfig(hidden=(16,))), DynamicsModel(G1, SMALL)
+    head = nn.Sequential(nn.Linear(3, 8), nn.Tanh(), nn.Linear(8, 1))
+    critic = TensorDictModule(head, [("robot", "gravity_b")], ["cost_to_go"])
+    for network in (model.network, head):
+        network[layer].requires_grad_(False)
+    learning = {name for name, parameter in critic.named_parameters() if parameter.requires_grad}
+    loss = ImaginationLoss(expert.deployed(), model, tracking, steps=2, critic=critic)
+
+    def check_frozen():
+        for network in (model.network, head):
+            flags = {index: network[index].weight.requires_grad for index in (0, 2)}
+            assert flags == {layer: False, 2 - layer: True}
+
+    losses = loss(starts(tracking))
+    losses["loss_policy"].backward()
+    assert learners(expert)
+    assert not any(learners(network) for network in (model, critic))
+    check_frozen()
+    losses["loss_critic"].backward()
+    assert learners(critic) == learning
+
+    def fail(*_):
+        raise ArithmeticError
+
+    for network in (model, head):  # an error in the context leaves it as well
+        handle = network.register_forward_hook(fail)
+        with pytest.raises(ArithmeticError):
+            loss(starts(tracking))
+        handle.remove()
+        check_frozen()
+
+
 def test_policy_model_and_task_are_of_one_timing(library):
     task = TimedKeyframes(library, TimedKeyframesConfig(chains=6))
     faster, farther = Timing(control_dt=0.01), Timing(max_steps=150)
