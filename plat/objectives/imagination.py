@@ -173,7 +173,7 @@ class ImaginationLoss(LossModule):
             effort_before = effort
             with torch.no_grad():
                 ended = ended | (~lost & of_each(task, "finished", task.finished(memory), memory))
-            memory = task.renew(memory, here)
+            memory = task.renew(memory.clone(), here)
             observed = self._observe(state, memory)
         out = {}
         if self.critic is not None:
