@@ -5,7 +5,7 @@ from tensordict.nn import TensorDictModule, TensorDictSequential
 from torch import nn
 
 from plat.envs import GeneralizedState
-from plat.errors import ConfigError, TaskError
+from plat.errors import ConfigError, ObservationError, TaskError
 from plat.modules import (
     DynamicsConfig,
     DynamicsModel,
@@ -243,6 +243,49 @@ def test_settings_out_of_range_are_refused(tracking, setting, message):
     expert = Expert(G1, ExpertConfig(hidden=(16,)))
     with pytest.raises(ConfigError, match=message):
         ImaginationLoss(expert.deployed(), DynamicsModel(G1, SMALL), tracking, **setting)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda data: data.select("memory"), "no entry 'robot_state'"),
+        (lambda data: data.select("robot_state"), r"no entry \('memory', 'last_action'\)"),
+        (
+            lambda data: data.set("robot_state", data["robot_state"][:, :60]),
+            r"'robot_state' has shape \(8, 60\), expected \[\*B, 71\]",
+        ),
+        (
+            lambda data: TensorDict({"robot_state": data["robot_state"], "memory": data["memory"][:4]}),
+            r"\('memory', 'last_action'\) has batch \(4,\), expected \(8,\) as of 'robot_state'",
+        ),
+    ],
+)
+def test_starts_that_are_none_are_refused_by_name(tracking, spoil, message):
+    expert = Expert(G1, ExpertConfig(hidden=(16,)))
+    loss = ImaginationLoss(expert.deployed(), DynamicsModel(G1, SMALL), tracking, steps=1)
+    with pytest.raises(ObservationError, match=f"^imagination loss: .*{message}"):
+        loss(spoil(starts(tracking)))
+
+
+def test_what_policy_and_critic_do_not_write_is_named(tracking, keyframes):
+    expert, model = Expert(G1, ExpertConfig(hidden=(16,))), DynamicsModel(G1, SMALL)
+    loss = ImaginationLoss(expert.deployed(), model, tracking, steps=1)
+    loss.set_keys(effort="residual")
+    with pytest.raises(ObservationError, match="imagination loss: policy: no entry 'residual'"):
+        loss(starts(tracking))
+    stray = TensorDictModule(nn.Linear(3, 2), [("robot", "gravity_b")], ["act"])
+    shape = r"'act' has shape \(8, 2\), expected \[\*B, 29\]"
+    for action, message in (("action", "no entry 'action'"), ("act", shape)):
+        loss = ImaginationLoss(stray, model, tracking, steps=1)
+        loss.set_keys(effort="act", action=action)
+        with pytest.raises(ObservationError, match=f"imagination loss: policy: .*{message}"):
+            loss(starts(tracking))
+    loss = ImaginationLoss(expert.deployed(), model, tracking, steps=1, critic=stray)
+    with pytest.raises(ObservationError, match="imagination loss: critic: no entry 'cost_to_go'"):
+        loss(starts(tracking))
+    loss = LatentImaginationLoss(LatentPolicy(G1).deployed(), model, keyframes, steps=1)
+    with pytest.raises(ObservationError, match=r"imagination loss: policy: no entry \('posterior', 'loc'\)"):
+        loss(starts(keyframes))
 
 
 def test_half_precision_is_for_networks(tracking):
