@@ -19,7 +19,7 @@ from plat.modules import (
 from plat.objectives import ImaginationLoss, LatentImaginationLoss
 from plat.robots import G1
 from plat.spec.timing import Timing
-from plat.tasks import DenseTracking, TimedKeyframes, TimedKeyframesConfig
+from plat.tasks import DenseTracking, TimedKeyframes, TimedKeyframesConfig, TrackingCosts
 
 SMALL = DynamicsConfig(hidden=(16,))
 
@@ -306,6 +306,20 @@ def test_half_precision_is_for_networks(tracking):
 @pytest.fixture(scope="module")
 def keyframes(library):
     return TimedKeyframes(library, TimedKeyframesConfig(chains=6))
+
+
+def test_double_precision_is_kept(library):
+    costs = TrackingCosts(bodies=12, end_effectors=6, miss=2)
+    task = TimedKeyframes(library, TimedKeyframesConfig(chains=6, authored=1.0, partial=0.5, tracking=costs))
+    policy, model, losses = PlainPolicy(G1, PlainPolicyConfig(also=("parts",))), DynamicsModel(G1, SMALL), []
+    begin = starts(task)
+    for _ in range(2):
+        losses.append(ImaginationLoss(policy.deployed(), model, task, steps=2)(begin)["loss_policy"].detach())
+        for module in (policy, model, task):
+            module.double()
+        begin = begin.apply(lambda value: value.double() if value.is_floating_point() else value)
+    assert losses[1].dtype == torch.float64
+    assert losses[1].item() == pytest.approx(losses[0].item(), rel=1e-3)
 
 
 def test_posterior_and_prior_learn_from_what_follows(keyframes):
