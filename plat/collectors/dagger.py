@@ -47,10 +47,14 @@ class ExpertLabels:
     def __call__(self, rollout: TensorDictBase) -> TensorDictBase:
         """Return states ``[N * T]`` with ``expert_action``, from a rollout ``[N, T]``.
 
+        Of trajectories that a collector padded to one length (``split_trajs``), the padding is left out.
+
         Raises:
             ActionError: naming the entry, for states or labels that are not finite: they must not enter a buffer.
         """
         flat = rollout.exclude("next").reshape(-1)
+        if (mask := flat.get(("collector", "mask"), None)) is not None:
+            flat = flat[mask.view(-1)]
         if self._expert is not None:
             with autocast(rollout.device, self._precision):
                 flat = self._expert(flat)

@@ -274,7 +274,8 @@ class G1TimedKeyframeVectorEnv(VectorEnv):
     (4, 177)
     """
 
-    metadata = {"autoreset_mode": AutoresetMode.SAME_STEP}
+    autoreset_mode = AutoresetMode.SAME_STEP  # where TorchRL looks for it
+    metadata = {"autoreset_mode": autoreset_mode}
 
     def __init__(
         self,

@@ -10,7 +10,9 @@ from torch import Tensor, nn
 from torchrl.objectives.common import LossModule
 
 from plat.bounds import NonNegative, check_value
+from plat.entries import check_entries
 from plat.envs.state import GeneralizedState
+from plat.errors import ObservationError
 from plat.modules.dynamics import DynamicsModel
 from plat.tasks.distances import smooth_angle
 from plat.tasks.disturbed import told_to_model
@@ -76,14 +78,22 @@ class DynamicsLoss(LossModule):
 
     @dispatch
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Compute the loss of windows ``[B, K + 1]``; the action of a window's last state is not used."""
+        """Compute the loss of windows ``[B, K + 1]``; the action of a window's last state is not used.
+
+        Raises:
+            ObservationError: for an entry that is missing or of another shape, and windows of a single state.
+        """
+        keys, joints = self.tensor_keys, self.model.robot.num_joints
+        windows = {keys.state: ("K + 1", 13 + 2 * joints), keys.action: ("K + 1", joints)}
+        check_entries(tensordict, windows, "dynamics loss")
+        shape = tensordict.get(keys.state).shape
+        if len(shape) != 3 or shape[1] < 2:
+            raise ObservationError(f"dynamics loss: windows {tuple(shape[:-1])}, expected [B, K + 1] with K at least 1")
         # time first: the states of a step are then contiguous
-        states = tensordict.get(self.tensor_keys.state).transpose(0, 1).contiguous()
-        keys = self.tensor_keys
+        states = tensordict.get(keys.state).transpose(0, 1).contiguous()
         targets, physics = told_to_model(self.model.robot, tensordict, tensordict.get(keys.action), keys.memory)
         targets = targets.transpose(0, 1).contiguous()
         parameters = None if physics is None else physics[:, 0]
-        joints = self.model.robot.num_joints
         lin, ang, joint = (part.mean() for part in self.model.spread[: 6 + joints].split((3, 3, joints)))
         position = self.position_weight / self.model.dt
         state = GeneralizedState.unpack(states[0])

@@ -86,8 +86,9 @@ class GraphedLoss:
         with autocast(self._device, self._precision):
             losses: TensorDictBase = self._loss(batch)
         total = torch.stack([value for name, value in losses.items() if name.startswith("loss_")]).sum()
-        gradients = torch.autograd.grad(total, self._parameters, allow_unused=True)
-        return losses.detach(), list(gradients)
+        if not self._parameters:  # all are frozen
+            return losses.detach(), []
+        return losses.detach(), list(torch.autograd.grad(total, self._parameters, allow_unused=True))
 
     def _record(self, batch: TensorDictBase) -> None:
         self._batch = batch.clone()

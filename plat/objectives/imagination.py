@@ -6,12 +6,13 @@ from typing import Any, ClassVar
 import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase, dispatch
-from torch import Tensor
+from torch import Tensor, nn
+from torch.compiler import is_dynamo_compiling
 from torchrl.envs.utils import ExplorationType
 from torchrl.objectives.common import LossModule
-from torchrl.objectives.utils import hold_out_net
 
 from plat.bounds import Count, Fraction, NonNegative, check_value
+from plat.entries import Shape, check_entries
 from plat.envs.state import GeneralizedState
 from plat.errors import ConfigError
 from plat.modules.dynamics import DynamicsModel
@@ -142,8 +143,12 @@ class ImaginationLoss(LossModule):
 
         Raises:
             TaskError: when a method of the task returns what it should not.
+            ObservationError: for an entry that is missing or of another shape, of the states or of the policy.
         """
         keys, task = self.tensor_keys, self.task
+        joints = task.robot.num_joints
+        starts: dict[NestedKey, Shape] = {keys.state: (13 + 2 * joints,), (keys.memory, "last_action"): (joints,)}
+        check_entries(tensordict, starts, "imagination loss")
         state, memory = GeneralizedState.unpack(tensordict.get(keys.state)), tensordict.get(keys.memory)
         to_go = penalty = torch.zeros(tensordict.shape, device=state.root_pos_w.device)
         lost = ended = torch.zeros_like(to_go, dtype=torch.bool)
@@ -153,8 +158,9 @@ class ImaginationLoss(LossModule):
         weight, weights = 1.0, 0.0
         for _ in range(self.steps):
             acted = self.policy(observed.copy())
+            check_entries(acted, {keys.effort: ("n",), keys.action: (joints,)}, "imagination loss: policy")
             action, effort = acted.get(keys.action), acted.get(keys.effort)
-            with hold_out_net(self.model):
+            with _HeldOut(self.model):
                 target = motor_target(task.robot, memory, action)
                 state = self.model(state, target, memory.get("physics", None))
             memory = advanced(task, memory, action, state)
@@ -173,12 +179,12 @@ class ImaginationLoss(LossModule):
             effort_before = effort
             with torch.no_grad():
                 ended = ended | (~lost & of_each(task, "finished", task.finished(memory), memory))
-            memory = task.renew(memory, here)
+            memory = task.renew(memory.clone(), here)
             observed = self._observe(state, memory)
         out = {}
         if self.critic is not None:
             left = weight / (1 - self.discount)
-            with hold_out_net(self.critic):
+            with _HeldOut(self.critic):
                 to_go = to_go + left * ~(lost | ended) * self._mean_cost(observed)
             known = (to_go + penalty + left * self.lost_cost * lost).detach()
             error = self._mean_cost(first) - (1 - self.discount) * known
@@ -208,7 +214,9 @@ class ImaginationLoss(LossModule):
 
     def _mean_cost(self, observed: TensorDictBase) -> Tensor:
         assert self.critic is not None
-        return self.critic(observed.copy()).get(self.tensor_keys.cost_to_go)[:, 0]
+        key, estimate = self.tensor_keys.cost_to_go, self.critic(observed.copy())
+        check_entries(estimate, {key: (1,)}, "imagination loss: critic")
+        return estimate.get(key)[:, 0]
 
 
 class LatentImaginationLoss(ImaginationLoss):
@@ -271,8 +279,32 @@ class LatentImaginationLoss(ImaginationLoss):
         return observed
 
     def _divergence(self, acted: TensorDictBase) -> Tensor:
-        groups = (acted["posterior"], acted["prior"])
-        return gaussian_kl(*(group[name].float() for group in groups for name in ("loc", "scale"))).sum(-1).mean()
+        names: list[NestedKey] = [(group, name) for group in ("posterior", "prior") for name in ("loc", "scale")]
+        check_entries(acted, dict.fromkeys(names, ("n",)), "imagination loss: policy")
+        return gaussian_kl(*(acted.get(name).float() for name in names)).sum(-1).mean()
 
     def _add_divergence(self, out: dict[str, Tensor], divergence: Tensor) -> None:
         out["loss_kl"], out["kl"] = self.beta * divergence, divergence.detach()
+
+
+class _HeldOut:
+    """Context in which no gradient reaches the parameters of a network; those that were frozen remain so after it."""
+
+    def __init__(self, network: nn.Module):
+        self._network = network
+
+    def __enter__(self) -> None:
+        if is_dynamo_compiling():  # which cannot switch parameters off: detached ones take their places
+            self._parameters = TensorDict.from_module(self._network)
+            self._parameters.data.to_module(self._network, preserve_module_state=False)
+            return
+        self._learning = [parameter for parameter in self._network.parameters() if parameter.requires_grad]
+        for parameter in self._learning:
+            parameter.requires_grad_(False)
+
+    def __exit__(self, *_: object) -> None:
+        if is_dynamo_compiling():
+            self._parameters.to_module(self._network, preserve_module_state=False)
+            return
+        for parameter in self._learning:
+            parameter.requires_grad_(True)

@@ -121,16 +121,21 @@ class LatentImitationLoss(LossModule):
         """
         keys = self.tensor_keys
         out = self.policy(tensordict.select(*self.policy.in_keys, strict=False))
-        if absent := [key for key in (keys.posterior_action, keys.prior_action) if out.get(key, None) is None]:
+        groups: tuple[NestedKey, ...] = (keys.posterior, keys.prior)
+        parameters: list[NestedKey] = [(group, name) for group in groups for name in self.parameter_names]
+        written = (keys.posterior_action, keys.prior_action, *parameters)
+        if absent := [key for key in written if out.get(key, None) is None]:
             raise ObservationError(
                 f"imitation loss: the policy writes no {absent[0]!r}, expected what LatentPolicy.training_graph() does"
             )
         expert_action = expert_actions(tensordict, keys.expert_action, out.get(keys.posterior_action))
         posterior_error = (out.get(keys.posterior_action) - expert_action).square()
         prior_error = (out.get(keys.prior_action) - expert_action).square()
-        posterior, prior = out.get(keys.posterior), out.get(keys.prior)
-        kl = self.divergence(*(group.get(name) for group in (posterior, prior) for name in self.parameter_names))
-        penalized = kl.flatten(0, -2).mean(0)
+        kl = self.divergence(*(out.get(key) for key in parameters))
+        if kl.ndim != expert_action.ndim or kl.shape[:-1] != expert_action.shape[:-1]:
+            expected = ", ".join(map(str, (*expert_action.shape[:-1], "m")))
+            raise ObservationError(f"imitation loss: divergence has shape {tuple(kl.shape)}, expected [{expected}]")
+        penalized = kl.reshape(-1, kl.shape[-1]).mean(0)
         if self.free_bits:
             penalized = penalized.clamp_min(self.free_bits)
         losses = {
@@ -206,8 +211,10 @@ class ImitationLoss(LossModule):
 
         Raises:
             ActionError: when it is not finite.
+            ObservationError: for an entry that is missing or of another shape, of the batch or of the policy.
         """
         out = self.policy(tensordict.select(*self.policy.in_keys, strict=False))
+        check_entries(out, {self.tensor_keys.action: ("n",)}, "imitation loss: policy")
         action = out.get(self.tensor_keys.action)
         error = (action - expert_actions(tensordict, self.tensor_keys.expert_action, action)).square()
         loss = check_loss(error.sum(-1).mean(), "imitation loss")

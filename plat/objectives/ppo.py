@@ -1,5 +1,6 @@
 """PPO iteration on a rollout: advantages, then epochs of clipped updates with a KL-adaptive learning rate."""
 
+import copy
 from contextlib import AbstractContextManager
 from typing import Any
 
@@ -7,7 +8,7 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import ProbabilisticTensorDictSequential, TensorDictModuleBase
 from torch import Tensor, nn
-from torch.distributions import Normal
+from torch.distributions import Distribution, Normal
 from torchrl.objectives import ClipPPOLoss, KLAdaptiveLR
 from torchrl.objectives.value import GAE
 
@@ -29,12 +30,36 @@ class _ClipPPOLoss(ClipPPOLoss):
     Computing it once more for another term would run the actor twice.
     """
 
-    normal: Normal
+    _distribution: Distribution | None = None
 
     def _get_cur_log_prob(self, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
         log_prob, dist, is_composite = super()._get_cur_log_prob(*args, **kwargs)
-        self.normal = dist.base_dist
+        self._distribution = dist
         return log_prob, dist, is_composite
+
+    def take_distribution(self) -> Distribution:
+        """Return the distribution of the last call, which is not kept: a graph could not be copied."""
+        dist, self._distribution = self._distribution, None
+        assert dist is not None
+        return dist
+
+
+def _normal(dist: Distribution) -> Normal:
+    """Return the Gaussian of a distribution, before a bounded one's transform.
+
+    Raises:
+        ConfigError: when it has none.
+    """
+    inner = dist
+    while not isinstance(inner, Normal) and hasattr(inner, "base_dist"):
+        inner = inner.base_dist
+    if isinstance(inner, Normal):
+        return inner
+    raise ConfigError(f"PPO: the actor's distribution is a {type(dist).__name__}, expected a Normal or a TanhNormal")
+
+
+def _without_noise(dist: Distribution) -> Tensor:
+    return dist.deterministic_sample if hasattr(dist, "deterministic_sample") else dist.mean
 
 
 def _adam(module: nn.Module, lr: float) -> torch.optim.Adam:
@@ -96,14 +121,16 @@ class PPO:
         Args:
             rollout: of the policy.
             learn_policy: False trains the critic alone.
-            gradient: of something else to be lowered with respect to the distribution's mean ``[N, T, A]``, such as
+            gradient: of something else to be lowered with respect to the action without noise ``[N, T, A]``, such as
                 :func:`plat.objectives.motor_gradient`; added to PPO's own.
 
         Returns:
-            ``policy_loss``, ``value_loss``, ``entropy``, ``kl``, ``clip_fraction``, ``explained_variance``, ``lr``
-            and ``std``, averaged over the updates.
+            ``policy_loss``, ``value_loss``, ``entropy``, ``kl`` and ``clip_fraction``, averaged over the updates;
+            ``explained_variance`` and ``std`` of the rollout (of a bounded distribution, that before the bounds), and
+            ``lr`` after it.
 
         Raises:
+            ConfigError: for an actor whose distribution is no Gaussian.
             ObservationError: for a rollout that lacks an entry or is not ``[N, T]``, and a gradient of another shape.
             ActionError: for a rollout or a gradient that is not finite; the weights stay what they were before it.
         """
@@ -124,12 +151,14 @@ class PPO:
                 # entered for each minibatch: autocast keeps its copies of the weights until it exits
                 with self._autocast(data):
                     losses = self.loss(batch)
+                dist = self.loss.take_distribution()
+                new = _normal(dist)
                 loss = losses["loss_critic"]
                 if learn_policy:
                     loss = loss + losses["loss_objective"] + losses["loss_entropy"]
                     if gradient is not None:
                         # a scalar whose gradient by each sample's mean is that sample's row, over their number
-                        loss = loss + (batch["gradient"] * self.loss.normal.loc).sum(-1).mean()
+                        loss = loss + (batch["gradient"] * _without_noise(dist)).sum(-1).mean()
                 for optimizer in optimizers:
                     optimizer.zero_grad()
                 loss.backward()
@@ -142,8 +171,8 @@ class PPO:
                 for name in ("loss_objective", "loss_critic", "entropy", "clip_fraction"):
                     totals[name] = totals.get(name, torch.zeros(())) + losses[name].detach()
             # of the last minibatch, before its update: no further pass through the network
-            new = self.loss.normal
-            kl = gaussian_kl(batch["loc"], batch["scale"], new.loc.detach(), new.scale.detach()).sum(-1).mean()
+            old = _normal(self.actor.build_dist_from_params(batch))
+            kl = gaussian_kl(old.loc, old.scale, new.loc.detach(), new.scale.detach()).sum(-1).mean()
             totals["kl"] = totals.get("kl", torch.zeros(())) + kl * self.config.minibatches
             if learn_policy:
                 self._schedule.step(float(kl))
@@ -157,7 +186,7 @@ class PPO:
             "clip_fraction": means["clip_fraction"],
             "explained_variance": float(1 - (target - value).var() / target.var().clamp_min(1e-8)),
             "lr": self.optimizer.param_groups[0]["lr"],
-            "std": float(data["scale"][0].mean()),
+            "std": float(data["scale"].mean()),
         }
 
     @torch.no_grad()
@@ -197,7 +226,14 @@ class PPO:
         for key, values in data.items(True, True):
             if not values.isfinite().all():
                 raise ActionError(f"PPO: {key!r} of the rollout holds NaN or infinity; nothing was learned from it")
-        return data.reshape(-1)
+        return data.detach().reshape(-1)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "PPO":
+        # made anew: a copied loss would have weights of its own, which the copied optimizers would not reach
+        parts = copy.deepcopy((self.actor, self.critic, self.observe), memo)
+        twin = type(self)(*parts, self.config, self._sample_keys[0])
+        twin.load_state_dict(copy.deepcopy(self.state_dict()))
+        return twin
 
     def state_dict(self) -> dict[str, Any]:
         """Return the state of both optimizers, and the learning rates that they were configured with."""

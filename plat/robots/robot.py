@@ -23,6 +23,9 @@ from plat.robots.mjcf import (
 
 __all__ = ["FootContacts", "Robot", "without_side"]
 
+# A default pose may be this far (rad) beyond a joint's limits: a stance at the stop, rounded. Degrees are farther.
+_SLACK = 0.05
+
 
 @dataclass(frozen=True)
 class Robot:
@@ -100,6 +103,8 @@ class Robot:
             add_foot_counts(spec)
         model = compile_spec(spec, self.asset, self.name)
         check_model(model, self.name, (*self.keypoints, *self.feet), self.asset)
+        if doubled := [body for index, body in enumerate(self.keypoints) if body in self.keypoints[:index]]:
+            raise RobotError(f"robot {self.name!r}: keypoints: {doubled[0]!r} stands there twice")
         named = {"anchor": (self.anchor,), "end_effectors": self.end_effectors, "feet": self.feet}
         for field, bodies in named.items():
             if others := [body for body in bodies if body not in self.keypoints]:
@@ -170,7 +175,16 @@ class Robot:
         unknown = set(self.default_pose) - set(self.joint_names)
         if unknown:
             raise RobotError(f"robot {self.name!r}: default_pose names no joint of the model: {sorted(unknown)}")
-        return torch.tensor([self.default_pose.get(name, 0.0) for name in self.joint_names])
+        pose = torch.tensor([self.default_pose.get(name, 0.0) for name in self.joint_names])
+        low, high = self.joint_range.unbind(-1)
+        beyond = (pose < low - _SLACK) | (pose > high + _SLACK)
+        if beyond.any():
+            index = int(beyond.nonzero()[0])
+            raise RobotError(
+                f"robot {self.name!r}: default_pose: {self.joint_names[index]!r} at {pose[index]:g} rad, "
+                f"expected an angle within its limits, {low[index]:g} to {high[index]:g} rad"
+            )
+        return pose
 
     @cached_property
     def default_qpos(self) -> np.ndarray:

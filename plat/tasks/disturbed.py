@@ -45,7 +45,7 @@ def advanced(task: Task, memory: TensorDictBase, action: Tensor, state: Generali
         action: of the policy ``[*B, J]``.
         state: true state after the step ``[*B]``.
     """
-    after = task.advance(memory, action)
+    after = task.advance(memory.clone(), action)  # a task may write in place to what it is given
     if memory.get("earlier_action", None) is not None:
         after["earlier_action"] = memory["last_action"]
     if (drift := memory.get("drift", None)) is not None:

@@ -125,7 +125,7 @@ class SimulatedTask(EnvBase):
         due = None if self.draws is None else self.draws.push().to(self.device)
         if due is not None and len(due):
             state = self._state()
-        out = self._entries(state, task.renew(memory, estimated(state, memory)))
+        out = self._entries(state, task.renew(memory.clone(), estimated(state, memory)))
         if due is not None:
             out["pushed"] = torch.zeros(self.batch_size, dtype=torch.bool, device=self.device)
             out["pushed"][due] = True

@@ -25,7 +25,8 @@ class Task(nn.Module):
     the robot's motion, :meth:`advance`, :meth:`cost` and :meth:`renew`.
 
     A subclass defines :meth:`start`, :meth:`observe` and :meth:`cost`, and what it needs of the rest. :meth:`cost` and
-    :meth:`observe` are differentiable in the state.
+    :meth:`observe` are differentiable in the state. :meth:`advance` and :meth:`renew` are given copies of the memory,
+    which they may write to. The others write to nothing that they are given.
 
     Args:
         robot: the robot.

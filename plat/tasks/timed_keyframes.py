@@ -357,7 +357,7 @@ class TimedKeyframes(Task):
             here, authored_here = state.at(rows), authored[rows][:, None, None]
             points = self._kinematics.positions(here.root_pos_w, here.root_quat_w, here.joint_pos)
             before, after, now = (self.table.points(memory[key][rows]) for key in ("before", "goal", "frame"))
-            share = (1 - memory["steps_left"] / memory["length"])[rows].clamp(0, 1)[:, None, None]
+            share = (1 - memory["steps_left"] / memory["length"])[rows].clamp(0, 1)[:, None, None].to(before)
             wanted = torch.where(authored_here, before.lerp(after, share), now)
             cost = weight[rows] * points_cost(points, wanted, bodies[rows])
             if weights.miss:
@@ -460,7 +460,7 @@ class TimedKeyframes(Task):
     def _line(self, memory: TensorDictBase, after: GeneralizedState) -> GeneralizedState:
         """The pose on the straight line from the keyframe before to the commanded one, ``after``, at rest."""
         before = self.table.state(memory["before"])
-        share = (1 - memory["steps_left"] / memory["length"]).clamp(0, 1)[:, None]
+        share = (1 - memory["steps_left"] / memory["length"]).clamp(0, 1)[:, None].to(before.joint_pos)
         same_side = (before.root_quat_w * after.root_quat_w).sum(-1, keepdim=True) >= 0
         turned = torch.where(same_side, after.root_quat_w, -after.root_quat_w)
         quat = torch.nn.functional.normalize(before.root_quat_w.lerp(turned, share), dim=-1)

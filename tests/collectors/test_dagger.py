@@ -118,3 +118,20 @@ def test_what_is_loaded_is_on_the_device_of_the_buffer(library):
     resumed.load_state_dict(buffer.state_dict())
     assert len(resumed) == 20
     assert resumed.storage[:]["robot", "joint_pos"].device.type == "meta"
+
+
+def test_padding_of_trajectories_is_not_labeled(library):
+    _, labels = labeller()
+    collector = Collector(
+        make_keyframe_env(library, 3),
+        LatentPolicy(G1, SMALL).sampled(),
+        frames_per_batch=90,
+        total_frames=90,
+        split_trajs=True,
+    )
+    padded = next(iter(collector))
+    collector.shutdown()
+    states = labels(padded)
+    assert not padded["collector", "mask"].all()
+    assert states.shape == (90,)
+    torch.testing.assert_close(states["robot", "gravity_b"].norm(dim=-1), torch.ones(90), atol=0.2, rtol=0)

@@ -12,6 +12,7 @@ import torch
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from tensordict import TensorDict
+from torchrl.envs import GymWrapper
 
 import plat.envs.gym
 from plat.envs import KeyframeTaskConfig
@@ -156,6 +157,16 @@ def test_users_random_numbers_on_a_gpu_are_left_alone(device):
     first, _ = env.reset(seed=1)
     assert torch.equal(torch.rand(3, device="cuda"), expected)
     np.testing.assert_array_equal(env.reset(seed=1)[0], first)
+
+
+def test_torchrl_wraps_the_vector_form():
+    env = GymWrapper(gymnasium.make_vec("plat/G1TimedKeyframe-v0", num_envs=2, motions="generated:val@8"))
+    rollout = env.rollout(60, lambda td: td.set("action", torch.full((2, 29), 5.0)), break_when_any_done=False)
+    done, after = rollout["next", "done"][:, :-1, 0], rollout["next", "observation"][:, :-1]
+    same = (after == rollout["observation"][:, 1:]).all(-1)
+    assert done.any()
+    assert torch.equal(same, ~done)  # where an episode ended, what it ended with is recorded
+    env.close()
 
 
 def test_vector_form():

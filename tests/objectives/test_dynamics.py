@@ -1,7 +1,9 @@
+import pytest
 import torch
 from tensordict import TensorDict
 
 from plat.envs import GeneralizedState, MotionTrackingEnv, ResetNoise, joint_target
+from plat.errors import ObservationError
 from plat.modules import DynamicsConfig, DynamicsModel
 from plat.objectives import DynamicsLoss, muon_and_adam
 from plat.robots import G1
@@ -86,3 +88,23 @@ def test_the_last_layer_is_adams():
     shapes = [tuple(parameter.shape) for parameter in muon.param_groups[0]["params"]]
     assert shapes == [(8, 97), (8, 8)]
     assert len(adam.param_groups[0]["params"]) == 4
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda data: data.select("action"), r"no entry 'robot_state', expected one of shape \[\*B, K \+ 1, 71\]"),
+        (lambda data: data.select("robot_state"), "no entry 'action'"),
+        (
+            lambda data: data.set("robot_state", data["robot_state"][..., :60]),
+            r"'robot_state' has shape \(2, 5, 60\), expected \[\*B, K \+ 1, 71\]",
+        ),
+        (lambda data: data[:, :1], r"windows \(2, 1\), expected \[B, K \+ 1\] with K at least 1"),
+        (lambda data: data[0], r"windows \(5,\), expected"),
+    ],
+)
+def test_windows_that_are_none_are_refused_by_name(spoil, message):
+    state = torch.nn.functional.pad(torch.ones(2, 5, 1), (3, 67))
+    data = TensorDict({"robot_state": state, "action": torch.zeros(2, 5, 29)}, [2, 5])
+    with pytest.raises(ObservationError, match=f"^dynamics loss: .*{message}"):
+        DynamicsLoss(DynamicsModel(G1, DynamicsConfig(hidden=(16,))))(spoil(data))

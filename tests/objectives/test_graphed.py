@@ -136,6 +136,15 @@ def test_a_weight_that_the_loss_does_not_reach_has_no_gradient():
     assert sorted(out) == ["loss_value", "seen"]
 
 
+def test_what_is_frozen_has_a_loss_and_no_gradient():
+    model = DynamicsModel(G1, DynamicsConfig(hidden=(16,))).requires_grad_(False)
+    state = torch.nn.functional.pad(torch.ones(2, 3, 1), (3, 67))
+    windows = TensorDict({"robot_state": state, "action": torch.zeros(2, 3, 29)}, [2, 3])
+    losses = GraphedLoss(DynamicsLoss(model), model.parameters(), CPU).backward(windows)
+    assert losses["loss_dynamics"] > 0
+    assert all(parameter.grad is None for parameter in model.parameters())
+
+
 @needs_gpu
 def test_the_graph_computes_what_python_does(library):
     device = torch.device("cuda")

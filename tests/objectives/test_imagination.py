@@ -5,7 +5,7 @@ from tensordict.nn import TensorDictModule, TensorDictSequential
 from torch import nn
 
 from plat.envs import GeneralizedState
-from plat.errors import ConfigError, TaskError
+from plat.errors import ConfigError, ObservationError, TaskError
 from plat.modules import (
     DynamicsConfig,
     DynamicsModel,
@@ -19,7 +19,7 @@ from plat.modules import (
 from plat.objectives import ImaginationLoss, LatentImaginationLoss
 from plat.robots import G1
 from plat.spec.timing import Timing
-from plat.tasks import DenseTracking, TimedKeyframes, TimedKeyframesConfig
+from plat.tasks import DenseTracking, TimedKeyframes, TimedKeyframesConfig, TrackingCosts
 
 SMALL = DynamicsConfig(hidden=(16,))
 
@@ -46,6 +46,40 @@ def test_the_gradient_reaches_exactly_the_policy(tracking):
     assert learners(expert) == {f"network.{layer}.{kind}" for layer in (0, 2) for kind in ("weight", "bias")}
     assert not learners(model)
     assert all(parameter.requires_grad for parameter in model.parameters())
+
+
+@pytest.mark.parametrize("layer", [0, 2])
+def test_partly_frozen_networks_are_held_out_and_stay_frozen(tracking, layer):
+    expert, model = Expert(G1, ExpertConfig(hidden=(16,))), DynamicsModel(G1, SMALL)
+    head = nn.Sequential(nn.Linear(3, 8), nn.Tanh(), nn.Linear(8, 1))
+    critic = TensorDictModule(head, [("robot", "gravity_b")], ["cost_to_go"])
+    for network in (model.network, head):
+        network[layer].requires_grad_(False)
+    learning = {name for name, parameter in critic.named_parameters() if parameter.requires_grad}
+    loss = ImaginationLoss(expert.deployed(), model, tracking, steps=2, critic=critic)
+
+    def check_frozen():
+        for network in (model.network, head):
+            flags = {index: network[index].weight.requires_grad for index in (0, 2)}
+            assert flags == {layer: False, 2 - layer: True}
+
+    losses = loss(starts(tracking))
+    losses["loss_policy"].backward()
+    assert learners(expert)
+    assert not any(learners(network) for network in (model, critic))
+    check_frozen()
+    losses["loss_critic"].backward()
+    assert learners(critic) == learning
+
+    def fail(*_):
+        raise ArithmeticError
+
+    for network in (model, head):  # an error in the context leaves it as well
+        handle = network.register_forward_hook(fail)
+        with pytest.raises(ArithmeticError):
+            loss(starts(tracking))
+        handle.remove()
+        check_frozen()
 
 
 def test_policy_model_and_task_are_of_one_timing(library):
@@ -211,6 +245,49 @@ def test_settings_out_of_range_are_refused(tracking, setting, message):
         ImaginationLoss(expert.deployed(), DynamicsModel(G1, SMALL), tracking, **setting)
 
 
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda data: data.select("memory"), "no entry 'robot_state'"),
+        (lambda data: data.select("robot_state"), r"no entry \('memory', 'last_action'\)"),
+        (
+            lambda data: data.set("robot_state", data["robot_state"][:, :60]),
+            r"'robot_state' has shape \(8, 60\), expected \[\*B, 71\]",
+        ),
+        (
+            lambda data: TensorDict({"robot_state": data["robot_state"], "memory": data["memory"][:4]}),
+            r"\('memory', 'last_action'\) has batch \(4,\), expected \(8,\) as of 'robot_state'",
+        ),
+    ],
+)
+def test_starts_that_are_none_are_refused_by_name(tracking, spoil, message):
+    expert = Expert(G1, ExpertConfig(hidden=(16,)))
+    loss = ImaginationLoss(expert.deployed(), DynamicsModel(G1, SMALL), tracking, steps=1)
+    with pytest.raises(ObservationError, match=f"^imagination loss: .*{message}"):
+        loss(spoil(starts(tracking)))
+
+
+def test_what_policy_and_critic_do_not_write_is_named(tracking, keyframes):
+    expert, model = Expert(G1, ExpertConfig(hidden=(16,))), DynamicsModel(G1, SMALL)
+    loss = ImaginationLoss(expert.deployed(), model, tracking, steps=1)
+    loss.set_keys(effort="residual")
+    with pytest.raises(ObservationError, match="imagination loss: policy: no entry 'residual'"):
+        loss(starts(tracking))
+    stray = TensorDictModule(nn.Linear(3, 2), [("robot", "gravity_b")], ["act"])
+    shape = r"'act' has shape \(8, 2\), expected \[\*B, 29\]"
+    for action, message in (("action", "no entry 'action'"), ("act", shape)):
+        loss = ImaginationLoss(stray, model, tracking, steps=1)
+        loss.set_keys(effort="act", action=action)
+        with pytest.raises(ObservationError, match=f"imagination loss: policy: .*{message}"):
+            loss(starts(tracking))
+    loss = ImaginationLoss(expert.deployed(), model, tracking, steps=1, critic=stray)
+    with pytest.raises(ObservationError, match="imagination loss: critic: no entry 'cost_to_go'"):
+        loss(starts(tracking))
+    loss = LatentImaginationLoss(LatentPolicy(G1).deployed(), model, keyframes, steps=1)
+    with pytest.raises(ObservationError, match=r"imagination loss: policy: no entry \('posterior', 'loc'\)"):
+        loss(starts(keyframes))
+
+
 def test_half_precision_is_for_networks(tracking):
     seen, action = [], nn.Parameter(torch.zeros(29))
 
@@ -229,6 +306,20 @@ def test_half_precision_is_for_networks(tracking):
 @pytest.fixture(scope="module")
 def keyframes(library):
     return TimedKeyframes(library, TimedKeyframesConfig(chains=6))
+
+
+def test_double_precision_is_kept(library):
+    costs = TrackingCosts(bodies=12, end_effectors=6, miss=2)
+    task = TimedKeyframes(library, TimedKeyframesConfig(chains=6, authored=1.0, partial=0.5, tracking=costs))
+    policy, model, losses = PlainPolicy(G1, PlainPolicyConfig(also=("parts",))), DynamicsModel(G1, SMALL), []
+    begin = starts(task)
+    for _ in range(2):
+        losses.append(ImaginationLoss(policy.deployed(), model, task, steps=2)(begin)["loss_policy"].detach())
+        for module in (policy, model, task):
+            module.double()
+        begin = begin.apply(lambda value: value.double() if value.is_floating_point() else value)
+    assert losses[1].dtype == torch.float64
+    assert losses[1].item() == pytest.approx(losses[0].item(), rel=1e-3)
 
 
 def test_posterior_and_prior_learn_from_what_follows(keyframes):

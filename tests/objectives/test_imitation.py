@@ -1,6 +1,7 @@
 import pytest
 import torch
 from tensordict import TensorDict
+from tensordict.nn import TensorDictModule
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from plat.collectors import ExpertLabels, PrivilegedGoals
@@ -199,3 +200,34 @@ def test_a_policy_without_a_posterior_is_named(batch):
     loss = LatentImitationLoss(PlainPolicy(G1).training_graph())
     with pytest.raises(ObservationError, match=r"the policy writes no \('posterior', 'action'\)"):
         loss(batch)
+
+
+def test_a_policy_that_writes_another_entry_is_named(batch):
+    policy = TensorDictModule(torch.nn.Linear(29, 29), [("robot", "joint_pos")], ["loc"])
+    with pytest.raises(ObservationError, match="imitation loss: policy: no entry 'action'"):
+        ImitationLoss(policy)(batch)
+
+
+def test_parameters_that_a_posterior_does_not_write_are_named(batch, policy):
+    loss = LatentImitationLoss(policy.training_graph(), parameters=("logits",))
+    with pytest.raises(ObservationError, match=r"the policy writes no \('posterior', 'logits'\)"):
+        loss(batch)
+
+
+def test_one_sample_is_a_batch_of_one(batch, policy):
+    found = []
+    for one in (batch[0], batch[:1]):
+        torch.manual_seed(0)
+        found.append(LatentImitationLoss(policy.training_graph())(one))
+    torch.testing.assert_close(*found)
+
+
+@pytest.mark.parametrize("count", [None, 5])
+def test_a_divergence_without_dimensions_is_refused(batch, policy, count):
+    def total(*parameters):
+        return gaussian_kl(*parameters).sum(-1)
+
+    loss = LatentImitationLoss(policy.training_graph(), divergence=total)
+    expected = r"\(\), expected \[m\]" if count is None else r"\(5,\), expected \[5, m\]"
+    with pytest.raises(ObservationError, match=f"imitation loss: divergence has shape {expected}"):
+        loss(batch[0] if count is None else batch[:count])

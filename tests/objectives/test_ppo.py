@@ -1,14 +1,22 @@
+import copy
 from typing import Any
 
 import pytest
 import torch
 from tensordict import TensorDict
-from tensordict.nn import ProbabilisticTensorDictSequential, TensorDictModule, TensorDictSequential
+from tensordict.nn import (
+    ProbabilisticTensorDictModule,
+    ProbabilisticTensorDictSequential,
+    TensorDictModule,
+    TensorDictSequential,
+)
 from torch import nn
 from torch.distributions import Independent, Normal, kl_divergence
+from torchrl.envs.utils import ExplorationType
+from torchrl.modules import TanhNormal, TruncatedNormal
 
 from plat.envs import make_keyframe_env
-from plat.errors import ActionError
+from plat.errors import ActionError, ConfigError
 from plat.modules import (
     STUDENT_KEYS,
     Critic,
@@ -29,9 +37,9 @@ from tests.modules.policies.test_student import SMALL
 class Toy:
     """A state is a number, the best action is its negative, every step is worth what it earns."""
 
-    def __init__(self, **settings: Any) -> None:
+    def __init__(self, sample: ProbabilisticTensorDictModule | None = None, **settings: Any) -> None:
         mean = TensorDictModule(mlp(1, (16,), 1, out_scale=0.1), in_keys=["x"], out_keys=["loc"])
-        self.actor = ProbabilisticTensorDictSequential(mean, GaussianNoise(1, 0.5), gaussian_action())
+        self.actor = ProbabilisticTensorDictSequential(mean, GaussianNoise(1, 0.5), sample or gaussian_action())
         self.critic = TensorDictModule(mlp(1, (16,), 1), in_keys=["seen"], out_keys=["state_value"])
         self.observe = TensorDictModule(nn.Identity(), in_keys=["x"], out_keys=["seen"])
         self.ppo = PPO(
@@ -186,10 +194,69 @@ def test_an_outside_gradient_is_what_the_mean_gets():
     toy = Toy()
     data = toy.ppo.prepare(toy.rollout())
     losses = toy.ppo.loss(data)
-    torch.testing.assert_close(toy.ppo.loss.normal.loc, toy.actor.get_dist(data).mean)
-    (along,) = torch.autograd.grad(toy.ppo.loss.normal.loc.sum(), toy.actor[0].module[-1].bias, retain_graph=True)
+    mean = toy.ppo.loss.take_distribution().mean
+    torch.testing.assert_close(mean, toy.actor.get_dist(data).mean)
+    (along,) = torch.autograd.grad(mean.sum(), toy.actor[0].module[-1].bias, retain_graph=True)
     torch.testing.assert_close(along, torch.tensor([float(len(data))]))
     assert losses["loss_objective"].requires_grad
+
+
+def bounded(distribution):
+    return ProbabilisticTensorDictModule(
+        in_keys=["loc", "scale"],
+        out_keys=["action"],
+        distribution_class=distribution,
+        distribution_kwargs={"low": -2.0, "high": 2.0},
+        return_log_prob=True,
+        default_interaction_type=ExplorationType.RANDOM,
+    )
+
+
+def test_actions_may_be_bounded():
+    toy = Toy(bounded(TanhNormal), epochs=2, minibatches=1)
+    rollout = toy.rollout()
+    before = Normal(rollout["loc"], rollout["scale"])
+    toys = toy, Toy(bounded(TanhNormal), epochs=1, minibatches=1)
+    toys[1].actor.load_state_dict(toy.actor.state_dict())
+    toys[1].critic.load_state_dict(toy.critic.state_dict())
+    found = [each.ppo.step(rollout.clone())["kl"] for each in toys]
+    moved = toys[1].actor.get_dist(rollout.clone())
+    # a divergence does not change when both distributions are squashed in the same way
+    expected = kl_divergence(before, Normal(moved.loc, moved.scale)).sum(-1).mean().item()
+    assert expected > 1e-4
+    assert found == pytest.approx([expected / 2, 0.0], rel=1e-3, abs=1e-6)
+    for _ in range(40):
+        toy.ppo.step(toy.rollout())
+    x = torch.linspace(-1, 1, 9)[:, None]
+    action = toy.actor.get_dist(TensorDict({"x": x}, [9])).deterministic_sample
+    assert (action + x).abs().max() < 0.25
+
+
+def test_a_distribution_that_is_no_gaussian_is_refused_before_an_update():
+    toy = Toy(bounded(TruncatedNormal))
+    before = [parameter.clone() for parameter in toy.actor.parameters()]
+    with pytest.raises(ConfigError, match="PPO: the actor's distribution is a TruncatedNormal, expected a Normal or"):
+        toy.ppo.step(toy.rollout())
+    assert all(torch.equal(old, new) for old, new in zip(before, toy.actor.parameters(), strict=True))
+
+
+def test_ppo_can_be_copied_after_a_step():
+    toy = Toy()
+    toy.ppo.step(toy.rollout())
+    twin, rollout = copy.deepcopy(toy.ppo), toy.rollout()
+    steps = []
+    for ppo in (toy.ppo, twin):
+        torch.manual_seed(0)
+        steps.append(ppo.step(rollout.clone()))
+    assert steps[0] == steps[1]
+
+
+def test_the_spread_is_that_of_all_samples():
+    toy = Toy()
+    rollout = toy.rollout()
+    rollout["scale"] = 0.5 + torch.rand_like(rollout["scale"])
+    mean = rollout["scale"].mean().item()
+    assert toy.ppo.step(rollout)["std"] == pytest.approx(mean)
 
 
 @pytest.mark.parametrize("entry", ["x", "action", ("next", "reward"), "action_log_prob"])

@@ -1,5 +1,6 @@
 import math
 import re
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -152,3 +153,18 @@ def test_unknown_names_are_refused():
 def test_the_physics_step_is_chosen():
     assert G1.model(timestep=0.01).opt.timestep == 0.01
     assert G1.model().opt.timestep == 0.005
+
+
+def test_a_default_pose_beyond_the_limits_is_refused():
+    low, high = G1.joint_range[G1.joint_names.index("left_knee")].tolist()
+    degrees = replace(G1, default_pose={**G1.default_pose, "left_knee": 38.3})
+    message = rf"robot 'g1': default_pose: 'left_knee' at 38.3 rad, .* its limits, {low:g} to {high:g} rad"
+    with pytest.raises(RobotError, match=message):
+        _ = degrees.default_joint_pos
+    at_the_stop = replace(G1, default_pose={"left_knee": high + 0.01})
+    assert at_the_stop.default_joint_pos.max() == pytest.approx(high + 0.01)
+
+
+def test_a_keypoint_is_named_once():
+    with pytest.raises(RobotError, match=f"robot 'g1': keypoints: '{G1.keypoints[3]}' stands there twice"):
+        replace(G1, keypoints=(*G1.keypoints, G1.keypoints[3])).model()

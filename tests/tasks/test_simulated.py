@@ -29,6 +29,39 @@ class Stand(Task):
         return (state.root_pos_w[:, 2] - 0.6).abs()
 
 
+class Squat(Stand):
+    """Go to a height that changes every third step."""
+
+    in_place = False
+
+    def start(self, count):
+        state, memory = super().start(count)
+        return state, memory.update({"height": torch.full((count, 1), 0.6), "steps": torch.zeros(count, 1)})
+
+    def observe(self, state, memory):
+        return super().observe(state, memory).update({"seen": memory["height"], "age": memory["steps"] + 0})
+
+    def cost(self, state, memory):
+        return ((1 + memory["height"]) * state.root_pos_w[:, 2:])[:, 0]  # its gradient needs the height later on
+
+    def advance(self, memory, action):
+        memory = memory if self.in_place else memory.clone()
+        memory["steps"] += 1
+        memory["last_action"].copy_(action)
+        return memory
+
+    def renew(self, memory, state):
+        memory = memory if self.in_place else memory.clone()
+        due = memory["steps"] % 3 == 0
+        memory["height"][due] += 0.01
+        memory["last_action"][due[:, 0]] = 0.0
+        return memory
+
+
+class SquatInPlace(Squat):
+    in_place = True
+
+
 def test_specifications_hold(library):
     check_env_specs(SimulatedTask(DenseTracking(library), 3))
     check_env_specs(SimulatedTask(Stand(G1), 3))
@@ -40,6 +73,30 @@ def test_a_task_of_ones_own_runs_and_ends_by_falling():
     assert rollout["next", "terminated"].any()
     first = rollout["next", "robot_state"][:, 0, 2]
     torch.testing.assert_close(rollout["next", "reward"][:, 0, 0], -(first - 0.6).abs())
+
+
+def test_a_task_may_write_to_the_memory_that_it_advances_and_renews():
+    def act(joint_pos):
+        return 0.1 * joint_pos
+
+    policy = TensorDictModule(act, [("robot", "joint_pos")], ["action"])
+    rollouts = [SimulatedTask(kind(G1), 2).rollout(7, policy) for kind in (Squat, SquatInPlace)]
+    assert (rollouts[0] == rollouts[1]).all()
+    assert rollouts[1]["seen"][0, :, 0].tolist() == pytest.approx([0.6, 0.6, 0.6, 0.61, 0.61, 0.61, 0.62])
+    torch.testing.assert_close(rollouts[1]["seen"], rollouts[1]["memory", "height"])
+    torch.testing.assert_close(rollouts[1]["age"], rollouts[1]["memory", "steps"])
+    weights = torch.nn.Linear(29, 29)
+    policy = TensorDictModule(weights, [("robot", "joint_pos")], ["action"])
+    model, found = DynamicsModel(G1), []
+    for kind in (Squat, SquatInPlace):
+        task = kind(G1)
+        state, memory = task.start(4)
+        begin = TensorDict({"robot_state": state.pack(), "memory": memory}, [4])
+        before = begin.clone()
+        loss = ImaginationLoss(policy, model, task, steps=4)(begin)["loss_policy"]
+        assert (begin == before).all()
+        found.append((loss.detach(), *torch.autograd.grad(loss, list(weights.parameters()))))
+    torch.testing.assert_close(*found, rtol=0, atol=0)
 
 
 WRONG = {
