@@ -21,6 +21,7 @@ __all__ = [
     "check_file",
     "check_folder",
     "clear_parts",
+    "copy_file",
     "decoded",
     "expand_home",
     "is_full",
@@ -103,6 +104,17 @@ def write_file(path: Path, write: Callable[[Path], object], what: str) -> None:
         replace_file(path, write)
     except OSError as error:
         raise OutputError(f"{what} {str(path)!r}: cannot be written: {error.strerror or error}") from error
+
+
+def copy_file(source: Path, path: Path, what: str) -> None:
+    """Copy a file as :func:`write_file` writes one.
+
+    Raises:
+        OSError: naming ``source``, when it cannot be read.
+        OutputError: naming ``path``, when the disk does not take it; :func:`shutil.copy` names ``source``.
+    """
+    content = source.read_bytes()
+    write_file(path, lambda part: part.write_bytes(content), what)
 
 
 def clear_parts(folder: Path) -> None:

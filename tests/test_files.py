@@ -171,6 +171,5 @@ def test_files_are_written_whole_everywhere():
         "plat/studio/static.py",  # likewise
         "plat/export/bundle.py",  # likewise
         "plat/studio/session.py",  # in a temporary folder
-        "plat/runs/hub.py",  # likewise
         "plat/collectors/worker.py",  # likewise
     }
