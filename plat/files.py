@@ -16,6 +16,7 @@ from typing import IO, Any
 from plat.errors import OutputError, PlatError
 
 __all__ = [
+    "FILES",
     "TABLES",
     "as_path",
     "check_file",
@@ -266,6 +267,11 @@ TABLES = (".csv", ".tsv", ".txt")
 """Endings of tables that commands write: no motion and no keyframe file, which a slip would replace."""
 
 
+_INPUTS = (".amc", ".asf", ".bvh", ".joblib", ".json", ".npy", ".npz", ".pickle", ".pkl", ".xml", ".yaml", ".yml")
+FILES = frozenset((*TABLES, *_INPUTS, ".md", ".mp4", ".onnx", ".png", ".safetensors", ".svg"))
+"""Endings of files that plat reads and writes: a new folder that ends so is a slip."""
+
+
 def check_file(path: Path, what: str = "--out", suffixes: Sequence[str] = ()) -> None:
     """Raise an error for a file that could not be written; folders that are missing would be made.
 
@@ -307,20 +313,23 @@ def keep_sources(sources: Iterable[Path], written: Iterable[Path], what: str = "
             raise OutputError(f"{what}: would replace {str(path)!r}, which is read: give another folder or name")
 
 
-def check_folder(path: Path, what: str = "--out") -> None:
+def check_folder(path: Path, what: str = "--out", expected: str = "a folder") -> None:
     """Raise an error for a folder that could not be made or takes no files. It is tried, and nothing stays behind.
 
     Args:
         path: the folder.
         what: begins the message.
+        expected: ends the message about a file.
 
     Raises:
-        OutputError: when it is a file, or cannot be written to.
+        OutputError: when it is a file, is not there and ends like one, or cannot be written to.
     """
     try:
         refuse_null(path)
         if path.exists() and not path.is_dir():
-            raise OutputError(f"{what} {str(path)!r}: is a file, expected a folder")
+            raise OutputError(f"{what} {str(path)!r}: is a file, expected {expected}")
+        if path.suffix.lower() in FILES and not path.exists():
+            raise OutputError(f"{what} {str(path)!r}: ends like a file, expected {expected}")
         missing = [folder for folder in (path, *path.parents) if not folder.exists()]
         try:
             path.mkdir(parents=True, exist_ok=True)

@@ -10,9 +10,20 @@ import pytest
 from plat.deploy import PolicyRunner
 from plat.errors import OutputError, PlatError
 from plat.export import export_bundle
-from plat.files import check_file, check_folder, clear_parts, expand_home, is_full, refuse_null, replace_file
+from plat.files import (
+    FILES,
+    TABLES,
+    check_file,
+    check_folder,
+    clear_parts,
+    expand_home,
+    is_full,
+    refuse_null,
+    replace_file,
+)
 from plat.keyframes import KeyframeSequence, standing
 from plat.motions import MotionClip, MotionLibrary, load_motions, save_csv, save_motions
+from plat.motions.readers import READERS
 from plat.robots import G1
 from plat.runs import SavedRun
 
@@ -111,6 +122,18 @@ def test_places_that_cannot_be_written_to(tmp_path):
             check(path)
     with pytest.raises(OutputError, match="--csv .*x.txt': expected a file that ends in .csv or .tsv"):
         check_file(tmp_path / "x.txt", "--csv", (".csv", ".tsv"))
+
+
+def test_a_new_folder_that_ends_like_a_file_is_a_slip(tmp_path):
+    assert set(READERS) <= FILES
+    assert set(TABLES) <= FILES
+    (tmp_path / "there.npy").mkdir()
+    for name in ("there.npy", "v1.2", "npy", ".npy"):
+        check_folder(tmp_path / name)
+    for name in ("x.npy", "x.TSV", "x.onnx"):
+        with pytest.raises(OutputError, match=f"--out .*{name}': ends like a file, expected a folder$"):
+            check_folder(tmp_path / name)
+    assert [path.name for path in tmp_path.iterdir()] == ["there.npy"]
 
 
 def test_devices_and_folders_are_not_replaced(tmp_path):
