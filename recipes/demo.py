@@ -119,9 +119,10 @@ def check_minutes(recipe: DemoRecipe) -> None:
         trained = SavedRun(run).seconds if is_run(run) else 0.0
         later = [other for other in list(minutes)[place:] if (recipe.out / other / "model.safetensors").exists()]
         if later and trained < 60 * wanted:
+            had = f"after {trained // 0.6 / 100:g}" if trained else "as it was"  # rounded down
             raise CheckpointError(
-                f"{str(recipe.out)!r}: {name} would train to {wanted:g} minutes, and {later[0]} was made from it "
-                f"{f'after {trained / 60:.3g}' if trained else 'as it was'}: give another --out, or the minutes it had"
+                f"{str(recipe.out)!r}: {name} would train to {wanted:g} minutes, and {later[0]} was made from it {had}"
+                ": give another --out, or the minutes it had"
             )
 
 
