@@ -16,11 +16,13 @@ from typing import IO, Any
 from plat.errors import OutputError, PlatError
 
 __all__ = [
+    "FILES",
     "TABLES",
     "as_path",
     "check_file",
     "check_folder",
     "clear_parts",
+    "copy_file",
     "decoded",
     "expand_home",
     "is_full",
@@ -103,6 +105,17 @@ def write_file(path: Path, write: Callable[[Path], object], what: str) -> None:
         replace_file(path, write)
     except OSError as error:
         raise OutputError(f"{what} {str(path)!r}: cannot be written: {error.strerror or error}") from error
+
+
+def copy_file(source: Path, path: Path, what: str) -> None:
+    """Copy a file as :func:`write_file` writes one.
+
+    Raises:
+        OSError: naming ``source``, when it cannot be read.
+        OutputError: naming ``path``, when the disk does not take it; :func:`shutil.copy` names ``source``.
+    """
+    content = source.read_bytes()
+    write_file(path, lambda part: part.write_bytes(content), what)
 
 
 def clear_parts(folder: Path) -> None:
@@ -254,6 +267,11 @@ TABLES = (".csv", ".tsv", ".txt")
 """Endings of tables that commands write: no motion and no keyframe file, which a slip would replace."""
 
 
+_INPUTS = (".amc", ".asf", ".bvh", ".joblib", ".json", ".npy", ".npz", ".pickle", ".pkl", ".xml", ".yaml", ".yml")
+FILES = frozenset((*TABLES, *_INPUTS, ".md", ".mp4", ".onnx", ".png", ".safetensors", ".svg"))
+"""Endings of files that plat reads and writes: a new folder that ends so is a slip."""
+
+
 def check_file(path: Path, what: str = "--out", suffixes: Sequence[str] = ()) -> None:
     """Raise an error for a file that could not be written; folders that are missing would be made.
 
@@ -295,20 +313,23 @@ def keep_sources(sources: Iterable[Path], written: Iterable[Path], what: str = "
             raise OutputError(f"{what}: would replace {str(path)!r}, which is read: give another folder or name")
 
 
-def check_folder(path: Path, what: str = "--out") -> None:
+def check_folder(path: Path, what: str = "--out", expected: str = "a folder") -> None:
     """Raise an error for a folder that could not be made or takes no files. It is tried, and nothing stays behind.
 
     Args:
         path: the folder.
         what: begins the message.
+        expected: ends the message about a file.
 
     Raises:
-        OutputError: when it is a file, or cannot be written to.
+        OutputError: when it is a file, is not there and ends like one, or cannot be written to.
     """
     try:
         refuse_null(path)
         if path.exists() and not path.is_dir():
-            raise OutputError(f"{what} {str(path)!r}: is a file, expected a folder")
+            raise OutputError(f"{what} {str(path)!r}: is a file, expected {expected}")
+        if path.suffix.lower() in FILES and not path.exists():
+            raise OutputError(f"{what} {str(path)!r}: ends like a file, expected {expected}")
         missing = [folder for folder in (path, *path.parents) if not folder.exists()]
         try:
             path.mkdir(parents=True, exist_ok=True)

@@ -55,7 +55,7 @@ def parse_json(content: bytes, error: type[PlatError], label: str, *, constants:
     are errors, as are deep nesting and numbers of thousands of digits.
 
     Args:
-        content: UTF-8.
+        content: UTF-8, or UTF-16 or UTF-32, as Windows writes it.
         error: class of what is raised.
         label: how messages begin.
         constants: let NaN and Infinity through.
@@ -81,7 +81,7 @@ def parse_json(content: bytes, error: type[PlatError], label: str, *, constants:
     if content.count(b"{") + content.count(b"[") > _MOST_OBJECTS:
         raise error(f"{label}: more than {_MOST_OBJECTS:,} objects and lists, expected fewer")
     try:
-        text = content.decode("utf-8-sig")
+        text = content.decode(json.detect_encoding(content))
         values = json.loads(text, parse_constant=float if constants else constant, object_pairs_hook=unique)
         if "\\u" in text:
             json.dumps(values, ensure_ascii=False).encode()
@@ -90,7 +90,7 @@ def parse_json(content: bytes, error: type[PlatError], label: str, *, constants:
     except UnicodeEncodeError:
         raise error(f"{label}: half of a surrogate pair in a text, expected whole characters") from None
     except UnicodeDecodeError as cause:
-        raise error(f"{label}: not a readable JSON file (byte {cause.start} is no UTF-8)") from None
+        raise error(f"{label}: not a readable JSON file (byte {cause.start} is no {cause.encoding.upper()})") from None
     except json.JSONDecodeError as cause:
         where = f"line {cause.lineno}, column {cause.colno}"
         raise error(f"{label}: not a readable JSON file ({where}: {cause.msg})") from None

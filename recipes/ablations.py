@@ -205,12 +205,12 @@ def planned(recipe: AblationsRecipe) -> list[Planned]:
     """Every training whose run is not there or not finished.
 
     Raises:
-        PlatError: naming the first row whose run was trained otherwise.
+        PlatError: naming the first row whose run was trained otherwise, or from one that would train on.
     """
     if not recipe.training.motions:
         raise PlatError("--train needs motions to train on: --training.motions")
     motions = cache(partial(motions_to_train_on, recipe))
-    left = []
+    left: list[Planned] = []
     for row in ROWS:
         steps = getattr(recipe.training, row.steps)
         for seed in recipe.training.seeds if row.seeds else recipe.training.seeds[:1]:
@@ -231,6 +231,11 @@ def planned(recipe: AblationsRecipe) -> list[Planned]:
             training = Planned(row, row.recipe(recipe.runs, settings))
             if has_weights(out) and SavedRun(out).recipe is not None:
                 check_made_so(training, motions())
+                if row.needs in {other.out.name for other in left}:
+                    raise PlatError(
+                        f"{row.name}: {str(out)!r} was made from {row.needs!r} as it is, which would train on: choose "
+                        "another --runs, or steps as they were"
+                    )
             if steps_of(out) >= steps:
                 print(f"{row.name}: {out} is done")
             else:

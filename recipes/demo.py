@@ -18,13 +18,14 @@ from plat.cli import play as play_recipe
 from plat.cli.settings import parse
 from plat.control import distance_text, error_text
 from plat.envs.transforms import PAPER_HORIZONS
+from plat.errors import CheckpointError
 from plat.evaluation import HEADLINE, Score, play
 from plat.files import check_folder, clear_parts
 from plat.motions import MotionLibrary
 from plat.recipes import distill, expert_model, refine_model
 from plat.recipes.options import DemoRecipe
 from plat.rendering import RenderingError, Stage, contact_sheet, film_with_progress, write_picture, write_video
-from plat.runs import is_run, load_policy, report_errors
+from plat.runs import SavedRun, is_run, load_policy, report_errors
 from plat.runs.shipped import shipped_runs
 from plat.tasks import TimedKeyframesConfig
 
@@ -40,6 +41,7 @@ def main(recipe: DemoRecipe) -> None:
     """Run the demo."""
     began = time.monotonic()
     check_folder(recipe.out)
+    check_minutes(recipe)
     clear_parts(recipe.out)
     motions, out = (f"generated:train/{FAMILIES}",), recipe.out
     minutes = recipe.expert_minutes + recipe.distill_minutes + recipe.refine_minutes
@@ -103,6 +105,25 @@ def main(recipe: DemoRecipe) -> None:
     print(pictures)
     print(film_of_shipped)
     print(f"done in {(time.monotonic() - began) / 60:.1f} minutes; start it again to draw again, or remove {out} first")
+
+
+def check_minutes(recipe: DemoRecipe) -> None:
+    """Check that no stage would train on whose weights a later one has learned from: that one could not go on.
+
+    Raises:
+        CheckpointError: naming both.
+    """
+    minutes = {"expert": recipe.expert_minutes, "dagger": recipe.distill_minutes, "plat": recipe.refine_minutes}
+    for place, (name, wanted) in enumerate(minutes.items(), 1):
+        run = recipe.out / name
+        trained = SavedRun(run).seconds if is_run(run) else 0.0
+        later = [other for other in list(minutes)[place:] if (recipe.out / other / "model.safetensors").exists()]
+        if later and trained < 60 * wanted:
+            had = f"after {trained // 0.6 / 100:g}" if trained else "as it was"  # rounded down
+            raise CheckpointError(
+                f"{str(recipe.out)!r}: {name} would train to {wanted:g} minutes, and {later[0]} was made from it {had}"
+                ": give another --out, or the minutes it had"
+            )
 
 
 def draw(out: Path) -> str:

@@ -10,9 +10,20 @@ import pytest
 from plat.deploy import PolicyRunner
 from plat.errors import OutputError, PlatError
 from plat.export import export_bundle
-from plat.files import check_file, check_folder, clear_parts, expand_home, is_full, refuse_null, replace_file
+from plat.files import (
+    FILES,
+    TABLES,
+    check_file,
+    check_folder,
+    clear_parts,
+    expand_home,
+    is_full,
+    refuse_null,
+    replace_file,
+)
 from plat.keyframes import KeyframeSequence, standing
 from plat.motions import MotionClip, MotionLibrary, load_motions, save_csv, save_motions
+from plat.motions.readers import READERS
 from plat.robots import G1
 from plat.runs import SavedRun
 
@@ -113,6 +124,18 @@ def test_places_that_cannot_be_written_to(tmp_path):
         check_file(tmp_path / "x.txt", "--csv", (".csv", ".tsv"))
 
 
+def test_a_new_folder_that_ends_like_a_file_is_a_slip(tmp_path):
+    assert set(READERS) <= FILES
+    assert set(TABLES) <= FILES
+    (tmp_path / "there.npy").mkdir()
+    for name in ("there.npy", "v1.2", "npy", ".npy"):
+        check_folder(tmp_path / name)
+    for name in ("x.npy", "x.TSV", "x.onnx"):
+        with pytest.raises(OutputError, match=f"--out .*{name}': ends like a file, expected a folder$"):
+            check_folder(tmp_path / name)
+    assert [path.name for path in tmp_path.iterdir()] == ["there.npy"]
+
+
 def test_devices_and_folders_are_not_replaced(tmp_path):
     os.mkfifo(tmp_path / "fifo")
     for path in (tmp_path / "fifo", tmp_path):
@@ -171,6 +194,5 @@ def test_files_are_written_whole_everywhere():
         "plat/studio/static.py",  # likewise
         "plat/export/bundle.py",  # likewise
         "plat/studio/session.py",  # in a temporary folder
-        "plat/runs/hub.py",  # likewise
         "plat/collectors/worker.py",  # likewise
     }

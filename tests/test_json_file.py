@@ -13,12 +13,21 @@ def test_values_come_as_they_are(tmp_path: Path) -> None:
     assert read_json(path, KeyframeError, "file") == {"a": [1, -2500.0, True, None], "b": {"c": "é😀"}}
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32"])
+def test_windows_writes_texts_of_other_encodings(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "a.json"
+    path.write_text('{"name": "Köln 😀"}', encoding=encoding)
+    assert read_json(path, KeyframeError, "file") == {"name": "Köln 😀"}
+
+
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
         (b"", "line 1, column 1"),
         (b'{"a": 1,\n "b": }', "line 2, column 7"),
-        (b"\xff\xfe", "byte 0 is no UTF-8"),
+        (b'{"\xff": 1}', "byte 2 is no UTF-8"),
+        (b"\xff\xfe", "line 1, column 1"),
+        ('{"a": 1}'.encode("utf-16-le") + b"\x00", "byte 16 is no UTF-16-LE"),
         (b'{"a": NaN}', "holds NaN"),
         (b"[-Infinity]", "holds -Infinity"),
         (b'{"a": 1, "b": 2, "a": 3}', "field 'a' comes twice"),

@@ -81,6 +81,7 @@ def main(recipe: BenchmarkRecipe) -> dict[str, Study]:
         interfaces=recipe.interface,
         robot=recipe.robot,
         loaded=loaded,
+        lists={"--hard": recipe.hard, "--manifest": recipe.manifest},
     )
     names = list(dict.fromkeys(tracker_and_interface(candidate.name)[0] for candidate in candidates))
     if recipe.ours is not None and recipe.ours not in names:

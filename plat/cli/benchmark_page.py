@@ -16,7 +16,7 @@ from plat.evaluation.names import RuleName
 from plat.evaluation.score_table import difference_table, metrics_table, overview, table
 from plat.evaluation.study import Study, clip_table, group_metrics
 from plat.evaluation.study_files import read_study
-from plat.files import replace_file
+from plat.files import copy_file, replace_file
 from plat.json_file import read_json, short
 
 __all__ = ["ABOUT", "group_figure", "page", "publish"]
@@ -91,9 +91,7 @@ def publish(folder: Path, docs: Path) -> None:
     shown = [folder / name for name in names]  # other sets are of an earlier start
     shutil.rmtree(kept, ignore_errors=True)
     for path in [folder / ABOUT, *(path for one in shown for kind in ("csv", "png") for path in one.glob(f"*.{kind}"))]:
-        place = kept / path.relative_to(folder)
-        place.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(path, place)
+        copy_file(path, kept / path.relative_to(folder), "a copy")
     replace_file(docs / "results.md", lambda part: part.write_text(text, encoding="utf-8"))
 
 

@@ -1,6 +1,6 @@
 """Candidates of a comparison, from what a command line names: runs, bundles and released trackers."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import redirect_stdout
 from dataclasses import replace
 from functools import partial
@@ -18,7 +18,7 @@ from plat.export.data_sets import data_set_of
 from plat.files import readable
 from plat.robots import get_robot
 from plat.runs.lineage import made_by, trained_on
-from plat.runs.locate import CONFIG_FILE, run_folder
+from plat.runs.locate import CONFIG_FILE, is_run, run_folder, shipped_runs
 from plat.runs.policies import Policy
 from plat.runs.saved_run import WEIGHTS_FILE, SavedRun, load_policy
 from plat.runs.user_modules import imported_code
@@ -38,6 +38,7 @@ def candidates_of(
     interfaces: Sequence[Interface] = ("next-frame",),
     robot: str = "g1",
     loaded: Loaded | None = None,
+    lists: Mapping[str, Sequence[str | Path]] | None = None,
 ) -> dict[Candidate, Entrant]:
     """Return every candidate with its policy, loaded. Dense trackers are there once for each interface.
 
@@ -49,6 +50,7 @@ def candidates_of(
         interfaces: how dense trackers are told of a keyframe.
         robot: of bundles.
         loaded: policies of an earlier call, which are not loaded again; those that are loaded now are added.
+        lists: by option, what was given to those that take several: runs that stand after one are among it.
 
     Raises:
         PlatError: when something cannot be loaded, an ``.onnx`` file is of no tracker that plat knows, or two have one
@@ -83,8 +85,21 @@ def candidates_of(
             one = _candidate(label, load, files, f"{dense} {interface}", _described(name), "its owner's data")
             found[one] = Entrant.of_tracker(tracker, dense, interface)
     if not found:
-        raise PlatError("nothing to evaluate: give run directories, or files of released trackers (--trackers.twist2)")
+        told = _swallowed(lists or {})
+        raise PlatError(
+            f"nothing to evaluate: give run directories, or files of released trackers (--trackers.twist2){told}"
+        )
     return _told_apart(found)
+
+
+def _swallowed(lists: Mapping[str, Sequence[str | Path]]) -> str:
+    """Return which policy was taken for something else, as it stands after an option of several; empty for none."""
+    for option, names in lists.items():
+        for name in names:
+            path = Path(name)
+            if is_run(path) or (path / BUNDLE_FILE).exists() or path.suffix == ".onnx" or str(name) in shipped_runs():
+                return f"; {str(name)!r} stands after {option} and was taken for one of it: put it first"
+    return ""
 
 
 def trackers_of(

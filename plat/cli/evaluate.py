@@ -71,6 +71,7 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
         dense=recipe.dense,
         interfaces=recipe.interface,
         robot=recipe.robot,
+        lists={"--motions": recipe.motions, "--manifest": recipe.manifest},
     )
     entrants = {candidate.name: entrant for candidate, entrant in found.items()}
     read: list[Path] = []

@@ -25,7 +25,7 @@ import plat.headless  # noqa: F401
 
 from plat.cli.options import Convert, Inspect, Map, Mirror, MotionFiles, MotionsCommand, Retarget
 from plat.cli.together import check_effect
-from plat.errors import MotionError, OutputError, PlatError
+from plat.errors import MotionError, PlatError
 from plat.figures import draw_skeleton, pyplot, write_figure
 from plat.files import check_file, check_folder, expand_home, keep_sources
 from plat.motions import (
@@ -419,6 +419,7 @@ def draw_maps(command: Map) -> list[Path]:
     Raises:
         MotionError: at the end, when a file has no map, or a map that is wrong.
     """
+    check_folder(command.out)
     pyplot()  # what is missing had better be said before the work
     paths = bvh_paths(command.files)
     stated = None if command.map is None else load_map(command.map)
@@ -493,10 +494,8 @@ def check_out(out: Path, form: str) -> None:
     """
     if out.suffix.lower() == ".npz" and form == "npz":
         check_file(out)
-    elif out.suffix.lower() in (".npz", ".csv"):
-        raise OutputError(f"--out {str(out)!r}: expected a file .npz, or a folder (for --format csv always a folder)")
     else:
-        check_folder(out)
+        check_folder(out, expected="a file .npz, or a folder" if form == "npz" else "a folder for --format csv")
 
 
 def counted(clips: Sequence[object]) -> str:

@@ -149,9 +149,10 @@ class Keyframe:
         worst = int(excess.argmax())
         if excess[worst] > _RANGE_TOLERANCE:
             low, high = limits[worst]
+            doubt = ": in degrees?" if np.abs(joint_pos).max() > 2 * np.pi else ""
             raise KeyframeError(
                 f"joint_pos: {robot.joint_names[worst]!r} is {joint_pos[worst]:.4g} rad, "
-                f"expected {low:.4g} to {high:.4g} (its range)"
+                f"expected {low:.4g} to {high:.4g} (its range){doubt}"
             )
         if not isinstance(self.commands, Parts | None):
             raise KeyframeError(f"commands is {short(self.commands)}, expected plat.keyframes.Parts")
@@ -175,7 +176,7 @@ def check_time(time: float, what: str = "time") -> None:
     if not is_finite(time):
         raise KeyframeError(f"{what} is {short(time)}, expected a finite number of seconds")
     if abs(time) > _LONGEST:
-        raise KeyframeError(f"{what} is {time:g} s, expected at most a day ({_LONGEST:g} s)")
+        raise KeyframeError(f"{what} is {time:g} s, expected at most a day ({_LONGEST:g} s): in milliseconds?")
 
 
 def standing(robot: RobotJoints) -> Keyframe:

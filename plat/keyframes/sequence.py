@@ -6,7 +6,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from plat.robots.robot import Robot
 
 __all__ = ["Command", "KeyframeSequence", "split_long_intervals"]
+
+_LONG = 10.0
+"""Seconds between keyframes that are hardly meant."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +91,7 @@ class KeyframeSequence:
             label = _label(index, keyframe)
             checked.append(_checked(keyframe, label, self.robot))
             _check_order(checked[-2], checked[-1], label, self.timing)
-            _check_length(checked[-2], checked[-1], label, self.timing)
+            _check_length(checked[-2], checked[-1], label, self.timing, keyframes)
         # frozen: the checked copies replace the arguments
         object.__setattr__(self, "start", checked[0])
         object.__setattr__(self, "keyframes", tuple(checked[1:]))
@@ -326,12 +329,21 @@ def _check_order(before: Keyframe, keyframe: Keyframe, label: str, timing: Timin
         )
 
 
-def _check_length(before: Keyframe, keyframe: Keyframe, label: str, timing: Timing) -> None:
+def _check_length(
+    before: Keyframe, keyframe: Keyframe, label: str, timing: Timing, keyframes: Sequence[Keyframe]
+) -> None:
     steps = timing.steps(keyframe.time) - timing.steps(before.time)
     if steps > timing.max_steps:
         raise KeyframeError(
             f"{label}: time is {keyframe.time:g} s, {steps} control steps after {before.time:g} s, expected at most "
             f"{timing.max_steps} ({timing.longest:g} s): add a keyframe in between, have the interval split (--split "
             "of plat play, plat sim-to-sim and plat keyframes show), or use longer commands (--timing.max-steps of "
-            "plat keyframes, or another policy)"
+            f"plat keyframes, or another policy){_unit_doubt(keyframes)}"
         )
+
+
+def _unit_doubt(keyframes: Sequence[Keyframe]) -> str:
+    """Return what the times may be where no policy could keep any of them; empty where one may be a slip."""
+    times = [0.0, *(keyframe.time for keyframe in keyframes)]
+    doubtful = all(is_finite(time) for time in times) and all(b - a > _LONG for a, b in pairwise(times))
+    return "; times are in seconds: are these milliseconds or frames?" if doubtful else ""

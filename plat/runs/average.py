@@ -2,7 +2,6 @@
 
 import copy
 import math
-import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +12,7 @@ from torch import Tensor, nn
 
 from plat.bounds import Positive, check_value
 from plat.errors import CheckpointError, ConfigError
-from plat.files import check_folder
+from plat.files import check_folder, copy_file
 from plat.modules import LatentPolicy, PlainPolicy, WalkingReach, take_over
 from plat.runs.changes import differing
 from plat.runs.dynamics import DYNAMICS_FILE
@@ -150,6 +149,7 @@ def average_runs(
         CheckpointError: when a run cannot be read, or its policy is of another kind or size, or differs in what its
             weights mean, such as the base of the action; for one that cannot be ``symmetric`` or be given a ``reach``.
         RobotError: when the robot of a ``symmetric`` one is not.
+        OutputError: when the disk does not take the model of the robot. What is written by then is removed.
     """
     if len(runs) < (1 if symmetric or reach else 2):
         alone = "; with one, --symmetric lets it act by both sides, and --reach default shows it far keyframes nearer"
@@ -185,11 +185,19 @@ def average_runs(
     ]
     lock = RunLock(out)  # a training that has no checkpoint yet may have it
     try:
-        if (last.folder / DYNAMICS_FILE).exists():
-            shutil.copy(last.folder / DYNAMICS_FILE, out / DYNAMICS_FILE)
-        save_weights(out / WEIGHTS_FILE, policy)
-        # of one run too: the scores of a run are not those of what was made of it
-        write_json(out / CONFIG_FILE, {"average": of, **config} if len(runs) == 1 else {**config, "average": of})
+        check_out(out, resume=False)  # once more: now nobody else can begin one
+        try:
+            # the weights last: a folder without them holds nothing that is worth keeping
+            # of one run too: the scores of a run are not those of what was made of it
+            write_json(out / CONFIG_FILE, {"average": of, **config} if len(runs) == 1 else {**config, "average": of})
+            (out / DYNAMICS_FILE).unlink(missing_ok=True)  # of a start that was killed
+            if (last.folder / DYNAMICS_FILE).exists():
+                copy_file(last.folder / DYNAMICS_FILE, out / DYNAMICS_FILE, "the model of the robot")
+            save_weights(out / WEIGHTS_FILE, policy)
+        except BaseException:
+            for name in (WEIGHTS_FILE, DYNAMICS_FILE, CONFIG_FILE):
+                (out / name).unlink(missing_ok=True)
+            raise
     finally:
         lock.release()
     return SavedRun(out)

@@ -1,13 +1,13 @@
 """Runs on the Hugging Face Hub: download by name, and upload with a card."""
 
 import re
-import shutil
 import tempfile
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from plat.errors import CheckpointError
+from plat.files import copy_file, write_file
 
 __all__ = ["HUB_PREFIX", "download_run", "upload_run"]
 
@@ -52,6 +52,7 @@ def upload_run(run: str | Path, name: str, card: str, *, private: bool = True) -
     Raises:
         CheckpointError: for a name of another form, a directory without a run, when huggingface-hub is not
             installed, or the Hub does not take the files.
+        OutputError: when the disk does not take a copy of them.
     """
     repo, _, revision = _checked(name).partition("@")
     if revision:
@@ -63,8 +64,8 @@ def upload_run(run: str | Path, name: str, card: str, *, private: bool = True) -
     with tempfile.TemporaryDirectory() as folder:
         for file in _FILES:
             if (Path(run) / file).is_file():
-                shutil.copyfile(Path(run) / file, Path(folder) / file)
-        (Path(folder) / "README.md").write_text(card, encoding="utf-8")
+                copy_file(Path(run) / file, Path(folder) / file, "a copy")
+        write_file(Path(folder) / "README.md", lambda part: part.write_text(card, encoding="utf-8"), "the card")
         try:
             api = hub.HfApi()
             api.create_repo(repo, private=private, exist_ok=True)

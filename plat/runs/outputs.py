@@ -51,7 +51,9 @@ def _is_abandoned(folder: Path) -> bool:
         config = read_json(folder / CONFIG_FILE)
     except CheckpointError:
         return False
-    return config.get("format") == "plat-run" and "finished" not in config and not _is_kept(folder)
+    # a mean has the progress of its last run, and is written without weights first
+    begun = "finished" not in config or "average" in config
+    return config.get("format") == "plat-run" and begun and not _is_kept(folder)
 
 
 def _is_kept(folder: Path) -> bool:

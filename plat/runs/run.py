@@ -187,6 +187,8 @@ class Run:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if kind is None and self._stop.asked and self.finished:  # what was said is that it stops
+            print(f"{str(self.folder)!r}: the run is finished, with {self.budget.steps:,} steps", flush=True)
         self._stop.__exit__(kind, error, trace)
         self._lock.release()
         if kind is None and self._stop.asked:  # while the run ended: what would follow is not wanted either

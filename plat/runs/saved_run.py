@@ -120,6 +120,12 @@ class SavedRun:
         return steps if isinstance(steps, int) else 0
 
     @property
+    def seconds(self) -> float:
+        """Return the seconds of training of a finished run; 0 for one that is not finished."""
+        seconds = self._object("finished").get("seconds", 0.0)
+        return float(seconds) if isinstance(seconds, int | float) else 0.0
+
+    @property
     def unfinished(self) -> bool:
         """Return whether a recipe wrote the run and did not come to its end: its weights are of the way there."""
         return self.recipe is not None and "finished" not in self.config

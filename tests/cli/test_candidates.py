@@ -5,7 +5,7 @@ import pytest
 
 from plat.baselines import CATALOG, ReleasedTrackers, Tracker
 from plat.baselines.catalog import sha256
-from plat.cli import candidates
+from plat.cli import candidates, main
 from plat.cli.candidates import Loaded, candidates_of, trackers_of
 from plat.errors import PlatError
 from plat.evaluation.cells import Cell
@@ -124,8 +124,20 @@ def test_a_policy_is_loaded_once_for_all_interfaces_and_the_dense_reference(runs
 
 
 def test_nothing_to_evaluate():
-    with pytest.raises(PlatError, match="nothing to evaluate"):
-        candidates_of((), ReleasedTrackers())
+    with pytest.raises(PlatError, match=r"nothing to evaluate: .*twist2\)$"):
+        candidates_of((), ReleasedTrackers(), lists={"--motions": ("clips.npz",), "--manifest": ()})
+
+
+def test_a_run_after_an_option_of_several_is_named(runs):
+    (runs / "bundle").mkdir()
+    (runs / "bundle" / "bundle.json").write_text("{}")
+    for name in (runs / "plain", runs / "bundle", "plat-g1", "twist2.onnx"):
+        with pytest.raises(PlatError, match=f"; '{name}' stands after --motions and was taken for one of it: put it f"):
+            candidates_of((), ReleasedTrackers(), lists={"--motions": ("clips.npz", str(name))})
+    with pytest.raises(SystemExit, match="'plat-g1' stands after --motions and was taken for one of it: put it first"):
+        main(["evaluate", "--motions", "clips.npz", "plat-g1"])
+    with pytest.raises(SystemExit, match="'plat-g1' stands after --hard and was taken for one of it: put it first"):
+        main(["benchmark", "--out", str(runs / "out"), "--hard", "clips.npz", "plat-g1"])
 
 
 def test_a_run_that_is_not_finished_is_said_to_be(runs, capsys):

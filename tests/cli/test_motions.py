@@ -215,8 +215,16 @@ def test_what_is_stated_of_files_is_refused_where_there_are_none(tmp_path):
 
 
 def test_what_cannot_be_written_is_said(folder, tmp_path):
-    with pytest.raises(PlatError, match="expected a file .npz, or a folder"):
-        run("convert", folder, "--out", tmp_path / "x.csv")
+    for command, ending in (("convert", "csv"), ("convert", "npy"), ("convert", "json"), ("mirror", "pkl")):
+        with pytest.raises(PlatError, match="ends like a file, expected a file .npz, or a folder"):
+            run(command, folder, "--out", tmp_path / f"x.{ending}")
+    for ending in ("npz", "tsv", "txt"):
+        with pytest.raises(PlatError, match="ends like a file, expected a folder for --format csv"):
+            run("convert", folder, "--format", "csv", "--out", tmp_path / f"x.{ending}")
+    for command in ("retarget", "map"):
+        with pytest.raises(PlatError, match="ends like a file, expected a folder"):
+            run(command, folder, "--out", tmp_path / "x.npz")
+    assert not [path for path in tmp_path.iterdir() if path.stem == "x"]
     with pytest.raises(SystemExit, match="error: --resample is 0.0, expected a number from 1 to 1,000"):
         main(["motions", "convert", str(folder), "--out", str(tmp_path / "x.npz"), "--resample", "0"])
     with pytest.raises(PlatError, match="no clips are left"):

@@ -107,6 +107,23 @@ def test_times_that_do_not_fit_are_named(times, message):
         sequence(*times)
 
 
+@pytest.mark.parametrize(
+    ("times", "doubt"),
+    [
+        ((500.0, 1000.0, 1900.0), True),  # milliseconds
+        ((15.0, 45.0), True),  # frames
+        ((1.0, 45.0), False),
+        ((500.0, 501.0), False),
+        ((3.0,), False),
+        ((500.0, float("nan")), False),
+    ],
+)
+def test_times_in_another_unit_are_doubted(times, doubt):
+    with pytest.raises(KeyframeError, match="add a keyframe in between") as raised:
+        sequence(*times)
+    assert str(raised.value).endswith("; times are in seconds: are these milliseconds or frames?") == doubt
+
+
 @pytest.mark.parametrize("time", [10**400, np.nan, np.inf, "soon", None])
 def test_times_that_are_none_are_one_line(clip, time):
     asked = sequence(0.5, 1.0)

@@ -231,6 +231,11 @@ def test_rows_that_were_trained_otherwise_are_no_done_rows(recipe, tmp_path, cap
     capsys.readouterr()
     assert {planned.out.name for planned in ablations.planned(recipe)} == set(rows) - {"expert", "dagger"}
     assert "DAgger: " in capsys.readouterr().out
+    longer = dataclasses.replace(training, expert_steps=10)
+    with pytest.raises(PlatError, match="^DAgger: .*dagger' was made from 'expert' as it is, which would train on: "):
+        ablations.planned(dataclasses.replace(recipe, training=longer))
+    longer = dataclasses.replace(training, student_steps=7, refine_steps=4)
+    assert len(ablations.planned(dataclasses.replace(recipe, training=longer))) == len(rows) - 1
     more = dataclasses.replace(training, num_envs=4, mirror=True)
     with pytest.raises(
         PlatError, match=r"^Scratch RL: '.*expert' was trained otherwise: mirror is True, was False; num"

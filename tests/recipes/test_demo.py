@@ -7,9 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from plat.errors import CheckpointError
 from plat.evaluation import Score
 from plat.evaluation.report import Estimate
 from plat.recipes import demo
+from plat.runs import write_json
 
 
 @pytest.fixture
@@ -38,6 +40,37 @@ def test_a_killed_demo_goes_on(tmp_path, asked):
     demo.main(demo.DemoRecipe(out=tmp_path))
     assert [stage.resume for stage in asked[:3]] == [True, True, False]
     assert asked[3].out.parent == tmp_path, "an evaluation without a folder keeps nothing of what it has measured"
+
+
+def stage(folder: Path, seconds: float | None) -> None:
+    """A stage with weights, finished after some seconds or not finished."""
+    finished = {} if seconds is None else {"finished": {"steps": 1, "seconds": seconds}}
+    write_json(folder / "config.json", {"format": "plat-run", **finished})
+    (folder / "model.safetensors").write_bytes(b"weights")
+
+
+def test_a_stage_that_another_has_learned_from_does_not_train_on(tmp_path, asked):
+    def start(**minutes):
+        demo.main(demo.DemoRecipe(out=tmp_path, **minutes))
+
+    stage(tmp_path / "expert", 330.1)
+    start(expert_minutes=10)  # nothing was made from it
+    stage(tmp_path / "dagger", None)
+    with pytest.raises(
+        CheckpointError, match=r"expert would train to 10 minutes, and dagger was made from it after 5\.5: give"
+    ):
+        start(expert_minutes=10)
+    start(distill_minutes=10)
+    stage(tmp_path / "dagger", 120.1)
+    stage(tmp_path / "plat", 78.1)
+    with pytest.raises(CheckpointError, match="dagger would train to 10 minutes, and plat was made from it after 2"):
+        start(distill_minutes=10)
+    assert len(asked) == 2 * 4, "something ran"
+    start(refine_minutes=10)
+    start(expert_minutes=1)
+    stage(tmp_path / "expert", None)
+    with pytest.raises(CheckpointError, match="dagger was made from it as it was: give another --out"):
+        start()
 
 
 @pytest.mark.skipif(os.name != "posix", reason="processes are asked whether they live")

@@ -1,5 +1,8 @@
+import errno
 import json
 import math
+import pathlib
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -9,7 +12,7 @@ import torch
 from torch import nn
 
 from plat.cli import main
-from plat.errors import CheckpointError, ConfigError
+from plat.errors import CheckpointError, ConfigError, OutputError
 from plat.modules import (
     Expert,
     ExpertConfig,
@@ -292,6 +295,44 @@ def test_a_folder_that_is_trained_into_is_left_alone(tmp_path):
             average_runs([tmp_path / "one"] * 2, tmp_path / "busy")
         training.communicate(b"\n")
     assert not (tmp_path / "busy" / "config.json").exists()
+
+
+@pytest.mark.parametrize("killed", [False, True])
+def test_a_disk_that_takes_no_weights_leaves_nothing_that_blocks_the_next(tmp_path, monkeypatch, killed):
+    saved(tmp_path / "one"), saved(tmp_path / "other")
+    config = json.loads((tmp_path / "one" / "config.json").read_text())
+    write_json(tmp_path / "one" / "config.json", {"format": "plat-run", **config})
+    (tmp_path / "one" / "dynamics.safetensors").write_bytes(b"a model")
+    out, as_left = tmp_path / "mean", tmp_path / "as_left"
+
+    def full(path, policy):
+        shutil.copytree(out, as_left)
+        raise CheckpointError("No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(sys.modules["plat.runs.average"], "save_weights", full)
+        with pytest.raises(CheckpointError, match="No space left"):
+            average_runs([tmp_path / "other", tmp_path / "one"], out)
+    assert {path.name for path in out.iterdir()} == {".lock"}
+    assert {path.name for path in as_left.iterdir()} == {".lock", "config.json", "dynamics.safetensors"}
+    run = average_runs([tmp_path / "one", tmp_path / "other"], as_left if killed else out)
+    assert run.policy() is not None
+    assert not (run.folder / "dynamics.safetensors").exists(), "the model of a start that was killed"
+    with pytest.raises(CheckpointError, match="already holds a run"):
+        average_runs([tmp_path / "one", tmp_path / "other"], run.folder)
+
+
+def test_a_full_disk_names_the_file_that_it_does_not_take(tmp_path, monkeypatch):
+    saved(tmp_path / "one")
+    (tmp_path / "one" / "dynamics.safetensors").write_bytes(b"a model")
+
+    def full(self, data):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(pathlib.Path, "write_bytes", full)
+    with pytest.raises(OutputError, match=r"mean.dynamics\.safetensors': cannot be written: No space left"):
+        average_runs([tmp_path / "one"] * 2, tmp_path / "mean")
+    assert not (tmp_path / "mean" / "config.json").exists()
 
 
 def test_scores_of_the_last_run_are_not_the_averages(tmp_path):

@@ -1,5 +1,6 @@
 """The Hugging Face Hub, stood in for by a folder: the client's functions with the client's arguments."""
 
+import errno
 import shutil
 import sys
 from fnmatch import fnmatch
@@ -10,7 +11,7 @@ import pytest
 import torch
 
 import plat
-from plat.errors import CheckpointError
+from plat.errors import CheckpointError, OutputError
 from plat.export import push_run
 from plat.runs import SavedRun, download_run, run_folder, upload_run
 from tests.export.runs import small_policy, write_run
@@ -86,6 +87,16 @@ def test_what_the_hub_refuses_is_one_line(hub, run):
         upload_run(run, "hf:a/b@main", "")
     with pytest.raises(CheckpointError, match="holds no config.json, expected a run directory"):
         upload_run(hub, "hf:a/b", "")
+
+
+def test_a_full_disk_is_not_blamed_on_the_run(hub, run, monkeypatch):
+    def full(self, data):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(OutputError, match=r"^a copy '.*config\.json': cannot be written: No space left") as raised:
+        upload_run(run, "hf:a/b", "")
+    assert str(run) not in str(raised.value)
 
 
 def test_without_the_extra(monkeypatch):

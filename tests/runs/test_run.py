@@ -655,7 +655,7 @@ def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path, capsys):
     assert start(tmp_path / "a", resume=True)[3].steps == 20
 
 
-def test_ctrl_c_while_a_run_ends_ends_the_program_that_would_go_on(tmp_path):
+def test_ctrl_c_while_a_run_ends_ends_the_program_that_would_go_on(tmp_path, capsys):
     run, _, _, budget = start(tmp_path / "a", steps=10)
 
     def train():
@@ -669,6 +669,7 @@ def test_ctrl_c_while_a_run_ends_ends_the_program_that_would_go_on(tmp_path):
         train()
     assert ended.value.code == 130
     assert "finished" in read_json(tmp_path / "a" / "config.json")
+    assert capsys.readouterr().out.endswith(f"{str(tmp_path / 'a')!r}: the run is finished, with 10 steps\n")
 
 
 def test_a_reader_that_leaves_costs_no_training(tmp_path, monkeypatch):

@@ -249,8 +249,9 @@ def test_what_a_run_says_of_itself(run):
     assert (empty.kind, empty.robot, empty.recipe, empty.settings, empty.steps) == ("expert", "g1", None, {}, 0)
     config = json.loads((run / "config.json").read_text())
     recipe = {"name": "expert", "settings": {"motions": ["a"]}}
-    write_json(run / "config.json", {**config, "recipe": recipe, "finished": {"steps": 7}})
+    write_json(run / "config.json", {**config, "recipe": recipe, "finished": {"steps": 7, "seconds": 1.5}})
     saved = SavedRun(run)
+    assert (empty.seconds, saved.seconds) == (0.0, 1.5)
     assert (saved.name, saved.recipe, saved.settings, saved.steps) == (run.name, "expert", {"motions": ["a"]}, 7)
 
 
