@@ -175,8 +175,8 @@ def _jerk_steps(clip: Tensor, failed: Tensor, steps: Tensor) -> Tensor:
     """Return how many steps of commands ``[M]``, in their order, have two before them since the robot was reset."""
     if not len(clip):
         return steps
-    begins = torch.ones_like(failed)
-    begins[1:] = failed[:-1] | (clip[1:] != clip[:-1])
+    begins = torch.ones_like(failed, dtype=torch.bool)
+    begins[1:] = failed[:-1].bool() | (clip[1:] != clip[:-1])
     before = steps.cumsum(0) - steps
     before = before - before[begins][begins.cumsum(0) - 1]
     return (before + steps - 2).clamp_min(0) - (before - 2).clamp_min(0)
