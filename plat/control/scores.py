@@ -150,8 +150,8 @@ class KeyframeScorer:
         self._feet = _Feet(robot)
         self._steps: dict[int, list[tuple[ChaseStep, StepErrors]]] = {}
         self._near_after: dict[int, float] = {}
-        self._hold: list[tuple[float, bool]] = []  # time, down
-        self._foot_places: list[NDArray[np.floating]] = []
+        # time, whether down, and where the feet are: nowhere for a robot that is lost
+        self._hold: list[tuple[float, bool, NDArray[np.floating] | None]] = []
         self._lost: Sequence[Keyframe] = ()
 
     def add(self, step: ChaseStep) -> StepErrors:
@@ -161,8 +161,7 @@ class KeyframeScorer:
         scored = StepErrors(**{field.name: getattr(errors, field.name) for field in fields(errors)}, failed=failed)
         self._watch_late(step)
         if step.holding:
-            self._hold.append((step.time, errors.down))
-            self._foot_places.append(self._feet(step.after.qpos))
+            self._hold.append((step.time, errors.down, self._feet(step.after.qpos)))
         else:
             self._steps.setdefault(step.command.index, []).append((step, scored))
         return scored
@@ -174,7 +173,7 @@ class KeyframeScorer:
         """
         self._lost = sequence.keyframes
         if len(self._arrived()) == len(sequence):
-            self._hold.append((time, True))
+            self._hold.append((time, True, None))
 
     def scores(self) -> list[KeyframeScore]:
         """Return the scores of the keyframes that have arrived, and of those that never will (:meth:`lose`)."""
@@ -190,14 +189,13 @@ class KeyframeScorer:
         if not self._hold:
             return None
         arrival = self._steps[max(self._steps)][-1]
-        times = np.array([time for time, _ in self._hold]) - arrival[0].time
-        lay = [] if arrival[1].down else [time for time, (_, down) in zip(times, self._hold, strict=True) if down]
-        # a robot that is lost has no place at the end
-        settled = [place for time, place in zip(times, self._foot_places, strict=False) if time > self.limits.settling]
+        held = [(time - arrival[0].time, down, feet) for time, down, feet in self._hold]
+        lay = [] if arrival[1].down else [time for time, down, _ in held if down]
+        settled = [feet for time, _, feet in held if feet is not None and time > self.limits.settling]
         apart = np.linalg.norm(np.array(settled) - settled[0], axis=-1) if settled else np.zeros(1)
         travel = float(apart.max())
         stepped = travel > self.limits.foot_travel
-        return HoldScore(float(times[-1]), float(lay[0]) if lay else None, self._hold[-1][1], travel, stepped)
+        return HoldScore(held[-1][0], lay[0] if lay else None, held[-1][1], travel, stepped)
 
     def _watch_late(self, step: ChaseStep) -> None:
         """Find out when a keyframe that was missed is come near to after its arrival."""
