@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import mujoco
 import torch
@@ -20,6 +21,7 @@ from plat.robots.robot import Robot
 from plat.rotations import quat_conjugate, quat_from_rotvec, quat_multiply, quat_to_rotvec, quat_yaw
 from plat.spec.timing import Timing
 from plat.tasks.settings import CHAIN_FAMILIES
+from plat.tasks.ways_around import WaysAround
 
 __all__ = ["CHAIN_FAMILIES", "KeyframeChains", "draw_chains"]
 
@@ -44,6 +46,8 @@ class KeyframeChains:
         family: name of each of the C chains.
         moves: whether each of the C chains leads away from where it begins.
         commands: kind of the masks of each of the C chains (:data:`plat.envs.parts.PART_KINDS`); empty for any.
+        middle: poses ``[M, 7 + J]`` midway to keyframes where the straight line leads through the robot itself.
+        middle_row: which of them ``[R]`` is passed on the way to each row; -1 for none.
     """
 
     qpos: Tensor
@@ -55,6 +59,8 @@ class KeyframeChains:
     family: tuple[str, ...]
     moves: Tensor
     commands: tuple[str, ...]
+    middle: Tensor
+    middle_row: Tensor
 
 
 def draw_chains(
@@ -143,6 +149,9 @@ def _joined(parts: Sequence[tuple[ChainFamily, Tensor, Tensor, Tensor]], library
     """One table of chains, given by family with poses, times and hold."""
     standing = torch.as_tensor(library.robot.default_qpos, dtype=torch.float32)
     rows, steps, next_row, chain = [], [], [], []
+    ways = WaysAround(library.robot)
+    middle: list[Tensor] = []
+    middle_row: list[int] = []
     first, duration = [], []
     drawn: list[ChainFamily] = []
     begin = 0
@@ -155,6 +164,10 @@ def _joined(parts: Sequence[tuple[ChainFamily, Tensor, Tensor, Tensor]], library
             chain.append(torch.full((len(path) + 1,), len(drawn)))
             first.append(begin)
             duration.append(int(path_steps.sum()) + hold)
+            passed = [ways.between(*pair) if family.arms else None for pair in pairwise(rows[-1])]
+            for pose in (None, *passed):
+                middle_row.append(-1 if pose is None else len(middle))
+                middle += [] if pose is None else [pose]
             drawn.append(family)
             begin = last + 1
     device = library.device
@@ -168,6 +181,8 @@ def _joined(parts: Sequence[tuple[ChainFamily, Tensor, Tensor, Tensor]], library
         family=tuple(family.name for family in drawn),
         moves=torch.tensor([family.way is not None for family in drawn], device=device),
         commands=tuple("" if family.commands == "whole" else family.commands for family in drawn),
+        middle=torch.stack(middle).to(device) if middle else standing.new_empty(0, len(standing), device=device),
+        middle_row=torch.tensor(middle_row, device=device),
     )
 
 

@@ -63,6 +63,8 @@ class AuthoredCosts(Bounded):
     """of the joint velocities, mean over joints (rad/s)"""
     not_commanded: NonNegative = 0.05
     """pull to the line of what a partial keyframe leaves open, as a share of the pull in the window"""
+    around: NonNegative = 1.0
+    """both pulls where the line leads around the robot's own arms, as a share of the pull in the window"""
     lean: NonNegative = 3.0
     """of leaning more than 0.3 further than the line does (difference of the unit vectors along gravity)"""
     still: NonNegative = 0.1

@@ -17,6 +17,7 @@ from plat.robots.kinematics import ForwardKinematics
 from plat.rotations import quat_angle, quat_conjugate, quat_multiply, quat_rotate, quat_rotate_inverse, quat_yaw
 from plat.spec.observation import as_observed
 from plat.spec.timing import Timing
+from plat.tasks.authored_line import AuthoredLine
 from plat.tasks.balance import Balance
 from plat.tasks.chains import draw_chains
 from plat.tasks.costs import pose_cost, tracking_cost
@@ -49,7 +50,8 @@ class TimedKeyframes(Task):
     ``"command"``, and if it asks for them ``"parts"`` and ``"clock"``. Where a command is from a motion, a step costs
     the distance from that motion, which the policy does not see, and in the arrival window that from the keyframe as
     well. An authored keyframe has no reference: before its window it costs a share of the distance from the straight
-    line to it, and height and speeds a little.
+    line to it, and height and speeds a little. Where that line leads through the robot itself, it is bent, around the
+    arms, and its pull is stronger.
 
     A share of the commands are partial keyframes. Along a
     motion the cost of what a partial keyframe leaves open is still the distance from the motion, as a weaker pull. A
@@ -108,7 +110,9 @@ class TimedKeyframes(Task):
         self.reset_noise = reset_noise
         self.chains = chains = draw_chains(library, config.chains, config.families, seed=seed, timing=self.timing)
         self._frames = frames = len(library)
-        self.table = PoseTable.of_library(library).then(PoseTable.of_poses(chains.qpos.cpu(), library.robot))
+        authored = PoseTable.of_poses(torch.cat((chains.qpos, chains.middle)).cpu(), library.robot)
+        self.table = PoseTable.of_library(library).then(authored)
+        self._line = AuthoredLine(self.table, chains.middle_row.to(library.device), frames)
         self.starts = ClipStarts(library, uniform=config.uniform_starts)
         self.chain_starts = FailureWeights(len(chains.family), config.uniform_starts)
         for name, value in (
@@ -303,16 +307,18 @@ class TimedKeyframes(Task):
         in_window = memory["steps_left"] < self.timing.window
         along = tracking_cost(state, self.table.state(memory["frame"]), weights)
         goal = self.table.state(memory["goal"])
-        line = self._line(memory, goal)
+        line = self._line.state(memory)
+        around = self._line.middle(memory) >= 0
         # who is still far from what it was told to hold has to go there, and pays for nothing that going takes
         near = (state.root_pos_w - goal.root_pos_w).norm(dim=-1) < _AT_PLACE
         held = near & (memory["before"] == memory["goal"])
-        share = torch.where(in_window, 1.0, moderate.underway)
+        share = torch.where(in_window, 1.0, torch.where(around, moderate.around, moderate.underway))
         if self.partial:
             parts, whole = self.parts[memory["parts"]], memory["parts"] == 0
             along = torch.where(whole, 1.0, self.config.partial_tracking) * along
             at_goal, at_line = (partial_pose_cost(state, pose, parts, weights) for pose in (goal, line))
-            left_open = torch.where(whole, 0.0, moderate.not_commanded) * pose_cost(state, line, weights)
+            pull = torch.where(around, moderate.around, moderate.not_commanded)
+            left_open = torch.where(whole, 0.0, pull) * pose_cost(state, line, weights)
         else:
             at_goal, at_line = pose_cost(state, goal, weights), pose_cost(state, line, weights)
             left_open = torch.zeros_like(at_line)
@@ -356,17 +362,16 @@ class TimedKeyframes(Task):
         def of(rows: Tensor | slice) -> Tensor:
             here, authored_here = state.at(rows), authored[rows][:, None, None]
             points = self._kinematics.positions(here.root_pos_w, here.root_quat_w, here.joint_pos)
-            before, after, now = (self.table.points(memory[key][rows]) for key in ("before", "goal", "frame"))
-            share = (1 - memory["steps_left"] / memory["length"])[rows].clamp(0, 1)[:, None, None].to(before)
-            wanted = torch.where(authored_here, before.lerp(after, share), now)
-            cost = weight[rows] * points_cost(points, wanted, bodies[rows])
+            line = self._line.points(memory[rows])
+            now = self.table.points(memory["frame"][rows])
+            cost = weight[rows] * points_cost(points, torch.where(authored_here, line, now), bodies[rows])
             if weights.miss:
                 chain = self._chain[(memory["goal"][rows] - self._frames).clamp_min(0)]
                 near_miss = self._near_miss(
                     here,
                     self.table.state(torch.where(authored, memory["goal"], memory["frame"])[rows]),
                     points,
-                    torch.where(authored_here, after, now),
+                    torch.where(authored_here, self.table.points(memory["goal"][rows]), now),
                     None if parts is None else parts[rows],
                     reached_within=self._reached_within[chain],
                     arrives=(authored & (memory["steps_left"] == 0))[rows],
@@ -457,23 +462,10 @@ class TimedKeyframes(Task):
             root_lin_vel_w=quat_rotate(back, state.root_lin_vel_w),
         )
 
-    def _line(self, memory: TensorDictBase, after: GeneralizedState) -> GeneralizedState:
-        """The pose on the straight line from the keyframe before to the commanded one, ``after``, at rest."""
-        before = self.table.state(memory["before"])
-        share = (1 - memory["steps_left"] / memory["length"]).clamp(0, 1)[:, None].to(before.joint_pos)
-        same_side = (before.root_quat_w * after.root_quat_w).sum(-1, keepdim=True) >= 0
-        turned = torch.where(same_side, after.root_quat_w, -after.root_quat_w)
-        quat = torch.nn.functional.normalize(before.root_quat_w.lerp(turned, share), dim=-1)
-        return after._replace(
-            root_pos_w=before.root_pos_w.lerp(after.root_pos_w, share),
-            root_quat_w=quat,
-            joint_pos=before.joint_pos.lerp(after.joint_pos, share),
-        )
-
     def _wanted(self, memory: TensorDictBase) -> GeneralizedState:
         """The motion, or the line between authored keyframes."""
         authored, frame = memory["authored"][:, None], self.table.state(memory["frame"])
-        pairs = zip(self._line(memory, self.table.state(memory["goal"])), frame, strict=True)
+        pairs = zip(self._line.state(memory), frame, strict=True)
         return GeneralizedState(*(torch.where(authored, ours, theirs) for ours, theirs in pairs))
 
     def _leeway(self, memory: TensorDictBase) -> Tensor:

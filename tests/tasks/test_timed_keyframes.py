@@ -7,6 +7,7 @@ from tensordict import TensorDict
 from plat.collectors import PrivilegedGoals
 from plat.envs import GeneralizedState
 from plat.errors import PlatError
+from plat.keyframes.partial import hands_of
 from plat.robots import G1, ForwardKinematics
 from plat.rotations import quat_from_rotvec, quat_multiply
 from plat.spec.timing import Timing
@@ -20,7 +21,7 @@ def task(library):
 
 
 def line_of(task, memory):
-    return task._line(memory, task.table.state(memory["goal"]))
+    return task._line.state(memory)
 
 
 def play(task, memory, steps):
@@ -247,3 +248,48 @@ def test_the_line_may_pull_at_nothing_before_the_window(library, partial):
     aside = state._replace(root_pos_w=state.root_pos_w + torch.tensor([0.0, 0.5, 0.0]))
     pull = config.underway.not_commanded * config.tracking.root_pos * 0.5 if partial else 0.0
     assert float((task.cost(aside, memory) - cost).mean()) == pytest.approx(pull, abs=0.01)
+
+
+@pytest.fixture(scope="module")
+def bent(library):
+    """A task, and its memory at the begin of a command whose straight line leads through the robot itself."""
+    config = TimedKeyframesConfig(chains=40, families=("reach",), partial=1.0)
+    task = TimedKeyframes(library, config, reset_noise=None, seed=5)
+    row = int((task.chains.middle_row >= 0).nonzero()[0, 0])
+    _, memory = task.authored(task.chains.chain[[row]])
+    memory["before"], memory["goal"] = torch.tensor([task._frames + row - 1]), torch.tensor([task._frames + row])
+    memory["steps_left"], memory["length"] = torch.tensor([30]), torch.tensor([30])
+    return task, memory, task.chains.middle[task.chains.middle_row[row]]
+
+
+def test_a_bent_line_passes_the_pose_midway(bent):
+    task, memory, middle = bent
+    for steps_left, row in ((30, memory["before"]), (0, memory["goal"])):
+        line = line_of(task, memory.copy().set("steps_left", torch.tensor([steps_left])))
+        assert torch.allclose(line.joint_pos, task.table.state(row).joint_pos, atol=1e-6)
+    half = memory.copy().set("steps_left", torch.tensor([15]))
+    assert torch.allclose(line_of(task, half).joint_pos[0], middle[7:], atol=1e-6)
+    quarter = line_of(task, memory.copy().set("steps_left", torch.tensor([24]))).joint_pos[0]
+    assert torch.allclose(quarter, task.table.state(memory["before"]).joint_pos[0].lerp(middle[7:], 0.4), atol=1e-5)
+
+
+def test_a_pose_that_is_held_is_not_passed_by_midway(bent):
+    task, memory, _ = bent
+    held = memory.copy().set("before", memory["goal"]).set("steps_left", torch.tensor([15]))
+    assert torch.allclose(line_of(task, held).joint_pos, task.table.state(memory["goal"]).joint_pos)
+
+
+def test_a_bent_line_pulls_as_strongly_as_configured(bent):
+    task, memory, _ = bent
+    weights, moderate = task.config.tracking, task.config.underway
+    half = memory.copy().set("steps_left", torch.tensor([15]))
+    line = line_of(task, half)
+    off = line._replace(joint_pos=line.joint_pos.clone())
+    off.joint_pos[:, task.robot.joint_names.index("left_wrist_yaw")] += 0.2
+    points = [task._kinematics.positions(*state[:3]) for state in (off, line)]
+    hands = [task.robot.keypoints.index(name) for name in hands_of(task.robot)]
+    moved = float(sum((points[0] - points[1])[0, hand].norm() for hand in hands)) / 2
+    expected = moderate.around * (weights.joint_pos * 0.2 / task.robot.num_joints + weights.bodies * moved)
+    assert float(task.cost(off, half) - task.cost(line, half)) == pytest.approx(expected, abs=2e-3)
+    straight = half.copy().set("before", half["goal"])
+    assert float(task.cost(task.table.state(half["goal"]), straight)) < 0.02
