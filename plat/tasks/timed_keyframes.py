@@ -396,21 +396,41 @@ class TimedKeyframes(Task):
 
     @torch.no_grad()
     def missed(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
-        """Mask ``[N]`` of robots off a whole keyframe of a motion at its arrival, by the thresholds of evaluation."""
+        """Mask ``[N]`` of robots that miss a keyframe at its arrival, by the thresholds of evaluation.
+
+        Whole keyframes of a motion, and authored ones that are not out of reach. Who holds a pose does not arrive.
+        """
         out = torch.zeros_like(memory["authored"])
-        arrived = (memory["steps_left"] == 0) & ~memory["authored"]
-        if self.partial:
-            arrived &= memory["parts"] == 0
-        rows = arrived.nonzero()[:, 0]
-        if len(rows) == 0:
-            return out
-        here = self._on_motion(state, memory).at(rows)
-        there, limits = self.table.state(memory["goal"][rows]), TerminationLimits()
-        points = self._kinematics.positions(here.root_pos_w, here.root_quat_w, here.joint_pos)
-        off = (points - self.table.points(memory["goal"][rows]))[..., 2].abs()
-        turned = quat_angle(here.root_quat_w, there.root_quat_w).square() > limits.anchor_rot_squared
-        out[rows] = turned | ((off > limits.end_effector_height) & (self._end_effectors > 0)).any(-1)
+        arrived = memory["steps_left"] == 0
+        for mask, missed in (
+            (arrived & ~memory["authored"] & self._whole(memory), self._missed_along),
+            (arrived & memory["authored"] & (memory["before"] != memory["goal"]), self._missed_authored),
+        ):
+            rows = mask.nonzero()[:, 0]
+            if len(rows):
+                out[rows] = missed(self._on_motion(state, memory).at(rows), memory[rows])
         return out
+
+    def _whole(self, memory: TensorDictBase) -> Tensor:
+        """Mask ``[N]`` of robots that a whole pose is commanded of."""
+        return memory["parts"] == 0 if self.partial else torch.ones_like(memory["authored"])
+
+    def _missed_along(self, here: GeneralizedState, memory: TensorDictBase) -> Tensor:
+        there, limits = self.table.state(memory["goal"]), TerminationLimits()
+        points = self._kinematics.positions(here.root_pos_w, here.root_quat_w, here.joint_pos)
+        off = (points - self.table.points(memory["goal"]))[..., 2].abs()
+        turned = quat_angle(here.root_quat_w, there.root_quat_w).square() > limits.anchor_rot_squared
+        return turned | ((off > limits.end_effector_height) & (self._end_effectors > 0)).any(-1)
+
+    def _missed_authored(self, here: GeneralizedState, memory: TensorDictBase) -> Tensor:
+        goal = memory["goal"]
+        points = self._kinematics.positions(here.root_pos_w, here.root_quat_w, here.joint_pos)
+        parts = self.parts[memory["parts"]] if self.partial else self.parts[:1].expand(len(goal), -1)
+        chain = self._chain[goal - self._frames]
+        unreached = self._near_miss.unreached(
+            here, self.table.state(goal), points, self.table.points(goal), parts, self._reached_within[chain]
+        )
+        return unreached & ~self._roams[chain]
 
     def lost(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
         """Mask ``[N]``: 0.6 m too high or low."""

@@ -293,3 +293,28 @@ def test_a_bent_line_pulls_as_strongly_as_configured(bent):
     assert float(task.cost(off, half) - task.cost(line, half)) == pytest.approx(expected, abs=2e-3)
     straight = half.copy().set("before", half["goal"])
     assert float(task.cost(task.table.state(half["goal"]), straight)) < 0.02
+
+
+@pytest.mark.parametrize(
+    ("family", "moved", "missed"),
+    [
+        ("steps", {"root_pos_w": (0.25, 0.0, 0.0)}, True),
+        ("steps", {"root_pos_w": (0.15, 0.0, 0.0)}, False),
+        ("arms", {"joint_pos": 0.25}, True),
+        ("arms", {"joint_pos": 0.15}, False),
+        ("reach", {"root_pos_w": (0.0, 0.0, 0.07)}, True),  # hands within 5 cm
+        ("reach", {"root_pos_w": (0.0, 0.0, 0.03)}, False),
+        ("far", {"root_pos_w": (0.5, 0.0, 0.0)}, False),  # it could not be there
+    ],
+)
+def test_authored_keyframes_are_missed_by_the_thresholds_of_evaluation(library, family, moved, missed):
+    config = TimedKeyframesConfig(chains=2, families=(family,), partial=float(family == "reach"))
+    task = TimedKeyframes(library, config, reset_noise=None)
+    _, memory = task.authored(torch.tensor([0]))
+    there = task.table.state(memory["goal"])
+    state = there._replace(**{name: getattr(there, name) + torch.tensor(by) for name, by in moved.items()})
+    arrival = memory.copy().set("steps_left", torch.tensor([0]))
+    assert task.missed(state, arrival).item() == missed
+    assert not task.missed(there, arrival).item()
+    assert not task.missed(state, memory).item()
+    assert not task.missed(state, arrival.copy().set("before", memory["goal"])).item()
