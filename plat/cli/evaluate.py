@@ -118,11 +118,10 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
     scores = study.scores
     if tables := study.markdown():
         print(f"\n{tables}", end="")
-    write_tables(recipe, conditions, markdown(scores), tables)
+    write_page(recipe, conditions, study)
     pictures: list[Path] = []
     if recipe.authored:
-        authored = score_authored(recipe, found, library, plan.setting, conditions)
-        write_tables(recipe, conditions, markdown(scores), tables, *authored)
+        score_authored(recipe, found, library, study, plan.setting, conditions)
         if recipe.strips is not None:
             pictures += draw_authored_strips(recipe, recipe.strips, entrants, library)
     if recipe.figures is not None:
@@ -196,10 +195,11 @@ def conditions_of(recipe: EvaluateRecipe, timing: Timing) -> str:
     return ", ".join(words for words, given in told.items() if given)
 
 
-def write_tables(recipe: EvaluateRecipe, conditions: str, *tables: str) -> None:
-    """Write the page of tables into the folder for them."""
+def write_page(recipe: EvaluateRecipe, conditions: str, study: Study, authored: Sequence[str] = ()) -> None:
+    """Write the page of all tables that there are so far into the folder for them."""
     if recipe.out is not None:
-        text = "\n".join(filter(None, (conditions and f"Conditions: {conditions}.\n", *tables)))
+        told = conditions and f"Conditions: {conditions}.\n"
+        text = "\n".join(filter(None, (told, markdown(study.scores), study.markdown(), *authored)))
         replace_file(recipe.out / SCORES_PAGE, lambda part: part.write_text(text, encoding="utf-8"))
 
 
@@ -230,11 +230,11 @@ class Teller:
             write_csv(self._recipe.csv, study.scores, self._conditions)
         self._told, self._since = len(study.scores), time.monotonic()
         if self._recipe.out is not None:
-            if not self._begun:  # what write_study does not replace is of an earlier start
-                for stale in (SCORES_PAGE, authored_csv(Path(SCORES_TABLE)).name):
-                    (self._recipe.out / stale).unlink(missing_ok=True)
+            if not self._begun:  # what is not replaced here is of an earlier start
+                authored_csv(self._recipe.out / SCORES_TABLE).unlink(missing_ok=True)
             self._begun = True
             write_study(study, self._recipe.out, self._conditions)
+            write_page(self._recipe, self._conditions, study)
 
 
 def long_enough(library: MotionLibrary, horizon: str) -> list[int]:
@@ -284,10 +284,11 @@ def score_authored(
     recipe: EvaluateRecipe,
     entrants: Mapping[Candidate, Entrant],
     library: MotionLibrary,
+    study: Study,
     setting: EvaluationSetting,
     conditions: str,
-) -> list[str]:
-    """Print a table of authored keyframes for every entrant, write what there is so far, and return the tables."""
+) -> None:
+    """Print a table of authored keyframes for every entrant, and write what there is so far, beside the study."""
     scored: dict[str, AuthoredRecords] = {}
     tables = []
     beside = [recipe.csv] if recipe.csv is not None else []
@@ -303,7 +304,7 @@ def score_authored(
         tables.append(f"{head}\n\n{table}")
         for path in beside:
             write_authored_csv(authored_csv(path), scored, told)
-    return tables
+        write_page(recipe, conditions, study, tables)
 
 
 def authored_csv(scores: Path) -> Path:

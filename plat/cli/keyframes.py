@@ -14,7 +14,7 @@ from plat.cli.together import check_effect
 from plat.control import Feasibility
 from plat.errors import KeyframeError
 from plat.files import check_file, keep_sources
-from plat.keyframes import Keyframe, KeyframeSequence, standing
+from plat.keyframes import Keyframe, KeyframeSequence, long_intervals_of_file, standing
 from plat.keyframes.files import is_keyframe_file, read_keyframes, refuse_other_kinds, write_keyframes
 from plat.keyframes.kimodo import read_constraints, write_constraints
 from plat.keyframes.mjcf import read_mjcf_keys, write_mjcf_keys
@@ -67,6 +67,8 @@ def show(command: Show) -> KeyframeSequence:
     """Print the table; return what is in the file."""
     robot = get_robot(command.robot)
     sequence = KeyframeSequence.load(command.file, robot, split=command.split, timing=command.timing)
+    for interval in long_intervals_of_file(command.file, robot, command.timing):
+        print(interval.words)
     print(f"{command.file}: {len(sequence)} keyframes for {sequence.robot.name!r} in {sequence.duration:g} s")
     print(f"{'':>3}  {'name':<20}  {'time s':>7}  {'steps':>5}  {'root x y z m':>20}  most changed joint")
     before, step = sequence.start, 0

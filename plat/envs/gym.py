@@ -133,7 +133,7 @@ class _Task:
 
     def reset(self, seed: int | None) -> np.ndarray:
         if seed is not None:  # the same seed gives the same episode, whatever happened before
-            self._starts.forget()
+            self._starts.forget_all()
         with self._own_randomness(seed):
             self.current = self.env.reset()
         return self.flat(self.current)

@@ -85,7 +85,7 @@ class MotionTrackingEnv(EnvBase):
     A reset starts from the frames ``start`` ``[N]`` where it is given them, as in ``env.reset(start=frames)``, and a
     partial reset from those of the robots that it resets. Otherwise it reads ``("motion", "start")``, where a transform
     such as :class:`plat.envs.transforms.FailureWeightedStarts` writes it, or samples. Transforms of TorchRL pass no
-    entry of one's own on to a reset, but its arguments.
+    entry of one's own on to a reset, but its arguments: around this environment ``("motion", "start")`` is ignored.
 
     Args:
         library: motions; its ``dt`` is the control step.

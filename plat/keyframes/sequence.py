@@ -6,7 +6,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import accumulate, pairwise
+from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +17,7 @@ from plat.json_file import short
 from plat.keyframes.files import read_keyframes, write_keyframes
 from plat.keyframes.keyframe import Keyframe, RobotJoints, check_time, interpolate, standing
 from plat.keyframes.roots import as_arrived, with_commanded_root
+from plat.keyframes.splits import unit_doubt
 from plat.spec.timing import Timing
 
 if TYPE_CHECKING:
@@ -24,9 +25,6 @@ if TYPE_CHECKING:
     from plat.robots.robot import Robot
 
 __all__ = ["Command", "KeyframeSequence", "split_long_intervals"]
-
-_LONG = 10.0
-"""Seconds between keyframes that are hardly meant."""
 
 
 @dataclass(frozen=True)
@@ -334,16 +332,10 @@ def _check_length(
 ) -> None:
     steps = timing.steps(keyframe.time) - timing.steps(before.time)
     if steps > timing.max_steps:
+        doubt = unit_doubt(keyframes)
         raise KeyframeError(
             f"{label}: time is {keyframe.time:g} s, {steps} control steps after {before.time:g} s, expected at most "
             f"{timing.max_steps} ({timing.longest:g} s): add a keyframe in between, have the interval split (--split "
             "of plat play, plat sim-to-sim and plat keyframes show), or use longer commands (--timing.max-steps of "
-            f"plat keyframes, or another policy){_unit_doubt(keyframes)}"
+            f"plat keyframes, or another policy){doubt and f'; {doubt}'}"
         )
-
-
-def _unit_doubt(keyframes: Sequence[Keyframe]) -> str:
-    """Return what the times may be where no policy could keep any of them; empty where one may be a slip."""
-    times = [0.0, *(keyframe.time for keyframe in keyframes)]
-    doubtful = all(is_finite(time) for time in times) and all(b - a > _LONG for a, b in pairwise(times))
-    return "; times are in seconds: are these milliseconds or frames?" if doubtful else ""

@@ -14,7 +14,7 @@ from torchrl.objectives.common import LossModule
 from plat.bounds import Count, Fraction, NonNegative, check_value
 from plat.entries import Shape, check_entries
 from plat.envs.state import GeneralizedState
-from plat.errors import ConfigError
+from plat.errors import ConfigError, ObservationError
 from plat.modules.dynamics import DynamicsModel
 from plat.objectives.divergence import gaussian_kl
 from plat.precision import autocast
@@ -149,6 +149,8 @@ class ImaginationLoss(LossModule):
         joints = task.robot.num_joints
         starts: dict[NestedKey, Shape] = {keys.state: (13 + 2 * joints,), (keys.memory, "last_action"): (joints,)}
         check_entries(tensordict, starts, "imagination loss")
+        if len(batch := tensordict.get(keys.state).shape[:-1]) != 1:
+            raise ObservationError(f"imagination loss: states {tuple(batch)}, expected [B], as of reshape(-1)")
         state, memory = GeneralizedState.unpack(tensordict.get(keys.state)), tensordict.get(keys.memory)
         to_go = penalty = torch.zeros(tensordict.shape, device=state.root_pos_w.device)
         lost = ended = torch.zeros_like(to_go, dtype=torch.bool)

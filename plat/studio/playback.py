@@ -55,8 +55,8 @@ class Playback:
         """That of the policy beside it."""
         self.scores: dict[str, list[KeyframeScore]] = {}
         """By policy, of the keyframes as they are now."""
-        self.refusals: dict[str, str] = {}
-        """By policy, why it did not play them when all were compared."""
+        self.notes: dict[str, str] = {}
+        """By policy, why it did not play them when all were compared, or when and why its simulation ended early."""
         self.played = self.policy
         """Name of the policy whose chase :attr:`player` is."""
         self._timeline = timeline
@@ -65,12 +65,17 @@ class Playback:
     @property
     def playing(self) -> bool:
         """Return whether a robot is moving."""
-        return self.player is not None and not self.player.finished and not self._paused
+        return not self._over and not self._paused
 
     @property
     def paused(self) -> bool:
         """Return whether a chase was interrupted and can go on."""
-        return self.player is not None and not self.player.finished and self._paused
+        return not self._over and self._paused
+
+    @property
+    def _over(self) -> bool:
+        """Return whether no robot is on its way; that of one policy may have ended before the other."""
+        return all(player.finished for _, player in self.players)
 
     @property
     def players(self) -> list[tuple[str, Player]]:
@@ -81,7 +86,7 @@ class Playback:
     @property
     def simulated(self) -> float:
         """Return the end of what was simulated (s)."""
-        return 0.0 if self.player is None else self.player.time
+        return max((player.time for _, player in self.players), default=0.0)
 
     def play(self) -> None:
         """Start from the start pose.
@@ -110,18 +115,17 @@ class Playback:
 
     def seek(self, time: float) -> None:
         """Show a time (s): of what was simulated, or of the keyframes; a chase that is on is paused."""
-        self._paused = self.player is not None and not self.player.finished
+        self._paused = not self._over
         self.cursor = min(max(float(time), 0.0), max(self._timeline().duration, self.simulated))
 
     def step(self, steps: int) -> None:
         """Go some control steps ahead (or back), pausing; simulate those that were not yet."""
         if self.player is None:
             self.play()
-        assert self.player is not None
         self._paused = True
         control_dt = self.timing.control_dt
         goal = max(round(self.cursor / control_dt) + steps, 0) * control_dt
-        while self.simulated + 1e-9 < goal and not self.player.finished:
+        while self.simulated + 1e-9 < goal and not self._over:
             for _, player in self.players:
                 player.take_step()
         self._take_scores()
@@ -148,19 +152,24 @@ class Playback:
 
     def tick(self, seconds: float) -> None:
         """Advance in time."""
-        if not self.playing or self.player is None:
+        if not self.playing:
             return
         for _, player in self.players:
             player.advance(seconds * self.speed)
         self.cursor = self.simulated
         self._take_scores()
-        if self.player.finished and self.loop:
+        if self._over and self.loop:
             self.play()
 
     def _take_scores(self) -> None:
         for name, player in self.players:
-            if player.finished and (scores := player.scores) is not None:
+            if not player.finished:
+                continue
+            if (scores := player.scores) is not None:
                 self.scores[name] = scores
+            self.notes.pop(name, None)
+            if player.ended:
+                self.notes[name] = player.ended
 
     def changed(self) -> None:
         """Obey edited keyframes: a chase that is on goes on with them, one that is over is forgotten.
@@ -169,11 +178,11 @@ class Playback:
             KeyframeError: when a policy that plays cannot follow them; the chase is ended.
         """
         self.scores.clear()
-        self.refusals.clear()
+        self.notes.clear()
         timeline = self._timeline()
         if self.player is None:
             return
-        if self.player.finished or not timeline.keyframes:
+        if self._over or not timeline.keyframes:
             cursor = min(self.cursor, timeline.duration)
             self.stop()
             self.cursor = cursor
@@ -192,29 +201,31 @@ class Playback:
         It changes no state, so another thread may call it.
 
         Returns:
-            The scores by policy, and why the others did not play.
+            The scores by policy, and by policy why it did not play, or when and why its simulation ended early.
 
         Raises:
             KeyframeError: when there is no keyframe.
         """
         timeline.sequence()  # that there is something to play
         scores: dict[str, list[KeyframeScore]] = {}
-        refusals: dict[str, str] = {}
+        notes: dict[str, str] = {}
         for name in self.policies:
             try:
-                scores[name] = score(self._robot, self.controller(name), self.sequence(name, timeline))
+                scores[name], ended = score(self._robot, self.controller(name), self.sequence(name, timeline))
+                if ended:
+                    notes[name] = ended
             except PlatError as error:
-                refusals[name] = str(error)
-        return scores, refusals
+                notes[name] = f"did not play: {error}"
+        return scores, notes
 
     def take_scores(
-        self, timeline: Timeline, scores: Mapping[str, list[KeyframeScore]], refusals: Mapping[str, str]
+        self, timeline: Timeline, scores: Mapping[str, list[KeyframeScore]], notes: Mapping[str, str]
     ) -> None:
         """Store what :meth:`compare` returned, if it belongs to the current keyframes."""
         now = self._timeline()
         if timeline.start is now.start and timeline.keyframes is now.keyframes and timeline.holds is now.holds:
             self.scores.update(scores)
-            self.refusals = dict(refusals)
+            self.notes = dict(notes)
 
     def sequence(self, policy: str, timeline: Timeline | None = None) -> KeyframeSequence:
         """Return the keyframes as a policy is given them: split where they are farther apart than its commands reach.

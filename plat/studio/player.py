@@ -14,13 +14,15 @@ from plat.control import (
     PoseComparison,
     PoseErrors,
     Simulator,
+    StepErrors,
     mean_errors,
 )
+from plat.errors import ActionError, StateError
 from plat.keyframes import KeyframeSequence
 from plat.keyframes.roots import with_commanded_root
 from plat.robots.robot import Robot
 
-__all__ = ["HOLD", "Player", "Summary", "score", "simulator"]
+__all__ = ["HOLD", "Player", "Summary", "chased", "score"]
 
 HOLD = 0.6
 """Seconds that a played robot stays in the last keyframe."""
@@ -52,7 +54,9 @@ class Player:
         self._changed = False
         self._ahead = 0.0
         self.finished = False
-        """Whether the last keyframe's arrival and :data:`HOLD` are over."""
+        """Whether the last keyframe's arrival and :data:`HOLD` are over, or the simulation ended early."""
+        self.ended = ""
+        """When and why the simulation ended early; empty where it did not."""
         self.step: ChaseStep | None = None
         """The last step that was taken."""
         self.times: list[float] = []
@@ -115,7 +119,9 @@ class Player:
 
     def take_step(self) -> None:
         """Take one control step, unless all is over."""
-        step = None if self.finished else next(self._chase, None)
+        if self.finished:
+            return
+        step, self.ended = _next_step(self._chase, self._scorer)
         if step is None:
             self.finished = True
             return
@@ -130,7 +136,7 @@ class Player:
 
     @property
     def scores(self) -> list[KeyframeScore] | None:
-        """Return the scores of the keyframes that have arrived; None when policy or keyframes were exchanged."""
+        """Return the scores of the keyframes that have arrived, or never will; None when anything was exchanged."""
         return None if self._changed else self._scorer.scores()
 
 
@@ -139,12 +145,32 @@ def simulator(robot: Robot, controller: Controller) -> Simulator:
     return Simulator(robot.shared_model, controller.timing.control_dt)
 
 
-def score(robot: Robot, controller: Controller, sequence: KeyframeSequence) -> list[KeyframeScore]:
-    """Compute the scores of a chase and its hold at full speed, equal to those of a :class:`Player`."""
-    scorer = KeyframeScorer(robot)
-    for step in Chase(controller, sequence, simulator(robot, controller), hold=HOLD):
-        scorer.add(step)
-    return scorer.scores()
+def chased(
+    robot: Robot, controller: Controller, sequence: KeyframeSequence
+) -> tuple[list[tuple[ChaseStep, StepErrors]], KeyframeScorer, str]:
+    """Return the steps of a chase and its hold at full speed, their scorer, and when and why it ended early, if so."""
+    chase, scorer = Chase(controller, sequence, simulator(robot, controller), hold=HOLD), KeyframeScorer(robot)
+    steps: list[tuple[ChaseStep, StepErrors]] = []
+    while True:
+        step, ended = _next_step(chase, scorer)
+        if step is None:
+            return steps, scorer, ended
+        steps.append((step, scorer.add(step)))
+
+
+def score(robot: Robot, controller: Controller, sequence: KeyframeSequence) -> tuple[list[KeyframeScore], str]:
+    """Compute the scores of a chase at full speed, equal to those of a :class:`Player`, and when and why it ended."""
+    _, scorer, ended = chased(robot, controller, sequence)
+    return scorer.scores(), ended
+
+
+def _next_step(chase: Chase, scorer: KeyframeScorer) -> tuple[ChaseStep | None, str]:
+    """Take a step; a robot whose simulation diverges, or that has no target, fell from there on."""
+    try:
+        return next(chase, None), ""
+    except (ActionError, StateError) as error:
+        scorer.lose(chase.sequence, chase.time)
+        return None, f"at {chase.time:.2f} s: {error}; it fell from there on"
 
 
 @dataclass(frozen=True)

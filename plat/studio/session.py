@@ -8,8 +8,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from tensordict.nn import TensorDictModuleBase
 
-from plat.control import Chase, KeyframeScorer, record
-from plat.errors import KeyframeError
+from plat.control import record
+from plat.errors import ActionError, KeyframeError
 from plat.files import expand_home
 from plat.keyframes import Keyframe, KeyframeSequence, standing
 from plat.keyframes.files import read_keyframes, write_keyframes
@@ -19,7 +19,7 @@ from plat.robots.robot import Robot
 from plat.studio.history import History
 from plat.studio.pins import mirrored_parts, toggled
 from plat.studio.playback import Playback
-from plat.studio.player import HOLD, simulator
+from plat.studio.player import chased
 from plat.studio.poser import Frame, Poser
 from plat.studio.poses import Floor, mirrored, placed, symmetric
 from plat.studio.templates import template
@@ -323,24 +323,29 @@ class Session:
 
     # playing
 
-    def record(self, timeline: Timeline, policy: str, path: str | Path) -> None:
+    def record(self, timeline: Timeline, policy: str, path: str | Path) -> str:
         """Write a video of a policy that chases some keyframes.
 
         It changes no state, so another thread may call it.
 
+        Returns:
+            When and why the simulation ended early, up to which the video is; empty where it did not.
+
         Raises:
             KeyframeError: when there is no keyframe.
+            ActionError: when the simulation ended with the first step.
             RenderingError: where there is no OpenGL, the extra ``plat-rl[video]`` is not installed, or the file is no
                 ``.mp4`` or cannot be written.
         """
         path = expand_home(Path(path))
         check_video(path)
         sequence = self.playback.sequence(policy, timeline)
-        controller = self.playback.controller(policy)
-        chase = Chase(controller, sequence, simulator(self.robot, controller), hold=HOLD)
-        scorer = KeyframeScorer(self.robot)
         with Stage(self.robot, distance=2.6) as stage:
-            write_video(path, film(stage, record(((step, scorer.add(step)) for step in chase), scorer)))
+            steps, scorer, ended = chased(self.robot, self.playback.controller(policy), sequence)
+            if not steps:
+                raise ActionError(ended)
+            write_video(path, film(stage, record(steps, scorer)))
+        return ended
 
     # files
 

@@ -45,21 +45,22 @@ def keyframe_table(timeline: Timeline, scores: Sequence[KeyframeScore] | None) -
     return "\n".join(rows)
 
 
-def policy_table(scores: Mapping[str, Sequence[KeyframeScore]], refusals: Mapping[str, str]) -> str:
+def policy_table(scores: Mapping[str, Sequence[KeyframeScore]], notes: Mapping[str, str]) -> str:
     """Return a table with a row per policy: the outcomes of its keyframes, and mean errors. Empty without any.
 
     Args:
         scores: by policy.
-        refusals: why others did not play, by policy.
+        notes: by policy, why it did not play, or when and why its simulation ended early.
     """
-    if not scores and not refusals:
+    if not scores and not notes:
         return ""
     rows = ["| policy | outcome | joints rad | keypoints mm |", "|---|---|---|---|"]
     for policy, of_policy in scores.items():
         mean = Summary.of(of_policy)
         errors = f"{error_text(mean.joint_error)} | {distance_text(mean.keypoint_error)}"
-        rows.append(f"| {_plain(policy)} | {tally(of_policy)} | {errors} |")
-    rows += [f"| {_plain(policy)} | did not play: {_plain(why)} | - | - |" for policy, why in refusals.items()]
+        note = f"; {_plain(notes[policy])}" if policy in notes else ""
+        rows.append(f"| {_plain(policy)} | {tally(of_policy)}{note} | {errors} |")
+    rows += [f"| {_plain(policy)} | {_plain(note)} | - | - |" for policy, note in notes.items() if policy not in scores]
     return "\n".join(rows)
 
 

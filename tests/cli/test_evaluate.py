@@ -258,20 +258,53 @@ def test_authored_keyframes_of_an_earlier_start_are_kept(runs, capsys, tmp_path,
     assert before[table:] in capsys.readouterr().out
 
 
-def test_tables_of_an_earlier_start_do_not_stay(runs, tmp_path, monkeypatch):
+def test_tables_of_an_earlier_start_do_not_stay(runs, tmp_path):
     out = tmp_path / "all"
     evaluate.main(recipe(runs, "plain", authored=1, only="run", out=out))
     assert {path.name for path in out.iterdir()} == {"records", "scores.csv", "scores.md", "scores_authored.csv"}
     evaluate.main(recipe(runs, "plain", only="run", seed=3, out=out))
     assert {path.name for path in out.iterdir()} == {"records", "scores.csv", "scores.md"}
 
-    def stopped(*_) -> str:
+
+def test_a_killed_evaluation_leaves_its_page(runs, tmp_path, monkeypatch):
+    out, ended = tmp_path / "all", []
+    evaluate.main(recipe(runs, "plain", authored=1, only="run", out=out))  # an earlier start, of other tables
+    tell = evaluate.Teller.__call__
+
+    def stop_after_one(teller, study):
+        tell(teller, study)
+        ended.append((out / "scores.md").read_text())
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(evaluate, "markdown", stopped)
+    monkeypatch.setattr(evaluate.Teller, "__call__", stop_after_one)
+    settings = recipe(runs, "plain", "far-sighted", only="run", horizon=("long", "single"), seed=4, out=out)
     with pytest.raises(KeyboardInterrupt):
-        evaluate.main(recipe(runs, "plain", only="run", seed=4, out=out))
-    assert {path.name for path in out.iterdir()} == {"records", "scores.csv"}
+        evaluate.main(settings)
+    assert {path.name for path in out.iterdir()} == {"records", "scores.csv", "scores.md"}
+    told, _, head, _, row, *_ = ended[0].splitlines()
+    assert told == "Conditions: only run."
+    assert head.endswith("| long |")
+    assert row.startswith("| plain | ")
+    assert "far-sighted" not in ended[0]
+    assert "authored" not in ended[0]
+    monkeypatch.undo()
+    evaluate.main(settings)
+    _, _, head, _, *rows = (out / "scores.md").read_text().splitlines()
+    assert head.endswith("| long | single |")
+    assert [row.split(" | ")[0] for row in rows[:2]] == ["| plain", "| far-sighted"]
+
+
+def test_authored_keyframes_are_on_the_page_as_they_come(runs, tmp_path, monkeypatch):
+    pages = []
+
+    def one_by_one(*args, **settings):
+        for found in authored_cells.records_of_all(*args, **settings):
+            yield found
+            pages.append((tmp_path / "scores.md").read_text())
+
+    monkeypatch.setattr(evaluate, "records_of_all", one_by_one)
+    evaluate.main(recipe(runs, "plain", "far-sighted", authored=1, only="run", out=tmp_path))
+    assert [page.count("authored keyframes\n\n| family") for page in pages] == [1, 2]
 
 
 def test_a_policy_of_other_timing_is_scored_by_its_own(runs, capsys):

@@ -99,7 +99,7 @@ def test_show_names_what_partial_keyframes_command(tmp_path, capsys):
     assert len(rows) == 7  # that of the whole keyframe is as ever
 
 
-def test_an_interval_that_is_too_long_comes_with_the_ways_out(tmp_path):
+def test_an_interval_that_is_too_long_comes_with_the_ways_out(tmp_path, capsys):
     stand = standing(G1)
     write_keyframes(tmp_path / "slow.json", G1, stand, [stand.at(2.5)])
     with pytest.raises(
@@ -107,6 +107,8 @@ def test_an_interval_that_is_too_long_comes_with_the_ways_out(tmp_path):
         match=r"expected at most 50 \(1 s\): .*--split of plat play, plat sim-to-sim and .*--timing.max-steps of plat",
     ):
         keyframes.main(keyframes.Show(file=tmp_path / "slow.json"))
+    assert len(keyframes.main(keyframes.Show(file=tmp_path / "slow.json", split=True))) == 3
+    assert capsys.readouterr().out.startswith("keyframe 0 comes 2.5 s after the one before")
     with pytest.raises(KeyframeError, match=r"every is 2 s, expected 0.02 to 1 \(--timing.max-steps\)"):
         keyframes.main(keyframes.FromMotion(motion="generated:val/bow@1", every=2.0, out=tmp_path / "a.json"))
 

@@ -29,3 +29,18 @@ class Limp(Puppet):
 
     def __call__(self, state, keyframe, steps_left):
         return state.joint_pos
+
+
+class Kicking(Puppet):
+    """Tells the motors after some steps what no simulation stands."""
+
+    def __init__(self, steps):
+        super().__init__()
+        self.steps = steps
+
+    def reset(self, joint_target=None):
+        self.asked.clear()
+
+    def __call__(self, state, keyframe, steps_left):
+        target = super().__call__(state, keyframe, steps_left)
+        return target if len(self.asked) <= self.steps else target + 1e12

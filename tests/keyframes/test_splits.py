@@ -29,3 +29,12 @@ def test_the_policy_decides_what_is_long(tmp_path):
     assert interval.words.startswith("keyframe 0 comes 2.5 s after the one before, the policy's longest command is 1 s")
     with pytest.raises(KeyframeError, match="no such file"):
         long_intervals_of_file(tmp_path / "none.json", G1, slow)
+
+
+def test_times_in_another_unit_are_doubted_before_anything_else():
+    doubt = "times are in seconds: are these milliseconds or frames?"
+    first, second = long_intervals(POSE, [POSE.at(500), POSE.at(1400)], Timing())
+    assert first.words.startswith(f"{doubt} keyframe 0 comes 500 s after the one before")
+    assert second.words.startswith("keyframe 1 comes 900 s after the one before")
+    (slip,) = long_intervals(POSE, [POSE.at(1.0), POSE.at(900.0)], Timing())
+    assert slip.words.startswith("keyframe 1 comes 899 s")

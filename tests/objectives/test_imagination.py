@@ -258,6 +258,8 @@ def test_settings_out_of_range_are_refused(tracking, setting, message):
             lambda data: TensorDict({"robot_state": data["robot_state"], "memory": data["memory"][:4]}),
             r"\('memory', 'last_action'\) has batch \(4,\), expected \(8,\) as of 'robot_state'",
         ),
+        (lambda data: data.reshape(2, 4), r"states \(2, 4\), expected \[B\], as of reshape\(-1\)$"),
+        (lambda data: data[0], r"states \(\), expected \[B\], as of reshape\(-1\)$"),
     ],
 )
 def test_starts_that_are_none_are_refused_by_name(tracking, spoil, message):

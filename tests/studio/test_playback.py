@@ -1,3 +1,6 @@
+import math
+import re
+
 import numpy as np
 import pytest
 from tensordict.nn import TensorDictModuleBase
@@ -8,6 +11,7 @@ from plat.robots import G1
 from plat.spec.timing import Timing
 from plat.studio.pins import preset
 from plat.studio.playback import Playback
+from plat.studio.player import HOLD
 from plat.studio.timeline import Timeline
 from tests.studio.conftest import squat
 
@@ -144,6 +148,28 @@ def test_a_policy_that_refuses_the_keyframes_does_not_take_over(two):
     assert playback.scores == {"parts": scores["parts"]}
 
 
+def test_a_policy_whose_simulation_ends_early_fell_and_the_one_beside_it_goes_on(policies):
+    broken = LatentPolicy(G1)
+    for weights in broken.parameters():
+        weights.data.fill_(math.nan)
+    playback = Playback(G1, {"broken": broken.deployed(), "plat": policies["plat"]}, lambda: TIMELINE)
+    scores, notes = playback.compare(TIMELINE)
+    (told,) = notes.values()
+    assert re.fullmatch(r"at 0.00 s: the policy's action for joint .* is nan, .*; it fell from there on", told)
+    assert notes == {"broken": told}
+    assert [score.words for score in scores["broken"]] == ["fell", "fell"]
+    playback.set_beside("plat")
+    playback.play()
+    while playback.playing:
+        playback.tick(0.1)
+    assert playback.simulated == pytest.approx(0.8 + HOLD)
+    assert playback.notes == notes
+    assert playback.scores["plat"] == scores["plat"]
+    assert [score.words for score in playback.scores["broken"]] == ["fell", "fell"]
+    playback.changed()
+    assert not playback.notes
+
+
 def test_scores_are_those_of_the_policy_that_played(two):
     playback = Edited(two, TIMELINE).playback
     playback.step(1000)
@@ -173,13 +199,14 @@ def test_a_chase_ends_when_its_policy_refuses_the_edited_keyframes(two, beside):
 def test_a_policy_that_refuses_is_left_out_of_a_comparison_and_says_why(two):
     edited = Edited(two, HANDS)
     playback = edited.playback
-    compared = scores, refusals = playback.compare(HANDS)
+    compared = scores, notes = playback.compare(HANDS)
     assert list(scores) == ["parts"]
-    assert "trained on whole poses" in refusals["whole"]
+    assert notes["whole"].startswith("did not play: the keyframe at 0.2 s (")
+    assert "trained on whole poses" in notes["whole"]
     playback.take_scores(HANDS, *compared)
-    assert (playback.scores, playback.refusals) == (scores, refusals)
+    assert (playback.scores, playback.notes) == (scores, notes)
     edited.timeline = TIMELINE
     playback.changed()
-    assert not playback.refusals
+    assert not playback.notes
     with pytest.raises(KeyframeError, match="no keyframes yet"):
         playback.compare(Timeline.empty(G1))

@@ -11,7 +11,7 @@ from plat.spec.timing import Timing
 from plat.studio.pins import preset
 from plat.studio.player import HOLD, Player, Summary, score
 from plat.studio.timeline import Timeline
-from tests.control.puppets import Limp, Puppet
+from tests.control.puppets import Kicking, Limp, Puppet
 
 
 def play(player: Player, frame: float = 0.03) -> Player:
@@ -47,14 +47,15 @@ def test_the_robot_holds_the_last_keyframe_and_is_finished(sequence):
 @pytest.mark.parametrize("frame", [0.02, 0.033, 0.1])
 def test_scores_do_not_depend_on_the_frame_rate(sequence, policies, frame: float):
     player = play(Player(G1, PolicyController(policies["plat"], G1), sequence), frame)
-    at_once = score(G1, PolicyController(policies["plat"], G1), sequence)
+    at_once, ended = score(G1, PolicyController(policies["plat"], G1), sequence)
+    assert (ended, player.ended) == ("", "")
     assert player.scores == at_once
     assert [keyframe.name for keyframe in at_once] == ["squat", None]
 
 
 def test_the_committed_policy_gets_there_and_a_limp_robot_does_not(sequence, policies):
-    assert all(keyframe.reached for keyframe in score(G1, PolicyController(policies["plat"], G1), sequence))
-    assert not score(G1, Limp(), sequence)[-1].reached
+    assert all(keyframe.reached for keyframe in score(G1, PolicyController(policies["plat"], G1), sequence)[0])
+    assert not score(G1, Limp(), sequence)[0][-1].reached
 
 
 def test_errors_are_the_distance_to_the_commanded_keyframe():
@@ -101,7 +102,7 @@ def test_a_restarted_robot_does_the_same_again(sequence):
 
 
 def test_a_summary_counts_and_averages(sequence):
-    scores = score(G1, Limp(), sequence)
+    scores, _ = score(G1, Limp(), sequence)
     summary = Summary.of(scores)
     assert (summary.reached, summary.total) == (sum(keyframe.reached for keyframe in scores), 2)
     assert summary.joint_error == pytest.approx((scores[0].joint_error + scores[1].joint_error) / 2)
@@ -120,3 +121,15 @@ def test_a_policy_that_refuses_the_keyframes_changes_nothing(sequence):
         player.hand_over(Whole(Timing(max_steps=10)), partial.with_timing(Timing(max_steps=10), split=True))
     assert player.sequence is partial
     assert play(player).scores == play(undisturbed).scores
+
+
+def test_a_robot_whose_simulation_diverges_fell_from_there_on(sequence):
+    player = play(Player(G1, Kicking(30), sequence))
+    told = "at 0.60 s: the simulation diverged 0.60 s after its start: targets or pushes are too large"
+    assert player.ended == f"{told}; it fell from there on"
+    assert [keyframe.outcome for keyframe in player.scores] == ["late or off", "fell"]
+    assert player.times[-1] == pytest.approx(0.6)
+    np.testing.assert_array_equal(player.pose_at(9.0), player.steps[-1].after.qpos)
+    assert score(G1, Kicking(30), sequence)[1] == player.ended
+    player.restart()
+    assert (player.ended, player.finished) == ("", False)

@@ -1,14 +1,17 @@
 import json
+import re
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
 
-from plat.errors import KeyframeError, MotionError, StudioError
+from plat.errors import ActionError, KeyframeError, MotionError, StudioError
 from plat.motions import MotionClip, generate_motions
 from plat.rendering import RenderingError
 from plat.robots import G1
 from plat.spec.parts import Parts
 from plat.studio.timeline import NEW_INTERVAL
+from tests.control.puppets import Kicking
 from tests.studio.conftest import squat
 
 pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
@@ -223,16 +226,16 @@ def test_all_policies_are_compared_as_if_played(session):
     with_squat(session)
     play(session)
     played = session.playback.scores["plat"]
-    scores, refusals = session.playback.compare(session.timeline)
-    assert not refusals
+    scores, notes = session.playback.compare(session.timeline)
+    assert not notes
     assert list(scores) == ["plat", "expert"]
     assert scores["plat"] == played
     compared = session.timeline
     session.select(1)
-    session.playback.take_scores(compared, scores, refusals)
+    session.playback.take_scores(compared, scores, notes)
     assert set(session.playback.scores) == {"plat", "expert"}
     session.set_joint(LEFT_ELBOW, 0.0)
-    session.playback.take_scores(compared, scores, refusals)
+    session.playback.take_scores(compared, scores, notes)
     assert not session.playback.scores, "they are of other keyframes"
 
 
@@ -424,8 +427,25 @@ def test_a_video_is_an_mp4(session, tmp_path):
 
 def test_a_video_is_recorded(session, tmp_path, monkeypatch):
     pytest.importorskip("imageio_ffmpeg", reason="the extra plat-rl[video] is not installed")
-    monkeypatch.setattr("plat.studio.session.HOLD", 0.0)
+    monkeypatch.setattr("plat.studio.player.HOLD", 0.0)
     session.add()
     session.edit(session.timeline.stretched(0.1))
-    session.record(session.timeline, "plat", tmp_path / "new" / "video.mp4")
+    assert session.record(session.timeline, "plat", tmp_path / "new" / "video.mp4") == ""
     assert (tmp_path / "new" / "video.mp4").stat().st_size > 1000
+
+
+@pytest.mark.parametrize("taken", [0, 3])
+def test_a_video_of_a_simulation_that_ends_early_is_of_what_there_is(session, tmp_path, monkeypatch, taken):
+    filmed = []
+    monkeypatch.setattr("plat.studio.session.Stage", lambda *_, **__: nullcontext())
+    monkeypatch.setattr("plat.studio.session.film", lambda stage, playback: playback)
+    monkeypatch.setattr("plat.studio.session.write_video", lambda path, playback: filmed.append(len(playback.qpos)))
+    monkeypatch.setattr(session.playback, "controller", lambda _: Kicking(taken))
+    with_squat(session)
+    told = rf"at 0.0{2 * taken} s: the simulation diverged 0.0{2 * taken} s after .*; it fell from there on"
+    if taken:
+        assert re.fullmatch(told, session.record(session.timeline, "plat", tmp_path / "video.mp4"))
+    else:
+        with pytest.raises(ActionError, match=told):
+            session.record(session.timeline, "plat", tmp_path / "video.mp4")
+    assert filmed == [taken] * bool(taken)

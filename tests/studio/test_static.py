@@ -18,6 +18,7 @@ import pytest
 from plat.errors import KeyframeError, StudioError
 from plat.keyframes import Keyframe, standing
 from plat.keyframes.files import read_keyframes, write_keyframes
+from plat.keyframes.splits import unit_doubt
 from plat.robots import G1
 from plat.rotations_np import heading_pitch_roll, quat_from_heading_pitch_roll
 from plat.spec.parts import Parts
@@ -29,13 +30,13 @@ from plat.control import Chase, Feasibility, KeyframeScorer, PolicyController, S
 from plat.runs import load_policy
 from plat.studio.checker import Checker
 from plat.studio.pins import chosen, mirrored_parts, preset, toggled
-from plat.studio.player import HOLD, Player
+from plat.studio.player import HOLD, Player, score
 from plat.studio.poser import HANDLES, Poser
 from plat.studio.poses import mirrored, placed
 from plat.studio.static import LIBRARIES, site_facts, write_static
 from plat.studio.templates import TEMPLATES, template
 from plat.studio.timeline import Timeline
-from tests.control.puppets import Puppet
+from tests.control.puppets import Kicking, Puppet
 from tests.studio.conftest import node_modules, squat
 
 # Largest difference from Python that docs/studio.md promises (m, rad), for a motion of some seconds.
@@ -305,6 +306,44 @@ _FAULTS: dict[str, list[Callable[[dict], object]]] = {
         lambda content: content["keyframes"][0].update(commands={"root": []}),
     ],
 }
+
+
+@pytest.mark.slow
+def test_doubts_about_units_are_pythons(visitor, tmp_path):
+    frames = (standing(G1).at(0.5), standing(G1).at(0.9))
+    write_keyframes(tmp_path / "stand.json", G1, standing(G1), frames)
+    stand = json.loads((tmp_path / "stand.json").read_text(encoding="utf-8"))
+    changes: list[Callable[[dict], object]] = [
+        lambda first: _joints(stand).update(left_knee=45.0),
+        lambda first: _joints(stand).update(left_knee=4.5, left_elbow=-1.94159265),
+        lambda first: first.update(time=1e9),
+        lambda first: first.update(time=123456.7),
+        lambda first: first.update(root_pos=[0.0, 0.0, 793.25]),
+        lambda first: first.update(root_pos=[0.0, -12345678.9, 0.8]),
+    ]
+    texts, expected, path = [], [], tmp_path / "keyframes.json"
+    original = copy.deepcopy(stand)
+    for change in changes:
+        stand = copy.deepcopy(original)
+        change(stand["keyframes"][0])
+        path.write_text(json.dumps(stand), encoding="utf-8")
+        with pytest.raises(KeyframeError) as raised:
+            read_keyframes(path, G1)
+        texts.append(path.read_text(encoding="utf-8"))
+        expected.append(str(raised.value).removeprefix(f"keyframe file {str(path)!r}: "))
+    assert ["degrees?" in message for message in expected] == [True, False, False, False, False, False]
+    said = visitor.page.evaluate(
+        "async (texts) => { const { read } = await import('./keyframes.mjs'), { site } = window.platStudio;"
+        "return texts.map((text) => { try { read(text, site); } catch (error) { return error.message; } }); }",
+        texts,
+    )
+    assert said == expected
+    content = copy.deepcopy(original)
+    for frame, time in zip(content["keyframes"], (500, 900), strict=True):
+        frame["time"] = time
+    visitor.page.evaluate("(text) => window.platStudio.load(text, 'ms.json')", json.dumps(content))
+    told = f"ms.json: 2 keyframes; {unit_doubt([frame.at(1000 * frame.time) for frame in frames])}"
+    assert visitor.get("notes.at(-1).text") == told
 
 
 @pytest.mark.slow
@@ -640,6 +679,30 @@ _PUPPET = """async ([text, control_dt]) => {
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("steps", [0, 30, 55])
+def test_a_simulation_that_diverges_is_told_as_in_python(visitor, tmp_path, steps):
+    timeline = Timeline.empty(G1).inserted(squat(), 0.5, "squat").inserted(G1.default_qpos, 0.5)
+    file = tmp_path / "kicked.json"
+    write_keyframes(file, G1, timeline.start, timeline.to_keyframes())
+    scores, ended = score(G1, Kicking(steps), timeline.sequence())
+    found = visitor.page.evaluate(
+        "async ([text, steps]) => { const studio = window.platStudio, { site, policies } = studio, { plat } = policies;"
+        "const { Timeline, read } = await import('./keyframes.mjs');"
+        "let asked = 0; const told = (_, keyframe) => keyframe.qpos.slice(7);"
+        "const targets = async (joints) => {"
+        " const kick = asked++ < steps ? 0 : 1e12; return joints.map((angle) => angle + kick); };"
+        "policies.plat = { observation: told, targets, action: () => [], window: 3, maxSteps: 50, seesParts: true };"
+        "studio.edit(Timeline.of(site, read(text, site)));"
+        "await studio.compare(); const { scores, told: { plat: ended } } = studio; policies.plat = plat;"
+        "return { ended, words: scores.plat.map(({ words }) => words), text: studio.at.scores.textContent }; }",
+        [file.read_text(encoding="utf-8"), steps],
+    )
+    assert found["words"] == [keyframe.words for keyframe in scores]
+    assert found["ended"] == ended
+    assert f"plat {ended}" in found["text"]
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("control_dt", [0.01, 0.02, 0.05, 0.1])
 def test_keyframes_between_control_steps_are_chased_as_in_python(visitor, tmp_path, control_dt):
     times = np.array([2.5, 6.5, 9.4, 14.6, 20.5, 27.5, 99.3]) * control_dt
@@ -730,4 +793,4 @@ def test_a_policy_that_refuses_is_left_out_of_a_comparison_and_says_why(visitor)
     assert visitor.get("scores.plat") is None
     page.get_by_text("plat did not play: the keyframe at").wait_for()
     page.keyboard.press("Control+z")
-    visitor.until("studio.past.length === 0 && !Object.keys(studio.refusals).length")
+    visitor.until("studio.past.length === 0 && !Object.keys(studio.told).length")

@@ -35,10 +35,11 @@ def test_a_row_a_keyframe(sequence):
 
 
 def test_a_row_a_policy():
-    rows = policy_table({"plat": SCORES, "expert": SCORES[1:] * 2}, {"old": "it is for whole poses"}).splitlines()
+    notes = {"old": "did not play: it is for whole poses", "expert": "at 1.00 s: it diverged"}
+    rows = policy_table({"plat": SCORES, "expert": SCORES[1:] * 2}, notes).splitlines()
     assert rows[2:] == [
         "| plat | 1 of 2 reached, 1 late or off | 0.150 | 30 |",
-        "| expert | 0 of 2 reached, 2 late or off | 0.200 | 40 |",
+        r"| expert | 0 of 2 reached, 2 late or off; at 1\.00 s: it diverged | 0.200 | 40 |",
         "| old | did not play: it is for whole poses | - | - |",
     ]
 

@@ -1,5 +1,6 @@
 """Start sampling: failure-weighted starts, and fixed ones."""
 
+import warnings
 from typing import Annotated, Any
 
 import torch
@@ -105,6 +106,12 @@ class FailureWeightedStarts(Transform):
             self.failures.index_add_(0, bins, amount)
 
     def forget(self) -> None:
+        """Call :meth:`forget_all`, with a warning: the old name of it."""
+        told = "FailureWeightedStarts.forget is now forget_all; the old name goes with version 0.3"
+        warnings.warn(told, FutureWarning, stacklevel=2)
+        self.forget_all()
+
+    def forget_all(self) -> None:
         """Forget all failures, so that the next starts are uniform again."""
         self.failures.zero_()
         self._failure_cdf = None
@@ -152,7 +159,7 @@ class FailureWeightedStarts(Transform):
 
     def _reset_env_preprocess(self, tensordict: TensorDictBase | None) -> TensorDictBase:
         if self._seedings != self._seedings_of_env():
-            self.forget()
+            self.forget_all()
             self._seedings = self._seedings_of_env()
         if tensordict is None:
             tensordict = TensorDict({}, [self._num_envs], device=self.failures.device)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import viser
 
+from plat.keyframes.splits import unit_doubt
 from plat.studio.autosave import AUTOSAVE, Autosave
 from plat.studio.desk import Task
 from plat.studio.folder import Folder
@@ -116,8 +117,9 @@ class FilePanel:
 
     def _record(self, path: Path) -> Task:
         session = self._page.session
-        session.record(session.timeline, session.playback.policy, path)
-        return lambda: self._page.notify("Video", f"written to {path}", "good")
+        ended = session.record(session.timeline, session.playback.policy, path)
+        told, kind = (f"; {ended}", "error") if ended else ("", "good")
+        return lambda: self._page.notify("Video", f"written to {path}{told}", kind)
 
     def _once_agreed(self, path: Path, write: Task) -> None:
         """Write at once where nothing is replaced; otherwise ask the user first."""
@@ -128,4 +130,7 @@ class FilePanel:
 
     def _loaded(self, name: str, load: Task) -> None:
         load()
-        self._page.notify("Loaded", f"{name}: {len(self._page.session.timeline.keyframes)} keyframes", "good")
+        keyframes = self._page.session.timeline.keyframes
+        doubt = unit_doubt(keyframes)
+        told, kind = (f"; {doubt}", "error") if doubt else ("", "good")
+        self._page.notify("Loaded", f"{name}: {len(keyframes)} keyframes{told}", kind)

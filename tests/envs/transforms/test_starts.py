@@ -110,3 +110,11 @@ def test_episodes_start_where_the_transform_says(library):
     starts.sample = lambda count: torch.full((count,), 17)
     assert (env.reset()["motion", "frame"] == 17).all()
     assert isinstance(env.base_env, MotionTrackingEnv)
+
+
+def test_the_old_name_of_forget_all_warns():
+    starts = FailureWeightedStarts(two_clips(), 1)
+    starts.record(torch.tensor([70]))
+    with pytest.warns(FutureWarning, match="FailureWeightedStarts.forget is now forget_all; the old name goes with"):
+        starts.forget()
+    assert not starts.failures.any()

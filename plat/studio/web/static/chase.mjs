@@ -20,6 +20,7 @@ export class Chase {
     this.errors = [];
     this.taken = 0;
     this.finished = false;
+    this.ended = ""; // when and why the simulation ended early
     this.scorer = new Scorer(robot, frames);
     // keyframes are where their arrivals are, on control steps, however their times are written
     const onSteps = (poses) => poses.map((pose, index) => ({ ...pose, time: this.arrivals[index] * this.control_dt }));
@@ -55,15 +56,23 @@ export class Chase {
     const observed = policy.observation(robot.state(this.data), keyframe, command.left, this.lastAction);
     const targets = await policy.targets(observed);
     if (this.data === null) return; // it was ended meanwhile
-    if (!targets.every(Number.isFinite)) throw new Error(`${policy.name}: a joint target is not finite`);
+    const wrong = targets.findIndex((target) => !Number.isFinite(target));
+    if (wrong >= 0) return this.lose(`the target of joint '${robot.site.joints[wrong]}' is ${targets[wrong]}, expected a finite angle`);
     this.lastAction = policy.action(targets);
-    robot.step(this.data, targets);
+    if (!robot.step(this.data, targets)) return this.lose(`the simulation diverged ${this.time.toFixed(2)} s after its start: targets or pushes are too large`);
     this.taken += 1;
     const qpos = [...this.data.qpos];
     this.poses.push(qpos);
     const way = between([this.began.pose, this.commanded[command.index + 1]], this.time);
     this.scorer.add(command, qpos, this.time, between(this.arrived, this.time), way, policy.window);
     this.errors.push(compare(robot, qpos, keyframe, mask(keyframe, robot.site))); // how far it still is
+  }
+
+  /* End early: the robot fell from here on. */
+  lose(why) {
+    this.ended = `at ${this.time.toFixed(2)} s: ${why}; it fell from there on`;
+    this.scorer.lose(this.time);
+    this.end();
   }
 
   end() {
@@ -108,7 +117,7 @@ export function compare(robot, qpos, pose, parts, place = pose) {
 
 class Scorer {
   constructor(robot, frames) {
-    Object.assign(this, { robot, frames, steps: frames.map(() => []), late: {}, fell: null });
+    Object.assign(this, { robot, frames, steps: frames.map(() => []), late: {}, fell: null, lost: false });
   }
 
   add(command, qpos, time, reference, place, window) {
@@ -123,10 +132,19 @@ class Scorer {
     else if (errors.down && this.fell === null) this.fell = time;
   }
 
-  /* Scores of the keyframes that have arrived. */
+  get done() { return this.steps.filter((steps) => steps.length && steps[steps.length - 1].arrival).length; }
+
+  /* Count the robot as fallen from a time on (s): keyframes that have not arrived never will. */
+  lose(time) {
+    this.lost = true;
+    if (this.done === this.frames.length) this.fell ??= time;
+  }
+
+  /* Scores of the keyframes that have arrived, and of those that never will. */
   scores() {
-    const limits = this.robot.site.limits, done = this.steps.filter((steps) => steps.length && steps[steps.length - 1].arrival).length;
-    return this.steps.slice(0, done).map((steps, index) => {
+    const limits = this.robot.site.limits, { done } = this;
+    const lost = (this.lost ? this.frames.slice(done) : []).map(({ number, name, time }) => ({ number, name, time, outcome: "fell", status: "fell", words: "fell", joint: null, keypoint: null }));
+    return [...this.steps.slice(0, done).map((steps, index) => {
       const arrival = steps[steps.length - 1], window = steps.filter((step) => step.inWindow), parts = mask(this.frames[index], this.robot.site);
       const fell = steps.some((step) => step.down), reached = !fell && arrival.near && !window.some((step) => step.offPose);
       const late = fell ? undefined : this.late[index], height = Math.max(...window.map((step) => step.height)), turn = Math.max(...window.map((step) => step.turn));
@@ -144,6 +162,6 @@ class Scorer {
         words: outcome + (faults.length ? `: ${faults.join(", ")}` : "") + (afterwards ? "; fell afterwards" : ""),
         joint: arrival.joints ? mean(window.map((step) => step.joint)) : null, keypoint: arrival.keypoint !== null ? mean(window.map((step) => step.keypoint)) : null,
       };
-    });
+    }), ...lost];
   }
 }

@@ -56,12 +56,20 @@ export const following = (change, start, frames, site) => frames.reduce((poses, 
 
 // no robot's root is this far above or below the floor (m); how far a quaternion may be from unit length; a day (s)
 const HIGHEST = 5, FARTHEST = 1000, UNIT = 1e-2, LONGEST = 86400;
+const LONG = 10; // seconds between keyframes that are hardly meant
+
+/* A number with some digits, as Python's :g writes it. */
+function general(value, digits = 6) {
+  const [factor, power] = value.toExponential(digits - 1).split("e");
+  if (power >= -4 && power < digits) return String(Number(value.toPrecision(digits)));
+  return `${Number(factor)}e${power < 0 ? "-" : "+"}${String(Math.abs(power)).padStart(2, "0")}`;
+}
 
 /* Refuse a root where no robot in meters can be. */
 export function checkPlace(place, label = "") {
-  if (Math.abs(place[2]) > HIGHEST) throw new Error(`${label}root_pos puts the root at a height of ${Number(place[2].toPrecision(6))} m, expected meters, at most ${HIGHEST}; is it in centimeters or millimeters?`);
+  if (Math.abs(place[2]) > HIGHEST) throw new Error(`${label}root_pos puts the root at a height of ${general(place[2])} m, expected meters, at most ${HIGHEST}; is it in centimeters or millimeters?`);
   const farthest = Math.max(Math.abs(place[0]), Math.abs(place[1]));
-  if (farthest > FARTHEST) throw new Error(`${label}root_pos puts the root ${Number(farthest.toPrecision(6))} m away from the origin, expected meters, at most ${FARTHEST}`);
+  if (farthest > FARTHEST) throw new Error(`${label}root_pos puts the root ${general(farthest)} m away from the origin, expected meters, at most ${FARTHEST}`);
 }
 
 const POSE = ["root_pos", "root_quat", "joint_pos"];
@@ -92,12 +100,14 @@ function jointAngles(content, site, label) {
   const missing = site.joints.find((name) => !(name in angles)), unknown = Object.keys(angles).find((name) => !site.joints.includes(name));
   if (missing || unknown !== undefined)
     throw new Error(`${label}: joint_pos: ${missing ? `missing joint ${missing}` : `unknown joint ${shown(unknown)}`}, expected the ${site.joints.length} of ${site.robot}`);
-  return site.joints.map((name, joint) => {
-    const [angle] = numbers([angles[name]], 1, `${label}: joint_pos: ${name}`), [low, high] = site.joint_range[joint];
-    if (angle < low - 1e-3 || angle > high + 1e-3)
-      throw new Error(`${label}: joint_pos: ${name} is ${angle.toFixed(3)} rad, expected ${low.toFixed(3)} to ${high.toFixed(3)} (its range)`);
-    return angle;
-  });
+  const found = site.joints.map((name) => numbers([angles[name]], 1, `${label}: joint_pos: ${name}`)[0]);
+  const excess = found.map((angle, joint) => Math.max(site.joint_range[joint][0] - angle, angle - site.joint_range[joint][1]));
+  const most = Math.max(...excess), worst = excess.indexOf(most), [low, high] = site.joint_range[worst].map((limit) => general(limit, 4));
+  if (most > 1e-3) {
+    const doubt = found.some((angle) => Math.abs(angle) > 2 * Math.PI) ? ": in degrees?" : "";
+    throw new Error(`${label}: joint_pos: '${site.joints[worst]}' is ${general(found[worst], 4)} rad, expected ${low} to ${high} (its range)${doubt}`);
+  }
+  return found;
 }
 
 function commanded(content, site, label) {
@@ -111,6 +121,12 @@ function commanded(content, site, label) {
   }
   if (!Object.values(content).some((names) => names.length)) throw new Error(`${label}: commands: nothing is commanded, expected a joint, a body or a part of the root`);
   return content;
+}
+
+/* What the times may be where no policy could keep any of them; empty where one may be a slip. */
+export function unitDoubt(frames) {
+  const doubtful = frames.every(({ time }, index) => time - (index ? frames[index - 1].time : 0) > LONG);
+  return doubtful ? "times are in seconds: are these milliseconds or frames?" : "";
 }
 
 /* Read the content of a keyframe file: { start, keyframes }. */
@@ -133,7 +149,7 @@ export function read(text, site) {
     const quat = order === "xyzw" ? [given[3], ...given.slice(0, 3)] : given, length = Math.hypot(...quat);
     if (Math.abs(length - 1) > UNIT) throw new Error(`${label}: root_quat has length ${length.toPrecision(4)}, expected 1`);
     const [time] = "time" in entry ? numbers([entry.time], 1, `${label}: time`) : [0];
-    if (Math.abs(time) > LONGEST) throw new Error(`${label}: time is ${time} s, expected at most a day (${LONGEST} s)`);
+    if (Math.abs(time) > LONGEST) throw new Error(`${label}: time is ${general(time)} s, expected at most a day (${LONGEST} s): in milliseconds?`);
     return {
       time, name: entry.name ?? null, commands: "commands" in entry ? commanded(entry.commands, site, label) : null,
       qpos: [...place, ...quat.map((value) => value / length), ...jointAngles(entry.joint_pos, site, label)],

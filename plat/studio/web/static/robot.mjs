@@ -30,6 +30,7 @@ export class Robot {
     this.feet = site.feet.map(id);
     this.jacp = new mujoco.DoubleBuffer(3 * this.nv);
     this.jacr = new mujoco.DoubleBuffer(3 * this.nv);
+    this.bad = ["QPOS", "QVEL", "QACC", "CTRL"].map((what) => mujoco.mjtWarning[`mjWARN_BAD${what}`].value);
     this.substeps = Math.round(site.control_dt / this.model.opt.timestep);
   }
 
@@ -85,9 +86,11 @@ export class Robot {
     return { qpos, joint_vel: qvel.slice(6), root_lin_vel_b: rotated(conjugate(qpos.slice(3, 7)), qvel.slice(0, 3)), root_ang_vel_b: qvel.slice(3, 6) };
   }
 
+  /* Hold joint targets for a control step; returns whether the simulation did not diverge. */
   step(data, targets) {
     data.ctrl.set(targets);
     for (let count = 0; count < this.substeps; count++) this.mujoco.mj_step(this.model, data);
+    return !this.bad.some((kind) => { const one = data.warning.get(kind), { number } = one; one.delete(); return number > 0; });
   }
 
   // posing

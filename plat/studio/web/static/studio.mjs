@@ -3,7 +3,7 @@ import loadMujoco from "mujoco";
 import * as ort from "onnxruntime-web";
 import { Chase } from "./chase.mjs";
 import { verdict } from "./feasibility.mjs";
-import { NEW_INTERVAL, ROOT, Timeline, asArrived, checkPlace, mask, read, standing, write } from "./keyframes.mjs";
+import { NEW_INTERVAL, ROOT, Timeline, asArrived, checkPlace, mask, read, standing, unitDoubt, write } from "./keyframes.mjs";
 import { Policy } from "./policy.mjs";
 import { Robot } from "./robot.mjs";
 import { conjugate, fromHeadingPitchRoll, headingPitchRoll, multiply } from "./rotations.mjs";
@@ -80,7 +80,7 @@ class Studio {
     this.name = "keyframes.json";
     this.saved = this.timeline;
     this.scores = {};
-    this.refusals = {}; // why a policy did not play when all were compared
+    this.told = {}; // by policy, why it did not play when all were compared, or when and why its simulation ended early
     this.busy = []; // what the page waits for
     this.autosave = null; // the timer of a copy that is due
     window.addEventListener("pagehide", () => this.keep());
@@ -154,7 +154,7 @@ class Studio {
     this.timeline = timeline;
     this.end();
     this.scores = {};
-    this.refusals = {};
+    this.told = {};
     this.cursor = timeline.pose.time;
     this.autosave ??= setTimeout(() => this.keep(), 1000);
   }
@@ -207,7 +207,8 @@ class Studio {
     this.edit(timeline);
     this.saved = timeline;
     this.name = name;
-    this.note("Loaded", `${name}: ${timeline.keyframes.length} keyframes`, "good");
+    const doubt = unitDoubt(timeline.keyframes);
+    this.note("Loaded", `${name}: ${timeline.keyframes.length} keyframes${doubt && `; ${doubt}`}`, doubt ? "error" : "good");
     this.show();
   }
 
@@ -329,7 +330,7 @@ class Studio {
 
   get finished() { return this.players.every((player) => player.finished); }
   get playing() { return this.players.length > 0 && !this.finished && !this.paused; }
-  get simulated() { return this.players[0]?.time ?? 0; }
+  get simulated() { return Math.max(0, ...this.players.map((player) => player.time)); }
 
   end() {
     this.players.forEach((player) => player.end());
@@ -344,7 +345,7 @@ class Studio {
     const players = names.map((name) => new Chase(this.robot, this.policies[name], this.timeline.start, this.timeline.sequence(this.policies[name].maxSteps)));
     this.end();
     this.scores = {};
-    this.refusals = {};
+    this.told = {};
     this.players = players;
     this.cursor = 0;
   }
@@ -377,16 +378,16 @@ class Studio {
   /* Score all policies on the keyframes as they are, at full speed. */
   async compare() {
     if (this.comparing) return;
-    const { timeline, site } = this, results = {}, refusals = {};
+    const { timeline, site } = this, results = {}, told = {};
     timeline.sequence(site.max_steps); // that there is something to play
     this.comparing = true;
     try {
       for (const name of site.policies) {
         this.busy = [`Playing ${name} at full speed …`];
         this.show();
-        try { results[name] = await this.scored(name, timeline); } catch (error) { refusals[name] = error.message; }
+        try { this.take(await this.chased(name, timeline), name, results, told); } catch (error) { told[name] = `did not play: ${error.message}`; }
       }
-      if (this.timeline.keyframes === timeline.keyframes && this.timeline.start === timeline.start) Object.assign(this, { scores: results, refusals });
+      if (this.timeline.keyframes === timeline.keyframes && this.timeline.start === timeline.start) Object.assign(this, { scores: results, told });
     } finally {
       this.comparing = false;
       this.busy = [];
@@ -394,19 +395,25 @@ class Studio {
     }
   }
 
-  async scored(name, timeline) {
+  async chased(name, timeline) {
     const policy = this.policies[name], chase = new Chase(this.robot, policy, timeline.start, timeline.sequence(policy.maxSteps));
     while (!chase.finished) {
       if (chase.taken % 10 === 0) await new Promise((done) => setTimeout(done)); // the page lives on
       await chase.step();
     }
-    return chase.scorer.scores();
+    return chase;
+  }
+
+  /* Take the scores of a policy's chase, and when and why it ended early, if it did. */
+  take(chase, name, scores, told) {
+    scores[name] = chase.scorer.scores();
+    if (chase.ended) told[name] = chase.ended;
   }
 
   async forward() {
     const players = this.players;
     for (const player of players) if (!player.finished) await player.step();
-    players.forEach((player, index) => { if (player.finished && this.players === players) this.scores[index ? this.second : this.policy] = player.scorer.scores(); });
+    players.forEach((player, index) => { if (player.finished && this.players === players) this.take(player, index ? this.second : this.policy, this.scores, this.told); });
   }
 
   async stepBy(count) {
@@ -528,8 +535,8 @@ class Studio {
       }
       return element;
     };
-    const refused = Object.entries(this.refusals).map(([name, why]) => Object.assign(document.createElement("p"), { textContent: `${name} did not play: ${why}` }));
-    this.at.scores.replaceChildren(...Object.entries(this.scores).map(([name, scores]) => table(name, scores)), ...refused);
+    const told = Object.entries(this.told).map(([name, words]) => Object.assign(document.createElement("p"), { textContent: `${name} ${words}` }));
+    this.at.scores.replaceChildren(...Object.entries(this.scores).map(([name, scores]) => table(name, scores)), ...told);
     if (!this.at.scores.childElementCount) this.at.scores.textContent = "Press Play (space) to see what the policy makes of the keyframes.";
   }
 }
