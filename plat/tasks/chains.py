@@ -87,8 +87,10 @@ def draw_chains(
     distant      the same 0.8 to 2.5 m further, 1.5 s apart or more, where the timing allows 2 s     3 s
     ===========  ==================================================================================  =======
 
-    A quarter of the chains that stay in place end in a hold of 15 s: who drifts falls late. Where the timing allows
-    more than a second, three of ten keyframes take up to its longest command. Where it allows less, none takes longer.
+    Where the straight line between two poses of arms leads through the robot itself, a pose midway leads around, and
+    the chain goes to and fro between the two. A quarter of the chains that stay in place end in a hold of 15 s: who
+    drifts falls late. Where the timing allows more than a second, three of ten keyframes take up to its longest
+    command. Where it allows less, none takes longer.
 
     Args:
         library: motions with the resting poses; families that need some are left out where there are none, those
@@ -158,13 +160,14 @@ def _joined(parts: Sequence[tuple[ChainFamily, Tensor, Tensor, Tensor]], library
     for family, poses, times, holds in parts:
         for path, path_steps, hold in zip(poses, times, holds.tolist(), strict=True):
             last = begin + len(path)
-            rows.append(torch.cat((standing[None], path)))
+            qpos = torch.cat((standing[None], path))
+            passed = _ways_of(qpos, ways) if family.arms else [None] * len(path)
+            rows.append(qpos)
             steps.append(torch.nn.functional.pad(path_steps, (1, 0)))
             next_row.append(torch.arange(begin + 1, last + 2).clamp_max(last))
             chain.append(torch.full((len(path) + 1,), len(drawn)))
             first.append(begin)
             duration.append(int(path_steps.sum()) + hold)
-            passed = [ways.between(*pair) if family.arms else None for pair in pairwise(rows[-1])]
             for pose in (None, *passed):
                 middle_row.append(-1 if pose is None else len(middle))
                 middle += [] if pose is None else [pose]
@@ -184,6 +187,23 @@ def _joined(parts: Sequence[tuple[ChainFamily, Tensor, Tensor, Tensor]], library
         middle=torch.stack(middle).to(device) if middle else standing.new_empty(0, len(standing), device=device),
         middle_row=torch.tensor(middle_row, device=device),
     )
+
+
+def _ways_of(qpos: Tensor, ways: WaysAround) -> list[Tensor | None]:
+    """Poses to pass midway between those of a chain ``[n + 1, 7 + J]``; None where the line is straight.
+
+    Few lines are not, and they are hard to learn: a chain with one is changed to lead to and fro on it.
+    """
+    passed: list[Tensor | None] = []
+    for pair in pairwise(qpos.clone()):
+        passed.append(ways.between(*pair))
+        if passed[-1] is not None:
+            to_and_fro = torch.stack(pair).repeat(len(qpos), 1)
+            begin = len(passed) > 1  # else the pair begins with the standing pose, as the chain does
+            qpos[begin:] = to_and_fro[: len(qpos) - begin]
+            first = [ways.between(qpos[0], qpos[1])] if begin else []
+            return first + [passed[-1]] * (len(qpos) - 1 - begin)
+    return passed
 
 
 def _resting_poses(library: MotionLibrary) -> Tensor:

@@ -1,15 +1,14 @@
 """Ways between two poses on which a robot's links do not run into each other."""
 
 import mujoco
+import numpy as np
 import torch
 from torch import Tensor
 
 from plat.keyframes.chain_families import INSIDE
 from plat.keyframes.partial import hands_of
 from plat.motions.checks.collision import self_penetration
-from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
-from plat.rotations import quat_slerp
 
 __all__ = ["WaysAround"]
 
@@ -57,11 +56,10 @@ class WaysAround:
 
     def __init__(self, robot: Robot):
         self._model, self._data = robot.shared_model, mujoco.MjData(robot.shared_model)
-        hands = hands_of(robot)
-        self._hands = ForwardKinematics(robot, hands) if len(hands) == 2 and all(hands) else None
+        self._hands = [self._model.body(hand).id for hand in hands_of(robot) if hand]
         legs = set(robot.leg_joints)
-        self._moved = torch.tensor([joint not in legs for joint in range(robot.num_joints)])
-        self._low, self._high = robot.joint_range.unbind(-1)
+        self._moved = np.array([joint not in legs for joint in range(robot.num_joints)])
+        self._low, self._high = robot.joint_range.double().numpy().T
 
     def between(self, before: Tensor, after: Tensor) -> Tensor | None:
         """Return a pose ``[7 + J]`` to pass midway.
@@ -73,44 +71,49 @@ class WaysAround:
             None where the straight line is clear, where no way was found, and where links are in each other in a pose
             itself.
         """
-        if self._hands is None or torch.equal(before, after) or self._inside(torch.stack((before, after))):
+        first, last = before.double().numpy(), after.double().numpy()
+        if not self._hands or np.array_equal(first, last) or self._inside(np.stack((first, last))):
             return None
-        line = _line(before, after, _LOOKED_AT)
+        line = _line(first, last, _LOOKED_AT)
         if not self._inside(line):
             return None
         middle = line[_LOOKED_AT // 2 - 1]
         directions = self._directions(middle)
         for angle in _FURTHER:
             for direction in directions:
-                passed = middle.clone()
-                passed[7:] = (passed[7:] + angle * direction).clamp(self._low, self._high)
-                halves = [_line(*half, _LOOKED_AT // 2) for half in ((before, passed), (passed, after))]
-                if not self._inside(torch.cat((passed[None], *halves))):
-                    return passed
+                passed = middle.copy()
+                passed[7:] = np.clip(passed[7:] + angle * direction, self._low, self._high)
+                halves = [_line(*half, _LOOKED_AT // 2) for half in ((first, passed), (passed, last))]
+                if not self._inside(np.concatenate((passed[None], *halves))):
+                    return torch.from_numpy(passed).to(before)
         return None
 
-    def _directions(self, pose: Tensor) -> list[Tensor]:
+    def _directions(self, pose: np.ndarray) -> list[np.ndarray]:
         """How joints ``[J]`` move most per way of the hands; 1 at the one that moves most."""
-        assert self._hands is not None
-        joints = pose[7:].clone().requires_grad_()
         # in the root's frame: ahead and to the sides are the robot's own
-        upright = torch.tensor([1.0, 0.0, 0.0, 0.0])
-        places = self._hands(torch.zeros(3), upright, joints)[0]
+        self._data.qpos[:] = pose
+        self._data.qpos[:7] = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_comPos(self._model, self._data)
+        slopes = np.empty((len(self._hands), 3, self._model.nv))
+        for slope, hand in zip(slopes, self._hands, strict=True):
+            mujoco.mj_jacBody(self._model, self._data, slope, None, hand)
         found = []
-        for move in _MOVES:
-            (slope,) = torch.autograd.grad((places * torch.tensor(move)).sum(), joints, retain_graph=True)
-            slope = slope * self._moved
-            found.append(slope / slope.abs().max().clamp_min(1e-6))
+        for move in np.array(_MOVES):
+            direction = np.einsum("hi,hij->j", move, slopes)[6:] * self._moved
+            found.append(direction / max(float(np.abs(direction).max()), 1e-6))
         return found
 
-    def _inside(self, poses: Tensor) -> bool:
+    def _inside(self, poses: np.ndarray) -> bool:
         """Whether links are in each other in one of some poses ``[n, 7 + J]``."""
-        return any(self_penetration(self._model, pose, self._data) >= INSIDE for pose in poses.numpy())
+        return any(self_penetration(self._model, pose, self._data) >= INSIDE for pose in poses)
 
 
-def _line(before: Tensor, after: Tensor, parts: int) -> Tensor:
+def _line(before: np.ndarray, after: np.ndarray, parts: int) -> np.ndarray:
     """Poses ``[parts - 1, 7 + J]`` between two, evenly."""
-    share = torch.arange(1, parts)[:, None] / parts
-    poses = before.lerp(after, share)
-    poses[:, 3:7] = quat_slerp(before[3:7], after[3:7], share[:, 0])
+    share = np.arange(1, parts)[:, None] / parts
+    poses = before + share * (after - before)
+    if before[3:7] @ after[3:7] < 0:
+        poses[:, 3:7] -= 2 * share * after[3:7]
+    poses[:, 3:7] /= np.linalg.norm(poses[:, 3:7], axis=1, keepdims=True)
     return poses

@@ -87,3 +87,17 @@ def test_a_robot_without_two_hands_goes_straight(pairs):
     before, after, _ = next(pair for pair in pairs if pair[2] is not None)
     one_handed = replace(G1, end_effectors=G1.end_effectors[:-1])
     assert WaysAround(one_handed).between(before, after) is None
+
+
+def test_a_chain_with_a_bent_line_leads_to_and_fro_on_it(library):
+    chains = draw_chains(library, 40, ["reach"], seed=5)
+    bent = [chain for chain in range(40) if (chains.middle_row[chains.chain == chain] >= 0).any()]
+    assert 5 <= len(bent) < 30
+    for chain in bent:
+        rows = (chains.chain == chain).nonzero()[:, 0]
+        poses, passed = chains.qpos[rows], chains.middle_row[rows]
+        assert poses[0].equal(STANDING)
+        assert poses[1:4:2].equal(poses[3:6:2])
+        assert poses[2].equal(poses[4])
+        assert (passed[2:] >= 0).all()
+        assert all(chains.middle[row].equal(chains.middle[passed[2]]) for row in passed[2:].tolist())
