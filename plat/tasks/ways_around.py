@@ -83,7 +83,7 @@ class WaysAround:
             for direction in directions:
                 passed = middle.copy()
                 passed[7:] = np.clip(passed[7:] + angle * direction, self._low, self._high)
-                halves = [_line(*half, _LOOKED_AT // 2) for half in ((first, passed), (passed, last))]
+                halves = [_line(a, b, _LOOKED_AT // 2) for a, b in ((first, passed), (passed, last))]
                 if not self._inside(np.concatenate((passed[None], *halves))):
                     return torch.from_numpy(passed).to(before)
         return None
