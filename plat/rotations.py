@@ -17,6 +17,7 @@ __all__ = [
     "quat_conjugate",
     "quat_from_rotvec",
     "quat_multiply",
+    "quat_nlerp",
     "quat_rotate",
     "quat_rotate_inverse",
     "quat_slerp",
@@ -199,6 +200,18 @@ def yaw_rotate(yaw: Tensor, vec: Tensor) -> Tensor:
     half_cosine, half_sine = yaw[..., 0], yaw[..., 3]
     cosine, sine = half_cosine.square() - half_sine.square(), 2 * half_cosine * half_sine
     return torch.stack((cosine * x - sine * y, sine * x + cosine * y, z.expand_as(cosine * x)), -1)
+
+
+def quat_nlerp(a: Tensor, b: Tensor, weight: Tensor) -> Tensor:
+    """Interpolate between ``a`` and ``b`` ``[*B, 4]`` along the shorter arc, at no constant speed: faster than slerp.
+
+    ``weight`` ``[*B]`` is in 0..1.
+
+    >>> quat_nlerp(torch.tensor([1.0, 0, 0, 0]), torch.tensor([0, 0, 0, -1.0]), torch.tensor(0.5))
+    tensor([ 0.7071,  0.0000,  0.0000, -0.7071])
+    """
+    same_side = (a * b).sum(-1, keepdim=True) >= 0
+    return torch.nn.functional.normalize(a.lerp(torch.where(same_side, b, -b), weight[..., None]), dim=-1)
 
 
 def quat_slerp(a: Tensor, b: Tensor, weight: Tensor) -> Tensor:

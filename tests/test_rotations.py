@@ -10,6 +10,7 @@ from plat.rotations import (
     quat_conjugate,
     quat_from_rotvec,
     quat_multiply,
+    quat_nlerp,
     quat_rotate,
     quat_rotate_inverse,
     quat_slerp,
@@ -87,6 +88,16 @@ def test_yaw_ignores_tilt():
     heading = quat_from_rotvec(torch.tensor([0.0, 0.0, 1.1]))
     tilted = quat_multiply(heading, quat_from_rotvec(torch.tensor([0.0, 0.4, 0.0])))
     torch.testing.assert_close(quat_yaw(tilted), heading)
+
+
+def test_nlerp_is_on_the_arc_of_slerp(quats):
+    a, b = quats[:25], quats[25:50]
+    for weight in (0.0, 0.5, 1.0):  # elsewhere at another speed
+        weights = torch.full((len(a),), weight, dtype=a.dtype)
+        assert float(quat_angle(quat_nlerp(a, b, weights), quat_slerp(a, b, weights)).max()) < 1e-6
+    quarter = quat_nlerp(a, b, torch.full((len(a),), 0.25, dtype=a.dtype))
+    assert torch.allclose(quarter.norm(dim=-1), torch.ones(len(a), dtype=a.dtype))
+    assert torch.allclose(quat_angle(a, quarter) + quat_angle(quarter, b), quat_angle(a, b), atol=1e-6)
 
 
 def test_slerp_halves_the_angle(quats):

@@ -1,19 +1,40 @@
 """The line between authored keyframes, which have no other reference."""
 
+from typing import NamedTuple
+
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor, nn
 
 from plat.envs.state import GeneralizedState
+from plat.rotations import quat_nlerp
 from plat.tasks.pose_table import PoseTable
 
-__all__ = ["AuthoredLine"]
+__all__ = ["AuthoredLine", "Way"]
+
+
+class Way(NamedTuple):
+    """Where N robots are on their way to authored keyframes.
+
+    Attributes:
+        before: row of the pose that each comes from, the keyframe before or the pose midway.
+        after: row of the pose that it goes to.
+        share: how far it is between the two, 0 to 1.
+        around: whether there is a pose midway.
+    """
+
+    before: Tensor
+    after: Tensor
+    share: Tensor
+    around: Tensor
+
+    def at(self, rows: Tensor | slice) -> "Way":
+        """Return that of some robots."""
+        return Way(*(value[rows] for value in self))
 
 
 class AuthoredLine(nn.Module):
     """Where a robot is to be on its way from one authored keyframe to the next: straight, or by a pose midway.
-
-    Memories are those of :class:`plat.tasks.TimedKeyframes`.
 
     Args:
         table: rows of motions, then of authored keyframes, then of the poses midway.
@@ -29,34 +50,29 @@ class AuthoredLine(nn.Module):
         behind = frames + len(middle_row)
         self.register_buffer("_middle_row", torch.where(middle_row < 0, -1, middle_row + behind), persistent=False)
 
-    def middle(self, memory: TensorDictBase) -> Tensor:
-        """Rows ``[N]`` of the poses that are passed on the way to authored keyframes; -1 where the way is straight."""
-        goal = memory["goal"]
-        row = self._middle_row[(goal - self._frames).clamp_min(0)]
-        return torch.where(memory["authored"] & (memory["before"] != goal), row, -1)
+    def way(self, memory: TensorDictBase) -> Way:
+        """Return where robots are, by their memories of :class:`plat.tasks.TimedKeyframes`."""
+        before, goal = memory["before"], memory["goal"]
+        middle = self._middle_row[(goal - self._frames).clamp_min(0)]
+        around = (middle >= 0) & memory["authored"] & (before != goal)
+        share = (1 - memory["steps_left"] / memory["length"]).clamp(0, 1).to(self._table.states.dtype)
+        second = share >= 0.5
+        return Way(
+            torch.where(around & second, middle, before),
+            torch.where(around & ~second, middle, goal),
+            torch.where(around, 2 * share - second.to(share), share),
+            around,
+        )
 
-    def state(self, memory: TensorDictBase) -> GeneralizedState:
-        """Pose on the line, at rest."""
-        rows = self._between(memory)
-        before, after, share = self._table.state(rows[0]), self._table.state(rows[1]), rows[2][:, None]
-        same_side = (before.root_quat_w * after.root_quat_w).sum(-1, keepdim=True) >= 0
-        turned = torch.where(same_side, after.root_quat_w, -after.root_quat_w)
+    def state(self, way: Way) -> GeneralizedState:
+        """Return the pose on the line, at rest."""
+        before, after, share = self._table.state(way.before), self._table.state(way.after), way.share[:, None]
         return after._replace(
             root_pos_w=before.root_pos_w.lerp(after.root_pos_w, share),
-            root_quat_w=nn.functional.normalize(before.root_quat_w.lerp(turned, share), dim=-1),
+            root_quat_w=quat_nlerp(before.root_quat_w, after.root_quat_w, way.share),
             joint_pos=before.joint_pos.lerp(after.joint_pos, share),
         )
 
-    def points(self, memory: TensorDictBase) -> Tensor:
-        """Positions of the keypoints ``[N, K, 3]`` (m, world), on straight lines from pose to pose."""
-        before, after, share = self._between(memory)
-        return self._table.points(before).lerp(self._table.points(after), share[:, None, None])
-
-    def _between(self, memory: TensorDictBase) -> tuple[Tensor, Tensor, Tensor]:
-        """Rows ``[N]`` of the poses that robots are between, and how far (0 to 1) from the first to the second."""
-        share = (1 - memory["steps_left"] / memory["length"]).clamp(0, 1).to(self._table.states.dtype)
-        middle = self.middle(memory)
-        around, second = middle >= 0, share >= 0.5
-        before = torch.where(around & second, middle, memory["before"])
-        after = torch.where(around & ~second, middle, memory["goal"])
-        return before, after, torch.where(around, 2 * share - second.to(share), share)
+    def points(self, way: Way) -> Tensor:
+        """Return positions of the keypoints ``[N, K, 3]`` (m, world), on straight lines from pose to pose."""
+        return self._table.points(way.before).lerp(self._table.points(way.after), way.share[:, None, None])

@@ -161,7 +161,7 @@ def _joined(parts: Sequence[tuple[ChainFamily, Tensor, Tensor, Tensor]], library
         for path, path_steps, hold in zip(poses, times, holds.tolist(), strict=True):
             last = begin + len(path)
             qpos = torch.cat((standing[None], path))
-            passed = _ways_of(qpos, ways) if family.arms else [None] * len(path)
+            qpos, passed = _with_ways(qpos, ways) if family.arms else (qpos, [None] * len(path))
             rows.append(qpos)
             steps.append(torch.nn.functional.pad(path_steps, (1, 0)))
             next_row.append(torch.arange(begin + 1, last + 2).clamp_max(last))
@@ -189,21 +189,18 @@ def _joined(parts: Sequence[tuple[ChainFamily, Tensor, Tensor, Tensor]], library
     )
 
 
-def _ways_of(qpos: Tensor, ways: WaysAround) -> list[Tensor | None]:
-    """Poses to pass midway between those of a chain ``[n + 1, 7 + J]``; None where the line is straight.
+def _with_ways(qpos: Tensor, ways: WaysAround) -> tuple[Tensor, list[Tensor | None]]:
+    """A chain's poses ``[n + 1, 7 + J]``, and n poses to pass midway between them; None where the line is straight.
 
     Few lines are not, and they are hard to learn: a chain with one is changed to lead to and fro on it.
     """
-    passed: list[Tensor | None] = []
-    for pair in pairwise(qpos.clone()):
-        passed.append(ways.between(*pair))
-        if passed[-1] is not None:
-            to_and_fro = torch.stack(pair).repeat(len(qpos), 1)
-            begin = len(passed) > 1  # else the pair begins with the standing pose, as the chain does
-            qpos[begin:] = to_and_fro[: len(qpos) - begin]
-            first = [ways.between(qpos[0], qpos[1])] if begin else []
-            return first + [passed[-1]] * (len(qpos) - 1 - begin)
-    return passed
+    for row, pair in enumerate(pairwise(qpos)):
+        if (passed := ways.between(*pair)) is not None:
+            first = min(row, 1)  # the pair may begin with the standing pose, as the chain does
+            to_and_fro = torch.stack(pair).repeat(len(qpos), 1)[: len(qpos) - first]
+            changed = torch.cat((qpos[:first], to_and_fro))
+            return changed, [ways.between(*changed[:2])] * first + [passed] * (len(to_and_fro) - 1)
+    return qpos, [None] * (len(qpos) - 1)
 
 
 def _resting_poses(library: MotionLibrary) -> Tensor:

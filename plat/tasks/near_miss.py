@@ -7,7 +7,6 @@ from plat.envs.settings import ReachLimits
 from plat.envs.state import GeneralizedState
 from plat.gpu import constant
 from plat.robots.robot import Robot
-from plat.rotations import quat_angle
 from plat.tasks.distances import smooth_angle, smooth_length
 from plat.tasks.partial import joint_error, root_offset
 
@@ -94,26 +93,6 @@ class NearMiss:
         )
         # an arrival is one step of the window: what counts there alone counts as much
         return missed + self.window * torch.where(arrives, late, 0.0)
-
-    def unreached(
-        self,
-        state: GeneralizedState,
-        pose: GeneralizedState,
-        points: Tensor,
-        wanted: Tensor,
-        parts: Tensor,
-        reached_within: Tensor,
-    ) -> Tensor:
-        """Mask ``[n]`` of robots that did not reach an authored keyframe at its arrival. Arguments are as above."""
-        limits, joints = self.limits, state.joint_pos.shape[-1]
-        partial = ~parts.all(-1)
-        off = (points - wanted).norm(dim=-1) * parts[:, joints:-3]
-        turned = parts[:, -1] * quat_angle(state.root_quat_w, pose.root_quat_w)
-        return (
-            (root_offset(state, pose, parts).norm(dim=-1) > limits.root)
-            | (joint_error(state, pose, parts) > limits.joints)
-            | (partial & ((off > reached_within[:, None]).any(-1) | (turned > limits.turn)))
-        )
 
     def off_track(self, state: GeneralizedState, reference: GeneralizedState, points: Tensor, wanted: Tensor) -> Tensor:
         """Return the cost ``[n]`` of a step along a dense reference, by the thresholds of TKS.

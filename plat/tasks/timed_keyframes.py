@@ -6,6 +6,7 @@ from torch import Tensor
 
 from plat.envs.goals import clock_entries, parts_entries, robot_centric_goal, strided_offsets
 from plat.envs.parts import NUM_MASKS, draw_parts
+from plat.envs.reach import distances
 from plat.envs.settings import ReachLimits
 from plat.envs.state import GeneralizedState
 from plat.envs.tracking import ResetNoise
@@ -17,7 +18,7 @@ from plat.robots.kinematics import ForwardKinematics
 from plat.rotations import quat_angle, quat_conjugate, quat_multiply, quat_rotate, quat_rotate_inverse, quat_yaw
 from plat.spec.observation import as_observed
 from plat.spec.timing import Timing
-from plat.tasks.authored_line import AuthoredLine
+from plat.tasks.authored_line import AuthoredLine, Way
 from plat.tasks.balance import Balance
 from plat.tasks.chains import draw_chains
 from plat.tasks.costs import pose_cost, tracking_cost
@@ -307,22 +308,22 @@ class TimedKeyframes(Task):
         in_window = memory["steps_left"] < self.timing.window
         along = tracking_cost(state, self.table.state(memory["frame"]), weights)
         goal = self.table.state(memory["goal"])
-        line = self._line.state(memory)
-        around = self._line.middle(memory) >= 0
+        way = self._line.way(memory)
+        line = self._line.state(way)
         # who is still far from what it was told to hold has to go there, and pays for nothing that going takes
         near = (state.root_pos_w - goal.root_pos_w).norm(dim=-1) < _AT_PLACE
         held = near & (memory["before"] == memory["goal"])
-        share = torch.where(in_window, 1.0, torch.where(around, moderate.around, moderate.underway))
+        share = torch.where(in_window, 1.0, torch.where(way.around, moderate.around, moderate.underway))
         if self.partial:
             parts, whole = self.parts[memory["parts"]], memory["parts"] == 0
             along = torch.where(whole, 1.0, self.config.partial_tracking) * along
             at_goal, at_line = (partial_pose_cost(state, pose, parts, weights) for pose in (goal, line))
-            pull = torch.where(around, moderate.around, moderate.not_commanded)
+            pull = torch.where(way.around, moderate.around, moderate.not_commanded)
             left_open = torch.where(whole, 0.0, pull) * pose_cost(state, line, weights)
         else:
             at_goal, at_line = pose_cost(state, goal, weights), pose_cost(state, line, weights)
             left_open = torch.zeros_like(at_line)
-        points = self._points_cost(state, memory, in_window)
+        points = self._points_cost(state, memory, way, in_window)
         at_goal, at_line = at_goal + points, at_line + points
         along = along + in_window * at_goal
         authored = (
@@ -340,7 +341,7 @@ class TimedKeyframes(Task):
             authored = authored + _BALANCE_EVERY * moderate.balance * unbalance
         return torch.where(memory["authored"], authored, along)
 
-    def _points_cost(self, state: GeneralizedState, memory: TensorDictBase, in_window: Tensor) -> Tensor:
+    def _points_cost(self, state: GeneralizedState, memory: TensorDictBase, way: Way, in_window: Tensor) -> Tensor:
         """Weighted distance ``[N]`` of bodies from where they are to be, mean over a robot's.
 
         Those that a partial keyframe commands count in its arrival window, and of authored ones on the whole way to it.
@@ -362,7 +363,7 @@ class TimedKeyframes(Task):
         def of(rows: Tensor | slice) -> Tensor:
             here, authored_here = state.at(rows), authored[rows][:, None, None]
             points = self._kinematics.positions(here.root_pos_w, here.root_quat_w, here.joint_pos)
-            line = self._line.points(memory[rows])
+            line = self._line.points(way.at(rows))
             now = self.table.points(memory["frame"][rows])
             cost = weight[rows] * points_cost(points, torch.where(authored_here, line, now), bodies[rows])
             if weights.miss:
@@ -400,37 +401,33 @@ class TimedKeyframes(Task):
 
         Whole keyframes of a motion, and authored ones that are not out of reach. Who holds a pose does not arrive.
         """
-        out = torch.zeros_like(memory["authored"])
-        arrived = memory["steps_left"] == 0
-        for mask, missed in (
-            (arrived & ~memory["authored"] & self._whole(memory), self._missed_along),
-            (arrived & memory["authored"] & (memory["before"] != memory["goal"]), self._missed_authored),
-        ):
-            rows = mask.nonzero()[:, 0]
-            if len(rows):
-                out[rows] = missed(self._on_motion(state, memory).at(rows), memory[rows])
+        authored, goal = memory["authored"], memory["goal"]
+        whole = memory["parts"] == 0 if self.partial else torch.ones_like(authored)
+        arrives = (memory["steps_left"] == 0) & torch.where(authored, memory["before"] != goal, whole)
+        out = torch.zeros_like(authored)
+        rows = arrives.nonzero()[:, 0]
+        if len(rows):
+            here, there = self._on_motion(state, memory).at(rows), self.table.state(goal[rows])
+            places = self._kinematics.positions(here.root_pos_w, here.root_quat_w, here.joint_pos)
+            robots, poses = _keypoints(here, places), _keypoints(there, self.table.points(goal[rows]))
+            unreached, off = self._unreached(robots, poses, memory[rows]), self._off(robots, poses)
+            out[rows] = torch.where(authored[rows], unreached, off)
         return out
 
-    def _whole(self, memory: TensorDictBase) -> Tensor:
-        """Mask ``[N]`` of robots that a whole pose is commanded of."""
-        return memory["parts"] == 0 if self.partial else torch.ones_like(memory["authored"])
+    def _off(self, robots: TensorDict, poses: TensorDict) -> Tensor:
+        """Mask ``[n]`` of robots that are off whole poses, by the thresholds of TKS."""
+        limits = TerminationLimits()
+        heights = (robots["keypoint_pos_w"] - poses["keypoint_pos_w"])[..., 2].abs()
+        angles = quat_angle(robots["keypoint_quat_w"][:, 0], poses["keypoint_quat_w"][:, 0])
+        too_high = (heights > limits.end_effector_height) & (self._end_effectors > 0)
+        return (angles.square() > limits.anchor_rot_squared) | too_high.any(-1)
 
-    def _missed_along(self, here: GeneralizedState, memory: TensorDictBase) -> Tensor:
-        there, limits = self.table.state(memory["goal"]), TerminationLimits()
-        points = self._kinematics.positions(here.root_pos_w, here.root_quat_w, here.joint_pos)
-        off = (points - self.table.points(memory["goal"]))[..., 2].abs()
-        turned = quat_angle(here.root_quat_w, there.root_quat_w).square() > limits.anchor_rot_squared
-        return turned | ((off > limits.end_effector_height) & (self._end_effectors > 0)).any(-1)
-
-    def _missed_authored(self, here: GeneralizedState, memory: TensorDictBase) -> Tensor:
-        goal = memory["goal"]
-        points = self._kinematics.positions(here.root_pos_w, here.root_quat_w, here.joint_pos)
-        parts = self.parts[memory["parts"]] if self.partial else self.parts[:1].expand(len(goal), -1)
-        chain = self._chain[goal - self._frames]
-        unreached = self._near_miss.unreached(
-            here, self.table.state(goal), points, self.table.points(goal), parts, self._reached_within[chain]
-        )
-        return unreached & ~self._roams[chain]
+    def _unreached(self, robots: TensorDict, poses: TensorDict, memory: TensorDictBase) -> Tensor:
+        """Mask ``[n]`` of robots that are not near authored keyframes, of those that are not out of reach."""
+        chain = self._chain[(memory["goal"] - self._frames).clamp_min(0)]
+        parts = self.parts[memory["parts"]] if self.partial else None
+        near = distances(robots, poses, parts).near(self._near_miss.limits, self._reached_within[chain])
+        return ~near & ~self._roams[chain]
 
     def lost(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
         """Mask ``[N]``: 0.6 m too high or low."""
@@ -485,7 +482,7 @@ class TimedKeyframes(Task):
     def _wanted(self, memory: TensorDictBase) -> GeneralizedState:
         """The motion, or the line between authored keyframes."""
         authored, frame = memory["authored"][:, None], self.table.state(memory["frame"])
-        pairs = zip(self._line.state(memory), frame, strict=True)
+        pairs = zip(self._line.state(self._line.way(memory)), frame, strict=True)
         return GeneralizedState(*(torch.where(authored, ours, theirs) for ours, theirs in pairs))
 
     def _leeway(self, memory: TensorDictBase) -> Tensor:
@@ -498,3 +495,9 @@ class TimedKeyframes(Task):
         chain = self._chain[(memory["goal"] - self._frames).clamp_min(0)]
         way = torch.where(self._roams[chain], _BEHIND, way)
         return 0.8 + memory["authored"] * torch.where(way > 1.0, way, 0.0)
+
+
+def _keypoints(pose: GeneralizedState, places: Tensor) -> TensorDict:
+    """Poses ``[n]`` with keypoints, as :func:`plat.envs.reach.distances` takes them: of orientations the root's."""
+    entries = {"keypoint_pos_w": places, "keypoint_quat_w": pose.root_quat_w[:, None], "joint_pos": pose.joint_pos}
+    return TensorDict(entries, [len(places)], device=places.device)

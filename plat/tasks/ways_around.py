@@ -9,6 +9,7 @@ from plat.keyframes.chain_families import INSIDE
 from plat.keyframes.partial import hands_of
 from plat.motions.checks.collision import self_penetration
 from plat.robots.robot import Robot
+from plat.rotations import quat_nlerp
 
 __all__ = ["WaysAround"]
 
@@ -59,7 +60,7 @@ class WaysAround:
         self._hands = [self._model.body(hand).id for hand in hands_of(robot) if hand]
         legs = set(robot.leg_joints)
         self._moved = np.array([joint not in legs for joint in range(robot.num_joints)])
-        self._low, self._high = robot.joint_range.double().numpy().T
+        self._low, self._high = robot.joint_range.double().unbind(-1)
 
     def between(self, before: Tensor, after: Tensor) -> Tensor | None:
         """Return a pose ``[7 + J]`` to pass midway.
@@ -71,28 +72,28 @@ class WaysAround:
             None where the straight line is clear, where no way was found, and where links are in each other in a pose
             itself.
         """
-        first, last = before.double().numpy(), after.double().numpy()
-        if not self._hands or np.array_equal(first, last) or self._inside(np.stack((first, last))):
+        before, after = before.double(), after.double()
+        if not self._hands or before.equal(after) or self._inside(torch.stack((before, after))):
             return None
-        line = _line(first, last, _LOOKED_AT)
+        line = _line(before, after, _LOOKED_AT)
         if not self._inside(line):
             return None
         middle = line[_LOOKED_AT // 2 - 1]
         directions = self._directions(middle)
         for angle in _FURTHER:
             for direction in directions:
-                passed = middle.copy()
-                passed[7:] = np.clip(passed[7:] + angle * direction, self._low, self._high)
-                halves = [_line(a, b, _LOOKED_AT // 2) for a, b in ((first, passed), (passed, last))]
-                if not self._inside(np.concatenate((passed[None], *halves))):
-                    return torch.from_numpy(passed).to(before)
+                passed = middle.clone()
+                passed[7:] = (passed[7:] + angle * direction).clamp(self._low, self._high)
+                halves = [_line(a, b, _LOOKED_AT // 2) for a, b in ((before, passed), (passed, after))]
+                if not self._inside(torch.cat((passed[None], *halves))):
+                    return passed.float()
         return None
 
-    def _directions(self, pose: np.ndarray) -> list[np.ndarray]:
+    def _directions(self, pose: Tensor) -> list[Tensor]:
         """How joints ``[J]`` move most per way of the hands; 1 at the one that moves most."""
         # in the root's frame: ahead and to the sides are the robot's own
-        self._data.qpos[:] = pose
         self._data.qpos[:7] = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0
+        self._data.qpos[7:] = pose[7:].numpy()
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
         slopes = np.empty((len(self._hands), 3, self._model.nv))
@@ -101,19 +102,17 @@ class WaysAround:
         found = []
         for move in np.array(_MOVES):
             direction = np.einsum("hi,hij->j", move, slopes)[6:] * self._moved
-            found.append(direction / max(float(np.abs(direction).max()), 1e-6))
+            found.append(torch.from_numpy(direction / max(float(np.abs(direction).max()), 1e-6)))
         return found
 
-    def _inside(self, poses: np.ndarray) -> bool:
+    def _inside(self, poses: Tensor) -> bool:
         """Whether links are in each other in one of some poses ``[n, 7 + J]``."""
-        return any(self_penetration(self._model, pose, self._data) >= INSIDE for pose in poses)
+        return any(self_penetration(self._model, pose, self._data) >= INSIDE for pose in poses.numpy())
 
 
-def _line(before: np.ndarray, after: np.ndarray, parts: int) -> np.ndarray:
+def _line(before: Tensor, after: Tensor, parts: int) -> Tensor:
     """Poses ``[parts - 1, 7 + J]`` between two, evenly."""
-    share = np.arange(1, parts)[:, None] / parts
-    poses = before + share * (after - before)
-    if before[3:7] @ after[3:7] < 0:
-        poses[:, 3:7] -= 2 * share * after[3:7]
-    poses[:, 3:7] /= np.linalg.norm(poses[:, 3:7], axis=1, keepdims=True)
+    share = torch.arange(1, parts, dtype=before.dtype) / parts
+    poses = before.lerp(after, share[:, None])
+    poses[:, 3:7] = quat_nlerp(before[3:7], after[3:7], share)
     return poses

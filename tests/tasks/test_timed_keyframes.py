@@ -21,7 +21,7 @@ def task(library):
 
 
 def line_of(task, memory):
-    return task._line.state(memory)
+    return task._line.state(task._line.way(memory))
 
 
 def play(task, memory, steps):
