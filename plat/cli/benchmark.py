@@ -18,7 +18,7 @@ import plat.headless  # noqa: F401
 # isort: split
 from plat.cli.benchmark_page import ABOUT, group_figure, page
 from plat.cli.candidates import Loaded, candidates_of, trackers_of
-from plat.cli.evaluate import common_control_dt, long_enough
+from plat.cli.evaluate import common_control_dt, long_enough, other_window
 from plat.cli.options import BenchmarkRecipe
 from plat.cli.public_motions import PUBLIC
 from plat.errors import PlatError
@@ -182,6 +182,7 @@ def about(recipe: BenchmarkRecipe, candidates: Mapping[Candidate, Entrant], sets
         except PackageNotFoundError:
             continue
     rows = {tracker_and_interface(candidate.name)[0]: candidate for candidate in candidates}
+    window = other_window(next(iter(candidates.values())).timing)
     return {
         "command": command_of(recipe),
         "versions": [f"plat {__version__}", *packages, platform.machine()],
@@ -189,6 +190,7 @@ def about(recipe: BenchmarkRecipe, candidates: Mapping[Candidate, Entrant], sets
         "seed": recipe.seed,
         "longest": recipe.longest,
         "robustness_clips": recipe.robustness_clips,
+        **({"window": window} if window else {}),
         "sets": [
             [
                 one.name,

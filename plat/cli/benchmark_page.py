@@ -118,6 +118,7 @@ def _head(about: dict[str, Any]) -> str:
     facts = [
         f"- {', '.join(about['versions'])}",
         f"- seed of the commands: {about['seed']}",
+        *([f"- {about['window']}"] if "window" in about else []),
         f"- clips of more than {about['longest']:g} s are cut into equal pieces",
         *(f"- success rule `{rule}` of whole clips: {says}" for rule, says in about["rules"]),
     ]

@@ -184,7 +184,7 @@ def conditions_of(recipe: EvaluateRecipe, timing: Timing) -> str:
     Headings of tables say TKS@3. The conditions say so where the policies' arrival window is another.
     """
     told = {
-        f"arrival window of {timing.window} control steps, not 3": timing.window != Timing().window,
+        other_window(timing): True,
         f"partial keyframes ({recipe.partial})": recipe.partial,
         "dense reference": recipe.dense,
         f"interface {recipe.interface[0]}": len(recipe.interface) == 1 and recipe.interface != type(recipe).interface,
@@ -192,7 +192,12 @@ def conditions_of(recipe: EvaluateRecipe, timing: Timing) -> str:
         f"disturbed {recipe.disturbed:g}": recipe.disturbed,
         f"only {recipe.only}": recipe.only,
     }
-    return ", ".join(words for words, given in told.items() if given)
+    return ", ".join(words for words, given in told.items() if words and given)
+
+
+def other_window(timing: Timing) -> str:
+    """Return what there is to say where headings have @3 and the arrival window is another; "" where it is 3."""
+    return "" if timing.window == Timing().window else f"arrival window of {timing.window} control steps, not 3"
 
 
 def write_page(recipe: EvaluateRecipe, conditions: str, study: Study, authored: Sequence[str] = ()) -> None:

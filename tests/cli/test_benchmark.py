@@ -14,13 +14,14 @@ from plat.cli.benchmark_page import page, publish
 from plat.cli.options import BenchmarkRecipe
 from plat.cli.settings import parse
 from plat.errors import PlatError, RecordsError
-from plat.evaluation import authored_cells, study
-from plat.evaluation.cells import Cell
+from plat.evaluation import Entrant, authored_cells, study
+from plat.evaluation.cells import Candidate, Cell
 from plat.evaluation.disturbance import STRENGTHS, Strength
 from plat.evaluation.study import Study
 from plat.figures import pyplot
 from plat.modules import Expert, ExpertConfig, PlainPolicy
 from plat.robots import G1
+from plat.spec.timing import Timing
 from tests.evaluation.authored import authored_records
 from tests.figures.scores import made_up
 from tests.modules.policies.test_student import SMALL
@@ -185,6 +186,14 @@ def test_another_folder_is_refused(tmp_path, capsys):
     assert "it falls" in page(tmp_path)
     with pytest.raises(SystemExit, match="expected two folders"):
         publish_words([])
+
+
+@pytest.mark.parametrize("window", [3, 5])
+def test_another_arrival_window_is_said_before_the_tables(tmp_path, window):
+    policy = Entrant.of_policy(PlainPolicy(G1, replace(SMALL, timing=Timing(window=window))))
+    told = benchmark.about(BenchmarkRecipe(out=tmp_path), {Candidate("patient", lambda: policy, "abc"): policy}, [])
+    (tmp_path / "about.json").write_text(json.dumps(told))
+    assert ("- arrival window of 5 control steps, not 3\n" in page(tmp_path)) == (window == 5)
 
 
 def test_sets_of_one_name_are_refused(tmp_path):
