@@ -135,12 +135,13 @@ def run(words: list[str]) -> None:
         raise PlatError(f"plat {words[0]} ended with {status}; started again, the benchmark goes on from there")
 
 
-def table(scores: Mapping[str, Path], roads: Mapping[str, Road]) -> list[dict[str, str]]:
+def table(scores: Mapping[str, Path], roads: Mapping[str, Road], minutes: float) -> list[dict[str, str]]:
     """Return a row for each test, horizon, road and metric: mean, least and greatest over the seeds.
 
     Args:
         scores: table of ``plat evaluate --csv`` of each test.
         roads: road of each policy that stands in it.
+        minutes: training time of each road.
     """
     rows = []
     for test, path in scores.items():
@@ -152,8 +153,8 @@ def table(scores: Mapping[str, Path], roads: Mapping[str, Road]) -> list[dict[st
         for (horizon, road, metric), values in cells.items():
             mean, low, high = statistics.mean(values), min(values), max(values)
             rows.append(
-                {"test": test, "horizon": horizon, "road": road, "metric": metric, "seeds": str(len(values))}
-                | {"mean": f"{mean:.4g}", "low": f"{low:.4g}", "high": f"{high:.4g}"}
+                {"test": test, "horizon": horizon, "road": road, "metric": metric, "minutes": f"{minutes:g}"}
+                | {"seeds": str(len(values)), "mean": f"{mean:.4g}", "low": f"{low:.4g}", "high": f"{high:.4g}"}
             )
     return rows
 
@@ -169,7 +170,7 @@ def main(config: RoadsConfig) -> list[dict[str, str]]:
         authored = ["--authored", str(config.authored)] if config.authored and number == 0 else []
         horizons = ("--horizon", *config.horizons)
         run(["evaluate", *map(str, policies), "--motions", test, *horizons, *authored, "--csv", str(scores[test])])
-    rows = table(scores, {folder.name: road for folder, road in policies.items()})
+    rows = table(scores, {folder.name: road for folder, road in policies.items()}, config.minutes)
     replace_table(config.out / "roads.csv", list(rows[0]), (row.values() for row in rows))
     for row in rows:
         print("  ".join(f"{value:>9}" for value in row.values()))

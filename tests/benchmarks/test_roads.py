@@ -71,11 +71,11 @@ METRICS = ("tks", "mpjpe", "mpkpe", "fall_rate")
 
 def test_a_row_is_the_mean_of_the_seeds(tmp_path):
     write_scores(tmp_path / "scores.csv", ["a_0", "a_1", "b_0"])
-    rows = table({"val": tmp_path / "scores.csv"}, {"a_0": "ppo", "a_1": "ppo", "b_0": "imagine"})
+    rows = table({"val": tmp_path / "scores.csv"}, {"a_0": "ppo", "a_1": "ppo", "b_0": "imagine"}, 30.0)
     assert len(rows) == 6
     assert rows[0] == {
-        "test": "val", "horizon": "mixed", "road": "ppo", "metric": "tks", "seeds": "2",
-        "mean": "95", "low": "90", "high": "100",
+        "test": "val", "horizon": "mixed", "road": "ppo", "metric": "tks", "minutes": "30",
+        "seeds": "2", "mean": "95", "low": "90", "high": "100",
     }  # fmt: skip
 
 

@@ -1,0 +1,130 @@
+"""Figure of what was learned after how many minutes, from tables such as ``benchmarks/roads.py`` writes.
+
+python benchmarks/by_minutes.py benchmarks/roads.csv --metrics tks --out docs/images/roads
+
+A panel for each test, horizon and metric; a line for each road, from the least to the greatest of its seeds.
+"""
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from plat.bounds import Bounded, Count
+from plat.errors import RecordsError
+from plat.evaluation.score_table import METRICS
+from plat.figures.style import PAGE, looks, paper_style, save_figure
+from plat.runs import report_errors
+
+
+@dataclass(kw_only=True)
+class ByMinutesConfig(Bounded):
+    """Settings of the figure of what was learned after how many minutes."""
+
+    tables: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """tables with the columns test, horizon, road, metric, minutes, mean, low, high"""
+    out: Path
+    """figure to write, without its ending"""
+    metrics: tuple[str, ...] = ()
+    """metrics to draw; none for all that there are"""
+    across: Count = 3
+    """panels beside each other"""
+
+
+@dataclass(frozen=True)
+class Point:
+    """Result of a road after some minutes: mean, least and greatest of its seeds, in the unit that is shown."""
+
+    panel: tuple[str, str]
+    road: str
+    minutes: float
+    mean: float
+    low: float
+    high: float
+
+
+def read(tables: Sequence[Path], metrics: Sequence[str] = ()) -> list[Point]:
+    """Return the points of tables, in their order.
+
+    Raises:
+        RecordsError: for a table that has not all columns or no rows of the metrics, naming it.
+    """
+    points = []
+    for path in tables:
+        try:
+            with path.open(newline="") as file:
+                rows = [row for row in csv.DictReader(file) if not metrics or row["metric"] in metrics]
+            points += [_point(row) for row in rows]
+        except (OSError, KeyError, TypeError, ValueError) as error:
+            raise RecordsError(f"{str(path)!r}: not a table of results by minutes ({error!r})") from error
+        if not rows:
+            raise RecordsError(f"{str(path)!r}: no rows of {', '.join(metrics) or 'any metric'}")
+    return points
+
+
+def _point(row: dict[str, str]) -> Point:
+    known = METRICS.get(row["metric"])
+    heading, factor = (row["metric"], 1.0) if known is None else (known.heading, known.factor)
+    mean, low, high = (factor * float(row[name]) for name in ("mean", "low", "high"))
+    return Point((f"{row['test']}, {row['horizon']}", heading), row["road"], float(row["minutes"]), mean, low, high)
+
+
+def by_minutes(points: Sequence[Point], across: int = 3) -> Any:
+    """Return a figure with one panel for each test, horizon and metric, and one line for each road.
+
+    Raises:
+        RenderingError: when the extra ``plat-rl[figures]`` is not installed.
+    """
+    panels = list(dict.fromkeys(point.panel for point in points))
+    drawn = looks(list(dict.fromkeys(point.road for point in points)))
+    across = min(across, len(panels))
+    down = -(-len(panels) // across)
+    with paper_style() as plt:
+        figure, axes = plt.subplots(down, across, figsize=(PAGE, 0.4 + 1.9 * down), squeeze=False)
+        for number, axis in enumerate(axes.flat):
+            if number >= len(panels):
+                axis.remove()
+                continue
+            title, heading = panels[number]
+            for road, look in drawn.items():
+                line = sorted(
+                    (point for point in points if point.panel == panels[number] and point.road == road),
+                    key=lambda point: point.minutes,
+                )
+                if not line:
+                    continue
+                spread = [[p.mean - p.low for p in line], [p.high - p.mean for p in line]]
+                axis.errorbar(
+                    [point.minutes for point in line],
+                    [point.mean for point in line],
+                    spread,
+                    label=road,
+                    color=look.color,
+                    marker=look.marker,
+                    linestyle=look.dashes,
+                    linewidth=look.width,
+                    markersize=3.5,
+                    capsize=1.8,
+                )
+            axis.set(title=title, xlabel="minutes", ylabel=heading, xlim=(0, None))
+            if "%" not in heading:
+                axis.set_ylim(0, None)  # of an error or a count, a part would look like more than it is
+            axis.grid(True)
+        handles, names = axes.flat[0].get_legend_handles_labels()
+        figure.legend(handles, names, loc="outside lower center", ncols=min(4, len(names)))
+    return figure
+
+
+def main(config: ByMinutesConfig) -> list[Path]:
+    """Draw the figure; return its files."""
+    written = save_figure(by_minutes(read(config.tables, config.metrics), config.across), config.out)
+    print("\n".join(map(str, written)))
+    return written
+
+
+if __name__ == "__main__":
+    with report_errors():
+        main(tyro.cli(ByMinutesConfig, description=__doc__))
