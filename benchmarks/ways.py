@@ -31,7 +31,7 @@ from plat.files import replace_table
 from plat.modules import FinetunedPolicy, LatentPolicy
 from plat.motions import MotionClip, MotionLibrary
 from plat.runs import load_policy, report_errors
-from plat.runs.policies import deployed
+from plat.runs.policies import Policy, deployed
 
 Space = Literal["latent", "action"]
 FIRST_SCALE: dict[Space, float] = {"latent": 0.5, "action": 0.05}
@@ -107,7 +107,7 @@ class Noise(nn.Module):
         return loc + (noise if unit is None else noise * unit)
 
 
-def varied(policy: nn.Module, space: Space, noise: Noise) -> TensorDictModuleBase:
+def varied(policy: Policy, space: Space, noise: Noise) -> TensorDictModuleBase:
     """Return a policy's deterministic composition with noise on its latent or its action.
 
     Raises:
@@ -164,12 +164,13 @@ def follow(policy: TensorDictModuleBase, library: MotionLibrary, samples: int) -
     distances = torch.cdist(paths, paths).mean(2)
     pairs = (met[:, :, None] & met[:, None, :]).triu(1)
     apart = distances.permute(0, 2, 3, 1)[pairs]  # [pairs, T]
+    assert records.jerk_steps is not None  # counted where it was not given
     jerk = records.step["joint_jerk"].sum() / records.jerk_steps.sum()
     return Ways(float(met.float().mean()), float(apart.mean()), float(apart[:, -1].mean()), float(jerk))
 
 
 def sweep(
-    policy: nn.Module, space: Space, held: bool, library: MotionLibrary, samples: int, seed: int, least: float
+    policy: Policy, space: Space, held: bool, library: MotionLibrary, samples: int, seed: int, least: float
 ) -> Iterator[tuple[float, Ways]]:
     """Yield the ways with ever more noise, until less than a share of the commands is met."""
     scale, met = FIRST_SCALE[space], 1.0
