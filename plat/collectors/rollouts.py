@@ -30,7 +30,7 @@ class Rollouts(Iterator[TensorDictBase]):
     """Iterator over rollouts ``[N, steps]`` of a policy without end, each continuing the last one.
 
     Those of environments side by side, in TorchRL's ``SerialEnv`` or ``ParallelEnv``, are ``[E, N, steps]``: flatten
-    the first two for what takes ``[N, steps]``.
+    the first two for what takes ``[N, steps]``, and :meth:`close` them, or use the rollouts in ``with``.
 
     During simulation PyTorch uses few threads; between rollouts, where the caller learns, as many as before. Its state
     holds the robots: a run that is restored goes on with the very next step.
@@ -89,7 +89,12 @@ class Rollouts(Iterator[TensorDictBase]):
         restore(self._collector, state)
 
     def close(self) -> None:
-        """Do nothing: there are no processes to end."""
+        """Close environments side by side: a program does not end before the processes of a ``ParallelEnv`` have.
+
+        One of robots in this process stays open; nothing of it has to end.
+        """
+        if isinstance(_inner(self.env), BatchedEnvBase):
+            self.env.close(raise_if_closed=False)
 
     def __enter__(self) -> "Rollouts":
         return self
@@ -144,8 +149,13 @@ def restore(collector: Collector, state: Mapping[str, Any]) -> None:
     collector._carrier = observation if carrier.device is not None else observation.clear_device_()
 
 
-def _base_of(env: EnvBase) -> EnvBase:
+def _inner(env: EnvBase) -> EnvBase:
     base: EnvBase = env.base_env if isinstance(env, TransformedEnv) else env
+    return base
+
+
+def _base_of(env: EnvBase) -> EnvBase:
+    base = _inner(env)
     if isinstance(base, BatchedEnvBase):
         raise StateError(
             f"rollouts: a {type(base).__name__} has no state to go on from; simulate all robots in one environment, or "

@@ -1,5 +1,9 @@
+import os
+import subprocess
+import sys
 from contextlib import nullcontext
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 import torch
@@ -39,7 +43,40 @@ def test_environments_side_by_side_make_as_many_steps_and_have_no_state(monkeypa
     for going in (lambda: source.state_dict(), lambda: source.load_state_dict({"robots": {}, "observation": {}})):
         with pytest.raises(StateError, match="a SerialEnv has no state to go on from; simulate all robots in one"):
             going()
-    env.close()
+    source.close()
+    assert env.is_closed
+    source.close()
+
+
+def test_robots_of_this_process_stay_open():
+    env = small_env()
+    with rollouts(env, Expert(G1).actor(), steps=2) as source:
+        next(source)
+    assert env.rollout(2).shape == (2, 2)
+
+
+PROGRAM = """
+from torchrl.envs import ParallelEnv
+
+from plat.collectors import rollouts
+from plat.modules import Expert
+from plat.robots import G1
+from tests.collectors.test_rollouts import small_env
+
+if __name__ == "__main__":
+    with rollouts(ParallelEnv(2, small_env), Expert(G1).actor(), steps=3) as source:
+        print(tuple(next(source).shape))
+"""
+
+
+@pytest.mark.slow
+def test_a_program_with_environments_in_processes_ends(tmp_path):
+    (tmp_path / "program.py").write_text(PROGRAM)
+    root = Path(__file__).parents[2]
+    environment = {**os.environ, "PYTHONPATH": str(root)}
+    command = [sys.executable, str(tmp_path / "program.py")]
+    ended = subprocess.run(command, env=environment, cwd=root, capture_output=True, text=True, timeout=240, check=True)
+    assert ended.stdout.splitlines()[-1] == "(2, 2, 3)"
 
 
 def flailing() -> TensorDictModule:
