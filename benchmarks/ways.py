@@ -5,13 +5,13 @@ python benchmarks/ways.py dagger-g1 imagined-g1 --motions hard_free_val.npz --st
 Robots begin in the same state with the same command, and differ in noise alone: on the latent, in units of the prior's
 own standard deviation, or on the action. It is doubled until a tenth of the commands is lost. ``held`` noise is drawn
 once a robot, as a style would be; the other is new at each step. Policies compare at equal loss: the last table has how
-far apart robots pass where ``--lost`` percent of the commands is lost.
+far apart robots pass, and still are at their arrival, where ``--lost`` percent of the commands is lost.
 
 With a latent a policy acts on one side here, as it does where it is sampled; one without is as it is deployed.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
@@ -182,23 +182,23 @@ def sweep(
         scale, met = 2 * scale, ways.met
 
 
-def at_loss(ways: list[Ways], lost: float) -> float | None:
-    """Return how far apart robots pass where a share of the commands is lost, between the two nearest of a sweep."""
-    wanted = ways[0].met - lost
-    for before, after in pairwise(ways):
+def at_loss(series: list[Ways], lost: float) -> Ways | None:
+    """Return the ways where a share of the commands is lost, between the two nearest of a sweep; None if none is."""
+    wanted = series[0].met - lost
+    for before, after in pairwise(series):
         if after.met <= wanted:
             share = (before.met - wanted) / max(before.met - after.met, 1e-9)
-            return before.apart + share * (after.apart - before.apart)
+            return Ways(*((1 - share) * a + share * b for a, b in zip(astuple(before), astuple(after), strict=True)))
     return None
 
 
-def main(config: WaysConfig) -> dict[tuple[str, Space, bool], list[float | None]]:
-    """Run the benchmark: print and write a row for each policy, noise and seed; return how far apart at equal loss (m).
+def main(config: WaysConfig) -> dict[tuple[str, Space, bool], list[Ways | None]]:
+    """Run the benchmark: print and write a row for each policy, noise and seed; return the ways at equal loss.
 
     There is a value for each seed; None where that share of the commands was never lost.
     """
     rows: list[list[str]] = []
-    found: dict[tuple[str, Space, bool], list[float | None]] = {}
+    found: dict[tuple[str, Space, bool], list[Ways | None]] = {}
 
     def note(*cells: str) -> None:
         rows.append(list(cells))
@@ -222,10 +222,10 @@ def main(config: WaysConfig) -> dict[tuple[str, Space, bool], list[float | None]
     if config.csv is not None:
         columns = ("policy", "seed", "noise", "scale", "met_percent", "apart_mm", "at_arrival_mm", "jerk_rad_s3")
         replace_table(config.csv, list(columns), rows)
-    print(f"\napart at {config.lost:g} % lost (mm), a column for each seed")
-    for (name, space, held), values in found.items():
-        cells = ("never lost" if apart is None else f"{1e3 * apart:.1f}" for apart in values)
-        print(f"{name:>24}  {space:>6}  {_when(held):>9}  ", "  ".join(f"{cell:>10}" for cell in cells))
+    print(f"\nat {config.lost:g} % lost: apart / at arrival (mm) / jerk (rad/s^3), a column for each seed")
+    for (name, space, held), at_equal_loss in found.items():
+        cells = ("never lost" if ways is None else " / ".join(ways.cells()[1:]) for ways in at_equal_loss)
+        print(f"{name:>24}  {space:>6}  {_when(held):>9}  ", "  ".join(f"{cell:>22}" for cell in cells))
     return found
 
 

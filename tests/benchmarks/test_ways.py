@@ -1,5 +1,6 @@
 import csv
 import math
+from dataclasses import astuple
 from pathlib import Path
 
 import pytest
@@ -96,9 +97,11 @@ def test_noise_doubles_until_too_many_are_lost(latent, motions, monkeypatch):
 
 
 def test_distance_at_equal_loss_lies_between_two_scales():
-    series = [Ways(met, apart, 0.0, 0.0) for met, apart in ((0.98, 0.0), (0.99, 0.01), (0.97, 0.03), (0.93, 0.07))]
-    assert at_loss(series, 0.03) == pytest.approx(0.05)
-    assert at_loss(series, 0.01) == pytest.approx(0.03)
+    series = [
+        Ways(met, apart, 2 * apart, 1.0) for met, apart in ((0.98, 0.0), (0.99, 0.01), (0.97, 0.03), (0.93, 0.07))
+    ]
+    assert astuple(at_loss(series, 0.03)) == pytest.approx((0.95, 0.05, 0.1, 1.0))
+    assert at_loss(series, 0.01).apart == pytest.approx(0.03)
     assert at_loss(series, 0.5) is None
 
 
