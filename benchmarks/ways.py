@@ -29,9 +29,11 @@ from plat.evaluation.rollout import make_evaluation_env
 from plat.evaluation.setting import EvaluationSetting
 from plat.files import replace_table
 from plat.modules import FinetunedPolicy, LatentPolicy
+from plat.modules.deployed import timed
 from plat.motions import MotionClip, MotionLibrary
 from plat.runs import load_policy, report_errors
 from plat.runs.policies import Policy, deployed
+from plat.spec.timing import Timing, timing_of
 
 Space = Literal["latent", "action"]
 FIRST_SCALE: dict[Space, float] = {"latent": 0.5, "action": 0.05}
@@ -118,13 +120,16 @@ def varied(policy: Policy, space: Space, noise: Noise) -> TensorDictModuleBase:
         features = student.features()
         if space == "latent":
             noisy = TensorDictModule(noise, in_keys=[student.mode, ("prior", "scale")], out_keys=["latent"])
-            return TensorDictSequential(features, noisy, student.decoder.using("hidden", "latent"))
+            return timed(
+                TensorDictSequential(features, noisy, student.decoder.using("hidden", "latent")), student.timing
+            )
         acts: list[TensorDictModuleBase] = [features, student.decoder.using("hidden", student.mode)]
     elif space == "latent":
         raise ConfigError(f"ways: {type(policy).__name__} has no prior, expected a LatentPolicy or a FinetunedPolicy")
     else:
         acts = [deployed(policy)]
-    return TensorDictSequential(*acts, TensorDictModule(noise, in_keys=["action"], out_keys=["action"]))
+    acts.append(TensorDictModule(noise, in_keys=["action"], out_keys=["action"]))
+    return timed(TensorDictSequential(*acts), timing_of(deployed(policy)) or Timing())
 
 
 def pieces(library: MotionLibrary, steps: int, commands: int, samples: int, seed: int) -> MotionLibrary:
@@ -151,7 +156,8 @@ def follow(policy: TensorDictModuleBase, library: MotionLibrary, samples: int) -
     steps = int(library.clip_length[0]) - 1
     schedule = CommandSchedule.of_arrivals(library, [[steps]] * library.num_clips)
     recorder = CommandRecorder(library, schedule)
-    task = make_evaluation_env(library, schedule, library.num_clips, setting=EvaluationSetting())
+    setting = EvaluationSetting(timing=timing_of(policy))
+    task = make_evaluation_env(library, schedule, library.num_clips, setting=setting)
     places = []
     for step in task.steps(policy):
         recorder.add(step["motion", "frame"], task.active, step["next"])

@@ -12,6 +12,7 @@ from plat.envs import make_keyframe_env
 from plat.errors import ConfigError, MotionError
 from plat.modules import LatentPolicy, LatentPolicyConfig, PlainPolicy, PlainPolicyConfig
 from plat.robots import G1
+from plat.spec.timing import Timing
 
 STEPS, COMMANDS, SAMPLES = 12, 3, 4
 
@@ -81,6 +82,15 @@ def test_ways_part_by_noise_alone(latent, motions):
     assert 0 < little.apart < much.apart
     assert little.at_arrival > little.apart  # it adds up
     assert much.jerk > 0
+
+
+@pytest.mark.parametrize("space", ["latent", "action"])
+def test_a_policy_is_told_the_time_left_in_its_own_unit(motions, space):
+    config = LatentPolicyConfig(backbone=(16,), hidden_size=8, prior=(8,), decoder=(16,), timing=Timing(max_steps=150))
+    policy, told = varied(LatentPolicy(G1, config), space, Noise(0.0, held=True, seed=0)), []
+    policy.register_forward_pre_hook(lambda _, given: told.append(given[0]["command", "horizon"].max()))
+    follow(policy, motions, SAMPLES)
+    assert float(told[0]) == pytest.approx(STEPS / 150)
 
 
 def test_ways_where_nobody_arrives_have_no_distance(latent, motions):
