@@ -114,7 +114,7 @@ def by_minutes(points: Sequence[Point], across: int = 3) -> Any:
                 axis.set_ylim(0, None)  # of an error or a count, a part would look like more than it is
             axis.grid(True)
         handles, names = axes.flat[0].get_legend_handles_labels()
-        figure.legend(handles, names, loc="outside lower center", ncols=min(4, len(names)))
+        figure.legend(handles, names, loc="outside lower center", ncols=2)
     return figure
 
 
