@@ -16,7 +16,7 @@ import tyro
 from plat.bounds import Bounded, Count
 from plat.errors import RecordsError
 from plat.evaluation.score_table import METRICS
-from plat.figures.style import PAGE, looks, paper_style, save_figure
+from plat.figures.style import PAGE, Look, looks, paper_style, save_figure
 from plat.runs import report_errors
 
 
@@ -78,44 +78,42 @@ def by_minutes(points: Sequence[Point], across: int = 3) -> Any:
     Raises:
         RenderingError: when the extra ``plat-rl[figures]`` is not installed.
     """
-    panels = list(dict.fromkeys(point.panel for point in points))
+    panels: dict[tuple[str, str], dict[str, list[Point]]] = {}
+    for point in sorted(points, key=lambda point: point.minutes):
+        panels.setdefault(point.panel, {}).setdefault(point.road, []).append(point)
+    order = list(dict.fromkeys(point.panel for point in points))
     drawn = looks(list(dict.fromkeys(point.road for point in points)))
-    across = min(across, len(panels))
-    down = -(-len(panels) // across)
+    across = min(across, len(order))
+    down = -(-len(order) // across)
     with paper_style() as plt:
         figure, axes = plt.subplots(down, across, figsize=(PAGE, 0.4 + 1.9 * down), squeeze=False)
-        for number, axis in enumerate(axes.flat):
-            if number >= len(panels):
-                axis.remove()
-                continue
-            title, heading = panels[number]
-            for road, look in drawn.items():
-                line = sorted(
-                    (point for point in points if point.panel == panels[number] and point.road == road),
-                    key=lambda point: point.minutes,
-                )
-                if not line:
-                    continue
-                spread = [[p.mean - p.low for p in line], [p.high - p.mean for p in line]]
-                axis.errorbar(
-                    [point.minutes for point in line],
-                    [point.mean for point in line],
-                    spread,
-                    label=road,
-                    color=look.color,
-                    marker=look.marker,
-                    linestyle=look.dashes,
-                    linewidth=look.width,
-                    markersize=3.5,
-                    capsize=1.8,
-                )
+        handles: dict[str, Any] = {}
+        for panel, axis in zip(order, axes.flat, strict=False):
+            of_road = panels[panel]
+            handles |= {road: _line(axis, of_road[road], look) for road, look in drawn.items() if road in of_road}
+            title, heading = panel
             axis.set(title=title, xlabel="minutes", ylabel=heading, xlim=(0, None))
             if "%" not in heading:
                 axis.set_ylim(0, None)  # of an error or a count, a part would look like more than it is
             axis.grid(True)
-        handles, names = axes.flat[0].get_legend_handles_labels()
-        figure.legend(handles, names, loc="outside lower center", ncols=2)
+        for axis in axes.flat[len(order) :]:
+            axis.remove()
+        figure.legend([handles[road] for road in drawn], list(drawn), loc="outside lower center", ncols=2)
     return figure
+
+
+def _line(axis: Any, points: Sequence[Point], look: Look) -> Any:
+    return axis.errorbar(
+        [point.minutes for point in points],
+        [point.mean for point in points],
+        [[point.mean - point.low for point in points], [point.high - point.mean for point in points]],
+        color=look.color,
+        marker=look.marker,
+        linestyle=look.dashes,
+        linewidth=look.width,
+        markersize=3.5,
+        capsize=1.8,
+    )
 
 
 def main(config: ByMinutesConfig) -> list[Path]:

@@ -115,21 +115,22 @@ def varied(policy: Policy, space: Space, noise: Noise) -> TensorDictModuleBase:
     Raises:
         ConfigError: for noise in the latent of a policy without one.
     """
-    student = policy.student if isinstance(policy, FinetunedPolicy) else policy
-    if isinstance(student, LatentPolicy):
-        features = student.features()
+    on_action = TensorDictModule(noise, in_keys=["action"], out_keys=["action"])
+    acts: list[TensorDictModuleBase]
+    if isinstance(policy, LatentPolicy | FinetunedPolicy):
+        student = policy.student if isinstance(policy, FinetunedPolicy) else policy
+        before, keys = policy.shown()
+        acts = [*before, student.features(keys)]
         if space == "latent":
-            noisy = TensorDictModule(noise, in_keys=[student.mode, ("prior", "scale")], out_keys=["latent"])
-            return timed(
-                TensorDictSequential(features, noisy, student.decoder.using("hidden", "latent")), student.timing
-            )
-        acts: list[TensorDictModuleBase] = [features, student.decoder.using("hidden", student.mode)]
+            on_latent = TensorDictModule(noise, in_keys=[student.mode, ("prior", "scale")], out_keys=["latent"])
+            acts += [on_latent, student.decoder.using("hidden", "latent")]
+        else:
+            acts += [student.decoder.using("hidden", student.mode), on_action]
     elif space == "latent":
         raise ConfigError(f"ways: {type(policy).__name__} has no prior, expected a LatentPolicy or a FinetunedPolicy")
     else:
-        acts = [deployed(policy)]
-    acts.append(TensorDictModule(noise, in_keys=["action"], out_keys=["action"]))
-    return timed(TensorDictSequential(*acts), timing_of(deployed(policy)) or Timing())
+        acts = [deployed(policy), on_action]
+    return timed(TensorDictSequential(*acts), timing_of(policy) or Timing())
 
 
 def pieces(library: MotionLibrary, steps: int, commands: int, samples: int, seed: int) -> MotionLibrary:
@@ -193,7 +194,7 @@ def at_loss(series: list[Ways], lost: float) -> Ways | None:
     wanted = series[0].met - lost
     for before, after in pairwise(series):
         if after.met <= wanted:
-            share = (before.met - wanted) / max(before.met - after.met, 1e-9)
+            share = (before.met - wanted) / (before.met - after.met)
             return Ways(*((1 - share) * a + share * b for a, b in zip(astuple(before), astuple(after), strict=True)))
     return None
 

@@ -190,7 +190,7 @@ def about(recipe: BenchmarkRecipe, candidates: Mapping[Candidate, Entrant], sets
         "seed": recipe.seed,
         "longest": recipe.longest,
         "robustness_clips": recipe.robustness_clips,
-        **({"window": window} if window else {}),
+        **({"window": window} if window else {}),  # said of the usual one, it would end what was begun without
         "sets": [
             [
                 one.name,

@@ -184,7 +184,6 @@ def conditions_of(recipe: EvaluateRecipe, timing: Timing) -> str:
     Headings of tables say TKS@3. The conditions say so where the policies' arrival window is another.
     """
     told = {
-        other_window(timing): True,
         f"partial keyframes ({recipe.partial})": recipe.partial,
         "dense reference": recipe.dense,
         f"interface {recipe.interface[0]}": len(recipe.interface) == 1 and recipe.interface != type(recipe).interface,
@@ -192,7 +191,7 @@ def conditions_of(recipe: EvaluateRecipe, timing: Timing) -> str:
         f"disturbed {recipe.disturbed:g}": recipe.disturbed,
         f"only {recipe.only}": recipe.only,
     }
-    return ", ".join(words for words, given in told.items() if words and given)
+    return ", ".join(filter(None, (other_window(timing), *(words for words, given in told.items() if given))))
 
 
 def other_window(timing: Timing) -> str:

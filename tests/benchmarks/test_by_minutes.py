@@ -41,6 +41,13 @@ def test_a_line_for_each_road_in_the_order_of_time(table):
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["ppo", "imagine"]
 
 
+def test_the_legend_has_roads_that_are_in_no_other_panel():
+    pytest.importorskip("matplotlib")
+    points = [Point((panel, "failed"), road, 30.0, 8.0, 7.0, 9.0) for panel, road in (("a", "ppo"), ("b", "imagine"))]
+    (legend,) = by_minutes(points).legends
+    assert [text.get_text() for text in legend.get_texts()] == ["ppo", "imagine"]
+
+
 def test_figures_are_written(table, tmp_path):
     pytest.importorskip("matplotlib")
     written = main(ByMinutesConfig(tables=(table,), out=tmp_path / "images" / "roads", metrics=("tks",)))

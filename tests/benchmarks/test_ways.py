@@ -10,7 +10,14 @@ import benchmarks.ways
 from benchmarks.ways import Noise, Ways, WaysConfig, at_loss, follow, main, pieces, sweep, varied
 from plat.envs import make_keyframe_env
 from plat.errors import ConfigError, MotionError
-from plat.modules import LatentPolicy, LatentPolicyConfig, PlainPolicy, PlainPolicyConfig
+from plat.modules import (
+    FinetunedPolicy,
+    LatentPolicy,
+    LatentPolicyConfig,
+    PlainPolicy,
+    PlainPolicyConfig,
+    RefinementConfig,
+)
 from plat.robots import G1
 from plat.spec.timing import Timing
 
@@ -50,6 +57,15 @@ def test_without_noise_a_policy_acts_as_deployed(latent, observation, space):
     )
     noisy = varied(latent, space, Noise(0.5, held=True, seed=0))(observation.clone())["action"]
     assert (noisy - expected).abs().mean() > 1e-3
+
+
+@pytest.mark.parametrize("space", ["latent", "action"])
+def test_a_fine_tuned_policy_acts_by_its_own_lead(latent, observation, space):
+    policy = FinetunedPolicy(latent, RefinementConfig(lead=0.2))
+    expected = policy.deployed()(observation.clone())["action"]
+    assert not expected.equal(latent.deployed()(observation.clone())["action"])
+    same = varied(policy, space, Noise(0.0, held=True, seed=0))(observation.clone())["action"]
+    torch.testing.assert_close(same, expected)
 
 
 def test_a_policy_without_a_latent_has_noise_on_its_action_alone(observation):
