@@ -32,7 +32,7 @@ from plat.control import (
     tally,
 )
 from plat.control.shoves import Shoves
-from plat.errors import ActionError, KeyframeError, PlatError, StateError
+from plat.errors import ActionError, KeyframeError
 from plat.files import TABLES, check_file, replace_table
 from plat.keyframes import KeyframeSequence, long_intervals_of_file
 from plat.rendering import Stage, check_video, film_with_progress, stage_model, write_video
@@ -77,18 +77,13 @@ def main(recipe: PlayRecipe) -> list[KeyframeScore]:
     shoves = Shoves(recipe.push, recipe.push_every, recipe.seed, timing.control_dt)
     viewer = Viewer(simulator) if recipe.viewer else None
     steps: list[tuple[ChaseStep, StepErrors]] = []
-    broken: PlatError | None = None
-    try:
-        for step in chase:
-            steps.append((step, scorer.add(step)))
-            shoves.after_step(simulator)
-            if viewer is not None:
-                if not viewer.running:
-                    break
-                viewer.show(step)
-    except (ActionError, StateError) as error:  # what there is until then is told, written and filmed all the same
-        broken = error
-        scorer.lose(sequence, chase.time)
+    for step, errors in scorer.follow(chase):
+        steps.append((step, errors))
+        shoves.after_step(simulator)
+        if viewer is not None:
+            if not viewer.running:
+                break
+            viewer.show(step)
     if viewer is not None:
         viewer.close()
     print_table(scorer.scores(), scorer.hold(), timing.window)
@@ -100,8 +95,8 @@ def main(recipe: PlayRecipe) -> list[KeyframeScore]:
         print(f"wrote {recipe.video}")
     if stage is not None:
         stage.close()
-    if broken is not None:
-        raise ActionError(f"{str(recipe.keyframes)!r} at {chase.time:.2f} s: {broken}; it fell from there on")
+    if scorer.ended:
+        raise ActionError(f"{str(recipe.keyframes)!r} {scorer.ended}")
     return scorer.scores()
 
 

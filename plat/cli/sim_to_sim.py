@@ -24,7 +24,7 @@ from plat.control import (
 from plat.control.changed_physics import SETTINGS, Delayed, PhysicsSetting, make_model
 from plat.deploy import PolicyRunner
 from plat.envs.transforms import CommandSchedule, Horizon
-from plat.errors import ActionError, KeyframeError, StateError
+from plat.errors import ActionError, KeyframeError
 from plat.keyframes import Keyframe, KeyframeSequence, long_intervals_of_file
 from plat.motions import MotionLibrary
 from plat.robots import G1, Robot, get_robot
@@ -70,7 +70,7 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
             of_sequence, error = run(controller, sequence, simulator, robot)
             scores += of_sequence
             if error:
-                told.append(f"{name!r} at {error}; it fell from there on")
+                told.append(f"{name!r} {error}")
         results[physics.name] = scores
         broken += len(told)
         succeeded = [score for score in scores if score.success]
@@ -113,12 +113,8 @@ def _keyframe(library: MotionLibrary, frame: int, time: float) -> Keyframe:
 def run(
     controller: Controller, sequence: KeyframeSequence, simulator: Simulator, robot: Robot = G1
 ) -> tuple[list[KeyframeScore], str]:
-    """Return the scores of a sequence of keyframes, and when and how it ended early; empty where it did not."""
-    scorer, chase, ended = KeyframeScorer(robot), Chase(controller, sequence, simulator), ""
-    try:
-        for step in chase:
-            scorer.add(step)
-    except (ActionError, StateError) as error:
-        scorer.lose(sequence, chase.time)
-        ended = f"{chase.time:.2f} s: {error}"
-    return scorer.scores(), ended
+    """Return the scores of a sequence of keyframes, and when and why it ended early; empty where it did not."""
+    scorer = KeyframeScorer(robot)
+    for _ in scorer.follow(Chase(controller, sequence, simulator)):
+        pass
+    return scorer.scores(), scorer.ended

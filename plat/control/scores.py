@@ -1,7 +1,7 @@
 """What became of each keyframe of a chase: reached, late or off, or fell."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from typing import Literal, TypeAlias
 
@@ -9,9 +9,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from plat.control.chase import ChaseStep
+from plat.control.chase import Chase, ChaseStep
 from plat.control.pose_errors import PoseComparison, PoseErrors
 from plat.envs.settings import ReachLimits
+from plat.errors import ActionError, StateError
 from plat.keyframes import Keyframe, KeyframeSequence
 from plat.keyframes.roots import with_commanded_root
 from plat.robots.robot import Robot
@@ -146,6 +147,8 @@ class KeyframeScorer:
 
     def __init__(self, robot: Robot, limits: ReachLimits | None = None):
         self.limits = limits or ReachLimits()
+        self.ended = ""
+        """When and why a chase that it followed ended early; empty where none did."""
         self._compare = PoseComparison(robot, self.limits)
         self._feet = _Feet(robot)
         self._steps: dict[int, list[tuple[ChaseStep, StepErrors]]] = {}
@@ -165,6 +168,19 @@ class KeyframeScorer:
         else:
             self._steps.setdefault(step.command.index, []).append((step, scored))
         return scored
+
+    def follow(self, chase: Chase) -> Iterator[tuple[ChaseStep, StepErrors]]:
+        """Take the steps of a chase and add them; yield each with the robot's distance from the sequence at its end.
+
+        Where the simulation diverges, or the policy gives no finite target, the robot is lost (:meth:`lose`) and the
+        steps end.
+        """
+        try:
+            for step in chase:
+                yield step, self.add(step)
+        except (ActionError, StateError) as error:
+            self.lose(chase.sequence, chase.time)
+            self.ended = f"at {chase.time:.2f} s: {error}; it fell from there on"
 
     def lose(self, sequence: KeyframeSequence, time: float) -> None:
         """Count the robot as fallen from a time on (s), at which its simulation diverged or no target was left.

@@ -17,7 +17,6 @@ from plat.control import (
     StepErrors,
     mean_errors,
 )
-from plat.errors import ActionError, StateError
 from plat.keyframes import KeyframeSequence
 from plat.keyframes.roots import with_commanded_root
 from plat.robots.robot import Robot
@@ -51,12 +50,11 @@ class Player:
         """Go back to the start."""
         self._chase.restart()
         self._scorer = KeyframeScorer(self._robot)
+        self._followed = self._scorer.follow(self._chase)
         self._changed = False
         self._ahead = 0.0
         self.finished = False
         """Whether the last keyframe's arrival and :data:`HOLD` are over, or the simulation ended early."""
-        self.ended = ""
-        """When and why the simulation ended early; empty where it did not."""
         self.step: ChaseStep | None = None
         """The last step that was taken."""
         self.times: list[float] = []
@@ -66,6 +64,11 @@ class Player:
         self.steps: list[ChaseStep] = []
         """All steps that were taken, to look at them again."""
         self._poses = [self.qpos]
+
+    @property
+    def ended(self) -> str:
+        """Return when and why the simulation ended early; empty where it did not."""
+        return self._scorer.ended
 
     @property
     def time(self) -> float:
@@ -121,11 +124,11 @@ class Player:
         """Take one control step, unless all is over."""
         if self.finished:
             return
-        step, self.ended = _next_step(self._chase, self._scorer)
-        if step is None:
+        taken = next(self._followed, None)
+        if taken is None:
             self.finished = True
             return
-        self._scorer.add(step)
+        step, _ = taken
         self.step = step
         self.steps.append(step)
         self._poses.append(self.qpos)
@@ -147,30 +150,16 @@ def simulator(robot: Robot, controller: Controller) -> Simulator:
 
 def chased(
     robot: Robot, controller: Controller, sequence: KeyframeSequence
-) -> tuple[list[tuple[ChaseStep, StepErrors]], KeyframeScorer, str]:
-    """Return the steps of a chase and its hold at full speed, their scorer, and when and why it ended early, if so."""
+) -> tuple[list[tuple[ChaseStep, StepErrors]], KeyframeScorer]:
+    """Return the steps of a chase and its hold at full speed, and their scorer."""
     chase, scorer = Chase(controller, sequence, simulator(robot, controller), hold=HOLD), KeyframeScorer(robot)
-    steps: list[tuple[ChaseStep, StepErrors]] = []
-    while True:
-        step, ended = _next_step(chase, scorer)
-        if step is None:
-            return steps, scorer, ended
-        steps.append((step, scorer.add(step)))
+    return list(scorer.follow(chase)), scorer
 
 
 def score(robot: Robot, controller: Controller, sequence: KeyframeSequence) -> tuple[list[KeyframeScore], str]:
     """Compute the scores of a chase at full speed, equal to those of a :class:`Player`, and when and why it ended."""
-    _, scorer, ended = chased(robot, controller, sequence)
-    return scorer.scores(), ended
-
-
-def _next_step(chase: Chase, scorer: KeyframeScorer) -> tuple[ChaseStep | None, str]:
-    """Take a step; a robot whose simulation diverges, or that has no target, fell from there on."""
-    try:
-        return next(chase, None), ""
-    except (ActionError, StateError) as error:
-        scorer.lose(chase.sequence, chase.time)
-        return None, f"at {chase.time:.2f} s: {error}; it fell from there on"
+    _, scorer = chased(robot, controller, sequence)
+    return scorer.scores(), scorer.ended
 
 
 @dataclass(frozen=True)

@@ -341,11 +341,11 @@ class Session:
         check_video(path)
         sequence = self.playback.sequence(policy, timeline)
         with Stage(self.robot, distance=2.6) as stage:
-            steps, scorer, ended = chased(self.robot, self.playback.controller(policy), sequence)
+            steps, scorer = chased(self.robot, self.playback.controller(policy), sequence)
             if not steps:
-                raise ActionError(ended)
+                raise ActionError(scorer.ended)
             write_video(path, film(stage, record(steps, scorer)))
-        return ended
+        return scorer.ended
 
     # files
 

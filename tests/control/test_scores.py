@@ -1,6 +1,6 @@
 import math
+import re
 from dataclasses import replace
-from itertools import islice
 
 import numpy as np
 import pytest
@@ -8,7 +8,6 @@ import torch
 
 from plat.control import Chase, KeyframeScorer, PolicyController, ReachLimits, Simulator, mean_errors, tally
 from plat.envs.transforms import Horizon
-from plat.errors import ActionError
 from plat.evaluation import evaluate
 from plat.keyframes import KeyframeSequence, only, standing
 from plat.modules import LatentPolicy
@@ -115,13 +114,22 @@ def test_holding_is_no_keyframe_and_one_whose_arrival_has_not_come_has_no_score(
 def chased(sequence, after, hold=0.0):
     """The scorer of a chase that is shoved out of all bounds after some steps."""
     chase, scorer = Chase(Puppet(), sequence, Simulator(G1.model()), hold=hold), KeyframeScorer(G1)
-    for step in islice(chase, after):
-        scorer.add(step)
-    chase.simulator.push(np.array([1e12, 0.0, 0.0]))
-    with pytest.raises(ActionError, match="the simulation diverged"):
-        next(chase)
-    scorer.lose(sequence, chase.time)
+    for number, (step, errors) in enumerate(scorer.follow(chase), 1):
+        assert errors == KeyframeScorer(G1).add(step)
+        if number == after:
+            chase.simulator.push(np.array([1e12, 0.0, 0.0]))
+    assert number == after
+    assert re.fullmatch(rf"at {0.02 * after:.2f} s: .*the simulation diverged.*; it fell from there on", scorer.ended)
     return scorer
+
+
+def test_a_chase_that_ends_by_itself_has_nothing_to_tell():
+    chase, scorer = (
+        Chase(Puppet(), KeyframeSequence(G1, POSE, (POSE.at(0.1),)), Simulator(G1.model())),
+        KeyframeScorer(G1),
+    )
+    assert [step.time for step, _ in scorer.follow(chase)] == pytest.approx([0.02, 0.04, 0.06, 0.08, 0.1])
+    assert scorer.ended == ""
 
 
 @pytest.mark.parametrize("after", [5, 7])
