@@ -1,12 +1,11 @@
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from plat.deploy import PolicyRunner
 from tests.export.runs import small_policy, write_run
+from tests.in_process import Ended, run_plat
 
 ROOT = Path(__file__).parents[2]
 pytest.importorskip("onnx")
@@ -14,9 +13,8 @@ pytest.importorskip("onnxscript")
 pytest.importorskip("onnxruntime")
 
 
-def export(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "plat", "export", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+def export(*arguments: object) -> Ended:
+    return run_plat("export", *arguments)
 
 
 def test_a_run_becomes_a_bundle(tmp_path):

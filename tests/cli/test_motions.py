@@ -1,4 +1,3 @@
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +22,7 @@ from plat.motions import (
 from plat.motions.retargeting.bvh import read_bvh
 from plat.rendering import RenderingError
 from plat.robots import G1
+from tests.in_process import run_plat
 from tests.motions.formats.writers import bowing_clip, write_asap, write_csv, write_gmr
 from tests.motions.retargeting.human import write_human
 
@@ -293,9 +293,7 @@ def test_the_last_line_tells_what_was_left_out_as_asked(folder, tmp_path, capsys
 
 
 def test_errors_are_one_line():
-    out = subprocess.run(
-        [sys.executable, "-m", "plat", "motions", "inspect", "nowhere.csv"], capture_output=True, text=True, check=False
-    )
+    out = run_plat("motions", "inspect", "nowhere.csv")
     assert out.returncode == 1
     assert "error: motion file 'nowhere.csv': no such file" in out.stderr
     assert "Traceback" not in out.stderr

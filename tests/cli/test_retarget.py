@@ -1,17 +1,12 @@
 import re
-import subprocess
-import sys
-from pathlib import Path
 
 from plat.motions import load_motions
+from tests.in_process import Ended, run_plat
 from tests.motions.retargeting.human import write_human
 
-ROOT = Path(__file__).parents[2]
 
-
-def run(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "plat", "motions", "retarget", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+def run(*arguments: object) -> Ended:
+    return run_plat("motions", "retarget", *arguments)
 
 
 def test_good_files_are_written_and_a_broken_one_is_named(tmp_path):

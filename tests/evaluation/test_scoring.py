@@ -142,16 +142,17 @@ def test_a_fall_in_a_clips_last_command(monkeypatch, two_clips):
 
 
 def test_commands_do_not_depend_on_the_policy(library):
-    first = evaluate(Expert(G1).deployed(), library, HORIZONS["mixed"], seed=5)
-    second = evaluate(still, library, HORIZONS["mixed"], seed=5)
+    clips = library.only(0, 1, 2)
+    first = evaluate(Expert(G1).deployed(), clips, HORIZONS["mixed"], seed=5)
+    second = evaluate(still, clips, HORIZONS["mixed"], seed=5)
     assert torch.equal(first.length, second.length)
     assert torch.equal(first.clip, second.clip)
     assert not torch.equal(first.steps, second.steps)
 
 
 def test_figures_do_not_depend_on_how_many_robots_there_are(library):
-    policy = Expert(G1).deployed()
-    few, many = (evaluate(policy, library, HORIZONS["medium"], num_envs=count) for count in (2, 7))
+    policy, clips = Expert(G1).deployed(), library.pieces(2.0).only(0, 1, 2, 3)
+    few, many = (evaluate(policy, clips, HORIZONS["medium"], num_envs=count) for count in (2, 4))
     assert torch.equal(few.steps, many.steps)
     torch.testing.assert_close(few.window["joint_error"], many.window["joint_error"], equal_nan=True)
 
@@ -192,21 +193,21 @@ def test_randomization_is_drawn_from_the_seed(two_clips):
 
 
 def test_dense_reference_instead_of_the_keyframe(library):
-    ahead: list[int] = []
+    clip, ahead = library.only(0), list[int]()
 
     def policy(tensordict):
         frame = tensordict["motion", "frame"]
         for steps in (1, int(tensordict["command", "steps_left"][0])):
-            wanted = library.poses((frame + steps).minimum(library.last_frame[frame]))["joint_pos"]
+            wanted = clip.poses((frame + steps).minimum(clip.last_frame[frame]))["joint_pos"]
             if torch.equal(tensordict["goal", "joint_pos"][0], wanted[0]):
                 ahead.append(steps)
                 break
         return still(tensordict)
 
-    evaluate(policy, library, HORIZONS["long"], dense=True, num_envs=1)
+    evaluate(policy, clip, HORIZONS["long"], dense=True, num_envs=1)
     assert set(ahead) == {1}
     ahead.clear()
-    evaluate(policy, library, HORIZONS["long"], num_envs=1)
+    evaluate(policy, clip, HORIZONS["long"], num_envs=1)
     assert max(ahead) > 25
 
 
@@ -226,9 +227,9 @@ def test_a_motion_too_short_for_the_horizon_is_named(two_clips):
 
 
 def test_parts_are_pieces_of_the_whole(library):
-    policy = Expert(G1).deployed()
-    whole = evaluate(policy, library, HORIZONS["long"])
-    parts = [evaluate(policy, library, HORIZONS["long"], clips=clips) for clips in ([0, 1], [2, 3, 4])]
+    policy, pieces = Expert(G1).deployed(), library.pieces(2.0).only(*range(6))
+    whole = evaluate(policy, pieces, HORIZONS["long"])
+    parts = [evaluate(policy, pieces, HORIZONS["long"], clips=clips) for clips in ([0, 1], [2, 3, 4])]
     joined = CommandRecords.joined(parts)
     assert parts[1].clip.unique().tolist() == [2, 3, 4]
     expected = whole.of_clips(range(5))

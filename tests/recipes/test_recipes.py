@@ -25,10 +25,11 @@ from plat.recipes.options import DistillRecipe, ImagineRecipe
 from plat.runs import load_policy
 from plat.tasks import TimedKeyframesConfig
 from tests.export.runs import small_policy, write_run
+from tests.recipes.runs import write_motions
 
 ROOT = Path(__file__).parents[2]
 # enough for a few iterations of each stage; small networks and few robots
-COMMON = ["--num-envs", "8", "--motions", "generated:val"]
+COMMON = ["--num-envs", "8", "--motions", "generated:val@30"]
 STAGES = {
     "expert": ["--rollout", "8", "--policy.hidden", "16"],
     "distill": ["--rollout", "8", "--batch-size", "32", "--buffer-size", "500", "--updates", "2"],
@@ -137,7 +138,7 @@ def test_a_finished_run_stays_as_it_is_and_others_are_refused(stages):
     text = run("expert", *arguments)
     assert "the run is finished, with 256 steps; it goes on with more --steps" in text
     assert "a checkpoint every" not in text, "nothing is trained, and nothing says so"
-    others = [*arguments, "--motions", "generated:test", "--num-envs", 4, "--policy.timing.window", 7]
+    others = [*arguments, "--motions", "generated:test@30", "--num-envs", 4, "--policy.timing.window", 7]
     message = error_of("expert", *others)
     assert "num_envs is 4, was 8; policy.timing.window is 7, was " in message
     assert "motions: clip 0 is '" in message
@@ -201,7 +202,7 @@ def test_evaluation_prints_and_writes_the_table(tmp_path, stages):
         "evaluate",
         tmp_path / "plain",
         "--motions",
-        "generated:val",
+        "generated:val@30",
         "--horizon",
         "long",
         "--csv",
@@ -239,8 +240,9 @@ def test_bad_input_is_one_clear_line(tmp_path, recipe, arguments, message):
     assert message in error_of(recipe, *arguments, "--out", tmp_path / "x")
 
 
-def test_wandb_works_offline(tmp_path, stages):
-    out = run("expert", *stages["expert"], "--steps", 50, "--out", tmp_path / "run", "--wandb", "--video-every", 0.001)
+def test_wandb_works_offline(tmp_path):
+    short = ["--num-envs", 8, "--motions", write_motions(tmp_path), *STAGES["expert"], "--steps", 50]  # as its video is
+    out = run("expert", *short, "--out", tmp_path / "run", "--wandb", "--video-every", 0.001)
     assert list((tmp_path / "run" / "wandb").glob("offline-run-*"))
     # a machine without OpenGL says so and goes on
     assert list((tmp_path / "run" / "videos").glob("*.mp4")) or "no videos" in out

@@ -15,7 +15,7 @@ from plat.runs import recipe as settings
 from tests.modules.policies.test_student import SMALL as STUDENT
 from tests.recipes.runs import save_run
 
-COMMON = ["--motions", "generated:val", "--num-envs", "4", "--rollout", "8"]
+COMMON = ["--motions", "generated:val@30", "--num-envs", "4", "--rollout", "8"]
 SMALL = {
     "expert": [*COMMON, "--policy.hidden", "16", "--critic", "16", "--ppo.epochs", "1", "--steps", "90"],
     "expert-model": [
