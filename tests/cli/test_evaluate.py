@@ -6,6 +6,7 @@ import pytest
 
 from plat.baselines import ReleasedTrackers
 from plat.cli import evaluate
+from plat.control.authored import author
 from plat.envs.transforms import HORIZONS, RandomizationRanges
 from plat.errors import MotionError, OutputError, PlatError
 from plat.evaluation import authored_cells, entrant
@@ -14,6 +15,7 @@ from plat.modules import Expert, ExpertConfig, PlainPolicy
 from plat.motions import files
 from plat.robots import G1
 from plat.spec.timing import Timing
+from tests.evaluation.authored import authored_records
 from tests.modules.policies.test_student import SMALL
 from tests.motions.formats.writers import bowing_clip, write_csv
 from tests.recipes.runs import save_run, write_motions
@@ -241,14 +243,21 @@ def test_authored_keyframes_have_a_table_of_their_own(runs, capsys, tmp_path):
     assert families == ["arms", "steps", "crouch", "reach", "three_point", "waypoint", "far"]
 
 
-def test_authored_keyframes_are_among_the_tables_of_a_folder(runs, tmp_path):
+@pytest.fixture
+def made_up(monkeypatch):
+    """Authored keyframes of one chain and made-up records of them, which take seconds otherwise."""
+    monkeypatch.setattr(authored_cells, "author_families", lambda *_: author("far", G1, 1, seed=0))
+    monkeypatch.setattr(authored_cells, "evaluate_authored", lambda *_, **__: authored_records())
+
+
+def test_authored_keyframes_are_among_the_tables_of_a_folder(runs, tmp_path, made_up):
     evaluate.main(recipe(runs, "plain", authored=1, only="run", out=tmp_path / "all"))
-    assert "plain,far,1,reached," in (tmp_path / "all" / "scores_authored.csv").read_text()
+    assert "plain,far,2,reached," in (tmp_path / "all" / "scores_authored.csv").read_text()
     page = (tmp_path / "all" / "scores.md").read_text()
     assert page.index("TKS@3") < page.index("plain, authored keyframes\n\n| family")
 
 
-def test_authored_keyframes_of_an_earlier_start_are_kept(runs, capsys, tmp_path, monkeypatch):
+def test_authored_keyframes_of_an_earlier_start_are_kept(runs, capsys, tmp_path, monkeypatch, made_up):
     authored = recipe(runs, "plain", authored=1, only="run", out=tmp_path)
     evaluate.main(authored)
     monkeypatch.setattr(authored_cells, "evaluate_authored", lambda *_, **__: pytest.fail("evaluated again"))
@@ -258,7 +267,7 @@ def test_authored_keyframes_of_an_earlier_start_are_kept(runs, capsys, tmp_path,
     assert before[table:] in capsys.readouterr().out
 
 
-def test_tables_of_an_earlier_start_do_not_stay(runs, tmp_path):
+def test_tables_of_an_earlier_start_do_not_stay(runs, tmp_path, made_up):
     out = tmp_path / "all"
     evaluate.main(recipe(runs, "plain", authored=1, only="run", out=out))
     assert {path.name for path in out.iterdir()} == {"records", "scores.csv", "scores.md", "scores_authored.csv"}
@@ -266,7 +275,7 @@ def test_tables_of_an_earlier_start_do_not_stay(runs, tmp_path):
     assert {path.name for path in out.iterdir()} == {"records", "scores.csv", "scores.md"}
 
 
-def test_a_killed_evaluation_leaves_its_page(runs, tmp_path, monkeypatch):
+def test_a_killed_evaluation_leaves_its_page(runs, tmp_path, monkeypatch, made_up):
     out, ended = tmp_path / "all", []
     evaluate.main(recipe(runs, "plain", authored=1, only="run", out=out))  # an earlier start, of other tables
     tell = evaluate.Teller.__call__
@@ -294,7 +303,7 @@ def test_a_killed_evaluation_leaves_its_page(runs, tmp_path, monkeypatch):
     assert [row.split(" | ")[0] for row in rows[:2]] == ["| plain", "| far-sighted"]
 
 
-def test_authored_keyframes_are_on_the_page_as_they_come(runs, tmp_path, monkeypatch):
+def test_authored_keyframes_are_on_the_page_as_they_come(runs, tmp_path, monkeypatch, made_up):
     pages = []
 
     def one_by_one(*args, **settings):

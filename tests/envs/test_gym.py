@@ -24,7 +24,7 @@ from plat.spec.observation import observation_size, student_keys
 
 @pytest.fixture(scope="module")
 def env():
-    env = gymnasium.make("plat/G1TimedKeyframe-v0")
+    env = gymnasium.make("plat/G1TimedKeyframe-v0", motions="generated:train@8")
     env.reset(seed=0)  # for whichever test comes first
     yield env
     env.close()
@@ -170,7 +170,7 @@ def test_torchrl_wraps_the_vector_form():
 
 
 def test_vector_form():
-    env = gymnasium.make_vec("plat/G1TimedKeyframe-v0", num_envs=3)
+    env = gymnasium.make_vec("plat/G1TimedKeyframe-v0", num_envs=3, motions="generated:train@8")
     assert env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
     observation, _ = env.reset(seed=0)
     assert observation.shape == (3, 177)
