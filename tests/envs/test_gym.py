@@ -24,7 +24,7 @@ from plat.spec.observation import observation_size, student_keys
 
 @pytest.fixture(scope="module")
 def env():
-    env = gymnasium.make("plat/G1TimedKeyframe-v0", motions="generated:train@8")
+    env = gymnasium.make("plat/G1TimedKeyframe-v0", motions="generated:train@30")
     env.reset(seed=0)  # for whichever test comes first
     yield env
     env.close()
