@@ -16,6 +16,13 @@ class Ended:
     stderr: str
 
 
+def run(*words: object) -> str:
+    """Run ``plat`` with these words; return what it printed. It exits as the command does."""
+    with redirect_stdout(io.StringIO()) as out:
+        main([*map(str, words)])
+    return out.getvalue()
+
+
 def run_plat(*words: object) -> Ended:
     """Run ``plat`` with these words; a fault of plat's own, which would be a traceback there, is raised here."""
     code, out, err = 0, io.StringIO(), io.StringIO()

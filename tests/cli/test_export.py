@@ -1,5 +1,4 @@
 import json
-from pathlib import Path
 
 import pytest
 
@@ -7,7 +6,6 @@ from plat.deploy import PolicyRunner
 from tests.export.runs import small_policy, write_run
 from tests.in_process import Ended, run_plat
 
-ROOT = Path(__file__).parents[2]
 pytest.importorskip("onnx")
 pytest.importorskip("onnxscript")
 pytest.importorskip("onnxruntime")

@@ -36,7 +36,7 @@ from plat.robots import G1
 from plat.runs import SavedRun, load_dynamics, load_policy, save_dynamics, write_json
 from tests.conftest import standing_clip
 from tests.export.runs import small_policy, write_run
-from tests.in_process import run_plat
+from tests.in_process import run, run_plat
 
 ROOT = Path(__file__).parents[2]
 SMALL = [
@@ -54,12 +54,6 @@ REFINE: list[object] = [*SMALL, "--policy.hidden", 16, "--task.chains", 12]
 
 def command(recipe: str, *arguments: object) -> list[str]:
     return [sys.executable, "-m", "plat", recipe, *map(str, arguments)]
-
-
-def run(recipe: str, *arguments: object) -> str:
-    out = run_plat(recipe, *arguments)
-    assert out.returncode == 0, out.stderr
-    return out.stdout
 
 
 def rows_of(table: Path) -> list[dict[str, str]]:
@@ -246,6 +240,7 @@ def test_bad_input_is_one_clear_line(tmp_path, recipe):
         out = run_plat(recipe, *RECIPES[recipe], *arguments, "--steps", 10, "--out", tmp_path / "x")
         assert out.returncode == 1
         assert message in out.stderr
+        assert "Traceback" not in out.stderr
 
 
 @pytest.mark.parametrize("recipe", [expert_model, imagine])

@@ -1,8 +1,6 @@
 """Every stage as a user runs it: killed in the middle, resumed, and twice with one seed."""
 
-import contextlib
 import csv
-import io
 import os
 import re
 import signal
@@ -16,7 +14,6 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from plat.cli import main
 from plat.errors import ConfigError
 from plat.modules import LatentPolicyConfig
 from plat.objectives import PPO
@@ -25,6 +22,7 @@ from plat.recipes.options import DistillRecipe, ImagineRecipe
 from plat.runs import load_policy
 from plat.tasks import TimedKeyframesConfig
 from tests.export.runs import small_policy, write_run
+from tests.in_process import run
 from tests.recipes.runs import write_motions
 
 ROOT = Path(__file__).parents[2]
@@ -39,13 +37,6 @@ STAGES = {
 
 def command(recipe: str, *arguments: object) -> list[str]:
     return [sys.executable, "-m", "plat", recipe, *map(str, arguments)]
-
-
-def run(recipe: str, *arguments: object) -> str:
-    """Run a command in this process, which is faster by the imports; return what it printed."""
-    with contextlib.redirect_stdout(io.StringIO()) as out:
-        main([recipe, *map(str, arguments)])
-    return out.getvalue()
 
 
 def error_of(recipe: str, *arguments: object) -> str:
