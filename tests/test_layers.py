@@ -13,6 +13,7 @@ LAYERS = [
     "lazy",
     "version",
     "errors",
+    "streams",
     "bounds",
     "progress",
     "files",

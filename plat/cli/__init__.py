@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
-from plat.cli.streams import standard_streams
+from plat.streams import standard_streams
 
 __all__ = ["COMMANDS", "Command", "main"]
 

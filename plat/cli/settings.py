@@ -16,9 +16,9 @@ import tyro
 
 import plat.headless  # noqa: F401 - before MuJoCo
 from plat.cli.compact import registry
-from plat.cli.streams import ReaderLeft
 from plat.errors import PlatError
 from plat.runs.recipe import report_errors
+from plat.streams import ReaderLeft
 
 __all__ = ["parse", "run"]
 

@@ -8,12 +8,12 @@ from collections.abc import Callable
 from types import FrameType
 from typing import Any, TextIO
 
+from plat.streams import CLOSED_PIPE
+
 __all__ = ["StopSignal"]
 
 _SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _HANGUP = getattr(signal, "SIGHUP", None)
-_READER_LEFT = 141
-"""Exit status where nobody reads the output any more, see :mod:`plat.cli.streams`."""
 
 
 class StopSignal:
@@ -77,7 +77,7 @@ class StopSignal:
             print("stopping after this iteration, with a checkpoint; once more to stop at once", flush=True)
 
     def _unheard(self) -> None:
-        self._stop(_READER_LEFT)
+        self._stop(CLOSED_PIPE)
 
     def _stop(self, status: int) -> None:
         if not self.asked:

@@ -18,6 +18,7 @@ from plat.files import check_folder
 from plat.runs.budget import Budget
 from plat.runs.loggers import LoggerName, chosen_loggers
 from plat.runs.outputs import check_out
+from plat.streams import standard_streams
 
 __all__ = ["RecipeConfig", "begin", "default_device", "on_device", "report_errors"]
 
@@ -142,7 +143,8 @@ class RecipeConfig(Bounded):
 def report_errors() -> Iterator[None]:
     """Exit with one line on plat's own errors and those of files, without a traceback.
 
-    TorchRL's context of an error is left out, and Ctrl-C ends with one line.
+    TorchRL's context of an error is left out, Ctrl-C ends with one line, and the standard streams are those of
+    :func:`~plat.streams.standard_streams`: a reader that leaves, as ``head`` does, ends the program quietly.
     Assumptions that plat makes about motion files are printed.
     """
     os.environ.setdefault("RL_LOGGING_LEVEL", "WARNING")  # TorchRL sets its level when it is imported
@@ -151,14 +153,15 @@ def report_errors() -> Iterator[None]:
     motions.setLevel(logging.INFO)
     if not motions.handlers:
         motions.addHandler(logging.StreamHandler(sys.stdout))
-    try:
-        yield
-    except PlatError as error:
-        sys.exit(f"error: {error}")
-    except OSError as error:
-        if error.filename is None and error.errno != errno.ENOSPC:
-            raise
-        sys.exit(f"error: {'' if error.filename is None else f'{str(error.filename)!r}: '}{error.strerror}")
-    except KeyboardInterrupt:
-        print("stopped", file=sys.stderr)
-        sys.exit(130)
+    with standard_streams():
+        try:
+            yield
+        except PlatError as error:
+            sys.exit(f"error: {error}")
+        except OSError as error:
+            if error.filename is None and error.errno != errno.ENOSPC:
+                raise
+            sys.exit(f"error: {'' if error.filename is None else f'{str(error.filename)!r}: '}{error.strerror}")
+        except KeyboardInterrupt:
+            print("stopped", file=sys.stderr)
+            sys.exit(130)

@@ -4,8 +4,8 @@ import threading
 
 import pytest
 
-from plat.cli.streams import CLOSED_PIPE, ReaderLeft
 from plat.runs.interrupts import StopSignal
+from plat.streams import CLOSED_PIPE, ReaderLeft
 
 
 def test_the_first_is_noted_and_the_second_does_not_wait(capsys):

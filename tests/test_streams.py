@@ -8,16 +8,17 @@ from pathlib import Path
 
 import pytest
 
-from plat.cli.streams import CLOSED_PIPE, ReaderLeft, standard_streams
+from plat.streams import CLOSED_PIPE, ReaderLeft, standard_streams
 
 FULL = Path("/dev/full")
 full = pytest.mark.skipif(not FULL.exists(), reason="no device that is always full")
 PLAT = [sys.executable, "-m", "plat"]
+RECIPE = [sys.executable, "-m", "plat.recipes.imagine"]
 # prints before and after work, and swallows errors of files as code that writes files does
 WORK = """
 import sys
 from pathlib import Path
-from plat.cli.streams import standard_streams
+from plat.streams import standard_streams
 
 with standard_streams():
     try:
@@ -41,10 +42,10 @@ def _left_pipe():
     return writing
 
 
-@pytest.mark.parametrize("words", [["--help"], ["imagine", "--help"]])
-def test_a_reader_that_left_ends_a_command_quietly(words):
+@pytest.mark.parametrize("command", [[*PLAT, "--help"], [*PLAT, "imagine", "--help"], [*RECIPE, "--help"]])
+def test_a_reader_that_left_ends_a_command_quietly(command):
     pipe = _left_pipe()
-    done = _run([*PLAT, *words], stdout=pipe)
+    done = _run(command, stdout=pipe)
     os.close(pipe)
     assert (done.returncode, done.stderr) == (CLOSED_PIPE, "")
 
@@ -71,9 +72,10 @@ def test_a_full_disk_is_said_after_the_work(tmp_path, status):
 
 
 @full
-def test_a_help_text_on_a_full_disk_is_one_line():
+@pytest.mark.parametrize("command", [[*PLAT, "imagine", "--help"], [*RECIPE, "--help"]])
+def test_a_help_text_on_a_full_disk_is_one_line(command):
     with FULL.open("w") as disk:
-        done = _run([*PLAT, "imagine", "--help"], stdout=disk)
+        done = _run(command, stdout=disk)
     assert (done.returncode, done.stderr) == (1, "error: standard output: No space left on device\n")
 
 
@@ -96,7 +98,7 @@ def test_closed_streams_show_nothing(tmp_path):
 
 
 def test_characters_that_the_screen_lacks():
-    program = "from plat.cli.streams import standard_streams\nwith standard_streams(): print('✓ a \\udcff')"
+    program = "from plat.streams import standard_streams\nwith standard_streams(): print('✓ a \\udcff')"
     for encoding, shown in (("ascii", b"? a ?"), ("iso-8859-1", b"? a ?"), ("utf-8", "✓ a ?".encode())):
         environment = _importable({**os.environ, "PYTHONIOENCODING": encoding})
         out = subprocess.run([sys.executable, "-c", program], capture_output=True, env=environment, check=True).stdout
