@@ -78,7 +78,8 @@ def main(recipe: PlayRecipe) -> list[KeyframeScore]:
     viewer = Viewer(simulator) if recipe.viewer else None
     steps: list[tuple[ChaseStep, StepErrors]] = []
     for step, errors in scorer.follow(chase):
-        steps.append((step, errors))
+        if stage is not None:  # to film: a viewer may stay open for hours
+            steps.append((step, errors))
         shoves.after_step(simulator)
         if viewer is not None:
             if not viewer.running:
