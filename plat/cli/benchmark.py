@@ -144,7 +144,9 @@ def motion_sets(recipe: BenchmarkRecipe, robot: Robot, control_dt: float) -> lis
             path = public.file(source, recipe.out, robot)
             add(name, f"{public.says} ({path.name})", path, None if public.clips is None else public.families)
     for path in recipe.hard:
-        add(path.stem, path.name, path, None if families is None else partial(families_of, families=families))
+        files = [path] if path.is_file() else [*path.rglob("*")]
+        known = None if families is None else partial(families_of, families=families, files=files)
+        add(path.stem, path.name, path, known)
     add("generated", f"generated:test@{recipe.generated:g}", f"generated:test@{recipe.generated:g}", _kinds)
     return sets
 

@@ -28,6 +28,9 @@ __all__ = ["Loaded", "candidates_of", "trackers_of"]
 Loaded: TypeAlias = dict[tuple[str, Path], Any]
 """Policies by name of a released tracker, or an empty one, and path."""
 
+# of what is shown keyframes or a reference; records of those do not depend on how trackers are told of a keyframe
+_NO_INTERFACE: tuple[Interface, ...] = ("next-frame",)
+
 
 def candidates_of(
     paths: Sequence[Path],
@@ -64,7 +67,9 @@ def candidates_of(
     for path in paths:
         tracker = identify(path) if path.suffix == ".onnx" and path.is_file() else None
         if tracker is not None:
-            released[tracker.name] = path
+            other = released.setdefault(tracker.name, path)
+            if other != path:
+                raise PlatError(f"{tracker.name} is given twice, as {str(other)!r} and {str(path)!r}: one at a time")
             continue
         name = readable(path.name if names.count(readable(path.name)) == 1 else str(path))
         if path.suffix == ".onnx" or (path / BUNDLE_FILE).exists():
@@ -143,10 +148,10 @@ def _of_run(
         print(f"{name}: its training is not finished, the weights are those of its last checkpoint", flush=True)
     files = [folder / CONFIG_FILE, folder / WEIGHTS_FILE]
     history = made_by(run), _trained_on(run)
-    several = len(interfaces) > 1 and not dense and Entrant.of_policy(policy).tracks
+    told = interfaces if not dense and Entrant.of_policy(policy).tracks else _NO_INTERFACE
     found = {}
-    for interface in interfaces if several else interfaces[:1]:
-        label = f"{name}, {interface}" if several else name
+    for interface in told:
+        label = f"{name}, {interface}" if len(told) > 1 else name
         load = partial(Entrant.of_run, path, device, dense, interface)
         one = _candidate(label, load, files, f"{dense} {interface}", *history)
         found[one] = Entrant.of_policy(policy, dense, interface)

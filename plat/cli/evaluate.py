@@ -74,6 +74,8 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
         lists={"--motions": recipe.motions, "--manifest": recipe.manifest},
     )
     entrants = {candidate.name: entrant for candidate, entrant in found.items()}
+    told = not recipe.dense and any(entrant.tracks for entrant in entrants.values())
+    check_effect("--interface", recipe.interface != type(recipe).interface, "a dense tracker and no --dense", told)
     read: list[Path] = []
     library = MotionLibrary.load(recipe.motions, robot, dt=common_control_dt(entrants, recipe.horizon), found=read)
     if recipe.csv is not None:
@@ -85,7 +87,7 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
     if library.num_clips == 1:
         intervals = "intervals over one motion say nothing of others"
     print(f"{library.num_clips} motions, {library.duration:.0f} s; {intervals}")
-    families = families_of(library.clip_names, read_manifest(recipe.manifest)) if recipe.manifest else None
+    families = families_of(library.clip_names, read_manifest(recipe.manifest), read) if recipe.manifest else None
     plan = StudyPlan(
         horizons=recipe.horizon,
         setting=EvaluationSetting(

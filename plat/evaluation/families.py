@@ -1,11 +1,11 @@
 """Families of motion, from the column of a manifest."""
 
 import csv
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 
 from plat.errors import RecordsError
-from plat.files import refuse_null
+from plat.files import readable, refuse_null
 from plat.json_file import short
 
 __all__ = ["OTHER", "families_of", "read_manifest"]
@@ -50,26 +50,29 @@ def read_manifest(paths: Iterable[Path], column: str = "family") -> dict[str, st
     return families
 
 
-def families_of(clips: Sequence[str], families: dict[str, str]) -> list[str]:
+def families_of(clips: Sequence[str], families: dict[str, str], files: Iterable[Path] = ()) -> list[str]:
     """Return the family of each clip; :data:`OTHER` for those that are not in the manifest.
 
-    Clips of one name in several files have that of their file before theirs, and are found by the rest.
+    Clips of one name in several files have that of their file or its folder before theirs, and are found by the rest.
+
+    Args:
+        clips: names.
+        families: of the clips of manifests.
+        files: that the clips are from.
 
     Raises:
         RecordsError: when no clip is in the manifest.
 
-    >>> families_of(["a", "second_a", "b"], {"a": "walk"})
+    >>> families_of(["a", "second_a", "b"], {"a": "walk"}, [Path("first.npz"), Path("second.npz")])
     ['walk', 'walk', 'other']
     """
-    found = [_family(clip, families) for clip in clips]
+    prefixes = {f"{readable(name)}_" for path in files for name in (path.stem, path.absolute().parent.name)}
+    found = [_family(clip, families, prefixes) for clip in clips]
     if not any(found):
         raise RecordsError(f"manifest: names none of the {len(clips)} clips, which are called {clips[0]!r} and so on")
     return [family or OTHER for family in found]
 
 
-def _family(clip: str, families: dict[str, str]) -> str | None:
-    while clip not in families:
-        _, found, clip = clip.partition("_")
-        if not found:
-            return None
-    return families[clip]
+def _family(clip: str, families: dict[str, str], prefixes: Collection[str]) -> str | None:
+    names = (clip, *(clip.removeprefix(prefix) for prefix in prefixes))
+    return next((families[name] for name in names if name in families), None)

@@ -42,6 +42,28 @@ def test_dense_trackers_are_there_once_for_each_interface(runs):
     assert names(paths, ReleasedTrackers(), interfaces=INTERFACES, dense=True) == ["plain", "expert"]
 
 
+@pytest.mark.parametrize("dense", [False, True])
+def test_records_of_what_no_interface_is_for_do_not_depend_on_it(runs, dense):
+    paths = (runs / "plain", runs / "expert") if dense else (runs / "plain",)
+    marks = [
+        {one.fingerprint for one in candidates_of(paths, ReleasedTrackers(), dense=dense, interfaces=(interface,))}
+        for interface in INTERFACES
+    ]
+    assert marks[0] == marks[1] == marks[2]
+
+
+def test_two_files_of_one_tracker_are_refused(tmp_path, monkeypatch):
+    for name in ("one.onnx", "two.onnx"):
+        (tmp_path / name).write_bytes(b"")
+    monkeypatch.setattr(candidates, "identify", lambda path: CATALOG["TWIST2"])
+    monkeypatch.setattr(type(CATALOG["TWIST2"]), "load", lambda self, path: Tracker(G1))
+    one, two = tmp_path / "one.onnx", tmp_path / "two.onnx"
+    assert names((one,), ReleasedTrackers(twist2=one)) == ["TWIST2"]
+    for paths, trackers in (((one,), ReleasedTrackers(twist2=two)), ((one, two), ReleasedTrackers())):
+        with pytest.raises(PlatError, match=r"TWIST2 is given twice, as '.*\.onnx' and '.*\.onnx'"):
+            candidates_of(paths, trackers)
+
+
 def test_a_bundle_is_shown_the_reference_as_its_run_is(runs):
     pytest.importorskip("onnxscript")
     pytest.importorskip("onnxruntime")

@@ -98,7 +98,8 @@ def test_what_a_robot_meets(runs):
     ],
 )
 def test_tables_say_what_conditions_they_are_of(runs, tmp_path, own, told):
-    evaluate.main(recipe(runs, "plain", csv=tmp_path / "scores.csv", out=tmp_path / "all", **own))
+    policy = "expert" if "interface" in own else "plain"
+    evaluate.main(recipe(runs, policy, csv=tmp_path / "scores.csv", out=tmp_path / "all", **own))
     header, first, *_ = (tmp_path / "scores.csv").read_text().splitlines()
     page = (tmp_path / "all" / "scores.md").read_text()
     assert (tmp_path / "all" / "scores.csv").read_text() == (tmp_path / "scores.csv").read_text()
@@ -109,6 +110,12 @@ def test_tables_say_what_conditions_they_are_of(runs, tmp_path, own, told):
     assert header.endswith(",high,conditions")
     assert first.endswith((f',"{told}"', f",{told}"))
     assert page.startswith(f"Conditions: {told}.\n")
+
+
+@pytest.mark.parametrize(("name", "dense"), [("plain", False), ("expert", True)])
+def test_an_interface_that_nothing_is_told_by_is_refused(runs, name, dense):
+    with pytest.raises(PlatError, match="--interface: without effect but with a dense tracker and no --dense"):
+        evaluate.main(recipe(runs, name, interface=("line",), dense=dense))
 
 
 def test_another_arrival_window_is_a_condition(runs, tmp_path, capsys):

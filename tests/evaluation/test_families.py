@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import pytest
 
 from plat.errors import RecordsError
@@ -16,8 +18,14 @@ def test_the_mark_that_spreadsheets_begin_a_file_with_is_no_part_of_a_name(tmp_p
     assert read_manifest([tmp_path / "clips.csv"]) == {"a": "run"}
 
 
-def test_a_clip_named_apart_by_its_file_is_found():
-    assert families_of(["hard_free_run_c0"], {"run_c0": "run"}) == ["run"]
+@pytest.mark.parametrize("file", ["motions/hard_free.npz", "hard_free/run_c0.csv"])
+def test_a_clip_named_apart_by_its_file_or_folder_is_found(file):
+    assert families_of(["hard_free_run_c0"], {"run_c0": "run"}, [Path(file)]) == ["run"]
+
+
+def test_a_clip_whose_name_ends_as_another_is_not_taken_for_it():
+    files = [Path("clips.npz")]
+    assert families_of(["walk", "moon_walk"], {"walk": "locomotion"}, files) == ["locomotion", "other"]
 
 
 def test_what_is_missing_is_named(tmp_path):

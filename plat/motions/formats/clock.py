@@ -19,6 +19,7 @@ __all__ = [
     "contradiction",
     "counts_frames",
     "distinct_rates",
+    "numbering_fault",
     "rate_of_times",
     "rates_of_fields",
     "stated_rates",
@@ -97,6 +98,31 @@ def counts_frames(times: np.ndarray, unit: str = "") -> bool:
     steps = np.diff(times)
     whole = unit not in _UNITS and len(steps) > 0 and bool((times % 1 == 0).all())
     return whole and bool(1 <= steps[0] <= _LARGEST_COUNT and (steps == steps[0]).all())
+
+
+def numbering_fault(numbers: np.ndarray) -> tuple[int, str] | None:
+    """Return the frame after which the numbers of frames ``[T]`` do not go on evenly, and what that may be.
+
+    None for numbers that go on by an even step, or are all the same and count nothing. Of numbers that are not whole
+    only a fall is a fault.
+
+    >>> numbering_fault(np.arange(0, 20, 2)) is None
+    True
+    >>> numbering_fault(np.array([1, 2, 3, 7, 8]))
+    (2, 'frames are missing.')
+    """
+    steps = np.diff(numbers)
+    if not steps.any():
+        return None
+    values, counts = np.unique(steps[steps > 0], return_counts=True)
+    usual = values[counts.argmax()] if len(values) else 0
+    uneven = steps != usual if (numbers % 1 == 0).all() else steps < 0
+    if not uneven.any():
+        return None
+    frame = int(uneven.argmax())
+    if steps[frame] < 0:
+        return frame, "are these several motions?"
+    return frame, "frames are missing." if steps[frame] > 0 else "a frame is there twice."
 
 
 def rates_of_fields(fields: Mapping[str, Any]) -> list[StatedRate]:

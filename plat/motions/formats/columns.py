@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from plat.errors import MotionError
-from plat.motions.formats.clock import counts_frames
+from plat.motions.formats.clock import counts_frames, numbering_fault
 from plat.motions.formats.joint_orders import usual_orders
 from plat.motions.formats.names import (
     Column,
@@ -34,6 +34,8 @@ _SEED = {"translate", "rotate"}
 # words for a number of frames, which goes on in a motion, and of motions, which does not change
 _FRAME = {"frame", "frames", "step"}
 _SEVERAL = {"episode", "clip", "motion", "sequence", "take", "trial", "traj", "trajectory"}
+# share of the steps of a count that are its usual one, whatever the column is called
+_MOST = 0.8
 # words that only Euler angles have in their names
 _NAMED_ANGLES = {"roll", "pitch", "yaw", "euler"}
 _DEGREES, _RADIANS = {"deg", "degree", "degrees"}, {"rad", "radian", "radians"}
@@ -263,22 +265,33 @@ def _counters(table: Table, kinds: Sequence[Column]) -> tuple[list[int], tuple[n
 
 
 def _refuse_several(table: Table, kinds: Sequence[Column]) -> None:
-    """Raise where a column says that a table holds several motions.
+    """Raise where a column says that a table holds several motions, lacks frames, or has some twice.
 
     Raises:
-        MotionError: naming the column, and the row where the second one begins.
+        MotionError: naming the column, and the row after which it does not go on.
     """
     for n, column in enumerate(kinds):
         name, values = table.header[n], table.values[:, n]
-        steps = np.diff(values)
-        counts = column.kind == "count" and name != "" and set(tokens(name)) & _FRAME
-        anew = steps < 0 if counts else steps != 0 if set(tokens(name)) & _SEVERAL else np.zeros(0, bool)
-        if anew.any():
-            row = int(anew.argmax())
+        words = set(tokens(name))
+        fault = None
+        if column.kind == "count":
+            fault = numbering_fault(values) if words & _FRAME or _counts_up(values) else None
+        elif words & _SEVERAL and (anew := np.diff(values) != 0).any():
+            fault = int(anew.argmax()), "are these several motions?"
+        if fault is not None:
+            row, what = fault
             raise MotionError(
                 f"column {n + 1} ({name!r:.40}) goes from {values[row]:g} to {values[row + 1]:g} after frame {row}: "
-                "are these several motions? Write a file for each, or leave the column out"
+                f"{what} Write a file for each, or leave the column out"
             )
+
+
+def _counts_up(values: np.ndarray) -> bool:
+    """Return whether numbers are whole and most of them go on by one step: a count, and no number of something."""
+    steps = np.diff(values)
+    found, counts = np.unique(steps, return_counts=True)
+    usual = counts.argmax() if len(steps) else 0
+    return len(steps) > 0 and bool((values % 1 == 0).all() and found[usual] > 0 and counts[usual] > _MOST * len(steps))
 
 
 def _axes(kinds: Sequence[Column], columns: list[int], axes: str) -> list[int]:

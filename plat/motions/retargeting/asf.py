@@ -11,6 +11,7 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.files import decoded
+from plat.motions.formats.clock import numbering_fault
 from plat.motions.formats.rate import rates_in_name
 from plat.motions.formats.units import Angles
 from plat.motions.retargeting.mocap import LARGEST_RADIANS, Mocap, check_extent, may_be_radians, reads_better
@@ -79,23 +80,28 @@ def read_amc(path: str | Path, fps: float | None = None, angles: Angles | None =
     """Read an ``.amc`` and the ``.asf`` beside it, and work out where the joints are.
 
     Every joint is called as the bone that begins in it, the end of a bone ``<bone>_end``. Bones may stand in any
-    order, and those without values in a frame keep their rest pose. Angles are in degrees or radians, as the files
-    say, unless the motion shows the other.
+    order, and those without any values keep their rest pose. A last frame that lacks some is left out. Angles are in
+    degrees or radians, as the files say, unless the motion shows the other.
 
     Args:
         path: the file.
-        fps: frames a second, where the user states them; else the name does, or they are 120.
+        fps: frames a second, where the user states them; else the name does, or they are 120, or 120 over the step of
+            the frames' numbers.
         angles: their unit, where the user states it; the rest pose has that of the skeleton's file.
 
     Raises:
-        MotionError: naming file and line, when one of the two is missing or broken.
+        MotionError: naming file and line, when one of the two is missing or broken, or the frames are not in order.
     """
     path = Path(path)
     beside = find_asf(path)
     skeleton = _read_asf(beside)
-    frames, degrees = _read_frames(path, skeleton)
+    frames, step, degrees = _read_frames(path, skeleton)
     check_extent(f"AMC file {str(path)!r}", 2 * len(skeleton.bones), len(frames), path.stat().st_size)
     notes = [] if _begins(path, beside) else [f"skeleton {beside.name}, the only one beside it"]
+    missing, cut = _missing(path, skeleton, frames)
+    if cut:
+        frames = frames[:-1]
+        notes.append("the last frame left out: the file ends within it")
     told = skeleton.degrees if degrees is None else degrees
     if angles is not None:
         told = angles == "degrees"
@@ -105,13 +111,11 @@ def read_amc(path: str | Path, fps: float | None = None, angles: Angles | None =
     if fps is None:
         last = [] if _OF_CMU.fullmatch(path.stem) else _RATE_LAST.findall(path.stem)
         stated = rates_in_name(path.stem) or list(map(float, last))
-        fps = stated[-1] if stated else _USUAL_FPS
+        fps = stated[-1] if stated else _USUAL_FPS / step
+        of_all = f" {_USUAL_FPS:g} and frames are numbered in steps of {step}" if step > 1 else ""
         notes.append(
-            "fps from the file name" if stated else f"{_USUAL_FPS:g} fps assumed, as CMU and HDM05 have (else: --fps)"
+            "fps from the file name" if stated else f"{fps:g} fps assumed, as CMU and HDM05 have{of_all} (else: --fps)"
         )
-    missing = sorted(
-        {name for name, bone in skeleton.bones.items() if bone.dof and any(name not in row for row in frames)}
-    )
     if missing:
         notes.append(f"no values for {', '.join(missing[:5])}{' ...' if len(missing) > 5 else ''}: rest pose")
     return _posed(skeleton, frames, np.pi / 180 if told else 1.0, fps, tuple(notes))
@@ -201,9 +205,28 @@ def _parents_first(bones: dict[str, _Bone]) -> dict[str, _Bone]:
     return ordered
 
 
-def _read_frames(path: Path, skeleton: _Skeleton) -> tuple[list[dict[str, list[float]]], bool | None]:
-    """Return bone to values for every frame, and whether the file says that they are in degrees."""
+def _missing(path: Path, skeleton: _Skeleton, frames: list[dict[str, list[float]]]) -> tuple[list[str], bool]:
+    """Return the bones without values, and whether the last frame lacks some that all others have.
+
+    Raises:
+        MotionError: where another frame lacks some.
+    """
+    moved = {name for name, bone in skeleton.bones.items() if bone.dof}
+    seen = set().union(*frames)
+    broken = [number for number, row in enumerate(frames, 1) if seen - row.keys()]
+    cut = broken == [len(frames)] and len(frames) > 1
+    if broken and not cut:
+        lost = sorted(seen - frames[broken[0] - 1].keys())
+        raise MotionError(
+            f"AMC file {str(path)!r}: the {broken[0]}. frame lacks {', '.join(map(repr, lost[:3]))}, which others have"
+        )
+    return sorted(moved - seen), cut
+
+
+def _read_frames(path: Path, skeleton: _Skeleton) -> tuple[list[dict[str, list[float]]], int, bool | None]:
+    """Return bone to values for every frame, the step of their numbers, and whether the file says degrees."""
     frames: list[dict[str, list[float]]] = []
+    numbers: list[int] = []
     degrees: bool | None = None
     where = f"AMC file {str(path)!r}, line "
     for number, words in _lines(path, "AMC"):
@@ -211,6 +234,7 @@ def _read_frames(path: Path, skeleton: _Skeleton) -> tuple[list[dict[str, list[f
             degrees = {":degrees": True, ":radians": False}.get(words[0].lower(), degrees)
         elif len(words) == 1 and words[0].isdecimal():
             frames.append({})
+            numbers.append(int(words[0]))
         else:
             bone = skeleton.bones.get(words[0])
             if bone is None or not frames:
@@ -225,9 +249,15 @@ def _read_frames(path: Path, skeleton: _Skeleton) -> tuple[list[dict[str, list[f
             frames[-1][words[0]] = values
     if not frames:
         raise MotionError(f"AMC file {str(path)!r}: no frames")
-    if any("root" not in row for row in frames):
-        raise MotionError(f"AMC file {str(path)!r}: a frame without 'root'")
-    return frames, degrees
+    if not any("root" in row for row in frames):
+        raise MotionError(f"AMC file {str(path)!r}: no values of 'root'")
+    if fault := numbering_fault(np.array(numbers, np.float64)):
+        after, what = fault
+        raise MotionError(
+            f"AMC file {str(path)!r}: frame {numbers[after]} is followed by {numbers[after + 1]}: "
+            f"{what} Write a file for each piece"
+        )
+    return frames, max(numbers[1] - numbers[0], 1) if len(numbers) > 1 else 1, degrees
 
 
 def _other_unit(skeleton: _Skeleton, frames: list[dict[str, list[float]]], degrees: bool) -> bool:

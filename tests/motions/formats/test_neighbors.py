@@ -308,6 +308,18 @@ REFUSED = {
         table(header=["frame", *ROOT, *JOINTS], rows=np.column_stack((COUNT % 20, ROWS))),
         r"column 1 \('frame'\) goes from 19 to 0 after frame 19: are these several motions\?",
     ),
+    "several motions by index": (
+        table(header=["", *ROOT, *JOINTS], rows=np.column_stack((COUNT % 20, ROWS))),
+        r"column 1 \(''\) goes from 19 to 0 after frame 19: are these several motions\?",
+    ),
+    "missing frames": (
+        table(header=["Frame", *ROOT, *JOINTS], rows=np.column_stack((COUNT + 40 * (COUNT > 9), ROWS))),
+        r"column 1 \('Frame'\) goes from 9 to 50 after frame 9: frames are missing\.",
+    ),
+    "frames that are there twice": (
+        table(header=["frame", *ROOT, *JOINTS], rows=np.column_stack((np.sort(COUNT - COUNT % 3 // 2), ROWS))),
+        r"column 1 \('frame'\) goes from 1 to 1 after frame 1: a frame is there twice\.",
+    ),
     "several motions by number": (
         table(header=["episode_id", *ROOT, *JOINTS], rows=np.column_stack((COUNT // 20, ROWS))),
         r"column 1 \('episode_id'\) goes from 0 to 1 after frame 19",

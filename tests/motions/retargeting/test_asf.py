@@ -179,6 +179,67 @@ def test_the_rate_is_in_the_name_or_the_usual_one(tmp_path, name, rate):
     assert read_amc(tmp_path / name).fps == rate
 
 
+def renumbered(path: Path, numbers: list[int]) -> None:
+    """Write other numbers over those of the frames, and leave out frames beyond them."""
+    given, kept = iter(numbers), []
+    for line in path.read_text().splitlines():
+        if line.isdecimal() and (line := str(next(given, ""))) == "":
+            break
+        kept.append(line)
+    path.write_text("\n".join([*kept, ""]))
+
+
+def test_numbers_in_steps_are_of_a_slower_take(tmp_path):
+    write_asf(tmp_path / "a.asf")
+    for name in ("a.amc", "a_60fps.amc"):
+        write_amc(tmp_path / name, frames=4)
+        renumbered(tmp_path / name, [1, 5, 9, 13])
+    mocap = read_amc(tmp_path / "a.amc")
+    assert (mocap.fps, len(mocap.positions)) == (30, 4)
+    assert any("numbered in steps of 4" in note for note in mocap.notes)
+    assert read_amc(tmp_path / "a.amc", fps=120).fps == 120
+    assert read_amc(tmp_path / "a_60fps.amc").fps == 60
+
+
+@pytest.mark.parametrize(
+    ("numbers", "message"),
+    [
+        ([1, 2, 7, 8], "frame 2 is followed by 7: frames are missing"),
+        ([1, 2, 1, 2], r"frame 2 is followed by 1: are these several motions\?"),
+        ([1, 2, 2, 3], "frame 2 is followed by 2: a frame is there twice"),
+    ],
+)
+def test_frames_that_are_not_in_order_are_refused(tmp_path, numbers, message):
+    write_asf(tmp_path / "a.asf")
+    write_amc(tmp_path / "a.amc", frames=4)
+    renumbered(tmp_path / "a.amc", numbers)
+    with pytest.raises(MotionError, match=message):
+        read_amc(tmp_path / "a.amc")
+
+
+def test_a_last_frame_that_is_cut_off_is_left_out(tmp_path):
+    write_asf(tmp_path / "a.asf")
+    write_amc(tmp_path / "a.amc", frames=4)
+    whole = read_amc(tmp_path / "a.amc")
+    lines = (tmp_path / "a.amc").read_text().splitlines()
+    (tmp_path / "a.amc").write_text("\n".join(lines[:-3]))
+    mocap = read_amc(tmp_path / "a.amc")
+    np.testing.assert_array_equal(mocap.positions, whole.positions[:3])
+    assert any("the last frame left out" in note for note in mocap.notes)
+    assert not any("rest pose" in note for note in mocap.notes)
+
+
+def test_a_frame_that_lacks_a_bone_is_refused(tmp_path):
+    write_asf(tmp_path / "a.asf")
+    write_amc(tmp_path / "a.amc", frames=4)
+    lines = (tmp_path / "a.amc").read_text().splitlines()
+    lost = lines.index("2") + 1
+    name = lines.pop(lost).split()[0]
+    (tmp_path / "a.amc").write_text("\n".join([*lines, ""]))
+    with pytest.raises(MotionError, match=f"the 2. frame lacks '{name}'"):
+        read_amc(tmp_path / "a.amc")
+
+
 def test_the_skeleton_lies_beside_it(tmp_path):
     with pytest.raises(MotionError, match="expected its skeleton .* found none"):
         find_asf(tmp_path / "cmu_14_37.amc")
