@@ -14,6 +14,7 @@ LAYERS = [
     "version",
     "errors",
     "streams",
+    "pools",
     "bounds",
     "progress",
     "files",

@@ -24,6 +24,7 @@ from plat.evaluation.entrant import Entrant
 from plat.evaluation.records import CommandRecords
 from plat.evaluation.setting import EvaluationSetting
 from plat.motions.library import MotionLibrary
+from plat.pools import told_if_killed
 from plat.progress import Progress
 from plat.robots import G1, register_robot
 from plat.robots.registry import registered_robots
@@ -287,8 +288,9 @@ def _on_processes(
             future.add_done_callback(functools.partial(_told, progress, desk.steps(cell, number)))
             futures.setdefault(cell.stem, []).append(future)
         for cell in cells:
-            for future in futures.pop(cell.stem, []):
-                future.result()
+            with told_if_killed("with --out, what is done is kept"):
+                for future in futures.pop(cell.stem, []):
+                    future.result()
             yield cell, desk.finished(cell)
     except BaseException:
         # stopped, by a key or an error: what is running would only be thrown away

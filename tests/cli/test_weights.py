@@ -21,7 +21,7 @@ RUNS = {
     "expert-last": "expert-model",
     "sides": "imagined",
     "latent-second": "imagined-latent",
-    "imagined-robot": "imagined-robot",
+    "robot-second": "imagined-robot",
     "free-22": "imagined-free",
     "plat-generated": "plat-generated",
 }

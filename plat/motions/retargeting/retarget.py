@@ -30,6 +30,7 @@ from plat.motions.retargeting.mocap import Mocap
 from plat.motions.retargeting.options import SolverOptions
 from plat.motions.retargeting.poselib import holds_poselib, read_poselib
 from plat.motions.retargeting.skeletons import UNITS, SkeletonMap
+from plat.pools import told_if_killed
 from plat.robots import G1, Robot
 from plat.robots.kinematics import ForwardKinematics
 from plat.rotations import quat_rotate
@@ -208,7 +209,7 @@ def retarget_all(
         return
     # forked children inherit torch's thread pool in a state that can hang them
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context, torch.set_num_threads, (1,)) as pool:
+    with told_if_killed(), ProcessPoolExecutor(workers, context, torch.set_num_threads, (1,)) as pool:
         yield from pool.map(work, paths, chunksize=4)
 
 

@@ -27,6 +27,15 @@ from plat.motions.formats.rate import rates_in_name, without_rates
         ("walk_60", []),
         ("dance1_subject2", []),
         ("3hzwalk", []),
+        ("kick@3", []),
+        ("kick@0", []),
+        ("user@123", []),
+        ("take@2024", []),
+        ("walk@59.94", [59.94]),
+        ("walk@30.0", [30]),
+        ("run_at_5hz_cutoff", []),
+        ("walk_50hz_lowpass_6hz", [50]),
+        ("walk_120hz_filtered", [120]),
     ],
 )
 def test_rates_that_a_name_states(name, rates):
@@ -41,3 +50,5 @@ def test_no_frames_a_second_are_refused():
 def test_the_rest_of_the_name():
     assert without_rates("walk_60hz") == "walk"
     assert without_rates("60fps") == "60fps"
+    assert without_rates("kick@3") == "kick@3"
+    assert without_rates("walk_50hz_lowpass_6hz") == "walk_lowpass_6hz"
