@@ -22,6 +22,7 @@ from plat.motions import MotionClip, load_motions
 from plat.motions.generation import PREFIX, generate_named
 from plat.robots import Robot, get_robot
 from plat.spec.parts import Parts
+from plat.spec.timing import Timing
 
 
 def from_motion(command: FromMotion) -> KeyframeSequence:
@@ -117,6 +118,8 @@ def convert(command: ConvertKeyframes) -> list[Keyframe]:
     poses, told = _poses(command, robot)
     for line in told:
         print(line)
+    if not poses:
+        raise KeyframeError(f"{str(command.file)!r}: no keyframes, expected at least one")
     if poses[0].time > 0:
         poses.insert(0, standing(robot))
     _check_order(command, poses)
@@ -154,6 +157,7 @@ def _checked(command: ConvertKeyframes, number: int, pose: Keyframe, robot: Robo
 
 
 def _check_order(command: ConvertKeyframes, poses: list[Keyframe]) -> None:
+    timing = Timing()
     if poses[0].time < 0:
         raise KeyframeError(
             f"{str(command.file)!r}: pose 0 is at {poses[0].time:g} s, expected times from 0 on: shift all of them"
@@ -163,6 +167,13 @@ def _check_order(command: ConvertKeyframes, poses: list[Keyframe]) -> None:
             raise KeyframeError(
                 f"{str(command.file)!r}: pose {number} is at {after.time:g} s, expected later than the one before it, "
                 f"at {before.time:g} s"
+            )
+        # files of keys and of constraints hold any times
+        to_keyframes = command.out.suffix.lower() == ".json" and not command.kimodo
+        if to_keyframes and timing.steps(after.time) <= timing.steps(before.time):
+            raise KeyframeError(
+                f"{str(command.file)!r}: pose {number} is at {after.time:g} s, expected at least "
+                f"{timing.control_dt:g} s after the one before it, at {before.time:g} s"
             )
 
 

@@ -17,7 +17,7 @@ from plat.errors import BundleError
 from plat.json_file import parse_json, short
 from plat.rotations_np import UNIT_TOLERANCE
 from plat.spec.observation import OPTIONAL_GROUPS
-from plat.spec.timing import Timing
+from plat.spec.timing import LONGEST, LONGEST_STEP, SHORTEST_STEP, Timing
 
 __all__ = [
     "HASH_FIELD",
@@ -32,7 +32,6 @@ __all__ = [
 ]
 
 _FORMAT, _VERSION = "plat-bundle", 1
-_MOST_STEPS = 1_000_000
 _TAU = "control steps left until the keyframe / max_steps"
 METADATA_KEY = _FORMAT
 """Under this name the same JSON is in the ONNX file's ``metadata_props``."""
@@ -201,8 +200,8 @@ def _timing(command: _Object, control_dt: float) -> Timing:
     if "window" in command.content:  # bundles of version 0.1 do not say: it was 3 for all of them
         steps["window"] = command.value("window", int)
     for field, count in steps.items():
-        if not 1 <= count <= _MOST_STEPS:
-            raise command.fault(field, f"is {short(count)}, expected at least 1 and at most {_MOST_STEPS}")
+        if not 1 <= count <= LONGEST:
+            raise command.fault(field, f"is {short(count)}, expected at least 1 and at most {LONGEST}")
     return Timing(control_dt, **steps)
 
 
@@ -210,8 +209,9 @@ def _robot(content: _Object) -> RobotDescription:
     robot = content.object("robot")
     joints = len(joint_names := robot.names("joint_names"))
     control_dt = content.value("control_dt", float)
-    if control_dt <= 0:
-        raise content.fault("control_dt", f"is {control_dt}, expected a positive number of seconds")
+    if not SHORTEST_STEP <= control_dt <= LONGEST_STEP:
+        expected = f"expected {SHORTEST_STEP:g} to {LONGEST_STEP:g} seconds"
+        raise content.fault("control_dt", f"is {control_dt}, {expected}")
     bodies = tuple(_body(entry, index, joints) for index, entry in enumerate(robot.objects("bodies")))
     keypoints = robot.names("keypoints")
     unknown = sorted(set(keypoints) - {body.name for body in bodies})

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.sax.saxutils import quoteattr
@@ -143,7 +143,7 @@ def _columns(root: ElementTree.Element, robot: Robot, where: str) -> list[int] |
     free, start = None, 0
     for thing in root.findall("./worldbody/*"):
         own = None
-        for joint in (part for part in thing.iter() if part.tag.endswith("joint")):
+        for joint in _joints(thing):
             kind = "free" if joint.tag == "freejoint" else joint.get("type", "hinge")
             if kind not in _WIDTHS or joint.tag not in ("joint", "freejoint"):
                 raise KeyframeError(f"{where}: a joint of type {short(kind)}, expected one of {', '.join(_WIDTHS)}")
@@ -160,6 +160,23 @@ def _columns(root: ElementTree.Element, robot: Robot, where: str) -> list[int] |
         lacks = f"the joints {missing[:4]}" if missing else "a free joint of the root"
         raise KeyframeError(f"{where}: lacks {lacks}, expected the model of {robot.name!r}")
     return [*range(free, free + 7), *(found[name] for name in robot.joint_names)]
+
+
+def _joints(thing: ElementTree.Element) -> Iterator[ElementTree.Element]:
+    """Yield joints in MuJoCo's order: a body's own come before those of its children, wherever they stand in it."""
+    bodies = [thing]
+    while bodies:
+        body = bodies.pop(0)
+        waiting, children = [*body], []
+        while waiting:
+            part = waiting.pop(0)
+            if part.tag.endswith("joint"):
+                yield part
+            elif part.tag == "body":
+                children.append(part)
+            else:  # a frame, whose content is the body's own
+                waiting[:0] = part
+        bodies[:0] = children
 
 
 def _numbers(text: str, label: str) -> list[float]:

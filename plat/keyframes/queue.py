@@ -70,7 +70,7 @@ class KeyframeQueue:
         """
         if not is_finite(now):
             raise KeyframeError(f"now is {short(now)} s, expected the time of the robot's clock")
-        checked = keyframe.checked(self.robot)
+        checked = self._checked(keyframe)
         steps = self.timing.steps(checked.time) - self.timing.steps(now)
         if steps <= 0:
             return "late" if steps < 0 else "too soon"
@@ -107,7 +107,7 @@ class KeyframeQueue:
             if not (is_finite(now) and is_finite(seconds)):
                 raise KeyframeError(f"now is {short(now)} s and seconds {short(seconds)}, expected finite numbers")
             time = now + max(seconds, self.timing.control_dt)
-            staying.append(replace(pose, time=time, joint_pos=self._within(pose.joint_pos)).checked(self.robot))
+            staying.append(self._checked(replace(pose, time=time, joint_pos=self._within(pose.joint_pos))))
         finally:
             with self._lock:
                 self._queue[:] = staying
@@ -125,6 +125,12 @@ class KeyframeQueue:
             if left > self.timing.max_steps:
                 return None
             return Command(self._index, self._queue[0], left, left)
+
+    def _checked(self, keyframe: Keyframe) -> Keyframe:
+        """Return a keyframe as :meth:`plat.keyframes.Keyframe.checked` does, at any time: clocks may run for weeks."""
+        if not is_finite(keyframe.time):
+            return keyframe.checked(self.robot)
+        return keyframe.at(0.0).checked(self.robot).at(keyframe.time)
 
     def _within(self, joint_pos: np.ndarray) -> np.ndarray:
         """Return angles within the joints' ranges; what are no angles stays as it is, to be refused."""

@@ -14,6 +14,9 @@ SOON = 0.2
 LONGEST = 10_000
 """Most control steps of a command or an arrival window."""
 
+SHORTEST_STEP, LONGEST_STEP = 0.001, 1.0
+"""Least and most seconds of a control step."""
+
 
 @dataclass(frozen=True)
 class Timing(Bounded):
@@ -33,7 +36,7 @@ class Timing(Bounded):
     125
     """
 
-    control_dt: Annotated[float, Range(0.001, 1)] = 0.02
+    control_dt: Annotated[float, Range(SHORTEST_STEP, LONGEST_STEP)] = 0.02
     max_steps: Annotated[int, Range(1, LONGEST)] = 50
     window: Annotated[int, Range(1, LONGEST)] = 3
 

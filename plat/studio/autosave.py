@@ -55,6 +55,7 @@ class Autosave:
     def take_over(self) -> None:
         """Take the former file over as this studio's own: its keyframes are those of the session now."""
         if self._former is not None:
+            self.discard()  # a copy of what was edited before
             self._left, self.path = self._former
 
     def discard(self) -> None:

@@ -294,7 +294,10 @@ class Timeline:
         return gaps
 
     def _hold_steps(self) -> list[int]:
-        return [self.timing.steps(hold) for hold in self.holds]
+        # of keyframes between control steps the end is rounded, as where they are played
+        steps = self.timing.steps
+        pairs = zip(self.keyframes, self.holds, strict=True)
+        return [steps(frame.time + hold) - steps(frame.time) for frame, hold in pairs]
 
     def _spaced(self, frames: Sequence[Keyframe], gaps: Sequence[int], holds: Sequence[int], selected: int) -> Timeline:
         timed, end, control_dt = [], 0, self.timing.control_dt

@@ -1,3 +1,4 @@
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -157,6 +158,24 @@ def test_keys_with_times_out_of_order_are_refused(tmp_path, times):
     with pytest.raises(KeyframeError, match=r"keys.xml': pose \d is at .* s, expected later than the one before it"):
         keyframes.main(keyframes.ConvertKeyframes(file=tmp_path / "keys.xml", out=tmp_path / "out.json"))
     assert not (tmp_path / "out.json").exists()
+
+
+def test_what_is_written_can_be_read(tmp_path):
+    stand = standing(G1)
+    write_mjcf_keys(tmp_path / "close.xml", G1, [stand, stand.at(0.5), stand.at(0.505)])
+    with pytest.raises(KeyframeError, match=r"close.xml': pose 2 is at 0.505 s, expected at least 0.02 s after"):
+        keyframes.main(keyframes.ConvertKeyframes(file=tmp_path / "close.xml", out=tmp_path / "out.json"))
+    assert not (tmp_path / "out.json").exists()
+    keyframes.main(keyframes.ConvertKeyframes(file=tmp_path / "close.xml", out=tmp_path / "out.xml"))
+
+
+def test_a_file_without_keyframes_is_refused(tmp_path):
+    write_keyframes(tmp_path / "some.json", G1, standing(G1), [standing(G1).at(1.0)])
+    content = json.loads((tmp_path / "some.json").read_text())
+    del content["start"]
+    (tmp_path / "none.json").write_text(json.dumps({**content, "keyframes": []}))
+    with pytest.raises(KeyframeError, match=r"none.json': no keyframes, expected at least one"):
+        keyframes.main(keyframes.ConvertKeyframes(file=tmp_path / "none.json", out=tmp_path / "out.xml"))
 
 
 @pytest.mark.parametrize("more", [{}, {"kimodo": True}])

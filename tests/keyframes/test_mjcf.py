@@ -42,6 +42,23 @@ def test_keys_are_read_by_the_names_of_joints(tmp_path):
     np.testing.assert_allclose(pose.joint_pos, wanted)
 
 
+def test_a_bodys_joint_comes_before_its_childrens_wherever_it_stands(tmp_path):
+    # each joint after the body within, the free one too, and half of them in frames
+    body = ""
+    for number, name in reversed([*enumerate(G1.joint_names)]):
+        joint = f'<joint name="{name}"/>'
+        body = f'<body><geom size=".1"/>{body}{f"<frame>{joint}</frame>" if number % 2 else joint}</body>'
+    qpos = " ".join(f"{value:.2f}" for value in [1.5, 2.5, 0.7, 1, 0, 0, 0, *(0.01 * n for n in range(29))])
+    world = f'<worldbody><body name="pelvis"><geom size=".1"/>{body}<freejoint name="root"/></body></worldbody>'
+    text = f'<mujoco>{world}<keyframe><key qpos="{qpos}"/></keyframe></mujoco>'
+    (tmp_path / "a.xml").write_text(text)
+    compiled = mujoco.MjModel.from_xml_string(text)
+    (pose,) = read_mjcf_keys(tmp_path / "a.xml", G1)
+    np.testing.assert_allclose(pose.qpos[:7], compiled.key_qpos[0, :7])
+    wanted = [compiled.key_qpos[0, compiled.joint(name).qposadr[0]] for name in G1.joint_names]
+    np.testing.assert_allclose(pose.joint_pos, wanted)
+
+
 @pytest.mark.parametrize("inside", [False, True])
 @pytest.mark.parametrize("first", [False, True])
 def test_an_included_robot_stands_where_it_is_included(tmp_path, first, inside):

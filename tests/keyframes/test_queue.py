@@ -35,6 +35,16 @@ def test_one_of_the_same_step_is_replaced_and_a_teleoperator_replaces_all():
     assert (len(queue), queue.command(0.1).keyframe.name) == (1, "only")
 
 
+def test_the_clock_of_a_robot_that_is_up_for_a_month():
+    queue, now = KeyframeQueue(G1), 30 * 86_400.0
+    assert queue.put(at(now + 0.5), now) == "queued"
+    assert queue.command(now).steps_left == 25
+    queue.stay(standing(G1), now)
+    assert queue.command(now).steps_left == 25
+    with pytest.raises(KeyframeError, match="time is nan"):
+        queue.put(at(float("nan")), now)
+
+
 @pytest.mark.parametrize(("time", "answer"), [(0.9, "late"), (1.0, "too soon"), (1.005, "too soon"), (70.0, "too far")])
 def test_what_cannot_be_reached_changes_nothing(time, answer):
     queue = KeyframeQueue(G1)

@@ -104,6 +104,19 @@ def test_a_restored_copy_is_the_studios_own(session, policies, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_copy_of_what_was_edited_before_a_restored_one_goes(session, policies, tmp_path):
+    left_behind(policies, tmp_path, "precious")
+    keeper = Autosave(session, tmp_path)
+    session.add()
+    assert keeper.tick(at_once=True)
+    assert len([*tmp_path.iterdir()]) == 2
+    session.from_json("autosave", keeper.former)
+    keeper.take_over()
+    assert [path.name for path in tmp_path.iterdir()] == [AUTOSAVE]
+    keeper.discard()
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_two_studios_in_a_folder_have_copies_of_their_own(policies, tmp_path):
     sessions = [Session(G1, policies) for _ in range(2)]
     keepers = [Autosave(session, tmp_path) for session in sessions]

@@ -88,6 +88,16 @@ def test_holds_come_back_from_a_file():
     assert again.labels == timeline.labels
 
 
+def test_holds_between_control_steps_leave_every_gap_a_step():
+    start, first = Timeline.empty(G1).start, Timeline.empty(G1).start.at(0.611)
+    frames = [replace(first, name="x"), replace(first.at(1.226), name="x (hold)"), replace(first.at(1.245), name="y")]
+    timeline = Timeline.of(start, frames, G1, Timing())
+    assert timeline.renamed("z").select(2).held(0.0).sequence()
+    moved = timeline.select(1).stretched(0.7)
+    assert times(moved) == [0.7, 1.32]
+    assert moved.sequence()
+
+
 def test_a_keyframe_is_inserted_where_the_cursor_is():
     timeline = three().select(2).held(0.4)
     added = timeline.inserted_at(0.7)

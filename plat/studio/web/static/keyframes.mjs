@@ -212,7 +212,8 @@ export class Timeline {
   get labels() { return this.poses.map((pose, number) => (number ? `${number} ${pose.name || ""}`.trim() : "start")); }
 
   steps(time) { return nearestStep(time, this.site); }
-  holdSteps() { return this.holds.map((hold) => this.steps(hold)); }
+  /* Of keyframes between control steps the end is rounded, as where they are played. */
+  holdSteps() { return this.holds.map((hold, index) => this.steps(this.keyframes[index].time + hold) - this.steps(this.keyframes[index].time)); }
   gaps() {
     const holds = this.holdSteps();
     let end = 0;

@@ -65,6 +65,7 @@ class Studio {
     this.gesture = null;
     this.clipboard = null;
     this.players = [];
+    this.runs = 0;
     this.paused = false;
     this.policy = site.policies[0];
     this.second = NOBODY;
@@ -184,7 +185,9 @@ class Studio {
     if (this.players.length && !this.finished) this.paused = true;
     this.cursor = Math.min(Math.max(time, 0), Math.max(this.timeline.duration, this.simulated));
     const number = this.timeline.at(this.cursor);
-    if (number >= 0) this.timeline = this.timeline.select(number);
+    if (number < 0 || number === this.timeline.selected) return;
+    this.gesture = null;
+    this.timeline = this.timeline.select(number);
   }
 
   add() {
@@ -357,21 +360,22 @@ class Studio {
   }
 
   async run() {
-    const { players } = this;
+    // who pauses and goes on within a frame begins another run, before this one has seen that it ended
+    const { players } = this, own = ++this.runs, live = () => this.players === players && this.runs === own;
     let last = performance.now(), ahead = 0;
-    while (this.playing && this.players === players) {
+    while (this.playing && live()) {
       await new Promise(requestAnimationFrame);
       const now = performance.now();
       ahead += ((now - last) / 1000) * SPEEDS[this.speed];
       last = now;
       let due = Math.floor(ahead / this.site.control_dt + 1e-9);
       ahead = due <= CATCH_UP ? ahead - due * this.site.control_dt : 0;
-      for (due = Math.min(due, CATCH_UP); due > 0 && this.playing && this.players === players; due--) await this.forward();
-      if (this.players !== players) return;
-      this.cursor = this.simulated;
+      for (due = Math.min(due, CATCH_UP); due > 0 && this.playing && live(); due--) await this.forward();
+      if (!live()) return;
+      if (this.playing || this.finished) this.cursor = this.simulated; // else someone paused it elsewhere
       if (this.playing) this.showMoving();
     }
-    if (this.players === players && this.finished && this.loop) { this.start(); return this.run(); }
+    if (live() && this.finished && this.loop) { this.start(); return this.run(); }
     this.show();
   }
 
