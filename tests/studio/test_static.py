@@ -729,6 +729,48 @@ def test_keyframes_between_control_steps_are_chased_as_in_python(visitor, tmp_pa
 
 
 @pytest.mark.slow
+def test_a_time_that_is_sought_while_it_plays_is_kept(visitor):
+    visitor.begin("bow")
+    visitor.page.keyboard.press("Space")
+    visitor.until("studio.simulated > 0.3")
+    cursor, later = visitor.page.evaluate(
+        "async () => { const it = window.platStudio; it.receive({ do: 'seek', time: 0.1 }); const cursor = it.cursor;"
+        "for (let frame = 0; frame < 5; frame++) await new Promise(requestAnimationFrame);"
+        "return [cursor, it.cursor]; }"
+    )
+    assert cursor == later == pytest.approx(0.1)
+    visitor.page.evaluate("window.platStudio.stop()")
+
+
+@pytest.mark.slow
+def test_pausing_and_going_on_within_a_frame_is_one_run(visitor):
+    visitor.begin("bow")
+    steps = visitor.page.evaluate(
+        "async () => { const it = window.platStudio, forward = it.forward; let within = 0, most = 0;"
+        "it.forward = async () => { within += 1; most = Math.max(most, within);"
+        "  await forward.call(it); await new Promise((done) => setTimeout(done, 5)); within -= 1; };"
+        "it.toggle(); it.toggle(); it.toggle(); it.toggle(); it.toggle();"
+        "for (let frame = 0; frame < 20; frame++) await new Promise(requestAnimationFrame);"
+        "it.stop(); it.forward = forward; return most; }"
+    )
+    assert steps == 1
+
+
+@pytest.mark.slow
+def test_edits_of_two_keyframes_are_undone_apart(visitor):
+    visitor.begin("bow")
+    times = visitor.page.evaluate(
+        "() => { const it = window.platStudio, times = () => it.timeline.keyframes.map(({ time }) => time);"
+        "const before = times(); it.receive({ do: 'nudge', value: 1 }); const between = times();"
+        "it.receive({ do: 'seek', time: it.timeline.keyframes[1].time }); it.receive({ do: 'nudge', value: 1 });"
+        "const after = times(); it.receive({ do: 'undo' }); return [before, between, after, times()]; }"
+    )
+    before, between, after, undone = times
+    assert before != between != after
+    assert undone == between
+
+
+@pytest.mark.slow
 def test_a_keyframe_between_control_steps_is_nudged_by_one(visitor):
     times = visitor.page.evaluate(
         "async () => { const { Timeline, standing } = await import('./keyframes.mjs'), it = window.platStudio;"
