@@ -101,7 +101,7 @@ def counts_frames(times: np.ndarray, unit: str = "") -> bool:
 
 
 def numbering_fault(numbers: np.ndarray) -> tuple[int, str] | None:
-    """Return the frame after which the numbers of frames ``[T]`` do not go on evenly, and what that may be.
+    """Return the frame after which the numbers of frames ``[T]`` do not go on evenly, and what to do about it.
 
     None for numbers that go on by an even step, or are all the same and count nothing. Of numbers that are not whole
     only a fall is a fault.
@@ -109,7 +109,7 @@ def numbering_fault(numbers: np.ndarray) -> tuple[int, str] | None:
     >>> numbering_fault(np.arange(0, 20, 2)) is None
     True
     >>> numbering_fault(np.array([1, 2, 3, 7, 8]))
-    (2, 'frames are missing.')
+    (2, 'frames are missing: write a file for each piece')
     """
     steps = np.diff(numbers)
     if not steps.any():
@@ -121,8 +121,10 @@ def numbering_fault(numbers: np.ndarray) -> tuple[int, str] | None:
         return None
     frame = int(uneven.argmax())
     if steps[frame] < 0:
-        return frame, "are these several motions?"
-    return frame, "frames are missing." if steps[frame] > 0 else "a frame is there twice."
+        return frame, "are these several motions? Write a file for each"
+    if steps[frame] > 0:
+        return frame, "frames are missing: write a file for each piece"
+    return frame, "a frame is there twice: leave one out"
 
 
 def rates_of_fields(fields: Mapping[str, Any]) -> list[StatedRate]:

@@ -277,12 +277,12 @@ def _refuse_several(table: Table, kinds: Sequence[Column]) -> None:
         if column.kind == "count":
             fault = numbering_fault(values) if words & _FRAME or _counts_up(values) else None
         elif words & _SEVERAL and (anew := np.diff(values) != 0).any():
-            fault = int(anew.argmax()), "are these several motions?"
+            fault = int(anew.argmax()), "are these several motions? Write a file for each"
         if fault is not None:
             row, what = fault
             raise MotionError(
                 f"column {n + 1} ({name!r:.40}) goes from {values[row]:g} to {values[row + 1]:g} after frame {row}: "
-                f"{what} Write a file for each, or leave the column out"
+                f"{what}, or leave the column out"
             )
 
 

@@ -253,10 +253,7 @@ def _read_frames(path: Path, skeleton: _Skeleton) -> tuple[list[dict[str, list[f
         raise MotionError(f"AMC file {str(path)!r}: no values of 'root'")
     if fault := numbering_fault(np.array(numbers, np.float64)):
         after, what = fault
-        raise MotionError(
-            f"AMC file {str(path)!r}: frame {numbers[after]} is followed by {numbers[after + 1]}: "
-            f"{what} Write a file for each piece"
-        )
+        raise MotionError(f"AMC file {str(path)!r}: frame {numbers[after]} is followed by {numbers[after + 1]}: {what}")
     return frames, max(numbers[1] - numbers[0], 1) if len(numbers) > 1 else 1, degrees
 
 

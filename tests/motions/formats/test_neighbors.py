@@ -314,11 +314,11 @@ REFUSED = {
     ),
     "missing frames": (
         table(header=["Frame", *ROOT, *JOINTS], rows=np.column_stack((COUNT + 40 * (COUNT > 9), ROWS))),
-        r"column 1 \('Frame'\) goes from 9 to 50 after frame 9: frames are missing\.",
+        r"column 1 \('Frame'\) goes from 9 to 50 after frame 9: frames are missing: write a file for each piece",
     ),
     "frames that are there twice": (
         table(header=["frame", *ROOT, *JOINTS], rows=np.column_stack((np.sort(COUNT - COUNT % 3 // 2), ROWS))),
-        r"column 1 \('frame'\) goes from 1 to 1 after frame 1: a frame is there twice\.",
+        r"column 1 \('frame'\) goes from 1 to 1 after frame 1: a frame is there twice: leave one out, or",
     ),
     "several motions by number": (
         table(header=["episode_id", *ROOT, *JOINTS], rows=np.column_stack((COUNT // 20, ROWS))),
