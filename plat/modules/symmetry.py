@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from plat.entries import Shape, expects
 from plat.errors import ConfigError, RobotError
+from plat.gpu import constant
 from plat.robots.robot import Robot
 from plat.robots.symmetry import MIRRORED_AXIS, joint_symmetry, keypoint_symmetry
 from plat.spec.observation import Entry, observation_widths, table
@@ -156,7 +157,9 @@ class _Mirror(nn.Module):
 
     def image(self, values: Tensor) -> Tensor:
         """Return the mirror image of values ``[*B, n]``."""
-        return values[..., self.column] * self.sign
+        # views of a policy are made anew on each call, where its weights may have been moved before
+        column, sign = constant(self.column, values.device), constant(self.sign, values.device)
+        return values[..., column] * sign
 
 
 class _Beside(_Mirror):

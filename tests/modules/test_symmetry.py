@@ -28,7 +28,7 @@ from plat.modules import (
 from plat.modules.symmetry import mirrored_columns
 from plat.motions import MotionClip, mirror_motion
 from plat.robots import G1, joint_symmetry
-from plat.spec.observation import OBSERVATION, Entry, observing, student_keys
+from plat.spec.observation import OBSERVATION, Entry, observation_widths, observing, student_keys
 from plat.spec.parts import Parts
 from tests.deploy.robots import SomePose, describe_g1, random_qpos, state_at
 
@@ -119,6 +119,18 @@ def test_a_symmetric_policy_answers_the_mirror_image_with_the_mirrored_action(bu
     alone = JointTargetNetwork(plain)
     expected = 0.5 * (alone(observation) + alone(observation[:, column] * sign)[:, PARTNER] * SIGN.float())
     torch.testing.assert_close(target, expected, atol=1e-5, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("build", "config"), [(PlainPolicy, SMALL), (LatentPolicy, LATENT), (refined(ResidualLatentPolicy), LATENT)]
+)
+def test_a_symmetric_policy_acts_where_its_weights_are(build, config):
+    # on the device without memory, which refuses tensors of others as a GPU does
+    deployed = build(G1, config).to("meta").deployed()
+    keys = student_keys(config.also)
+    widths = zip(keys, observation_widths(keys, G1), strict=True)
+    observed = TensorDict({key: torch.zeros(3, width, device="meta") for key, width in widths}, [3], device="meta")
+    assert deployed(observed)["action"].device.type == "meta"
 
 
 def test_a_symmetric_student_takes_over_the_weights_of_one_that_is_not():
