@@ -11,7 +11,7 @@ from plat.modules.settings import PlainPolicyConfig
 from plat.robots.robot import Robot
 from plat.spec.observation import observation_widths, student_keys
 
-__all__ = ["take_over", "widened"]
+__all__ = ["check_parts", "take_over", "widened"]
 
 _FIRST_LAYER = "backbone.module.0.0.weight"
 _GAUSSIANS = ("prior.module", "posterior.module")
@@ -42,6 +42,7 @@ def take_over(student: Any, trained: Any) -> None:
     >>> bool((student.backbone.module[0][0].weight[:, 177:] == 0).all())
     True
     """
+    check_parts(trained.robot, student.robot)
     ours: PlainPolicyConfig = student.config
     theirs: PlainPolicyConfig = trained.config
     missing = [group for group in theirs.also if group not in ours.also]
@@ -61,6 +62,23 @@ def take_over(student: Any, trained: Any) -> None:
             f"the trained student has more than this one: {next(name for name in weights if name not in state)}"
         )
     student.load_state_dict(weights)
+
+
+def check_parts(trained: Robot, robot: Robot) -> None:
+    """Raise an error where weights are of a robot with another number of joints or keypoints.
+
+    Raises:
+        ConfigError: saying how many there are.
+    """
+    for what, theirs, ours in (
+        ("joints", trained.joint_names, robot.joint_names),
+        ("keypoints", trained.keypoints, robot.keypoints),
+    ):
+        if len(theirs) != len(ours):
+            raise ConfigError(
+                f"it was trained on {trained.name!r}, which has {len(theirs)} {what}, expected {len(ours)} as "
+                f"{robot.name!r} has"
+            )
 
 
 def _observe_more(weights: dict[str, Tensor], ours: PlainPolicyConfig, theirs: PlainPolicyConfig, robot: Robot) -> None:

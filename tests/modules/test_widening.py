@@ -1,10 +1,20 @@
+from pathlib import Path
+
 import pytest
 import torch
 from tensordict import TensorDict
 
 from plat.errors import ConfigError
-from plat.modules import LatentPolicy, LatentPolicyConfig, PlainPolicy, PlainPolicyConfig, take_over
-from plat.robots import G1
+from plat.modules import (
+    Expert,
+    ExpertConfig,
+    LatentPolicy,
+    LatentPolicyConfig,
+    PlainPolicy,
+    PlainPolicyConfig,
+    take_over,
+)
+from plat.robots import G1, get_robot
 from plat.spec.observation import entry_shapes
 from plat.spec.timing import Timing
 
@@ -80,3 +90,14 @@ def test_a_latent_student_keeps_its_hidden_size():
 def test_a_trained_student_that_sees_more_is_refused():
     with pytest.raises(ConfigError, match="'clock'"):
         take_over(PlainPolicy(G1), PlainPolicy(G1, PlainPolicyConfig(also=("clock",))))
+
+
+def test_weights_of_a_robot_with_other_joints_are_refused():
+    toy = get_robot(str(Path(__file__).parents[1] / "robots" / "toy.json"))
+    small = ExpertConfig(hidden=(8,))
+    message = r"trained on '.*', which has \d+ joints, expected \d+ as '.*' has"
+    for one, other in ((G1, toy), (toy, G1)):
+        with pytest.raises(ConfigError, match=message):
+            take_over(PlainPolicy(one), PlainPolicy(other))
+        with pytest.raises(ConfigError, match=message):
+            Expert(one, small).start_from(Expert(other, small))

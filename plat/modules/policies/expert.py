@@ -23,7 +23,7 @@ from plat.modules.networks import mlp
 from plat.modules.normalizer import ObservationNormalizer
 from plat.modules.settings import ExpertConfig
 from plat.modules.symmetry import BothSides, MeanOfSides
-from plat.modules.widening import widened
+from plat.modules.widening import check_parts, widened
 from plat.motions.library import MotionLibrary
 from plat.robots.robot import Robot
 from plat.spec.observation import goal_keys, observation_size, observation_widths, robot_keys
@@ -137,6 +137,7 @@ class Expert(nn.Module):
         Raises:
             ConfigError: saying what differs.
         """
+        check_parts(trained.robot, self.robot)
         frames, hidden = trained.config.ahead, trained.config.hidden
         narrower = len(hidden) == len(self.config.hidden) and all(map(operator.le, hidden, self.config.hidden))
         if self.config.ahead[: len(frames)] != frames or not narrower:
