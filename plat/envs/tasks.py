@@ -80,7 +80,7 @@ def make_tracking_env(
 
     >>> from plat.motions import generate_motions
     >>> env = make_tracking_env(MotionLibrary.from_clips(generate_motions("train", seconds=8)), num_envs=2)
-    >>> env.rollout(2)["next", "reward"].shape
+    >>> env.rollout(2, break_when_any_done=False)["next", "reward"].shape
     torch.Size([2, 2, 1])
     """
     config = config or TrackingTaskConfig()
