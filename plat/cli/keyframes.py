@@ -157,24 +157,24 @@ def _checked(command: ConvertKeyframes, number: int, pose: Keyframe, robot: Robo
 
 
 def _check_order(command: ConvertKeyframes, poses: list[Keyframe]) -> None:
-    timing = Timing()
     if poses[0].time < 0:
         raise KeyframeError(
             f"{str(command.file)!r}: pose 0 is at {poses[0].time:g} s, expected times from 0 on: shift all of them"
         )
+    timing = Timing()
+    # files of keys and of constraints hold any times
+    to_keyframes = command.out.suffix.lower() == ".json" and not command.kimodo
     for number, (before, after) in enumerate(pairwise(poses), 1):
         if after.time <= before.time:
-            raise KeyframeError(
-                f"{str(command.file)!r}: pose {number} is at {after.time:g} s, expected later than the one before it, "
-                f"at {before.time:g} s"
-            )
-        # files of keys and of constraints hold any times
-        to_keyframes = command.out.suffix.lower() == ".json" and not command.kimodo
-        if to_keyframes and timing.steps(after.time) <= timing.steps(before.time):
-            raise KeyframeError(
-                f"{str(command.file)!r}: pose {number} is at {after.time:g} s, expected at least "
-                f"{timing.control_dt:g} s after the one before it, at {before.time:g} s"
-            )
+            expected = "later than"
+        elif to_keyframes and timing.steps(after.time) <= timing.steps(before.time):
+            expected = f"at least {timing.control_dt:g} s after"
+        else:
+            continue
+        raise KeyframeError(
+            f"{str(command.file)!r}: pose {number} is at {after.time:g} s, expected {expected} the one before it, "
+            f"at {before.time:g} s"
+        )
 
 
 def _poses(command: ConvertKeyframes, robot: Robot) -> tuple[list[Keyframe], list[str]]:
