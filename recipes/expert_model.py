@@ -22,9 +22,10 @@ def main(recipe: ExpertModelRecipe) -> None:
     recipe, start = trained_expert(recipe)
     library = training_motions(recipe, recipe.policy.timing.control_dt)
     expert = make_expert(recipe, library.robot, start)
+    goals = expert.goals  # apart from the expert, whose weights may be on a GPU: workers make tasks of their own
 
     def task(motions: MotionLibrary) -> DenseTracking:
-        return DenseTracking(motions, expert.goals, costs=recipe.costs, uniform=recipe.uniform_starts)
+        return DenseTracking(motions, goals, costs=recipe.costs, uniform=recipe.uniform_starts)
 
     # what the network adds to the reference is kept small, not the reference
     residual = recipe.policy.action != "default_offset"
