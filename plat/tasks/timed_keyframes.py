@@ -420,7 +420,8 @@ class TimedKeyframes(Task):
         heights = (robots["keypoint_pos_w"] - poses["keypoint_pos_w"])[..., 2].abs()
         angles = quat_angle(robots["keypoint_quat_w"][:, 0], poses["keypoint_quat_w"][:, 0])
         too_high = (heights > limits.end_effector_height) & (self._end_effectors > 0)
-        return (angles.square() > limits.anchor_rot_squared) | too_high.any(-1)
+        anchor = heights[:, self.robot.anchor_index] > limits.anchor_height
+        return anchor | (angles.square() > limits.anchor_rot_squared) | too_high.any(-1)
 
     def _unreached(self, robots: TensorDict, poses: TensorDict, memory: TensorDictBase) -> Tensor:
         """Mask ``[n]`` of robots that are not near authored keyframes, of those that are not out of reach."""
@@ -451,11 +452,11 @@ class TimedKeyframes(Task):
         device = self._chain.device
         zero = torch.zeros(count, dtype=torch.int64, device=device)
         if self.partial:
-            quat = torch.nn.functional.pad(torch.ones(count, 1, device=device), (0, 3))
-            rows |= {"parts": zero.clone(), "anchor_pos": torch.zeros(count, 3, device=device), "anchor_quat": quat}
+            quat = torch.nn.functional.pad(self.parts.new_ones(count, 1), (0, 3))
+            rows |= {"parts": zero.clone(), "anchor_pos": self.parts.new_zeros(count, 3), "anchor_quat": quat}
         return TensorDict(
             {
-                "last_action": torch.zeros(count, self.robot.num_joints, device=device),
+                "last_action": self.parts.new_zeros(count, self.robot.num_joints),
                 **rows,
                 "steps_left": zero,
                 "length": zero + 1,
