@@ -24,6 +24,7 @@ from plat.modules import DynamicsConfig, DynamicsModel
 from plat.motions import MotionLibrary
 from plat.objectives import ExploitationWatch, ImaginationLearner, ImaginationLoss, exploring
 from plat.recipes.options import ImaginationRecipe
+from plat.rendering import Films, Playback
 from plat.robots import G1
 from plat.runs import DYNAMICS_FILE, Budget, Run, load_dynamics, run_inputs
 from plat.runs.announce import begins
@@ -43,6 +44,7 @@ def learn(
     make_task: Callable[[MotionLibrary], Task],
     *,
     good: str,
+    show: Callable[[Any], Playback],
     init: nn.Module | None = None,
     effort: NestedKey = "action",
     imagined: TensorDictModuleBase | None = None,
@@ -57,6 +59,7 @@ def learn(
         actor: its deterministic actor.
         make_task: the task on some motions.
         good: which figures on the screen are good.
+        show: returns a playback of a policy, for videos.
         init: the policy that it started from, if any.
         effort: entry of the actor that is kept small.
         imagined: what imagined robots act by; None for the actor.
@@ -79,7 +82,8 @@ def learn(
     if start is not None:
         model = start
         # it knows the robot, and needs to see only what the new task makes of it
-        settings = replace(settings, warmup=min(settings.warmup, 8))
+        if settings.warmup == type(settings).warmup:
+            settings = replace(settings, warmup=8)
     else:
         model = DynamicsModel(library.robot, recipe.model, library.dt, num_parameters).to(device)
     task = make_task(library)
@@ -106,6 +110,7 @@ def learn(
         ray=recipe.ray,
         ahead=True,
     )
+    films = Films(recipe.out / "videos", library.robot, partial(show, learner.average), recipe.video_every)
     with (
         source,
         Run.of(
@@ -115,6 +120,7 @@ def learn(
             state={"learner": learner, "rollouts": source, **({"replay": replay} if recipe.save_replay else {})},
             inputs=inputs,
             modules={DYNAMICS_FILE: model},
+            film=films.take,
         ) as run,
     ):
         if run.finished:
