@@ -5,7 +5,7 @@ import torch
 from tensordict import TensorDict
 
 from plat.collectors import RolloutReplay
-from plat.errors import ConfigError
+from plat.errors import ConfigError, StateError
 
 
 def rollout(start, robots=4, steps=5, done_at=()):
@@ -91,6 +91,21 @@ def test_what_is_loaded_is_on_the_device_of_the_replay(replay):
     rows = resumed.buffer.storage[:]
     assert {value.device.type for value in rows.values(True, True)} == {"meta"}
     assert rows.device.type == "meta"
+
+
+@pytest.mark.parametrize(
+    ("robots", "capacity", "keys", "message"),
+    [
+        (3, 20, ["robot", "group"], "replay: a state of 4 robots, expected 3"),
+        (4, 40, ["robot", "group"], "buffer: a state of 80 rows, expected 160, as many as it has"),
+        (4, 20, ["robot"], "replay: a state of group, robot, expected robot"),
+    ],
+)
+def test_a_state_of_another_shape_is_refused(replay, robots, capacity, keys, message):
+    other = RolloutReplay(robots, capacity, keys)
+    with pytest.raises(StateError, match=message):
+        other.load_state_dict(replay.state_dict())
+    assert len(other) == 0
 
 
 def test_an_empty_replay_is_loaded_as_it_is():
