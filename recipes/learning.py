@@ -22,7 +22,7 @@ from plat.figures import save_figure
 from plat.figures.model_error_plot import model_error_plot
 from plat.modules import DynamicsConfig, DynamicsModel
 from plat.motions import MotionLibrary
-from plat.objectives import ExploitationWatch, ImaginationLearner, ImaginationLoss, exploring
+from plat.objectives import ImaginationLearner, ImaginationLoss, exploring
 from plat.recipes.options import ImaginationRecipe
 from plat.rendering import Films, Playback
 from plat.robots import G1
@@ -91,7 +91,7 @@ def learn(
     replay = RolloutReplay(
         recipe.num_envs, _multiple(recipe.replay, recipe.rollout), ["robot_state", "memory", "action"], device
     )
-    watch, budget = ExploitationWatch(), Budget(recipe.minutes, recipe.steps)
+    budget = Budget(recipe.minutes, recipe.steps)
     source = collect(
         # a worker makes a task of its own: this one is full of tables
         partial(
@@ -133,7 +133,7 @@ def learn(
             learner.observe(rollout)
             losses = learner.step(replay, budget.fraction)
             simulated = -float(rollout["next", "reward"].mean())
-            warning = watch.add(losses["imagined_cost"], simulated) if "imagined_cost" in losses else None
+            warning = learner.watch.add(losses["imagined_cost"], simulated) if "imagined_cost" in losses else None
             if warning:
                 print(f"warning: {warning}", flush=True)
             failures = failures_per_second(rollout, library.dt)

@@ -115,15 +115,27 @@ class RolloutReplay:
             recent: they are from this many last control steps; None for all that are kept.
 
         Raises:
-            ConfigError: when there are fewer steps than that, or all episodes are shorter.
+            ConfigError: when there are fewer steps than that, all episodes are shorter, or an argument is no count.
         """
+        self._check(batch, recent)
+        check_value("replay: length", length, Count)
         self._sampler.length, self._sampler.recent = length, recent
         return self.buffer.sample(batch * length).view(-1, length)
 
     def states(self, batch: int, recent: int | None = None) -> TensorDictBase:
-        """Sample single steps ``[batch]`` of the last ``recent`` control steps."""
+        """Sample single steps ``[batch]`` of the last ``recent`` control steps.
+
+        Raises:
+            ConfigError: when there are none, or an argument is no count.
+        """
+        self._check(batch, recent)
         self._recent_sampler.recent = recent
         return self._recent.sample(batch)
+
+    @staticmethod
+    def _check(batch: int, recent: int | None) -> None:
+        check_value("replay: batch", batch, Count)
+        check_value("replay: recent", recent, Count | None)
 
 
 class WindowSampler(Sampler):

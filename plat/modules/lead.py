@@ -1,12 +1,14 @@
 """Velocity feed-forward of goals against the lag of the motors."""
 
 from collections.abc import Sequence
+from typing import Annotated
 
 import torch
 from tensordict import NestedKey
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 
+from plat.bounds import NonNegative, NotEmpty, Positive, check_value
 from plat.entries import Shape, expects
 from plat.errors import ConfigError
 from plat.gpu import HORIZONTAL, constant
@@ -47,7 +49,7 @@ class GoalLead(TensorDictModule):
         limit: longest ``d`` (m).
 
     Raises:
-        ConfigError: for a lead with less than two groups.
+        ConfigError: for a lead with less than two groups, and times or lengths that make no sense.
 
     >>> lead = GoalLead(("goal", "goal_2"), lead=0.1, gain=1.0, interval=0.02)
     >>> lead.out_keys[:2]
@@ -55,6 +57,14 @@ class GoalLead(TensorDictModule):
     """
 
     def __init__(self, groups: Sequence[str], lead: float, gain: float, interval: float, limit: float = 0.3):
+        for name, value, hint in (
+            ("lead", lead, NonNegative),
+            ("gain", gain, NonNegative),
+            ("interval", interval, Positive),
+            ("limit", limit, NonNegative),
+            ("groups", tuple(groups), Annotated[tuple[str, ...], NotEmpty()]),
+        ):
+            check_value(f"lead: {name}", value, hint)
         if lead and len(groups) < 2:
             raise ConfigError(f"lead is {lead:g} s: the reference's velocity takes two frames")
         in_keys: list[NestedKey] = [(group, key) for group in groups for key in LEAD_KEYS]
@@ -78,12 +88,18 @@ class KeyframeLead(TensorDictModule):
         group: that the keyframe is read from.
         parts: whether the policy sees which parts are commanded (group ``"parts"``).
 
+    Raises:
+        ConfigError: for times that make no sense.
+
     >>> lead = KeyframeLead(0.05, horizon=1.0)
     >>> lead.out_keys
     [('led_goal', 'root_pos_b'), ('led_goal', 'keypoint_pos_b')]
     """
 
     def __init__(self, lead: float, horizon: float, shortest: float = 0.1, group: str = "goal", parts: bool = False):
+        check_value("lead: lead", lead, NonNegative)
+        check_value("lead: horizon", horizon, Positive)
+        check_value("lead: shortest", shortest, Positive)
         in_keys: list[NestedKey] = [
             *((group, key) for key in LEAD_KEYS),
             ("command", "horizon"),

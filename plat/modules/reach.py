@@ -36,6 +36,7 @@ class KeyframeReach(TensorDictModule):
     """
 
     def __init__(self, reach: WalkingReach, horizon: float, parts: bool = False):
+        check_value("reach: reach", reach, WalkingReach)
         check_value("reach: horizon", horizon, Positive)
         moved = ("root_pos_b", "keypoint_pos_b")
         in_keys: list[NestedKey] = [

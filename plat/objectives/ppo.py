@@ -12,6 +12,7 @@ from torch.distributions import Distribution, Normal
 from torchrl.objectives import ClipPPOLoss, KLAdaptiveLR
 from torchrl.objectives.value import GAE
 
+from plat.bounds import check_value
 from plat.entries import check_rollout
 from plat.errors import ActionError, ConfigError, ObservationError
 from plat.objectives.divergence import gaussian_kl
@@ -99,6 +100,7 @@ class PPO:
     ):
         if not isinstance(critic, TensorDictModuleBase):
             raise ConfigError(f"PPO: critic is a network {type(critic).__name__}, expected a module of a TensorDict")
+        check_value("PPO: config", config, PPOConfig | None)
         self.config = config = config or PPOConfig()
         self.actor = actor
         self.critic = critic

@@ -4,6 +4,7 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
+from plat.bounds import Seed, check_value
 from plat.envs.goals import clock_entries, parts_entries, robot_centric_goal, strided_offsets
 from plat.envs.parts import NUM_MASKS, draw_parts
 from plat.envs.reach import distances
@@ -103,6 +104,14 @@ class TimedKeyframes(Task):
         reset_noise: ResetNoise | None = START_NOISE,
         seed: int = 0,
     ):
+        for what, given, hint in (
+            ("library", library, MotionLibrary),
+            ("config", config, TimedKeyframesConfig | None),
+            ("timing", timing, Timing | None),
+            ("reset_noise", reset_noise, ResetNoise | None),
+            ("seed", seed, Seed),
+        ):
+            check_value(f"TimedKeyframes: {what}", given, hint)
         super().__init__(library.robot, library.dt)
         self.config = config = config or TimedKeyframesConfig()
         self.timing = timing or Timing(control_dt=library.dt)

@@ -125,3 +125,23 @@ def test_a_replay_goes_on_from_its_state(replay):
     wanted = replay.windows(8, 4)["group", "time"]
     torch.manual_seed(1)
     assert resumed.windows(8, 4)["group", "time"].equal(wanted)
+
+
+@pytest.mark.parametrize(
+    ("what", "arguments", "message"),
+    [
+        ("windows", (4, 0), "replay: length is 0, expected a whole number of at least 1"),
+        ("windows", (0, 4), "replay: batch is 0, expected a whole number of at least 1"),
+        ("windows", (4, 2, 0), "replay: recent is 0, expected a whole number of at least 1 or None"),
+        ("states", (0,), "replay: batch is 0"),
+        ("states", (4, -1), "replay: recent is -1"),
+    ],
+)
+def test_samples_of_nothing_are_refused(replay, what, arguments, message):
+    with pytest.raises(ConfigError, match=message):
+        getattr(replay, what)(*arguments)
+
+
+def test_a_replay_without_steps_has_no_samples():
+    with pytest.raises(ConfigError, match="replay: 0 control steps, expected at least"):
+        RolloutReplay(4, 20, ["robot"]).states(4)
