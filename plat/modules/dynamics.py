@@ -83,7 +83,8 @@ class DynamicsModel(nn.Module):
         Args:
             state: now, ``[*B]``.
             target: joint position targets ``[*B, J]`` (rad) that are held for the step.
-            parameters: of the robots' physics ``[*B, P]``, about -1 to 1; None for the nominal robot, all 0.
+            parameters: of the robots' physics ``[*B, P]``, about -1 to 1; None for the nominal robot, all 0. A
+                friction of 0 is the middle of its range, which need not be the robot's own.
 
         Raises:
             ObservationError: for states, targets or parameters of another width.

@@ -37,9 +37,10 @@ class GoalLead(TensorDictModule):
 
     ``lead * v + gain * d``
 
-    with ``v`` the reference's root velocity, from the first two frames, and ``d`` the horizontal way from the robot's
-    root to the first frame's, of at most ``limit``. A keyframe in the place of all frames has no velocity. Nothing
-    else of a goal changes. It writes to groups of its own: :data:`LEAD_KEYS` of ``"led_goal"`` for ``"goal"``.
+    with ``v`` the reference's root velocity, from the first two frames, and ``d`` the way along the x and y axes of
+    the robot's root to the first frame's, of at most ``limit``. These axes are those of the root as it is tilted: they
+    are level only where it is upright. A keyframe in the place of all frames has no velocity. Nothing else of a goal
+    changes. It writes to groups of its own: :data:`LEAD_KEYS` of ``"led_goal"`` for ``"goal"``.
 
     Args:
         groups: goal groups, the first two of them ``interval`` apart.
@@ -76,10 +77,10 @@ class GoalLead(TensorDictModule):
 class KeyframeLead(TensorDictModule):
     """Velocity feed-forward on the keyframe, along the mean velocity that arrives on time.
 
-    A policy that lags arrives late. Its keyframe is shifted by ``lead * d / max(t, shortest)``, with ``d`` the
-    horizontal way from the robot's root to the keyframe's, and ``t`` the time left. :class:`GoalLead` does the same
-    with the velocity of a reference. What a partial keyframe does not command stays 0, and where it commands no
-    horizontal position nothing is moved.
+    A policy that lags arrives late. Its keyframe is shifted by ``lead * d / max(t, shortest)``, with ``d`` the way
+    to the keyframe's root along the x and y axes of the robot's, as it is tilted, and ``t`` the time left.
+    :class:`GoalLead` does the same with the velocity of a reference. What a partial keyframe does not command stays 0,
+    and where it commands no horizontal position nothing is moved.
 
     Args:
         lead: time (s).
@@ -139,11 +140,11 @@ class KeyframeShift(nn.Module):
 def moved_keyframe(
     root: Tensor, keypoints: Tensor, shift: Tensor, bodies: Tensor | None, commanded: Tensor | None
 ) -> tuple[Tensor, Tensor]:
-    """Return root ``[*B, 3]`` and keypoints ``[*B, 3 K]`` moved by a horizontal shift, as far as they are commanded.
+    """Return root ``[*B, 3]`` and keypoints ``[*B, 3 K]`` moved by a shift, as far as they are commanded.
 
     Args:
         root, keypoints: positions in the robot's root frame (m).
-        shift: ``[*B, 3]`` (m).
+        shift: ``[*B, 3]`` (m), along x and y of the robot's root, which are level only where it is upright.
         bodies: which keypoints are commanded ``[*B, K]``; None for all.
         commanded: which parts of the root are ``[*B, 3]``, its horizontal position first; None for all.
     """
