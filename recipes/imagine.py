@@ -38,12 +38,12 @@ def main(recipe: ImagineRecipe) -> None:
     def show(average: LatentPolicy | PlainPolicy) -> Playback:
         return play(average.deployed(), library, 0, Horizon(1, recipe.policy.timing.max_steps), device=recipe.device)
 
-    privileged: dict[str, Any] = {}
+    settings: dict[str, Any] = {"reference_updates": 0 if trained else recipe.reference}
     if recipe.posterior:
         loss = partial(LatentImaginationLoss, beta=recipe.beta)
-        privileged = {"imagined": student.imagined(recipe.posterior), "loss": loss}
+        settings |= {"imagined": student.imagined(recipe.posterior), "loss": loss}
     good = "failures that fall; plat evaluate says the rest"
-    learn(recipe, library, student, student.deployed(), task, good=good, show=show, init=trained, **privileged)
+    learn(recipe, library, student, student.deployed(), task, good=good, show=show, init=trained, **settings)
 
 
 def after(recipe: ImagineRecipe) -> str:

@@ -49,6 +49,7 @@ def learn(
     effort: NestedKey = "action",
     imagined: TensorDictModuleBase | None = None,
     loss: Callable[..., ImaginationLoss] = ImaginationLoss,
+    reference_updates: int = 0,
 ) -> None:
     """Train a policy by imagination into a run directory.
 
@@ -64,6 +65,7 @@ def learn(
         effort: entry of the actor that is kept small.
         imagined: what imagined robots act by; None for the actor.
         loss: the policy's loss.
+        reference_updates: updates of a new policy toward the task's reference in each warm-up iteration.
     """
     device, settings = recipe.device, recipe.imagination
     if settings.window >= (kept := _multiple(recipe.replay, recipe.rollout)):  # a window begins with a state more
@@ -87,7 +89,9 @@ def learn(
     else:
         model = DynamicsModel(library.robot, recipe.model, library.dt, num_parameters).to(device)
     task = make_task(library)
-    learner = ImaginationLearner(policy, imagined, model, task, settings, effort=effort, loss=loss)
+    learner = ImaginationLearner(
+        policy, imagined, model, task, settings, effort=effort, loss=loss, reference_updates=reference_updates
+    )
     replay = RolloutReplay(
         recipe.num_envs, _multiple(recipe.replay, recipe.rollout), ["robot_state", "memory", "action"], device
     )

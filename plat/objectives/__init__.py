@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from plat.objectives.imitation import ImitationLoss, LatentImitationLoss
     from plat.objectives.motor_gradient import motor_gradient
     from plat.objectives.ppo import PPO
+    from plat.objectives.reference import ReferenceLoss
     from plat.objectives.settings import ImaginationConfig, MotorGradientConfig, PPOConfig
     from plat.precision import Precision, autocast, has_fast_bfloat16
 else:
@@ -33,6 +34,7 @@ __all__ = [
     "MotorGradientConfig",
     "PPOConfig",
     "Precision",
+    "ReferenceLoss",
     "autocast",
     "exploring",
     "gaussian_kl",

@@ -10,7 +10,7 @@ from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequ
 from torch import Tensor, nn
 from torchrl.envs.utils import ExplorationType, exploration_type
 
-from plat.bounds import NonNegative, check_value
+from plat.bounds import Natural, NonNegative, check_value
 from plat.envs.state import GeneralizedState
 from plat.errors import ConfigError
 from plat.modules.dynamics import DynamicsModel
@@ -21,6 +21,7 @@ from plat.objectives.exploitation import ExploitationWatch
 from plat.objectives.finite import FiniteUpdates
 from plat.objectives.graphed import GraphedLoss
 from plat.objectives.imagination import ImaginationLoss
+from plat.objectives.reference import ReferenceLoss
 from plat.objectives.settings import ImaginationConfig
 from plat.tasks.disturbed import shown, told_to_model
 from plat.tasks.task import Task
@@ -52,6 +53,8 @@ class ImaginationLearner:
         config: settings.
         effort: entry of the actor that is kept small.
         loss: the policy's loss, a subclass of it or a partial of one.
+        reference_updates: updates in each iteration of the warm-up in which a new policy learns the task's reference
+            (:class:`ReferenceLoss`). A trained one would forget what it knows.
 
     Attributes:
         average: copy of ``policy`` with the moving average of its weights.
@@ -79,9 +82,11 @@ class ImaginationLearner:
         *,
         effort: NestedKey = "action",
         loss: Callable[..., ImaginationLoss] = ImaginationLoss,
+        reference_updates: int = 0,
     ):
         check_value("imagination: task", task, Task)
         check_value("imagination: config", config, ImaginationConfig | None)
+        check_value("imagination: reference_updates", reference_updates, Natural)
         self.config = config = config or ImaginationConfig()
         self.policy = policy
         self.model = model
@@ -116,6 +121,10 @@ class ImaginationLearner:
         self._model_gradient = GraphedLoss(self.model_loss, model.parameters(), device, config.precision)
         self._policy_gradient = GraphedLoss(
             self.policy_loss, [*learning, *critic_weights], device, config.precision, capture=static
+        )
+        self.reference_updates = reference_updates
+        self._reference_gradient = GraphedLoss(
+            ReferenceLoss(actor, task), learning, device, config.precision, capture=False
         )
         self._rates = [[group["lr"] for group in optimizer.param_groups] for optimizer in self._optimizers()]
         self.iterations = 0
@@ -156,8 +165,9 @@ class ImaginationLearner:
             fraction: fraction of the budget that is spent; learning rates depend on it.
 
         Returns:
-            Means of the losses and what they log, the policy's only after the warm-up. ``model/skipped`` and
-            ``policy_skipped`` are the fractions of updates that were skipped, as their gradient was not finite.
+            Means of the losses and what they log, the policy's only after the warm-up, and ``loss_reference`` in it.
+            ``model/skipped`` and ``policy_skipped`` are the fractions of updates that were skipped, as their gradient
+            was not finite.
 
         Raises:
             ActionError: when 50 gradients in a row were not finite.
@@ -170,6 +180,9 @@ class ImaginationLearner:
         if self.iterations >= config.warmup:
             for _ in range(config.policy_updates):
                 self._update_policy(replay, log)
+        else:
+            for _ in range(self.reference_updates):
+                self._follow_reference(replay, log)
         self.iterations += 1
         return log.means()
 
@@ -198,6 +211,15 @@ class ImaginationLearner:
         self.policy_optimizer.zero_grad()
         self._move_average()
         log.add({**losses, "policy_gradient": norm, "policy_skipped": torch.tensor(float(not learns))})
+
+    def _follow_reference(self, replay: Windows, log: "_Means") -> None:
+        losses = self._reference_gradient.backward(replay.states(self.config.policy_batch, self.config.recent))
+        norm = nn.utils.clip_grad_norm_(self.policy.parameters(), self.config.grad_norm)
+        if self._finite["policy"].allow(norm):
+            self.policy_optimizer.step()
+        self.policy_optimizer.zero_grad()
+        self._move_average()
+        log.add(losses)
 
     @torch.no_grad()
     def _move_average(self) -> None:

@@ -62,6 +62,14 @@ class Task(nn.Module):
         """
         raise TaskError(f"{type(self).__name__} has no privileged goals: define privileged() to train a posterior")
 
+    def reference(self, memory: TensorDictBase) -> Tensor | None:
+        """Joint angles ``[N, J]`` (rad) that lead to what is commanded, to have at the end of the step; None for none.
+
+        A new policy learns them as joint targets while its model of the robot is no good yet
+        (:class:`plat.objectives.ReferenceLoss`).
+        """
+        return None
+
     def advance(self, memory: TensorDictBase, action: Tensor) -> TensorDictBase:
         """Memory after a control step with ``action``: clocks go on, nothing new is commanded yet."""
         return memory.copy().set("last_action", action)

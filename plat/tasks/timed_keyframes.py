@@ -230,6 +230,10 @@ class TimedKeyframes(Task):
         frames = torch.cat(list(goal.values()), -1)
         return TensorDict({"frames": frames, "length": length}, memory.batch_size, device=frames.device)
 
+    def reference(self, memory: TensorDictBase) -> Tensor:
+        """Joint angles of the motion, or of the line to an authored keyframe."""
+        return self._wanted(memory).joint_pos
+
     def advance(self, memory: TensorDictBase, action: Tensor) -> TensorDictBase:
         """One frame on along a motion, one step less to the keyframe."""
         frame = memory["frame"]

@@ -7,10 +7,10 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from plat.collectors import RolloutReplay, rollouts
 from plat.errors import ActionError, ConfigError
-from plat.modules import DynamicsConfig, DynamicsModel, Expert, ExpertConfig
+from plat.modules import DynamicsConfig, DynamicsModel, Expert, ExpertConfig, PlainPolicy
 from plat.objectives import ImaginationConfig, ImaginationLearner, exploring
 from plat.robots import G1
-from plat.tasks import DenseTracking, SimulatedTask
+from plat.tasks import DenseTracking, SimulatedTask, TimedKeyframes, TimedKeyframesConfig
 
 CONFIG = ImaginationConfig(
     model_updates=2, model_batch=32, window=3, policy_updates=2, policy_batch=16, steps=3, recent=8, warmup=1, settle=2
@@ -217,3 +217,24 @@ def test_what_exploits_the_model_is_part_of_the_state(setting):
     del state["watch"]  # of an older plat
     learner.load_state_dict(state)
     assert learner.watch.state_dict() == {"costs": []}
+
+
+def test_a_new_policy_learns_the_reference_while_the_model_is_new(library):
+    torch.manual_seed(0)
+    task, policy = TimedKeyframes(library, TimedKeyframesConfig(chains=6)), PlainPolicy(G1)
+    model = DynamicsModel(G1, DynamicsConfig(hidden=(16, 16)))
+    learner = ImaginationLearner(policy, policy.deployed(), model, task, CONFIG, reference_updates=3)
+    replay = RolloutReplay(8, 16, ["robot_state", "memory", "action"])
+    rollout = next(rollouts(SimulatedTask(task, 8), exploring(policy.deployed(), 0.25), 8))
+    replay.extend(rollout)
+    learner.observe(rollout)
+    before, critic = weights(policy), learner.critic
+    losses = learner.step(replay)
+    assert "loss_reference" in losses
+    assert "loss_policy" not in losses
+    assert learner.updates == 3
+    assert any(not value.equal(before[name]) for name, value in weights(policy).items())
+    losses = learner.step(replay)
+    assert "loss_policy" in losses
+    assert "loss_reference" not in losses
+    assert critic is None
