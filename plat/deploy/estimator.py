@@ -60,7 +60,7 @@ class StateEstimator:
         imu_quat: its orientation ``[4]`` (``wxyz``, IMU to root).
 
     Raises:
-        RobotError: for a robot whose description has no feet.
+        RobotError: for a description without feet, and for what is none.
 
     >>> from plat.robots import G1, describe_robot
     >>> robot = describe_robot(G1, control_dt=0.02)

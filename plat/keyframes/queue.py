@@ -3,7 +3,7 @@
 import threading
 from bisect import bisect_left, insort
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -48,6 +48,13 @@ class KeyframeQueue:
         self._lock = threading.Lock()
         self._queue: list[Keyframe] = []
         self._index = 0
+
+    def __getstate__(self) -> dict[str, Any]:
+        with self._lock:
+            return {**vars(self), "_queue": list(self._queue), "_lock": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state, _lock=threading.Lock())  # a copy is shared by threads of its own
 
     def __len__(self) -> int:
         return len(self._queue)
@@ -107,6 +114,7 @@ class KeyframeQueue:
             if not (is_finite(now) and is_finite(seconds)):
                 raise KeyframeError(f"now is {short(now)} s and seconds {short(seconds)}, expected finite numbers")
             time = now + max(seconds, self.timing.control_dt)
+            _check_keyframe(pose)
             staying.append(self._checked(replace(pose, time=time, joint_pos=self._within(pose.joint_pos))))
         finally:
             with self._lock:
@@ -128,6 +136,7 @@ class KeyframeQueue:
 
     def _checked(self, keyframe: Keyframe) -> Keyframe:
         """Return a keyframe as :meth:`plat.keyframes.Keyframe.checked` does, at any time: clocks may run for weeks."""
+        _check_keyframe(keyframe)
         if not is_finite(keyframe.time):
             return keyframe.checked(self.robot)
         return keyframe.at(0.0).checked(self.robot).at(keyframe.time)
@@ -142,6 +151,11 @@ class KeyframeQueue:
         if angles.shape != low.shape or not np.isfinite(angles).all():
             return joint_pos
         return angles.clip(low, high)
+
+
+def _check_keyframe(keyframe: object) -> None:
+    if not isinstance(keyframe, Keyframe):
+        raise KeyframeError(f"keyframe is {short(keyframe)}, expected a Keyframe")
 
 
 _LONGEST_WAIT = 60.0  # s: a clock that is off by hours shows here

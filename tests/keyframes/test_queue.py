@@ -1,3 +1,5 @@
+import copy
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -118,12 +120,31 @@ def test_poses_of_another_robot_are_refused():
         KeyframeQueue(G1).put(replace(at(0.5), joint_pos=np.zeros(3)), 0.0)
 
 
+@pytest.mark.parametrize("keyframe", [None, {"time": 0.5}, np.zeros(36)])
+def test_what_is_no_keyframe_is_refused(keyframe):
+    queue = KeyframeQueue(G1)
+    for asked in (lambda: queue.put(keyframe, 0.0), lambda: queue.stay(keyframe, 0.0)):
+        with pytest.raises(KeyframeError, match="^keyframe is .*, expected a Keyframe$"):
+            asked()
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda queue: pickle.loads(pickle.dumps(queue))])
+def test_a_copy_is_a_queue_of_its_own(copied):
+    queue = KeyframeQueue(G1)
+    queue.put(at(0.5), now=0.0)
+    other = copied(queue)
+    other.put(at(0.2), now=0.0)
+    assert (len(queue), len(other)) == (1, 2)
+    assert queue.command(0.1).steps_left == 20
+    assert other.command(0.1).steps_left == 5
+
+
 def test_messages_come_back_the_same():
     hands = only(G1, 0.7, left_hand=(0.3, 0.2, 0.9))
     for keyframe in (at(0.5, "named"), hands):
-        copy = keyframe_from_json(keyframe_to_json(keyframe, G1), G1)
-        np.testing.assert_array_equal(copy.qpos, keyframe.qpos)
-        assert (copy.time, copy.name, copy.commands) == (keyframe.time, keyframe.name, keyframe.commands)
+        read = keyframe_from_json(keyframe_to_json(keyframe, G1), G1)
+        np.testing.assert_array_equal(read.qpos, keyframe.qpos)
+        assert (read.time, read.name, read.commands) == (keyframe.time, keyframe.name, keyframe.commands)
     with pytest.raises(KeyframeError, match="keyframe is 3, expected an object"):
         keyframe_from_json(3, G1)
 
