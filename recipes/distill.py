@@ -3,6 +3,7 @@
 plat distill --expert runs/expert --motions clips.npz --minutes 15 --out runs/dagger
 """
 
+import copy
 from functools import partial
 from typing import Any
 
@@ -70,7 +71,12 @@ def main(recipe: DistillRecipe) -> None:
     budget = Budget(recipe.minutes, recipe.steps)
     source = collect(
         partial(
-            robots, teacher, config=recipe.task, horizon=horizon, timing=timing, physics=get_physics(recipe.physics)
+            robots,
+            on_cpu(teacher) if recipe.workers else teacher,
+            config=recipe.task,
+            horizon=horizon,
+            timing=timing,
+            physics=get_physics(recipe.physics),
         ),
         library,
         recipe.num_envs,
@@ -138,6 +144,11 @@ def main(recipe: DistillRecipe) -> None:
 def robots(teacher: Teacher, library: MotionLibrary, num_envs: int, **options: Any) -> EnvBase:
     """The environment of the student, which shows the teacher its reference as well."""
     return make_keyframe_env(library, num_envs, dense_goals={}, transforms=teacher.references(library), **options)
+
+
+def on_cpu(teacher: Teacher) -> Teacher:
+    """The teacher where workers have it: they compute on the CPU."""
+    return copy.deepcopy(teacher).to("cpu") if isinstance(teacher, nn.Module) else teacher
 
 
 def after(recipe: DistillRecipe) -> str:

@@ -6,10 +6,14 @@ plat expert-model --motions clips.npz --minutes 30 --out runs/expert
 import torch
 
 from plat.cli.settings import parse
+from plat.envs.transforms import Horizon
+from plat.evaluation import play
+from plat.modules import Expert
 from plat.motions import MotionLibrary
 from plat.recipes.experts import make_expert, trained_expert
 from plat.recipes.learning import learn
 from plat.recipes.options import ExpertModelRecipe
+from plat.rendering import Playback
 from plat.runs import begin, report_errors, training_motions
 from plat.runs.announce import DISTILL, STUDENT, next_command
 from plat.tasks import DenseTracking
@@ -22,15 +26,22 @@ def main(recipe: ExpertModelRecipe) -> None:
     recipe, start = trained_expert(recipe)
     library = training_motions(recipe, recipe.policy.timing.control_dt)
     expert = make_expert(recipe, library.robot, start)
+    goals = expert.goals  # apart from the expert, whose weights may be on a GPU: workers make tasks of their own
 
     def task(motions: MotionLibrary) -> DenseTracking:
-        return DenseTracking(motions, expert.goals, costs=recipe.costs, uniform=recipe.uniform_starts)
+        return DenseTracking(motions, goals, costs=recipe.costs, uniform=recipe.uniform_starts)
+
+    def show(average: Expert) -> Playback:
+        lengths = Horizon(1, recipe.policy.timing.max_steps)
+        actor = average.deployed(tuple(goals))
+        return play(actor, library, 0, lengths, dense=True, goals=goals, device=recipe.device)
 
     # what the network adds to the reference is kept small, not the reference
     residual = recipe.policy.action != "default_offset"
     actor = expert.deployed(tuple(expert.goals)).reset_out_keys()
     good = "fewer than 0.3 failures a second"
-    learn(recipe, library, expert, actor, task, good=good, init=start, effort="residual" if residual else "action")
+    effort = "residual" if residual else "action"
+    learn(recipe, library, expert, actor, task, good=good, show=show, init=start, effort=effort)
 
 
 def after(recipe: ExpertModelRecipe) -> str:

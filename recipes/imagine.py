@@ -9,11 +9,15 @@ from typing import Any
 import torch
 
 from plat.cli.settings import parse
+from plat.envs.transforms import Horizon
+from plat.evaluation import play
+from plat.modules import LatentPolicy, PlainPolicy
 from plat.motions import MotionLibrary
 from plat.objectives import LatentImaginationLoss
 from plat.recipes.learning import learn
-from plat.recipes.options import ImagineRecipe
+from plat.recipes.options import ImagineRecipe, check_distant
 from plat.recipes.students import make_student, trained_student
+from plat.rendering import Playback
 from plat.runs import begin, report_errors, training_motions
 from plat.runs.announce import next_command
 from plat.tasks import TimedKeyframes
@@ -24,18 +28,22 @@ def main(recipe: ImagineRecipe) -> None:
     recipe = begin(recipe)
     torch.manual_seed(recipe.seed)
     recipe, trained = trained_student(recipe)
+    check_distant(recipe, recipe.policy.timing)
     library = training_motions(recipe, recipe.policy.timing.control_dt)
     student = make_student(recipe, library.robot, trained)
 
     def task(motions: MotionLibrary) -> TimedKeyframes:
         return TimedKeyframes(motions, recipe.task, timing=recipe.policy.timing, seed=recipe.seed)
 
+    def show(average: LatentPolicy | PlainPolicy) -> Playback:
+        return play(average.deployed(), library, 0, Horizon(1, recipe.policy.timing.max_steps), device=recipe.device)
+
     privileged: dict[str, Any] = {}
     if recipe.posterior:
         loss = partial(LatentImaginationLoss, beta=recipe.beta)
         privileged = {"imagined": student.imagined(recipe.posterior), "loss": loss}
     good = "failures that fall; plat evaluate says the rest"
-    learn(recipe, library, student, student.deployed(), task, good=good, init=trained, **privileged)
+    learn(recipe, library, student, student.deployed(), task, good=good, show=show, init=trained, **privileged)
 
 
 def after(recipe: ImagineRecipe) -> str:

@@ -22,8 +22,9 @@ from plat.figures import save_figure
 from plat.figures.model_error_plot import model_error_plot
 from plat.modules import DynamicsConfig, DynamicsModel
 from plat.motions import MotionLibrary
-from plat.objectives import ExploitationWatch, ImaginationLearner, ImaginationLoss, exploring
+from plat.objectives import ImaginationLearner, ImaginationLoss, exploring
 from plat.recipes.options import ImaginationRecipe
+from plat.rendering import Films, Playback
 from plat.robots import G1
 from plat.runs import DYNAMICS_FILE, Budget, Run, load_dynamics, run_inputs
 from plat.runs.announce import begins
@@ -43,6 +44,7 @@ def learn(
     make_task: Callable[[MotionLibrary], Task],
     *,
     good: str,
+    show: Callable[[Any], Playback],
     init: nn.Module | None = None,
     effort: NestedKey = "action",
     imagined: TensorDictModuleBase | None = None,
@@ -57,6 +59,7 @@ def learn(
         actor: its deterministic actor.
         make_task: the task on some motions.
         good: which figures on the screen are good.
+        show: returns a playback of a policy, for videos.
         init: the policy that it started from, if any.
         effort: entry of the actor that is kept small.
         imagined: what imagined robots act by; None for the actor.
@@ -79,7 +82,8 @@ def learn(
     if start is not None:
         model = start
         # it knows the robot, and needs to see only what the new task makes of it
-        settings = replace(settings, warmup=min(settings.warmup, 8))
+        if settings.warmup == type(settings).warmup:
+            settings = replace(settings, warmup=8)
     else:
         model = DynamicsModel(library.robot, recipe.model, library.dt, num_parameters).to(device)
     task = make_task(library)
@@ -87,7 +91,7 @@ def learn(
     replay = RolloutReplay(
         recipe.num_envs, _multiple(recipe.replay, recipe.rollout), ["robot_state", "memory", "action"], device
     )
-    watch, budget = ExploitationWatch(), Budget(recipe.minutes, recipe.steps)
+    budget = Budget(recipe.minutes, recipe.steps)
     source = collect(
         # a worker makes a task of its own: this one is full of tables
         partial(
@@ -106,6 +110,7 @@ def learn(
         ray=recipe.ray,
         ahead=True,
     )
+    films = Films(recipe.out / "videos", library.robot, partial(show, learner.average), recipe.video_every)
     with (
         source,
         Run.of(
@@ -115,6 +120,7 @@ def learn(
             state={"learner": learner, "rollouts": source, **({"replay": replay} if recipe.save_replay else {})},
             inputs=inputs,
             modules={DYNAMICS_FILE: model},
+            film=films.take,
         ) as run,
     ):
         if run.finished:
@@ -127,7 +133,7 @@ def learn(
             learner.observe(rollout)
             losses = learner.step(replay, budget.fraction)
             simulated = -float(rollout["next", "reward"].mean())
-            warning = watch.add(losses["imagined_cost"], simulated) if "imagined_cost" in losses else None
+            warning = learner.watch.add(losses["imagined_cost"], simulated) if "imagined_cost" in losses else None
             if warning:
                 print(f"warning: {warning}", flush=True)
             failures = failures_per_second(rollout, library.dt)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
+from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
@@ -14,7 +15,8 @@ from plat.objectives import ImaginationConfig, MotorGradientConfig, PPOConfig
 from plat.precision import Precision
 from plat.recipes.presets import BEST, PRESETS
 from plat.runs import RecipeConfig
-from plat.tasks import TimedKeyframesConfig, TrackingCosts
+from plat.spec.timing import Timing
+from plat.tasks import AuthoredCosts, TimedKeyframesConfig, TrackingCosts
 
 __all__ = [
     "AblationsRecipe",
@@ -27,6 +29,7 @@ __all__ = [
     "RefineModelRecipe",
     "RefineRecipe",
     "Training",
+    "check_distant",
     "check_partial",
 ]
 
@@ -43,6 +46,46 @@ def check_motor(recipe: "ExpertRecipe | RefineRecipe", motor: MotorGradientConfi
             f"{type(recipe).__name__}: motor.steps is {motor.steps}, expected less than {recipe.rollout}, the rollout; "
             "a weight of 0 switches it off"
         )
+
+
+def check_motor_idle(recipe: "ExpertRecipe | RefineRecipe") -> None:
+    """Raise an error for settings of a motor gradient whose weight is 0."""
+    if not recipe.motor.weight:
+        check_idle(recipe, "motor", ("legs", "steps"), "and motor.weight is 0, which switches it off")
+
+
+def check_reference(recipe: "ExpertRecipe | ExpertModelRecipe") -> None:
+    """Raise an error for settings of an expert that its other settings leave without effect."""
+    if not recipe.policy.catch_up:
+        check_idle(recipe, "policy", ("catch_up_limit",), "without policy.catch_up nothing is limited")
+    if recipe.policy.action == "default_offset":
+        told = "and policy.action 'default_offset' adds nothing to the reference"
+        check_idle(recipe, "policy", ("residual_limit",), told)
+
+
+def check_refinement(recipe: "RefineRecipe | RefineModelRecipe") -> None:
+    """Raise an error for settings of a refinement that its other settings leave without effect."""
+    if recipe.variant == "finetune":
+        check_idle(recipe, "policy", ("hidden", "alpha"), "and --variant finetune has no residual")
+    if not recipe.policy.lead:
+        check_idle(recipe, "policy", ("shortest_lead",), "without policy.lead nothing is shifted")
+
+
+def check_keyframes(recipe: "ImagineRecipe | RefineModelRecipe") -> None:
+    """Raise an error for settings of keyframes that there are none of."""
+    task = recipe.task
+    if not task.partial:
+        told = "without task.partial no keyframe is partial"
+        check_idle(recipe, "task", ("partial_tracking",), told)
+        check_idle(recipe, "task.underway", ("not_commanded",), told)
+    if not task.authored:
+        told = "and task.authored is 0: no keyframe is authored"
+        check_idle(recipe, "task", ("from_standing",), told)
+        check_idle(recipe, "task.underway", [each.name for each in fields(AuthoredCosts)], told)
+    if task.authored == 1:
+        told = "and task.authored is 1: no episode follows a motion"
+        check_idle(recipe, "task", ("partial_tracking",), told)
+        check_idle(recipe, "task.tracking", ("root_lin_vel", "root_ang_vel", "joint_vel"), told)
 
 
 def check_minibatches(recipe: "ExpertRecipe | RefineRecipe", ppo: PPOConfig) -> None:
@@ -64,11 +107,11 @@ def check_idle(recipe: RecipeConfig, group: str, names: Sequence[str], told: str
 
     Args:
         recipe: of the run.
-        group: of the settings, such as ``"policy"``; ``""`` for those of the recipe.
+        group: of the settings, such as ``"policy"`` or ``"task.tracking"``; ``""`` for those of the recipe.
         names: of the settings.
         told: ends the message.
     """
-    settings = getattr(recipe, group) if group else recipe
+    settings = attrgetter(group)(recipe) if group else recipe
     for name in () if recipe.resume else names:
         value = getattr(settings, name)
         if value != getattr(type(settings), name):
@@ -99,6 +142,10 @@ class ExpertRecipe(RecipeConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if not self.init:
+            check_idle(self, "", ("init_lr", "critic_warmup"), "and without --init nothing is trained already")
+        check_reference(self)
+        check_motor_idle(self)
         check_minibatches(self, self.ppo)
         if self.motor.weight and self.motor.steps < self.policy.ahead[0]:
             raise ConfigError(
@@ -161,6 +208,10 @@ class DistillRecipe(RecipeConfig):
             raise ConfigError(
                 f"DistillRecipe: buffer_size is {self.buffer_size}, expected at least batch_size, {self.batch_size}"
             )
+        if not self.beta:
+            check_idle(self, "", ("beta_warmup", "free_bits"), "and beta is 0: no divergence counts")
+        if not self.expert_share:
+            check_idle(self, "", ("expert_until",), "and expert_share is 0: the expert takes no step")
         if self.student == "plain":
             check_idle(self, "", ("stride", "prior_weight", "beta", "beta_warmup", "free_bits"), _NO_LATENT)
             check_idle(self, "policy", _OF_LATENT, _NO_LATENT)
@@ -195,7 +246,13 @@ class RefineRecipe(RecipeConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_minibatches(self, self.ppo)
-        check_motor(self, self.motor)
+        check_refinement(self)
+        check_motor_idle(self)
+        if self.variant != "latent-noise":
+            check_motor(self, self.motor)
+        elif self.motor.weight:
+            names = [each.name for each in fields(MotorGradientConfig)]
+            check_idle(self, "motor", names, "and the gradient is of actions: --variant latent-noise samples latents")
 
 
 @dataclass(kw_only=True)
@@ -219,6 +276,19 @@ class ImaginationRecipe(RecipeConfig):
     model: DynamicsConfig = field(default_factory=DynamicsConfig)
     imagination: ImaginationConfig = field(default_factory=ImaginationConfig)
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        settings = self.imagination
+        if not settings.critic:
+            check_idle(self, "imagination", ("lost_cost",), "without imagination.critic nobody is told of it")
+        if settings.constant == 1:
+            check_idle(self, "imagination", ("final_lr",), "and imagination.constant is 1: learning rates never fall")
+        if settings.final_lr == 1:
+            check_idle(self, "imagination", ("constant",), "and imagination.final_lr is 1: learning rates never fall")
+        kept = -(-self.replay // self.rollout) * self.rollout
+        if settings.recent > kept:
+            check_idle(self, "imagination", ("recent",), f"expected at most {kept}, the steps of --replay")
+
 
 @dataclass(kw_only=True)
 class ExpertModelRecipe(ImaginationRecipe):
@@ -236,6 +306,7 @@ class ExpertModelRecipe(ImaginationRecipe):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_reference(self)
         self.costs.check_dense(f"{type(self).__name__}: costs")
 
 
@@ -262,9 +333,13 @@ class ImagineRecipe(ImaginationRecipe):
             raise ConfigError(
                 f"ImagineRecipe: posterior is {self.posterior:g}, and a plain student has none: set --student latent"
             )
+        check_keyframes(self)
         if not self.posterior:
             check_idle(self, "", ("beta",), "without --posterior there is no divergence")
             check_idle(self, "task", ("stride",), "without --posterior nothing sees these frames")
+        if not (self.posterior or self.init or self.student == "plain"):  # that of --init may be of these sizes
+            names = ("posterior", "encoder_size", "min_std")
+            check_idle(self, "policy", names, "without --posterior nothing of it learns")
         if self.student == "plain":
             check_idle(self, "policy", _OF_LATENT, _NO_LATENT)
 
@@ -281,6 +356,14 @@ class RefineModelRecipe(ImaginationRecipe):
     """latent: residual in the latent; action: residual on the action; finetune: all weights"""
     policy: RefinementConfig = field(default_factory=RefinementConfig)
     task: TimedKeyframesConfig = field(default_factory=TimedKeyframesConfig)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_refinement(self)
+        check_keyframes(self)
+        check_idle(self, "task", ("stride",), "and no posterior learns that sees these frames")
+        told = "and robots of imagination explore by --noise"
+        check_idle(self, "policy", ("init_std", "min_std"), told)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -338,6 +421,13 @@ class DemoRecipe(Bounded):
     """robots that are simulated at a time"""
     seed: Seed = 0
     """seeds everything that is drawn"""
+
+
+def check_distant(recipe: ImagineRecipe | RefineModelRecipe, timing: Timing) -> None:
+    """Raise an error for a share of commands of more than a second, where no command is."""
+    if timing.max_steps <= timing.steps(1.0):
+        told = f"and commands take {timing.longest:g} s at most: --policy.timing.max-steps says so, or the student"
+        check_idle(recipe, "task", ("distant",), told)
 
 
 def check_partial(partial: float, also: Sequence[str]) -> None:

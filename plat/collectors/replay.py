@@ -12,7 +12,7 @@ from torchrl.data.replay_buffers import ImmutableDatasetWriter, Sampler, Storage
 from plat.bounds import Count, Robots, check_value
 from plat.collectors.storage import DeviceStorage
 from plat.entries import check_rollout
-from plat.errors import ConfigError, ObservationError
+from plat.errors import ConfigError, ObservationError, StateError
 from plat.gpu import check_device
 
 __all__ = ["RolloutReplay", "WindowSampler"]
@@ -90,7 +90,18 @@ class RolloutReplay:
         return {"buffer": self.buffer.state_dict(), "episode": self._episode, "steps": self.steps}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restore a state of :meth:`state_dict`."""
+        """Restore a state of :meth:`state_dict`.
+
+        Raises:
+            StateError: when it is of another number of robots or steps, or of other entries.
+        """
+        if (robots := len(state["episode"])) != self.num_envs:
+            raise StateError(f"replay: a state of {robots} robots, expected {self.num_envs}")
+        rows = state["buffer"]["_storage"]["_storage"]
+        kept = {name.partition(".")[0] for name in rows} - {"episode", "index"}
+        wanted = {key if isinstance(key, str) else key[0] for key in self._keys}
+        if rows and kept != wanted:
+            raise StateError(f"replay: a state of {', '.join(sorted(kept))}, expected {', '.join(sorted(wanted))}")
         self.buffer.load_state_dict(state["buffer"])
         self._episode = state["episode"].to(self._episode.device)
         self.steps = int(state["steps"])
@@ -104,15 +115,27 @@ class RolloutReplay:
             recent: they are from this many last control steps; None for all that are kept.
 
         Raises:
-            ConfigError: when there are fewer steps than that, or all episodes are shorter.
+            ConfigError: when there are fewer steps than that, all episodes are shorter, or an argument is no count.
         """
+        self._check(batch, recent)
+        check_value("replay: length", length, Count)
         self._sampler.length, self._sampler.recent = length, recent
         return self.buffer.sample(batch * length).view(-1, length)
 
     def states(self, batch: int, recent: int | None = None) -> TensorDictBase:
-        """Sample single steps ``[batch]`` of the last ``recent`` control steps."""
+        """Sample single steps ``[batch]`` of the last ``recent`` control steps.
+
+        Raises:
+            ConfigError: when there are none, or an argument is no count.
+        """
+        self._check(batch, recent)
         self._recent_sampler.recent = recent
         return self._recent.sample(batch)
+
+    @staticmethod
+    def _check(batch: int, recent: int | None) -> None:
+        check_value("replay: batch", batch, Count)
+        check_value("replay: recent", recent, Count | None)
 
 
 class WindowSampler(Sampler):

@@ -2,7 +2,10 @@
 
 from typing import Any
 
+from torch import Tensor
 from torchrl.data import LazyTensorStorage
+
+from plat.errors import StateError
 
 __all__ = ["DeviceStorage"]
 
@@ -25,6 +28,14 @@ class DeviceStorage(LazyTensorStorage):
     _storage: Any
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Restore a state of :meth:`state_dict`."""
+        """Restore a state of :meth:`state_dict`.
+
+        Raises:
+            StateError: when it is of another number of rows.
+        """
+        values = state_dict["_storage"]
+        rows = {len(value) for name, value in values.items() if isinstance(value, Tensor) and value.ndim}
+        if rows - {self.max_size}:
+            raise StateError(f"buffer: a state of {max(rows)} rows, expected {self.max_size}, as many as it has")
         super().load_state_dict(state_dict)
         self._storage = self._storage.to(self.device)

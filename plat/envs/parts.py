@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from plat.bounds import as_names
+from plat.bounds import Count, Seed, as_names, check_robot, check_value
 from plat.errors import TaskError
 from plat.robots.robot import Robot
 
@@ -35,6 +35,7 @@ def draw_parts(
         root: command parts of the root beside other kinds, in half of the masks.
 
     Raises:
+        ConfigError: for a count or a seed that is none.
         TaskError: for an unknown kind, or when the robot has none of them.
 
     >>> from plat.robots import G1
@@ -42,6 +43,9 @@ def draw_parts(
     >>> parts.shape, bool(parts[0].all()), bool(parts.any(-1).all())
     (torch.Size([9, 46]), True, True)
     """
+    check_robot(robot)
+    check_value("partial keyframes: count", count, Count)
+    check_value("partial keyframes: seed", seed, Seed)
     joints, bodies = robot.num_joints, len(robot.keypoints)
     generator = torch.Generator().manual_seed(seed)
     masks = torch.zeros(count, joints + bodies + 3, dtype=torch.bool)

@@ -69,6 +69,8 @@ class PhysicsDraw(NamedTuple):
 
     Attributes:
         physics: friction, center of mass, stiffness, damping and mass ``[n, P]``, each from -1 to 1 within its range.
+            At 0 all but friction are the robot's own; it is the middle of its range (0.75 of 0.3 to 1.2, where the
+            G1's soles have 0.8).
         encoder_bias: constant error of each joint encoder ``[n, J]`` (rad).
         gyro_bias: constant error of the angular velocity ``[n, 3]`` (rad/s).
         velocity_bias: error of the estimated linear velocity ``[n, 3]`` (m/s, root frame).

@@ -121,10 +121,12 @@ class MotionTrackingEnv(EnvBase):
         device: torch.device | str = "cpu",
         physics: PhysicsFactory = BatchedPhysics,
     ):
+        check_value("environment: library", library, MotionLibrary)
         check_value("environment: num_envs", num_envs, Robots)
         check_value("environment: decimation", decimation, Count)
         check_value("environment: min_frames_left", min_frames_left, Natural)
         check_value("environment: num_threads", num_threads, Count | None)
+        check_value("environment: reset_noise", reset_noise, ResetNoise | None)
         super().__init__(device=check_device(device), batch_size=torch.Size([num_envs]))
         self.library = library.to(device)
         self.robot = robot = library.robot

@@ -7,6 +7,7 @@ from tensordict import NestedKey
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 
+from plat.bounds import Count, Natural, check_value
 from plat.entries import expects
 from plat.errors import ConfigError
 from plat.modules.networks import mlp
@@ -34,6 +35,8 @@ class ActionDecoder(nn.Module):
 
     def __init__(self, hidden_features: int, latent_size: int, num_actions: int, hidden: Sequence[int]):
         super().__init__()
+        check_value("decoder: hidden_features", hidden_features, Count)
+        check_value("decoder: latent_size", latent_size, Natural)
         self.widths = (hidden_features, latent_size)[: 2 if latent_size else 1]
         self.network = mlp(hidden_features + latent_size, hidden, num_actions)
 

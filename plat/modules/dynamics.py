@@ -3,9 +3,9 @@
 import torch
 from torch import Tensor, nn
 
-from plat.bounds import Natural, Positive, check_value
+from plat.bounds import Natural, Positive, check_robot, check_value
 from plat.envs.state import GeneralizedState
-from plat.errors import ActionError, ConfigError
+from plat.errors import ActionError, ConfigError, ObservationError
 from plat.modules.networks import mlp
 from plat.modules.settings import DynamicsConfig
 from plat.robots.robot import Robot
@@ -60,6 +60,8 @@ class DynamicsModel(nn.Module):
 
     def __init__(self, robot: Robot, config: DynamicsConfig | None = None, dt: float = 0.02, num_parameters: int = 0):
         super().__init__()
+        check_robot(robot)
+        check_value("dynamics model: config", config, DynamicsConfig | None)
         check_value("dynamics model: dt", dt, Positive)
         check_value("dynamics model: num_parameters", num_parameters, Natural)
         self.num_parameters = num_parameters
@@ -81,7 +83,11 @@ class DynamicsModel(nn.Module):
         Args:
             state: now, ``[*B]``.
             target: joint position targets ``[*B, J]`` (rad) that are held for the step.
-            parameters: of the robots' physics ``[*B, P]``, about -1 to 1; None for the nominal robot, all 0.
+            parameters: of the robots' physics ``[*B, P]``, about -1 to 1; None for the nominal robot, all 0. A
+                friction of 0 is the middle of its range, which need not be the robot's own.
+
+        Raises:
+            ObservationError: for states, targets or parameters of another width.
         """
         features, lin_vel_b = self._features(state, target, parameters)
         # five standard deviations: beyond what it has seen, the model is not asked to extrapolate
@@ -120,13 +126,15 @@ class DynamicsModel(nn.Module):
 
         Raises:
             ActionError: for states or targets that are not finite; the statistics stay what they were.
+            ObservationError: as of :meth:`forward`.
         """
-        features = self._features(state, target, parameters)[0].flatten(0, -2)
+        features = self._features(state, target, parameters)[0]
+        features = features.reshape(-1, features.shape[-1])
         if len(features) < 2:
             return
         mean, spread = features.mean(0), self.spread
         if first := int(self.batches) < 3:
-            spread = self._change(state, next_state).flatten(0, -2).std(0).clamp_min_(1e-6)
+            spread = self._change(state, next_state).reshape(-1, len(spread)).std(0).clamp_min_(1e-6)
         if not (mean.isfinite().all() and spread.isfinite().all()):
             raise ActionError(
                 "dynamics model: states or joint targets hold NaN or infinity; nothing was learned from this batch"
@@ -165,6 +173,14 @@ class DynamicsModel(nn.Module):
     def _features(
         self, state: GeneralizedState, target: Tensor, parameters: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
+        joints, told = self.robot.num_joints, self.num_parameters
+        for what, values, width in (
+            ("joint_pos of the state", state.joint_pos, joints),
+            ("target", target, joints),
+            ("parameters", parameters, told),
+        ):
+            if values is not None and values.shape[-1:] != (width,):
+                raise ObservationError(f"dynamics model: {what} {tuple(values.shape)}, expected [*B, {width}]")
         gravity_b, lin_vel_b = state.in_root_frame()
         features: tuple[Tensor, ...] = (
             gravity_b,

@@ -8,6 +8,7 @@ from tensordict import NestedKey
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 
+from plat.bounds import Count, check_value
 from plat.entries import expects
 from plat.errors import ObservationError, PlatError
 
@@ -41,6 +42,8 @@ class GoalSequenceEncoder(TensorDictModule):
         in_keys: tuple[NestedKey, NestedKey] = (("privileged_goal", "normalized"), ("privileged_goal", "length")),
         out_key: NestedKey = "goal_code",
     ):
+        check_value("goal encoder: in_features", in_features, Count)
+        check_value("goal encoder: hidden_size", hidden_size, Count)
         super().__init__(_LastState(in_features, hidden_size), in_keys=list(in_keys), out_keys=[out_key])
         expects(self, {in_keys[0]: ("L", in_features)}, "goal encoder")
 

@@ -13,7 +13,7 @@ from tensordict.nn import (
 from torch import Tensor, nn
 from torchrl.modules import IndependentNormal
 
-from plat.bounds import NonNegative, Positive, check_value
+from plat.bounds import Count, NonNegative, Positive, check_robot, check_value
 from plat.entries import expects
 from plat.gpu import constant
 from plat.robots.robot import Robot
@@ -58,6 +58,9 @@ class ReferenceOffset(TensorDictModule):
         interval: float = 1.0,
         limit: float = 5.0,
     ):
+        check_robot(robot)
+        check_value("action on the reference: interval", interval, Positive)
+        check_value("action on the reference: limit", limit, Positive)
         super().__init__(_Offset(robot, interval, limit), in_keys=list(in_keys), out_keys=[out_key])
         expects(self, dict.fromkeys(in_keys, (robot.num_joints,)), "action on the reference", double=True)
 
@@ -101,6 +104,7 @@ class GaussianNoise(TensorDictModule):
         in_key: NestedKey = "loc",
         out_keys: tuple[NestedKey, NestedKey] = ("loc", "scale"),
     ):
+        check_value("exploration noise: num_actions", num_actions, Count)
         check_value("exploration noise: init_std", init_std, Positive)
         check_value("exploration noise: min_std", min_std, NonNegative)
         scale = AddStateIndependentNormalScale(num_actions, init_value=math.log(init_std), scale_lb=min_std)

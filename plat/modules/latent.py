@@ -8,6 +8,7 @@ from tensordict.nn import InteractionType, ProbabilisticTensorDictModule, Tensor
 from torch import Tensor, nn
 from torchrl.modules import IndependentNormal, NormalParamExtractor
 
+from plat.bounds import Count, NonNegative, check_value
 from plat.entries import expects
 from plat.modules.networks import mlp
 
@@ -35,6 +36,8 @@ class GaussianLatent(TensorDictModule):
         group: str,
         min_std: float = 0.01,
     ):
+        check_value(f"{group}: latent_size", latent_size, Count)
+        check_value(f"{group}: min_std", min_std, NonNegative)
         super().__init__(
             _GaussianHead(in_features, latent_size, hidden, min_std),
             in_keys=list(in_keys),

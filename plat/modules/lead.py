@@ -1,12 +1,14 @@
 """Velocity feed-forward of goals against the lag of the motors."""
 
 from collections.abc import Sequence
+from typing import Annotated
 
 import torch
 from tensordict import NestedKey
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 
+from plat.bounds import NonNegative, NotEmpty, Positive, check_value
 from plat.entries import Shape, expects
 from plat.errors import ConfigError
 from plat.gpu import HORIZONTAL, constant
@@ -35,9 +37,10 @@ class GoalLead(TensorDictModule):
 
     ``lead * v + gain * d``
 
-    with ``v`` the reference's root velocity, from the first two frames, and ``d`` the horizontal way from the robot's
-    root to the first frame's, of at most ``limit``. A keyframe in the place of all frames has no velocity. Nothing
-    else of a goal changes. It writes to groups of its own: :data:`LEAD_KEYS` of ``"led_goal"`` for ``"goal"``.
+    with ``v`` the reference's root velocity, from the first two frames, and ``d`` the way along the x and y axes of
+    the robot's root to the first frame's, of at most ``limit``. These axes are those of the root as it is tilted: they
+    are level only where it is upright. A keyframe in the place of all frames has no velocity. Nothing else of a goal
+    changes. It writes to groups of its own: :data:`LEAD_KEYS` of ``"led_goal"`` for ``"goal"``.
 
     Args:
         groups: goal groups, the first two of them ``interval`` apart.
@@ -47,7 +50,7 @@ class GoalLead(TensorDictModule):
         limit: longest ``d`` (m).
 
     Raises:
-        ConfigError: for a lead with less than two groups.
+        ConfigError: for a lead with less than two groups, and times or lengths that make no sense.
 
     >>> lead = GoalLead(("goal", "goal_2"), lead=0.1, gain=1.0, interval=0.02)
     >>> lead.out_keys[:2]
@@ -55,6 +58,14 @@ class GoalLead(TensorDictModule):
     """
 
     def __init__(self, groups: Sequence[str], lead: float, gain: float, interval: float, limit: float = 0.3):
+        for name, value, hint in (
+            ("lead", lead, NonNegative),
+            ("gain", gain, NonNegative),
+            ("interval", interval, Positive),
+            ("limit", limit, NonNegative),
+            ("groups", tuple(groups), Annotated[tuple[str, ...], NotEmpty()]),
+        ):
+            check_value(f"lead: {name}", value, hint)
         if lead and len(groups) < 2:
             raise ConfigError(f"lead is {lead:g} s: the reference's velocity takes two frames")
         in_keys: list[NestedKey] = [(group, key) for group in groups for key in LEAD_KEYS]
@@ -66,10 +77,10 @@ class GoalLead(TensorDictModule):
 class KeyframeLead(TensorDictModule):
     """Velocity feed-forward on the keyframe, along the mean velocity that arrives on time.
 
-    A policy that lags arrives late. Its keyframe is shifted by ``lead * d / max(t, shortest)``, with ``d`` the
-    horizontal way from the robot's root to the keyframe's, and ``t`` the time left. :class:`GoalLead` does the same
-    with the velocity of a reference. What a partial keyframe does not command stays 0, and where it commands no
-    horizontal position nothing is moved.
+    A policy that lags arrives late. Its keyframe is shifted by ``lead * d / max(t, shortest)``, with ``d`` the way
+    to the keyframe's root along the x and y axes of the robot's, as it is tilted, and ``t`` the time left.
+    :class:`GoalLead` does the same with the velocity of a reference. What a partial keyframe does not command stays 0,
+    and where it commands no horizontal position nothing is moved.
 
     Args:
         lead: time (s).
@@ -78,12 +89,18 @@ class KeyframeLead(TensorDictModule):
         group: that the keyframe is read from.
         parts: whether the policy sees which parts are commanded (group ``"parts"``).
 
+    Raises:
+        ConfigError: for times that make no sense.
+
     >>> lead = KeyframeLead(0.05, horizon=1.0)
     >>> lead.out_keys
     [('led_goal', 'root_pos_b'), ('led_goal', 'keypoint_pos_b')]
     """
 
     def __init__(self, lead: float, horizon: float, shortest: float = 0.1, group: str = "goal", parts: bool = False):
+        check_value("lead: lead", lead, NonNegative)
+        check_value("lead: horizon", horizon, Positive)
+        check_value("lead: shortest", shortest, Positive)
         in_keys: list[NestedKey] = [
             *((group, key) for key in LEAD_KEYS),
             ("command", "horizon"),
@@ -123,11 +140,11 @@ class KeyframeShift(nn.Module):
 def moved_keyframe(
     root: Tensor, keypoints: Tensor, shift: Tensor, bodies: Tensor | None, commanded: Tensor | None
 ) -> tuple[Tensor, Tensor]:
-    """Return root ``[*B, 3]`` and keypoints ``[*B, 3 K]`` moved by a horizontal shift, as far as they are commanded.
+    """Return root ``[*B, 3]`` and keypoints ``[*B, 3 K]`` moved by a shift, as far as they are commanded.
 
     Args:
         root, keypoints: positions in the robot's root frame (m).
-        shift: ``[*B, 3]`` (m).
+        shift: ``[*B, 3]`` (m), along x and y of the robot's root, which are level only where it is upright.
         bodies: which keypoints are commanded ``[*B, K]``; None for all.
         commanded: which parts of the root are ``[*B, 3]``, its horizontal position first; None for all.
     """

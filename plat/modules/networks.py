@@ -6,6 +6,7 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
+from plat.bounds import Count, Layers, check_value
 from plat.precision import autocast
 
 __all__ = ["mlp"]
@@ -23,10 +24,16 @@ def mlp(
         out_scale: factor on the last layer at the start; 0 makes the output exactly 0.
         exact: the last layer computes in float32 even under autocast, as actions, values and distributions ask for.
 
+    Raises:
+        ConfigError: for a size that is no whole number above 0.
+
     >>> network = mlp(3, (8,), 2, out_scale=0.0)
     >>> network(torch.ones(3)).tolist()
     [0.0, 0.0]
     """
+    check_value("mlp: in_features", in_features, Count)
+    check_value("mlp: hidden", tuple(hidden) if isinstance(hidden, Sequence) else hidden, Layers)
+    check_value("mlp: out_features", out_features, Count)
     sizes = [in_features, *hidden]
     layers: list[nn.Module] = []
     for before, after in pairwise(sizes):

@@ -7,6 +7,7 @@ from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 
+from plat.bounds import Count, check_value
 from plat.entries import Shape, check_entries, expects
 from plat.errors import ActionError, ConfigError
 from plat.modules.settings import NormalizerConfig
@@ -47,6 +48,10 @@ class ObservationNormalizer(nn.Module):
         widths: Sequence[int] | None = None,
     ):
         super().__init__()
+        check_value("observation: num_features", num_features, Count)
+        check_value("observation: config", config, NormalizerConfig | None)
+        if not in_keys:
+            raise ConfigError("observation: in_keys is empty, expected the entries that are normalized")
         if widths is not None and sum(widths) != num_features:
             raise ConfigError(f"widths: {sum(widths)} in all, expected num_features, {num_features}")
         self.widths = None if widths is None else tuple(widths)

@@ -17,14 +17,15 @@ class KeyframeReach(TensorDictModule):
     r"""Keyframe within reach: shows a policy no keyframe farther away than a robot gets in the time left.
 
     A policy that is sent 2 m away within a second throws itself there and falls. It arrives too late anyhow: better it
-    walks. The horizontal way ``d`` to the keyframe's root is shortened to
+    walks. The way ``d`` to the keyframe's root, along the x and y axes of the robot's, is shortened to
 
     .. math::
         m + \min(v t + \tfrac{1}{2} a t^2, \; \max(v, v_{max}) \, t)
 
     with ``t`` the time left and ``v`` the robot's velocity along the way, at least 0. So a robot that runs is shown
-    keyframes as far as it runs. What a partial keyframe does not command stays 0, and where it commands no horizontal
-    position nothing is moved. It writes to a group of its own: ``"near_goal"``.
+    keyframes as far as it runs. The axes are those of the root as it is tilted: they are level only where it is
+    upright. What a partial keyframe does not command stays 0, and where it commands no horizontal position nothing is
+    moved. It writes to a group of its own: ``"near_goal"``.
 
     Args:
         reach: acceleration ``a``, speed ``v_max`` and margin ``m``.
@@ -36,6 +37,7 @@ class KeyframeReach(TensorDictModule):
     """
 
     def __init__(self, reach: WalkingReach, horizon: float, parts: bool = False):
+        check_value("reach: reach", reach, WalkingReach)
         check_value("reach: horizon", horizon, Positive)
         moved = ("root_pos_b", "keypoint_pos_b")
         in_keys: list[NestedKey] = [

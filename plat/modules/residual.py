@@ -7,6 +7,7 @@ from tensordict import NestedKey
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 
+from plat.bounds import NonNegative, check_value
 from plat.entries import expects
 from plat.modules.networks import mlp
 
@@ -44,6 +45,7 @@ class Residual(TensorDictModule):
         in_keys: tuple[NestedKey, NestedKey, NestedKey],
         out_key: NestedKey,
     ):
+        check_value("residual: alpha", alpha, NonNegative)
         correction = _Correction(hidden_features + latent_size, hidden, num_outputs, alpha)
         super().__init__(correction, in_keys=list(in_keys), out_keys=[out_key])
         widths = (hidden_features, latent_size, num_outputs)

@@ -101,6 +101,7 @@ class ImaginationLoss(LossModule):
         lost_cost: float = 3.0,
     ):
         super().__init__()
+        check_value("imagination loss: task", task, Task)
         check_value("imagination loss: steps", steps, Count)
         check_value("imagination loss: discount", discount, Fraction)
         weights = {"effort_weight": effort_weight, "rate_weight": rate_weight, "lost_cost": lost_cost}

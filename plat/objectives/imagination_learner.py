@@ -17,6 +17,7 @@ from plat.modules.dynamics import DynamicsModel
 from plat.modules.networks import mlp
 from plat.modules.normalizer import ObservationNormalizer
 from plat.objectives.dynamics import DynamicsLoss, muon_and_adam
+from plat.objectives.exploitation import ExploitationWatch
 from plat.objectives.finite import FiniteUpdates
 from plat.objectives.graphed import GraphedLoss
 from plat.objectives.imagination import ImaginationLoss
@@ -79,6 +80,8 @@ class ImaginationLearner:
         effort: NestedKey = "action",
         loss: Callable[..., ImaginationLoss] = ImaginationLoss,
     ):
+        check_value("imagination: task", task, Task)
+        check_value("imagination: config", config, ImaginationConfig | None)
         self.config = config = config or ImaginationConfig()
         if lazy := [name for name, value in policy.named_parameters() if nn.parameter.is_lazy(value)]:
             raise ConfigError(
@@ -124,6 +127,8 @@ class ImaginationLearner:
         """Iterations so far."""
         self.updates = 0
         """Updates of the policy so far."""
+        self.watch = ExploitationWatch()
+        """Detector of model exploitation, for whoever knows what a step costs in simulation; a part of the state."""
         self._finite = {what: FiniteUpdates(what) for what in ("model", "policy", "critic")}
 
     def observe(self, rollout: TensorDictBase) -> None:
@@ -229,6 +234,7 @@ class ImaginationLearner:
             "optimizers": [optimizer.state_dict() for optimizer in self._optimizers()],
             "iterations": self.iterations,
             "updates": self.updates,
+            "watch": self.watch.state_dict(),
             "skipped": {what: updates.in_a_row for what, updates in self._finite.items()},
         }
 
@@ -243,6 +249,7 @@ class ImaginationLearner:
         self.iterations = int(state["iterations"])
         before = max(0, self.iterations - self.config.warmup) * self.config.policy_updates
         self.updates = int(state.get("updates", before))  # not in checkpoints of an older plat
+        self.watch.load_state_dict(state.get("watch", {"costs": []}))  # nor is this
         for what, in_a_row in state.get("skipped", {}).items():  # not in checkpoints of an older plat
             self._finite[what].in_a_row = int(in_a_row)
 

@@ -4,6 +4,7 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
+from plat.bounds import Natural, check_robot, check_value
 from plat.entries import check_rollout
 from plat.errors import ConfigError
 from plat.objectives.settings import MotorGradientConfig
@@ -57,6 +58,8 @@ def motor_gradient(
     torch.Size([2, 6, 29])
     """
     config = config or MotorGradientConfig()
+    check_robot(robot)
+    check_value("motor gradient: ahead", ahead, Natural)
     check_rollout(rollout, "motor gradient", (("robot", "joint_pos"), (goal, "joint_pos"), ("next", "done")))
     steps = config.steps
     if steps < ahead:

@@ -12,6 +12,7 @@ from torch.distributions import Distribution, Normal
 from torchrl.objectives import ClipPPOLoss, KLAdaptiveLR
 from torchrl.objectives.value import GAE
 
+from plat.bounds import check_value
 from plat.entries import check_rollout
 from plat.errors import ActionError, ConfigError, ObservationError
 from plat.objectives.divergence import gaussian_kl
@@ -62,6 +63,12 @@ def _without_noise(dist: Distribution) -> Tensor:
     return dist.deterministic_sample if hasattr(dist, "deterministic_sample") else dist.mean
 
 
+def _explained(value: Tensor, target: Tensor) -> float:
+    """Fraction of the targets' variance that the values explain; 0 where there is none, as of one state."""
+    variance = target.var(correction=0)
+    return float(1 - (target - value).var(correction=0) / variance) if variance > 1e-8 else 0.0
+
+
 def _adam(module: nn.Module, lr: float) -> torch.optim.Adam:
     return torch.optim.Adam([p for p in module.parameters() if p.requires_grad], lr=lr, fused=True)
 
@@ -93,6 +100,7 @@ class PPO:
     ):
         if not isinstance(critic, TensorDictModuleBase):
             raise ConfigError(f"PPO: critic is a network {type(critic).__name__}, expected a module of a TensorDict")
+        check_value("PPO: config", config, PPOConfig | None)
         self.config = config = config or PPOConfig()
         self.actor = actor
         self.critic = critic
@@ -184,7 +192,7 @@ class PPO:
             "entropy": means["entropy"],
             "kl": means["kl"],
             "clip_fraction": means["clip_fraction"],
-            "explained_variance": float(1 - (target - value).var() / target.var().clamp_min(1e-8)),
+            "explained_variance": _explained(value, target),
             "lr": self.optimizer.param_groups[0]["lr"],
             "std": float(data["scale"].mean()),
         }
@@ -196,8 +204,7 @@ class PPO:
         """
         check_rollout(rollout, "PPO", (*self.actor.in_keys, *self._sample_keys, "loc", "scale", *_NEXT))
         seen = self.observe(rollout.select(*self.observe.in_keys, strict=False))
-        with self._autocast(rollout):
-            root = self.critic(seen)["state_value"]
+        root = self._values(seen, rollout)
         # the state after a step is the state before the next one, except where an episode ended or the rollout
         # did (truncation bootstrapping): only there the critic runs again. A terminated state has the value 0.
         next_value = torch.cat((root[:, 1:], torch.zeros_like(root[:, :1])), 1)
@@ -205,7 +212,7 @@ class PPO:
         ask = truncated.clone() if self.config.truncated == "state" else torch.zeros_like(truncated)
         ask[:, -1] = True
         after = self.observe(rollout["next"].select(*self.observe.in_keys, strict=False)[ask])
-        next_value[ask] = self.critic(after)["state_value"]
+        next_value[ask] = self._values(after, rollout)
         if self.config.truncated == "mean":
             next_value[truncated] = root.mean()
         signals = TensorDict(
@@ -252,6 +259,12 @@ class PPO:
             if state[f"{name}lr"] != rate:
                 for group in optimizer.param_groups:
                     group["lr"] = rate
+
+    def _values(self, seen: TensorDictBase, rollout: TensorDictBase) -> Tensor:
+        """Values at the precision of the rewards: the last layer of a critic of one's own may be in half precision."""
+        with self._autocast(rollout):
+            values: Tensor = self.critic(seen)["state_value"]
+        return values.to(rollout["next", "reward"].dtype)
 
     def _autocast(self, data: TensorDictBase) -> AbstractContextManager:
         return autocast(data.device, self.config.precision)

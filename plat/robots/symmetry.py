@@ -5,6 +5,7 @@ The mirror is the plane y = 0. It turns a rotation about (x, y, z) into the same
 
 import numpy as np
 
+from plat.bounds import check_robot
 from plat.errors import RobotError
 from plat.robots.robot import Robot
 
@@ -26,6 +27,7 @@ def joint_symmetry(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     >>> G1.joint_names[partner[left]], sign[left]
     ('right_hip_roll', np.float64(-1.0))
     """
+    check_robot(robot)
     names = [_other_side(name) for name in robot.joint_names]
     if names == list(robot.joint_names):
         raise RobotError(f"robot {robot.name!r}: no joint is called left_... or right_..., so none can change sides")

@@ -129,6 +129,9 @@ class RecipeConfig(Bounded):
             )
         if self.ray and not self.workers:
             raise ConfigError(f"{type(self).__name__}: ray is for workers, expected workers to be at least 1")
+        if not (self.resume or self.loggers) and self.video_every not in (0, type(self).video_every):
+            what = f"{type(self).__name__}: video_every is {self.video_every:g}, and nothing logs videos"
+            raise ConfigError(f"{what}: expected wandb or trackio beside it")
         if self.workers and self.physics == "warp":
             what = f"{type(self).__name__}: physics is 'warp', which is on one device"
             raise ConfigError(f"{what}: expected workers to be 0")

@@ -9,7 +9,7 @@ import mujoco
 import torch
 from torch import Tensor
 
-from plat.bounds import as_names, check_value
+from plat.bounds import Count, Seed, as_names, check_value
 from plat.errors import TaskError
 from plat.keyframes.chain_families import AHEAD, FAMILY_TABLE, INSIDE, MIDDLE, TRIES, ChainFamily
 from plat.keyframes.chain_needs import lacking
@@ -101,6 +101,7 @@ def draw_chains(
         timing: of the policy; None for the default at the control step of the motions.
 
     Raises:
+        ConfigError: for another argument that makes no sense.
         TaskError: for an unknown family, or where none of the families can be drawn.
 
     >>> from plat.motions import generate_motions
@@ -110,6 +111,9 @@ def draw_chains(
     (('arms', 'arms', 'steps', 'steps'), torch.Size([24, 36]))
     """
     check_value("draw_chains: library", library, MotionLibrary)
+    check_value("draw_chains: count", count, Count)
+    check_value("draw_chains: seed", seed, Seed)
+    check_value("draw_chains: timing", timing, Timing | None)
     families = as_names(families)
     unknown = [family for family in families if family not in CHAIN_FAMILIES]
     if unknown:

@@ -6,6 +6,7 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
+from plat.bounds import Natural, check_value
 from plat.envs.goals import robot_centric_goal
 from plat.envs.state import GeneralizedState
 from plat.envs.tracking import ResetNoise
@@ -73,6 +74,12 @@ class DenseTracking(Task):
         reset_noise: ResetNoise | None = START_NOISE,
         uniform: float = 0.3,
     ):
+        check_value("DenseTracking: library", library, MotionLibrary)
+        check_value("DenseTracking: goals", goals, Mapping)
+        for group, ahead in goals.items():
+            check_value(f"DenseTracking: goal {group!r}: frames ahead", ahead, Natural)
+        check_value("DenseTracking: costs", costs, TrackingCosts | None)
+        check_value("DenseTracking: reset_noise", reset_noise, ResetNoise | None)
         super().__init__(library.robot, library.dt)
         self.costs = costs or TrackingCosts()
         self.costs.check_dense("DenseTracking: costs")

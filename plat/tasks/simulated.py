@@ -70,6 +70,8 @@ class SimulatedTask(EnvBase):
         check_value("environment: task", task, Task)
         check_value("environment: num_envs", num_envs, Robots)
         check_value("environment: decimation", decimation, Count)
+        check_value("environment: num_threads", num_threads, Count | None)
+        check_value("environment: randomization", randomization, RandomizationRanges | None)
         super().__init__(device=check_device(device), batch_size=torch.Size([num_envs]))
         self.task = task.to(device)
         model = task.robot.model(feet)

@@ -1,8 +1,11 @@
 """Where episodes start, and how far off their reference."""
 
+from typing import Annotated
+
 import torch
 from torch import Tensor, nn
 
+from plat.bounds import Count, Fraction, Natural, Range, check_value
 from plat.envs.state import GeneralizedState
 from plat.envs.tracking import ResetNoise
 from plat.motions.bins import ClipBins
@@ -42,6 +45,9 @@ class FailureWeights(nn.Module):
 
     def __init__(self, count: int, uniform: float = 0.3, memory: float = 2000.0):
         super().__init__()
+        check_value("starts: count", count, Count)
+        check_value("starts: uniform", uniform, Fraction)
+        check_value("starts: memory", memory, Annotated[float, Range(1)])
         self.uniform = uniform
         self._kept = 1.0 - 1.0 / memory
         self._turns = -(-count // _AT_ONCE)
@@ -123,6 +129,8 @@ class ClipStarts(nn.Module):
 
     def __init__(self, library: MotionLibrary, frames_left: int = 10, uniform: float = 0.3):
         super().__init__()
+        check_value("starts: library", library, MotionLibrary)
+        check_value("starts: frames_left", frames_left, Natural)
         self.bins = ClipBins(library, frames_left, max(1, round(1.0 / library.dt)), whole_clips=True)
         self.weights = FailureWeights(self.bins.count, uniform)
 

@@ -4,6 +4,7 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
+from plat.bounds import Seed, check_value
 from plat.envs.goals import clock_entries, parts_entries, robot_centric_goal, strided_offsets
 from plat.envs.parts import NUM_MASKS, draw_parts
 from plat.envs.reach import distances
@@ -103,6 +104,14 @@ class TimedKeyframes(Task):
         reset_noise: ResetNoise | None = START_NOISE,
         seed: int = 0,
     ):
+        for what, given, hint in (
+            ("library", library, MotionLibrary),
+            ("config", config, TimedKeyframesConfig | None),
+            ("timing", timing, Timing | None),
+            ("reset_noise", reset_noise, ResetNoise | None),
+            ("seed", seed, Seed),
+        ):
+            check_value(f"TimedKeyframes: {what}", given, hint)
         super().__init__(library.robot, library.dt)
         self.config = config = config or TimedKeyframesConfig()
         self.timing = timing or Timing(control_dt=library.dt)
@@ -420,7 +429,8 @@ class TimedKeyframes(Task):
         heights = (robots["keypoint_pos_w"] - poses["keypoint_pos_w"])[..., 2].abs()
         angles = quat_angle(robots["keypoint_quat_w"][:, 0], poses["keypoint_quat_w"][:, 0])
         too_high = (heights > limits.end_effector_height) & (self._end_effectors > 0)
-        return (angles.square() > limits.anchor_rot_squared) | too_high.any(-1)
+        anchor = heights[:, self.robot.anchor_index] > limits.anchor_height
+        return anchor | (angles.square() > limits.anchor_rot_squared) | too_high.any(-1)
 
     def _unreached(self, robots: TensorDict, poses: TensorDict, memory: TensorDictBase) -> Tensor:
         """Mask ``[n]`` of robots that are not near authored keyframes, of those that are not out of reach."""
@@ -451,11 +461,11 @@ class TimedKeyframes(Task):
         device = self._chain.device
         zero = torch.zeros(count, dtype=torch.int64, device=device)
         if self.partial:
-            quat = torch.nn.functional.pad(torch.ones(count, 1, device=device), (0, 3))
-            rows |= {"parts": zero.clone(), "anchor_pos": torch.zeros(count, 3, device=device), "anchor_quat": quat}
+            quat = torch.nn.functional.pad(self.parts.new_ones(count, 1), (0, 3))
+            rows |= {"parts": zero.clone(), "anchor_pos": self.parts.new_zeros(count, 3), "anchor_quat": quat}
         return TensorDict(
             {
-                "last_action": torch.zeros(count, self.robot.num_joints, device=device),
+                "last_action": self.parts.new_zeros(count, self.robot.num_joints),
                 **rows,
                 "steps_left": zero,
                 "length": zero + 1,

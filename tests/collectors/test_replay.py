@@ -5,7 +5,7 @@ import torch
 from tensordict import TensorDict
 
 from plat.collectors import RolloutReplay
-from plat.errors import ConfigError
+from plat.errors import ConfigError, StateError
 
 
 def rollout(start, robots=4, steps=5, done_at=()):
@@ -93,6 +93,21 @@ def test_what_is_loaded_is_on_the_device_of_the_replay(replay):
     assert rows.device.type == "meta"
 
 
+@pytest.mark.parametrize(
+    ("robots", "capacity", "keys", "message"),
+    [
+        (3, 20, ["robot", "group"], "replay: a state of 4 robots, expected 3"),
+        (4, 40, ["robot", "group"], "buffer: a state of 80 rows, expected 160, as many as it has"),
+        (4, 20, ["robot"], "replay: a state of group, robot, expected robot"),
+    ],
+)
+def test_a_state_of_another_shape_is_refused(replay, robots, capacity, keys, message):
+    other = RolloutReplay(robots, capacity, keys)
+    with pytest.raises(StateError, match=message):
+        other.load_state_dict(replay.state_dict())
+    assert len(other) == 0
+
+
 def test_an_empty_replay_is_loaded_as_it_is():
     resumed = RolloutReplay(4, 20, ["robot"])
     resumed.load_state_dict(RolloutReplay(4, 20, ["robot"]).state_dict())
@@ -110,3 +125,23 @@ def test_a_replay_goes_on_from_its_state(replay):
     wanted = replay.windows(8, 4)["group", "time"]
     torch.manual_seed(1)
     assert resumed.windows(8, 4)["group", "time"].equal(wanted)
+
+
+@pytest.mark.parametrize(
+    ("what", "arguments", "message"),
+    [
+        ("windows", (4, 0), "replay: length is 0, expected a whole number of at least 1"),
+        ("windows", (0, 4), "replay: batch is 0, expected a whole number of at least 1"),
+        ("windows", (4, 2, 0), "replay: recent is 0, expected a whole number of at least 1 or None"),
+        ("states", (0,), "replay: batch is 0"),
+        ("states", (4, -1), "replay: recent is -1"),
+    ],
+)
+def test_samples_of_nothing_are_refused(replay, what, arguments, message):
+    with pytest.raises(ConfigError, match=message):
+        getattr(replay, what)(*arguments)
+
+
+def test_a_replay_without_steps_has_no_samples():
+    with pytest.raises(ConfigError, match="replay: 0 control steps, expected at least"):
+        RolloutReplay(4, 20, ["robot"]).states(4)

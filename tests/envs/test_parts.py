@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from plat.envs.parts import PART_KINDS, draw_parts
-from plat.errors import TaskError
+from plat.errors import ConfigError, RobotError, TaskError
 from plat.robots import G1
 
 
@@ -33,3 +33,11 @@ def test_every_kind_can_be_drawn():
         masks = draw_parts(G1, 20, kinds=[kind], root=False)[1:]
         assert masks.any(-1).all(), kind
         assert masks[:, -3:].all() == (kind == "root")
+
+
+@pytest.mark.parametrize(("name", "value"), [("count", 0), ("seed", -1)])
+def test_arguments_that_make_no_sense_are_refused(name, value):
+    with pytest.raises(ConfigError, match=f"partial keyframes: {name} is {value}, expected a whole number"):
+        draw_parts(G1, **{"count": 3, name: value})
+    with pytest.raises(RobotError, match="robot is 'g1', expected a Robot"):
+        draw_parts("g1", 3)

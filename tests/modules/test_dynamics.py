@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from plat.envs import GeneralizedState, MotionTrackingEnv, ResetNoise, joint_target
-from plat.errors import ActionError, ConfigError
+from plat.errors import ActionError, ConfigError, ObservationError, PlatError
 from plat.modules import DynamicsConfig, DynamicsModel
 from plat.robots import G1
 from plat.rotations import quat_from_rotvec, quat_multiply, quat_rotate, quat_yaw
@@ -115,3 +115,50 @@ def test_a_model_that_is_told_more_makes_nothing_of_it_yet(library):
 def test_a_model_of_another_shape_is_refused():
     with pytest.raises(ConfigError, match=r"hidden=\(16,\).*, expected .*hidden=\(32,\)"):
         DynamicsModel(G1, DynamicsConfig(hidden=(32,))).take_over(DynamicsModel(G1, DynamicsConfig(hidden=(16,))))
+
+
+def test_statistics_of_unbatched_and_of_nested_steps(library):
+    state, target, after = steps(library)
+    whole, nested, single = (DynamicsModel(G1) for _ in range(3))
+    even = len(target) // 2 * 2
+    whole.update_statistics(*(parts_of(part, slice(even)) for part in (state, target, after)))
+    nested.update_statistics(*(parts_of(part, slice(even), (2, -1)) for part in (state, target, after)))
+    torch.testing.assert_close(nested.spread, whole.spread)
+    torch.testing.assert_close(nested.std, whole.std)
+    single.update_statistics(*(parts_of(part, 0) for part in (state, target, after)))
+    assert int(single.batches) == 0
+    assert single(parts_of(state, 0), target[0]).joint_pos.shape == (29,)
+
+
+def parts_of(value, rows, shape=None):
+    """Some rows of targets or of each part of states, in another shape."""
+    if isinstance(value, GeneralizedState):
+        return GeneralizedState(*(parts_of(part, rows, shape) for part in value))
+    return value[rows] if shape is None else value[rows].unflatten(0, shape)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"robot": "g1"}, "robot is 'g1', expected a Robot"),
+        ({"config": (16,)}, "dynamics model: config is .16,., expected a DynamicsConfig or None"),
+        ({"dt": 0.0}, "dynamics model: dt is 0.0, expected a number above 0"),
+        ({"num_parameters": -1}, "dynamics model: num_parameters is -1"),
+    ],
+)
+def test_arguments_that_make_no_sense_are_refused(change, message):
+    with pytest.raises(PlatError, match=message):
+        DynamicsModel(**{"robot": G1, **change})
+
+
+def test_what_is_of_another_width_is_refused(library):
+    state, target, _ = steps(library)
+    model = DynamicsModel(G1, DynamicsConfig(hidden=(8,)), num_parameters=3)
+    with pytest.raises(ObservationError, match=r"target \(\d+, 1\), expected \[\*B, 29\]"):
+        model(state, target[:, :1])
+    with pytest.raises(ObservationError, match=r"parameters \(\d+, 1\), expected \[\*B, 3\]"):
+        model(state, target, torch.zeros(len(target), 1))
+    with pytest.raises(ObservationError, match=r"parameters \(\d+, 3\), expected \[\*B, 0\]"):
+        DynamicsModel(G1)(state, target, torch.zeros(len(target), 3))
+    with pytest.raises(ObservationError, match=r"joint_pos of the state \(\d+, 28\), expected"):
+        model(state._replace(joint_pos=state.joint_pos[:, 1:]), target)

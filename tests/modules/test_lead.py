@@ -2,6 +2,7 @@ import pytest
 import torch
 from tensordict import TensorDict
 
+from plat.errors import ConfigError
 from plat.modules import GoalLead, KeyframeLead
 
 
@@ -78,3 +79,21 @@ def test_a_robot_that_is_there_sees_its_keyframe_where_it_is():
     keyframe["command", "horizon"] = torch.zeros(1, 1)
     shown = KeyframeLead(0.05, horizon=1.0)(keyframe.clone())["led_goal"]
     assert torch.equal(shown["keypoint_pos_b"], keyframe["goal", "keypoint_pos_b"])
+
+
+@pytest.mark.parametrize(
+    ("kind", "settings", "message"),
+    [
+        (KeyframeLead, {"horizon": 0.0}, "lead: horizon is 0.0, expected a number above 0"),
+        (KeyframeLead, {"horizon": 1.0, "shortest": 0.0}, "lead: shortest is 0.0, expected a number above 0"),
+        (KeyframeLead, {"horizon": 1.0, "lead": -0.1}, "lead: lead is -0.1, expected a number of at least 0"),
+        (GoalLead, {"interval": 0.0}, "lead: interval is 0.0, expected a number above 0"),
+        (GoalLead, {"gain": -1.0}, "lead: gain is -1.0, expected a number of at least 0"),
+        (GoalLead, {"limit": float("nan")}, "lead: limit is nan, expected a number of at least 0"),
+        (GoalLead, {"groups": (), "lead": 0.0}, "lead: groups is .., expected a tuple"),
+    ],
+)
+def test_arguments_that_make_no_sense_are_refused(kind, settings, message):
+    usual = {"groups": ("g1", "g2"), "gain": 1.0, "interval": 0.02} if kind is GoalLead else {}
+    with pytest.raises(ConfigError, match=message):
+        kind(**{"lead": 0.05, **usual, **settings})

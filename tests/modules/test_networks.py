@@ -1,8 +1,24 @@
+import pytest
 import torch
 from torch import nn
 
-from plat.modules import ActionDecoder, Backbone, mlp
+from plat.errors import ConfigError
+from plat.modules import (
+    ActionDecoder,
+    Backbone,
+    GaussianNoise,
+    GoalSequenceEncoder,
+    KeyframeReach,
+    LatentPolicy,
+    LatentPosterior,
+    LatentPrior,
+    ObservationNormalizer,
+    ReferenceOffset,
+    mlp,
+)
+from plat.modules.residual import Residual
 from plat.objectives import autocast
+from plat.robots import G1
 
 
 def test_layers():
@@ -43,3 +59,28 @@ def test_decoder_modules_share_their_weights():
     first, second = decoder.using("h", "z"), decoder.using("h", ("q", "z"), out_key=("q", "a"))
     assert next(first.parameters()) is next(second.parameters())
     assert second.out_keys == [("q", "a")]
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: mlp(0, (8,), 2), "mlp: in_features is 0, expected a whole number of at least 1"),
+        (lambda: mlp(3, (0,), 2), "mlp: hidden is .0,., expected a tuple, each a whole number from 1"),
+        (lambda: mlp(3, 8, 2), "mlp: hidden is 8, expected a tuple"),
+        (lambda: mlp(3, (8,), -2), "mlp: out_features is -2"),
+        (lambda: ActionDecoder(8, -1, 4, (8,)), "decoder: latent_size is -1"),
+        (lambda: LatentPrior(8, 0, (8,)), "prior: latent_size is 0"),
+        (lambda: LatentPosterior(8, 8, 4, (8,), min_std=-1.0), "posterior: min_std is -1.0"),
+        (lambda: GoalSequenceEncoder(80, 0), "goal encoder: hidden_size is 0"),
+        (lambda: ObservationNormalizer([], 0), "observation: num_features is 0"),
+        (lambda: ObservationNormalizer([], 1), "observation: in_keys is empty"),
+        (lambda: GaussianNoise(0, 1.0), "exploration noise: num_actions is 0"),
+        (lambda: ReferenceOffset(G1, ["a", "b"], "c", interval=0.0), "action on the reference: interval is 0.0"),
+        (lambda: LatentPolicy(G1).imagined(1.5), "imagined: share is 1.5, expected a number from 0 to 1"),
+        (lambda: KeyframeReach(None, 1.0), "reach: reach is None, expected a WalkingReach"),
+        (lambda: Residual(8, 4, 4, (8,), -1.0, ("h", "z", "z"), "y"), "residual: alpha is -1.0"),
+    ],
+)
+def test_sizes_that_make_no_sense_are_refused(make, message):
+    with pytest.raises(ConfigError, match=message):
+        make()

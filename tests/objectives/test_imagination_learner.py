@@ -213,3 +213,15 @@ def test_updates_whose_gradient_is_not_finite_are_counted_and_end_training(setti
         learner.step(replay)
     with pytest.raises(ActionError, match="model: the gradients of 50 updates in a row were not finite"):
         learner.step(replay)
+
+
+def test_what_exploits_the_model_is_part_of_the_state(setting):
+    learner, *_ = setting
+    learner.watch.add(1.0, 2.0)
+    state = copy.deepcopy(learner.state_dict())
+    learner.watch.add(3.0, 4.0)
+    learner.load_state_dict(state)
+    assert learner.watch.state_dict() == {"costs": [[1.0, 2.0]]}
+    del state["watch"]  # of an older plat
+    learner.load_state_dict(state)
+    assert learner.watch.state_dict() == {"costs": []}

@@ -1,4 +1,5 @@
 import copy
+import math
 from typing import Any
 
 import pytest
@@ -29,7 +30,7 @@ from plat.modules import (
     gaussian_action,
     mlp,
 )
-from plat.objectives import PPO, PPOConfig
+from plat.objectives import PPO, PPOConfig, autocast
 from plat.robots import G1
 from tests.modules.policies.test_student import SMALL
 
@@ -94,6 +95,27 @@ def test_values_against_the_definition(truncated):
     delta_first = reward[:, 0] + gamma * now[:, 1] - now[:, 0]
     torch.testing.assert_close(flat["advantage"][:, 0], delta_first + gamma * lmbda * delta_cut)
     torch.testing.assert_close(flat["value_target"], flat["advantage"] + now)
+
+
+@pytest.mark.parametrize("whose", ["actor", "critic"])
+def test_networks_that_end_in_half_precision_learn(whose):
+    torch.manual_seed(0)
+    toy = Toy(precision="bfloat16")
+    module = toy.critic if whose == "critic" else toy.actor[0]
+    module.module = nn.Sequential(nn.Linear(1, 16), nn.ELU(), nn.Linear(16, 1))
+    ppo = PPO(toy.actor, toy.critic, toy.ppo.observe, toy.ppo.config)
+    for _ in range(30):
+        with autocast("cpu", "bfloat16"):
+            rollout = toy.rollout()
+        ppo.step(rollout)
+    assert ppo.prepare(rollout)["state_value"].dtype == torch.float32
+    assert rollout["next", "reward"].mean() > -0.1
+
+
+def test_one_state_is_learned_from():
+    losses = Toy(minibatches=1).ppo.step(Toy().rollout(1, 1))
+    assert losses["explained_variance"] == 0.0
+    assert all(map(math.isfinite, losses.values()))
 
 
 def test_critic_can_learn_alone():

@@ -49,7 +49,7 @@ RECIPES: dict[str, list[object]] = {
     "expert-model": [*SMALL, "--policy.hidden", 16],
     "imagine": [*SMALL, "--policy.backbone", 16, "--policy.decoder", 16, "--task.chains", 12],
 }
-REFINE: list[object] = [*SMALL, "--policy.hidden", 16, "--task.chains", 12]
+REFINE: list[object] = [*SMALL, "--task.chains", 12]
 
 
 def command(recipe: str, *arguments: object) -> list[str]:
@@ -114,7 +114,7 @@ def test_a_seed_fixes_the_result(tmp_path):
 def test_the_model_of_an_expert_serves_a_keyframe_policy(tmp_path):
     expert, policy = tmp_path / "expert", tmp_path / "policy"
     run("expert-model", *RECIPES["expert-model"], "--out", expert, "--steps", 300)
-    latent = ["--student", "latent", "--policy.prior", 16, "--policy.posterior", 16]
+    latent = ["--student", "latent", "--policy.prior", 16]
     # for robots of all kinds: the model is told which, and learns what to make of it
     disturbed = ["--disturbed", 1, "--init-model", expert, "--out", policy, "--steps", 100]
     run("imagine", *RECIPES["imagine"], *latent, *disturbed)
@@ -154,7 +154,8 @@ def test_a_student_is_refined(tmp_path, variant, kind, learns):
     before = small_policy("latent")
     write_run(student, before)
     arguments = [*REFINE, "--student", student, "--variant", variant, "--device", "cpu", "--out", out]
-    main(["refine-model", *map(str, arguments), "--steps", "150"])
+    sizes = [] if variant == "finetune" else ["--policy.hidden", "16"]
+    main(["refine-model", *map(str, arguments), *sizes, "--steps", "150"])
     policy = load_policy(out)
     assert isinstance(policy, kind)
     same = {name for name, value in before.state_dict().items() if policy.student.state_dict()[name].equal(value)}
@@ -271,6 +272,45 @@ def test_minutes_hold_an_iteration_at_least_and_no_report(tmp_path, monkeypatch)
     finished = SavedRun(out).config["finished"]
     assert finished["steps"] == int(row["step"]) == 64
     assert finished["seconds"] < float(row["seconds"]) + 0.5
+
+
+@pytest.mark.parametrize(("given", "used"), [(10, 10), (2, 2), (40, 8)])
+def test_a_model_that_knows_the_robot_learns_alone_for_as_long_as_is_said(tmp_path, monkeypatch, given, used):
+    class SeenError(Exception):
+        pass
+
+    def learner(policy, actor, model, task, config, **rest):
+        raise SeenError(config.warmup)
+
+    monkeypatch.setattr(learning, "ImaginationLearner", learner)
+    arguments = [*QUICK, "--imagination.warmup", given, "--init-model", "expert-model-g1", "--out", tmp_path / "run"]
+    with pytest.raises(SeenError, match=f"^{used}$"):
+        main(["imagine", *map(str, arguments)])
+
+
+@pytest.mark.parametrize("recipe", ["imagine", "expert-model", "refine-model"])
+def test_videos_are_of_the_policy_that_is_saved(tmp_path, monkeypatch, recipe):
+    films = []
+
+    class Seen(learning.Films):
+        def __init__(self, folder, robot, play, every):
+            super().__init__(folder, robot, play, every)
+            films.append((play, every))
+
+    monkeypatch.setattr(learning, "Films", Seen)
+    if recipe == "refine-model":
+        student = write_run(tmp_path / "student", small_policy("dagger"))
+        arguments = [*REFINE, "--student", student]
+    else:
+        arguments = RECIPES[recipe]
+    out = tmp_path / "run"
+    main([recipe, *map(str, [*arguments, "--video-every", 60, "--trackio", "--steps", 64, "--out", out])])
+    ((play, every),) = films
+    playback, (average,) = play(), play.args
+    assert every == 60
+    assert len(playback.qpos) > 10
+    saved = load_file(out / "model.safetensors")
+    assert all(saved[name].equal(value) for name, value in average.state_dict().items())
 
 
 def test_motions_too_short_for_the_report_leave_it_out(tmp_path, capsys):

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,12 +16,21 @@ import torch
 from safetensors.torch import load_file
 
 from plat.errors import ConfigError
-from plat.modules import LatentPolicyConfig
-from plat.objectives import PPO
+from plat.modules import ExpertConfig, LatentPolicyConfig, RefinementConfig
+from plat.objectives import PPO, ImaginationConfig, MotorGradientConfig
 from plat.recipes import distill
-from plat.recipes.options import DistillRecipe, ImagineRecipe
+from plat.recipes.options import (
+    DistillRecipe,
+    ExpertModelRecipe,
+    ExpertRecipe,
+    ImagineRecipe,
+    RefineModelRecipe,
+    RefineRecipe,
+    check_distant,
+)
 from plat.runs import load_policy
-from plat.tasks import TimedKeyframesConfig
+from plat.spec.timing import Timing
+from plat.tasks import AuthoredCosts, TimedKeyframesConfig, TrackingCosts
 from tests.export.runs import small_policy, write_run
 from tests.in_process import run
 from tests.recipes.runs import write_motions
@@ -153,7 +163,10 @@ def test_one_seed_one_result(tmp_path, stages, recipe):
 
 @pytest.mark.parametrize("variant", ["latent", "action", "finetune"])
 def test_variants_of_stage_three(tmp_path, stages, variant):
-    run("refine", *stages["refine"], "--variant", variant, "--steps", 200, "--out", tmp_path / variant)
+    flags = list(stages["refine"])
+    if variant == "finetune":  # has no residual, and refuses its size
+        del flags[(at := flags.index("--policy.hidden")) : at + 2]
+    run("refine", *flags, "--variant", variant, "--steps", 200, "--out", tmp_path / variant)
     assert len(steps_in(tmp_path / variant)) >= 3
 
 
@@ -315,3 +328,92 @@ def test_distillation_refuses_the_shape_of_a_latent_for_a_plain_student(tmp_path
     with pytest.raises(ConfigError, match=rf"policy.prior is \(8,\), {NO_LATENT}"):
         DistillRecipe(**usual, policy=LatentPolicyConfig(prior=(8,)))
     DistillRecipe(**usual, policy=LatentPolicyConfig(decoder=(8,)))
+
+
+DENSE = ExpertConfig(action="reference_velocity", ahead=(1, 2))
+NEEDS = {
+    "DistillRecipe": {"expert": Path("x")},
+    "RefineRecipe": {"student": Path("x")},
+    "RefineModelRecipe": {"student": Path("x")},
+}
+
+
+@pytest.mark.parametrize(
+    ("recipe", "settings", "message"),
+    [
+        (ExpertRecipe, {"init_lr": 1e-4}, "init_lr is 0.0001, and without --init nothing"),
+        (ExpertRecipe, {"critic_warmup": 3}, "critic_warmup is 3, and without --init nothing"),
+        (ExpertRecipe, {"motor": MotorGradientConfig(weight=0, legs=0.1)}, "motor.legs is 0.1, and motor.weight is 0"),
+        (ExpertRecipe, {"policy": replace(DENSE, catch_up_limit=1.0)}, "policy.catch_up_limit is 1.0, without"),
+        (
+            ExpertModelRecipe,
+            {"policy": ExpertConfig(action="default_offset", residual_limit=1.0)},
+            "policy.residual_limit is 1.0, and policy.action 'default_offset'",
+        ),
+        (ExpertModelRecipe, {"video_every": 60.0}, "video_every is 60, and nothing logs videos"),
+        (DistillRecipe, {"beta": 0.0, "free_bits": 0.5}, "free_bits is 0.5, and beta is 0"),
+        (DistillRecipe, {"expert_share": 0.0, "expert_until": 0.5}, "expert_until is 0.5, and expert_share is 0"),
+        (
+            RefineRecipe,
+            {"variant": "latent-noise", "motor": MotorGradientConfig(legs=0.1)},
+            "motor.legs is 0.1, and the gradient is of actions",
+        ),
+        (
+            RefineRecipe,
+            {"variant": "finetune", "policy": RefinementConfig(alpha=1.0)},
+            "policy.alpha is 1.0, and --",
+        ),
+        (RefineRecipe, {"policy": RefinementConfig(shortest_lead=0.2)}, "policy.shortest_lead is 0.2, without"),
+        (RefineModelRecipe, {"variant": "finetune", "policy": RefinementConfig(hidden=(8,))}, "policy.hidden is (8,)"),
+        (RefineModelRecipe, {"policy": RefinementConfig(init_std=0.1)}, "policy.init_std is 0.1, and robots of imag"),
+        (RefineModelRecipe, {"policy": RefinementConfig(min_std=0.1)}, "policy.min_std is 0.1, and robots of imag"),
+        (RefineModelRecipe, {"task": TimedKeyframesConfig(stride=4)}, "task.stride is 4, and no posterior"),
+        (ImagineRecipe, {"imagination": ImaginationConfig(lost_cost=1)}, "imagination.lost_cost is 1, without"),
+        (ImagineRecipe, {"imagination": ImaginationConfig(constant=1, final_lr=0.5)}, "imagination.final_lr is 0.5"),
+        (ImagineRecipe, {"imagination": ImaginationConfig(final_lr=1, constant=0.2)}, "imagination.constant is 0.2"),
+        (ImagineRecipe, {"imagination": ImaginationConfig(recent=700)}, "imagination.recent is 700, expected at most"),
+        (
+            ImagineRecipe,
+            {"student": "latent", "policy": LatentPolicyConfig(posterior=(8,))},
+            "policy.posterior is (8,)",
+        ),
+        (ImagineRecipe, {"task": TimedKeyframesConfig(partial_tracking=0.2)}, "task.partial_tracking is 0.2, without"),
+        (
+            ImagineRecipe,
+            {"task": TimedKeyframesConfig(underway=AuthoredCosts(not_commanded=1))},
+            "task.underway.not_commanded is 1, without task.partial",
+        ),
+        (
+            ImagineRecipe,
+            {"task": TimedKeyframesConfig(authored=0, underway=AuthoredCosts(lean=1))},
+            "task.underway.lean is 1, and task.authored is 0",
+        ),
+        (
+            ImagineRecipe,
+            {"task": TimedKeyframesConfig(authored=1, tracking=TrackingCosts(joint_vel=1))},
+            "task.tracking.joint_vel is 1, and task.authored is 1",
+        ),
+    ],
+)
+def test_settings_without_effect_are_refused(tmp_path, recipe, settings, message):
+    usual = {"motions": ("a.npz",), "out": tmp_path, "minutes": 1.0, **NEEDS.get(recipe.__name__, {})}
+    recipe(**usual)
+    with pytest.raises(ConfigError, match=re.escape(f"{recipe.__name__}: {message}")) as refused:
+        recipe(**usual, **settings)
+    assert "\n" not in str(refused.value)
+    recipe(**usual, **settings, resume=True)  # begun when they were ignored
+
+
+def test_a_share_of_long_commands_needs_a_timing_that_allows_them(tmp_path):
+    usual = {"motions": ("a.npz",), "out": tmp_path, "minutes": 1.0, "task": TimedKeyframesConfig(distant=0.5)}
+    check_distant(ImagineRecipe(**usual), Timing(max_steps=51))
+    with pytest.raises(ConfigError, match="task.distant is 0.5, and commands take 1 s at most"):
+        check_distant(ImagineRecipe(**usual), Timing())
+
+
+def test_settings_that_serve_a_part_are_taken(tmp_path):
+    usual = {"motions": ("a.npz",), "out": tmp_path, "minutes": 1.0}
+    ExpertRecipe(**usual, init=tmp_path, init_lr=1e-4, critic_warmup=3, video_every=0.0)
+    ExpertRecipe(**usual, video_every=60.0, wandb=True)
+    RefineRecipe(**usual, student=tmp_path, variant="latent-noise", motor=MotorGradientConfig(weight=0), rollout=4)
+    ImagineRecipe(**usual, student="latent", init=tmp_path, policy=LatentPolicyConfig(posterior=(8,)))

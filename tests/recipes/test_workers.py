@@ -1,15 +1,21 @@
 """Recipes with robots in worker processes."""
 
 import csv
+import gc
+from functools import partial
 from pathlib import Path
+from types import FunctionType, MethodType
+from typing import Any
 
 import pytest
 from safetensors.torch import load_file
+from torch import nn
 
 from plat.cli import main
 from plat.collectors import cluster, workers
 from plat.errors import WorkerError
 from plat.modules import Expert, ExpertConfig, LatentPolicy
+from plat.recipes import distill
 from plat.robots import G1
 from plat.runs import recipe as settings
 from tests.modules.policies.test_student import SMALL as STUDENT
@@ -73,6 +79,48 @@ def test_every_recipe_takes_its_workers_to_ray(tmp_path, runs, recipe, monkeypat
         main(
             [recipe, *COMMON, *runs[recipe], "--out", str(tmp_path / "run"), "--steps", "9", "--workers", "2", "--ray"]
         )
+
+
+def networks(value: Any) -> list[nn.Module]:
+    """Networks that a function holds, and so takes along to another process."""
+    if isinstance(value, nn.Module):
+        return [value]
+    if isinstance(value, FunctionType):
+        return [found for cell in value.__closure__ or () for found in networks(cell.cell_contents)]
+    return [found for held in gc.get_referents(value) for found in networks(held)] if _holds(value) else []
+
+
+def _holds(value: Any) -> bool:
+    return isinstance(value, partial | MethodType | tuple | list | dict)
+
+
+@pytest.mark.parametrize("recipe", ["expert", "expert-model", "imagine", "distill", "refine", "refine-model"])
+def test_no_network_of_the_learner_goes_to_workers_with_their_environments(tmp_path, runs, recipe, monkeypatch):
+    sent, on_cpu = [], []
+
+    def share(self, library, make_env, policy, precision):
+        sent.extend(networks(make_env))
+        raise WorkerError("seen")
+
+    def copied(teacher):
+        on_cpu.append(copied_before(teacher))
+        return on_cpu[0]
+
+    copied_before = distill.on_cpu
+    monkeypatch.setattr(distill, "on_cpu", copied)
+    monkeypatch.setattr(workers.Processes, "share", share)
+    flags = [*COMMON, *runs[recipe], "--out", str(tmp_path / "run"), "--steps", "9", "--workers", "2"]
+    with pytest.raises(SystemExit, match="error: seen"):
+        main([recipe, *flags])
+    assert list(map(id, sent)) == list(map(id, on_cpu))
+
+
+def test_a_teacher_is_copied_for_workers():
+    teacher, released = Expert(G1, ExpertConfig(hidden=(8,))).double(), object()
+    copied = distill.on_cpu(teacher)
+    weights = {value.data_ptr() for value in teacher.parameters()}
+    assert weights.isdisjoint(value.data_ptr() for value in copied.parameters())
+    assert distill.on_cpu(released) is released
 
 
 def test_ray_that_is_missing_or_has_no_workers_is_told_before_the_work(tmp_path, monkeypatch):

@@ -2,7 +2,7 @@ import mujoco
 import pytest
 import torch
 
-from plat.errors import TaskError
+from plat.errors import ConfigError, TaskError
 from plat.keyframes.partial import hands_of
 from plat.motions import MotionLibrary, generate_motions
 from plat.motions.checks.collision import self_penetration
@@ -158,3 +158,9 @@ def test_without_a_timing_chains_have_the_control_step_of_the_motions():
 def test_a_seed_draws_the_times_that_trained_weights_know(library, longest, wanted):
     steps = draw_chains(library, 4, ["steps", "far", "distant"], seed=7, timing=Timing(max_steps=longest)).steps
     assert steps[steps > 0].tolist() == wanted
+
+
+@pytest.mark.parametrize(("name", "value"), [("count", 0), ("count", 1.5), ("seed", -1), ("timing", 0.02)])
+def test_arguments_that_make_no_sense_are_refused(library, name, value):
+    with pytest.raises(ConfigError, match=f"draw_chains: {name} is {value}, expected"):
+        draw_chains(library, **{"count": 3, name: value})

@@ -1,7 +1,10 @@
 import pytest
 import torch
 
-from plat.tasks import DenseTracking
+from plat.envs import MotionTrackingEnv
+from plat.envs.transforms import FailureWeightedStarts
+from plat.errors import ConfigError
+from plat.tasks import DenseTracking, SimulatedTask, TimedKeyframes
 from plat.tasks.starts import ClipStarts, FailureWeights
 
 
@@ -90,3 +93,28 @@ def test_to_forget_all_is_to_begin_anew(count):
     weights.forget_all()
     for name, value in new.named_buffers():
         assert torch.equal(dict(weights.named_buffers())[name], value), name
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda library: FailureWeights(0), "starts: count is 0"),
+        (lambda library: FailureWeights(3, uniform=2.0), "starts: uniform is 2.0, expected a number from 0 to 1"),
+        (lambda library: FailureWeights(3, memory=0.0), "starts: memory is 0.0, expected a number of at least 1"),
+        (lambda library: ClipStarts(library, frames_left=-1), "starts: frames_left is -1"),
+        (lambda library: DenseTracking(library, {"goal": -1}), "DenseTracking: goal 'goal': frames ahead is -1"),
+        (lambda library: DenseTracking(library, costs=2.0), "DenseTracking: costs is 2.0, expected a TrackingCosts"),
+        (lambda library: DenseTracking("x.npz"), "DenseTracking: library is 'x.npz', expected a MotionLibrary"),
+        (lambda library: TimedKeyframes("x.npz"), "TimedKeyframes: library is 'x.npz', expected a MotionLibrary"),
+        (lambda library: TimedKeyframes(library, seed=-1), "TimedKeyframes: seed is -1"),
+        (lambda library: TimedKeyframes(library, timing=0.02), "TimedKeyframes: timing is 0.02, expected a Timing"),
+        (lambda library: SimulatedTask(DenseTracking(library), 2, num_threads=0), "environment: num_threads is 0"),
+        (lambda library: SimulatedTask(DenseTracking(library), 2, randomization=1), "environment: randomization is 1"),
+        (lambda library: FailureWeightedStarts(library, 0), "starts: num_envs is 0"),
+        (lambda library: MotionTrackingEnv(library, 2, reset_noise=0.1), "environment: reset_noise is 0.1"),
+        (lambda library: MotionTrackingEnv("x.npz", 2), "environment: library is 'x.npz', expected a MotionLibrary"),
+    ],
+)
+def test_arguments_that_make_no_sense_are_refused(library, make, message):
+    with pytest.raises(ConfigError, match=message):
+        make(library)

@@ -6,6 +6,8 @@ from tensordict import TensorDict
 
 from plat.collectors import PrivilegedGoals
 from plat.envs import GeneralizedState
+from plat.envs.transforms.settings import TerminationLimits
+from plat.envs.transforms.terminations import off_pose
 from plat.errors import PlatError
 from plat.keyframes.partial import hands_of
 from plat.robots import G1, ForwardKinematics
@@ -13,6 +15,7 @@ from plat.rotations import quat_from_rotvec, quat_multiply
 from plat.spec.timing import Timing
 from plat.tasks import AuthoredCosts, TimedKeyframes, TimedKeyframesConfig, TrackingCosts
 from plat.tasks.balance import Balance
+from plat.tasks.timed_keyframes import _keypoints
 
 
 @pytest.fixture(scope="module")
@@ -167,6 +170,27 @@ def test_a_keyframe_is_missed_with_a_foot_too_high(task):
     assert not task.missed(state, underway).item()
     assert not task.missed(task.table.state(arrival["goal"]), arrival).item()
     assert not task.missed(state, arrival.copy().set("authored", torch.tensor([True]))).item()
+
+
+@pytest.mark.parametrize("body", ["torso_link", "left_ankle_roll_link", "right_knee_link"])
+def test_a_keyframe_is_missed_as_evaluation_says(task, body):
+    poses = task.table.state(torch.tensor([5, 5, 5]))
+    pose = _keypoints(poses, task.table.points(torch.tensor([5, 5, 5])))
+    pose["keypoint_quat_w"] = pose["keypoint_quat_w"].expand(-1, len(G1.keypoints), -1)
+    robots, number = pose.clone(), G1.keypoints.index(body)
+    robots["keypoint_pos_w"][:, number, 2] += torch.tensor([-0.3, -0.2, 0.3])
+    assert task._off(robots, pose).equal(off_pose(robots, pose, G1, TerminationLimits()))
+
+
+@pytest.mark.parametrize("partial", [0.0, 0.5])
+def test_it_starts_in_float64(library, partial):
+    task = TimedKeyframes(library, TimedKeyframesConfig(chains=6, partial=partial)).double()
+    state, memory = task.start(8)
+    for _ in range(3):
+        memory = task.advance(memory, torch.zeros(8, 29, dtype=torch.float64))
+        assert task.cost(state, memory).dtype == torch.float64
+        memory = task.renew(memory, state)
+        assert {value.dtype for value in memory.values() if value.is_floating_point()} == {torch.float64}
 
 
 def test_authored_starts_are_at_the_origin(task):

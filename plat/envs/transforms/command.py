@@ -11,7 +11,7 @@ from torch import Tensor
 from torchrl.data import Composite, Unbounded
 from torchrl.envs import Transform
 
-from plat.bounds import Count, Fraction, Seed, check_value, shown
+from plat.bounds import Count, Fraction, Natural, Seed, check_value, shown
 from plat.envs.goals import clock_entries, parts_entries, robot_centric_goal
 from plat.envs.parts import NUM_MASKS, draw_parts
 from plat.envs.transforms.base import ObservationTransform
@@ -231,6 +231,7 @@ class KeyframeClock(Transform):
     def __init__(self, window: int = Timing.window, num_parts: int = 0):
         super().__init__()
         check_value("commands: window", window, Count)
+        check_value("commands: num_parts", num_parts, Natural)
         self._window = window
         self._num_parts = num_parts
 

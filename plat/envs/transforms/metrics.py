@@ -6,6 +6,7 @@ from torch import Tensor
 from torchrl.data import Composite, Unbounded
 from torchrl.envs import Transform
 
+from plat.bounds import NonNegative, check_value
 from plat.envs.transforms.base import Statistics, check_entries
 from plat.envs.transforms.terminations import TerminationLimits, commanded_parts, fallen
 from plat.motions.library import MotionLibrary
@@ -68,6 +69,7 @@ class KeyframeMetrics(Transform):
 
     def __init__(self, library: MotionLibrary, limits: TerminationLimits | None = None, loaded: float = 5.0):
         super().__init__(out_keys=[("metrics", key) for key in METRIC_KEYS])
+        check_value("metrics: loaded", loaded, NonNegative)
         self._dt = library.dt
         self._limits = limits or TerminationLimits()
         self._loaded = loaded

@@ -77,7 +77,10 @@ class RandomizationRanges(Bounded):
     """half widths of the change of root angular velocity by a push (rad/s, root frame)"""
 
     def scaled(self, strength: float) -> "RandomizationRanges":
-        """Return ranges narrowed by a factor from 0 (the nominal robot, with a friction of 1) to 1 (these)."""
+        """Return ranges narrowed by a factor from 0 to 1 (these).
+
+        At 0 that is the nominal robot, but for a friction of 1: the G1's own soles have 0.8.
+        """
         low, high = self.foot_friction
         return RandomizationRanges(
             foot_friction=(1 - strength + strength * low, 1 - strength + strength * high),
@@ -115,6 +118,8 @@ errors of :class:`plat.deploy.StateEstimator`, somewhat larger than ``benchmarks
 
 def robot_ranges(strength: float) -> RandomizationRanges | None:
     """Return :data:`ROBOT_RANGES` narrowed to a strength; None at 0, where nothing is drawn.
+
+    They narrow to a friction of 1, and not to the G1's own of 0.8, which it has where nothing is drawn.
 
     >>> robot_ranges(0.0) is None, robot_ranges(0.5).torso_mass
     (True, 1.0)

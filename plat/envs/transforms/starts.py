@@ -8,7 +8,7 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 from torchrl.envs import Transform
 
-from plat.bounds import Count, Fraction, Positive, Range, check_value
+from plat.bounds import Count, Fraction, Natural, Positive, Range, Robots, check_value
 from plat.envs.transforms.base import Statistics
 from plat.motions.bins import ClipBins
 from plat.motions.library import MotionLibrary
@@ -68,6 +68,9 @@ class FailureWeightedStarts(Transform):
     ):
         super().__init__()
         for name, value, hint in (
+            ("library", library, MotionLibrary),
+            ("num_envs", num_envs, Robots),
+            ("min_frames_left", min_frames_left, Natural),
             ("uniform", uniform, Fraction),
             ("bin_seconds", bin_seconds, Positive),
             ("lead", lead, Count),

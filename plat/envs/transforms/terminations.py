@@ -6,6 +6,7 @@ from torch import Tensor
 from torchrl.data import Composite
 from torchrl.envs import Transform
 
+from plat.bounds import Positive, check_robot, check_value
 from plat.envs.transforms.base import Statistics, check_step_entries
 from plat.envs.transforms.settings import TerminationLimits, TrackingLimits
 from plat.robots.robot import Robot
@@ -32,6 +33,8 @@ class _Termination(Transform):
 
     def __init__(self, robot: Robot, max_displacement: float | None):
         super().__init__()
+        check_robot(robot)
+        check_value("termination: max_displacement", max_displacement, Positive | None)
         self.statistics = Statistics()
         self.robot = robot
         self.max_displacement = max_displacement

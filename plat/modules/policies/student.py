@@ -7,6 +7,7 @@ from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequential
 from torch import Tensor, nn
 
+from plat.bounds import Fraction, check_value
 from plat.modules.backbone import Backbone
 from plat.modules.decoder import ActionDecoder
 from plat.modules.deployed import DeployedPolicy, timed
@@ -132,6 +133,7 @@ class LatentPolicy(nn.Module):
             share: of the robots, the first ones of a batch, that act through the posterior; the others act through
                 the prior.
         """
+        check_value("imagined: share", share, Fraction)
         graph = self.training_graph()
         mixed = TensorDictModule(
             _Mixed(share), in_keys=[("posterior", "latent"), ("prior", "latent")], out_keys=["latent"]
