@@ -136,6 +136,7 @@ class PolicyRunner:
             raise StateError(
                 f"time to the keyframe is {left}, expected more than 0 and at most {longest} ({longest * dt:g} s)"
             )
+        steps_left = float(steps_left)  # it may be an array without axes
         whole = round(steps_left)  # a clock that counted down to 0.06 s has 3.00000000003 steps left
         steps_left = whole if whole and abs(steps_left - whole) < _TIME_TOLERANCE else steps_left
         observation = self._observe(state, keyframe, steps_left, self._last_action)

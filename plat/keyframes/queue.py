@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from plat.bounds import is_finite
+from plat.bounds import check_robot, check_value, is_finite
 from plat.errors import KeyframeError
 from plat.json_file import short
 from plat.keyframes.keyframe import Keyframe, RobotJoints
@@ -41,6 +41,8 @@ class KeyframeQueue:
     """
 
     def __init__(self, robot: RobotJoints, timing: Timing = Timing()):
+        check_robot(robot)
+        check_value("timing", timing, Timing)
         self.robot = robot
         """Whose keyframes they are."""
         self.timing = timing
@@ -70,7 +72,7 @@ class KeyframeQueue:
         """
         if not is_finite(now):
             raise KeyframeError(f"now is {short(now)} s, expected the time of the robot's clock")
-        checked = self._checked(keyframe)
+        checked = self._checked(_keyframe(keyframe))
         steps = self.timing.steps(checked.time) - self.timing.steps(now)
         if steps <= 0:
             return "late" if steps < 0 else "too soon"
@@ -99,6 +101,12 @@ class KeyframeQueue:
 
         The pose may be a measured one: an angle beyond its joint's range is taken to be at the end of it.
 
+        Args:
+            pose: to stay in.
+            now: time of the robot's clock (s).
+            seconds: until it is arrived at; from the next control step, which has it still, to the
+                policy's longest command; the nearest of them is taken.
+
         Raises:
             KeyframeError: for a pose that is not the robot's, or no time; all keyframes are forgotten nevertheless.
         """
@@ -106,7 +114,10 @@ class KeyframeQueue:
         try:
             if not (is_finite(now) and is_finite(seconds)):
                 raise KeyframeError(f"now is {short(now)} s and seconds {short(seconds)}, expected finite numbers")
-            time = now + max(seconds, self.timing.control_dt)
+            pose = _keyframe(pose)
+            step, after = self.timing.steps(now), self.timing.steps(now + self.timing.control_dt)
+            arrival = min(max(step + self.timing.steps(seconds), after + 1), step + self.timing.max_steps)
+            time = arrival * self.timing.control_dt
             staying.append(self._checked(replace(pose, time=time, joint_pos=self._within(pose.joint_pos))))
         finally:
             with self._lock:
@@ -142,6 +153,12 @@ class KeyframeQueue:
         if angles.shape != low.shape or not np.isfinite(angles).all():
             return joint_pos
         return angles.clip(low, high)
+
+
+def _keyframe(given: Keyframe) -> Keyframe:
+    if not isinstance(given, Keyframe):
+        raise KeyframeError(f"keyframe is {short(given)}, expected a plat.keyframes.Keyframe")
+    return given
 
 
 _LONGEST_WAIT = 60.0  # s: a clock that is off by hours shows here

@@ -10,7 +10,7 @@ from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from plat.bounds import as_names, is_finite
+from plat.bounds import as_names, check_value, is_finite
 from plat.errors import KeyframeError
 from plat.files import as_path
 from plat.json_file import short
@@ -60,6 +60,7 @@ class KeyframeSequence:
 
     Raises:
         KeyframeError: naming keyframe and field.
+        ConfigError: for what is no timing.
 
     >>> from plat.robots import G1
     >>> pose = standing(G1)
@@ -75,6 +76,7 @@ class KeyframeSequence:
     timing: Timing = Timing()
 
     def __post_init__(self) -> None:
+        check_value("timing", self.timing, Timing)
         if isinstance(self.keyframes, Keyframe):
             raise KeyframeError("keyframes is a single one, expected a tuple of them")
         keyframes = tuple(self.keyframes or ())
@@ -280,6 +282,7 @@ def split_long_intervals(
     >>> [keyframe.time for keyframe in split_long_intervals(pose, [pose.at(1.0), pose.at(3.5)])]
     [1.0, 1.82, 2.66, 3.5]
     """
+    check_value("timing", timing, Timing)
     result: list[Keyframe] = []
     check_time(start.time, "start: time")
     before = start

@@ -64,6 +64,15 @@ def test_a_clock_that_counts_down_meets_whole_steps(bundle, monkeypatch):
     assert seen[-1] == pytest.approx(2.5)
 
 
+@pytest.mark.parametrize("number", [np.array, np.float32, torch.tensor], ids=["array", "float32", "tensor"])
+def test_numbers_of_other_libraries_are_times(bundle, number):
+    plain, other, (now, goal) = PolicyRunner(bundle), PolicyRunner(bundle), random_qpos(2)
+    expected = plain(state_at(now), SomePose(goal), 25)
+    np.testing.assert_array_equal(other(state_at(now), SomePose(goal), number(25)), expected)
+    expected = plain.step(state_at(now), SomePose(goal), 0.5).position
+    np.testing.assert_array_equal(other.step(state_at(now), SomePose(goal), number(0.5)).position, expected)
+
+
 @pytest.mark.parametrize("time_left", [0.0, -0.02, 1.02, float("nan"), 10**400, "soon", None])
 def test_a_time_that_the_policy_was_not_made_for(bundle, time_left):
     runner, (now, goal) = PolicyRunner(bundle), random_qpos(2)

@@ -1,6 +1,7 @@
 import subprocess
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -144,6 +145,18 @@ def test_a_split_into_millions_is_refused():
 def test_what_is_no_tuple_of_keyframes_is_named(keyframes):
     with pytest.raises(KeyframeError, match="keyframes .*, expected (a tuple of them|each to be a Keyframe)"):
         KeyframeSequence(G1, POSE, keyframes)
+
+
+@pytest.mark.parametrize("timing", [0.02, "fast", None, SimpleNamespace(control_dt=0.02, max_steps=50)])
+def test_what_is_no_timing_is_named(timing):
+    for made in (
+        lambda: KeyframeSequence(G1, POSE, (POSE.at(1.0),), timing),
+        lambda: split_long_intervals(POSE, [POSE.at(1.0)], timing),
+        lambda: sequence(0.5).with_timing(timing),
+        lambda: sequence(0.5).with_timing(timing, split=True),
+    ):
+        with pytest.raises(PlatError, match="timing is .*, expected a Timing"):
+            made()
 
 
 def test_names_are_one_for_each_keyframe(clip):
