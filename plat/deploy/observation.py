@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plat.bounds import is_finite, shown
+from plat.bounds import Count, check_value, is_finite, shown
 from plat.deploy.description import RobotDescription
 from plat.deploy.goals import GOAL_ENTRIES, GoalView
 from plat.deploy.kinematics import KeypointKinematics
@@ -80,6 +80,9 @@ class ObservationBuilder:
         also: groups that the policy observes beside robot, goal and command.
         window: control steps of the arrival window.
 
+    Raises:
+        ConfigError: for what is no description of a robot, or no number of steps.
+
     >>> from types import SimpleNamespace
     >>> from plat.robots import G1
     >>> from plat.robots import describe_robot
@@ -101,6 +104,8 @@ class ObservationBuilder:
         also: Sequence[str] = (),
         window: int = Timing.window,
     ):
+        check_value("robot", robot, RobotDescription)
+        check_value("max_steps", max_steps, Count)
         joints, keypoints = len(robot.joint_names), len(robot.keypoints)
         self._kinematics = KeypointKinematics(robot)
         self._default_joint_pos = robot.default_joint_pos

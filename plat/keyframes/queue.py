@@ -104,8 +104,8 @@ class KeyframeQueue:
         Args:
             pose: to stay in.
             now: time of the robot's clock (s).
-            seconds: until it is arrived at; from the next control step, which has it still, to the
-                policy's longest command; the nearest of them is taken.
+            seconds: until its arrival. It is after the next control step at the earliest, and no farther away than the
+                policy's longest command.
 
         Raises:
             KeyframeError: for a pose that is not the robot's, or no time; all keyframes are forgotten nevertheless.

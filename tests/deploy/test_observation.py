@@ -4,7 +4,7 @@ import torch
 
 from plat.deploy import ObservationBuilder, RobotState, observation_terms
 from plat.envs import KeyframeTaskConfig, make_keyframe_env
-from plat.errors import StateError
+from plat.errors import ConfigError, StateError
 from plat.modules import STUDENT_KEYS
 from plat.robots import G1
 from plat.spec.observation import entry_shapes, student_keys
@@ -161,6 +161,13 @@ def test_a_step_that_is_none(build, steps_left, last_action, message):
     now, target = random_qpos(2)
     with pytest.raises(StateError, match=message):
         build(state_at(now), SomePose(target), steps_left, last_action)
+
+
+def test_what_is_no_description_is_named():
+    with pytest.raises(ConfigError, match=r"robot is Robot\(.*, expected a RobotDescription"):
+        ObservationBuilder(G1, 50)
+    with pytest.raises(ConfigError, match="max_steps is 0, expected a whole number of at least 1"):
+        ObservationBuilder(describe_g1(), 0)
 
 
 def test_tensors_are_numbers_too(build):

@@ -102,9 +102,18 @@ def test_a_state_that_no_robot_has(bundle, field):
         runner(state, SomePose(goal), 10)
 
 
-@pytest.mark.parametrize("target", [np.full(29, np.nan), np.zeros(3), np.zeros((29, 1)), [10**400] * 29])
-def test_a_last_target_that_no_motor_had(bundle, target):
-    with pytest.raises(StateError, match=r"joint_target: shape \(.*\), expected \(29,\) finite numbers"):
+@pytest.mark.parametrize(
+    ("target", "message"),
+    [
+        (np.full(29, np.nan), r"joint_target\[0\] is nan, expected a finite number"),
+        (np.zeros(3), r"joint_target has shape \(3,\), expected \(29,\)"),
+        (np.zeros((29, 1)), r"joint_target has shape \(29, 1\), expected \(29,\)"),
+        ([10**400] * 29, "joint_target is .*, expected 29 numbers"),
+        ("rest", "joint_target is 'rest', expected 29 numbers"),
+    ],
+)
+def test_a_last_target_that_no_motor_had(bundle, target, message):
+    with pytest.raises(StateError, match=message):
         PolicyRunner(bundle).reset(target)
 
 

@@ -6,7 +6,8 @@ from typing import Any
 
 from plat.deploy.safety.ending import CommandSource, TimedCommand
 from plat.errors import KeyframeError
-from plat.spec.parts import whole_only
+from plat.json_file import short
+from plat.spec.parts import Parts, whole_only
 from plat.spec.timing import Timing, timing_of
 
 __all__ = ["FollowableCommands"]
@@ -57,6 +58,8 @@ class FollowableCommands:
     def _refusal(self, command: TimedCommand) -> str | None:
         """Return why the policy cannot follow a command; None when it can."""
         commands = getattr(command.keyframe, "commands", None)
+        if not isinstance(commands, Parts | None):
+            return f"commands is {short(commands)}, expected plat.spec.parts.Parts or None"
         if not self._sees_parts and commands is not None and not commands.whole:
             return whole_only(command.keyframe)
         if not 0 < command.steps_left <= self._timing.max_steps + _TOLERANCE:
