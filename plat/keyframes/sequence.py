@@ -3,7 +3,7 @@
 from __future__ import annotations  # the types of motions and robots bring torch with them
 
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate
@@ -17,7 +17,7 @@ from plat.json_file import short
 from plat.keyframes.files import read_keyframes, write_keyframes
 from plat.keyframes.keyframe import Keyframe, RobotJoints, check_time, interpolate, standing
 from plat.keyframes.roots import as_arrived, with_commanded_root
-from plat.keyframes.splits import unit_doubt
+from plat.keyframes.splits import LongInterval, long_intervals, unit_doubt
 from plat.spec.timing import Timing
 
 if TYPE_CHECKING:
@@ -204,7 +204,13 @@ class KeyframeSequence:
 
     @classmethod
     def load(
-        cls, path: str | Path, robot: RobotJoints, *, split: bool = False, timing: Timing = Timing()
+        cls,
+        path: str | Path,
+        robot: RobotJoints,
+        *,
+        split: bool = False,
+        timing: Timing = Timing(),
+        tell: Callable[[LongInterval], object] | None = None,
     ) -> KeyframeSequence:
         """Read a JSON file.
 
@@ -213,16 +219,21 @@ class KeyframeSequence:
             robot: whose keyframes are expected.
             split: split intervals that are too long by :func:`split_long_intervals`; by default they are refused.
             timing: of the policy that is to chase them.
+            tell: called with each interval that is split.
 
         Raises:
             KeyframeError: naming file, keyframe and field.
         """
         start, keyframes = read_keyframes(as_path(path, "keyframe file", KeyframeError), robot)
+        start = start or standing(robot)
         try:
-            start = start or standing(robot)
-            return cls(robot, start, split_long_intervals(start, keyframes, timing) if split else keyframes, timing)
+            parts = split_long_intervals(start, keyframes, timing) if split else keyframes
+            sequence = cls(robot, start, parts, timing)
         except KeyframeError as error:
             raise KeyframeError(f"keyframe file {str(path)!r}: {error}") from None
+        for interval in long_intervals(start, keyframes, timing) if tell else ():
+            tell(interval)
+        return sequence
 
     @classmethod
     def from_motion(
