@@ -231,8 +231,9 @@ class KeyframeSequence:
             sequence = cls(robot, start, parts, timing)
         except KeyframeError as error:
             raise KeyframeError(f"keyframe file {str(path)!r}: {error}") from None
-        for interval in long_intervals(start, keyframes, timing) if tell else ():
-            tell(interval)
+        if tell is not None:
+            for interval in long_intervals(start, keyframes, timing):
+                tell(interval)
         return sequence
 
     @classmethod
