@@ -13,7 +13,7 @@ from plat.bounds import check_robot
 from plat.errors import KeyframeError
 from plat.files import replace_file
 from plat.json_file import read_json, short
-from plat.keyframes.keyframe import Keyframe, RobotJoints
+from plat.keyframes.keyframe import Keyframe, RobotJoints, check_keyframe
 from plat.spec.parts import Parts
 
 __all__ = [
@@ -119,6 +119,8 @@ def write_keyframes(path: Path, robot: RobotJoints, start: Keyframe, keyframes: 
 
 def keyframe_to_json(keyframe: Keyframe, robot: RobotJoints) -> dict[str, Any]:
     """Return a keyframe as it stands in files, for messages between programs."""
+    check_keyframe("keyframe", keyframe)
+    check_robot(robot)
     return {"time": keyframe.time, **_entry(keyframe, robot)}
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from plat.bounds import check_robot, check_value, is_finite
 from plat.errors import KeyframeError
 from plat.json_file import short
-from plat.keyframes.keyframe import Keyframe, RobotJoints
+from plat.keyframes.keyframe import Keyframe, RobotJoints, check_keyframe
 from plat.keyframes.sequence import Command
 from plat.spec.timing import Timing
 
@@ -72,7 +72,8 @@ class KeyframeQueue:
         """
         if not is_finite(now):
             raise KeyframeError(f"now is {short(now)} s, expected the time of the robot's clock")
-        checked = self._checked(_keyframe(keyframe))
+        check_keyframe("keyframe", keyframe)
+        checked = self._checked(keyframe)
         steps = self.timing.steps(checked.time) - self.timing.steps(now)
         if steps <= 0:
             return "late" if steps < 0 else "too soon"
@@ -114,7 +115,7 @@ class KeyframeQueue:
         try:
             if not (is_finite(now) and is_finite(seconds)):
                 raise KeyframeError(f"now is {short(now)} s and seconds {short(seconds)}, expected finite numbers")
-            pose = _keyframe(pose)
+            check_keyframe("pose", pose)
             step, after = self.timing.steps(now), self.timing.steps(now + self.timing.control_dt)
             arrival = min(max(step + self.timing.steps(seconds), after + 1), step + self.timing.max_steps)
             time = arrival * self.timing.control_dt
@@ -153,12 +154,6 @@ class KeyframeQueue:
         if angles.shape != low.shape or not np.isfinite(angles).all():
             return joint_pos
         return angles.clip(low, high)
-
-
-def _keyframe(given: Keyframe) -> Keyframe:
-    if not isinstance(given, Keyframe):
-        raise KeyframeError(f"keyframe is {short(given)}, expected a plat.keyframes.Keyframe")
-    return given
 
 
 _LONGEST_WAIT = 60.0  # s: a clock that is off by hours shows here

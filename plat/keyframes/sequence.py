@@ -3,7 +3,7 @@
 from __future__ import annotations  # the types of motions and robots bring torch with them
 
 from bisect import bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate
@@ -267,6 +267,9 @@ class KeyframeSequence:
         >>> len(KeyframeSequence.from_motion(clip, [0.5, 1.0, 2.0], G1))
         3
         """
+        if not isinstance(times, Iterable):
+            raise KeyframeError(f"times is {short(times)}, expected a list of seconds")
+        times = list(times)
         poses = [Keyframe.from_motion(motion, time, robot) for time in times]
         labels = [None] * len(times) if names is None else as_names(names)
         if len(labels) != len(times):

@@ -135,9 +135,9 @@ def test_what_is_no_robot_no_timing_or_no_keyframe_is_named():
         KeyframeQueue(G1, 0.02)
     queue = KeyframeQueue(G1)
     queue.put(at(0.5), 0.0)
-    with pytest.raises(KeyframeError, match=r"keyframe is None, expected a plat.keyframes.Keyframe"):
+    with pytest.raises(KeyframeError, match="keyframe is None, expected a Keyframe"):
         queue.put(None, 0.0)
-    with pytest.raises(KeyframeError, match=r"keyframe is None, expected a plat.keyframes.Keyframe"):
+    with pytest.raises(KeyframeError, match="pose is None, expected a Keyframe"):
         queue.stay(None, 0.0)
     assert len(queue) == 0
 

@@ -70,7 +70,8 @@ class SafeRunner:
 
     Raises:
         PlatError: when the policy cannot follow the source: other control steps, commands that are too long, or partial
-            keyframes for a policy that was trained on whole poses; for arguments of another kind.
+            keyframes for a policy that was trained on whole poses. Also for keyframes of another robot, and
+            arguments of another kind.
     """
 
     def __init__(
@@ -91,7 +92,8 @@ class SafeRunner:
         self._policy, self._settings = policy, settings
         self._robot = policy.robot
         timing = Timing(self._robot.control_dt, policy.timing.max_steps)
-        self._source = FollowableCommands(source, timing, getattr(policy, "sees_parts", True), self._refused)
+        sees_parts = getattr(policy, "sees_parts", True)
+        self._source = FollowableCommands(source, timing, sees_parts, self._refused, self._robot)
         angles = self._robot.default_joint_pos if start is None else start
         self._start = finite_vector("start", angles, len(self._robot.joint_names))
         for name, hook in (("temperatures", temperatures), ("on_start", on_start)):

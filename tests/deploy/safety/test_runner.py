@@ -439,6 +439,23 @@ def test_arguments_of_another_kind_are_refused_before_anything_moves(change, mes
         SafeRunner(**{**given, **change})
 
 
+def test_keyframes_of_another_robot_are_refused_before_anything_moves():
+    """Of as many joints in another order it would obey all of them, wrongly."""
+    other = replace(ROBOT, name="other", joint_names=ROBOT.joint_names[::-1], joint_range=ROBOT.joint_range[::-1])
+    fewer = replace(ROBOT, name="fewer", joint_names=ROBOT.joint_names[:-1])
+    for robot, message in (
+        (other, "keyframes are of robot 'other', whose joint 0 is 'right_wrist_yaw', expected 'left_hip_pitch' as in"),
+        (
+            fewer,
+            "keyframes are of robot 'fewer', whose joint 28 is None, expected 'right_wrist_yaw' as in",
+        ),
+    ):
+        with pytest.raises(PlatError, match=message):
+            SafeRunner(StandIn(), KeyframeQueue(robot), QUICK)
+    spelled = replace(ROBOT, joint_names=tuple(f"{name}_joint" for name in ROBOT.joint_names))
+    assert SafeRunner(StandIn(), KeyframeQueue(spelled), QUICK).mode == "wait"
+
+
 def test_commands_that_are_no_parts_are_left_out():
     policy, source = StandIn(), Commands(0.2)
     source.pose.commands = ["left_elbow"]
