@@ -25,7 +25,7 @@ from plat.control.changed_physics import SETTINGS, Delayed, PhysicsSetting, make
 from plat.deploy import PolicyRunner
 from plat.envs.transforms import CommandSchedule, Horizon
 from plat.errors import ActionError, KeyframeError
-from plat.keyframes import Keyframe, KeyframeSequence, long_intervals_of_file
+from plat.keyframes import Keyframe, KeyframeSequence
 from plat.motions import MotionLibrary
 from plat.robots import G1, Robot, get_robot
 from plat.spec.timing import Timing
@@ -42,11 +42,13 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
     robot = get_robot(recipe.robot)
     runner = PolicyRunner(recipe.bundle, robot.joint_names)
     timing = runner.timing
-    sequences = [KeyframeSequence.load(path, robot, split=recipe.split, timing=timing) for path in recipe.keyframes]
-    names = [str(path) for path in recipe.keyframes]
+    sequences, long = [], []
     for path in recipe.keyframes:
-        for interval in long_intervals_of_file(path, robot, timing):
-            print(f"{path}: {interval.words}")
+        tell = lambda interval, path=path: long.append(f"{path}: {interval.words}")  # noqa: E731
+        sequences.append(KeyframeSequence.load(path, robot, split=recipe.split, timing=timing, tell=tell))
+    names = [str(path) for path in recipe.keyframes]
+    for line in long:  # after all files were read: one of them may be refused
+        print(line)
     if recipe.motions:
         library = MotionLibrary.load(recipe.motions, robot, dt=timing.control_dt)
         sequences += motion_keyframes(library, recipe.seed, timing)

@@ -7,10 +7,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from plat.bounds import is_finite
+from plat.bounds import check_robot, check_value, is_finite
 from plat.errors import KeyframeError
 from plat.json_file import short
-from plat.keyframes.keyframe import Keyframe, RobotJoints
+from plat.keyframes.keyframe import Keyframe, RobotJoints, check_keyframe
 from plat.keyframes.sequence import Command
 from plat.spec.timing import Timing
 
@@ -41,6 +41,8 @@ class KeyframeQueue:
     """
 
     def __init__(self, robot: RobotJoints, timing: Timing = Timing()):
+        check_robot(robot)
+        check_value("timing", timing, Timing)
         self.robot = robot
         """Whose keyframes they are."""
         self.timing = timing
@@ -77,6 +79,7 @@ class KeyframeQueue:
         """
         if not is_finite(now):
             raise KeyframeError(f"now is {short(now)} s, expected the time of the robot's clock")
+        check_keyframe("keyframe", keyframe)
         checked = self._checked(keyframe)
         steps = self.timing.steps(checked.time) - self.timing.steps(now)
         if steps <= 0:
@@ -106,6 +109,12 @@ class KeyframeQueue:
 
         The pose may be a measured one: an angle beyond its joint's range is taken to be at the end of it.
 
+        Args:
+            pose: to stay in.
+            now: time of the robot's clock (s).
+            seconds: until its arrival. It is after the next control step at the earliest, and no farther away than the
+                policy's longest command.
+
         Raises:
             KeyframeError: for a pose that is not the robot's, or no time; all keyframes are forgotten nevertheless.
         """
@@ -113,8 +122,10 @@ class KeyframeQueue:
         try:
             if not (is_finite(now) and is_finite(seconds)):
                 raise KeyframeError(f"now is {short(now)} s and seconds {short(seconds)}, expected finite numbers")
-            time = now + max(seconds, self.timing.control_dt)
-            _check_keyframe(pose)
+            check_keyframe("pose", pose)
+            step, after = self.timing.steps(now), self.timing.steps(now + self.timing.control_dt)
+            arrival = min(max(step + self.timing.steps(seconds), after + 1), step + self.timing.max_steps)
+            time = arrival * self.timing.control_dt
             staying.append(self._checked(replace(pose, time=time, joint_pos=self._within(pose.joint_pos))))
         finally:
             with self._lock:
@@ -136,7 +147,6 @@ class KeyframeQueue:
 
     def _checked(self, keyframe: Keyframe) -> Keyframe:
         """Return a keyframe as :meth:`plat.keyframes.Keyframe.checked` does, at any time: clocks may run for weeks."""
-        _check_keyframe(keyframe)
         if not is_finite(keyframe.time):
             return keyframe.checked(self.robot)
         return keyframe.at(0.0).checked(self.robot).at(keyframe.time)
@@ -151,11 +161,6 @@ class KeyframeQueue:
         if angles.shape != low.shape or not np.isfinite(angles).all():
             return joint_pos
         return angles.clip(low, high)
-
-
-def _check_keyframe(keyframe: object) -> None:
-    if not isinstance(keyframe, Keyframe):
-        raise KeyframeError(f"keyframe is {short(keyframe)}, expected a Keyframe")
 
 
 _LONGEST_WAIT = 60.0  # s: a clock that is off by hours shows here
