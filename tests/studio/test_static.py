@@ -88,6 +88,16 @@ def test_without_libraries_the_page_links_them(tmp_path):
         assert (tmp_path / "page" / name).stat().st_size > 0
 
 
+def test_policies_of_all_names_are_written_and_nothing_beside_them(tmp_path):
+    runs = {"a/plat": "plat-g1", "/b/plat": "imagined-g1", "..": "plat-g1", "#1 100%?": "plat-g1"}
+    write_static(tmp_path / "page", G1, {name: Path(run) for name, run in runs.items()}, Timing())
+    assert [path.name for path in tmp_path.iterdir()] == ["page"]
+    bundles = sorted((tmp_path / "page" / "policies").rglob("bundle.json"))
+    assert [path.parent.name for path in bundles] == ["0", "1", "2", "3"]
+    assert len({path.with_name("policy.onnx").read_bytes() for path in bundles}) == 2
+    assert json.loads((tmp_path / "page" / "site.json").read_text(encoding="utf-8"))["policies"] == list(runs)
+
+
 @contextmanager
 def _served(folder: Path) -> Iterator[str]:
     handler = functools.partial(http.server.SimpleHTTPRequestHandler, directory=str(folder))

@@ -27,7 +27,7 @@ export async function open(base = ".") {
   if (site.ort) ort.env.wasm.wasmPaths = new URL(site.ort, location.href).href;
   ort.env.wasm.numThreads = 1;
   const robot = new Robot(await loadMujoco(), site), policies = {};
-  for (const name of site.policies) policies[name] = await Policy.open(ort, `${base}/policies/${name}`, name, robot, fetched);
+  for (const [number, name] of site.policies.entries()) policies[name] = await Policy.open(ort, `${base}/policies/${number}`, name, robot, fetched);
   return { site, robot, policies };
 }
 
