@@ -380,11 +380,15 @@ class Session:
         self.saved = timeline
 
     @property
+    def as_saved(self) -> bool:
+        """Return whether the keyframes are those that were last saved or loaded."""
+        now, saved = self.timeline, self.saved
+        return now.start is saved.start and now.keyframes is saved.keyframes and now.holds is saved.holds
+
+    @property
     def unsaved(self) -> bool:
         """Return whether there is anything that no file holds."""
-        now, saved = self.timeline, self.saved
-        same = now.start is saved.start and now.keyframes is saved.keyframes and now.holds is saved.holds
-        return bool(now.keyframes) and not same
+        return bool(self.timeline.keyframes) and not self.as_saved
 
     def to_json(self) -> bytes:
         """Return the content of the file that :meth:`save` writes."""

@@ -117,6 +117,27 @@ def test_a_copy_of_what_was_edited_before_a_restored_one_goes(session, policies,
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_copy_goes_when_its_edits_are_undone_and_not_when_others_are_loaded(session, tmp_path):
+    keeper = Autosave(session, tmp_path)
+    session.add()
+    session.save(file := tmp_path / "a.json")
+    session.stand()
+    assert keeper.tick(at_once=True)
+    copy = keeper.path
+    session.undo()
+    assert keeper.tick(at_once=True), "the page is to say so"
+    assert (copy.exists(), keeper.words) == (False, "")
+    session.redo()
+    assert keeper.tick(at_once=True)
+    session.load(file)
+    assert not keeper.tick(at_once=True)
+    assert copy.exists(), "no file holds what was edited before"
+    session.undo()
+    session.new()
+    assert not keeper.tick(at_once=True)
+    assert copy.exists()
+
+
 def test_two_studios_in_a_folder_have_copies_of_their_own(policies, tmp_path):
     sessions = [Session(G1, policies) for _ in range(2)]
     keepers = [Autosave(session, tmp_path) for session in sessions]
