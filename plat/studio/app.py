@@ -181,6 +181,9 @@ class Studio:
 
     def _show(self) -> None:
         self._rest_at = time.monotonic() + _PAUSE
+        if refused := self.session.playback.refused:
+            self.session.playback.refused = ""
+            self._page.notify("The policy stopped", refused, "error")
         for panel in (self._timeline, self._pose, self._play, self._files):
             panel.show()
         self._taken.show(self._motion.preview())

@@ -176,10 +176,8 @@ class Session:
         self.edit(self.timeline.inserted(self._clipboard))
 
     def _keyframes_changed(self) -> None:
-        try:
-            self.playback.changed()
-        finally:
-            self._follow()
+        self.playback.changed()
+        self._follow()
 
     def _follow(self) -> None:
         """Move the cursor to the selected pose, unless a robot is playing."""

@@ -263,6 +263,20 @@ def test_keyframes_far_apart_stay_as_they_are_in_files(session):
     assert len(session.timeline.sequence()) == 4, "they are split when they are played"
 
 
+def test_a_load_that_ends_the_chase_of_a_policy_for_whole_poses_is_a_load(session, tmp_path):
+    with_squat(session)
+    session.save(whole := tmp_path / "whole.json")
+    session.edit(session.timeline.commanding(Parts.only(G1, joints=("left_elbow",))))
+    session.save(partial := tmp_path / "partial.json")
+    session.load(whole)
+    session.playback.play()
+    session.load(partial)
+    assert not session.playback.players
+    assert "commands a part of its pose" in session.playback.refused
+    assert not session.timeline.keyframes[-1].whole
+    assert not session.unsaved
+
+
 def test_unsaved_changes_are_known(session, tmp_path):
     assert not session.unsaved
     with_squat(session)
