@@ -44,8 +44,8 @@ class MotionPanel:
         with gui.add_folder("Poses"):
             self._search = gui.add_text("Search", "", hint="Such as: left hand up, crouched, bent, stride, walk.")
             self._pose = gui.add_dropdown("Pose", (_NONE,))
-            page.when_changed(self._search, self._find)
-            page.when_changed(self._pose, self._choose_pose)
+            page.when_changed(self._search, lambda _: self._find())
+            page.when_changed(self._pose, lambda _: self._choose_pose())
         with gui.add_folder("Clips"):
             self._names = gui.add_dropdown("Clip", (_NONE,))
             self._time = gui.add_slider("Time (s)", min=0.0, max=1.0, step=timing.control_dt, initial_value=0.0)
@@ -62,7 +62,7 @@ class MotionPanel:
                 step=timing.control_dt,
             )
             page.button("Replace all keyframes", self._take_stretch)
-        page.when_changed(self._names, self._choose)
+        page.when_changed(self._names, lambda _: self._choose())
         for handle in (self._time, self._preview):
             page.when_changed(handle)
 
