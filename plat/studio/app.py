@@ -46,7 +46,7 @@ class Studio:
         port: port to listen on.
         motions: motion files that the page proposes to load.
         path: keyframe file that the page proposes to save to.
-        folder: the only folder for reading and writing files.
+        folder: the only folder for keyframe files and videos.
         bodies: shapes to draw; by default those of the session's robot.
 
     Raises:
