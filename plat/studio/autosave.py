@@ -7,6 +7,7 @@ from pathlib import Path
 
 from plat.errors import PlatError
 from plat.studio.session import Session
+from plat.studio.timeline import Timeline
 
 __all__ = ["AUTOSAVE", "Autosave"]
 
@@ -45,7 +46,7 @@ class Autosave:
         self._edited_at: float | None = None
         self._unwritten_since: float | None = None
         self._last = session.timeline
-        self._origin: object = None
+        self._saved: Timeline | None = None
 
     def _read(self) -> bytes | None:
         try:
@@ -58,7 +59,7 @@ class Autosave:
         if self._former is not None:
             self.discard()  # a copy of what was edited before
             self._left, self.path = self._former
-            self._origin = None
+            self._saved = None
 
     def discard(self) -> None:
         """Delete the copy, which is of no use any more: the keyframes were saved."""
@@ -84,7 +85,7 @@ class Autosave:
             return False
         if not (at_once or moment - self._edited_at >= _AFTER or moment - self._unwritten_since >= _AT_LATEST):
             return False
-        undone = self.path is not None and self._session.as_saved and now.origin is self._origin
+        undone = self.path is not None and self._session.as_saved and self._session.saved is self._saved
         unsaved = self._session.unsaved
         if unsaved:
             self._write()
@@ -97,7 +98,7 @@ class Autosave:
         try:
             path = self._free_path()
             self._session.write(path)
-            self.path, self._left, self._origin = path, _mark(path), self._session.timeline.origin
+            self.path, self._left, self._saved = path, _mark(path), self._session.saved
             self.words = f"autosaved {time.strftime('%H:%M:%S')}"
         except (PlatError, OSError) as error:
             self.words = f"not autosaved: {error}"

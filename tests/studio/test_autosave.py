@@ -7,6 +7,7 @@ pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
 from plat.studio import autosave
 from plat.studio.autosave import AUTOSAVE, Autosave
 from plat.studio.session import Session
+from plat.studio.timeline import Timeline
 
 
 @pytest.fixture
@@ -127,7 +128,12 @@ def test_a_copy_goes_when_its_edits_are_undone_and_not_when_others_are_loaded(se
     session.undo()
     assert keeper.tick(at_once=True), "the page is to say so"
     assert (copy.exists(), keeper.words) == (False, "")
-    session.redo()
+    session.edit(Timeline.empty(G1).inserted(G1.default_qpos, 1.0))
+    assert keeper.tick(at_once=True)
+    session.undo()
+    assert keeper.tick(at_once=True)
+    assert not copy.exists(), "all keyframes were replaced, and are back"
+    session.stand()
     assert keeper.tick(at_once=True)
     session.load(file)
     assert not keeper.tick(at_once=True)
