@@ -10,7 +10,7 @@ from plat.keyframes import Keyframe
 from plat.motions import MotionClip, MotionLibrary
 from plat.studio.desk import Task
 from plat.studio.library import LibraryPose, PoseLibrary
-from plat.studio.page import Page
+from plat.studio.page import Page, counted
 from plat.studio.poses import placed
 
 __all__ = ["MotionPanel"]
@@ -79,9 +79,8 @@ class MotionPanel:
         self._names.value = self._names.options[0]
         self._choose()
         self._find()
-        self._page.notify(
-            "Motions", f"{library.num_clips} clips, {library.duration:.0f} s, {len(poses.poses)} poses", "good"
-        )
+        clips, found = counted(library.num_clips, "clip"), counted(len(poses.poses), "pose")
+        self._page.notify("Motions", f"{clips}, {library.duration:.0f} s, {found}", "good")
 
     def _find(self) -> None:
         if self._poses is None:

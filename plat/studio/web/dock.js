@@ -482,12 +482,15 @@
     }
     const now = toX(time.cursor), taken = [-Infinity, -Infinity]; // where the labels of the two rows end
     parts.push(draw("line", { x1: now, x2: now, y1: 10, y2: height, stroke: "var(--head)", "stroke-width": 2, "pointer-events": "none", "data-playhead": time.cursor }));
+    const places = timeline.poses.map((pose) => toX(pose.time)), onTop = []; // the selected one is in front of all
     timeline.poses.forEach((pose, number) => {
-      const x = toX(pose.time), chosen = number === timeline.selected, size = chosen ? 10 : 8, color = COLORS[pose.status];
+      const x = places[number], chosen = number === timeline.selected, color = COLORS[pose.status], drawn = chosen ? onTop : parts;
+      const room = Math.min(x - (places[number - 1] ?? -Infinity), (places[number + 1] ?? Infinity) - x); // many are small, and have no rims to hide each other
+      const size = chosen ? 10 : Math.min(Math.max(room / 2, 4), 8), rim = chosen ? 3 : size < 7 ? 0 : 2;
       const group = draw("g", { class: chosen ? "key chosen" : "key", "data-key": number, role: "button", "data-status": pose.status, "aria-label": `keyframe ${pose.label}`, "aria-pressed": chosen });
       if (pose.hold > 0) group.append(draw("rect", { x, y: middle - 7, width: pose.hold * framed.scale, height: 14, rx: 4, fill: color, opacity: 0.4 }));
       group.append(draw("rect", { x: x - 12, y: axis - 4, width: 24, height: height - axis, fill: "transparent" }),
-        draw("path", { d: `M${x} ${middle - size} l${size} ${size} l${-size} ${size} l${-size} ${-size}z`, fill: color, stroke: chosen ? "var(--accent)" : "var(--paper)", "stroke-width": chosen ? 3 : 2 }));
+        draw("path", { d: `M${x} ${middle - size} l${size} ${size} l${-size} ${size} l${-size} ${-size}z`, fill: color, stroke: chosen ? "var(--accent)" : "var(--paper)", "stroke-width": rim }));
       if (pose.words.length) {
         const sign = draw("text", { x, y: middle - size - 3, "text-anchor": "middle", style: "fill:var(--red);font-weight:700" });
         sign.textContent = "▲!";
@@ -502,15 +505,15 @@
         taken[Math.max(row, 0)] = x + half;
       }
       group.append(tip([pose.label, `${pose.time.toFixed(2)} s`, pose.result, ...pose.words.map(spoken)].filter(Boolean).join("\n")));
-      parts.push(group);
+      drawn.push(group);
       if (number > 0) {
         const edge = x + Math.max(pose.hold * framed.scale, size + 2);
         if (chosen || pose.hold > 0)
-          parts.push(draw("g", { class: "edge", "data-edge": number }, draw("rect", { x: edge - 3, y: middle - 14, width: 18, height: 28, fill: "transparent" }),
+          drawn.push(draw("g", { class: "edge", "data-edge": number }, draw("rect", { x: edge - 3, y: middle - 14, width: 18, height: 28, fill: "transparent" }),
             draw("rect", { x: edge - 1, y: middle - 10, width: 6, height: 20, rx: 3, fill: chosen ? "var(--accent)" : "var(--off)" }), tip("Drag to hold the pose")));
       }
     });
-    parts.push(draw("path", { d: `M${now - 6} 0 h12 v8 l-6 7 l-6 -7z`, fill: "var(--head)", "pointer-events": "none" }));
+    parts.push(...onTop, draw("path", { d: `M${now - 6} 0 h12 v8 l-6 7 l-6 -7z`, fill: "var(--head)", "pointer-events": "none" }));
     at.track.replaceChildren(...parts);
   }
 
