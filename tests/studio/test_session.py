@@ -74,6 +74,13 @@ def test_a_pause_within_a_drag_does_not_divide_it(session):
     session.release()
     session.undo()
     np.testing.assert_array_equal(session.timeline.pose.qpos, G1.default_qpos)
+    session.begin_drag()  # the ring of a joint
+    for angle in (0.7, 0.8):
+        session.set_joint(LEFT_ELBOW, angle)
+        session.rest()
+    session.release()
+    session.undo()
+    np.testing.assert_array_equal(session.timeline.pose.qpos, G1.default_qpos)
 
 
 def test_a_slider_of_another_keyframe_is_another_step(session):

@@ -242,7 +242,7 @@ class PosePanel:
 
     def _grab_joint(self) -> None:
         if self._joint is not None:
-            self._page.session.history.end_gesture()
+            self._page.session.begin_drag()
             pose = self._page.session.timeline.pose
             self._grabbed = self._ring_frame(pose.qpos), float(pose.joint_pos[self._joint])
             self._dragging = True
