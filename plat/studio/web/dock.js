@@ -152,7 +152,11 @@
     new ResizeObserver(show).observe(at.track);
     window.addEventListener("keydown", key, true);
     window.addEventListener("pointerdown", () => { tabbed = false; }, true);
-    window.addEventListener("input", () => { typed = performance.now(); }, true);
+    window.addEventListener("input", (event) => {
+      typed = performance.now();
+      // the panel would show -0 as 0, and who types -0.5 would have 0.5
+      if (event.target.matches(".mantine-NumberInput-input") && /^-0[.,]?0*$/.test(event.target.value)) event.stopImmediatePropagation();
+    }, true);
     window.addEventListener("click", (event) => { // what was typed is sent first
       const button = event.target.closest?.("button");
       if (!button || at.dock.contains(button) || !unsent()) return;
