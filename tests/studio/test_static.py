@@ -545,6 +545,8 @@ def test_a_start_deep_in_the_floor_is_refused_as_in_python(visitor):
     )
     assert visitor.get("notes.at(-1).text") == str(raised.value)
     assert visitor.get("players.length") == 0
+    words = visitor.page.locator("#dock .words").inner_text()
+    assert words == Checker(G1).stance(low.qpos).words == "50 cm inside the floor"
 
 
 @pytest.mark.slow

@@ -488,7 +488,7 @@ class Studio {
     figures.second.show(this.placedOf(shown(second)));
     figures.goal.show(this.placedOf(goal(first)));
     figures.goal2.show(this.placedOf(goal(second)));
-    const inside = pose ? robot.contacts(pose).inside : undefined;
+    const { inside, sunk } = pose ? robot.contacts(pose) : {};
     figures.pose.show(this.placedOf(pose), { color: between ? 0x96aaa0 : undefined, faint: posing ? this.faint() : undefined, inside });
     const neighbor = (away) => (posing && this.onion && timeline.poses[timeline.selected + away] ? timeline.poses[timeline.selected + away].qpos : null);
     figures.before.show(this.placedOf(neighbor(-1)), { beside: this.placedOf(pose) });
@@ -498,7 +498,7 @@ class Studio {
     const away = playing && first && this.at.follow.checked ? [0, 1].map((axis) => first.poseAt(cursor)[axis] - timeline.start.qpos[axis]) : [0, 0];
     this.scene.world.position.set(-away[0], -away[1], 0);
     const mode = playing ? "playing" : first && !this.finished ? "paused" : "still";
-    this.channel.show({ time: { cursor, simulated: this.simulated, mode, speed: this.speed, loop: this.loop }, check: stance ? stance.words + together(inside, robot) : "", distances: { dt: this.site.control_dt, of: this.players.map((player) => player.errors.map((error) => error.keypoint)) } });
+    this.channel.show({ time: { cursor, simulated: this.simulated, mode, speed: this.speed, loop: this.loop }, check: stance ? (sunk > this.site.limits.floor_penetration ? `${(100 * sunk).toFixed(0)} cm inside the floor` : stance.words) + together(inside, robot) : "", distances: { dt: this.site.control_dt, of: this.players.map((player) => player.errors.map((error) => error.keypoint)) } });
     this.scene.draw();
   }
 
