@@ -513,6 +513,39 @@ def test_numbers_in_several_boxes_and_edits_with_a_pause_are_undone_apart(visito
 
 
 @pytest.mark.slow
+def test_lists_and_buttons_of_the_panel_are_used_with_the_keyboard(visitor):
+    page = visitor.page
+    visitor.begin("bow")
+    for element in (page.get_by_label("template"), page.get_by_role("button", name="Standing")):
+        element.focus()
+        page.keyboard.press("Tab")
+        page.keyboard.press("Shift+Tab")
+        for _ in range(2):
+            page.keyboard.press("ArrowDown" if element.get_attribute("aria-label") else "Space")
+        assert element.evaluate("(element) => element === document.activeElement")
+    assert page.get_by_label("template").input_value() == list(TEMPLATES)[2]
+    visitor.until("studio.past.length === 2")
+    assert (visitor.get("players.length"), visitor.get("timeline.selected")) == (0, 1)
+    page.get_by_label("template").click()
+    page.get_by_label("template").select_option("wave")
+    assert page.evaluate("document.activeElement === document.body"), "the keys are the studio's again"
+
+
+@pytest.mark.slow
+def test_a_file_is_dropped_onto_the_page(visitor, tmp_path):
+    write_keyframes(tmp_path / "stand.json", G1, standing(G1), (replace(standing(G1).at(0.5), name="dropped"),))
+    visitor.begin("bow")
+    left = visitor.page.evaluate(
+        "(text) => { const dataTransfer = new DataTransfer(); dataTransfer.items.add(new File([text], 'stand.json'));"
+        "return ['dragover', 'drop'].map((kind) => document.querySelector('#root canvas').dispatchEvent("
+        "new DragEvent(kind, { dataTransfer, bubbles: true, cancelable: true }))); }",
+        (tmp_path / "stand.json").read_text(encoding="utf-8"),
+    )
+    assert left == [False, False], "the browser does not leave for the file"
+    visitor.until("studio.timeline.labels[1] === '1 dropped'")
+
+
+@pytest.mark.slow
 def test_a_name_is_cut_between_characters(visitor):
     visitor.begin("bow")
     visitor.page.evaluate("window.platStudio.receive({ do: 'rename', value: 'x'.repeat(59) + '🤖🤖' })")

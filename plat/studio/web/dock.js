@@ -104,7 +104,7 @@
 
   function build() {
     const gap = () => make("span", { class: "gap" });
-    at.speed = make("select", { "aria-label": "Speed", title: "Speed of playback", onchange: () => { send("speed", { value: at.speed.value }); at.speed.blur(); } },
+    at.speed = make("select", { "aria-label": "Speed", title: "Speed of playback", onchange: () => send("speed", { value: at.speed.value }) },
       ...["1x", "1/2", "1/4", "1/10"].map((label) => make("option", { text: label, value: label })));
     at.clock = make("span", { class: "clock" });
     at.track = draw("svg", { class: "track", role: "group", "aria-label": "timeline" });
@@ -169,6 +169,15 @@
       if (!detail || !target.closest) return;
       target.closest("button")?.blur();
       if (target.closest("[role=option]")) setTimeout(() => document.activeElement?.blur()); // what was chosen in a list
+    });
+    window.addEventListener("change", ({ target }) => { if (target.tagName === "SELECT" && !tabbed) target.blur(); });
+    window.addEventListener("dragover", (event) => { if (event.dataTransfer.types.includes("Files")) event.preventDefault(); });
+    window.addEventListener("drop", (event) => { // else the browser would leave the page for the file
+      const [file] = event.dataTransfer.files;
+      if (!file || event.defaultPrevented) return;
+      event.preventDefault();
+      if (window.platChannel) window.platChannel.open(file);
+      else showNote({ kind: "error", title: "That did not work", text: "Files are not dropped here: Files, Upload opens keyframe files." });
     });
   }
 

@@ -96,6 +96,7 @@ class Studio {
     this.panel();
     this.actions = this.makeActions();
     channel.receive = (message) => this.guarded(() => this.receive(message));
+    channel.open = (file) => this.guarded(async () => this.load(await file.arrayBuffer(), file.name));
   }
 
   // messages
@@ -442,19 +443,19 @@ class Studio {
       return element;
     };
     const at = (this.at = {}), row = (label, ...inputs) => make(inputs.length > 1 ? "div" : "label", { className: "row" }, make("span", { textContent: label }), ...inputs);
-    const select = (name, options, done) => (at[name] = make("select", { ariaLabel: name, onchange: () => this.guarded(() => { done(at[name].value); at[name].blur(); this.show(); }) }, ...options.map((text) => make("option", { textContent: text, value: text }))));
-    const button = (text, done) => make("button", { type: "button", textContent: text, onclick: (event) => this.guarded(() => { event.target.blur(); const result = done(); this.show(); return result; }) });
+    const select = (name, options, done) => (at[name] = make("select", { ariaLabel: name, onchange: () => this.guarded(() => { done(at[name].value); this.show(); }) }, ...options.map((text) => make("option", { textContent: text, value: text }))));
+    const button = (text, done) => make("button", { type: "button", textContent: text, onclick: () => this.guarded(() => { const result = done(); this.show(); return result; }) });
     const check = (name, checked = false) => (at[name] = make("input", { type: "checkbox", ariaLabel: name, checked }));
     const ticked = (part) => make("label", { className: "tick" }, check(`hold ${part}`, part !== "hands"), part);
     const { site } = this;
     at.slider = make("input", { type: "range", step: 0.01, ariaLabel: "joint angle", oninput: () => this.setJoint(Number(at.slider.value)), onchange: () => { this.gesture = null; } });
     at.angle = make("output");
-    at.file = make("input", { type: "file", accept: ".json,application/json", hidden: true, onchange: () => this.guarded(async () => { const file = at.file.files[0]; at.file.value = ""; if (file) this.load(await file.arrayBuffer(), file.name); }) });
+    at.file = make("input", { type: "file", accept: ".json,application/json", hidden: true, onchange: () => { const file = at.file.files[0]; at.file.value = ""; if (file) this.channel.open(file); } });
     at.scores = make("div", { className: "scores" });
     const number = (name, step, done) => (at[name] = make("input", { type: "number", step, ariaLabel: name, onkeydown: (event) => { if (event.key === "Enter") event.target.blur(); }, onchange: () => this.guarded(() => { try { if (at[name].value !== "") done(); } finally { this.show(); } }) }));
     const place = [..."xyz"].map((axis) => number(axis, 0.01, () => this.setRoot(axis))), turn = ["heading", "pitch", "roll"].map((name) => number(name, 1, () => this.setRoot(name)));
     // a box that shows a choice for which there is a key
-    const shows = (name, key, done) => make("label", { className: "tick", title: `Key: ${key}` }, Object.assign(check(name), { onchange: () => this.guarded(() => { done(at[name].checked); at[name].blur(); this.show(); }) }), name);
+    const shows = (name, key, done) => make("label", { className: "tick", title: `Key: ${key}` }, Object.assign(check(name), { onchange: () => this.guarded(() => { done(at[name].checked); this.show(); }) }), name);
     document.querySelector("#root aside").append(
       make("h1", { textContent: "plat keyframe studio" }),
       row("Policy", select("policy", site.policies, (value) => { this.policy = value; this.end(); })),
