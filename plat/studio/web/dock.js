@@ -41,7 +41,7 @@
       window.platChannel.listen(told);
       return;
     }
-    const where = location.href.split("?")[0].replace(/^http/, "ws").replace(/\/$/, "") + "/dock" + location.search;
+    const where = `${location.origin.replace(/^http/, "ws")}${location.pathname.replace(/\/$/, "")}/dock${location.search}`;
     socket = new WebSocket(where);
     socket.onopen = () => send("browser", { software: window.platSoftware === true, dark: matchMedia("(prefers-color-scheme: dark)").matches });
     socket.onmessage = (event) => told(JSON.parse(event.data));
