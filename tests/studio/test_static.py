@@ -573,7 +573,7 @@ def test_a_start_deep_in_the_floor_is_refused_as_in_python(visitor):
     visitor.begin("bow")
     visitor.page.evaluate(
         "(qpos) => { const it = window.platStudio; it.select(0); it.edit(it.timeline.posed(qpos));"
-        "window.platChannel.send({ do: 'toggle' }); }",
+        "it.show(); window.platChannel.send({ do: 'toggle' }); }",
         low.qpos.tolist(),
     )
     assert visitor.get("notes.at(-1).text") == str(raised.value)
