@@ -248,7 +248,7 @@ class StudioRecipe(Bounded):
     keyframes: Path | None = None
     """keyframe file to open"""
     folder: Path = Path()
-    """only folder that the page reads files from and writes files to"""
+    """only folder that the page writes to, and reads keyframes from; motions it reads anywhere"""
     host: str = "127.0.0.1"
     """address to listen on; one beyond localhost asks visitors for a token, which is printed"""
     port: Annotated[int, Range(1, 65_535)] = 8080

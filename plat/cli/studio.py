@@ -140,5 +140,5 @@ def _has_screen() -> bool:
 
 def _names(runs: tuple[Path, ...]) -> list[str]:
     """What to call each run: its folder, or its path where two folders have the same name."""
-    folders = [run.name for run in runs]
+    folders = [os.path.basename(os.path.abspath(run)) for run in runs]  # that of . is the one that it is
     return [folder if folders.count(folder) == 1 else str(run) for folder, run in zip(folders, runs, strict=True)]

@@ -29,17 +29,19 @@ function way(before, after, seconds, [horizontal, , orientation], limits) {
   return words;
 }
 
-/* Of a partial keyframe: the bodies that it commands. */
+/* Of a partial keyframe: the bodies and the height that it commands. */
 function bodies(robot, before, after, seconds, flags) {
   const { limits, joints, keypoints } = robot.site, from = robot.points(before.qpos), to = robot.points(after.qpos);
-  return keypoints.flatMap((name, body) => {
+  const under = (name, height) => (-height > limits.floor_penetration ? [`${name} is ${cm(-height)} cm inside the floor`] : []);
+  const words = keypoints.flatMap((name, body) => {
     if (!flags[joints.length + body]) return [];
-    const speed = (2 * apart(to[body].pos, from[body].pos)) / seconds, height = to[body].pos[2];
+    const speed = (2 * apart(to[body].pos, from[body].pos)) / seconds;
     return [
       ...(speed > limits.body_speed ? [`${name} would need ${tenths(speed)} m/s, expected at most ${tenths(limits.body_speed)}`] : []),
-      ...(-height > limits.floor_penetration ? [`${name} is ${cm(-height)} cm inside the floor`] : []),
+      ...under(name, to[body].pos[2]),
     ];
   });
+  return [...words, ...(flags[flags.length - 2] ? under("root", after.qpos[2]) : [])];
 }
 
 function pose(robot, qpos, held) {
