@@ -18,7 +18,7 @@ from plat.files import as_path, readable, write_file
 from plat.motions.clip import ASSUMED_RATE, MotionClip, as_clips
 from plat.motions.formats import MotionFile, QuatOrder, ReadOptions, check_clip_names, csv_text, write_archive
 from plat.motions.formats.axes import Up
-from plat.motions.formats.clock import without_steps
+from plat.motions.formats.comment_rate import without_steps
 from plat.motions.formats.foreign import refuse_foreign
 from plat.motions.formats.pace import UnfitRateError
 from plat.motions.formats.rate import without_rates

@@ -1,6 +1,5 @@
 """The frame rate of a file, from times of its frames, fields, a comment or its name."""
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -8,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from plat.errors import MotionError
+from plat.motions.formats.comment_rate import LIKELY, rates_in_comment, rates_of_steps
 from plat.motions.formats.common import number
 from plat.motions.formats.rate import rates_in_name
 
@@ -23,7 +23,6 @@ __all__ = [
     "rate_of_times",
     "rates_of_fields",
     "stated_rates",
-    "without_steps",
 ]
 
 StatedRate = tuple[float, str]
@@ -39,20 +38,8 @@ _SAME_RATE = 0.02
 # Whole numbers that go on by so much at most count frames, of which some may be left out. In ms they were over 240 Hz.
 _LARGEST_COUNT = 4
 _UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-# rates of motions; a time that counts in another unit lies far outside
-_LIKELY = (5.0, 1000.0)
 # A step this much longer than the usual one leaves frames out.
 _GAP = 1.8
-_IN_COMMENT = re.compile(
-    r"(?:fps|(?:frame|sample|sampling)[ _-]?rate|(?<![a-z])rate|hz|frequency)\s*[:=]?\s*(\d+(?:\.\d+)?)"
-    r"|(\d+(?:\.\d+)?)\s*(?:fps|hz)",
-    re.IGNORECASE,
-)
-# what such a number belongs to that is no rate of frames
-_OF_A_FILTER = re.compile(r"filter|pass(?![a-z])|cut[ _-]?off|butterworth|smooth|band", re.IGNORECASE)
-_STEP_IN_TEXT = re.compile(
-    r"(?<![a-z])(?:dt|time[ _-]?step|frame[ _-]?time)[ _]*[:=]?[ _]*(\d*\.\d+)(?:[ _]*s)?(?![\da-z])", re.IGNORECASE
-)
 
 
 def rate_of_times(times: np.ndarray, unit: str = "") -> float:
@@ -81,7 +68,7 @@ def rate_of_times(times: np.ndarray, unit: str = "") -> float:
         )
     mean = float(steps.mean())
     for seconds in (_UNITS[unit],) if unit in _UNITS else _UNITS.values():
-        if _LIKELY[0] <= 1 / (mean * seconds) <= _LIKELY[1]:
+        if LIKELY[0] <= 1 / (mean * seconds) <= LIKELY[1]:
             rate = 1 / (mean * seconds)
             return float(round(rate)) if abs(rate - round(rate)) < 2e-3 * rate else rate
     raise MotionError(f"the time goes on by {mean:g} a row, a likely rate in no unit (s, ms, us, ns); state --fps")
@@ -179,27 +166,9 @@ def contradiction(rates: Sequence[StatedRate]) -> MotionError:
 
 def stated_rates(path: Path, comments: Sequence[str]) -> list[StatedRate]:
     """Return the frame rates that comments and the name, else the name of the folder state, each with its source."""
-    parts = [part for line in comments for part in re.split("[,;]", line) if not _OF_A_FILTER.search(part)]
-    found = [float(next(filter(None, match.groups()))) for part in parts for match in _IN_COMMENT.finditer(part)]
-    found += [rate for line in comments for rate in _of_steps(line)]
     told = [
-        *((rate, "a comment") for rate in found),
-        *((rate, "the file name") for rate in (*rates_in_name(path.stem), *_of_steps(path.stem))),
+        *((rate, "a comment") for line in comments for rate in rates_in_comment(line)),
+        *((rate, "the file name") for rate in (*rates_in_name(path.stem), *rates_of_steps(path.stem))),
     ]
     folder = path.absolute().parent.name
     return list(dict.fromkeys(told or ((rate, "the folder's name") for rate in rates_in_name(folder))))
-
-
-def without_steps(name: str) -> str:
-    """Return a name without the time steps in it.
-
-    >>> without_steps("walk_dt0.02")
-    'walk'
-    """
-    return _STEP_IN_TEXT.sub("", name).rstrip("_ ")
-
-
-def _of_steps(text: str) -> list[float]:
-    """Return the rates of the time steps (s) that a text states."""
-    steps = [float(step) for step in _STEP_IN_TEXT.findall(text)]
-    return [round(1 / step, 3) for step in steps if step > 0 and _LIKELY[0] <= 1 / step <= _LIKELY[1]]

@@ -21,6 +21,7 @@ _HEADER_ROWS = 4
 # What is said before a table in so few cells is no row of it: a title, or a frame rate.
 _FEW_CELLS = 4
 _WHOLE = re.compile(r"[+-]?\d*(?:e[+-]?\d+)?", re.IGNORECASE)
+_DECIMAL_COMMA = re.compile(r"(?<=\d),(?=\d)")
 # the line with which Excel is told what separates cells
 _EXCEL = re.compile(r"sep=(.)\W*$", re.IGNORECASE)
 _UNITS = frozenset(
@@ -69,6 +70,8 @@ def read_table(path: Path) -> Table:
         separator = _separator([line for _, line in lines])
     rows = [(number, _cells(line, separator)) for number, line in lines]
     comments += _take_lines_before(rows)
+    if separator != "," and _DECIMAL_COMMA.search(lines[-1][1]):
+        comments = [_DECIMAL_COMMA.sub(".", comment) for comment in comments]
     header = _take_header(rows)
     if not rows:
         raise MotionError("no rows of numbers, expected one a frame")

@@ -72,18 +72,3 @@ def test_the_folder_states_its_rate_from_within(tmp_path, monkeypatch):
     (tmp_path / "clips_60fps").mkdir()
     monkeypatch.chdir(tmp_path / "clips_60fps")
     assert stated_rates(Path("a.csv"), []) == [(60.0, "the folder's name")]
-
-
-@pytest.mark.parametrize(
-    ("comment", "rates"),
-    [
-        ("lowpass 6 Hz", []),
-        ("low-pass filtered, cutoff frequency 6 Hz", []),
-        ("Butterworth 4th order (6 Hz), 120 fps", [120.0]),
-        ("accurate 3", []),
-        ("sampling rate: 100", [100.0]),
-        ("framerate=50", [50.0]),
-    ],
-)
-def test_a_filter_in_a_comment_is_no_rate(comment, rates):
-    assert [rate for rate, _ in stated_rates(Path("a.csv"), [comment])] == rates

@@ -82,3 +82,10 @@ def test_errors_name_row_and_column(tmp_path, text, message):
     (tmp_path / "a.csv").write_text(text)
     with pytest.raises(MotionError, match=message):
         read_table(tmp_path / "a.csv")
+
+
+def test_comments_have_decimal_commas_where_the_numbers_do(tmp_path):
+    (tmp_path / "a.csv").write_text(f"# fps: 29,97\n{lines(';').replace('.', ',')}")
+    assert read_table(tmp_path / "a.csv").comments == ["fps: 29.97"]
+    (tmp_path / "a.csv").write_text(f"# 30,36\n{lines()}")
+    assert read_table(tmp_path / "a.csv").comments == ["30,36"]
