@@ -12,12 +12,11 @@ import numpy as np
 from plat.errors import MotionError
 from plat.json_file import short
 from plat.motions.formats.clock import (
-    RATE_FIELDS,
-    STEP_FIELDS,
-    TIME_FIELDS,
     StatedRate,
     contradiction,
+    rate_fields,
     rates_of_fields,
+    tells_time,
 )
 from plat.motions.formats.decompress import check_numbers, size_limit
 from plat.motions.formats.plat_file import RATE, is_marked
@@ -79,7 +78,7 @@ def archive_shapes(path: Path) -> dict[str, tuple[int, ...]]:
 
 def states_rate(arrays: Collection[str]) -> bool:
     """Return whether one of the arrays gives the frames a second."""
-    return any(name in arrays for name in (*RATE_FIELDS, *STEP_FIELDS))
+    return bool(rate_fields(arrays))
 
 
 def take_rate(arrays: dict[str, np.ndarray], fps: float | None) -> float:
@@ -109,8 +108,8 @@ def take_rates(arrays: dict[str, np.ndarray], fps: float | None) -> list[StatedR
     rates = rates_of_fields(fields) if fps is None else [(fps, "--fps")]
     if not rates:
         raise MotionError("no array 'fps', expected the frames a second (or state them: --fps)")
-    times = [name for name in TIME_FIELDS if name in arrays and arrays[name].ndim == 1]
-    for name in (RATE,) if marked else (*RATE_FIELDS, *STEP_FIELDS, *times):
+    times = [name for name, array in arrays.items() if array.ndim == 1 and tells_time(name)]
+    for name in (RATE,) if marked else (*(name for name in rate_fields(arrays) if arrays[name].ndim < 2), *times):
         arrays.pop(name, None)
     return rates
 

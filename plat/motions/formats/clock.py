@@ -9,29 +9,34 @@ import numpy as np
 from plat.errors import MotionError
 from plat.motions.formats.comment_rate import LIKELY, rates_in_comment, rates_of_steps
 from plat.motions.formats.common import number
+from plat.motions.formats.names import is_time, tokens
 from plat.motions.formats.rate import rates_in_name
 
 __all__ = [
-    "RATE_FIELDS",
-    "STEP_FIELDS",
-    "TIME_FIELDS",
     "StatedRate",
     "contradiction",
     "counts_frames",
     "distinct_rates",
     "numbering_fault",
+    "rate_fields",
     "rate_of_times",
     "rates_of_fields",
     "stated_rates",
+    "tells_time",
 ]
 
 StatedRate = tuple[float, str]
 """Frames a second, and what states them."""
 
-RATE_FIELDS = ("fps", "frequency", "frame_rate", "framerate", "hz", "mocap_framerate", "mocap_frame_rate", "motion_fps")
-STEP_FIELDS = ("dt", "timestep", "frame_time")
-TIME_FIELDS = ("time", "times", "timestamps", "timestamp", "t")
-"""Fields of archives and pickles that give frames a second, seconds a frame, and the time of each frame."""
+# Fields of archives and pickles that give frames a second, seconds a frame, and the time of each frame, in small
+# letters with underscores. Single words that mean other things as well count where they are one number.
+_RATES = (
+    *("fps", "frequency", "frame_rate", "framerate", "hz", "mocap_framerate", "mocap_frame_rate", "motion_fps"),
+    *("mocap_fps", "frames_per_second", "frame_rate_hz", "sampling_rate", "sample_rate", "sampling_frequency"),
+)
+_RATES_IF_ONE = ("rate", "freq", "fs")
+_STEPS = ("dt", "timestep", "frame_time", "time_step", "delta_t")
+_CLOCKS = frozenset(("time", "times", "t", "timestamp", "timestamps", "stamp", "stamps"))
 
 # Rates that differ by less than this share are one, rounded.
 _SAME_RATE = 0.02
@@ -125,18 +130,50 @@ def rates_of_fields(fields: Mapping[str, Any]) -> list[StatedRate]:
     >>> rates_of_fields({"fps": 30, "dt": 0.02, "frequency": 30.1})
     [(30.0, "'fps'"), (50.0, "'dt'")]
     """
-    stated = [(number(_one_of(fields[name]), name), repr(name)) for name in RATE_FIELDS if name in fields]
-    steps = [(number(_one_of(fields[name]), name), repr(name)) for name in STEP_FIELDS if name in fields]
-    stated += [(1 / max(step, 1e-9), source) for step, source in steps]
+    called = _called(fields)
+    named = [name for known in _RATES if (name := called.get(known)) is not None]
+    loose = [called[known] for known in _RATES_IF_ONE if known in called]
+    named += [name for name in loose if _size(_one_of(fields[name])) == 1]
+    stated = [(number(_one_of(fields[name]), name), repr(name)) for name in named]
+    steps = [called[known] for known in _STEPS if known in called]
+    stated += [(1 / max(number(_one_of(fields[name]), name), 1e-9), repr(name)) for name in steps]
     arrays = {name: value for name, value in fields.items() if isinstance(value, np.ndarray)}
     lengths = {size for array in arrays.values() if array.ndim > 1 for size in array.shape[:2]}
-    for name in TIME_FIELDS:
-        times = arrays.get(name)
-        if times is None or times.ndim != 1 or len(times) not in lengths or times.dtype.kind not in "fiu":
+    for name in filter(tells_time, arrays):
+        times = arrays[name]
+        if times.ndim != 1 or len(times) not in lengths or times.dtype.kind not in "fiu":
             continue
         if len(times) > 2 and not counts_frames(times):
             stated.append((rate_of_times(times.astype(np.float64)), repr(name)))
     return distinct_rates(stated)
+
+
+def rate_fields(fields: Iterable[Any]) -> list[str]:
+    """Return the names of fields that state the frames a second, or the seconds of one.
+
+    >>> rate_fields(["FPS", "joint_pos", "frameRate", "dt", "time"])
+    ['FPS', 'frameRate', 'dt']
+    """
+    called = _called(fields)
+    return [called[known] for known in (*_RATES, *_RATES_IF_ONE, *_STEPS) if known in called]
+
+
+def tells_time(field: str) -> bool:
+    """Return whether a field has the time of each frame, by its name.
+
+    >>> [tells_time(field) for field in ("sim_time", "timestamps", "contact_time", "s")]
+    [True, True, False, False]
+    """
+    return is_time(field) and bool(_CLOCKS & set(tokens(field))) and "_".join(tokens(field)) not in _STEPS
+
+
+def _called(fields: Iterable[Any]) -> dict[str, str]:
+    """Return the names of fields by how plat writes them."""
+    return {"_".join(tokens(name)): name for name in fields if isinstance(name, str)}
+
+
+def _size(value: Any) -> int:
+    return value.size if isinstance(value, np.ndarray) else 1
 
 
 def _one_of(values: Any) -> Any:

@@ -72,3 +72,18 @@ def test_the_folder_states_its_rate_from_within(tmp_path, monkeypatch):
     (tmp_path / "clips_60fps").mkdir()
     monkeypatch.chdir(tmp_path / "clips_60fps")
     assert stated_rates(Path("a.csv"), []) == [(60.0, "the folder's name")]
+
+
+@pytest.mark.parametrize("name", ["FPS", "frameRate", "sampling_rate", "mocap_frame_rate", "freq", "fs"])
+def test_fields_that_state_the_rate(name):
+    assert rates_of_fields({"qpos": np.zeros((9, 36)), name: np.array(50)}) == [(50.0, repr(name))]
+
+
+def test_a_field_of_many_numbers_is_no_rate_by_a_word_that_means_other_things():
+    assert rates_of_fields({"qpos": np.zeros((9, 36)), "rate": np.arange(9.0)}) == []
+
+
+@pytest.mark.parametrize("name", ["time", "sim_time", "timestamps", "ros_time", "time_since_start"])
+def test_fields_that_tell_the_time(name):
+    assert rates_of_fields({"qpos": np.zeros((9, 36)), name: np.arange(9) / 50}) == [(50.0, repr(name))]
+    assert rates_of_fields({"qpos": np.zeros((9, 36)), "contact_time": np.arange(9) / 50}) == []

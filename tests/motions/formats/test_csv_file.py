@@ -178,6 +178,35 @@ def test_a_first_column_that_counts(tmp_path, named, first, name, rate):
     assert ("fps from the column of times" in file.facts) == (first == "time")
 
 
+COUNT = np.arange(40)
+CLOCKS = {
+    "sim_time": {"sim_time": COUNT / 50},
+    "ros_time": {"ros_time": 7 + COUNT / 50},
+    "time_since_start": {"time_since_start": COUNT / 50},
+    "motion_time": {"motion_time": COUNT / 50},
+    "stamps of ROS": {"header.seq": COUNT, "header.stamp.sec": 7 + COUNT // 50, "header.stamp.nanosec": COUNT * 2e7},
+    "a topic of ROS": {"%time": COUNT * 2e7, "field.header.seq": COUNT},
+    "dt": {"dt": np.full(40, 0.02)},
+    "a clock on a wall": {"wall_time": COUNT / 40 + 0.002 * np.sin(COUNT), "sim_time": COUNT / 50},
+    "clip_frame": {"clip_frame": COUNT},
+    "episode_step": {"episode_step": COUNT + 7},
+    "motion_phase": {"motion_phase": COUNT / 39},
+}
+
+
+@pytest.mark.parametrize("columns", CLOCKS.values(), ids=CLOCKS)
+def test_clocks_and_counts_by_their_names(tmp_path, columns):
+    clip = bowing_clip()
+    write_table(tmp_path / "a.csv", np.column_stack((*columns.values(), clip.qpos)), [*columns, *NAMES])
+    file, found = read_back(tmp_path / "a.csv")
+    np.testing.assert_allclose(found.qpos, clip.qpos, atol=1e-5)
+    if {"clip_frame", "episode_step", "motion_phase"} & set(columns):
+        assert any("fps assumed" in note for note in found.notes)
+    else:
+        assert found.fps == 50
+        assert "fps from the column of times" in file.facts
+
+
 def test_numbers_as_header(tmp_path):
     write_table(tmp_path / "a_50fps.csv", bowing_clip().qpos, [str(number) for number in range(36)])
     np.testing.assert_allclose(read_back(tmp_path / "a_50fps.csv")[1].qpos, bowing_clip().qpos, atol=1e-5)
