@@ -75,8 +75,8 @@ _TIMES = _words(
 # what says whose or since when a time is
 _OF_TIMES = _words(
     "from start since begin elapsed in of unix epoch sim simulation ros rosbag bag wall clock system host device "
-    "sensor recv received receive recorded recording record log msg message header field relative rel absolute abs mocap "
-    "step delta"
+    "sensor recv received receive recorded recording record log msg message header field relative rel absolute abs "
+    "mocap step delta"
 )
 _OF_MOTION = _words("motion clip episode take trial traj trajectory sequence frame play playback video reference ref")
 
