@@ -1,6 +1,7 @@
 """The frame rate of a file, from times of its frames, fields, a comment or its name."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from plat.motions.formats.rate import rates_in_name
 
 __all__ = [
     "StatedRate",
+    "contradicting_name",
     "contradiction",
     "counts_frames",
     "distinct_rates",
@@ -199,6 +201,21 @@ def contradiction(rates: Sequence[StatedRate]) -> MotionError:
     """Return the error of a file that states several rates."""
     told = " and ".join(f"{rate:g} ({source})" for rate, source in rates)
     return MotionError(f"it states {told} frames a second; state which: --fps {rates[-1][0]:g}")
+
+
+def contradicting_name(path: Path, rates: Iterable[StatedRate]) -> list[StatedRate]:
+    """Return the frame rates that a file's name states, where none of them is among those that the file itself states.
+
+    >>> contradicting_name(Path("walk_60fps.npz"), [(50.0, "'fps'")])
+    [(60.0, 'the file name')]
+    >>> contradicting_name(Path("walk_120fps_to_30fps.npz"), [(30.0, "'fps'")])
+    []
+    """
+    named: list[StatedRate] = []
+    with suppress(MotionError):  # a name that states 0 says nothing against a file
+        named = [(rate, "the file name") for rate in (*rates_in_name(path.stem), *rates_of_steps(path.stem))]
+    agree = any(len(distinct_rates((own, other))) == 1 for own in rates for other in named)
+    return [] if agree else distinct_rates(named)
 
 
 def stated_rates(path: Path, comments: Sequence[str]) -> list[StatedRate]:

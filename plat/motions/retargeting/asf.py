@@ -12,6 +12,7 @@ import numpy as np
 from plat.errors import MotionError
 from plat.files import decoded
 from plat.motions.formats.clock import numbering_fault
+from plat.motions.formats.foreign import refuse_foreign
 from plat.motions.formats.rate import RATES, rates_in_name
 from plat.motions.formats.units import Angles
 from plat.motions.retargeting.mocap import LARGEST_RADIANS, Mocap, check_extent, may_be_radians, reads_better
@@ -108,7 +109,11 @@ def read_amc(path: str | Path, fps: float | None = None, angles: Angles | None =
         told = not told
     if fps is None:
         last = _OF_HDM05.fullmatch(path.stem)
-        stated = rates_in_name(path.stem) or ([float(last[1])] if last and float(last[1]) in RATES else [])
+        try:
+            stated = rates_in_name(path.stem)
+        except MotionError as error:
+            raise MotionError(f"AMC file {str(path)!r}: {error}") from None
+        stated = stated or ([float(last[1])] if last and float(last[1]) in RATES else [])
         fps = stated[-1] if stated else _USUAL_FPS / step
         of_all = f" {_USUAL_FPS:g} and frames are numbered in steps of {step}" if step > 1 else ""
         notes.append(
@@ -124,6 +129,10 @@ def _lines(path: Path, kind: str) -> Iterator[tuple[int, list[str]]]:
         data = path.read_bytes()
     except OSError as error:
         raise MotionError(f"{kind} file {str(path)!r}: cannot be read ({error})") from error
+    try:
+        refuse_foreign(data[:64], path.suffix.lower())
+    except MotionError as error:
+        raise MotionError(f"{kind} file {str(path)!r}: {error}") from None
     for number, line in enumerate(decoded(data).splitlines(), 1):
         words = line.split("#", 1)[0].replace("(", " ").replace(")", " ").split()
         if words:

@@ -232,3 +232,16 @@ def test_a_human_body_is_named(tmp_path):
     (tmp_path / "amass.pkl").write_bytes(pickle.dumps({"pose_aa": np.zeros((5, 72)), "trans": np.zeros((5, 3))}))
     with pytest.raises(MotionError, match="human motion of the SMPL family .AMASS., not of a robot"):
         load_motions(tmp_path / "amass.pkl")
+
+
+def test_the_rate_in_a_name_is_compared(tmp_path):
+    write_gmr(tmp_path / "a_60fps.pkl", bowing_clip())
+    (file,) = read_motion_files(tmp_path / "a_60fps.pkl")
+    assert file.clips[0].fps == 50
+    assert "fps 50 ('fps'), though the file name says 60" in file.facts
+    fields = gmr_fields(bowing_clip())
+    del fields["fps"]
+    (tmp_path / "b_60fps.pkl").write_bytes(pickle.dumps(fields))
+    (file,) = read_motion_files(tmp_path / "b_60fps.pkl")
+    assert file.clips[0].fps == 60
+    assert "fps from the file name" in file.facts
