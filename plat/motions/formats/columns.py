@@ -110,6 +110,7 @@ def _by_name(
     robot: Robot,
 ) -> Parts:
     values = table.values
+    _refuse_empty(table, [*place, *turn, *joints])
     said = units_in_comments(table.comments)
     unknown = [table.header[n] for n in rest if kinds[n].kind == "unknown"]
     lacking = [name for name in robot.joint_names if name not in {kinds[n].part for n in joints}]
@@ -230,6 +231,7 @@ def _by_place(
             odd = sorted({name for name in listed if not is_generic(name)})
             raise MotionError(f"the header has the unknown {odd[:8]}, expected names of the robot's joints, or none")
     order = _order(table.header, columns[3:7])
+    _refuse_empty(table, columns)
     header = [table.header[n] if table.header else "" for n in columns]
     said = units_in_comments(table.comments)
     units = stated_length(stating(header[:3], said.length))
@@ -240,6 +242,13 @@ def _by_place(
     angles, told = _in_radians(values[:, 7:], stating(header[7:], said.joints), orders, robot)
     notes += told
     return Parts(values[:, :3], values[:, 3:7], angles, names, order, times, notes=tuple(notes), units=units)
+
+
+def _refuse_empty(table: Table, columns: Sequence[int]) -> None:
+    for n in columns:
+        if n in table.empty:
+            name = f" ({table.header[n]!r:.40})" if table.header else ""
+            raise MotionError(f"row {table.empty[n]}, column {n + 1}{name} is empty, expected a number")
 
 
 def _are_numbered(names: Sequence[str]) -> bool:

@@ -42,6 +42,8 @@ _OTHERS = re.compile(
     re.IGNORECASE,
 )
 _SHOWN = re.compile(r"playback|render|display|preview|viewer", re.IGNORECASE)
+# of a simulation that takes several steps a frame
+_SEVERAL_STEPS = re.compile(r"decimation|sub[ _-]?steps?|frame[ _-]?skip", re.IGNORECASE)
 # Hertz that name nothing are of movements below this
 _LEAST_HERTZ = 10.0
 _STEP = (
@@ -66,7 +68,8 @@ def rates_in_comment(line: str) -> list[float]:
     >>> [rates_in_comment(line) for line in ("playback rate: 1.0", "success rate 98.5 %", "gait frequency: 2 Hz")]
     [[], [], []]
     """
-    return [rate for part in _parts(line) for rate in (*_of_part(part), *rates_of_steps(part))]
+    stepped = not _SEVERAL_STEPS.search(line)
+    return [rate for part in _parts(line) for rate in (*_of_part(part), *(rates_of_steps(part) if stepped else ()))]
 
 
 def _parts(line: str) -> Iterator[str]:

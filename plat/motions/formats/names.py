@@ -30,9 +30,10 @@ def _words(text: str) -> frozenset[str]:
 
 # words that say no more than that a column is the position of a joint
 _NOISE = _words(
-    "joint joints dof dofs pos position positions q qpos angle angles rad radian radians deg degrees leg arm"
+    "joint joints state states dof dofs pos position positions q qpos angle angles rad radian radians deg degrees leg "
+    "arm"
 )
-_ROOT = _words("root base pelvis body free freejoint floating world global torso trunk link")
+_ROOT = _words("root base pelvis body free freejoint floating world global torso trunk link odom odometry pose")
 _DERIVED = _words("vel velocity velocities qvel speed acc acceleration tau torque torques force contact effort current")
 _PLACE = _words("pos position trans translation translate t p location xyz")
 _TURN = _words("quat quaternion q rot rotation rotate orientation orient ori r euler angle")
@@ -70,13 +71,13 @@ _OTHERWISE = _words("in foot feet")
 _OF_ROOT = _ROOT_ALONE | _words("orientation rotation euler roll pitch yaw rpy")
 _TIMES = _words(
     "time times t timestamp timestamps stamp stamps sec secs seconds s ms msec millis milliseconds us usec "
-    "microseconds ns nsec nsecs nanosec nanosecs nanoseconds dt timestep"
+    "microseconds timecode tc ns nsec nsecs nanosec nanosecs nanoseconds dt timestep"
 )
 # what says whose or since when a time is
 _OF_TIMES = _words(
     "from start since begin elapsed in of unix epoch sim simulation ros rosbag bag wall clock system host device "
     "sensor recv received receive recorded recording record log msg message header field relative rel absolute abs "
-    "mocap step delta"
+    "mocap step delta code"
 )
 _OF_MOTION = _words("motion clip episode take trial traj trajectory sequence frame play playback video reference ref")
 

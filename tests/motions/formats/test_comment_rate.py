@@ -94,6 +94,7 @@ def test_rates_that_a_comment_states(comment, rates):
     "comment",
     [
         "playback rate: 1.0",
+        "timestep: 0.002, decimation: 10",
         "success rate 98.5 %",
         "gait frequency: 2 Hz",
         "lowpass 6 Hz",

@@ -186,6 +186,7 @@ CLOCKS = {
     "motion_time": {"motion_time": COUNT / 50},
     "stamps of ROS": {"header.seq": COUNT, "header.stamp.sec": 7 + COUNT // 50, "header.stamp.nanosec": COUNT * 2e7},
     "a topic of ROS": {"%time": COUNT * 2e7, "field.header.seq": COUNT},
+    "PlotJuggler": {"__time": 7 + COUNT / 50},
     "dt": {"dt": np.full(40, 0.02)},
     "a clock on a wall": {"wall_time": COUNT / 40 + 0.002 * np.sin(COUNT), "sim_time": COUNT / 50},
     "clip_frame": {"clip_frame": COUNT},
