@@ -132,6 +132,7 @@ def rates_of_fields(fields: Mapping[str, Any]) -> list[StatedRate]:
     >>> rates_of_fields({"fps": 30, "dt": 0.02, "frequency": 30.1})
     [(30.0, "'fps'"), (50.0, "'dt'")]
     """
+    fields = {name: value for name, value in fields.items() if value is not None}
     called = _called(fields)
     named = [name for known in _RATES if (name := called.get(known)) is not None]
     loose = [called[known] for known in _RATES_IF_ONE if known in called]

@@ -207,7 +207,8 @@ def array_meaning(name: str) -> str:
         return "root_pos" if words & _PLACES else ""
     if words & _ROOT_ALONE and words <= _ROOT_ALONE | _TURNS:
         return "root_quat"
-    return "joint_pos" if words & _JOINTS and words & _ANGLES and words <= _JOINTS | _ANGLES else ""
+    angles = words in ({"joints"}, {"dofs"}) or (words & _JOINTS and words & _ANGLES)
+    return "joint_pos" if angles and words <= _JOINTS | _ANGLES else ""
 
 
 def classify_columns(header: Sequence[str], robot: Robot) -> list[Column]:

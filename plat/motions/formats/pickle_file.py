@@ -10,7 +10,7 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.motions.clip import MotionClip
-from plat.motions.formats.clock import StatedRate, distinct_rates, rates_of_fields, stated_rates
+from plat.motions.formats.clock import StatedRate, distinct_rates, rate_fields, rates_of_fields, stated_rates
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, strings
 from plat.motions.formats.decompress import check_numbers, decompress
 from plat.motions.formats.foreign import refuse_human_body
@@ -65,11 +65,11 @@ def read_fields(path: Path, content: Any, options: ReadOptions, packed: int, siz
     if not isinstance(content, dict) or not content:
         raise MotionError(f"it holds a {type(content).__name__}, expected a dictionary of a motion or of motions")
     refuse_human_body([name for name in content if isinstance(name, str)])
-    single = any(name in content for name in (*_JOINT_POS, "qpos", _FRAMES)) or any(
+    single = any(name in content for name in (*_JOINT_POS, *_ROOT_POS, *_ROOT_QUAT, "qpos", _FRAMES)) or any(
         isinstance(name, str) and array_meaning(name) == "joint_pos" and not isinstance(fields, dict)
         for name, fields in content.items()
     )
-    motions = {path.stem: content} if single else content
+    motions = {path.stem: content} if single else _with_what_holds_for_all(content)
     if len(motions) > _FEW + packed // _LEAST_BYTES:
         raise MotionError(f"it names {len(motions)} motions, expected at least {_LEAST_BYTES} bytes for each")
     read: dict[Any, _Motion] = {}
@@ -90,6 +90,7 @@ def read_fields(path: Path, content: Any, options: ReadOptions, packed: int, siz
         numbers += sum(map(_count, fields.values()))
         check_numbers(numbers, packed)
         with naming(name):
+            refuse_human_body([field for field in fields if isinstance(field, str)])
             read[name] = _Motion.of(path, str(name), fields, options)
     layouts = _layouts(read, naming)
     clips, orders = [], set[str]()
@@ -255,6 +256,23 @@ def _count(value: Any) -> int:
     if isinstance(value, list) and value and isinstance(value[0], list):
         return len(value) * len(value[0])
     return value.size if isinstance(value, np.ndarray) else 0
+
+
+def _with_what_holds_for_all(content: dict[Any, Any]) -> dict[Any, Any]:
+    """Return the motions of a file by name, each with the rate and the names of joints that stand beside them."""
+    names = [name for name in _NAMES if name in content and not isinstance(content[name], dict)]
+    beside = {name for name, value in content.items() if name in names or _is_single(value)}
+    motions = {name: value for name, value in content.items() if name not in beside}
+    if not motions or not all(isinstance(fields, dict) for fields in motions.values()):
+        return content
+    named, rates = {name: content[name] for name in names}, {name: content[name] for name in rate_fields(beside)}
+    return {name: {**named, **({} if rate_fields(fields) else rates), **fields} for name, fields in motions.items()}
+
+
+def _is_single(value: Any) -> bool:
+    """Return whether a value is one number or text."""
+    value = _unwrap(value)
+    return value.size == 1 if isinstance(value, np.ndarray) else isinstance(value, (str, int, float, type(None)))
 
 
 def _rates(path: Path, fields: dict[str, Any]) -> list[StatedRate]:
