@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from plat.errors import MotionError
-from plat.motions.formats.comment_rate import LIKELY, rates_in_comment, rates_of_steps
+from plat.motions.formats.comment_rate import LIKELY, rates_in_comments, rates_of_steps
 from plat.motions.formats.common import number
 from plat.motions.formats.names import is_time, tokens
 from plat.motions.formats.rate import rates_in_name
@@ -25,6 +25,7 @@ __all__ = [
     "rates_of_fields",
     "stated_rates",
     "tells_time",
+    "unit_of_times",
 ]
 
 StatedRate = tuple[float, str]
@@ -54,7 +55,8 @@ def rate_of_times(times: np.ndarray, unit: str = "") -> float:
 
     Args:
         times: of the frames.
-        unit: ``s``, ``ms``, ``us`` or ``ns`` where its name states it; else the one that makes the rate a likely one.
+        unit: ``s``, ``ms``, ``us`` or ``ns`` where its name states it; else, and where that makes the rate an unlikely
+            one, the one that makes it a likely one.
 
     Raises:
         MotionError: when a time is not finite, time does not go on evenly, or no unit gives a likely rate.
@@ -74,11 +76,22 @@ def rate_of_times(times: np.ndarray, unit: str = "") -> float:
             "expected even steps (or state --fps)"
         )
     mean = float(steps.mean())
-    for seconds in (_UNITS[unit],) if unit in _UNITS else _UNITS.values():
+    stated = [_UNITS[unit]] if unit in _UNITS else []
+    for seconds in [*stated, *([] if stated and counts_frames(times) else _UNITS.values())]:
         if LIKELY[0] <= 1 / (mean * seconds) <= LIKELY[1]:
             rate = 1 / (mean * seconds)
             return float(round(rate)) if abs(rate - round(rate)) < 2e-3 * rate else rate
     raise MotionError(f"the time goes on by {mean:g} a row, a likely rate in no unit (s, ms, us, ns); state --fps")
+
+
+def unit_of_times(times: np.ndarray, rate: float) -> str:
+    """Return the unit in which times ``[T]`` have a rate.
+
+    >>> unit_of_times(np.arange(5) * 20, 50.0)
+    'ms'
+    """
+    ticks = rate * (times[-1] - times[0]) / (len(times) - 1)  # a second
+    return min(_UNITS, key=lambda unit: abs(np.log(ticks * _UNITS[unit])))
 
 
 def counts_frames(times: np.ndarray, unit: str = "") -> bool:
@@ -136,7 +149,7 @@ def rates_of_fields(fields: Mapping[str, Any]) -> list[StatedRate]:
     called = _called(fields)
     named = [name for known in _RATES if (name := called.get(known)) is not None]
     loose = [called[known] for known in _RATES_IF_ONE if known in called]
-    named += [name for name in loose if _size(_one_of(fields[name])) == 1]
+    named += [name for name in loose if _is_likely(_one_of(fields[name]))]
     stated = [(number(_one_of(fields[name]), name), repr(name)) for name in named]
     steps = [called[known] for known in _STEPS if known in called]
     stated += [(1 / max(number(_one_of(fields[name]), name), 1e-9), repr(name)) for name in steps]
@@ -175,8 +188,10 @@ def _called(fields: Iterable[Any]) -> dict[str, str]:
     return {"_".join(tokens(name)): name for name in fields if isinstance(name, str)}
 
 
-def _size(value: Any) -> int:
-    return value.size if isinstance(value, np.ndarray) else 1
+def _is_likely(value: Any) -> bool:
+    """Return whether a value is one number that may be the rate of a motion."""
+    one = value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
+    return isinstance(one, (int, float)) and LIKELY[0] <= one <= LIKELY[1]
 
 
 def _one_of(values: Any) -> Any:
@@ -222,7 +237,7 @@ def contradicting_name(path: Path, rates: Iterable[StatedRate]) -> list[StatedRa
 def stated_rates(path: Path, comments: Sequence[str]) -> list[StatedRate]:
     """Return the frame rates that comments and the name, else the name of the folder state, each with its source."""
     told = [
-        *((rate, "a comment") for line in comments for rate in rates_in_comment(line)),
+        *((rate, "a comment") for rate in rates_in_comments(comments)),
         *((rate, "the file name") for rate in (*rates_in_name(path.stem), *rates_of_steps(path.stem))),
     ]
     folder = path.absolute().parent.name

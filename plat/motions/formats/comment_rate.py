@@ -1,9 +1,9 @@
 """Frame rates, and time steps of frames, that comments and names state."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
-__all__ = ["LIKELY", "rates_in_comment", "rates_of_steps", "without_steps"]
+__all__ = ["LIKELY", "rates_in_comment", "rates_in_comments", "rates_of_steps", "without_steps"]
 
 LIKELY = (5.0, 1000.0)
 """Frames a second that motions have; what counts in another unit lies far outside."""
@@ -44,6 +44,12 @@ _OTHERS = re.compile(
 _SHOWN = re.compile(r"playback|render|display|preview|viewer", re.IGNORECASE)
 # of a simulation that takes several steps a frame
 _SEVERAL_STEPS = re.compile(r"decimation|sub[ _-]?steps?|frame[ _-]?skip", re.IGNORECASE)
+# of what the motion was made of
+_OF_SOURCE = re.compile(
+    rf"(?<![a-z])(?:original|originally|source|raw|native)(?![a-z])[^,;|]*"
+    rf"|(?<![a-z])from\s+(?:[a-z]+\s+)?{_NUMBER}\s*(?:{_HERTZ}|{_FRAMES})",
+    re.IGNORECASE,
+)
 # Hertz that name nothing are of movements below this
 _LEAST_HERTZ = 10.0
 _STEP = (
@@ -70,6 +76,16 @@ def rates_in_comment(line: str) -> list[float]:
     """
     stepped = not _SEVERAL_STEPS.search(line)
     return [rate for part in _parts(line) for rate in (*_of_part(part), *(rates_of_steps(part) if stepped else ()))]
+
+
+def rates_in_comments(lines: Sequence[str]) -> list[float]:
+    """Return the frames a second that comments state; of what the motion was made of only where they state no other.
+
+    >>> rates_in_comments(["retargeted at 50 fps from 120 fps"]), rates_in_comments(["source: cmu, 120 fps"])
+    ([50.0], [120.0])
+    """
+    own = [rate for line in lines for rate in rates_in_comment(_OF_SOURCE.sub(" ", line))]
+    return own or [rate for line in lines for rate in rates_in_comment(line)]
 
 
 def _parts(line: str) -> Iterator[str]:

@@ -280,8 +280,8 @@ def _numbers(header: list[str], rows: list[tuple[int, list[str]]], empty: dict[i
                 row[column - 1] = "nan"
                 empty.setdefault(column - 1, number)
             elif not _is_number(cell):
-                told = f"{cell!r:.40} is not a number" if cell else "is empty, expected a number"
-                raise MotionError(f"row {number}, column {column}: {told}")
+                told = f": {cell!r:.40} is not a number" if cell else " is empty, expected a number"
+                raise MotionError(f"row {number}, column {column}{told}")
     if header:
         return np.array([row for _, row in rows], dtype=np.float64)
     raise MotionError("a cell is not a number")

@@ -87,3 +87,9 @@ def test_a_field_of_many_numbers_is_no_rate_by_a_word_that_means_other_things():
 def test_fields_that_tell_the_time(name):
     assert rates_of_fields({"qpos": np.zeros((9, 36)), name: np.arange(9) / 50}) == [(50.0, repr(name))]
     assert rates_of_fields({"qpos": np.zeros((9, 36)), "contact_time": np.arange(9) / 50}) == []
+
+
+def test_a_stated_unit_that_makes_no_likely_rate_gives_way():
+    assert rate_of_times(np.arange(9) * 20.0, "s") == rate_of_times(np.arange(9) / 50, "ms") == 50
+    with pytest.raises(MotionError, match="a likely rate in no unit"):
+        rate_of_times(np.arange(9.0), "s")  # more likely a count

@@ -1,6 +1,6 @@
 import pytest
 
-from plat.motions.formats.comment_rate import rates_in_comment, without_steps
+from plat.motions.formats.comment_rate import rates_in_comment, rates_in_comments, without_steps
 
 
 @pytest.mark.parametrize(
@@ -121,6 +121,20 @@ def test_rates_that_a_comment_states(comment, rates):
 )
 def test_numbers_that_are_no_rates_of_frames(comment):
     assert rates_in_comment(comment) == []
+
+
+@pytest.mark.parametrize(
+    ("comments", "rates"),
+    [
+        (["downsampled from 120 Hz to 30 Hz"], [30]),
+        (["original frame rate: 120, resampled to 50 Hz"], [50]),
+        (["fps: 50", "source: amass_120fps"], [50]),
+        (["source fps: 120"], [120]),
+        (["from 120 fps"], [120]),
+    ],
+)
+def test_rates_of_the_source_count_where_no_other_is_stated(comments, rates):
+    assert rates_in_comments(comments) == rates
 
 
 def test_the_rest_of_the_name():

@@ -122,7 +122,7 @@ def test_empty_cells_are_no_numbers_and_remembered(tmp_path):
     assert np.isnan(table.values).sum() == 3
     assert table.empty == {1: 3, 3: 2}
     (tmp_path / "a.csv").write_text("1,2,3,4\n1,,3,4\n")
-    with pytest.raises(MotionError, match="row 2, column 2: is empty, expected a number"):
+    with pytest.raises(MotionError, match="row 2, column 2 is empty, expected a number"):
         read_table(tmp_path / "a.csv")
 
 
