@@ -116,7 +116,7 @@ def _may_be_human(path: Path) -> bool:
         return True
     try:
         _refuse_foreign(path)
-    except MotionError:
+    except (MotionError, OSError):  # its error is told when it is read
         return True
     return _HUMAN[ending](path)
 
