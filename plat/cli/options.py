@@ -293,7 +293,7 @@ class Inspect(MotionFiles):
 
     out: Path | None = None
     """folder for a contact sheet and a plot a clip"""
-    pictures: Natural = 20
+    pictures: Count = 20
     """how many clips get them, those to drop or repair first"""
     limits: ValidationLimits = field(default_factory=ValidationLimits)
 

@@ -18,7 +18,8 @@ from plat.files import as_path, readable, write_file
 from plat.motions.clip import ASSUMED_RATE, MotionClip, as_clips
 from plat.motions.formats import MotionFile, QuatOrder, ReadOptions, check_clip_names, csv_text, write_archive
 from plat.motions.formats.axes import Up
-from plat.motions.formats.clock import without_steps
+from plat.motions.formats.clock import contradicting_name
+from plat.motions.formats.comment_rate import without_steps
 from plat.motions.formats.foreign import refuse_foreign
 from plat.motions.formats.pace import UnfitRateError
 from plat.motions.formats.rate import without_rates
@@ -35,6 +36,7 @@ __all__ = [
     "csv_stem",
     "load_motions",
     "motion_paths",
+    "name_at",
     "read_along",
     "read_motion_files",
     "save_csv",
@@ -278,6 +280,17 @@ def csv_name(clip: MotionClip) -> str:
 def csv_stem(clip: MotionClip) -> str:
     """Return the name of a clip's table without the rate at its end: ``NAME``."""
     return without_rates(without_steps(re.sub(r"[/\0]", "_", clip.name).lstrip(".")), "motion")
+
+
+def name_at(name: str, fps: float) -> str:
+    """Return a name with this frame rate in place of others that it states.
+
+    >>> name_at("bow_60fps", 50.0), name_at("bow_60fps", 60.0), name_at("bow", 50.0)
+    ('bow_50fps', 'bow_60fps', 'bow')
+    """
+    if not contradicting_name(Path(f"{name}.npz"), [(fps, "")]):
+        return name
+    return f"{without_rates(without_steps(name), 'motion')}_{fps:.10g}fps"
 
 
 def _named_apart(files: list[MotionFile]) -> list[MotionFile]:

@@ -46,7 +46,7 @@ _SMALL_EXCESS = 0.15
 
 _LOGGER = logging.getLogger("plat.motions")
 
-TABLE_VERSION = 15
+TABLE_VERSION = 16
 """Part of every cache key. Raise it with any change of what readers, resampling, checks or the generator produce."""
 
 

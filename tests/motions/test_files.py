@@ -16,7 +16,7 @@ from plat.motions import (
     validate_motions,
 )
 from plat.motions.clip import ASSUMED_RATE
-from plat.motions.files import read_along
+from plat.motions.files import name_at, read_along
 from plat.robots import G1
 from tests.motions.formats.writers import WRITERS, bowing_clip, write_csv
 
@@ -92,6 +92,25 @@ def test_broken_links_and_folders_called_like_files_are_left_out(tmp_path, clip)
     (tmp_path / "sub.csv").mkdir()
     for pattern in (tmp_path, tmp_path / "*"):
         assert [found.name for found in load_motions(pattern)] == [clip.name]
+
+
+def test_links_to_what_is_not_there_are_told_of(tmp_path, clip):
+    save_motions(tmp_path / "a.npz", [clip])
+    for name in ("b.npz", "c.npz"):
+        (tmp_path / name).symlink_to(tmp_path / "nowhere" / name)
+    told: list[str] = []
+    assert motion_paths(tmp_path, told=told) == [tmp_path / "a.npz"]
+    assert told == [f"ignored: {tmp_path / 'b.npz'} and 1 more, links to what is not there"]
+    lost = r"[bc].npz'.*: (a link|links) to what is not there: get it first, as with git"
+    for pattern, strict in (("", True), ("c.npz", False), ("[bc].npz", False)):
+        with pytest.raises(MotionError, match=lost):
+            motion_paths(tmp_path / pattern, strict=strict)
+
+
+def test_names_with_another_rate():
+    assert [name_at(name, 50.0) for name in ("a_60fps", "a", "a_50hz", "a_dt0.01", "60fps", "a_120fps_to_50fps")] == [
+        *("a_50fps", "a", "a_50hz", "a_50fps", "motion_50fps", "a_120fps_to_50fps")
+    ]
 
 
 def test_hidden_files_of_a_folder_are_left_out(tmp_path, clip):

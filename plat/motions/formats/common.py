@@ -188,7 +188,8 @@ def check_rate(fps: float) -> None:
         MotionError: naming the rate.
     """
     if not _FPS[0] <= fps <= _FPS[1]:
-        raise MotionError(f"fps is {fps:g}, expected {_FPS[0]:g} to {_FPS[1]:g} frames a second")
+        meant = f" ({1 / fps:g} if that is the time of a frame)" if fps > 0 and _FPS[0] <= 1 / fps <= _FPS[1] else ""
+        raise MotionError(f"fps is {fps:g}, expected {_FPS[0]:g} to {_FPS[1]:g} frames a second{meant}")
 
 
 def number(value: Any, field: str) -> float:

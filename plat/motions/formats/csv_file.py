@@ -9,7 +9,14 @@ import numpy as np
 from plat.errors import MotionError
 from plat.motions.clip import ASSUMED_RATE, MotionClip
 from plat.motions.formats.beside import rates_beside
-from plat.motions.formats.clock import distinct_rates, rate_of_times, stated_rates
+from plat.motions.formats.clock import (
+    distinct_rates,
+    rate_fields,
+    rate_of_times,
+    rates_of_fields,
+    stated_rates,
+    unit_of_times,
+)
 from plat.motions.formats.columns import Parts, split_columns
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, check_rate, make_clip
 from plat.motions.formats.joint_orders import in_robot_order
@@ -137,9 +144,14 @@ def _rate(
     """
     if options.fps is not None:
         return clip.fps, ()
-    stated = stated_rates(path, table.comments) or rates_beside(path, len(table.values))
+    columns = dict(zip(table.header, table.values.T, strict=False))
+    constant = {name: columns[name] for name in rate_fields(columns) if not np.ptp(columns[name])}
+    stated = rates_of_fields(constant) + stated_rates(path, table.comments)
+    stated = stated or rates_beside(path, len(table.values))
     if parts.times is not None:
-        stated.insert(0, (rate_of_times(*parts.times), "the column of times"))
+        rate, (times, unit) = rate_of_times(*parts.times), parts.times
+        fits = unit in ("", unit_of_times(times, rate))
+        stated.insert(0, (rate, f"the column of times{'' if fits else f', which is not in {unit}'}"))
     elif parts.seed and not stated:
         stated = [(_SEED_FPS, "the format")]
     distinct = distinct_rates(stated)

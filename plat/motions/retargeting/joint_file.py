@@ -7,6 +7,7 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.motions.formats.archive import archive_shapes, read_archive, states_rate, take_rate
+from plat.motions.formats.clock import stated_rates
 from plat.motions.formats.common import strings
 from plat.motions.formats.kimodo import KIMODO_FPS
 from plat.motions.retargeting.mocap import Mocap
@@ -103,10 +104,11 @@ def read_joint_file(path: str | Path, fps: float | None = None) -> Mocap:
         if name is None:
             raise MotionError(f"no joint positions of a human, expected {' or '.join(_PLACES)} of (frames, joints, 3)")
         notes = []
-        if name == _KIMODO and fps is None and not states_rate(arrays):
+        if name == _KIMODO and fps is None and not states_rate(arrays) and not stated_rates(Path(path), []):
             arrays["fps"] = np.array(KIMODO_FPS)
             notes.append("fps as Kimodo writes it")
-        rate = take_rate(arrays, fps)
+        rate, source = take_rate(arrays, fps, Path(path))
+        notes += [] if source.startswith(("'", "--")) else [f"fps from {source}"]
         places = arrays[name].astype(np.float64)
         if not np.isfinite(places).all():
             raise MotionError(f"{name!r} holds a value that is not finite")
