@@ -13,7 +13,7 @@ from plat.cli.benchmark_page import main as publish_words
 from plat.cli.benchmark_page import page, publish
 from plat.cli.options import BenchmarkRecipe
 from plat.cli.settings import parse
-from plat.errors import PlatError, RecordsError
+from plat.errors import OutputError, PlatError, RecordsError
 from plat.evaluation import Entrant, authored_cells, study
 from plat.evaluation.cells import Candidate, Cell
 from plat.evaluation.disturbance import STRENGTHS, Strength
@@ -186,6 +186,49 @@ def test_another_folder_is_refused(tmp_path, capsys):
     assert "it falls" in page(tmp_path)
     with pytest.raises(SystemExit, match="expected two folders"):
         publish_words([])
+
+
+def benchmark_folder(path: Path) -> Path:
+    """Make a folder of a benchmark without scores."""
+    path.mkdir(parents=True)
+    (path / "about.json").write_text(json.dumps(ABOUT))
+    return path
+
+
+@pytest.mark.parametrize("source", ["docs/benchmark", "docs/benchmark/earlier", "docs", "."])
+def test_the_docs_do_not_replace_what_they_are_made_of(tmp_path, source):
+    folder = benchmark_folder(tmp_path / "site" / source)
+    (folder / "notes.txt").write_text("mine")
+    with pytest.raises(OutputError, match="would replace .*, which it is a copy of: give the folder that plat"):
+        publish(folder, tmp_path / "site" / "docs")
+    assert {path.name for path in folder.iterdir() if path.is_file()} == {"about.json", "notes.txt"}
+
+
+def test_a_folder_of_the_docs_that_is_no_copy_is_left_alone(tmp_path):
+    folder, kept = benchmark_folder(tmp_path / "out"), tmp_path / "docs" / "benchmark"
+    kept.mkdir(parents=True)
+    (kept / "script.py").write_text("mine")
+    with pytest.raises(OutputError, match="benchmark': no earlier copy of a benchmark, as it has no about.json"):
+        publish(folder, tmp_path / "docs")
+    assert (kept / "script.py").read_text() == "mine"
+
+
+def test_a_copy_that_is_stopped_leaves_the_earlier_one(tmp_path, monkeypatch):
+    folder, docs = benchmark_folder(tmp_path / "out"), tmp_path / "docs"
+    publish(folder, docs)
+    (docs / "benchmark" / "earlier.csv").touch()
+
+    def full(path: Path, *_: object) -> None:
+        raise OSError(28, "No space left on device", str(path))
+
+    with monkeypatch.context() as patch:
+        patch.setattr("plat.cli.benchmark_page.copy_file", full)
+        with pytest.raises(SystemExit, match="error: '.*about.json': No space left on device"):
+            publish_words([str(folder), str(docs)])
+    assert (docs / "benchmark" / "earlier.csv").exists()
+    publish(folder, docs)
+    assert [path.name for path in (docs / "benchmark").iterdir()] == ["about.json"]
+    assert {path.name for path in docs.iterdir()} == {"benchmark", "results.md"}
 
 
 @pytest.mark.parametrize("window", [3, 5])
