@@ -21,7 +21,7 @@ from plat.files import copy_file, replace_file
 from plat.json_file import read_json, short
 from plat.runs.recipe import report_errors
 
-__all__ = ["ABOUT", "group_figure", "page", "publish"]
+__all__ = ["ABOUT", "FIGURES", "group_figure", "page", "publish"]
 
 ABOUT = "about.json"
 """File of what it takes to repeat the tables."""
@@ -50,6 +50,8 @@ _ALT = {
     "by_authored": "Authored keyframes that were reached, by family",
     "robustness": "TKS@3 against the strength of disturbances",
 }
+FIGURES = tuple(f"{stem}.{kind}" for stem in _ALT for kind in ("pdf", "png"))
+"""Names of all figures that a set of motions may have."""
 
 
 def page(folder: Path, pictures: str = "", sets: Collection[str] | None = None) -> str:

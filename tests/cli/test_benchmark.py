@@ -9,8 +9,8 @@ import pytest
 from plat.baselines import ReleasedTrackers
 from plat.cli import benchmark
 from plat.cli.benchmark import command_of
+from plat.cli.benchmark_page import FIGURES, page, publish
 from plat.cli.benchmark_page import main as publish_words
-from plat.cli.benchmark_page import page, publish
 from plat.cli.options import BenchmarkRecipe
 from plat.cli.settings import parse
 from plat.errors import OutputError, PlatError, RecordsError
@@ -18,6 +18,7 @@ from plat.evaluation import Entrant, authored_cells, study
 from plat.evaluation.cells import Candidate, Cell
 from plat.evaluation.disturbance import STRENGTHS, Strength
 from plat.evaluation.study import Study
+from plat.evaluation.study_files import TABLES
 from plat.figures import pyplot
 from plat.modules import Expert, ExpertConfig, PlainPolicy
 from plat.robots import G1
@@ -270,7 +271,33 @@ def test_tables_of_an_earlier_start_are_not_under_the_head_of_another(recipe, mo
 def test_pictures_of_an_earlier_start_do_not_stay(tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
     monkeypatch.setattr(benchmark, "save_figure", touch)
-    for name in ("radar.png", "radar.pdf"):
+    for name in ("radar.png", "radar.pdf", "photo.png", "paper.pdf"):
         (tmp_path / name).touch()
     benchmark.draw(tmp_path, Study(scores=made_up("PLAT", "wbc", horizons=("long", "mixed"))), 0.02)
-    assert {path.name for path in tmp_path.iterdir()} == {"success.png", "horizon.png"}
+    assert {path.name for path in tmp_path.iterdir()} == {"success.png", "horizon.png", "photo.png", "paper.pdf"}
+
+
+def test_tables_and_pictures_of_others_stay(tmp_path):
+    (tmp_path / "val").mkdir()
+    for name in (*TABLES, *FIGURES, "mine.csv", "photo.png", "paper.pdf"):
+        (tmp_path / "val" / name).touch()
+    for seed in (1, 2):
+        benchmark.write_about(tmp_path, {"sets": [["val"]], "seed": seed})
+    assert {path.name for path in (tmp_path / "val").iterdir()} == {"mine.csv", "photo.png", "paper.pdf"}
+
+
+@pytest.mark.parametrize(
+    ("flag", "path", "out"),
+    [
+        ("hard", "clips", "."),
+        ("hard", "clips/clips.npz", "."),
+        ("hard", "clips", "clips/results"),
+        ("manifest", "generated/families.csv", "."),
+        ("bandai", "bandai", "."),
+    ],
+)
+def test_results_do_not_go_where_motions_are_read(tmp_path, flag, path, out):
+    given = tmp_path / path
+    recipe = BenchmarkRecipe(out=tmp_path / out, **{flag: given if flag == "bandai" else (given,)})
+    with pytest.raises(OutputError, match=f"--{flag} '.*{path}': results go to '.*', which it is in or holds"):
+        benchmark.motion_sets(recipe, G1, 0.02)
