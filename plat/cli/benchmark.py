@@ -131,8 +131,14 @@ def motion_sets(recipe: BenchmarkRecipe, robot: Robot, control_dt: float) -> lis
     families = read_manifest(recipe.manifest) if recipe.manifest else None
     sets = []
 
-    def add(name: str, source: str, motions: str | Path, family: Callable[[list[str]], list[str]] | None) -> None:
-        library = MotionLibrary.load([motions], robot, dt=control_dt)
+    def add(
+        name: str,
+        source: str,
+        motions: str | Path,
+        family: Callable[[list[str]], list[str]] | None,
+        found: list[Path] | None = None,
+    ) -> None:
+        library = MotionLibrary.load([motions], robot, dt=control_dt, found=found)
         cut = library.pieces(recipe.longest)
         chosen = evenly(range(cut.num_clips), recipe.clips or cut.num_clips)
         # pieces are frames of the same table
@@ -146,9 +152,9 @@ def motion_sets(recipe: BenchmarkRecipe, robot: Robot, control_dt: float) -> lis
             path = public.file(source, recipe.out, robot)
             add(name, f"{public.says} ({path.name})", path, None if public.clips is None else public.families)
     for path in recipe.hard:
-        files = [path] if path.is_file() else [*path.rglob("*")]
+        files: list[Path] = []
         known = None if families is None else partial(families_of, families=families, files=files)
-        add(path.stem, path.name, path, known)
+        add(path.stem, path.name, path, known, files)
     add("generated", f"generated:test@{recipe.generated:g}", f"generated:test@{recipe.generated:g}", _kinds)
     return sets
 

@@ -21,8 +21,10 @@ from plat.evaluation.study import Study
 from plat.evaluation.study_files import TABLES
 from plat.figures import pyplot
 from plat.modules import Expert, ExpertConfig, PlainPolicy
+from plat.motions import MotionLibrary, save_motions
 from plat.robots import G1
 from plat.spec.timing import Timing
+from tests.conftest import standing_clip
 from tests.evaluation.authored import authored_records
 from tests.figures.scores import made_up
 from tests.modules.policies.test_student import SMALL
@@ -238,6 +240,24 @@ def test_another_arrival_window_is_said_before_the_tables(tmp_path, window):
     told = benchmark.about(BenchmarkRecipe(out=tmp_path), {Candidate("patient", lambda: policy, "abc"): policy}, [])
     (tmp_path / "about.json").write_text(json.dumps(told))
     assert ("- arrival window of 5 control steps, not 3\n" in page(tmp_path)) == (window == 5)
+
+
+def test_a_folder_of_hard_motions_is_searched_once(tmp_path, monkeypatch):
+    for name in ("a", "b"):
+        (tmp_path / "hard" / name).mkdir(parents=True)
+        save_motions(tmp_path / "hard" / name / "walk.npz", [standing_clip("walk")])
+    (tmp_path / "manifest.csv").write_text("clip,family\nwalk,calm\n")
+    searched: list[Path] = []
+    search = Path.rglob
+    monkeypatch.setattr(Path, "rglob", lambda folder, *more: searched.append(folder) or search(folder, *more))
+    recipe = BenchmarkRecipe(
+        out=tmp_path / "out", hard=(tmp_path / "hard",), manifest=(tmp_path / "manifest.csv",), generated=4.0
+    )
+    MotionLibrary.load(tmp_path / "hard")  # into the cache
+    searched.clear()
+    hard, _ = benchmark.motion_sets(recipe, G1, 0.02)
+    assert hard.families == ["calm", "calm"]
+    assert searched == [tmp_path / "hard"]
 
 
 def test_sets_of_one_name_are_refused(tmp_path):
