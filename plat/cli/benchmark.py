@@ -21,6 +21,7 @@ from plat.cli.candidates import Loaded, candidates_of, trackers_of
 from plat.cli.evaluate import common_control_dt, long_enough, other_window
 from plat.cli.options import BenchmarkRecipe
 from plat.cli.public_motions import PUBLIC
+from plat.cli.together import check_effect
 from plat.errors import OutputError, PlatError
 from plat.evaluation import RULES, Entrant, EvaluationSetting
 from plat.evaluation.cells import Candidate, motions_fingerprint
@@ -69,6 +70,7 @@ class MotionSet:
 def main(recipe: BenchmarkRecipe) -> dict[str, Study]:
     """Run the recipe; return the results on each set of motions, trackers with their best interface."""
     recipe = on_device(recipe)
+    check_together(recipe)
     check_folder(recipe.out, "--out")
     pyplot()  # what is missing had better be said before the evaluation
     import_modules(recipe.imports)
@@ -88,6 +90,8 @@ def main(recipe: BenchmarkRecipe) -> dict[str, Study]:
         raise PlatError(f"--ours {recipe.ours!r}: no such row, expected one of {', '.join(names)}")
     trackers = trackers_of(recipe.runs, recipe.trackers, device=recipe.device, robot=recipe.robot, loaded=loaded)
     entrants = {candidate.name: entrant for candidate, entrant in candidates.items()}
+    tracks = any(entrant.tracks for entrant in entrants.values())
+    check_effect("--interface", recipe.interface != type(recipe).interface, "a dense tracker", tracks)
     control_dt = common_control_dt(entrants, (*recipe.horizons, *recipe.further_horizons))
     sets = motion_sets(recipe, robot, control_dt)
     studies: dict[str, Study] = {}
@@ -113,6 +117,24 @@ def main(recipe: BenchmarkRecipe) -> dict[str, Study]:
         replace_file(recipe.out / "benchmark.md", partial(_write, text=page(recipe.out, sets=studies)))
     print(f"\n{recipe.out / 'benchmark.md'}")
     return studies
+
+
+def check_together(recipe: BenchmarkRecipe) -> None:
+    """Raise an error for options that would be without effect.
+
+    Raises:
+        PlatError: naming the option and what it is for.
+    """
+    default, curves = type(recipe), ("--robustness", recipe.robustness)
+    several = recipe.hard or any(getattr(recipe, name) is not None for name in PUBLIC)
+    further = "motions beside the generated ones, as of --hard"
+    for flag, changed, (needed, there) in (
+        ("--manifest", recipe.manifest, ("--hard", recipe.hard)),
+        ("--strengths", recipe.strengths != default.strengths, curves),
+        ("--robustness-clips", recipe.robustness_clips != default.robustness_clips, curves),
+        ("--further-horizons", recipe.further_horizons != default.further_horizons, (further, several)),
+    ):
+        check_effect(flag, changed, needed, there)
 
 
 def motion_sets(recipe: BenchmarkRecipe, robot: Robot, control_dt: float) -> list[MotionSet]:

@@ -182,6 +182,7 @@ def check_together(recipe: EvaluateRecipe) -> None:
     for flag, changed, (needed, there) in (
         ("--pushes", recipe.pushes, authored),
         ("--strips", recipe.strips is not None, authored),
+        ("--clip", recipe.clip is not None, ("--figures", recipe.figures is not None)),
         ("--randomization", recipe.randomization != RandomizationRanges(), randomized),
     ):
         check_effect(flag, changed, needed, there)

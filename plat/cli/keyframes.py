@@ -115,7 +115,7 @@ def convert(command: ConvertKeyframes) -> list[Keyframe]:
     check_file(command.out, suffixes=(".json", ".xml"))
     keep_sources([command.file], [command.out])
     robot = get_robot(command.robot)
-    poses, told = _poses(command, robot)
+    poses, told, spaced = _poses(command, robot)
     for line in told:
         print(line)
     if not poses:
@@ -124,7 +124,9 @@ def convert(command: ConvertKeyframes) -> list[Keyframe]:
         poses.insert(0, standing(robot))
     _check_order(command, poses)
     poses = [_checked(command, number, pose, robot) for number, pose in enumerate(poses)]
-    _check_effect(command, poses)
+    # a keyframe file has a keyframe behind its start
+    alone = len(poses) == 1 and not command.kimodo and command.out.suffix.lower() == ".json"
+    _check_effect(command, spaced or alone)
     form = "MJCF keys" if command.out.suffix.lower() == ".xml" else "keyframes"
     if command.out.suffix.lower() == ".xml":
         write_mjcf_keys(command.out, robot, poses)
@@ -140,12 +142,11 @@ def convert(command: ConvertKeyframes) -> list[Keyframe]:
     return poses
 
 
-def _check_effect(command: ConvertKeyframes, poses: list[Keyframe]) -> None:
+def _check_effect(command: ConvertKeyframes, spaced: bool) -> None:
     of_model = command.file.suffix.lower() in (".xml", ".mjcf")
     counted = command.kimodo or not (of_model or is_keyframe_file(command.file))
     check_effect("--fps", command.fps != type(command).fps, "--kimodo or a file of constraints", counted)
-    spread = of_model or len(poses) == 1
-    check_effect("--every", command.every != type(command).every, "keys that have no times", spread)
+    check_effect("--every", command.every != type(command).every, "keys that have no times", spaced)
 
 
 def _checked(command: ConvertKeyframes, number: int, pose: Keyframe, robot: Robot) -> Keyframe:
@@ -177,21 +178,21 @@ def _check_order(command: ConvertKeyframes, poses: list[Keyframe]) -> None:
         )
 
 
-def _poses(command: ConvertKeyframes, robot: Robot) -> tuple[list[Keyframe], list[str]]:
-    """Return the poses of a file in any of the forms, in the order of their times, and lines for the user."""
+def _poses(command: ConvertKeyframes, robot: Robot) -> tuple[list[Keyframe], list[str], bool]:
+    """Return the poses of a file in any of the forms, lines for the user, and whether ``--every`` gave the times."""
     if command.file.suffix.lower() in (".xml", ".mjcf"):
         keys = read_mjcf_keys(command.file, robot)
         times = [key.time for key in keys]
         if len(set(times)) > 1 or len(times) == 1:
-            return keys, []  # those out of order are refused
+            return keys, [], False  # those out of order are refused
         told = f"its keys have no times of their own: {command.every:g} s apart"
-        return [key.at((number + 1) * command.every) for number, key in enumerate(keys)], [told]
+        return [key.at((number + 1) * command.every) for number, key in enumerate(keys)], [told], True
     if is_keyframe_file(command.file):
         start, others = read_keyframes(command.file, robot)
-        return [*([] if start is None else [start]), *others], []
+        return [*([] if start is None else [start]), *others], [], False
     refuse_other_kinds(command.file, f"keyframe file {str(command.file)!r}")
     poses, left_out = read_constraints(command.file, robot, command.fps)
-    return poses, [f"left out: {', '.join(left_out)}"] if left_out else []
+    return poses, [f"left out: {', '.join(left_out)}"] if left_out else [], False
 
 
 def main(command: KeyframesCommand) -> KeyframeSequence | list[Keyframe]:

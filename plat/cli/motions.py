@@ -65,6 +65,7 @@ from plat.motions.retargeting import (
     split_of,
     with_joints,
 )
+from plat.motions.retargeting.retarget import TURNED
 from plat.rendering import RenderingError, Stage, stills
 from plat.robots import G1, Robot, get_robot
 from plat.spec.timing import Timing
@@ -249,18 +250,22 @@ def repaired(
         lost: counts those that are not among them.
         verdicts: is given the verdict before and after ``--repair`` for each.
     """
-    pieces = list(file.clips)
+    least = command.limits.min_seconds if command.drop_bad else _SHORTEST
+    off = sum(command.trim)
+    # ends of the clip, and not of each of its pieces
+    pieces = [trim_motion(clip, *command.trim) for clip in file.clips if long_enough(clip, file.path, least, off)]
+    short = len(file.clips) - len(pieces)
     if command.cut:
         cuts = [cut(command, clip) for clip in pieces]
         lost.dropped += sum(not some for some in cuts)
         pieces = [piece for some in cuts for piece in some]
-    least = command.limits.min_seconds if command.drop_bad else _SHORTEST
-    kept = [clip for clip in pieces if long_enough(clip, file.path, least, sum(command.trim))]
+        long = [piece for piece in pieces if long_enough(piece, file.path, least)]
+        short, pieces = short + len(pieces) - len(long), long
     if command.drop_bad:
-        lost.dropped += len(pieces) - len(kept)
+        lost.dropped += short
     else:
-        lost.short += len(pieces) - len(kept)
-    kept = [repair(command, clip, verdicts) for clip in kept]
+        lost.short += short
+    kept = [repair(command, clip, verdicts) for clip in pieces]
     if command.resample is not None:
         kept, before = at_rate(kept, command.resample, file.path), len(kept)
         lost.short += before - len(kept)
@@ -277,8 +282,6 @@ def repaired(
 def repair(command: Convert, clip: MotionClip, verdicts: list[tuple[str, str]] | None = None) -> MotionClip:
     """One clip with them."""
     robot = get_robot(command.robot)
-    if any(command.trim):
-        clip = trim_motion(clip, *command.trim)
     if command.smooth_steps:
         smoothed = smooth_steps(clip, command.limits.step_speed, robot)
         if smoothed.steps:
@@ -341,6 +344,8 @@ def retarget(command: Retarget) -> list[Retargeted]:
     check_folder(command.out)
     told: list[str] = []
     paths = bvh_paths(command.files, told)
+    turned = any(path.suffix.lower() in TURNED for path in paths)
+    check_effect("--angles", command.angles is not None, "files that have angles, .bvh or .amc", turned)
     skeleton = None if command.map is None else load_map(command.map)
     made, failed = [], 0
     columns = f"{'error cm':>10}{'depth mm':>10}{'float mm':>10}{'slip cm/s':>11}{'f/s':>6}  read as"

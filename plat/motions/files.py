@@ -137,6 +137,7 @@ def read_motion_files(
             if strict or (path in listed and (skipped is None or len(paths) == 1)):
                 raise
             errors.append(error)
+    _refuse_unheard(options, files)
     files, unsure = _with_sure_rates(files, errors)
     if unsure and strict:
         raise unsure[0]
@@ -188,7 +189,7 @@ def load_motions(
 
     Raises:
         MotionError: naming file, clip and field, when a file is missing or broken, or does not tell which order its
-            quaternions or joints have, or its frame rate.
+            quaternions or joints have, or its frame rate; or for an order or a unit that says nothing about any file.
 
     >>> import tempfile
     >>> from plat.motions import generate_motions
@@ -294,6 +295,21 @@ def _named_apart(files: list[MotionFile]) -> list[MotionFile]:
         return replace(clip, name=name if taken[name] == 1 else f"{name}_{taken[name]}")
 
     return [replace(file, clips=[apart(clip, file.path) for clip in file.clips]) for file in files]
+
+
+_STATED = {"quat_order": "a root quaternion of four numbers", "angles": "angles of a human's joints, .bvh or .amc"}
+
+
+def _refuse_unheard(options: ReadOptions, files: Sequence[MotionFile]) -> None:
+    """Raise for what is stated of files and says nothing about any of them.
+
+    Raises:
+        MotionError: naming it and the first file.
+    """
+    for field, needed in _STATED.items():
+        if getattr(options, field) is not None and files and all(field in file.unheard for file in files):
+            told = f"motion file {str(files[0].path)!r}: {field} is stated, and says nothing about a {files[0].format}"
+            raise MotionError(f"{told}: expected no --{field.replace('_', '-')}, or files with {needed}")
 
 
 def _with_sure_rates(

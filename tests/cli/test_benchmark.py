@@ -260,6 +260,27 @@ def test_a_folder_of_hard_motions_is_searched_once(tmp_path, monkeypatch):
     assert searched == [tmp_path / "hard"]
 
 
+@pytest.mark.parametrize(
+    ("flags", "told"),
+    [
+        ({"manifest": (Path("families.csv"),)}, "--manifest: without effect but with --hard"),
+        ({"robustness": (), "strengths": 3}, "--strengths: without effect but with --robustness"),
+        ({"robustness": (), "robustness_clips": 3}, "--robustness-clips: without effect but with --robustness"),
+        ({"further_horizons": ("short",)}, "--further-horizons: without effect but with motions beside the generated"),
+    ],
+)
+def test_flags_without_effect_are_refused_before_anything_is_read(tmp_path, flags, told):
+    with pytest.raises(PlatError, match=told):
+        benchmark.main(BenchmarkRecipe(runs=(tmp_path / "none",), out=tmp_path, device="cpu", **flags))
+
+
+def test_an_interface_that_nothing_is_told_by_is_refused(tmp_path):
+    pytest.importorskip("matplotlib")
+    run = save_run(tmp_path / "plain", PlainPolicy(G1, SMALL))
+    with pytest.raises(PlatError, match="--interface: without effect but with a dense tracker"):
+        benchmark.main(BenchmarkRecipe(runs=(run,), out=tmp_path / "out", interface=("line",), device="cpu"))
+
+
 def test_sets_of_one_name_are_refused(tmp_path):
     for stem in ("hard", "generated"):
         recipe = BenchmarkRecipe(out=tmp_path, hard=(tmp_path / "a" / "hard.npz", tmp_path / "b" / f"{stem}.npz"))

@@ -398,6 +398,7 @@ def test_policies_of_different_timing_are_not_mixed(runs):
         ({"whole_clips": ("supermimic",), "partial": "hands"}, "--whole-clips: .* no --partial"),
         ({"pushes": 0.3}, "--pushes: .* --authored"),
         ({"strips": Path("strips")}, "--strips: .* --authored"),
+        ({"clip": "walk"}, "--clip: .* --figures"),
         ({"randomization": RandomizationRanges(push_interval=(1.0, 2.0))}, "--randomization: .* --domain-random"),
     ],
 )

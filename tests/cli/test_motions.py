@@ -121,6 +121,14 @@ def test_convert_to_one_file_with_repairs(folder, tmp_path, capsys):
     assert told in capsys.readouterr().out
 
 
+def test_ends_are_taken_off_clips_and_not_off_pieces_of_them(tmp_path):
+    qpos = bowing_clip(120).qpos.copy()
+    qpos[60:, 0] += 2
+    save_motions(tmp_path / "a.npz", MotionClip("a", qpos, 50.0))
+    run("convert", tmp_path / "a.npz", "--trim", 0.4, 0.2, "--cut", "--out", tmp_path / "b.npz")
+    assert [(clip.name, len(clip.qpos)) for clip in load_motions(tmp_path / "b.npz")] == [("a_c0", 40), ("a_c1", 50)]
+
+
 def test_convert_levels_feet_before_it_grounds_them(tmp_path):
     clip = bowing_clip()
     clip.qpos[:, [7 + G1.joint_names.index(f"{side}_ankle_pitch") for side in ("left", "right")]] += 0.4

@@ -45,6 +45,15 @@ def test_what_is_stated_has_to_be_something(clip, tmp_path, stated, message):
         load_motions(tmp_path / "a.npz", **stated)
 
 
+def test_what_says_nothing_about_any_file_is_refused(clip, tmp_path):
+    for name, write in (("a.npz", WRITERS["plat.npz"]), ("a.csv", write_csv), ("a.pkl", WRITERS["gmr.pkl"])):
+        write(tmp_path / name, bowing_clip())
+        with pytest.raises(
+            MotionError, match=f"{name}': angles is stated, and says .*: expected no --angles, or files"
+        ):
+            load_motions(tmp_path / name, angles="radians")
+
+
 def test_no_clips_are_no_file(tmp_path):
     with pytest.raises(MotionError, match=r"a.npz': no clips, expected at least one"):
         save_motions(tmp_path / "a.npz", [])

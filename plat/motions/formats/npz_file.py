@@ -117,7 +117,7 @@ def read_npz(path: Path, options: ReadOptions) -> MotionFile:
         fps, told = settled_rate(rates, clips[:: max(1, len(clips) // _EXAMINED)], options.robot)
         clips = [replace(clip, fps=fps) for clip in clips]
         notes.append(told)
-    return MotionFile(path, file.format, clips, (*notes, *file.notes))
+    return replace(file, clips=clips, notes=(*notes, *file.notes))
 
 
 def _own(path: Path, arrays: dict[str, np.ndarray], options: ReadOptions) -> MotionFile:

@@ -102,7 +102,8 @@ def read_fields(path: Path, content: Any, options: ReadOptions, packed: int, siz
         clips.append(clip)
         orders.add(order)
     kind = next(kind for kind, field in _KINDS.items() if any(field in fields for fields in (*motions.values(), [""])))
-    return MotionFile(path, kind, clips, (f"quaternion {'/'.join(sorted(orders))}",))
+    unheard = () if any(motion.options is options for motion in read.values()) else ("quat_order",)
+    return MotionFile(path, kind, clips, (f"quaternion {'/'.join(sorted(orders))}",), unheard)
 
 
 @dataclass(frozen=True)
@@ -139,7 +140,10 @@ class _Motion:
 
     @classmethod
     def of(cls, name: str, fields: dict[str, Any], options: ReadOptions) -> "_Motion":
-        fields, usual = _with_parts(_renamed(fields))
+        fields = _renamed(fields)
+        if _of_rotation_vectors(fields):  # whose quaternion is made here
+            options = replace(options, quat_order=None)
+        fields, usual = _with_parts(fields)
         root_pos, root_quat, joint_pos = (_array(fields, names) for names in (_ROOT_POS, _ROOT_QUAT, _JOINT_POS))
         listed = next((_unwrap(fields[key]) for key in _NAMES if key in fields), None)
         names = None if listed is None else strings(listed, "joint_names")
@@ -247,6 +251,11 @@ def _with_parts(fields: dict[str, Any]) -> tuple[dict[str, Any], QuatOrder]:
         quat = quat_from_rotvec(rows[:, 3:6].astype(np.float64))
         return {**fields, "root_pos": rows[:, :3], "root_quat": quat, "dof_pos": rows[:, 6:]}, "wxyz"
     return fields, "xyzw" if "root_rot" in fields else "wxyz"
+
+
+def _of_rotation_vectors(fields: Mapping[Any, Any]) -> bool:
+    """Return whether the fields of a motion are those of MimicKit."""
+    return _FRAMES in fields and "qpos" not in fields and not any(name in fields for name in _JOINT_POS)
 
 
 def _count(value: Any) -> int:

@@ -38,7 +38,7 @@ from plat.rotations import quat_rotate
 if TYPE_CHECKING:
     from plat.motions.retargeting.targets import Targets
 
-__all__ = ["MOCAP_READERS", "Retargeted", "bvh_paths", "retarget", "retarget_all"]
+__all__ = ["MOCAP_READERS", "TURNED", "Retargeted", "bvh_paths", "retarget", "retarget_all"]
 
 MOCAP_READERS: dict[str, Callable[..., Mocap]] = {
     ".bvh": read_bvh,
@@ -51,8 +51,8 @@ MOCAP_READERS: dict[str, Callable[..., Mocap]] = {
 # endings that files of robots have as well, and what tells those of humans
 _HUMAN: dict[str, Callable[[Path], bool]] = {".npz": holds_human_joints, ".npy": holds_poselib}
 
-# those that hold angles
-_TURNED = (".bvh", ".amc")
+TURNED = (".bvh", ".amc")
+"""Endings of those that hold angles."""
 
 # Files that a process must have to itself to be worth the seconds in which it starts.
 _FILES_PER_WORKER = 16
@@ -151,7 +151,7 @@ def retarget(
     began = time.perf_counter()
     ending = Path(path).suffix.lower()
     where = f"{ending[1:].upper()} file {str(path)!r}"
-    mocap = MOCAP_READERS[ending](path, fps, *([angles] if ending in _TURNED else []))
+    mocap = MOCAP_READERS[ending](path, fps, *([angles] if ending in TURNED else []))
     if len(mocap.positions) < 2:
         raise MotionError(f"{where}: 1 frame, expected at least 2")
     notes = []

@@ -61,6 +61,8 @@ def test_mimickit(tmp_path):
     (file,) = read_motion_files(tmp_path / "bow.pkl")
     np.testing.assert_allclose(file.clips[0].qpos, clip.qpos, atol=1e-5)
     assert file.facts == "MimicKit pickle, 50 fps, quaternion wxyz"
+    with pytest.raises(MotionError, match="bow.pkl': quat_order is stated, and says nothing about a MimicKit pickle"):
+        load_motions(tmp_path / "bow.pkl", quat_order="xyzw")  # it was read as such, and the robot lay
     (tmp_path / "bow.pkl").write_bytes(pickle.dumps({"fps": 50, "frames": np.zeros(40)}))
     with pytest.raises(MotionError, match=r"'frames' has shape \(40,\), expected rows of root position"):
         load_motions(tmp_path / "bow.pkl")
