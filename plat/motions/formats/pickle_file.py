@@ -58,7 +58,7 @@ def read_fields(path: Path, content: Any, options: ReadOptions, packed: int, siz
     Raises:
         MotionError: when it holds something else, or claims more than there is.
     """
-    if isinstance(content, PickledArray):
+    if isinstance(content, PickledArray) or (isinstance(content, list) and content and isinstance(content[0], list)):
         content = {"qpos": content}
     if isinstance(content, list) and content and all(isinstance(fields, dict) for fields in content):
         content = {f"{path.stem}_{number}": fields for number, fields in enumerate(content)}
@@ -238,7 +238,7 @@ def _renamed(fields: dict[str, Any]) -> dict[str, Any]:
 
 def _with_parts(fields: dict[str, Any]) -> tuple[dict[str, Any], QuatOrder]:
     """Return the fields of a motion with ``qpos`` taken apart, and the order that its quaternion usually has."""
-    qpos = _unwrap(fields.get("qpos"))
+    qpos = _array(fields, ("qpos",)) if isinstance(fields.get("qpos"), list) else _unwrap(fields.get("qpos"))
     if isinstance(qpos, np.ndarray) and qpos.ndim == 2 and qpos.shape[1] > 7:
         parts = {"root_pos": qpos[:, :3], "root_rot": qpos[:, 3:7], "dof_pos": qpos[:, 7:]}
         return {**fields, **parts}, "wxyz"

@@ -502,3 +502,10 @@ def test_holomotion(tmp_path, prefix):
     np.savez(tmp_path / "bow.npz", metadata="{", **arrays)
     with pytest.raises(MotionError, match="no array 'fps'"):
         load_motions(tmp_path / "bow.npz")
+
+
+@pytest.mark.parametrize("field", ["qpos", "dof_pos", "walk"])
+def test_complex_numbers_are_named(tmp_path, field):
+    np.savez(tmp_path / "a.npz", fps=50, **{field: np.zeros((4, 36), complex)})
+    with pytest.raises(MotionError, match=f"array '{field}': it holds complex numbers, expected real ones"):
+        load_motions(tmp_path / "a.npz")

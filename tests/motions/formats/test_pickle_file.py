@@ -234,3 +234,23 @@ def test_a_human_body_is_named(tmp_path):
     (tmp_path / "amass.pkl").write_bytes(pickle.dumps({"pose_aa": np.zeros((5, 72)), "trans": np.zeros((5, 3))}))
     with pytest.raises(MotionError, match="human motion of the SMPL family .AMASS., not of a robot"):
         load_motions(tmp_path / "amass.pkl")
+
+
+def test_objects_behind_the_first_are_refused(tmp_path):
+    once = pickle.dumps(gmr_fields(bowing_clip()))
+    path = tmp_path / "two.pkl"
+    path.write_bytes(once + once)
+    with pytest.raises(
+        MotionError, match="two.pkl': it goes on behind its first object, expected one: a dictionary of"
+    ):
+        load_motions(path)
+    path.write_bytes(once + b"\n")
+    assert len(load_motions(path)) == 1
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_rows_of_qpos_may_be_lists(tmp_path, whole):
+    rows = bowing_clip().qpos.tolist()
+    (tmp_path / "bow.pkl").write_bytes(pickle.dumps({"fps": 50, "qpos": rows} if whole else rows))
+    (clip,) = load_motions(tmp_path / "bow.pkl", fps=None if whole else 50)
+    np.testing.assert_allclose(clip.qpos, bowing_clip().qpos, atol=1e-6)
