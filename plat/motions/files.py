@@ -11,7 +11,10 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
+
+import numpy as np
 
 from plat.errors import MotionError, OutputError
 from plat.files import as_path, readable, write_file
@@ -44,6 +47,8 @@ __all__ = [
 # endings of what is read as a table
 _TABLES = (".csv", ".tsv", ".txt", ".npy")
 _LONGEST_MESSAGE = 800
+# values of one motion in two files differ by less (m, rad)
+_ROUNDING = 2e-3
 _LOGGER = logging.getLogger("plat.motions")
 
 Say = Callable[[int, str], object]
@@ -149,6 +154,8 @@ def read_motion_files(
     else:
         for bad in errors:
             say(logging.WARNING, f"skipped: {readable(str(bad))}")
+    if twice := _twice(files, [line for line in lines if line.startswith("read twice")]):
+        told.append(twice) if told is not None else say(logging.WARNING, readable(twice))
     return _named_apart(files)
 
 
@@ -279,6 +286,41 @@ def csv_name(clip: MotionClip) -> str:
 def csv_stem(clip: MotionClip) -> str:
     """Return the name of a clip's table without the rate at its end: ``NAME``."""
     return without_rates(without_steps(re.sub(r"[/\0]", "_", clip.name).lstrip(".")), "motion")
+
+
+def _twice(files: Sequence[MotionFile], known: Sequence[str]) -> str:
+    """Return a line about motions that several files hold, as a table and an archive of one clip; empty for none.
+
+    Args:
+        files: with their clips under the names that these have there.
+        known: lines about equal files, which are not told of again.
+    """
+    count = Counter(name for file in files for name in {clip.name for clip in file.clips})
+    alike: dict[str, list[tuple[MotionClip, Path]]] = {}
+    pairs: list[tuple[tuple[MotionClip, Path], tuple[MotionClip, Path]]] = []
+    for file in files:
+        for clip in file.clips:
+            if count[clip.name] > 1:
+                alike.setdefault(clip.name, []).append((clip, file.path))
+    for group in alike.values():
+        group.sort(key=lambda one: float(one[0].qpos[0, 0]))  # equal ones stand side by side, whatever their number
+        pairs += [(one, other) for one, other in pairwise(group) if one[1] != other[1] and _equal(one[0], other[0])]
+    pairs = [pair for pair in pairs if not any(all(str(path) in line for _, path in pair) for line in known)]
+    if not pairs:
+        return ""
+    (clip, path), (_, other) = pairs[0]
+    more = f" and {len(pairs) - 1} more" if len(pairs) > 1 else ""
+    return f"read twice: the motion {clip.name!r} of {path} is that of {other}{more}: leave out one of two such files"
+
+
+def _equal(one: MotionClip, other: MotionClip) -> bool:
+    """Return whether two clips are one motion up to rounding; of two frame rates, whether they begin and last alike."""
+    if abs(one.duration - other.duration) > 1 / min(one.fps, other.fps):
+        return False
+    frames = slice(None) if len(one.qpos) == len(other.qpos) else slice(1)
+    # signs of quaternions may differ
+    first, second = (np.delete(clip.qpos[frames], range(3, 7), axis=1) for clip in (one, other))
+    return bool(np.allclose(first, second, rtol=0, atol=_ROUNDING))
 
 
 def _named_apart(files: list[MotionFile]) -> list[MotionFile]:
