@@ -106,6 +106,8 @@ class ExpertRecipe(RecipeConfig):
                 f"first of policy.ahead, to less than {self.rollout}, the rollout; a weight of 0 switches it off"
             )
         check_motor(self, self.motor)
+        if self.init is None:
+            check_idle(self, "", ("init_lr", "critic_warmup"), "which is for a run that goes on from another: --init")
 
 
 @dataclass(kw_only=True)
@@ -161,6 +163,10 @@ class DistillRecipe(RecipeConfig):
             raise ConfigError(
                 f"DistillRecipe: buffer_size is {self.buffer_size}, expected at least batch_size, {self.batch_size}"
             )
+        if not self.expert_share:
+            check_idle(self, "", ("expert_until",), "and with --expert-share 0 the expert takes no steps")
+        if not self.beta:
+            check_idle(self, "", ("beta_warmup",), "and beta is 0 throughout")
         if self.student == "plain":
             check_idle(self, "", ("stride", "prior_weight", "beta", "beta_warmup", "free_bits"), _NO_LATENT)
             check_idle(self, "policy", _OF_LATENT, _NO_LATENT)

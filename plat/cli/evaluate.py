@@ -17,7 +17,7 @@ from plat.cli.together import check_effect
 from plat.control.authored import FAMILIES
 from plat.envs.transforms import HORIZONS, RandomizationRanges, horizon_named
 from plat.envs.transforms.settings import robot_ranges
-from plat.errors import PlatError
+from plat.errors import OutputError, PlatError
 from plat.evaluation import HEADLINE, METRICS, Entrant, EvaluationSetting, Score, markdown, write_csv
 from plat.evaluation.authored_cells import records_of_all
 from plat.evaluation.authored_playback import play_authored
@@ -67,6 +67,9 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
     if recipe.out is not None:
         check_folder(recipe.out, "--out")
         keep_sources(recipe.manifest, written_into(recipe.out))
+        others = [path.resolve() for path in written_into(recipe.out) if path.name != SCORES_TABLE]
+        if recipe.csv is not None and recipe.csv.resolve() in others:
+            raise OutputError(f"--csv {str(recipe.csv)!r}: --out writes that file itself: give another name")
     check_together(recipe)
     found = candidates_of(
         recipe.runs,

@@ -397,6 +397,9 @@ def retarget(command: Retarget) -> list[Retargeted]:
                 command.out.mkdir(parents=True, exist_ok=True)
                 save_motions(command.out / f"{split}.npz", clips)
             print(f"{split}: {len(clips)} clips, {sum(clip.duration for clip in clips):.0f} s")
+            if not clips and (earlier := command.out / f"{split}.npz").exists():
+                earlier.unlink()  # it would be a split of other captures
+                print(f"removed {earlier} of an earlier start")
     if unknown is not None:
         proposed = _propose(command.out / "proposed_map.yaml", unknown[1])
         print(f"wrote {proposed}: a map to check and to pass with --map (plat motions map draws it)")
@@ -575,6 +578,7 @@ def draw_sheet(path: Path, clips: Sequence[MotionClip], robot: Robot = G1) -> No
     try:
         stage = Stage(robot, width=240, height=240, distance=2.6)
     except RenderingError as error:
+        path.unlink(missing_ok=True)  # of an earlier start
         print(f"no contact sheet: {error}")
         return
     inches = 1.5

@@ -127,7 +127,7 @@ class EvaluateRecipe(ScoringConfig):
     disturbed: Fraction = 0.0
     """strength of all that a robot meets: the above, delays, load, noise; 1 is the full set"""
     csv: Path | None = None
-    """file for every figure and interval; .tsv has tabs; authored keyframes go to NAME_authored.csv"""
+    """file for every figure and interval; authored keyframes go to NAME_authored.csv"""
     figures: Path | None = None
     """folder to draw radar plot, bars, success curves and film strips into, as PDF and PNG"""
     imports: Imports = ()

@@ -306,6 +306,12 @@ def test_a_table_of_tabs_has_tabs(runs, tmp_path, made_up):
         assert "," not in first
 
 
+@pytest.mark.parametrize("name", ["groups.csv", "scores_authored.csv"])
+def test_a_table_of_a_folder_is_no_other_table(runs, tmp_path, name):
+    with pytest.raises(OutputError, match=f"--csv '.*{name}': --out writes that file itself: give another name"):
+        evaluate.main(recipe(runs, "plain", csv=tmp_path / name, out=tmp_path))
+
+
 @pytest.mark.parametrize("name", ["scores.csv", "groups.csv", "scores_authored.csv"])
 def test_a_folder_of_tables_does_not_replace_what_is_read(runs, tmp_path, name):
     (tmp_path / name).write_text("clip,family\nrun,fast\n")

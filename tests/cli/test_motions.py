@@ -105,6 +105,8 @@ def test_no_opengl_costs_only_the_sheet(folder, tmp_path, capsys, monkeypatch):
         raise RenderingError("no OpenGL (none); apt install it")
 
     monkeypatch.setattr(motions, "Stage", fail)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "contact_sheet.png").touch()  # of an earlier start
     run("inspect", folder / "good_50fps.csv", "--out", tmp_path / "out")
     assert "no contact sheet: no OpenGL (none); apt install it" in capsys.readouterr().out
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["good.png"]
