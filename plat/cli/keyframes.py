@@ -115,7 +115,7 @@ def convert(command: ConvertKeyframes) -> list[Keyframe]:
     check_file(command.out, suffixes=(".json", ".xml"))
     keep_sources([command.file], [command.out])
     robot = get_robot(command.robot)
-    poses, told, of_constraints = _poses(command, robot)
+    poses, told, heard = _poses(command, robot)
     for line in told:
         print(line)
     if not poses:
@@ -124,7 +124,17 @@ def convert(command: ConvertKeyframes) -> list[Keyframe]:
         poses.insert(0, standing(robot))
     _check_order(command, poses)
     poses = [_checked(command, number, pose, robot) for number, pose in enumerate(poses)]
-    _check_effect(command, poses, of_constraints)
+    # a keyframe file has a keyframe behind its start
+    alone = len(poses) == 1 and not command.kimodo and command.out.suffix.lower() == ".json"
+    check_effect(
+        "--fps",
+        command.fps != type(command).fps,
+        "--kimodo or a file of constraints",
+        command.kimodo or heard == "--fps",
+    )
+    check_effect(
+        "--every", command.every != type(command).every, "keys that have no times", alone or heard == "--every"
+    )
     form = "MJCF keys" if command.out.suffix.lower() == ".xml" else "keyframes"
     if command.out.suffix.lower() == ".xml":
         write_mjcf_keys(command.out, robot, poses)
@@ -138,13 +148,6 @@ def convert(command: ConvertKeyframes) -> list[Keyframe]:
         write_keyframes(command.out, robot, start, others)
     print(f"wrote {command.out}: {len(poses)} poses as {form}, the first at {poses[0].time:g} s")
     return poses
-
-
-def _check_effect(command: ConvertKeyframes, poses: list[Keyframe], of_constraints: bool) -> None:
-    counted = command.kimodo or of_constraints
-    check_effect("--fps", command.fps != type(command).fps, "--kimodo or a file of constraints", counted)
-    spread = _of_model(command) or len(poses) == 1
-    check_effect("--every", command.every != type(command).every, "keys that have no times", spread)
 
 
 def _checked(command: ConvertKeyframes, number: int, pose: Keyframe, robot: Robot) -> Keyframe:
@@ -180,23 +183,23 @@ def _of_model(command: ConvertKeyframes) -> bool:
     return command.file.suffix.lower() in (".xml", ".mjcf")
 
 
-def _poses(command: ConvertKeyframes, robot: Robot) -> tuple[list[Keyframe], list[str], bool]:
-    """Return the poses of a file in any of the forms, in the order of their times, lines for the user, and whether
-    they are of constraints.
+def _poses(command: ConvertKeyframes, robot: Robot) -> tuple[list[Keyframe], list[str], str]:
+    """Return the poses of a file in any of the forms, in the order of their times, lines for the user, and the option
+    that their times depend on, ``""`` for none.
     """
     if _of_model(command):
         keys = read_mjcf_keys(command.file, robot)
         times = [key.time for key in keys]
         if len(set(times)) > 1 or len(times) == 1:
-            return keys, [], False  # those out of order are refused
+            return keys, [], ""  # those out of order are refused
         told = f"its keys have no times of their own: {command.every:g} s apart"
-        return [key.at((number + 1) * command.every) for number, key in enumerate(keys)], [told], False
+        return [key.at((number + 1) * command.every) for number, key in enumerate(keys)], [told], "--every"
     content = keyframe_json(command.file)
     if holds_keyframes(content):
         start, others = keyframes_of(content, command.file, robot)
-        return [*([] if start is None else [start]), *others], [], False
+        return [*([] if start is None else [start]), *others], [], ""
     poses, left_out = constraints_of(content, command.file, robot, command.fps)
-    return poses, [f"left out: {', '.join(left_out)}"] if left_out else [], True
+    return poses, [f"left out: {', '.join(left_out)}"] if left_out else [], "--fps"
 
 
 def main(command: KeyframesCommand) -> KeyframeSequence | list[Keyframe]:

@@ -66,6 +66,7 @@ from plat.motions.retargeting import (
     split_of,
     with_joints,
 )
+from plat.motions.retargeting.retarget import TURNED
 from plat.rendering import RenderingError, Stage, stills
 from plat.robots import G1, Robot, get_robot
 from plat.spec.timing import Timing
@@ -252,18 +253,22 @@ def repaired(
         lost: counts those that are not among them.
         verdicts: is given the verdict before and after ``--repair`` for each.
     """
-    pieces = list(file.clips)
+    least = command.limits.min_seconds if command.drop_bad else _SHORTEST
+    off = sum(command.trim)
+    # ends of the clip, and not of each of its pieces
+    pieces = [trim_motion(clip, *command.trim) for clip in file.clips if long_enough(clip, file.path, least, off)]
+    short = len(file.clips) - len(pieces)
     if command.cut:
         cuts = [cut(command, clip) for clip in pieces]
         lost.dropped += sum(not some for some in cuts)
         pieces = [piece for some in cuts for piece in some]
-    least = command.limits.min_seconds if command.drop_bad else _SHORTEST
-    kept = [clip for clip in pieces if long_enough(clip, file.path, least, sum(command.trim))]
+        long = [piece for piece in pieces if long_enough(piece, file.path, least)]
+        short, pieces = short + len(pieces) - len(long), long
     if command.drop_bad:
-        lost.dropped += len(pieces) - len(kept)
+        lost.dropped += short
     else:
-        lost.short += len(pieces) - len(kept)
-    kept = [repair(command, clip, verdicts) for clip in kept]
+        lost.short += short
+    kept = [repair(command, clip, verdicts) for clip in pieces]
     if command.resample is not None:
         kept, before = at_rate(kept, command.resample, file.path), len(kept)
         lost.short += before - len(kept)
@@ -280,8 +285,6 @@ def repaired(
 def repair(command: Convert, clip: MotionClip, verdicts: list[tuple[str, str]] | None = None) -> MotionClip:
     """One clip with them."""
     robot = get_robot(command.robot)
-    if any(command.trim):
-        clip = trim_motion(clip, *command.trim)
     if command.smooth_steps:
         smoothed = smooth_steps(clip, command.limits.step_speed, robot)
         if smoothed.steps:
@@ -345,6 +348,8 @@ def retarget(command: Retarget) -> list[Retargeted]:
     check_folder(command.out)
     told: list[str] = []
     paths = bvh_paths(command.files, told)
+    turned = any(path.suffix.lower() in TURNED for path in paths)
+    check_effect("--angles", command.angles is not None, "files that have angles, .bvh or .amc", turned)
     skeleton = None if command.map is None else load_map(command.map)
     made, failed = [], 0
     columns = f"{'error cm':>10}{'depth mm':>10}{'float mm':>10}{'slip cm/s':>11}{'f/s':>6}  read as"
@@ -400,6 +405,9 @@ def retarget(command: Retarget) -> list[Retargeted]:
                 command.out.mkdir(parents=True, exist_ok=True)
                 save_motions(command.out / f"{split}.npz", clips)
             print(f"{split}: {len(clips)} clips, {sum(clip.duration for clip in clips):.0f} s")
+            if not clips and (earlier := command.out / f"{split}.npz").exists():
+                earlier.unlink()  # it would be a split of other captures
+                print(f"removed {earlier} of an earlier start")
     if unknown is not None:
         proposed = _propose(command.out / "proposed_map.yaml", unknown[1])
         print(f"wrote {proposed}: a map to check and to pass with --map (plat motions map draws it)")
@@ -594,6 +602,7 @@ def draw_sheet(path: Path, clips: Sequence[MotionClip], robot: Robot = G1) -> No
     try:
         stage = Stage(robot, width=240, height=240, distance=2.6)
     except RenderingError as error:
+        path.unlink(missing_ok=True)  # of an earlier start
         print(f"no contact sheet: {error}")
         return
     inches = 1.5

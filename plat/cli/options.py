@@ -307,7 +307,7 @@ class Convert(MotionFiles):
     format: Literal["npz", "csv"] = "npz"
     """in a folder: an .npz for each file, or a .csv (wxyz, with a header) for each clip"""
     trim: tuple[NonNegative, NonNegative] = (0.0, 0.0)
-    """seconds to take off the start and the end"""
+    """seconds to take off the start and the end of each clip, before it is cut"""
     ground: Literal["clip", "smooth"] | None = None
     """put the feet on the floor: all frames of a clip alike, or following a floor that drifts"""
     level_feet: bool = False

@@ -11,6 +11,7 @@ from statistics import fmean
 import torch
 
 from plat.cli.options import SimToSimRecipe
+from plat.cli.together import check_effect
 from plat.control import (
     Chase,
     Controller,
@@ -38,6 +39,8 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
         PlatError: for what cannot be run.
         ActionError: when a simulation diverged or a target was not finite, after the whole table.
     """
+    check_effect("--seed", recipe.seed != type(recipe).seed, "--motions", recipe.motions)
+    check_effect("--split", recipe.split, "--keyframes", recipe.keyframes)
     torch.set_num_threads(1)  # only the scores are torch's, one robot at a time
     robot = get_robot(recipe.robot)
     runner = PolicyRunner(recipe.bundle, robot.joint_names)

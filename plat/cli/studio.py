@@ -82,10 +82,11 @@ def check_together(recipe: StudioRecipe) -> None:
         if recipe.libraries is not None:
             raise StudioError("--libraries: without effect but with --static, expected that beside it")
         return
-    for name in ("motions", "keyframes", "folder", "host", "port"):
+    for name in ("motions", "keyframes", "folder", "host", "port", "browser"):
         if getattr(recipe, name) != getattr(StudioRecipe, name):
+            flag = "--no-browser" if name == "browser" else f"--{name}"
             raise StudioError(
-                f"--{name}: without effect on the page of --static, where keyframe files are opened in the browser; "
+                f"{flag}: without effect on the page of --static, where keyframe files are opened in the browser; "
                 "expected none beside it"
             )
 

@@ -281,6 +281,9 @@ def test_options_without_effect_are_refused(tmp_path):
         convert(EXAMPLE, fps=10.0)
     with pytest.raises(PlatError, match="--every: without effect but with keys that have no times"):
         convert(EXAMPLE, every=5.0)
+    keyframes.main(keyframes.ConvertKeyframes(file=EXAMPLE, out=tmp_path / "timed.xml"))
+    with pytest.raises(PlatError, match="--every: without effect but with keys that have no times"):
+        convert(tmp_path / "timed.xml", every=5.0)
     convert(EXAMPLE, fps=10.0, kimodo=True)
     (tmp_path / "out.json").rename(tmp_path / "constraints.json")
     half = KeyframeSequence.load(EXAMPLE, G1).duration / 2

@@ -106,6 +106,8 @@ def test_no_opengl_costs_only_the_sheet(folder, tmp_path, capsys, monkeypatch):
         raise RenderingError("no OpenGL (none); apt install it")
 
     monkeypatch.setattr(motions, "Stage", fail)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "contact_sheet.png").touch()  # of an earlier start
     run("inspect", folder / "good_50fps.csv", "--out", tmp_path / "out")
     assert "no contact sheet: no OpenGL (none); apt install it" in capsys.readouterr().out
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["good.png"]
@@ -120,6 +122,14 @@ def test_convert_to_one_file_with_repairs(folder, tmp_path, capsys):
     np.testing.assert_allclose(clips["floating"].qpos, clips["good"].qpos, atol=1e-5)
     told = f"left out short of {folder / 'two.npz'}: 0.000 s long after --trim, expected at least 0.5 s"
     assert told in capsys.readouterr().out
+
+
+def test_ends_are_taken_off_clips_and_not_off_pieces_of_them(tmp_path):
+    qpos = bowing_clip(120).qpos.copy()
+    qpos[60:, 0] += 2
+    save_motions(tmp_path / "a.npz", MotionClip("a", qpos, 50.0))
+    run("convert", tmp_path / "a.npz", "--trim", 0.4, 0.2, "--cut", "--out", tmp_path / "b.npz")
+    assert [(clip.name, len(clip.qpos)) for clip in load_motions(tmp_path / "b.npz")] == [("a_c0", 40), ("a_c1", 50)]
 
 
 def test_convert_levels_feet_before_it_grounds_them(tmp_path):

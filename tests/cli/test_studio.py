@@ -123,6 +123,7 @@ def test_a_file_is_proposed_under_its_own_place_in_the_folder(tmp_path, monkeypa
     ("options", "message"),
     [
         ({"keyframes": Path("wave.json")}, "--keyframes: without effect on the page of --static"),
+        ({"browser": False}, "--no-browser: without effect on the page of --static"),
         ({"motions": "generated:test"}, "--motions: without effect on the page of --static"),
         ({"static": None, "libraries": Path("node_modules")}, "--libraries: without effect but with --static"),
     ],

@@ -144,6 +144,8 @@ def read_array(data: bytes) -> np.ndarray | dict[Any, Any] | None:
         if not isinstance(content, PickledArray) or content.value is None:
             raise MotionError("it holds an array with Python objects, expected numbers or texts")
         return content.value
+    if dtype.kind == "c":
+        raise MotionError("it holds complex numbers, expected real ones")
     if dtype.kind not in "biufSU":
         return None  # no motion: a table of something, or dates
     # rows of no columns and texts of no letters take no bytes, and a thousand million of them are claimed as easily

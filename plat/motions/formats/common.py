@@ -83,12 +83,14 @@ class MotionFile:
         format: what it was taken for.
         clips: its motions.
         notes: what was assumed, detected or filled in, a phrase each.
+        unheard: what may be stated of files, by its name in :class:`ReadOptions`, and says nothing about this one.
     """
 
     path: Path
     format: str
     clips: list[MotionClip]
     notes: tuple[str, ...] = ()
+    unheard: tuple[str, ...] = ()
 
     @property
     def facts(self) -> str:

@@ -27,10 +27,9 @@ from plat.motions.formats.quaternion_order import settle_joint_order, settle_qua
 from plat.motions.formats.tracker_file import read_tracker
 from plat.motions.formats.unnamed_joints import without_wrists
 
-__all__ = ["read_npz"]
+__all__ = ["ALIASES", "read_npz"]
 
-# arrays by another name, by the name that plat knows them by
-_ALIASES = {
+ALIASES = {
     # NVIDIA's AMP of Isaac Lab
     "dof_positions": "joint_pos",
     "dof_names": "joint_names",
@@ -63,6 +62,7 @@ _ALIASES = {
     "dof": "joint_pos",
     "joint_positions": "joint_pos",
 }
+"""Arrays of a robot's motion by another name, with the name that plat knows them by."""
 # what loco-mujoco writes beside the motion: its model, and what follows from the motion
 _LOCO = frozenset(
     (
@@ -93,7 +93,7 @@ def read_npz(path: Path, options: ReadOptions) -> MotionFile:
     stored = read_archive(path)
     if is_marked(stored):
         return _own(path, stored, options)
-    arrays = {_ALIASES.get(name, name): array for name, array in stored.items()}
+    arrays = {ALIASES.get(name, name): array for name, array in stored.items()}
     _rename(arrays)
     refuse_human_body(arrays)
     refuse_old_arrays(stored)
@@ -116,7 +116,7 @@ def read_npz(path: Path, options: ReadOptions) -> MotionFile:
     clips = file.clips
     fps, told = rate_of_file(path, rates, _some(clips), options.robot)
     clips = [replace(clip, fps=fps) for clip in clips]
-    return MotionFile(path, file.format, clips, (*notes, *told, *file.notes))
+    return replace(file, clips=clips, notes=(*notes, *told, *file.notes))
 
 
 def _own(path: Path, arrays: dict[str, np.ndarray], options: ReadOptions) -> MotionFile:

@@ -58,7 +58,7 @@ def read_fields(path: Path, content: Any, options: ReadOptions, packed: int, siz
     Raises:
         MotionError: when it holds something else, or claims more than there is.
     """
-    if isinstance(content, PickledArray):
+    if isinstance(content, PickledArray) or (isinstance(content, list) and content and isinstance(content[0], list)):
         content = {"qpos": content}
     if isinstance(content, list) and content and all(isinstance(fields, dict) for fields in content):
         content = {f"{path.stem}_{number}": fields for number, fields in enumerate(content)}
@@ -103,7 +103,8 @@ def read_fields(path: Path, content: Any, options: ReadOptions, packed: int, siz
         clips.append(clip)
         orders.add(order)
     kind = next(kind for kind, field in _KINDS.items() if any(field in fields for fields in (*motions.values(), [""])))
-    return MotionFile(path, kind, clips, (f"quaternion {'/'.join(sorted(orders))}",))
+    unheard = () if any(motion.options is options for motion in read.values()) else ("quat_order",)
+    return MotionFile(path, kind, clips, (f"quaternion {'/'.join(sorted(orders))}",), unheard)
 
 
 @dataclass(frozen=True)
@@ -142,7 +143,10 @@ class _Motion:
 
     @classmethod
     def of(cls, path: Path, name: str, fields: dict[str, Any], options: ReadOptions) -> "_Motion":
-        fields, usual = _with_parts(_renamed(fields))
+        fields = _renamed(fields)
+        if _of_rotation_vectors(fields):  # whose quaternion is made here
+            options = replace(options, quat_order=None)
+        fields, usual = _with_parts(fields)
         root_pos, root_quat, joint_pos = (_array(fields, names) for names in (_ROOT_POS, _ROOT_QUAT, _JOINT_POS))
         listed = next((_unwrap(fields[key]) for key in _NAMES if key in fields), None)
         names = None if listed is None else strings(listed, "joint_names")
@@ -235,7 +239,7 @@ def _renamed(fields: dict[str, Any]) -> dict[str, Any]:
 
 def _with_parts(fields: dict[str, Any]) -> tuple[dict[str, Any], QuatOrder]:
     """Return the fields of a motion with ``qpos`` taken apart, and the order that its quaternion usually has."""
-    qpos = _unwrap(fields.get("qpos"))
+    qpos = _array(fields, ("qpos",)) if isinstance(fields.get("qpos"), list) else _unwrap(fields.get("qpos"))
     if isinstance(qpos, np.ndarray) and qpos.ndim == 2 and qpos.shape[1] > 7:
         parts = {"root_pos": qpos[:, :3], "root_rot": qpos[:, 3:7], "dof_pos": qpos[:, 7:]}
         return {**fields, **parts}, "wxyz"
@@ -248,6 +252,11 @@ def _with_parts(fields: dict[str, Any]) -> tuple[dict[str, Any], QuatOrder]:
         quat = quat_from_rotvec(rows[:, 3:6].astype(np.float64))
         return {**fields, "root_pos": rows[:, :3], "root_quat": quat, "dof_pos": rows[:, 6:]}, "wxyz"
     return fields, "xyzw" if "root_rot" in fields else "wxyz"
+
+
+def _of_rotation_vectors(fields: Mapping[Any, Any]) -> bool:
+    """Return whether the fields of a motion are those of MimicKit."""
+    return _FRAMES in fields and "qpos" not in fields and not any(name in fields for name in _JOINT_POS)
 
 
 def _count(value: Any) -> int:

@@ -10,6 +10,7 @@ from plat.motions.formats.archive import archive_shapes, read_archive, states_ra
 from plat.motions.formats.clock import stated_rates
 from plat.motions.formats.common import strings
 from plat.motions.formats.kimodo import KIMODO_FPS
+from plat.motions.formats.npz_file import ALIASES
 from plat.motions.retargeting.mocap import Mocap
 from plat.motions.retargeting.skeletons import ROLES
 
@@ -29,7 +30,7 @@ _PLACES = (
 )
 _NAMES = ("joint_names", "joints_names", "names")
 # arrays that make an archive one of a robot
-_ROBOT = ("qpos", "joint_pos", "dof_pos", "dof_positions", "robot_joint_pos")
+_ROBOT = {"qpos", "joint_pos", *(name for name, known in ALIASES.items() if known == "joint_pos")} - {*_PLACES}
 
 _ARM, _LEG, _CORE_LEG = (
     ("Shoulder", "Arm", "ForeArm", "Hand"),
@@ -81,7 +82,7 @@ _LAYOUTS: dict[int, _Layout] = {
 def holds_human_joints(path: Path) -> bool:
     """Return whether an ``.npz`` holds joint positions of a human, and no motion of a robot."""
     shapes = archive_shapes(path)
-    return not set(_ROBOT) & set(shapes) and _places(shapes) is not None
+    return not _ROBOT & set(shapes) and _places(shapes) is not None
 
 
 def read_joint_file(path: str | Path, fps: float | None = None) -> Mocap:

@@ -40,7 +40,7 @@ from plat.rotations import quat_rotate
 if TYPE_CHECKING:
     from plat.motions.retargeting.targets import Targets
 
-__all__ = ["MOCAP_READERS", "Retargeted", "bvh_paths", "read_capture", "retarget", "retarget_all"]
+__all__ = ["MOCAP_READERS", "TURNED", "Retargeted", "bvh_paths", "read_capture", "retarget", "retarget_all"]
 
 MOCAP_READERS: dict[str, Callable[..., Mocap]] = {
     ".bvh": read_bvh,
@@ -53,8 +53,8 @@ MOCAP_READERS: dict[str, Callable[..., Mocap]] = {
 # endings that files of robots have as well, and what tells those of humans
 _HUMAN: dict[str, Callable[[Path], bool]] = {".npz": holds_human_joints, ".npy": holds_poselib}
 
-# those that hold angles
-_TURNED = (".bvh", ".amc")
+TURNED = (".bvh", ".amc")
+"""Endings of those that hold angles."""
 
 # Files that a process must have to itself to be worth the seconds in which it starts.
 _FILES_PER_WORKER = 16
@@ -148,7 +148,7 @@ def read_capture(path: str | Path, fps: float | None = None, angles: Angles | No
     except OSError as error:
         raise MotionError(f"{where}: cannot be read ({error.strerror or error})") from error
     try:
-        mocap = MOCAP_READERS[ending](path, fps, *([angles] if ending in _TURNED else []))
+        mocap = MOCAP_READERS[ending](path, fps, *([angles] if ending in TURNED else []))
     except MotionError:
         raise
     except Exception as error:  # whatever a parser stumbles over: the file is broken

@@ -245,6 +245,11 @@ def test_root_angles_in_radians(tmp_path):
     file, found = read_back(tmp_path / "a_50fps.csv")
     assert np.abs((found.qpos[:, 3:7] * clip.qpos[:, 3:7]).sum(1)).min() > 1 - 1e-6
     assert "root rotation from Euler angles in radians" in file.facts
+    with pytest.raises(MotionError, match="a_50fps.csv': quat_order is stated, and says nothing about a csv"):
+        load_motions(tmp_path / "a_50fps.csv", quat_order="xyzw")
+    write_csv(tmp_path / "b_50fps.csv", clip, "xyzw")
+    for both in load_motions(tmp_path, quat_order="xyzw"):
+        assert np.abs((both.qpos[:, 3:7] * clip.qpos[:, 3:7]).sum(1)).min() > 1 - 1e-6
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(100, "centimeters"), (1000, "millimeters")])

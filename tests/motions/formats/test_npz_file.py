@@ -546,3 +546,10 @@ def test_a_name_beats_what_is_assumed(tmp_path):
         assert file.clips[0].fps == 60
         assert "fps from the file name" in file.facts
         assert ASSUMED_RATE not in file.facts
+
+
+@pytest.mark.parametrize("field", ["qpos", "dof_pos", "walk"])
+def test_complex_numbers_are_named(tmp_path, field):
+    np.savez(tmp_path / "a.npz", fps=50, **{field: np.zeros((4, 36), complex)})
+    with pytest.raises(MotionError, match=f"array '{field}': it holds complex numbers, expected real ones"):
+        load_motions(tmp_path / "a.npz")

@@ -61,6 +61,8 @@ def test_mimickit(tmp_path):
     (file,) = read_motion_files(tmp_path / "bow.pkl")
     np.testing.assert_allclose(file.clips[0].qpos, clip.qpos, atol=1e-5)
     assert file.facts == "MimicKit pickle, 50 fps, quaternion wxyz"
+    with pytest.raises(MotionError, match="bow.pkl': quat_order is stated, and says nothing about a MimicKit pickle"):
+        load_motions(tmp_path / "bow.pkl", quat_order="xyzw")  # it was read as such, and the robot lay
     (tmp_path / "bow.pkl").write_bytes(pickle.dumps({"fps": 50, "frames": np.zeros(40)}))
     with pytest.raises(MotionError, match=r"'frames' has shape \(40,\), expected rows of root position"):
         load_motions(tmp_path / "bow.pkl")
@@ -275,3 +277,23 @@ def test_humans_among_motions_are_named_as_such(tmp_path):
     (tmp_path / "phc.pkl").write_bytes(pickle.dumps({"0-walk": fields}))
     with pytest.raises(MotionError, match="motion '0-walk': human motion of the SMPL family .AMASS., not of a robot"):
         load_motions(tmp_path / "phc.pkl")
+
+
+def test_objects_behind_the_first_are_refused(tmp_path):
+    once = pickle.dumps(gmr_fields(bowing_clip()))
+    path = tmp_path / "two.pkl"
+    path.write_bytes(once + once)
+    with pytest.raises(
+        MotionError, match="two.pkl': it goes on behind its first object, expected one: a dictionary of"
+    ):
+        load_motions(path)
+    path.write_bytes(once + b"\n")
+    assert len(load_motions(path)) == 1
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_rows_of_qpos_may_be_lists(tmp_path, whole):
+    rows = bowing_clip().qpos.tolist()
+    (tmp_path / "bow.pkl").write_bytes(pickle.dumps({"fps": 50, "qpos": rows} if whole else rows))
+    (clip,) = load_motions(tmp_path / "bow.pkl", fps=None if whole else 50)
+    np.testing.assert_allclose(clip.qpos, bowing_clip().qpos, atol=1e-6)
