@@ -143,7 +143,9 @@ def _is_alive(process: int) -> bool:
 
 
 def replace_table(path: Path, head: Sequence[str], rows: Iterable[Iterable[object]]) -> None:
-    """Write a CSV file whole or not at all, as :func:`replace_file` does; numbers with a fraction have six digits.
+    """Write a table whole or not at all, as :func:`replace_file` does; numbers with a fraction have six digits.
+
+    Cells are separated by commas, and by tabs where the file ends in ``.tsv``.
 
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -152,11 +154,12 @@ def replace_table(path: Path, head: Sequence[str], rows: Iterable[Iterable[objec
     ...     path.read_text()
     'step,error\\n1,0.123457\\n'
     """
+    delimiter = "\t" if path.suffix.lower() == ".tsv" else ","
     lines = [[f"{cell:.6g}" if isinstance(cell, float) else cell for cell in row] for row in rows]
 
     def write(part: Path) -> None:
         with part.open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file, lineterminator="\n").writerows([head, *lines])
+            csv.writer(file, delimiter=delimiter, lineterminator="\n").writerows([head, *lines])
 
     replace_file(path, write)
 

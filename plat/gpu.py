@@ -7,7 +7,7 @@ from torch.utils.weak import WeakTensorKeyDictionary
 from plat.errors import ConfigError
 from plat.json_file import short
 
-__all__ = ["HORIZONTAL", "UP", "check_device", "constant", "on_gpu"]
+__all__ = ["HORIZONTAL", "UP", "check_device", "check_stays", "constant", "on_gpu"]
 
 HORIZONTAL = torch.tensor([1.0, 1.0, 0.0])
 """Factors that leave a vector's horizontal part."""
@@ -40,6 +40,26 @@ def check_device(device: torch.device | str, what: str = "device", *, meta: bool
         reason = str(error).partition("\n")[0][:120]
         there = "cuda" if torch.cuda.is_available() else "cpu"
         raise ConfigError(f"{what} {short(device)}: not on this machine ({reason}); expected {there}") from None
+
+
+def check_stays(device: torch.device | str, here: torch.device | None, what: str) -> None:
+    """Raise where something is to be moved that stays where it was made.
+
+    Args:
+        device: where it is to be moved.
+        here: where it is.
+        what: it is; begins the message.
+
+    Raises:
+        ConfigError: saying how it is made there.
+
+    >>> check_stays("cpu", torch.device("cpu"), "environment")
+    """
+    wanted = check_device(device)
+    if here is None or wanted.type != here.type or wanted.index not in (None, here.index):
+        raise ConfigError(
+            f"{what}: is on {str(here)!r} and cannot be moved, expected one made with device={str(wanted)!r}"
+        )
 
 
 def on_gpu(tensor: Tensor) -> bool:

@@ -7,7 +7,7 @@ from plat.collectors import RolloutReplay, dagger_buffer
 from plat.envs import make_keyframe_env, make_tracking_env
 from plat.errors import ConfigError
 from plat.gpu import _COPIES as COPIES
-from plat.gpu import HORIZONTAL, UP, check_device, constant
+from plat.gpu import HORIZONTAL, UP, check_device, check_stays, constant
 from plat.motions import MotionLibrary
 from plat.robots import G1
 from plat.runs import load_policy
@@ -51,6 +51,13 @@ def test_copies_go_with_their_constant():
 def test_what_is_no_device_of_this_machine_is_one_line(device):
     with pytest.raises(ConfigError, match="^device .*: not on this machine .*expected"):
         check_device(device)
+
+
+def test_what_stays_where_it_was_made_says_so():
+    with pytest.raises(
+        ConfigError, match=r"env: is on 'cuda:0' and cannot be moved, expected one made with device='cpu'"
+    ):
+        check_stays("cpu", torch.device("cuda", 0), "env")
 
 
 def test_whatever_takes_a_device_names_one_that_is_not_there():

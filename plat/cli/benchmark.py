@@ -6,7 +6,7 @@ plat benchmark plat-g1 imagined-g1 --bandai Bandai-Namco-Research-Motiondataset 
 
 import json
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
@@ -16,17 +16,18 @@ from typing import Any
 import plat.headless  # noqa: F401
 
 # isort: split
-from plat.cli.benchmark_page import ABOUT, group_figure, page
+from plat.cli.benchmark_page import ABOUT, FIGURES, group_figure, page
 from plat.cli.candidates import Loaded, candidates_of, trackers_of
 from plat.cli.evaluate import common_control_dt, long_enough, other_window
 from plat.cli.options import BenchmarkRecipe
 from plat.cli.public_motions import PUBLIC
-from plat.errors import PlatError
+from plat.cli.together import check_effect
+from plat.errors import OutputError, PlatError
 from plat.evaluation import RULES, Entrant, EvaluationSetting
 from plat.evaluation.cells import Candidate, motions_fingerprint
 from plat.evaluation.families import families_of, read_manifest
 from plat.evaluation.study import Study, StudyPlan, evenly, group_metrics, run_study, tracker_and_interface
-from plat.evaluation.study_files import write_study
+from plat.evaluation.study_files import TABLES, write_study
 from plat.figures import (
     difference_plot,
     group_plot,
@@ -69,6 +70,7 @@ class MotionSet:
 def main(recipe: BenchmarkRecipe) -> dict[str, Study]:
     """Run the recipe; return the results on each set of motions, trackers with their best interface."""
     recipe = on_device(recipe)
+    check_together(recipe)
     check_folder(recipe.out, "--out")
     pyplot()  # what is missing had better be said before the evaluation
     import_modules(recipe.imports)
@@ -88,6 +90,8 @@ def main(recipe: BenchmarkRecipe) -> dict[str, Study]:
         raise PlatError(f"--ours {recipe.ours!r}: no such row, expected one of {', '.join(names)}")
     trackers = trackers_of(recipe.runs, recipe.trackers, device=recipe.device, robot=recipe.robot, loaded=loaded)
     entrants = {candidate.name: entrant for candidate, entrant in candidates.items()}
+    tracks = any(entrant.tracks for entrant in entrants.values())
+    check_effect("--interface", recipe.interface != type(recipe).interface, "a dense tracker", tracks)
     control_dt = common_control_dt(entrants, (*recipe.horizons, *recipe.further_horizons))
     sets = motion_sets(recipe, robot, control_dt)
     studies: dict[str, Study] = {}
@@ -115,22 +119,48 @@ def main(recipe: BenchmarkRecipe) -> dict[str, Study]:
     return studies
 
 
+def check_together(recipe: BenchmarkRecipe) -> None:
+    """Raise an error for options that would be without effect.
+
+    Raises:
+        PlatError: naming the option and what it is for.
+    """
+    default, curves = type(recipe), ("--robustness", recipe.robustness)
+    several = recipe.hard or any(getattr(recipe, name) is not None for name in PUBLIC)
+    further = "motions beside the generated ones, as of --hard"
+    for flag, changed, (needed, there) in (
+        ("--manifest", recipe.manifest, ("--hard", recipe.hard)),
+        ("--strengths", recipe.strengths != default.strengths, curves),
+        ("--robustness-clips", recipe.robustness_clips != default.robustness_clips, curves),
+        ("--further-horizons", recipe.further_horizons != default.further_horizons, (further, several)),
+    ):
+        check_effect(flag, changed, needed, there)
+
+
 def motion_sets(recipe: BenchmarkRecipe, robot: Robot, control_dt: float) -> list[MotionSet]:
     """Return the sets of motions: those that files were given for, and the generated one.
 
     Raises:
         PlatError: when two sets have one name.
+        OutputError: when the folder of a set is, holds, or is in what is read.
     """
     names = [name for name in PUBLIC if getattr(recipe, name) is not None] + ["generated"]
     for path in recipe.hard:
         if path.stem in names:
             raise PlatError(f"--hard {str(path)!r}: there is a set {path.stem!r} already, expected another file name")
         names.append(path.stem)
+    _keep_inputs(recipe, names)
     families = read_manifest(recipe.manifest) if recipe.manifest else None
     sets = []
 
-    def add(name: str, source: str, motions: str | Path, family: Callable[[list[str]], list[str]] | None) -> None:
-        library = MotionLibrary.load([motions], robot, dt=control_dt)
+    def add(
+        name: str,
+        source: str,
+        motions: str | Path,
+        family: Callable[[list[str]], list[str]] | None,
+        found: list[Path] | None = None,
+    ) -> None:
+        library = MotionLibrary.load([motions], robot, dt=control_dt, found=found)
         cut = library.pieces(recipe.longest)
         chosen = evenly(range(cut.num_clips), recipe.clips or cut.num_clips)
         # pieces are frames of the same table
@@ -144,11 +174,25 @@ def motion_sets(recipe: BenchmarkRecipe, robot: Robot, control_dt: float) -> lis
             path = public.file(source, recipe.out, robot)
             add(name, f"{public.says} ({path.name})", path, None if public.clips is None else public.families)
     for path in recipe.hard:
-        files = [path] if path.is_file() else [*path.rglob("*")]
+        files: list[Path] = []
         known = None if families is None else partial(families_of, families=families, files=files)
-        add(path.stem, path.name, path, known)
+        add(path.stem, path.name, path, known, files)
     add("generated", f"generated:test@{recipe.generated:g}", f"generated:test@{recipe.generated:g}", _kinds)
     return sets
+
+
+def _keep_inputs(recipe: BenchmarkRecipe, names: Iterable[str]) -> None:
+    given = {f"--{name.replace('_', '-')}": [getattr(recipe, name)] for name in PUBLIC}
+    given |= {"--hard": list(recipe.hard), "--manifest": list(recipe.manifest)}
+    for flag, paths in given.items():
+        for path in paths:
+            for folder in (recipe.out / name for name in names) if path is not None else ():
+                # what is written into a folder of hard motions would be one of them at the next start
+                if folder.resolve() in (path.resolve(), *path.resolve().parents) or (
+                    flag == "--hard" and path.resolve() in folder.resolve().parents
+                ):
+                    told = f"{flag} {str(path)!r}: results go to {str(folder)!r}, which it is in or holds"
+                    raise OutputError(f"{told}: give another --out")
 
 
 def _kinds(clips: list[str]) -> list[str]:
@@ -214,10 +258,14 @@ def write_about(folder: Path, told: dict[str, Any]) -> None:
     if path.exists() and path.read_bytes() != text.encode():
         (folder / "benchmark.md").unlink(missing_ok=True)
         for name, *_ in told["sets"]:
-            for kind in ("csv", "png", "pdf"):
-                for stale in (folder / name).glob(f"*.{kind}"):
-                    stale.unlink()
+            _remove(folder / name, (*TABLES, *FIGURES))
     replace_file(path, partial(_write, text=text))
+
+
+def _remove(folder: Path, names: Iterable[str]) -> None:
+    """Remove files of an earlier start; others of the folder are not plat's."""
+    for name in names:
+        (folder / name).unlink(missing_ok=True)
 
 
 def command_of(recipe: BenchmarkRecipe) -> list[str]:
@@ -247,8 +295,7 @@ def _write(part: Path, text: str) -> None:
 
 def draw(folder: Path, study: Study, control_dt: float) -> list[Path]:
     """Draw the figures of a set, in the place of those that were there."""
-    for path in (*folder.glob("*.png"), *folder.glob("*.pdf")):
-        path.unlink()
+    _remove(folder, FIGURES)
     scores = study.scores
     usual = [score for score in scores if score.horizon not in _LONGER]
     horizons = {score.horizon for score in usual}

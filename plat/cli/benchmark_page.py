@@ -3,6 +3,7 @@
 It writes ``docs/results.md``, and copies tables and pictures to ``docs/benchmark``.
 """
 
+import os
 import shlex
 import shutil
 import sys
@@ -10,7 +11,7 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
-from plat.errors import PlatError, RecordsError
+from plat.errors import OutputError, PlatError, RecordsError
 from plat.evaluation.groups import group_table
 from plat.evaluation.names import RuleName
 from plat.evaluation.score_table import difference_table, metrics_table, overview, table
@@ -18,8 +19,9 @@ from plat.evaluation.study import Study, clip_table, group_metrics
 from plat.evaluation.study_files import read_study
 from plat.files import copy_file, replace_file
 from plat.json_file import read_json, short
+from plat.runs.recipe import report_errors
 
-__all__ = ["ABOUT", "group_figure", "page", "publish"]
+__all__ = ["ABOUT", "FIGURES", "group_figure", "page", "publish"]
 
 ABOUT = "about.json"
 """File of what it takes to repeat the tables."""
@@ -48,6 +50,8 @@ _ALT = {
     "by_authored": "Authored keyframes that were reached, by family",
     "robustness": "TKS@3 against the strength of disturbances",
 }
+FIGURES = tuple(f"{stem}.{kind}" for stem in _ALT for kind in ("pdf", "png"))
+"""Names of all figures that a set of motions may have."""
 
 
 def page(folder: Path, pictures: str = "", sets: Collection[str] | None = None) -> str:
@@ -84,14 +88,30 @@ def publish(folder: Path, docs: Path) -> None:
 
     Raises:
         RecordsError: when ``folder`` holds no benchmark.
+        OutputError: when the folder of the copies is, holds, or is in the one that they are made of, or is no copy.
     """
-    kept = docs / "benchmark"
+    kept = (docs / "benchmark").resolve()
     about, head, names = _read_about(folder)
+    source = folder.resolve()
+    if kept == source or kept in source.parents or source in kept.parents:
+        told = f"{str(kept)!r}: would replace {str(folder)!r}, which it is a copy of"
+        raise OutputError(f"{told}: give the folder that plat benchmark wrote, outside the docs")
+    if kept.exists() and not (kept / ABOUT).is_file():
+        raise OutputError(f"{str(kept)!r}: no earlier copy of a benchmark, as it has no {ABOUT}: move it elsewhere")
     text = _page(folder, about, head, names, "benchmark/")
     shown = [folder / name for name in names]  # other sets are of an earlier start
-    shutil.rmtree(kept, ignore_errors=True)
-    for path in [folder / ABOUT, *(path for one in shown for kind in ("csv", "png") for path in one.glob(f"*.{kind}"))]:
-        copy_file(path, kept / path.relative_to(folder), "a copy")
+    # whole before it takes the place of the earlier one, which is there until then
+    new, old = (kept.with_name(f".{kept.name}-{os.getpid()}.{word}") for word in ("new", "old"))
+    try:
+        paths = [path for one in shown for kind in ("csv", "png") for path in one.glob(f"*.{kind}")]
+        for path in [folder / ABOUT, *paths]:
+            copy_file(path, new / path.relative_to(folder), "a copy")
+        if kept.exists():
+            kept.rename(old)
+        new.rename(kept)
+    finally:
+        shutil.rmtree(new, ignore_errors=True)
+    shutil.rmtree(old, ignore_errors=True)
     replace_file(docs / "results.md", lambda part: part.write_text(text, encoding="utf-8"))
 
 
@@ -167,11 +187,9 @@ def _section(name: str, study: Study, folder: Path, pictures: str, about: dict[s
 def main(words: list[str]) -> None:
     """Run :func:`publish` on what a command line gives."""
     if len(words) != 2:
-        sys.exit("expected two folders: that of a benchmark and that of the docs")
-    try:
+        sys.exit("error: expected two folders: that of a benchmark and that of the docs")
+    with report_errors():
         publish(Path(words[0]), Path(words[1]))
-    except PlatError as error:
-        sys.exit(str(error))
 
 
 if __name__ == "__main__":

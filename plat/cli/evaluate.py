@@ -4,7 +4,7 @@ plat evaluate runs/plat runs/dagger runs/expert --motions clips.npz --horizon mi
 """
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -14,9 +14,10 @@ import plat.headless  # noqa: F401
 from plat.cli.candidates import candidates_of
 from plat.cli.options import EvaluateRecipe
 from plat.cli.together import check_effect
+from plat.control.authored import FAMILIES
 from plat.envs.transforms import HORIZONS, RandomizationRanges, horizon_named
 from plat.envs.transforms.settings import robot_ranges
-from plat.errors import PlatError
+from plat.errors import OutputError, PlatError
 from plat.evaluation import HEADLINE, METRICS, Entrant, EvaluationSetting, Score, markdown, write_csv
 from plat.evaluation.authored_cells import records_of_all
 from plat.evaluation.authored_playback import play_authored
@@ -25,6 +26,7 @@ from plat.evaluation.authored_scores import (
     AuthoredRecords,
     author_families,
     authored_table,
+    remove_authored_csv,
     write_authored_csv,
 )
 from plat.evaluation.cells import Candidate
@@ -33,6 +35,7 @@ from plat.evaluation.families import families_of, read_manifest
 from plat.evaluation.groups import GroupScore
 from plat.evaluation.score_table import COLUMNS, rows
 from plat.evaluation.study import Study, StudyPlan, run_study
+from plat.evaluation.study_files import TABLES as TABLES_OF_STUDY
 from plat.evaluation.study_files import write_study
 from plat.figures import ablation_bars, film_strip, group_plot, pyplot, radar_plot, save_figure, success_plot
 from plat.files import TABLES, check_file, check_folder, keep_sources, replace_file
@@ -63,6 +66,10 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
     robot = get_robot(recipe.robot)
     if recipe.out is not None:
         check_folder(recipe.out, "--out")
+        keep_sources(recipe.manifest, written_into(recipe.out))
+        others = [path.resolve() for path in written_into(recipe.out) if path.name != SCORES_TABLE]
+        if recipe.csv is not None and recipe.csv.resolve() in others:
+            raise OutputError(f"--csv {str(recipe.csv)!r}: --out writes that file itself: give another name")
     check_together(recipe)
     found = candidates_of(
         recipe.runs,
@@ -126,12 +133,15 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
         score_authored(recipe, found, library, study, plan.setting, conditions)
         if recipe.strips is not None:
             pictures += draw_authored_strips(recipe, recipe.strips, entrants, library)
+            remove_figures(recipe.strips, [f"authored_{family}" for family in FAMILIES], pictures)
     if recipe.figures is not None:
         pictures += draw_scores(recipe.figures, scores)
         if recipe.partial or recipe.disturbed or recipe.domain_randomization:
             print("no film strip: it shows whole keyframes and an undisturbed robot, which these scores are not of")
         else:
             pictures += draw_strips(recipe.figures, entrants, shown, recipe.seed, recipe.device)
+        stems = ["radar", "success", "film_strip", *(f"bars_{horizon}" for horizon in HORIZONS)]
+        remove_figures(recipe.figures, stems, pictures)
     if written := written_by(recipe, pictures):
         print(f"\nwrote {', '.join(map(str, written))}")
     if recipe.loggers:
@@ -175,6 +185,7 @@ def check_together(recipe: EvaluateRecipe) -> None:
     for flag, changed, (needed, there) in (
         ("--pushes", recipe.pushes, authored),
         ("--strips", recipe.strips is not None, authored),
+        ("--clip", recipe.clip is not None, ("--figures", recipe.figures is not None)),
         ("--randomization", recipe.randomization != RandomizationRanges(), randomized),
     ):
         check_effect(flag, changed, needed, there)
@@ -218,6 +229,11 @@ def written_by(recipe: EvaluateRecipe, pictures: Sequence[Path]) -> list[Path]:
     return [path for path in (*tables, *folders) if path.exists()] + list(dict.fromkeys(pictures))
 
 
+def written_into(folder: Path) -> list[Path]:
+    """Return the files of the folder for tables that are replaced."""
+    return [folder / name for name in (SCORES_PAGE, authored_csv(Path(SCORES_TABLE)), *TABLES_OF_STUDY)]
+
+
 class Teller:
     """Line of the table for each score as it comes, and files that hold what there is so far."""
 
@@ -230,15 +246,16 @@ class Teller:
 
     def __call__(self, study: Study) -> None:
         """Print the scores that are new."""
+        if not self._begun:  # what is not replaced below is of an earlier start
+            for path in tables_of(self._recipe):
+                remove_authored_csv(authored_csv(path))
+        self._begun = True
         for score in study.scores[self._told :]:
             print_score(score, time.monotonic() - self._since)
         if len(study.scores) > self._told and self._recipe.csv is not None:
             write_csv(self._recipe.csv, study.scores, self._conditions)
         self._told, self._since = len(study.scores), time.monotonic()
         if self._recipe.out is not None:
-            if not self._begun:  # what is not replaced here is of an earlier start
-                authored_csv(self._recipe.out / SCORES_TABLE).unlink(missing_ok=True)
-            self._begun = True
             write_study(study, self._recipe.out, self._conditions)
             write_page(self._recipe, self._conditions, study)
 
@@ -297,8 +314,6 @@ def score_authored(
     """Print a table of authored keyframes for every entrant, and write what there is so far, beside the study."""
     scored: dict[str, AuthoredRecords] = {}
     tables = []
-    beside = [recipe.csv] if recipe.csv is not None else []
-    beside += [recipe.out / SCORES_TABLE] if recipe.out is not None else []
     folder, pushes = recipe.out and recipe.out / "records", pushes_of(recipe)
     pushed = f"pushes of {recipe.pushes:g} m/s every 1.5 s" if pushes else ""
     told = ", ".join(filter(None, (conditions, pushed)))
@@ -308,14 +323,20 @@ def score_authored(
         table = authored_table(records)
         print(f"\n{head}\n{table}", end="", flush=True)
         tables.append(f"{head}\n\n{table}")
-        for path in beside:
+        for path in tables_of(recipe):
             write_authored_csv(authored_csv(path), scored, told)
         write_page(recipe, conditions, study, tables)
 
 
+def tables_of(recipe: EvaluateRecipe) -> list[Path]:
+    """Return the tables of scores that are asked for."""
+    tables = [recipe.csv] if recipe.csv is not None else []
+    return tables + ([recipe.out / SCORES_TABLE] if recipe.out is not None else [])
+
+
 def authored_csv(scores: Path) -> Path:
     """Return the table of authored keyframes that goes beside one of scores."""
-    return scores.with_name(f"{scores.stem}_authored.csv")
+    return scores.with_stem(f"{scores.stem}_authored")
 
 
 def pushes_of(recipe: EvaluateRecipe) -> Pushes | None:
@@ -377,6 +398,13 @@ def draw_scores(folder: Path, scores: Sequence[Score]) -> list[Path]:
         written += save_figure(ablation_bars(scores, horizon), folder / f"bars_{horizon}")
     shown = [horizon for horizon in horizons if horizon in ("long", "mixed")] or horizons
     return written + save_figure(success_plot(scores, shown), folder / "success")
+
+
+def remove_figures(folder: Path, stems: Iterable[str], drawn: Collection[Path]) -> None:
+    """Remove figures of an earlier start that were not drawn now."""
+    for path in (folder / f"{stem}.{kind}" for stem in stems for kind in ("pdf", "png")):
+        if path not in drawn:
+            path.unlink(missing_ok=True)
 
 
 def draw_groups(folder: Path, groups: Sequence[GroupScore]) -> list[Path]:

@@ -14,9 +14,9 @@ from plat.cli.together import check_effect
 from plat.control import Feasibility
 from plat.errors import KeyframeError
 from plat.files import check_file, keep_sources
-from plat.keyframes import Keyframe, KeyframeSequence, long_intervals_of_file, standing
-from plat.keyframes.files import is_keyframe_file, read_keyframes, refuse_other_kinds, write_keyframes
-from plat.keyframes.kimodo import read_constraints, write_constraints
+from plat.keyframes import Keyframe, KeyframeSequence, standing
+from plat.keyframes.files import holds_keyframes, keyframe_json, keyframes_of, write_keyframes
+from plat.keyframes.kimodo import constraints_of, write_constraints
 from plat.keyframes.mjcf import read_mjcf_keys, write_mjcf_keys
 from plat.motions import MotionClip, load_motions
 from plat.motions.generation import PREFIX, generate_named
@@ -67,9 +67,9 @@ def _spread(command: FromMotion, every: float, end: float) -> list[float]:
 def show(command: Show) -> KeyframeSequence:
     """Print the table; return what is in the file."""
     robot = get_robot(command.robot)
-    sequence = KeyframeSequence.load(command.file, robot, split=command.split, timing=command.timing)
-    for interval in long_intervals_of_file(command.file, robot, command.timing):
-        print(interval.words)
+    sequence = KeyframeSequence.load(
+        command.file, robot, split=command.split, timing=command.timing, tell=lambda interval: print(interval.words)
+    )
     print(f"{command.file}: {len(sequence)} keyframes for {sequence.robot.name!r} in {sequence.duration:g} s")
     print(f"{'':>3}  {'name':<20}  {'time s':>7}  {'steps':>5}  {'root x y z m':>20}  most changed joint")
     before, step = sequence.start, 0
@@ -115,7 +115,7 @@ def convert(command: ConvertKeyframes) -> list[Keyframe]:
     check_file(command.out, suffixes=(".json", ".xml"))
     keep_sources([command.file], [command.out])
     robot = get_robot(command.robot)
-    poses, told = _poses(command, robot)
+    poses, told, heard = _poses(command, robot)
     for line in told:
         print(line)
     if not poses:
@@ -124,7 +124,17 @@ def convert(command: ConvertKeyframes) -> list[Keyframe]:
         poses.insert(0, standing(robot))
     _check_order(command, poses)
     poses = [_checked(command, number, pose, robot) for number, pose in enumerate(poses)]
-    _check_effect(command, poses)
+    # a keyframe file has a keyframe behind its start
+    alone = len(poses) == 1 and not command.kimodo and command.out.suffix.lower() == ".json"
+    check_effect(
+        "--fps",
+        command.fps != type(command).fps,
+        "--kimodo or a file of constraints",
+        command.kimodo or heard == "--fps",
+    )
+    check_effect(
+        "--every", command.every != type(command).every, "keys that have no times", alone or heard == "--every"
+    )
     form = "MJCF keys" if command.out.suffix.lower() == ".xml" else "keyframes"
     if command.out.suffix.lower() == ".xml":
         write_mjcf_keys(command.out, robot, poses)
@@ -138,14 +148,6 @@ def convert(command: ConvertKeyframes) -> list[Keyframe]:
         write_keyframes(command.out, robot, start, others)
     print(f"wrote {command.out}: {len(poses)} poses as {form}, the first at {poses[0].time:g} s")
     return poses
-
-
-def _check_effect(command: ConvertKeyframes, poses: list[Keyframe]) -> None:
-    of_model = command.file.suffix.lower() in (".xml", ".mjcf")
-    counted = command.kimodo or not (of_model or is_keyframe_file(command.file))
-    check_effect("--fps", command.fps != type(command).fps, "--kimodo or a file of constraints", counted)
-    spread = of_model or len(poses) == 1
-    check_effect("--every", command.every != type(command).every, "keys that have no times", spread)
 
 
 def _checked(command: ConvertKeyframes, number: int, pose: Keyframe, robot: Robot) -> Keyframe:
@@ -177,21 +179,27 @@ def _check_order(command: ConvertKeyframes, poses: list[Keyframe]) -> None:
         )
 
 
-def _poses(command: ConvertKeyframes, robot: Robot) -> tuple[list[Keyframe], list[str]]:
-    """Return the poses of a file in any of the forms, in the order of their times, and lines for the user."""
-    if command.file.suffix.lower() in (".xml", ".mjcf"):
+def _of_model(command: ConvertKeyframes) -> bool:
+    return command.file.suffix.lower() in (".xml", ".mjcf")
+
+
+def _poses(command: ConvertKeyframes, robot: Robot) -> tuple[list[Keyframe], list[str], str]:
+    """Return the poses of a file in any of the forms, in the order of their times, lines for the user, and the option
+    that their times depend on, ``""`` for none.
+    """
+    if _of_model(command):
         keys = read_mjcf_keys(command.file, robot)
         times = [key.time for key in keys]
         if len(set(times)) > 1 or len(times) == 1:
-            return keys, []  # those out of order are refused
+            return keys, [], ""  # those out of order are refused
         told = f"its keys have no times of their own: {command.every:g} s apart"
-        return [key.at((number + 1) * command.every) for number, key in enumerate(keys)], [told]
-    if is_keyframe_file(command.file):
-        start, others = read_keyframes(command.file, robot)
-        return [*([] if start is None else [start]), *others], []
-    refuse_other_kinds(command.file, f"keyframe file {str(command.file)!r}")
-    poses, left_out = read_constraints(command.file, robot, command.fps)
-    return poses, [f"left out: {', '.join(left_out)}"] if left_out else []
+        return [key.at((number + 1) * command.every) for number, key in enumerate(keys)], [told], "--every"
+    content = keyframe_json(command.file)
+    if holds_keyframes(content):
+        start, others = keyframes_of(content, command.file, robot)
+        return [*([] if start is None else [start]), *others], [], ""
+    poses, left_out = constraints_of(content, command.file, robot, command.fps)
+    return poses, [f"left out: {', '.join(left_out)}"] if left_out else [], "--fps"
 
 
 def main(command: KeyframesCommand) -> KeyframeSequence | list[Keyframe]:

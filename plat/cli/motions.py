@@ -48,23 +48,25 @@ from plat.motions import (
 )
 from plat.motions.checks.feet import Soles
 from plat.motions.clip import ASSUMED_RATE
-from plat.motions.files import csv_name, csv_stem
+from plat.motions.files import csv_name, csv_stem, name_at
+from plat.motions.formats.rate import without_rates
 from plat.motions.generation import PREFIX, generate_named
 from plat.motions.paths import names_apart
 from plat.motions.resample import resample_qpos
 from plat.motions.retargeting import (
-    MOCAP_READERS,
     Retargeted,
     SkeletonMap,
     UnknownSkeletonError,
     bvh_paths,
     find_map,
     load_map,
+    read_capture,
     retarget_all,
     save_map,
     split_of,
     with_joints,
 )
+from plat.motions.retargeting.retarget import TURNED
 from plat.rendering import RenderingError, Stage, stills
 from plat.robots import G1, Robot, get_robot
 from plat.spec.timing import Timing
@@ -72,6 +74,7 @@ from plat.spec.timing import Timing
 SHEET_COLUMNS = 8
 _SHORTEST = Timing().control_dt  # the shortest command, without which no policy has a use for a clip
 _ROUNDING = 1e-7
+_ANY_RATE = 30.0  # a skeleton is drawn whatever the rate
 GENERATED = "generated"
 _PROPOSED = "proposed from names and tree: check every joint, then pass it with --map"
 
@@ -209,7 +212,8 @@ def tell_lost(command: MotionFiles, skipped: Sequence[MotionError], good: int, l
         f"{lost.dropped} {'was' if lost.dropped == 1 else 'were'} dropped, as asked": lost.dropped,
     }
     told = f"{', '.join(line for line, count in counts.items() if count)}; see above"
-    if lost.short or (skipped and any(expand_home(Path(name)).is_file() for name in command.files)):
+    named = tuple(f"motion file {str(expand_home(Path(name)))!r}:" for name in command.files)
+    if lost.short or any(str(error).startswith(named) for error in skipped):
         raise MotionError(told)
     if any(counts.values()):
         print(told)
@@ -249,18 +253,22 @@ def repaired(
         lost: counts those that are not among them.
         verdicts: is given the verdict before and after ``--repair`` for each.
     """
-    pieces = list(file.clips)
+    least = command.limits.min_seconds if command.drop_bad else _SHORTEST
+    off = sum(command.trim)
+    # ends of the clip, and not of each of its pieces
+    pieces = [trim_motion(clip, *command.trim) for clip in file.clips if long_enough(clip, file.path, least, off)]
+    short = len(file.clips) - len(pieces)
     if command.cut:
         cuts = [cut(command, clip) for clip in pieces]
         lost.dropped += sum(not some for some in cuts)
         pieces = [piece for some in cuts for piece in some]
-    least = command.limits.min_seconds if command.drop_bad else _SHORTEST
-    kept = [clip for clip in pieces if long_enough(clip, file.path, least, sum(command.trim))]
+        long = [piece for piece in pieces if long_enough(piece, file.path, least)]
+        short, pieces = short + len(pieces) - len(long), long
     if command.drop_bad:
-        lost.dropped += len(pieces) - len(kept)
+        lost.dropped += short
     else:
-        lost.short += len(pieces) - len(kept)
-    kept = [repair(command, clip, verdicts) for clip in kept]
+        lost.short += short
+    kept = [repair(command, clip, verdicts) for clip in pieces]
     if command.resample is not None:
         kept, before = at_rate(kept, command.resample, file.path), len(kept)
         lost.short += before - len(kept)
@@ -277,8 +285,6 @@ def repaired(
 def repair(command: Convert, clip: MotionClip, verdicts: list[tuple[str, str]] | None = None) -> MotionClip:
     """One clip with them."""
     robot = get_robot(command.robot)
-    if any(command.trim):
-        clip = trim_motion(clip, *command.trim)
     if command.smooth_steps:
         smoothed = smooth_steps(clip, command.limits.step_speed, robot)
         if smoothed.steps:
@@ -312,7 +318,8 @@ def at_rate(clips: Sequence[MotionClip], rate: float, path: Path) -> list[Motion
             qpos = clip.qpos
             if rate != clip.fps:
                 qpos = resample_qpos(torch.from_numpy(qpos), clip.fps, 1 / rate).numpy()
-            resampled.append(replace(clip, qpos=qpos, fps=rate))
+            name = clip.name if rate == clip.fps else name_at(clip.name, rate)
+            resampled.append(replace(clip, name=name, qpos=qpos, fps=rate))
     return resampled
 
 
@@ -341,12 +348,18 @@ def retarget(command: Retarget) -> list[Retargeted]:
     check_folder(command.out)
     told: list[str] = []
     paths = bvh_paths(command.files, told)
+    turned = any(path.suffix.lower() in TURNED for path in paths)
+    check_effect("--angles", command.angles is not None, "files that have angles, .bvh or .amc", turned)
     skeleton = None if command.map is None else load_map(command.map)
     made, failed = [], 0
     columns = f"{'error cm':>10}{'depth mm':>10}{'float mm':>10}{'slip cm/s':>11}{'f/s':>6}  read as"
     for line in told:
         print(line)
-    written = ("train", "val", "test") if command.split else names_apart(paths)
+    names = names_apart(paths)
+    if command.fps is not None:
+        names = [name_at(name, command.fps) for name in names]
+        names = [clip.name for clip in distinct([MotionClip(name, np.empty(0), 0.0) for name in names])]
+    written = ("train", "val", "test") if command.split else names
     keep_sources(paths, [command.out / f"{name}.npz" for name in written])
     print(f"{'clip':<44}{'frames':>7}{'s':>7}{columns}")
     unknown: tuple[Path, SkeletonMap] | None = None
@@ -360,7 +373,7 @@ def retarget(command: Retarget) -> list[Retargeted]:
         units=command.units,
         angles=command.angles,
     )
-    for path, name, result in zip(paths, names_apart(paths), results, strict=True):
+    for path, name, result in zip(paths, names, results, strict=True):
         if isinstance(result, MotionError):
             print(f"skipped: {result}", flush=True)
             failed += 1
@@ -392,6 +405,9 @@ def retarget(command: Retarget) -> list[Retargeted]:
                 command.out.mkdir(parents=True, exist_ok=True)
                 save_motions(command.out / f"{split}.npz", clips)
             print(f"{split}: {len(clips)} clips, {sum(clip.duration for clip in clips):.0f} s")
+            if not clips and (earlier := command.out / f"{split}.npz").exists():
+                earlier.unlink()  # it would be a split of other captures
+                print(f"removed {earlier} of an earlier start")
     if unknown is not None:
         proposed = _propose(command.out / "proposed_map.yaml", unknown[1])
         print(f"wrote {proposed}: a map to check and to pass with --map (plat motions map draws it)")
@@ -429,7 +445,7 @@ def draw_maps(command: Map) -> list[Path]:
     for path, name in zip(paths, names_apart(paths), strict=True):
         where = f"{path.suffix[1:].upper()} file {str(path)!r}"
         try:
-            mocap = MOCAP_READERS[path.suffix.lower()](path)
+            mocap = read_capture(path, fps=_ANY_RATE)
             skeleton, kind = (
                 (find_map(mocap, where), "known") if stated is None else (with_joints(stated, mocap, where), "stated")
             )
@@ -473,6 +489,7 @@ def write(out: Path, files: Sequence[MotionFile], form: str, robot: Robot = G1) 
         out.mkdir(parents=True, exist_ok=True)
         written = [save_csv(out, clip, robot) for clip in clips]
     else:
+        files = [part for file in files for part in by_rate(file)]
         stems = distinct([MotionClip(file.path.stem, np.empty(0), 0.0) for file in files])
         written = [out / f"{stem.name}.npz" for stem in stems]
         keep_sources(sources, written)
@@ -484,6 +501,21 @@ def write(out: Path, files: Sequence[MotionFile], form: str, robot: Robot = G1) 
     if unsure := [clip for clip in clips if ASSUMED_RATE in clip.notes]:
         print(f"of {counted(unsure)} nothing states the frames a second, as the file says: state --fps")
     return written
+
+
+def by_rate(file: MotionFile) -> list[MotionFile]:
+    """Return a file for each frame rate of its clips, with the rate in its name where it has several or another."""
+    rates = list(dict.fromkeys(clip.fps for clip in file.clips))
+    stem = without_rates(file.path.stem, "motion")
+    stems = [f"{stem}_{rate:.10g}fps" if len(rates) > 1 else name_at(file.path.stem, rate) for rate in rates]
+    return [
+        replace(
+            file,
+            path=file.path.with_name(f"{stem}.npz"),
+            clips=[clip for clip in file.clips if clip.fps == rate],
+        )
+        for stem, rate in zip(stems, rates, strict=True)
+    ]
 
 
 def check_out(out: Path, form: str) -> None:
@@ -570,6 +602,7 @@ def draw_sheet(path: Path, clips: Sequence[MotionClip], robot: Robot = G1) -> No
     try:
         stage = Stage(robot, width=240, height=240, distance=2.6)
     except RenderingError as error:
+        path.unlink(missing_ok=True)  # of an earlier start
         print(f"no contact sheet: {error}")
         return
     inches = 1.5
@@ -638,7 +671,7 @@ def plot(path: Path, clip: MotionClip, report: MotionReport, limits: ValidationL
 
 def file_name(name: str) -> str:
     """A clip's name without what a file system minds."""
-    return "".join(letter if letter.isalnum() or letter in "-_. " else "_" for letter in name)
+    return "".join(letter if letter.isalnum() or letter in "-_. " else "_" for letter in name).lstrip(".") or "motion"
 
 
 def main(command: MotionsCommand) -> list[MotionReport] | list[Path] | list[Retargeted]:

@@ -248,7 +248,7 @@ class StudioRecipe(Bounded):
     keyframes: Path | None = None
     """keyframe file to open"""
     folder: Path = Path()
-    """only folder that the page reads files from and writes files to"""
+    """only folder that the page writes to, and reads keyframes from; motions it reads anywhere"""
     host: str = "127.0.0.1"
     """address to listen on; one beyond localhost asks visitors for a token, which is printed"""
     port: Annotated[int, Range(1, 65_535)] = 8080
@@ -293,7 +293,7 @@ class Inspect(MotionFiles):
 
     out: Path | None = None
     """folder for a contact sheet and a plot a clip"""
-    pictures: Natural = 20
+    pictures: Count = 20
     """how many clips get them, those to drop or repair first"""
     limits: ValidationLimits = field(default_factory=ValidationLimits)
 
@@ -307,7 +307,7 @@ class Convert(MotionFiles):
     format: Literal["npz", "csv"] = "npz"
     """in a folder: an .npz for each file, or a .csv (wxyz, with a header) for each clip"""
     trim: tuple[NonNegative, NonNegative] = (0.0, 0.0)
-    """seconds to take off the start and the end"""
+    """seconds to take off the start and the end of each clip, before it is cut"""
     ground: Literal["clip", "smooth"] | None = None
     """put the feet on the floor: all frames of a clip alike, or following a floor that drifts"""
     level_feet: bool = False

@@ -34,7 +34,7 @@ from plat.control import (
 from plat.control.shoves import Shoves
 from plat.errors import ActionError, KeyframeError
 from plat.files import TABLES, check_file, replace_table
-from plat.keyframes import KeyframeSequence, long_intervals_of_file
+from plat.keyframes import KeyframeSequence
 from plat.rendering import Stage, check_video, film_with_progress, stage_model, write_video
 from plat.robots import get_robot
 from plat.runs import load_policy
@@ -62,9 +62,9 @@ def main(recipe: PlayRecipe) -> list[KeyframeScore]:
     get_robot(recipe.robot)  # a description file makes the policy's robot known
     policy = load_policy(recipe.policy)
     robot, timing = policy.robot, timing_of(policy) or Timing()
-    sequence = KeyframeSequence.load(recipe.keyframes, robot, split=recipe.split, timing=timing)
-    for interval in long_intervals_of_file(recipe.keyframes, robot, timing):
-        print(interval.words)
+    sequence = KeyframeSequence.load(
+        recipe.keyframes, robot, split=recipe.split, timing=timing, tell=lambda interval: print(interval.words)
+    )
     if not recipe.viewer and recipe.hold > LONGEST_HOLD:
         raise KeyframeError(f"hold is {recipe.hold:g} s, expected at most {LONGEST_HOLD:g} without --viewer")
     stage = None

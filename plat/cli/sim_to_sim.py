@@ -11,6 +11,7 @@ from statistics import fmean
 import torch
 
 from plat.cli.options import SimToSimRecipe
+from plat.cli.together import check_effect
 from plat.control import (
     Chase,
     Controller,
@@ -25,7 +26,7 @@ from plat.control.changed_physics import SETTINGS, Delayed, PhysicsSetting, make
 from plat.deploy import PolicyRunner
 from plat.envs.transforms import CommandSchedule, Horizon
 from plat.errors import ActionError, KeyframeError
-from plat.keyframes import Keyframe, KeyframeSequence, long_intervals_of_file
+from plat.keyframes import Keyframe, KeyframeSequence
 from plat.motions import MotionLibrary
 from plat.robots import G1, Robot, get_robot
 from plat.spec.timing import Timing
@@ -38,15 +39,19 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
         PlatError: for what cannot be run.
         ActionError: when a simulation diverged or a target was not finite, after the whole table.
     """
+    check_effect("--seed", recipe.seed != type(recipe).seed, "--motions", recipe.motions)
+    check_effect("--split", recipe.split, "--keyframes", recipe.keyframes)
     torch.set_num_threads(1)  # only the scores are torch's, one robot at a time
     robot = get_robot(recipe.robot)
     runner = PolicyRunner(recipe.bundle, robot.joint_names)
     timing = runner.timing
-    sequences = [KeyframeSequence.load(path, robot, split=recipe.split, timing=timing) for path in recipe.keyframes]
-    names = [str(path) for path in recipe.keyframes]
+    sequences, long = [], []
     for path in recipe.keyframes:
-        for interval in long_intervals_of_file(path, robot, timing):
-            print(f"{path}: {interval.words}")
+        tell = lambda interval, path=path: long.append(f"{path}: {interval.words}")  # noqa: E731
+        sequences.append(KeyframeSequence.load(path, robot, split=recipe.split, timing=timing, tell=tell))
+    names = [str(path) for path in recipe.keyframes]
+    for line in long:  # after all files were read: one of them may be refused
+        print(line)
     if recipe.motions:
         library = MotionLibrary.load(recipe.motions, robot, dt=timing.control_dt)
         sequences += motion_keyframes(library, recipe.seed, timing)

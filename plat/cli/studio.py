@@ -82,10 +82,11 @@ def check_together(recipe: StudioRecipe) -> None:
         if recipe.libraries is not None:
             raise StudioError("--libraries: without effect but with --static, expected that beside it")
         return
-    for name in ("motions", "keyframes", "folder", "host", "port"):
+    for name in ("motions", "keyframes", "folder", "host", "port", "browser"):
         if getattr(recipe, name) != getattr(StudioRecipe, name):
+            flag = "--no-browser" if name == "browser" else f"--{name}"
             raise StudioError(
-                f"--{name}: without effect on the page of --static, where keyframe files are opened in the browser; "
+                f"{flag}: without effect on the page of --static, where keyframe files are opened in the browser; "
                 "expected none beside it"
             )
 
@@ -140,5 +141,5 @@ def _has_screen() -> bool:
 
 def _names(runs: tuple[Path, ...]) -> list[str]:
     """What to call each run: its folder, or its path where two folders have the same name."""
-    folders = [run.name for run in runs]
+    folders = [os.path.basename(os.path.abspath(run)) for run in runs]  # that of . is the one that it is
     return [folder if folders.count(folder) == 1 else str(run) for folder, run in zip(folders, runs, strict=True)]

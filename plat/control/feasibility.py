@@ -134,7 +134,7 @@ class Feasibility:
                 name,
                 float(speed),
                 limits.joint_speed,
-                f"{name} would need {speed:.0f} rad/s, expected at most {limits.joint_speed:.0f}",
+                f"{name} would need {_tenths(speed)} rad/s, expected at most {_tenths(limits.joint_speed)}",
             )
             for name, speed in sorted(zip(self._robot.joint_names, speeds, strict=True), key=lambda pair: -pair[1])
             if speed > limits.joint_speed
@@ -150,7 +150,12 @@ class Feasibility:
                 limits.root_acceleration,
                 f"{distance:.1f} m in {seconds:.2f} s takes {acceleration:.0f} m/s^2, more than feet can push",
             ),
-            ("turn_speed", turn, limits.turn_speed, f"the turn would need {turn:.0f} rad/s"),
+            (
+                "turn_speed",
+                turn,
+                limits.turn_speed,
+                f"the turn would need {_tenths(turn)} rad/s, expected at most {_tenths(limits.turn_speed)}",
+            ),
         ):
             if value > limit:
                 concerns.append(Concern(measure, "root", value, limit, words))
@@ -166,7 +171,7 @@ class Feasibility:
             self._robot.keypoints, after.commands.bodies, speeds, places[1][:, 2], strict=True
         ):
             if commanded and speed > limits.body_speed:
-                words = f"{name} would need {speed:.0f} m/s, expected at most {limits.body_speed:.0f}"
+                words = f"{name} would need {_tenths(speed)} m/s, expected at most {_tenths(limits.body_speed)}"
                 concerns.append(Concern("body_speed", name, float(speed), limits.body_speed, words))
             if commanded and -height > limits.floor_penetration:
                 concerns.append(self._sunk(name, -float(height)))
@@ -240,6 +245,11 @@ def support_margin(point: NDArray[np.floating], support: NDArray[np.floating] | 
     angles = np.linspace(0, 2 * np.pi, 720, endpoint=False)
     directions = np.stack((np.cos(angles), np.sin(angles)))
     return float(((np.asarray(support) - point) @ directions).max(0).min())
+
+
+def _tenths(value: float) -> str:
+    """Return a number with one decimal, or none: what is a little beyond a limit must not read as the limit."""
+    return f"{value:.1f}".removesuffix(".0")
 
 
 def _angle(a: NDArray[np.floating], b: NDArray[np.floating]) -> float:

@@ -7,7 +7,9 @@ from tensordict import TensorDict
 from tensordict.nn import TensorDictModuleBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
+from plat.bounds import check_value, is_finite, shown
 from plat.deploy import ObservationBuilder, Pose, RobotState
+from plat.deploy.state import finite_vector
 from plat.entries import check_policy
 from plat.errors import ActionError, StateError
 from plat.robots.describe import describe_robot
@@ -44,6 +46,7 @@ class PolicyController:
     def __init__(self, policy: TensorDictModuleBase, robot: Robot, timing: Timing | None = None):
         check_policy(policy, "controller")
         self._policy = policy
+        check_value("controller: timing", timing, Timing | None)
         self.timing = timing or timing_of(policy) or Timing()
         description = describe_robot(robot, self.timing.control_dt)
         also = optional_groups(getattr(policy, "in_keys", ()))
@@ -60,9 +63,8 @@ class PolicyController:
         Raises:
             StateError: for a target of another size, or that is not finite.
         """
-        target = self._default if joint_target is None else np.asarray(joint_target)
-        if target.shape != self._default.shape or not np.isfinite(target).all():
-            raise StateError(f"joint_target: shape {target.shape}, expected {self._default.shape} finite numbers")
+        target = self._default if joint_target is None else joint_target
+        target = finite_vector("joint_target", target, len(self._joint_names))
         self._last_action = (target - self._default) / self._scale
 
     @torch.no_grad()
@@ -73,8 +75,8 @@ class PolicyController:
             ActionError: for an action that is not finite, naming the joint; it is not remembered.
             StateError: naming what is wrong with state, keyframe or time.
         """
-        if not 0 < steps_left <= self.timing.max_steps:
-            raise StateError(f"steps_left is {steps_left}, expected above 0 and at most {self.timing.max_steps}")
+        if not (is_finite(steps_left) and 0 < steps_left <= self.timing.max_steps):
+            raise StateError(f"steps_left is {shown(steps_left)}, expected above 0 and at most {self.timing.max_steps}")
         values = torch.from_numpy(self._observe(state, keyframe, steps_left, self._last_action))[None]
         observation = TensorDict({}, [1])
         for term in self._observe.terms:

@@ -207,7 +207,8 @@ class KeyframeScorer:
         arrival = self._steps[max(self._steps)][-1]
         held = [(time - arrival[0].time, down, feet) for time, down, feet in self._hold]
         lay = [] if arrival[1].down else [time for time, down, _ in held if down]
-        settled = [feet for time, _, feet in held if feet is not None and time > self.limits.settling]
+        # times are multiples of the control step up to rounding
+        settled = [feet for time, _, feet in held if feet is not None and time > self.limits.settling - 1e-6]
         apart = np.linalg.norm(np.array(settled) - settled[0], axis=-1) if settled else np.zeros(1)
         travel = float(apart.max())
         stepped = travel > self.limits.foot_travel

@@ -5,7 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Body", "Foot", "RobotDescription"]
+from plat.errors import RobotError
+
+__all__ = ["Body", "Foot", "RobotDescription", "check_description"]
 
 
 @dataclass(frozen=True)
@@ -80,3 +82,16 @@ class RobotDescription:
     def default_qpos(self) -> NDArray[np.float64]:
         """Return the default pose at the origin ``[7 + J]``: root position, quaternion ``wxyz``, joint angles."""
         return np.concatenate(([0.0, 0.0, self.root_height, 1.0, 0.0, 0.0, 0.0], self.default_joint_pos))
+
+
+def check_description(robot: object) -> None:
+    """Raise where something else stands in a description's place, such as the robot of the training.
+
+    Raises:
+        RobotError: naming what it is.
+    """
+    if not hasattr(robot, "bodies"):
+        raise RobotError(
+            f"robot is a {type(robot).__name__}, expected a RobotDescription, as plat.robots.describe_robot() or a "
+            "bundle has it"
+        )

@@ -5,13 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from plat.bounds import Bounded, Positive, is_finite
+from plat.bounds import Bounded, Positive, check_value, is_finite, shown
 from plat.deploy.contacts import ContactDetector, ContactSettings
 from plat.deploy.description import RobotDescription
 from plat.deploy.invariant_filter import FilterNoise, InvariantFilter
 from plat.deploy.soles import SoleKinematics
-from plat.deploy.state import Array, Pose, RobotState
+from plat.deploy.state import Array, Pose, RobotState, finite_vector, root_of, unit_quaternion
 from plat.errors import StateError
+from plat.json_file import short
 from plat.rotations_np import axis_rotation, quat_from_matrix, quat_to_matrix
 
 __all__ = ["EstimatorSettings", "StateEstimator"]
@@ -61,6 +62,8 @@ class StateEstimator:
 
     Raises:
         RobotError: for a robot whose description has no feet.
+        StateError: for a place of the IMU that is none.
+        ConfigError: for what is no description of a robot, or no settings.
 
     >>> from plat.robots import G1, describe_robot
     >>> robot = describe_robot(G1, control_dt=0.02)
@@ -80,12 +83,14 @@ class StateEstimator:
         imu_pos: Array | tuple[float, float, float] = (0.0, 0.0, 0.0),
         imu_quat: Array | tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0),
     ):
+        check_value("state estimator: robot", robot, RobotDescription)
+        check_value("state estimator: settings", settings, EstimatorSettings)
         self._robot = robot
         self._settings = settings
         self._soles = SoleKinematics(robot)
         self._detector = ContactDetector(robot, settings.contacts)
-        self._imu_pos = np.asarray(imu_pos, dtype=np.float64)
-        self._imu_to_root = quat_to_matrix(imu_quat)
+        self._imu_pos = finite_vector("state estimator: imu_pos", imu_pos, 3)
+        self._imu_to_root = quat_to_matrix(unit_quaternion("state estimator: imu_quat", imu_quat))
         self._filter = InvariantFilter(len(self._soles.foot), settings.noise)
         self._standing = np.zeros(len(self._soles.foot), dtype=bool)
         self._before: _Floats | None = None
@@ -126,6 +131,9 @@ class StateEstimator:
             StateError: for readings of another size, that are not finite, or of a robot that falls or spins.
         """
         joint_pos, gyro, acceleration = self._checked(joint_pos, gyro, acceleration)
+        x_w, y_w = _horizontal(root_pos_w)
+        if not is_finite(heading):
+            raise StateError(f"state estimator: heading is {shown(heading)}, expected a finite angle")
         size, rate = float(np.linalg.norm(acceleration)), float(np.linalg.norm(gyro))
         if not _LEAST_GRAVITY <= size <= _MOST_GRAVITY or rate > _MOST_BIAS:
             raise StateError(
@@ -136,7 +144,7 @@ class StateEstimator:
         points_b, _ = self._soles(joint_pos)
         floor = 0.0 if self._settings.floor is None else self._settings.floor
         height = floor - float((points_b @ rotation.T)[:, 2].min())
-        position = np.array([root_pos_w[0], root_pos_w[1], height], dtype=np.float64)
+        position = np.array([x_w, y_w, height])
         self._filter.reset(rotation @ self._imu_to_root, position + rotation @ self._imu_pos)
         self._filter.gyro_bias = gyro
         self._detector.reset()
@@ -170,8 +178,8 @@ class StateEstimator:
         joint_pos, gyro, acceleration = self._checked(joint_pos, gyro, acceleration)
         joint_vel = self._numbers("joint_vel", joint_vel, len(joint_pos))
         torque = None if torque is None else self._numbers("torque", torque, len(joint_pos))
-        if not 0 < dt < 1:
-            raise StateError(f"state estimator: dt is {dt}, expected seconds above 0 and below 1")
+        if not (is_finite(dt) and 0 < dt < 1):
+            raise StateError(f"state estimator: dt is {shown(dt)}, expected seconds above 0 and below 1")
         kalman, settings = self._filter, self._settings
         mean_gyro = gyro if self._before is None else 0.5 * (gyro + self._before)
         self._before = gyro
@@ -223,9 +231,9 @@ class StateEstimator:
         """
         for name, value in (("spread", spread), ("heading_spread", heading_spread)):
             if not is_finite(value) or value <= 0:
-                raise StateError(f"state estimator: {name} is {value}, expected a standard deviation above 0")
-        if heading is not None and not np.isfinite(heading):
-            raise StateError(f"state estimator: heading is {heading}, expected a finite angle")
+                raise StateError(f"state estimator: {name} is {shown(value)}, expected a standard deviation above 0")
+        if heading is not None and not is_finite(heading):
+            raise StateError(f"state estimator: heading is {shown(heading)}, expected a finite angle")
         if root_pos_w is not None:
             place = self._numbers("root_pos_w", root_pos_w, 3)
             root_in_imu = -self._imu_to_root.T @ self._imu_pos
@@ -246,10 +254,10 @@ class StateEstimator:
             pose: whose root position and orientation count.
 
         Raises:
-            StateError: for a pose that is not finite.
+            StateError: for a pose that is not finite, or whose quaternion is not of unit length.
         """
-        place = self._numbers("pose: root_pos", pose.root_pos, 3)
-        target = quat_to_matrix(self._numbers("pose: root_quat", pose.root_quat, 4))
+        place, quat = root_of("state estimator: pose", pose)
+        target = quat_to_matrix(quat)
         here = self._filter.rotation @ self._imu_to_root.T
         turn = _about_z(_heading(target) - _heading(here))
         position = self._filter.position - here @ self._imu_pos
@@ -283,14 +291,22 @@ class StateEstimator:
         )
 
     def _numbers(self, name: str, values: Array, size: int) -> _Floats:
-        numbers = np.array(values, dtype=np.float64)
-        if numbers.shape != (size,):
-            raise StateError(f"state estimator: {name} has shape {numbers.shape}, expected ({size},)")
-        wrong = np.flatnonzero(~np.isfinite(numbers) | (np.abs(numbers) > 1e6))
-        if wrong.size:
+        numbers = finite_vector(f"state estimator: {name}", values, size)
+        if (wrong := np.flatnonzero(np.abs(numbers) > 1e6)).size:
             value = numbers[wrong[0]]
             raise StateError(f"state estimator: {name}[{wrong[0]}] is {value}, expected what a robot measures")
         return numbers
+
+
+def _horizontal(root_pos_w: Array | tuple[float, float]) -> tuple[float, float]:
+    """Return x and y (m) of a position of two or more numbers."""
+    try:
+        x_w, y_w, *_ = (float(value) for value in root_pos_w)
+    except (OverflowError, TypeError, ValueError):
+        x_w = y_w = np.nan
+    if not np.isfinite((x_w, y_w)).all():
+        raise StateError(f"state estimator: root_pos_w is {short(root_pos_w)}, expected x and y of the root (m)")
+    return x_w, y_w
 
 
 def _upright(up_b: _Floats, heading: float) -> _Floats:

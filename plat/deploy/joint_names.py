@@ -1,9 +1,10 @@
 """Joint names and motor tables of a robot's software against those of a policy."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from plat.errors import BundleError
+from plat.json_file import short
 
 __all__ = ["check_joints", "plain_joint"]
 
@@ -30,6 +31,12 @@ def check_joints(where: str, ours: Sequence[str], given: Sequence[str] | Mapping
     Raises:
         BundleError: naming the first joint that is another, is missing, or has another place.
     """
+    if not isinstance(given, Iterable) or isinstance(given, str | bytes | set | frozenset):
+        raise BundleError(f"{where}: joint_names is {short(given)}, expected names in order, or a table of motors")
+    if not isinstance(given, Mapping):
+        given = tuple(given)
+    if other := [name for name in given if not isinstance(name, str)]:
+        raise BundleError(f"{where}: joint_names has {short(other[0])}, expected names")
     if isinstance(given, Mapping):
         places = {plain_joint(name): place for name, place in given.items()}
         for index, name in enumerate(ours):

@@ -3,8 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from plat.deploy.description import RobotDescription
+from plat.deploy.description import RobotDescription, check_description
 from plat.deploy.state import Array
+from plat.errors import StateError
 from plat.rotations_np import quat_to_matrix
 
 __all__ = ["KeypointKinematics"]
@@ -16,6 +17,9 @@ class KeypointKinematics:
     Args:
         robot: its kinematic tree and keypoints.
 
+    Raises:
+        RobotError: for what is no description.
+
     >>> from plat.robots import G1
     >>> from plat.robots import describe_robot
     >>> kinematics = KeypointKinematics(describe_robot(G1, control_dt=0.02))
@@ -24,6 +28,7 @@ class KeypointKinematics:
     """
 
     def __init__(self, robot: RobotDescription):
+        check_description(robot)
         count = len(robot.bodies)
         # A link's frame in its parent's is rest @ turn(axis, angle). By Rodrigues' formula that is
         # rest + sin(angle) * sine + (1 - cos(angle)) * cosine with three fixed matrices.
@@ -52,7 +57,12 @@ class KeypointKinematics:
     def __call__(self, root_pos_w: Array, root_quat_w: Array, joint_pos: Array) -> NDArray[np.float64]:
         """Compute positions ``[K, 3]`` (m, world) from a root pose ``[3]``, ``[4]`` (``wxyz``) and angles ``[J]``
         (rad).
+
+        Raises:
+            StateError: for another number of angles.
         """
+        if np.shape(joint_pos) != self._angles[1:].shape:
+            raise StateError(f"joint_pos has shape {np.shape(joint_pos)}, expected {self._angles[1:].shape}")
         self._angles[:-1] = joint_pos
         angle = self._angles[self._joint][:, None, None]
         local = self._rest + np.sin(angle) * self._sine + (1.0 - np.cos(angle)) * self._cosine

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from plat.bounds import Positive, check_value
 from plat.deploy.estimator import StateEstimator
 from plat.deploy.runner import JointCommand
 from plat.deploy.safety import CommandSource, Journal, OnboardController, OnboardReading, Policy
@@ -69,6 +70,7 @@ class LeRobotController:
         self._onboard = OnboardController(policy, source, settings, estimator, anchor)
         self._joints = len(robot.joint_names)
         self._keys = [f"{lerobot_motor(joint)}.q" for joint in robot.joint_names]
+        check_value("control_dt", control_dt, Positive)
         self._stop_key, self._clock = stop_key, clock
         self._damping = settings.damping * robot.damping
         self.control_dt = control_dt

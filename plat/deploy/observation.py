@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plat.bounds import shown
+from plat.bounds import Count, check_value, is_finite, shown
 from plat.deploy.description import RobotDescription
 from plat.deploy.goals import GOAL_ENTRIES, GoalView
 from plat.deploy.kinematics import KeypointKinematics
 from plat.deploy.state import Array, Pose, RobotState, state_widths
 from plat.errors import StateError
+from plat.json_file import short
 from plat.rotations_np import UNIT_TOLERANCE, quat_to_matrix
 from plat.spec.observation import OPTIONAL_GROUPS, STUDENT_GROUPS, as_observed, observed, table
 from plat.spec.parts import WHOLE_ONLY, Parts
@@ -79,6 +80,9 @@ class ObservationBuilder:
         also: groups that the policy observes beside robot, goal and command.
         window: control steps of the arrival window.
 
+    Raises:
+        ConfigError: for what is no description of a robot, or no number of steps.
+
     >>> from types import SimpleNamespace
     >>> from plat.robots import G1
     >>> from plat.robots import describe_robot
@@ -100,6 +104,8 @@ class ObservationBuilder:
         also: Sequence[str] = (),
         window: int = Timing.window,
     ):
+        check_value("robot", robot, RobotDescription)
+        check_value("max_steps", max_steps, Count)
         joints, keypoints = len(robot.joint_names), len(robot.keypoints)
         self._kinematics = KeypointKinematics(robot)
         self._default_joint_pos = robot.default_joint_pos
@@ -135,9 +141,11 @@ class ObservationBuilder:
             StateError: naming the field of state or keyframe that has another size, is not finite, or is no unit
                 quaternion; for a partial keyframe, when the policy does not see what is commanded.
         """
-        _check_shapes("robot state", state, self._state_widths)
-        _check_shapes("keyframe", keyframe, self._pose_widths)
-        self._set_target(keyframe)
+        state = RobotState(**_arrays("robot state", state, self._state_widths))
+        self._set_target(_arrays("keyframe", keyframe, self._pose_widths))
+        if not is_finite(steps_left):
+            raise StateError(f"steps_left is {shown(steps_left)}, expected a finite number")
+        last_action = _array("last_action", last_action, self._joints)
         root_to_world = _unit_rotation("robot state: root_quat_w", state.root_quat_w)
         # a row vector times the matrix is the inverse rotation: from the world into the root frame
         keypoint_pos_b = (self._target_keypoints_w - state.root_pos_w) @ root_to_world
@@ -152,6 +160,7 @@ class ObservationBuilder:
             "gravity_b": -root_to_world[2],
             "last_action": last_action,
         }
+        steps_left = float(steps_left)  # a number may come as an array without axes
         command = {"horizon": steps_left / self._max_steps}
         groups: list[dict[str, Any]] = [
             as_observed("robot", robot),
@@ -170,52 +179,58 @@ class ObservationBuilder:
             part[:] = value
         largest = np.abs(self._values).max()
         if not largest <= _LARGEST:  # not >, which NaN would pass
-            _check_finite("robot state", state, self._state_widths)
-            if not np.isfinite(largest):
-                raise StateError("observation: last_action or steps_left is not finite, expected finite numbers")
+            _check_finite("robot state: ", {name: getattr(state, name) for name in self._state_widths})
+            _check_finite("", {"last_action": last_action})
             raise StateError(f"observation: holds {largest:.3g}, expected numbers that a robot measures")
         return self._values.astype(np.float32)
 
     def _mask(self, keyframe: Pose) -> NDArray[np.float64] | None:
         """Return the mask of a partial keyframe; None for a whole one."""
-        commands: Parts | None = getattr(keyframe, "commands", None)
-        if commands is None or commands.whole:
+        commands = getattr(keyframe, "commands", None)
+        if commands is None:
             return None
-        if "parts" not in self.also:
-            raise StateError(f"keyframe: commands a part of the pose, but {WHOLE_ONLY}")
+        if not isinstance(commands, Parts):
+            raise StateError(f"keyframe: commands is {short(commands)}, expected plat.spec.parts.Parts or None")
         mask = commands.mask()
         if len(mask) != len(self._whole):
             raise StateError(f"keyframe: commands has {len(mask)} flags, expected {len(self._whole)}")
+        if mask.all():
+            return None
+        if "parts" not in self.also:
+            raise StateError(f"keyframe: commands a part of the pose, but {WHOLE_ONLY}")
         return mask
 
-    def _set_target(self, keyframe: Pose) -> None:
-        target = np.concatenate((keyframe.root_pos, keyframe.root_quat, keyframe.joint_pos))
+    def _set_target(self, pose: dict[str, NDArray[Any]]) -> None:
+        target = np.concatenate(list(pose.values()))
         if np.array_equal(target, self._target):
             return
-        _check_finite("keyframe", keyframe, self._pose_widths)
-        self._target_to_world = _unit_rotation("keyframe: root_quat", keyframe.root_quat)
+        _check_finite("keyframe: ", pose)
+        self._target_to_world = _unit_rotation("keyframe: root_quat", pose["root_quat"])
         self._target_keypoints_w = self._kinematics(target[:3], target[3:7], target[7:])
         self._target = target
 
 
-def _check_shapes(what: str, source: RobotState | Pose, widths: dict[str, int]) -> None:
-    for name, width in widths.items():
-        try:
-            values = np.asarray(getattr(source, name, None))
-        except (RuntimeError, TypeError, ValueError):  # rows of several lengths, a tensor elsewhere
-            values = np.asarray(None)
-        if values.shape != (width,):
-            raise StateError(f"{what}: {name} has shape {values.shape}, expected ({width},)")
-        if values.dtype.kind not in "fiub":
-            raise StateError(f"{what}: {name} holds {shown(values.tolist()[0])}, expected numbers")
+def _arrays(what: str, source: RobotState | Pose, widths: dict[str, int]) -> dict[str, NDArray[Any]]:
+    return {name: _array(f"{what}: {name}", getattr(source, name, None), width) for name, width in widths.items()}
 
 
-def _check_finite(what: str, source: RobotState | Pose, widths: dict[str, int]) -> None:
-    for name in widths:
-        wrong = np.flatnonzero(~np.isfinite(getattr(source, name)))
+def _array(what: str, value: Any, width: int) -> NDArray[Any]:
+    try:
+        values = np.asarray(value)
+    except (RuntimeError, TypeError, ValueError):  # rows of several lengths, a tensor elsewhere
+        values = np.asarray(None)
+    if values.shape != (width,):
+        raise StateError(f"{what} has shape {values.shape}, expected ({width},)")
+    if values.dtype.kind not in "fiub":
+        raise StateError(f"{what} holds {shown(values.tolist()[0])}, expected numbers")
+    return values
+
+
+def _check_finite(what: str, fields: dict[str, NDArray[Any]]) -> None:
+    for name, values in fields.items():
+        wrong = np.flatnonzero(~np.isfinite(values))
         if len(wrong):
-            value = getattr(source, name)[wrong[0]]
-            raise StateError(f"{what}: {name}[{wrong[0]}] is {value}, expected a finite number")
+            raise StateError(f"{what}{name}[{wrong[0]}] is {values[wrong[0]]}, expected a finite number")
 
 
 def _unit_rotation(what: str, quat: Array) -> NDArray[np.float64]:

@@ -14,7 +14,7 @@ from plat.bounds import is_finite, shown
 from plat.deploy.bundle import HASH_FIELD, INPUT, METADATA_KEY, OUTPUT, Bundle
 from plat.deploy.joint_names import check_joints
 from plat.deploy.onnx_session import open_session
-from plat.deploy.state import Array, Pose, RobotState
+from plat.deploy.state import Array, Pose, RobotState, finite_vector
 from plat.errors import ActionError, BundleError, StateError
 from plat.files import as_path
 from plat.json_file import parse_json, read_json
@@ -104,14 +104,8 @@ class PolicyRunner:
             StateError: for a target of another size, or that is not finite.
         """
         robot = self.robot
-        try:
-            target = robot.default_joint_pos if joint_target is None else np.asarray(joint_target, dtype=np.float64)
-        except (OverflowError, TypeError, ValueError):
-            target = np.empty(())
-        if target.shape != robot.default_joint_pos.shape or not np.isfinite(target).all():
-            raise StateError(
-                f"joint_target: shape {target.shape}, expected {robot.default_joint_pos.shape} finite numbers"
-            )
+        target = robot.default_joint_pos if joint_target is None else joint_target
+        target = finite_vector("joint_target", target, len(robot.joint_names))
         self._last_action = (target - robot.default_joint_pos) / robot.action_scale
 
     def __call__(self, state: RobotState, keyframe: Pose, steps_left: float) -> NDArray[np.float64]:
@@ -136,6 +130,7 @@ class PolicyRunner:
             raise StateError(
                 f"time to the keyframe is {left}, expected more than 0 and at most {longest} ({longest * dt:g} s)"
             )
+        steps_left = float(steps_left)  # it may be an array without axes
         whole = round(steps_left)  # a clock that counted down to 0.06 s has 3.00000000003 steps left
         steps_left = whole if whole and abs(steps_left - whole) < _TIME_TOLERANCE else steps_left
         observation = self._observe(state, keyframe, steps_left, self._last_action)

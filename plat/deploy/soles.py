@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from plat.deploy.description import RobotDescription
+from plat.deploy.description import RobotDescription, check_description
 from plat.deploy.state import Array
 from plat.errors import RobotError
 from plat.rotations_np import quat_to_matrix
@@ -20,7 +20,7 @@ class SoleKinematics:
         robot: with its feet.
 
     Raises:
-        RobotError: for a robot whose description has no feet.
+        RobotError: for a description without feet, and for what is none.
 
     >>> from plat.robots import G1, describe_robot
     >>> soles = SoleKinematics(describe_robot(G1, control_dt=0.02))
@@ -30,6 +30,7 @@ class SoleKinematics:
     """
 
     def __init__(self, robot: RobotDescription):
+        check_description(robot)
         if not robot.feet:
             raise RobotError(f"robot {robot.name!r}: its description has no feet, export the bundle again")
         self._joints = len(robot.joint_names)

@@ -1,12 +1,16 @@
 """Measured robot state, and the pose interface of a keyframe."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Array", "Pose", "RobotState", "state_widths"]
+from plat.errors import StateError
+from plat.json_file import short
+from plat.rotations_np import UNIT_TOLERANCE
+
+__all__ = ["Array", "Pose", "RobotState", "finite_vector", "root_of", "state_widths", "unit_quaternion"]
 
 Array = NDArray[np.floating]
 
@@ -58,3 +62,45 @@ class Pose(Protocol):
     @property
     def joint_pos(self) -> Array:
         """Return the joint angles ``[J]`` (rad)."""
+
+
+def finite_vector(what: str, values: Any, size: int) -> NDArray[np.float64]:
+    """Return a copy of so many finite numbers.
+
+    Raises:
+        StateError: beginning with ``what``, for anything else.
+    """
+    try:
+        numbers = np.array(values, dtype=np.float64)
+    except (OverflowError, RuntimeError, TypeError, ValueError):
+        raise StateError(f"{what} is {short(values)}, expected {size} numbers") from None
+    if numbers.shape != (size,):
+        raise StateError(f"{what} has shape {numbers.shape}, expected ({size},)")
+    if (wrong := np.flatnonzero(~np.isfinite(numbers))).size:
+        raise StateError(f"{what}[{wrong[0]}] is {numbers[wrong[0]]}, expected a finite number")
+    return numbers
+
+
+def unit_quaternion(what: str, values: Any) -> NDArray[np.float64]:
+    """Return a copy of a unit quaternion ``[4]``.
+
+    Raises:
+        StateError: beginning with ``what``, for anything else.
+    """
+    quat = finite_vector(what, values, 4)
+    length = float(np.linalg.norm(quat))
+    if abs(length - 1.0) > UNIT_TOLERANCE:
+        raise StateError(f"{what} has length {length:.6g}, expected a unit quaternion wxyz")
+    return quat
+
+
+def root_of(what: str, pose: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the root's position ``[3]`` and orientation ``[4]`` of a :class:`Pose`.
+
+    Raises:
+        StateError: beginning with ``what``, for what is no pose.
+    """
+    if not hasattr(pose, "root_pos"):
+        raise StateError(f"{what} is {short(pose)}, expected a pose, such as the start of a keyframe sequence")
+    position = finite_vector(f"{what}: root_pos", pose.root_pos, 3)
+    return position, unit_quaternion(f"{what}: root_quat", getattr(pose, "root_quat", None))

@@ -123,7 +123,7 @@ class _Task:
         for generator, state in zip(self._generators, self._random_states, strict=True):
             generator.set_state(state)
             if seed is not None:
-                generator.manual_seed(seed)
+                generator.manual_seed(seed % 2**64)  # gymnasium's seeds are whole numbers of any size
         try:
             yield
         finally:
@@ -145,9 +145,14 @@ class _Task:
     def step(self, actions: np.ndarray, auto_reset: bool) -> tuple[TensorDictBase, TensorDictBase]:
         """Step the environment; return the entries after the step, and those from which the next step begins."""
         actions, expected = np.asarray(actions), (self.env.batch_size[0], self.robot.num_joints)
-        if actions.shape != expected or actions.dtype.kind not in "fiu" or np.isnan(actions).any():
-            found = f"shape {actions.shape} and type {actions.dtype}"
-            raise ActionError(f"action: {found}, expected numbers of shape {expected[-1:]} for each robot, none NaN")
+        if actions.shape != expected or actions.dtype.kind not in "fiu":
+            found = actions.shape[actions.shape[:1] == expected[:1] :]
+            what = f"shape {found} and type {actions.dtype}"
+            raise ActionError(f"action: {what}, expected numbers of shape {expected[-1:]} for each robot")
+        if np.isnan(actions).any():
+            raise ActionError(
+                f"action: NaN for joint {self.robot.joint_names[int(np.isnan(actions).any(0).argmax())]!r}"
+            )
         clipped = np.clip(actions, -_ACTION_BOUND, _ACTION_BOUND).astype(np.float32)
         with self._own_randomness():
             self.current["action"] = torch.from_numpy(clipped).to(self.env.device)

@@ -1,6 +1,6 @@
 """Base environment: simulated robots on a motion, joint-level control and reset onto the reference. It has no task."""
 
-from typing import Any
+from typing import Any, Self
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -16,7 +16,7 @@ from plat.envs.physics import BatchedPhysics, PhysicsFactory
 from plat.envs.randomized_physics import arriving
 from plat.envs.settings import ResetNoise
 from plat.errors import MotionError, RobotError, StateError
-from plat.gpu import check_device
+from plat.gpu import check_device, check_stays
 from plat.motions.bins import ClipBins
 from plat.motions.library import MotionLibrary
 from plat.robots.robot import FootContacts
@@ -360,6 +360,15 @@ class MotionTrackingEnv(EnvBase):
             count,
             device=self.device,
         )
+
+    def to(self, device: torch.device | str) -> Self:
+        """Return the environment; its simulations stay on the device that they were made for.
+
+        Raises:
+            ConfigError: for another device.
+        """
+        check_stays(device, self.device, "environment")
+        return self
 
     def get_extra_state(self) -> dict[str, Any]:
         """Return, for :meth:`state_dict`, what the next steps of all robots depend on."""

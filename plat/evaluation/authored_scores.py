@@ -1,7 +1,9 @@
 """Scores on authored keyframes: success rate, falls before the arrival, falls and steps during the hold."""
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -33,10 +35,12 @@ __all__ = [
     "authored_table",
     "evaluate_authored",
     "no_chains",
+    "remove_authored_csv",
     "write_authored_csv",
 ]
 
 _HOLD_MEASURES = ("support_margin", "floating", "self_penetration", "floor_penetration")
+_TABLE = ("policy", "family", "chains", "metric", "value", "low", "high")
 _NEVER = torch.iinfo(torch.int64).max
 
 Interval = tuple[float, float, float]
@@ -288,8 +292,16 @@ def write_authored_csv(path: Path, records: Mapping[str, AuthoredRecords], condi
             for name in ("fell", "reached", "late_or_off", "reached_feasible", "fell_in_hold", "stepped"):
                 figures = ("" if math.isnan(value) else f"{value:.3f}" for value in getattr(score, name))
                 rows.append((policy, family, score.chains, name, *figures))
-    columns = ("policy", "family", "chains", "metric", "value", "low", "high")
-    replace_table(path, *with_conditions(columns, rows, conditions))
+    replace_table(path, *with_conditions(_TABLE, rows, conditions))
+
+
+def remove_authored_csv(path: Path) -> None:
+    """Remove a table that :func:`write_authored_csv` wrote; what else is called so stays."""
+    with suppress(OSError):
+        with path.open("rb") as file:
+            head = file.readline(1000)
+        if re.split(rb"[,\t\r\n]", head)[: len(_TABLE)] == [name.encode() for name in _TABLE]:
+            path.unlink()
 
 
 def _feasibility(robot: Robot, chains: Sequence[Authored]) -> tuple[Tensor, Tensor]:

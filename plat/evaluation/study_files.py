@@ -15,11 +15,15 @@ from plat.evaluation.study import ClipScore, CurvePoint, Study
 from plat.files import replace_table
 from plat.json_file import short
 
-__all__ = ["read_study", "write_study"]
+__all__ = ["TABLES", "read_study", "write_study"]
 
 _FIGURES = ("metric", "value", "low", "high")
 _CLIP_KEYS = ("policy", "rule", "clips")
+_SCORES, _INTERFACES, _DENSE = "scores.csv", "interfaces.csv", "dense.csv"
 _CLIPS, _DENSE_CLIPS = "whole_clips.csv", "dense_whole_clips.csv"
+_GROUPS, _CURVES, _DIFFERENCES = "groups.csv", "robustness.csv", "differences.csv"
+TABLES = (_SCORES, _INTERFACES, _DENSE, _CLIPS, _DENSE_CLIPS, _GROUPS, _CURVES, _DIFFERENCES)
+"""Names of all files that a study may have."""
 
 
 def write_study(study: Study, folder: Path, conditions: str = "") -> None:
@@ -34,7 +38,7 @@ def write_study(study: Study, folder: Path, conditions: str = "") -> None:
     def write(path: Path, columns: tuple[str, ...], found: list[tuple[Any, ...]]) -> None:
         _write(path, *with_conditions(columns, found, conditions))
 
-    for name, table in (("scores.csv", study.scores), ("interfaces.csv", study.interfaces), ("dense.csv", study.dense)):
+    for name, table in ((_SCORES, study.scores), (_INTERFACES, study.interfaces), (_DENSE, study.dense)):
         write(folder / name, COLUMNS, rows(table))
     for name, scores in ((_CLIPS, study.clips), (_DENSE_CLIPS, study.dense_clips)):
         clips = [(score.policy, score.rule, score.count, *row) for score in scores for row in _rows(score.figures)]
@@ -45,17 +49,17 @@ def write_study(study: Study, folder: Path, conditions: str = "") -> None:
         for score in scores
         for row in _rows(score.figures)
     ]
-    write(folder / "groups.csv", ("grouping", "group", "count", "policy", "test", *_FIGURES), groups)
+    write(folder / _GROUPS, ("grouping", "group", "count", "policy", "test", *_FIGURES), groups)
     curves = [
         (point.disturbance, point.strength, STRENGTHS[point.disturbance].unit, point.policy, *row)
         for point in study.curves
         for row in _rows({"tks": point.tks})
     ]
-    write(folder / "robustness.csv", ("disturbance", "strength", "unit", "policy", *_FIGURES), curves)
+    write(folder / _CURVES, ("disturbance", "strength", "unit", "policy", *_FIGURES), curves)
     differences = [
         (found.ours, found.policy, found.horizon, *row) for found in study.differences for row in _rows(found.figures)
     ]
-    write(folder / "differences.csv", ("ours", "policy", "horizon", *_FIGURES), differences)
+    write(folder / _DIFFERENCES, ("ours", "policy", "horizon", *_FIGURES), differences)
 
 
 def read_study(folder: Path) -> Study:
@@ -74,23 +78,21 @@ def read_study(folder: Path) -> Study:
 
 def _study(folder: Path) -> Study:
     study = Study(
-        scores=_scores(folder / "scores.csv"),
-        interfaces=_scores(folder / "interfaces.csv"),
-        dense=_scores(folder / "dense.csv"),
+        scores=_scores(folder / _SCORES),
+        interfaces=_scores(folder / _INTERFACES),
+        dense=_scores(folder / _DENSE),
         clips=_clips(folder / _CLIPS),
         dense_clips=_clips(folder / _DENSE_CLIPS),
     )
     keys = ("grouping", "group", "count", "policy", "test")
-    for (kind, group, count, policy, test), figures in _read(folder / "groups.csv", keys):
+    for (kind, group, count, policy, test), figures in _read(folder / _GROUPS, keys):
         study.groups.setdefault(kind, []).append(GroupScore(policy, test, group, int(count), figures))
-    for (name, strength, _, policy), figures in _read(
-        folder / "robustness.csv", ("disturbance", "strength", "unit", "policy")
-    ):
+    for (name, strength, _, policy), figures in _read(folder / _CURVES, ("disturbance", "strength", "unit", "policy")):
         disturbance = next((known for known in STRENGTHS if known == name), None)
         if disturbance is None:
-            raise RecordsError(f"{str(folder / 'robustness.csv')!r}: {short(name)} is no disturbance")
+            raise RecordsError(f"{str(folder / _CURVES)!r}: {short(name)} is no disturbance")
         study.curves.append(CurvePoint(policy, disturbance, float(strength), figures["tks"]))
-    for (ours, policy, horizon), figures in _read(folder / "differences.csv", ("ours", "policy", "horizon")):
+    for (ours, policy, horizon), figures in _read(folder / _DIFFERENCES, ("ours", "policy", "horizon")):
         study.differences.append(Difference(ours, policy, horizon, figures))
     return study
 

@@ -13,13 +13,16 @@ from plat.bounds import check_robot
 from plat.errors import KeyframeError
 from plat.files import replace_file
 from plat.json_file import read_json, short
-from plat.keyframes.keyframe import Keyframe, RobotJoints
+from plat.keyframes.keyframe import Keyframe, RobotJoints, check_keyframe
 from plat.spec.parts import Parts
 
 __all__ = [
+    "holds_keyframes",
     "is_keyframe_file",
     "keyframe_from_json",
+    "keyframe_json",
     "keyframe_to_json",
+    "keyframes_of",
     "read_keyframes",
     "refuse_other_kinds",
     "write_keyframes",
@@ -48,8 +51,22 @@ def read_keyframes(path: Path, robot: RobotJoints) -> tuple[Keyframe | None, tup
             or another robot. Inconsistent times are found by :class:`plat.keyframes.KeyframeSequence`.
     """
     check_robot(robot)
-    refuse_other_kinds(path, f"keyframe file {str(path)!r}")
-    content = read_json(path, KeyframeError, f"keyframe file {str(path)!r}", constants=True)
+    return keyframes_of(keyframe_json(path), path, robot)
+
+
+def keyframe_json(path: Path) -> Any:
+    """Return the JSON of a file of keyframes, or of constraints; :func:`keyframes_of` reads it.
+
+    Raises:
+        KeyframeError: naming the file, for content that is no JSON.
+    """
+    label = f"keyframe file {str(path)!r}"
+    refuse_other_kinds(path, label)
+    return read_json(path, KeyframeError, label, constants=True)
+
+
+def keyframes_of(content: Any, path: Path, robot: RobotJoints) -> tuple[Keyframe | None, tuple[Keyframe, ...]]:
+    """Return the keyframes of a file's JSON as :func:`read_keyframes` does; ``path`` is for messages."""
     try:
         return _parse(content, robot)
     except KeyframeError as error:
@@ -70,9 +87,13 @@ def refuse_other_kinds(path: Path, label: str) -> None:
 def is_keyframe_file(path: Path) -> bool:
     """Return whether a file declares that it holds keyframes; its content is not checked."""
     try:
-        content = read_json(path, KeyframeError, "", constants=True)
+        return holds_keyframes(read_json(path, KeyframeError, "", constants=True))
     except KeyframeError:
         return False
+
+
+def holds_keyframes(content: Any) -> bool:
+    """Return whether a file's JSON declares the same."""
     return isinstance(content, dict) and content.get("format") == _FORMAT
 
 
@@ -98,6 +119,8 @@ def write_keyframes(path: Path, robot: RobotJoints, start: Keyframe, keyframes: 
 
 def keyframe_to_json(keyframe: Keyframe, robot: RobotJoints) -> dict[str, Any]:
     """Return a keyframe as it stands in files, for messages between programs."""
+    check_keyframe("keyframe", keyframe)
+    check_robot(robot)
     return {"time": keyframe.time, **_entry(keyframe, robot)}
 
 
@@ -111,7 +134,7 @@ def keyframe_from_json(entry: Any, robot: RobotJoints) -> Keyframe:
 
 
 def _parse(content: Any, robot: RobotJoints) -> tuple[Keyframe | None, tuple[Keyframe, ...]]:
-    if not isinstance(content, dict) or content.get("format") != _FORMAT:
+    if not holds_keyframes(content):
         constraints = isinstance(content, list) and any(
             isinstance(entry, dict) and "type" in entry for entry in content
         )

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from plat.motions.clip import MotionClip
     from plat.robots.robot import Robot
 
-__all__ = ["HIGHEST", "Keyframe", "RobotJoints", "check_time", "interpolate", "standing"]
+__all__ = ["HIGHEST", "Keyframe", "RobotJoints", "check_keyframe", "check_time", "interpolate", "standing"]
 
 HIGHEST = 5.0
 """No robot's root is this far above or below the floor (m)."""
@@ -104,6 +104,10 @@ class Keyframe:
             MotionError: when the clip is broken.
             KeyframeError: for a time outside the clip.
         """
+        if not hasattr(motion, "checked"):
+            raise KeyframeError(
+                f"motion is {short(motion)}, expected a MotionClip, as plat.motions.load_motions reads it"
+            )
         clip = motion.checked(robot)
         # the small margin admits times that equal the clip's end up to rounding
         check_time(time, f"motion {clip.name!r}: time")
@@ -163,6 +167,16 @@ class Keyframe:
         return Keyframe(float(self.time), root_pos, root_quat / length, joint_pos, self.name, self.commands)
 
 
+def check_keyframe(what: str, given: object) -> None:
+    """Raise an error for what is no keyframe.
+
+    Raises:
+        KeyframeError: beginning with ``what``.
+    """
+    if not isinstance(given, Keyframe):
+        raise KeyframeError(f"{what} is {short(given)}, expected a Keyframe")
+
+
 def check_time(time: float, what: str = "time") -> None:
     """Raise an error for what is no time of a keyframe (s).
 
@@ -205,6 +219,8 @@ def interpolate(before: Keyframe, after: Keyframe, time: float) -> Keyframe:
     >>> interpolate(low, high, 0.25).root_pos
     array([0.   , 0.   , 0.785])
     """
+    check_keyframe("before", before)
+    check_keyframe("after", after)
     if not all(map(is_finite, (time, before.time, after.time))) or before.time == after.time:
         between = f"between {short(before.time)} and {short(after.time)} s"
         raise KeyframeError(f"time is {short(time)} s {between}, expected different times")

@@ -23,7 +23,7 @@ from plat.rotations_np import quat_from_rotvec
 if TYPE_CHECKING:
     from plat.robots.robot import Robot
 
-__all__ = ["read_constraints", "write_constraints"]
+__all__ = ["constraints_of", "read_constraints", "write_constraints"]
 
 # Angles up to this far beyond a joint's limits are clipped (rad): rotations of a generated motion are not exact.
 _SLACK = 0.35
@@ -42,8 +42,12 @@ def read_constraints(path: Path, robot: Robot, fps: float = 30.0) -> tuple[list[
     Raises:
         KeyframeError: naming file and constraint, when it is broken, of another skeleton, or has no whole poses.
     """
+    return constraints_of(read_json(path, KeyframeError, f"constraints {str(path)!r}"), path, robot, fps)
+
+
+def constraints_of(content: Any, path: Path, robot: Robot, fps: float = 30.0) -> tuple[list[Keyframe], list[str]]:
+    """Return the same of a file's JSON; ``path`` is for messages."""
     where = f"constraints {str(path)!r}"
-    content = read_json(path, KeyframeError, where)
     if not isinstance(content, list) or not all(isinstance(entry, dict) for entry in content):
         raise KeyframeError(f"{where}: expected a list of objects, each with a 'type'")
     keyframes: list[Keyframe] = []

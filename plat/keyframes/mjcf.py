@@ -77,8 +77,9 @@ def write_mjcf_keys(path: Path, robot: Robot, keyframes: Sequence[Keyframe]) -> 
     Raises:
         KeyframeError: for a partial keyframe, or when the disk does not take the file.
     """
-    lines = [f"<!-- keyframes of {robot.name}, joints in the order: {' '.join(robot.joint_names)} -->", "<mujoco>"]
-    lines.append("  <keyframe>")
+    said = _NOT_XML.sub("?", f"keyframes of {robot.name}, joints in the order: {' '.join(robot.joint_names)}")
+    # XML has no two hyphens in a comment
+    lines = [f"<!-- {re.sub('-(?=-)', '- ', said)} -->", "<mujoco>", "  <keyframe>"]
     names = _different([keyframe.name or f"key{number}" for number, keyframe in enumerate(keyframes)])
     for number, (keyframe, name) in enumerate(zip(keyframes, names, strict=True)):
         if not keyframe.whole:

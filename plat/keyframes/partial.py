@@ -14,7 +14,7 @@ from plat.deploy.description import RobotDescription
 from plat.deploy.kinematics import KeypointKinematics
 from plat.errors import KeyframeError
 from plat.json_file import short
-from plat.keyframes.keyframe import HIGHEST, Keyframe, standing
+from plat.keyframes.keyframe import HIGHEST, Keyframe, check_keyframe, standing
 from plat.spec.parts import Parts
 
 if TYPE_CHECKING:
@@ -87,6 +87,8 @@ def only(
         if value is not None
     ]
     commands = Parts.only(robot, angles, wanted, root_parts)
+    if base is not None:
+        check_keyframe("base", base)
     pose = (base or standing(robot)).checked(robot)
     qpos = pose.qpos
     if root is not None:

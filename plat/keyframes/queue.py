@@ -3,14 +3,14 @@
 import threading
 from bisect import bisect_left, insort
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
-from plat.bounds import is_finite
+from plat.bounds import check_robot, check_value, is_finite
 from plat.errors import KeyframeError
 from plat.json_file import short
-from plat.keyframes.keyframe import Keyframe, RobotJoints
+from plat.keyframes.keyframe import Keyframe, RobotJoints, check_keyframe
 from plat.keyframes.sequence import Command
 from plat.spec.timing import Timing
 
@@ -41,6 +41,8 @@ class KeyframeQueue:
     """
 
     def __init__(self, robot: RobotJoints, timing: Timing = Timing()):
+        check_robot(robot)
+        check_value("timing", timing, Timing)
         self.robot = robot
         """Whose keyframes they are."""
         self.timing = timing
@@ -48,6 +50,13 @@ class KeyframeQueue:
         self._lock = threading.Lock()
         self._queue: list[Keyframe] = []
         self._index = 0
+
+    def __getstate__(self) -> dict[str, Any]:
+        with self._lock:
+            return {**vars(self), "_queue": list(self._queue), "_lock": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state, _lock=threading.Lock())  # a copy is shared by threads of its own
 
     def __len__(self) -> int:
         return len(self._queue)
@@ -70,6 +79,7 @@ class KeyframeQueue:
         """
         if not is_finite(now):
             raise KeyframeError(f"now is {short(now)} s, expected the time of the robot's clock")
+        check_keyframe("keyframe", keyframe)
         checked = self._checked(keyframe)
         steps = self.timing.steps(checked.time) - self.timing.steps(now)
         if steps <= 0:
@@ -99,6 +109,12 @@ class KeyframeQueue:
 
         The pose may be a measured one: an angle beyond its joint's range is taken to be at the end of it.
 
+        Args:
+            pose: to stay in.
+            now: time of the robot's clock (s).
+            seconds: until its arrival. It is after the next control step at the earliest, and no farther away than the
+                policy's longest command.
+
         Raises:
             KeyframeError: for a pose that is not the robot's, or no time; all keyframes are forgotten nevertheless.
         """
@@ -106,7 +122,10 @@ class KeyframeQueue:
         try:
             if not (is_finite(now) and is_finite(seconds)):
                 raise KeyframeError(f"now is {short(now)} s and seconds {short(seconds)}, expected finite numbers")
-            time = now + max(seconds, self.timing.control_dt)
+            check_keyframe("pose", pose)
+            step, after = self.timing.steps(now), self.timing.steps(now + self.timing.control_dt)
+            arrival = min(max(step + self.timing.steps(seconds), after + 1), step + self.timing.max_steps)
+            time = arrival * self.timing.control_dt
             staying.append(self._checked(replace(pose, time=time, joint_pos=self._within(pose.joint_pos))))
         finally:
             with self._lock:

@@ -3,21 +3,21 @@
 from __future__ import annotations  # the types of motions and robots bring torch with them
 
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from plat.bounds import as_names, is_finite
+from plat.bounds import as_names, check_value, is_finite
 from plat.errors import KeyframeError
 from plat.files import as_path
 from plat.json_file import short
 from plat.keyframes.files import read_keyframes, write_keyframes
 from plat.keyframes.keyframe import Keyframe, RobotJoints, check_time, interpolate, standing
 from plat.keyframes.roots import as_arrived, with_commanded_root
-from plat.keyframes.splits import unit_doubt
+from plat.keyframes.splits import LongInterval, long_intervals, unit_doubt
 from plat.spec.timing import Timing
 
 if TYPE_CHECKING:
@@ -60,6 +60,7 @@ class KeyframeSequence:
 
     Raises:
         KeyframeError: naming keyframe and field.
+        ConfigError: for what is no timing.
 
     >>> from plat.robots import G1
     >>> pose = standing(G1)
@@ -75,6 +76,7 @@ class KeyframeSequence:
     timing: Timing = Timing()
 
     def __post_init__(self) -> None:
+        check_value("timing", self.timing, Timing)
         if isinstance(self.keyframes, Keyframe):
             raise KeyframeError("keyframes is a single one, expected a tuple of them")
         keyframes = tuple(self.keyframes or ())
@@ -202,7 +204,13 @@ class KeyframeSequence:
 
     @classmethod
     def load(
-        cls, path: str | Path, robot: RobotJoints, *, split: bool = False, timing: Timing = Timing()
+        cls,
+        path: str | Path,
+        robot: RobotJoints,
+        *,
+        split: bool = False,
+        timing: Timing = Timing(),
+        tell: Callable[[LongInterval], object] | None = None,
     ) -> KeyframeSequence:
         """Read a JSON file.
 
@@ -211,16 +219,22 @@ class KeyframeSequence:
             robot: whose keyframes are expected.
             split: split intervals that are too long by :func:`split_long_intervals`; by default they are refused.
             timing: of the policy that is to chase them.
+            tell: called with each interval that is split.
 
         Raises:
             KeyframeError: naming file, keyframe and field.
         """
         start, keyframes = read_keyframes(as_path(path, "keyframe file", KeyframeError), robot)
+        start = start or standing(robot)
         try:
-            start = start or standing(robot)
-            return cls(robot, start, split_long_intervals(start, keyframes, timing) if split else keyframes, timing)
+            parts = split_long_intervals(start, keyframes, timing) if split else keyframes
+            sequence = cls(robot, start, parts, timing)
         except KeyframeError as error:
             raise KeyframeError(f"keyframe file {str(path)!r}: {error}") from None
+        if tell is not None:
+            for interval in long_intervals(start, keyframes, timing):
+                tell(interval)
+        return sequence
 
     @classmethod
     def from_motion(
@@ -253,6 +267,9 @@ class KeyframeSequence:
         >>> len(KeyframeSequence.from_motion(clip, [0.5, 1.0, 2.0], G1))
         3
         """
+        if not isinstance(times, Iterable):
+            raise KeyframeError(f"times is {short(times)}, expected a list of seconds")
+        times = list(times)
         poses = [Keyframe.from_motion(motion, time, robot) for time in times]
         labels = [None] * len(times) if names is None else as_names(names)
         if len(labels) != len(times):
@@ -280,6 +297,7 @@ def split_long_intervals(
     >>> [keyframe.time for keyframe in split_long_intervals(pose, [pose.at(1.0), pose.at(3.5)])]
     [1.0, 1.82, 2.66, 3.5]
     """
+    check_value("timing", timing, Timing)
     result: list[Keyframe] = []
     check_time(start.time, "start: time")
     before = start

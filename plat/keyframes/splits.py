@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
-from plat.bounds import is_finite
+from plat.bounds import check_value, is_finite
 from plat.keyframes.files import read_keyframes
 from plat.keyframes.keyframe import Keyframe, RobotJoints, standing
 from plat.spec.timing import Timing
@@ -59,6 +59,7 @@ def long_intervals(start: Keyframe, keyframes: Sequence[Keyframe], timing: Timin
     >>> interval.index, interval.seconds, interval.parts
     (1, 2.5, 3)
     """
+    check_value("timing", timing, Timing)
     found: list[LongInterval] = []
     for index, (before, after) in enumerate(pairwise((start, *keyframes))):
         steps = timing.steps(after.time) - timing.steps(before.time)

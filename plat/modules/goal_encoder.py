@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from plat.bounds import Count, check_value
 from plat.entries import expects
+from plat.errors import ObservationError, PlatError
 
 __all__ = ["GoalSequenceEncoder"]
 
@@ -62,11 +63,14 @@ class _LastState(nn.Module):
         part = max(1, -(-len(length) // 16))
         going = (length[:, None] > torch.arange(num_frames, device=length.device)).sum(0)
         counts = (part * ((going + part - 1) // part)).clamp(max=len(length)).tolist()
+        real = going.tolist()
+        if real[:1] != [len(length)]:
+            raise ObservationError("goal encoder: a goal sequence has no frames, expected a length of at least 1")
         weight_ih, weight_hh, bias_ih, bias_hh = self.gru.all_weights[0]
         index = torch.cat([num_frames * order[:count] + step for step, count in enumerate(counts)])
         embedded = self.embed(frames.flatten(0, 1).index_select(0, index))
         from_frames = nn.functional.linear(embedded, weight_ih, bias_ih)
-        last = _Recurrence.apply(from_frames, weight_hh, bias_hh, counts, going.tolist())
+        last = _Recurrence.apply(from_frames, weight_hh, bias_hh, counts, real)
         return last[order.argsort()].view(*batch, last.shape[-1])
 
 
@@ -109,6 +113,8 @@ class _Recurrence(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:
+        if torch.is_grad_enabled():
+            raise PlatError("goal encoder: its gradient has no gradient, expected create_graph=False")
         weight, before, reset, keep, new, from_state = ctx.saved_tensors
         sizes = [weight.shape[1]] * 3
         to_frames, to_states = weight.new_empty(2, len(new), sum(sizes))

@@ -19,7 +19,16 @@ from torch import Tensor
 
 from plat.files import replace_file
 
-__all__ = ["CachedTable", "cache_dir", "file_digests", "read_table", "write_table"]
+__all__ = [
+    "CODE",
+    "CODE_DIGEST",
+    "CachedTable",
+    "cache_dir",
+    "code_digest",
+    "file_digests",
+    "read_table",
+    "write_table",
+]
 
 _LOGGER = logging.getLogger("plat.motions")
 
@@ -31,6 +40,24 @@ _TENSORS = ("table", "clip_start", "clip_length", "clip_names", "facts")
 # From this size on, a file that has not been touched since it was found whole is not read through again, and a set of
 # motion files that has not been touched is not either.
 _LARGE = 1 << 28
+
+CODE = ("motions", "robots", "rotations.py", "rotations_np.py")
+"""Files and folders of plat that say what a motion file or a generated motion becomes."""
+
+
+def code_digest(package: Path) -> str:
+    """Return a digest of :data:`CODE` in a folder."""
+    digest = hashlib.blake2b(digest_size=16)
+    for found in (package / name for name in CODE):
+        for path in sorted(found.rglob("*")) if found.is_dir() else [found]:
+            if path.suffix in (".py", ".yaml"):
+                content = path.read_bytes()
+                digest.update(f"{path.relative_to(package).as_posix()} {len(content)} ".encode() + content)
+    return digest.hexdigest()
+
+
+CODE_DIGEST = code_digest(Path(__file__).parents[1])
+"""Part of every cache key: what other code made is not found. It is of the code that this process runs, hence here."""
 
 # A file can change twice within the resolution of its times (s).
 _SETTLED = 2.0

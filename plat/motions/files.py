@@ -11,14 +11,18 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
+
+import numpy as np
 
 from plat.errors import MotionError, OutputError
 from plat.files import as_path, readable, write_file
 from plat.motions.clip import ASSUMED_RATE, MotionClip, as_clips
 from plat.motions.formats import MotionFile, QuatOrder, ReadOptions, check_clip_names, csv_text, write_archive
 from plat.motions.formats.axes import Up
-from plat.motions.formats.clock import without_steps
+from plat.motions.formats.clock import contradicting_name
+from plat.motions.formats.comment_rate import without_steps
 from plat.motions.formats.foreign import refuse_foreign
 from plat.motions.formats.pace import UnfitRateError
 from plat.motions.formats.rate import without_rates
@@ -35,6 +39,7 @@ __all__ = [
     "csv_stem",
     "load_motions",
     "motion_paths",
+    "name_at",
     "read_along",
     "read_motion_files",
     "save_csv",
@@ -44,6 +49,8 @@ __all__ = [
 # endings of what is read as a table
 _TABLES = (".csv", ".tsv", ".txt", ".npy")
 _LONGEST_MESSAGE = 800
+# values of one motion in two files differ by less (m, rad)
+_ROUNDING = 2e-3
 _LOGGER = logging.getLogger("plat.motions")
 
 Say = Callable[[int, str], object]
@@ -137,6 +144,7 @@ def read_motion_files(
             if strict or (path in listed and (skipped is None or len(paths) == 1)):
                 raise
             errors.append(error)
+    _refuse_unheard(options, files)
     files, unsure = _with_sure_rates(files, errors)
     if unsure and strict:
         raise unsure[0]
@@ -148,6 +156,8 @@ def read_motion_files(
     else:
         for bad in errors:
             say(logging.WARNING, f"skipped: {readable(str(bad))}")
+    if twice := _twice(files, [line for line in lines if line.startswith("read twice")]):
+        told.append(twice) if told is not None else say(logging.WARNING, readable(twice))
     return _named_apart(files)
 
 
@@ -188,7 +198,7 @@ def load_motions(
 
     Raises:
         MotionError: naming file, clip and field, when a file is missing or broken, or does not tell which order its
-            quaternions or joints have, or its frame rate.
+            quaternions or joints have, or its frame rate; or for an order or a unit that says nothing about any file.
 
     >>> import tempfile
     >>> from plat.motions import generate_motions
@@ -280,6 +290,52 @@ def csv_stem(clip: MotionClip) -> str:
     return without_rates(without_steps(re.sub(r"[/\0]", "_", clip.name).lstrip(".")), "motion")
 
 
+def name_at(name: str, fps: float) -> str:
+    """Return a name with this frame rate in place of others that it states.
+
+    >>> name_at("bow_60fps", 50.0), name_at("bow_60fps", 60.0), name_at("bow", 50.0)
+    ('bow_50fps', 'bow_60fps', 'bow')
+    """
+    if not contradicting_name(Path(f"{name}.npz"), [(fps, "")]):
+        return name
+    return f"{without_rates(without_steps(name), 'motion')}_{fps:.10g}fps"
+
+
+def _twice(files: Sequence[MotionFile], known: Sequence[str]) -> str:
+    """Return a line about motions that several files hold, as a table and an archive of one clip; empty for none.
+
+    Args:
+        files: with their clips under the names that these have there.
+        known: lines about equal files, which are not told of again.
+    """
+    count = Counter(name for file in files for name in {clip.name for clip in file.clips})
+    alike: dict[str, list[tuple[MotionClip, Path]]] = {}
+    pairs: list[tuple[tuple[MotionClip, Path], tuple[MotionClip, Path]]] = []
+    for file in files:
+        for clip in file.clips:
+            if count[clip.name] > 1:
+                alike.setdefault(clip.name, []).append((clip, file.path))
+    for group in alike.values():
+        group.sort(key=lambda one: float(one[0].qpos[0, 0]))  # equal ones stand side by side, whatever their number
+        pairs += [(one, other) for one, other in pairwise(group) if one[1] != other[1] and _equal(one[0], other[0])]
+    pairs = [pair for pair in pairs if not any(all(str(path) in line for _, path in pair) for line in known)]
+    if not pairs:
+        return ""
+    (clip, path), (_, other) = pairs[0]
+    more = f" and {len(pairs) - 1} more" if len(pairs) > 1 else ""
+    return f"read twice: the motion {clip.name!r} of {path} is that of {other}{more}: leave out one of two such files"
+
+
+def _equal(one: MotionClip, other: MotionClip) -> bool:
+    """Return whether two clips are one motion up to rounding; of two frame rates, whether they begin and last alike."""
+    if abs(one.duration - other.duration) > 1 / min(one.fps, other.fps):
+        return False
+    frames = slice(None) if len(one.qpos) == len(other.qpos) else slice(1)
+    # signs of quaternions may differ
+    first, second = (np.delete(clip.qpos[frames], range(3, 7), axis=1) for clip in (one, other))
+    return bool(np.allclose(first, second, rtol=0, atol=_ROUNDING))
+
+
 def _named_apart(files: list[MotionFile]) -> list[MotionFile]:
     """Return the files with other names for clips of several files that are called alike: their file's or folder's."""
     count = Counter(name for file in files for name in {clip.name for clip in file.clips})
@@ -294,6 +350,21 @@ def _named_apart(files: list[MotionFile]) -> list[MotionFile]:
         return replace(clip, name=name if taken[name] == 1 else f"{name}_{taken[name]}")
 
     return [replace(file, clips=[apart(clip, file.path) for clip in file.clips]) for file in files]
+
+
+_STATED = {"quat_order": "a root quaternion of four numbers", "angles": "angles of a human's joints, .bvh or .amc"}
+
+
+def _refuse_unheard(options: ReadOptions, files: Sequence[MotionFile]) -> None:
+    """Raise for what is stated of files and says nothing about any of them.
+
+    Raises:
+        MotionError: naming it and the first file.
+    """
+    for field, needed in _STATED.items():
+        if getattr(options, field) is not None and files and all(field in file.unheard for file in files):
+            told = f"motion file {str(files[0].path)!r}: {field} is stated, and says nothing about a {files[0].format}"
+            raise MotionError(f"{told}: expected no --{field.replace('_', '-')}, or files with {needed}")
 
 
 def _with_sure_rates(

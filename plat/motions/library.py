@@ -24,7 +24,7 @@ from plat.bounds import Range, check_robot, check_value
 from plat.errors import MotionError
 from plat.files import readable
 from plat.gpu import check_device
-from plat.motions.cache import CachedTable, cache_dir, file_digests, read_table, write_table
+from plat.motions.cache import CODE_DIGEST, CachedTable, cache_dir, file_digests, read_table, write_table
 from plat.motions.checks.repair import clip_to_limits
 from plat.motions.checks.validation import MotionValidator, Verdict
 from plat.motions.clip import MotionClip, as_clips
@@ -45,9 +45,6 @@ __all__ = ["MotionLibrary", "cache_dir"]
 _SMALL_EXCESS = 0.15
 
 _LOGGER = logging.getLogger("plat.motions")
-
-TABLE_VERSION = 15
-"""Part of every cache key. Raise it with any change of what readers, resampling, checks or the generator produce."""
 
 
 class MotionLibrary:
@@ -470,7 +467,7 @@ def _content_hash(
     digest = hashlib.blake2b(digest_size=16)
     described = [robot.name, robot.keypoints, robot.feet, robot.default_qpos.tolist()]
     retargets = find_spec("mink") is not None  # of the extra, without which human motions are skipped
-    digest.update(json.dumps([TABLE_VERSION, generated, described, dt, mirror, drop_bad, retargets]).encode())
+    digest.update(json.dumps([CODE_DIGEST, generated, described, dt, mirror, drop_bad, retargets]).encode())
     digest.update(hashlib.blake2b(robot.compiled()).digest())
     listed, folders = listed_paths(files), {folder: number for number, folder in enumerate(_folders(paths))}
     read = [(part, path in listed) for path in paths for part in (path, *read_along(path))]

@@ -60,14 +60,15 @@ def find_files(
         path = expand_home(as_path(pattern, "motion file", MotionError))
         if os.path.isdir(path):  # false for a name that is too long, too
             # folders may be called like files, and links of a store lead nowhere until what they stand for is there
-            found = sorted(file for file in path.rglob("*") if file.suffix.lower() in sought and file.is_file())
-            found = [file for file in found if not any(part.startswith(".") for part in file.relative_to(path).parts)]
+            every = sorted(file for file in path.rglob("*") if file.suffix.lower() in sought)
+            every = [file for file in every if not any(part.startswith(".") for part in file.relative_to(path).parts)]
+            found = _without_lost(every, copies, told)
             found = found if copies else _without_copies(found, told)
         elif os.path.exists(path):
             found = [path]
         else:
-            found = sorted(Path(name) for name in glob.glob(str(path), recursive=True))
-            found = [file for file in found if file.is_file()] or found
+            every = sorted(Path(name) for name in glob.glob(str(path), recursive=True))
+            found = _without_lost(every, copies, told) or every
         if not found:
             raise MotionError(
                 f"motion file {str(pattern)!r}: no such file, folder with motion files ({expected}) or glob"
@@ -108,6 +109,24 @@ def names_apart(paths: Sequence[Path]) -> list[str]:
         taken[name] += 1
         names.append(name if taken[name] == 1 else f"{name}_{taken[name]}")
     return names
+
+
+def _without_lost(paths: list[Path], strict: bool, told: list[str] | None) -> list[Path]:
+    """Return those that are files; links whose files are not there are told of.
+
+    Raises:
+        MotionError: for such a link where there is nothing else, or where the user is strict.
+    """
+    found = [path for path in paths if path.is_file()]
+    lost = [path for path in paths if path.is_symlink() and not path.exists()]
+    if lost:
+        more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
+        what = "links to what is not there" if more else "a link to what is not there"
+        if strict or not found:
+            raise MotionError(f"motion file {str(lost[0])!r}{more}: {what}: get it first, as with git annex or dvc")
+        if told is not None:
+            told.append(f"ignored: {lost[0]}{more}, {what}")
+    return found
 
 
 def _ending(path: Path) -> str:

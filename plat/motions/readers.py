@@ -1,6 +1,7 @@
 """Reader of each file ending: the one place where formats and retargeting are both known."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from plat.motions.formats import MotionFile, ReadOptions, read_csv, read_npy, read_npz, read_pickle
@@ -21,6 +22,7 @@ def _of_robot(read: Reader) -> Reader:
 
     def checked(path: Path, options: ReadOptions) -> MotionFile:
         file = read(path, options)
+        file = replace(file, unheard=(*file.unheard, "angles"))
         if options.quat_order is None:
             refuse_other_turns(file.clips, options.soles)
         return file

@@ -1,5 +1,6 @@
 """Imagination loss: a policy's cost over rollouts in a learned dynamics model."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -11,15 +12,15 @@ from torch.compiler import is_dynamo_compiling
 from torchrl.envs.utils import ExplorationType
 from torchrl.objectives.common import LossModule
 
-from plat.bounds import Count, Fraction, NonNegative, check_value
+from plat.bounds import Count, Fraction, NonNegative, as_names, check_value
 from plat.entries import Shape, check_entries
 from plat.envs.state import GeneralizedState
-from plat.errors import ConfigError, ObservationError
+from plat.errors import ConfigError, ObservationError, TaskError
 from plat.modules.dynamics import DynamicsModel
 from plat.objectives.divergence import gaussian_kl
 from plat.precision import autocast
 from plat.spec.timing import timing_of
-from plat.tasks.disturbed import advanced, estimated, motor_target, shown
+from plat.tasks.disturbed import advanced, estimated, motor_target, renewed, shown
 from plat.tasks.task import Task, of_each
 
 __all__ = ["ImaginationLoss", "LatentImaginationLoss"]
@@ -143,7 +144,7 @@ class ImaginationLoss(LossModule):
         """Compute the losses of rollouts from the states ``[B]``.
 
         Raises:
-            TaskError: when a method of the task returns what it should not.
+            TaskError: when a method of the task returns what it should not, or the cost has no gradient.
             ObservationError: for an entry that is missing or of another shape, of the states or of the policy.
         """
         keys, task = self.tensor_keys, self.task
@@ -182,8 +183,13 @@ class ImaginationLoss(LossModule):
             effort_before = effort
             with torch.no_grad():
                 ended = ended | (~lost & of_each(task, "finished", task.finished(memory), memory))
-            memory = task.renew(memory.clone(), here)
+            memory = renewed(task, memory, here)
             observed = self._observe(state, memory)
+        # without a word the policy would learn to do nothing; a critic has a gradient of its own
+        if self.critic is None and state.root_pos_w.requires_grad and not to_go.requires_grad:
+            raise TaskError(
+                f"{type(task).__name__}.cost() has no gradient, expected a differentiable cost of the state"
+            )
         out = {}
         if self.critic is not None:
             left = weight / (1 - self.discount)
@@ -239,6 +245,7 @@ class LatentImaginationLoss(ImaginationLoss):
 
     Keyword Args:
         beta: :math:`\beta`.
+        divergence, parameters: as of :class:`LatentImitationLoss`, for another latent.
         settings: as of :class:`ImaginationLoss`.
 
     Returns ``loss_kl`` and, for the log, ``kl`` (nats a step) beside what :class:`ImaginationLoss` returns.
@@ -268,11 +275,15 @@ class LatentImaginationLoss(ImaginationLoss):
         task: Task,
         *,
         beta: float = 0.002,
+        divergence: Callable[..., Tensor] = gaussian_kl,
+        parameters: Sequence[str] = ("loc", "scale"),
         **settings: Any,
     ):
         super().__init__(policy, model, task, **settings)
         check_value("latent imagination loss: beta", beta, NonNegative)
         self.beta = beta
+        self.divergence = divergence
+        self.parameter_names = as_names(parameters)
         self.out_keys = [*self.out_keys, "loss_kl", "kl"]
 
     def _observe(self, state: GeneralizedState, memory: TensorDictBase) -> TensorDictBase:
@@ -282,9 +293,15 @@ class LatentImaginationLoss(ImaginationLoss):
         return observed
 
     def _divergence(self, acted: TensorDictBase) -> Tensor:
-        names: list[NestedKey] = [(group, name) for group in ("posterior", "prior") for name in ("loc", "scale")]
+        names: list[NestedKey] = [(group, name) for group in ("posterior", "prior") for name in self.parameter_names]
         check_entries(acted, dict.fromkeys(names, ("n",)), "imagination loss: policy")
-        return gaussian_kl(*(acted.get(name).float() for name in names)).sum(-1).mean()
+        kl = self.divergence(*(acted.get(name).float() for name in names))
+        batch = acted.get(self.tensor_keys.action).shape[:-1]
+        if kl.ndim != len(batch) + 1 or kl.shape[:-1] != batch:
+            raise ObservationError(
+                f"imagination loss: divergence has shape {tuple(kl.shape)}, expected [{batch.numel()}, m]"
+            )
+        return kl.sum(-1).mean()
 
     def _add_divergence(self, out: dict[str, Tensor], divergence: Tensor) -> None:
         out["loss_kl"], out["kl"] = self.beta * divergence, divergence.detach()

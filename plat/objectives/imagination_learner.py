@@ -60,7 +60,7 @@ class ImaginationLearner:
         average: copy of ``policy`` with the moving average of its weights.
 
     Raises:
-        ConfigError: for an actor that has none of the policy's learning weights.
+        ConfigError: for an actor that has none of the policy's learning weights, and for weights without a shape.
 
     >>> from plat.modules import DynamicsModel, PlainPolicy
     >>> from plat.motions import MotionLibrary, generate_motions
@@ -88,6 +88,11 @@ class ImaginationLearner:
         check_value("imagination: config", config, ImaginationConfig | None)
         check_value("imagination: reference_updates", reference_updates, Natural)
         self.config = config = config or ImaginationConfig()
+        if lazy := [name for name, value in policy.named_parameters() if nn.parameter.is_lazy(value)]:
+            raise ConfigError(
+                f"imagination: the policy's {lazy[0]!r} has no shape yet, expected a policy that was called before, or "
+                "no LazyLinear"
+            )
         self.policy = policy
         self.model = model
         self.average = copy.deepcopy(policy)

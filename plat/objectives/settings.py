@@ -115,7 +115,7 @@ class ImaginationConfig(Bounded):
     average: Annotated[float, Range(0, 1, below=True)] = 0.99  # 1 would save the weights of the start
     """decay of the moving average of the policy's weights, which is saved; less at first"""
     warmup: Natural = 40
-    """warm-up iterations, in which only the model learns; the recipes' 40 are 8 with --init-model"""
+    """warm-up iterations, in which only the model learns; the default is 8 with --init-model"""
     settle: Natural = 400
     """iterations before normalizers are frozen; those of a loaded model count"""
     constant: Fraction = 0.5

@@ -51,7 +51,7 @@ def keypoint_symmetry(robot: Robot) -> np.ndarray:
     """Return, for each keypoint ``[K]``, the keypoint whose place it takes in the mirror.
 
     Raises:
-        RobotError: for a keypoint without a partner.
+        RobotError: for a keypoint without a partner, and for feet that are not each other's.
 
     >>> from plat.robots import G1
     >>> len(keypoint_symmetry(G1))
@@ -60,6 +60,11 @@ def keypoint_symmetry(robot: Robot) -> np.ndarray:
     names = [_other_side(name) for name in robot.keypoints]
     if alone := sorted(set(names) - set(robot.keypoints)):
         raise RobotError(f"robot {robot.name!r}: keypoints without a partner {alone}")
+    left, right = robot.feet
+    if _other_side(left) != right:  # its other keypoints would stay where they are as well
+        raise RobotError(
+            f"robot {robot.name!r}: feet {left!r} and {right!r}, expected left_... and right_... to mirror"
+        )
     return np.array([robot.keypoints.index(name) for name in names])
 
 

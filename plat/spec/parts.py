@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from plat.bounds import as_names, check_robot
+from plat.bounds import as_names, check_robot, shown
 from plat.errors import KeyframeError
 
 if TYPE_CHECKING:
@@ -71,6 +71,10 @@ class Parts:
     root: tuple[bool, bool, bool]
 
     def __post_init__(self) -> None:
+        for field in ("joints", "bodies", "root"):
+            flags = getattr(self, field)
+            if not isinstance(flags, tuple | list) or not all(isinstance(flag, bool | np.bool_) for flag in flags):
+                raise KeyframeError(f"parts: {field} is {shown(flags)}, expected True or False each; see Parts.only")
         if len(self.root) != len(ROOT_PARTS):
             raise KeyframeError(f"root: {len(self.root)} flags, expected {len(ROOT_PARTS)} ({', '.join(ROOT_PARTS)})")
         if not any(self.values()):
@@ -149,6 +153,8 @@ class Parts:
 
 
 def _flags(chosen: Iterable[str], names: Collection[str], field: str) -> tuple[bool, ...]:
+    if not isinstance(chosen, Iterable):
+        raise KeyframeError(f"parts: {field} is {shown(chosen)}, expected names")
     wanted = as_names(chosen)
     unknown = [name for name in wanted if name not in names]
     if unknown:

@@ -51,9 +51,9 @@ class Timing(Bounded):
         Raises:
             PlatError: for a time that is not finite.
         """
-        if not (is_finite(time) and is_finite(time / self.control_dt)):
+        if not (is_finite(time) and is_finite(float(time) / self.control_dt)):
             raise PlatError(f"time is {shown(time)} s, expected a finite number")
-        return round(time / self.control_dt)
+        return round(float(time) / self.control_dt)  # an array without axes has no rounding
 
     def check_control_dt(self, control_dt: float, what: str) -> None:
         """Raise an error for a control step that differs from this timing's.

@@ -54,7 +54,9 @@ class Access:
             headers: of the request.
         """
         host = headers.get("Host", "")
-        name, _, port = host.rpartition(":")
+        name, colon, port = host.rpartition(":")
+        if not colon or port.endswith("]"):
+            name, port = host, "80"  # browsers leave out the usual one
         if self._local and (name.strip("[]") not in _LOCAL or port != str(self._port)):
             return f"Host is {host!r}, expected localhost:{self._port}"
         origin = headers.get("Origin")

@@ -46,7 +46,7 @@ class Studio:
         port: port to listen on.
         motions: motion files that the page proposes to load.
         path: keyframe file that the page proposes to save to.
-        folder: the only folder for reading and writing files.
+        folder: the only folder for keyframe files and videos.
         bodies: shapes to draw; by default those of the session's robot.
 
     Raises:
@@ -181,6 +181,9 @@ class Studio:
 
     def _show(self) -> None:
         self._rest_at = time.monotonic() + _PAUSE
+        if refused := self.session.playback.refused:
+            self.session.playback.refused = ""
+            self._page.notify("The policy stopped", refused, "error")
         for panel in (self._timeline, self._pose, self._play, self._files):
             panel.show()
         self._taken.show(self._motion.preview())

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from plat.errors import PlatError
 from plat.studio.session import Session
+from plat.studio.timeline import Timeline
 
 __all__ = ["AUTOSAVE", "Autosave"]
 
@@ -45,6 +46,7 @@ class Autosave:
         self._edited_at: float | None = None
         self._unwritten_since: float | None = None
         self._last = session.timeline
+        self._saved: Timeline | None = None
 
     def _read(self) -> bytes | None:
         try:
@@ -57,6 +59,7 @@ class Autosave:
         if self._former is not None:
             self.discard()  # a copy of what was edited before
             self._left, self.path = self._former
+            self._saved = None
 
     def discard(self) -> None:
         """Delete the copy, which is of no use any more: the keyframes were saved."""
@@ -69,7 +72,10 @@ class Autosave:
         return self.path is not None and self._left is not None and _mark(self.path) == self._left
 
     def tick(self, at_once: bool = False) -> bool:
-        """Write the copy when it is due, or at once; return whether something was written."""
+        """Write the copy when it is due, or at once; return whether there is news of it.
+
+        It is deleted where its keyframes were brought back to what was saved.
+        """
         now, moment = self._session.timeline, time.monotonic()
         if (now.start, now.keyframes, now.holds) != (self._last.start, self._last.keyframes, self._last.holds):
             self._last, self._edited_at = now, moment
@@ -79,17 +85,20 @@ class Autosave:
             return False
         if not (at_once or moment - self._edited_at >= _AFTER or moment - self._unwritten_since >= _AT_LATEST):
             return False
+        undone = self.path is not None and self._session.as_saved and self._session.saved is self._saved
         unsaved = self._session.unsaved
         if unsaved:
             self._write()
+        elif undone:
+            self.discard()
         self._edited_at = self._unwritten_since = None  # not before, for Ctrl-C may come between
-        return unsaved
+        return unsaved or undone
 
     def _write(self) -> None:
         try:
             path = self._free_path()
             self._session.write(path)
-            self.path, self._left = path, _mark(path)
+            self.path, self._left, self._saved = path, _mark(path), self._session.saved
             self.words = f"autosaved {time.strftime('%H:%M:%S')}"
         except (PlatError, OSError) as error:
             self.words = f"not autosaved: {error}"

@@ -47,6 +47,7 @@ class Stance:
         margin: how far the center of mass is inside it (m), negative outside; None in the air.
         feet: whether the left and the right foot are on the floor.
         inside: bodies whose shapes are inside each other.
+        sunk: how deep the robot is in the floor (m); 0 where that is not to be doubted.
     """
 
     center: np.ndarray
@@ -54,11 +55,14 @@ class Stance:
     margin: float | None
     feet: tuple[bool, bool]
     inside: frozenset[str]
+    sunk: float = 0.0
 
     @property
     def words(self) -> str:
         """Return the stance in a line."""
         inside = f", inside each other: {', '.join(sorted(self.inside))}" if self.inside else ""
+        if self.sunk:
+            return f"{100 * self.sunk:.0f} cm inside the floor{inside}"
         if self.margin is None:
             return f"no foot on the floor{inside}"
         standing = {(True, True): "both feet", (True, False): "left foot", (False, True): "right foot"}[self.feet]
@@ -109,14 +113,17 @@ class Checker:
         mujoco.mj_comPos(model, data)
         mujoco.mj_collision(model, data)
         bodies = model.geom_bodyid[data.contact.geom].reshape(-1, 2)
-        deep = (bodies > 0).all(-1) & (data.contact.dist < -self._feasibility.limits.self_penetration)
+        limits, of_robot = self._feasibility.limits, (bodies > 0).all(-1)
+        deep = of_robot & (data.contact.dist < -limits.self_penetration)
+        sunk = -float(data.contact.dist[~of_robot].min(initial=0.0))
         inside = frozenset(model.body(int(body)).name for body in np.unique(bodies[deep]))
         points = self._soles.points(torch.from_numpy(np.asarray(qpos, dtype=np.float64))[None])[0].numpy()
         down = points[..., 2] < _ON_FLOOR
         support = convex_hull(points[down][:, :2])
         center = data.subtree_com[1].copy()
         margin = support_margin(center[:2], support) if len(support) else None
-        return Stance(center, support, margin, (bool(down[0].any()), bool(down[1].any())), inside)
+        feet = bool(down[0].any()), bool(down[1].any())
+        return Stance(center, support, margin, feet, inside, sunk if sunk > limits.floor_penetration else 0.0)
 
     def _verdict(self, before: Keyframe, after: Keyframe, held: bool) -> Verdict:
         concerns = self._feasibility(before, after, held=held)

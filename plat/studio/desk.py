@@ -4,7 +4,7 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from functools import partial
 
 from plat.errors import PlatError
@@ -37,21 +37,22 @@ class Desk:
     ):
         self._tick, self._changed, self._report = tick, changed, report
         self._interval = interval
-        self._tasks: deque[Task] = deque()
+        self._tasks: deque[tuple[Task, Hashable]] = deque()
         self._wake = threading.Condition()
         self._stopped = False
 
-    def ask(self, task: Task, once: bool = False) -> None:
+    def ask(self, task: Task, instead_of: Hashable = None) -> None:
         """Queue a task for the desk's thread; return at once.
 
         Args:
             task: what is to be done.
-            once: not again while the same task is the last that waits: for tasks that read the latest value of what
-                a user drags, so that they do not fall behind.
+            instead_of: names what the task is part of, such as a drag. It takes the place of the task of that name that
+                waits last, so that the desk does not fall behind what a user drags; tasks of others stay in order.
         """
         with self._wake:
-            if not (once and self._tasks and self._tasks[-1] == task):
-                self._tasks.append(task)
+            if instead_of is not None and self._tasks and self._tasks[-1][1] == instead_of:
+                self._tasks.pop()
+            self._tasks.append((task, instead_of))
             self._wake.notify()
 
     def ask_elsewhere(self, work: Callable[[], Task]) -> None:
@@ -80,7 +81,7 @@ class Desk:
                     self._wake.wait(due - time.monotonic())
                 if self._stopped:
                     return
-                tasks = [self._tasks.popleft() for _ in range(len(self._tasks))]
+                tasks = [self._tasks.popleft()[0] for _ in range(len(self._tasks))]
             for task in tasks:
                 self._guarded(task)
             now = time.monotonic()

@@ -10,7 +10,7 @@ from plat.studio.desk import Desk, Task
 from plat.studio.dock import Dock, Message
 from plat.studio.session import Session
 
-__all__ = ["Page"]
+__all__ = ["Page", "counted"]
 
 
 class Page:
@@ -32,22 +32,37 @@ class Page:
         self._lock = Lock()
         self._questions = 0
         self._agreed: Task | None = None
+        self._unread: dict[int, object] = {}
 
-    def when_changed(self, handle: viser.GuiInputHandle[Any], task: Task | None = None) -> None:
+    def when_changed(self, handle: viser.GuiInputHandle[Any], task: Callable[[Any], None] | None = None) -> None:
         """Run a task, and update the page, when a user has changed an input.
 
         Args:
             handle: the input.
-            task: reads the input's new value; None where only the page changes.
+            task: given the input's new value; None where only the page changes.
         """
-        task = task or _nothing
 
         # asynchronous callbacks come in the order of the events, others do not
         async def called(event: viser.GuiEvent[Any]) -> None:
-            if event.client is not None:  # values that the studio itself sets call back as well
-                self.desk.ask(task, once=True)
+            if event.client is None:  # values that the studio itself sets call back as well
+                return
+            value = event.target.value  # when its turn comes, the input may show something else
+            self._unread[id(handle)] = mark = object()
+
+            def read() -> None:
+                if self._unread.get(id(handle)) is mark:
+                    del self._unread[id(handle)]
+                if task is not None:
+                    task(value)
+
+            self.desk.ask(read, id(handle))
 
         handle.on_update(called)
+
+    def fill(self, handle: viser.GuiInputHandle[Any], value: Any) -> None:
+        """Show a value in an input, unless a user has changed it since: that is yet to be read."""
+        if id(handle) not in self._unread and handle.value != value:
+            handle.value = value
 
     def buttons(self, label: str, tasks: Mapping[str, Task]) -> None:
         """Add a row of buttons, each with its task."""
@@ -142,5 +157,10 @@ class Page:
         self.dock.note(title, text, kind)
 
 
-def _nothing() -> None:
-    """Do nothing: a task for changes that only need to be shown."""
+def counted(number: int, what: str) -> str:
+    """Return a number of things in words.
+
+    >>> counted(1, "pose"), counted(2, "pose")
+    ('1 pose', '2 poses')
+    """
+    return f"{number} {what}" + ("" if number == 1 else "s")

@@ -57,6 +57,8 @@ class Playback:
         """By policy, of the keyframes as they are now."""
         self.notes: dict[str, str] = {}
         """By policy, why it did not play them when all were compared, or when and why its simulation ended early."""
+        self.refused = ""
+        """Why a policy that played ended with an edit of the keyframes; empty when that was told."""
         self.played = self.policy
         """Name of the policy whose chase :attr:`player` is."""
         self._timeline = timeline
@@ -174,8 +176,7 @@ class Playback:
     def changed(self) -> None:
         """Obey edited keyframes: a chase that is on goes on with them, one that is over is forgotten.
 
-        Raises:
-            KeyframeError: when a policy that plays cannot follow them; the chase is ended.
+        Where a policy that plays cannot follow them the chase is ended, and :attr:`refused` says why.
         """
         self.scores.clear()
         self.notes.clear()
@@ -190,10 +191,10 @@ class Playback:
             try:
                 for name, player in self.players:
                     player.sequence = self.sequence(name)
-            except PlatError:
+            except PlatError as error:
                 # half of it would be played with other keyframes, and none of it counts
                 self.stop()
-                raise
+                self.refused = str(error)
 
     def compare(self, timeline: Timeline) -> tuple[dict[str, list[KeyframeScore]], dict[str, str]]:
         """Compute the scores of every policy on some keyframes, at full speed.

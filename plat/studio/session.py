@@ -66,6 +66,7 @@ class Session:
         """The keyframes as they were when they were last saved or loaded."""
         self._clipboard: Keyframe | None = None
         self._grip: tuple[str, np.ndarray, dict[str, Frame]] | None = None
+        self._dragging = False
         self._refused = False
 
     # keyframes
@@ -88,7 +89,7 @@ class Session:
 
     def rest(self) -> None:
         """End the current undo step after a pause, except within a drag."""
-        if self._grip is None:
+        if not self._dragging:
             self.history.end_gesture()
 
     def select(self, number: int) -> None:
@@ -176,10 +177,8 @@ class Session:
         self.edit(self.timeline.inserted(self._clipboard))
 
     def _keyframes_changed(self) -> None:
-        try:
-            self.playback.changed()
-        finally:
-            self._follow()
+        self.playback.changed()
+        self._follow()
 
     def _follow(self) -> None:
         """Move the cursor to the selected pose, unless a robot is playing."""
@@ -255,9 +254,14 @@ class Session:
         """Reset the selected pose to the default pose, in place."""
         self.change_pose(lambda qpos: placed(self.robot.default_qpos, self.robot.default_qpos, qpos))
 
+    def begin_drag(self) -> None:
+        """Start dragging something: all until :meth:`release` is one step to undo."""
+        self.history.end_gesture()
+        self._dragging = True
+
     def grab(self, handle: str, held: Collection[str]) -> None:
         """Start dragging a handle of the selected pose, with others held."""
-        self.history.end_gesture()
+        self.begin_drag()
         qpos = self.timeline.pose.qpos
         frames = self.poser.frames(qpos)
         self._grip = handle, qpos, {name: frames[name] for name in held}
@@ -287,7 +291,7 @@ class Session:
 
     def release(self) -> None:
         """End the drag."""
-        self._grip = None
+        self._grip, self._dragging = None, False
         self.history.end_gesture()
 
     # motions
@@ -380,11 +384,15 @@ class Session:
         self.saved = timeline
 
     @property
+    def as_saved(self) -> bool:
+        """Return whether the keyframes are those that were last saved or loaded."""
+        now, saved = self.timeline, self.saved
+        return now.start is saved.start and now.keyframes is saved.keyframes and now.holds is saved.holds
+
+    @property
     def unsaved(self) -> bool:
         """Return whether there is anything that no file holds."""
-        now, saved = self.timeline, self.saved
-        same = now.start is saved.start and now.keyframes is saved.keyframes and now.holds is saved.holds
-        return bool(now.keyframes) and not same
+        return bool(self.timeline.keyframes) and not self.as_saved
 
     def to_json(self) -> bytes:
         """Return the content of the file that :meth:`save` writes."""

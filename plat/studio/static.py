@@ -79,8 +79,8 @@ def write_static(
             part = scratch / folder.name
             part.mkdir()
             _write_files(part, facts, libraries)
-            for name, run in runs.items():
-                export_bundle(run, part / "policies" / name)
+            for number, run in enumerate(runs.values()):
+                export_bundle(run, part / "policies" / str(number))  # names may be paths, or no parts of addresses
             part.chmod(0o755)
             part.rename(folder)
     except OSError as error:

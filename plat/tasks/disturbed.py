@@ -12,9 +12,9 @@ from plat.envs.transforms.settings import NoiseLevels
 from plat.errors import TaskError
 from plat.robots.robot import Robot
 from plat.rotations import quat_rotate, quat_rotate_inverse
-from plat.tasks.task import Task
+from plat.tasks.task import Task, remembered
 
-__all__ = ["advanced", "estimated", "measuring", "motor_target", "shown", "told_to_model"]
+__all__ = ["advanced", "estimated", "measuring", "motor_target", "renewed", "shown", "told_to_model"]
 
 
 def motor_target(robot: Robot, memory: TensorDictBase, action: Tensor) -> Tensor:
@@ -44,13 +44,31 @@ def advanced(task: Task, memory: TensorDictBase, action: Tensor, state: Generali
         memory: before the step ``[*B]``.
         action: of the policy ``[*B, J]``.
         state: true state after the step ``[*B]``.
+
+    Raises:
+        TaskError: when the task returns no memory.
     """
-    after = task.advance(memory.clone(), action)  # a task may write in place to what it is given
+    # a task may write in place to what it is given
+    after = remembered(task, "advance", task.advance(memory.clone(), action), memory)
     if memory.get("earlier_action", None) is not None:
         after["earlier_action"] = memory["last_action"]
     if (drift := memory.get("drift", None)) is not None:
         after["drift"] = drifted(drift, memory["drift_rate"], state.root_quat_w, state.root_lin_vel_w, task.dt)
     return after
+
+
+def renewed(task: Task, memory: TensorDictBase, state: GeneralizedState) -> TensorDictBase:
+    """Return a task's memory ``[*B]`` with the commands that follow those that have ended.
+
+    Args:
+        task: the task.
+        memory: after the step ``[*B]``.
+        state: as the robots' estimators have it ``[*B]``.
+
+    Raises:
+        TaskError: when the task returns no memory.
+    """
+    return remembered(task, "renew", task.renew(memory.clone(), state), memory)
 
 
 def estimated(state: GeneralizedState, memory: TensorDictBase) -> GeneralizedState:

@@ -1,6 +1,6 @@
 """Simulated robots with a task: a TorchRL environment."""
 
-from typing import Any
+from typing import Any, Self
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -15,9 +15,9 @@ from plat.envs.physics import BatchedPhysics, PhysicsFactory
 from plat.envs.randomized_physics import RandomizedPhysics
 from plat.envs.state import GeneralizedState
 from plat.envs.transforms.settings import RandomizationRanges
-from plat.gpu import check_device
+from plat.gpu import check_device, check_stays
 from plat.robots.robot import FootContacts
-from plat.tasks.disturbed import advanced, estimated, motor_target, shown
+from plat.tasks.disturbed import advanced, estimated, motor_target, renewed, shown
 from plat.tasks.starts import FailureWeights
 from plat.tasks.task import Task, of_each, started
 
@@ -127,7 +127,7 @@ class SimulatedTask(EnvBase):
         due = None if self.draws is None else self.draws.push().to(self.device)
         if due is not None and len(due):
             state = self._state()
-        out = self._entries(state, task.renew(memory.clone(), estimated(state, memory)))
+        out = self._entries(state, renewed(task, memory, estimated(state, memory)))
         if due is not None:
             out["pushed"] = torch.zeros(self.batch_size, dtype=torch.bool, device=self.device)
             out["pushed"][due] = True
@@ -150,6 +150,15 @@ class SimulatedTask(EnvBase):
         if self.draws is not None:
             out["pushed"] = torch.zeros(self.batch_size, dtype=torch.bool, device=self.device)
         return out
+
+    def to(self, device: torch.device | str) -> Self:
+        """Return the environment; its simulations stay on the device that they were made for.
+
+        Raises:
+            ConfigError: for another device.
+        """
+        check_stays(device, self.device, "environment")
+        return self
 
     def get_extra_state(self) -> dict[str, Any]:
         """Return, for :meth:`state_dict`, the state of the simulations; the task's is beside it."""

@@ -13,7 +13,7 @@ from plat.gpu import constant
 from plat.robots.robot import Robot
 from plat.spec.observation import as_observed
 
-__all__ = ["Task", "of_each", "robot_entries", "started"]
+__all__ = ["Task", "of_each", "remembered", "robot_entries", "started"]
 
 
 class Task(nn.Module):
@@ -102,21 +102,42 @@ def started(task: Task, count: int) -> tuple[GeneralizedState, TensorDict]:
     """Return the states and memories ``[count]`` that a task starts episodes from.
 
     Raises:
-        TaskError: when they are none, or of another number of robots.
+        TaskError: when they are none, or of another number of robots or joints.
     """
     start: object = task.start(count)
     state, memory = start if isinstance(start, tuple) and len(start) == 2 else (None, None)
+    joints = (count, task.robot.num_joints)
     if (
         isinstance(state, GeneralizedState)
         and isinstance(memory, TensorDict)
-        and "last_action" in memory
         and memory.batch_size == state.root_pos_w.shape[:1] == (count,)
+        and state.joint_pos.shape == joints
+        and "last_action" in memory
+        and memory["last_action"].shape == joints
     ):
         return state, memory
     raise TaskError(
         f"{type(task).__name__}.start({count}): expected a GeneralizedState of {count} robots and a TensorDict "
-        f"[{count}] with their 'last_action'"
+        f"[{count}] with their 'last_action' {list(joints)}"
     )
+
+
+def remembered(task: Task, method: str, after: TensorDictBase, before: TensorDictBase) -> TensorDictBase:
+    """Return the memory that a method of a task returned.
+
+    Args:
+        task: the task.
+        method: ``advance`` or ``renew``.
+        after: that it returned.
+        before: memory that it was given ``[*N]``.
+
+    Raises:
+        TaskError: when it is none of these robots, as where a method writes in place and returns nothing.
+    """
+    if isinstance(after, TensorDictBase) and after.batch_size == before.batch_size:
+        return after
+    found = list(after.batch_size) if isinstance(after, TensorDictBase) else type(after).__name__
+    raise TaskError(f"{type(task).__name__}.{method}() returns {found}, expected the memory {list(before.batch_size)}")
 
 
 def of_each(task: Task, method: str, value: Tensor, memory: TensorDictBase) -> Tensor:

@@ -9,19 +9,22 @@ import pytest
 from plat.baselines import ReleasedTrackers
 from plat.cli import benchmark
 from plat.cli.benchmark import command_of
+from plat.cli.benchmark_page import FIGURES, page, publish
 from plat.cli.benchmark_page import main as publish_words
-from plat.cli.benchmark_page import page, publish
 from plat.cli.options import BenchmarkRecipe
 from plat.cli.settings import parse
-from plat.errors import PlatError, RecordsError
+from plat.errors import OutputError, PlatError, RecordsError
 from plat.evaluation import Entrant, authored_cells, study
 from plat.evaluation.cells import Candidate, Cell
 from plat.evaluation.disturbance import STRENGTHS, Strength
 from plat.evaluation.study import Study
+from plat.evaluation.study_files import TABLES
 from plat.figures import pyplot
 from plat.modules import Expert, ExpertConfig, PlainPolicy
+from plat.motions import MotionLibrary, save_motions
 from plat.robots import G1
 from plat.spec.timing import Timing
+from tests.conftest import standing_clip
 from tests.evaluation.authored import authored_records
 from tests.figures.scores import made_up
 from tests.modules.policies.test_student import SMALL
@@ -188,12 +191,94 @@ def test_another_folder_is_refused(tmp_path, capsys):
         publish_words([])
 
 
+def benchmark_folder(path: Path) -> Path:
+    """Make a folder of a benchmark without scores."""
+    path.mkdir(parents=True)
+    (path / "about.json").write_text(json.dumps(ABOUT))
+    return path
+
+
+@pytest.mark.parametrize("source", ["docs/benchmark", "docs/benchmark/earlier", "docs", "."])
+def test_the_docs_do_not_replace_what_they_are_made_of(tmp_path, source):
+    folder = benchmark_folder(tmp_path / "site" / source)
+    (folder / "notes.txt").write_text("mine")
+    with pytest.raises(OutputError, match="would replace .*, which it is a copy of: give the folder that plat"):
+        publish(folder, tmp_path / "site" / "docs")
+    assert {path.name for path in folder.iterdir() if path.is_file()} == {"about.json", "notes.txt"}
+
+
+def test_a_folder_of_the_docs_that_is_no_copy_is_left_alone(tmp_path):
+    folder, kept = benchmark_folder(tmp_path / "out"), tmp_path / "docs" / "benchmark"
+    kept.mkdir(parents=True)
+    (kept / "script.py").write_text("mine")
+    with pytest.raises(OutputError, match="benchmark': no earlier copy of a benchmark, as it has no about.json"):
+        publish(folder, tmp_path / "docs")
+    assert (kept / "script.py").read_text() == "mine"
+
+
+def test_a_copy_that_is_stopped_leaves_the_earlier_one(tmp_path, monkeypatch):
+    folder, docs = benchmark_folder(tmp_path / "out"), tmp_path / "docs"
+    publish(folder, docs)
+    (docs / "benchmark" / "earlier.csv").touch()
+
+    def full(path: Path, *_: object) -> None:
+        raise OSError(28, "No space left on device", str(path))
+
+    with monkeypatch.context() as patch:
+        patch.setattr("plat.cli.benchmark_page.copy_file", full)
+        with pytest.raises(SystemExit, match="error: '.*about.json': No space left on device"):
+            publish_words([str(folder), str(docs)])
+    assert (docs / "benchmark" / "earlier.csv").exists()
+    publish(folder, docs)
+    assert [path.name for path in (docs / "benchmark").iterdir()] == ["about.json"]
+    assert {path.name for path in docs.iterdir()} == {"benchmark", "results.md"}
+
+
 @pytest.mark.parametrize("window", [3, 5])
 def test_another_arrival_window_is_said_before_the_tables(tmp_path, window):
     policy = Entrant.of_policy(PlainPolicy(G1, replace(SMALL, timing=Timing(window=window))))
     told = benchmark.about(BenchmarkRecipe(out=tmp_path), {Candidate("patient", lambda: policy, "abc"): policy}, [])
     (tmp_path / "about.json").write_text(json.dumps(told))
     assert ("- arrival window of 5 control steps, not 3\n" in page(tmp_path)) == (window == 5)
+
+
+def test_a_folder_of_hard_motions_is_searched_once(tmp_path, monkeypatch):
+    for name in ("a", "b"):
+        (tmp_path / "hard" / name).mkdir(parents=True)
+        save_motions(tmp_path / "hard" / name / "walk.npz", [standing_clip("walk")])
+    (tmp_path / "manifest.csv").write_text("clip,family\nwalk,calm\n")
+    searched: list[Path] = []
+    search = Path.rglob
+    monkeypatch.setattr(Path, "rglob", lambda folder, *more: searched.append(folder) or search(folder, *more))
+    recipe = BenchmarkRecipe(
+        out=tmp_path / "out", hard=(tmp_path / "hard",), manifest=(tmp_path / "manifest.csv",), generated=4.0
+    )
+    MotionLibrary.load(tmp_path / "hard")  # into the cache
+    searched.clear()
+    hard, _ = benchmark.motion_sets(recipe, G1, 0.02)
+    assert hard.families == ["calm", "calm"]
+    assert searched == [tmp_path / "hard"]
+
+
+@pytest.mark.parametrize(
+    ("flags", "told"),
+    [
+        ({"manifest": (Path("families.csv"),)}, "--manifest: without effect but with --hard"),
+        ({"robustness": (), "strengths": 3}, "--strengths: without effect but with --robustness"),
+        ({"robustness": (), "robustness_clips": 3}, "--robustness-clips: without effect but with --robustness"),
+        ({"further_horizons": ("short",)}, "--further-horizons: without effect but with motions beside the generated"),
+    ],
+)
+def test_flags_without_effect_are_refused_before_anything_is_read(tmp_path, flags, told):
+    with pytest.raises(PlatError, match=told):
+        benchmark.main(BenchmarkRecipe(runs=(tmp_path / "none",), out=tmp_path, device="cpu", **flags))
+
+
+def test_an_interface_that_nothing_is_told_by_is_refused(tmp_path):
+    pytest.importorskip("matplotlib")
+    run = save_run(tmp_path / "plain", PlainPolicy(G1, SMALL))
+    with pytest.raises(PlatError, match="--interface: without effect but with a dense tracker"):
+        benchmark.main(BenchmarkRecipe(runs=(run,), out=tmp_path / "out", interface=("line",), device="cpu"))
 
 
 def test_sets_of_one_name_are_refused(tmp_path):
@@ -227,7 +312,33 @@ def test_tables_of_an_earlier_start_are_not_under_the_head_of_another(recipe, mo
 def test_pictures_of_an_earlier_start_do_not_stay(tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
     monkeypatch.setattr(benchmark, "save_figure", touch)
-    for name in ("radar.png", "radar.pdf"):
+    for name in ("radar.png", "radar.pdf", "photo.png", "paper.pdf"):
         (tmp_path / name).touch()
     benchmark.draw(tmp_path, Study(scores=made_up("PLAT", "wbc", horizons=("long", "mixed"))), 0.02)
-    assert {path.name for path in tmp_path.iterdir()} == {"success.png", "horizon.png"}
+    assert {path.name for path in tmp_path.iterdir()} == {"success.png", "horizon.png", "photo.png", "paper.pdf"}
+
+
+def test_tables_and_pictures_of_others_stay(tmp_path):
+    (tmp_path / "val").mkdir()
+    for name in (*TABLES, *FIGURES, "mine.csv", "photo.png", "paper.pdf"):
+        (tmp_path / "val" / name).touch()
+    for seed in (1, 2):
+        benchmark.write_about(tmp_path, {"sets": [["val"]], "seed": seed})
+    assert {path.name for path in (tmp_path / "val").iterdir()} == {"mine.csv", "photo.png", "paper.pdf"}
+
+
+@pytest.mark.parametrize(
+    ("flag", "path", "out"),
+    [
+        ("hard", "clips", "."),
+        ("hard", "clips/clips.npz", "."),
+        ("hard", "clips", "clips/results"),
+        ("manifest", "generated/families.csv", "."),
+        ("bandai", "bandai", "."),
+    ],
+)
+def test_results_do_not_go_where_motions_are_read(tmp_path, flag, path, out):
+    given = tmp_path / path
+    recipe = BenchmarkRecipe(out=tmp_path / out, **{flag: given if flag == "bandai" else (given,)})
+    with pytest.raises(OutputError, match=f"--{flag} '.*{path}': results go to '.*', which it is in or holds"):
+        benchmark.motion_sets(recipe, G1, 0.02)

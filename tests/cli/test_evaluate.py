@@ -155,6 +155,8 @@ def test_runs_of_the_same_name_are_told_apart(runs):
 def test_figures_are_drawn(runs, capsys):
     pytest.importorskip("matplotlib")
     folder = runs / "figures"
+    folder.mkdir()
+    (folder / "bars_single.png").touch()  # of an earlier start
     evaluate.main(recipe(runs, "plain", "expert", horizon=("short", "long", "mixed"), figures=folder, clip="walk"))
     drawn = {path.name for path in folder.iterdir()}
     stems = {"radar", "bars_short", "bars_long", "bars_mixed", "success"}
@@ -282,6 +284,48 @@ def test_tables_of_an_earlier_start_do_not_stay(runs, tmp_path, made_up):
     assert {path.name for path in out.iterdir()} == {"records", "scores.csv", "scores.md"}
 
 
+@pytest.mark.parametrize("name", ["s.csv", "s.tsv"])
+def test_authored_keyframes_of_an_earlier_start_do_not_stay_beside_a_table(runs, tmp_path, made_up, name):
+    csv, beside = tmp_path / name, tmp_path / name.replace("s.", "s_authored.")
+    evaluate.main(recipe(runs, "plain", authored=1, only="run", csv=csv))
+    assert beside.exists()
+    (tmp_path / "s_mine.csv").touch()
+    evaluate.main(recipe(runs, "plain", only="run", csv=csv))
+    assert not beside.exists()
+    assert (tmp_path / "s_mine.csv").exists()
+    beside.write_text("policy,family,notes\n")  # not plat's
+    evaluate.main(recipe(runs, "plain", only="run", csv=csv))
+    assert beside.exists()
+
+
+def test_a_table_of_tabs_has_tabs(runs, tmp_path, made_up):
+    evaluate.main(recipe(runs, "plain", authored=1, only="run", csv=tmp_path / "s.tsv"))
+    for name in ("s.tsv", "s_authored.tsv"):
+        first, *_ = (tmp_path / name).read_text().splitlines()
+        assert first.startswith("policy\t")
+        assert "," not in first
+
+
+@pytest.mark.parametrize("name", ["groups.csv", "scores_authored.csv"])
+def test_a_table_of_a_folder_is_no_other_table(runs, tmp_path, name):
+    with pytest.raises(OutputError, match=f"--csv '.*{name}': --out writes that file itself: give another name"):
+        evaluate.main(recipe(runs, "plain", csv=tmp_path / name, out=tmp_path))
+
+
+@pytest.mark.parametrize("name", ["scores.csv", "groups.csv", "scores_authored.csv"])
+def test_a_folder_of_tables_does_not_replace_what_is_read(runs, tmp_path, name):
+    (tmp_path / name).write_text("clip,family\nrun,fast\n")
+    with pytest.raises(OutputError, match=f"--out: would replace .*{name}', which is read"):
+        evaluate.main(recipe(runs, "plain", manifest=(tmp_path / name,), out=tmp_path))
+
+
+def test_figures_of_an_earlier_start_do_not_stay(tmp_path):
+    for name in ("radar.png", "radar.pdf", "bars_long.png", "success.png", "bars_mine.png", "photo.png"):
+        (tmp_path / name).touch()
+    evaluate.remove_figures(tmp_path, ["radar", "bars_long", "success", "film_strip"], [tmp_path / "success.png"])
+    assert {path.name for path in tmp_path.iterdir()} == {"success.png", "bars_mine.png", "photo.png"}
+
+
 def test_a_killed_evaluation_leaves_its_page(runs, tmp_path, monkeypatch, made_up):
     out, ended = tmp_path / "all", []
     evaluate.main(recipe(runs, "plain", authored=1, only="run", out=out))  # an earlier start, of other tables
@@ -360,6 +404,7 @@ def test_policies_of_different_timing_are_not_mixed(runs):
         ({"whole_clips": ("supermimic",), "partial": "hands"}, "--whole-clips: .* no --partial"),
         ({"pushes": 0.3}, "--pushes: .* --authored"),
         ({"strips": Path("strips")}, "--strips: .* --authored"),
+        ({"clip": "walk"}, "--clip: .* --figures"),
         ({"randomization": RandomizationRanges(push_interval=(1.0, 2.0))}, "--randomization: .* --domain-random"),
     ],
 )

@@ -247,6 +247,21 @@ def test_what_cannot_be_converted_is_not_called_constraints(tmp_path):
         keyframes.main(keyframes.ConvertKeyframes(file=tmp_path / "walk.npz", out=tmp_path / "out.json"))
 
 
+@pytest.mark.parametrize("command", ["show", "convert", "convert constraints"])
+def test_files_are_read_once(tmp_path, monkeypatch, command):
+    """A file that changes between two readings would be checked in one form and used in another."""
+    source = tmp_path / "source.json"
+    kimodo = command == "convert constraints"
+    keyframes.main(keyframes.ConvertKeyframes(file=EXAMPLE, out=source, kimodo=kimodo))
+    read, real = [], Path.read_bytes
+    monkeypatch.setattr(Path, "read_bytes", lambda path: read.append(path.name) or real(path))
+    if command == "show":
+        keyframes.main(keyframes.Show(file=source, split=True))
+    else:
+        keyframes.main(keyframes.ConvertKeyframes(file=source, out=tmp_path / "out.json"))
+    assert read.count("source.json") == 1
+
+
 def test_constraints_in_place_of_keyframes_are_said_to_be_converted(tmp_path):
     keyframes.main(keyframes.ConvertKeyframes(file=EXAMPLE, out=tmp_path / "constraints.json", kimodo=True))
     with pytest.raises(
@@ -266,6 +281,9 @@ def test_options_without_effect_are_refused(tmp_path):
         convert(EXAMPLE, fps=10.0)
     with pytest.raises(PlatError, match="--every: without effect but with keys that have no times"):
         convert(EXAMPLE, every=5.0)
+    keyframes.main(keyframes.ConvertKeyframes(file=EXAMPLE, out=tmp_path / "timed.xml"))
+    with pytest.raises(PlatError, match="--every: without effect but with keys that have no times"):
+        convert(tmp_path / "timed.xml", every=5.0)
     convert(EXAMPLE, fps=10.0, kimodo=True)
     (tmp_path / "out.json").rename(tmp_path / "constraints.json")
     half = KeyframeSequence.load(EXAMPLE, G1).duration / 2

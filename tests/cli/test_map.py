@@ -1,12 +1,13 @@
 """``plat motions map``: pictures of maps, and proposed ones."""
 
+import numpy as np
 import pytest
 import tyro
 
 from plat.cli import motions
 from plat.cli.options import MotionsCommand
 from plat.errors import MotionError
-from plat.motions.retargeting import load_map
+from plat.motions.retargeting import load_map, read_bvh
 from tests.motions.retargeting.human import write_human
 from tests.motions.retargeting.test_propose import ODD
 
@@ -25,6 +26,16 @@ def test_known_and_proposed_maps_are_drawn(tmp_path, capsys):
     out = capsys.readouterr().out
     assert "known map 'lafan1'" in out
     assert "proposed map 'proposed'" in out
+
+
+def test_a_capture_without_frames_is_named_and_one_of_any_rate_is_drawn(tmp_path, capsys):
+    mocap = read_bvh(write_human(tmp_path / "a.bvh", frames=3))
+    np.savez(tmp_path / "b.npz", joints=mocap.positions[:0], joint_names=list(mocap.names), fps=30)
+    np.savez(tmp_path / "c.npz", joints=mocap.positions, joint_names=list(mocap.names), fps=0)
+    with pytest.raises(MotionError, match="1 of 3 files have no map"):
+        run(tmp_path, "--out", tmp_path / "out")
+    assert "b.npz': 0 frames, expected at least 2" in capsys.readouterr().out
+    assert (tmp_path / "out" / "c_map.png").exists()
 
 
 def test_what_has_no_map_is_named(tmp_path, capsys):

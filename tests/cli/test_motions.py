@@ -1,3 +1,4 @@
+import pickle
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +24,7 @@ from plat.motions.retargeting.bvh import read_bvh
 from plat.rendering import RenderingError
 from plat.robots import G1
 from tests.in_process import run_plat
-from tests.motions.formats.writers import bowing_clip, write_asap, write_csv, write_gmr
+from tests.motions.formats.writers import asap_motions, bowing_clip, write_asap, write_csv, write_gmr
 from tests.motions.retargeting.human import write_human
 
 
@@ -105,6 +106,8 @@ def test_no_opengl_costs_only_the_sheet(folder, tmp_path, capsys, monkeypatch):
         raise RenderingError("no OpenGL (none); apt install it")
 
     monkeypatch.setattr(motions, "Stage", fail)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "contact_sheet.png").touch()  # of an earlier start
     run("inspect", folder / "good_50fps.csv", "--out", tmp_path / "out")
     assert "no contact sheet: no OpenGL (none); apt install it" in capsys.readouterr().out
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["good.png"]
@@ -119,6 +122,14 @@ def test_convert_to_one_file_with_repairs(folder, tmp_path, capsys):
     np.testing.assert_allclose(clips["floating"].qpos, clips["good"].qpos, atol=1e-5)
     told = f"left out short of {folder / 'two.npz'}: 0.000 s long after --trim, expected at least 0.5 s"
     assert told in capsys.readouterr().out
+
+
+def test_ends_are_taken_off_clips_and_not_off_pieces_of_them(tmp_path):
+    qpos = bowing_clip(120).qpos.copy()
+    qpos[60:, 0] += 2
+    save_motions(tmp_path / "a.npz", MotionClip("a", qpos, 50.0))
+    run("convert", tmp_path / "a.npz", "--trim", 0.4, 0.2, "--cut", "--out", tmp_path / "b.npz")
+    assert [(clip.name, len(clip.qpos)) for clip in load_motions(tmp_path / "b.npz")] == [("a_c0", 40), ("a_c1", 50)]
 
 
 def test_convert_levels_feet_before_it_grounds_them(tmp_path):
@@ -150,6 +161,27 @@ def test_clips_whose_tables_would_be_called_alike_stay_apart(tmp_path, names):
     stem = names[-1].lstrip(".")
     files = sorted(path.name for path in (tmp_path / "csv").iterdir())
     assert files == [f"{stem}_2_50fps.csv", f"{stem}_3_50fps.csv", f"{stem}_50fps.csv"]
+
+
+def test_what_is_written_has_no_other_rate_in_its_name(tmp_path):
+    save_motions(tmp_path / "bow_60fps.npz", [MotionClip("bow_60fps", bowing_clip().qpos, 60.0)])
+    run("convert", tmp_path / "bow_60fps.npz", "--resample", 50, "--out", tmp_path / "npz")
+    (path,) = (tmp_path / "npz").iterdir()
+    (clip,) = load_motions(path)
+    assert (path.name, clip.name, clip.fps) == ("bow_50fps.npz", "bow_50fps", 50)
+    write_human(tmp_path / "turn_60fps.bvh", frames=5)
+    run("retarget", tmp_path / "turn_60fps.bvh", "--fps", 25, "--out", tmp_path / "turn")
+    assert [path.name for path in (tmp_path / "turn").iterdir()] == ["turn_25fps.npz"]
+
+
+def test_a_file_of_several_rates_becomes_a_file_for_each_in_a_folder(tmp_path):
+    motions = asap_motions(bowing_clip(), names=("a", "b"))
+    (tmp_path / "both.pkl").write_bytes(pickle.dumps({**motions, "b": {**motions["b"], "fps": 25}}))
+    run("convert", tmp_path / "both.pkl", "--out", tmp_path / "npz")
+    found = {path.name: [clip.name for clip in load_motions(path)] for path in sorted((tmp_path / "npz").iterdir())}
+    assert found == {"both_25fps.npz": ["b"], "both_50fps.npz": ["a"]}
+    with pytest.raises(MotionError, match="clips at 25, 50 frames a second, expected one rate"):
+        run("convert", tmp_path / "both.pkl", "--out", tmp_path / "one.npz")
 
 
 def test_convert_with_what_the_user_states(tmp_path):
@@ -375,6 +407,27 @@ def test_of_several_files_that_are_named_bad_ones_are_left_out(folder, tmp_path,
         run("convert", *files, "--strict", "--out", tmp_path / "none.npz")
     with pytest.raises(MotionError, match="labels.csv': row 2"):
         run("inspect", bad)
+
+
+def test_a_bad_file_of_a_folder_is_no_error_beside_a_good_file_that_is_named(folder, tmp_path, capsys):
+    (folder / "labels.csv").write_text("file,style\ngood,happy\n")
+    write_csv(tmp_path / "more_50fps.csv", bowing_clip())
+    run("convert", tmp_path / "more_50fps.csv", folder, "--out", tmp_path / "all.npz")
+    assert "1 of 4 files could not be used; see above" in capsys.readouterr().out
+    with pytest.raises(MotionError, match="1 of 3 files could not be used"):
+        run("convert", folder / "labels.csv", folder, "--out", tmp_path / "again.npz")
+
+
+def test_a_clip_without_a_name_has_pictures(tmp_path, monkeypatch):
+    monkeypatch.setattr(motions, "draw_sheet", lambda *_: None)
+    save_motions(tmp_path / "a.npz", [replace(bowing_clip(), name=name) for name in ("", "..", ".bow")])
+    run("inspect", tmp_path / "a.npz", "--out", tmp_path / "out")
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["bow.png", "motion.png", "motion_2.png"]
+
+
+def test_no_pictures_are_refused(folder, tmp_path):
+    result = run_plat("motions", "inspect", folder, "--out", tmp_path / "out", "--pictures", "0")
+    assert "--pictures is 0, expected a whole number of at least 1" in result.stderr
 
 
 def test_a_rate_that_nothing_states_is_no_verdict_use(tmp_path, capsys):

@@ -1,5 +1,7 @@
 import re
 
+import numpy as np
+
 from plat.motions import load_motions
 from tests.in_process import Ended, run_plat
 from tests.motions.retargeting.human import write_human
@@ -23,6 +25,25 @@ def test_good_files_are_written_and_a_broken_one_is_named(tmp_path):
     assert "1 of 3 files could not be used" in result.stderr
     assert [path.name for path in sorted(out.iterdir())] == ["train.npz", "val.npz"]
     assert [clip.name for clip in load_motions(out)] == ["clip_0", "clip_1"]
+
+
+def test_a_split_of_other_captures_does_not_stay(tmp_path):
+    folder, out = tmp_path / "bvh", tmp_path / "motions"
+    folder.mkdir()
+    for name in ("clip_0", "clip_1"):
+        write_human(folder / f"{name}.bvh", frames=5)
+    assert run(folder, "--out", out, "--split").returncode == 0
+    (folder / "clip_1.bvh").unlink()
+    result = run(folder, "--out", out, "--split")
+    assert f"removed {out / 'val.npz'} of an earlier start" in result.stdout
+    assert [path.name for path in out.iterdir()] == ["train.npz"]
+
+
+def test_a_unit_of_angles_is_for_files_that_have_angles(tmp_path):
+    np.savez(tmp_path / "person.npz", posed_joints=np.zeros((4, 22, 3)), fps=30)
+    result = run(tmp_path, "--out", tmp_path / "out", "--angles", "radians")
+    assert result.returncode != 0
+    assert "--angles: without effect but with files that have angles, .bvh or .amc" in result.stderr
 
 
 def test_a_split_of_captures_of_several_rates_has_the_commonest(tmp_path):

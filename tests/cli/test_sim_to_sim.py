@@ -1,5 +1,6 @@
 import math
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 from plat.cli import sim_to_sim
 from plat.control import Simulator
-from plat.errors import ActionError, KeyframeError
+from plat.errors import ActionError, KeyframeError, PlatError
 from plat.export import export_bundle
 from plat.keyframes import KeyframeSequence, standing
 from plat.motions import MotionLibrary, generate_motions
@@ -49,6 +50,18 @@ def test_a_controller_that_holds_the_reference_reaches_keyframes(library):
     scores, ended = sim_to_sim.run(Track(), sequence, Simulator(model(timestep=0.001)))
     assert not ended
     assert [score.success for score in scores] == [True, True]
+
+
+@pytest.mark.parametrize(
+    ("flags", "told"),
+    [
+        ({"seed": 3, "motions": (), "keyframes": (Path("wave.json"),)}, "--seed: without effect but with --motions"),
+        ({"split": True}, "--split: without effect but with --keyframes"),
+    ],
+)
+def test_flags_without_effect_are_refused(tmp_path, flags, told):
+    with pytest.raises(PlatError, match=told):
+        sim_to_sim.main(sim_to_sim.SimToSimRecipe(bundle=tmp_path / "bundle", **flags))
 
 
 def test_the_table(tmp_path, capsys):

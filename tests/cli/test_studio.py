@@ -123,6 +123,7 @@ def test_a_file_is_proposed_under_its_own_place_in_the_folder(tmp_path, monkeypa
     ("options", "message"),
     [
         ({"keyframes": Path("wave.json")}, "--keyframes: without effect on the page of --static"),
+        ({"browser": False}, "--no-browser: without effect on the page of --static"),
         ({"motions": "generated:test"}, "--motions: without effect on the page of --static"),
         ({"static": None, "libraries": Path("node_modules")}, "--libraries: without effect but with --static"),
     ],
@@ -137,3 +138,11 @@ def test_options_that_a_page_of_files_cannot_honor_are_refused(tmp_path, options
 def test_runs_in_folders_of_the_same_name_are_told_apart():
     runs = Path("a/plat"), Path("b/plat"), Path("b/expert")
     assert studio._names(runs) == ["a/plat", "b/plat", "expert"]
+
+
+def test_the_run_of_the_working_directory_has_its_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "plat").mkdir()
+    assert studio._names((Path(), Path("plat"))) == [tmp_path.name, "plat"]
+    monkeypatch.chdir(tmp_path / "plat")
+    assert studio._names((Path(), Path(), Path("a/plat"), Path(".."))) == [".", ".", "a/plat", tmp_path.name]

@@ -42,6 +42,15 @@ def test_a_fast_joint_is_named_with_its_speed(feasibility: Feasibility) -> None:
     assert feasibility(STAND, posed(0.2, left_knee=knee + 1.4)) == ()
 
 
+def test_what_is_a_little_beyond_a_limit_does_not_read_as_the_limit(feasibility: Feasibility) -> None:
+    knee = STAND.joint_pos[G1.joint_names.index("left_knee")]
+    (concern,) = feasibility(STAND, posed(0.1, left_knee=knee + 1.02))
+    assert str(concern) == "left_knee would need 20.4 rad/s, expected at most 20"
+    turned = replace(STAND.at(0.5), root_quat=np.array([np.cos(0.8), 0, 0, np.sin(0.8)]))  # 1.6 rad
+    (concern,) = feasibility(STAND, turned)
+    assert str(concern) == "the turn would need 6.4 rad/s, expected at most 6"
+
+
 def test_the_fastest_joint_comes_first(feasibility: Feasibility) -> None:
     concerns = feasibility(STAND, posed(0.1, left_elbow=2.0, right_elbow=1.8))
     assert [concern.subject for concern in concerns] == ["left_elbow", "right_elbow"]

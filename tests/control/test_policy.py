@@ -6,7 +6,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 from plat.control import PolicyController, Simulator
 from plat.deploy import RobotState
 from plat.envs import make_keyframe_env
-from plat.errors import ActionError
+from plat.errors import ActionError, PlatError, StateError
 from plat.keyframes import Keyframe, standing
 from plat.modules import Expert, ExpertConfig, LatentPolicy, LatentPolicyConfig, PlainPolicy
 from plat.modules.policies.student import STUDENT_KEYS
@@ -46,6 +46,17 @@ def keyframe_of(library, frame: torch.Tensor) -> Keyframe:
     pose = library.poses(frame)
     parts = (pose["keypoint_pos"][0], pose["keypoint_quat"][0], pose["joint_pos"])
     return Keyframe.from_qpos(1.0, torch.cat(parts).numpy())
+
+
+def test_what_no_policy_can_follow_is_one_line():
+    with pytest.raises(PlatError, match="controller: timing is 0.02, expected a Timing"):
+        PolicyController(PlainPolicy(G1).deployed(), G1, 0.02)
+    controller, simulator = PolicyController(PlainPolicy(G1).deployed(), G1), Simulator(G1.model())
+    for steps_left in (0, 51, None, "10", np.nan):
+        with pytest.raises(StateError, match="steps_left is .*, expected above 0 and at most 50"):
+            controller(simulator.state(), standing(G1), steps_left)
+    with pytest.raises(StateError, match="joint_target is 'rest', expected 29 numbers"):
+        controller.reset("rest")
 
 
 def test_a_policy_sees_what_the_training_environment_shows(library):

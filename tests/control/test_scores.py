@@ -89,6 +89,7 @@ def test_a_foot_that_leaves_its_place_in_a_hold_has_stepped():
 
     assert not held(lambda time: 0.0).stepped
     assert not held(lambda time: 0.1 if time < 0.19 else 0.0).stepped  # before it has settled
+    assert held(lambda time: 0.05 if time < 0.21 else 0.0).stepped  # its place is where it is after 0.1 s of the hold
     stepped = held(lambda time: 0.05 if 0.3 < time < 0.4 else 0.0)
     assert stepped.stepped
     assert stepped.words == "held for 0.4 s, a foot moved by 0.05 m"

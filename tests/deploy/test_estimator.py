@@ -8,7 +8,7 @@ import pytest
 import plat
 from plat.control import PolicyController, SensorNoise, SimulatedSensors, Simulator
 from plat.deploy import EstimatorSettings, StateEstimator
-from plat.errors import ConfigError, StateError
+from plat.errors import ConfigError, PlatError, StateError
 from plat.keyframes import standing
 from plat.robots import G1
 from plat.rotations_np import heading_pitch_roll, quat_from_heading_pitch_roll, quat_from_rotvec, quat_to_matrix
@@ -177,12 +177,15 @@ def test_feet_on_the_floor_are_told():
     ("change", "message"),
     [
         ({"joint_pos": np.zeros(3)}, r"joint_pos has shape \(3,\), expected \(29,\)"),
-        ({"gyro": np.array([0, np.nan, 0])}, r"gyro\[1\] is nan, expected what a robot measures"),
+        ({"gyro": np.array([0, np.nan, 0])}, r"gyro\[1\] is nan, expected a finite number"),
         ({"acceleration": np.array([0, 0, 1e300])}, r"acceleration\[2\] is 1e\+300"),
         ({"joint_vel": np.full(29, np.inf)}, r"joint_vel\[0\] is inf"),
         ({"torque": np.zeros(28)}, r"torque has shape \(28,\)"),
         ({"dt": 0.0}, "dt is 0.0, expected seconds above 0 and below 1"),
         ({"dt": np.nan}, "dt is nan"),
+        ({"dt": "soon"}, "dt is 'soon', expected seconds"),
+        ({"gyro": "none"}, "gyro is 'none', expected 3 numbers"),
+        ({"acceleration": None}, r"acceleration has shape \(\), expected \(3,\)"),
     ],
 )
 def test_readings_that_no_robot_gives_are_refused_and_change_nothing(change, message):
@@ -193,6 +196,51 @@ def test_readings_that_no_robot_gives_are_refused_and_change_nothing(change, mes
     with pytest.raises(StateError, match=f"state estimator: {message}"):
         estimator.update(**{**good, **change})
     np.testing.assert_array_equal(estimator.update(**good).root_pos_w, untouched.update(**good).root_pos_w)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"root_pos_w": (np.nan, 0.0)}, r"root_pos_w is \(nan, 0.0\), expected x and y of the root"),
+        ({"root_pos_w": 5}, "root_pos_w is 5, expected x and y"),
+        ({"root_pos_w": (1.0,)}, r"root_pos_w is \(1.0,\), expected x and y"),
+        ({"heading": np.nan}, "heading is nan, expected a finite angle"),
+        ({"heading": None}, "heading is None, expected a finite angle"),
+    ],
+)
+def test_a_start_that_is_no_place(change, message):
+    with pytest.raises(StateError, match=f"state estimator: {message}"):
+        StateEstimator(ROBOT).reset(ROBOT.default_joint_pos, **STILL, **change)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"imu_pos": (np.nan, 0.0, 0.0)}, r"imu_pos\[0\] is nan, expected a finite number"),
+        ({"imu_pos": 0.1}, r"imu_pos has shape \(\), expected \(3,\)"),
+        ({"imu_quat": (0.0, 0.0, 0.0, 0.0)}, "imu_quat has length 0, expected a unit quaternion wxyz"),
+        ({"settings": {"floor": None}}, "settings is {.*}, expected a EstimatorSettings"),
+    ],
+)
+def test_an_imu_that_is_nowhere(given, message):
+    with pytest.raises(PlatError, match=f"state estimator: {message}"):
+        StateEstimator(ROBOT, **given)
+
+
+@pytest.mark.parametrize(
+    ("pose", "message"),
+    [
+        (None, "pose is None, expected a pose, such as the start of a keyframe sequence"),
+        (SimpleNamespace(root_pos=np.zeros(2), root_quat=np.eye(4)[0]), r"pose: root_pos has shape \(2,\)"),
+        (SimpleNamespace(root_pos=np.zeros(3), root_quat=np.zeros(4)), "pose: root_quat has length 0, expected a unit"),
+        (SimpleNamespace(root_pos=np.zeros(3)), r"pose: root_quat has shape \(\), expected \(4,\)"),
+    ],
+)
+def test_an_anchor_that_is_no_pose(pose, message):
+    estimator = StateEstimator(ROBOT)
+    estimator.reset(ROBOT.default_joint_pos, **STILL)
+    with pytest.raises(StateError, match=f"state estimator: {message}"):
+        estimator.anchor(pose)
 
 
 def test_a_slow_turn_is_no_bias_of_a_gyroscope():

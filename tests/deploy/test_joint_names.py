@@ -23,6 +23,7 @@ def test_names_and_tables_of_other_software_are_known(spelled):
     names = [spelled(name) for name in OURS]
     assert [plain_joint(name) for name in names] == list(OURS)
     check_joints("here", OURS, names)
+    check_joints("here", OURS, iter(names))
     check_joints("here", OURS, {name: index for index, name in enumerate(names)})
 
 
@@ -43,6 +44,11 @@ def test_a_table_may_have_more_motors_and_other_names_for_one():
             {**{name: index for index, name in enumerate(OURS)}, "left_knee": 2, "left_hip_yaw": 3},
             "here: joint 'left_hip_yaw' is number 2 in the bundle and 3 on this robot",
         ),
+        (5, "here: joint_names is 5, expected names in order, or a table of motors"),
+        ("left_knee", "here: joint_names is 'left_knee', expected names in order, or a table of motors"),
+        ({"left_knee"}, "here: joint_names is {'left_knee'}, expected names in order, or a table of motors"),
+        ([*OURS[:-1], None], "here: joint_names has None, expected names"),
+        ({0: "left_knee"}, "here: joint_names has 0, expected names"),
     ],
 )
 def test_others_are_refused_by_name(given, message):

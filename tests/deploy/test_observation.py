@@ -4,7 +4,7 @@ import torch
 
 from plat.deploy import ObservationBuilder, RobotState, observation_terms
 from plat.envs import KeyframeTaskConfig, make_keyframe_env
-from plat.errors import StateError
+from plat.errors import ConfigError, StateError
 from plat.modules import STUDENT_KEYS
 from plat.robots import G1
 from plat.spec.observation import entry_shapes, student_keys
@@ -127,6 +127,60 @@ def test_no_state_and_no_keyframe(build):
         build(None, SomePose(target), 10, np.zeros(29))
     with pytest.raises(StateError, match="keyframe: root_pos has shape"):
         build(state_at(now), None, 10, np.zeros(29))
+
+
+@pytest.mark.parametrize("commands", ["left_elbow", ["left_elbow"], 5, {"joints": ["left_elbow"]}, np.ones(46)])
+def test_commands_that_are_no_parts(commands):
+    build, (now, target) = ObservationBuilder(describe_g1(), 50, ("parts",)), random_qpos(2)
+    pose = SomePose(target)
+    pose.commands = commands
+    with pytest.raises(StateError, match=r"keyframe: commands is .*, expected plat.spec.parts.Parts or None"):
+        build(state_at(now), pose, 10, np.zeros(29))
+
+
+def test_all_parts_of_another_robot_are_not_a_whole_pose(build):
+    now, target = random_qpos(2)
+    pose = SomePose(target)
+    pose.commands = Parts((True,) * 12, (True,) * 3, (True, True, True))
+    with pytest.raises(StateError, match="keyframe: commands has 18 flags, expected 46"):
+        build(state_at(now), pose, 10, np.zeros(29))
+
+
+@pytest.mark.parametrize(
+    ("steps_left", "last_action", "message"),
+    [
+        (None, np.zeros(29), "steps_left is None, expected a finite number"),
+        ("10", np.zeros(29), "steps_left is '10', expected a finite number"),
+        (np.array([10.0]), np.zeros(29), r"steps_left is array\(\[10.\]\), expected a finite number"),
+        (10, np.zeros(28), r"last_action has shape \(28,\), expected \(29,\)"),
+        (10, 0.0, r"last_action has shape \(\), expected \(29,\)"),
+        (10, np.full(29, np.nan), r"last_action\[0\] is nan, expected a finite number"),
+    ],
+)
+def test_a_step_that_is_none(build, steps_left, last_action, message):
+    now, target = random_qpos(2)
+    with pytest.raises(StateError, match=message):
+        build(state_at(now), SomePose(target), steps_left, last_action)
+
+
+def test_what_is_no_description_is_named():
+    with pytest.raises(ConfigError, match=r"robot is Robot\(.*, expected a RobotDescription"):
+        ObservationBuilder(G1, 50)
+    with pytest.raises(ConfigError, match="max_steps is 0, expected a whole number of at least 1"):
+        ObservationBuilder(describe_g1(), 0)
+
+
+def test_tensors_are_numbers_too(build):
+    now, target = random_qpos(2)
+    ours = build(state_at(now), SomePose(target), 10, np.zeros(29))
+    state, pose = state_at(now), SomePose(target)
+    for thing in (state, pose):
+        for name, value in vars(thing).items():
+            setattr(thing, name, torch.from_numpy(np.array(value)))
+    theirs = build(state, pose, np.array(10.0), torch.zeros(29))
+    np.testing.assert_array_equal(ours, theirs)
+    pose.root_pos[2] += 0.1
+    assert not np.array_equal(ours, build(state, pose, torch.tensor(10), torch.zeros(29)))
 
 
 @pytest.mark.parametrize(

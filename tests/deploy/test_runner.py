@@ -64,6 +64,15 @@ def test_a_clock_that_counts_down_meets_whole_steps(bundle, monkeypatch):
     assert seen[-1] == pytest.approx(2.5)
 
 
+@pytest.mark.parametrize("number", [np.array, np.float32, torch.tensor], ids=["array", "float32", "tensor"])
+def test_numbers_of_other_libraries_are_times(bundle, number):
+    plain, other, (now, goal) = PolicyRunner(bundle), PolicyRunner(bundle), random_qpos(2)
+    expected = plain(state_at(now), SomePose(goal), 25)
+    np.testing.assert_array_equal(other(state_at(now), SomePose(goal), number(25)), expected)
+    expected = plain.step(state_at(now), SomePose(goal), 0.5).position
+    np.testing.assert_array_equal(other.step(state_at(now), SomePose(goal), number(0.5)).position, expected)
+
+
 @pytest.mark.parametrize("time_left", [0.0, -0.02, 1.02, float("nan"), 10**400, "soon", None])
 def test_a_time_that_the_policy_was_not_made_for(bundle, time_left):
     runner, (now, goal) = PolicyRunner(bundle), random_qpos(2)
@@ -93,9 +102,18 @@ def test_a_state_that_no_robot_has(bundle, field):
         runner(state, SomePose(goal), 10)
 
 
-@pytest.mark.parametrize("target", [np.full(29, np.nan), np.zeros(3), np.zeros((29, 1)), [10**400] * 29])
-def test_a_last_target_that_no_motor_had(bundle, target):
-    with pytest.raises(StateError, match=r"joint_target: shape \(.*\), expected \(29,\) finite numbers"):
+@pytest.mark.parametrize(
+    ("target", "message"),
+    [
+        (np.full(29, np.nan), r"joint_target\[0\] is nan, expected a finite number"),
+        (np.zeros(3), r"joint_target has shape \(3,\), expected \(29,\)"),
+        (np.zeros((29, 1)), r"joint_target has shape \(29, 1\), expected \(29,\)"),
+        ([10**400] * 29, "joint_target is .*, expected 29 numbers"),
+        ("rest", "joint_target is 'rest', expected 29 numbers"),
+    ],
+)
+def test_a_last_target_that_no_motor_had(bundle, target, message):
+    with pytest.raises(StateError, match=message):
         PolicyRunner(bundle).reset(target)
 
 

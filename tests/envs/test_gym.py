@@ -126,6 +126,26 @@ def test_seeds_fix_the_episode(env):
     assert not np.array_equal(env.reset(seed=8)[0], runs[0][0])
 
 
+def test_a_seed_may_be_of_any_size(env):
+    observations = [env.reset(seed=seed)[0] for seed in (2**70 + 3, 2**70 + 3, 4)]
+    np.testing.assert_array_equal(observations[0], observations[1])
+    assert not np.array_equal(observations[0], observations[2])
+
+
+@pytest.mark.parametrize(
+    ("action", "message"),
+    [
+        (np.zeros(28), r"action: shape \(28,\) and type float64, expected numbers of shape \(29,\) for each robot$"),
+        (None, r"action: shape \(\) and type object, expected numbers"),
+        ([0.0] * 28 + [np.nan], "action: NaN for joint 'right_wrist_yaw'$"),
+    ],
+)
+def test_what_is_no_action_is_named(env, action, message):
+    env.reset()
+    with pytest.raises(ActionError, match=message):
+        env.unwrapped.step(action)
+
+
 def test_users_random_numbers_are_left_alone(env):
     torch.manual_seed(5)
     expected = torch.rand(3)

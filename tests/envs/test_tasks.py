@@ -26,7 +26,7 @@ from plat.envs.transforms import (
     Reward,
     pop_statistics,
 )
-from plat.errors import MotionError, PlatError
+from plat.errors import ConfigError, MotionError, PlatError
 from plat.tasks import DenseTracking, SimulatedTask, TimedKeyframes, TimedKeyframesConfig
 
 EVERYTHING = {"noise": NoiseLevels(), "randomization": RandomizationRanges()}
@@ -270,3 +270,14 @@ def test_environments_side_by_side(library, make):
     assert rollout.shape == (2, 3, 4)
     assert rollout.get("reference", None) is None
     env.close()
+
+
+@pytest.mark.parametrize("make", [make_keyframe_env, _chains])
+def test_simulations_stay_where_they_are(library, make):
+    env = make(library, 2)
+    assert env.to("cpu") is env
+    for device in ("cuda:7", "meta"):
+        with pytest.raises(ConfigError, match="device|cannot be moved"):
+            env.to(device)
+    assert env.device == torch.device("cpu")
+    assert env.rollout(2)["action"].device == torch.device("cpu")

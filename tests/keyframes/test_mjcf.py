@@ -135,6 +135,14 @@ def test_messages_are_short(tmp_path):
         assert len(str(caught.value).replace(str(tmp_path), "")) < 300
 
 
+@pytest.mark.parametrize("name", ["my--g1", "g1---", "-->", "bell\x07", "<a & b>"])
+def test_a_robot_of_any_name_stands_in_a_comment(tmp_path, name):
+    robot = replace(G1, name=name)
+    write_mjcf_keys(tmp_path / "keys.xml", robot, POSES)
+    assert len(read_mjcf_keys(tmp_path / "keys.xml", robot)) == 2
+    mujoco.MjSpec.from_file(str(tmp_path / "keys.xml"))
+
+
 def test_names_that_come_again_are_numbered_for_mujoco(tmp_path):
     names = ["wave", "wave", "wave 2", None, "key3", "bell\x07"]
     poses = [replace(POSES[0].at(0.5 * number), name=name) for number, name in enumerate(names)]

@@ -1,3 +1,5 @@
+import copy
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -72,6 +74,16 @@ def test_canceling():
     assert (command.keyframe.name, command.steps_left, len(queue)) == ("here", 5, 1)
 
 
+@pytest.mark.parametrize("seconds", [0.0, -1.0, 0.01, 0.5, 1.0, 5.0])
+def test_a_pose_to_stay_in_is_commanded_at_once_and_in_the_next_step(seconds):
+    """Whatever lies between ``now`` and the control steps, and when it is asked for."""
+    queue = KeyframeQueue(G1)
+    for now in np.arange(0.0, 0.3, 0.003):
+        queue.stay(standing(G1), now, seconds)
+        assert 1 <= queue.command(now).steps_left <= 50
+        assert queue.command(now + 0.02) is not None
+
+
 def test_a_measured_pose_to_stay_in_may_be_beyond_the_range():
     """By the bias of an encoder."""
     queue, here, knee = KeyframeQueue(G1), standing(G1), G1.joint_names.index("left_knee")
@@ -118,12 +130,37 @@ def test_poses_of_another_robot_are_refused():
         KeyframeQueue(G1).put(replace(at(0.5), joint_pos=np.zeros(3)), 0.0)
 
 
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda queue: pickle.loads(pickle.dumps(queue))])
+def test_a_copy_is_a_queue_of_its_own(copied):
+    queue = KeyframeQueue(G1)
+    queue.put(at(0.5), now=0.0)
+    other = copied(queue)
+    other.put(at(0.2), now=0.0)
+    assert (len(queue), len(other)) == (1, 2)
+    assert queue.command(0.1).steps_left == 20
+    assert other.command(0.1).steps_left == 5
+
+
+def test_what_is_no_robot_no_timing_or_no_keyframe_is_named():
+    with pytest.raises(PlatError, match="robot is 'g1', expected a Robot"):
+        KeyframeQueue("g1")
+    with pytest.raises(PlatError, match="timing is 0.02, expected a Timing"):
+        KeyframeQueue(G1, 0.02)
+    queue = KeyframeQueue(G1)
+    queue.put(at(0.5), 0.0)
+    with pytest.raises(KeyframeError, match="keyframe is None, expected a Keyframe"):
+        queue.put(None, 0.0)
+    with pytest.raises(KeyframeError, match="pose is None, expected a Keyframe"):
+        queue.stay(None, 0.0)
+    assert len(queue) == 0
+
+
 def test_messages_come_back_the_same():
     hands = only(G1, 0.7, left_hand=(0.3, 0.2, 0.9))
     for keyframe in (at(0.5, "named"), hands):
-        copy = keyframe_from_json(keyframe_to_json(keyframe, G1), G1)
-        np.testing.assert_array_equal(copy.qpos, keyframe.qpos)
-        assert (copy.time, copy.name, copy.commands) == (keyframe.time, keyframe.name, keyframe.commands)
+        read = keyframe_from_json(keyframe_to_json(keyframe, G1), G1)
+        np.testing.assert_array_equal(read.qpos, keyframe.qpos)
+        assert (read.time, read.name, read.commands) == (keyframe.time, keyframe.name, keyframe.commands)
     with pytest.raises(KeyframeError, match="keyframe is 3, expected an object"):
         keyframe_from_json(3, G1)
 

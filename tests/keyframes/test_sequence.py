@@ -1,13 +1,14 @@
 import subprocess
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 
 from plat.errors import KeyframeError, PlatError
-from plat.keyframes import Keyframe, KeyframeSequence, split_long_intervals, standing
+from plat.keyframes import Keyframe, KeyframeSequence, interpolate, long_intervals, split_long_intervals, standing
 from plat.motions import MotionLibrary, generate_motions
 from plat.robots import G1
 
@@ -144,6 +145,28 @@ def test_a_split_into_millions_is_refused():
 def test_what_is_no_tuple_of_keyframes_is_named(keyframes):
     with pytest.raises(KeyframeError, match="keyframes .*, expected (a tuple of them|each to be a Keyframe)"):
         KeyframeSequence(G1, POSE, keyframes)
+
+
+@pytest.mark.parametrize("timing", [0.02, "fast", None, SimpleNamespace(control_dt=0.02, max_steps=50)])
+def test_what_is_no_timing_is_named(timing):
+    for made in (
+        lambda: KeyframeSequence(G1, POSE, (POSE.at(1.0),), timing),
+        lambda: split_long_intervals(POSE, [POSE.at(1.0)], timing),
+        lambda: long_intervals(POSE, [POSE.at(1.0)], timing),
+        lambda: sequence(0.5).with_timing(timing),
+        lambda: sequence(0.5).with_timing(timing, split=True),
+    ):
+        with pytest.raises(PlatError, match="timing is .*, expected a Timing"):
+            made()
+
+
+def test_what_is_no_motion_no_times_or_no_pose_is_named(clip):
+    with pytest.raises(KeyframeError, match="motion is 'walk', expected a MotionClip"):
+        KeyframeSequence.from_motion("walk", [1.0], G1)
+    with pytest.raises(KeyframeError, match="times is 0.5, expected a list of seconds"):
+        KeyframeSequence.from_motion(clip, 0.5, G1)
+    with pytest.raises(KeyframeError, match="after is None, expected a Keyframe"):
+        interpolate(POSE, None, 0.5)
 
 
 def test_names_are_one_for_each_keyframe(clip):

@@ -2,6 +2,7 @@ import pytest
 import torch
 from torch import nn
 
+from plat.errors import ObservationError, PlatError
 from plat.modules import GoalSequenceEncoder
 
 
@@ -37,6 +38,19 @@ def test_a_single_sequence_and_none(encoder):
     assert none.shape == (0, 5)
     none.sum().backward()
     assert encoder.module.gru.weight_hh_l0.grad.abs().sum() == 0
+
+
+@pytest.mark.parametrize(("frames", "lengths"), [(4, [4, 0]), (4, [0] * 40), (0, [0, 0])])
+def test_a_sequence_without_frames_is_refused(encoder, frames, lengths):
+    with pytest.raises(ObservationError, match="goal encoder: a goal sequence has no frames, expected a length"):
+        encoder(torch.randn(len(lengths), frames, 6), torch.tensor(lengths))
+
+
+def test_a_gradient_of_the_gradient_is_refused_by_name(encoder):
+    goals = torch.randn(2, 4, 6, requires_grad=True)
+    code = encoder(goals, torch.tensor([4, 2])).sum()
+    with pytest.raises(PlatError, match="goal encoder: its gradient has no gradient, expected create_graph=False"):
+        torch.autograd.grad(code, goals, create_graph=True)
 
 
 def test_gradients_reach_all_frames_of_the_sequence_and_no_padding(encoder):

@@ -1,3 +1,4 @@
+import re
 from pathlib import Path
 
 import numpy as np
@@ -5,7 +6,7 @@ import pytest
 import torch
 
 from plat.motions import MotionLibrary, cache, save_motions
-from plat.motions.cache import file_digests, read_table, write_table
+from plat.motions.cache import CODE, CODE_DIGEST, code_digest, file_digests, read_table, write_table
 from plat.motions.store import ClipStore
 from tests.conftest import standing_clip
 
@@ -135,3 +136,38 @@ def test_stored_clips_are_equal_and_a_full_disk_keeps_them_in_memory(tmp_path, m
     monkeypatch.setattr(ClipStore, "_new_segment", full)
     store = ClipStore(tmp_path, in_memory=0)
     assert store.keep(arrays[0]) is arrays[0]
+
+
+PLAT = Path(cache.__file__).parents[1]
+
+
+def test_the_key_of_a_cache_changes_with_every_file_of_the_code_that_makes_motions(tmp_path):
+    for name in (
+        "motions/formats/npz_file.py",
+        "motions/retargeting/skeletons/cmu.yaml",
+        "robots/g1.py",
+        "rotations.py",
+    ):
+        assert (PLAT / name).is_file()
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("as it was")
+    (tmp_path / "rotations_np.py").touch()
+    seen = {code_digest(tmp_path)}
+    (tmp_path / "motions" / "notes.txt").touch()
+    assert code_digest(tmp_path) in seen
+    for path in (path for path in tmp_path.rglob("*") if path.suffix in (".py", ".yaml")):
+        path.write_text("as it is now")
+        assert code_digest(tmp_path) not in seen
+        seen.add(code_digest(tmp_path))
+    assert code_digest(PLAT) == CODE_DIGEST
+
+
+def test_motions_are_made_by_no_code_that_the_key_of_a_cache_leaves_out():
+    """What else the code imports neither reads nor changes a motion."""
+    others = {"bounds", "deploy", "errors", "files", "gpu", "json_file", "lazy", "pools", "precision", "progress"}
+    found = set()
+    for name in CODE:
+        for path in (PLAT / name).rglob("*.py") if (PLAT / name).is_dir() else [PLAT / name]:
+            found |= set(re.findall(r"^ *(?:from|import) plat\.(\w+)", path.read_text(encoding="utf-8"), re.MULTILINE))
+    known = tuple(name.removesuffix(".py") for name in CODE)
+    assert found - set(known) <= others

@@ -16,9 +16,9 @@ from plat.motions import (
     validate_motions,
 )
 from plat.motions.clip import ASSUMED_RATE
-from plat.motions.files import read_along
+from plat.motions.files import name_at, read_along
 from plat.robots import G1
-from tests.motions.formats.writers import WRITERS, bowing_clip, write_csv
+from tests.motions.formats.writers import WRITERS, bowing_clip, turned, write_csv, write_plat
 
 
 @pytest.fixture
@@ -43,6 +43,35 @@ def test_what_is_stated_has_to_be_something(clip, tmp_path, stated, message):
     save_motions(tmp_path / "a.npz", [clip])
     with pytest.raises(MotionError, match=f"stated of motions: {message}"):
         load_motions(tmp_path / "a.npz", **stated)
+
+
+def test_what_says_nothing_about_any_file_is_refused(clip, tmp_path):
+    for name, write in (("a.npz", WRITERS["plat.npz"]), ("a.csv", write_csv), ("a.pkl", WRITERS["gmr.pkl"])):
+        write(tmp_path / name, bowing_clip())
+        with pytest.raises(
+            MotionError, match=f"{name}': angles is stated, and says .*: expected no --angles, or files"
+        ):
+            load_motions(tmp_path / name, angles="radians")
+
+
+@pytest.mark.parametrize("other", ["headed_50fps.csv", "gmr.pkl"])
+def test_a_motion_in_two_files_is_told(tmp_path, caplog, other):
+    bow = bowing_clip()
+    write_plat(tmp_path / "bow.npz", bow)
+    WRITERS[other](tmp_path / other.replace("headed", "bow").replace("gmr", "bow"), bow)
+    (tmp_path / "further").mkdir()
+    write_plat(tmp_path / "further" / "bow.npz", turned(bow, 0.5))  # another motion of the same name
+    told: list[str] = []
+    assert len(read_motion_files(tmp_path, told=told)) == 3
+    (line,) = told
+    assert line.startswith("read twice: the motion 'bow' of ")
+    assert line.count(str(tmp_path)) == 2
+    assert "further" not in line
+    load_motions(tmp_path)
+    assert [record.levelname for record in caplog.records if "read twice" in record.message] == ["WARNING"]
+    caplog.clear()
+    load_motions([tmp_path / "bow.npz", tmp_path / "further"])
+    assert "read twice" not in caplog.text
 
 
 def test_no_clips_are_no_file(tmp_path):
@@ -92,6 +121,25 @@ def test_broken_links_and_folders_called_like_files_are_left_out(tmp_path, clip)
     (tmp_path / "sub.csv").mkdir()
     for pattern in (tmp_path, tmp_path / "*"):
         assert [found.name for found in load_motions(pattern)] == [clip.name]
+
+
+def test_links_to_what_is_not_there_are_told_of(tmp_path, clip):
+    save_motions(tmp_path / "a.npz", [clip])
+    for name in ("b.npz", "c.npz"):
+        (tmp_path / name).symlink_to(tmp_path / "nowhere" / name)
+    told: list[str] = []
+    assert motion_paths(tmp_path, told=told) == [tmp_path / "a.npz"]
+    assert told == [f"ignored: {tmp_path / 'b.npz'} and 1 more, links to what is not there"]
+    lost = r"[bc].npz'.*: (a link|links) to what is not there: get it first, as with git"
+    for pattern, strict in (("", True), ("c.npz", False), ("[bc].npz", False)):
+        with pytest.raises(MotionError, match=lost):
+            motion_paths(tmp_path / pattern, strict=strict)
+
+
+def test_names_with_another_rate():
+    assert [name_at(name, 50.0) for name in ("a_60fps", "a", "a_50hz", "a_dt0.01", "60fps", "a_120fps_to_50fps")] == [
+        *("a_50fps", "a", "a_50hz", "a_50fps", "motion_50fps", "a_120fps_to_50fps")
+    ]
 
 
 def test_hidden_files_of_a_folder_are_left_out(tmp_path, clip):

@@ -352,6 +352,41 @@ def test_the_divergence_is_a_loss_of_its_own(keyframes):
     assert losses[0.0]["loss_kl"] == 0
 
 
+def test_a_latent_of_another_kind_is_imagined(keyframes):
+    def latent(in_keys, group):
+        return TensorDictModule(lambda *parts: torch.cat(parts, -1)[..., :32].tanh(), in_keys, [(group, "code")])
+
+    policy = LatentPolicy(
+        G1,
+        prior=latent(["hidden"], "prior"),
+        posterior=latent(["goal_code", "hidden"], "posterior"),
+        sample=lambda group: TensorDictModule(nn.Identity(), [(group, "code")], [(group, "latent")]),
+        mode=("prior", "code"),
+    )
+    parts = {"divergence": nn.MSELoss(reduction="none"), "parameters": ("code",)}
+    model, begin = DynamicsModel(G1, SMALL), starts(keyframes)
+    losses = LatentImaginationLoss(policy.imagined(), model, keyframes, steps=2, **parts)(begin)
+    (losses["loss_policy"] + losses["loss_kl"]).backward()
+    assert losses["kl"] > 0
+    assert {name.split(".")[0] for name in learners(policy)} == {"backbone", "encoder", "decoder"}
+    parts["divergence"] = nn.MSELoss()
+    with pytest.raises(ObservationError, match=r"imagination loss: divergence has shape \(\), expected \[8, m\]"):
+        LatentImaginationLoss(policy.imagined(), model, keyframes, steps=1, **parts)(begin)
+
+
+def test_a_cost_without_a_gradient_is_refused(library):
+    class Constant(DenseTracking):
+        def cost(self, state, memory):
+            return super().cost(state, memory).detach()
+
+    task, expert = Constant(library), Expert(G1, ExpertConfig(hidden=(16,)))
+    loss = ImaginationLoss(expert.deployed(), DynamicsModel(G1, SMALL), task, steps=2)
+    with pytest.raises(TaskError, match=r"^Constant.cost\(\) has no gradient, expected a differentiable cost"):
+        loss(starts(task))
+    with torch.no_grad():
+        assert loss(starts(task))["imagined_cost"] >= 0
+
+
 def test_latents_are_sampled(keyframes):
     loss = LatentImaginationLoss(LatentPolicy(G1).imagined(), DynamicsModel(G1, SMALL), keyframes, steps=1)
     begin = starts(keyframes)

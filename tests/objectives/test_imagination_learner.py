@@ -169,6 +169,14 @@ def test_an_actor_on_other_weights_is_refused(library):
             ImaginationLearner(policy, actor.deployed(), model, task, CONFIG)
 
 
+def test_weights_without_a_shape_are_refused(library):
+    task, model = DenseTracking(library), DynamicsModel(G1, DynamicsConfig(hidden=(16,)))
+    expert = Expert(G1, ExpertConfig(hidden=(16,)))
+    expert.network[0] = torch.nn.LazyLinear(16)
+    with pytest.raises(ConfigError, match=r"policy's 'network.0.weight' has no shape yet, expected .* called before"):
+        ImaginationLearner(expert, expert.deployed(), model, task, CONFIG)
+
+
 def test_noise_is_for_exploration(library):
     expert, task = Expert(G1, ExpertConfig(hidden=(16,))), DenseTracking(library)
     observed = task.observe(*task.start(500))

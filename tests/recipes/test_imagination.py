@@ -49,7 +49,7 @@ RECIPES: dict[str, list[object]] = {
     "expert-model": [*SMALL, "--policy.hidden", 16],
     "imagine": [*SMALL, "--policy.backbone", 16, "--policy.decoder", 16, "--task.chains", 12],
 }
-REFINE: list[object] = [*SMALL, "--policy.hidden", 16, "--task.chains", 12]
+REFINE: list[object] = [*SMALL, "--task.chains", 12]
 
 
 def command(recipe: str, *arguments: object) -> list[str]:
@@ -154,7 +154,8 @@ def test_a_student_is_refined(tmp_path, variant, kind, learns):
     before = small_policy("latent")
     write_run(student, before)
     arguments = [*REFINE, "--student", student, "--variant", variant, "--device", "cpu", "--out", out]
-    main(["refine-model", *map(str, arguments), "--steps", "150"])
+    sizes = [] if variant == "finetune" else ["--policy.hidden", "16"]
+    main(["refine-model", *map(str, arguments), *sizes, "--steps", "150"])
     policy = load_policy(out)
     assert isinstance(policy, kind)
     same = {name for name, value in before.state_dict().items() if policy.student.state_dict()[name].equal(value)}

@@ -163,7 +163,10 @@ def test_one_seed_one_result(tmp_path, stages, recipe):
 
 @pytest.mark.parametrize("variant", ["latent", "action", "finetune"])
 def test_variants_of_stage_three(tmp_path, stages, variant):
-    run("refine", *stages["refine"], "--variant", variant, "--steps", 200, "--out", tmp_path / variant)
+    flags = list(stages["refine"])
+    if variant == "finetune":  # has no residual, and refuses its size
+        del flags[(at := flags.index("--policy.hidden")) : at + 2]
+    run("refine", *flags, "--variant", variant, "--steps", 200, "--out", tmp_path / variant)
     assert len(steps_in(tmp_path / variant)) >= 3
 
 
@@ -318,6 +321,25 @@ def test_distillation_refuses_what_a_plain_student_ignores(tmp_path, name, value
         DistillRecipe(**usual, student="plain")
     DistillRecipe(**usual)
     DistillRecipe(**usual, student="plain", resume=True)
+
+
+@pytest.mark.parametrize(
+    ("kind", "settings", "message"),
+    [
+        (ExpertRecipe, {"init_lr": 1e-4}, "init_lr is 0.0001, which is for a run that goes on from another: --init"),
+        (ExpertRecipe, {"critic_warmup": 3}, "critic_warmup is 3, which is for a run that goes on from another"),
+        (DistillRecipe, {"expert_share": 0.0, "expert_until": 0.5}, "expert_until is 0.5, and with --expert-share 0"),
+        (DistillRecipe, {"beta": 0.0, "beta_warmup": 0.5}, "beta_warmup is 0.5, and beta is 0 throughout"),
+    ],
+)
+def test_settings_that_nothing_reads_are_refused(tmp_path, kind, settings, message):
+    usual = {"motions": ("a.npz",), "out": tmp_path, "minutes": 1.0, **settings}
+    usual |= {"expert": Path("expert")} if kind is DistillRecipe else {}
+    with pytest.raises(ConfigError, match=f"{kind.__name__}: {message}"):
+        kind(**usual)
+    kind(**usual, resume=True)  # begun when they were ignored
+    needed = {"init": Path("run")} if kind is ExpertRecipe else {"expert_share": 0.5, "beta": 0.1}
+    kind(**{**usual, **needed})
 
 
 def test_distillation_refuses_the_shape_of_a_latent_for_a_plain_student(tmp_path):

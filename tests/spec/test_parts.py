@@ -34,6 +34,14 @@ def test_names_that_do_not_exist(names, message):
         Parts.only(G1, **names)
 
 
+@pytest.mark.parametrize("flags", [5, "left_knee", ("left_knee",), (1.0, 0.0), None])
+def test_what_is_no_flags_is_named(flags):
+    with pytest.raises(KeyframeError, match="parts: bodies is .*, expected True or False each; see Parts.only"):
+        Parts((True,), flags, (True, True, True))
+    with pytest.raises(KeyframeError, match="parts: bodies is 5, expected names"):
+        Parts.only(G1, bodies=5)
+
+
 def test_flags_of_another_robot():
     with pytest.raises(KeyframeError, match="joints has 3 flags, expected 29"):
         Parts((True,) * 3, (True,) * 14, (True, True, True)).check(G1)

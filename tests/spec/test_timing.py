@@ -1,7 +1,9 @@
 import math
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
+import torch
 
 from plat.errors import PlatError
 from plat.spec.timing import Timing, timing_of
@@ -15,6 +17,12 @@ def test_defaults_are_those_of_the_paper() -> None:
 def test_steps_are_rounded_to_the_nearest() -> None:
     assert Timing().steps(0.5) == 25
     assert Timing(control_dt=0.05).steps(0.5) == 10
+
+
+def test_times_of_other_libraries_have_steps() -> None:
+    for time in (np.array(0.5), np.float32(0.5), torch.tensor(0.5)):
+        steps = Timing().steps(time)
+        assert (steps, type(steps)) == (25, int)
 
 
 @pytest.mark.parametrize(

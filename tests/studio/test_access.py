@@ -17,6 +17,15 @@ def test_the_person_at_this_machine_is_let_in(host: str) -> None:
     assert access.refusal("/", {"Host": host, "Origin": f"http://{host}"}) is None
 
 
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "[::1]", "localhost:80"])
+def test_browsers_leave_out_port_80(host: str) -> None:
+    access = Access("127.0.0.1", 80)
+    assert access.refusal("/", {"Host": host}) is None
+    assert access.refusal("/", {"Host": host, "Origin": f"http://{host}"}) is None
+    assert access.refusal("/", {"Host": f"evil.{host}"}) is not None
+    assert access.refusal("/", {"Host": "localhost:8080"}) is not None
+
+
 @pytest.mark.parametrize(
     "headers",
     [
@@ -25,6 +34,8 @@ def test_the_person_at_this_machine_is_let_in(host: str) -> None:
         {"Host": "localhost.evil.example:8080"},
         {"Host": "localhost:9000"},
         {"Host": "localhost"},
+        {"Host": "[::1]"},
+        {"Host": "[::1]:80"},
     ],
 )
 def test_a_foreign_host_is_refused(headers: dict[str, str]) -> None:

@@ -7,6 +7,7 @@ pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
 from plat.studio import autosave
 from plat.studio.autosave import AUTOSAVE, Autosave
 from plat.studio.session import Session
+from plat.studio.timeline import Timeline
 
 
 @pytest.fixture
@@ -115,6 +116,32 @@ def test_a_copy_of_what_was_edited_before_a_restored_one_goes(session, policies,
     assert [path.name for path in tmp_path.iterdir()] == [AUTOSAVE]
     keeper.discard()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_copy_goes_when_its_edits_are_undone_and_not_when_others_are_loaded(session, tmp_path):
+    keeper = Autosave(session, tmp_path)
+    session.add()
+    session.save(file := tmp_path / "a.json")
+    session.stand()
+    assert keeper.tick(at_once=True)
+    copy = keeper.path
+    session.undo()
+    assert keeper.tick(at_once=True), "the page is to say so"
+    assert (copy.exists(), keeper.words) == (False, "")
+    session.edit(Timeline.empty(G1).inserted(G1.default_qpos, 1.0))
+    assert keeper.tick(at_once=True)
+    session.undo()
+    assert keeper.tick(at_once=True)
+    assert not copy.exists(), "all keyframes were replaced, and are back"
+    session.stand()
+    assert keeper.tick(at_once=True)
+    session.load(file)
+    assert not keeper.tick(at_once=True)
+    assert copy.exists(), "no file holds what was edited before"
+    session.undo()
+    session.new()
+    assert not keeper.tick(at_once=True)
+    assert copy.exists()
 
 
 def test_two_studios_in_a_folder_have_copies_of_their_own(policies, tmp_path):

@@ -412,6 +412,23 @@ def test_a_joint_is_turned_by_its_ring(user):
     user.until(lambda: np.allclose(session.timeline.pose.qpos, pose))
 
 
+def test_negative_angles_are_typed(user):
+    user.begin("bow")
+    folder = user.page.get_by_text("Left arm", exact=True)
+    folder.click(force=True)
+    box = user.box("shoulder_pitch")
+    box.click(force=True)
+    user.key("Control+a")
+    for letter in "-0.75":
+        user.key(letter)
+        user.sent()
+    joint = G1.joint_names.index("left_shoulder_pitch")
+    user.until(lambda: user.session.timeline.pose.joint_pos[joint] == pytest.approx(-0.75))
+    assert box.input_value() == "-0.75"
+    user.key("Enter")
+    folder.click(force=True)
+
+
 def test_keys_are_the_studios_again_after_a_choice_in_a_list(user):
     session = user.session
     user.begin("bow")

@@ -65,6 +65,11 @@ def test_joints_that_are_not_commanded_do_not_count():
     assert (place.joint, place.speed, place.share) == ("", 0.0, 0.0)
 
 
+@pytest.mark.parametrize(("depth", "words"), [(0.02, "on both feet, balanced"), (1.0, "100 cm inside the floor")])
+def test_a_robot_in_the_floor_stands_on_no_feet(depth, words):
+    assert CHECKER.stance(G1.default_qpos - depth * np.eye(36)[2]).words.startswith(words)
+
+
 def test_verdicts_follow_edits():
     timeline = Timeline.empty(G1).inserted(squat(), 0.5)
     assert not CHECKER.timeline(timeline)[0].words

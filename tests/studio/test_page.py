@@ -1,3 +1,4 @@
+import asyncio
 from types import SimpleNamespace
 
 import pytest
@@ -5,6 +6,7 @@ import pytest
 pytest.importorskip("viser", reason="the extra plat-rl[studio] is not installed")
 pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
 
+from plat.studio.desk import Desk
 from plat.studio.dock import Dock
 from plat.studio.page import Page
 
@@ -12,6 +14,37 @@ from plat.studio.page import Page
 @pytest.fixture
 def page() -> Page:
     return Page(SimpleNamespace(gui=None), None, None, Dock(print))
+
+
+class Slider:
+    """An input of viser's: it shows a value, and calls back when a browser has changed it."""
+
+    def __init__(self) -> None:
+        self.value = 0.0
+
+    def on_update(self, called) -> None:
+        self.called = called
+
+    def slide(self, value: float) -> None:
+        self.value = value
+        asyncio.run(self.called(SimpleNamespace(client="a browser", target=self)))
+
+
+def test_values_are_read_as_they_were_given_however_late(page):
+    slider, read = Slider(), []
+    page.desk = desk = Desk(lambda _: None, lambda: desk.stop(), pytest.fail, 10.0)
+    page.when_changed(slider, read.append)
+    for value in (0.1, 0.2):
+        slider.slide(value)
+    desk.ask(lambda: read.append("another keyframe"))
+    desk.ask(lambda: page.fill(slider, 0.2))  # what the keyframe has, while the user slides on
+    slider.slide(0.5)
+    assert slider.value == 0.5
+    desk.run()
+    assert read == [0.2, "another keyframe", 0.5]
+    assert slider.value == 0.5
+    page.fill(slider, 0.3)
+    assert slider.value == 0.3, "all was read"
 
 
 def test_a_task_waits_for_the_users_agreement(page):

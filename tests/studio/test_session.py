@@ -74,6 +74,13 @@ def test_a_pause_within_a_drag_does_not_divide_it(session):
     session.release()
     session.undo()
     np.testing.assert_array_equal(session.timeline.pose.qpos, G1.default_qpos)
+    session.begin_drag()  # the ring of a joint
+    for angle in (0.7, 0.8):
+        session.set_joint(LEFT_ELBOW, angle)
+        session.rest()
+    session.release()
+    session.undo()
+    np.testing.assert_array_equal(session.timeline.pose.qpos, G1.default_qpos)
 
 
 def test_a_slider_of_another_keyframe_is_another_step(session):
@@ -261,6 +268,20 @@ def test_keyframes_far_apart_stay_as_they_are_in_files(session):
     session.from_json("far.json", json.dumps(content).encode())
     assert [frame.time for frame in session.timeline.keyframes] == [0.6, 3.2]
     assert len(session.timeline.sequence()) == 4, "they are split when they are played"
+
+
+def test_a_load_that_ends_the_chase_of_a_policy_for_whole_poses_is_a_load(session, tmp_path):
+    with_squat(session)
+    session.save(whole := tmp_path / "whole.json")
+    session.edit(session.timeline.commanding(Parts.only(G1, joints=("left_elbow",))))
+    session.save(partial := tmp_path / "partial.json")
+    session.load(whole)
+    session.playback.play()
+    session.load(partial)
+    assert not session.playback.players
+    assert "commands a part of its pose" in session.playback.refused
+    assert not session.timeline.keyframes[-1].whole
+    assert not session.unsaved
 
 
 def test_unsaved_changes_are_known(session, tmp_path):

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from plat.errors import KeyframeError, StudioError
+from plat.errors import KeyframeError, StateError, StudioError
 from plat.keyframes import Keyframe, standing
 from plat.keyframes.files import read_keyframes, write_keyframes
 from plat.keyframes.splits import unit_doubt
@@ -32,7 +32,7 @@ from plat.studio.checker import Checker
 from plat.studio.pins import chosen, mirrored_parts, preset, toggled
 from plat.studio.player import HOLD, Player, score
 from plat.studio.poser import HANDLES, Poser
-from plat.studio.poses import mirrored, placed
+from plat.studio.poses import Floor, mirrored, placed
 from plat.studio.static import LIBRARIES, site_facts, write_static
 from plat.studio.templates import TEMPLATES, template
 from plat.studio.timeline import Timeline
@@ -86,6 +86,16 @@ def test_without_libraries_the_page_links_them(tmp_path):
         assert f"{name}@{version}/" in page
     for name in ("studio.mjs", "dock.js", "site.json", "icon.svg"):
         assert (tmp_path / "page" / name).stat().st_size > 0
+
+
+def test_policies_of_all_names_are_written_and_nothing_beside_them(tmp_path):
+    runs = {"a/plat": "plat-g1", "/b/plat": "imagined-g1", "..": "plat-g1", "#1 100%?": "plat-g1"}
+    write_static(tmp_path / "page", G1, {name: Path(run) for name, run in runs.items()}, Timing())
+    assert [path.name for path in tmp_path.iterdir()] == ["page"]
+    bundles = sorted((tmp_path / "page" / "policies").rglob("bundle.json"))
+    assert [path.parent.name for path in bundles] == ["0", "1", "2", "3"]
+    assert len({path.with_name("policy.onnx").read_bytes() for path in bundles}) == 2
+    assert json.loads((tmp_path / "page" / "site.json").read_text(encoding="utf-8"))["policies"] == list(runs)
 
 
 @contextmanager
@@ -250,6 +260,14 @@ def test_keyframes_are_timed_played_scored_saved_and_loaded(visitor, tmp_path):
     assert page.evaluate("window.platStudio.scene.scene.background.getHex()") < 0x404040, "it is dark, as the system is"
 
 
+def _drop_file(visitor: Visitor, content: bytes, name: str) -> None:
+    visitor.page.evaluate(
+        "([bytes, name]) => { const it = window.platStudio;"
+        "it.guarded(() => it.load(new Uint8Array(bytes).buffer, name)); }",
+        [list(content), name],
+    )
+
+
 def _joints(content: dict) -> dict:
     return content["keyframes"][0]["joint_pos"]
 
@@ -263,6 +281,16 @@ _FAULTS: dict[str, list[Callable[[dict], object]]] = {
     "JSON": [lambda content: '{"format": "plat-key'],
     "format": [lambda content: "[]", lambda content: content.update(format="bvh")],
     "version": [lambda content: content.update(version=3), lambda content: _drop(content, "version")],
+    "comes twice in one object": [
+        lambda content: json.dumps(content).replace('"time": ', '"time": 0.1, "time": ', 1),
+        lambda content: json.dumps(content).replace('"robot": ', '"r\\u006fbot": "g1", "robot": '),
+    ],
+    "are one joint": [lambda content: _joints(content).update(left_knee_joint=0.1)],
+    "surrogate": [
+        lambda content: content["keyframes"][0].update(name="\ud83d"),
+        lambda content: content["keyframes"][0].update({"\ude00": 1}),
+    ],
+    "nested too deeply": [lambda content: "[" * 100_000 + "]" * 100_000],
     "robot": [lambda content: content.update(robot="h1"), lambda content: _drop(content, "robot")],
     "quaternion_order": [lambda content: content.update(quaternion_order="zyxw")],
     "keyframes": [lambda content: content.update(keyframes=[]), lambda content: content.update(keyframes={})],
@@ -341,7 +369,7 @@ def test_doubts_about_units_are_pythons(visitor, tmp_path):
     content = copy.deepcopy(original)
     for frame, time in zip(content["keyframes"], (500, 900), strict=True):
         frame["time"] = time
-    visitor.page.evaluate("(text) => window.platStudio.load(text, 'ms.json')", json.dumps(content))
+    _drop_file(visitor, json.dumps(content).encode(), "ms.json")
     told = f"ms.json: 2 keyframes; {unit_doubt([frame.at(1000 * frame.time) for frame in frames])}"
     assert visitor.get("notes.at(-1).text") == told
 
@@ -370,6 +398,24 @@ def test_files_that_python_refuses_are_refused(visitor, tmp_path):
         texts,
     )
     assert [word for word, message in zip(words, said, strict=True) if word not in message] == [], said
+
+
+@pytest.mark.slow
+def test_files_are_decoded_as_in_python(visitor, tmp_path):
+    path, stand = tmp_path / "stand.json", standing(G1)
+    write_keyframes(path, G1, stand, (replace(stand.at(0.5), name="größer"),))
+    text = json.dumps(json.loads(path.read_text(encoding="utf-8")), ensure_ascii=False)
+    for encoding in ("utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be"):
+        path.write_bytes(text.encode(encoding))
+        assert read_keyframes(path, G1)[1][0].name == "größer"
+        visitor.begin("bow")
+        _drop_file(visitor, path.read_bytes(), "stand.json")
+        assert visitor.get("timeline.labels") == ["start", "1 größer"], encoding
+    path.write_bytes(text.encode("latin-1"))
+    with pytest.raises(KeyframeError, match="no UTF-8"):
+        read_keyframes(path, G1)
+    _drop_file(visitor, path.read_bytes(), "stand.json")
+    assert visitor.get("notes.at(-1).text") == "stand.json: not a readable JSON file (its bytes are no UTF-8)"
 
 
 def _read(path: Path) -> tuple[Keyframe, tuple[Keyframe, ...]]:
@@ -445,6 +491,95 @@ def test_a_leaning_pose_stands_and_is_mirrored_as_in_python(visitor):
     expected = mirrored_parts(Parts.only(G1, **commands), G1)
     assert Parts.only(G1, **found["mirror"]["commands"]) == expected
     assert found["stand"]["commands"] == commands
+
+
+@pytest.mark.slow
+def test_numbers_in_several_boxes_and_edits_with_a_pause_are_undone_apart(visitor):
+    page = visitor.page
+    visitor.begin("bow")
+    for steps, (label, value) in enumerate((("x", "0.1"), ("y", "0.2"), ("heading", "30")), 1):
+        page.get_by_label(label, exact=True).fill(value)
+        page.keyboard.press("Enter")
+        visitor.until(f"studio.past.length === {steps}")
+    page.keyboard.press("Control+z")
+    visitor.until("studio.past.length === 2")
+    np.testing.assert_allclose(visitor.get("timeline.pose.qpos.slice(0, 2)"), [0.1, 0.2], atol=1e-3)
+    steps = page.evaluate(
+        "async () => { const it = window.platStudio, nudge = () => it.receive({ do: 'nudge', value: 1 });"
+        "nudge(); nudge(); const together = it.past.length; await new Promise((done) => setTimeout(done, 1500));"
+        "nudge(); return [together, it.past.length]; }"
+    )
+    assert steps == [3, 4]
+
+
+@pytest.mark.slow
+def test_lists_and_buttons_of_the_panel_are_used_with_the_keyboard(visitor):
+    page = visitor.page
+    visitor.begin("bow")
+    for element in (page.get_by_label("template"), page.get_by_role("button", name="Standing")):
+        element.focus()
+        page.keyboard.press("Tab")
+        page.keyboard.press("Shift+Tab")
+        for _ in range(2):
+            page.keyboard.press("ArrowDown" if element.get_attribute("aria-label") else "Space")
+        assert element.evaluate("(element) => element === document.activeElement")
+    assert page.get_by_label("template").input_value() == list(TEMPLATES)[2]
+    visitor.until("studio.past.length === 2")
+    assert (visitor.get("players.length"), visitor.get("timeline.selected")) == (0, 1)
+    page.get_by_label("template").click()
+    page.get_by_label("template").select_option("wave")
+    assert page.evaluate("document.activeElement === document.body"), "the keys are the studio's again"
+
+
+@pytest.mark.slow
+def test_a_file_is_dropped_onto_the_page(visitor, tmp_path):
+    write_keyframes(tmp_path / "stand.json", G1, standing(G1), (replace(standing(G1).at(0.5), name="dropped"),))
+    visitor.begin("bow")
+    left = visitor.page.evaluate(
+        "(text) => { const dataTransfer = new DataTransfer(); dataTransfer.items.add(new File([text], 'stand.json'));"
+        "return ['dragover', 'drop'].map((kind) => document.querySelector('#root canvas').dispatchEvent("
+        "new DragEvent(kind, { dataTransfer, bubbles: true, cancelable: true }))); }",
+        (tmp_path / "stand.json").read_text(encoding="utf-8"),
+    )
+    assert left == [False, False], "the browser does not leave for the file"
+    visitor.until("studio.timeline.labels[1] === '1 dropped'")
+
+
+@pytest.mark.slow
+def test_a_name_is_cut_between_characters(visitor):
+    visitor.begin("bow")
+    visitor.page.evaluate("window.platStudio.receive({ do: 'rename', value: 'x'.repeat(59) + '🤖🤖' })")
+    assert visitor.get("timeline.pose.name") == "x" * 59 + "🤖"
+
+
+@pytest.mark.slow
+def test_the_lowest_point_comes_onto_the_floor_as_in_python(visitor):
+    rng, poses = np.random.default_rng(0), []
+    for _ in range(5):
+        quat = rng.normal(size=4)
+        joints = rng.uniform(*G1.joint_range.double().numpy().T)
+        poses.append(np.concatenate(([1.0, 2.0, rng.uniform(-1, 2)], quat / np.linalg.norm(quat), joints)))
+    found = visitor.page.evaluate(
+        "(poses) => poses.map((qpos) => window.platStudio.robot.dropped(qpos))", [pose.tolist() for pose in poses]
+    )
+    np.testing.assert_allclose(found, [Floor(G1).dropped(pose) for pose in poses], atol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_start_deep_in_the_floor_is_refused_as_in_python(visitor):
+    low = Keyframe.from_qpos(0.0, G1.default_qpos - 0.5 * np.eye(36)[2])
+    with pytest.raises(StateError) as raised:
+        Simulator(G1.shared_model).reset(low)
+    visitor.begin("bow")
+    visitor.page.evaluate(
+        "(qpos) => { const it = window.platStudio; it.select(0); it.edit(it.timeline.posed(qpos));"
+        "it.show(); window.platChannel.send({ do: 'toggle' }); }",
+        low.qpos.tolist(),
+    )
+    assert visitor.get("notes.at(-1).text") == str(raised.value)
+    assert visitor.get("players.length") == 0
+    words = visitor.page.locator("#dock .words").inner_text()
+    assert words == Checker(G1).stance(low.qpos).words == "50 cm inside the floor"
 
 
 @pytest.mark.slow
@@ -595,7 +730,9 @@ def test_pins_change_nothing_else_and_choices_are_exact(visitor):
 @pytest.mark.slow
 def test_doubts_are_pythons(visitor):
     feasibility, stand, joints = Feasibility(G1), standing(G1), G1.joint_names
-    poses = {name: G1.default_qpos.copy() for name in ("far", "folded", "sunk", "floating", "tipping", "turned")}
+    poses = {
+        name: G1.default_qpos.copy() for name in ("far", "folded", "sunk", "buried", "floating", "tipping", "turned")
+    }
     poses["far"][0] += 3
     poses["folded"][7 + joints.index("left_shoulder_roll")] = -1.2
     poses["sunk"][2] -= 0.2
@@ -603,24 +740,26 @@ def test_doubts_are_pythons(visitor):
     poses["tipping"][7 + joints.index("waist_pitch")] = 0.5
     poses["tipping"][[7 + joints.index(f"{side}_hip_pitch") for side in ("left", "right")]] = -1.5
     poses["turned"][3:7] = [0.0, 0.0, 0.0, 1.0]
+    poses["buried"][2] = -0.2
     checker, said = Checker(G1), []
     for name, qpos in poses.items():
-        for hands in (False, True):
-            frame = replace(Keyframe.from_qpos(0.5, qpos), commands=preset("hands", G1) if hands else None)
+        for parts in (None, preset("hands", G1), Parts.only(G1, root=["height"])):
+            frame = replace(Keyframe.from_qpos(0.5, qpos), commands=parts)
             words = [concern.words for concern in feasibility(stand, frame, held=True)]
-            commands = {"bodies": [G1.end_effectors[number] for number in (1, 3)]} if hands else None
+            commands = parts and parts.names(G1)
             found = visitor.page.evaluate(
                 "async ([before, qpos, commands]) => (await import('./feasibility.mjs'))"
                 ".verdict(window.platStudio.robot, { qpos: before }, { qpos, commands }, 0.5, true)",
                 [stand.qpos.tolist(), qpos.tolist(), commands],
             )
-            assert found["words"] == words, (name, hands)
+            assert found["words"] == words, (name, commands)
             own = checker.timeline(Timeline(G1, stand, (frame,)))[0]
             assert found["joint"] == own.joint
             assert found["share"] == pytest.approx(own.share)
-            assert not (hands and own.share), "no joint is commanded"
+            assert not (parts and own.share), "no joint is commanded"
             said += words
     assert len(said) >= 8
+    assert "root is 20 cm inside the floor" in said
 
 
 @pytest.mark.slow

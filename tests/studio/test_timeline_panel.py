@@ -13,6 +13,7 @@ pytest.importorskip("viser", reason="the extra plat-rl[studio] is not installed"
 
 from plat.studio.app import Studio
 from plat.studio.checker import Checker
+from plat.studio.desk import Desk
 from plat.studio.panels import TimelinePanel
 from plat.studio.session import Session
 from plat.studio.timeline import Timeline
@@ -22,7 +23,7 @@ from tests.control import made_up
 @pytest.fixture
 def panel(policies) -> TimelinePanel:
     """A panel that does at once what it is asked."""
-    desk = SimpleNamespace(ask=lambda task, once=False: task())
+    desk = SimpleNamespace(ask=lambda task, instead_of=None: task())
     return TimelinePanel(SimpleNamespace(session=Session(G1, policies), desk=desk), Checker(G1), {})
 
 
@@ -33,6 +34,25 @@ def test_a_keyframe_between_control_steps_is_nudged_by_one(panel, value, time):
     session.edit(Timeline(G1, standing(G1), (frame,), 1))
     panel.receive({"do": "nudge", "value": value})
     assert session.timeline.pose.time == time
+
+
+def test_a_desk_that_is_behind_moves_each_keyframe_to_its_own_time(panel):
+    session = panel._page.session
+    frames = tuple(standing(G1).at(time) for time in (1.0, 2.0, 3.0))
+    session.edit(Timeline(G1, standing(G1), frames, 1))
+    panel._page.desk = desk = Desk(lambda _: None, lambda: desk.stop(), pytest.fail, 10.0)
+    for number, times in ((1, (1.1, 1.2)), (2, (2.2, 2.4)), (3, (3.2, 3.4))):
+        panel.receive({"do": "select", "number": number})
+        for time in times:
+            panel.receive({"do": "retime", "number": number, "time": time})
+        panel.receive({"do": "end"})
+    for number, hold in ((1, 0.2), (2, 0.4)):
+        panel.receive({"do": "select", "number": number})
+        panel.receive({"do": "hold", "value": hold})
+    assert len(desk._tasks) == 13, "of what is dragged the last"
+    desk.run()
+    assert session.timeline.holds == (0.2, 0.4, 0.0)
+    assert [frame.time for frame in session.timeline.keyframes] == pytest.approx([1.2, 2.6, 4.0])
 
 
 @pytest.mark.parametrize("value", [[1], {"1x": 1}, None, 3, "9x", [[1] * 500]])

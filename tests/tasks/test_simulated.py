@@ -127,12 +127,40 @@ def test_what_would_be_broadcast_is_refused(method):
     [
         ("start", lambda self, count: Stand.start(self, count + 1), r"Mine.start\(2\): expected .* of 2 robots"),
         ("start", lambda self, count: None, r"Mine.start\(2\): expected a GeneralizedState"),
+        (
+            "start",
+            lambda self, count: tuple(
+                part.set("last_action", torch.zeros(2, 12)) if index else part
+                for index, part in enumerate(Stand.start(self, count))
+            ),
+            r"expected .* a TensorDict \[2\] with their 'last_action' \[2, 29\]",
+        ),
         ("observe", lambda self, state, memory: {}, r"Mine.observe\(\) returns dict, expected a TensorDict \[2\]"),
     ],
 )
 def test_a_start_and_an_observation_are_of_these_robots(method, wrong, message):
     with pytest.raises(TaskError, match=message):
         SimulatedTask(type("Mine", (Stand,), {method: wrong})(G1), 2)
+
+
+@pytest.mark.parametrize(
+    ("method", "wrong", "found"),
+    [
+        ("advance", lambda self, memory, action: None, "NoneType"),
+        ("renew", lambda self, memory, state: None, "NoneType"),
+        ("renew", lambda self, memory, state: memory[:1], r"\[1\]"),
+    ],
+)
+def test_a_method_that_returns_no_memory_is_named(method, wrong, found):
+    task = type("Mine", (Stand,), {method: wrong})(G1)
+    message = rf"^Mine\.{method}\(\) returns {found}, expected the memory \[2\]$"
+    with pytest.raises(TaskError, match=message):
+        SimulatedTask(task, 2).rollout(2)
+    state, memory = task.start(2)
+    actor = TensorDictModule(torch.nn.Linear(29, 29), in_keys=[("robot", "joint_pos")], out_keys=["action"])
+    loss = ImaginationLoss(actor, DynamicsModel(G1), task, steps=2)
+    with pytest.raises(TaskError, match=message):
+        loss(TensorDict({"robot_state": state.pack(), "memory": memory}, [2]))
 
 
 def test_only_failed_robots_start_again(library):

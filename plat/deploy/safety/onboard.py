@@ -12,8 +12,9 @@ from plat.deploy.safety.ending import CommandSource
 from plat.deploy.safety.journal import Journal
 from plat.deploy.safety.runner import Policy, SafeRunner
 from plat.deploy.safety.settings import SafetySettings
-from plat.deploy.state import Array, Pose, RobotState
+from plat.deploy.state import Array, Pose, RobotState, root_of
 from plat.errors import PlatError, StateError
+from plat.json_file import short
 
 __all__ = ["OnboardController", "OnboardReading"]
 
@@ -85,10 +86,14 @@ class OnboardController:
         estimator: StateEstimator | None = None,
         anchor: Pose | None = None,
     ):
-        self._robot, self._settings = policy.robot, settings
-        self._estimator = estimator or StateEstimator(policy.robot)
-        self._anchor = anchor
         self._safe = SafeRunner(policy, source, settings, temperatures=self._temperatures, on_start=self._start)
+        self._robot, self._settings = policy.robot, settings
+        if not callable(getattr(estimator, "update", None)) and estimator is not None:
+            raise PlatError(f"estimator is {short(estimator)}, expected a StateEstimator")
+        self._estimator = estimator or StateEstimator(policy.robot)
+        if anchor is not None:
+            root_of("anchor", anchor)
+        self._anchor = anchor
         self._anew = False
         self._forget()
 

@@ -6,7 +6,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from plat.bounds import is_finite, shown
+from plat.bounds import check_value, is_finite, shown
 from plat.deploy.description import RobotDescription
 from plat.deploy.runner import JointCommand
 from plat.deploy.safety.ending import CommandSource, EndOfSequence
@@ -17,8 +17,9 @@ from plat.deploy.safety.ramp import Ramp
 from plat.deploy.safety.settings import SafetySettings
 from plat.deploy.safety.stops import stop_reason
 from plat.deploy.safety.watch import StateWatch
-from plat.deploy.state import Array, Pose, RobotState
-from plat.errors import PlatError
+from plat.deploy.state import Array, Pose, RobotState, finite_vector
+from plat.errors import KeyframeError, PlatError
+from plat.json_file import short
 from plat.spec.timing import Timing
 
 __all__ = ["Policy", "SafeRunner"]
@@ -69,7 +70,8 @@ class SafeRunner:
 
     Raises:
         PlatError: when the policy cannot follow the source: other control steps, commands that are too long, or partial
-            keyframes for a policy that was trained on whole poses.
+            keyframes for a policy that was trained on whole poses. Also for keyframes of another robot, and
+            arguments of another kind.
     """
 
     def __init__(
@@ -81,11 +83,22 @@ class SafeRunner:
         temperatures: Callable[[], Array] | None = None,
         on_start: Callable[[RobotState], RobotState | None] | None = None,
     ):
+        if not hasattr(policy, "robot") or not callable(policy):
+            raise PlatError(f"policy is {short(policy)}, expected one with its robot, such as a PolicyRunner")
+        if not callable(getattr(source, "command", None)):
+            told = "expected what commands keyframes, such as a KeyframeSequence or a KeyframeQueue"
+            raise KeyframeError(f"source is {short(source)}, {told}")
+        check_value("settings", settings, SafetySettings)
         self._policy, self._settings = policy, settings
         self._robot = policy.robot
         timing = Timing(self._robot.control_dt, policy.timing.max_steps)
-        self._source = FollowableCommands(source, timing, getattr(policy, "sees_parts", True), self._refused)
-        self._start = self._robot.default_joint_pos if start is None else np.asarray(start, dtype=np.float64)
+        sees_parts = getattr(policy, "sees_parts", True)
+        self._source = FollowableCommands(source, timing, sees_parts, self._refused, self._robot)
+        angles = self._robot.default_joint_pos if start is None else start
+        self._start = finite_vector("start", angles, len(self._robot.joint_names))
+        for name, hook in (("temperatures", temperatures), ("on_start", on_start)):
+            if hook is not None and not callable(hook):
+                raise PlatError(f"{name} is {short(hook)}, expected a function")
         self._temperatures, self._on_start = temperatures, on_start
         self._limiter = TargetLimiter(self._robot, settings)
         self._watch = StateWatch(self._robot, settings)

@@ -127,7 +127,7 @@ class LatentPolicy(nn.Module):
     def imagined(self, share: float = 0.5) -> TensorDictSequential:
         """Return the policy for learning by imagination, which acts through samples of both latents.
 
-        Reads what :meth:`training_graph` reads; writes ``action`` and the parameters of both distributions.
+        Reads what :meth:`training_graph` reads; writes ``action`` and what prior and posterior write.
 
         Args:
             share: of the robots, the first ones of a batch, that act through the posterior; the others act through
@@ -138,9 +138,8 @@ class LatentPolicy(nn.Module):
         mixed = TensorDictModule(
             _Mixed(share), in_keys=[("posterior", "latent"), ("prior", "latent")], out_keys=["latent"]
         )
-        parameters = [(group, name) for group in ("posterior", "prior") for name in ("loc", "scale")]
         decode = self.decoder.using("hidden", "latent")
-        kept = ["action", *parameters]
+        kept = ["action", *self.posterior.out_keys, *self.prior.out_keys]
         return timed(TensorDictSequential(*graph[:-2], mixed, decode, selected_out_keys=kept), self.timing)
 
     def features(self, keys: Sequence[NestedKey] | None = None) -> TensorDictSequential:

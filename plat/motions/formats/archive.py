@@ -12,12 +12,13 @@ import numpy as np
 from plat.errors import MotionError
 from plat.json_file import short
 from plat.motions.formats.clock import (
-    RATE_FIELDS,
-    STEP_FIELDS,
-    TIME_FIELDS,
     StatedRate,
     contradiction,
+    distinct_rates,
+    rate_fields,
     rates_of_fields,
+    stated_rates,
+    tells_time,
 )
 from plat.motions.formats.decompress import check_numbers, size_limit
 from plat.motions.formats.plat_file import RATE, is_marked
@@ -79,27 +80,28 @@ def archive_shapes(path: Path) -> dict[str, tuple[int, ...]]:
 
 def states_rate(arrays: Collection[str]) -> bool:
     """Return whether one of the arrays gives the frames a second."""
-    return any(name in arrays for name in (*RATE_FIELDS, *STEP_FIELDS))
+    return bool(rate_fields(arrays))
 
 
-def take_rate(arrays: dict[str, np.ndarray], fps: float | None) -> float:
-    """Take the frames a second out of the arrays; see :func:`take_rates`.
+def take_rate(arrays: dict[str, np.ndarray], fps: float | None, path: Path | None = None) -> StatedRate:
+    """Take the frames a second out of the arrays, with what states them; see :func:`take_rates`.
 
     Raises:
         MotionError: when nothing states it, or arrays contradict each other.
     """
-    rates = take_rates(arrays, fps)
+    rates = take_rates(arrays, fps, path)
     if len(rates) > 1:
         raise contradiction(rates)
-    return rates[0][0]
+    return rates[0]
 
 
-def take_rates(arrays: dict[str, np.ndarray], fps: float | None) -> list[StatedRate]:
+def take_rates(arrays: dict[str, np.ndarray], fps: float | None, path: Path | None = None) -> list[StatedRate]:
     """Take the frames a second out of the arrays: all that they state, and one at least.
 
     Args:
         arrays: of an archive, by name.
         fps: where the user states it.
+        path: of the archive, whose name counts where no array states it.
 
     Raises:
         MotionError: when nothing states it.
@@ -107,10 +109,12 @@ def take_rates(arrays: dict[str, np.ndarray], fps: float | None) -> list[StatedR
     marked = is_marked(arrays)  # its other arrays are clips
     fields = {name: array for name, array in arrays.items() if name == RATE or not marked}
     rates = rates_of_fields(fields) if fps is None else [(fps, "--fps")]
+    if not rates and path is not None:
+        rates = distinct_rates(stated_rates(path, []))
     if not rates:
         raise MotionError("no array 'fps', expected the frames a second (or state them: --fps)")
-    times = [name for name in TIME_FIELDS if name in arrays and arrays[name].ndim == 1]
-    for name in (RATE,) if marked else (*RATE_FIELDS, *STEP_FIELDS, *times):
+    times = [name for name, array in arrays.items() if array.ndim == 1 and tells_time(name)]
+    for name in (RATE,) if marked else (*(name for name in rate_fields(arrays) if arrays[name].ndim < 2), *times):
         arrays.pop(name, None)
     return rates
 
@@ -140,6 +144,8 @@ def read_array(data: bytes) -> np.ndarray | dict[Any, Any] | None:
         if not isinstance(content, PickledArray) or content.value is None:
             raise MotionError("it holds an array with Python objects, expected numbers or texts")
         return content.value
+    if dtype.kind == "c":
+        raise MotionError("it holds complex numbers, expected real ones")
     if dtype.kind not in "biufSU":
         return None  # no motion: a table of something, or dates
     # rows of no columns and texts of no letters take no bytes, and a thousand million of them are claimed as easily

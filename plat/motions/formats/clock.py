@@ -1,58 +1,53 @@
 """The frame rate of a file, from times of its frames, fields, a comment or its name."""
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from plat.errors import MotionError
+from plat.motions.formats.comment_rate import LIKELY, rates_in_comments, rates_of_steps
 from plat.motions.formats.common import number
+from plat.motions.formats.names import is_time, tokens
 from plat.motions.formats.rate import rates_in_name
 
 __all__ = [
-    "RATE_FIELDS",
-    "STEP_FIELDS",
-    "TIME_FIELDS",
     "StatedRate",
+    "contradicting_name",
     "contradiction",
     "counts_frames",
     "distinct_rates",
     "numbering_fault",
+    "rate_fields",
     "rate_of_times",
     "rates_of_fields",
     "stated_rates",
-    "without_steps",
+    "tells_time",
+    "unit_of_times",
 ]
 
 StatedRate = tuple[float, str]
 """Frames a second, and what states them."""
 
-RATE_FIELDS = ("fps", "frequency", "frame_rate", "framerate", "hz", "mocap_framerate", "mocap_frame_rate", "motion_fps")
-STEP_FIELDS = ("dt", "timestep", "frame_time")
-TIME_FIELDS = ("time", "times", "timestamps", "timestamp", "t")
-"""Fields of archives and pickles that give frames a second, seconds a frame, and the time of each frame."""
+# Fields of archives and pickles that give frames a second, seconds a frame, and the time of each frame, in small
+# letters with underscores. Single words that mean other things as well count where they are one number.
+_RATES = (
+    *("fps", "frequency", "frame_rate", "framerate", "hz", "mocap_framerate", "mocap_frame_rate", "motion_fps"),
+    *("mocap_fps", "frames_per_second", "frame_rate_hz", "sampling_rate", "sample_rate", "sampling_frequency"),
+)
+_RATES_IF_ONE = ("rate", "freq", "fs")
+_STEPS = ("dt", "timestep", "frame_time", "time_step", "delta_t")
+_CLOCKS = frozenset(("time", "times", "t", "timestamp", "timestamps", "stamp", "stamps"))
 
 # Rates that differ by less than this share are one, rounded.
 _SAME_RATE = 0.02
 # Whole numbers that go on by so much at most count frames, of which some may be left out. In ms they were over 240 Hz.
 _LARGEST_COUNT = 4
 _UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-# rates of motions; a time that counts in another unit lies far outside
-_LIKELY = (5.0, 1000.0)
 # A step this much longer than the usual one leaves frames out.
 _GAP = 1.8
-_IN_COMMENT = re.compile(
-    r"(?:fps|(?:frame|sample|sampling)[ _-]?rate|(?<![a-z])rate|hz|frequency)\s*[:=]?\s*(\d+(?:\.\d+)?)"
-    r"|(\d+(?:\.\d+)?)\s*(?:fps|hz)",
-    re.IGNORECASE,
-)
-# what such a number belongs to that is no rate of frames
-_OF_A_FILTER = re.compile(r"filter|pass(?![a-z])|cut[ _-]?off|butterworth|smooth|band", re.IGNORECASE)
-_STEP_IN_TEXT = re.compile(
-    r"(?<![a-z])(?:dt|time[ _-]?step|frame[ _-]?time)[ _]*[:=]?[ _]*(\d*\.\d+)(?:[ _]*s)?(?![\da-z])", re.IGNORECASE
-)
 
 
 def rate_of_times(times: np.ndarray, unit: str = "") -> float:
@@ -60,7 +55,8 @@ def rate_of_times(times: np.ndarray, unit: str = "") -> float:
 
     Args:
         times: of the frames.
-        unit: ``s``, ``ms``, ``us`` or ``ns`` where its name states it; else the one that makes the rate a likely one.
+        unit: ``s``, ``ms``, ``us`` or ``ns`` where its name states it; else, and where that makes the rate an unlikely
+            one, the one that makes it a likely one.
 
     Raises:
         MotionError: when a time is not finite, time does not go on evenly, or no unit gives a likely rate.
@@ -80,11 +76,22 @@ def rate_of_times(times: np.ndarray, unit: str = "") -> float:
             "expected even steps (or state --fps)"
         )
     mean = float(steps.mean())
-    for seconds in (_UNITS[unit],) if unit in _UNITS else _UNITS.values():
-        if _LIKELY[0] <= 1 / (mean * seconds) <= _LIKELY[1]:
+    stated = [_UNITS[unit]] if unit in _UNITS else []
+    for seconds in [*stated, *([] if stated and counts_frames(times) else _UNITS.values())]:
+        if LIKELY[0] <= 1 / (mean * seconds) <= LIKELY[1]:
             rate = 1 / (mean * seconds)
             return float(round(rate)) if abs(rate - round(rate)) < 2e-3 * rate else rate
     raise MotionError(f"the time goes on by {mean:g} a row, a likely rate in no unit (s, ms, us, ns); state --fps")
+
+
+def unit_of_times(times: np.ndarray, rate: float) -> str:
+    """Return the unit in which times ``[T]`` have a rate.
+
+    >>> unit_of_times(np.arange(5) * 20, 50.0)
+    'ms'
+    """
+    ticks = rate * (times[-1] - times[0]) / (len(times) - 1)  # a second
+    return min(_UNITS, key=lambda unit: abs(np.log(ticks * _UNITS[unit])))
 
 
 def counts_frames(times: np.ndarray, unit: str = "") -> bool:
@@ -138,18 +145,53 @@ def rates_of_fields(fields: Mapping[str, Any]) -> list[StatedRate]:
     >>> rates_of_fields({"fps": 30, "dt": 0.02, "frequency": 30.1})
     [(30.0, "'fps'"), (50.0, "'dt'")]
     """
-    stated = [(number(_one_of(fields[name]), name), repr(name)) for name in RATE_FIELDS if name in fields]
-    steps = [(number(_one_of(fields[name]), name), repr(name)) for name in STEP_FIELDS if name in fields]
-    stated += [(1 / max(step, 1e-9), source) for step, source in steps]
+    fields = {name: value for name, value in fields.items() if value is not None}
+    called = _called(fields)
+    named = [name for known in _RATES if (name := called.get(known)) is not None]
+    loose = [called[known] for known in _RATES_IF_ONE if known in called]
+    named += [name for name in loose if _is_likely(_one_of(fields[name]))]
+    stated = [(number(_one_of(fields[name]), name), repr(name)) for name in named]
+    steps = [called[known] for known in _STEPS if known in called]
+    stated += [(1 / max(number(_one_of(fields[name]), name), 1e-9), repr(name)) for name in steps]
     arrays = {name: value for name, value in fields.items() if isinstance(value, np.ndarray)}
     lengths = {size for array in arrays.values() if array.ndim > 1 for size in array.shape[:2]}
-    for name in TIME_FIELDS:
-        times = arrays.get(name)
-        if times is None or times.ndim != 1 or len(times) not in lengths or times.dtype.kind not in "fiu":
+    for name in filter(tells_time, arrays):
+        times = arrays[name]
+        if times.ndim != 1 or len(times) not in lengths or times.dtype.kind not in "fiu":
             continue
         if len(times) > 2 and not counts_frames(times):
             stated.append((rate_of_times(times.astype(np.float64)), repr(name)))
     return distinct_rates(stated)
+
+
+def rate_fields(fields: Iterable[Any]) -> list[str]:
+    """Return the names of fields that state the frames a second, or the seconds of one.
+
+    >>> rate_fields(["FPS", "joint_pos", "frameRate", "dt", "time"])
+    ['FPS', 'frameRate', 'dt']
+    """
+    called = _called(fields)
+    return [called[known] for known in (*_RATES, *_RATES_IF_ONE, *_STEPS) if known in called]
+
+
+def tells_time(field: str) -> bool:
+    """Return whether a field has the time of each frame, by its name.
+
+    >>> [tells_time(field) for field in ("sim_time", "timestamps", "contact_time", "s")]
+    [True, True, False, False]
+    """
+    return is_time(field) and bool(_CLOCKS & set(tokens(field))) and "_".join(tokens(field)) not in _STEPS
+
+
+def _called(fields: Iterable[Any]) -> dict[str, str]:
+    """Return the names of fields by how plat writes them."""
+    return {"_".join(tokens(name)): name for name in fields if isinstance(name, str)}
+
+
+def _is_likely(value: Any) -> bool:
+    """Return whether a value is one number that may be the rate of a motion."""
+    one = value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
+    return isinstance(one, (int, float)) and LIKELY[0] <= one <= LIKELY[1]
 
 
 def _one_of(values: Any) -> Any:
@@ -177,29 +219,26 @@ def contradiction(rates: Sequence[StatedRate]) -> MotionError:
     return MotionError(f"it states {told} frames a second; state which: --fps {rates[-1][0]:g}")
 
 
+def contradicting_name(path: Path, rates: Iterable[StatedRate]) -> list[StatedRate]:
+    """Return the frame rates that a file's name states, where none of them is among those that the file itself states.
+
+    >>> contradicting_name(Path("walk_60fps.npz"), [(50.0, "'fps'")])
+    [(60.0, 'the file name')]
+    >>> contradicting_name(Path("walk_120fps_to_30fps.npz"), [(30.0, "'fps'")])
+    []
+    """
+    named: list[StatedRate] = []
+    with suppress(MotionError):  # a name that states 0 says nothing against a file
+        named = [(rate, "the file name") for rate in (*rates_in_name(path.stem), *rates_of_steps(path.stem))]
+    agree = any(len(distinct_rates((own, other))) == 1 for own in rates for other in named)
+    return [] if agree else distinct_rates(named)
+
+
 def stated_rates(path: Path, comments: Sequence[str]) -> list[StatedRate]:
     """Return the frame rates that comments and the name, else the name of the folder state, each with its source."""
-    parts = [part for line in comments for part in re.split("[,;]", line) if not _OF_A_FILTER.search(part)]
-    found = [float(next(filter(None, match.groups()))) for part in parts for match in _IN_COMMENT.finditer(part)]
-    found += [rate for line in comments for rate in _of_steps(line)]
     told = [
-        *((rate, "a comment") for rate in found),
-        *((rate, "the file name") for rate in (*rates_in_name(path.stem), *_of_steps(path.stem))),
+        *((rate, "a comment") for rate in rates_in_comments(comments)),
+        *((rate, "the file name") for rate in (*rates_in_name(path.stem), *rates_of_steps(path.stem))),
     ]
     folder = path.absolute().parent.name
     return list(dict.fromkeys(told or ((rate, "the folder's name") for rate in rates_in_name(folder))))
-
-
-def without_steps(name: str) -> str:
-    """Return a name without the time steps in it.
-
-    >>> without_steps("walk_dt0.02")
-    'walk'
-    """
-    return _STEP_IN_TEXT.sub("", name).rstrip("_ ")
-
-
-def _of_steps(text: str) -> list[float]:
-    """Return the rates of the time steps (s) that a text states."""
-    steps = [float(step) for step in _STEP_IN_TEXT.findall(text)]
-    return [round(1 / step, 3) for step in steps if step > 0 and _LIKELY[0] <= 1 / step <= _LIKELY[1]]

@@ -34,6 +34,12 @@ _SEED = {"translate", "rotate"}
 # words for a number of frames, which goes on in a motion, and of motions, which does not change
 _FRAME = {"frame", "frames", "step"}
 _SEVERAL = {"episode", "clip", "motion", "sequence", "take", "trial", "traj", "trajectory"}
+# words of how long a frame takes, and how much even ones may waver
+_LENGTHS = {"dt", "timestep", "step", "delta", "frame"}
+_EVEN = 0.2
+# seconds and the rest of them in two columns; clocks that go on while a simulation waits
+_SECONDS, _NANOSECONDS = {"sec", "secs"}, {"nsec", "nsecs", "nanosec", "nanosecs"}
+_OF_WALLS = {"wall", "system", "host", "recv", "received", "receive", "log", "rosbag"}
 # share of the steps of a count that are its usual one, whatever the column is called
 _MOST = 0.8
 # words that only Euler angles have in their names
@@ -104,6 +110,7 @@ def _by_name(
     robot: Robot,
 ) -> Parts:
     values = table.values
+    _refuse_empty(table, [*place, *turn, *joints])
     said = units_in_comments(table.comments)
     unknown = [table.header[n] for n in rest if kinds[n].kind == "unknown"]
     lacking = [name for name in robot.joint_names if name not in {kinds[n].part for n in joints}]
@@ -224,6 +231,7 @@ def _by_place(
             odd = sorted({name for name in listed if not is_generic(name)})
             raise MotionError(f"the header has the unknown {odd[:8]}, expected names of the robot's joints, or none")
     order = _order(table.header, columns[3:7])
+    _refuse_empty(table, columns)
     header = [table.header[n] if table.header else "" for n in columns]
     said = units_in_comments(table.comments)
     units = stated_length(stating(header[:3], said.length))
@@ -234,6 +242,13 @@ def _by_place(
     angles, told = _in_radians(values[:, 7:], stating(header[7:], said.joints), orders, robot)
     notes += told
     return Parts(values[:, :3], values[:, 3:7], angles, names, order, times, notes=tuple(notes), units=units)
+
+
+def _refuse_empty(table: Table, columns: Sequence[int]) -> None:
+    for n in columns:
+        if n in table.empty:
+            name = f" ({table.header[n]!r:.40})" if table.header else ""
+            raise MotionError(f"row {table.empty[n]}, column {n + 1}{name} is empty, expected a number")
 
 
 def _are_numbered(names: Sequence[str]) -> bool:
@@ -252,16 +267,32 @@ def _whirls(angles: np.ndarray) -> bool:
 
 
 def _counters(table: Table, kinds: Sequence[Column]) -> tuple[list[int], tuple[np.ndarray, str] | None]:
-    """Return the columns that count frames or tell the time, and the times."""
-    counters, times = [], None
+    """Return the columns that count frames or tell the time, and the times: of several clocks one that goes evenly."""
+    counters, clocks = [], []
     for n, column in enumerate(kinds):
+        values = table.values[:, n]
         if column.kind == "time":
             counters.append(n)
-            clock = not counts_frames(table.values[:, n], column.part)
-            times = times or ((table.values[:, n], column.part) if clock else None)
-        elif column.kind == "count" and (table.header[n] or (n == 0 and _even(table.values[:, n]))):
+            values = _times_of_steps(values) if set(tokens(table.header[n])) & _LENGTHS else values
+            if not counts_frames(values, column.part):
+                clocks.append((n, values, column.part))
+        elif column.kind == "count" and (table.header[n] or (n == 0 and _even(values))):
             counters.append(n)
-    return counters, times
+    found = {n: set(tokens(table.header[n])) for n, _, _ in clocks}
+    whole = next((values for n, values, _ in clocks if found[n] & _SECONDS), None)
+    parts = next((values for n, values, _ in clocks if found[n] & _NANOSECONDS), None)
+    if whole is not None and parts is not None and parts.max() < 1e9:
+        return counters, (whole - whole[0] + 1e-9 * parts, "s")  # as ROS has them
+    clocks.sort(key=lambda clock: bool(found[clock[0]] & _OF_WALLS))
+    usual = next((clock for clock in clocks if _even(clock[1])), clocks[0] if clocks else None)
+    return counters, None if usual is None else usual[1:]
+
+
+def _times_of_steps(values: np.ndarray) -> np.ndarray:
+    """Return times for a column that has how long each frame takes, as ``dt``; else the column."""
+    rest = values[1:]
+    lengths = len(rest) > 1 and rest.min() > 0 and (np.diff(rest) <= 0).any() and np.ptp(rest) < _EVEN * rest.mean()
+    return np.arange(len(values)) * rest.mean() if lengths else values
 
 
 def _refuse_several(table: Table, kinds: Sequence[Column]) -> None:
@@ -276,7 +307,7 @@ def _refuse_several(table: Table, kinds: Sequence[Column]) -> None:
         fault = None
         if column.kind == "count":
             fault = numbering_fault(values) if words & _FRAME or _counts_up(values) else None
-        elif words & _SEVERAL and (anew := np.diff(values) != 0).any():
+        elif column.kind != "time" and words & _SEVERAL and (anew := _begins_anew(values)).any():
             fault = int(anew.argmax()), "are these several motions? Write a file for each"
         if fault is not None:
             row, what = fault
@@ -284,6 +315,12 @@ def _refuse_several(table: Table, kinds: Sequence[Column]) -> None:
                 f"column {n + 1} ({name!r:.40}) goes from {values[row]:g} to {values[row + 1]:g} after frame {row}: "
                 f"{what}, or leave the column out"
             )
+
+
+def _begins_anew(values: np.ndarray) -> np.ndarray:
+    """Return where the number of a motion changes ``[T - 1]``; what changes all the time is none."""
+    anew = np.diff(values) != 0
+    return anew & bool((values % 1 == 0).all() and anew.sum() < len(values) / 2)
 
 
 def _counts_up(values: np.ndarray) -> bool:
@@ -307,7 +344,7 @@ def _is_pose(values: np.ndarray) -> bool:
 
 def _even(values: np.ndarray) -> bool:
     steps = np.diff(values)
-    return len(steps) > 0 and steps[0] > 0 and bool(np.abs(steps - steps.mean()).max() < 0.2 * steps.mean())
+    return len(steps) > 0 and steps[0] > 0 and bool(np.abs(steps - steps.mean()).max() < _EVEN * steps.mean())
 
 
 def _order(header: list[str], columns: list[int]) -> QuatOrder | None:

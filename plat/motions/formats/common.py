@@ -83,12 +83,14 @@ class MotionFile:
         format: what it was taken for.
         clips: its motions.
         notes: what was assumed, detected or filled in, a phrase each.
+        unheard: what may be stated of files, by its name in :class:`ReadOptions`, and says nothing about this one.
     """
 
     path: Path
     format: str
     clips: list[MotionClip]
     notes: tuple[str, ...] = ()
+    unheard: tuple[str, ...] = ()
 
     @property
     def facts(self) -> str:
@@ -188,7 +190,8 @@ def check_rate(fps: float) -> None:
         MotionError: naming the rate.
     """
     if not _FPS[0] <= fps <= _FPS[1]:
-        raise MotionError(f"fps is {fps:g}, expected {_FPS[0]:g} to {_FPS[1]:g} frames a second")
+        meant = f" ({1 / fps:g} if that is the time of a frame)" if fps > 0 and _FPS[0] <= 1 / fps <= _FPS[1] else ""
+        raise MotionError(f"fps is {fps:g}, expected {_FPS[0]:g} to {_FPS[1]:g} frames a second{meant}")
 
 
 def number(value: Any, field: str) -> float:

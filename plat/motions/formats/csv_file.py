@@ -9,7 +9,14 @@ import numpy as np
 from plat.errors import MotionError
 from plat.motions.clip import ASSUMED_RATE, MotionClip
 from plat.motions.formats.beside import rates_beside
-from plat.motions.formats.clock import distinct_rates, rate_of_times, stated_rates
+from plat.motions.formats.clock import (
+    distinct_rates,
+    rate_fields,
+    rate_of_times,
+    rates_of_fields,
+    stated_rates,
+    unit_of_times,
+)
 from plat.motions.formats.columns import Parts, split_columns
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, check_rate, make_clip
 from plat.motions.formats.joint_orders import in_robot_order
@@ -44,20 +51,23 @@ def read_values(path: Path, table: Table, options: ReadOptions, kind: str) -> Mo
     """Return the motion of a table, whatever kind of file it comes from; see :func:`read_csv`."""
     parts = split_columns(table, options.robot)
     name = without_rates(path.stem)
+    three = any(note.startswith("root rotation from") for note in parts.notes)
+    if three:  # whose quaternion is made here
+        options = replace(options, quat_order=None)
     joint_pos, notes = arrange_joints(parts.joints, parts.names, options.robot, "the columns of joints")
     joint_pos, more = _in_joint_order(name, parts, joint_pos, options)
     parts = _with_turn(name, parts, joint_pos, options)
-    order, how, doubts = _quat_order(path, name, parts, joint_pos, options)
+    order, how, doubts = ("wxyz", "", []) if three else _quat_order(path, name, parts, joint_pos, options)
     clip = _clip(name, parts, joint_pos, order, options)
     fps, told = _rate(path, table, parts, clip, options)
     check_rate(fps)
-    three = any(note.startswith("root rotation from") for note in parts.notes)
     shown = () if three else (f"quaternion {order} {how}",)
     kind = "BONES-SEED csv" if parts.seed else kind
     unsure = tuple(note for note in told if note == ASSUMED_RATE)
     told = tuple(note for note in told if note != ASSUMED_RATE)
     clip = replace(clip, fps=fps, notes=(*unsure, *clip.notes))
-    return MotionFile(path, kind, [clip], (*shown, *told, *doubts, *parts.notes, *notes, *more))
+    unheard = ("quat_order",) if three else ()
+    return MotionFile(path, kind, [clip], (*shown, *told, *doubts, *parts.notes, *notes, *more), unheard)
 
 
 def csv_text(clip: MotionClip, joint_names: tuple[str, ...]) -> str:
@@ -109,8 +119,6 @@ def _quat_order(
     """Return the order of the quaternion, what says so, and notes."""
     if options.quat_order is not None:
         return options.quat_order, "as stated", []
-    if any(EULER in note or "rotation vectors" in note for note in parts.notes):
-        return "wxyz", "made of angles", []
     plain = _clip(name, parts, joint_pos, "wxyz", options)
     if parts.order is not None:
         order, notes = settle_quat_order(plain.qpos, plain.fps, options.soles, parts.order)
@@ -137,9 +145,14 @@ def _rate(
     """
     if options.fps is not None:
         return clip.fps, ()
-    stated = stated_rates(path, table.comments) or rates_beside(path, len(table.values))
+    columns = dict(zip(table.header, table.values.T, strict=False))
+    constant = {name: columns[name] for name in rate_fields(columns) if not np.ptp(columns[name])}
+    stated = rates_of_fields(constant) + stated_rates(path, table.comments)
+    stated = stated or rates_beside(path, len(table.values))
     if parts.times is not None:
-        stated.insert(0, (rate_of_times(*parts.times), "the column of times"))
+        rate, (times, unit) = rate_of_times(*parts.times), parts.times
+        fits = unit in ("", unit_of_times(times, rate))
+        stated.insert(0, (rate, f"the column of times{'' if fits else f', which is not in {unit}'}"))
     elif parts.seed and not stated:
         stated = [(_SEED_FPS, "the format")]
     distinct = distinct_rates(stated)

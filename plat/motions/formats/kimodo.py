@@ -53,7 +53,7 @@ def read_kimodo(
             )
     fields = ("root_positions", "global_rot_mats[:, 0]")
     clip = make_clip(path.stem, qpos[:, :3], qpos[:, 3:7], qpos[:, 7:], fps, options, "wxyz", fields)
-    return MotionFile(path, "Kimodo npz", [clip], notes)
+    return MotionFile(path, "Kimodo npz", [clip], notes, unheard=("quat_order",))
 
 
 def _distance(qpos: np.ndarray, joints: np.ndarray, robot: Robot) -> float:

@@ -13,6 +13,7 @@ __all__ = [
     "array_meaning",
     "classify_columns",
     "is_generic",
+    "is_time",
     "match_joint",
     "stated_length",
     "stating",
@@ -29,9 +30,10 @@ def _words(text: str) -> frozenset[str]:
 
 # words that say no more than that a column is the position of a joint
 _NOISE = _words(
-    "joint joints dof dofs pos position positions q qpos angle angles rad radian radians deg degrees leg arm"
+    "joint joints state states dof dofs pos position positions q qpos angle angles rad radian radians deg degrees leg "
+    "arm"
 )
-_ROOT = _words("root base pelvis body free freejoint floating world global torso trunk link")
+_ROOT = _words("root base pelvis body free freejoint floating world global torso trunk link odom odometry pose")
 _DERIVED = _words("vel velocity velocities qvel speed acc acceleration tau torque torques force contact effort current")
 _PLACE = _words("pos position trans translation translate t p location xyz")
 _TURN = _words("quat quaternion q rot rotation rotate orientation orient ori r euler angle")
@@ -42,7 +44,12 @@ _TURNS = _words("quat quaternion quaternions quats rot rotation rotations orient
 _ANGLES = _words("pos position positions angle angles q")
 _EULER = {"roll": "x", "pitch": "y", "yaw": "z"}
 _FUSED = re.compile(r"(q|quat|rot|r|p|pos|t|trans)([wxyz])")
-_COUNTS = _words("frame frames index idx step id number no unnamed i n row")
+_COUNTS = _words(
+    "frame frames index idx step steps id number no nr num unnamed i n row seq count counter tick ticks sample iter"
+)
+# what frames are counted within, and in whose header of a message the count stands
+_WITHIN = _words("in of episode clip motion take trial traj trajectory sequence header field 0")
+_FRAMES = _words("frame frames step steps")
 _LENGTHS: dict[str, Units] = {
     **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), "m"),
     **dict.fromkeys(("cm", "centimeter", "centimeters", "centimetre", "centimetres"), "cm"),
@@ -62,7 +69,17 @@ _UNIT_BEHIND = re.compile(rf"\s+\[({'|'.join(_UNITS)})\]$")
 # words that mean other things than units, where the line does not speak of units
 _OTHERWISE = _words("in foot feet")
 _OF_ROOT = _ROOT_ALONE | _words("orientation rotation euler roll pitch yaw rpy")
-_TIMES = _words("time t timestamp stamp sec secs seconds s ms us ns millis")
+_TIMES = _words(
+    "time times t timestamp timestamps stamp stamps sec secs seconds s ms msec millis milliseconds us usec "
+    "microseconds timecode tc ns nsec nsecs nanosec nanosecs nanoseconds dt timestep"
+)
+# what says whose or since when a time is
+_OF_TIMES = _words(
+    "from start since begin elapsed in of unix epoch sim simulation ros rosbag bag wall clock system host device "
+    "sensor recv received receive recorded recording record log msg message header field relative rel absolute abs "
+    "mocap step delta code"
+)
+_OF_MOTION = _words("motion clip episode take trial traj trajectory sequence frame play playback video reference ref")
 
 
 class Column(NamedTuple):
@@ -190,7 +207,8 @@ def array_meaning(name: str) -> str:
         return "root_pos" if words & _PLACES else ""
     if words & _ROOT_ALONE and words <= _ROOT_ALONE | _TURNS:
         return "root_quat"
-    return "joint_pos" if words & _JOINTS and words & _ANGLES and words <= _JOINTS | _ANGLES else ""
+    angles = words in ({"joints"}, {"dofs"}) or (words & _JOINTS and words & _ANGLES)
+    return "joint_pos" if angles and words <= _JOINTS | _ANGLES else ""
 
 
 def classify_columns(header: Sequence[str], robot: Robot) -> list[Column]:
@@ -209,13 +227,29 @@ def classify_columns(header: Sequence[str], robot: Robot) -> list[Column]:
             columns.append(Column("quat" if has_w and part in "wxyz" else "euler", _EULER.get(part, part)))
         elif place == "place":
             columns.append(Column("place", part))
-        elif row and set(row) & _TIMES and set(row) <= _TIMES | {"from", "start", "elapsed", "in", "unix"}:
+        elif is_time(name):
             columns.append(Column("time", next((word for word in row[::-1] if word in ("ms", "us", "ns", "s")), "")))
-        elif not name.strip("\"' \t") or (set(row) & _COUNTS and set(row) <= _COUNTS | {"0"}):
+        elif not name.strip("\"' \t") or _is_count(set(row)):
             columns.append(Column("count"))
         else:
             columns.append(Column("unknown"))
     return columns
+
+
+def is_time(name: str) -> bool:
+    """Return whether a column or array of this name holds times.
+
+    >>> [is_time(name) for name in ("sim_time", "header.stamp.nanosec", "time_since_start", "time_left", "ms")]
+    [True, True, True, False, True]
+    """
+    words = set(tokens(name))
+    return bool(words & _TIMES) and words <= _TIMES | _OF_TIMES | _OF_MOTION
+
+
+def _is_count(words: set[str]) -> bool:
+    """Return whether a column counts: rows, or frames within a motion, and no motions."""
+    within = _COUNTS | _WITHIN if words & (_FRAMES | {"header"}) else _COUNTS | {"0"}
+    return bool(words & _COUNTS) and words <= within
 
 
 def _root_part(words: tuple[str, ...]) -> tuple[str, str]:

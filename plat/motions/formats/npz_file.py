@@ -14,22 +14,22 @@ from plat.errors import MotionError
 from plat.json_file import parse_json, read_json, short
 from plat.motions.clip import ASSUMED_RATE, MotionClip
 from plat.motions.formats.archive import read_archive, states_rate, take_rate, take_rates
+from plat.motions.formats.clock import contradicting_name, stated_rates
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, number, strings
 from plat.motions.formats.foreign import refuse_human_body, refuse_old_arrays
 from plat.motions.formats.joint_columns import is_root
 from plat.motions.formats.joint_orders import in_robot_order
 from plat.motions.formats.kimodo import KIMODO_FPS, has_links, read_kimodo
 from plat.motions.formats.names import array_meaning
-from plat.motions.formats.pace import settled_rate
+from plat.motions.formats.pace import rate_of_file
 from plat.motions.formats.plat_file import ASSUMED, RESERVED, is_marked
 from plat.motions.formats.quaternion_order import settle_joint_order, settle_quat_order
 from plat.motions.formats.tracker_file import read_tracker
 from plat.motions.formats.unnamed_joints import without_wrists
 
-__all__ = ["read_npz"]
+__all__ = ["ALIASES", "read_npz"]
 
-# arrays by another name, by the name that plat knows them by
-_ALIASES = {
+ALIASES = {
     # NVIDIA's AMP of Isaac Lab
     "dof_positions": "joint_pos",
     "dof_names": "joint_names",
@@ -62,6 +62,7 @@ _ALIASES = {
     "dof": "joint_pos",
     "joint_positions": "joint_pos",
 }
+"""Arrays of a robot's motion by another name, with the name that plat knows them by."""
 # what loco-mujoco writes beside the motion: its model, and what follows from the motion
 _LOCO = frozenset(
     (
@@ -92,7 +93,7 @@ def read_npz(path: Path, options: ReadOptions) -> MotionFile:
     stored = read_archive(path)
     if is_marked(stored):
         return _own(path, stored, options)
-    arrays = {_ALIASES.get(name, name): array for name, array in stored.items()}
+    arrays = {ALIASES.get(name, name): array for name, array in stored.items()}
     _rename(arrays)
     refuse_human_body(arrays)
     refuse_old_arrays(stored)
@@ -101,10 +102,10 @@ def read_npz(path: Path, options: ReadOptions) -> MotionFile:
     notes = [*_add_metadata(arrays), *_add_meta(path, arrays, options)]
     names = strings(arrays.pop("joint_names"), "joint_names") if "joint_names" in arrays else None
     links = has_links(arrays, options.robot)
-    if links and options.fps is None and not states_rate(arrays):
+    if links and options.fps is None and not states_rate(arrays) and not stated_rates(path, []):
         arrays["fps"] = np.array(KIMODO_FPS)
         notes.append("fps as Kimodo writes it")
-    rates = take_rates(arrays, options.fps)
+    rates = take_rates(arrays, options.fps, path)
     fps = rates[0][0]
     if links:
         file = read_kimodo(path, arrays, fps, options)
@@ -113,24 +114,34 @@ def read_npz(path: Path, options: ReadOptions) -> MotionFile:
     else:
         file = _clips(path, arrays, fps, names, options)
     clips = file.clips
-    if len(rates) > 1:
-        fps, told = settled_rate(rates, clips[:: max(1, len(clips) // _EXAMINED)], options.robot)
-        clips = [replace(clip, fps=fps) for clip in clips]
-        notes.append(told)
-    return MotionFile(path, file.format, clips, (*notes, *file.notes))
+    fps, told = rate_of_file(path, rates, _some(clips), options.robot)
+    clips = [replace(clip, fps=fps) for clip in clips]
+    return replace(file, clips=clips, notes=(*notes, *told, *file.notes))
 
 
 def _own(path: Path, arrays: dict[str, np.ndarray], options: ReadOptions) -> MotionFile:
     """Read an archive that is marked as plat's own: its clips have any names, and these are the clips' names."""
-    fps = take_rate(arrays, options.fps)
+    stated = take_rate(arrays, options.fps)
+    fps = stated[0]
     names = strings(arrays["joint_names"], "joint_names") if "joint_names" in arrays else None
     assumed = set(strings(arrays.get(ASSUMED, []), ASSUMED)) if options.fps is None else set()
     arrays = {name: array for name, array in arrays.items() if name not in RESERVED}
     widths = _widths(names, options)
     fitting = {name: array for name, array in arrays.items() if _is_motion(array, widths)}
     file = _read(path, arrays, fitting, {name: name for name in fitting}, fps, names, options)
-    clips = [replace(clip, notes=(ASSUMED_RATE, *clip.notes)) if clip.name in assumed else clip for clip in file.clips]
-    return replace(file, clips=clips)
+    named = contradicting_name(path, [stated])
+    if len(named) == 1 and assumed >= {clip.name for clip in file.clips}:  # what a name states beats what was assumed
+        stated, assumed = named[0], set()
+    fps, told = rate_of_file(path, [stated], _some(file.clips), options.robot)
+    clips = [
+        replace(clip, fps=fps, notes=((ASSUMED_RATE,) * (clip.name in assumed) + clip.notes)) for clip in file.clips
+    ]
+    return replace(file, clips=clips, notes=(*told, *file.notes))
+
+
+def _some(clips: Sequence[MotionClip]) -> Sequence[MotionClip]:
+    """Return some clips of a file, from its first to its last."""
+    return clips[:: max(1, len(clips) // _EXAMINED)]
 
 
 def _rename(arrays: dict[str, np.ndarray]) -> None:

@@ -7,10 +7,14 @@ from plat.errors import MotionError
 from plat.motions.checks.flight import Flight
 from plat.motions.checks.tempo import Tempo
 from plat.motions.clip import MotionClip
-from plat.motions.formats.clock import StatedRate, contradiction
+from plat.motions.formats.clock import StatedRate, contradicting_name, contradiction
 from plat.robots.robot import Robot
 
-__all__ = ["Pace", "UnfitRateError", "settled_rate"]
+__all__ = ["Pace", "UnfitRateError", "rate_of_file", "settled_rate"]
+
+
+# A name says something against what a file states where the rates are so many times apart, and the motion fits one.
+_APART = 1.5
 
 
 class UnfitRateError(MotionError):
@@ -77,3 +81,37 @@ def settled_rate(rates: Sequence[StatedRate], clips: Sequence[MotionClip], robot
     ((rate, what),) = fitting.items()
     told = " and ".join(f"{rate:g} ({source})" for rate, source in rates)
     return rate, f"fps {rate:g} of {told}: the one that fits its {what}"
+
+
+def rate_of_file(
+    path: Path, rates: Sequence[StatedRate], clips: Sequence[MotionClip], robot: Robot
+) -> tuple[float, list[str]]:
+    """Return the frame rate of an archive or a pickle, and a note where it states several or its name another.
+
+    The motion decides where it can. Else what a file itself states beats its name.
+
+    Args:
+        path: of the file.
+        rates: that it states, at least one.
+        clips: of the file, whose frame rate is not looked at.
+        robot: whose motions they are.
+
+    Raises:
+        MotionError: naming the rates, where the file itself states several and the motion does not decide.
+    """
+    (rate, source), *others = rates
+    if source == "--fps":
+        return rate, []
+    named = contradicting_name(path, rates)
+    if not others and not named:
+        return rate, [] if source.startswith("'") else [f"fps from {source}"]
+    far = [other for other in named if not 1 / _APART < other[0] / rate < _APART]
+    try:
+        rate, told = settled_rate([*rates, *far], clips, robot)
+    except MotionError:
+        if others:
+            raise
+        far = []
+    if not others and not far:
+        told = f"fps {rate:g} ({source}), though the file name says {named[0][0]:g}"
+    return rate, [told]

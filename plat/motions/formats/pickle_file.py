@@ -10,13 +10,13 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.motions.clip import MotionClip
-from plat.motions.formats.clock import StatedRate, rates_of_fields
+from plat.motions.formats.clock import StatedRate, distinct_rates, rate_fields, rates_of_fields, stated_rates
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, strings
 from plat.motions.formats.decompress import check_numbers, decompress
 from plat.motions.formats.foreign import refuse_human_body
 from plat.motions.formats.joint_orders import JointOrderError, in_robot_order
 from plat.motions.formats.names import array_meaning
-from plat.motions.formats.pace import settled_rate
+from plat.motions.formats.pace import rate_of_file
 from plat.motions.formats.quaternion_order import settle_joint_order, settle_quat_order
 from plat.motions.formats.unnamed_joints import unnamed_joints, without_wrists
 from plat.motions.formats.unpickle import PickledArray, unpickle
@@ -58,18 +58,18 @@ def read_fields(path: Path, content: Any, options: ReadOptions, packed: int, siz
     Raises:
         MotionError: when it holds something else, or claims more than there is.
     """
-    if isinstance(content, PickledArray):
+    if isinstance(content, PickledArray) or (isinstance(content, list) and content and isinstance(content[0], list)):
         content = {"qpos": content}
     if isinstance(content, list) and content and all(isinstance(fields, dict) for fields in content):
         content = {f"{path.stem}_{number}": fields for number, fields in enumerate(content)}
     if not isinstance(content, dict) or not content:
         raise MotionError(f"it holds a {type(content).__name__}, expected a dictionary of a motion or of motions")
     refuse_human_body([name for name in content if isinstance(name, str)])
-    single = any(name in content for name in (*_JOINT_POS, "qpos", _FRAMES)) or any(
+    single = any(name in content for name in (*_JOINT_POS, *_ROOT_POS, *_ROOT_QUAT, "qpos", _FRAMES)) or any(
         isinstance(name, str) and array_meaning(name) == "joint_pos" and not isinstance(fields, dict)
         for name, fields in content.items()
     )
-    motions = {path.stem: content} if single else content
+    motions = {path.stem: content} if single else _with_what_holds_for_all(content)
     if len(motions) > _FEW + packed // _LEAST_BYTES:
         raise MotionError(f"it names {len(motions)} motions, expected at least {_LEAST_BYTES} bytes for each")
     read: dict[Any, _Motion] = {}
@@ -90,7 +90,8 @@ def read_fields(path: Path, content: Any, options: ReadOptions, packed: int, siz
         numbers += sum(map(_count, fields.values()))
         check_numbers(numbers, packed)
         with naming(name):
-            read[name] = _Motion.of(str(name), fields, options)
+            refuse_human_body([field for field in fields if isinstance(field, str)])
+            read[name] = _Motion.of(path, str(name), fields, options)
     layouts = _layouts(read, naming)
     clips, orders = [], set[str]()
     for name, motion in read.items():
@@ -102,7 +103,8 @@ def read_fields(path: Path, content: Any, options: ReadOptions, packed: int, siz
         clips.append(clip)
         orders.add(order)
     kind = next(kind for kind, field in _KINDS.items() if any(field in fields for fields in (*motions.values(), [""])))
-    return MotionFile(path, kind, clips, (f"quaternion {'/'.join(sorted(orders))}",))
+    unheard = () if any(motion.options is options for motion in read.values()) else ("quat_order",)
+    return MotionFile(path, kind, clips, (f"quaternion {'/'.join(sorted(orders))}",), unheard)
 
 
 @dataclass(frozen=True)
@@ -118,6 +120,7 @@ class _Motion:
     """One motion of a file, as it is written there.
 
     Attributes:
+        path: of the file.
         name: of the clip.
         root_pos: ``[T, 3]``.
         root_quat: ``[T, 4]``, in the order ``stated``.
@@ -128,6 +131,7 @@ class _Motion:
         options: what the user says.
     """
 
+    path: Path
     name: str
     root_pos: np.ndarray
     root_quat: np.ndarray
@@ -138,13 +142,16 @@ class _Motion:
     options: ReadOptions
 
     @classmethod
-    def of(cls, name: str, fields: dict[str, Any], options: ReadOptions) -> "_Motion":
-        fields, usual = _with_parts(_renamed(fields))
+    def of(cls, path: Path, name: str, fields: dict[str, Any], options: ReadOptions) -> "_Motion":
+        fields = _renamed(fields)
+        if _of_rotation_vectors(fields):  # whose quaternion is made here
+            options = replace(options, quat_order=None)
+        fields, usual = _with_parts(fields)
         root_pos, root_quat, joint_pos = (_array(fields, names) for names in (_ROOT_POS, _ROOT_QUAT, _JOINT_POS))
         listed = next((_unwrap(fields[key]) for key in _NAMES if key in fields), None)
         names = None if listed is None else strings(listed, "joint_names")
-        rates = _rates(fields) if options.fps is None else [(options.fps, "--fps")]
-        return cls(name, root_pos, root_quat, joint_pos, names, rates, options.quat_order or usual, options)
+        rates = _rates(path, fields) if options.fps is None else [(options.fps, "--fps")]
+        return cls(path, name, root_pos, root_quat, joint_pos, names, rates, options.quat_order or usual, options)
 
     def layout(self) -> _Layout | None:
         """Return what the joints without names are by the poses they make; None where names or their number say it.
@@ -182,10 +189,8 @@ class _Motion:
                 in_file[:, 3:7] = clip.qpos[:, [4, 5, 6, 3]]
             order, doubts = settle_quat_order(in_file, clip.fps, self.options.soles, order)
             clip = self._read(joint_pos, order, (*doubts, *notes)) if doubts else clip
-        if len(self.rates) > 1:
-            fps, told = settled_rate(self.rates, [clip], robot)
-            clip = replace(clip, fps=fps, notes=(*clip.notes, told))
-        return clip, order
+        fps, told = rate_of_file(self.path, self.rates, [clip], robot)
+        return replace(clip, fps=fps, notes=(*clip.notes, *told)), order
 
     def _read(self, joint_pos: np.ndarray, order: QuatOrder, notes: tuple[str, ...] = ()) -> MotionClip:
         fps, called = self.rates[0][0], ("/".join(_ROOT_POS), "/".join(_ROOT_QUAT))
@@ -234,7 +239,7 @@ def _renamed(fields: dict[str, Any]) -> dict[str, Any]:
 
 def _with_parts(fields: dict[str, Any]) -> tuple[dict[str, Any], QuatOrder]:
     """Return the fields of a motion with ``qpos`` taken apart, and the order that its quaternion usually has."""
-    qpos = _unwrap(fields.get("qpos"))
+    qpos = _array(fields, ("qpos",)) if isinstance(fields.get("qpos"), list) else _unwrap(fields.get("qpos"))
     if isinstance(qpos, np.ndarray) and qpos.ndim == 2 and qpos.shape[1] > 7:
         parts = {"root_pos": qpos[:, :3], "root_rot": qpos[:, 3:7], "dof_pos": qpos[:, 7:]}
         return {**fields, **parts}, "wxyz"
@@ -249,6 +254,11 @@ def _with_parts(fields: dict[str, Any]) -> tuple[dict[str, Any], QuatOrder]:
     return fields, "xyzw" if "root_rot" in fields else "wxyz"
 
 
+def _of_rotation_vectors(fields: Mapping[Any, Any]) -> bool:
+    """Return whether the fields of a motion are those of MimicKit."""
+    return _FRAMES in fields and "qpos" not in fields and not any(name in fields for name in _JOINT_POS)
+
+
 def _count(value: Any) -> int:
     """Return how many numbers an array has, or a list of equal rows would make."""
     value = _unwrap(value)
@@ -257,8 +267,26 @@ def _count(value: Any) -> int:
     return value.size if isinstance(value, np.ndarray) else 0
 
 
-def _rates(fields: dict[str, Any]) -> list[StatedRate]:
+def _with_what_holds_for_all(content: dict[Any, Any]) -> dict[Any, Any]:
+    """Return the motions of a file by name, each with the rate and the names of joints that stand beside them."""
+    names = [name for name in _NAMES if name in content and not isinstance(content[name], dict)]
+    beside = {name for name, value in content.items() if name in names or _is_single(value)}
+    motions = {name: value for name, value in content.items() if name not in beside}
+    if not motions or not all(isinstance(fields, dict) for fields in motions.values()):
+        return content
+    named, rates = {name: content[name] for name in names}, {name: content[name] for name in rate_fields(beside)}
+    return {name: {**named, **({} if rate_fields(fields) else rates), **fields} for name, fields in motions.items()}
+
+
+def _is_single(value: Any) -> bool:
+    """Return whether a value is one number or text."""
+    value = _unwrap(value)
+    return value.size == 1 if isinstance(value, np.ndarray) else isinstance(value, (str, int, float, type(None)))
+
+
+def _rates(path: Path, fields: dict[str, Any]) -> list[StatedRate]:
     rates = rates_of_fields({name: _unwrap(value) for name, value in fields.items()})
+    rates = rates or distinct_rates(stated_rates(path, []))
     if not rates:
         raise MotionError("no field 'fps', expected the frames a second (or state them: --fps)")
     return rates

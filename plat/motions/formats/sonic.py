@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from plat.errors import MotionError
+from plat.motions.formats.clock import contradiction, distinct_rates, stated_rates
 from plat.motions.formats.common import MotionFile, ReadOptions
 from plat.motions.formats.joint_orders import breadth_first
 from plat.motions.formats.table import read_table
@@ -44,7 +45,8 @@ def read_sonic(path: Path, options: ReadOptions) -> MotionFile:
     Raises:
         MotionError: when the tables do not fit together.
     """
-    joints = read_table(path).values
+    table = read_table(path)
+    joints = table.values
     arrays = {"joint_pos": joints}
     for beside, (name, width) in _BODIES.items():
         values = read_table(path.with_name(beside)).values
@@ -57,7 +59,14 @@ def read_sonic(path: Path, options: ReadOptions) -> MotionFile:
     if len(arrays["body_pos_w"][0]) == 1:  # the root alone, which says nothing about joints
         arrays["root_pos"], arrays["root_quat"] = (arrays.pop(name)[:, 0] for name, _ in _BODIES.values())
     names = breadth_first(options.robot)
-    file = read_tracker(path, arrays, _FPS if options.fps is None else options.fps, names, options)
-    notes = (*(() if options.fps is not None else ("fps as SONIC has it",)), *file.notes)
+    fps, told = _FPS, ["fps as SONIC has it"]
+    if options.fps is not None:
+        fps, told = options.fps, []
+    elif rates := distinct_rates(stated_rates(path, table.comments)):
+        if len(rates) > 1:
+            raise contradiction(rates)
+        fps, told = rates[0][0], [f"fps from {rates[0][1]}"]
+    file = read_tracker(path, arrays, fps, names, options)
+    notes = (*told, *file.notes)
     clips = [replace(clip, name=path.resolve().parent.name) for clip in file.clips]
     return MotionFile(path, "SONIC csv", clips, notes)

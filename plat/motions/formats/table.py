@@ -1,8 +1,10 @@
 """Tables of numbers in whatever dialect they were written."""
 
+import csv
 import math
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 
@@ -15,12 +17,17 @@ __all__ = ["Table", "read_table"]
 
 _SEPARATORS = (",", ";", "\t", "|", None)  # None: any white space
 _COMMENTS = ("#", "//", "%")
+_BEFORE_COMMENTS = " \t\"'"  # Excel puts cells with a separator into quotes
+_SEPARATING = ' \t,;|"'
 _MISSING = ("", "-")
 # Rows of names before the numbers, at most: a title, names in two rows, units.
 _HEADER_ROWS = 4
 # What is said before a table in so few cells is no row of it: a title, or a frame rate.
 _FEW_CELLS = 4
 _WHOLE = re.compile(r"[+-]?\d*(?:e[+-]?\d+)?", re.IGNORECASE)
+# hours, minutes, seconds and frames
+_TIMECODE = re.compile(r"(\d+):(\d\d):(\d\d)[:;](\d\d)")
+_DECIMAL_COMMA = re.compile(r"(?<=\d),(?=\d)")
 # the line with which Excel is told what separates cells
 _EXCEL = re.compile(r"sep=(.)\W*$", re.IGNORECASE)
 _UNITS = frozenset(
@@ -36,11 +43,13 @@ class Table:
         header: a name a column, or none at all.
         values: ``[T, columns]``.
         comments: lines that the file marks as such, without the mark.
+        empty: columns with an empty cell, each with the row of the file that has the first; NaN stands in ``values``.
     """
 
     header: list[str]
     values: np.ndarray
     comments: list[str]
+    empty: Mapping[int, int] = field(default_factory=dict)
 
 
 def read_table(path: Path) -> Table:
@@ -55,10 +64,11 @@ def read_table(path: Path) -> Table:
     """
     lines, comments = [], []
     for number, line in enumerate(decoded(path.read_bytes()).splitlines(), start=1):
-        mark = next((mark for mark in _COMMENTS if line.lstrip().startswith(mark)), None)
+        text = line.lstrip(_BEFORE_COMMENTS)
+        mark = next((mark for mark in _COMMENTS if text.startswith(mark)), None)
         if mark is not None:
-            comments.append(line.lstrip().removeprefix(mark).strip(" \t#"))
-        elif line.strip():
+            comments.append(text.removeprefix(mark).strip(" \t#"))
+        elif line.strip(_SEPARATING):  # Excel leaves rows of separators alone
             lines.append((number, line))
     if not lines:
         raise MotionError("no rows of numbers, expected one a frame")
@@ -69,6 +79,8 @@ def read_table(path: Path) -> Table:
         separator = _separator([line for _, line in lines])
     rows = [(number, _cells(line, separator)) for number, line in lines]
     comments += _take_lines_before(rows)
+    if separator != "," and _DECIMAL_COMMA.search(lines[-1][1]):
+        comments = [_DECIMAL_COMMA.sub(".", comment) for comment in comments]
     header = _take_header(rows)
     if not rows:
         raise MotionError("no rows of numbers, expected one a frame")
@@ -92,7 +104,8 @@ def read_table(path: Path) -> Table:
         if len(row) != width:
             raise MotionError(f"row {number} has {len(row)} columns, row {rows[0][0]} has {width}")
     header, rows = _without_texts(header, rows)
-    return Table(header, _numbers(rows), comments)
+    empty: dict[int, int] = {}
+    return Table(header, _numbers(header, rows, empty), comments, empty)
 
 
 def _separator(lines: list[str]) -> str | None:
@@ -115,8 +128,11 @@ def _cells(line: str, separator: str | None) -> list[str]:
     line = line.strip(" \r\n")
     if line[:1] in ("[", "("):  # a row as Python prints it
         line = line.strip("[](), ")
-    cells = [cell.strip(" \t\"'") for cell in line.split(separator)]
-    if separator != ",":
+    split = line.split(separator)
+    if separator is not None and '"' in line:
+        split = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+    cells = [cell.strip(" \t\"'") for cell in split]
+    if separator != "," or '"' in line:
         cells = [re.sub(r"^([+-]?\d+),(\d*)", r"\1.\2", cell) for cell in cells]
     return cells
 
@@ -126,13 +142,18 @@ def _take_lines_before(rows: list[tuple[int, list[str]]]) -> list[str]:
     count = 0
     width = len(rows[-1][1])
     while count < min(_HEADER_ROWS, len(rows) - 1):
-        row = rows[count][1]
+        row = _without_padding(rows[count][1])
         if len(row) > min(_FEW_CELLS, width // 4) or all(map(_is_number, row)):
             break
         count += 1
-    told = [" ".join(row) for _, row in rows[:count]]
+    told = [" ".join(_without_padding(row)) for _, row in rows[:count]]
     del rows[:count]
     return told
+
+
+def _without_padding(row: list[str]) -> list[str]:
+    """Return the cells of a row up to the last that is not empty: Excel makes all rows of one width."""
+    return row[: max((n for n, cell in enumerate(row, start=1) if cell), default=0)]
 
 
 def _take_header(rows: list[tuple[int, list[str]]]) -> list[str]:
@@ -193,10 +214,10 @@ def _counts(row: list[str]) -> bool:
 def _without_texts(
     header: list[str], rows: list[tuple[int, list[str]]]
 ) -> tuple[list[str], list[tuple[int, list[str]]]]:
-    """Return the table with seconds for dates with times, and without named columns of one text.
+    """Return the table with seconds for dates with times, and without named columns of one text or one a row.
 
     Raises:
-        MotionError: for a named column of several texts.
+        MotionError: for a named column of several texts that may be motions.
     """
     texts = [column for column, cell in enumerate(rows[0][1]) if cell not in _MISSING and not _is_number(cell)]
     for column in texts:
@@ -209,7 +230,8 @@ def _without_texts(
         cells = [row[column] for _, row in rows]
         if any(map(_is_number, cells)):
             continue
-        if (other := next((cell for cell in cells if cell != cells[0]), None)) is not None:
+        other = next((cell for cell in cells if cell != cells[0]), None)
+        if other is not None and len(set(cells)) < len(cells):
             raise MotionError(
                 f"column {column + 1} ({header[column]!r:.40}) holds texts, {cells[0]!r:.40} and {other!r:.40}: are "
                 "these several motions? Write a file for each, or leave the column out"
@@ -224,6 +246,9 @@ def _without_texts(
 
 def _seconds(cells: list[str]) -> list[float] | None:
     """Return the seconds of dates with times, or times of a day, since the first, or None for what is none."""
+    codes = [_TIMECODE.fullmatch(cell) for cell in cells]
+    if all(codes):
+        return _seconds_of_timecodes([tuple(map(int, code.groups())) for code in codes if code])
     for day in ("", "2000-01-01 "):
         try:
             times = [datetime.fromisoformat(f"{day}{cell}") for cell in cells]
@@ -233,15 +258,32 @@ def _seconds(cells: list[str]) -> list[float] | None:
     return None
 
 
-def _numbers(rows: list[tuple[int, list[str]]]) -> np.ndarray:
+def _seconds_of_timecodes(codes: Sequence[tuple[int, ...]]) -> list[float]:
+    """Return the seconds since the first of hours, minutes, seconds and frames; the frames alone within one second."""
+    seconds = [3600 * hours + 60 * minutes + second for hours, minutes, second, _ in codes]
+    frames = [code[-1] for code in codes]
+    if len(set(seconds)) == 1:
+        return [float(frame - frames[0]) for frame in frames]
+    rate = 1 + max(frames)
+    return [second - seconds[0] + (frame - frames[0]) / rate for second, frame in zip(seconds, frames, strict=True)]
+
+
+def _numbers(header: list[str], rows: list[tuple[int, list[str]]], empty: dict[int, int]) -> np.ndarray:
+    """Return the numbers of rows; ``empty`` is given the named columns with empty cells, which become NaN."""
     try:
         return np.array([row for _, row in rows], dtype=np.float64)
     except ValueError:
         pass
     for number, row in rows:
         for column, cell in enumerate(row, start=1):
-            if not _is_number(cell):
-                raise MotionError(f"row {number}, column {column}: {cell!r:.40} is not a number")
+            if header and cell in _MISSING:
+                row[column - 1] = "nan"
+                empty.setdefault(column - 1, number)
+            elif not _is_number(cell):
+                told = f": {cell!r:.40} is not a number" if cell else " is empty, expected a number"
+                raise MotionError(f"row {number}, column {column}{told}")
+    if header:
+        return np.array([row for _, row in rows], dtype=np.float64)
     raise MotionError("a cell is not a number")
 
 

@@ -103,6 +103,8 @@ class _Machine:
     def run(self) -> Any:
         for opcode, argument, _ in pickletools.genops(self._file):
             if opcode.name == "STOP":
+                if self._file.read().strip(b"\0\r\n "):
+                    raise MotionError("it goes on behind its first object, expected one: a dictionary of all motions")
                 return self._stack.pop()
             self._do(opcode.name, argument)
         raise MotionError("it ends too early")

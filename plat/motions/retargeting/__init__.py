@@ -10,7 +10,14 @@ if TYPE_CHECKING:
     from plat.motions.retargeting.bvh import read_bvh
     from plat.motions.retargeting.mocap import Mocap
     from plat.motions.retargeting.options import SolverOptions
-    from plat.motions.retargeting.retarget import MOCAP_READERS, Retargeted, bvh_paths, retarget, retarget_all
+    from plat.motions.retargeting.retarget import (
+        MOCAP_READERS,
+        Retargeted,
+        bvh_paths,
+        read_capture,
+        retarget,
+        retarget_all,
+    )
     from plat.motions.retargeting.skeletons import SkeletonMap, load_map, save_map
     from plat.motions.split import split_of
 else:
@@ -29,6 +36,7 @@ __all__ = [
     "load_map",
     "read_amc",
     "read_bvh",
+    "read_capture",
     "retarget",
     "retarget_all",
     "save_map",

@@ -12,7 +12,8 @@ import numpy as np
 from plat.errors import MotionError
 from plat.files import decoded
 from plat.motions.formats.clock import numbering_fault
-from plat.motions.formats.rate import rates_in_name
+from plat.motions.formats.foreign import refuse_foreign
+from plat.motions.formats.rate import RATES, rates_in_name
 from plat.motions.formats.units import Angles
 from plat.motions.retargeting.mocap import LARGEST_RADIANS, Mocap, check_extent, may_be_radians, reads_better
 from plat.rotations_np import axis_rotation
@@ -21,10 +22,8 @@ __all__ = ["find_asf", "read_amc", "skeletons_beside"]
 
 # of CMU and HDM05; the files do not say it
 _USUAL_FPS = 120.0
-# HDM05 ends its names in the rate
-_RATE_LAST = re.compile(r"_(30|60|120|240)$")
-# CMU's names are subject and trial: 16_30 is no rate
-_OF_CMU = re.compile(r"\d+_\d+")
+# HDM05 ends its names in take and rate; of CMU's, subject and trial, 14_60 is no rate
+_OF_HDM05 = re.compile(r"HDM.*_\d{2,3}_(\d+)", re.IGNORECASE)
 # what a value of a frame may move: along or about an axis, or a bone's length, which is left as it is
 _FREEDOM = frozenset(("tx", "ty", "tz", "rx", "ry", "rz", "l"))
 
@@ -109,8 +108,12 @@ def read_amc(path: str | Path, fps: float | None = None, angles: Angles | None =
         notes.append(f"angles in {'radians' if told else 'degrees'} and not as stated, as the motion shows")
         told = not told
     if fps is None:
-        last = [] if _OF_CMU.fullmatch(path.stem) else _RATE_LAST.findall(path.stem)
-        stated = rates_in_name(path.stem) or list(map(float, last))
+        last = _OF_HDM05.fullmatch(path.stem)
+        try:
+            stated = rates_in_name(path.stem)
+        except MotionError as error:
+            raise MotionError(f"AMC file {str(path)!r}: {error}") from None
+        stated = stated or ([float(last[1])] if last and float(last[1]) in RATES else [])
         fps = stated[-1] if stated else _USUAL_FPS / step
         of_all = f" {_USUAL_FPS:g} and frames are numbered in steps of {step}" if step > 1 else ""
         notes.append(
@@ -126,6 +129,10 @@ def _lines(path: Path, kind: str) -> Iterator[tuple[int, list[str]]]:
         data = path.read_bytes()
     except OSError as error:
         raise MotionError(f"{kind} file {str(path)!r}: cannot be read ({error})") from error
+    try:
+        refuse_foreign(data[:64], path.suffix.lower())
+    except MotionError as error:
+        raise MotionError(f"{kind} file {str(path)!r}: {error}") from None
     for number, line in enumerate(decoded(data).splitlines(), 1):
         words = line.split("#", 1)[0].replace("(", " ").replace(")", " ").split()
         if words:

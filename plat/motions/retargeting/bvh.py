@@ -17,6 +17,8 @@ from plat.rotations_np import axis_rotation
 
 __all__ = ["read_bvh"]
 
+_DECIMAL_POINT = re.compile(r"\d\.\d")
+_DECIMAL_COMMA = re.compile(r"(?<=\d),(?=\d)")
 _CHANNELS = ("xposition", "yposition", "zposition", "xrotation", "yrotation", "zrotation")
 
 
@@ -70,19 +72,29 @@ def read_bvh(path: str | Path, fps: float | None = None, angles: Angles | None =
         data = Path(path).read_bytes()
     except OSError as error:
         raise MotionError(f"BVH file {str(path)!r}: cannot be read ({error})") from error
-    text = decoded(data)
+    text, told = _with_points(decoded(data))
     lines = _Lines(path, text)
     joints = _hierarchy(lines)
     values, seconds, notes = _motion(lines, sum(len(joint.channels) for joint in joints), timed=fps is None)
     rate = fps or checked_rate(path, seconds)
     check_extent(f"BVH file {str(path)!r}", len(joints), len(values), len(text))
-    positions, rotations, told = _settled(joints, values, angles)
-    notes = (*notes, *told)
+    positions, rotations, of_angles = _settled(joints, values, angles)
+    notes = (*told, *notes, *of_angles)
     names, parents = zip(*((joint.name, joint.parent) for joint in joints), strict=True)
     rest = np.zeros((len(joints), 3))
     for joint in joints:
         rest[joint.index] = np.add(joint.offset, rest[joint.parent] if joint.parent >= 0 else 0.0)
     return Mocap(names, parents, positions, rotations, rate, rest, notes)
+
+
+def _with_points(text: str) -> tuple[str, tuple[str, ...]]:
+    """Return a text with points for decimal commas, as programs of some countries write them, and a note on that.
+
+    A comma among points is no such thing.
+    """
+    if _DECIMAL_COMMA.search(text) and not _DECIMAL_POINT.search(text):
+        return _DECIMAL_COMMA.sub(".", text), ("decimal commas",)
+    return text, ()
 
 
 class _Lines:
@@ -188,7 +200,7 @@ def _motion(lines: _Lines, width: int, timed: bool) -> tuple[np.ndarray, float, 
     told = re.fullmatch(r"frames\s*:\s*(\d+)", " ".join(lines.take("'Frames:'")), re.IGNORECASE)
     if not told or int(told[1]) < 1:
         raise lines.wrong("'Frames:' and a positive number")
-    row = re.fullmatch(r"frame\s*time\s*:\s*(\S+)", " ".join(lines.take("'Frame Time:'")), re.IGNORECASE)
+    row = re.fullmatch(r"frame\s*time\s*:\s*(\S+)(?: s)?", " ".join(lines.take("'Frame Time:'")), re.IGNORECASE)
     seconds, expected = 0.0, "'Frame Time:' and positive seconds (or state the rate: --fps)"
     if timed or not row:
         seconds = lines.numbers([row[1]] if row else [], 1, expected)[0]

@@ -7,8 +7,10 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.motions.formats.archive import archive_shapes, read_archive, states_rate, take_rate
+from plat.motions.formats.clock import stated_rates
 from plat.motions.formats.common import strings
 from plat.motions.formats.kimodo import KIMODO_FPS
+from plat.motions.formats.npz_file import ALIASES
 from plat.motions.retargeting.mocap import Mocap
 from plat.motions.retargeting.skeletons import ROLES
 
@@ -28,7 +30,7 @@ _PLACES = (
 )
 _NAMES = ("joint_names", "joints_names", "names")
 # arrays that make an archive one of a robot
-_ROBOT = ("qpos", "joint_pos", "dof_pos", "dof_positions", "robot_joint_pos")
+_ROBOT = {"qpos", "joint_pos", *(name for name, known in ALIASES.items() if known == "joint_pos")} - {*_PLACES}
 
 _ARM, _LEG, _CORE_LEG = (
     ("Shoulder", "Arm", "ForeArm", "Hand"),
@@ -80,7 +82,7 @@ _LAYOUTS: dict[int, _Layout] = {
 def holds_human_joints(path: Path) -> bool:
     """Return whether an ``.npz`` holds joint positions of a human, and no motion of a robot."""
     shapes = archive_shapes(path)
-    return not set(_ROBOT) & set(shapes) and _places(shapes) is not None
+    return not _ROBOT & set(shapes) and _places(shapes) is not None
 
 
 def read_joint_file(path: str | Path, fps: float | None = None) -> Mocap:
@@ -103,10 +105,11 @@ def read_joint_file(path: str | Path, fps: float | None = None) -> Mocap:
         if name is None:
             raise MotionError(f"no joint positions of a human, expected {' or '.join(_PLACES)} of (frames, joints, 3)")
         notes = []
-        if name == _KIMODO and fps is None and not states_rate(arrays):
+        if name == _KIMODO and fps is None and not states_rate(arrays) and not stated_rates(Path(path), []):
             arrays["fps"] = np.array(KIMODO_FPS)
             notes.append("fps as Kimodo writes it")
-        rate = take_rate(arrays, fps)
+        rate, source = take_rate(arrays, fps, Path(path))
+        notes += [] if source.startswith(("'", "--")) else [f"fps from {source}"]
         places = arrays[name].astype(np.float64)
         if not np.isfinite(places).all():
             raise MotionError(f"{name!r} holds a value that is not finite")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from plat.errors import MotionError
 from plat.motions.formats import MotionFile, ReadOptions
-from plat.motions.retargeting.retarget import retarget
+from plat.motions.retargeting.retarget import TURNED, retarget
 
 __all__ = ["read_human_motion"]
 
@@ -24,4 +24,5 @@ def read_human_motion(path: Path, options: ReadOptions) -> MotionFile:
         told = str(error).removeprefix(f"{path.suffix[1:].upper()} file {str(path)!r}").lstrip(":, ")
         raise MotionError(told) from None
     kind = f"human {path.suffix[1:].upper()}, retargeted"
-    return MotionFile(path, kind, [made.clip], (f"{100 * made.error:.1f} cm off its targets",))
+    unheard = ("quat_order",) if path.suffix.lower() in TURNED else ("quat_order", "angles")
+    return MotionFile(path, kind, [made.clip], (f"{100 * made.error:.1f} cm off its targets",), unheard)

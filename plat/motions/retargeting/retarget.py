@@ -17,7 +17,9 @@ from plat.errors import ConfigError, MotionError
 from plat.motions.checks.underside import Underside
 from plat.motions.clip import MotionClip
 from plat.motions.formats.axes import Up
+from plat.motions.formats.clock import contradicting_name
 from plat.motions.formats.common import FrameRate
+from plat.motions.formats.foreign import refuse_foreign
 from plat.motions.formats.units import Angles
 from plat.motions.paths import find_files, listed_paths
 from plat.motions.retargeting.asf import read_amc
@@ -26,7 +28,7 @@ from plat.motions.retargeting.bvh import read_bvh
 from plat.motions.retargeting.geometry import TRACKED, RobotGeometry
 from plat.motions.retargeting.human import read_human
 from plat.motions.retargeting.joint_file import holds_human_joints, read_joint_file
-from plat.motions.retargeting.mocap import Mocap
+from plat.motions.retargeting.mocap import FPS, Mocap
 from plat.motions.retargeting.options import SolverOptions
 from plat.motions.retargeting.poselib import holds_poselib, read_poselib
 from plat.motions.retargeting.skeletons import UNITS, SkeletonMap
@@ -38,7 +40,7 @@ from plat.rotations import quat_rotate
 if TYPE_CHECKING:
     from plat.motions.retargeting.targets import Targets
 
-__all__ = ["MOCAP_READERS", "Retargeted", "bvh_paths", "retarget", "retarget_all"]
+__all__ = ["MOCAP_READERS", "TURNED", "Retargeted", "bvh_paths", "read_capture", "retarget", "retarget_all"]
 
 MOCAP_READERS: dict[str, Callable[..., Mocap]] = {
     ".bvh": read_bvh,
@@ -51,8 +53,8 @@ MOCAP_READERS: dict[str, Callable[..., Mocap]] = {
 # endings that files of robots have as well, and what tells those of humans
 _HUMAN: dict[str, Callable[[Path], bool]] = {".npz": holds_human_joints, ".npy": holds_poselib}
 
-# those that hold angles
-_TURNED = (".bvh", ".amc")
+TURNED = (".bvh", ".amc")
+"""Endings of those that hold angles."""
 
 # Files that a process must have to itself to be worth the seconds in which it starts.
 _FILES_PER_WORKER = 16
@@ -96,7 +98,7 @@ def bvh_paths(patterns: Sequence[str | Path], told: list[str] | None = None) -> 
     """
     listed = listed_paths(patterns)
     found = find_files(patterns, MOCAP_READERS, told=told)
-    paths = [path for path in found if path in listed or _HUMAN.get(path.suffix.lower(), Path.is_file)(path)]
+    paths = [path for path in found if path in listed or _may_be_human(path)]
     if found and not paths:
         raise MotionError(
             f"motion capture files: none of {len(found)} found, such as {str(found[0])!r}, holds a human's motion; "
@@ -105,6 +107,69 @@ def bvh_paths(patterns: Sequence[str | Path], told: list[str] | None = None) -> 
     if not paths:
         raise MotionError("motion capture files: none given, expected files, folders or globs")
     return paths
+
+
+def _may_be_human(path: Path) -> bool:
+    """Return whether a file holds a human's motion, or stands in for one that is not there."""
+    ending = path.suffix.lower()
+    if ending not in _HUMAN:
+        return True
+    try:
+        _refuse_foreign(path)
+    except (MotionError, OSError):  # its error is told when it is read
+        return True
+    return _HUMAN[ending](path)
+
+
+def _refuse_foreign(path: Path) -> None:
+    with path.open("rb") as file:
+        refuse_foreign(file.read(64), path.suffix.lower())
+
+
+def read_capture(path: str | Path, fps: float | None = None, angles: Angles | None = None) -> Mocap:
+    """Read a file of motion capture by its ending.
+
+    Args:
+        path: the file.
+        fps: frames a second, where what it states is wrong.
+        angles: unit of the angles of a ``.bvh`` or ``.amc``, the same way.
+
+    Raises:
+        MotionError: naming the file, when it cannot be read, holds no frames, or states a rate that no capture has.
+    """
+    path = Path(path)
+    ending, where = path.suffix.lower(), _where(path)
+    if ending not in MOCAP_READERS:
+        raise MotionError(f"{where}: not a motion capture file, expected one of {', '.join(MOCAP_READERS)}")
+    try:
+        _refuse_foreign(path)
+    except MotionError as error:
+        raise MotionError(f"{where}: {error}") from None
+    except OSError as error:
+        raise MotionError(f"{where}: cannot be read ({error.strerror or error})") from error
+    try:
+        mocap = MOCAP_READERS[ending](path, fps, *([angles] if ending in TURNED else []))
+    except MotionError:
+        raise
+    except Exception as error:  # whatever a parser stumbles over: the file is broken
+        raise MotionError(f"{where}: not a readable {ending} file ({error})") from error
+    if not len(mocap.positions):
+        raise MotionError(f"{where}: 0 frames, expected at least 2")
+    if fps is not None:
+        return mocap
+    if not FPS[0] <= mocap.fps <= FPS[1]:
+        raise MotionError(
+            f"{where}: it states {mocap.fps:.3g} frames a second, expected {FPS[0]:g} to {FPS[1]:g}; state it: --fps"
+        )
+    named = contradicting_name(path, [(mocap.fps, "it states")])
+    told = [
+        f"{mocap.fps:g} fps as it states, though the file name says {rate:g} (else: --fps)" for rate, _ in named[:1]
+    ]
+    return replace(mocap, notes=(*mocap.notes, *told))
+
+
+def _where(path: Path) -> str:
+    return f"{path.suffix[1:].upper() or 'Capture'} file {str(path)!r}"
 
 
 def retarget(
@@ -149,9 +214,8 @@ def retarget(
     except ConfigError as error:
         raise MotionError(f"stated of {str(path)!r}: {error}") from None
     began = time.perf_counter()
-    ending = Path(path).suffix.lower()
-    where = f"{ending[1:].upper()} file {str(path)!r}"
-    mocap = MOCAP_READERS[ending](path, fps, *([angles] if ending in _TURNED else []))
+    where = _where(Path(path))
+    mocap = read_capture(path, fps, angles)
     if len(mocap.positions) < 2:
         raise MotionError(f"{where}: 1 frame, expected at least 2")
     notes = []
@@ -227,6 +291,8 @@ def _attempt(
         return retarget(path, skeleton, robot, options, fps, up, units, angles)
     except MotionError as error:
         return error
+    except Exception as error:  # one file does not end the work on all
+        return MotionError(f"{_where(path)}: cannot be retargeted ({type(error).__name__}: {str(error)[:200]})")
 
 
 def _measured(clip: MotionClip, targets: "Targets", robot: Robot, geometry: RobotGeometry, began: float) -> Retargeted:

@@ -8,7 +8,7 @@ from plat.keyframes.splits import unit_doubt
 from plat.studio.autosave import AUTOSAVE, Autosave
 from plat.studio.desk import Task
 from plat.studio.folder import Folder
-from plat.studio.page import Page
+from plat.studio.page import Page, counted
 from plat.studio.timeline import Timeline
 
 __all__ = ["FilePanel"]
@@ -133,4 +133,4 @@ class FilePanel:
         keyframes = self._page.session.timeline.keyframes
         doubt = unit_doubt(keyframes)
         told, kind = (f"; {doubt}", "error") if doubt else ("", "good")
-        self._page.notify("Loaded", f"{name}: {len(keyframes)} keyframes{told}", kind)
+        self._page.notify("Loaded", f"{name}: {counted(len(keyframes), 'keyframe')}{told}", kind)

@@ -10,7 +10,7 @@ from plat.keyframes import Keyframe
 from plat.motions import MotionClip, MotionLibrary
 from plat.studio.desk import Task
 from plat.studio.library import LibraryPose, PoseLibrary
-from plat.studio.page import Page
+from plat.studio.page import Page, counted
 from plat.studio.poses import placed
 
 __all__ = ["MotionPanel"]
@@ -44,8 +44,8 @@ class MotionPanel:
         with gui.add_folder("Poses"):
             self._search = gui.add_text("Search", "", hint="Such as: left hand up, crouched, bent, stride, walk.")
             self._pose = gui.add_dropdown("Pose", (_NONE,))
-            page.when_changed(self._search, self._find)
-            page.when_changed(self._pose, self._choose_pose)
+            page.when_changed(self._search, lambda _: self._find())
+            page.when_changed(self._pose, lambda _: self._choose_pose())
         with gui.add_folder("Clips"):
             self._names = gui.add_dropdown("Clip", (_NONE,))
             self._time = gui.add_slider("Time (s)", min=0.0, max=1.0, step=timing.control_dt, initial_value=0.0)
@@ -62,7 +62,7 @@ class MotionPanel:
                 step=timing.control_dt,
             )
             page.button("Replace all keyframes", self._take_stretch)
-        page.when_changed(self._names, self._choose)
+        page.when_changed(self._names, lambda _: self._choose())
         for handle in (self._time, self._preview):
             page.when_changed(handle)
 
@@ -79,9 +79,8 @@ class MotionPanel:
         self._names.value = self._names.options[0]
         self._choose()
         self._find()
-        self._page.notify(
-            "Motions", f"{library.num_clips} clips, {library.duration:.0f} s, {len(poses.poses)} poses", "good"
-        )
+        clips, found = counted(library.num_clips, "clip"), counted(len(poses.poses), "pose")
+        self._page.notify("Motions", f"{clips}, {library.duration:.0f} s, {found}", "good")
 
     def _find(self) -> None:
         if self._poses is None:

@@ -36,15 +36,15 @@ class PlayPanel:
         )
         self._policies = gui.add_markdown("")
 
-    def _choose(self) -> None:
+    def _choose(self, policy: str) -> None:
         try:
-            self._playback.choose(self._policy.value)
+            self._playback.choose(policy)
         except PlatError:
             self._policy.value = self._playback.policy
             raise
 
-    def _set_beside(self) -> None:
-        self._playback.set_beside(None if self._beside.value == _ALONE else self._beside.value)
+    def _set_beside(self, policy: str) -> None:
+        self._playback.set_beside(None if policy == _ALONE else policy)
 
     def _compare(self) -> Task:
         timeline = self._page.session.timeline

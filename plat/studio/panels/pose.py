@@ -1,5 +1,6 @@
 """Panel of the selected pose: joint angles, root, and the handles to drag it by."""
 
+from functools import partial
 from math import ceil, floor
 from typing import Any
 
@@ -29,6 +30,7 @@ _HANDLE_COLOR, _CHOSEN_COLOR, _FREE_COLOR = (240, 140, 0), (28, 126, 214), (200,
 _CUSTOM = "what is pinned"
 _SIGHT = 15.0  # how far away the robot can be dragged (m)
 _REACH = 0.27  # length of the arrows (m)
+_DRAG = "drag"  # of what comes many times a second while something is dragged, only the last counts
 
 
 class PosePanel:
@@ -53,14 +55,14 @@ class PosePanel:
             initial_value="left hand",
             hint="Or drag a ball; a click shows its arrows.",
         )
-        page.when_changed(self._handle, lambda: self._choose(self._handle.value))
+        page.when_changed(self._handle, self._choose)
         self._options = {
             "one limb only": gui.add_checkbox("One limb only", initial_value=False, hint="Nothing else moves along."),
             "symmetric": gui.add_checkbox("Symmetric", initial_value=False, hint="The other side does the same."),
             "axes": gui.add_checkbox("World axes", initial_value=False, hint="Else those of the limb. Key: W"),
         }
-        for box in self._options.values():
-            page.when_changed(box, self._set_options)
+        for option, box in self._options.items():
+            page.when_changed(box, partial(self._set_option, option))
         self._commands = gui.add_dropdown(
             "Commands", (*PRESETS, _CUSTOM), hint="The rest is faint: the policy chooses it. Key P pins a handle."
         )
@@ -102,7 +104,7 @@ class PosePanel:
             disable_sliders=True,
             visible=False,
         )
-        self._pulled_from = self._pulled = np.zeros(3)
+        self._pulled_from = np.zeros(3)
         self._gizmo.on_update(self._dragged)
         self._ring.on_update(self._turned)
         self._dragging = False
@@ -112,28 +114,28 @@ class PosePanel:
         """Pin the chosen handle, or take out its pin."""
         self._page.session.pin(self._handle.value)
 
-    def _set_commands(self) -> None:
+    def _set_commands(self, name: str) -> None:
         session = self._page.session
-        if self._commands.value != _CUSTOM:
-            session.edit(session.timeline.commanding(preset(self._commands.value, session.robot)))
+        if name != _CUSTOM:
+            session.edit(session.timeline.commanding(preset(name, session.robot)))
 
     def _show_commands(self) -> frozenset[str]:
         """Show what is commanded; return the pinned handles."""
         session = self._page.session
-        _set(self._commands, "value", chosen(session.timeline.pose, session.robot) or _CUSTOM)
+        self._page.fill(self._commands, chosen(session.timeline.pose, session.robot) or _CUSTOM)
         return pinned(session.timeline.pose, session.robot)
 
     def toggle_axes(self) -> None:
         """Exchange the world's axes and the limb's."""
-        self._options["axes"].value = not self._options["axes"].value
+        self._set_option("axes", not self._world_axes)
+        self._options["axes"].value = self._world_axes
         self._arrows = True
-        self._set_options()
 
-    def _set_options(self) -> None:
-        session = self._page.session
-        session.limb_only = self._options["one limb only"].value
-        session.symmetric = self._options["symmetric"].value
-        self._world_axes = self._options["axes"].value
+    def _set_option(self, option: str, on: bool) -> None:
+        if option == "axes":
+            self._world_axes = on
+        else:
+            setattr(self._page.session, {"one limb only": "limb_only"}.get(option, option), on)
 
     def _choose(self, handle: str, arrows: bool = True) -> None:
         self._handle.value, self._joint, self._arrows = handle, None, arrows
@@ -158,7 +160,7 @@ class PosePanel:
             initial_value=0.0,
             hint=name,
         )
-        self._page.when_changed(slider, lambda: self._page.session.set_joint(joint, slider.value))
+        self._page.when_changed(slider, partial(self._page.session.set_joint, joint))
         return slider
 
     def _ball(self, world: str, name: str) -> viser.IcosphereHandle:
@@ -172,35 +174,36 @@ class PosePanel:
         async def clicked(_: viser.SceneNodePointerEvent[viser.IcosphereHandle]) -> None:
             self._page.desk.ask(choose)
 
-        tasks = {"start": lambda: self._grab_ball(name), "update": self._pull, "end": self._release}
-
         async def dragged(event: viser.SceneNodeDragEvent[viser.IcosphereHandle]) -> None:
             if event.phase == "start":
                 self._pulled_from = np.array(event.start_position)
             end = np.array(event.end_position)
             if name == WHOLE:
                 end = _on_level(end, event.client.camera.position, self._pulled_from[2])
-            self._pulled = end - self._pulled_from
-            self._page.desk.ask(tasks[event.phase], once=event.phase == "update")
+            pulled = end - self._pulled_from
+            tasks = {"start": lambda: self._grab_ball(name), "update": lambda: self._pull(pulled), "end": self._release}
+            self._page.desk.ask(tasks[event.phase], _DRAG if event.phase == "update" else None)
 
         ball.on_click(clicked)
         ball.on_drag(dragged)
         return ball
 
-    def _move(self) -> None:
+    def _move(self, position: tuple[float, float, float]) -> None:
         root = self._page.session.timeline.pose.qpos[:7]
-        shown = root[:3].round(_POSITION_DIGITS)
-        root[:3] += np.subtract(self._position.value, shown)  # what was not touched keeps all its digits
-        self._page.session.set_root(root, gesture="position")
+        moved = np.subtract(position, _shown_position(root))
+        root[:3] += moved  # what was not touched keeps all its digits
+        self._page.session.set_root(root, gesture=("position", *np.flatnonzero(moved)))
 
-    def _turn(self) -> None:
+    def _turn(self, angles: tuple[float, float, float]) -> None:
         root = self._page.session.timeline.pose.qpos[:7]
-        root[3:] = quat_from_heading_pitch_roll(np.radians(self._angles.value))
-        self._page.session.set_root(root, gesture="angles")
+        turned = np.subtract(angles, _shown_angles(root))
+        root[3:] = quat_from_heading_pitch_roll(np.radians(angles))
+        self._page.session.set_root(root, gesture=("angles", *np.flatnonzero(turned)))
 
     async def _dragged(self, event: viser.TransformControlsEvent) -> None:
-        tasks = {"start": self._grab, "update": self._drag, "end": self._release}
-        self._page.desk.ask(tasks[event.phase], once=event.phase == "update")
+        there = Frame(self._gizmo.position.copy(), self._gizmo.wxyz.copy())
+        tasks = {"start": self._grab, "update": lambda: self._drag(there), "end": self._release}
+        self._page.desk.ask(tasks[event.phase], _DRAG if event.phase == "update" else None)
 
     def _grab(self) -> None:
         held = {"feet": ("left foot", "right foot"), "pelvis": ("pelvis",), "hands": ("left hand", "right hand")}
@@ -213,8 +216,8 @@ class PosePanel:
         )
         self._dragging = True
 
-    def _drag(self) -> None:
-        pos, quat = self._gizmo.position.copy(), self._gizmo.wxyz.copy()
+    def _drag(self, there: Frame) -> None:
+        pos, quat = there
         if self._world_axes and self._grabbed is not None:
             quat = _multiplied(quat, self._grabbed[0].quat)  # the gizmo began upright
         self._page.session.drag(Frame(pos, quat))
@@ -223,31 +226,32 @@ class PosePanel:
         self._choose(name, arrows=False)  # they would be in the way of the next drag
         self._grab()
 
-    def _pull(self) -> None:
+    def _pull(self, pulled: np.ndarray) -> None:
         if self._grabbed is not None:
             pos, quat = self._grabbed[0]
-            self._page.session.drag(Frame(pos + self._pulled, quat))
+            self._page.session.drag(Frame(pos + pulled, quat))
 
     def _release(self) -> None:
         self._page.session.release()
         self._dragging = False
 
     async def _turned(self, event: viser.TransformControlsEvent) -> None:
-        tasks = {"start": self._grab_joint, "update": self._turn_joint, "end": self._release}
-        self._page.desk.ask(tasks[event.phase], once=event.phase == "update")
+        quat = self._ring.wxyz.copy()
+        tasks = {"start": self._grab_joint, "update": lambda: self._turn_joint(quat), "end": self._release}
+        self._page.desk.ask(tasks[event.phase], _DRAG if event.phase == "update" else None)
 
     def _grab_joint(self) -> None:
         if self._joint is not None:
-            self._page.session.history.end_gesture()
+            self._page.session.begin_drag()
             pose = self._page.session.timeline.pose
             self._grabbed = self._ring_frame(pose.qpos), float(pose.joint_pos[self._joint])
             self._dragging = True
 
-    def _turn_joint(self) -> None:
+    def _turn_joint(self, quat: np.ndarray) -> None:
         if self._joint is not None and self._grabbed is not None:
             frame, angle = self._grabbed
             conjugate = frame.quat * [1.0, -1.0, -1.0, -1.0]
-            turn = _multiplied(conjugate, self._ring.wxyz)
+            turn = _multiplied(conjugate, quat)
             turned = 2 * np.arctan2(turn[3], turn[0])
             turned = (turned + np.pi) % (2 * np.pi) - np.pi
             self._page.session.set_joint(self._joint, angle + float(turned))
@@ -262,9 +266,9 @@ class PosePanel:
         session = self._page.session
         qpos = session.timeline.pose.qpos
         for joint, slider in self._sliders.items():
-            slider.value = min(max(round(float(qpos[7 + joint]), 2), slider.min), slider.max)
-        self._position.value = tuple(qpos[:3].round(_POSITION_DIGITS).tolist())
-        self._angles.value = tuple(np.degrees(heading_pitch_roll(qpos[3:7])).round(1).tolist())
+            self._page.fill(slider, min(max(round(float(qpos[7 + joint]), 2), slider.min), slider.max))
+        self._page.fill(self._position, _shown_position(qpos))
+        self._page.fill(self._angles, _shown_angles(qpos))
         frames = session.poser.frames(qpos)
         posing = not session.playback.playing and session.shows_selected
         pins = self._show_commands()
@@ -293,6 +297,14 @@ class PosePanel:
         low, high = session.robot.joint_range[self._joint].tolist()
         angle = float(session.timeline.pose.joint_pos[self._joint])
         return f"{session.robot.joint_names[self._joint]} {angle:.2f} rad ({low:.2f} to {high:.2f})"
+
+
+def _shown_position(root: np.ndarray) -> tuple[float, ...]:
+    return tuple(root[:3].round(_POSITION_DIGITS).tolist())
+
+
+def _shown_angles(root: np.ndarray) -> tuple[float, ...]:
+    return tuple(np.degrees(heading_pitch_roll(root[3:7])).round(1).tolist())
 
 
 def _set(handle: Any, field: str, value: Any) -> None:

@@ -31,8 +31,6 @@ class TimelinePanel:
     def __init__(self, page: Page, checker: Checker, actions: Mapping[str, Callable[[], None]]):
         self._page, self._checker = page, checker
         session, playback = page.session, page.session.playback
-        self._latest: dict[str, Message] = {}
-        self._coalesced = {name: self._latest_task(name) for name in _DRAGGED}
         edit = session.edit
         self._actions: dict[str, Callable[[Message], None]] = {
             **{name: _ignoring(action) for name, action in actions.items()},
@@ -70,14 +68,9 @@ class TimelinePanel:
     def receive(self, message: Message) -> None:
         """Queue what a user did; unknown requests are ignored."""
         name = message["do"]
-        if name in self._coalesced:
-            self._latest[name] = message
-            self._page.desk.ask(self._coalesced[name], once=True)
-        elif name in self._actions:
-            self._page.desk.ask(lambda: self._actions[name](message))
-
-    def _latest_task(self, name: str) -> Callable[[], None]:
-        return lambda: self._actions[name](self._latest[name])
+        if name in self._actions:
+            dragged = (name, str(message.get("number"))) if name in _DRAGGED else None
+            self._page.desk.ask(lambda: self._actions[name](message), dragged)
 
     def _add(self, message: Message) -> None:
         if "time" in message:

@@ -41,7 +41,7 @@
       window.platChannel.listen(told);
       return;
     }
-    const where = location.href.split("?")[0].replace(/^http/, "ws").replace(/\/$/, "") + "/dock" + location.search;
+    const where = `${location.origin.replace(/^http/, "ws")}${location.pathname.replace(/\/$/, "")}/dock${location.search}`;
     socket = new WebSocket(where);
     socket.onopen = () => send("browser", { software: window.platSoftware === true, dark: matchMedia("(prefers-color-scheme: dark)").matches });
     socket.onmessage = (event) => told(JSON.parse(event.data));
@@ -104,7 +104,7 @@
 
   function build() {
     const gap = () => make("span", { class: "gap" });
-    at.speed = make("select", { "aria-label": "Speed", title: "Speed of playback", onchange: () => { send("speed", { value: at.speed.value }); at.speed.blur(); } },
+    at.speed = make("select", { "aria-label": "Speed", title: "Speed of playback", onchange: () => send("speed", { value: at.speed.value }) },
       ...["1x", "1/2", "1/4", "1/10"].map((label) => make("option", { text: label, value: label })));
     at.clock = make("span", { class: "clock" });
     at.track = draw("svg", { class: "track", role: "group", "aria-label": "timeline" });
@@ -152,7 +152,11 @@
     new ResizeObserver(show).observe(at.track);
     window.addEventListener("keydown", key, true);
     window.addEventListener("pointerdown", () => { tabbed = false; }, true);
-    window.addEventListener("input", () => { typed = performance.now(); }, true);
+    window.addEventListener("input", (event) => {
+      typed = performance.now();
+      // the panel would show -0 as 0, and who types -0.5 would have 0.5
+      if (event.target.matches(".mantine-NumberInput-input") && /^-0[.,]?0*$/.test(event.target.value)) event.stopImmediatePropagation();
+    }, true);
     window.addEventListener("click", (event) => { // what was typed is sent first
       const button = event.target.closest?.("button");
       if (!button || at.dock.contains(button) || !unsent()) return;
@@ -165,6 +169,15 @@
       if (!detail || !target.closest) return;
       target.closest("button")?.blur();
       if (target.closest("[role=option]")) setTimeout(() => document.activeElement?.blur()); // what was chosen in a list
+    });
+    window.addEventListener("change", ({ target }) => { if (target.tagName === "SELECT" && !tabbed) target.blur(); });
+    window.addEventListener("dragover", (event) => { if (event.dataTransfer.types.includes("Files")) event.preventDefault(); });
+    window.addEventListener("drop", (event) => { // else the browser would leave the page for the file
+      const [file] = event.dataTransfer.files;
+      if (!file || event.defaultPrevented) return;
+      event.preventDefault();
+      if (window.platChannel) window.platChannel.open(file);
+      else showNote({ kind: "error", title: "That did not work", text: "Files are not dropped here: Files, Upload opens keyframe files." });
     });
   }
 
@@ -482,12 +495,15 @@
     }
     const now = toX(time.cursor), taken = [-Infinity, -Infinity]; // where the labels of the two rows end
     parts.push(draw("line", { x1: now, x2: now, y1: 10, y2: height, stroke: "var(--head)", "stroke-width": 2, "pointer-events": "none", "data-playhead": time.cursor }));
+    const places = timeline.poses.map((pose) => toX(pose.time)), onTop = []; // the selected one is in front of all
     timeline.poses.forEach((pose, number) => {
-      const x = toX(pose.time), chosen = number === timeline.selected, size = chosen ? 10 : 8, color = COLORS[pose.status];
+      const x = places[number], chosen = number === timeline.selected, color = COLORS[pose.status], drawn = chosen ? onTop : parts;
+      const room = Math.min(x - (places[number - 1] ?? -Infinity), (places[number + 1] ?? Infinity) - x); // many are small, and have no rims to hide each other
+      const size = chosen ? 10 : Math.min(Math.max(room / 2, 4), 8), rim = chosen ? 3 : size < 7 ? 0 : 2;
       const group = draw("g", { class: chosen ? "key chosen" : "key", "data-key": number, role: "button", "data-status": pose.status, "aria-label": `keyframe ${pose.label}`, "aria-pressed": chosen });
       if (pose.hold > 0) group.append(draw("rect", { x, y: middle - 7, width: pose.hold * framed.scale, height: 14, rx: 4, fill: color, opacity: 0.4 }));
       group.append(draw("rect", { x: x - 12, y: axis - 4, width: 24, height: height - axis, fill: "transparent" }),
-        draw("path", { d: `M${x} ${middle - size} l${size} ${size} l${-size} ${size} l${-size} ${-size}z`, fill: color, stroke: chosen ? "var(--accent)" : "var(--paper)", "stroke-width": chosen ? 3 : 2 }));
+        draw("path", { d: `M${x} ${middle - size} l${size} ${size} l${-size} ${size} l${-size} ${-size}z`, fill: color, stroke: chosen ? "var(--accent)" : "var(--paper)", "stroke-width": rim }));
       if (pose.words.length) {
         const sign = draw("text", { x, y: middle - size - 3, "text-anchor": "middle", style: "fill:var(--red);font-weight:700" });
         sign.textContent = "▲!";
@@ -502,15 +518,15 @@
         taken[Math.max(row, 0)] = x + half;
       }
       group.append(tip([pose.label, `${pose.time.toFixed(2)} s`, pose.result, ...pose.words.map(spoken)].filter(Boolean).join("\n")));
-      parts.push(group);
+      drawn.push(group);
       if (number > 0) {
         const edge = x + Math.max(pose.hold * framed.scale, size + 2);
         if (chosen || pose.hold > 0)
-          parts.push(draw("g", { class: "edge", "data-edge": number }, draw("rect", { x: edge - 3, y: middle - 14, width: 18, height: 28, fill: "transparent" }),
+          drawn.push(draw("g", { class: "edge", "data-edge": number }, draw("rect", { x: edge - 3, y: middle - 14, width: 18, height: 28, fill: "transparent" }),
             draw("rect", { x: edge - 1, y: middle - 10, width: 6, height: 20, rx: 3, fill: chosen ? "var(--accent)" : "var(--off)" }), tip("Drag to hold the pose")));
       }
     });
-    parts.push(draw("path", { d: `M${now - 6} 0 h12 v8 l-6 7 l-6 -7z`, fill: "var(--head)", "pointer-events": "none" }));
+    parts.push(...onTop, draw("path", { d: `M${now - 6} 0 h12 v8 l-6 7 l-6 -7z`, fill: "var(--head)", "pointer-events": "none" }));
     at.track.replaceChildren(...parts);
   }
 

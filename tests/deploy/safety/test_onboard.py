@@ -7,6 +7,7 @@ import pytest
 
 from plat.deploy import RobotState, StateEstimator
 from plat.deploy.safety import OnboardController, OnboardReading, SafetySettings
+from plat.errors import PlatError
 from plat.rotations_np import quat_from_rotvec
 from tests.deploy.robots import SomePose
 from tests.deploy.safety.stand_ins import DT, ROBOT, Commands, StandIn
@@ -244,6 +245,19 @@ def test_a_stop_from_within_a_step_holds():
     assert bench.controller.mode == "damping"
     assert len(bench.policy.asked) < 20
     assert not any(command.stiffness.any() for _, command in bench.commands[count:])
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"anchor": (0.0, 0.0, 0.76)}, r"anchor is \(0.0, 0.0, 0.76\), expected a pose"),
+        ({"estimator": 5}, "estimator is 5, expected a StateEstimator"),
+        ({"settings": None}, "settings is None, expected a SafetySettings"),
+    ],
+)
+def test_arguments_of_another_kind_are_refused_before_anything_moves(given, message):
+    with pytest.raises(PlatError, match=message):
+        OnboardController(StandIn(), Commands(), **given)
 
 
 def test_anchoring_returns_the_state_there():

@@ -420,6 +420,51 @@ def test_what_it_can_follow_is_taken(source, policy):
     assert SafeRunner(policy(), source, QUICK).mode == "wait"
 
 
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"policy": None}, "policy is None, expected one with its robot"),
+        ({"source": None}, "source is None, expected what commands keyframes"),
+        ({"source": [at(0.5)]}, r"source is \[.*\], expected what commands keyframes"),
+        ({"settings": {"tilt": 0.8}}, "settings is {'tilt': 0.8}, expected a SafetySettings"),
+        ({"start": np.zeros(3)}, r"start has shape \(3,\), expected \(29,\)"),
+        ({"start": np.full(29, np.nan)}, r"start\[0\] is nan, expected a finite number"),
+        ({"temperatures": 40.0}, "temperatures is 40.0, expected a function"),
+        ({"on_start": True}, "on_start is True, expected a function"),
+    ],
+)
+def test_arguments_of_another_kind_are_refused_before_anything_moves(change, message):
+    given = {"policy": StandIn(), "source": Commands(), "settings": QUICK}
+    with pytest.raises(PlatError, match=message):
+        SafeRunner(**{**given, **change})
+
+
+def test_keyframes_of_another_robot_are_refused_before_anything_moves():
+    """Of as many joints in another order it would obey all of them, wrongly."""
+    other = replace(ROBOT, name="other", joint_names=ROBOT.joint_names[::-1], joint_range=ROBOT.joint_range[::-1])
+    fewer = replace(ROBOT, name="fewer", joint_names=ROBOT.joint_names[:-1])
+    for robot, message in (
+        (other, "keyframes are of robot 'other', whose joint 0 is 'right_wrist_yaw', expected 'left_hip_pitch' as in"),
+        (
+            fewer,
+            "keyframes are of robot 'fewer', whose joint 28 is None, expected 'right_wrist_yaw' as in",
+        ),
+    ):
+        with pytest.raises(PlatError, match=message):
+            SafeRunner(StandIn(), KeyframeQueue(robot), QUICK)
+    spelled = replace(ROBOT, joint_names=tuple(f"{name}_joint" for name in ROBOT.joint_names))
+    assert SafeRunner(StandIn(), KeyframeQueue(spelled), QUICK).mode == "wait"
+
+
+def test_commands_that_are_no_parts_are_left_out():
+    policy, source = StandIn(), Commands(0.2)
+    source.pose.commands = ["left_elbow"]
+    robot = Robot(SafeRunner(policy, source, QUICK))
+    assert robot.run(6 + 5) == "end"
+    reasons = {entry.piece: entry.reason for entry in robot.runner.journal}
+    assert reasons["commands"] == "commands is ['left_elbow'], expected plat.spec.parts.Parts or None"
+
+
 def test_a_partial_keyframe_that_comes_later_is_left_out():
     """As if it had not been given: the robot stands, and obeys the next one."""
     policy, queue = WholePoses(), KeyframeQueue(ROBOT)

@@ -74,16 +74,22 @@ def test_the_folder_states_its_rate_from_within(tmp_path, monkeypatch):
     assert stated_rates(Path("a.csv"), []) == [(60.0, "the folder's name")]
 
 
-@pytest.mark.parametrize(
-    ("comment", "rates"),
-    [
-        ("lowpass 6 Hz", []),
-        ("low-pass filtered, cutoff frequency 6 Hz", []),
-        ("Butterworth 4th order (6 Hz), 120 fps", [120.0]),
-        ("accurate 3", []),
-        ("sampling rate: 100", [100.0]),
-        ("framerate=50", [50.0]),
-    ],
-)
-def test_a_filter_in_a_comment_is_no_rate(comment, rates):
-    assert [rate for rate, _ in stated_rates(Path("a.csv"), [comment])] == rates
+@pytest.mark.parametrize("name", ["FPS", "frameRate", "sampling_rate", "mocap_frame_rate", "freq", "fs"])
+def test_fields_that_state_the_rate(name):
+    assert rates_of_fields({"qpos": np.zeros((9, 36)), name: np.array(50)}) == [(50.0, repr(name))]
+
+
+def test_a_field_of_many_numbers_is_no_rate_by_a_word_that_means_other_things():
+    assert rates_of_fields({"qpos": np.zeros((9, 36)), "rate": np.arange(9.0)}) == []
+
+
+@pytest.mark.parametrize("name", ["time", "sim_time", "timestamps", "ros_time", "time_since_start"])
+def test_fields_that_tell_the_time(name):
+    assert rates_of_fields({"qpos": np.zeros((9, 36)), name: np.arange(9) / 50}) == [(50.0, repr(name))]
+    assert rates_of_fields({"qpos": np.zeros((9, 36)), "contact_time": np.arange(9) / 50}) == []
+
+
+def test_a_stated_unit_that_makes_no_likely_rate_gives_way():
+    assert rate_of_times(np.arange(9) * 20.0, "s") == rate_of_times(np.arange(9) / 50, "ms") == 50
+    with pytest.raises(MotionError, match="a likely rate in no unit"):
+        rate_of_times(np.arange(9.0), "s")  # more likely a count

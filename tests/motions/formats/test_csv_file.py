@@ -93,7 +93,7 @@ def table(rows: int = 3, **cells: str) -> str:
         (table() + ",0", "row 3 has 37 columns, row 1 has 36"),
         ("\n".join(f"{line},0,0" for line in table().splitlines()), "row 1 has 38 columns, expected 36"),
         (table(c9="left"), "row 1, column 10: 'left' is not a number"),
-        (table(c9=""), "row 1, column 10: '' is not a number"),
+        (table(c9=""), "row 1, column 10 is empty, expected a number"),
         (table(c9="nan"), r"qpos\[0, 9\] is nan"),
         (table(c3="0.5"), "quaternion of frame 0 .* has length 0.5, expected 1"),
         (table(c8="573"), "'joint angles' has values up to 573, expected radians"),
@@ -178,6 +178,39 @@ def test_a_first_column_that_counts(tmp_path, named, first, name, rate):
     assert ("fps from the column of times" in file.facts) == (first == "time")
 
 
+COUNT = np.arange(40)
+CLOCKS = {
+    "sim_time": {"sim_time": COUNT / 50},
+    "ros_time": {"ros_time": 7 + COUNT / 50},
+    "time_since_start": {"time_since_start": COUNT / 50},
+    "motion_time": {"motion_time": COUNT / 50},
+    "stamps of ROS": {"header.seq": COUNT, "header.stamp.sec": 7 + COUNT // 50, "header.stamp.nanosec": COUNT * 2e7},
+    "a topic of ROS": {"%time": COUNT * 2e7, "field.header.seq": COUNT},
+    "PlotJuggler": {"__time": 7 + COUNT / 50},
+    "fps": {"frame": COUNT, "fps": np.full(40, 50)},
+    "another unit": {"time [s]": COUNT * 20},
+    "dt": {"dt": np.full(40, 0.02)},
+    "a clock on a wall": {"wall_time": COUNT / 40 + 0.002 * np.sin(COUNT), "sim_time": COUNT / 50},
+    "clip_frame": {"clip_frame": COUNT},
+    "episode_step": {"episode_step": COUNT + 7},
+    "motion_phase": {"motion_phase": COUNT / 39},
+}
+
+
+@pytest.mark.parametrize("columns", CLOCKS.values(), ids=CLOCKS)
+def test_clocks_and_counts_by_their_names(tmp_path, columns):
+    clip = bowing_clip()
+    write_table(tmp_path / "a.csv", np.column_stack((*columns.values(), clip.qpos)), [*columns, *NAMES])
+    file, found = read_back(tmp_path / "a.csv")
+    np.testing.assert_allclose(found.qpos, clip.qpos, atol=1e-5)
+    if {"clip_frame", "episode_step", "motion_phase"} & set(columns):
+        assert any("fps assumed" in note for note in found.notes)
+    else:
+        assert found.fps == 50
+        assert "fps from 'fps'" in file.facts or "fps from the column of times" in file.facts
+        assert (", which is not in s" in file.facts) == ("time [s]" in columns)
+
+
 def test_numbers_as_header(tmp_path):
     write_table(tmp_path / "a_50fps.csv", bowing_clip().qpos, [str(number) for number in range(36)])
     np.testing.assert_allclose(read_back(tmp_path / "a_50fps.csv")[1].qpos, bowing_clip().qpos, atol=1e-5)
@@ -212,6 +245,11 @@ def test_root_angles_in_radians(tmp_path):
     file, found = read_back(tmp_path / "a_50fps.csv")
     assert np.abs((found.qpos[:, 3:7] * clip.qpos[:, 3:7]).sum(1)).min() > 1 - 1e-6
     assert "root rotation from Euler angles in radians" in file.facts
+    with pytest.raises(MotionError, match="a_50fps.csv': quat_order is stated, and says nothing about a csv"):
+        load_motions(tmp_path / "a_50fps.csv", quat_order="xyzw")
+    write_csv(tmp_path / "b_50fps.csv", clip, "xyzw")
+    for both in load_motions(tmp_path, quat_order="xyzw"):
+        assert np.abs((both.qpos[:, 3:7] * clip.qpos[:, 3:7]).sum(1)).min() > 1 - 1e-6
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(100, "centimeters"), (1000, "millimeters")])

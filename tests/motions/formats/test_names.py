@@ -17,6 +17,7 @@ SPELLINGS = {
     "spaces": lambda name: name.replace("_", " "),
     "a unit": lambda name: f"{name} (rad)",
     "the side last": lambda name: "_".join([*name.split("_")[1:], name.split("_")[0]]),
+    "a topic of ROS": lambda name: f"/joint_states/{name}_joint/position",
     "short sides": lambda name: name.replace("left", "L").replace("right", "R"),
 }
 

@@ -2,12 +2,14 @@ import io
 import json
 import pickle
 import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from plat.errors import MotionError
-from plat.motions import MotionClip, generate_motions, load_motions, read_motion_files
+from plat.motions import MotionClip, generate_motions, load_motions, read_motion_files, save_motions
+from plat.motions.clip import ASSUMED_RATE
 from plat.robots import G1
 from tests.motions.formats.writers import (
     ISAAC_ORDER,
@@ -502,3 +504,52 @@ def test_holomotion(tmp_path, prefix):
     np.savez(tmp_path / "bow.npz", metadata="{", **arrays)
     with pytest.raises(MotionError, match="no array 'fps'"):
         load_motions(tmp_path / "bow.npz")
+
+
+@pytest.fixture(scope="module")
+def gait() -> MotionClip:
+    return next(clip for clip in generate_motions("train", seconds=20) if clip.name.startswith("walk_"))
+
+
+def test_the_rate_in_a_name_is_compared_and_the_motion_decides(tmp_path, gait):
+    rate = gait.fps
+    for name, fps in ((4 * rate, rate), (rate, 4 * rate)):
+        path = tmp_path / f"walk_{name:g}fps.npz"
+        np.savez(path, qpos=gait.qpos, fps=fps)
+        (file,) = read_motion_files(path)
+        assert file.clips[0].fps == rate
+        told = f"fps {rate:g} of {fps:g} ('fps') and {name:g} (the file name): the one that fits its steps"
+        assert told in file.facts
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_a_file_beats_its_name_where_the_motion_says_nothing(tmp_path, own):
+    def write(name: str) -> None:
+        if own:
+            save_motions(tmp_path / name, [bowing_clip()])
+        else:
+            np.savez(tmp_path / name, qpos=bowing_clip().qpos, fps=50)
+
+    for name, told in (("a_60fps.npz", True), ("a_50fps.npz", False), ("a_0fps.npz", False)):
+        write(name)
+        (file,) = read_motion_files(tmp_path / name)
+        assert file.clips[0].fps == 50
+        assert ("fps 50 ('fps'), though the file name says 60" in file.facts) == told
+
+
+def test_a_name_beats_what_is_assumed(tmp_path):
+    np.savez(tmp_path / "a_60fps.npz", qpos=bowing_clip().qpos)
+    save_motions(tmp_path / "b_60fps.npz", [replace(bowing_clip(), notes=(ASSUMED_RATE,))])
+    np.savez(tmp_path / "c_60fps.npz", **link_arrays(bowing_clip()))
+    for name in "abc":
+        (file,) = read_motion_files(tmp_path / f"{name}_60fps.npz")
+        assert file.clips[0].fps == 60
+        assert "fps from the file name" in file.facts
+        assert ASSUMED_RATE not in file.facts
+
+
+@pytest.mark.parametrize("field", ["qpos", "dof_pos", "walk"])
+def test_complex_numbers_are_named(tmp_path, field):
+    np.savez(tmp_path / "a.npz", fps=50, **{field: np.zeros((4, 36), complex)})
+    with pytest.raises(MotionError, match=f"array '{field}': it holds complex numbers, expected real ones"):
+        load_motions(tmp_path / "a.npz")

@@ -61,6 +61,8 @@ def test_mimickit(tmp_path):
     (file,) = read_motion_files(tmp_path / "bow.pkl")
     np.testing.assert_allclose(file.clips[0].qpos, clip.qpos, atol=1e-5)
     assert file.facts == "MimicKit pickle, 50 fps, quaternion wxyz"
+    with pytest.raises(MotionError, match="bow.pkl': quat_order is stated, and says nothing about a MimicKit pickle"):
+        load_motions(tmp_path / "bow.pkl", quat_order="xyzw")  # it was read as such, and the robot lay
     (tmp_path / "bow.pkl").write_bytes(pickle.dumps({"fps": 50, "frames": np.zeros(40)}))
     with pytest.raises(MotionError, match=r"'frames' has shape \(40,\), expected rows of root position"):
         load_motions(tmp_path / "bow.pkl")
@@ -232,3 +234,66 @@ def test_a_human_body_is_named(tmp_path):
     (tmp_path / "amass.pkl").write_bytes(pickle.dumps({"pose_aa": np.zeros((5, 72)), "trans": np.zeros((5, 3))}))
     with pytest.raises(MotionError, match="human motion of the SMPL family .AMASS., not of a robot"):
         load_motions(tmp_path / "amass.pkl")
+
+
+def test_the_rate_in_a_name_is_compared(tmp_path):
+    write_gmr(tmp_path / "a_60fps.pkl", bowing_clip())
+    (file,) = read_motion_files(tmp_path / "a_60fps.pkl")
+    assert file.clips[0].fps == 50
+    assert "fps 50 ('fps'), though the file name says 60" in file.facts
+    fields = gmr_fields(bowing_clip())
+    del fields["fps"]
+    (tmp_path / "b_60fps.pkl").write_bytes(pickle.dumps(fields))
+    (file,) = read_motion_files(tmp_path / "b_60fps.pkl")
+    assert file.clips[0].fps == 60
+    assert "fps from the file name" in file.facts
+
+
+@pytest.mark.parametrize("rate", [50, np.float64(50), np.array([50])])
+def test_what_holds_for_all_motions_may_stand_beside_them(tmp_path, rate):
+    fields = gmr_fields(bowing_clip())
+    del fields["fps"]
+    backwards = {**fields, "dof_pos": fields["dof_pos"][:, ::-1]}
+    names = [f"{name}_joint" for name in G1.joint_names[::-1]]
+    content = {"fps": rate, "version": "1", "joint_names": names, "a": backwards, "b": {**backwards, "fps": 25}}
+    (tmp_path / "all.pkl").write_bytes(pickle.dumps(content))
+    first, second = load_motions(tmp_path / "all.pkl")
+    assert (first.name, first.fps, second.name, second.fps) == ("a", 50, "b", 25)
+    np.testing.assert_allclose(first.qpos, bowing_clip().qpos, atol=1e-6)
+
+
+def test_joints_by_that_name_alone(tmp_path):
+    place, quat, joints = np.split(bowing_clip().qpos, (3, 7), axis=1)
+    fields = {"joints": joints, "root_pos": place, "root_quat": quat, "fps": 50, "dt": None}
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps(fields))
+    np.testing.assert_allclose(load_motions(tmp_path / "a.pkl")[0].qpos, bowing_clip().qpos, atol=1e-6)
+    (tmp_path / "b.pkl").write_bytes(pickle.dumps({"root_pos": place, "root_rot": quat, "fps": 50}))
+    with pytest.raises(MotionError, match="no field 'dof_pos' or 'dof' or 'joint_pos', only"):
+        load_motions(tmp_path / "b.pkl")
+
+
+def test_humans_among_motions_are_named_as_such(tmp_path):
+    fields = {"pose_aa": np.zeros((9, 72)), "trans_orig": np.zeros((9, 3)), "beta": np.zeros(16), "fps": 30}
+    (tmp_path / "phc.pkl").write_bytes(pickle.dumps({"0-walk": fields}))
+    with pytest.raises(MotionError, match="motion '0-walk': human motion of the SMPL family .AMASS., not of a robot"):
+        load_motions(tmp_path / "phc.pkl")
+
+
+def test_objects_behind_the_first_are_refused(tmp_path):
+    once = pickle.dumps(gmr_fields(bowing_clip()))
+    path = tmp_path / "two.pkl"
+    path.write_bytes(once + once)
+    with pytest.raises(
+        MotionError, match="two.pkl': it goes on behind its first object, expected one: a dictionary of"
+    ):
+        load_motions(path)
+    path.write_bytes(once + b"\n")
+    assert len(load_motions(path)) == 1
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_rows_of_qpos_may_be_lists(tmp_path, whole):
+    rows = bowing_clip().qpos.tolist()
+    (tmp_path / "bow.pkl").write_bytes(pickle.dumps({"fps": 50, "qpos": rows} if whole else rows))
+    (clip,) = load_motions(tmp_path / "bow.pkl", fps=None if whole else 50)
+    np.testing.assert_allclose(clip.qpos, bowing_clip().qpos, atol=1e-6)

@@ -36,6 +36,15 @@ from plat.motions.formats.rate import rates_in_name, without_rates
         ("run_at_5hz_cutoff", []),
         ("walk_50hz_lowpass_6hz", [50]),
         ("walk_120hz_filtered", [120]),
+        ("walk.60fps", [60]),
+        ("walk.60fps.v2", [60]),
+        ("walk.mp4.30fps", [30]),
+        ("take3.60fps", [60]),
+        ("walk.001.60fps", [60]),
+        ("2024.01.05.60hz", [60]),
+        ("walk29.97fps", [29.97]),
+        ("walk_119.88fps", [119.88]),
+        ("walk_7.5fps", [7.5]),
     ],
 )
 def test_rates_that_a_name_states(name, rates):
@@ -51,4 +60,6 @@ def test_the_rest_of_the_name():
     assert without_rates("walk_60hz") == "walk"
     assert without_rates("60fps") == "60fps"
     assert without_rates("kick@3") == "kick@3"
+    assert without_rates("walk.60fps") == "walk"
+    assert without_rates("take3.60fps") == "take3"
     assert without_rates("walk_50hz_lowpass_6hz") == "walk_lowpass_6hz"

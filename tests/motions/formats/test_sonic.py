@@ -33,6 +33,12 @@ def test_a_folder_is_a_motion(tmp_path, bodies):
     assert file.facts.startswith("SONIC csv, 50 fps, fps as SONIC has it")
 
 
+def test_a_rate_in_the_folders_name_beats_the_usual_one(tmp_path):
+    (file,) = read_motion_files(write(tmp_path / "bow_30fps", bowing_clip()))
+    assert file.clips[0].fps == 30
+    assert "fps from the folder's name" in file.facts
+
+
 def test_what_belongs_to_a_motion_is_no_motion(tmp_path):
     folder = write(tmp_path / "bow", bowing_clip())
     assert motion_paths(tmp_path) == [folder / "joint_pos.csv"]

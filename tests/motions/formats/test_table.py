@@ -12,6 +12,10 @@ def lines(separator: str = ",", end: str = "") -> str:
     return "\n".join(separator.join(f"{value:.10g}" for value in row) + end for row in VALUES)
 
 
+# as Google Sheets writes it where decimals have commas
+QUOTED = "\n".join(",".join(f'"{cell.replace(".", ",")}"' for cell in line.split(",")) for line in lines().splitlines())
+
+
 @pytest.mark.parametrize(
     ("text", "header"),
     [
@@ -35,6 +39,8 @@ def lines(separator: str = ",", end: str = "") -> str:
         (f"# {HEADER}\n{lines()}", HEADER),
         (f"# {HEADER}\n{lines(' ')}", HEADER),
         (f"0,1,2,3,4\n{lines()}", "0,1,2,3,4"),
+        (f"{HEADER}\n{lines()}\n,,,,\n,,,,", HEADER),
+        (f"{HEADER}\n{QUOTED}", HEADER),
     ],
 )
 def test_dialects(tmp_path, text, header):
@@ -82,3 +88,55 @@ def test_errors_name_row_and_column(tmp_path, text, message):
     (tmp_path / "a.csv").write_text(text)
     with pytest.raises(MotionError, match=message):
         read_table(tmp_path / "a.csv")
+
+
+def test_comments_have_decimal_commas_where_the_numbers_do(tmp_path):
+    (tmp_path / "a.csv").write_text(f"# fps: 29,97\n{lines(';').replace('.', ',')}")
+    assert read_table(tmp_path / "a.csv").comments == ["fps: 29.97"]
+    (tmp_path / "a.csv").write_text(f"# 30,36\n{lines()}")
+    assert read_table(tmp_path / "a.csv").comments == ["30,36"]
+
+
+@pytest.mark.parametrize(
+    "before",
+    [
+        "Frame rate;50{0}\n",
+        "fps;50\n",
+        "Walk{0};\nFrame rate;50{0}\nFrames;3{0}\n{0};\n",
+        '"# Frame rate 50"{0}\n',
+    ],
+)
+def test_what_excel_has_before_a_table_is_a_comment(tmp_path, before):
+    width = 16
+    header = [f"a{column}" for column in range(width)]
+    rows = "\n".join(";".join([f"{frame},5"] * width) for frame in range(3))
+    (tmp_path / "a.csv").write_text(f"{before.format(';' * (width - 2))}{';'.join(header)}\n{rows}")
+    table = read_table(tmp_path / "a.csv")
+    assert (table.header, table.values.shape) == (header, (3, width))
+    assert any("50" in comment for comment in table.comments)
+
+
+def test_empty_cells_are_no_numbers_and_remembered(tmp_path):
+    (tmp_path / "a.csv").write_text("a,b,c,d\n1,2,3,\n1,,3,4\n1,2,3,\n")
+    table = read_table(tmp_path / "a.csv")
+    assert np.isnan(table.values).sum() == 3
+    assert table.empty == {1: 3, 3: 2}
+    (tmp_path / "a.csv").write_text("1,2,3,4\n1,,3,4\n")
+    with pytest.raises(MotionError, match="row 2, column 2 is empty, expected a number"):
+        read_table(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize("mark", [":", ";"])
+def test_timecodes_have_the_rate_of_their_frames(tmp_path, mark):
+    def times(codes: list[int]) -> np.ndarray:
+        rows = "\n".join(f"01:00:{code // 25:02d}{mark}{code % 25:02d}\t1\t2\t3" for code in codes)
+        (tmp_path / "a.csv").write_text(f"Timecode\ta\tb\tc\n{rows}")
+        return read_table(tmp_path / "a.csv").values[:, 0]
+
+    np.testing.assert_allclose(times([*range(20, 60)]), np.arange(40) / 25)
+    np.testing.assert_array_equal(times([*range(10)]), np.arange(10))  # within a second nothing tells the rate
+
+
+def test_a_column_with_another_text_in_each_row_is_left_out(tmp_path):
+    (tmp_path / "a.csv").write_text("image,b,c,d\n0.png,1,2,3\n1.png,1,2,3\n2.png,1,2,3\n")
+    assert read_table(tmp_path / "a.csv").header == ["b", "c", "d"]

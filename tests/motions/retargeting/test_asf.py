@@ -171,7 +171,17 @@ def test_bones_may_be_missing(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "rate"),
-    [("a.amc", 120), ("a_60fps.amc", 60), ("HDM_bd_walk_001_30.amc", 30), ("a_14.amc", 120), ("16_30.amc", 120)],
+    [
+        ("a.amc", 120),
+        ("a_60fps.amc", 60),
+        ("HDM_bd_walk_001_30.amc", 30),
+        ("a_14.amc", 120),
+        ("16_30.amc", 120),
+        ("cmu_14_60.amc", 120),
+        ("walk_30.amc", 120),
+        ("HDM_bd_01-01_03_60.amc", 60),
+        ("HDM_bd_walk_007_14.amc", 120),
+    ],
 )
 def test_the_rate_is_in_the_name_or_the_usual_one(tmp_path, name, rate):
     write_asf(tmp_path / "a.asf")

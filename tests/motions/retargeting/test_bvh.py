@@ -1,3 +1,4 @@
+import re
 from pathlib import Path
 
 import numpy as np
@@ -276,3 +277,14 @@ def test_radians_of_whole_turns_are_radians(tmp_path):
     (tmp_path / "b.bvh").write_text(f"{head}0.033333\n{jumping}")
     found = read_bvh(tmp_path / "b.bvh")
     np.testing.assert_allclose(found.positions, read_bvh(path).positions, atol=1e-3)
+
+
+@pytest.mark.parametrize("commas", [True, False])
+def test_decimal_commas_and_a_unit_of_the_frame_time(tmp_path, commas):
+    path = write_human(tmp_path / "a.bvh", frames=5)
+    usual, text = read_bvh(path), path.read_text()
+    path.write_text(text.replace(".", ",") if commas else re.sub(r"(Frame Time: \S+)", r"\1 s", text))
+    mocap = read_bvh(path)
+    assert mocap.fps == usual.fps
+    np.testing.assert_array_equal(mocap.positions, usual.positions)
+    assert mocap.notes == (("decimal commas",) if commas else ())

@@ -85,3 +85,11 @@ def test_which_archives_hold_a_human(tmp_path):
     (tmp_path / "broken.npz").write_bytes(b"no archive")
     found = [path.stem for path in sorted(tmp_path.iterdir()) if holds_human_joints(path)]
     assert found == ["human"]
+
+
+@pytest.mark.parametrize("name", ["dof", "dof_positions", "ref_dof_pos", "robot_joint_pos"])
+def test_human_joints_beside_a_motion_of_the_robot_are_not_retargeted(tmp_path, name):
+    np.savez(tmp_path / "a.npz", posed_joints=np.zeros((4, 22, 3)), fps=30)
+    assert holds_human_joints(tmp_path / "a.npz")
+    np.savez(tmp_path / "a.npz", **{name: np.zeros((4, 29))}, posed_joints=np.zeros((4, 22, 3)), fps=30)
+    assert not holds_human_joints(tmp_path / "a.npz")

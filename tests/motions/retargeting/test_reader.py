@@ -6,6 +6,7 @@ import pytest
 from plat.errors import MotionError
 from plat.motions import load_motions, read_motion_files
 from plat.motions.retargeting import retarget
+from tests.motions.formats.writers import bowing_clip, write_csv
 from tests.motions.retargeting.human import write_human
 
 
@@ -41,6 +42,16 @@ def test_a_stated_unit_of_angles_wins(tmp_path):
     path.write_text(f"{head}Frame Time: 0.033333\n" + "\n".join(" ".join(map(str, row)) for row in values))
     (clip,) = load_motions(path, angles="radians")
     np.testing.assert_allclose(clip.qpos, expected.qpos, atol=1e-2)
+
+
+def test_an_order_of_quaternions_says_nothing_about_a_capture(tmp_path):
+    pytest.importorskip("mink")
+    write_human(tmp_path / "person.bvh", frames=5)
+    told = "person.bvh': quat_order is stated, and says nothing about a human BVH, retargeted: expected no --quat-order"
+    with pytest.raises(MotionError, match=told):
+        load_motions(tmp_path, quat_order="xyzw")
+    write_csv(tmp_path / "bow_50fps.csv", bowing_clip(), "xyzw")
+    assert len(load_motions(tmp_path, quat_order="xyzw", angles="degrees")) == 2  # each says something about one
 
 
 @pytest.mark.parametrize("stated", [{"fps": -30}, {"up": "q"}, {"units": "km"}, {"angles": "grad"}])

@@ -1,11 +1,12 @@
 import importlib
+import re
 import sys
 
 import numpy as np
 import pytest
 
 from plat.errors import MotionError
-from plat.motions.retargeting import bvh_paths, retarget, retarget_all
+from plat.motions.retargeting import bvh_paths, read_bvh, retarget, retarget_all
 from plat.robots import G1
 
 from .human import write_human
@@ -87,6 +88,70 @@ def test_folders_globs_and_names(tmp_path):
         bvh_paths([tmp_path / "*.npz"])
     np.savez(tmp_path / "people.npz", posed_joints=np.zeros((3, 30, 3)))
     assert [path.name for path in bvh_paths([tmp_path])] == ["b.bvh", "c.bvh", "people.npz"]
+
+
+def joints_file(path, frames=5, **stated):
+    """Joint positions of a human, by name."""
+    mocap = read_bvh(write_human(path.with_suffix(".bvh"), frames=5))
+    path.with_suffix(".bvh").unlink()
+    np.savez(path, joints=mocap.positions[:frames], joint_names=list(mocap.names), **stated)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("stated", "message"),
+    [
+        ({"fps": 0}, "it states 0 frames a second, expected 8 to 1000; state it: --fps"),
+        ({"dt": 0.0}, "it states 1e[+]09 frames a second, expected 8 to 1000"),
+        ({"fps": 30, "frames": 0}, "0 frames, expected at least 2"),
+    ],
+)
+def test_a_capture_that_cannot_be_used_does_not_end_the_others(tmp_path, stated, message):
+    paths = [joints_file(tmp_path / "a.npz", **stated), write_human(tmp_path / "b.bvh", frames=5)]
+    bad, good = retarget_all(paths)
+    assert isinstance(bad, MotionError)
+    assert re.fullmatch(rf"NPZ file '.*a.npz': {message}.*", str(bad))
+    assert good.clip.name == "b"
+
+
+def test_whatever_goes_wrong_in_a_file_does_not_end_the_others(tmp_path, monkeypatch):
+    module = importlib.import_module("plat.motions.retargeting.retarget")
+    paths = [write_human(tmp_path / f"{name}.bvh", frames=5) for name in "ab"]
+
+    def odd(*_):
+        monkeypatch.undo()
+        raise ZeroDivisionError("by zero")
+
+    monkeypatch.setattr(module, "read_human", odd)
+    bad, good = retarget_all(paths)
+    assert str(bad).endswith("a.bvh': cannot be retargeted (ZeroDivisionError: by zero)")
+    assert good.clip.name == "b"
+
+
+def test_captures_that_are_not_there_are_named(tmp_path):
+    pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n"
+    for name in ("a.bvh", "b.npz", "c.amc"):
+        (tmp_path / name).write_text(pointer)
+    write_human(tmp_path / "d.bvh", frames=5)
+    paths = bvh_paths([tmp_path])
+    *bad, good = retarget_all(paths)
+    assert [path.name for path in paths] == ["a.bvh", "b.npz", "c.amc", "d.bvh"]
+    assert all(re.search(r"file '.*': a Git LFS pointer .* run 'git lfs pull'", str(error)) for error in bad)
+    assert good.clip.name == "d"
+    (tmp_path / "c.asf").write_text(pointer)
+    (tmp_path / "c.amc").write_text(":DEGREES\n1\nroot 0 0 0 0 0 0\n")
+    with pytest.raises(MotionError, match=r"ASF file '.*c.asf': a Git LFS pointer"):
+        retarget(tmp_path / "c.amc")
+    with pytest.raises(MotionError, match=r"FBX file 'a.fbx': not a motion capture file, expected one of .bvh"):
+        retarget("a.fbx")
+
+
+def test_the_rate_in_a_name_is_compared(tmp_path):
+    result = retarget(write_human(tmp_path / "a_60fps.bvh", frames=5))
+    assert result.clip.fps == 30
+    assert "30 fps as it states, though the file name says 60 (else: --fps)" in result.clip.notes
+    assert not any("though" in note for note in retarget(write_human(tmp_path / "a_30fps.bvh", frames=5)).clip.notes)
+    assert "fps from the file name" in retarget(joints_file(tmp_path / "b_60fps.npz")).clip.notes
 
 
 def test_a_clip_may_begin_with_the_arms_up(tmp_path):

@@ -4,6 +4,7 @@ import { margin } from "./robot.mjs";
 import { angle } from "./rotations.mjs";
 
 const cm = (meters) => (100 * meters).toFixed(0);
+const tenths = (value) => value.toFixed(1).replace(/\.0$/, "");
 const apart = (a, b) => Math.hypot(...a.map((value, axis) => value - b[axis]));
 
 /* What is doubtful about a keyframe that is `seconds` after another one, and the fastest of the joints that it commands. */
@@ -13,7 +14,7 @@ export function verdict(robot, before, after, seconds, held) {
   const speeds = joints.map((_, joint) => (2 * flags[joint] * Math.abs(after.qpos[7 + joint] - before.qpos[7 + joint])) / seconds);
   const order = joints.map((_, joint) => joint).sort((a, b) => speeds[b] - speeds[a]);
   const worst = speeds.indexOf(Math.max(...speeds)), words = [];
-  for (const joint of order) if (speeds[joint] > limits.joint_speed) words.push(`${joints[joint]} would need ${speeds[joint].toFixed(0)} rad/s, expected at most ${limits.joint_speed.toFixed(0)}`);
+  for (const joint of order) if (speeds[joint] > limits.joint_speed) words.push(`${joints[joint]} would need ${tenths(speeds[joint])} rad/s, expected at most ${tenths(limits.joint_speed)}`);
   words.push(...way(before.qpos, after.qpos, seconds, flags.slice(-3), limits));
   words.push(...(parts ? bodies(robot, before, after, seconds, flags) : pose(robot, after.qpos, held)));
   return { words, joint: speeds[worst] ? joints[worst] : "", speed: speeds[worst], share: speeds[worst] / limits.joint_speed };
@@ -24,21 +25,23 @@ function way(before, after, seconds, [horizontal, , orientation], limits) {
   const turn = (2 * orientation * angle(before.slice(3, 7), after.slice(3, 7))) / seconds, takes = `${distance.toFixed(1)} m in ${seconds.toFixed(2)} s takes`;
   if (speed > limits.root_speed) words.push(`${takes} ${speed.toFixed(1)} m/s`);
   if (push > limits.root_acceleration) words.push(`${takes} ${push.toFixed(0)} m/s^2, more than feet can push`);
-  if (turn > limits.turn_speed) words.push(`the turn would need ${turn.toFixed(0)} rad/s`);
+  if (turn > limits.turn_speed) words.push(`the turn would need ${tenths(turn)} rad/s, expected at most ${tenths(limits.turn_speed)}`);
   return words;
 }
 
-/* Of a partial keyframe: the bodies that it commands. */
+/* Of a partial keyframe: the bodies and the height that it commands. */
 function bodies(robot, before, after, seconds, flags) {
   const { limits, joints, keypoints } = robot.site, from = robot.points(before.qpos), to = robot.points(after.qpos);
-  return keypoints.flatMap((name, body) => {
+  const under = (name, height) => (-height > limits.floor_penetration ? [`${name} is ${cm(-height)} cm inside the floor`] : []);
+  const words = keypoints.flatMap((name, body) => {
     if (!flags[joints.length + body]) return [];
-    const speed = (2 * apart(to[body].pos, from[body].pos)) / seconds, height = to[body].pos[2];
+    const speed = (2 * apart(to[body].pos, from[body].pos)) / seconds;
     return [
-      ...(speed > limits.body_speed ? [`${name} would need ${speed.toFixed(0)} m/s, expected at most ${limits.body_speed.toFixed(0)}`] : []),
-      ...(-height > limits.floor_penetration ? [`${name} is ${cm(-height)} cm inside the floor`] : []),
+      ...(speed > limits.body_speed ? [`${name} would need ${tenths(speed)} m/s, expected at most ${tenths(limits.body_speed)}`] : []),
+      ...under(name, to[body].pos[2]),
     ];
   });
+  return [...words, ...(flags[flags.length - 2] ? under("root", after.qpos[2]) : [])];
 }
 
 function pose(robot, qpos, held) {

@@ -96,6 +96,8 @@ function numbers(value, size, field) {
 function jointAngles(content, site, label) {
   if (!isObject(content)) throw new Error(`${label}: joint_pos: expected an object of joint names and angles`);
   // robots' own files say left_knee_joint
+  const twice = site.joints.find((name) => name in content && `${name}_joint` in content);
+  if (twice) throw new Error(`${label}: joint_pos: '${twice}_joint' and '${twice}' are one joint, expected one of them`);
   const angles = Object.fromEntries(Object.entries(content).map(([name, angle]) => [site.joints.includes(name) ? name : name.replace(/_joint$/, ""), angle]));
   const missing = site.joints.find((name) => !(name in angles)), unknown = Object.keys(angles).find((name) => !site.joints.includes(name));
   if (missing || unknown !== undefined)
@@ -129,10 +131,36 @@ export function unitDoubt(frames) {
   return doubtful ? "times are in seconds: are these milliseconds or frames?" : "";
 }
 
+const MOST_BYTES = 2 ** 25, DEEPEST = 500; // of a file
+
+/* The text of a file, in an encoding of JSON, told as Python tells it: by where the null bytes are. */
+export function decoded(bytes) {
+  if (bytes.length > MOST_BYTES) throw new Error(`${(bytes.length / 1e6).toFixed(0)} MB, expected at most ${(MOST_BYTES / 1e6).toFixed(0)} MB`);
+  const [first, second] = bytes, wide = (first === 0xff && second === 0xfe) || (first && second === 0) ? "utf-16le" : (first === 0xfe && second === 0xff) || first === 0 ? "utf-16be" : "utf-8";
+  try { return new TextDecoder(wide, { fatal: true }).decode(bytes); } catch { throw new Error(`not a readable JSON file (its bytes are no ${wide.toUpperCase()})`); }
+}
+
+/* Refuse what JSON.parse takes and Python's reader does not: a field that comes twice, and halves of characters. */
+function checkFields(text) {
+  const open = []; // the fields so far of each object that is open; null for a list
+  for (const [token, string, colon] of text.matchAll(/("[^"\\]*(?:\\.[^"\\]*)*")(\s*:)?|[[\]{}]/g)) {
+    if (token === "{" || token === "[") open.push(token === "{" ? new Set() : null);
+    else if (token === "}" || token === "]") open.pop();
+    else {
+      const value = JSON.parse(string), known = open[open.length - 1];
+      if (/\p{Surrogate}/u.test(value)) throw new Error("half of a surrogate pair in a text, expected whole characters");
+      if (colon && known.has(value)) throw new Error(`field ${shown(value)} comes twice in one object`);
+      if (colon) known.add(value);
+    }
+    if (open.length > DEEPEST) throw new Error("not a readable JSON file (nested too deeply)");
+  }
+}
+
 /* Read the content of a keyframe file: { start, keyframes }. */
 export function read(text, site) {
   let content;
   try { content = JSON.parse(text); } catch (error) { throw new Error(`not a readable JSON file (${error.message})`); }
+  checkFields(text);
   if (!isObject(content) || content.format !== "plat-keyframes") throw new Error("not a keyframe file, expected an object with 'format': 'plat-keyframes'");
   const { version, quaternion_order: order } = content;
   if (version !== 1 && version !== 2) throw new Error(`version is ${shown(version)}, expected 1 or 2`);

@@ -3,6 +3,7 @@ import { conjugate, exponential, heading, logarithm, multiply, normalized, rotat
 
 const DRAGGED = [3, 0.3], POINT = [3, 0], HELD = [15, 5], HELD_FOOT = [30, 10], REST = 0.03, DAMPING = 1e-4, ERROR_DAMPING = 0.1;
 const ITERATIONS = 30, SETTLED = 1e-4, ON_FLOOR = 0.015;
+const SUNK = 0.3, BEYOND = 1e3; // so deep in the floor a robot is thrown up by meters; distances are capped there (m)
 
 /* The point on the floor below the root, with the root's heading. */
 const spot = (qpos) => ({ pos: [qpos[0], qpos[1], 0], quat: heading(qpos.slice(3, 7)) });
@@ -28,6 +29,8 @@ export class Robot {
     this.anchor = site.keypoints.indexOf(site.anchor);
     this.ends = site.end_effectors.map((name) => site.keypoints.indexOf(name));
     this.feet = site.feet.map(id);
+    this.floor = this.model.geom("floor").id;
+    this.solid = [...this.model.geom_contype.keys()].filter((geom) => this.model.geom_contype[geom] && geom !== this.floor);
     this.jacp = new mujoco.DoubleBuffer(3 * this.nv);
     this.jacr = new mujoco.DoubleBuffer(3 * this.nv);
     this.bad = ["QPOS", "QVEL", "QACC", "CTRL"].map((what) => mujoco.mjtWarning[`mjWARN_BAD${what}`].value);
@@ -75,6 +78,8 @@ export class Robot {
   // physics
 
   begin(qpos) {
+    const { sunk } = this.contacts(qpos);
+    if (sunk > SUNK) throw new Error(`pose: the robot is ${(100 * sunk).toFixed(0)} cm inside the floor, expected a start on it`);
     const data = new this.mujoco.MjData(this.model);
     data.qpos.set(qpos);
     this.mujoco.mj_forward(this.model, data);
@@ -214,8 +219,10 @@ export class Robot {
     return qpos.map((value, index) => (index >= 7 && this.site.joints[index - 7].startsWith(other) ? image[index] : value));
   }
 
+  /* The pose with its lowest point on the floor. */
   dropped(qpos) {
-    const lowest = Math.min(...this.solePoints(qpos).flat().map((point) => point[2]));
+    this.place(qpos);
+    const lowest = Math.min(...this.solid.map((geom) => this.mujoco.mj_geomDistance(this.model, this.scratch, this.floor, geom, BEYOND, null)));
     return qpos.map((value, index) => (index === 2 ? value - lowest : value));
   }
 

@@ -3,13 +3,14 @@ import loadMujoco from "mujoco";
 import * as ort from "onnxruntime-web";
 import { Chase } from "./chase.mjs";
 import { verdict } from "./feasibility.mjs";
-import { NEW_INTERVAL, ROOT, Timeline, asArrived, checkPlace, mask, read, standing, unitDoubt, write } from "./keyframes.mjs";
+import { NEW_INTERVAL, ROOT, Timeline, asArrived, checkPlace, decoded, mask, read, standing, unitDoubt, write } from "./keyframes.mjs";
 import { Policy } from "./policy.mjs";
 import { Robot } from "./robot.mjs";
 import { conjugate, fromHeadingPitchRoll, headingPitchRoll, multiply } from "./rotations.mjs";
 import { Scene } from "./scene.mjs";
 
 const AUTOSAVE = "plat-keyframes", SPEEDS = { "1x": 1, "1/2": 0.5, "1/4": 0.25, "1/10": 0.1 }, CATCH_UP = 5, NOBODY = "nobody";
+const PAUSE = 1000; // ms after which what is done again is another step to undo
 const together = (bodies, robot) => (bodies.size ? `, inside each other: ${[...bodies].map((body) => robot.bodyNames[body]).sort().join(", ")}` : "");
 const degrees = (radians) => (radians * 180) / Math.PI;
 const plain = (value, digits) => (Number(value.toFixed(digits)) + 0).toFixed(digits); // no -0.0
@@ -27,7 +28,7 @@ export async function open(base = ".") {
   if (site.ort) ort.env.wasm.wasmPaths = new URL(site.ort, location.href).href;
   ort.env.wasm.numThreads = 1;
   const robot = new Robot(await loadMujoco(), site), policies = {};
-  for (const name of site.policies) policies[name] = await Policy.open(ort, `${base}/policies/${name}`, name, robot, fetched);
+  for (const [number, name] of site.policies.entries()) policies[name] = await Policy.open(ort, `${base}/policies/${number}`, name, robot, fetched);
   return { site, robot, policies };
 }
 
@@ -86,7 +87,7 @@ class Studio {
     this.autosave = null; // the timer of a copy that is due
     window.addEventListener("pagehide", () => this.keep());
     this.scene = new Scene(document.querySelector("#root .view"), robot, {
-      grab: () => this.grab(), drag: (target) => this.drag(target), release: () => { this.grip = null; this.gesture = null; this.show(); },
+      grab: () => this.grab(), drag: (target) => this.drag(target), release: () => { this.grip = this.turned = this.gesture = null; this.show(); },
       grabJoint: () => { this.gesture = null; this.turned = { quat: this.robot.jointFrame(this.jointNumber, this.timeline.pose.qpos).quat, angle: this.timeline.pose.qpos[7 + this.jointNumber] }; },
       turnJoint: (quat) => this.guarded(() => { const [w, , , z] = multiply(conjugate(this.turned.quat), quat); this.setJoint(this.turned.angle + wrapped(2 * Math.atan2(z, w))); }),
       choose: (name) => this.guarded(() => { this.handle = name; this.scene.ringed = false; this.show(); }),
@@ -95,6 +96,7 @@ class Studio {
     this.panel();
     this.actions = this.makeActions();
     channel.receive = (message) => this.guarded(() => this.receive(message));
+    channel.open = (file) => this.guarded(async () => this.load(await file.arrayBuffer(), file.name));
   }
 
   // messages
@@ -128,7 +130,7 @@ class Studio {
       first: () => this.select(0), last: () => this.select(now().keyframes.length), seek: ({ time }) => this.seek(time),
       retime: ({ number, time }) => edit(now().select(number).retimed(number, time), `time ${number}`),
       nudge: ({ value }) => { const { selected, pose } = now(); if (selected) edit(now().retimed(selected, (now().steps(pose.time) + value) * this.site.control_dt), "nudge"); },
-      hold: ({ value }) => edit(now().held(value), "hold"), interval: ({ value }) => edit(now().stretched(value)), rename: ({ value }) => edit(now().renamed(String(value).slice(0, 60))),
+      hold: ({ value }) => edit(now().held(value), "hold"), interval: ({ value }) => edit(now().stretched(value)), rename: ({ value }) => edit(now().renamed([...String(value)].slice(0, 60).join(""))),
       end: () => { this.gesture = null; }, add: ({ time }) => (time === undefined ? this.add() : this.addAt(time)),
       copy: () => { this.clipboard = now().pose; }, cut: () => { const left = now().removed(); this.clipboard = now().pose; edit(left); },
       paste: () => { if (!this.clipboard) throw new Error("nothing to paste: copy a keyframe first"); edit(now().inserted(this.clipboard)); },
@@ -147,6 +149,8 @@ class Studio {
     timeline.poses.forEach(({ qpos }) => checkPlace(qpos));
     if (gesture === null || gesture !== this.gesture) this.past = [...this.past, this.timeline].slice(-500);
     this.gesture = gesture;
+    clearTimeout(this.resting);
+    this.resting = setTimeout(() => { if (!this.grip && !this.turned) this.gesture = null; }, PAUSE);
     this.future = [];
     this.replace(timeline);
   }
@@ -204,14 +208,14 @@ class Studio {
     if (added.keyframes === timeline.keyframes) this.select(added.selected); else this.edit(added);
   }
 
-  load(text, name) {
+  load(content, name) {
     let timeline;
-    try { timeline = Timeline.of(this.site, read(text, this.site)); } catch (error) { throw new Error(`${name}: ${error.message}`); }
+    try { timeline = Timeline.of(this.site, read(decoded(new Uint8Array(content)), this.site)); } catch (error) { throw new Error(`${name}: ${error.message}`); }
     this.edit(timeline);
     this.saved = timeline;
     this.name = name;
-    const doubt = unitDoubt(timeline.keyframes);
-    this.note("Loaded", `${name}: ${timeline.keyframes.length} keyframes${doubt && `; ${doubt}`}`, doubt ? "error" : "good");
+    const doubt = unitDoubt(timeline.keyframes), count = timeline.keyframes.length;
+    this.note("Loaded", `${name}: ${count} keyframe${count === 1 ? "" : "s"}${doubt && `; ${doubt}`}`, doubt ? "error" : "good");
     this.show();
   }
 
@@ -280,12 +284,12 @@ class Studio {
   }
 
   /* Put the pelvis where the numbers say; what was not touched keeps all its digits. */
-  setRoot() {
+  setRoot(touched) {
     const { qpos } = this.timeline.pose, { at } = this, now = headingPitchRoll(qpos.slice(3, 7));
     const root = [..."xyz"].map((axis, index) => qpos[index] + (Number(at[axis].value) - Number(qpos[index].toFixed(3))));
     const asked = ["heading", "pitch", "roll"].map((name) => Number(at[name].value)), same = asked.every((value, index) => value === Number(degrees(now[index]).toFixed(1)));
     const quat = same ? qpos.slice(3, 7) : fromHeadingPitchRoll(asked.map((value) => (value * Math.PI) / 180));
-    this.edit(this.timeline.posed([...root, ...quat, ...qpos.slice(7)]), "root");
+    this.edit(this.timeline.posed([...root, ...quat, ...qpos.slice(7)]), `root ${touched}`);
   }
 
   get pins() {
@@ -439,19 +443,19 @@ class Studio {
       return element;
     };
     const at = (this.at = {}), row = (label, ...inputs) => make(inputs.length > 1 ? "div" : "label", { className: "row" }, make("span", { textContent: label }), ...inputs);
-    const select = (name, options, done) => (at[name] = make("select", { ariaLabel: name, onchange: () => this.guarded(() => { done(at[name].value); at[name].blur(); this.show(); }) }, ...options.map((text) => make("option", { textContent: text, value: text }))));
-    const button = (text, done) => make("button", { type: "button", textContent: text, onclick: (event) => this.guarded(() => { event.target.blur(); const result = done(); this.show(); return result; }) });
+    const select = (name, options, done) => (at[name] = make("select", { ariaLabel: name, onchange: () => this.guarded(() => { done(at[name].value); this.show(); }) }, ...options.map((text) => make("option", { textContent: text, value: text }))));
+    const button = (text, done) => make("button", { type: "button", textContent: text, onclick: () => this.guarded(() => { const result = done(); this.show(); return result; }) });
     const check = (name, checked = false) => (at[name] = make("input", { type: "checkbox", ariaLabel: name, checked }));
     const ticked = (part) => make("label", { className: "tick" }, check(`hold ${part}`, part !== "hands"), part);
     const { site } = this;
     at.slider = make("input", { type: "range", step: 0.01, ariaLabel: "joint angle", oninput: () => this.setJoint(Number(at.slider.value)), onchange: () => { this.gesture = null; } });
     at.angle = make("output");
-    at.file = make("input", { type: "file", accept: ".json,application/json", hidden: true, onchange: () => this.guarded(async () => { const file = at.file.files[0]; at.file.value = ""; if (file) this.load(await file.text(), file.name); }) });
+    at.file = make("input", { type: "file", accept: ".json,application/json", hidden: true, onchange: () => { const file = at.file.files[0]; at.file.value = ""; if (file) this.channel.open(file); } });
     at.scores = make("div", { className: "scores" });
     const number = (name, step, done) => (at[name] = make("input", { type: "number", step, ariaLabel: name, onkeydown: (event) => { if (event.key === "Enter") event.target.blur(); }, onchange: () => this.guarded(() => { try { if (at[name].value !== "") done(); } finally { this.show(); } }) }));
-    const place = [..."xyz"].map((axis) => number(axis, 0.01, () => this.setRoot())), turn = ["heading", "pitch", "roll"].map((name) => number(name, 1, () => this.setRoot()));
+    const place = [..."xyz"].map((axis) => number(axis, 0.01, () => this.setRoot(axis))), turn = ["heading", "pitch", "roll"].map((name) => number(name, 1, () => this.setRoot(name)));
     // a box that shows a choice for which there is a key
-    const shows = (name, key, done) => make("label", { className: "tick", title: `Key: ${key}` }, Object.assign(check(name), { onchange: () => this.guarded(() => { done(at[name].checked); at[name].blur(); this.show(); }) }), name);
+    const shows = (name, key, done) => make("label", { className: "tick", title: `Key: ${key}` }, Object.assign(check(name), { onchange: () => this.guarded(() => { done(at[name].checked); this.show(); }) }), name);
     document.querySelector("#root aside").append(
       make("h1", { textContent: "plat keyframe studio" }),
       row("Policy", select("policy", site.policies, (value) => { this.policy = value; this.end(); })),
@@ -485,7 +489,7 @@ class Studio {
     figures.second.show(this.placedOf(shown(second)));
     figures.goal.show(this.placedOf(goal(first)));
     figures.goal2.show(this.placedOf(goal(second)));
-    const inside = pose ? robot.contacts(pose).inside : undefined;
+    const { inside, sunk } = pose ? robot.contacts(pose) : {};
     figures.pose.show(this.placedOf(pose), { color: between ? 0x96aaa0 : undefined, faint: posing ? this.faint() : undefined, inside });
     const neighbor = (away) => (posing && this.onion && timeline.poses[timeline.selected + away] ? timeline.poses[timeline.selected + away].qpos : null);
     figures.before.show(this.placedOf(neighbor(-1)), { beside: this.placedOf(pose) });
@@ -495,7 +499,7 @@ class Studio {
     const away = playing && first && this.at.follow.checked ? [0, 1].map((axis) => first.poseAt(cursor)[axis] - timeline.start.qpos[axis]) : [0, 0];
     this.scene.world.position.set(-away[0], -away[1], 0);
     const mode = playing ? "playing" : first && !this.finished ? "paused" : "still";
-    this.channel.show({ time: { cursor, simulated: this.simulated, mode, speed: this.speed, loop: this.loop }, check: stance ? stance.words + together(inside, robot) : "", distances: { dt: this.site.control_dt, of: this.players.map((player) => player.errors.map((error) => error.keypoint)) } });
+    this.channel.show({ time: { cursor, simulated: this.simulated, mode, speed: this.speed, loop: this.loop }, check: stance ? (sunk > this.site.limits.floor_penetration ? `${(100 * sunk).toFixed(0)} cm inside the floor` : stance.words) + together(inside, robot) : "", distances: { dt: this.site.control_dt, of: this.players.map((player) => player.errors.map((error) => error.keypoint)) } });
     this.scene.draw();
   }
 
