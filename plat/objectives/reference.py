@@ -12,7 +12,7 @@ from plat.entries import Shape, check_entries
 from plat.envs.state import GeneralizedState
 from plat.errors import TaskError
 from plat.precision import autocast
-from plat.tasks.disturbed import motor_target, shown
+from plat.tasks.disturbed import estimated, motor_target, shown
 from plat.tasks.task import Task
 
 __all__ = ["ReferenceLoss"]
@@ -29,7 +29,7 @@ class ReferenceLoss(LossModule):
     only fall.
 
     Args:
-        policy: writes ``action`` from what the task shows.
+        policy: writes ``action`` from what the task shows, or through a posterior from its privileged goals as well.
         task: observation, clock and reference (:meth:`plat.tasks.Task.reference`).
 
     The keys ``state`` and ``memory`` are those of :class:`plat.objectives.ImaginationLoss`. Returns
@@ -60,6 +60,7 @@ class ReferenceLoss(LossModule):
         super().__init__()
         self.policy = policy
         self.task = task
+        self._privileged = any(key[0] == "privileged_goal" for key in policy.in_keys if isinstance(key, tuple))
 
     @property
     def in_keys(self) -> list[NestedKey]:
@@ -83,6 +84,8 @@ class ReferenceLoss(LossModule):
         state, memory = GeneralizedState.unpack(tensordict.get(keys.state)), tensordict.get(keys.memory)
         with autocast(state.root_pos_w.device, "float32"):  # half precision is for networks
             observed = shown(task, state, memory)
+            if self._privileged:
+                observed["privileged_goal"] = task.privileged(estimated(state, memory), memory)
         acted = self.policy(observed)
         check_entries(acted, {keys.action: (joints,)}, "reference loss: policy")
         action = acted.get(keys.action)

@@ -4,7 +4,7 @@ from tensordict import TensorDict
 from tensordict.nn import TensorDictModule
 
 from plat.errors import TaskError
-from plat.modules import PlainPolicy
+from plat.modules import LatentPolicy, PlainPolicy
 from plat.objectives import ReferenceLoss
 from plat.robots import G1
 from plat.tasks import DenseTracking, TimedKeyframes, TimedKeyframesConfig
@@ -51,3 +51,10 @@ def test_a_task_without_a_reference_is_refused(library):
     acts = TensorDictModule(torch.zeros_like, [("robot", "last_action")], ["action"])
     with pytest.raises(TaskError, match=r"DenseTracking.reference\(\) returns None; expected \(8, 29\)"):
         ReferenceLoss(acts, task)(batch(task))
+
+
+def test_a_posterior_is_shown_its_privileged_goals(task):
+    policy = LatentPolicy(G1)
+    loss = ReferenceLoss(policy.imagined(0.5), task)(batch(task))["loss_reference"]
+    loss.backward()
+    assert float(policy.posterior.module.network[0].weight.grad.abs().sum()) > 0
