@@ -153,8 +153,6 @@ class ExpertRecipe(RecipeConfig):
                 f"first of policy.ahead, to less than {self.rollout}, the rollout; a weight of 0 switches it off"
             )
         check_motor(self, self.motor)
-        if self.init is None:
-            check_idle(self, "", ("init_lr", "critic_warmup"), "which is for a run that goes on from another: --init")
 
 
 @dataclass(kw_only=True)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from plat.bounds import Bounded, Positive, check_value, is_finite, shown
 from plat.deploy.contacts import ContactDetector, ContactSettings
-from plat.deploy.description import RobotDescription
+from plat.deploy.description import RobotDescription, check_description
 from plat.deploy.invariant_filter import FilterNoise, InvariantFilter
 from plat.deploy.soles import SoleKinematics
 from plat.deploy.state import Array, Pose, RobotState, finite_vector, root_of, unit_quaternion
@@ -61,9 +61,9 @@ class StateEstimator:
         imu_quat: its orientation ``[4]`` (``wxyz``, IMU to root).
 
     Raises:
-        RobotError: for a robot whose description has no feet.
+        RobotError: for a description without feet, and for what is none.
         StateError: for a place of the IMU that is none.
-        ConfigError: for what is no description of a robot, or no settings.
+        ConfigError: for what are no settings.
 
     >>> from plat.robots import G1, describe_robot
     >>> robot = describe_robot(G1, control_dt=0.02)
@@ -83,7 +83,7 @@ class StateEstimator:
         imu_pos: Array | tuple[float, float, float] = (0.0, 0.0, 0.0),
         imu_quat: Array | tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0),
     ):
-        check_value("state estimator: robot", robot, RobotDescription)
+        check_description(robot)
         check_value("state estimator: settings", settings, EstimatorSettings)
         self._robot = robot
         self._settings = settings

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plat.bounds import Count, check_value, is_finite, shown
-from plat.deploy.description import RobotDescription
+from plat.deploy.description import RobotDescription, check_description
 from plat.deploy.goals import GOAL_ENTRIES, GoalView
 from plat.deploy.kinematics import KeypointKinematics
 from plat.deploy.state import Array, Pose, RobotState, state_widths
@@ -81,7 +81,8 @@ class ObservationBuilder:
         window: control steps of the arrival window.
 
     Raises:
-        ConfigError: for what is no description of a robot, or no number of steps.
+        RobotError: for what is no description of a robot.
+        ConfigError: for what is no number of steps.
 
     >>> from types import SimpleNamespace
     >>> from plat.robots import G1
@@ -104,7 +105,7 @@ class ObservationBuilder:
         also: Sequence[str] = (),
         window: int = Timing.window,
     ):
-        check_value("robot", robot, RobotDescription)
+        check_description(robot)
         check_value("max_steps", max_steps, Count)
         joints, keypoints = len(robot.joint_names), len(robot.keypoints)
         self._kinematics = KeypointKinematics(robot)
