@@ -22,6 +22,9 @@ from plat.runs import begin, report_errors, training_motions
 from plat.runs.announce import next_command
 from plat.tasks import TimedKeyframes
 
+REFERENCE_UPDATES = 8
+"""Updates of a new policy toward the motion's joint angles in each iteration of the warm-up."""
+
 
 def main(recipe: ImagineRecipe) -> None:
     """Run the recipe."""
@@ -38,7 +41,7 @@ def main(recipe: ImagineRecipe) -> None:
     def show(average: LatentPolicy | PlainPolicy) -> Playback:
         return play(average.deployed(), library, 0, Horizon(1, recipe.policy.timing.max_steps), device=recipe.device)
 
-    settings: dict[str, Any] = {"reference_updates": 0 if trained else recipe.reference}
+    settings: dict[str, Any] = {"reference_updates": 0 if trained else REFERENCE_UPDATES}
     if recipe.posterior:
         loss = partial(LatentImaginationLoss, beta=recipe.beta)
         settings |= {"imagined": student.imagined(recipe.posterior), "loss": loss}

@@ -320,8 +320,6 @@ class ImagineRecipe(ImaginationRecipe):
     """without a latent, or through the prior's mean"""
     init: Path | None = None
     """run whose student to go on from, in its shape, or in that of --policy, which holds more"""
-    reference: Natural = 8
-    """updates of a new policy toward the motion's joint angles in each warm-up iteration"""
     posterior: Fraction = 0.0
     """share of the imagined robots that act through the privileged posterior (--student latent)"""
     beta: NonNegative = 0.002
@@ -344,10 +342,6 @@ class ImagineRecipe(ImaginationRecipe):
             check_idle(self, "policy", names, "without --posterior nothing of it learns")
         if self.student == "plain":
             check_idle(self, "policy", _OF_LATENT, _NO_LATENT)
-        if self.init:
-            check_idle(self, "", ("reference",), "and a policy of --init is not new")
-        if not self.imagination.warmup:
-            check_idle(self, "", ("reference",), "and imagination.warmup is 0")
 
 
 @dataclass(kw_only=True)
