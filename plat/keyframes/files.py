@@ -14,7 +14,7 @@ from plat.errors import KeyframeError
 from plat.files import replace_file
 from plat.json_file import read_json, short
 from plat.keyframes.keyframe import Keyframe, RobotJoints, check_keyframe
-from plat.spec.parts import Parts
+from plat.spec.parts import Parts, joint_called
 
 __all__ = [
     "holds_keyframes",
@@ -206,7 +206,7 @@ def _joints(content: Any, robot: RobotJoints) -> np.ndarray:
     if not isinstance(content, dict):
         raise KeyframeError("joint_pos: expected an object of joint names and angles")
     # robots' own files say left_knee_joint
-    names = [name if name in robot.joint_names else name.removesuffix("_joint") for name in content]
+    names = [joint_called(name, robot.joint_names) for name in content]
     if twice := [name for name in content if name not in robot.joint_names and names.count(name[:-6]) > 1]:
         raise KeyframeError(
             f"joint_pos: {short(twice[0])} and {short(twice[0][:-6])} are one joint, expected one of them"

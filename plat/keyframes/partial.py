@@ -15,7 +15,7 @@ from plat.deploy.kinematics import KeypointKinematics
 from plat.errors import KeyframeError
 from plat.json_file import short
 from plat.keyframes.keyframe import HIGHEST, Keyframe, check_keyframe, standing
-from plat.spec.parts import Parts
+from plat.spec.parts import Parts, joint_called
 
 if TYPE_CHECKING:
     from plat.robots.robot import Robot
@@ -80,7 +80,9 @@ def only(
         for place, body in zip((left_hand, right_hand), hands_of(robot), strict=True):
             if place is not None:
                 wanted[body] = place
-    angles = dict(joints or {})
+    angles = {joint_called(name, robot.joint_names): angle for name, angle in (joints or {}).items()}
+    if len(angles) < len(joints or {}):
+        raise KeyframeError(f"joints: {short(list(joints or {}))} name one joint twice, expected each once")
     root_parts = [
         part
         for part, value in (("horizontal", root), ("height", height), ("orientation", heading))

@@ -14,7 +14,7 @@ from plat.errors import KeyframeError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["ROOT_PARTS", "WHOLE_ONLY", "Parts", "RobotParts", "whole_only"]
+__all__ = ["ROOT_PARTS", "WHOLE_ONLY", "Parts", "RobotParts", "joint_called", "whole_only"]
 
 ROOT_PARTS = ("horizontal", "height", "orientation")
 """Components of the root that a keyframe commands apart from each other."""
@@ -93,7 +93,7 @@ class Parts:
 
         Args:
             robot: gives the names.
-            joints: names of joints.
+            joints: names of joints, also as in robots' own files (``left_knee_joint``).
             bodies: names of keypoint bodies.
             root: some of :data:`ROOT_PARTS`.
 
@@ -102,7 +102,11 @@ class Parts:
         """
         check_robot(robot)
         return cls(
-            _flags(joints, robot.joint_names, "joints"),
+            _flags(
+                [joint_called(name, robot.joint_names) for name in _names(joints, "joints")],
+                robot.joint_names,
+                "joints",
+            ),
             _flags(bodies, robot.keypoints, "bodies"),
             _flags(root, ROOT_PARTS, "root"),  # type: ignore[arg-type]  # three flags
         )
@@ -152,10 +156,24 @@ class Parts:
         }
 
 
-def _flags(chosen: Iterable[str], names: Collection[str], field: str) -> tuple[bool, ...]:
+def joint_called(name: str, joint_names: Collection[str]) -> str:
+    """Return the name of a joint that may be called as in robots' own files; a name of none as it is.
+
+    >>> [joint_called(name, ["left_knee"]) for name in ("left_knee_joint", "left_knee", "left_tail")]
+    ['left_knee', 'left_knee', 'left_tail']
+    """
+    plain = name.removesuffix("_joint")
+    return plain if name not in joint_names and plain in joint_names else name
+
+
+def _names(chosen: Iterable[str], field: str) -> tuple[str, ...]:
     if not isinstance(chosen, Iterable):
         raise KeyframeError(f"parts: {field} is {shown(chosen)}, expected names")
-    wanted = as_names(chosen)
+    return as_names(chosen)
+
+
+def _flags(chosen: Iterable[str], names: Collection[str], field: str) -> tuple[bool, ...]:
+    wanted = _names(chosen, field)
     unknown = [name for name in wanted if name not in names]
     if unknown:
         raise KeyframeError(f"parts: {field} has {unknown[0]!r}, expected some of {', '.join(names)}")

@@ -50,7 +50,7 @@ def test_hands_alone_are_led_along_a_circle(capsys):
 
 
 def test_standing_up_from_where_the_hands_led_is_no_fall(tmp_path):
-    chains = [chain.sequence.keyframes for chain in author("crouch", G1, 20, seed=0)]
+    chains = [chain.sequence.keyframes for chain in author("crouch", G1, 6, seed=0)]
     low = min((keyframe for keyframes in chains for keyframe in keyframes), key=lambda keyframe: keyframe.root_pos[2])
     hands = Parts.only(G1, bodies=("left_wrist_yaw_link", "right_wrist_yaw_link"))
     pose, low = standing(G1), dataclasses.replace(low.at(1.5), commands=hands)

@@ -49,9 +49,12 @@ def test_joints_are_read_by_name_and_quaternions_in_the_order_that_the_file_says
 def test_joints_may_be_called_as_in_the_robots_own_files(content, wave, tmp_path):
     for entry in (content["start"], *content["keyframes"]):
         entry["joint_pos"] = {f"{name}_joint": value for name, value in entry["joint_pos"].items()}
+    content["version"] = 2
+    content["keyframes"][0]["commands"] = {"joints": ["left_knee_joint"]}
     (tmp_path / "a.json").write_text(json.dumps(content))
     back = KeyframeSequence.load(tmp_path / "a.json", G1)
     np.testing.assert_array_equal(back.keyframes[0].joint_pos, wave.keyframes[0].joint_pos)
+    assert back.keyframes[0].commands.names(G1)["joints"] == ["left_knee"]
 
 
 def test_without_a_start_the_robot_stands_at_the_origin(content, tmp_path):

@@ -103,6 +103,12 @@ def test_a_pelvis_that_is_where_it_is_asked_to_be():
     assert only(G1, 1.0, bodies={"pelvis": place}).commands == Parts.only(G1, bodies=("pelvis",))
 
 
+def test_a_joint_may_be_called_as_in_robots_own_files_and_once():
+    assert only(G1, 0.5, joints={"left_knee_joint": 0.4}).commands.names(G1)["joints"] == ["left_knee"]
+    with pytest.raises(KeyframeError, match="name one joint twice"):
+        only(G1, 0.5, joints={"left_knee_joint": 0.4, "left_knee": 0.5})
+
+
 @pytest.mark.parametrize("time", ["1.0", None, [1.0], float("nan")])
 def test_a_time_that_is_no_number(time):
     with pytest.raises(KeyframeError, match="time is .*, expected a finite number"):

@@ -194,8 +194,10 @@ def test_a_latent_residual_learns(library):
 
 
 def test_the_critic_learns_however_slow_the_policy():
-    toys = [Toy(lr=1e-7, min_lr=1e-7, max_lr=1e-7, critic_lr=rate) for rate in (1e-3, 1e-7)]
-    losses = [[toy.ppo.step(toy.rollout())["value_loss"] for _ in range(60)] for toy in toys]
+    losses = []
+    for rate, steps in ((1e-3, 60), (1e-7, 20)):
+        toy = Toy(lr=1e-7, min_lr=1e-7, max_lr=1e-7, critic_lr=rate)
+        losses.append([toy.ppo.step(toy.rollout())["value_loss"] for _ in range(steps)])
     assert losses[0][-1] < 0.5 * losses[0][0]
     assert losses[1][-1] > 0.8 * losses[1][0]
 

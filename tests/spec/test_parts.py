@@ -15,6 +15,12 @@ def test_names_go_there_and_back():
     assert not parts.whole
 
 
+def test_joints_may_be_called_as_in_robots_own_files():
+    assert Parts.only(G1, joints=["left_knee_joint"]) == Parts.only(G1, joints=["left_knee"])
+    with pytest.raises(KeyframeError, match="joints has 'left_tail_joint'"):
+        Parts.only(G1, joints=["left_tail_joint"])
+
+
 def test_all_is_whole():
     assert Parts.all(G1).whole
     np.testing.assert_array_equal(Parts.all(G1).mask(), np.ones(46))

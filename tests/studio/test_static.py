@@ -398,6 +398,13 @@ def test_files_that_python_refuses_are_refused(visitor, tmp_path):
         texts,
     )
     assert [word for word, message in zip(words, said, strict=True) if word not in message] == [], said
+    bow["keyframes"][0]["commands"] = {"joints": ["left_knee_joint"]}
+    commands = visitor.page.evaluate(
+        "async (text) => { const { read } = await import('./keyframes.mjs');"
+        "return JSON.stringify(read(text, window.platStudio.site)); }",
+        json.dumps({**bow, "version": 2}),
+    )
+    assert '"commands":{"joints":["left_knee"]}' in commands
 
 
 @pytest.mark.slow

@@ -98,7 +98,7 @@ function jointAngles(content, site, label) {
   // robots' own files say left_knee_joint
   const twice = site.joints.find((name) => name in content && `${name}_joint` in content);
   if (twice) throw new Error(`${label}: joint_pos: '${twice}_joint' and '${twice}' are one joint, expected one of them`);
-  const angles = Object.fromEntries(Object.entries(content).map(([name, angle]) => [site.joints.includes(name) ? name : name.replace(/_joint$/, ""), angle]));
+  const angles = Object.fromEntries(Object.entries(content).map(([name, angle]) => [jointCalled(name, site), angle]));
   const missing = site.joints.find((name) => !(name in angles)), unknown = Object.keys(angles).find((name) => !site.joints.includes(name));
   if (missing || unknown !== undefined)
     throw new Error(`${label}: joint_pos: ${missing ? `missing joint ${missing}` : `unknown joint ${shown(unknown)}`}, expected the ${site.joints.length} of ${site.robot}`);
@@ -118,11 +118,16 @@ function commanded(content, site, label) {
   fields(content, [], Object.keys(known), `${label}: commands: `);
   for (const [field, names] of Object.entries(content)) {
     if (!Array.isArray(names) || !names.every((name) => typeof name === "string")) throw new Error(`${label}: commands: ${field} is ${shown(names)}, expected a list of names`);
-    const unknown = names.find((name) => !known[field].includes(name));
+    const unknown = names.find((name) => !known[field].includes(field === "joints" ? jointCalled(name, site) : name));
     if (unknown !== undefined) throw new Error(`${label}: commands: ${field} has ${shown(unknown)}, expected some of ${known[field].join(", ")}`);
   }
   if (!Object.values(content).some((names) => names.length)) throw new Error(`${label}: commands: nothing is commanded, expected a joint, a body or a part of the root`);
-  return content;
+  return content.joints ? { ...content, joints: content.joints.map((name) => jointCalled(name, site)) } : content;
+}
+
+function jointCalled(name, site) {
+  const plain = name.replace(/_joint$/, "");
+  return !site.joints.includes(name) && site.joints.includes(plain) ? plain : name;
 }
 
 /* What the times may be where no policy could keep any of them; empty where one may be a slip. */
