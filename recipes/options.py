@@ -16,7 +16,7 @@ from plat.precision import Precision
 from plat.recipes.presets import BEST, PRESETS
 from plat.runs import RecipeConfig
 from plat.spec.timing import Timing
-from plat.tasks import AuthoredCosts, TimedKeyframesConfig, TrackingCosts
+from plat.tasks import TimedKeyframesConfig, TrackingCosts
 
 __all__ = [
     "AblationsRecipe",
@@ -65,27 +65,8 @@ def check_reference(recipe: "ExpertRecipe | ExpertModelRecipe") -> None:
 
 def check_refinement(recipe: "RefineRecipe | RefineModelRecipe") -> None:
     """Raise an error for settings of a refinement that its other settings leave without effect."""
-    if recipe.variant == "finetune":
-        check_idle(recipe, "policy", ("hidden", "alpha"), "and --variant finetune has no residual")
     if not recipe.policy.lead:
         check_idle(recipe, "policy", ("shortest_lead",), "without policy.lead nothing is shifted")
-
-
-def check_keyframes(recipe: "ImagineRecipe | RefineModelRecipe") -> None:
-    """Raise an error for settings of keyframes that there are none of."""
-    task = recipe.task
-    if not task.partial:
-        told = "without task.partial no keyframe is partial"
-        check_idle(recipe, "task", ("partial_tracking",), told)
-        check_idle(recipe, "task.underway", ("not_commanded",), told)
-    if not task.authored:
-        told = "and task.authored is 0: no keyframe is authored"
-        check_idle(recipe, "task", ("from_standing",), told)
-        check_idle(recipe, "task.underway", [each.name for each in fields(AuthoredCosts)], told)
-    if task.authored == 1:
-        told = "and task.authored is 1: no episode follows a motion"
-        check_idle(recipe, "task", ("partial_tracking",), told)
-        check_idle(recipe, "task.tracking", ("root_lin_vel", "root_ang_vel", "joint_vel"), told)
 
 
 def check_minibatches(recipe: "ExpertRecipe | RefineRecipe", ppo: PPOConfig) -> None:
@@ -285,9 +266,6 @@ class ImaginationRecipe(RecipeConfig):
             check_idle(self, "imagination", ("final_lr",), "and imagination.constant is 1: learning rates never fall")
         if settings.final_lr == 1:
             check_idle(self, "imagination", ("constant",), "and imagination.final_lr is 1: learning rates never fall")
-        kept = -(-self.replay // self.rollout) * self.rollout
-        if settings.recent > kept:
-            check_idle(self, "imagination", ("recent",), f"expected at most {kept}, the steps of --replay")
 
 
 @dataclass(kw_only=True)
@@ -333,13 +311,9 @@ class ImagineRecipe(ImaginationRecipe):
             raise ConfigError(
                 f"ImagineRecipe: posterior is {self.posterior:g}, and a plain student has none: set --student latent"
             )
-        check_keyframes(self)
         if not self.posterior:
             check_idle(self, "", ("beta",), "without --posterior there is no divergence")
             check_idle(self, "task", ("stride",), "without --posterior nothing sees these frames")
-        if not (self.posterior or self.init or self.student == "plain"):  # that of --init may be of these sizes
-            names = ("posterior", "encoder_size", "min_std")
-            check_idle(self, "policy", names, "without --posterior nothing of it learns")
         if self.student == "plain":
             check_idle(self, "policy", _OF_LATENT, _NO_LATENT)
 
@@ -360,7 +334,6 @@ class RefineModelRecipe(ImaginationRecipe):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_refinement(self)
-        check_keyframes(self)
         check_idle(self, "task", ("stride",), "and no posterior learns that sees these frames")
         told = "and robots of imagination explore by --noise"
         check_idle(self, "policy", ("init_std", "min_std"), told)

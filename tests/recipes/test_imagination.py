@@ -49,7 +49,7 @@ RECIPES: dict[str, list[object]] = {
     "expert-model": [*SMALL, "--policy.hidden", 16],
     "imagine": [*SMALL, "--policy.backbone", 16, "--policy.decoder", 16, "--task.chains", 12],
 }
-REFINE: list[object] = [*SMALL, "--task.chains", 12]
+REFINE: list[object] = [*SMALL, "--policy.hidden", 16, "--task.chains", 12]
 
 
 def command(recipe: str, *arguments: object) -> list[str]:
@@ -114,7 +114,7 @@ def test_a_seed_fixes_the_result(tmp_path):
 def test_the_model_of_an_expert_serves_a_keyframe_policy(tmp_path):
     expert, policy = tmp_path / "expert", tmp_path / "policy"
     run("expert-model", *RECIPES["expert-model"], "--out", expert, "--steps", 300)
-    latent = ["--student", "latent", "--policy.prior", 16]
+    latent = ["--student", "latent", "--policy.prior", 16, "--policy.posterior", 16]
     # for robots of all kinds: the model is told which, and learns what to make of it
     disturbed = ["--disturbed", 1, "--init-model", expert, "--out", policy, "--steps", 100]
     run("imagine", *RECIPES["imagine"], *latent, *disturbed)
@@ -154,8 +154,7 @@ def test_a_student_is_refined(tmp_path, variant, kind, learns):
     before = small_policy("latent")
     write_run(student, before)
     arguments = [*REFINE, "--student", student, "--variant", variant, "--device", "cpu", "--out", out]
-    sizes = [] if variant == "finetune" else ["--policy.hidden", "16"]
-    main(["refine-model", *map(str, arguments), *sizes, "--steps", "150"])
+    main(["refine-model", *map(str, arguments), "--steps", "150"])
     policy = load_policy(out)
     assert isinstance(policy, kind)
     same = {name for name, value in before.state_dict().items() if policy.student.state_dict()[name].equal(value)}
@@ -323,7 +322,7 @@ def test_motions_too_short_for_the_report_leave_it_out(tmp_path, capsys):
 
 
 def test_a_window_as_long_as_what_is_kept_is_refused(tmp_path):
-    arguments = [*QUICK, "--replay", 8, "--imagination.window", 8, "--imagination.recent", 8, "--out", tmp_path / "run"]
+    arguments = [*QUICK, "--replay", 8, "--imagination.window", 8, "--out", tmp_path / "run"]
     with pytest.raises(SystemExit, match=r"--imagination.window 8: expected less than the 8 steps of --replay"):
         main(["imagine", *map(str, arguments)])
 
