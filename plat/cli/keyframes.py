@@ -125,7 +125,7 @@ def convert(command: ConvertKeyframes) -> list[Keyframe]:
     _check_order(command, poses)
     poses = [_checked(command, number, pose, robot) for number, pose in enumerate(poses)]
     # a keyframe file has a keyframe behind its start
-    alone = len(poses) == 1 and not command.kimodo and command.out.suffix.lower() == ".json"
+    alone = len(poses) == 1 and _to_keyframes(command)
     check_effect(
         "--fps",
         command.fps != type(command).fps,
@@ -164,8 +164,7 @@ def _check_order(command: ConvertKeyframes, poses: list[Keyframe]) -> None:
             f"{str(command.file)!r}: pose 0 is at {poses[0].time:g} s, expected times from 0 on: shift all of them"
         )
     timing = Timing()
-    # files of keys and of constraints hold any times
-    to_keyframes = command.out.suffix.lower() == ".json" and not command.kimodo
+    to_keyframes = _to_keyframes(command)  # files of keys and of constraints hold any times
     for number, (before, after) in enumerate(pairwise(poses), 1):
         if after.time <= before.time:
             expected = "later than"
@@ -179,15 +178,15 @@ def _check_order(command: ConvertKeyframes, poses: list[Keyframe]) -> None:
         )
 
 
-def _of_model(command: ConvertKeyframes) -> bool:
-    return command.file.suffix.lower() in (".xml", ".mjcf")
+def _to_keyframes(command: ConvertKeyframes) -> bool:
+    return command.out.suffix.lower() == ".json" and not command.kimodo
 
 
 def _poses(command: ConvertKeyframes, robot: Robot) -> tuple[list[Keyframe], list[str], str]:
     """Return the poses of a file in any of the forms, in the order of their times, lines for the user, and the option
     that their times depend on, ``""`` for none.
     """
-    if _of_model(command):
+    if command.file.suffix.lower() in (".xml", ".mjcf"):
         keys = read_mjcf_keys(command.file, robot)
         times = [key.time for key in keys]
         if len(set(times)) > 1 or len(times) == 1:

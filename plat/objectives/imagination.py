@@ -23,7 +23,7 @@ from plat.spec.timing import timing_of
 from plat.tasks.disturbed import advanced, estimated, motor_target, renewed, shown
 from plat.tasks.task import Task, of_each
 
-__all__ = ["ImaginationLoss", "LatentImaginationLoss"]
+__all__ = ["ImaginationLoss", "LatentImaginationLoss", "starts_of"]
 
 
 class ImaginationLoss(LossModule):
@@ -149,11 +149,9 @@ class ImaginationLoss(LossModule):
         """
         keys, task = self.tensor_keys, self.task
         joints = task.robot.num_joints
-        starts: dict[NestedKey, Shape] = {keys.state: (13 + 2 * joints,), (keys.memory, "last_action"): (joints,)}
-        check_entries(tensordict, starts, "imagination loss")
+        state, memory = starts_of(tensordict, keys.state, keys.memory, joints, "imagination loss")
         if len(batch := tensordict.get(keys.state).shape[:-1]) != 1:
             raise ObservationError(f"imagination loss: states {tuple(batch)}, expected [B], as of reshape(-1)")
-        state, memory = GeneralizedState.unpack(tensordict.get(keys.state)), tensordict.get(keys.memory)
         to_go = penalty = torch.zeros(tensordict.shape, device=state.root_pos_w.device)
         lost = ended = torch.zeros_like(to_go, dtype=torch.bool)
         regularization = divergence = cost_sum = alive_sum = to_go.new_zeros(())
@@ -305,6 +303,26 @@ class LatentImaginationLoss(ImaginationLoss):
 
     def _add_divergence(self, out: dict[str, Tensor], divergence: Tensor) -> None:
         out["loss_kl"], out["kl"] = self.beta * divergence, divergence.detach()
+
+
+def starts_of(
+    tensordict: TensorDictBase, state: NestedKey, memory: NestedKey, joints: int, what: str
+) -> tuple[GeneralizedState, TensorDictBase]:
+    """Return the states and memories ``[*B]`` from which robots start.
+
+    Args:
+        tensordict: holds them.
+        state: key of the packed states.
+        memory: key of the memories.
+        joints: of the robot.
+        what: begins the message.
+
+    Raises:
+        ObservationError: for an entry that is missing or of another shape.
+    """
+    entries: dict[NestedKey, Shape] = {state: (13 + 2 * joints,), (memory, "last_action"): (joints,)}
+    check_entries(tensordict, entries, what)
+    return GeneralizedState.unpack(tensordict.get(state)), tensordict.get(memory)
 
 
 class _HeldOut:

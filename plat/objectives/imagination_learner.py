@@ -209,22 +209,23 @@ class ImaginationLearner:
             if self._finite["critic"].allow(losses["loss_critic"]):
                 optimizer.step()
             optimizer.zero_grad()
+        norm, learns = self._step_policy()
+        log.add({**losses, "policy_gradient": norm, "policy_skipped": torch.tensor(float(not learns))})
+
+    def _follow_reference(self, replay: Windows, log: "_Means") -> None:
+        losses = self._reference_gradient.backward(replay.states(self.config.policy_batch, self.config.recent))
+        self._step_policy()
+        log.add(losses)
+
+    def _step_policy(self) -> tuple[Tensor, bool]:
+        """Update the policy and its average by the gradient; return its norm, and whether it was of use."""
         norm = nn.utils.clip_grad_norm_(self.policy.parameters(), self.config.grad_norm)
         learns = self._finite["policy"].allow(norm)  # the gradient of an exploding imagined rollout is useless
         if learns:
             self.policy_optimizer.step()
         self.policy_optimizer.zero_grad()
         self._move_average()
-        log.add({**losses, "policy_gradient": norm, "policy_skipped": torch.tensor(float(not learns))})
-
-    def _follow_reference(self, replay: Windows, log: "_Means") -> None:
-        losses = self._reference_gradient.backward(replay.states(self.config.policy_batch, self.config.recent))
-        norm = nn.utils.clip_grad_norm_(self.policy.parameters(), self.config.grad_norm)
-        if self._finite["policy"].allow(norm):
-            self.policy_optimizer.step()
-        self.policy_optimizer.zero_grad()
-        self._move_average()
-        log.add(losses)
+        return norm, learns
 
     @torch.no_grad()
     def _move_average(self) -> None:

@@ -8,12 +8,12 @@ from tensordict.nn import TensorDictModuleBase, dispatch
 from torch import Tensor
 from torchrl.objectives.common import LossModule
 
-from plat.entries import Shape, check_entries
-from plat.envs.state import GeneralizedState
+from plat.entries import check_entries
 from plat.errors import TaskError
+from plat.objectives.imagination import starts_of
 from plat.precision import autocast
 from plat.tasks.disturbed import estimated, motor_target, shown
-from plat.tasks.task import Task
+from plat.tasks.task import Task, remembered
 
 __all__ = ["ReferenceLoss"]
 
@@ -75,13 +75,11 @@ class ReferenceLoss(LossModule):
         """Compute the loss of the control steps that begin in the states ``[B]``.
 
         Raises:
-            TaskError: for a task without a reference, or with one of another shape.
+            TaskError: for a task without a reference, or with one of another shape, or without a memory.
             ObservationError: for an entry that is missing or of another shape, of the states or of the policy.
         """
         keys, task, joints = self.tensor_keys, self.task, self.task.robot.num_joints
-        starts: dict[NestedKey, Shape] = {keys.state: (13 + 2 * joints,), (keys.memory, "last_action"): (joints,)}
-        check_entries(tensordict, starts, "reference loss")
-        state, memory = GeneralizedState.unpack(tensordict.get(keys.state)), tensordict.get(keys.memory)
+        state, memory = starts_of(tensordict, keys.state, keys.memory, joints, "reference loss")
         with autocast(state.root_pos_w.device, "float32"):  # half precision is for networks
             observed = shown(task, state, memory)
             if self._privileged:
@@ -90,7 +88,8 @@ class ReferenceLoss(LossModule):
         check_entries(acted, {keys.action: (joints,)}, "reference loss: policy")
         action = acted.get(keys.action)
         target = motor_target(task.robot, memory, action)
-        wanted = task.reference(task.advance(memory.clone(), action.detach()))
+        after = remembered(task, "advance", task.advance(memory.clone(), action.detach()), memory)
+        wanted = task.reference(after)
         if not isinstance(wanted, Tensor) or wanted.shape != target.shape:
             found = tuple(wanted.shape) if isinstance(wanted, Tensor) else wanted
             raise TaskError(f"{type(task).__name__}.reference() returns {found}; expected {tuple(target.shape)}")

@@ -320,25 +320,6 @@ def test_distillation_refuses_what_a_plain_student_ignores(tmp_path, name, value
     DistillRecipe(**usual, student="plain", resume=True)
 
 
-@pytest.mark.parametrize(
-    ("kind", "settings", "message"),
-    [
-        (ExpertRecipe, {"init_lr": 1e-4}, "init_lr is 0.0001, and without --init"),
-        (ExpertRecipe, {"critic_warmup": 3}, "critic_warmup is 3, and without --init"),
-        (DistillRecipe, {"expert_share": 0.0, "expert_until": 0.5}, "expert_until is 0.5, and expert_share is 0"),
-        (DistillRecipe, {"beta": 0.0, "beta_warmup": 0.5}, "beta_warmup is 0.5, and beta is 0"),
-    ],
-)
-def test_settings_that_nothing_reads_are_refused(tmp_path, kind, settings, message):
-    usual = {"motions": ("a.npz",), "out": tmp_path, "minutes": 1.0, **settings}
-    usual |= {"expert": Path("expert")} if kind is DistillRecipe else {}
-    with pytest.raises(ConfigError, match=f"{kind.__name__}: {message}"):
-        kind(**usual)
-    kind(**usual, resume=True)  # begun when they were ignored
-    needed = {"init": Path("run")} if kind is ExpertRecipe else {"expert_share": 0.5, "beta": 0.1}
-    kind(**{**usual, **needed})
-
-
 def test_distillation_refuses_the_shape_of_a_latent_for_a_plain_student(tmp_path):
     usual = {"motions": ("a.npz",), "out": tmp_path, "minutes": 1.0, "expert": Path("expert"), "student": "plain"}
     with pytest.raises(ConfigError, match=rf"policy.prior is \(8,\), {NO_LATENT}"):
@@ -368,6 +349,7 @@ NEEDS = {
         ),
         (ExpertModelRecipe, {"video_every": 60.0}, "video_every is 60, and nothing logs videos"),
         (DistillRecipe, {"beta": 0.0, "free_bits": 0.5}, "free_bits is 0.5, and beta is 0"),
+        (DistillRecipe, {"beta": 0.0, "beta_warmup": 0.5}, "beta_warmup is 0.5, and beta is 0"),
         (DistillRecipe, {"expert_share": 0.0, "expert_until": 0.5}, "expert_until is 0.5, and expert_share is 0"),
         (
             RefineRecipe,
@@ -406,6 +388,7 @@ def test_settings_that_serve_a_part_or_another_variant_are_taken(tmp_path):
     ImagineRecipe(**usual, task=TimedKeyframesConfig(authored=0, underway=AuthoredCosts(lean=1)))
     ImagineRecipe(**usual, student="latent", policy=LatentPolicyConfig(posterior=(8,)))
     ExpertRecipe(**usual, init=tmp_path, init_lr=1e-4, critic_warmup=3, video_every=0.0)
+    DistillRecipe(**usual, expert=tmp_path, expert_share=0.5, expert_until=0.5, beta=0.1, beta_warmup=0.5)
     ExpertRecipe(**usual, video_every=60.0, wandb=True)
     RefineRecipe(**usual, student=tmp_path, variant="latent-noise", motor=MotorGradientConfig(weight=0), rollout=4)
     ImagineRecipe(**usual, student="latent", init=tmp_path, policy=LatentPolicyConfig(posterior=(8,)))
