@@ -71,6 +71,8 @@ class AuthoredCosts(Bounded):
     """of the joint velocities while a pose is held, mean over joints (rad/s)"""
     balance: NonNegative = 4.0
     """of being out of balance while a pose is held (m)"""
+    arrival: NonNegative = 0.0
+    """of the root's speed in the arrival window of what is within reach (m/s)"""
 
 
 CHAIN_FAMILIES = tuple(name for name, family in FAMILY_TABLE.items() if family.trained)

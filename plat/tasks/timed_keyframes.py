@@ -348,6 +348,10 @@ class TimedKeyframes(Task):
             + torch.where(held, moderate.still, moderate.joint_vel) * state.joint_vel.abs().mean(-1)
             + moderate.lean * (smooth_length(state.in_root_frame()[0] - line.in_root_frame()[0]) - _LEAN).relu()
         )
+        if moderate.arrival:
+            # nobody knows where the next keyframe is: who arrives at rest can go back as well as on
+            arrives = in_window & (memory["before"] != memory["goal"]) & ~self._roams[self._chain_of(memory["goal"])]
+            authored = authored + moderate.arrival * arrives * smooth_length(state.root_lin_vel_w)
         if moderate.balance:
             looked_at = held & memory["authored"] & (memory["age"] % _BALANCE_EVERY == 0)
             unbalance = for_some(looked_at, lambda rows: self._balance(state.at(rows)))
@@ -380,7 +384,7 @@ class TimedKeyframes(Task):
             now = self.table.points(memory["frame"][rows])
             cost = weight[rows] * points_cost(points, torch.where(authored_here, line, now), bodies[rows])
             if weights.miss:
-                chain = self._chain[(memory["goal"][rows] - self._frames).clamp_min(0)]
+                chain = self._chain_of(memory["goal"][rows])
                 near_miss = self._near_miss(
                     here,
                     self.table.state(torch.where(authored, memory["goal"], memory["frame"])[rows]),
@@ -438,7 +442,7 @@ class TimedKeyframes(Task):
 
     def _unreached(self, robots: TensorDict, poses: TensorDict, memory: TensorDictBase) -> Tensor:
         """Mask ``[n]`` of robots that are not near authored keyframes, of those that are not out of reach."""
-        chain = self._chain[(memory["goal"] - self._frames).clamp_min(0)]
+        chain = self._chain_of(memory["goal"])
         parts = self.parts[memory["parts"]] if self.partial else None
         near = distances(robots, poses, parts).near(self._near_miss.limits, self._reached_within[chain])
         return ~near & ~self._roams[chain]
@@ -449,8 +453,8 @@ class TimedKeyframes(Task):
 
     def finished(self, memory: TensorDictBase) -> Tensor:
         """Mask ``[N]``: at the clip's last frame, or at the end of the hold after a chain."""
-        frame, row = memory["frame"], (memory["goal"] - self._frames).clamp_min(0)
-        over = memory["age"] >= self._duration[self._chain[row]]
+        frame = memory["frame"]
+        over = memory["age"] >= self._duration[self._chain_of(memory["goal"])]
         return torch.where(memory["authored"], over, frame >= self.starts.last_of(frame))
 
     def record_failures(self, memory: TensorDictBase) -> None:
@@ -493,6 +497,10 @@ class TimedKeyframes(Task):
             root_lin_vel_w=quat_rotate(back, state.root_lin_vel_w),
         )
 
+    def _chain_of(self, goal: Tensor) -> Tensor:
+        """Number ``[N]`` of the chain that authored keyframes are of; 0 for frames of a motion."""
+        return self._chain[(goal - self._frames).clamp_min(0)]
+
     def _wanted(self, memory: TensorDictBase) -> GeneralizedState:
         """The motion, or the line between authored keyframes."""
         authored, frame = memory["authored"][:, None], self.table.state(memory["frame"])
@@ -506,7 +514,7 @@ class TimedKeyframes(Task):
         """
         before, after = (self.table.points(memory[key])[:, 0] for key in ("before", "goal"))
         way = (before - after).norm(dim=-1)
-        chain = self._chain[(memory["goal"] - self._frames).clamp_min(0)]
+        chain = self._chain_of(memory["goal"])
         way = torch.where(self._roams[chain], _BEHIND, way)
         return 0.8 + memory["authored"] * torch.where(way > 1.0, way, 0.0)
 

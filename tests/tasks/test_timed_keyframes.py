@@ -89,6 +89,22 @@ def test_moving_costs_more_while_a_pose_is_held(task):
         assert float(task.cost(moving, given) - task.cost(still, given)) == pytest.approx(weight, abs=1e-4)
 
 
+@pytest.mark.parametrize("family", ["steps", "far"])
+def test_who_arrives_within_reach_pays_for_speed(library, family):
+    config = TimedKeyframesConfig(chains=4, families=("steps", "far"), underway=AuthoredCosts(arrival=0.3))
+    task = TimedKeyframes(library, config)
+    _, memory = task.authored(torch.tensor([task.chains.family.index(family)]))
+    there = task.table.state(memory["goal"])
+    moving = there._replace(root_lin_vel_w=torch.tensor([[0.6, 0.0, 0.0]]))
+    always = config.underway.root_lin_vel
+    held = memory.clone().set("before", memory["goal"]).set("age", memory["age"] + 1)
+    for given, steps_left, pays in ((memory, 2, True), (memory, 3, False), (held, 0, False)):
+        given = given.clone().set("steps_left", torch.tensor([steps_left]))
+        more = float(task.cost(moving, given) - task.cost(there, given))
+        weight = always + (config.underway.arrival if pays and family == "steps" else 0.0)
+        assert more == pytest.approx(weight * 0.6, abs=0.01)
+
+
 def test_being_out_of_balance_costs_while_a_pose_is_held(task):
     _, memory = task.authored(torch.tensor([task.chains.family.index("arms")]))
     state = task.table.state(task._first_row[task._chain[memory["goal"] - task._frames]])
