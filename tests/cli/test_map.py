@@ -41,6 +41,6 @@ def test_a_capture_without_frames_is_named_and_one_of_any_rate_is_drawn(tmp_path
 def test_what_has_no_map_is_named(tmp_path, capsys):
     names = {name: f"joint{number}" for number, name in enumerate(ODD)}
     write_human(tmp_path / "odd.bvh", frames=3, names=names)
-    with pytest.raises(MotionError, match="1 of 1 files have no map, or one that looks wrong"):
+    with pytest.raises(MotionError, match="1 of 1 file without a map, or one that looks wrong"):
         run(tmp_path / "odd.bvh", "--out", tmp_path / "out")
     assert "skipped: BVH file" in capsys.readouterr().out
